@@ -1,0 +1,335 @@
+//! The wall, for programs without tokio: the same calls, which wait.
+//!
+//! The connection lives on a thread of its own, named `polyptych-client`. A call parks the
+//! caller's thread until its answer is there. That is possible anywhere, inside a tokio runtime
+//! too; but there it stops all other tasks of that thread, and so belongs into `spawn_blocking`.
+//! A manager that runs on the very runtime that such a call stops can't answer it.
+//!
+//! ```no_run
+//! use polyptych_client::blocking::Client;
+//!
+//! # fn example() -> Result<(), polyptych_client::ClientError> {
+//! let wall = Client::connect("127.0.0.1:7878")?;
+//! wall.open_scene("town.glb")?;
+//! println!("{} us", wall.render_frame()?.frame_us);
+//! # Ok(()) }
+//! ```
+
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::mpsc::sync_channel;
+use std::task::{Context, Poll, Wake, Waker};
+use std::thread::{self, Thread};
+
+use glam::DVec3;
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
+use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};
+use polyptych_protocol::wall::Wall;
+
+use crate::client::Client as AsyncClient;
+use crate::connect::{ConnectOptions, connect_tcp, thread_ended};
+use crate::error::ClientError;
+use crate::feedback::Feedbacks as AsyncFeedbacks;
+use crate::pending::Pending as AsyncPending;
+use crate::picture::Capture;
+
+/// A connection with a wall's manager, as [`crate::Client`]; clones share it.
+///
+/// When a program ends, requests that were posted and not waited for may be lost.
+#[derive(Clone, Debug)]
+pub struct Client {
+    inner: AsyncClient,
+}
+
+/// A request that was sent: wait for it, ask it from time to time, or drop it, as
+/// [`crate::Pending`].
+#[derive(Debug)]
+#[must_use = "dropping gives up the answer"]
+pub struct Pending {
+    inner: AsyncPending,
+}
+
+/// The feedback of every frame from the subscription on, as [`crate::Feedbacks`]. The iterator
+/// waits for each, and ends with the connection.
+#[derive(Debug)]
+pub struct Feedbacks {
+    inner: AsyncFeedbacks,
+}
+
+impl Client {
+    /// As [`crate::Client::connect`], in or outside of a tokio runtime.
+    ///
+    /// # Errors
+    /// [`ClientError`], which says what would be right.
+    pub fn connect(address: &str) -> Result<Self, ClientError> {
+        Self::connect_with(ConnectOptions::new(address))
+    }
+
+    /// As [`crate::Client::connect_with`], in or outside of a tokio runtime.
+    ///
+    /// # Errors
+    /// [`ClientError`], which says what would be right.
+    pub fn connect_with(options: ConnectOptions) -> Result<Self, ClientError> {
+        let (sender, connected) = sync_channel(1);
+        let work = move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+            let runtime = match runtime {
+                Ok(runtime) => runtime,
+                Err(error) => {
+                    let _gone = sender.send(Err(ClientError::Thread(error)));
+                    return;
+                }
+            };
+            runtime.block_on(async {
+                let driver = match connect_tcp(options).await {
+                    Ok((link, driver)) => {
+                        let _gone = sender.send(Ok(link));
+                        driver
+                    }
+                    Err(error) => {
+                        let _gone = sender.send(Err(error));
+                        return;
+                    }
+                };
+                driver.await;
+            });
+        };
+        let thread = thread::Builder::new().name("polyptych-client".into());
+        thread.spawn(work).map_err(ClientError::Thread)?;
+        let link = connected.recv().map_err(|_| thread_ended())??;
+        Ok(Self { inner: AsyncClient::from_link(link) })
+    }
+
+    /// As [`crate::Client::address`].
+    pub fn address(&self) -> &str {
+        self.inner.address()
+    }
+
+    /// As [`crate::Client::wall_name`].
+    pub fn wall_name(&self) -> &str {
+        self.inner.wall_name()
+    }
+
+    /// As [`crate::Client::end_reason`].
+    pub fn end_reason(&self) -> Option<String> {
+        self.inner.end_reason()
+    }
+
+    /// As [`crate::Client::open_requests`].
+    pub fn open_requests(&self) -> usize {
+        self.inner.open_requests()
+    }
+
+    /// As [`crate::Client::post`].
+    ///
+    /// # Errors
+    /// [`ClientError`]: nothing was sent.
+    pub fn post(&self, request: Request) -> Result<Pending, ClientError> {
+        Ok(Pending { inner: self.inner.post(request)? })
+    }
+
+    /// As [`crate::Client::call`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn call(&self, request: Request) -> Result<Reply, ClientError> {
+        wait(self.inner.call(request))
+    }
+
+    /// As [`crate::Client::open_scene`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn open_scene(&self, path: impl Into<String>) -> Result<SceneSummary, ClientError> {
+        wait(self.inner.open_scene(path))
+    }
+
+    /// As [`crate::Client::close_scene`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn close_scene(&self) -> Result<(), ClientError> {
+        wait(self.inner.close_scene())
+    }
+
+    /// As [`crate::Client::set_camera`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_camera(&self, camera: Camera) -> Result<(), ClientError> {
+        wait(self.inner.set_camera(camera))
+    }
+
+    /// As [`crate::Client::look_at`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn look_at(&self, position: DVec3, target: DVec3, up: DVec3) -> Result<(), ClientError> {
+        wait(self.inner.look_at(position, target, up))
+    }
+
+    /// As [`crate::Client::set_eye`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_eye(&self, eye_in_display: DVec3) -> Result<(), ClientError> {
+        wait(self.inner.set_eye(eye_in_display))
+    }
+
+    /// As [`crate::Client::set_exposure`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_exposure(&self, exposure: f32) -> Result<(), ClientError> {
+        wait(self.inner.set_exposure(exposure))
+    }
+
+    /// As [`crate::Client::render_frame`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn render_frame(&self) -> Result<Feedback, ClientError> {
+        wait(self.inner.render_frame())
+    }
+
+    /// As [`crate::Client::render_frame_at`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn render_frame_at(
+        &self,
+        camera: Option<Camera>,
+        time_s: Option<f64>,
+    ) -> Result<Feedback, ClientError> {
+        wait(self.inner.render_frame_at(camera, time_s))
+    }
+
+    /// As [`crate::Client::run`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn run(&self, pace: Pace) -> Result<(), ClientError> {
+        wait(self.inner.run(pace))
+    }
+
+    /// As [`crate::Client::pause`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn pause(&self) -> Result<(), ClientError> {
+        wait(self.inner.pause())
+    }
+
+    /// As [`crate::Client::capture`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn capture(&self) -> Result<Capture, ClientError> {
+        wait(self.inner.capture())
+    }
+
+    /// As [`crate::Client::status`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn status(&self) -> Result<WallStatus, ClientError> {
+        wait(self.inner.status())
+    }
+
+    /// As [`crate::Client::wall`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn wall(&self) -> Result<Wall, ClientError> {
+        wait(self.inner.wall())
+    }
+
+    /// As [`crate::Client::statistics`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn statistics(&self, reset: bool) -> Result<Statistics, ClientError> {
+        wait(self.inner.statistics(reset))
+    }
+
+    /// As [`crate::Client::feedback`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn feedback(&self) -> Result<Feedbacks, ClientError> {
+        Ok(Feedbacks { inner: wait(self.inner.feedback())? })
+    }
+
+    /// As [`crate::Client::stop`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn stop(&self) -> Result<(), ClientError> {
+        wait(self.inner.stop())
+    }
+}
+
+impl Pending {
+    /// As [`crate::Pending::id`].
+    pub fn id(&self) -> RequestId {
+        self.inner.id()
+    }
+
+    /// As [`crate::Pending::query`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn query(&mut self) -> Option<Result<Reply, ClientError>> {
+        self.inner.query()
+    }
+
+    /// Waits for the answer.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn wait(self) -> Result<Reply, ClientError> {
+        wait(self.inner)
+    }
+}
+
+impl Feedbacks {
+    /// As [`crate::Feedbacks::dropped`].
+    pub fn dropped(&self) -> u64 {
+        self.inner.dropped()
+    }
+}
+
+impl Iterator for Feedbacks {
+    type Item = Feedback;
+
+    fn next(&mut self) -> Option<Feedback> {
+        wait(self.inner.next())
+    }
+}
+
+/// Parks this thread until the future is done.
+///
+/// Tokio's own `block_on` panics inside a runtime. Our futures need no runtime: the connection's
+/// thread has the clock and the socket. They are unconstrained, since tokio would otherwise make
+/// them yield, and a thread that is parked inside of a task never gives the task a new budget.
+fn wait<F: Future>(future: F) -> F::Output {
+    let waker = Waker::from(Arc::new(Unpark(thread::current())));
+    let mut context = Context::from_waker(&waker);
+    let mut future = pin!(tokio::task::unconstrained(future));
+    loop {
+        if let Poll::Ready(output) = future.as_mut().poll(&mut context) {
+            return output;
+        }
+        thread::park();
+    }
+}
+
+struct Unpark(Thread);
+
+impl Wake for Unpark {
+    fn wake(self: Arc<Self>) {
+        self.0.unpark();
+    }
+}

@@ -1,0 +1,94 @@
+//! Where to stand to see a whole scene.
+
+use glam::DVec3;
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::scene::Bounds;
+use polyptych_protocol::wall::Wall;
+
+/// How far above the horizon an overview stands: high enough to see behind the first row.
+const ELEVATION_RAD: f64 = 0.35;
+
+/// A camera that shows all of `bounds` on the wall's first screen, from `heading_rad` around +Y
+/// (0 sees the scene from its +Z side, a quarter turn from +X) and a little above.
+///
+/// The centre of the scene comes to stand in the centre of that screen, and the scale is chosen
+/// so that its bounding sphere, as the wall's eye sees it, fits the screen's shorter side: what
+/// the wall shows then lies at the depth of the wall. Bounds without extent count as one unit.
+pub fn overview(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
+    let (sin_h, cos_h) = heading_rad.sin_cos();
+    let (sin_e, cos_e) = ELEVATION_RAD.sin_cos();
+    let outward = DVec3::new(sin_h * cos_e, sin_e, cos_h * cos_e);
+    let rotation = Camera::look_at(outward, DVec3::ZERO, DVec3::Y).rotation;
+    let radius = Some(bounds.radius()).filter(|r| r.is_finite() && *r > 0.0).unwrap_or(1.0);
+
+    let (middle_in_display, half_side_m) = first_screen(wall);
+    let distance_m = (middle_in_display - wall.eye).length();
+    // The sphere touches the cone of half angle a where radius = distance * sin a.
+    let half_angle = half_side_m.atan2(distance_m);
+    let radius_m = distance_m * half_angle.sin();
+    let scale = if radius_m > 0.0 { radius / radius_m } else { radius };
+    let position = bounds.center() - rotation * (scale * middle_in_display);
+    Camera { position, rotation, scale }
+}
+
+/// The centre of the first screen, and half of its shorter side, in metres of display space.
+fn first_screen(wall: &Wall) -> (DVec3, f64) {
+    let Some(screen) = wall.screens.first() else {
+        return (wall.eye + DVec3::NEG_Z, 0.5);
+    };
+    let across = screen.lower_right - screen.lower_left;
+    let up = screen.upper_left - screen.lower_left;
+    let middle = screen.lower_left + (across + up) * 0.5;
+    (middle, across.length().min(up.length()) * 0.5)
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_protocol::wall::file;
+
+    use super::*;
+
+    /// A screen of 4 m by 2 m around (0, 1.5, -1).
+    fn wall() -> Wall {
+        let text = r#"
+            [wall]
+            name = "lab"
+            [[screen]]
+            name = "front"
+            size = [4.0, 2.0]
+            center = [0.0, 1.5, -1.0]
+            [screen.tiles]
+            pixels = [1920, 960]
+        "#;
+        let mut wall = file::parse(text, "lab.toml".as_ref()).expect("a wall");
+        wall.eye = DVec3::new(0.3, 1.6, 2.0);
+        wall
+    }
+
+    #[test]
+    fn the_scene_fills_the_first_screen_at_the_depth_of_the_wall() {
+        let wall = wall();
+        let bounds = Bounds { min: DVec3::splat(1e6), max: DVec3::splat(1e6 + 0.5) };
+        for heading in [0.0, 1.0, 4.0] {
+            let camera = overview(&wall, &bounds, heading);
+            assert_eq!(camera.fault(), None);
+            let shown = camera.world_from_display(DVec3::new(0.0, 1.5, -1.0));
+            assert!((shown - bounds.center()).length() < 1e-6);
+            // From the eye, the sphere takes the angle of the screen's shorter side.
+            let eye = camera.world_from_display(wall.eye);
+            let sine = bounds.radius() / (eye - bounds.center()).length();
+            let middle = DVec3::new(0.0, 1.5, -1.0) - wall.eye;
+            assert!((sine - 1.0_f64.atan2(middle.length()).sin()).abs() < 1e-6);
+            assert!(eye.y > bounds.center().y, "the eye stands above the scene");
+        }
+    }
+
+    #[test]
+    fn no_screen_and_no_extent_give_a_camera_still() {
+        let bare = Wall { screens: Vec::new(), ..wall() };
+        let point = Bounds { min: DVec3::ONE, max: DVec3::ONE };
+        assert_eq!(overview(&bare, &point, 0.0).fault(), None);
+        let nothing = Bounds { min: DVec3::splat(f64::NAN), max: DVec3::ONE };
+        assert!(overview(&bare, &nothing, 0.0).fault().is_some());
+    }
+}

@@ -1,0 +1,292 @@
+//! The wall, as an application drives it.
+
+use glam::DVec3;
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
+use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};
+use polyptych_protocol::wall::Wall;
+use tokio::io::{AsyncRead, AsyncWrite};
+
+use crate::connect::{ConnectOptions, connect_over, connect_tcp};
+use crate::error::ClientError;
+use crate::feedback::Feedbacks;
+use crate::link::{Link, wrong_answer};
+use crate::pending::Pending;
+use crate::picture::Capture;
+
+/// A connection with a wall's manager.
+///
+/// Clones share the connection, which closes when the last clone, [`Pending`] and [`Feedbacks`]
+/// are dropped. Requests reach the manager in the order in which they are made, and several may
+/// be open at once. Dropping the future of a call gives up its answer and frees its place; the
+/// manager may do the request all the same.
+///
+/// Every method fails with [`ClientError`]: as the manager says ([`ClientError::Failed`], after
+/// which the wall is as it was), or because no answer came ([`ClientError::TimedOut`],
+/// [`ClientError::ConnectionLost`], [`ClientError::ManagerEnded`]: the outcome is unknown), or
+/// because nothing was sent ([`ClientError::Closed`], [`ClientError::TooManyOpen`]).
+#[derive(Clone, Debug)]
+pub struct Client {
+    link: Link,
+}
+
+impl Client {
+    /// Connects to the manager at `address`, with the user's own token.
+    ///
+    /// # Errors
+    /// [`ClientError`], which says what would be right.
+    ///
+    /// # Panics
+    /// Outside of a tokio runtime; [`crate::blocking::Client`] needs none.
+    pub async fn connect(address: &str) -> Result<Self, ClientError> {
+        Self::connect_with(ConnectOptions::new(address)).await
+    }
+
+    /// As [`Client::connect`], with more to choose.
+    ///
+    /// # Errors
+    /// [`ClientError`], which says what would be right.
+    ///
+    /// # Panics
+    /// Outside of a tokio runtime; [`crate::blocking::Client`] needs none.
+    pub async fn connect_with(options: ConnectOptions) -> Result<Self, ClientError> {
+        let (link, driver) = connect_tcp(options).await?;
+        tokio::spawn(driver);
+        Ok(Self { link })
+    }
+
+    /// As [`Client::connect_with`], over a byte stream that leads to a manager: a tunnel, or a
+    /// pipe to a manager in the same process. The address only stands in messages.
+    ///
+    /// # Errors
+    /// [`ClientError`], which says what would be right.
+    ///
+    /// # Panics
+    /// Outside of a tokio runtime.
+    pub async fn connect_over<S>(stream: S, options: ConnectOptions) -> Result<Self, ClientError>
+    where
+        S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
+    {
+        let (link, driver) = connect_over(stream, options).await?;
+        tokio::spawn(driver);
+        Ok(Self { link })
+    }
+
+    pub(crate) fn from_link(link: Link) -> Self {
+        Self { link }
+    }
+
+    /// The manager's host and port.
+    pub fn address(&self) -> &str {
+        &self.link.shared.address
+    }
+
+    /// The wall's name, as the manager gave it when this client connected.
+    pub fn wall_name(&self) -> &str {
+        &self.link.shared.welcome.wall
+    }
+
+    /// Why the connection has ended; `None` while it holds.
+    pub fn end_reason(&self) -> Option<String> {
+        self.link.shared.end_reason()
+    }
+
+    /// How many requests wait for their answers; at most [`crate::OPEN_REQUESTS_MAX`].
+    pub fn open_requests(&self) -> usize {
+        self.link.shared.open_requests()
+    }
+
+    /// Sends a request and does not wait for its answer, which the handle gives later.
+    /// Pictures of a posted [`Request::Capture`] are thrown away; [`Client::capture`] keeps them.
+    ///
+    /// # Errors
+    /// [`ClientError::Closed`], [`ClientError::TooManyOpen`], [`ClientError::RequestTooLarge`]:
+    /// nothing was sent.
+    pub fn post(&self, request: Request) -> Result<Pending, ClientError> {
+        self.link.post(request, false)
+    }
+
+    /// Sends any request and waits for its reply; the other methods are this, typed.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn call(&self, request: Request) -> Result<Reply, ClientError> {
+        self.post(request)?.await
+    }
+
+    /// Shows a scene; returns once every live channel can draw it.
+    ///
+    /// `path` names a file in one of the manager's scene folders, absolute or relative to one of
+    /// them, on the manager's machine.
+    ///
+    /// # Errors
+    /// [`ClientError`]; where the scene can't be opened, the wall shows what it showed before.
+    pub async fn open_scene(&self, path: impl Into<String>) -> Result<SceneSummary, ClientError> {
+        match self.call(Request::OpenScene { path: path.into() }).await? {
+            Reply::SceneOpened(summary) => Ok(summary),
+            other => Err(wrong_answer("open the scene", &other)),
+        }
+    }
+
+    /// Shows no scene.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn close_scene(&self) -> Result<(), ClientError> {
+        self.done("close the scene", Request::CloseScene).await
+    }
+
+    /// Places display space in the scene, from the next frame on.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] where [`Camera::fault`] finds a fault.
+    pub async fn set_camera(&self, camera: Camera) -> Result<(), ClientError> {
+        self.done("set the camera", Request::SetCamera(camera)).await
+    }
+
+    /// Places the origin of display space at `position` and turns its −Z to `target`, with `up`
+    /// upwards, from the next frame on. World units count as metres; [`Camera::with_scale`] and
+    /// [`crate::overview`] are for scenes of other sizes.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn look_at(
+        &self,
+        position: DVec3,
+        target: DVec3,
+        up: DVec3,
+    ) -> Result<(), ClientError> {
+        self.set_camera(Camera::look_at(position, target, up)).await
+    }
+
+    /// Moves the viewer's eye, in metres of display space, from the next frame on.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn set_eye(&self, eye_in_display: DVec3) -> Result<(), ClientError> {
+        self.done("set the eye", Request::SetEye(eye_in_display)).await
+    }
+
+    /// Multiplies light by `exposure` before tone mapping, from the next frame on.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn set_exposure(&self, exposure: f32) -> Result<(), ClientError> {
+        self.done("set the exposure", Request::SetExposure(exposure)).await
+    }
+
+    /// Draws and shows one frame on all channels; returns what it became.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn render_frame(&self) -> Result<Feedback, ClientError> {
+        self.render_frame_at(None, None).await
+    }
+
+    /// As [`Client::render_frame`], with the camera placed first and the scene's time set to
+    /// `time_s` seconds, each where given; without a time the wall's own clock goes on.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn render_frame_at(
+        &self,
+        camera: Option<Camera>,
+        time_s: Option<f64>,
+    ) -> Result<Feedback, ClientError> {
+        match self.call(Request::RenderFrame { camera, time_s }).await? {
+            Reply::Frame(feedback) => Ok(feedback),
+            other => Err(wrong_answer("render a frame", &other)),
+        }
+    }
+
+    /// Lets the wall draw frames by itself at this pace, until [`Client::pause`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn run(&self, pace: Pace) -> Result<(), ClientError> {
+        self.done("run", Request::Run(pace)).await
+    }
+
+    /// Stops the wall from drawing by itself; it goes on showing the last frame.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn pause(&self) -> Result<(), ClientError> {
+        self.done("pause", Request::Pause).await
+    }
+
+    /// Draws and shows one frame, and returns its pictures: each screen as it hangs on the wall,
+    /// and each channel.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::CaptureTooLarge`] where the pictures take more than
+    /// [`ConnectOptions::capture_bytes_max`].
+    pub async fn capture(&self) -> Result<Capture, ClientError> {
+        let mut pending = self.link.post(Request::Capture, true)?;
+        let answered = std::future::poll_fn(|context| pending.poll_answered(context)).await?;
+        match (answered.reply, answered.parts) {
+            (Reply::Captured(captured), Some(parts)) => parts.assemble(captured),
+            (other, _) => Err(wrong_answer("capture the wall", &other)),
+        }
+    }
+
+    /// The wall's state: channels, servers, warnings.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn status(&self) -> Result<WallStatus, ClientError> {
+        match self.call(Request::Status).await? {
+            Reply::Status(status) => Ok(*status),
+            other => Err(wrong_answer("read the status", &other)),
+        }
+    }
+
+    /// The wall's description: screens, channels, eye.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn wall(&self) -> Result<Wall, ClientError> {
+        match self.call(Request::DescribeWall).await? {
+            Reply::Wall(wall) => Ok(*wall),
+            other => Err(wrong_answer("read the wall's description", &other)),
+        }
+    }
+
+    /// What the frames took since the statistics were last reset; `reset` begins anew afterwards.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn statistics(&self, reset: bool) -> Result<Statistics, ClientError> {
+        match self.call(Request::Statistics { reset }).await? {
+            Reply::Statistics(statistics) => Ok(*statistics),
+            other => Err(wrong_answer("read the statistics", &other)),
+        }
+    }
+
+    /// Subscribes to the feedback of every frame: all that are shown after this returns, and
+    /// perhaps some before. Several readers of one connection each get all of them.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn feedback(&self) -> Result<Feedbacks, ClientError> {
+        self.link.subscribe().await
+    }
+
+    /// Ends the manager. A goodbye instead of an answer is as good.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn stop(&self) -> Result<(), ClientError> {
+        match self.done("stop the manager", Request::Stop).await {
+            Err(ClientError::ManagerEnded { .. }) => Ok(()),
+            other => other,
+        }
+    }
+
+    async fn done(&self, name: &'static str, request: Request) -> Result<(), ClientError> {
+        match self.call(request).await? {
+            Reply::Done => Ok(()),
+            other => Err(wrong_answer(name, &other)),
+        }
+    }
+}

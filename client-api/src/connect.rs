@@ -1,0 +1,220 @@
+//! How a client comes to its manager: address, token, handshake.
+
+use std::fmt;
+use std::io;
+use std::net::{IpAddr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use polyptych_protocol::connection::{ConnectionError, introduce};
+use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
+use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, NAME_BYTES_MAX, PORT_DEFAULT};
+use polyptych_protocol::request::Request;
+use polyptych_protocol::token;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+
+use crate::connection::drive;
+use crate::error::ClientError;
+use crate::link::Link;
+use crate::picture::CAPTURE_BYTES_MAX;
+
+/// Where and as whom to connect.
+///
+/// ```
+/// use polyptych_client::ConnectOptions;
+///
+/// let options = ConnectOptions { name: "planner".into(), ..ConnectOptions::new("wall-3") };
+/// assert_eq!(options.address, "wall-3");
+/// ```
+#[derive(Clone)]
+pub struct ConnectOptions {
+    /// The manager's host and port; the port is 7878 where none is given.
+    pub address: String,
+    /// The manager's secret itself; goes before `token_file`.
+    pub token: Option<String>,
+    /// The file that holds the secret; where `None`, `POLYPTYCH_TOKEN_FILE` or
+    /// `polyptych/token` in the user's state folder.
+    pub token_file: Option<PathBuf>,
+    /// For logs and status; cut to the protocol's 64 bytes.
+    pub name: String,
+    /// How long requests may take.
+    pub timeouts: Timeouts,
+    /// Most bytes that the pictures of one capture may take; [`CAPTURE_BYTES_MAX`] by default.
+    pub capture_bytes_max: usize,
+}
+
+/// How long this client waits for the answers to requests.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Timeouts {
+    /// For opening a scene, which includes baking it: two minutes by default.
+    pub open_scene: Duration,
+    /// For a capture with its pictures: one minute by default.
+    pub capture: Duration,
+    /// For everything else: half a minute by default, many times the longest frame deadline.
+    pub other: Duration,
+}
+
+impl Default for Timeouts {
+    fn default() -> Self {
+        let [open_scene, capture, other] = [120, 60, 30].map(Duration::from_secs);
+        Self { open_scene, capture, other }
+    }
+}
+
+impl Timeouts {
+    pub(crate) fn of(&self, request: &Request) -> Duration {
+        match request {
+            Request::OpenScene { .. } => self.open_scene,
+            Request::Capture => self.capture,
+            _ => self.other,
+        }
+    }
+}
+
+impl ConnectOptions {
+    /// The manager at this address, with the user's own token and the program's name.
+    pub fn new(address: impl Into<String>) -> Self {
+        let program = std::env::args_os().next();
+        let stem = program.as_deref().and_then(|path| Path::new(path).file_stem());
+        Self {
+            address: address.into(),
+            token: None,
+            token_file: None,
+            name: stem.map_or_else(|| "client".into(), |s| s.to_string_lossy().into_owned()),
+            timeouts: Timeouts::default(),
+            capture_bytes_max: CAPTURE_BYTES_MAX,
+        }
+    }
+
+    fn read_token(&self) -> Result<String, ClientError> {
+        if let Some(token) = &self.token {
+            return Ok(token.clone());
+        }
+        let path = self.token_file.clone().map_or_else(token::default_path, Ok)?;
+        Ok(token::read(&path)?)
+    }
+}
+
+impl fmt::Debug for ConnectOptions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ConnectOptions")
+            .field("address", &self.address)
+            .field("token", &self.token.as_ref().map(|_| "(secret)"))
+            .field("token_file", &self.token_file)
+            .field("name", &self.name)
+            .field("timeouts", &self.timeouts)
+            .field("capture_bytes_max", &self.capture_bytes_max)
+            .finish()
+    }
+}
+
+/// Connects over TCP; the future that comes with the link runs the connection.
+pub(crate) async fn connect_tcp(
+    mut options: ConnectOptions,
+) -> Result<(Link, impl Future<Output = ()> + Send + 'static), ClientError> {
+    options.address = with_port(&options.address);
+    let address = options.address.clone();
+    let connecting = async {
+        let stream = dial(&address).await?;
+        // Only now: where nobody listens, that is the better thing to say.
+        options.token = Some(options.read_token()?);
+        handshake(stream, options).await
+    };
+    let after = HANDSHAKE_TIME_MAX;
+    let timed_out = |_| ClientError::NoIntroduction { address: address.clone(), after };
+    timeout(after, connecting).await.map_err(timed_out)?
+}
+
+/// As [`connect_tcp`], over a stream that is there already.
+pub(crate) async fn connect_over<S>(
+    stream: S,
+    mut options: ConnectOptions,
+) -> Result<(Link, impl Future<Output = ()> + Send + 'static), ClientError>
+where
+    S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
+{
+    let address = options.address.clone();
+    options.token = Some(options.read_token()?);
+    let after = HANDSHAKE_TIME_MAX;
+    let timed_out = |_| ClientError::NoIntroduction { address, after };
+    timeout(after, handshake(stream, options)).await.map_err(timed_out)?
+}
+
+async fn dial(address: &str) -> Result<TcpStream, ClientError> {
+    let unresolved = |source| ClientError::Unresolved { address: address.to_owned(), source };
+    let found: Vec<SocketAddr> =
+        tokio::net::lookup_host(address).await.map_err(unresolved)?.collect();
+    let no_manager = |source| ClientError::NoManager { address: address.to_owned(), source };
+    let stream = TcpStream::connect(&found[..]).await.map_err(no_manager)?;
+    // A camera must not wait for the answer to the one before it.
+    stream.set_nodelay(true).map_err(no_manager)?;
+    Ok(stream)
+}
+
+async fn handshake<S>(
+    stream: S,
+    mut options: ConnectOptions,
+) -> Result<(Link, impl Future<Output = ()> + Send + 'static), ClientError>
+where
+    S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
+{
+    let name_bytes = options.name.floor_char_boundary(NAME_BYTES_MAX);
+    options.name.truncate(name_bytes);
+    // The token is not kept longer than it is needed.
+    let token = options.token.take().unwrap_or_default();
+    let hello = Hello::Client(ClientHello { name: options.name.clone(), token: Secret(token) });
+    let address = options.address.clone();
+    let introduced = introduce(stream, Role::Client, &hello).await;
+    let (frames, welcome) = introduced.map_err(|error| match error {
+        ConnectionError::Refused(reason) => ClientError::Refused { address, reason },
+        source => ClientError::Handshake { address, source },
+    })?;
+    tracing::debug!(address = options.address, wall = welcome.wall, "connected");
+    let (link, messages) = Link::new(options, welcome);
+    let driver = drive(frames, link.shared.clone(), messages);
+    Ok((link, driver))
+}
+
+/// The address with a port: a host alone means the manager's usual one.
+fn with_port(address: &str) -> String {
+    let bare = address.trim_start_matches('[').trim_end_matches(']');
+    match bare.parse::<IpAddr>() {
+        Ok(ip) => SocketAddr::new(ip, PORT_DEFAULT).to_string(),
+        Err(_) if address.contains(':') => address.to_owned(),
+        Err(_) => format!("{address}:{PORT_DEFAULT}"),
+    }
+}
+
+/// The error of a blocking client whose thread gave no sign.
+pub(crate) fn thread_ended() -> ClientError {
+    ClientError::Thread(io::Error::other("it ended before it connected"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_host_alone_means_the_usual_port() {
+        for (given, expected) in [
+            ("wall-3", "wall-3:7878"),
+            ("wall-3:80", "wall-3:80"),
+            ("127.0.0.1", "127.0.0.1:7878"),
+            ("127.0.0.1:1", "127.0.0.1:1"),
+            ("::1", "[::1]:7878"),
+            ("[::1]", "[::1]:7878"),
+            ("[::1]:9", "[::1]:9"),
+        ] {
+            assert_eq!(with_port(given), expected);
+        }
+    }
+
+    #[test]
+    fn the_token_is_never_printed() {
+        let token = Some("0123456789abcdef".to_owned());
+        let options = ConnectOptions { token, ..ConnectOptions::new("x") };
+        assert!(!format!("{options:?}").contains("0123456789abcdef"));
+    }
+}

@@ -1,0 +1,137 @@
+//! The one task that owns a connection: it writes what callers post, hands out what comes, and
+//! tells those whose time is over. The three never wait for each other.
+
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+use futures_util::stream::{SplitSink, SplitStream};
+use futures_util::{SinkExt, StreamExt};
+use polyptych_protocol::codec;
+use polyptych_protocol::connection::Frames;
+use polyptych_protocol::request::Answer;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::sync::mpsc;
+use tokio::time::{Instant, sleep_until, timeout};
+
+use crate::link::{End, Shared};
+
+/// A manager that takes nothing for so long is gone, or as good as.
+const WRITE_TIME_MAX: Duration = Duration::from_secs(30);
+
+/// How long the other end may take to close, so that the last messages are not torn away by a
+/// reset, and that its goodbye is heard.
+const CLOSE_TIME_MAX: Duration = Duration::from_secs(1);
+
+/// Runs a connection until it ends, then tells everyone who waits.
+pub(crate) fn drive<S>(
+    frames: Frames<S>,
+    shared: Arc<Shared>,
+    messages: mpsc::Receiver<Bytes>,
+) -> impl Future<Output = ()>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    // Made before the first poll: a runtime may be shut down before it comes to that.
+    let guard = EndGuard(shared);
+    async move { run(frames, &guard.0, messages).await }
+}
+
+async fn run<S>(frames: Frames<S>, shared: &Shared, messages: mpsc::Receiver<Bytes>)
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    let (sink, stream) = frames.split();
+    let mut reading = pin!(read(stream, shared));
+    let end = tokio::select! {
+        end = &mut reading => end,
+        end = expire(shared) => end,
+        written = write(sink, messages) => {
+            let heard = timeout(CLOSE_TIME_MAX, reading).await;
+            match (written, heard) {
+                (Err(_), Ok(end)) => end,
+                (Err(reason), Err(_)) => End::lost(reason),
+                (Ok(()), _) => End::lost("this client closed it"),
+            }
+        }
+    };
+    tracing::debug!(address = shared.address, reason = end.reason, "the connection ended");
+    shared.handle_end(&end);
+}
+
+/// Ends the connection where its future is dropped with its runtime: nobody must wait for ever.
+struct EndGuard(Arc<Shared>);
+
+impl Drop for EndGuard {
+    fn drop(&mut self) {
+        self.0.handle_end(&End::lost("the client's runtime was shut down"));
+    }
+}
+
+/// Hands out what comes, until the other end says that it is over.
+async fn read<S>(mut stream: SplitStream<Frames<S>>, shared: &Shared) -> End
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    loop {
+        let bytes = match stream.next().await {
+            Some(Ok(bytes)) => bytes,
+            Some(Err(error)) => return End::lost(error.to_string()),
+            None => return End::lost("the manager closed it"),
+        };
+        match codec::decode::<Answer>(&bytes) {
+            Ok(Answer::Reply { id, reply }) => shared.handle_reply(id, reply),
+            Ok(Answer::Feedback(feedback)) => shared.handle_feedback(feedback),
+            Ok(Answer::Picture(part)) => shared.handle_part(&part),
+            Ok(Answer::Goodbye { reason }) => return End { reason, is_goodbye: true },
+            Err(error) => return End::lost(format!("a message made no sense: {error}")),
+        }
+    }
+}
+
+/// Writes what callers post, until the last caller is gone.
+async fn write<S>(
+    mut sink: SplitSink<Frames<S>, Bytes>,
+    mut messages: mpsc::Receiver<Bytes>,
+) -> Result<(), String>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    while let Some(message) = messages.recv().await {
+        let written = timeout(WRITE_TIME_MAX, async {
+            sink.feed(message).await?;
+            // What was posted together travels together.
+            while let Ok(message) = messages.try_recv() {
+                sink.feed(message).await?;
+            }
+            sink.flush().await
+        });
+        match written.await {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => return Err(error.to_string()),
+            Err(_) => return Err(format!("the manager took nothing for {WRITE_TIME_MAX:?}")),
+        }
+    }
+    // Where it can't be closed it is closed already.
+    let _closed = timeout(CLOSE_TIME_MAX, sink.close()).await;
+    Ok(())
+}
+
+/// Tells those whose time is over, for ever.
+async fn expire(shared: &Shared) -> End {
+    loop {
+        let moved = shared.deadline_moved.notified();
+        match shared.poll_timeout() {
+            None => moved.await,
+            Some(deadline) => {
+                tokio::select! {
+                    () = moved => {}
+                    () = sleep_until(Instant::from_std(deadline)) => {
+                        shared.handle_timeout(Instant::now().into_std());
+                    }
+                }
+            }
+        }
+    }
+}

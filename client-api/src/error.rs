@@ -1,0 +1,170 @@
+//! What can go wrong between an application and its wall.
+
+use std::io;
+use std::time::Duration;
+
+use polyptych_protocol::connection::ConnectionError;
+use polyptych_protocol::token::TokenError;
+
+/// Why a call did not do what it says.
+///
+/// Of an open request that ends with [`ClientError::TimedOut`], [`ClientError::ConnectionLost`] or
+/// [`ClientError::ManagerEnded`] it is unknown whether it was done; it is never sent again.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// The address names no machine.
+    #[error(
+        "{address} cannot be resolved ({source}); write HOST:PORT, such as 127.0.0.1:7878, or HOST"
+    )]
+    Unresolved {
+        /// As it was given.
+        address: String,
+        /// The resolver's reason.
+        source: io::Error,
+    },
+    /// Nobody listens there.
+    #[error(
+        "no manager at {address} ({}); start one with: polyptych manager WALL.toml",
+        .source.kind()
+    )]
+    NoManager {
+        /// Host and port.
+        address: String,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// Somebody may listen there, but does not say who.
+    #[error(
+        "{address} did not introduce itself as a manager within {after:?}; \
+         is the address right, and does a firewall stand between?"
+    )]
+    NoIntroduction {
+        /// Host and port.
+        address: String,
+        /// How long this client waited.
+        after: Duration,
+    },
+    /// The manager's secret cannot be read.
+    #[error("no token to show to the manager: {0}")]
+    Token(#[from] TokenError),
+    /// The manager said no.
+    #[error("the manager at {address} refused this client: {reason}")]
+    Refused {
+        /// Host and port.
+        address: String,
+        /// The manager's own reason.
+        reason: String,
+    },
+    /// What listens there is no manager that this client understands.
+    #[error("no manager that this client understands at {address}: {source}")]
+    Handshake {
+        /// Host and port.
+        address: String,
+        /// What it said instead.
+        source: ConnectionError,
+    },
+    /// The request was not sent, since the connection had ended before.
+    #[error("cannot {request}: the connection to the manager at {address} has ended: {reason}")]
+    Closed {
+        /// What was asked.
+        request: &'static str,
+        /// Host and port.
+        address: String,
+        /// Why the connection ended.
+        reason: String,
+    },
+    /// The connection ended while the request was open.
+    #[error(
+        "the connection to the manager at {address} was lost ({reason}); \
+         whether it did \"{request}\" is unknown"
+    )]
+    ConnectionLost {
+        /// What was asked.
+        request: &'static str,
+        /// Host and port.
+        address: String,
+        /// Why the connection ended.
+        reason: String,
+    },
+    /// The manager said goodbye while the request was open.
+    #[error("the manager at {address} ended ({reason}); whether it did \"{request}\" is unknown")]
+    ManagerEnded {
+        /// What was asked.
+        request: &'static str,
+        /// Host and port.
+        address: String,
+        /// The manager's own reason.
+        reason: String,
+    },
+    /// No answer came in time.
+    #[error(
+        "the manager did not answer \"{request}\" within {after:?}; whether it was done is \
+         unknown; polyptych status shows which channels it waits for"
+    )]
+    TimedOut {
+        /// What was asked.
+        request: &'static str,
+        /// How long this client waited; [`crate::Timeouts`] sets it.
+        after: Duration,
+    },
+    /// The manager could not do it; the wall is as it was before.
+    #[error("cannot {request}: {reason}")]
+    Failed {
+        /// What was asked.
+        request: &'static str,
+        /// The manager's own reason.
+        reason: String,
+    },
+    /// Too many requests wait for their answers.
+    #[error(
+        "cannot {request}: {limit} requests are open; wait for answers, or drop what is not needed"
+    )]
+    TooManyOpen {
+        /// What was asked.
+        request: &'static str,
+        /// [`crate::OPEN_REQUESTS_MAX`].
+        limit: usize,
+    },
+    /// The request does not fit into a message.
+    #[error("cannot {request}: it takes {bytes} bytes, and a message holds at most {limit}")]
+    RequestTooLarge {
+        /// What was asked.
+        request: &'static str,
+        /// Its size.
+        bytes: usize,
+        /// The protocol's limit.
+        limit: usize,
+    },
+    /// The pictures need more memory than this client gives them.
+    #[error(
+        "the pictures of the wall take more than {limit} bytes; \
+         raise ConnectOptions::capture_bytes_max"
+    )]
+    CaptureTooLarge {
+        /// The limit of [`crate::ConnectOptions::capture_bytes_max`].
+        limit: usize,
+    },
+    /// The pieces of a picture don't make a picture.
+    #[error("the manager sent pictures that don't fit their description: {reason}")]
+    MalformedPicture {
+        /// Which picture, what came, and what would be right.
+        reason: String,
+    },
+    /// An answer to some other question.
+    #[error("the manager answered \"{request}\" with something else: {answer}")]
+    WrongAnswer {
+        /// What was asked.
+        request: &'static str,
+        /// The kind of answer.
+        answer: &'static str,
+    },
+    /// A [`crate::Pending`] gives its answer once.
+    #[error("the answer to \"{request}\" was taken before")]
+    AnswerTaken {
+        /// What was asked.
+        request: &'static str,
+    },
+    /// The blocking client has no thread to work on.
+    #[error("cannot start the client's thread: {0}")]
+    Thread(io::Error),
+}

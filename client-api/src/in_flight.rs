@@ -1,0 +1,154 @@
+//! What waits for an answer: one small table with a deadline for each request.
+//!
+//! It has no socket and no clock. Whoever owns it removes a request exactly once: answered,
+//! expired, given up or, at the end of the connection, all of them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::{Duration, Instant};
+
+use polyptych_protocol::ids::RequestId;
+
+/// Most requests of one connection that wait for an answer: seventeen seconds of a camera set 60
+/// times a second that nobody answers. An application that has more open has lost its pace.
+pub const OPEN_REQUESTS_MAX: usize = 1024;
+
+/// Beyond what a clock can say: a year, which no connection lasts.
+const FOR_EVER: Duration = Duration::from_hours(8760);
+
+/// A request that waits.
+#[derive(Debug)]
+pub(crate) struct Open<W> {
+    /// What was asked, for messages.
+    pub request: &'static str,
+    /// How long it may take.
+    pub after: Duration,
+    /// Who waits.
+    pub waiter: W,
+    deadline: Instant,
+}
+
+/// All requests that wait.
+#[derive(Debug)]
+pub(crate) struct InFlight<W> {
+    open: BTreeMap<RequestId, Open<W>>,
+    deadlines: BTreeSet<(Instant, RequestId)>,
+    next: u64,
+}
+
+impl<W> InFlight<W> {
+    /// An empty table.
+    pub fn new() -> Self {
+        Self { open: BTreeMap::new(), deadlines: BTreeSet::new(), next: 1 }
+    }
+
+    /// Takes a request in, and gives it its number; `None` where the table is full.
+    pub fn insert(
+        &mut self,
+        now: Instant,
+        request: &'static str,
+        after: Duration,
+        waiter: W,
+    ) -> Option<RequestId> {
+        if self.open.len() >= OPEN_REQUESTS_MAX {
+            return None;
+        }
+        let id = RequestId(self.next);
+        self.next += 1;
+        let deadline = now.checked_add(after).unwrap_or(now + FOR_EVER);
+        self.deadlines.insert((deadline, id));
+        self.open.insert(id, Open { request, after, waiter, deadline });
+        Some(id)
+    }
+
+    /// Takes a request out.
+    pub fn remove(&mut self, id: RequestId) -> Option<Open<W>> {
+        let open = self.open.remove(&id)?;
+        self.deadlines.remove(&(open.deadline, id));
+        Some(open)
+    }
+
+    /// Who waits for the answer to this request.
+    pub fn waiter_mut(&mut self, id: RequestId) -> Option<&mut W> {
+        self.open.get_mut(&id).map(|open| &mut open.waiter)
+    }
+
+    /// When [`InFlight::expire`] has something to do next.
+    pub fn next_deadline(&self) -> Option<Instant> {
+        self.deadlines.first().map(|(deadline, _)| *deadline)
+    }
+
+    /// Takes one request out whose time is over; call it until it gives `None`.
+    pub fn expire(&mut self, now: Instant) -> Option<Open<W>> {
+        let (deadline, id) = *self.deadlines.first()?;
+        if deadline > now { None } else { self.remove(id) }
+    }
+
+    /// Takes all requests out, the oldest first.
+    pub fn drain(&mut self) -> impl Iterator<Item = Open<W>> + use<W> {
+        self.deadlines.clear();
+        std::mem::take(&mut self.open).into_values()
+    }
+
+    /// How many wait.
+    pub fn len(&self) -> usize {
+        self.open.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: Duration = Duration::from_secs(1);
+
+    #[test]
+    fn each_request_leaves_once() {
+        let now = Instant::now();
+        let mut table = InFlight::new();
+        let first = table.insert(now, "a", SECOND, 'a').expect("room");
+        let second = table.insert(now, "b", SECOND, 'b').expect("room");
+        assert_ne!(first, second);
+        assert_eq!(table.remove(second).map(|open| open.waiter), Some('b'));
+        assert!(table.remove(second).is_none());
+        assert_eq!(table.waiter_mut(first), Some(&mut 'a'));
+        assert_eq!(table.waiter_mut(second), None);
+        assert_eq!(table.drain().map(|open| open.waiter).collect::<Vec<_>>(), ['a']);
+        assert_eq!((table.len(), table.next_deadline()), (0, None));
+    }
+
+    #[test]
+    fn requests_expire_in_the_order_of_their_deadlines() {
+        let now = Instant::now();
+        let mut table = InFlight::new();
+        table.insert(now, "slow", 3 * SECOND, 3).expect("room");
+        table.insert(now, "quick", SECOND, 1).expect("room");
+        table.insert(now, "middling", 2 * SECOND, 2).expect("room");
+        assert_eq!(table.next_deadline(), Some(now + SECOND));
+        assert!(table.expire(now).is_none());
+        let later = now + 2 * SECOND;
+        let expired: Vec<_> = std::iter::from_fn(|| table.expire(later)).collect();
+        let names: Vec<_> = expired.iter().map(|open| (open.request, open.after)).collect();
+        assert_eq!(names, [("quick", SECOND), ("middling", 2 * SECOND)]);
+        assert_eq!(table.next_deadline(), Some(now + 3 * SECOND));
+    }
+
+    #[test]
+    fn a_full_table_takes_no_more_until_one_leaves() {
+        let now = Instant::now();
+        let mut table = InFlight::new();
+        let ids: Vec<_> =
+            (0..OPEN_REQUESTS_MAX).filter_map(|i| table.insert(now, "x", SECOND, i)).collect();
+        assert_eq!(ids.len(), OPEN_REQUESTS_MAX);
+        assert_eq!(table.insert(now, "x", SECOND, 0), None);
+        table.remove(ids[7]);
+        assert!(table.insert(now, "x", SECOND, 0).is_some());
+    }
+
+    #[test]
+    fn a_time_without_end_does_not_overflow() {
+        let mut table = InFlight::new();
+        let now = Instant::now();
+        assert!(table.insert(now, "x", Duration::MAX, ()).is_some());
+        assert!(table.expire(now + 1000 * SECOND).is_none());
+    }
+}

@@ -1,0 +1,63 @@
+//! Drive a wall as if it were one window.
+//!
+//! A [`Client`] is a handle to one connection with a wall's manager. The same calls drive one
+//! channel or thirty; a client never talks to a render server and needs no GPU.
+//! [`blocking::Client`] has the same calls for programs without tokio.
+//!
+//! ```no_run
+//! use polyptych_client::{Client, ClientError, overview};
+//!
+//! # async fn example() -> Result<(), ClientError> {
+//! let wall = Client::connect("127.0.0.1:7878").await?;
+//! let scene = wall.open_scene("town.glb").await?;
+//! if let Some(bounds) = scene.bounds {
+//!     wall.set_camera(overview(&wall.wall().await?, &bounds, 0.5)).await?;
+//! }
+//! let feedback = wall.render_frame().await?;
+//! println!("frame {} took {} us", feedback.frame, feedback.frame_us);
+//! for picture in wall.capture().await?.screens {
+//!     println!("{}: {} x {} pixels", picture.name, picture.width, picture.height);
+//! }
+//! # Ok(()) }
+//! ```
+//!
+//! ```text
+//! Client --post--> in_flight table --bytes--> connection task --> manager
+//! Pending <-reply-- in_flight table <-------- connection task <-- manager
+//! Feedbacks <------ bounded queue, oldest dropped ----+
+//! ```
+//!
+//! A request whose answer is not awaited any more frees its place. A connection that ends is not
+//! made again: every open request is told that its outcome is unknown, and nothing is repeated.
+
+pub mod blocking;
+mod camera;
+mod client;
+mod connect;
+mod connection;
+mod error;
+mod feedback;
+mod in_flight;
+mod link;
+mod pending;
+mod picture;
+
+pub use camera::overview;
+pub use client::Client;
+pub use connect::{ConnectOptions, Timeouts};
+pub use error::ClientError;
+pub use feedback::{FEEDBACK_QUEUE_MAX, Feedbacks};
+pub use in_flight::OPEN_REQUESTS_MAX;
+pub use pending::Pending;
+pub use picture::{CAPTURE_BYTES_MAX, Capture, Picture};
+
+pub use glam;
+pub use polyptych_protocol::camera::Camera;
+pub use polyptych_protocol::feedback::{
+    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Spread, Statistics,
+    WallStatus,
+};
+pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
+pub use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};
+pub use polyptych_protocol::scene::{Bounds, SceneFeatures};
+pub use polyptych_protocol::wall::{Channel, Screen, Wall};

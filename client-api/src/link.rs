@@ -1,0 +1,318 @@
+//! What callers and the connection task hold in common: the table of open requests, the queue of
+//! messages to send, the subscribers, and the reason of the end.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use bytes::Bytes;
+use polyptych_protocol::codec;
+use polyptych_protocol::feedback::Feedback;
+use polyptych_protocol::handshake::Welcome;
+use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
+use polyptych_protocol::request::{Call, Failure, PicturePart, Reply, Request};
+use tokio::sync::{Notify, broadcast, mpsc, oneshot};
+
+use crate::connect::ConnectOptions;
+use crate::error::ClientError;
+use crate::feedback::{FEEDBACK_QUEUE_MAX, Feedbacks};
+use crate::in_flight::{InFlight, OPEN_REQUESTS_MAX, Open};
+use crate::pending::Pending;
+use crate::picture::PictureParts;
+
+/// The callers' end of a connection. The connection is closed when the last one is dropped.
+#[derive(Clone, Debug)]
+pub(crate) struct Link {
+    pub shared: Arc<Shared>,
+    outgoing: mpsc::Sender<Bytes>,
+}
+
+/// Known to the callers and to the connection task.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub address: String,
+    pub welcome: Welcome,
+    /// Told when a request may have made the next deadline an earlier one.
+    pub deadline_moved: Notify,
+    options: ConnectOptions,
+    state: Mutex<State>,
+}
+
+#[derive(Debug)]
+struct State {
+    open: InFlight<Waiter>,
+    /// `None` once the connection has ended, so that the readers end too.
+    feedback: Option<broadcast::Sender<Arc<Feedback>>>,
+    subscribers: usize,
+    end: Option<End>,
+}
+
+/// Why a connection ended.
+#[derive(Clone, Debug)]
+pub(crate) struct End {
+    /// For a person.
+    pub reason: String,
+    /// Whether the manager said that it ends.
+    pub is_goodbye: bool,
+}
+
+impl End {
+    /// For any reason but a goodbye.
+    pub fn lost(reason: impl Into<String>) -> Self {
+        Self { reason: reason.into(), is_goodbye: false }
+    }
+}
+
+/// Who waits for an answer, and the pictures that came until then, if they are wanted.
+#[derive(Debug)]
+struct Waiter {
+    answer: oneshot::Sender<Result<Answered, ClientError>>,
+    parts: Option<PictureParts>,
+}
+
+/// A reply, and the pieces of pictures that came before it.
+#[derive(Debug)]
+pub(crate) struct Answered {
+    pub reply: Reply,
+    pub parts: Option<PictureParts>,
+}
+
+impl Link {
+    /// A new connection's, with the queue that the connection task empties.
+    pub fn new(options: ConnectOptions, welcome: Welcome) -> (Self, mpsc::Receiver<Bytes>) {
+        // A message may wait after its request was given up, so this queue can be full before
+        // the table is; both then say the same.
+        let (outgoing, messages) = mpsc::channel(OPEN_REQUESTS_MAX);
+        let state = State {
+            open: InFlight::new(),
+            feedback: Some(broadcast::Sender::new(FEEDBACK_QUEUE_MAX)),
+            subscribers: 0,
+            end: None,
+        };
+        let shared = Shared {
+            address: options.address.clone(),
+            welcome,
+            deadline_moved: Notify::new(),
+            options,
+            state: Mutex::new(state),
+        };
+        (Self { shared: Arc::new(shared), outgoing }, messages)
+    }
+
+    /// Sends a request without waiting; pieces of pictures are kept where `with_pictures`.
+    pub fn post(&self, request: Request, with_pictures: bool) -> Result<Pending, ClientError> {
+        self.post_in(&mut self.shared.lock(), request, with_pictures)
+    }
+
+    /// Under the caller's lock, so that requests leave in the order of their numbers.
+    fn post_in(
+        &self,
+        state: &mut State,
+        request: Request,
+        with_pictures: bool,
+    ) -> Result<Pending, ClientError> {
+        let name = name(&request);
+        let shared = &self.shared;
+        if let Some(end) = &state.end {
+            let (address, reason) = (shared.address.clone(), end.reason.clone());
+            return Err(ClientError::Closed { request: name, address, reason });
+        }
+        let (answer, receiver) = oneshot::channel();
+        let parts = with_pictures.then(|| PictureParts::new(shared.options.capture_bytes_max));
+        let after = shared.options.timeouts.of(&request);
+        // tokio's clock, which tests own.
+        let now = tokio::time::Instant::now().into_std();
+        let full = || ClientError::TooManyOpen { request: name, limit: OPEN_REQUESTS_MAX };
+        let waiter = Waiter { answer, parts };
+        let id = state.open.insert(now, name, after, waiter).ok_or_else(full)?;
+
+        let message = codec::encode(&Call { id, request });
+        let (bytes, limit) = (message.len(), MESSAGE_BYTES_MAX);
+        let sent = if bytes > limit {
+            Err(ClientError::RequestTooLarge { request: name, bytes, limit })
+        } else {
+            self.outgoing.try_send(message).map_err(|_| full())
+        };
+        if let Err(error) = sent {
+            state.open.remove(id);
+            return Err(error);
+        }
+        shared.deadline_moved.notify_one();
+        Ok(Pending::new(id, name, receiver, self.clone()))
+    }
+
+    /// Subscribes to the feedback of every frame.
+    pub async fn subscribe(&self) -> Result<Feedbacks, ClientError> {
+        let (receiver, posted) = {
+            let state = &mut *self.shared.lock();
+            // After the end, posting fails, and the receiver only has to exist.
+            let receiver = match &state.feedback {
+                Some(sender) => sender.subscribe(),
+                None => broadcast::Sender::new(1).subscribe(),
+            };
+            state.subscribers += 1;
+            (receiver, self.post_in(state, Request::Subscribe(true), false))
+        };
+        let feedbacks = Feedbacks::new(receiver, self.clone());
+        match posted?.await? {
+            Reply::Done => Ok(feedbacks),
+            other => Err(wrong_answer("subscribe to feedback", &other)),
+        }
+    }
+
+    /// A subscriber leaves; the last one ends the subscription.
+    pub fn unsubscribe(&self) {
+        let posted = {
+            let state = &mut *self.shared.lock();
+            state.subscribers = state.subscribers.saturating_sub(1);
+            if state.subscribers > 0 || state.end.is_some() {
+                return;
+            }
+            self.post_in(state, Request::Subscribe(false), false)
+        };
+        if let Err(error) = posted {
+            tracing::debug!(%error, "feedback goes on coming and is ignored");
+        }
+    }
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // Whoever panicked here left a table that is whole: each change is one call.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The caller does not want this answer any more.
+    pub fn forget(&self, id: RequestId) {
+        let _forgotten = self.lock().open.remove(id);
+    }
+
+    /// How many requests wait for their answers.
+    pub fn open_requests(&self) -> usize {
+        self.lock().open.len()
+    }
+
+    /// Why the connection ended; `None` while it holds.
+    pub fn end_reason(&self) -> Option<String> {
+        self.lock().end.as_ref().map(|end| end.reason.clone())
+    }
+
+    /// An answer came.
+    pub fn handle_reply(&self, id: RequestId, reply: Result<Reply, Failure>) {
+        let Some(Open { request, waiter, .. }) = self.lock().open.remove(id) else {
+            tracing::debug!(request = %id, "an answer that nobody waits for");
+            return;
+        };
+        let answer = match reply {
+            Ok(reply) => Ok(Answered { reply, parts: waiter.parts }),
+            Err(Failure { reason }) => Err(ClientError::Failed { request, reason }),
+        };
+        deliver(waiter.answer, answer);
+    }
+
+    /// A piece of a picture came.
+    pub fn handle_part(&self, part: &PicturePart) {
+        let mut state = self.lock();
+        let parts = state.open.waiter_mut(part.id).and_then(|waiter| waiter.parts.as_mut());
+        let Some(parts) = parts else {
+            tracing::debug!(request = %part.id, "a piece of a picture that nobody waits for");
+            return;
+        };
+        let Err(error) = parts.add(part.index, &part.bytes) else { return };
+        let open = state.open.remove(part.id);
+        drop(state);
+        if let Some(open) = open {
+            deliver(open.waiter.answer, Err(error));
+        }
+    }
+
+    /// A frame's feedback came.
+    pub fn handle_feedback(&self, feedback: Feedback) {
+        let sender = self.lock().feedback.clone();
+        if let Some(sender) = sender {
+            // An error says that nobody subscribes any more, and the manager will know soon.
+            let _readers = sender.send(Arc::new(feedback));
+        }
+    }
+
+    /// When [`Shared::handle_timeout`] has something to do.
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.lock().open.next_deadline()
+    }
+
+    /// Tells those whose time is over.
+    pub fn handle_timeout(&self, now: Instant) {
+        loop {
+            let Some(Open { request, after, waiter, .. }) = self.lock().open.expire(now) else {
+                return;
+            };
+            deliver(waiter.answer, Err(ClientError::TimedOut { request, after }));
+        }
+    }
+
+    /// The connection has ended: tells everyone who waits. The first reason holds.
+    pub fn handle_end(&self, end: &End) {
+        let (open, readers) = {
+            let state = &mut *self.lock();
+            if state.end.is_some() {
+                return;
+            }
+            state.end = Some(end.clone());
+            (state.open.drain().collect::<Vec<_>>(), state.feedback.take())
+        };
+        // The streams of feedback end.
+        drop(readers);
+        for Open { request, waiter, .. } in open {
+            let (address, reason) = (self.address.clone(), end.reason.clone());
+            let error = if end.is_goodbye {
+                ClientError::ManagerEnded { request, address, reason }
+            } else {
+                ClientError::ConnectionLost { request, address, reason }
+            };
+            deliver(waiter.answer, Err(error));
+        }
+    }
+}
+
+/// A caller who gave up in this very moment does not want to know.
+fn deliver(
+    waiter: oneshot::Sender<Result<Answered, ClientError>>,
+    answer: Result<Answered, ClientError>,
+) {
+    let _unwanted = waiter.send(answer);
+}
+
+/// What a request does, as it stands behind "cannot".
+fn name(request: &Request) -> &'static str {
+    match request {
+        Request::OpenScene { .. } => "open the scene",
+        Request::CloseScene => "close the scene",
+        Request::SetCamera(_) => "set the camera",
+        Request::SetEye(_) => "set the eye",
+        Request::SetExposure(_) => "set the exposure",
+        Request::RenderFrame { .. } => "render a frame",
+        Request::Run(_) => "run",
+        Request::Pause => "pause",
+        Request::Capture => "capture the wall",
+        Request::Status => "read the status",
+        Request::DescribeWall => "read the wall's description",
+        Request::Statistics { .. } => "read the statistics",
+        Request::Subscribe(true) => "subscribe to feedback",
+        Request::Subscribe(false) => "end the subscription",
+        Request::Stop => "stop the manager",
+    }
+}
+
+/// The error of a reply that belongs to some other request.
+pub(crate) fn wrong_answer(request: &'static str, reply: &Reply) -> ClientError {
+    let answer = match reply {
+        Reply::Done => "done",
+        Reply::SceneOpened(_) => "a scene's summary",
+        Reply::Frame(_) => "a frame's feedback",
+        Reply::Captured(_) => "pictures",
+        Reply::Status(_) => "the status",
+        Reply::Wall(_) => "the wall's description",
+        Reply::Statistics(_) => "statistics",
+    };
+    ClientError::WrongAnswer { request, answer }
+}

@@ -1,0 +1,100 @@
+//! A request that was sent and may be answered later.
+
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::request::Reply;
+use tokio::sync::oneshot;
+use tokio::sync::oneshot::error::TryRecvError;
+
+use crate::error::ClientError;
+use crate::link::{Answered, Link};
+
+/// A request that was sent: await it, ask it from time to time, or drop it.
+///
+/// Dropping gives up the answer, not the request: the manager may do it all the same. It frees the
+/// request's place at once. While it is held, the connection stays open.
+#[derive(Debug)]
+#[must_use = "dropping gives up the answer"]
+pub struct Pending {
+    id: RequestId,
+    request: &'static str,
+    /// `None` once the answer was given out.
+    answer: Option<oneshot::Receiver<Result<Answered, ClientError>>>,
+    link: Link,
+}
+
+impl Pending {
+    pub(crate) fn new(
+        id: RequestId,
+        request: &'static str,
+        answer: oneshot::Receiver<Result<Answered, ClientError>>,
+        link: Link,
+    ) -> Self {
+        Self { id, request, answer: Some(answer), link }
+    }
+
+    /// The request's number, as it stands in the manager's log.
+    pub fn id(&self) -> RequestId {
+        self.id
+    }
+
+    /// The answer, if it is there; does not wait. The answer is given once.
+    ///
+    /// # Errors
+    /// What came of the request: see [`ClientError`]. [`ClientError::AnswerTaken`] after that.
+    pub fn query(&mut self) -> Option<Result<Reply, ClientError>> {
+        let Some(answer) = &mut self.answer else {
+            return Some(Err(ClientError::AnswerTaken { request: self.request }));
+        };
+        let answered = match answer.try_recv() {
+            Err(TryRecvError::Empty) => return None,
+            Ok(answered) => answered,
+            Err(TryRecvError::Closed) => Err(self.lost()),
+        };
+        self.answer = None;
+        Some(answered.map(|answered| answered.reply))
+    }
+
+    /// Waits for the answer and the pictures that came before it.
+    pub(crate) fn poll_answered(
+        &mut self,
+        context: &mut Context<'_>,
+    ) -> Poll<Result<Answered, ClientError>> {
+        let Some(answer) = &mut self.answer else {
+            return Poll::Ready(Err(ClientError::AnswerTaken { request: self.request }));
+        };
+        let Poll::Ready(answered) = Pin::new(answer).poll(context) else {
+            return Poll::Pending;
+        };
+        self.answer = None;
+        Poll::Ready(answered.unwrap_or_else(|_| Err(self.lost())))
+    }
+
+    /// The table always answers before it lets go; this is for completeness.
+    fn lost(&self) -> ClientError {
+        ClientError::ConnectionLost {
+            request: self.request,
+            address: self.link.shared.address.clone(),
+            reason: "the client ended".into(),
+        }
+    }
+}
+
+impl Future for Pending {
+    type Output = Result<Reply, ClientError>;
+
+    fn poll(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
+        let answered = self.get_mut().poll_answered(context);
+        answered.map(|answered| answered.map(|answered| answered.reply))
+    }
+}
+
+impl Drop for Pending {
+    fn drop(&mut self) {
+        if self.answer.is_some() {
+            self.link.shared.forget(self.id);
+        }
+    }
+}

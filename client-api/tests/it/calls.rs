@@ -1,0 +1,266 @@
+//! Each request and its typed reply; several at once; handles that are asked, awaited, dropped.
+
+use std::time::Duration;
+
+use polyptych_client::glam::DVec3;
+use polyptych_client::{
+    Camera, ClientError, Digest, Epoch, FrameId, OPEN_REQUESTS_MAX, Pace, Reply, Request, Revision,
+    SceneFeatures, SceneSummary, Spread, Statistics, Wall, WallStatus,
+};
+use polyptych_protocol::wall::file;
+
+use crate::manager::{feedback, pair};
+
+pub fn summary() -> SceneSummary {
+    SceneSummary {
+        name: "town".into(),
+        revision: Revision(3),
+        bounds: None,
+        triangles: 12,
+        features: SceneFeatures::default(),
+    }
+}
+
+fn status() -> WallStatus {
+    WallStatus {
+        wall: "lab".into(),
+        epoch: Epoch(7),
+        revision: Revision(3),
+        digest: Digest(1),
+        frame: FrameId(9),
+        scene: None,
+        deadline_ms: 50.0,
+        channels: Vec::new(),
+        clients: vec!["test".into()],
+        warnings: Vec::new(),
+    }
+}
+
+fn statistics() -> Statistics {
+    let spread = Spread::default();
+    Statistics {
+        frames: 3,
+        seconds: 0.1,
+        frame_ms: spread,
+        draw_ms: spread,
+        barrier_us: spread,
+        swap_skew_us: spread,
+        late: 0,
+        triangles: 12,
+        draw_calls: 1,
+        wire_bytes_per_frame: 200.0,
+        features: Vec::new(),
+        channels: Vec::new(),
+    }
+}
+
+pub fn wall() -> Wall {
+    let text = r#"
+        [wall]
+        name = "lab"
+        [[screen]]
+        name = "front"
+        size = [1.92, 1.08]
+        center = [0.0, 0.0, -1.3]
+        [screen.tiles]
+        pixels = [1920, 1080]
+    "#;
+    file::parse(text, "lab.toml".as_ref()).expect("a wall")
+}
+
+/// Answers every request but a capture as a manager would.
+pub fn answer(request: &Request) -> Reply {
+    match request {
+        Request::OpenScene { .. } => Reply::SceneOpened(summary()),
+        Request::RenderFrame { time_s, .. } => Reply::Frame(feedback(time_s.map_or(9, |t| t as _))),
+        Request::Status => Reply::Status(Box::new(status())),
+        Request::DescribeWall => Reply::Wall(Box::new(wall())),
+        Request::Statistics { .. } => Reply::Statistics(Box::new(statistics())),
+        _ => Reply::Done,
+    }
+}
+
+#[tokio::test]
+async fn every_call_sends_its_request_and_gives_its_reply() {
+    let (client, mut manager) = pair().await;
+    let camera = Camera::IDENTITY.with_scale(2.0);
+    let path = || "a.glb".to_owned();
+    let looking = Camera::look_at(DVec3::X, DVec3::ZERO, DVec3::Y);
+    let script = tokio::spawn(async move {
+        let mut seen = Vec::new();
+        while let Some((id, request)) = manager.next().await {
+            seen.push(request.clone());
+            manager.reply(id, answer(&request)).await;
+        }
+        seen
+    });
+    assert_eq!((client.wall_name(), client.address()), ("lab", "pipe"));
+    assert_eq!(client.open_scene("a.glb").await.expect("opened"), summary());
+    client.close_scene().await.expect("closed");
+    client.set_camera(camera).await.expect("set");
+    client.look_at(DVec3::X, DVec3::ZERO, DVec3::Y).await.expect("set");
+    client.set_eye(DVec3::Z).await.expect("set");
+    client.set_exposure(0.5).await.expect("set");
+    assert_eq!(client.render_frame().await.expect("drawn"), feedback(9));
+    let drawn = client.render_frame_at(Some(camera), Some(4.0)).await.expect("drawn");
+    assert_eq!(drawn, feedback(4));
+    client.run(Pace::Rate(30.0)).await.expect("running");
+    client.pause().await.expect("paused");
+    assert_eq!(client.status().await.expect("status"), status());
+    assert_eq!(client.wall().await.expect("wall"), wall());
+    assert_eq!(client.statistics(true).await.expect("statistics"), statistics());
+    client.stop().await.expect("stopped");
+    drop(client);
+    let expected = [
+        Request::OpenScene { path: path() },
+        Request::CloseScene,
+        Request::SetCamera(camera),
+        Request::SetCamera(looking),
+        Request::SetEye(DVec3::Z),
+        Request::SetExposure(0.5),
+        Request::RenderFrame { camera: None, time_s: None },
+        Request::RenderFrame { camera: Some(camera), time_s: Some(4.0) },
+        Request::Run(Pace::Rate(30.0)),
+        Request::Pause,
+        Request::Status,
+        Request::DescribeWall,
+        Request::Statistics { reset: true },
+        Request::Stop,
+    ];
+    assert_eq!(script.await.expect("the script ends"), expected);
+}
+
+#[tokio::test]
+async fn answers_may_come_in_any_order() {
+    let (client, mut manager) = pair().await;
+    let first = client.post(Request::Status).expect("posted");
+    let second = client.post(Request::DescribeWall).expect("posted");
+    let third = client.post(Request::Pause).expect("posted");
+    assert_eq!(client.open_requests(), 3);
+    let ids = [
+        manager.expect(Request::Status).await,
+        manager.expect(Request::DescribeWall).await,
+        manager.expect(Request::Pause).await,
+    ];
+    assert_eq!(ids, [first.id(), second.id(), third.id()]);
+    manager.fail(ids[2], "nothing runs").await;
+    manager.reply(ids[1], Reply::Wall(Box::new(wall()))).await;
+    manager.reply(ids[0], Reply::Status(Box::new(status()))).await;
+    assert_eq!(first.await.expect("status"), Reply::Status(Box::new(status())));
+    assert_eq!(second.await.expect("wall"), Reply::Wall(Box::new(wall())));
+    let error = third.await.expect_err("failed");
+    assert_eq!(error.to_string(), "cannot pause: nothing runs");
+    assert!(matches!(error, ClientError::Failed { .. }));
+    assert_eq!(client.open_requests(), 0);
+}
+
+#[tokio::test]
+async fn a_posted_request_is_asked_later() {
+    let (client, mut manager) = pair().await;
+    let mut pending = client.post(Request::Pause).expect("posted");
+    assert!(pending.query().is_none());
+    let id = manager.expect(Request::Pause).await;
+    manager.reply(id, Reply::Done).await;
+    // The connection task has run once this later request is answered.
+    let later = client.post(Request::CloseScene).expect("posted");
+    manager.reply(later.id(), Reply::Done).await;
+    later.await.expect("answered");
+    assert_eq!(pending.query().expect("there").expect("done"), Reply::Done);
+    assert!(matches!(pending.query(), Some(Err(ClientError::AnswerTaken { .. }))));
+    assert!(matches!(pending.await, Err(ClientError::AnswerTaken { .. })));
+}
+
+#[tokio::test]
+async fn a_wrong_answer_is_named_and_one_to_nobody_ignored() {
+    let (client, mut manager) = pair().await;
+    let script = async {
+        let id = manager.expect(Request::Status).await;
+        manager.reply(polyptych_client::RequestId(u64::MAX), Reply::Done).await;
+        manager.piece(polyptych_client::RequestId(99), 0, &[1, 2, 3]).await;
+        manager.reply(id, Reply::Done).await;
+    };
+    let (status, ()) = tokio::join!(client.status(), script);
+    let error = status.expect_err("no status");
+    assert!(error.to_string().contains("\"read the status\" with something else: done"), "{error}");
+}
+
+#[tokio::test]
+async fn a_dropped_call_frees_its_place() {
+    let (client, mut manager) = pair().await;
+    {
+        let call = client.render_frame();
+        tokio::pin!(call);
+        tokio::select! {
+            biased;
+            _ = &mut call => panic!("nobody answered"),
+            id = manager.expect(Request::RenderFrame { camera: None, time_s: None }) => {
+                assert_eq!(client.open_requests(), 1);
+                manager.reply(id, Reply::Done).await;
+            }
+        }
+    }
+    assert_eq!(client.open_requests(), 0);
+    drop(client.post(Request::Pause));
+    assert_eq!(client.open_requests(), 0);
+    // The late answer to nobody does no harm.
+    let serving = manager.serve(answer);
+    let (status, ()) = tokio::join!(async move { client.status().await }, serving);
+    assert_eq!(status.expect("status").wall, "lab");
+}
+
+#[tokio::test]
+async fn too_many_open_requests_are_refused_and_the_rest_goes_on() {
+    let (client, manager) = pair().await;
+    let mut open = Vec::new();
+    let error = loop {
+        match client.post(Request::Pause) {
+            Ok(pending) => open.push(pending),
+            Err(error) => break error,
+        }
+    };
+    assert_eq!(open.len(), OPEN_REQUESTS_MAX);
+    assert!(error.to_string().contains("1024 requests are open"), "{error}");
+    assert!(matches!(client.status().await, Err(ClientError::TooManyOpen { .. })));
+    let serving = tokio::spawn(manager.serve(answer));
+    for pending in open {
+        pending.await.expect("done");
+    }
+    client.status().await.expect("there is room again");
+    drop(client);
+    serving.await.expect("the manager saw the end");
+}
+
+#[tokio::test]
+async fn a_request_beyond_a_message_is_not_sent() {
+    let (client, manager) = pair().await;
+    let error = client.open_scene("x".repeat(5 << 20)).await.expect_err("too large");
+    assert!(matches!(error, ClientError::RequestTooLarge { .. }), "{error}");
+    assert_eq!(client.open_requests(), 0);
+    let (status, ()) = tokio::join!(async move { client.status().await }, manager.serve(answer));
+    status.expect("the connection holds");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_manager_that_never_answers_is_not_waited_for() {
+    let (client, mut manager) = pair().await;
+    let begin = tokio::time::Instant::now();
+    let (frame, capture, scene) =
+        tokio::join!(client.render_frame(), client.capture(), client.open_scene("a.glb"));
+    assert_eq!(begin.elapsed().as_secs(), 120);
+    let after = |result: ClientError| match result {
+        ClientError::TimedOut { after, .. } => after.as_secs(),
+        other => panic!("{other}"),
+    };
+    assert_eq!(after(frame.expect_err("late")), 30);
+    assert_eq!(after(capture.expect_err("late")), 60);
+    let error = scene.expect_err("late");
+    assert!(error.to_string().contains("\"open the scene\" within 120s"), "{error}");
+    // The connection holds, and an answer that is late is nobody's.
+    let id = manager.next().await.expect("the first").0;
+    manager.reply(id, Reply::Frame(feedback(1))).await;
+    let mut pending = client.post(Request::Pause).expect("posted");
+    tokio::time::advance(Duration::from_secs(29)).await;
+    tokio::task::yield_now().await;
+    assert!(pending.query().is_none());
+    assert!(matches!(pending.await, Err(ClientError::TimedOut { .. })));
+}

@@ -1,0 +1,9 @@
+//! The client against a manager that follows a script.
+
+mod blocking;
+mod calls;
+mod capture;
+mod connecting;
+mod endings;
+mod feedback;
+mod manager;

@@ -1,0 +1,97 @@
+//! A manager that does what the test says, over a pipe in memory or over TCP.
+
+use bytes::Bytes;
+use futures_util::{SinkExt, StreamExt};
+use polyptych_client::{
+    Client, ConnectOptions, Epoch, Feedback, FrameId, Reply, Request, RequestId, Revision,
+};
+use polyptych_protocol::codec;
+use polyptych_protocol::connection::{Frames, receive_introduction, welcome};
+use polyptych_protocol::handshake::{Hello, Welcome};
+use polyptych_protocol::request::{Answer, Call, Failure, PicturePart};
+use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
+
+pub const TOKEN: &str = "0123456789abcdef";
+
+/// One connection, from the manager's side.
+pub struct Manager<S> {
+    pub frames: Frames<S>,
+}
+
+pub fn options(address: &str) -> ConnectOptions {
+    let token = Some(TOKEN.to_owned());
+    ConnectOptions { token, name: "test".into(), ..ConnectOptions::new(address) }
+}
+
+/// A client and its manager, over a pipe that holds `bytes` in each direction.
+pub async fn pair_with(bytes: usize, options: ConnectOptions) -> (Client, Manager<DuplexStream>) {
+    let (ours, theirs) = tokio::io::duplex(bytes);
+    let (client, manager) =
+        tokio::join!(Client::connect_over(ours, options), Manager::accept(theirs));
+    (client.expect("connected"), manager)
+}
+
+pub async fn pair() -> (Client, Manager<DuplexStream>) {
+    pair_with(1 << 16, options("pipe")).await
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin> Manager<S> {
+    /// Lets a client in that has the right token.
+    pub async fn accept(stream: S) -> Self {
+        let (mut frames, hello) = receive_introduction(stream).await.expect("introduced");
+        let Hello::Client(hello) = hello else { panic!("no client: {hello:?}") };
+        assert_eq!((hello.name.as_str(), hello.token.0.as_str()), ("test", TOKEN));
+        let given = Welcome { epoch: Epoch(7), session: 1, wall: "lab".into(), heartbeat_ms: 2000 };
+        welcome(&mut frames, given).await.expect("welcomed");
+        Self { frames }
+    }
+
+    /// The next request; `None` once the client has closed.
+    pub async fn next(&mut self) -> Option<(RequestId, Request)> {
+        let bytes = self.frames.next().await?.expect("a message");
+        let Call { id, request } = codec::decode(&bytes).expect("a call");
+        Some((id, request))
+    }
+
+    /// The next request, which must be this one.
+    pub async fn expect(&mut self, expected: Request) -> RequestId {
+        let (id, request) = self.next().await.expect("a request");
+        assert_eq!(request, expected);
+        id
+    }
+
+    pub async fn send(&mut self, answer: Answer) {
+        self.frames.send(codec::encode(&answer)).await.expect("sent");
+    }
+
+    pub async fn reply(&mut self, id: RequestId, reply: Reply) {
+        self.send(Answer::Reply { id, reply: Ok(reply) }).await;
+    }
+
+    pub async fn fail(&mut self, id: RequestId, reason: &str) {
+        self.send(Answer::Reply { id, reply: Err(Failure::new(reason)) }).await;
+    }
+
+    pub async fn piece(&mut self, id: RequestId, index: u32, bytes: &[u8]) {
+        let bytes = Bytes::copy_from_slice(bytes);
+        self.send(Answer::Picture(PicturePart { id, index, bytes })).await;
+    }
+
+    /// Answers each request as `answer` says, until the client closes.
+    pub async fn serve(mut self, answer: impl Fn(&Request) -> Reply) {
+        while let Some((id, request)) = self.next().await {
+            self.reply(id, answer(&request)).await;
+        }
+    }
+}
+
+pub fn feedback(frame: u64) -> Feedback {
+    Feedback {
+        frame: FrameId(frame),
+        time_s: 0.5,
+        revision: Revision(3),
+        frame_us: 900,
+        barrier_us: 100,
+        channels: Vec::new(),
+    }
+}

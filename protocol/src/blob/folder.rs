@@ -1,0 +1,137 @@
+//! A folder of blobs: what the baker writes, servers cache and a shared disk holds.
+//!
+//! ```text
+//! FOLDER/3f/3fa1...    64 hexadecimal digits; the bytes hash to the name
+//! ```
+//!
+//! A file appears whole or not at all, so several processes may share a folder.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
+
+use crate::ids::BlobHash;
+use crate::limits::BLOB_BYTES_MAX;
+
+/// Why a blob could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum BlobError {
+    /// The file system says so.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// The bytes are not what the name says; the file was removed.
+    #[error("{path} was damaged: its bytes don't hash to its name")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Larger than any blob.
+    #[error("{path} has {bytes} bytes, where a blob has at most {BLOB_BYTES_MAX}")]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+    },
+}
+
+/// A folder of blobs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BlobFolder {
+    root: PathBuf,
+}
+
+impl BlobFolder {
+    /// The folder at `root`, which need not exist yet.
+    pub fn new(root: impl Into<PathBuf>) -> Self {
+        Self { root: root.into() }
+    }
+
+    /// Where it lies.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Where the blob of this name lies or would lie.
+    pub fn path_of(&self, hash: BlobHash) -> PathBuf {
+        let name = hash.to_string();
+        self.root.join(&name[..2]).join(&name)
+    }
+
+    /// Whether a file of this name is there; its bytes are checked by [`BlobFolder::read`].
+    pub fn contains(&self, hash: BlobHash) -> bool {
+        self.path_of(hash).is_file()
+    }
+
+    /// The blob of this name, checked, or `None` where the folder has none.
+    ///
+    /// # Errors
+    /// [`BlobError`] where the file can't be read or was damaged.
+    pub fn read(&self, hash: BlobHash) -> Result<Option<Bytes>, BlobError> {
+        let path = self.path_of(hash);
+        let bytes = match fs::metadata(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(BlobError::Io { path, source }),
+            Ok(facts) if facts.len() > BLOB_BYTES_MAX => {
+                return Err(BlobError::TooLarge { path, bytes: facts.len() });
+            }
+            Ok(_) => fs::read(&path),
+        };
+        let bytes = match bytes {
+            Ok(bytes) => bytes,
+            Err(source) => return Err(BlobError::Io { path, source }),
+        };
+        if BlobHash::of(&bytes) == hash {
+            return Ok(Some(Bytes::from(bytes)));
+        }
+        // A damaged file would be found again and again; without it the blob is fetched anew.
+        drop(fs::remove_file(&path));
+        Err(BlobError::Damaged { path })
+    }
+
+    /// Writes these bytes, unless they are there already, and gives their name.
+    ///
+    /// # Errors
+    /// [`BlobError::Io`] where the folder or the file can't be written.
+    pub fn write(&self, bytes: &[u8]) -> Result<BlobHash, BlobError> {
+        let hash = BlobHash::of(bytes);
+        let path = self.path_of(hash);
+        if path.is_file() {
+            return Ok(hash);
+        }
+        let folder = path.parent().unwrap_or(&self.root);
+        let placed = fs::create_dir_all(folder).and_then(|()| place(folder, &path, bytes));
+        placed.map(|()| hash).map_err(|source| BlobError::Io { path, source })
+    }
+}
+
+fn place(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    file.write_all(bytes)?;
+    file.persist(path).map_err(|error| error.error)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_blob_comes_back_and_a_damaged_one_does_not() {
+        let root = tempfile::tempdir().expect("a temporary folder");
+        let folder = BlobFolder::new(root.path());
+        let hash = folder.write(b"harbour").expect("written");
+        assert_eq!(folder.read(hash).expect("read").as_deref(), Some(&b"harbour"[..]));
+
+        fs::write(folder.path_of(hash), b"harbxur").expect("overwritten");
+        assert!(matches!(folder.read(hash), Err(BlobError::Damaged { .. })));
+        assert!(folder.read(hash).expect("gone").is_none());
+    }
+}

@@ -1,0 +1,90 @@
+//! Messages as frames on a byte stream; the only file that names bincode.
+//!
+//! ```text
+//! +----------------+---------------------+
+//! | length u32 LE  | message, length B   |   bincode 2, varint, little-endian
+//! +----------------+---------------------+
+//! ```
+//!
+//! A length above the connection's limit ends the connection before anything is allocated.
+
+use bytes::Bytes;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use tokio_util::codec::LengthDelimitedCodec;
+
+use crate::limits::{MANIFEST_BYTES_MAX, MESSAGE_BYTES_MAX};
+
+/// Why bytes are not a message.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// They don't have the message's form.
+    #[error("these {bytes} bytes are not a {what}: {reason}")]
+    Malformed {
+        /// The message's type.
+        what: &'static str,
+        /// How many bytes came.
+        bytes: usize,
+        /// What bincode says.
+        reason: String,
+    },
+    /// The message ended before the bytes did.
+    #[error("{extra} bytes stand behind a {what}")]
+    Trailing {
+        /// The message's type.
+        what: &'static str,
+        /// How many bytes are too many.
+        extra: usize,
+    },
+}
+
+/// Splits a byte stream into frames of at most `bytes_max` bytes.
+pub fn frames(bytes_max: usize) -> LengthDelimitedCodec {
+    LengthDelimitedCodec::builder().little_endian().max_frame_length(bytes_max).new_codec()
+}
+
+/// The bytes of a message.
+///
+/// Our messages are plain data without maps or lengths unknown beforehand, for which bincode
+/// cannot fail; should it, an empty frame goes out, which every decoder refuses.
+pub fn encode<T: Serialize>(message: &T) -> Bytes {
+    match bincode::serde::encode_to_vec(message, bincode::config::standard()) {
+        Ok(bytes) => Bytes::from(bytes),
+        Err(_) => Bytes::new(),
+    }
+}
+
+/// The message that these bytes are, all of them.
+///
+/// # Errors
+/// [`DecodeError`] where they are not a `T`, or more than one.
+pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, DecodeError> {
+    decode_within::<T, MESSAGE_BYTES_MAX>(bytes)
+}
+
+/// As [`decode`], for a scene's manifest, which may be larger than a message.
+///
+/// # Errors
+/// [`DecodeError`] where they are not a `T`, or more than one.
+pub fn decode_manifest<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, DecodeError> {
+    decode_within::<T, MANIFEST_BYTES_MAX>(bytes)
+}
+
+fn decode_within<T: DeserializeOwned, const BYTES_MAX: usize>(
+    bytes: &[u8],
+) -> Result<T, DecodeError> {
+    let what = std::any::type_name::<T>().rsplit("::").next().unwrap_or("message");
+    let config = bincode::config::standard().with_limit::<BYTES_MAX>();
+    match bincode::serde::decode_from_slice(bytes, config) {
+        Ok((message, used)) if used == bytes.len() => Ok(message),
+        Ok((_, used)) => Err(DecodeError::Trailing { what, extra: bytes.len() - used }),
+        Err(error) => Err(DecodeError::Malformed {
+            what,
+            bytes: bytes.len(),
+            reason: error.to_string(),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,111 @@
+//! What the manager tells a render server on its control connection.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+use crate::ids::{Epoch, FrameId, Revision};
+use crate::log::Operation;
+
+/// One message from the manager to a render server.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Command {
+    /// Get ready to show a newer state.
+    Prepare(Prepare),
+    /// Draw this frame.
+    Frame(Frame),
+    /// Show a frame that was drawn.
+    Swap(Swap),
+    /// The answer to a [`crate::status::Status::Ping`].
+    Pong(Pong),
+    /// The manager ends, and why.
+    Goodbye {
+        /// For the log and the idle picture.
+        reason: String,
+    },
+}
+
+/// Operations to apply; the server answers [`crate::status::Status::Prepared`] once it could draw
+/// the new state at once.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Prepare {
+    /// Which life of the manager the revisions belong to.
+    pub epoch: Epoch,
+    /// The revision that the operations begin from; `None` where they are a whole snapshot.
+    pub base: Option<Revision>,
+    /// The revision that they lead to.
+    pub revision: Revision,
+    /// In order.
+    pub operations: Vec<Operation>,
+}
+
+/// A frame: all that a picture depends on, beside the state of the revision it names.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// Which life of the manager.
+    pub epoch: Epoch,
+    /// Its number.
+    pub frame: FrameId,
+    /// Scene time in seconds; the only clock that a picture may depend on.
+    pub time_s: f64,
+    /// The state to draw.
+    pub revision: Revision,
+    /// What is shown where; later views lie over earlier ones.
+    pub views: Vec<View>,
+    /// The viewer's eye in metres of display space.
+    pub eye: DVec3,
+    /// Light is multiplied by this before tone mapping.
+    pub exposure: f32,
+    /// The error in wall pixels that a channel may make to draw faster; 0: none.
+    pub error_bound_px: f32,
+    /// Whether every server sends the picture of this frame over its bulk connection, once shown.
+    pub capture: bool,
+}
+
+/// A camera's picture on a part of the wall.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct View {
+    /// Where display space stands in the world.
+    pub camera: Camera,
+    /// The node under which all is drawn; `None`: the whole scene.
+    pub scene_root: Option<u32>,
+    /// The part of the wall.
+    pub area: Area,
+}
+
+/// A part of the wall.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Area {
+    /// All screens.
+    Wall,
+    /// A rectangle of one screen's canvas, in pixels from its upper left.
+    Screen {
+        /// An index into the wall's screens.
+        screen: u16,
+        /// x, y, width, height.
+        rect: [u32; 4],
+    },
+}
+
+/// Show the frame, unless it is too late.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Swap {
+    /// Which life of the manager.
+    pub epoch: Epoch,
+    /// The frame that all live channels have drawn.
+    pub frame: FrameId,
+    /// In microseconds of manager time: a server that wakes later must not show it.
+    pub not_after_us: u64,
+}
+
+/// Three of the four timestamps from which a server estimates the manager's clock (RFC 5905 §8);
+/// the fourth is the arrival of this message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pong {
+    /// The ping's own time, in the server's clock.
+    pub sent_us: u64,
+    /// When the ping came, in manager time.
+    pub received_us: u64,
+    /// When this went out, in manager time.
+    pub answered_us: u64,
+}

@@ -1,0 +1,235 @@
+//! The handshake on a byte stream, from both ends.
+//!
+//! Neither end waits here for ever: callers put [`crate::limits::HANDSHAKE_TIME_MAX`] around it.
+
+use futures_util::{SinkExt, StreamExt};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio_util::codec::{Framed, LengthDelimitedCodec};
+
+use crate::codec::{self, DecodeError};
+use crate::handshake::{
+    Answer, Hello, PREAMBLE_BYTES, Preamble, PreambleError, Refused, Role, Welcome,
+};
+use crate::limits::{BULK_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
+
+/// A byte stream cut into messages.
+pub type Frames<S> = Framed<S, LengthDelimitedCodec>;
+
+/// Why two ends did not come together.
+#[derive(Debug, thiserror::Error)]
+pub enum ConnectionError {
+    /// The stream failed.
+    #[error("the connection failed: {0}")]
+    Io(#[from] std::io::Error),
+    /// The other end closed the stream.
+    #[error("the peer closed the connection during the handshake")]
+    Closed,
+    /// The other end is not one of ours.
+    #[error(transparent)]
+    Preamble(#[from] PreambleError),
+    /// A message was malformed.
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    /// The manager says no.
+    #[error("refused: {0}")]
+    Refused(String),
+    /// The other end has another role than it must have.
+    #[error("a {found} answered where a {wanted} was expected; is the address right?")]
+    WrongRole {
+        /// What was expected.
+        wanted: &'static str,
+        /// What answered.
+        found: &'static str,
+    },
+}
+
+/// Introduces this end to a manager and waits for its answer.
+///
+/// # Errors
+/// [`ConnectionError`], with the manager's own reason where it refused.
+pub async fn introduce<S>(
+    mut stream: S,
+    role: Role,
+    hello: &Hello,
+) -> Result<(Frames<S>, Welcome), ConnectionError>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    stream.write_all(&Preamble::of(role).to_bytes()).await?;
+    let theirs = read_preamble(&mut stream).await?;
+    let version_error = match Preamble::from_bytes(theirs) {
+        Ok(Preamble { role: Role::Manager, .. }) => None,
+        Ok(Preamble { role, .. }) => {
+            return Err(ConnectionError::WrongRole { wanted: "manager", found: role.name() });
+        }
+        // A manager of another version still says why, in a form that never changes.
+        Err(error @ PreambleError::Version { .. }) => Some(error),
+        Err(error) => return Err(error.into()),
+    };
+    let mut frames = Framed::new(stream, codec::frames(HANDSHAKE_BYTES_MAX));
+    // A manager that refuses early may close before the hello is written; its reason is there
+    // to be read all the same.
+    let sent = match version_error {
+        None => frames.send(codec::encode(hello)).await,
+        Some(_) => Ok(()),
+    };
+    let answer = match (frames.next().await, sent) {
+        (None | Some(Err(_)), Err(error)) => Err(error.into()),
+        (answer, _) => answer.ok_or(ConnectionError::Closed),
+    };
+    if let Some(error) = version_error {
+        return Err(error.into());
+    }
+    match codec::decode::<Answer>(&answer??)? {
+        Answer::Refused(Refused { reason }) => Err(ConnectionError::Refused(reason)),
+        Answer::Welcome(welcome) => Ok((widen(frames, role), welcome)),
+    }
+}
+
+/// Waits for a peer's introduction, on the manager's side.
+///
+/// # Errors
+/// [`ConnectionError`]; a peer of another version was told so before.
+pub async fn receive_introduction<S>(mut stream: S) -> Result<(Frames<S>, Hello), ConnectionError>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    let theirs = read_preamble(&mut stream).await?;
+    let parsed = Preamble::from_bytes(theirs);
+    if !matches!(parsed, Err(PreambleError::NotOurs(_))) {
+        stream.write_all(&Preamble::of(Role::Manager).to_bytes()).await?;
+    }
+    let mut frames = Framed::new(stream, codec::frames(HANDSHAKE_BYTES_MAX));
+    let role = match parsed {
+        Ok(preamble) => preamble.role,
+        Err(error @ PreambleError::NotOurs(_)) => return Err(error.into()),
+        Err(error) => {
+            refuse(&mut frames, refusal_of(&error)).await?;
+            return Err(error.into());
+        }
+    };
+    let hello: Hello = codec::decode(&frames.next().await.ok_or(ConnectionError::Closed)??)?;
+    let found = match (&hello, role) {
+        (Hello::Client(_), Role::Client)
+        | (Hello::Server(_), Role::Server)
+        | (Hello::Bulk(_), Role::Bulk) => return Ok((widen(frames, role), hello)),
+        _ => role.name(),
+    };
+    let error = ConnectionError::WrongRole { wanted: "peer whose hello fits its role", found };
+    refuse(&mut frames, error.to_string()).await?;
+    Err(error)
+}
+
+fn refusal_of(error: &PreambleError) -> String {
+    match error {
+        PreambleError::Version { theirs } => format!(
+            "you speak version {theirs} of the protocol, and this manager version {}; \
+             install the same release on both",
+            crate::limits::PROTOCOL_VERSION
+        ),
+        other => other.to_string(),
+    }
+}
+
+/// Tells a peer that it may not come in, and why.
+///
+/// # Errors
+/// [`ConnectionError::Io`] where it can't be told.
+pub async fn refuse<S>(frames: &mut Frames<S>, reason: String) -> Result<(), ConnectionError>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    let answer = Answer::Refused(Refused { reason });
+    frames.send(codec::encode(&answer)).await?;
+    Ok(())
+}
+
+/// Lets a peer in.
+///
+/// # Errors
+/// [`ConnectionError::Io`] where it can't be told.
+pub async fn welcome<S>(frames: &mut Frames<S>, welcome: Welcome) -> Result<(), ConnectionError>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    frames.send(codec::encode(&Answer::Welcome(welcome))).await?;
+    Ok(())
+}
+
+async fn read_preamble<S: AsyncRead + Unpin>(
+    stream: &mut S,
+) -> Result<[u8; PREAMBLE_BYTES], ConnectionError> {
+    let mut bytes = [0; PREAMBLE_BYTES];
+    match stream.read_exact(&mut bytes).await {
+        Ok(_) => Ok(bytes),
+        Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
+            Err(ConnectionError::Closed)
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// After the handshake a peer is trusted with larger messages.
+fn widen<S>(mut frames: Frames<S>, role: Role) -> Frames<S> {
+    let bytes_max = if role == Role::Bulk { BULK_BYTES_MAX } else { MESSAGE_BYTES_MAX };
+    frames.codec_mut().set_max_frame_length(bytes_max);
+    frames
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::handshake::{ClientHello, Secret};
+    use crate::ids::Epoch;
+
+    fn hello() -> Hello {
+        Hello::Client(ClientHello { name: "test".into(), token: Secret("secret".into()) })
+    }
+
+    fn run<F: Future>(future: F) -> F::Output {
+        tokio::runtime::Builder::new_current_thread().build().expect("a runtime").block_on(future)
+    }
+
+    #[test]
+    fn two_ends_come_together() {
+        let (ours, theirs) = tokio::io::duplex(4096);
+        let given =
+            Welcome { epoch: Epoch(7), session: 1, wall: "w".into(), heartbeat_ms: 2000 };
+        let expected = given.clone();
+        run(async {
+            let manager = async {
+                let (mut frames, hello) = receive_introduction(theirs).await.expect("introduced");
+                assert!(matches!(hello, Hello::Client(_)));
+                welcome(&mut frames, given).await.expect("welcomed");
+            };
+            let hello = hello();
+            let (_, answer) = tokio::join!(manager, introduce(ours, Role::Client, &hello));
+            assert_eq!(answer.expect("welcome").1, expected);
+        });
+    }
+
+    #[test]
+    fn another_version_is_named_on_both_sides() {
+        let (mut ours, theirs) = tokio::io::duplex(4096);
+        run(async {
+            ours.write_all(b"PLYP\x63\x00\x01\x00").await.expect("written");
+            let error = receive_introduction(theirs).await.expect_err("refused");
+            assert!(error.to_string().contains("version 99"), "{error}");
+            let mut answer = Vec::new();
+            ours.read_to_end(&mut answer).await.expect("an answer");
+            assert!(String::from_utf8_lossy(&answer).contains("you speak version 99"));
+        });
+    }
+
+    #[test]
+    fn a_stranger_gets_nothing() {
+        let (mut ours, theirs) = tokio::io::duplex(4096);
+        run(async {
+            ours.write_all(b"GET / HTTP/1.1\r\n\r\n").await.expect("written");
+            assert!(receive_introduction(theirs).await.is_err());
+            let mut answer = Vec::new();
+            ours.read_to_end(&mut answer).await.expect("the end");
+            assert!(answer.is_empty());
+        });
+    }
+}

@@ -1,0 +1,182 @@
+//! What clients learn of frames and channels.
+
+use serde::{Deserialize, Serialize};
+
+use crate::ids::{Digest, Epoch, FrameId, Revision};
+
+/// Where a channel stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ChannelState {
+    /// No server drives it.
+    Lost,
+    /// A server has claimed it and has not been told the state yet.
+    Joining,
+    /// Its server gets ready to draw the present revision.
+    Preparing,
+    /// It could draw; the next frame takes it in.
+    Ready,
+    /// Frames wait for it.
+    Live,
+    /// It missed a deadline; frames don't wait for it until it has caught up.
+    Late,
+}
+
+/// What a frame became.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Feedback {
+    /// The frame.
+    pub frame: FrameId,
+    /// Scene time in seconds.
+    pub time_s: f64,
+    /// The state that it shows.
+    pub revision: Revision,
+    /// From the frame command to the swap command.
+    pub frame_us: u64,
+    /// What of that the slowest channel did not draw: network, waiting, deciding.
+    pub barrier_us: u64,
+    /// One for each channel of the wall, in the wall's order.
+    pub channels: Vec<ChannelFeedback>,
+}
+
+/// What a channel did for a frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChannelFeedback {
+    /// The channel's name.
+    pub name: String,
+    /// When the frame was swapped.
+    pub state: ChannelState,
+    /// Its own drawing time; `None` where it had not drawn when the frame was swapped.
+    pub draw_us: Option<u32>,
+    /// Each instance counted.
+    pub triangles: u64,
+    /// Calls that drew them.
+    pub draw_calls: u32,
+}
+
+/// The wall as it stands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WallStatus {
+    /// The wall's name.
+    pub wall: String,
+    /// This life of the manager.
+    pub epoch: Epoch,
+    /// Changes so far.
+    pub revision: Revision,
+    /// Of the state at that revision.
+    pub digest: Digest,
+    /// The last frame that was swapped.
+    pub frame: FrameId,
+    /// The open scene's name.
+    pub scene: Option<String>,
+    /// Present length of the frame deadline.
+    pub deadline_ms: f64,
+    /// One for each channel of the wall, in the wall's order.
+    pub channels: Vec<ChannelStatus>,
+    /// Connected clients, by name.
+    pub clients: Vec<String>,
+    /// What a person should know, such as adapters that differ.
+    pub warnings: Vec<String>,
+}
+
+/// A channel as it stands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChannelStatus {
+    /// The channel's name.
+    pub name: String,
+    /// Where it stands.
+    pub state: ChannelState,
+    /// For how long.
+    pub since_ms: u64,
+    /// Why, where there is a reason.
+    pub reason: Option<String>,
+    /// The server's process id.
+    pub pid: Option<u32>,
+    /// The server's address.
+    pub address: Option<String>,
+    /// What the server draws with.
+    pub adapter: Option<String>,
+    /// The last frame that it showed.
+    pub frame: FrameId,
+    /// The revision that it is ready for.
+    pub revision: Revision,
+    /// Times that it missed a deadline.
+    pub late: u64,
+    /// Resident memory of its server's process, in bytes.
+    pub memory_bytes: u64,
+}
+
+/// What the frames took since the statistics were last reset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Statistics {
+    /// Frames swapped.
+    pub frames: u64,
+    /// From the first to the last swap.
+    pub seconds: f64,
+    /// From frame command to swap command, in milliseconds.
+    pub frame_ms: Spread,
+    /// The slowest waited-for channel's own drawing time, in milliseconds.
+    pub draw_ms: Spread,
+    /// What of a frame the slowest channel did not draw, in microseconds.
+    pub barrier_us: Spread,
+    /// From the first to the last channel's present call of a frame, in microseconds.
+    pub swap_skew_us: Spread,
+    /// Deadlines missed, over all channels.
+    pub late: u64,
+    /// Of the last frame, over all channels.
+    pub triangles: u64,
+    /// Of the last frame, over all channels.
+    pub draw_calls: u64,
+    /// Control bytes in both directions for one frame, over all channels.
+    pub wire_bytes_per_frame: f64,
+    /// What the open scene needs of the renderer.
+    pub features: Vec<String>,
+    /// One for each channel of the wall, in the wall's order.
+    pub channels: Vec<ChannelStatistics>,
+}
+
+/// What the frames took on one channel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChannelStatistics {
+    /// The channel's name.
+    pub name: String,
+    /// At the time of asking.
+    pub state: ChannelState,
+    /// Frames shown.
+    pub frames: u64,
+    /// From frame command to the arrival of its report, in milliseconds.
+    pub frame_ms: Spread,
+    /// Its own drawing time, in milliseconds.
+    pub draw_ms: Spread,
+    /// Its present call after the first channel's of the same frame, in microseconds.
+    pub swap_skew_us: Spread,
+    /// How far off its clock estimate may be, in microseconds.
+    pub clock_error_us: u32,
+    /// The longest time between two shown frames.
+    pub longest_gap_ms: f64,
+    /// Deadlines missed.
+    pub late: u64,
+    /// Of its last frame.
+    pub triangles: u64,
+    /// Of its last frame.
+    pub draw_calls: u64,
+    /// What its server draws with.
+    pub adapter: Option<String>,
+    /// Resident memory of its server's process, in bytes.
+    pub memory_bytes: u64,
+}
+
+/// Where a set of measurements lies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    /// How many.
+    pub count: u64,
+    /// Half are below.
+    pub p50: f64,
+    /// 95 of 100 are below.
+    pub p95: f64,
+    /// 99 of 100 are below.
+    pub p99: f64,
+    /// The largest.
+    pub max: f64,
+}

@@ -1,0 +1,236 @@
+//! The first words of a connection: who speaks which version, in which role.
+//!
+//! ```text
+//! peer     -> "PLYP" | version u16 LE | role u8 | 0     8 bytes, the same in every version
+//! manager  -> "PLYP" | version u16 LE | role u8 | 0
+//! peer     -> frame: Hello     (where the versions agree)
+//! manager  -> frame: Answer    (Refused where they don't: its form never changes)
+//! ```
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::ids::Epoch;
+use crate::limits::PROTOCOL_VERSION;
+
+/// Bytes of a [`Preamble`].
+pub const PREAMBLE_BYTES: usize = 8;
+
+const MAGIC: [u8; 4] = *b"PLYP";
+
+/// What a peer is to the wall.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Role {
+    /// Decides.
+    Manager,
+    /// Asks.
+    Client,
+    /// Draws: its control connection.
+    Server,
+    /// A server's second connection, for blobs and pictures.
+    Bulk,
+}
+
+impl Role {
+    fn code(self) -> u8 {
+        match self {
+            Self::Manager => 0,
+            Self::Client => 1,
+            Self::Server => 2,
+            Self::Bulk => 3,
+        }
+    }
+
+    /// As people call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Manager => "manager",
+            Self::Client => "client",
+            Self::Server => "render server",
+            Self::Bulk => "render server (bulk)",
+        }
+    }
+}
+
+/// The first eight bytes in each direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Preamble {
+    /// Of the protocol.
+    pub version: u16,
+    /// Of the sender.
+    pub role: Role,
+}
+
+/// Why eight bytes are no preamble, or not one to go on from.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PreambleError {
+    /// Some other protocol.
+    #[error("the peer does not speak the Polyptych protocol: it began with {0:02x?}")]
+    NotOurs([u8; 8]),
+    /// Ours, but another version.
+    #[error(
+        "the peer speaks version {theirs} of the protocol, and this program version \
+         {PROTOCOL_VERSION}; install the same release on both"
+    )]
+    Version {
+        /// The peer's.
+        theirs: u16,
+    },
+    /// Ours, but a role that this version does not know.
+    #[error("the peer's role {0} is none of client, render server, bulk and manager")]
+    Role(u8),
+}
+
+impl Preamble {
+    /// The preamble of this version.
+    pub fn of(role: Role) -> Self {
+        Self { version: PROTOCOL_VERSION, role }
+    }
+
+    /// As it travels.
+    pub fn to_bytes(self) -> [u8; PREAMBLE_BYTES] {
+        let [low, high] = self.version.to_le_bytes();
+        let [m0, m1, m2, m3] = MAGIC;
+        [m0, m1, m2, m3, low, high, self.role.code(), 0]
+    }
+
+    /// The preamble that these bytes are.
+    ///
+    /// # Errors
+    /// [`PreambleError`] where they are none, or of a version that this program does not speak.
+    pub fn from_bytes(bytes: [u8; PREAMBLE_BYTES]) -> Result<Self, PreambleError> {
+        let [m0, m1, m2, m3, low, high, role, _] = bytes;
+        if [m0, m1, m2, m3] != MAGIC {
+            return Err(PreambleError::NotOurs(bytes));
+        }
+        let version = u16::from_le_bytes([low, high]);
+        if version != PROTOCOL_VERSION {
+            return Err(PreambleError::Version { theirs: version });
+        }
+        let role = match role {
+            0 => Role::Manager,
+            1 => Role::Client,
+            2 => Role::Server,
+            3 => Role::Bulk,
+            other => return Err(PreambleError::Role(other)),
+        };
+        Ok(Self { version, role })
+    }
+}
+
+/// What only this wall's processes know; never printed.
+#[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Secret(pub String);
+
+impl fmt::Debug for Secret {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Secret(..)")
+    }
+}
+
+/// A peer's introduction, for its role.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Hello {
+    /// A client's.
+    Client(ClientHello),
+    /// A render server's, on its control connection.
+    Server(ServerHello),
+    /// A render server's, on its bulk connection.
+    Bulk(BulkHello),
+}
+
+/// A client introduces itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ClientHello {
+    /// For logs and status.
+    pub name: String,
+    /// The manager's secret.
+    pub token: Secret,
+}
+
+/// A render server introduces itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ServerHello {
+    /// For logs and status.
+    pub name: String,
+    /// The manager's secret.
+    pub token: Secret,
+    /// The channels that it claims, by name.
+    pub channels: Vec<String>,
+    /// Its process id, for an operator who wants to look at it.
+    pub pid: u32,
+    /// What it draws with.
+    pub adapter: Adapter,
+}
+
+/// A render server's second connection says which first one it belongs to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BulkHello {
+    /// The manager's secret.
+    pub token: Secret,
+    /// As the [`Welcome`] of the control connection gave it.
+    pub session: u64,
+}
+
+/// A GPU and its driver.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Adapter {
+    /// As the driver names it.
+    pub name: String,
+    /// The driver and its version.
+    pub driver: String,
+    /// Vulkan or GL.
+    pub backend: String,
+    /// Longest side of a texture or target, in pixels.
+    pub texture_side_max: u32,
+}
+
+/// The manager's answer to a [`Hello`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Answer {
+    /// No, and why. It is the first variant in every version, so that all can read it.
+    Refused(Refused),
+    /// Come in.
+    Welcome(Welcome),
+}
+
+/// Why a peer may not come in.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Refused {
+    /// For the log and the operator.
+    pub reason: String,
+}
+
+/// What a peer needs to know to begin.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Welcome {
+    /// This life of the manager.
+    pub epoch: Epoch,
+    /// Names this connection; a server's bulk connection gives it back.
+    pub session: u64,
+    /// The wall's name.
+    pub wall: String,
+    /// A peer silent for this long is lost, in milliseconds.
+    pub heartbeat_ms: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_preamble_round_trips_and_strangers_are_named() {
+        for role in [Role::Manager, Role::Client, Role::Server, Role::Bulk] {
+            let preamble = Preamble::of(role);
+            assert_eq!(Preamble::from_bytes(preamble.to_bytes()), Ok(preamble));
+        }
+        let http = Preamble::from_bytes(*b"GET / HT");
+        assert!(matches!(http, Err(PreambleError::NotOurs(_))));
+        let newer = Preamble::from_bytes(*b"PLYP\x63\x00\x01\x00");
+        assert_eq!(newer, Err(PreambleError::Version { theirs: 99 }));
+        let odd = Preamble::from_bytes([b'P', b'L', b'Y', b'P', 1, 0, 9, 0]);
+        assert_eq!(odd, Err(PreambleError::Role(9)));
+    }
+}

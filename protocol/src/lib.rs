@@ -1,0 +1,29 @@
+//! What travels between a client, the manager and the render servers: ids, the wall description,
+//! the scene as plain data, the four message types, the handshake and the framing.
+//!
+//! The crate does no I/O but the codec, knows no GPU and makes no decision. What both ends must
+//! compute alike (frusta, the fold of the log, the digest) stands here as pure functions.
+//!
+//! ```
+//! use polyptych_protocol::codec;
+//! use polyptych_protocol::request::Request;
+//!
+//! let bytes = codec::encode(&Request::Status);
+//! assert_eq!(codec::decode::<Request>(&bytes), Ok(Request::Status));
+//! ```
+
+pub mod blob;
+pub mod camera;
+pub mod codec;
+pub mod command;
+pub mod connection;
+pub mod feedback;
+pub mod handshake;
+pub mod ids;
+pub mod limits;
+pub mod log;
+pub mod request;
+pub mod scene;
+pub mod status;
+pub mod token;
+pub mod wall;

@@ -1,0 +1,180 @@
+//! What a client asks of the manager, and what it gets for it.
+//!
+//! Every request has exactly one answer, which carries its number.
+
+use bytes::Bytes;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+use crate::feedback::{Feedback, Statistics, WallStatus};
+use crate::ids::{FrameId, RequestId, Revision};
+use crate::scene::{Bounds, SceneFeatures};
+use crate::wall::Wall;
+
+/// A message from a client.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Call {
+    /// The client's own number, unique among its open requests.
+    pub id: RequestId,
+    /// What it asks.
+    pub request: Request,
+}
+
+/// What a client can ask.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Request {
+    /// Shows a scene; answered once every live channel can draw it.
+    OpenScene {
+        /// A file in one of the manager's scene folders, absolute or relative to one of them.
+        path: String,
+    },
+    /// Shows none.
+    CloseScene,
+    /// Places display space in the scene, from the next frame on.
+    SetCamera(Camera),
+    /// Moves the viewer's eye, in metres of display space, from the next frame on.
+    SetEye(DVec3),
+    /// Multiplies light before tone mapping, from the next frame on.
+    SetExposure(f32),
+    /// Draws and shows one frame; answered by its feedback.
+    RenderFrame {
+        /// Placed first, where given.
+        camera: Option<Camera>,
+        /// Scene time in seconds; where not given, the wall's own clock goes on.
+        time_s: Option<f64>,
+    },
+    /// Goes on drawing frames by itself.
+    Run(Pace),
+    /// Stops that.
+    Pause,
+    /// Draws and shows one frame, and sends its pictures.
+    Capture,
+    /// Sends the wall's state.
+    Status,
+    /// Sends the wall's description.
+    DescribeWall,
+    /// Sends what the frames took since the last time it was asked to forget.
+    Statistics {
+        /// Forget afterwards, so that the next answer begins anew.
+        reset: bool,
+    },
+    /// From now on sends the feedback of every frame, or no more.
+    Subscribe(bool),
+    /// Ends the manager.
+    Stop,
+}
+
+/// How fast the wall draws by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Pace {
+    /// As fast as its slowest live channel.
+    Free,
+    /// At this many frames per second, if it can.
+    Rate(f64),
+}
+
+/// A message to a client.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Answer {
+    /// The one answer to a request.
+    Reply {
+        /// The client's number of the request.
+        id: RequestId,
+        /// What came of it.
+        reply: Result<Reply, Failure>,
+    },
+    /// What a frame became, for those who subscribed.
+    Feedback(Feedback),
+    /// A piece of a picture; all pieces come before the reply to the capture.
+    Picture(PicturePart),
+    /// The manager ends, and why.
+    Goodbye {
+        /// For the person in front of the client.
+        reason: String,
+    },
+}
+
+/// What came of a request that succeeded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Reply {
+    /// It was done.
+    Done,
+    /// To [`Request::OpenScene`].
+    SceneOpened(SceneSummary),
+    /// To [`Request::RenderFrame`].
+    Frame(Feedback),
+    /// To [`Request::Capture`]: which frame, and the pictures that were sent before this.
+    Captured(Captured),
+    /// To [`Request::Status`].
+    Status(Box<WallStatus>),
+    /// To [`Request::DescribeWall`].
+    Wall(Box<Wall>),
+    /// To [`Request::Statistics`].
+    Statistics(Box<Statistics>),
+}
+
+/// Why a request was not done; the wall is as it was before.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[error("{reason}")]
+pub struct Failure {
+    /// What failed and where, and what would be right.
+    pub reason: String,
+}
+
+impl Failure {
+    /// A failure for this reason.
+    pub fn new(reason: impl Into<String>) -> Self {
+        Self { reason: reason.into() }
+    }
+}
+
+/// A scene as a client needs to know it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneSummary {
+    /// What to call it.
+    pub name: String,
+    /// The revision that shows it.
+    pub revision: Revision,
+    /// Around everything drawn; `None` for an empty scene.
+    pub bounds: Option<Bounds>,
+    /// Each instance counted.
+    pub triangles: u64,
+    /// What it needs of the renderer.
+    pub features: SceneFeatures,
+}
+
+/// The pictures of one frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Captured {
+    /// The frame that they all show.
+    pub frame: FrameId,
+    /// One for each screen, then one for each channel.
+    pub pictures: Vec<PictureInfo>,
+    /// Channels that sent none, with the reason; their part of the screen is left dark.
+    pub missing: Vec<(String, String)>,
+}
+
+/// What a picture shows.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PictureInfo {
+    /// Of the screen or channel.
+    pub name: String,
+    /// Whether it is a whole screen, stitched.
+    pub is_screen: bool,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+}
+
+/// At most [`crate::limits::CHUNK_BYTES_MAX`] bytes of a picture: sRGB RGBA8, rows from the top.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PicturePart {
+    /// The capture that it answers.
+    pub id: RequestId,
+    /// Its place in [`Captured::pictures`].
+    pub index: u32,
+    /// The bytes, following those that came before.
+    pub bytes: Bytes,
+}

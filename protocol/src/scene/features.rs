@@ -1,0 +1,73 @@
+//! What a scene needs of the renderer: passes and pipelines exist only for these.
+
+use serde::{Deserialize, Serialize};
+
+use super::{AlphaMode, Scene, Topology};
+
+/// Derived from the manifest when a scene is opened, logged, and reported.
+///
+/// It is a pure function of the scene, so every channel of a wall derives the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SceneFeatures {
+    /// Materials of mode blend: a float target and a tone-mapping pass of its own.
+    pub blend: bool,
+    /// Materials of mode mask.
+    pub mask: bool,
+    /// Normal maps.
+    pub normal_maps: bool,
+    /// Any texture.
+    pub textures: bool,
+    /// Colours at vertices.
+    pub vertex_colors: bool,
+    /// Unlit materials.
+    pub unlit: bool,
+    /// Lights of its own; without any, the default sun shines.
+    pub lights: bool,
+    /// A mesh that stands in more than one place.
+    pub instances: bool,
+    /// Points or lines.
+    pub points_or_lines: bool,
+}
+
+impl SceneFeatures {
+    /// What this scene needs.
+    pub fn of(scene: &Scene) -> Self {
+        let any = |test: fn(&super::Material) -> bool| scene.materials.iter().any(test);
+        let primitives = || scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        let mut uses = vec![0usize; scene.meshes.len()];
+        for node in &scene.nodes {
+            if let Some(count) = node.mesh.and_then(|mesh| uses.get_mut(mesh as usize)) {
+                *count += node.instances.len().max(1);
+            }
+        }
+        Self {
+            blend: any(|m| m.alpha_mode == AlphaMode::Blend),
+            mask: any(|m| matches!(m.alpha_mode, AlphaMode::Mask(_))),
+            normal_maps: any(|m| m.normal_texture.is_some()),
+            textures: any(|m| m.textures().next().is_some()),
+            vertex_colors: primitives().any(|p| p.layout.color),
+            unlit: any(|m| m.unlit),
+            lights: scene.nodes.iter().any(|node| node.light.is_some()),
+            instances: uses.iter().any(|&count| count > 1),
+            points_or_lines: primitives().any(|p| p.topology != Topology::Triangles),
+        }
+    }
+
+    /// The names of what is needed, as reports give them.
+    pub fn names(&self) -> Vec<&'static str> {
+        [
+            (self.blend, "blend"),
+            (self.mask, "mask"),
+            (self.normal_maps, "normal_maps"),
+            (self.textures, "textures"),
+            (self.vertex_colors, "vertex_colors"),
+            (self.unlit, "unlit"),
+            (self.lights, "lights"),
+            (self.instances, "instances"),
+            (self.points_or_lines, "points_or_lines"),
+        ]
+        .into_iter()
+        .filter_map(|(needed, name)| needed.then_some(name))
+        .collect()
+    }
+}

@@ -1,0 +1,99 @@
+//! Materials: glTF's metallic-roughness model with its five textures.
+
+use glam::{Affine2, Vec3, Vec4};
+use serde::{Deserialize, Serialize};
+
+/// A surface. Factors multiply the textures; all are linear.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Material {
+    /// As in the source; may be empty.
+    pub name: String,
+    /// Linear RGBA.
+    pub base_color: Vec4,
+    /// 0 dielectric, 1 metal.
+    pub metallic: f32,
+    /// Perceptual; its square is GGX's α.
+    pub roughness: f32,
+    /// Linear RGB radiance, any strength multiplied in.
+    pub emissive: Vec3,
+    /// Multiplies x and y of the normal map.
+    pub normal_scale: f32,
+    /// 0 no occlusion, 1 as the texture says.
+    pub occlusion_strength: f32,
+    /// How alpha is used.
+    pub alpha_mode: AlphaMode,
+    /// Whether back faces are drawn, with the normal turned.
+    pub double_sided: bool,
+    /// Whether the base colour is shown as it is, without light (`KHR_materials_unlit`).
+    pub unlit: bool,
+    /// sRGB colour and alpha.
+    pub base_color_texture: Option<TextureRef>,
+    /// Roughness in G, metallic in B.
+    pub metallic_roughness_texture: Option<TextureRef>,
+    /// Tangent-space normals, +Y up.
+    pub normal_texture: Option<TextureRef>,
+    /// Occlusion in R, of indirect light only.
+    pub occlusion_texture: Option<TextureRef>,
+    /// sRGB radiance.
+    pub emissive_texture: Option<TextureRef>,
+}
+
+/// How alpha is used.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum AlphaMode {
+    /// Not at all.
+    Opaque,
+    /// Below this cutoff nothing is drawn.
+    Mask(f32),
+    /// Drawn over what lies behind, far to near.
+    Blend,
+}
+
+/// A texture as a material uses it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TextureRef {
+    /// An index into the scene's textures.
+    pub texture: u32,
+    /// Which set of coordinates: 0 or 1.
+    pub uv_set: u8,
+    /// Applied to the coordinates (`KHR_texture_transform`); the identity where there is none.
+    pub uv_transform: Affine2,
+}
+
+impl Default for Material {
+    /// glTF's default material: white, metallic and rough 1, opaque.
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            base_color: Vec4::ONE,
+            metallic: 1.0,
+            roughness: 1.0,
+            emissive: Vec3::ZERO,
+            normal_scale: 1.0,
+            occlusion_strength: 1.0,
+            alpha_mode: AlphaMode::Opaque,
+            double_sided: false,
+            unlit: false,
+            base_color_texture: None,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            occlusion_texture: None,
+            emissive_texture: None,
+        }
+    }
+}
+
+impl Material {
+    /// The textures that it has.
+    pub fn textures(&self) -> impl Iterator<Item = &TextureRef> {
+        [
+            &self.base_color_texture,
+            &self.metallic_roughness_texture,
+            &self.normal_texture,
+            &self.occlusion_texture,
+            &self.emissive_texture,
+        ]
+        .into_iter()
+        .flatten()
+    }
+}

@@ -1,0 +1,96 @@
+//! What a render server reports on its control connection.
+
+use serde::{Deserialize, Serialize};
+
+use crate::ids::{ChannelId, Digest, Epoch, FrameId, Revision};
+
+/// One message from a render server to the manager.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Status {
+    /// It could draw this revision at once.
+    Prepared(Prepared),
+    /// It cannot draw this revision.
+    PrepareFailed {
+        /// Which life of the manager.
+        epoch: Epoch,
+        /// The revision.
+        revision: Revision,
+        /// Why.
+        reason: String,
+    },
+    /// A channel has drawn a frame into its own target; nothing is shown yet.
+    Drawn(Drawn),
+    /// A channel could not draw a frame.
+    DrawFailed {
+        /// Which channel.
+        channel: ChannelId,
+        /// Which frame.
+        frame: FrameId,
+        /// Why.
+        reason: String,
+    },
+    /// A channel has shown a frame.
+    Shown(Shown),
+    /// A sign of life, and the first timestamp of a clock estimate.
+    Ping(Ping),
+}
+
+/// A revision is ready.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Prepared {
+    /// Which life of the manager.
+    pub epoch: Epoch,
+    /// The revision.
+    pub revision: Revision,
+    /// Of the state at that revision; equal on all servers.
+    pub digest: Digest,
+    /// What the scene needs of the renderer.
+    pub features: Vec<String>,
+    /// Bytes of the scene's meshes and textures on the GPU.
+    pub scene_bytes: u64,
+}
+
+/// A channel has drawn a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Drawn {
+    /// Which life of the manager.
+    pub epoch: Epoch,
+    /// The frame.
+    pub frame: FrameId,
+    /// The channel.
+    pub channel: ChannelId,
+    /// The state that was drawn.
+    pub revision: Revision,
+    /// Of that state.
+    pub digest: Digest,
+    /// From the frame command's turn on the render thread to the GPU's completion.
+    pub draw_us: u32,
+    /// Drawn, each instance counted.
+    pub triangles: u64,
+    /// Calls that drew them.
+    pub draw_calls: u32,
+}
+
+/// A channel has shown a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shown {
+    /// Which life of the manager.
+    pub epoch: Epoch,
+    /// The frame.
+    pub frame: FrameId,
+    /// The channel.
+    pub channel: ChannelId,
+    /// The instant of the present call, in microseconds of manager time as the server knows it.
+    pub at_us: u64,
+    /// How far off that may be: half of the best round trip that the estimate rests on.
+    pub clock_error_us: u32,
+}
+
+/// A sign of life.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ping {
+    /// The server's own clock; comes back in the pong.
+    pub sent_us: u64,
+    /// Resident memory of the process, in bytes; 0 where the system does not tell.
+    pub memory_bytes: u64,
+}

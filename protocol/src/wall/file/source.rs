@@ -1,0 +1,245 @@
+//! A wall file's text with the place of every key, so that each error can point at one.
+
+use std::fmt::Write;
+use std::ops::Range;
+use std::path::Path;
+
+use serde::Deserialize;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::document::Document;
+use super::error::WallFileError;
+use super::explain::{Complaint, explain};
+
+/// The text, and what stands where in it.
+pub(super) struct Source<'a> {
+    path: &'a Path,
+    text: &'a str,
+    root: Spanned<DeTable<'a>>,
+}
+
+impl<'a> Source<'a> {
+    /// Reads the text as TOML, whatever it may say.
+    pub fn parse(text: &'a str, path: &'a Path) -> Result<Self, WallFileError> {
+        let (root, errors) = DeTable::parse_recoverable(text);
+        let source = Self { path, text, root };
+        let Some(error) = errors.first() else { return Ok(source) };
+        let offset = error.span().map_or(0, |span| span.start);
+        let (what, remedy) = match error.message().split_once(", expected ") {
+            Some((what, expected)) => (what.to_owned(), format!("expected {expected}")),
+            None if error.message() == "duplicate key" => {
+                ("the key is given twice".to_owned(), "keep one of the two".to_owned())
+            }
+            None => (error.message().to_owned(), "this line must be TOML".to_owned()),
+        };
+        let key = source.key_at(offset).unwrap_or_else(|| source.line_key(offset));
+        Err(source.error_at(offset, key, what, remedy))
+    }
+
+    /// Reads the TOML as a wall file's shape, whatever its numbers may mean.
+    pub fn document(&self) -> Result<Document, WallFileError> {
+        self.check_tables()?;
+        Document::deserialize(toml::de::Deserializer::from(self.root.clone())).map_err(|error| {
+            let offset = error.span().map_or(0, |span| span.start);
+            let key = self.key_at(offset).unwrap_or_default();
+            let Complaint { missing, what, remedy } = explain(error.message());
+            match missing {
+                // The place is the table's; the key is the one that should be in it. What must
+                // stand above all tables is itself a table.
+                Some(name) if key.is_empty() => {
+                    let remedy = format!("add [{name}] on a line of its own, its keys below");
+                    self.error_at(offset, name, what, remedy)
+                }
+                Some(name) => self.error_at(offset, format!("{key}.{name}"), what, remedy),
+                None => self.error_at(offset, key, what, remedy),
+            }
+        })
+    }
+
+    /// An error at a key such as `screen[0].tiles.columns`, or at the nearest table above it where
+    /// the file leaves the key out.
+    pub fn error(
+        &self,
+        key: impl Into<String>,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> WallFileError {
+        let key = key.into();
+        let offset = self.offset_of(&key);
+        self.error_at(offset, key, what.into(), remedy.into())
+    }
+
+    /// The file, as it was given.
+    pub fn path(&self) -> &Path {
+        self.path
+    }
+
+    fn error_at(&self, offset: usize, key: String, what: String, remedy: String) -> WallFileError {
+        let before = &self.text[..self.text.floor_char_boundary(offset)];
+        let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+        WallFileError {
+            path: self.path.to_owned(),
+            line: before.matches('\n').count() as u32 + 1,
+            column: before[line_start..].chars().count() as u32 + 1,
+            key,
+            what,
+            remedy,
+        }
+    }
+
+    /// Refuses values where tables belong. serde would take a list for a table, by order.
+    fn check_tables(&self) -> Result<(), WallFileError> {
+        let root = self.root.get_ref();
+        for (name, value) in root {
+            match (name.get_ref().as_ref(), value.get_ref()) {
+                ("wall" | "deadline" | "network" | "storage", DeValue::Table(_)) => {}
+                (name @ ("wall" | "deadline" | "network" | "storage"), other) => {
+                    return Err(self.no_table(name, other, &format!("[{name}]")));
+                }
+                ("screen", value) => self.check_table_list("screen", "screen", value)?,
+                _ => {}
+            }
+        }
+        let screens = root.get("screen").and_then(|screens| screens.get_ref().as_array());
+        for (index, screen) in screens.into_iter().flatten().enumerate() {
+            for (name, value) in screen.get_ref().as_table().into_iter().flatten() {
+                let name = name.get_ref().as_ref();
+                let key = format!("screen[{index}].{name}");
+                match (name, value.get_ref()) {
+                    ("tiles", DeValue::Table(_)) => {}
+                    ("tiles", other) => {
+                        return Err(self.no_table(&key, other, "[screen.tiles]"));
+                    }
+                    ("channel" | "hidden", value) => {
+                        self.check_table_list(&key, &format!("screen.{name}"), value)?;
+                    }
+                    _ => {}
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn check_table_list(
+        &self,
+        key: &str,
+        header: &str,
+        value: &DeValue<'_>,
+    ) -> Result<(), WallFileError> {
+        let header = format!("[[{header}]]");
+        let DeValue::Array(items) = value else {
+            return Err(self.no_table(key, value, &header));
+        };
+        let odd = items.iter().enumerate().find(|(_, item)| !item.get_ref().is_table());
+        odd.map_or(Ok(()), |(index, item)| {
+            Err(self.no_table(&format!("{key}[{index}]"), item.get_ref(), &header))
+        })
+    }
+
+    fn no_table(&self, key: &str, found: &DeValue<'_>, header: &str) -> WallFileError {
+        let kind = match found {
+            DeValue::String(_) => "text",
+            DeValue::Integer(_) | DeValue::Float(_) => "number",
+            DeValue::Array(_) => "list",
+            other => other.type_str(),
+        };
+        let what = format!("found a {kind} where a table belongs");
+        self.error(key, what, format!("write {header} on a line of its own, its keys below"))
+    }
+
+    /// The key whose name or value stands at this place.
+    fn key_at(&self, offset: usize) -> Option<String> {
+        let mut best = None;
+        narrow_table(self.root.get_ref(), "", offset, &mut best);
+        best.map(|(_, key)| key)
+    }
+
+    /// What the lines themselves call the key here: for text that is no TOML.
+    fn line_key(&self, offset: usize) -> String {
+        let start = self.text[..self.text.floor_char_boundary(offset)].rfind('\n');
+        let (before, here) = self.text.split_at(start.map_or(0, |newline| newline + 1));
+        let name = here.lines().next().and_then(|line| line.split_once('='));
+        let Some((name, _)) = name else { return String::new() };
+        let header = before.lines().rev().find(|line| line.starts_with('['));
+        let header = header.map_or("", |line| line.split('#').next().unwrap_or_default());
+        let words =
+            [header.trim_matches(|c: char| "[]".contains(c) || c.is_whitespace()), name.trim()];
+        let key = words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(".");
+        key.chars().take(64).filter(|c| !c.is_control()).collect()
+    }
+
+    /// Where the longest part of the key that exists begins.
+    fn offset_of(&self, key: &str) -> usize {
+        let mut offset = 0;
+        let mut table = self.root.get_ref();
+        for step in key.split('.') {
+            let (name, index) = match step.trim_end_matches(']').split_once('[') {
+                Some((name, index)) => (name, index.parse::<usize>().ok()),
+                None => (step, None),
+            };
+            let Some((found, value)) = table.get_key_value(name) else { return offset };
+            offset = found.span().start;
+            let mut value = value.get_ref();
+            if let Some(index) = index {
+                let Some(item) = value.as_array().and_then(|items| items.get(index)) else {
+                    return offset;
+                };
+                offset = item.span().start;
+                value = item.get_ref();
+            }
+            let Some(next) = value.as_table() else { return offset };
+            table = next;
+        }
+        offset
+    }
+}
+
+/// Keeps the smallest thing that stands at `offset`, with the key that leads to it.
+fn narrow(best: &mut Option<(usize, String)>, span: &Range<usize>, offset: usize, key: &str) {
+    let holds = span.contains(&offset) || (span.is_empty() && span.start == offset);
+    if holds && best.as_ref().is_none_or(|(length, _)| span.len() <= *length) {
+        *best = Some((span.len(), key.to_owned()));
+    }
+}
+
+fn narrow_table(
+    table: &DeTable<'_>,
+    above: &str,
+    offset: usize,
+    best: &mut Option<(usize, String)>,
+) {
+    for (name, value) in table {
+        let mut key = above.to_owned();
+        if !key.is_empty() {
+            key.push('.');
+        }
+        let text = name.get_ref();
+        if text.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_') {
+            key.push_str(text);
+        } else {
+            // Writing to a String cannot fail.
+            let _ = write!(key, "{text:?}");
+        }
+        narrow(best, &name.span(), offset, &key);
+        narrow_value(value, &key, offset, best);
+    }
+}
+
+fn narrow_value(
+    value: &Spanned<DeValue<'_>>,
+    key: &str,
+    offset: usize,
+    best: &mut Option<(usize, String)>,
+) {
+    narrow(best, &value.span(), offset, key);
+    match value.get_ref() {
+        DeValue::Table(table) => narrow_table(table, key, offset, best),
+        DeValue::Array(items) => {
+            for (index, item) in items.iter().enumerate() {
+                narrow_value(item, &format!("{key}[{index}]"), offset, best);
+            }
+        }
+        _ => {}
+    }
+}

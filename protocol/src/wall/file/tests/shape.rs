@@ -1,0 +1,197 @@
+//! Text that is no TOML, or no wall file's TOML.
+
+use super::{BY_HAND, SMALLEST, check, check_changed};
+
+#[test]
+fn broken_toml_names_the_line_and_the_key() {
+    check("[wall]\nname = \"w\n", "2:10: wall.name: invalid basic string; expected ");
+    check("[wall]\nname = \n", "2:8: ");
+    check("[wall\nname = 1\n", "1:6: ");
+    check("nonsense", "1:");
+    check_changed(
+        SMALLEST,
+        "name = \"w\"",
+        "name = \"w\"\nname = \"v\"",
+        "3:1: wall.name: the key is given twice; keep one of the two",
+    );
+    check("\u{feff}\u{feff}x", "1:");
+}
+
+#[test]
+fn unknown_keys_are_named_with_the_nearest_known_one() {
+    check_changed(
+        SMALLEST,
+        "pixels",
+        "pixel",
+        "8:1: screen[0].tiles.pixel: there is no key \"pixel\" here; did you mean \"pixels\"? \
+         keys here: columns, rows, pixels, bezel, names, servers",
+    );
+    check_changed(
+        SMALLEST,
+        "[wall]",
+        "[walls]",
+        "1:2: walls: there is no key \"walls\" here; did you mean \"wall\"? \
+         keys here: wall, deadline, network, storage, screen",
+    );
+    check_changed(
+        SMALLEST,
+        "name = \"w\"",
+        "name = \"w\"\nzzzzzz = 1",
+        "3:1: wall.zzzzzz: there is no key \"zzzzzz\" here; keys here: name, eye, near, samples",
+    );
+    check_changed(
+        SMALLEST,
+        "name = \"w\"",
+        "name = \"w\"\n\"a.b\" = 1",
+        "3:1: wall.\"a.b\": there",
+    );
+}
+
+#[test]
+fn missing_keys_are_named_at_their_table() {
+    check_changed(SMALLEST, "name = \"w\"", "", "1:1: wall.name: the key is missing; add name = …");
+    check_changed(
+        SMALLEST,
+        "name = \"front\"",
+        "",
+        "3:1: screen[0].name: the key is missing; add name = …",
+    );
+    check_changed(
+        BY_HAND,
+        "origin = [100, 0]",
+        "",
+        "12:1: screen[0].channel[1].origin: the key is missing",
+    );
+    check("", "1:1: wall: the key is missing; add [wall]");
+}
+
+#[test]
+fn wrong_types_say_what_was_found_and_what_is_right() {
+    check_changed(
+        SMALLEST,
+        "\"w\"",
+        "5",
+        "2:8: wall.name: found the number 5; write a text in quotes",
+    );
+    check_changed(
+        SMALLEST,
+        "[200, 100]",
+        "\"big\"",
+        "8:10: screen[0].tiles.pixels: found the text \"big\"; write a list of 2 numbers, [a, b]",
+    );
+    check_changed(
+        SMALLEST,
+        "[200, 100]",
+        "[200, true]",
+        "8:16: screen[0].tiles.pixels[1]: found true; write a whole number from 0 to 4294967295",
+    );
+    check_changed(
+        SMALLEST,
+        "[200, 100]",
+        "[200, 100.5]",
+        "8:16: screen[0].tiles.pixels[1]: found the number 100.5; write a whole number",
+    );
+    check_changed(
+        SMALLEST,
+        "[2.0, 1.0]",
+        "[2.0, [1.0]]",
+        "5:14: screen[0].size[1]: found a list; write a number",
+    );
+    check_changed(
+        SMALLEST,
+        "name = \"w\"",
+        "name = \"w\"\nnear = 1979-05-27",
+        "3:8: wall.near: found a table or a date; write a number",
+    );
+}
+
+#[test]
+fn integers_that_are_negative_or_huge_are_named() {
+    for number in ["-1", "4294967296", "99999999999999999999999999999999999999999999", "1e300"] {
+        check_changed(
+            SMALLEST,
+            "[200, 100]",
+            &format!("[200, {number}]"),
+            "8:16: screen[0].tiles.pixels[1]: ",
+        );
+    }
+    check_changed(
+        SMALLEST,
+        "[200, 100]",
+        "[200, -1]",
+        "8:16: screen[0].tiles.pixels[1]: found the number -1; write a whole number from 0",
+    );
+    check_changed(
+        SMALLEST,
+        "[2.0, 1.0]",
+        "[2.0, 1e999]",
+        "5:14: screen[0].size[1]: the number is too large; write a smaller one",
+    );
+}
+
+#[test]
+fn lists_must_have_their_length() {
+    check_changed(
+        SMALLEST,
+        "[0.0, 0.0, -1.0]",
+        "[0.0, 0.0]",
+        "6:10: screen[0].center: found 2 of them; write a list of 3 numbers, [x, y, z]",
+    );
+    check_changed(
+        SMALLEST,
+        "[0.0, 0.0, -1.0]",
+        "[0.0, 0.0, -1.0, 1.0]",
+        "6:10: screen[0].center: found 4 of them; write a list of 3 numbers, [x, y, z]",
+    );
+    check_changed(
+        SMALLEST,
+        "[200, 100]",
+        "[]",
+        "8:10: screen[0].tiles.pixels: found 0 of them; write a list of 2 numbers, [a, b]",
+    );
+}
+
+#[test]
+fn values_that_are_none_of_those_possible() {
+    check_changed(
+        SMALLEST,
+        "size",
+        "projection = \"share\"\nsize",
+        "5:14: screen[0].projection: \"share\" is none of the values possible; \
+         did you mean \"shared\"? values here: shared, own",
+    );
+}
+
+#[test]
+fn lists_and_values_are_no_tables() {
+    check("wall = [\"w\"]", "1:1: wall: found a list where a table belongs; write [wall] on");
+    check(
+        "screen = 1\n[wall]\nname = \"w\"",
+        "1:1: screen: found a number where a table belongs; write [[screen]] on",
+    );
+    check(
+        "screen = [[\"s\"]]\n[wall]\nname = \"w\"",
+        "1:11: screen[0]: found a list where a table belongs; write [[screen]] on",
+    );
+    check_changed(
+        SMALLEST,
+        "[screen.tiles]\npixels = [200, 100]",
+        "tiles = [1, 1, [200, 100]]",
+        "7:1: screen[0].tiles: found a list where a table belongs; write [screen.tiles] on",
+    );
+    check_changed(
+        SMALLEST,
+        "[screen.tiles]",
+        "channel = [[\"a\", [0, 0], [1, 1]]]\n[screen.tiles]",
+        "7:12: screen[0].channel[0]: found a list where a table belongs; \
+         write [[screen.channel]] on",
+    );
+}
+
+#[test]
+fn nesting_without_end_is_an_error() {
+    let deep = "[".repeat(100_000);
+    check(&format!("a = {deep}"), "1:");
+    check(&format!("{}.x = 1", vec!["a"; 100_000].join(".")), "1:");
+    check(&format!("a = {}", "{a=".repeat(100_000)), "1:");
+}

@@ -1,0 +1,109 @@
+//! The second connection: blobs come down, pictures go up, one after the other.
+
+use std::sync::mpsc::SyncSender;
+
+use bytes::{Bytes, BytesMut};
+use futures_util::{SinkExt, StreamExt};
+use polyptych_protocol::blob::{BulkDown, BulkUp, PictureChunk};
+use polyptych_protocol::codec;
+use polyptych_protocol::connection::Frames;
+use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::limits::{BLOB_BYTES_MAX, CHUNK_BYTES_MAX};
+use tokio::net::TcpStream;
+use tokio::sync::mpsc;
+
+use crate::report::PictureReport;
+
+/// Jobs that wait for the bulk connection.
+pub(crate) const BULK_JOBS_MAX: usize = 16;
+
+/// What the bulk connection is used for.
+#[derive(Debug)]
+pub(crate) enum BulkJob {
+    /// Fetch a blob; the answer is checked against its name.
+    Fetch { hash: BlobHash, answer: SyncSender<Result<Bytes, String>> },
+    /// Send a picture.
+    Send(PictureReport),
+}
+
+/// Does jobs until the connection or the server ends; says why it did.
+pub(crate) async fn serve(
+    mut frames: Frames<TcpStream>,
+    mut jobs: mpsc::Receiver<BulkJob>,
+) -> String {
+    while let Some(job) = jobs.recv().await {
+        let done = match job {
+            BulkJob::Fetch { hash, answer } => match fetch(&mut frames, hash).await {
+                Ok(blob) => {
+                    // Whoever asked may have been told to stop meanwhile.
+                    let _ = answer.send(blob);
+                    Ok(())
+                }
+                Err(reason) => {
+                    let _ = answer.send(Err(reason.clone()));
+                    Err(reason)
+                }
+            },
+            BulkJob::Send(picture) => send(&mut frames, &picture).await,
+        };
+        if let Err(reason) = done {
+            return format!("the bulk connection ended: {reason}");
+        }
+    }
+    "the server ends".to_owned()
+}
+
+/// The outer error is the connection's, the inner one the blob's.
+async fn fetch(
+    frames: &mut Frames<TcpStream>,
+    hash: BlobHash,
+) -> Result<Result<Bytes, String>, String> {
+    let want = frames.send(codec::encode(&BulkUp::Want(hash))).await;
+    want.map_err(|error| error.to_string())?;
+    let mut blob = BytesMut::new();
+    loop {
+        let message = frames.next().await.ok_or("the manager closed it")?;
+        let message = message.map_err(|error| error.to_string())?;
+        let down = codec::decode::<BulkDown>(&message).map_err(|error| error.to_string())?;
+        match down {
+            BulkDown::Missing { hash, reason } => {
+                return Ok(Err(format!("blob {hash} is not to be had: {reason}")));
+            }
+            BulkDown::Chunk(chunk) => {
+                let is_next = chunk.hash == hash && chunk.offset == blob.len() as u64;
+                if !is_next || chunk.total > BLOB_BYTES_MAX || chunk.bytes.is_empty() {
+                    return Err(format!("a piece of blob {hash} came out of order"));
+                }
+                // Grows with what is there, not with what was promised.
+                blob.extend_from_slice(&chunk.bytes);
+                if blob.len() as u64 == chunk.total {
+                    let blob = blob.freeze();
+                    let is_right = BlobHash::of(&blob) == hash;
+                    return Ok(is_right.then_some(blob).ok_or_else(|| {
+                        format!("blob {hash} was damaged on its way or in the manager's store")
+                    }));
+                }
+                if blob.len() as u64 > chunk.total {
+                    return Err(format!("blob {hash} is longer than it was said to be"));
+                }
+            }
+        }
+    }
+}
+
+async fn send(frames: &mut Frames<TcpStream>, picture: &PictureReport) -> Result<(), String> {
+    for start in (0..picture.bytes.len()).step_by(CHUNK_BYTES_MAX) {
+        let end = picture.bytes.len().min(start + CHUNK_BYTES_MAX);
+        let chunk = PictureChunk {
+            channel: picture.channel,
+            frame: picture.frame,
+            width: picture.width,
+            height: picture.height,
+            offset: start as u64,
+            bytes: picture.bytes.slice(start..end),
+        };
+        let sent = frames.send(codec::encode(&BulkUp::Picture(chunk))).await;
+        sent.map_err(|error| error.to_string())?;
+    }
+    Ok(())
+}

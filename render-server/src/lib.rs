@@ -1,0 +1,20 @@
+//! The render server: one machine's channels of a wall, drawn with wgpu.
+//!
+//! Four threads: the window system's on the main thread ([`window`]), the network's ([`run`]),
+//! one that loads blobs ([`loader`]), and the one that owns the GPU ([`render_thread`]).
+//! [`renderer`] is written as a crate of its own: it knows nothing of the wire.
+
+mod apply;
+mod bulk;
+pub mod clock;
+mod display;
+mod loader;
+mod network;
+pub mod playback;
+mod render_thread;
+pub mod renderer;
+mod report;
+mod run;
+mod window;
+
+pub use run::{OutputKind, ServerError, ServerOptions, Shutdown, TokenSource, run};

@@ -1,0 +1,205 @@
+//! Gets a new state ready: finds its blobs and feeds them to the render thread piece by piece.
+//!
+//! It runs on a thread of its own, so that neither sockets nor frames wait for disks. A blob is
+//! looked for in the wall's store folders, then in this machine's cache, then asked for over the
+//! bulk connection. Hashes are checked wherever the bytes come from.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
+
+use bytes::Bytes;
+use crossbeam_channel::{Receiver, Sender};
+use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::codec;
+use polyptych_protocol::command::Prepare;
+use polyptych_protocol::ids::{BlobHash, Digest, Epoch};
+use polyptych_protocol::log::{Replica, SceneRef};
+use polyptych_protocol::scene::{Scene, SceneFeatures};
+use polyptych_protocol::status::{Prepared, Status};
+use tokio::sync::mpsc;
+
+use crate::apply;
+use crate::bulk::BulkJob;
+use crate::renderer::SceneDesc;
+use crate::report::Report;
+
+/// Orders that wait for the loader; the manager sends one change at a time.
+pub(crate) const ORDERS_MAX: usize = 16;
+
+/// Pieces that wait for the render thread: each delays a frame by at most one upload.
+pub(crate) const UPLOADS_MAX: usize = 4;
+
+/// A state that can be drawn, but for what the GPU holds of it.
+#[derive(Debug)]
+pub(crate) struct LoadedState {
+    pub epoch: Epoch,
+    pub replica: Replica,
+    pub digest: Digest,
+    /// The manifest of its scene.
+    pub scene: Option<BlobHash>,
+    pub warm_up: Camera,
+}
+
+/// Work for the render thread, done between frames.
+#[derive(Debug)]
+pub(crate) enum Upload {
+    /// A new scene begins.
+    Begin(Box<SceneDesc>),
+    /// A texture of it.
+    Texture { index: usize, bytes: Bytes },
+    /// A primitive of it.
+    Primitive { mesh: usize, primitive: usize, bytes: Bytes },
+    /// All is there: make it drawable, warm up, and answer with the scene's bytes.
+    Finish { state: Arc<LoadedState>, answer: SyncSender<Result<u64, String>> },
+    /// The scene that began will not be finished.
+    Abandon,
+}
+
+/// A state to get ready, for one connection.
+#[derive(Debug)]
+pub(crate) struct LoadOrder {
+    pub prepare: Prepare,
+    pub line: Line,
+}
+
+/// What the loader needs of the connection that an order came from.
+#[derive(Clone, Debug)]
+pub(crate) struct Line {
+    pub bulk: mpsc::Sender<BulkJob>,
+    pub reports: mpsc::Sender<Report>,
+    pub is_cut: Arc<AtomicBool>,
+}
+
+/// The loader's own state.
+#[derive(Debug)]
+pub(crate) struct Loader {
+    cache: BlobFolder,
+    uploads: Sender<Upload>,
+    /// What was made ready last; the render thread still holds its scene.
+    ready: Option<(Epoch, Replica)>,
+    ready_scene: Option<(BlobHash, SceneFeatures, Camera)>,
+}
+
+impl Loader {
+    pub fn new(cache: BlobFolder, uploads: Sender<Upload>) -> Self {
+        Self { cache, uploads, ready: None, ready_scene: None }
+    }
+
+    /// Serves orders until there can be no more.
+    pub fn run(mut self, orders: &Receiver<LoadOrder>) {
+        for order in orders {
+            let LoadOrder { prepare, line } = order;
+            let (epoch, revision) = (prepare.epoch, prepare.revision);
+            let status = match self.load(prepare, &line) {
+                Ok(prepared) => Status::Prepared(prepared),
+                Err(reason) => {
+                    if self.uploads.send(Upload::Abandon).is_err() {
+                        return;
+                    }
+                    Status::PrepareFailed { epoch, revision, reason }
+                }
+            };
+            // The connection may be gone; the next one gets a new order.
+            let _ = line.reports.blocking_send(Report::Status(status));
+        }
+    }
+
+    fn load(&mut self, prepare: Prepare, line: &Line) -> Result<Prepared, String> {
+        let epoch = prepare.epoch;
+        let replica = self.fold(prepare)?;
+        let (features, warm_up) = match &replica.scene {
+            None => (SceneFeatures::default(), Camera::IDENTITY),
+            Some(scene) => self.load_scene(scene, &replica, line)?,
+        };
+        let digest = replica.digest();
+        let scene = replica.scene.as_ref().map(|scene| scene.manifest);
+        let revision = replica.revision;
+        let state = LoadedState { epoch, replica: replica.clone(), digest, scene, warm_up };
+        let (answer, finished) = sync_channel(1);
+        self.upload(Upload::Finish { state: Arc::new(state), answer })?;
+        let scene_bytes = finished.recv().map_err(|_| "the render thread has ended")??;
+        self.ready = Some((epoch, replica));
+        self.ready_scene = scene.map(|manifest| (manifest, features, warm_up));
+        let features = features.names().into_iter().map(Into::into).collect();
+        Ok(Prepared { epoch, revision, digest, features, scene_bytes })
+    }
+
+    fn fold(&self, prepare: Prepare) -> Result<Replica, String> {
+        let Some(base) = prepare.base else {
+            return Ok(Replica::from_snapshot(prepare.revision, prepare.operations));
+        };
+        let same = |(epoch, replica): &&(Epoch, Replica)| {
+            *epoch == prepare.epoch && replica.revision == base
+        };
+        let ready = self.ready.as_ref().filter(same);
+        let mut replica = ready.map(|(_, replica)| replica.clone()).ok_or_else(|| {
+            format!("revision {} builds on {base}, which is not here", prepare.revision)
+        })?;
+        for operation in prepare.operations {
+            replica.apply(operation);
+        }
+        Ok(replica)
+    }
+
+    fn load_scene(
+        &self,
+        scene: &SceneRef,
+        replica: &Replica,
+        line: &Line,
+    ) -> Result<(SceneFeatures, Camera), String> {
+        if let Some((manifest, features, warm_up)) = self.ready_scene
+            && manifest == scene.manifest
+        {
+            return Ok((features, warm_up));
+        }
+        let stores = replica.wall.as_ref().map_or(&[][..], |wall| &wall.stores);
+        let stores: Vec<_> = stores.iter().map(|s| BlobFolder::new(s.as_str())).collect();
+        let bytes = self.blob(scene.manifest, &stores, line)?;
+        let manifest: Scene =
+            codec::decode_manifest(&bytes).map_err(|error| format!("manifest: {error}"))?;
+        drop(bytes);
+        if let Some(fault) = manifest.fault() {
+            return Err(format!("manifest of scene {}: {fault}", scene.name));
+        }
+        self.upload(Upload::Begin(Box::new(apply::scene(&manifest))))?;
+        for (index, texture) in manifest.textures.iter().enumerate() {
+            let bytes = self.blob(texture.blob, &stores, line)?;
+            self.upload(Upload::Texture { index, bytes })?;
+        }
+        for (mesh, of_mesh) in manifest.meshes.iter().enumerate() {
+            for (primitive, of_primitive) in of_mesh.primitives.iter().enumerate() {
+                let bytes = self.blob(of_primitive.blob, &stores, line)?;
+                self.upload(Upload::Primitive { mesh, primitive, bytes })?;
+            }
+        }
+        Ok((SceneFeatures::of(&manifest), apply::warm_up_camera(&manifest)))
+    }
+
+    fn blob(&self, hash: BlobHash, stores: &[BlobFolder], line: &Line) -> Result<Bytes, String> {
+        if line.is_cut.load(Ordering::Relaxed) {
+            return Err("the connection that asked for it has ended".to_owned());
+        }
+        for folder in stores.iter().chain([&self.cache]) {
+            match folder.read(hash) {
+                Ok(Some(bytes)) => return Ok(bytes),
+                Ok(None) => {}
+                // Another place may have it whole.
+                Err(error) => tracing::warn!(%error, "a stored blob is of no use"),
+            }
+        }
+        let (answer, fetched) = sync_channel(1);
+        let asked = line.bulk.blocking_send(BulkJob::Fetch { hash, answer });
+        asked.map_err(|_| "the bulk connection has ended")?;
+        let bytes = fetched.recv().map_err(|_| "the bulk connection has ended")??;
+        if let Err(error) = self.cache.write(&bytes) {
+            tracing::warn!(%error, "the cache can't be written; going on without it");
+        }
+        Ok(bytes)
+    }
+
+    fn upload(&self, upload: Upload) -> Result<(), String> {
+        self.uploads.send(upload).map_err(|_| "the render thread has ended".to_owned())
+    }
+}

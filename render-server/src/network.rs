@@ -1,0 +1,242 @@
+//! The network thread: connects, carries messages, tries again.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use bytes::Bytes;
+use crossbeam_channel::Sender;
+use futures_util::{SinkExt, StreamExt};
+use polyptych_protocol::codec;
+use polyptych_protocol::command::Command;
+use polyptych_protocol::connection::{self, Frames};
+use polyptych_protocol::handshake::{Adapter, BulkHello, Hello, Role, Secret, ServerHello, Welcome};
+use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
+use polyptych_protocol::status::{Ping, Status};
+use tokio::net::TcpStream;
+use tokio::sync::{Notify, mpsc};
+
+use crate::bulk::{self, BULK_JOBS_MAX, BulkJob};
+use crate::clock::{Clock, ClockEstimate};
+use crate::loader::{Line, LoadOrder};
+use crate::render_thread::Job;
+use crate::report::Report;
+use crate::run::{ServerError, ServerOptions, Shutdown};
+
+/// First and longest wait before another try. The first is short: a restarted manager should find
+/// its wall again at once; the longest keeps a dark wall from flooding a manager that starts.
+const RETRY_FIRST: Duration = Duration::from_millis(50);
+const RETRY_LONGEST: Duration = Duration::from_secs(2);
+
+/// What the network thread works with.
+pub(crate) struct Network {
+    pub options: ServerOptions,
+    pub adapter: Adapter,
+    pub jobs: Sender<Job>,
+    pub orders: Sender<LoadOrder>,
+    pub reports: mpsc::Sender<Report>,
+    pub waiting_reports: mpsc::Receiver<Report>,
+    pub clock: Arc<Clock>,
+}
+
+/// Connects and serves until told to end.
+pub(crate) fn run(
+    mut network: Network,
+    shutdown: Shutdown,
+    stop: &Notify,
+) -> Result<(), ServerError> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        tokio::select! {
+            () = shutdown => Ok(()),
+            () = stop.notified() => Ok(()),
+            error = network.keep_connected() => Err(error),
+        }
+    })
+}
+
+impl Network {
+    /// Serves one connection after the other. Returns only where it is to try once.
+    async fn keep_connected(&mut self) -> ServerError {
+        let manager = self.options.manager.clone();
+        let mut wait = RETRY_FIRST;
+        let mut last_reason = String::new();
+        self.notice(&format!("connecting to manager {manager}"));
+        loop {
+            let (was_connected, reason) = match self.connect().await {
+                Err(reason) => (false, reason),
+                Ok((frames, welcome)) => (true, self.serve(frames, welcome).await),
+            };
+            if self.options.once {
+                return ServerError::GaveUp { manager, reason };
+            }
+            // One line for each change; a manager that is away all night fills no disk.
+            if was_connected || reason != last_reason {
+                tracing::warn!(manager, reason, "not connected; trying again for ever");
+                let what = if was_connected { "manager lost" } else { "no manager" };
+                self.notice(&format!("{what}: {reason}"));
+            }
+            last_reason = reason;
+            if was_connected {
+                wait = RETRY_FIRST;
+            }
+            tokio::time::sleep(wait.mul_f64(0.75 + 0.5 * fastrand::f64())).await;
+            wait = (wait * 2).min(RETRY_LONGEST);
+        }
+    }
+
+    async fn connect(&self) -> Result<(Frames<TcpStream>, Welcome), String> {
+        let token = self.options.token.read().map_err(|error| error.to_string())?;
+        let hello = Hello::Server(ServerHello {
+            name: self.options.name.clone(),
+            token: Secret(token),
+            channels: self.options.channels.clone(),
+            pid: std::process::id(),
+            adapter: self.adapter.clone(),
+        });
+        self.introduce(Role::Server, &hello).await
+    }
+
+    async fn introduce(
+        &self,
+        role: Role,
+        hello: &Hello,
+    ) -> Result<(Frames<TcpStream>, Welcome), String> {
+        let introduce = async {
+            let stream = TcpStream::connect(&self.options.manager).await;
+            let stream = stream.map_err(|error| error.to_string())?;
+            stream.set_nodelay(true).map_err(|error| error.to_string())?;
+            connection::introduce(stream, role, hello).await.map_err(|error| error.to_string())
+        };
+        let limit = HANDSHAKE_TIME_MAX;
+        let introduced = tokio::time::timeout(limit, introduce).await;
+        introduced.map_err(|_| format!("no answer within {} s", limit.as_secs()))?
+    }
+
+    /// Serves one connection until it ends, and says why it did.
+    async fn serve(&mut self, frames: Frames<TcpStream>, welcome: Welcome) -> String {
+        let manager = &self.options.manager;
+        tracing::info!(manager, wall = welcome.wall, epoch = %welcome.epoch, "connected");
+        self.notice(&format!("wall {}: getting the scene ready", welcome.wall));
+        self.clock.set(None);
+        // Reports for an older connection mean nothing on this one.
+        while self.waiting_reports.try_recv().is_ok() {}
+        let token = match self.options.token.read() {
+            Ok(token) => token,
+            Err(error) => return error.to_string(),
+        };
+        let hello = Hello::Bulk(BulkHello { token: Secret(token), session: welcome.session });
+        let bulk_frames = match self.introduce(Role::Bulk, &hello).await {
+            Ok((frames, _)) => frames,
+            Err(reason) => return format!("bulk connection: {reason}"),
+        };
+        let (bulk_jobs, waiting) = mpsc::channel(BULK_JOBS_MAX);
+        let is_cut = Arc::new(AtomicBool::new(false));
+        let line = Line { bulk: bulk_jobs, reports: self.reports.clone(), is_cut: is_cut.clone() };
+        let reason = tokio::select! {
+            reason = bulk::serve(bulk_frames, waiting) => reason,
+            reason = self.converse(frames, &welcome, line) => reason,
+        };
+        is_cut.store(true, Ordering::Relaxed);
+        let _ = self.jobs.try_send(Job::Disconnected);
+        reason
+    }
+
+    async fn converse(
+        &mut self,
+        mut frames: Frames<TcpStream>,
+        welcome: &Welcome,
+        line: Line,
+    ) -> String {
+        let heartbeat = Duration::from_millis(u64::from(welcome.heartbeat_ms.max(1)));
+        let mut ping = tokio::time::interval(heartbeat / PINGS_PER_HEARTBEAT);
+        let mut estimate = ClockEstimate::default();
+        let mut last_heard = Instant::now();
+        loop {
+            let outgoing: Bytes = tokio::select! {
+                message = frames.next() => {
+                    last_heard = Instant::now();
+                    match message {
+                        None => return "it closed the connection".to_owned(),
+                        Some(Err(error)) => return error.to_string(),
+                        Some(Ok(bytes)) => {
+                            if let Err(reason) = self.obey(&bytes, &mut estimate, &line) {
+                                return reason;
+                            }
+                        }
+                    }
+                    continue;
+                }
+                Some(report) = self.waiting_reports.recv() => match report {
+                    Report::Status(status) => codec::encode(&status),
+                    Report::Picture(picture) => {
+                        if line.bulk.try_send(BulkJob::Send(picture)).is_err() {
+                            tracing::warn!("a picture was dropped: the bulk connection is busy");
+                        }
+                        continue;
+                    }
+                },
+                _ = ping.tick() => {
+                    if last_heard.elapsed() > heartbeat {
+                        return format!("silent for more than {} ms", heartbeat.as_millis());
+                    }
+                    let sent_us = self.clock.local_us();
+                    codec::encode(&Status::Ping(Ping { sent_us, memory_bytes: memory_bytes() }))
+                }
+            };
+            match tokio::time::timeout(heartbeat, frames.send(outgoing)).await {
+                Ok(Ok(())) => {}
+                Ok(Err(error)) => return error.to_string(),
+                Err(_) => return "it reads nothing any more".to_owned(),
+            }
+        }
+    }
+
+    fn obey(
+        &self,
+        bytes: &[u8],
+        estimate: &mut ClockEstimate,
+        line: &Line,
+    ) -> Result<(), String> {
+        let command = codec::decode::<Command>(bytes)
+            .map_err(|error| format!("it sent something malformed: {error}"))?;
+        match command {
+            // A full queue is a render thread that stands still: what it misses, it is late with.
+            Command::Frame(frame) => drop(self.jobs.try_send(Job::Frame(Box::new(frame)))),
+            Command::Swap(swap) => drop(self.jobs.try_send(Job::Swap(swap))),
+            Command::Prepare(prepare) => {
+                let order = LoadOrder { prepare, line: line.clone() };
+                if self.orders.try_send(order).is_err() {
+                    return Err("it sends changes faster than they can be prepared".to_owned());
+                }
+            }
+            Command::Pong(pong) => {
+                estimate.add(&pong, self.clock.local_us());
+                self.clock.set(estimate.best());
+            }
+            Command::Goodbye { reason } => return Err(reason),
+        }
+        Ok(())
+    }
+
+    /// What channels without a picture say, and since when.
+    fn notice(&self, what: &str) {
+        let lines = vec![what.to_owned(), format!("since {}", time_of_day())];
+        let _ = self.jobs.try_send(Job::Notice(lines));
+    }
+}
+
+/// Hours, minutes and seconds in UTC, which all machines of a wall agree on.
+fn time_of_day() -> String {
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let of_day = since_1970.as_secs() % 86_400;
+    format!("{:02}:{:02}:{:02} UTC", of_day / 3600, of_day / 60 % 60, of_day % 60)
+}
+
+/// Resident memory of this process, where the system tells (Linux: `VmRSS`, in KiB).
+fn memory_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kib = line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<u64>().ok());
+    kib.unwrap_or(0) * 1024
+}

@@ -1,0 +1,166 @@
+//! Which frame a server draws next and which it shows: without sockets, GPU or clock.
+//!
+//! Commands are taken as they come; what is to be done is asked for when all have been taken, so
+//! that a server that wakes from a stop goes to the newest frame and never shows an old one.
+
+use polyptych_protocol::command::{Frame, Swap};
+use polyptych_protocol::ids::{Epoch, FrameId};
+
+/// What to do next.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Act {
+    /// Draw this frame into the channels' own targets.
+    Draw(Box<Frame>),
+    /// Show the frame that was drawn last; where wanted, send its pictures.
+    Show {
+        /// Which life of the manager.
+        epoch: Epoch,
+        /// The frame.
+        frame: FrameId,
+        /// Whether its pictures are to be sent.
+        capture: bool,
+    },
+}
+
+/// The newest commands that wait, and what was done.
+#[derive(Debug, Default)]
+pub struct Playback {
+    waiting_frame: Option<Box<Frame>>,
+    waiting_swap: Option<Swap>,
+    drawn: Option<Drawn>,
+    shown: Option<(Epoch, FrameId)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Drawn {
+    epoch: Epoch,
+    frame: FrameId,
+    capture: bool,
+}
+
+impl Playback {
+    /// A frame command: it takes the place of an older one that was not drawn.
+    pub fn handle_frame(&mut self, frame: Box<Frame>) {
+        self.waiting_frame = Some(frame);
+    }
+
+    /// A swap command. `Some` is to be done at once: the frame behind it may follow in the same
+    /// breath.
+    pub fn handle_swap(&mut self, swap: Swap, manager_us: Option<u64>) -> Option<Act> {
+        self.waiting_swap = Some(swap);
+        self.take_show(manager_us)
+    }
+
+    /// What to do now, all commands having been taken. `manager_us` is manager time, where it is
+    /// known. A drawn frame must be noted by [`Playback::has_drawn`] before this is asked again.
+    pub fn poll(&mut self, manager_us: Option<u64>) -> Option<Act> {
+        self.take_show(manager_us).or_else(|| self.waiting_frame.take().map(Act::Draw))
+    }
+
+    /// The channels have drawn this frame; it may be shown.
+    pub fn has_drawn(&mut self, frame: &Frame) {
+        self.drawn =
+            Some(Drawn { epoch: frame.epoch, frame: frame.frame, capture: frame.capture });
+    }
+
+    /// Forgets what waits and what was drawn: another connection, another state.
+    pub fn restart(&mut self) {
+        *self = Self { shown: self.shown, ..Self::default() };
+    }
+
+    fn take_show(&mut self, manager_us: Option<u64>) -> Option<Act> {
+        let swap = self.waiting_swap?;
+        let drawn = self.drawn?;
+        let is_old = self.shown.is_some_and(|(epoch, frame)| {
+            epoch == swap.epoch && frame >= swap.frame
+        });
+        let is_expired = manager_us.is_some_and(|now| now > swap.not_after_us);
+        if is_old || is_expired {
+            self.waiting_swap = None;
+            return None;
+        }
+        if (drawn.epoch, drawn.frame) != (swap.epoch, swap.frame) {
+            // Not drawn yet, or passed over; a newer swap will replace it.
+            return None;
+        }
+        self.waiting_swap = None;
+        self.shown = Some((swap.epoch, swap.frame));
+        Some(Act::Show { epoch: swap.epoch, frame: swap.frame, capture: drawn.capture })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use polyptych_protocol::ids::Revision;
+
+    use super::*;
+
+    const EPOCH: Epoch = Epoch(1);
+
+    fn frame(n: u64) -> Box<Frame> {
+        Box::new(Frame {
+            epoch: EPOCH,
+            frame: FrameId(n),
+            time_s: 0.0,
+            revision: Revision(1),
+            views: Vec::new(),
+            eye: DVec3::ZERO,
+            exposure: 1.0,
+            error_bound_px: 0.0,
+            capture: false,
+        })
+    }
+
+    fn swap(n: u64, not_after_us: u64) -> Swap {
+        Swap { epoch: EPOCH, frame: FrameId(n), not_after_us }
+    }
+
+    fn show(n: u64) -> Act {
+        Act::Show { epoch: EPOCH, frame: FrameId(n), capture: false }
+    }
+
+    #[test]
+    fn a_frame_is_drawn_and_then_shown_once() {
+        let mut playback = Playback::default();
+        playback.handle_frame(frame(1));
+        assert_eq!(playback.poll(Some(0)), Some(Act::Draw(frame(1))));
+        assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), None);
+        playback.has_drawn(&frame(1));
+        assert_eq!(playback.poll(Some(20)), Some(show(1)));
+        assert_eq!(playback.handle_swap(swap(1, 100), Some(20)), None);
+        assert_eq!(playback.poll(Some(20)), None);
+    }
+
+    #[test]
+    fn whoever_wakes_goes_to_the_newest_frame() {
+        let mut playback = Playback::default();
+        playback.handle_frame(frame(1));
+        playback.poll(Some(0));
+        playback.has_drawn(&frame(1));
+        for n in 2..50 {
+            assert_eq!(playback.handle_swap(swap(n - 1, n * 10), Some(9_999)), None);
+            playback.handle_frame(frame(n));
+        }
+        assert_eq!(playback.poll(Some(9_999)), Some(Act::Draw(frame(49))));
+        playback.has_drawn(&frame(49));
+        assert_eq!(playback.handle_swap(swap(49, 10_100), Some(10_000)), Some(show(49)));
+    }
+
+    #[test]
+    fn an_expired_swap_shows_nothing() {
+        let mut playback = Playback::default();
+        playback.has_drawn(&frame(3));
+        assert_eq!(playback.handle_swap(swap(3, 100), Some(101)), None);
+        assert_eq!(playback.poll(Some(50)), None);
+    }
+
+    #[test]
+    fn a_swap_and_the_next_frame_in_one_breath_are_both_done() {
+        let mut playback = Playback::default();
+        playback.has_drawn(&frame(1));
+        assert_eq!(playback.handle_swap(swap(1, 100), None), Some(show(1)));
+        playback.handle_frame(frame(2));
+        assert_eq!(playback.poll(None), Some(Act::Draw(frame(2))));
+    }
+}

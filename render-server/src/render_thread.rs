@@ -1,0 +1,475 @@
+//! The thread that owns the GPU. It empties its queues between frames and never waits for a socket.
+
+use std::collections::VecDeque;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::time::Instant;
+
+use crossbeam_channel::{Receiver, select};
+use polyptych_protocol::command::{Area, Frame, Swap, View};
+use polyptych_protocol::ids::{ChannelId, Epoch, FrameId, Revision};
+use polyptych_protocol::wall::Wall;
+use tokio::sync::mpsc;
+use winit::dpi::PhysicalSize;
+
+use crate::apply;
+use crate::clock::Clock;
+use crate::display::WindowDisplay;
+use crate::loader::{LoadedState, Upload};
+use crate::playback::{Act, Playback};
+use crate::renderer::{
+    DrawStats, Gpu, Renderer, Scene, SceneBuilder, SceneDesc, Target, idle, read_pixels,
+};
+use crate::report::{self, PictureReport, Report};
+
+/// States that are held at once: the one shown, and those that the next frames may name.
+const STATES_MAX: usize = 4;
+
+/// Jobs that wait for the render thread: a wall that stood still for two seconds at 60 frames
+/// per second left 240.
+pub(crate) const JOBS_MAX: usize = 512;
+
+/// Side of the target that a new scene is drawn into once before anyone sees it, in pixels.
+const WARM_UP_SIDE: u32 = 64;
+
+/// What the other threads want of this one.
+#[derive(Debug)]
+pub enum Job {
+    /// Draw this, unless a newer one comes.
+    Frame(Box<Frame>),
+    /// Show what was drawn.
+    Swap(Swap),
+    /// What to say on channels that have no picture to show.
+    Notice(Vec<String>),
+    /// The connection ended: what waits belongs to it.
+    Disconnected,
+    /// A window has another size.
+    Resized {
+        /// Its channel.
+        channel: String,
+        /// In pixels.
+        size: PhysicalSize<u32>,
+    },
+    /// A window was uncovered.
+    Redraw {
+        /// Its channel.
+        channel: String,
+    },
+    /// End.
+    Stop,
+}
+
+/// One channel of this server.
+#[derive(Debug)]
+pub(crate) struct Output {
+    pub name: String,
+    /// `None` without a window: the target is all there is.
+    pub display: Option<WindowDisplay>,
+    target: Option<Target>,
+    has_picture: bool,
+}
+
+impl Output {
+    pub fn new(name: String, display: Option<WindowDisplay>) -> Self {
+        Self { name, display, target: None, has_picture: false }
+    }
+}
+
+/// The queues of the render thread.
+pub(crate) struct Queues {
+    pub jobs: Receiver<Job>,
+    pub uploads: Receiver<Upload>,
+    pub reports: mpsc::Sender<Report>,
+}
+
+/// A state whose scene is on the GPU.
+struct Drawable {
+    state: Arc<LoadedState>,
+    scene: Rc<Scene>,
+    scene_bytes: u64,
+}
+
+/// What the thread owns.
+pub(crate) struct RenderThread {
+    gpu: Gpu,
+    renderer: Renderer,
+    outputs: Vec<Output>,
+    queues: Queues,
+    clock: Arc<Clock>,
+    playback: Playback,
+    /// Oldest first; the last one was finished last.
+    states: VecDeque<Drawable>,
+    building: Option<(SceneBuilder, u64)>,
+    notice: Vec<String>,
+    is_stopping: bool,
+}
+
+impl RenderThread {
+    pub fn new(
+        gpu: Gpu,
+        outputs: Vec<Output>,
+        queues: Queues,
+        clock: Arc<Clock>,
+    ) -> Result<Self, String> {
+        let renderer = Renderer::new(&gpu, 1).map_err(|error| error.to_string())?;
+        Ok(Self {
+            gpu,
+            renderer,
+            outputs,
+            queues,
+            clock,
+            playback: Playback::default(),
+            states: VecDeque::new(),
+            building: None,
+            notice: Vec::new(),
+            is_stopping: false,
+        })
+    }
+
+    /// Runs until it is told to stop.
+    ///
+    /// # Errors
+    /// The GPU failed in a way that only a new process mends.
+    pub fn run(mut self) -> Result<(), String> {
+        while !self.is_stopping {
+            // Everything that waits is taken before anything is done.
+            while let Ok(job) = self.queues.jobs.try_recv() {
+                self.handle(job);
+            }
+            match self.playback.poll(self.manager_us()) {
+                Some(act) => self.perform(act),
+                None => self.wait(),
+            }
+            if let Some(fault) = self.gpu.fault() {
+                return Err(fault);
+            }
+        }
+        Ok(())
+    }
+
+    fn manager_us(&self) -> Option<u64> {
+        (self.clock.error_us() != u32::MAX).then(|| self.clock.manager_us())
+    }
+
+    fn wait(&mut self) {
+        select! {
+            recv(self.queues.jobs) -> job => match job {
+                Ok(job) => self.handle(job),
+                Err(_) => self.is_stopping = true,
+            },
+            recv(self.queues.uploads) -> upload => match upload {
+                Ok(upload) => self.upload(upload),
+                Err(_) => self.is_stopping = true,
+            },
+        }
+    }
+
+    fn handle(&mut self, job: Job) {
+        match job {
+            Job::Frame(frame) => self.playback.handle_frame(frame),
+            Job::Swap(swap) => {
+                if let Some(act) = self.playback.handle_swap(swap, self.manager_us()) {
+                    self.perform(act);
+                }
+            }
+            Job::Notice(lines) => {
+                self.notice = lines;
+                for index in 0..self.outputs.len() {
+                    self.show_idle(index);
+                }
+            }
+            Job::Disconnected => self.playback.restart(),
+            Job::Resized { channel, size } => {
+                if let Some(index) = self.index_of(&channel) {
+                    if let Some(display) = &mut self.outputs[index].display {
+                        display.resize(&self.gpu, size);
+                    }
+                    self.show_again(index);
+                }
+            }
+            Job::Redraw { channel } => {
+                if let Some(index) = self.index_of(&channel) {
+                    self.show_again(index);
+                }
+            }
+            Job::Stop => self.is_stopping = true,
+        }
+    }
+
+    fn index_of(&self, name: &str) -> Option<usize> {
+        self.outputs.iter().position(|output| output.name == name)
+    }
+
+    fn perform(&mut self, act: Act) {
+        match act {
+            Act::Draw(frame) => self.draw(&frame),
+            Act::Show { epoch, frame, capture } => self.show(epoch, frame, capture),
+        }
+    }
+
+    /// Draws a frame on all channels, where its state is here.
+    fn draw(&mut self, frame: &Frame) {
+        let _span = tracing::debug_span!("draw", frame = %frame.frame).entered();
+        if !self.promote(frame.epoch, frame.revision) {
+            return;
+        }
+        let mut is_drawn = true;
+        for index in 0..self.outputs.len() {
+            let Some(drawable) = self.states.front() else { return };
+            let state = Arc::clone(&drawable.state);
+            let scene = Rc::clone(&drawable.scene);
+            let Some(wall) = state.replica.wall.as_deref() else { return };
+            let Some((id, _)) = wall.channel_named(&self.outputs[index].name) else { continue };
+            let start = Instant::now();
+            match self.draw_channel(index, wall, id, frame, &scene) {
+                Ok(stats) => {
+                    let draw_us = start.elapsed().as_micros() as u64;
+                    self.send(report::drawn(frame, id, &state, &stats, draw_us));
+                }
+                Err(reason) => {
+                    is_drawn = false;
+                    self.send(report::draw_failed(frame.frame, id, reason));
+                }
+            }
+        }
+        if is_drawn {
+            self.playback.has_drawn(frame);
+        }
+    }
+
+    /// Makes the state of this revision the one that is drawn, and forgets older ones.
+    fn promote(&mut self, epoch: Epoch, revision: Revision) -> bool {
+        let is_it = |d: &Drawable| {
+            d.state.epoch == epoch && d.state.replica.revision == revision
+        };
+        let Some(index) = self.states.iter().position(is_it) else { return false };
+        self.states.drain(..index);
+        true
+    }
+
+    fn draw_channel(
+        &mut self,
+        index: usize,
+        wall: &Wall,
+        id: ChannelId,
+        frame: &Frame,
+        scene: &Scene,
+    ) -> Result<DrawStats, String> {
+        let views = apply::views(wall, id, frame)?;
+        let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
+        let size = [channel.size.x, channel.size.y];
+        self.use_samples(wall.samples)?;
+        let output = &mut self.outputs[index];
+        let fits = output.target.as_ref().is_some_and(|target| {
+            target.size() == size
+                && target.samples() == wall.samples
+                && target.is_linear() == scene.blends()
+        });
+        if !fits {
+            if let Some(display) = &output.display {
+                let canvas = wall.screen_of(channel).canvas;
+                display.arrange(channel.origin.to_array(), size, canvas.to_array());
+            }
+            let target = Target::new(&self.gpu, size, wall.samples, scene.blends());
+            output.target = Some(target.map_err(|error| error.to_string())?);
+        }
+        let target = output.target.as_mut().ok_or("there is no target")?;
+        let drawn = self.renderer.draw(&self.gpu, scene, target, &views);
+        drawn.map_err(|error| error.to_string())
+    }
+
+    /// A wall of other samples needs other pipelines.
+    fn use_samples(&mut self, samples: u32) -> Result<(), String> {
+        if self.renderer.samples() != samples {
+            let renderer = Renderer::new(&self.gpu, samples);
+            self.renderer = renderer.map_err(|error| error.to_string())?;
+            for drawable in &self.states {
+                self.renderer.prepare(&self.gpu, &drawable.scene);
+            }
+        }
+        Ok(())
+    }
+
+    fn show(&mut self, epoch: Epoch, frame: FrameId, capture: bool) {
+        let state = self.states.front().map(|drawable| Arc::clone(&drawable.state));
+        let Some(state) = state.filter(|state| state.epoch == epoch) else { return };
+        let Some(wall) = state.replica.wall.as_deref() else { return };
+        for index in 0..self.outputs.len() {
+            let output = &mut self.outputs[index];
+            let Some((id, _)) = wall.channel_named(&output.name) else { continue };
+            let Some(target) = &output.target else { continue };
+            output.has_picture = true;
+            let presented = match &mut output.display {
+                Some(display) => display.present(&self.gpu, target),
+                None => Ok(()),
+            };
+            match presented {
+                Ok(()) => self.send(report::shown(epoch, frame, id, &self.clock)),
+                Err(reason) => self.send(report::draw_failed(frame, id, reason)),
+            }
+        }
+        if capture {
+            self.send_pictures(frame, wall);
+        }
+    }
+
+    fn send_pictures(&mut self, frame: FrameId, wall: &Wall) {
+        for output in &self.outputs {
+            let Some((channel, _)) = wall.channel_named(&output.name) else { continue };
+            let Some(target) = &output.target else { continue };
+            let [width, height] = target.size();
+            match read_pixels(&self.gpu, target) {
+                Ok(pixels) => {
+                    let bytes = pixels.into();
+                    let picture = PictureReport { channel, frame, width, height, bytes };
+                    self.send(Report::Picture(picture));
+                }
+                Err(error) => {
+                    self.send(report::draw_failed(frame, channel, error.to_string()));
+                }
+            }
+        }
+    }
+
+    /// What a window shows that has just been uncovered or resized.
+    fn show_again(&mut self, index: usize) {
+        let output = &mut self.outputs[index];
+        if !output.has_picture {
+            self.show_idle(index);
+        } else if let (Some(display), Some(target)) = (&mut output.display, &output.target)
+            && let Err(reason) = display.present(&self.gpu, target)
+        {
+            tracing::warn!(channel = output.name, reason, "the window was not redrawn");
+        }
+    }
+
+    /// Draws the idle picture on a channel that has no other.
+    fn show_idle(&mut self, index: usize) {
+        let output = &mut self.outputs[index];
+        if output.has_picture || self.notice.is_empty() {
+            return;
+        }
+        if let Some(display) = &output.display
+            && output.target.as_ref().is_none_or(|target| target.size() != display.size())
+        {
+            output.target = Target::new(&self.gpu, display.size(), 1, false).ok();
+        }
+        let Some(target) = &mut output.target else { return };
+        let mut lines = vec![output.name.clone()];
+        lines.extend(self.notice.iter().cloned());
+        idle::draw(&self.gpu, target, &lines);
+        if let Some(display) = &mut output.display
+            && let Err(reason) = display.present(&self.gpu, target)
+        {
+            tracing::warn!(channel = output.name, reason, "the idle picture was not shown");
+        }
+    }
+
+    fn upload(&mut self, upload: Upload) {
+        let uploaded = match upload {
+            Upload::Begin(desc) => SceneBuilder::new(&self.gpu, *desc)
+                .map(|builder| self.building = Some((builder, 0)))
+                .map_err(|error| error.to_string()),
+            Upload::Texture { index, bytes } => self.build(bytes.len(), |gpu, builder| {
+                builder.upload_texture(gpu, index, &bytes)
+            }),
+            Upload::Primitive { mesh, primitive, bytes } => {
+                self.build(bytes.len(), |gpu, builder| {
+                    builder.upload_primitive(gpu, mesh, primitive, &bytes)
+                })
+            }
+            Upload::Finish { state, answer } => {
+                let finished = self.finish(state);
+                // The loader waits for this; should it have ended, nobody does.
+                let _ = answer.send(finished);
+                Ok(())
+            }
+            Upload::Abandon => {
+                self.building = None;
+                Ok(())
+            }
+        };
+        if let Err(reason) = uploaded {
+            // The finish that follows finds no builder, and says so to the loader.
+            tracing::error!(reason, "a scene could not be built");
+            self.building = None;
+        }
+    }
+
+    fn build<E: std::fmt::Display>(
+        &mut self,
+        bytes: usize,
+        upload: impl FnOnce(&Gpu, &mut SceneBuilder) -> Result<(), E>,
+    ) -> Result<(), String> {
+        let Some((builder, total)) = &mut self.building else { return Ok(()) };
+        upload(&self.gpu, builder).map_err(|error| error.to_string())?;
+        *total += bytes as u64;
+        // Staging memory is given back only when the queue has run.
+        self.gpu.queue.submit([]);
+        let _ = self.gpu.device.poll(wgpu::PollType::Poll);
+        Ok(())
+    }
+
+    /// Makes a state drawable. Gives the bytes of its scene.
+    fn finish(&mut self, state: Arc<LoadedState>) -> Result<u64, String> {
+        let latest = self.states.back().filter(|latest| latest.state.scene == state.scene);
+        let (scene, scene_bytes) = if let Some((builder, bytes)) = self.building.take() {
+            let scene = builder.finish(&self.gpu).map_err(|error| error.to_string())?;
+            (Rc::new(scene), bytes)
+        } else if let Some(latest) = latest {
+            (Rc::clone(&latest.scene), latest.scene_bytes)
+        } else if state.scene.is_none() {
+            let nothing = SceneBuilder::new(&self.gpu, SceneDesc::default());
+            let nothing = nothing.and_then(|builder| builder.finish(&self.gpu));
+            (Rc::new(nothing.map_err(|error| error.to_string())?), 0)
+        } else {
+            return Err("the scene could not be built; the server's log says why".to_owned());
+        };
+        self.warm_up(&state, &scene)?;
+        if self.states.len() == STATES_MAX {
+            self.states.remove(1);
+        }
+        self.states.push_back(Drawable { state, scene, scene_bytes });
+        Ok(scene_bytes)
+    }
+
+    /// Builds the pipelines of a scene and draws it once, small, where nobody sees it: a first
+    /// use compiles for tens of milliseconds.
+    fn warm_up(&mut self, state: &LoadedState, scene: &Scene) -> Result<(), String> {
+        let Some(wall) = state.replica.wall.as_deref() else { return Ok(()) };
+        self.use_samples(wall.samples)?;
+        self.renderer.prepare(&self.gpu, scene);
+        let Some((id, _)) = self.outputs.first().and_then(|o| wall.channel_named(&o.name)) else {
+            return Ok(());
+        };
+        let view = View { camera: state.warm_up, scene_root: None, area: Area::Wall };
+        let frame = Frame {
+            epoch: state.epoch,
+            frame: FrameId(0),
+            time_s: 0.0,
+            revision: state.replica.revision,
+            views: vec![view],
+            eye: wall.eye,
+            exposure: 1.0,
+            error_bound_px: 0.0,
+            capture: false,
+        };
+        let mut views = apply::views(wall, id, &frame)?;
+        for view in &mut views {
+            view.viewport = [0.0, 0.0, f64::from(WARM_UP_SIDE), f64::from(WARM_UP_SIDE)];
+            view.scissor = None;
+        }
+        let side = [WARM_UP_SIDE; 2];
+        let mut target = Target::new(&self.gpu, side, wall.samples, scene.blends())
+            .map_err(|error| error.to_string())?;
+        let drawn = self.renderer.draw(&self.gpu, scene, &mut target, &views);
+        drawn.map(|_| ()).map_err(|error| error.to_string())
+    }
+
+    fn send(&self, report: Report) {
+        // A full queue means that the network stands still; the manager knows that already.
+        if self.queues.reports.try_send(report).is_err() {
+            tracing::debug!("a report was dropped");
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! What is drawn and in which order: a function of the scene and the eye, never of the channel.
+//!
+//! What a channel does not see is left out, but never reorders what stays. So where two surfaces
+//! have one depth, the same one wins in every channel.
+
+use std::collections::BTreeSet;
+
+use glam::{DMat4, DVec3};
+
+use super::pipeline::InstanceRecord;
+use super::scene::{Bounds, Scene};
+use super::view::ViewDesc;
+
+/// Beyond so many visible items it costs more to find what of the target they touch than it
+/// saves.
+const TOUCH_ITEMS_MAX: usize = 2048;
+/// Pixels by which the touched rectangle is wider, for lines, points and rounding.
+const TOUCH_MARGIN: f64 = 2.0;
+
+/// One draw call: items of one batch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::renderer) struct Draw {
+    pub batch: u32,
+    /// An index into the scene's pipeline keys.
+    pub pipeline: u32,
+    /// Into the instance records of the frame.
+    pub first: u32,
+    pub count: u32,
+}
+
+/// What one view draws.
+#[derive(Clone, Debug, Default)]
+pub(in crate::renderer) struct DrawList {
+    /// Pixels of the target that the view may touch: x, y, width, height.
+    pub rectangle: [u32; 4],
+    /// Near to far, by batch.
+    pub opaque: Vec<Draw>,
+    /// Far to near, by item.
+    pub transparent: Vec<Draw>,
+    pub triangles: u64,
+    pub visible: u32,
+    /// Pixels that visible items may touch; `None` where there are none.
+    pub touched: Option<[u32; 4]>,
+}
+
+/// Room that is kept from frame to frame.
+#[derive(Debug, Default)]
+pub(in crate::renderer) struct Scratch {
+    visible: Vec<u32>,
+    /// Rank of the batch, bits of the squared distance, item.
+    opaque: Vec<(u32, u32, u32)>,
+    blended: Vec<(u64, u32)>,
+    ranks: Vec<u32>,
+}
+
+impl DrawList {
+    /// Culls and sorts; appends the instance records.
+    pub fn new(
+        scene: &Scene,
+        view: &ViewDesc,
+        rectangle: [u32; 4],
+        scratch: &mut Scratch,
+        instances: &mut Vec<InstanceRecord>,
+    ) -> Self {
+        scratch.visible.clear();
+        scene.tree.visible(&view.planes(rectangle), &mut scratch.visible);
+        let mut list = Self {
+            rectangle,
+            visible: scratch.visible.len() as u32,
+            touched: touched(scene, view, rectangle, &scratch.visible),
+            ..Self::default()
+        };
+        sort(scene, view.eye_in_world, scratch);
+        for &(_, _, index) in &scratch.opaque {
+            let batch = scene.items[index as usize].batch;
+            let pipeline = scene.batches[batch as usize].pipeline;
+            let first = push(scene, index, view.eye_in_world, instances);
+            list.triangles += scene.batches[batch as usize].triangles;
+            extend(&mut list.opaque, Draw { batch, pipeline, first, count: 1 });
+        }
+        for &(_, index) in &scratch.blended {
+            let batch_index = scene.items[index as usize].batch;
+            let batch = &scene.batches[batch_index as usize];
+            let first = push(scene, index, view.eye_in_world, instances);
+            list.triangles += batch.triangles;
+            let draw = Draw { batch: batch_index, pipeline: batch.pipeline, first, count: 1 };
+            if let Some(pipeline) = batch.back_pipeline {
+                list.transparent.push(Draw { pipeline, ..draw });
+                list.transparent.push(draw);
+            } else {
+                extend(&mut list.transparent, draw);
+            }
+        }
+        list
+    }
+}
+
+/// One draw of each pipeline with each material: all that a driver may have to compile.
+pub(in crate::renderer) fn samples_of(scene: &Scene) -> Vec<Draw> {
+    let mut known = BTreeSet::new();
+    let mut draws = Vec::new();
+    for (batch, b) in (0u32..).zip(&scene.batches) {
+        for pipeline in [b.back_pipeline, Some(b.pipeline)].into_iter().flatten() {
+            if known.insert((pipeline, b.material)) {
+                draws.push(Draw { batch, pipeline, first: 0, count: 1 });
+            }
+        }
+    }
+    draws
+}
+
+/// Lengthens the last draw by an item that follows it, or begins another.
+fn extend(draws: &mut Vec<Draw>, draw: Draw) {
+    match draws.last_mut() {
+        Some(last)
+            if last.batch == draw.batch
+                && last.pipeline == draw.pipeline
+                && last.first + last.count == draw.first =>
+        {
+            last.count += 1;
+        }
+        _ => draws.push(draw),
+    }
+}
+
+/// Writes an item's record, relative to the eye; returns its index.
+fn push(scene: &Scene, index: u32, eye: DVec3, instances: &mut Vec<InstanceRecord>) -> u32 {
+    let item = &scene.items[index as usize];
+    let origin = (item.origin - eye).as_vec3().to_array();
+    let row = |i: usize| {
+        let [x, y, z] = item.rows[i];
+        [x, y, z, origin[i]]
+    };
+    instances.push(InstanceRecord {
+        rows: [row(0), row(1), row(2)],
+        normal_rows: item.normal_rows,
+        lamps: item.lamps,
+    });
+    instances.len() as u32 - 1
+}
+
+/// Opaque: by batch, nearest batch first, and within it the nearest item first. Blended: the
+/// farthest item first. Ties go by index, that is by node, instance, primitive.
+fn sort(scene: &Scene, eye: DVec3, scratch: &mut Scratch) {
+    let mut batches: Vec<(f64, u32)> = (0u32..)
+        .zip(&scene.batches)
+        .map(|(index, batch)| (batch.bounds.distance_squared(eye), index))
+        .collect();
+    batches.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    scratch.ranks.clear();
+    scratch.ranks.resize(batches.len(), 0);
+    for (rank, (_, batch)) in (0u32..).zip(batches) {
+        scratch.ranks[batch as usize] = rank;
+    }
+    scratch.opaque.clear();
+    scratch.blended.clear();
+    for &index in &scratch.visible {
+        let item = &scene.items[index as usize];
+        let distance = scene.bounds[index as usize].center().distance_squared(eye);
+        // The bits of numbers that are not negative are in the order of the numbers.
+        if scene.batches[item.batch as usize].blended {
+            scratch.blended.push((!distance.to_bits(), index));
+        } else {
+            let near = (distance as f32).to_bits();
+            scratch.opaque.push((scratch.ranks[item.batch as usize], near, index));
+        }
+    }
+    scratch.opaque.sort_unstable();
+    scratch.blended.sort_unstable();
+}
+
+/// The rectangle around the corners of all visible boxes, or all that the view may touch where
+/// a box reaches behind the near plane.
+fn touched(
+    scene: &Scene,
+    view: &ViewDesc,
+    rectangle: [u32; 4],
+    visible: &[u32],
+) -> Option<[u32; 4]> {
+    if visible.is_empty() {
+        return None;
+    }
+    if visible.len() > TOUCH_ITEMS_MAX {
+        return Some(rectangle);
+    }
+    let clip_from_eye = view.clip_from_eye();
+    let mut span = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    for &index in visible {
+        if !widen(&mut span, view, &clip_from_eye, &scene.bounds[index as usize]) {
+            return Some(rectangle);
+        }
+    }
+    let [x, y, width, height] = rectangle;
+    let clamp = |pixel: f64, from: u32, length: u32| {
+        pixel.clamp(f64::from(from), f64::from(from + length)) as u32
+    };
+    let (x0, y0) = (
+        clamp((span[0] - TOUCH_MARGIN).floor(), x, width),
+        clamp((span[1] - TOUCH_MARGIN).floor(), y, height),
+    );
+    let (x1, y1) = (
+        clamp((span[2] + TOUCH_MARGIN).ceil(), x, width),
+        clamp((span[3] + TOUCH_MARGIN).ceil(), y, height),
+    );
+    (x0 < x1 && y0 < y1).then(|| [x0, y0, x1 - x0, y1 - y0])
+}
+
+/// Widens a span of pixels to hold a box; false where a corner cannot be projected.
+fn widen(span: &mut [f64; 4], view: &ViewDesc, clip_from_eye: &DMat4, bounds: &Bounds) -> bool {
+    (0..8).all(|corner| {
+        let pick = |bit: usize, axis: usize| {
+            if corner >> bit & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] }
+        };
+        let point = DVec3::new(pick(0, 0), pick(1, 1), pick(2, 2));
+        let Some([x, y]) = view.project(clip_from_eye, point) else { return false };
+        *span = [span[0].min(x), span[1].min(y), span[2].max(x), span[3].max(y)];
+        x.is_finite() && y.is_finite()
+    })
+}

@@ -1,0 +1,172 @@
+//! The adapter, its device and queue, and what went wrong on them.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use tracing::{info, warn};
+
+/// Why no GPU could be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum GpuError {
+    /// Not even a software driver.
+    #[error(
+        "no Vulkan or GL driver was found; on Debian or Ubuntu: apt install mesa-vulkan-drivers"
+    )]
+    NoAdapter,
+    /// There are drivers, but none that can present to the given window.
+    #[error("none of the drivers can draw to this window: {0}")]
+    NoneForSurface(String),
+    /// The driver refused to make a device.
+    #[error("{adapter} refused to open: {reason}")]
+    Device {
+        /// Which adapter.
+        adapter: String,
+        /// In the driver's words.
+        reason: String,
+    },
+}
+
+/// What there is to know about an adapter, as reports give it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AdapterFacts {
+    /// For example "llvmpipe (LLVM 15.0.6, 256 bits)".
+    pub name: String,
+    /// The driver's name.
+    pub driver: String,
+    /// Its version; pictures are bit-equal only between equal drivers.
+    pub driver_info: String,
+    /// "vulkan" or "gl".
+    pub backend: String,
+    /// "DiscreteGpu", "IntegratedGpu", "VirtualGpu", "Cpu" or "Other".
+    pub device_type: String,
+    /// Largest width and height of a texture, in pixels.
+    pub texture_side_max: u32,
+}
+
+/// One opened adapter. The device reports faults here instead of panicking.
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    /// Also makes surfaces.
+    pub instance: wgpu::Instance,
+    /// The one that was chosen.
+    pub adapter: wgpu::Adapter,
+    /// Makes buffers, textures and pipelines.
+    pub device: wgpu::Device,
+    /// Takes work.
+    pub queue: wgpu::Queue,
+    fault: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    /// Opens the best adapter without a window.
+    ///
+    /// # Errors
+    /// No driver, or the driver refuses.
+    pub fn headless() -> Result<Self, GpuError> {
+        Self::open(Self::instance(), None)
+    }
+
+    /// An instance that honours `WGPU_BACKEND` and, through the loader, `VK_DRIVER_FILES`.
+    pub fn instance() -> wgpu::Instance {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle().with_env();
+        // Nothing is drawn indirectly, so the pipelines that check such draws are not needed.
+        descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
+        wgpu::Instance::new(descriptor)
+    }
+
+    /// Opens the best adapter that can present to the surface: hardware Vulkan, else software
+    /// Vulkan, else GL.
+    ///
+    /// # Errors
+    /// No driver, none for this surface, or the driver refuses.
+    pub fn open(
+        instance: wgpu::Instance,
+        compatible_surface: Option<&wgpu::Surface<'_>>,
+    ) -> Result<Self, GpuError> {
+        let backends = wgpu::Backends::VULKAN | wgpu::Backends::GL;
+        let mut adapters = pollster::block_on(instance.enumerate_adapters(backends));
+        if adapters.is_empty() {
+            return Err(GpuError::NoAdapter);
+        }
+        let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
+        if let Some(surface) = compatible_surface {
+            adapters.retain(|adapter| adapter.is_surface_supported(surface));
+        }
+        let best = adapters.into_iter().min_by_key(|adapter| rank(&adapter.get_info()));
+        let adapter = best.ok_or_else(|| GpuError::NoneForSurface(names.join(", ")))?;
+        let (device, queue) = open_device(&adapter)?;
+        let fault = Arc::new(Mutex::new(None));
+        watch(&device, &fault);
+        let gpu = Self { instance, adapter, device, queue, fault };
+        let facts = gpu.facts();
+        info!(adapter = facts.name, driver = facts.driver_info, backend = facts.backend, "gpu");
+        Ok(gpu)
+    }
+
+    /// What there is to know about the adapter.
+    pub fn facts(&self) -> AdapterFacts {
+        let info = self.adapter.get_info();
+        AdapterFacts {
+            name: info.name,
+            driver: info.driver,
+            driver_info: info.driver_info,
+            backend: info.backend.to_string(),
+            device_type: format!("{:?}", info.device_type),
+            texture_side_max: self.device.limits().max_texture_dimension_2d,
+        }
+    }
+
+    /// The first fault of the device since it was opened: lost, out of memory, or a mistake of
+    /// ours. The owner opens a new [`Gpu`] then.
+    pub fn fault(&self) -> Option<String> {
+        self.fault.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// Lower is better.
+fn rank(info: &wgpu::AdapterInfo) -> u32 {
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    };
+    if info.backend == wgpu::Backend::Vulkan { kind } else { 10 + kind }
+}
+
+fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
+    let offered = adapter.limits();
+    // The portable floor, but with room for large canvases and large scenes.
+    let limits = wgpu::Limits {
+        max_texture_dimension_2d: offered.max_texture_dimension_2d,
+        max_buffer_size: offered.max_buffer_size,
+        max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
+        ..wgpu::Limits::downlevel_defaults()
+    };
+    let request = adapter.request_device(&wgpu::DeviceDescriptor {
+        label: Some("gpu/device"),
+        required_limits: limits,
+        ..Default::default()
+    });
+    pollster::block_on(request).map_err(|error| GpuError::Device {
+        adapter: adapter.get_info().name,
+        reason: error.to_string(),
+    })
+}
+
+fn watch(device: &wgpu::Device, fault: &Arc<Mutex<Option<String>>>) {
+    let keep = |fault: &Mutex<Option<String>>, text: String| {
+        warn!(fault = text, "gpu");
+        fault.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
+    };
+    let (on_error, on_loss) = (Arc::clone(fault), Arc::clone(fault));
+    device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+        keep(&on_error, error.to_string());
+    }));
+    device.set_device_lost_callback(move |reason, message| {
+        // Dropping the device on purpose is no fault.
+        if reason != wgpu::DeviceLostReason::Destroyed {
+            keep(&on_loss, format!("device lost: {message}"));
+        }
+    });
+}

@@ -1,0 +1,32 @@
+// Group 0: what one view of one frame shares. Positions are relative to the eye, in world axes.
+
+struct Sun {
+    toward: vec3<f32>,
+    pad0: f32,
+    irradiance: vec3<f32>,
+    pad1: f32,
+}
+
+struct Frame {
+    clip_from_eye: mat4x4<f32>,
+    sky: vec3<f32>,
+    exposure: f32,
+    ground: vec3<f32>,
+    pad: f32,
+    suns: array<Sun, 4>,
+}
+
+struct Lamp {
+    position: vec3<f32>,
+    inverse_range: f32,
+    intensity: vec3<f32>,
+    directional: u32,
+    direction: vec3<f32>,
+    pad: f32,
+    cone: vec2<f32>,
+    pad2: vec2<f32>,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> lamps: array<Lamp>;
+@group(0) @binding(2) var<storage, read> lamp_indices: array<u32>;

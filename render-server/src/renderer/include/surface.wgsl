@@ -1,0 +1,151 @@
+// Light that leaves a surface towards the eye: glTF 2.0, appendix B, and an ambient hemisphere.
+
+const PI: f32 = 3.14159265359;
+// GGX's α below this makes highlights that f32 cannot resolve.
+const ALPHA_MIN: f32 = 0.002;
+
+override SUN_COUNT: u32 = 1u;
+override LAMPS: bool = false;
+
+struct Surface {
+    normal: vec3<f32>,
+    toward_eye: vec3<f32>,
+    n_dot_v: f32,
+    alpha_squared: f32,
+    // The part of Smith's term that is the same for every light.
+    smith: f32,
+    diffuse: vec3<f32>,
+    f0: vec3<f32>,
+}
+
+// The interpolated tangent and normal are not made unit first: mikktspace bakes for that.
+fn shading_normal(v: Varyings, front: bool) -> vec3<f32> {
+    var normal = normal_of(v);
+    if NORMAL != 0u {
+        let uv = coordinates(v, NORMAL, 2u);
+        let texel = textureSample(normal_texture, normal_sampler, uv).xyz * 2.0 - 1.0;
+        let tangent = tangent_of(v);
+        let scaled = texel.xy * material.normal_scale;
+        let bitangent = cross(normal, tangent.xyz) * (tangent.w * scaled.y);
+        normal = tangent.xyz * scaled.x + bitangent + normal * texel.z;
+    }
+    normal = unit(normal);
+    if DOUBLE_SIDED {
+        normal = select(-normal, normal, front);
+    }
+    return normal;
+}
+
+// Reflected radiance for light of the given irradiance, perpendicular to its direction.
+// D: GGX. V: height-correlated Smith (Heitz 2014). F: Schlick. Diffuse: Lambert.
+fn reflect_light(s: Surface, toward: vec3<f32>, irradiance: vec3<f32>) -> vec3<f32> {
+    let n_dot_l = clamp(dot(s.normal, toward), 0.0, 1.0);
+    // With h = l + v: |h|² = 2 + 2 l·v, so neither h nor its dot products need be formed.
+    let l_dot_v = dot(toward, s.toward_eye);
+    let inverse_length = inverseSqrt(max(2.0 + 2.0 * l_dot_v, 1e-12));
+    let n_dot_h = clamp((n_dot_l + s.n_dot_v) * inverse_length, 0.0, 1.0);
+    let v_dot_h = clamp((1.0 + l_dot_v) * inverse_length, 0.0, 1.0);
+    let a2 = s.alpha_squared;
+    let f = (n_dot_h * a2 - n_dot_h) * n_dot_h + 1.0;
+    let lit = n_dot_l * s.smith;
+    let seen = s.n_dot_v * sqrt(n_dot_l * n_dot_l * (1.0 - a2) + a2);
+    // π of D and of Lambert are taken out of the bracket.
+    let specular = 0.5 * a2 / max(f * f * (lit + seen), 1e-12);
+    let c = 1.0 - v_dot_h;
+    let c2 = c * c;
+    let fresnel = s.f0 + (1.0 - s.f0) * (c2 * c2 * c);
+    let brdf = s.diffuse + fresnel * (vec3<f32>(specular) - s.diffuse);
+    return brdf * irradiance * (n_dot_l * (1.0 / PI));
+}
+
+// KHR_lights_punctual: inverse square, windowed by the range, smoothed by the cone.
+fn lamp_light(s: Surface, position: vec3<f32>, lamp: Lamp) -> vec3<f32> {
+    let away = lamp.position - position;
+    let distance_squared = max(dot(away, away), 1e-12);
+    var toward = away * inverseSqrt(distance_squared);
+    let ratio = distance_squared * lamp.inverse_range * lamp.inverse_range;
+    var strength = clamp(1.0 - ratio * ratio, 0.0, 1.0) / distance_squared;
+    let cone = clamp(dot(-toward, lamp.direction) * lamp.cone.x + lamp.cone.y, 0.0, 1.0);
+    strength *= cone * cone;
+    if lamp.directional != 0u {
+        toward = -lamp.direction;
+        strength = 1.0;
+    }
+    return reflect_light(s, toward, lamp.intensity * strength);
+}
+
+// Radiance of the surroundings along a direction; `width` is how far the horizon is blurred.
+fn surroundings(up: f32, width: f32) -> vec3<f32> {
+    return mix(frame.ground, frame.sky, clamp(up / width * 0.5 + 0.5, 0.0, 1.0));
+}
+
+// The split sum's second factor: Karis, "Physically Based Shading on Mobile" (2014), after
+// Lazarov (2013).
+fn ambient_specular(s: Surface, roughness: f32) -> vec3<f32> {
+    let r = roughness * vec4<f32>(-1.0, -0.0275, -0.572, 0.022)
+        + vec4<f32>(1.0, 0.0425, 1.04, -0.04);
+    let a = min(r.x * r.x, exp2(-9.28 * s.n_dot_v)) * r.x + r.y;
+    return s.f0 * (r.z - 1.04 * a) + (r.w + 1.04 * a);
+}
+
+fn ambient(s: Surface, roughness: f32) -> vec3<f32> {
+    let mirrored_up = 2.0 * dot(s.normal, s.toward_eye) * s.normal.y - s.toward_eye.y;
+    let specular = ambient_specular(s, roughness);
+    return s.diffuse * (1.0 - specular) * surroundings(s.normal.y, 1.0)
+        + specular * surroundings(mirrored_up, 0.1 + 0.9 * roughness);
+}
+
+// Radiance before exposure, from a base colour whose alpha has been dealt with.
+fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
+    if !LIT {
+        return base;
+    }
+    var metallic = material.metallic;
+    var roughness = material.roughness;
+    var occlusion = 1.0;
+    if METALLIC_ROUGHNESS != 0u {
+        let uv = coordinates(v, METALLIC_ROUGHNESS, 1u);
+        let texel = textureSample(metallic_roughness_texture, metallic_roughness_sampler, uv);
+        metallic *= texel.b;
+        roughness *= texel.g;
+        if OCCLUSION_PACKED {
+            occlusion = 1.0 + material.occlusion_strength * (texel.r - 1.0);
+        }
+    }
+    if OCCLUSION != 0u {
+        let uv = coordinates(v, OCCLUSION, 3u);
+        let texel = textureSample(occlusion_texture, occlusion_sampler, uv);
+        occlusion = 1.0 + material.occlusion_strength * (texel.r - 1.0);
+    }
+    let position = position_of(v);
+    var s: Surface;
+    s.normal = shading_normal(v, front);
+    s.toward_eye = unit(-position);
+    s.n_dot_v = max(abs(dot(s.normal, s.toward_eye)), 1e-4);
+    let alpha = max(roughness * roughness, ALPHA_MIN);
+    s.alpha_squared = alpha * alpha;
+    s.smith = sqrt(s.n_dot_v * s.n_dot_v * (1.0 - s.alpha_squared) + s.alpha_squared);
+    s.diffuse = base * (1.0 - metallic);
+    s.f0 = mix(vec3<f32>(0.04), base, metallic);
+
+    var light = ambient(s, roughness) * occlusion;
+    if SUN_COUNT > 0u { light += reflect_light(s, frame.suns[0].toward, frame.suns[0].irradiance); }
+    if SUN_COUNT > 1u { light += reflect_light(s, frame.suns[1].toward, frame.suns[1].irradiance); }
+    if SUN_COUNT > 2u { light += reflect_light(s, frame.suns[2].toward, frame.suns[2].irradiance); }
+    if SUN_COUNT > 3u { light += reflect_light(s, frame.suns[3].toward, frame.suns[3].irradiance); }
+    if LAMPS {
+        let list = lamps_of(v);
+        for (var i = 0u; i < list.y; i++) {
+            light += lamp_light(s, position, lamps[lamp_indices[list.x + i]]);
+        }
+    }
+    if GLOWING {
+        var glow = material.emissive;
+        if EMISSIVE != 0u {
+            let uv = coordinates(v, EMISSIVE, 4u);
+            glow *= textureSample(emissive_texture, emissive_sampler, uv).rgb;
+        }
+        light += glow;
+    }
+    return light;
+}

@@ -1,0 +1,20 @@
+// From scene light to display light, both linear: the Khronos PBR Neutral tone mapper,
+// github.com/KhronosGroup/ToneMapping, PBR_Neutral. `tone.rs` is its twin.
+
+// What a float target can hold; also turns NaN into a number.
+const LIGHT_MAX: f32 = 60000.0;
+
+fn tone_map(light: vec3<f32>) -> vec3<f32> {
+    let start = 0.76;
+    let desaturation = 0.15;
+    let color = clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX));
+    let least = min(color.r, min(color.g, color.b));
+    let offset = select(0.04, least - 6.25 * least * least, least < 0.08);
+    let shifted = color - offset;
+    let peak = max(shifted.r, max(shifted.g, shifted.b));
+    let d = 1.0 - start;
+    let new_peak = 1.0 - d * d / max(peak + d - start, d);
+    let g = 1.0 / (desaturation * (peak - new_peak) + 1.0);
+    let compressed = mix(vec3<f32>(new_peak), shifted * (new_peak / max(peak, start)), g);
+    return select(compressed, shifted, peak < start);
+}

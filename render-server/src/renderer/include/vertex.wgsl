@@ -1,0 +1,93 @@
+// The vertex stage of everything that stands in the scene. A line that ends in `//? name` is
+// there only where the vertices have, or the material needs, what it names; `!` negates.
+
+struct VertexIn {
+    @location(0) position: vec3<f32>,
+    @location(1) normal: vec3<f32>, //? lit
+    @location(2) tangent: vec4<f32>, //? tangent
+    @location(3) uv0: vec2<f32>, //? uv0
+    @location(4) uv1: vec2<f32>, //? uv1
+    @location(5) color: vec4<f32>, //? color
+    @location(6) row0: vec4<f32>,
+    @location(7) row1: vec4<f32>,
+    @location(8) row2: vec4<f32>,
+    @location(9) normal_row0: vec3<f32>, //? lit
+    @location(10) normal_row1: vec3<f32>, //? lit
+    @location(11) normal_row2: vec3<f32>, //? lit
+    @location(12) lamps: vec2<u32>, //? lamps
+}
+
+struct Varyings {
+    @invariant @builtin(position) clip: vec4<f32>,
+    @location(0) position: vec3<f32>, //? lit
+    @location(1) normal: vec3<f32>, //? lit
+    @location(2) tangent: vec4<f32>, //? tangent
+    @location(3) uv0: vec2<f32>, //? uv0
+    @location(4) uv1: vec2<f32>, //? uv1
+    @location(5) color: vec4<f32>, //? color
+    @location(6) @interpolate(flat) lamps: vec2<u32>, //? lamps
+}
+
+// A transform that mirrors turns the bitangent around.
+override MIRRORED: bool = false;
+
+// Zero stays zero instead of becoming NaN.
+fn unit(v: vec3<f32>) -> vec3<f32> {
+    return v * inverseSqrt(max(dot(v, v), 1e-30));
+}
+
+@vertex
+fn vertex(in: VertexIn) -> Varyings {
+    let local = vec4<f32>(in.position, 1.0);
+    let position = vec3<f32>(dot(in.row0, local), dot(in.row1, local), dot(in.row2, local));
+    var out: Varyings;
+    out.clip = frame.clip_from_eye * vec4<f32>(position, 1.0);
+    out.position = position; //? lit
+    let n = in.normal; //? lit
+    let m = vec3<f32>(dot(in.normal_row0, n), dot(in.normal_row1, n), dot(in.normal_row2, n)); //? lit
+    out.normal = unit(m); //? lit
+    let t = in.tangent.xyz; //? tangent
+    let w = select(in.tangent.w, -in.tangent.w, MIRRORED); //? tangent
+    let u = vec3<f32>(dot(in.row0.xyz, t), dot(in.row1.xyz, t), dot(in.row2.xyz, t)); //? tangent
+    out.tangent = vec4<f32>(unit(u), w); //? tangent
+    out.uv0 = in.uv0; //? uv0
+    out.uv1 = in.uv1; //? uv1
+    out.color = in.color; //? color
+    out.lamps = in.lamps; //? lamps
+    return out;
+}
+
+fn position_of(v: Varyings) -> vec3<f32> {
+    return v.position; //? lit
+    return vec3<f32>(0.0); //? !lit
+}
+
+fn normal_of(v: Varyings) -> vec3<f32> {
+    return v.normal; //? lit
+    return vec3<f32>(0.0); //? !lit
+}
+
+fn tangent_of(v: Varyings) -> vec4<f32> {
+    return v.tangent; //? tangent
+    return vec4<f32>(0.0); //? !tangent
+}
+
+fn uv0_of(v: Varyings) -> vec2<f32> {
+    return v.uv0; //? uv0
+    return vec2<f32>(0.0); //? !uv0
+}
+
+fn uv1_of(v: Varyings) -> vec2<f32> {
+    return v.uv1; //? uv1
+    return vec2<f32>(0.0); //? !uv1
+}
+
+fn color_of(v: Varyings) -> vec4<f32> {
+    return v.color; //? color
+    return vec4<f32>(1.0); //? !color
+}
+
+fn lamps_of(v: Varyings) -> vec2<u32> {
+    return v.lamps; //? lamps
+    return vec2<u32>(0u); //? !lamps
+}

@@ -1,0 +1,170 @@
+//! From the float target to the display target, where anything was drawn; the rest is sky.
+
+use glam::Vec3;
+
+use crate::renderer::bindings;
+use crate::renderer::gpu::Gpu;
+use crate::renderer::readback::{ReadError, read_pixels};
+use crate::renderer::shader;
+use crate::renderer::target::{DISPLAY_FORMAT, Target, TargetError};
+use crate::renderer::tone::linear_from_srgb;
+
+const SOURCE: &str = include_str!("tonemap.wgsl");
+
+/// The pass, and what it makes of the last sky.
+#[derive(Debug)]
+pub(in crate::renderer) struct Tonemap {
+    pipeline: wgpu::RenderPipeline,
+    group_layout: wgpu::BindGroupLayout,
+    sampler: wgpu::Sampler,
+    sky: Option<(Vec3, wgpu::Color)>,
+}
+
+/// Why the sky's colour could not be found.
+#[derive(Debug, thiserror::Error)]
+pub enum SkyError {
+    /// No room for one pixel.
+    #[error(transparent)]
+    Target(#[from] TargetError),
+    /// The pixel did not come back.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+}
+
+impl Tonemap {
+    pub fn new(gpu: &Gpu) -> Self {
+        let group_layout = bindings::picture_layout(&gpu.device);
+        let text = shader::screen(SOURCE);
+        Self {
+            pipeline: screen_pipeline(gpu, "tonemap", &text, &group_layout, DISPLAY_FORMAT, &[]),
+            group_layout,
+            sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("tonemap/sampler"),
+                ..Default::default()
+            }),
+            sky: None,
+        }
+    }
+
+    /// The clear colour of the display target that equals the tone-mapped sky to the bit: the
+    /// driver's own rounding is asked, once per colour, with a target of one pixel.
+    pub fn sky_color(&mut self, gpu: &Gpu, light: Vec3) -> Result<wgpu::Color, SkyError> {
+        if let Some((_, color)) = self.sky.filter(|(known, _)| *known == light) {
+            return Ok(color);
+        }
+        let target = Target::new(gpu, [1, 1], 1, true)?;
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
+            label: Some("tonemap/probe"),
+        });
+        clear(&mut encoder, "tonemap/probe", target.scene().0, light_color(light));
+        self.encode(gpu, &mut encoder, &target, wgpu::Color::BLACK, Some([0, 0, 1, 1]));
+        gpu.queue.submit([encoder.finish()]);
+        let pixel = read_pixels(gpu, &target)?;
+        let channel = |i: usize| linear_from_srgb(pixel.get(i).copied().unwrap_or(0));
+        let color = wgpu::Color { r: channel(0), g: channel(1), b: channel(2), a: 1.0 };
+        self.sky = Some((light, color));
+        Ok(color)
+    }
+
+    /// Fills the display target with the sky and maps the rectangle x, y, width, height.
+    pub fn encode(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        target: &Target,
+        sky: wgpu::Color,
+        rectangle: Option<[u32; 4]>,
+    ) {
+        let Some(linear) = target.linear() else { return };
+        let mut pass = clear(encoder, "tonemap/pass", target.display_view(), sky);
+        let Some([x, y, width, height]) = rectangle else { return };
+        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("tonemap/group"),
+            layout: &self.group_layout,
+            entries: &[
+                wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: wgpu::BindingResource::TextureView(linear),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: wgpu::BindingResource::Sampler(&self.sampler),
+                },
+            ],
+        });
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(1, &group, &[]);
+        pass.set_scissor_rect(x, y, width, height);
+        pass.draw(0..3, 0..1);
+    }
+}
+
+/// Light as a clear colour of the float target.
+pub(in crate::renderer) fn light_color(light: Vec3) -> wgpu::Color {
+    let [r, g, b] = light.to_array().map(f64::from);
+    wgpu::Color { r, g, b, a: 1.0 }
+}
+
+/// Begins a pass that clears a colour target.
+pub(in crate::renderer) fn clear<'encoder>(
+    encoder: &'encoder mut wgpu::CommandEncoder,
+    label: &str,
+    view: &wgpu::TextureView,
+    color: wgpu::Color,
+) -> wgpu::RenderPass<'encoder> {
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some(label),
+        color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+            view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(color), store: wgpu::StoreOp::Store },
+        })],
+        ..Default::default()
+    })
+}
+
+/// A pipeline of a triangle over the whole target, with a picture in group 1. The fragment stage
+/// has the pass's name.
+pub(in crate::renderer) fn screen_pipeline(
+    gpu: &Gpu,
+    name: &str,
+    text: &str,
+    group_layout: &wgpu::BindGroupLayout,
+    format: wgpu::TextureFormat,
+    constants: &[(&str, f64)],
+) -> wgpu::RenderPipeline {
+    let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(&format!("{name}/shader")),
+        source: wgpu::ShaderSource::Wgsl(text.into()),
+    });
+    let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(&format!("{name}/pipeline_layout")),
+        bind_group_layouts: &[None, Some(group_layout)],
+        immediate_size: 0,
+    });
+    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(&format!("{name}/pipeline")),
+        layout: Some(&layout),
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("screen"),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            buffers: &[],
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: None,
+        multisample: wgpu::MultisampleState::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some(name),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants,
+                ..Default::default()
+            },
+            targets: &[Some(format.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}

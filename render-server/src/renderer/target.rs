@@ -1,0 +1,132 @@
+//! What a channel is drawn into.
+
+use super::gpu::Gpu;
+
+/// Bytes are sRGB; blending and resolving happen in linear light.
+pub(in crate::renderer) const DISPLAY_FORMAT: wgpu::TextureFormat =
+    wgpu::TextureFormat::Rgba8UnormSrgb;
+/// Exposed light before tone mapping.
+pub(in crate::renderer) const LINEAR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+/// Reversed: 0 is infinitely far.
+pub(in crate::renderer) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
+/// Why a target cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum TargetError {
+    /// Nothing, or more than the adapter can.
+    #[error("a target of {width} × {height} pixels, where 1 to {side_max} can be")]
+    Size {
+        /// Pixels across.
+        width: u32,
+        /// Pixels down.
+        height: u32,
+        /// The adapter's limit.
+        side_max: u32,
+    },
+    /// Neither 1 nor 4.
+    #[error("{0} samples per pixel, where 1 or 4 can be")]
+    Samples(u32),
+}
+
+/// The textures of one channel, in pixels of the channel.
+#[derive(Debug)]
+pub struct Target {
+    size: [u32; 2],
+    samples: u32,
+    display: wgpu::Texture,
+    display_view: wgpu::TextureView,
+    /// Only where the scene blends.
+    linear: Option<wgpu::TextureView>,
+    /// Only with several samples per pixel.
+    multisampled: Option<wgpu::TextureView>,
+    depth: wgpu::TextureView,
+}
+
+impl Target {
+    /// Textures for pictures of a size in pixels. `samples` is the renderer's; `linear` is
+    /// [`Scene::blends`](super::Scene::blends).
+    ///
+    /// # Errors
+    /// A side of 0 or beyond the adapter; samples other than 1 or 4.
+    pub fn new(gpu: &Gpu, size: [u32; 2], samples: u32, linear: bool) -> Result<Self, TargetError> {
+        let [width, height] = size;
+        let side_max = gpu.device.limits().max_texture_dimension_2d;
+        if size.iter().any(|side| !(1..=side_max).contains(side)) {
+            return Err(TargetError::Size { width, height, side_max });
+        }
+        if samples != 1 && samples != 4 {
+            return Err(TargetError::Samples(samples));
+        }
+        let make = |label, format, sample_count, usage| {
+            gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage,
+                view_formats: &[],
+            })
+        };
+        let whole = wgpu::TextureViewDescriptor::default();
+        let view = |texture: &wgpu::Texture| texture.create_view(&whole);
+        let drawn = wgpu::TextureUsages::RENDER_ATTACHMENT;
+        let read = drawn | wgpu::TextureUsages::TEXTURE_BINDING;
+        let copied = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
+        let display = make("target/display", DISPLAY_FORMAT, 1, read | copied);
+        let scene_format = if linear { LINEAR_FORMAT } else { DISPLAY_FORMAT };
+        Ok(Self {
+            size,
+            samples,
+            display_view: view(&display),
+            display,
+            linear: linear.then(|| view(&make("target/linear", LINEAR_FORMAT, 1, read))),
+            multisampled: (samples > 1)
+                .then(|| view(&make("target/multisampled", scene_format, samples, drawn))),
+            depth: view(&make("target/depth", DEPTH_FORMAT, samples, drawn)),
+        })
+    }
+
+    /// Width and height in pixels.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// Samples per pixel.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// Whether it holds light before tone mapping, as a scene that blends needs.
+    pub fn is_linear(&self) -> bool {
+        self.linear.is_some()
+    }
+
+    /// The finished picture, RGBA8 as sRGB.
+    pub fn display(&self) -> &wgpu::Texture {
+        &self.display
+    }
+
+    /// A view of [`Self::display`].
+    pub fn display_view(&self) -> &wgpu::TextureView {
+        &self.display_view
+    }
+
+    pub(in crate::renderer) fn linear(&self) -> Option<&wgpu::TextureView> {
+        self.linear.as_ref()
+    }
+
+    pub(in crate::renderer) fn depth(&self) -> &wgpu::TextureView {
+        &self.depth
+    }
+
+    /// Where the scene is drawn, and what it is resolved to.
+    pub(in crate::renderer) fn scene(&self) -> (&wgpu::TextureView, Option<&wgpu::TextureView>) {
+        let single = self.linear.as_ref().unwrap_or(&self.display_view);
+        match &self.multisampled {
+            Some(many) => (many, Some(single)),
+            None => (single, None),
+        }
+    }
+}

@@ -1,0 +1,8 @@
+//! Tests that draw. They need a Vulkan or GL driver, software ones included, and fail without.
+
+mod harness;
+mod order;
+mod robustness;
+mod shaders;
+mod shading;
+mod tiles;

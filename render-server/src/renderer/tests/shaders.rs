@@ -1,0 +1,79 @@
+//! Every shader is valid, and every uniform has the layout of its Rust twin.
+
+use std::mem::offset_of;
+
+use wgpu::naga;
+
+use crate::renderer::pass::{opaque, transparent};
+use crate::renderer::scene::{MaterialUniform, VertexLayout};
+use crate::renderer::shader::{Interface, screen, surface};
+use crate::renderer::view::{FrameUniform, LampRecord, SunRecord};
+
+fn module(name: &str, text: &str) -> naga::Module {
+    let module = naga::front::wgsl::parse_str(text)
+        .unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(text)));
+    let mut validator = naga::valid::Validator::new(
+        naga::valid::ValidationFlags::all(),
+        naga::valid::Capabilities::default(),
+    );
+    if let Err(error) = validator.validate(&module) {
+        panic!("{name}: {}", error.emit_to_string(text));
+    }
+    module
+}
+
+fn interfaces() -> impl Iterator<Item = Interface> {
+    (0..64u32).map(|bits| {
+        let bit = |at: u32| bits >> at & 1 == 1;
+        let attributes = VertexLayout { tangent: bit(0), uv0: bit(1), uv1: bit(2), color: bit(3) };
+        Interface { attributes, lit: bit(4), lamps: bit(5) }
+    })
+}
+
+#[test]
+fn every_shader_validates() {
+    for interface in interfaces() {
+        module("opaque", &surface(interface, opaque::SOURCE));
+        module("transparent", &surface(interface, transparent::SOURCE));
+    }
+    module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
+    module("output", &screen(include_str!("../pass/output.wgsl")));
+}
+
+#[test]
+fn uniforms_match_their_twins() {
+    let interface = Interface { lit: true, lamps: true, ..Interface::default() };
+    let module = module("opaque", &surface(interface, opaque::SOURCE));
+    let check = |name: &str, size: usize, offsets: &[(&str, usize)]| {
+        let found = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name));
+        let (_, ty) = found.unwrap_or_else(|| panic!("no {name}"));
+        let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name}") };
+        assert_eq!(*span as usize, size, "size of {name}");
+        let got: Vec<(&str, usize)> = members
+            .iter()
+            .map(|member| (member.name.as_deref().unwrap_or(""), member.offset as usize))
+            .filter(|(name, _)| !name.starts_with("pad"))
+            .collect();
+        assert_eq!(got, offsets, "offsets in {name}");
+    };
+    macro_rules! twin {
+        ($wgsl:literal, $rust:ty, $($field:ident),+) => {
+            check($wgsl, size_of::<$rust>(), &[$((stringify!($field), offset_of!($rust, $field))),+])
+        };
+    }
+    twin!("Frame", FrameUniform, clip_from_eye, sky, exposure, ground, suns);
+    twin!("Sun", SunRecord, toward, irradiance);
+    twin!("Lamp", LampRecord, position, inverse_range, intensity, directional, direction, cone);
+    twin!(
+        "Material",
+        MaterialUniform,
+        base_color,
+        emissive,
+        roughness,
+        metallic,
+        normal_scale,
+        occlusion_strength,
+        alpha_cutoff,
+        uv_transforms
+    );
+}

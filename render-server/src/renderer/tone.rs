@@ -1,0 +1,48 @@
+//! The tone mapper on the CPU, for the sky; the twin of `include/tone.wgsl`.
+
+use glam::Vec3;
+
+/// What a float target can hold.
+pub(in crate::renderer) const LIGHT_MAX: f32 = 60000.0;
+
+/// Linear display light of exposed scene light. Khronos PBR Neutral,
+/// github.com/KhronosGroup/ToneMapping.
+pub(in crate::renderer) fn tone_map(light: Vec3) -> Vec3 {
+    const START: f32 = 0.76;
+    const DESATURATION: f32 = 0.15;
+    let color = light.max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX));
+    let least = color.min_element();
+    let offset = if least < 0.08 { least - 6.25 * least * least } else { 0.04 };
+    let shifted = color - offset;
+    let peak = shifted.max_element();
+    if peak < START {
+        return shifted;
+    }
+    let d = 1.0 - START;
+    let new_peak = 1.0 - d * d / (peak + d - START);
+    let g = 1.0 / (DESATURATION * (peak - new_peak) + 1.0);
+    Vec3::splat(new_peak).lerp(shifted * (new_peak / peak), g)
+}
+
+/// Linear light of an 8-bit sRGB code; IEC 61966-2-1.
+pub(in crate::renderer) fn linear_from_srgb(code: u8) -> f64 {
+    let v = f64::from(code) / 255.0;
+    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn greys_keep_their_order_and_their_bounds() {
+        let mut last = -1.0;
+        for step in 0..4000 {
+            let mapped = tone_map(Vec3::splat(step as f32 * 0.01)).x;
+            assert!(mapped >= last && mapped <= 1.0, "{step}: {mapped} after {last}");
+            last = mapped;
+        }
+        assert!((tone_map(Vec3::splat(0.5)).x - 0.46).abs() < 1e-6);
+        assert!(tone_map(Vec3::splat(f32::INFINITY)).is_finite());
+    }
+}

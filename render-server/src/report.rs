@@ -1,0 +1,60 @@
+//! What was drawn becomes statuses for the manager.
+
+use bytes::Bytes;
+use polyptych_protocol::command::Frame;
+use polyptych_protocol::ids::{ChannelId, Epoch, FrameId};
+use polyptych_protocol::status::{Drawn, Shown, Status};
+
+use crate::clock::Clock;
+use crate::loader::LoadedState;
+use crate::renderer::DrawStats;
+
+/// A picture that goes to the manager over the bulk connection: sRGB RGBA8, rows from the top.
+#[derive(Clone, Debug)]
+pub(crate) struct PictureReport {
+    pub channel: ChannelId,
+    pub frame: FrameId,
+    pub width: u32,
+    pub height: u32,
+    pub bytes: Bytes,
+}
+
+/// What the render thread tells the network's.
+#[derive(Debug)]
+pub(crate) enum Report {
+    Status(Status),
+    Picture(PictureReport),
+}
+
+pub(crate) fn drawn(
+    frame: &Frame,
+    channel: ChannelId,
+    state: &LoadedState,
+    stats: &DrawStats,
+    draw_us: u64,
+) -> Report {
+    Report::Status(Status::Drawn(Drawn {
+        epoch: frame.epoch,
+        frame: frame.frame,
+        channel,
+        revision: state.replica.revision,
+        digest: state.digest,
+        draw_us: u32::try_from(draw_us).unwrap_or(u32::MAX),
+        triangles: stats.triangles,
+        draw_calls: stats.draw_calls,
+    }))
+}
+
+pub(crate) fn shown(epoch: Epoch, frame: FrameId, channel: ChannelId, clock: &Clock) -> Report {
+    Report::Status(Status::Shown(Shown {
+        epoch,
+        frame,
+        channel,
+        at_us: clock.manager_us(),
+        clock_error_us: clock.error_us(),
+    }))
+}
+
+pub(crate) fn draw_failed(frame: FrameId, channel: ChannelId, reason: String) -> Report {
+    Report::Status(Status::DrawFailed { channel, frame, reason })
+}

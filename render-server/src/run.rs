@@ -1,0 +1,228 @@
+//! Starts the threads of a render server, and carries messages between the manager and them.
+
+use std::future::Future;
+use std::path::PathBuf;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{Builder, JoinHandle};
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::handshake::Adapter;
+use polyptych_protocol::token::{self, TokenError};
+use tokio::sync::mpsc;
+
+use crate::clock::Clock;
+use crate::loader::{LoadOrder, Loader, ORDERS_MAX, UPLOADS_MAX};
+use crate::network::{self, Network};
+use crate::render_thread::{JOBS_MAX, Job, Output, Queues, RenderThread};
+use crate::renderer::{Gpu, GpuError};
+use crate::window::{self, Windows};
+
+/// Reports that wait for the network.
+const REPORTS_MAX: usize = 512;
+
+/// What ends a server from outside.
+pub type Shutdown = Pin<Box<dyn Future<Output = ()> + Send>>;
+
+/// What a render server needs.
+#[derive(Clone, Debug)]
+pub struct ServerOptions {
+    /// The manager's address, `HOST:PORT`.
+    pub manager: String,
+    /// The channels that it drives, by name.
+    pub channels: Vec<String>,
+    /// For logs and status.
+    pub name: String,
+    /// Where the manager's secret comes from.
+    pub token: TokenSource,
+    /// Where blobs are kept on this machine.
+    pub cache: PathBuf,
+    /// Where the pictures go.
+    pub output: OutputKind,
+    /// Ends with the reason instead of trying again.
+    pub once: bool,
+}
+
+/// Where the pictures go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutputKind {
+    /// Nowhere but to captures.
+    Headless,
+    /// To a window for each channel.
+    Window,
+    /// To a window without a frame that fills its monitor.
+    Fullscreen,
+}
+
+/// Where the manager's secret comes from.
+#[derive(Clone, Debug)]
+pub enum TokenSource {
+    /// The secret itself.
+    Given(String),
+    /// A file, read anew for every connection: the manager may make it later.
+    File(PathBuf),
+}
+
+impl TokenSource {
+    pub(crate) fn read(&self) -> Result<String, TokenError> {
+        match self {
+            Self::Given(token) => Ok(token.clone()),
+            Self::File(path) => token::read(path),
+        }
+    }
+}
+
+/// Why a render server ended.
+#[derive(Debug, thiserror::Error)]
+pub enum ServerError {
+    /// Nothing to draw with.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// The GPU failed while it drew.
+    #[error("the GPU failed: {0}")]
+    GpuFault(String),
+    /// Windows could not be opened.
+    #[error("{0}")]
+    Window(String),
+    /// It was to try once only.
+    #[error("manager {manager}: {reason}")]
+    GaveUp {
+        /// Its address.
+        manager: String,
+        /// Why it did not go on.
+        reason: String,
+    },
+    /// The system gave no thread or socket.
+    #[error("the system refused: {0}")]
+    System(#[from] std::io::Error),
+}
+
+/// Runs a render server on the main thread until `shutdown` is ready, a window is closed, or it
+/// cannot go on.
+///
+/// # Errors
+/// [`ServerError`].
+pub fn run(options: ServerOptions, shutdown: Shutdown) -> Result<(), ServerError> {
+    match options.output {
+        OutputKind::Headless => {
+            let gpu = Gpu::headless()?;
+            let outputs = options.channels.iter().map(|name| Output::new(name.clone(), None));
+            let outputs = outputs.collect();
+            let threads = Threads::start(options, gpu, outputs, shutdown, Box::new(|| {}))?;
+            threads.join()
+        }
+        OutputKind::Window | OutputKind::Fullscreen => run_windows(options, shutdown),
+    }
+}
+
+fn run_windows(options: ServerOptions, shutdown: Shutdown) -> Result<(), ServerError> {
+    let (event_loop, proxy) = window::event_loop().map_err(ServerError::Window)?;
+    let is_fullscreen = options.output == OutputKind::Fullscreen;
+    let channels = options.channels.clone();
+    let (started, threads) = bounded::<Threads>(1);
+    let start = move |windows: Windows| {
+        let Windows { instance, displays } = windows;
+        let surface = displays.first().map(|(_, display)| display.surface());
+        let gpu = Gpu::open(instance, surface).map_err(|error| error.to_string())?;
+        let output = |(name, display)| Output::new(name, Some(display));
+        let outputs = displays.into_iter().map(output).collect();
+        let on_end = Box::new(move || {
+            // The loop may have ended by itself, by a closed window.
+            let _ = proxy.send_event(window::End);
+        });
+        let threads = Threads::start(options, gpu, outputs, shutdown, on_end)
+            .map_err(|error| error.to_string())?;
+        let jobs = threads.jobs.clone();
+        // Its receiver stands below, and there is room for one.
+        let _ = started.send(threads);
+        Ok(jobs)
+    };
+    let served = window::serve(event_loop, channels, is_fullscreen, Box::new(start));
+    let ended = threads.try_recv().map(Threads::end);
+    served.map_err(ServerError::Window)?;
+    ended.unwrap_or(Ok(()))
+}
+
+/// The threads beside the main one.
+struct Threads {
+    jobs: Sender<Job>,
+    stop_network: Arc<tokio::sync::Notify>,
+    network: JoinHandle<Result<(), ServerError>>,
+    render: JoinHandle<Result<(), String>>,
+}
+
+impl Threads {
+    fn start(
+        options: ServerOptions,
+        gpu: Gpu,
+        outputs: Vec<Output>,
+        shutdown: Shutdown,
+        on_end: Box<dyn Fn() + Send + Sync>,
+    ) -> Result<Self, ServerError> {
+        let clock = Arc::new(Clock::default());
+        let (jobs, waiting_jobs) = bounded(JOBS_MAX);
+        let (uploads, waiting_uploads) = bounded(UPLOADS_MAX);
+        let (orders, waiting_orders): (_, Receiver<LoadOrder>) = bounded(ORDERS_MAX);
+        let (reports, waiting_reports) = mpsc::channel(REPORTS_MAX);
+        let facts = gpu.facts();
+        let adapter = Adapter {
+            name: facts.name,
+            driver: format!("{} {}", facts.driver, facts.driver_info),
+            backend: facts.backend,
+            texture_side_max: facts.texture_side_max,
+        };
+        let on_end: Arc<dyn Fn() + Send + Sync> = Arc::from(on_end);
+        let has_ended = Arc::new(AtomicBool::new(false));
+
+        let queues =
+            Queues { jobs: waiting_jobs, uploads: waiting_uploads, reports: reports.clone() };
+        let stop_network = Arc::new(tokio::sync::Notify::new());
+        let (render_clock, stop, end) = (clock.clone(), stop_network.clone(), on_end.clone());
+        let render = Builder::new().name("render".into()).spawn(move || {
+            let result = RenderThread::new(gpu, outputs, queues, render_clock)
+                .and_then(RenderThread::run);
+            stop.notify_one();
+            end();
+            result
+        })?;
+
+        let loader = Loader::new(BlobFolder::new(&options.cache), uploads);
+        Builder::new().name("loader".into()).spawn(move || loader.run(&waiting_orders))?;
+
+        let (render_jobs, stop) = (jobs.clone(), stop_network.clone());
+        let network = Builder::new().name("network".into()).spawn(move || {
+            let network = Network {
+                options,
+                adapter,
+                jobs: render_jobs.clone(),
+                orders,
+                reports,
+                waiting_reports,
+                clock,
+            };
+            let result = network::run(network, shutdown, &stop);
+            has_ended.store(true, Ordering::Relaxed);
+            // The render thread ends with the process at the latest.
+            let _ = render_jobs.send(Job::Stop);
+            on_end();
+            result
+        })?;
+        Ok(Self { jobs, stop_network, network, render })
+    }
+
+    /// Ends the threads and waits for them.
+    fn end(self) -> Result<(), ServerError> {
+        self.stop_network.notify_one();
+        self.join()
+    }
+
+    fn join(self) -> Result<(), ServerError> {
+        let panicked = |what: &str| ServerError::GpuFault(format!("the {what} thread panicked"));
+        let network = self.network.join().map_err(|_| panicked("network"))?;
+        let render = self.render.join().map_err(|_| panicked("render"))?;
+        render.map_err(ServerError::GpuFault)?;
+        network
+    }
+}

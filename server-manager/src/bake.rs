@@ -1,0 +1,277 @@
+//! The baker: foreign scene files in, content-addressed blobs and a manifest out.
+//!
+//! Only this module reads glTF and images. It runs in a child process, but trusts nothing all the
+//! same: every index, length and number of a file is checked before it is used, and what a
+//! message says names the file, the place in it, what is wrong and what would be right.
+//!
+//! One primitive or one image is in memory at a time, beside the source's buffers.
+//!
+//! ```text
+//! container -> document -> node -> mesh (geometry, tangent, split, order) -> texture (mip)
+//!      \-> source, uri, accessor: bytes                    \-> material, light -> manifest
+//! ```
+
+mod accessor;
+mod bounds;
+mod container;
+mod document;
+mod error;
+mod geometry;
+mod light;
+mod material;
+mod mesh;
+mod mip;
+mod node;
+mod order;
+mod source;
+mod split;
+mod store;
+mod tangent;
+#[cfg(test)]
+mod tests;
+mod texture;
+mod topology;
+mod uri;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use glam::Vec3;
+use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::codec;
+use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::limits::{BLOB_BYTES_MAX, MANIFEST_BYTES_MAX};
+use polyptych_protocol::scene::{Node, Scene};
+use serde::{Deserialize, Serialize};
+
+pub use error::BakeError;
+pub use store::Store;
+
+use material::Palette;
+use source::Source;
+
+/// Part of every bake's key: a baker that writes other bytes must have another number.
+const BAKER_VERSION: u32 = 1;
+
+/// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
+/// lit surfaces stand out against it.
+pub const SKY_DEFAULT: Vec3 = Vec3::new(0.20, 0.32, 0.50);
+
+/// Most warnings that a bake keeps; a broken exporter repeats itself.
+const WARNINGS_MAX: usize = 64;
+
+/// How far a bake has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// `reading`, `nodes`, `meshes`, `textures` or `manifest`, in this order.
+    pub stage: &'static str,
+    /// How many of the stage's parts are done.
+    pub done: u64,
+    /// How many parts the stage has.
+    pub total: u64,
+}
+
+/// What a bake gave.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Baked {
+    /// The blob that is the scene; 64 hexadecimal digits in JSON.
+    #[serde(with = "hex")]
+    pub manifest: BlobHash,
+    /// Whether the store had it already.
+    #[serde(default)]
+    pub reused: bool,
+    /// The scene's name: the file's stem.
+    pub name: String,
+    /// Nodes of the shown scene.
+    pub nodes: u64,
+    /// Meshes that are drawn.
+    pub meshes: u64,
+    /// Textures that are used.
+    pub textures: u64,
+    /// Triangles drawn, each instance counted.
+    pub triangles: u64,
+    /// Bytes of all blobs, the manifest among them; one that is used twice counts once.
+    pub bytes: u64,
+    /// What was left out or mended, each kind once.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+mod hex {
+    //! Hashes as text, for people and for `jq`.
+
+    use polyptych_protocol::ids::BlobHash;
+    use serde::{Deserialize, Deserializer, Serializer, de};
+
+    pub(super) fn serialize<S: Serializer>(hash: &BlobHash, to: S) -> Result<S::Ok, S::Error> {
+        to.collect_str(hash)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<BlobHash, D::Error> {
+        let text = String::deserialize(from)?;
+        BlobHash::from_hex(&text).ok_or_else(|| de::Error::custom("a hash has 64 hex digits"))
+    }
+}
+
+/// Bakes a scene file into the store, or finds that it is there already.
+///
+/// # Errors
+/// [`BakeError`], with the store as consistent as before: what was written is whole blobs.
+pub fn bake(
+    source: &Path,
+    store: &Store,
+    progress: &mut dyn FnMut(Progress),
+    cancel: &AtomicBool,
+) -> Result<Baked, BakeError> {
+    bake_file(source, store, progress, cancel).map_err(|error| error.about(source))
+}
+
+fn bake_file(
+    path: &Path,
+    store: &Store,
+    progress: &mut dyn FnMut(Progress),
+    cancel: &AtomicBool,
+) -> Result<Baked, BakeError> {
+    progress(Progress { stage: "reading", done: 0, total: 1 });
+    let source = Source::open(path, cancel)?;
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let key = key(&source, &name);
+    if let Some(baked) = store.find(key) {
+        return Ok(baked);
+    }
+    let blobs = store.blobs();
+    let (warnings, written) = (Vec::new(), BTreeMap::new());
+    let mut job = Job { source: &source, blobs, progress, cancel, warnings, written };
+    let scene = job.scene(name)?;
+    let baked = job.finish(&scene)?;
+    store.record(key, &baked)?;
+    Ok(baked)
+}
+
+fn key(source: &Source, name: &str) -> BlobHash {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&BAKER_VERSION.to_le_bytes());
+    hasher.update(&source.digest.0);
+    hasher.update(name.as_bytes());
+    BlobHash(*hasher.finalize().as_bytes())
+}
+
+/// Stops a bake whose caller wants no more.
+fn check(cancel: &AtomicBool) -> Result<(), BakeError> {
+    if cancel.load(Ordering::Relaxed) { Err(BakeError::Cancelled) } else { Ok(()) }
+}
+
+/// One bake under way.
+struct Job<'a> {
+    source: &'a Source,
+    blobs: &'a BlobFolder,
+    progress: &'a mut dyn FnMut(Progress),
+    cancel: &'a AtomicBool,
+    warnings: Vec<String>,
+    written: BTreeMap<BlobHash, u64>,
+}
+
+impl Job<'_> {
+    fn check(&self) -> Result<(), BakeError> {
+        check(self.cancel)
+    }
+
+    /// Reports how far a stage is, and stops if no one wants to know.
+    fn step(&mut self, stage: &'static str, done: u64, total: u64) -> Result<(), BakeError> {
+        (self.progress)(Progress { stage, done, total });
+        self.check()
+    }
+
+    fn warn(&mut self, warning: &str) {
+        let is_new = !self.warnings.iter().any(|known| known == warning);
+        if is_new && self.warnings.len() < WARNINGS_MAX {
+            self.warnings.push(warning.to_owned());
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8], place: &str) -> Result<BlobHash, BakeError> {
+        let length = bytes.len() as u64;
+        if length > BLOB_BYTES_MAX {
+            let right = format!("at most {BLOB_BYTES_MAX} can be stored");
+            return Err(BakeError::at(place, format!("it takes {length} bytes"), right));
+        }
+        let hash = self.blobs.write(bytes)?;
+        self.written.insert(hash, length);
+        Ok(hash)
+    }
+
+    fn scene(&mut self, name: String) -> Result<Scene, BakeError> {
+        self.note_what_is_left_out();
+        let nodes = node::read(self)?;
+        let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, ..Scene::default() };
+        let scales = bounds::scales(&scene.nodes, &scene.world_from_nodes());
+        let mut palette = Palette::default();
+        scene.meshes = mesh::write_all(self, &mut palette, &scales)?;
+        let mesh_of: BTreeMap<u32, u32> = scales.keys().copied().zip(0..).collect();
+        renumber(&mut scene.nodes, |node| &mut node.mesh, &mesh_of);
+
+        let used = scene.nodes.iter().filter_map(|node| node.light);
+        let light_of: BTreeMap<u32, u32> = used.map(|light| (light, 0)).collect();
+        let light_of: BTreeMap<u32, u32> = light_of.into_keys().zip(0..).collect();
+        let lights = light_of.keys().map(|&light| light::convert(self, light));
+        scene.lights = lights.collect::<Result<_, _>>()?;
+        renumber(&mut scene.nodes, |node| &mut node.light, &light_of);
+
+        scene.bounds = bounds::of_scene(&scene)?;
+        scene.textures = texture::write_all(self, &palette.textures)?;
+        scene.materials = palette.materials;
+        Ok(scene)
+    }
+
+    fn note_what_is_left_out(&mut self) {
+        let document = &self.source.document;
+        for name in &document.extensions_used {
+            if !container::EXTENSIONS.contains(&name.as_str()) {
+                self.warn(&format!("extensionsUsed: {} is left out", uri::shorten(name)));
+            }
+        }
+        if !document.animations.is_empty() {
+            let count = document.animations.len();
+            self.warn(&format!("animations: all {count} are left out"));
+        }
+    }
+
+    fn finish(mut self, scene: &Scene) -> Result<Baked, BakeError> {
+        self.step("manifest", 0, 1)?;
+        if let Some(fault) = scene.fault() {
+            return Err(BakeError::at("manifest", fault, "please report this as a bug"));
+        }
+        let bytes = codec::encode(scene);
+        if bytes.is_empty() || bytes.len() > MANIFEST_BYTES_MAX {
+            let what = format!("the scene's list of nodes takes {} bytes", bytes.len());
+            let right = format!("at most {MANIFEST_BYTES_MAX} can be stored");
+            return Err(BakeError::at("nodes", what, right));
+        }
+        let manifest = self.write(&bytes, "manifest")?;
+        self.step("manifest", 1, 1)?;
+        Ok(Baked {
+            manifest,
+            reused: false,
+            name: scene.name.clone(),
+            nodes: scene.nodes.len() as u64,
+            meshes: scene.meshes.len() as u64,
+            textures: scene.textures.len() as u64,
+            triangles: scene.triangles(),
+            bytes: self.written.values().sum(),
+            warnings: self.warnings,
+        })
+    }
+}
+
+/// Replaces the file's indices by the scene's.
+fn renumber(
+    nodes: &mut [Node],
+    index_of: impl Fn(&mut Node) -> &mut Option<u32>,
+    new_of: &BTreeMap<u32, u32>,
+) {
+    for node in nodes {
+        let index = index_of(node);
+        *index = index.and_then(|old| new_of.get(&old).copied());
+    }
+}

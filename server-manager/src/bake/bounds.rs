@@ -1,0 +1,90 @@
+//! How large things are where they are drawn.
+
+use std::collections::BTreeMap;
+
+use glam::{DAffine3, DVec3};
+use polyptych_protocol::scene::{Bounds, Instance, Mesh, Node, Scene};
+
+use super::error::BakeError;
+
+/// For every mesh that is drawn, the most world units that one of its units is drawn as.
+pub(super) fn scales(nodes: &[Node], world: &[DAffine3]) -> BTreeMap<u32, f64> {
+    let mut scales = BTreeMap::new();
+    for (node, world) in nodes.iter().zip(world) {
+        let Some(mesh) = node.mesh else { continue };
+        let instance = |i: &Instance| i.scale.abs().max_element() as f64;
+        let copies = node.instances.iter().map(instance).fold(0.0, f64::max);
+        let copies = if node.instances.is_empty() { 1.0 } else { copies };
+        let matrix = world.matrix3;
+        let longest = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::length);
+        let scale = longest.into_iter().fold(0.0, f64::max) * copies;
+        let known = scales.entry(mesh).or_insert(scale);
+        *known = f64::max(*known, scale);
+    }
+    scales
+}
+
+/// The box around everything drawn.
+pub(super) fn of_scene(scene: &Scene) -> Result<Option<Bounds>, BakeError> {
+    let mut sum = Sum { min: DVec3::MAX, max: DVec3::MIN };
+    let mesh_boxes: Vec<_> = scene.meshes.iter().map(whole).collect();
+    for (i, (node, world)) in scene.nodes.iter().zip(scene.world_from_nodes()).enumerate() {
+        let mut drawn = Sum { min: DVec3::MAX, max: DVec3::MIN };
+        if !world.is_finite() {
+            let place = format!("the world transform of node {i} '{}'", node.name);
+            let right = "smaller numbers would be right";
+            return Err(BakeError::at(place, "it overflows", right));
+        }
+        let Some(mesh) = node.mesh.map(|mesh| mesh as usize) else { continue };
+        if node.instances.is_empty() {
+            for primitive in scene.meshes.get(mesh).iter().flat_map(|mesh| &mesh.primitives) {
+                let (min, max) = (primitive.min.as_dvec3(), primitive.max.as_dvec3());
+                drawn.add(world, primitive.origin + min, primitive.origin + max);
+            }
+        } else if let Some(Some((min, max))) = mesh_boxes.get(mesh) {
+            for copy in &node.instances {
+                let local = DAffine3::from_scale_rotation_translation(
+                    copy.scale.as_dvec3(),
+                    copy.rotation.as_dquat().normalize(),
+                    copy.translation.as_dvec3(),
+                );
+                drawn.add(world * local, *min, *max);
+            }
+        }
+        if drawn.min.cmple(drawn.max).all() {
+            if !(drawn.min.is_finite() && drawn.max.is_finite()) {
+                let place = format!("the mesh of node {i} '{}'", node.name);
+                let right = "smaller numbers would be right";
+                return Err(BakeError::at(place, "it is infinitely large", right));
+            }
+            (sum.min, sum.max) = (sum.min.min(drawn.min), sum.max.max(drawn.max));
+        }
+    }
+    let is_drawn = sum.min.cmple(sum.max).all();
+    Ok(is_drawn.then_some(Bounds { min: sum.min, max: sum.max }))
+}
+
+/// The box around all parts of a mesh, in its own space.
+fn whole(mesh: &Mesh) -> Option<(DVec3, DVec3)> {
+    let boxes = mesh.primitives.iter();
+    let boxes = boxes.map(|p| (p.origin + p.min.as_dvec3(), p.origin + p.max.as_dvec3()));
+    boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
+struct Sum {
+    min: DVec3,
+    max: DVec3,
+}
+
+impl Sum {
+    /// Adds the box around a box that was transformed.
+    fn add(&mut self, world: DAffine3, min: DVec3, max: DVec3) {
+        let center = world.transform_point3(min + (max - min) * 0.5);
+        let half = (max - min) * 0.5;
+        let matrix = world.matrix3;
+        let reach = matrix.x_axis.abs() * half.x
+            + matrix.y_axis.abs() * half.y
+            + matrix.z_axis.abs() * half.z;
+        (self.min, self.max) = (self.min.min(center - reach), self.max.max(center + reach));
+    }
+}

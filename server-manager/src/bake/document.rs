@@ -1,0 +1,297 @@
+//! The JSON of a glTF file, as far as a static scene needs it.
+//!
+//! Nodes and everything that points at bytes have types of our own: transforms stay f64, and no
+//! index is followed before it was checked. Materials, textures, samplers and lights are those of
+//! the `gltf` crate. What a file leaves out has glTF's default.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::Deref;
+
+use gltf::json;
+use serde::Deserialize;
+use serde::de::{self, Deserializer, SeqAccess, Visitor};
+
+use super::error::BakeError;
+
+/// What must be understood before anything else is looked at.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Head {
+    pub asset: Option<Asset>,
+    #[serde(default)]
+    pub extensions_required: Vec<String>,
+}
+
+/// Who wrote the file, in which version of glTF.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Asset {
+    pub version: Option<serde_json::Value>,
+    pub min_version: Option<String>,
+}
+
+/// A whole file.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub(super) struct Document {
+    pub extensions_used: Vec<String>,
+    pub scene: Option<u32>,
+    pub scenes: List<Scene>,
+    pub nodes: List<Node>,
+    pub meshes: List<Mesh>,
+    pub accessors: List<Accessor>,
+    pub buffer_views: List<BufferView>,
+    pub buffers: List<Buffer>,
+    pub materials: List<json::Material>,
+    pub textures: List<json::Texture>,
+    pub samplers: List<json::texture::Sampler>,
+    pub images: List<Image>,
+    pub skins: List<Skin>,
+    pub animations: List<Animation>,
+    pub extensions: DocumentExtensions,
+}
+
+/// Extensions of the whole file.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct DocumentExtensions {
+    #[serde(rename = "KHR_lights_punctual")]
+    pub lights: Lights,
+}
+
+/// `KHR_lights_punctual`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Lights {
+    pub lights: List<JsonLight>,
+}
+
+/// A light as the `gltf` crate reads it.
+pub(super) type JsonLight = json::extensions::scene::khr_lights_punctual::Light;
+
+/// The roots of what is shown together.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Scene {
+    pub nodes: Vec<u32>,
+}
+
+/// A place, in f64.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Node {
+    pub name: String,
+    pub children: Vec<u32>,
+    pub mesh: Option<u32>,
+    pub skin: Option<u32>,
+    pub matrix: Option<[f64; 16]>,
+    pub translation: Option<[f64; 3]>,
+    pub rotation: Option<[f64; 4]>,
+    pub scale: Option<[f64; 3]>,
+    pub extensions: NodeExtensions,
+}
+
+/// Extensions of a node.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct NodeExtensions {
+    #[serde(rename = "KHR_lights_punctual")]
+    pub light: Option<NodeLight>,
+    #[serde(rename = "EXT_mesh_gpu_instancing")]
+    pub instancing: Option<Instancing>,
+}
+
+/// Which light stands at a node.
+#[derive(Debug, Deserialize)]
+pub(super) struct NodeLight {
+    pub light: u32,
+}
+
+/// `EXT_mesh_gpu_instancing`: accessors by the name of the attribute.
+#[derive(Debug, Deserialize)]
+pub(super) struct Instancing {
+    pub attributes: BTreeMap<String, u32>,
+}
+
+/// Parts that are drawn together.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Mesh {
+    pub name: String,
+    pub primitives: Vec<Primitive>,
+}
+
+/// Geometry with one material.
+#[derive(Debug, Deserialize)]
+pub(super) struct Primitive {
+    #[serde(default)]
+    pub attributes: BTreeMap<String, u32>,
+    pub indices: Option<u32>,
+    pub material: Option<u32>,
+    #[serde(default = "triangles")]
+    pub mode: u32,
+    #[serde(default)]
+    pub targets: Vec<de::IgnoredAny>,
+}
+
+fn triangles() -> u32 {
+    4
+}
+
+/// How to read values out of a view.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Accessor {
+    pub buffer_view: Option<u32>,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub component_type: u32,
+    #[serde(default)]
+    pub normalized: bool,
+    pub count: u64,
+    #[serde(rename = "type")]
+    pub kind: String,
+    pub sparse: Option<Sparse>,
+}
+
+/// Values that replace others.
+#[derive(Debug, Deserialize)]
+pub(super) struct Sparse {
+    pub count: u64,
+    pub indices: SparseIndices,
+    pub values: SparseValues,
+}
+
+/// Where the replaced values stand.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct SparseIndices {
+    pub buffer_view: u32,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub component_type: u32,
+}
+
+/// What they are replaced by.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct SparseValues {
+    pub buffer_view: u32,
+    #[serde(default)]
+    pub byte_offset: u64,
+}
+
+/// A part of a buffer.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct BufferView {
+    pub buffer: u32,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub byte_length: u64,
+    pub byte_stride: Option<u64>,
+}
+
+/// Bytes in a file, a `data:` URI, or the binary chunk of a GLB.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Buffer {
+    pub uri: Option<String>,
+    pub byte_length: u64,
+}
+
+/// A picture in a file, a `data:` URI or a view.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub(super) struct Image {
+    pub uri: Option<String>,
+    pub mime_type: Option<String>,
+    pub buffer_view: Option<u32>,
+}
+
+/// Only counted.
+#[derive(Debug, Deserialize)]
+pub(super) struct Skin {}
+
+/// Only counted.
+#[derive(Debug, Deserialize)]
+pub(super) struct Animation {}
+
+/// One of the top-level lists, for messages.
+pub(super) trait Listed {
+    /// Its key in the JSON.
+    const LIST: &'static str;
+}
+
+macro_rules! listed {
+    ($($kind:ty => $list:literal),* $(,)?) => {$(
+        impl Listed for $kind {
+            const LIST: &'static str = $list;
+        }
+    )*};
+}
+listed! {
+    Scene => "scenes", Node => "nodes", Mesh => "meshes", Accessor => "accessors",
+    BufferView => "bufferViews", Buffer => "buffers", json::Material => "materials",
+    json::Texture => "textures", json::texture::Sampler => "samplers", Image => "images",
+    Skin => "skins", Animation => "animations",
+    JsonLight => "extensions.KHR_lights_punctual.lights",
+}
+
+/// A top-level list. A value of the wrong form is named by its place in it.
+#[derive(Debug)]
+pub(super) struct List<T>(Vec<T>);
+
+impl<T> Default for List<T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+impl<T> Deref for List<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        &self.0
+    }
+}
+
+impl<T: Listed> List<T> {
+    /// The element that `place` points at.
+    pub(super) fn at(&self, index: u32, place: &str) -> Result<&T, BakeError> {
+        let found = self.0.get(index as usize);
+        found.ok_or_else(|| BakeError::beyond(place, T::LIST, index.into(), self.0.len()))
+    }
+}
+
+impl<'de, T: Deserialize<'de> + Listed> Deserialize<'de> for List<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_seq(ListVisitor(PhantomData))
+    }
+}
+
+struct ListVisitor<T>(PhantomData<T>);
+
+impl<'de, T: Deserialize<'de> + Listed> Visitor<'de> for ListVisitor<T> {
+    type Value = List<T>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} to be an array", T::LIST)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<List<T>, A::Error> {
+        let mut list = Vec::new();
+        loop {
+            match seq.next_element() {
+                Ok(Some(element)) => list.push(element),
+                Ok(None) => return Ok(List(list)),
+                Err(error) => {
+                    let place = format_args!("{}[{}]: {error}", T::LIST, list.len()).to_string();
+                    return Err(de::Error::custom(place));
+                }
+            }
+        }
+    }
+}

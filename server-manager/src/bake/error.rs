@@ -1,0 +1,75 @@
+//! Why a scene could not be baked.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use polyptych_protocol::blob::BlobError;
+
+/// Why a scene could not be baked. A message names the file, the place in it, what is wrong and
+/// what would be right.
+#[derive(Debug, thiserror::Error)]
+pub enum BakeError {
+    /// The source, or a file that it names, is not what it should be.
+    #[error("{}: {place}: {what}; {right}", .file.display())]
+    Source {
+        /// The scene file.
+        file: PathBuf,
+        /// The place in it, as a JSON path like `accessors[3]`, or `file`.
+        place: String,
+        /// What is wrong there.
+        what: String,
+        /// What would be right.
+        right: String,
+    },
+    /// The file system says so.
+    #[error("{}: file: {source}; it must be readable here", .path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// The store can't be read or written.
+    #[error("store: {0}; the folder must be writable and have room")]
+    Store(#[from] BlobError),
+    /// Someone asked to stop. What was written so far is whole and will be reused.
+    #[error("the bake was cancelled")]
+    Cancelled,
+}
+
+impl BakeError {
+    /// A fault of the source whose file [`BakeError::about`] fills in.
+    pub(super) fn at(
+        place: impl Into<String>,
+        what: impl Into<String>,
+        right: impl Into<String>,
+    ) -> Self {
+        Self::Source {
+            file: PathBuf::new(),
+            place: place.into(),
+            what: what.into(),
+            right: right.into(),
+        }
+    }
+
+    /// An index that points behind the end of a list.
+    pub(super) fn beyond(place: impl Into<String>, list: &str, index: u64, len: usize) -> Self {
+        let what = format!("{list}[{index}] is not there, the file has {len}");
+        Self::at(place, what, format!("an index below {len} would be right"))
+    }
+
+    /// A file or folder that can't be used.
+    pub(super) fn io(path: &Path, source: io::Error) -> Self {
+        Self::Io { path: path.to_path_buf(), source }
+    }
+
+    /// The same, naming the scene file.
+    pub(super) fn about(self, scene: &Path) -> Self {
+        match self {
+            Self::Source { place, what, right, .. } => {
+                Self::Source { file: scene.to_path_buf(), place, what, right }
+            }
+            other => other,
+        }
+    }
+}

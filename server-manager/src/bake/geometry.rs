@@ -1,0 +1,238 @@
+//! One primitive as lists of attributes, read, checked and repaired.
+
+use glam::{DVec3, Vec3};
+use polyptych_protocol::scene::Topology;
+
+use super::accessor::Accessor;
+use super::error::BakeError;
+use super::material::Needs;
+use super::{Job, document, topology};
+
+/// A primitive before it is split and interleaved.
+#[derive(Debug)]
+pub(super) struct Geometry {
+    pub topology: Topology,
+    /// As many as [`topology::arity`] says make one element; all below `positions.len()`.
+    pub indices: Vec<u32>,
+    pub positions: Vec<[f32; 3]>,
+    /// Unit vectors; where `None`, every triangle has its own.
+    pub normals: Option<Vec<[f32; 3]>>,
+    pub tangents: Tangents,
+    pub uvs: [Option<Vec<[f32; 2]>>; 2],
+    pub colors: Option<Vec<[f32; 4]>>,
+}
+
+/// Where tangents come from.
+#[derive(Debug)]
+pub(super) enum Tangents {
+    /// Nothing needs them.
+    None,
+    /// From the file, one for each vertex.
+    Vertex(Vec<[f32; 4]>),
+    /// Made here, one for each index.
+    Corner(Vec<[f32; 4]>),
+}
+
+/// Reads a primitive; `None` where it draws nothing.
+pub(super) fn read(
+    job: &mut Job<'_>,
+    json: &document::Primitive,
+    needs: &Needs,
+    place: &str,
+) -> Result<Option<Geometry>, BakeError> {
+    let Some(topology) = topology::of_mode(json.mode) else {
+        let what = format!("mode {} does not exist", json.mode);
+        return Err(BakeError::at(place, what, "0 to 6 would be right"));
+    };
+    let Some(positions) = attribute::<3>(job, json, "POSITION", None, place)? else {
+        job.warn(&format!("{place}: it has no POSITION and is left out"));
+        return Ok(None);
+    };
+    check_finite(json, &positions)?;
+    let indices = indices(job, json, positions.len(), place)?;
+    if indices.is_empty() {
+        job.warn(&format!("{place}: it draws nothing and is left out"));
+        return Ok(None);
+    }
+    let count = Some(positions.len());
+    let is_surface = topology == Topology::Triangles;
+    let mut normals = attribute::<3>(job, json, "NORMAL", count, place)?;
+    if let Some(normals) = &mut normals {
+        repair_normals(normals, &positions, &indices, is_surface);
+    } else if !is_surface {
+        normals = Some(vec![[0.0, 0.0, 1.0]; positions.len()]);
+    }
+    let mut uvs = [None, None];
+    for (slot, set) in uvs.iter_mut().zip(needs.uv_sets) {
+        let Some(set) = set else { continue };
+        let mut uv = attribute::<2>(job, json, &format!("TEXCOORD_{set}"), count, place)?;
+        if uv.is_none() {
+            job.warn(&format!("{place}: its material uses TEXCOORD_{set}, which it has not"));
+        }
+        let values = uv.get_or_insert_with(|| vec![[0.0; 2]; positions.len()]);
+        for uv in values.iter_mut().filter(|uv| !finite(uv)) {
+            *uv = [0.0; 2];
+        }
+        *slot = uv;
+    }
+    let mut tangents = Tangents::None;
+    // glTF: tangents without normals are to be ignored.
+    if needs.normal_map.is_some() && is_surface && json.attributes.contains_key("NORMAL") {
+        let given = attribute::<4>(job, json, "TANGENT", count, place)?;
+        tangents = given.map_or(Tangents::None, Tangents::Vertex);
+    }
+    if let (Tangents::Vertex(tangents), Some(normals)) = (&mut tangents, &normals) {
+        for (tangent, normal) in tangents.iter_mut().zip(normals) {
+            *tangent = clean_tangent(*tangent, *normal);
+        }
+    }
+    let colors = colors(job, json, count, place)?;
+    Ok(Some(Geometry { topology, indices, positions, normals, tangents, uvs, colors }))
+}
+
+fn attribute<const N: usize>(
+    job: &Job<'_>,
+    json: &document::Primitive,
+    name: &str,
+    count: Option<usize>,
+    place: &str,
+) -> Result<Option<Vec<[f32; N]>>, BakeError> {
+    let Some(&index) = json.attributes.get(name) else { return Ok(None) };
+    job.check()?;
+    let accessor = Accessor::open(job.source, index, &format!("{place}.attributes.{name}"))?;
+    if let Some(count) = count.filter(|&count| count != accessor.count) {
+        let what = format!("{name} has {} elements, POSITION {count}", accessor.count);
+        return Err(BakeError::at(place, what, "equal counts would be right"));
+    }
+    accessor.floats::<N>().map(Some)
+}
+
+fn colors(
+    job: &Job<'_>,
+    json: &document::Primitive,
+    count: Option<usize>,
+    place: &str,
+) -> Result<Option<Vec<[f32; 4]>>, BakeError> {
+    let Some(&index) = json.attributes.get("COLOR_0") else { return Ok(None) };
+    let place_of = format!("{place}.attributes.COLOR_0");
+    let mut colors = match Accessor::open(job.source, index, &place_of)?.width {
+        3 => attribute::<3>(job, json, "COLOR_0", count, place)?
+            .map(|colors| colors.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect()),
+        _ => attribute::<4>(job, json, "COLOR_0", count, place)?,
+    };
+    for value in colors.iter_mut().flatten().flatten() {
+        *value = if value.is_finite() { value.clamp(0.0, 1.0) } else { 1.0 };
+    }
+    Ok(colors)
+}
+
+fn indices(
+    job: &mut Job<'_>,
+    json: &document::Primitive,
+    count: usize,
+    place: &str,
+) -> Result<Vec<u32>, BakeError> {
+    let Ok(count) = u32::try_from(count) else {
+        let what = format!("it has {count} vertices");
+        return Err(BakeError::at(place, what, "fewer than 2^32 would be right"));
+    };
+    let Some(index) = json.indices else {
+        return Ok(topology::to_list(json.mode, (0..count).collect(), None));
+    };
+    let accessor = Accessor::open(job.source, index, &format!("{place}.indices"))?;
+    let read = accessor.indices()?;
+    let is_strip = !matches!(json.mode, 0 | 1 | 4);
+    let restart = Some(read.restart).filter(|_| is_strip);
+    let is_wrong = |&index: &u32| index >= count && Some(index) != restart;
+    if let Some(at) = read.values.iter().position(is_wrong) {
+        let what = format!("index {at} is {}, the primitive has {count} vertices", read.values[at]);
+        return Err(BakeError::at(accessor.place, what, format!("below {count} would be right")));
+    }
+    let given = read.values.len();
+    let list = topology::to_list(json.mode, read.values, restart);
+    if (json.mode == 1 || json.mode == 4) && list.len() != given {
+        job.warn(&format!("{place}: its last element is not complete and is left out"));
+    }
+    if u32::try_from(list.len()).is_err() {
+        let what = format!("it draws {} indices", list.len());
+        return Err(BakeError::at(place, what, "fewer than 2^32 would be right"));
+    }
+    Ok(list)
+}
+
+fn finite<const N: usize>(values: &[f32; N]) -> bool {
+    values.iter().all(|value| value.is_finite())
+}
+
+fn check_finite(json: &document::Primitive, positions: &[[f32; 3]]) -> Result<(), BakeError> {
+    let Some(at) = positions.iter().position(|position| !finite(position)) else {
+        return Ok(());
+    };
+    let index = json.attributes.get("POSITION").copied().unwrap_or_default();
+    let what = format!("POSITION {at} is {:?}", positions[at]);
+    Err(BakeError::at(format!("accessors[{index}]"), what, "finite numbers would be right"))
+}
+
+/// The unit normal of a triangle times twice its area, counter-clockwise from its front.
+pub(super) fn area_normal(positions: &[[f32; 3]], corners: &[u32]) -> DVec3 {
+    let &[a, b, c] = corners else { return DVec3::ZERO };
+    let at = |index: u32| Vec3::from(positions[index as usize]).as_dvec3();
+    (at(b) - at(a)).cross(at(c) - at(a))
+}
+
+/// The unit normal of a triangle, or +Z where it has no area.
+pub(super) fn flat_normal(positions: &[[f32; 3]], corners: &[u32]) -> [f32; 3] {
+    unit_or_z(area_normal(positions, corners))
+}
+
+fn unit_or_z(vector: DVec3) -> [f32; 3] {
+    // The squares of vectors as long as 1e77 still fit f64, so areas of any f32 triangle do.
+    vector.try_normalize().unwrap_or(DVec3::Z).as_vec3().to_array()
+}
+
+/// Makes every normal a unit vector; one that has no direction becomes the mean of its triangles.
+fn repair_normals(
+    normals: &mut [[f32; 3]],
+    positions: &[[f32; 3]],
+    indices: &[u32],
+    is_surface: bool,
+) {
+    const UNIT_TOLERANCE: f64 = 1e-3;
+    let mut broken = Vec::new();
+    for (i, normal) in normals.iter_mut().enumerate() {
+        let vector = Vec3::from(*normal).as_dvec3();
+        let length = vector.length();
+        if !length.is_finite() || length < 1e-12 {
+            broken.push(i);
+        } else if (length - 1.0).abs() > UNIT_TOLERANCE {
+            *normal = unit_or_z(vector);
+        }
+    }
+    if broken.is_empty() {
+        return;
+    }
+    let mut sums = vec![DVec3::ZERO; if is_surface { normals.len() } else { 0 }];
+    if is_surface {
+        for corners in indices.chunks_exact(3) {
+            let normal = area_normal(positions, corners);
+            for &corner in corners {
+                sums[corner as usize] += normal;
+            }
+        }
+    }
+    for i in broken {
+        normals[i] = unit_or_z(sums.get(i).copied().unwrap_or(DVec3::Z));
+    }
+}
+
+/// A tangent that can be used: unit length, a sign, and some direction where it had none.
+pub(super) fn clean_tangent(tangent: [f32; 4], normal: [f32; 3]) -> [f32; 4] {
+    let vector = Vec3::new(tangent[0], tangent[1], tangent[2]);
+    let length = vector.length();
+    let unit = if length.is_finite() && length > 1e-6 {
+        if (length - 1.0).abs() > 1e-3 { vector / length } else { vector }
+    } else {
+        Vec3::from(normal).any_orthonormal_vector()
+    };
+    [unit.x, unit.y, unit.z, if tangent[3] < 0.0 { -1.0 } else { 1.0 }]
+}

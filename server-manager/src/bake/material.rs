@@ -1,0 +1,269 @@
+//! Materials, and what they need of textures and vertices.
+//!
+//! Only materials that something drawn uses are converted, and only their textures are read.
+
+use std::collections::BTreeMap;
+
+use glam::{Affine2, Mat2, Vec2, Vec3, Vec4};
+use gltf::json;
+use gltf::json::extensions::texture::TextureTransform;
+use gltf::json::validation::Checked;
+use polyptych_protocol::scene::{AlphaMode, Material, TextureRef};
+
+use super::Job;
+use super::error::BakeError;
+
+/// Brightest emission: what a half float can still hold.
+const EMISSIVE_MAX: f32 = 65504.0;
+
+/// What a texture holds, which decides how it is filtered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Content {
+    /// sRGB; alpha means nothing.
+    Color,
+    /// sRGB, weighted by alpha.
+    ColorAlpha,
+    /// Linear numbers.
+    Data,
+    /// Unit vectors.
+    Normal,
+}
+
+/// A texture of the file, as one of its materials uses it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct TextureUse {
+    /// An index into the file's textures.
+    pub texture: u32,
+    /// What it is taken for.
+    pub content: Content,
+}
+
+/// What a material needs of vertices.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Needs {
+    /// Which `TEXCOORD_n` each of the two sets is, where it is used.
+    pub uv_sets: [Option<u32>; 2],
+    /// Which of the two sets the normal map has, and its transform.
+    pub normal_map: Option<(u8, Affine2)>,
+    /// Whether triangles must stay in order, because they are blended.
+    pub keeps_order: bool,
+}
+
+/// The materials and textures that are used, in the order of first use.
+#[derive(Debug, Default)]
+pub(super) struct Palette {
+    pub materials: Vec<Material>,
+    pub textures: Vec<TextureUse>,
+    needs: Vec<Needs>,
+    by_source: BTreeMap<(Option<u32>, bool), u32>,
+    by_use: BTreeMap<TextureUse, u32>,
+}
+
+impl Palette {
+    /// The scene's material for one of the file, which `place` names, and what it needs.
+    /// A primitive that has no normals though it needs some is drawn unlit.
+    pub(super) fn material(
+        &mut self,
+        job: &mut Job<'_>,
+        source: Option<u32>,
+        is_lit: bool,
+        place: &str,
+    ) -> Result<(Option<u32>, Needs), BakeError> {
+        if source.is_none() && is_lit {
+            return Ok((None, Needs::default()));
+        }
+        if let Some(&index) = self.by_source.get(&(source, is_lit)) {
+            return Ok((Some(index), self.needs[index as usize]));
+        }
+        let mut made = match source {
+            Some(index) => {
+                let json = job.source.document.materials.at(index, place)?;
+                self.convert(job, json, index, is_lit)?
+            }
+            None => (Material::default(), Needs::default()),
+        };
+        made.0.unlit |= !is_lit;
+        let index = self.materials.len() as u32;
+        self.materials.push(made.0);
+        self.needs.push(made.1);
+        self.by_source.insert((source, is_lit), index);
+        Ok((Some(index), made.1))
+    }
+
+    fn convert(
+        &mut self,
+        job: &mut Job<'_>,
+        json: &json::Material,
+        index: u32,
+        is_lit: bool,
+    ) -> Result<(Material, Needs), BakeError> {
+        let place = format!("materials[{index}]");
+        let mut material = factors(json, &place)?;
+        let pbr = &json.pbr_metallic_roughness;
+        let mut user = User { palette: self, job, place, needs: Needs::default() };
+        let content = match material.alpha_mode {
+            AlphaMode::Opaque => Content::Color,
+            _ => Content::ColorAlpha,
+        };
+        if let Some(info) = &pbr.base_color_texture {
+            material.base_color_texture = user.info(info, content)?;
+        }
+        // Unlit is the base colour alone: nothing else is read or kept.
+        if is_lit && !material.unlit {
+            if let Some(info) = &pbr.metallic_roughness_texture {
+                material.metallic_roughness_texture = user.info(info, Content::Data)?;
+            }
+            if let Some(info) = &json.emissive_texture {
+                material.emissive_texture = user.info(info, Content::Color)?;
+            }
+            if let Some(normal) = &json.normal_texture {
+                let others = normal.extensions.as_ref().map(|extensions| &extensions.others);
+                let (index, set) = (normal.index.value(), normal.tex_coord);
+                let transform = others.and_then(|others| others.get("KHR_texture_transform"));
+                let transform = user.transform(transform)?;
+                let used = user.texture(index, set, transform.as_ref(), Content::Normal)?;
+                user.needs.normal_map = used.map(|used| (used.uv_set, used.uv_transform));
+                material.normal_texture = used;
+            }
+            if let Some(occlusion) = &json.occlusion_texture {
+                let others = occlusion.extensions.as_ref().map(|extensions| &extensions.others);
+                let (index, set) = (occlusion.index.value(), occlusion.tex_coord);
+                let transform = others.and_then(|others| others.get("KHR_texture_transform"));
+                let transform = user.transform(transform)?;
+                let used = user.texture(index, set, transform.as_ref(), Content::Data)?;
+                material.occlusion_texture = used;
+            }
+        }
+        let mut needs = user.needs;
+        needs.keeps_order = material.alpha_mode == AlphaMode::Blend;
+        Ok((material, needs))
+    }
+}
+
+/// Everything but textures. JSON numbers may overflow f32; every factor is brought to its range.
+fn factors(json: &json::Material, place: &str) -> Result<Material, BakeError> {
+    let alpha_mode = match json.alpha_mode {
+        Checked::Valid(json::material::AlphaMode::Opaque) => AlphaMode::Opaque,
+        Checked::Valid(json::material::AlphaMode::Mask) => {
+            AlphaMode::Mask(limit(json.alpha_cutoff.unwrap_or_default().0, 0.0, EMISSIVE_MAX))
+        }
+        Checked::Valid(json::material::AlphaMode::Blend) => AlphaMode::Blend,
+        Checked::Invalid => {
+            let place = format!("{place}.alphaMode");
+            let right = "OPAQUE, MASK or BLEND would be right";
+            return Err(BakeError::at(place, "it does not exist", right));
+        }
+    };
+    let pbr = &json.pbr_metallic_roughness;
+    let extensions = json.extensions.as_ref();
+    let strength = extensions.and_then(|e| e.emissive_strength.as_ref());
+    let strength = strength.map_or(1.0, |strength| strength.emissive_strength.0);
+    let emissive = |value: f32| limit(limit(value, 0.0, 1.0) * strength, 0.0, EMISSIVE_MAX);
+    let unit = |value: f32| limit(value, 0.0, 1.0);
+    let occlusion = json.occlusion_texture.as_ref();
+    let normal = json.normal_texture.as_ref();
+    Ok(Material {
+        name: json.name.clone().unwrap_or_default(),
+        base_color: Vec4::from(pbr.base_color_factor.0.map(unit)),
+        metallic: unit(pbr.metallic_factor.0),
+        roughness: unit(pbr.roughness_factor.0),
+        emissive: Vec3::from(json.emissive_factor.0.map(emissive)),
+        normal_scale: normal.map_or(1.0, |n| limit(n.scale, -EMISSIVE_MAX, EMISSIVE_MAX)),
+        occlusion_strength: occlusion.map_or(1.0, |o| unit(o.strength.0)),
+        alpha_mode,
+        double_sided: json.double_sided,
+        unlit: extensions.is_some_and(|e| e.unlit.is_some()),
+        ..Material::default()
+    })
+}
+
+fn limit(value: f32, min: f32, max: f32) -> f32 {
+    if value.is_nan() { max.min(1.0) } else { value.clamp(min, max) }
+}
+
+/// A material while its textures are looked up.
+struct User<'p, 'j, 'a> {
+    palette: &'p mut Palette,
+    job: &'j mut Job<'a>,
+    place: String,
+    needs: Needs,
+}
+
+impl User<'_, '_, '_> {
+    fn info(
+        &mut self,
+        info: &json::texture::Info,
+        content: Content,
+    ) -> Result<Option<TextureRef>, BakeError> {
+        let extensions = info.extensions.as_ref();
+        let transform = extensions.and_then(|extensions| extensions.texture_transform.as_ref());
+        self.texture(info.index.value(), info.tex_coord, transform, content)
+    }
+
+    fn transform(
+        &self,
+        json: Option<&serde_json::Value>,
+    ) -> Result<Option<TextureTransform>, BakeError> {
+        let parsed = json.map(|json| serde_json::from_value(json.clone())).transpose();
+        parsed.map_err(|error| {
+            let what = format!("KHR_texture_transform: {error}");
+            BakeError::at(&self.place, what, "offset, rotation, scale and texCoord can be given")
+        })
+    }
+
+    fn texture(
+        &mut self,
+        index: usize,
+        set: u32,
+        transform: Option<&TextureTransform>,
+        content: Content,
+    ) -> Result<Option<TextureRef>, BakeError> {
+        let texture = u32::try_from(index).unwrap_or(u32::MAX);
+        let document = &self.job.source.document;
+        let json = document.textures.at(texture, &self.place)?;
+        if json.source.value() == u32::MAX as usize {
+            self.job.warn(&format!("textures[{index}]: it has no PNG or JPEG and is left out"));
+            return Ok(None);
+        }
+        let set = transform.and_then(|transform| transform.tex_coord).unwrap_or(set);
+        let Some(uv_set) = self.slot(set) else {
+            let place = &self.place;
+            self.job
+                .warn(&format!("{place}: more than two sets of uv; TEXCOORD_{set} is left out"));
+            return Ok(None);
+        };
+        let uv_transform = transform.map_or(Affine2::IDENTITY, affine);
+        if !uv_transform.is_finite() {
+            let what = "KHR_texture_transform overflows";
+            return Err(BakeError::at(&self.place, what, "finite numbers would be right"));
+        }
+        let used = TextureUse { texture, content };
+        let next = self.palette.textures.len() as u32;
+        let texture = *self.palette.by_use.entry(used).or_insert(next);
+        if texture == next {
+            self.palette.textures.push(used);
+        }
+        Ok(Some(TextureRef { texture, uv_set, uv_transform }))
+    }
+
+    /// Which of our two sets stands for `TEXCOORD_set`: itself for 0 and 1, else a free one.
+    fn slot(&mut self, set: u32) -> Option<u8> {
+        let sets = &mut self.needs.uv_sets;
+        if let Some(slot) = sets.iter().position(|&have| have == Some(set)) {
+            return Some(slot as u8);
+        }
+        let wanted = if set == 1 { [1, 0] } else { [0, 1] };
+        let slot = wanted.into_iter().find(|&slot| sets[slot].is_none())?;
+        sets[slot] = Some(set);
+        Some(slot as u8)
+    }
+}
+
+/// Offset · rotation · scale; rotation is counter-clockwise as seen, with v downwards
+/// (`KHR_texture_transform`).
+fn affine(transform: &TextureTransform) -> Affine2 {
+    let (sin, cos) = transform.rotation.0.sin_cos();
+    let rotation = Mat2::from_cols(Vec2::new(cos, -sin), Vec2::new(sin, cos));
+    let scale = Mat2::from_diagonal(Vec2::from(transform.scale.0));
+    Affine2::from_mat2_translation(rotation * scale, Vec2::from(transform.offset.0))
+}

@@ -1,0 +1,233 @@
+//! Nodes: from glTF's tree to a list in which parents stand before their children.
+//!
+//! Transforms are composed in f64 from the JSON's own numbers. Nothing recurses: a tree may be
+//! as deep as the file is long.
+
+use glam::{DAffine3, DMat4, DQuat, DVec3, Quat, Vec3};
+use polyptych_protocol::scene::{Instance, Node};
+
+use super::accessor::Accessor;
+use super::document::{self, Instancing};
+use super::error::BakeError;
+use super::{Job, uri};
+
+/// Most copies that one node may draw: each takes 40 bytes of the manifest.
+const INSTANCES_MAX: usize = 4 << 20;
+
+/// How far the last row of a matrix may be from 0, 0, 0, 1.
+const AFFINE_TOLERANCE: f64 = 1e-5;
+
+/// The nodes of the shown scene. Meshes and lights are still the file's own indices.
+pub(super) fn read(job: &mut Job<'_>) -> Result<Vec<Node>, BakeError> {
+    let json: &[document::Node] = &job.source.document.nodes;
+    let parents = parents(json)?;
+    check_cycles(json, &parents)?;
+    let roots = roots(job, &parents)?;
+    let mut is_seen = vec![false; json.len()];
+    let mut nodes: Vec<Node> = Vec::new();
+    let mut stack: Vec<(u32, Option<u32>)> = roots.iter().rev().map(|&r| (r, None)).collect();
+    while let Some((index, parent)) = stack.pop() {
+        if nodes.len().is_multiple_of(1024) {
+            job.step("nodes", nodes.len() as u64, json.len() as u64)?;
+        }
+        let Some(node) = json.get(index as usize) else {
+            return Err(BakeError::beyond("scenes.nodes", "nodes", index.into(), json.len()));
+        };
+        if std::mem::replace(&mut is_seen[index as usize], true) {
+            let what = format!("it has {} twice, or below another root", title(json, index));
+            return Err(BakeError::at("scenes.nodes", what, "each root once would be right"));
+        }
+        let place = nodes.len() as u32;
+        nodes.push(convert(job, node, index, parent)?);
+        stack.extend(node.children.iter().rev().map(|&child| (child, Some(place))));
+    }
+    Ok(nodes)
+}
+
+/// How a message calls a node.
+fn title(json: &[document::Node], index: u32) -> String {
+    let name = json.get(index as usize).map_or("", |node| node.name.as_str());
+    format!("nodes[{index}] '{}'", uri::shorten(name))
+}
+
+fn parents(json: &[document::Node]) -> Result<Vec<Option<u32>>, BakeError> {
+    let mut parents = vec![None; json.len()];
+    for (i, node) in json.iter().enumerate() {
+        for &child in &node.children {
+            let Some(slot) = parents.get_mut(child as usize) else {
+                let place = format!("nodes[{i}].children");
+                return Err(BakeError::beyond(place, "nodes", child.into(), json.len()));
+            };
+            if let Some(other) = slot.replace(i as u32) {
+                let (a, b) = (title(json, other), title(json, i as u32));
+                let what = format!("it has two parents, {a} and {b}");
+                return Err(BakeError::at(title(json, child), what, "one would be right"));
+            }
+        }
+    }
+    Ok(parents)
+}
+
+/// Walks up from each node; a walk that meets itself is a cycle.
+fn check_cycles(json: &[document::Node], parents: &[Option<u32>]) -> Result<(), BakeError> {
+    let mut walk_of = vec![usize::MAX; parents.len()];
+    for start in 0..parents.len() {
+        let mut at = Some(start as u32);
+        while let Some(index) = at {
+            match walk_of[index as usize] {
+                usize::MAX => walk_of[index as usize] = start,
+                walk if walk == start => return Err(cycle(json, parents, index)),
+                _ => break,
+            }
+            at = parents[index as usize];
+        }
+    }
+    Ok(())
+}
+
+fn cycle(json: &[document::Node], parents: &[Option<u32>], index: u32) -> BakeError {
+    const NAMED_MAX: usize = 6;
+    let mut names = vec![title(json, index)];
+    let mut at = parents[index as usize];
+    while let Some(next) = at.filter(|&next| next != index && names.len() < NAMED_MAX) {
+        names.push(title(json, next));
+        at = parents[next as usize];
+    }
+    let what = format!("the tree has a cycle: {} stands below itself", names.join(", below "));
+    BakeError::at(format!("nodes[{index}]"), what, "a tree would be right")
+}
+
+fn roots(job: &mut Job<'_>, parents: &[Option<u32>]) -> Result<Vec<u32>, BakeError> {
+    let document = &job.source.document;
+    match (document.scene, document.scenes.first()) {
+        (Some(index), _) => Ok(document.scenes.at(index, "scene")?.nodes.clone()),
+        (None, Some(first)) => Ok(first.nodes.clone()),
+        (None, None) => {
+            let roots = (0u32..).zip(parents).filter(|(_, parent)| parent.is_none());
+            let roots: Vec<u32> = roots.map(|(index, _)| index).collect();
+            if !roots.is_empty() {
+                job.warn("scenes: there is none, so all nodes are shown");
+            }
+            Ok(roots)
+        }
+    }
+}
+
+fn convert(
+    job: &mut Job<'_>,
+    node: &document::Node,
+    index: u32,
+    parent: Option<u32>,
+) -> Result<Node, BakeError> {
+    let place = format!("nodes[{index}]");
+    let document = &job.source.document;
+    if let Some(mesh) = node.mesh {
+        document.meshes.at(mesh, &format!("{place}.mesh"))?;
+    }
+    let light = node.extensions.light.as_ref().map(|light| light.light);
+    if let Some(light) = light {
+        let place = format!("{place}.extensions.KHR_lights_punctual");
+        document.extensions.lights.lights.at(light, &place)?;
+    }
+    if node.mesh.is_some() && node.skin.is_some() {
+        job.warn("nodes.skin: meshes with skins are shown in their bind pose");
+    }
+    let mut mesh = node.mesh;
+    let instances = match &node.extensions.instancing {
+        Some(instancing) if mesh.is_some() => {
+            let instances = instances(job, instancing, &place)?;
+            mesh = mesh.filter(|_| !instances.is_empty());
+            instances
+        }
+        _ => Vec::new(),
+    };
+    let local = local(node, &place)?;
+    Ok(Node { name: node.name.clone(), parent, local, mesh, light, instances })
+}
+
+fn local(node: &document::Node, place: &str) -> Result<DAffine3, BakeError> {
+    let local = if let Some(matrix) = &node.matrix {
+        let matrix = DMat4::from_cols_array(matrix);
+        let row = matrix.row(3) - glam::DVec4::W;
+        if row.abs().max_element() > AFFINE_TOLERANCE {
+            let place = format!("{place}.matrix");
+            let what = "its last row is not 0, 0, 0, 1";
+            return Err(BakeError::at(place, what, "an affine matrix would be right"));
+        }
+        DAffine3::from_mat4(matrix)
+    } else {
+        let translation = node.translation.map_or(DVec3::ZERO, DVec3::from);
+        let scale = node.scale.map_or(DVec3::ONE, DVec3::from);
+        let rotation = node.rotation.map_or(DQuat::IDENTITY, DQuat::from_array);
+        let rotation = unit(rotation, &format!("{place}.rotation"))?;
+        DAffine3::from_scale_rotation_translation(scale, rotation, translation)
+    };
+    if local.is_finite() {
+        return Ok(local);
+    }
+    Err(BakeError::at(place, "its transform overflows", "finite numbers would be right"))
+}
+
+fn unit(rotation: DQuat, place: &str) -> Result<DQuat, BakeError> {
+    // Scaled first, so that the squares of large and small components stay in range.
+    let largest = rotation.to_array().into_iter().fold(0.0f64, |a, b| a.max(b.abs()));
+    if !largest.is_normal() {
+        let what = "the quaternion has no direction";
+        return Err(BakeError::at(place, what, "a unit quaternion would be right"));
+    }
+    Ok((rotation * (1.0 / largest)).normalize())
+}
+
+fn instances(
+    job: &mut Job<'_>,
+    instancing: &Instancing,
+    place: &str,
+) -> Result<Vec<Instance>, BakeError> {
+    let place = format!("{place}.extensions.EXT_mesh_gpu_instancing");
+    let mut count = None;
+    for (name, &index) in &instancing.attributes {
+        let accessor = Accessor::open(job.source, index, &format!("{place}.{name}"))?;
+        let expected = *count.get_or_insert(accessor.count);
+        if accessor.count != expected {
+            let what = format!("{name} has {} elements, another {expected}", accessor.count);
+            return Err(BakeError::at(place, what, "equal counts would be right"));
+        }
+        if expected > INSTANCES_MAX {
+            let what = format!("{expected} instances");
+            return Err(BakeError::at(place, what, format!("at most {INSTANCES_MAX} can be")));
+        }
+    }
+    let translations = floats::<3>(job, instancing, "TRANSLATION", &place)?;
+    let rotations = floats::<4>(job, instancing, "ROTATION", &place)?;
+    let scales = floats::<3>(job, instancing, "SCALE", &place)?;
+    let one = |i: usize| {
+        let rotation = match &rotations {
+            Some(values) => unit(Quat::from_array(values[i]).as_dquat(), &place)?.as_quat(),
+            None => Quat::IDENTITY,
+        };
+        Ok(Instance {
+            translation: translations.as_ref().map_or(Vec3::ZERO, |values| values[i].into()),
+            rotation,
+            scale: scales.as_ref().map_or(Vec3::ONE, |values| values[i].into()),
+        })
+    };
+    (0..count.unwrap_or(0)).map(one).collect()
+}
+
+fn floats<const N: usize>(
+    job: &Job<'_>,
+    instancing: &Instancing,
+    name: &str,
+    place: &str,
+) -> Result<Option<Vec<[f32; N]>>, BakeError> {
+    let Some(&index) = instancing.attributes.get(name) else { return Ok(None) };
+    let accessor = Accessor::open(job.source, index, place)?;
+    let values = accessor.floats::<N>()?;
+    match values.iter().flatten().position(|value| !value.is_finite()) {
+        None => Ok(Some(values)),
+        Some(at) => {
+            let what = format!("element {} of {name} is not finite", at / N);
+            Err(BakeError::at(accessor.place, what, "finite numbers would be right"))
+        }
+    }
+}

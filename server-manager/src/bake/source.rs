@@ -1,0 +1,243 @@
+//! The files of a scene: the glTF itself, its buffers and its images.
+//!
+//! Foreign files name other files. What they name is followed only inside the folder of the
+//! scene, after symlinks are resolved, and only as far as the named limits.
+
+use std::borrow::Cow;
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use polyptych_protocol::ids::BlobHash;
+
+use super::document::{BufferView, Document};
+use super::error::BakeError;
+use super::uri::{self, Target};
+use super::{check, container};
+
+/// Largest scene, buffer or image file: a GLB's length field ends there.
+pub(super) const FILE_BYTES_MAX: u64 = 4 << 30;
+
+/// Largest image file or data: no PNG that decodes within the limits is larger.
+pub(super) const IMAGE_BYTES_MAX: u64 = 1 << 30;
+
+/// Bytes read at a time, between two looks at the cancel flag.
+const READ_BYTES: usize = 1 << 20;
+
+/// A scene's files, with the buffers in memory and the images still on disk.
+#[derive(Debug)]
+pub(super) struct Source {
+    /// The JSON.
+    pub document: Document,
+    /// What changes whenever a byte of any of the files changes.
+    pub digest: BlobHash,
+    buffers: Vec<Vec<u8>>,
+    images: Vec<Image>,
+}
+
+#[derive(Debug)]
+enum Image {
+    File { path: PathBuf, hash: BlobHash },
+    Data(Vec<u8>),
+    View(u32),
+}
+
+impl Source {
+    /// Reads the scene file and its buffers; hashes its images.
+    pub(super) fn open(path: &Path, cancel: &AtomicBool) -> Result<Self, BakeError> {
+        let path = fs::canonicalize(path).map_err(|error| BakeError::io(path, error))?;
+        let folder = path.parent().unwrap_or(Path::new("/")).to_path_buf();
+        let bytes = read(&path, FILE_BYTES_MAX, "file", cancel)?;
+        let mut digest = blake3::Hasher::new();
+        digest.update(BlobHash::of(&bytes).0.as_slice());
+        let (document, chunk) = container::parse(bytes)?;
+        let mut source =
+            Self { document, digest: BlobHash([0; 32]), buffers: Vec::new(), images: Vec::new() };
+        source.open_buffers(&folder, chunk, &mut digest, cancel)?;
+        source.open_images(&folder, &mut digest, cancel)?;
+        source.digest = BlobHash(*digest.finalize().as_bytes());
+        Ok(source)
+    }
+
+    fn open_buffers(
+        &mut self,
+        folder: &Path,
+        mut chunk: Option<Vec<u8>>,
+        digest: &mut blake3::Hasher,
+        cancel: &AtomicBool,
+    ) -> Result<(), BakeError> {
+        for (i, buffer) in self.document.buffers.iter().enumerate() {
+            let place = format!("buffers[{i}]");
+            let bytes = match &buffer.uri {
+                Some(uri) => match uri::parse(uri, &place)? {
+                    Target::Data(bytes) => bytes,
+                    Target::Path(path) => {
+                        let path = resolve(folder, &path, uri, &place)?;
+                        let bytes = read(&path, FILE_BYTES_MAX, &place, cancel)?;
+                        digest.update(BlobHash::of(&bytes).0.as_slice());
+                        bytes
+                    }
+                },
+                None if i == 0 && chunk.is_some() => chunk.take().unwrap_or_default(),
+                None => {
+                    let what = "it has no uri, and the file no binary chunk for it";
+                    return Err(BakeError::at(place, what, "a uri would be right"));
+                }
+            };
+            if (bytes.len() as u64) < buffer.byte_length {
+                let what = format!("{} bytes are there, truncated", bytes.len());
+                let right = format!("byteLength says {}", buffer.byte_length);
+                return Err(BakeError::at(place, what, right));
+            }
+            self.buffers.push(bytes);
+        }
+        Ok(())
+    }
+
+    fn open_images(
+        &mut self,
+        folder: &Path,
+        digest: &mut blake3::Hasher,
+        cancel: &AtomicBool,
+    ) -> Result<(), BakeError> {
+        for (i, image) in self.document.images.iter().enumerate() {
+            let place = format!("images[{i}]");
+            let opened = match (&image.uri, image.buffer_view) {
+                (Some(uri), _) => match uri::parse(uri, &place)? {
+                    Target::Data(bytes) => Image::Data(bytes),
+                    Target::Path(path) => {
+                        let path = resolve(folder, &path, uri, &place)?;
+                        let hash = hash_file(&path, &place, cancel)?;
+                        digest.update(hash.0.as_slice());
+                        Image::File { path, hash }
+                    }
+                },
+                (None, Some(view)) => Image::View(view),
+                (None, None) => {
+                    let what = "it has neither uri nor bufferView";
+                    return Err(BakeError::at(place, what, "one of them would be right"));
+                }
+            };
+            self.images.push(opened);
+        }
+        Ok(())
+    }
+
+    /// The bytes of `bufferViews[index]`, which `place` names.
+    pub(super) fn view(&self, index: u32, place: &str) -> Result<(&BufferView, &[u8]), BakeError> {
+        let view = self.document.buffer_views.at(index, place)?;
+        let place = || format!("bufferViews[{index}]");
+        let Some(buffer) = self.buffers.get(view.buffer as usize) else {
+            let buffers = self.buffers.len();
+            return Err(BakeError::beyond(place(), "buffers", view.buffer.into(), buffers));
+        };
+        let end = view.byte_offset.checked_add(view.byte_length);
+        let bytes = end.and_then(|end| buffer.get(to_usize(view.byte_offset)?..to_usize(end)?));
+        let bytes = bytes.ok_or_else(|| {
+            let what = format!(
+                "{} bytes from {} on reach out of buffers[{}]",
+                view.byte_length, view.byte_offset, view.buffer
+            );
+            BakeError::at(place(), what, format!("the buffer has {} bytes", buffer.len()))
+        })?;
+        Ok((view, bytes))
+    }
+
+    /// The encoded bytes of `images[index]`.
+    pub(super) fn image(
+        &self,
+        index: usize,
+        cancel: &AtomicBool,
+    ) -> Result<Cow<'_, [u8]>, BakeError> {
+        let place = format!("images[{index}]");
+        match self.images.get(index) {
+            None => Err(BakeError::beyond("textures", "images", index as u64, self.images.len())),
+            Some(Image::Data(bytes)) => Ok(Cow::Borrowed(bytes)),
+            Some(Image::View(view)) => Ok(Cow::Borrowed(self.view(*view, &place)?.1)),
+            Some(Image::File { path, hash }) => {
+                let bytes = read(path, IMAGE_BYTES_MAX, &place, cancel)?;
+                if BlobHash::of(&bytes) != *hash {
+                    let what = format!("{} changed while it was read", path.display());
+                    return Err(BakeError::at(place, what, "a file that rests would be right"));
+                }
+                Ok(Cow::Owned(bytes))
+            }
+        }
+    }
+}
+
+fn to_usize(value: u64) -> Option<usize> {
+    usize::try_from(value).ok()
+}
+
+/// Where a relative path leads, if it stays inside the folder.
+fn resolve(folder: &Path, path: &str, uri: &str, place: &str) -> Result<PathBuf, BakeError> {
+    let outside = || {
+        let what = format!("'{}' leads out of the scene's folder", uri::shorten(uri));
+        BakeError::at(place, what, "a file in the scene's folder or below would be right")
+    };
+    // The path as written first: what lies outside is not even looked for.
+    let mut depth = 0i64;
+    for component in Path::new(path).components() {
+        depth += match component {
+            Component::Normal(_) => 1,
+            Component::CurDir => 0,
+            Component::ParentDir => -1,
+            Component::RootDir | Component::Prefix(_) => return Err(outside()),
+        };
+        if depth < 0 {
+            return Err(outside());
+        }
+    }
+    let resolved = fs::canonicalize(folder.join(path)).map_err(|error| {
+        let what = format!("'{}' can't be found: {error}", uri::shorten(uri));
+        BakeError::at(place, what, format!("it should lie in {}", folder.display()))
+    })?;
+    if resolved.starts_with(folder) { Ok(resolved) } else { Err(outside()) }
+}
+
+fn open(path: &Path, bytes_max: u64, place: &str) -> Result<(File, u64), BakeError> {
+    let facts = fs::metadata(path).map_err(|error| BakeError::io(path, error))?;
+    if !facts.is_file() {
+        let what = format!("{} is not a file", path.display());
+        return Err(BakeError::at(place, what, "a plain file would be right"));
+    }
+    if facts.len() > bytes_max {
+        let what = format!("{} has {} bytes", path.display(), facts.len());
+        return Err(BakeError::at(place, what, format!("at most {bytes_max} can be read")));
+    }
+    let file = File::open(path).map_err(|error| BakeError::io(path, error))?;
+    Ok((file, facts.len()))
+}
+
+fn read(
+    path: &Path,
+    bytes_max: u64,
+    place: &str,
+    cancel: &AtomicBool,
+) -> Result<Vec<u8>, BakeError> {
+    let (mut file, len) = open(path, bytes_max, place)?;
+    let mut bytes = Vec::with_capacity(to_usize(len).unwrap_or(0));
+    loop {
+        check(cancel)?;
+        let left = len.saturating_sub(bytes.len() as u64);
+        let mut part = (&mut file).take(left.min(READ_BYTES as u64));
+        if part.read_to_end(&mut bytes).map_err(|error| BakeError::io(path, error))? == 0 {
+            return Ok(bytes);
+        }
+    }
+}
+
+fn hash_file(path: &Path, place: &str, cancel: &AtomicBool) -> Result<BlobHash, BakeError> {
+    let (mut file, _) = open(path, IMAGE_BYTES_MAX, place)?;
+    let mut hasher = blake3::Hasher::new();
+    let mut part = vec![0; READ_BYTES];
+    loop {
+        check(cancel)?;
+        match file.read(&mut part).map_err(|error| BakeError::io(path, error))? {
+            0 => return Ok(BlobHash(*hasher.finalize().as_bytes())),
+            count => hasher.update(&part[..count]),
+        };
+    }
+}

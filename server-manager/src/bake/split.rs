@@ -1,0 +1,129 @@
+//! Large primitives in pieces, so that what is left to f32 is small.
+//!
+//! A vertex of f32 that is `h` metres from its piece's origin is rounded by up to `h` · 2⁻²⁴. At
+//! [`HALF_EXTENT_MAX`] that is a hundredth of a wall pixel for an eye two metres away
+//! (`walls.md`, camera-relative). Pieces come from median splits of the elements' centroids
+//! along the longest axis. Every primitive that is too large *as its nodes scale it* is split,
+//! wherever it stands: the wall's camera may go anywhere.
+
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::sync::atomic::AtomicBool;
+
+use glam::{DVec3, Vec3};
+
+use super::check;
+use super::error::BakeError;
+
+/// Longest half side of a piece, in metres.
+pub(super) const HALF_EXTENT_MAX: f64 = 50.0;
+
+/// Splits that would leave fewer elements than this in a piece cost more in draw calls than
+/// they give, up to [`HALF_EXTENT_COARSE`].
+pub(super) const PIECE_ELEMENTS_MIN: usize = 1000;
+
+/// Longest half side of a piece of few elements: something this large is seldom near the eye.
+pub(super) const HALF_EXTENT_COARSE: f64 = 25.0 * HALF_EXTENT_MAX;
+
+/// Most pieces of one primitive: each is a draw call.
+pub(super) const PIECES_MAX: usize = 4096;
+
+/// A split must make one of its halves smaller by this factor, or it is not worth a draw call:
+/// an element that is large itself can't be made smaller.
+const SHRINK: f64 = 0.9;
+
+/// Elements in the order of their pieces.
+#[derive(Debug)]
+pub(super) struct Pieces {
+    /// Numbers of elements; ascending within a piece, so that source order stays.
+    pub elements: Vec<u32>,
+    /// Each a piece, in `elements`.
+    pub ranges: Vec<Range<usize>>,
+}
+
+/// Splits a list of elements of `arity` indices; `scale` is metres per unit.
+pub(super) fn split(
+    positions: &[[f32; 3]],
+    indices: &[u32],
+    arity: usize,
+    scale: f64,
+    cancel: &AtomicBool,
+) -> Result<Pieces, BakeError> {
+    let shape = Shape { positions, indices, arity, scale };
+    let mut elements: Vec<u32> = (0..(indices.len() / arity) as u32).collect();
+    let mut done = Vec::new();
+    let mut queue = VecDeque::new();
+    queue.push_back(0..elements.len());
+    while let Some(range) = queue.pop_front() {
+        check(cancel)?;
+        let has_room = done.len() + queue.len() + 2 <= PIECES_MAX;
+        match has_room.then(|| shape.halve(&mut elements[range.clone()])).flatten() {
+            Some(middle) => {
+                let middle = range.start + middle;
+                queue.extend([range.start..middle, middle..range.end]);
+            }
+            None => done.push(range),
+        }
+    }
+    done.sort_unstable_by_key(|range| range.start);
+    for range in &done {
+        elements[range.clone()].sort_unstable();
+    }
+    Ok(Pieces { elements, ranges: done })
+}
+
+struct Shape<'a> {
+    positions: &'a [[f32; 3]],
+    indices: &'a [u32],
+    arity: usize,
+    scale: f64,
+}
+
+impl Shape<'_> {
+    /// Partitions the elements and says where, or `None` where they may stay together.
+    fn halve(&self, elements: &mut [u32]) -> Option<usize> {
+        let half_extent = self.half_extent(elements);
+        let is_fine = half_extent <= HALF_EXTENT_MAX;
+        let is_few = elements.len() < 2 * PIECE_ELEMENTS_MIN && half_extent <= HALF_EXTENT_COARSE;
+        if is_fine || is_few || elements.len() < 2 || !half_extent.is_finite() {
+            return None;
+        }
+        let centroids = elements.iter().map(|&element| self.centroid(element));
+        let axis = longest_axis(centroids);
+        let middle = elements.len() / 2;
+        elements.select_nth_unstable_by(middle, |&a, &b| {
+            self.centroid(a)[axis].total_cmp(&self.centroid(b)[axis])
+        });
+        let (low, high) = elements.split_at(middle);
+        let least = self.half_extent(low).min(self.half_extent(high));
+        (least <= half_extent * SHRINK).then_some(middle)
+    }
+
+    fn corners(&self, element: u32) -> impl Iterator<Item = DVec3> + '_ {
+        let first = element as usize * self.arity;
+        let corners = self.indices[first..first + self.arity].iter();
+        corners.map(|&index| Vec3::from(self.positions[index as usize]).as_dvec3())
+    }
+
+    /// The sum of the corners, which sorts as the centroid does.
+    fn centroid(&self, element: u32) -> DVec3 {
+        self.corners(element).sum()
+    }
+
+    /// Half of the longest side of the box around these elements, in metres.
+    fn half_extent(&self, elements: &[u32]) -> f64 {
+        let corners = elements.iter().flat_map(|&element| self.corners(element));
+        let (min, max) = around(corners);
+        (max - min).max_element() * 0.5 * self.scale
+    }
+}
+
+fn around(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
+    points.fold((DVec3::MAX, DVec3::MIN), |(min, max), point| (min.min(point), max.max(point)))
+}
+
+fn longest_axis(points: impl Iterator<Item = DVec3>) -> usize {
+    let (min, max) = around(points);
+    let size = max - min;
+    (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b])).unwrap_or(0)
+}

@@ -1,0 +1,100 @@
+//! Tangents as glTF prescribes them where a file has none: MikkTSpace.
+
+use bevy_mikktspace::TangentSpace;
+use glam::{Affine2, DVec3, Vec2, Vec3};
+
+use super::geometry::{Geometry, clean_tangent, flat_normal};
+
+/// Larger texture coordinates than this have no fraction left, and their squares overflow.
+const UV_MAX: f32 = 1e6;
+
+/// Tangents for every index of a geometry of triangles, from its normals and one of its sets of
+/// texture coordinates as the normal map uses it.
+pub(super) fn generate(geometry: &Geometry, uv_set: u8, uv_transform: Affine2) -> Vec<[f32; 4]> {
+    let positions = geometry.positions.iter().map(|&position| Vec3::from(position).as_dvec3());
+    let (min, max) = positions.fold((DVec3::MAX, DVec3::MIN), |(min, max), position| {
+        (min.min(position), max.max(position))
+    });
+    let largest = (max - min).max_element();
+    // Sizes far from one would under- or overflow in f32; tangents don't depend on size.
+    let scale = if (1e-3..1e5).contains(&largest) { 1.0 } else { 1.0 / largest.max(1e-300) };
+    let mut surface = Surface {
+        geometry,
+        uv: geometry.uvs.get(uv_set as usize).and_then(Option::as_ref),
+        uv_transform,
+        center: (min + max) * 0.5,
+        scale,
+        tangents: vec![[0.0, 0.0, 0.0, 1.0]; geometry.indices.len()],
+    };
+    match bevy_mikktspace::generate_tangents(&mut surface) {
+        Ok(()) => {}
+        // The enum has no variants yet; should it get one, the clean-up below stands in.
+        Err(error) => tracing::debug!(?error, "no tangents"),
+    }
+    let mut tangents = surface.tangents;
+    for (corner, tangent) in tangents.iter_mut().enumerate() {
+        *tangent = clean_tangent(*tangent, normal(geometry, corner));
+    }
+    tangents
+}
+
+/// The normal of one corner.
+fn normal(geometry: &Geometry, corner: usize) -> [f32; 3] {
+    if let Some(normals) = &geometry.normals {
+        return normals[geometry.indices[corner] as usize];
+    }
+    let first = corner / 3 * 3;
+    flat_normal(&geometry.positions, &geometry.indices[first..first + 3])
+}
+
+struct Surface<'a> {
+    geometry: &'a Geometry,
+    uv: Option<&'a Vec<[f32; 2]>>,
+    uv_transform: Affine2,
+    center: DVec3,
+    scale: f64,
+    tangents: Vec<[f32; 4]>,
+}
+
+impl bevy_mikktspace::Geometry for Surface<'_> {
+    fn num_faces(&self) -> usize {
+        self.geometry.indices.len() / 3
+    }
+
+    fn num_vertices_of_face(&self, _face: usize) -> usize {
+        3
+    }
+
+    fn position(&self, face: usize, vert: usize) -> [f32; 3] {
+        let index = self.geometry.indices[face * 3 + vert] as usize;
+        let position = self.geometry.positions[index];
+        if self.scale == 1.0 {
+            return position;
+        }
+        ((Vec3::from(position).as_dvec3() - self.center) * self.scale).as_vec3().to_array()
+    }
+
+    fn normal(&self, face: usize, vert: usize) -> [f32; 3] {
+        normal(self.geometry, face * 3 + vert)
+    }
+
+    fn tex_coord(&self, face: usize, vert: usize) -> [f32; 2] {
+        let index = self.geometry.indices[face * 3 + vert] as usize;
+        let uv = self.uv.map_or(Vec2::ZERO, |uv| Vec2::from(uv[index]));
+        let uv = self.uv_transform.transform_point2(uv);
+        if uv.is_finite() {
+            uv.clamp(Vec2::splat(-UV_MAX), Vec2::splat(UV_MAX)).into()
+        } else {
+            [0.0; 2]
+        }
+    }
+
+    fn set_tangent(&mut self, space: Option<TangentSpace>, face: usize, vert: usize) {
+        if let Some(space) = space {
+            // glTF counts v downwards and wants the bitangent to point up the image, so the
+            // sign of MikkTSpace, which goes along +v, is turned.
+            let [x, y, z, sign] = space.tangent_encoded();
+            self.tangents[face * 3 + vert] = [x, y, z, -sign];
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! Stitches the pictures that the channels of one frame sent, as they hang on the wall.
+
+use polyptych_protocol::blob::PictureChunk;
+use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::request::PictureInfo;
+use polyptych_protocol::wall::{Channel, Wall};
+
+use crate::cluster::RequestOf;
+
+/// What stands where no channel shows anything: bezels, and channels that sent no picture.
+const DARK: [u8; 4] = [12, 12, 12, 255];
+
+/// Largest set of pictures that one capture may make, in bytes of RGBA8: three times an
+/// 8,192 × 8,192 wall, as screens and as channels.
+pub const CAPTURE_BYTES_MAX: u64 = 1 << 30;
+
+/// The pictures of one frame as they come in.
+#[derive(Debug)]
+pub struct Collection {
+    /// Who asked for them.
+    pub job: RequestOf,
+    /// The frame that they show.
+    pub frame: FrameId,
+    /// Channels that will send none, with the reason.
+    pub missing: Vec<(String, String)>,
+    parts: Vec<Part>,
+}
+
+#[derive(Debug)]
+struct Part {
+    channel: ChannelId,
+    name: String,
+    bytes_total: usize,
+    size: (u32, u32),
+    bytes: Vec<u8>,
+}
+
+/// A picture as it is sent to a client: sRGB RGBA8, rows from the top.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Its name and size.
+    pub info: PictureInfo,
+    /// `4 · width · height` bytes.
+    pub rgba: Vec<u8>,
+}
+
+impl Collection {
+    /// Waits for the pictures of these channels.
+    ///
+    /// # Errors
+    /// Where the wall is too large to be captured at once.
+    pub fn new(
+        job: RequestOf,
+        frame: FrameId,
+        channels: &[ChannelId],
+        missing: Vec<(String, String)>,
+        wall: &Wall,
+    ) -> Result<Self, String> {
+        let pixels = |x: u32, y: u32| u64::from(x) * u64::from(y);
+        let screens: u64 = wall.screens.iter().map(|s| pixels(s.canvas.x, s.canvas.y)).sum();
+        let all: u64 = wall.channels.iter().map(|c| pixels(c.size.x, c.size.y)).sum();
+        let bytes = 4 * (screens + all);
+        if bytes > CAPTURE_BYTES_MAX {
+            return Err(format!(
+                "a capture of this wall takes {} MiB, more than the {} MiB that are allowed",
+                bytes >> 20,
+                CAPTURE_BYTES_MAX >> 20
+            ));
+        }
+        let part = |id: &ChannelId| {
+            let channel = wall.channel(*id)?;
+            let (width, height) = (channel.size.x, channel.size.y);
+            Some(Part {
+                channel: *id,
+                name: channel.name.clone(),
+                bytes_total: 4 * width as usize * height as usize,
+                size: (width, height),
+                bytes: Vec::new(),
+            })
+        };
+        let parts = channels.iter().filter_map(part).collect();
+        Ok(Self { job, frame, missing, parts })
+    }
+
+    /// A piece has come. Pieces of other frames and pieces that don't fit are not taken.
+    ///
+    /// # Errors
+    /// What does not fit, where the sender is at fault.
+    pub fn add(&mut self, chunk: &PictureChunk) -> Result<(), String> {
+        if chunk.frame != self.frame {
+            return Ok(());
+        }
+        let Some(part) = self.parts.iter_mut().find(|part| part.channel == chunk.channel) else {
+            return Ok(());
+        };
+        if (chunk.width, chunk.height) != part.size
+            || chunk.offset != part.bytes.len() as u64
+            || part.bytes.len() + chunk.bytes.len() > part.bytes_total
+        {
+            return Err(format!(
+                "channel {} sent a piece of {} × {} pixels at byte {}, where {} × {} pixels at \
+                 byte {} were due",
+                part.name,
+                chunk.width,
+                chunk.height,
+                chunk.offset,
+                part.size.0,
+                part.size.1,
+                part.bytes.len()
+            ));
+        }
+        part.bytes.extend_from_slice(&chunk.bytes);
+        Ok(())
+    }
+
+    /// Whether nothing more is to come.
+    pub fn is_complete(&self) -> bool {
+        self.parts.iter().all(|part| part.bytes.len() == part.bytes_total)
+    }
+
+    /// These channels will send nothing more, for this reason.
+    pub fn give_up_on(&mut self, channels: &[ChannelId], reason: &str) {
+        let gone = |part: &Part| {
+            channels.contains(&part.channel) && part.bytes.len() < part.bytes_total
+        };
+        for part in self.parts.extract_if(.., |part| gone(part)) {
+            self.missing.push((part.name, reason.to_owned()));
+        }
+    }
+
+    /// Nobody waits any longer for what has not come.
+    pub fn expire(&mut self) {
+        let all: Vec<_> = self.parts.iter().map(|part| part.channel).collect();
+        self.give_up_on(&all, "its picture did not come in time");
+    }
+
+    /// A picture for each screen, then one for each channel that sent its own.
+    pub fn stitch(self, wall: &Wall) -> Vec<Picture> {
+        let mut screens: Vec<Picture> = wall
+            .screens
+            .iter()
+            .map(|s| dark_picture(&s.name, true, s.canvas.x, s.canvas.y))
+            .collect();
+        let mut channels = Vec::new();
+        for part in self.parts {
+            let Some(channel) = wall.channel(part.channel) else { continue };
+            if let Some(screen) = screens.get_mut(usize::from(channel.screen)) {
+                paste(screen, channel, &part.bytes);
+            }
+            let (width, height) = part.size;
+            let info = PictureInfo { name: part.name, is_screen: false, width, height };
+            channels.push(Picture { info, rgba: part.bytes });
+        }
+        screens.extend(channels);
+        screens
+    }
+}
+
+fn dark_picture(name: &str, is_screen: bool, width: u32, height: u32) -> Picture {
+    let rgba = DARK.repeat(width as usize * height as usize);
+    Picture { info: PictureInfo { name: name.to_owned(), is_screen, width, height }, rgba }
+}
+
+fn paste(screen: &mut Picture, channel: &Channel, rgba: &[u8]) {
+    let row_bytes = 4 * channel.size.x as usize;
+    let screen_row_bytes = 4 * screen.info.width as usize;
+    for (y, row) in rgba.chunks_exact(row_bytes).enumerate() {
+        let top = channel.origin.y as usize + y;
+        let start = top * screen_row_bytes + 4 * channel.origin.x as usize;
+        if let Some(target) = screen.rgba.get_mut(start..start + row_bytes) {
+            target.copy_from_slice(row);
+        }
+    }
+}

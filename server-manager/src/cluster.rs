@@ -1,0 +1,288 @@
+//! The brain of the wall: what the manager decides, without sockets and without a clock.
+//!
+//! What arrives goes into a `handle_*` function, with `now` in microseconds of manager time; what
+//! is to be done comes out of [`Cluster::poll_output`]; [`Cluster::poll_timeout`] says when
+//! [`Cluster::handle_timeout`] is due. Every failure of a wall is so a short deterministic test.
+
+mod aggregate;
+mod barrier;
+mod change;
+mod deadline;
+mod membership;
+mod pace;
+mod registry;
+mod statistics;
+#[cfg(test)]
+mod tests;
+mod translate;
+
+use std::collections::{BTreeMap, VecDeque};
+
+use bytes::Bytes;
+use glam::DVec3;
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::codec;
+use polyptych_protocol::command::{Command, Pong};
+use polyptych_protocol::ids::{ChannelId, Digest, Epoch, FrameId, RequestId};
+use polyptych_protocol::log::{Operation, Replica};
+use polyptych_protocol::request::{Answer, Failure, Pace, Reply, SceneSummary};
+use polyptych_protocol::status::Status;
+use polyptych_protocol::wall::Wall;
+
+use barrier::{Barrier, FrameOrder};
+use change::{Change, Changes};
+use pace::Pacer;
+use registry::Registry;
+use statistics::Gathered;
+
+/// Microseconds since the manager started.
+pub type Micros = u64;
+
+/// One connection, of a server or a client. Numbers are not used twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SessionId(pub u64);
+
+/// Most requests of one client that wait for a frame: enough to keep a wall busy, too few to
+/// fill the manager's memory.
+pub const FRAME_ORDERS_MAX: usize = 64;
+
+/// What the brain wants done. In order.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Output {
+    /// Send this encoded [`Command`] to these servers; it was encoded once for all of them.
+    Command {
+        /// The control connections.
+        to: Vec<SessionId>,
+        /// An encoded [`Command`].
+        bytes: Bytes,
+    },
+    /// Send this to a client.
+    Answer {
+        /// Its connection.
+        to: SessionId,
+        /// What to send.
+        answer: Answer,
+    },
+    /// Bake this scene and come back with [`Cluster::handle_import`].
+    Import {
+        /// Who asked; names the import.
+        job: RequestOf,
+        /// As the client gave it.
+        path: String,
+    },
+    /// Collect the pictures of a frame from these channels, stitch them and answer the client.
+    Collect {
+        /// Who asked.
+        job: RequestOf,
+        /// The frame.
+        frame: FrameId,
+        /// The channels that show it and will send it.
+        channels: Vec<ChannelId>,
+        /// The others, with the reason.
+        missing: Vec<(String, String)>,
+    },
+    /// Close a connection, telling the peer why.
+    Close {
+        /// Which.
+        session: SessionId,
+        /// Why.
+        reason: String,
+    },
+    /// End the manager.
+    Stop,
+}
+
+/// A request and the client that waits for its answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RequestOf {
+    /// The client's connection.
+    pub client: SessionId,
+    /// The client's number.
+    pub id: RequestId,
+}
+
+/// A scene that was baked and can be shown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportedScene {
+    /// Its name and manifest.
+    pub scene: polyptych_protocol::log::SceneRef,
+    /// What the client is told; the revision is filled in by the brain.
+    pub summary: SceneSummary,
+}
+
+#[derive(Clone, Debug)]
+struct ClientState {
+    name: String,
+    is_subscribed: bool,
+}
+
+/// The brain of the wall.
+#[derive(Debug)]
+pub struct Cluster {
+    epoch: Epoch,
+    wall: Wall,
+    /// What frames name: the state that live channels can draw.
+    shown: Replica,
+    shown_digest: Digest,
+    features: Vec<String>,
+    changes: Changes,
+    registry: Registry,
+    clients: BTreeMap<SessionId, ClientState>,
+    orders: VecDeque<FrameOrder>,
+    barrier: Option<Barrier>,
+    /// The last frame that was begun.
+    frame: FrameId,
+    /// The last frame that was swapped.
+    swapped: FrameId,
+    camera: Camera,
+    eye: DVec3,
+    exposure: f32,
+    pacer: Pacer,
+    deadline: deadline::Deadline,
+    gathered: Gathered,
+    outputs: VecDeque<Output>,
+}
+
+impl Cluster {
+    /// The brain of this wall, in a new life of the manager.
+    pub fn new(wall: Wall, epoch: Epoch) -> Self {
+        let mut shown = Replica::default();
+        shown.apply(Operation::SetWall(Box::new(wall.clone())));
+        let heartbeat_us = Micros::from(wall.heartbeat_ms) * 1000;
+        Self {
+            epoch,
+            shown_digest: shown.digest(),
+            shown,
+            features: Vec::new(),
+            changes: Changes::default(),
+            registry: Registry::new(&wall, heartbeat_us),
+            clients: BTreeMap::new(),
+            orders: VecDeque::new(),
+            barrier: None,
+            frame: FrameId(0),
+            swapped: FrameId(0),
+            camera: Camera::IDENTITY,
+            eye: wall.eye,
+            exposure: 1.0,
+            pacer: Pacer::default(),
+            deadline: deadline::Deadline::new(wall.deadline),
+            gathered: Gathered::new(wall.channels.len()),
+            outputs: VecDeque::new(),
+            wall,
+        }
+    }
+
+    /// This life of the manager.
+    pub fn epoch(&self) -> Epoch {
+        self.epoch
+    }
+
+    /// A render server reports. `wire_bytes` is the size of the message.
+    pub fn handle_status(
+        &mut self,
+        now: Micros,
+        from: SessionId,
+        status: Status,
+        wire_bytes: usize,
+    ) {
+        if !self.registry.heard(from, now) {
+            return;
+        }
+        match status {
+            Status::Prepared(prepared) => self.handle_prepared(now, from, &prepared),
+            Status::PrepareFailed { epoch, revision, reason } => {
+                if epoch == self.epoch {
+                    self.handle_prepare_failed(now, from, revision, &reason);
+                }
+            }
+            Status::Drawn(drawn) => {
+                self.gathered.add_wire_bytes(wire_bytes);
+                self.handle_drawn(now, from, &drawn);
+            }
+            Status::DrawFailed { channel, frame, reason } => {
+                self.handle_draw_failed(now, from, channel, frame, reason);
+            }
+            Status::Shown(shown) => {
+                self.gathered.add_wire_bytes(wire_bytes);
+                if shown.epoch == self.epoch && self.registry.drives(from, shown.channel) {
+                    self.registry.shown(shown.channel, shown.frame);
+                    self.gathered.add_shown(&shown);
+                }
+            }
+            Status::Ping(ping) => {
+                self.registry.set_memory(from, ping.memory_bytes);
+                let pong =
+                    Pong { sent_us: ping.sent_us, received_us: now, answered_us: now };
+                self.command(vec![from], &Command::Pong(pong));
+            }
+        }
+    }
+
+    /// Time has passed; see [`Cluster::poll_timeout`].
+    pub fn handle_timeout(&mut self, now: Micros) {
+        for session in self.registry.silent(now) {
+            let reason = format!("silent for more than {} ms", self.wall.heartbeat_ms);
+            self.close(session, reason.clone());
+            self.handle_server_gone(now, session, &reason);
+        }
+        self.expire_change(now);
+        self.advance_frame(now);
+    }
+
+    /// When [`Cluster::handle_timeout`] is due next, if ever.
+    pub fn poll_timeout(&self) -> Option<Micros> {
+        let frame = match &self.barrier {
+            Some(barrier) => Some(barrier.deadline()),
+            None if !self.orders.is_empty() => Some(0),
+            None => self.pacer.next_start(),
+        };
+        [frame, self.registry.next_silence(), self.changes.next_expiry()]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    /// What is to be done next.
+    pub fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// Moves the frame on as far as it goes now: ends the present one, begins the next.
+    fn advance_frame(&mut self, now: Micros) {
+        if let Some(barrier) = &self.barrier
+            && (barrier.is_complete() || now >= barrier.deadline())
+        {
+            self.finish_frame(now);
+        }
+        // One frame begins at most: a wall without channels would otherwise never let go.
+        if self.barrier.is_none() && (!self.orders.is_empty() || self.pacer.is_due(now)) {
+            self.begin_frame(now);
+        }
+    }
+
+    fn command(&mut self, to: Vec<SessionId>, command: &Command) {
+        if to.is_empty() {
+            return;
+        }
+        let bytes = codec::encode(command);
+        if matches!(command, Command::Frame(_) | Command::Swap(_)) {
+            self.gathered.add_wire_bytes(bytes.len() * to.len());
+        }
+        self.outputs.push_back(Output::Command { to, bytes });
+    }
+
+    fn reply(&mut self, job: RequestOf, reply: Result<Reply, Failure>) {
+        if self.clients.contains_key(&job.client) {
+            let answer = Answer::Reply { id: job.id, reply };
+            self.outputs.push_back(Output::Answer { to: job.client, answer });
+        }
+    }
+
+    fn close(&mut self, session: SessionId, reason: String) {
+        self.outputs.push_back(Output::Close { session, reason });
+    }
+
+    fn set_pace(&mut self, pace: Option<Pace>, now: Micros) {
+        self.pacer.set(pace, now);
+    }
+}

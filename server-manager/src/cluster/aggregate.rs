@@ -1,0 +1,104 @@
+//! Statuses of servers become feedback and status for clients.
+
+use std::collections::BTreeSet;
+
+use polyptych_protocol::feedback::{
+    ChannelFeedback, ChannelStatus, Feedback, Statistics, WallStatus,
+};
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::request::Answer;
+
+use super::barrier::Barrier;
+use super::{Cluster, Micros, Output};
+
+impl Cluster {
+    pub(super) fn aggregate(&self, barrier: &Barrier, now: Micros) -> Feedback {
+        let frame_us = now.saturating_sub(barrier.began);
+        let slowest_us = barrier.drawn.values().map(|drawn| drawn.draw_us).max().unwrap_or(0);
+        let channel = |id: ChannelId, name: &str, state| {
+            let drawn = barrier.drawn.get(&id);
+            ChannelFeedback {
+                name: name.to_owned(),
+                state,
+                draw_us: drawn.map(|drawn| drawn.draw_us),
+                triangles: drawn.map_or(0, |drawn| drawn.triangles),
+                draw_calls: drawn.map_or(0, |drawn| drawn.draw_calls),
+            }
+        };
+        let channels = self.registry.channels();
+        Feedback {
+            frame: barrier.frame,
+            time_s: barrier.time_s,
+            revision: self.shown.revision,
+            frame_us,
+            barrier_us: frame_us.saturating_sub(Micros::from(slowest_us)),
+            channels: channels.map(|(id, c)| channel(id, &c.name, c.state)).collect(),
+        }
+    }
+
+    /// Sends the feedback of a frame to those who want it.
+    pub(super) fn publish(&mut self, feedback: Feedback) {
+        let subscribed = self.clients.iter().filter(|(_, client)| client.is_subscribed);
+        for (&to, _) in subscribed {
+            let answer = Answer::Feedback(feedback.clone());
+            self.outputs.push_back(Output::Answer { to, answer });
+        }
+    }
+
+    /// The wall as it stands.
+    pub fn status(&self, now: Micros) -> WallStatus {
+        let channels = self.registry.channels().map(|(_, channel)| {
+            let server = channel.server.and_then(|session| self.registry.server(session));
+            ChannelStatus {
+                name: channel.name.clone(),
+                state: channel.state,
+                since_ms: now.saturating_sub(channel.since) / 1000,
+                reason: channel.reason.clone(),
+                pid: server.map(|server| server.pid),
+                address: server.map(|server| server.address.clone()),
+                adapter: server.map(|server| server.adapter.name.clone()),
+                frame: channel.frame,
+                revision: server.and_then(|server| server.prepared).unwrap_or_default(),
+                late: channel.late,
+                memory_bytes: server.map_or(0, |server| server.memory_bytes),
+            }
+        });
+        WallStatus {
+            wall: self.wall.name.clone(),
+            epoch: self.epoch,
+            revision: self.shown.revision,
+            digest: self.shown_digest,
+            frame: self.swapped,
+            scene: self.shown.scene.as_ref().map(|scene| scene.name.clone()),
+            deadline_ms: self.deadline.length() as f64 / 1000.0,
+            channels: channels.collect(),
+            clients: self.clients.values().map(|client| client.name.clone()).collect(),
+            warnings: self.warnings(),
+        }
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        let drivers: BTreeSet<String> = self
+            .registry
+            .servers()
+            .map(|(_, server)| format!("{} ({})", server.adapter.name, server.adapter.driver))
+            .collect();
+        if drivers.len() < 2 {
+            return Vec::new();
+        }
+        let list: Vec<_> = drivers.into_iter().collect();
+        vec![format!(
+            "the wall mixes adapters or drivers, so its channels may differ by more than the \
+             tolerance of one driver: {}",
+            list.join("; ")
+        )]
+    }
+
+    pub(super) fn statistics(&mut self, reset: bool) -> Statistics {
+        let statistics = self.gathered.report(&self.registry, &self.features);
+        if reset {
+            self.gathered.restart();
+        }
+        statistics
+    }
+}

@@ -1,0 +1,212 @@
+//! The frame barrier: begin, wait for the drawings, swap. One for the whole wall.
+
+use std::collections::BTreeMap;
+
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::command::{Area, Command, Frame, Swap, View};
+use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::request::Reply;
+use polyptych_protocol::status::Drawn;
+
+use super::{Cluster, Micros, Output, RequestOf, SessionId};
+
+/// Frames after joining or a change in which a channel may take as long as any frame waits:
+/// a first draw still compiles and fills caches.
+const WARM_UP_FRAMES: u32 = 3;
+
+/// A client's wish for one frame.
+#[derive(Clone, Debug)]
+pub(super) struct FrameOrder {
+    pub job: RequestOf,
+    pub camera: Option<Camera>,
+    pub time_s: Option<f64>,
+    pub capture: bool,
+}
+
+/// A frame on its way.
+#[derive(Debug)]
+pub(super) struct Barrier {
+    pub frame: FrameId,
+    pub time_s: f64,
+    pub began: Micros,
+    deadline: Micros,
+    order: Option<FrameOrder>,
+    /// Every server that was sent the frame.
+    sent: Vec<SessionId>,
+    /// The channels that the frame waits for, until they have drawn, failed or gone.
+    waited: Vec<ChannelId>,
+    pub drawn: BTreeMap<ChannelId, Drawn>,
+}
+
+impl Barrier {
+    pub fn deadline(&self) -> Micros {
+        self.deadline
+    }
+
+    pub fn is_complete(&self) -> bool {
+        self.waited.is_empty()
+    }
+}
+
+impl Cluster {
+    pub(super) fn begin_frame(&mut self, now: Micros) {
+        let order = self.orders.pop_front();
+        let capture = order.as_ref().is_some_and(|order| order.capture);
+        if let Some(camera) = order.as_ref().and_then(|order| order.camera) {
+            self.camera = camera;
+        }
+        self.admit_ready(now);
+        let mut waited = Vec::new();
+        let mut sent = Vec::new();
+        let mut is_warming = false;
+        for (id, channel) in self.registry.channels() {
+            let is_late = channel.state == ChannelState::Late;
+            let Some(session) = channel.server else { continue };
+            if channel.state != ChannelState::Live && !is_late {
+                continue;
+            }
+            if !sent.contains(&session) {
+                sent.push(session);
+            }
+            // A picture that someone asked for is worth the longest wait, for late ones too.
+            if !is_late || capture {
+                waited.push(id);
+                is_warming |= channel.frames_drawn < WARM_UP_FRAMES;
+            }
+        }
+        self.frame.0 += 1;
+        let time_s = order.as_ref().and_then(|o| o.time_s).unwrap_or(now as f64 * 1e-6);
+        let wait =
+            if is_warming || capture { self.deadline.longest() } else { self.deadline.length() };
+        self.pacer.began(now, !waited.is_empty());
+        self.command(sent.clone(), &Command::Frame(self.describe_frame(time_s, capture)));
+        self.barrier = Some(Barrier {
+            frame: self.frame,
+            time_s,
+            began: now,
+            deadline: now + wait,
+            order,
+            sent,
+            waited,
+            drawn: BTreeMap::new(),
+        });
+        if self.barrier.as_ref().is_some_and(Barrier::is_complete) {
+            self.finish_frame(now);
+        }
+    }
+
+    fn describe_frame(&self, time_s: f64, capture: bool) -> Frame {
+        let view = View { camera: self.camera, scene_root: None, area: Area::Wall };
+        Frame {
+            epoch: self.epoch,
+            frame: self.frame,
+            time_s,
+            revision: self.shown.revision,
+            views: vec![view],
+            eye: self.eye,
+            exposure: self.exposure,
+            error_bound_px: 0.0,
+            capture,
+        }
+    }
+
+    pub(super) fn handle_drawn(&mut self, now: Micros, from: SessionId, drawn: &Drawn) {
+        if drawn.epoch != self.epoch || !self.registry.drives(from, drawn.channel) {
+            return;
+        }
+        if drawn.revision == self.shown.revision && drawn.digest != self.shown_digest {
+            self.resynchronise(now, from, "its state has another digest than the manager's");
+            return;
+        }
+        let Some(barrier) = self.barrier.as_mut().filter(|b| b.frame == drawn.frame) else {
+            return;
+        };
+        if drawn.revision != self.shown.revision {
+            return;
+        }
+        barrier.waited.retain(|&id| id != drawn.channel);
+        barrier.drawn.insert(drawn.channel, *drawn);
+        let frame_us = now.saturating_sub(barrier.began);
+        self.gathered.add_drawn(drawn, frame_us);
+        self.registry.in_time(drawn.channel, now);
+        self.advance_frame(now);
+    }
+
+    pub(super) fn handle_draw_failed(
+        &mut self,
+        now: Micros,
+        from: SessionId,
+        channel: ChannelId,
+        frame: FrameId,
+        reason: String,
+    ) {
+        if !self.registry.drives(from, channel) {
+            return;
+        }
+        tracing::warn!(%channel, %frame, reason, "a channel could not draw");
+        if self.barrier.as_ref().is_some_and(|b| b.frame == frame) {
+            self.registry.missed(channel, now, reason);
+            self.stop_waiting_for(&[channel], now);
+        }
+    }
+
+    /// The present frame goes on without these channels.
+    pub(super) fn stop_waiting_for(&mut self, channels: &[ChannelId], now: Micros) {
+        if let Some(barrier) = &mut self.barrier {
+            barrier.waited.retain(|id| !channels.contains(id));
+            self.advance_frame(now);
+        }
+    }
+
+    /// Swaps the present frame: all it waited for have drawn, or its deadline has passed.
+    pub(super) fn finish_frame(&mut self, now: Micros) {
+        let Some(barrier) = self.barrier.take() else { return };
+        for &id in &barrier.waited {
+            let waited_ms = (barrier.deadline - barrier.began) / 1000;
+            let reason = format!("frame {} was not drawn within {waited_ms} ms", barrier.frame);
+            self.registry.missed(id, now, reason);
+        }
+        let late: Vec<ChannelId> = self
+            .registry
+            .channels()
+            .filter(|(id, c)| c.state == ChannelState::Late && !barrier.drawn.contains_key(id))
+            .map(|(id, _)| id)
+            .collect();
+        late.iter().for_each(|&id| self.registry.still_late(id));
+        // A server that hangs longer than a frame may take must not show this one any more.
+        let swap = Swap {
+            epoch: self.epoch,
+            frame: barrier.frame,
+            not_after_us: now + self.deadline.length(),
+        };
+        self.command(barrier.sent.clone(), &Command::Swap(swap));
+        self.swapped = barrier.frame;
+        let slowest_us = barrier.drawn.values().map(|drawn| drawn.draw_us).max();
+        if let Some(slowest_us) = slowest_us {
+            self.deadline.add(slowest_us);
+        }
+        let feedback = self.aggregate(&barrier, now);
+        self.gathered.add_frame(&feedback, now);
+        self.publish(feedback.clone());
+        match barrier.order {
+            Some(FrameOrder { job, capture: true, .. }) => self.collect(job, &barrier.drawn),
+            Some(FrameOrder { job, .. }) => self.reply(job, Ok(Reply::Frame(feedback))),
+            None => {}
+        }
+    }
+
+    fn collect(&mut self, job: RequestOf, drawn: &BTreeMap<ChannelId, Drawn>) {
+        let missing = self
+            .registry
+            .channels()
+            .filter(|(id, _)| !drawn.contains_key(id))
+            .map(|(_, c)| {
+                let reason = c.reason.clone().unwrap_or_else(|| format!("it is {:?}", c.state));
+                (c.name.clone(), reason)
+            })
+            .collect();
+        let channels = drawn.keys().copied().collect();
+        self.outputs.push_back(Output::Collect { job, frame: self.swapped, channels, missing });
+    }
+}

@@ -1,0 +1,234 @@
+//! Changes of the replicated state: prepare, prepared, and then the next frame names it.
+//!
+//! One change is on its way at a time; others wait in order. Until every live channel can draw
+//! the new state, everything is drawn as before.
+
+use std::collections::VecDeque;
+
+use polyptych_protocol::command::{Command, Prepare};
+use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::ids::{Digest, Revision};
+use polyptych_protocol::log::{Operation, Replica};
+use polyptych_protocol::request::{Failure, Reply, SceneSummary};
+
+use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId};
+
+/// How long a change waits for a server: enough for a large scene on a slow link; after this the
+/// wall goes on without its channels until they are ready.
+const PREPARE_TIME_MAX: Micros = 120_000_000;
+
+/// Most changes that wait for their turn.
+const CHANGES_MAX: usize = 64;
+
+/// A change that was asked for.
+#[derive(Debug)]
+pub(super) struct Change {
+    pub operations: Vec<Operation>,
+    pub job: RequestOf,
+    pub summary: Option<SceneSummary>,
+}
+
+/// The change on its way and those behind it.
+#[derive(Debug, Default)]
+pub(super) struct Changes {
+    current: Option<Underway>,
+    queue: VecDeque<Change>,
+}
+
+#[derive(Debug)]
+struct Underway {
+    change: Change,
+    replica: Replica,
+    digest: Digest,
+    expires: Micros,
+    /// Servers that cannot draw it, with the reason.
+    failed: Vec<(SessionId, String)>,
+}
+
+impl Changes {
+    pub fn next_expiry(&self) -> Option<Micros> {
+        self.current.as_ref().map(|underway| underway.expires)
+    }
+
+    pub fn digest_of(&self, revision: Revision) -> Option<Digest> {
+        let underway = self.current.as_ref();
+        underway.filter(|u| u.replica.revision == revision).map(|u| u.digest)
+    }
+}
+
+impl Cluster {
+    /// A bake has ended.
+    pub fn handle_import(
+        &mut self,
+        now: Micros,
+        job: RequestOf,
+        imported: Result<ImportedScene, String>,
+    ) {
+        match imported {
+            Err(reason) => {
+                tracing::warn!(reason, "a scene could not be opened");
+                self.reply(job, Err(Failure::new(reason)));
+            }
+            Ok(ImportedScene { scene, summary }) => {
+                let operations = vec![Operation::OpenScene(scene)];
+                self.request_change(now, Change { operations, job, summary: Some(summary) });
+            }
+        }
+    }
+
+    pub(super) fn request_change(&mut self, now: Micros, change: Change) {
+        if self.changes.queue.len() >= CHANGES_MAX {
+            let reason = format!("{CHANGES_MAX} changes are waiting already; ask again later");
+            self.reply(change.job, Err(Failure::new(reason)));
+            return;
+        }
+        self.changes.queue.push_back(change);
+        self.advance_change(now);
+    }
+
+    pub(super) fn send_change_to(&mut self, to: Vec<SessionId>) {
+        let Some(underway) = &self.changes.current else { return };
+        let prepare = Prepare {
+            epoch: self.epoch,
+            base: Some(self.shown.revision),
+            revision: underway.replica.revision,
+            operations: underway.change.operations.clone(),
+        };
+        self.command(to, &Command::Prepare(prepare));
+    }
+
+    pub(super) fn handle_prepare_failed(
+        &mut self,
+        now: Micros,
+        from: SessionId,
+        revision: Revision,
+        reason: &str,
+    ) {
+        let Some(server) = self.registry.server_mut(from) else { return };
+        tracing::error!(server = server.name, %revision, reason, "a server cannot prepare");
+        let (name, channels) = (server.name.clone(), server.channels.clone());
+        if self.changes.digest_of(revision).is_some() {
+            if let Some(underway) = &mut self.changes.current {
+                underway.failed.push((from, format!("server {name}: {reason}")));
+            }
+        } else if revision == self.shown.revision {
+            let reason = Some(reason.to_owned());
+            self.registry.set_states(&channels, ChannelState::Preparing, reason, now);
+            self.stop_waiting_for(&channels, now);
+        }
+        self.advance_change(now);
+    }
+
+    pub(super) fn expire_change(&mut self, now: Micros) {
+        if self.changes.next_expiry().is_some_and(|expires| now >= expires) {
+            self.settle_change(now);
+            self.advance_change(now);
+        }
+    }
+
+    /// Takes the change on its way as far as it goes now, and begins the next.
+    pub(super) fn advance_change(&mut self, now: Micros) {
+        loop {
+            if let Some(underway) = &self.changes.current {
+                if !self.is_settled(underway) {
+                    return;
+                }
+                self.settle_change(now);
+            }
+            let Some(change) = self.changes.queue.pop_front() else { return };
+            let mut replica = self.shown.clone();
+            for operation in change.operations.clone() {
+                replica.apply(operation);
+            }
+            let digest = replica.digest();
+            let expires = now + PREPARE_TIME_MAX;
+            let failed = Vec::new();
+            self.changes.current =
+                Some(Underway { change, replica, digest, expires, failed });
+            let everyone = self.registry.servers().map(|(id, _)| id).collect();
+            self.send_change_to(everyone);
+        }
+    }
+
+    /// Whether every server with a channel that is live, or about to be, has answered.
+    fn is_settled(&self, underway: &Underway) -> bool {
+        let counts = |state| matches!(state, ChannelState::Live | ChannelState::Ready);
+        self.registry.channels().filter(|(_, c)| counts(c.state)).all(|(_, c)| {
+            let Some(session) = c.server else { return true };
+            let prepared = self.registry.server(session).and_then(|server| server.prepared);
+            prepared == Some(underway.replica.revision)
+                || underway.failed.iter().any(|(id, _)| *id == session)
+        })
+    }
+
+    /// Ends the change on its way: it is shown from the next frame on, or taken back where no
+    /// server could prepare it.
+    fn settle_change(&mut self, now: Micros) {
+        let Some(underway) = self.changes.current.take() else { return };
+        let Underway { change, replica, digest, failed, .. } = underway;
+        let has_one = self.registry.servers().any(|(_, s)| s.prepared == Some(replica.revision));
+        if !failed.is_empty() && !has_one {
+            let reasons: Vec<_> = failed.into_iter().map(|(_, reason)| reason).collect();
+            self.reply(change.job, Err(Failure::new(reasons.join("; "))));
+            self.take_back(now);
+            return;
+        }
+        self.shown = replica;
+        self.shown_digest = digest;
+        self.deadline.restart();
+        self.registry.restart_warm_up();
+        self.demote_unprepared(now, &failed);
+        tracing::info!(revision = %self.shown.revision, "the wall shows a new revision");
+        let reply = match change.summary {
+            Some(mut summary) => {
+                summary.revision = self.shown.revision;
+                self.features = summary.features.names().into_iter().map(Into::into).collect();
+                Reply::SceneOpened(summary)
+            }
+            None => {
+                self.features.clear();
+                Reply::Done
+            }
+        };
+        self.reply(change.job, Ok(reply));
+    }
+
+    /// Servers hold a state that will never be shown: they get the shown one again, under a new
+    /// number, so that revisions stay unique.
+    fn take_back(&mut self, now: Micros) {
+        let mut replica = self.shown.clone();
+        replica.revision.0 += 2;
+        self.shown_digest = replica.digest();
+        self.shown = replica;
+        let everyone: Vec<_> = self.registry.servers().map(|(id, _)| id).collect();
+        for session in everyone {
+            self.resynchronise(now, session, "a change was taken back");
+        }
+    }
+
+    /// Channels that cannot draw the shown revision yet are not waited for.
+    fn demote_unprepared(&mut self, now: Micros, failed: &[(SessionId, String)]) {
+        let unprepared: Vec<_> = self
+            .registry
+            .servers()
+            .filter(|(_, server)| server.prepared != Some(self.shown.revision))
+            .map(|(id, server)| (id, server.channels.clone()))
+            .collect();
+        for (session, channels) in unprepared {
+            let reason = failed.iter().find(|(id, _)| *id == session).map(|(_, r)| r.clone());
+            self.registry.set_states(&channels, ChannelState::Preparing, reason, now);
+            self.stop_waiting_for(&channels, now);
+        }
+        let ready: Vec<_> = self
+            .registry
+            .channels()
+            .filter(|(_, c)| c.state == ChannelState::Preparing)
+            .filter(|(_, c)| {
+                let server = c.server.and_then(|session| self.registry.server(session));
+                server.is_some_and(|s| s.prepared == Some(self.shown.revision))
+            })
+            .map(|(id, _)| id)
+            .collect();
+        self.registry.set_states(&ready, ChannelState::Ready, None, now);
+    }
+}

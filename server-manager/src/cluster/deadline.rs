@@ -1,0 +1,76 @@
+//! How long a frame waits: a multiple of what the wall's channels usually take.
+
+use std::collections::VecDeque;
+
+use polyptych_protocol::wall::DeadlineRule;
+
+use super::Micros;
+
+/// Frames that the median is taken over: about two seconds of a fast wall.
+const FRAMES_REMEMBERED: usize = 64;
+
+/// The wall's adaptive deadline.
+#[derive(Debug)]
+pub(super) struct Deadline {
+    rule: DeadlineRule,
+    draws_us: VecDeque<u32>,
+}
+
+impl Deadline {
+    pub fn new(rule: DeadlineRule) -> Self {
+        Self { rule, draws_us: VecDeque::new() }
+    }
+
+    /// Notes the slowest waited-for channel's time of a frame.
+    pub fn add(&mut self, draw_us: u32) {
+        if self.draws_us.len() == FRAMES_REMEMBERED {
+            self.draws_us.pop_front();
+        }
+        self.draws_us.push_back(draw_us);
+    }
+
+    /// Forgets: another scene takes another time.
+    pub fn restart(&mut self) {
+        self.draws_us.clear();
+    }
+
+    /// The longest that any frame waits.
+    pub fn longest(&self) -> Micros {
+        Micros::from(self.rule.max_ms) * 1000
+    }
+
+    /// How long the next frame waits. With nothing to go by, as long as any may.
+    pub fn length(&self) -> Micros {
+        let mut sorted: Vec<u32> = self.draws_us.iter().copied().collect();
+        if sorted.is_empty() {
+            return self.longest();
+        }
+        sorted.sort_unstable();
+        let median = f64::from(sorted[sorted.len() / 2]);
+        let wanted = (median * self.rule.factor) as Micros;
+        wanted.clamp(Micros::from(self.rule.min_ms) * 1000, self.longest())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_follows_the_median_within_its_bounds() {
+        let mut deadline = Deadline::new(DeadlineRule { factor: 4.0, min_ms: 50, max_ms: 2000 });
+        assert_eq!(deadline.length(), 2_000_000);
+        for draw_us in [20_000, 21_000, 900_000] {
+            deadline.add(draw_us);
+        }
+        assert_eq!(deadline.length(), 84_000);
+        for _ in 0..64 {
+            deadline.add(1_000);
+        }
+        assert_eq!(deadline.length(), 50_000);
+        for _ in 0..64 {
+            deadline.add(1_000_000);
+        }
+        assert_eq!(deadline.length(), 2_000_000);
+    }
+}

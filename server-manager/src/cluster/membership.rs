@@ -1,0 +1,140 @@
+//! Servers and clients come and go.
+
+use polyptych_protocol::command::{Command, Prepare};
+use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::handshake::ServerHello;
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::status::Prepared;
+
+use super::{ClientState, Cluster, Micros, SessionId};
+
+impl Cluster {
+    /// A render server claims its channels. After `Ok` the session belongs to it.
+    ///
+    /// # Errors
+    /// Why it may not have them: an unknown channel, one that another server drives.
+    pub fn handle_server(
+        &mut self,
+        now: Micros,
+        session: SessionId,
+        hello: ServerHello,
+        address: String,
+    ) -> Result<(), String> {
+        let (channels, replaced) = self.registry.check_claim(&hello, &address)?;
+        self.check_adapter(&hello, &channels)?;
+        if let Some(old) = replaced {
+            self.close(old, "the same server has connected again".into());
+            self.handle_server_gone(now, old, "replaced by a new connection");
+        }
+        tracing::info!(server = hello.name, address, adapter = hello.adapter.name, "server joins");
+        self.registry.add(now, session, hello, address, channels.clone());
+        self.registry.set_states(&channels, ChannelState::Preparing, None, now);
+        self.send_snapshot(session);
+        Ok(())
+    }
+
+    fn check_adapter(&self, hello: &ServerHello, channels: &[ChannelId]) -> Result<(), String> {
+        let side_max = hello.adapter.texture_side_max;
+        for channel in channels.iter().filter_map(|&id| self.wall.channel(id)) {
+            let side = channel.size.max_element();
+            if side > side_max {
+                return Err(format!(
+                    "channel {} is {} × {} pixels, and the adapter {} draws at most {side_max} a side",
+                    channel.name, channel.size.x, channel.size.y, hello.adapter.name
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// The state that is shown, whole, and the change on its way to it.
+    fn send_snapshot(&mut self, session: SessionId) {
+        let snapshot = Prepare {
+            epoch: self.epoch,
+            base: None,
+            revision: self.shown.revision,
+            operations: self.shown.snapshot(),
+        };
+        self.command(vec![session], &Command::Prepare(snapshot));
+        self.send_change_to(vec![session]);
+    }
+
+    /// A server's connection has ended.
+    pub fn handle_server_gone(&mut self, now: Micros, session: SessionId, reason: &str) {
+        let Some(server) = self.registry.remove(now, session, reason) else { return };
+        tracing::warn!(server = server.name, address = server.address, reason, "server is lost");
+        self.stop_waiting_for(&server.channels, now);
+        self.advance_change(now);
+    }
+
+    /// The channels that a server drives.
+    pub fn channels_of(&self, session: SessionId) -> Vec<ChannelId> {
+        self.registry.server(session).map_or_else(Vec::new, |server| server.channels.clone())
+    }
+
+    /// A client has come.
+    pub fn handle_client(&mut self, session: SessionId, name: String) {
+        tracing::info!(client = name, "client joins");
+        self.clients.insert(session, ClientState { name, is_subscribed: false });
+    }
+
+    /// A client's connection has ended. The wall stays as it is.
+    pub fn handle_client_gone(&mut self, session: SessionId) {
+        if let Some(client) = self.clients.remove(&session) {
+            tracing::info!(client = client.name, "client leaves");
+        }
+        self.orders.retain(|order| order.job.client != session);
+    }
+
+    /// A replica that disagrees is given the state anew, not believed.
+    pub(super) fn resynchronise(&mut self, now: Micros, session: SessionId, why: &str) {
+        let Some(server) = self.registry.server_mut(session) else { return };
+        tracing::error!(server = server.name, why, "resynchronising a server");
+        server.prepared = None;
+        let channels = server.channels.clone();
+        let reason = Some(why.to_owned());
+        self.registry.set_states(&channels, ChannelState::Preparing, reason, now);
+        self.send_snapshot(session);
+        self.stop_waiting_for(&channels, now);
+    }
+
+    pub(super) fn handle_prepared(&mut self, now: Micros, from: SessionId, prepared: &Prepared) {
+        if prepared.epoch != self.epoch {
+            return;
+        }
+        let expected = if prepared.revision == self.shown.revision {
+            Some(self.shown_digest)
+        } else {
+            self.changes.digest_of(prepared.revision)
+        };
+        if expected.is_some_and(|digest| digest != prepared.digest) {
+            self.resynchronise(now, from, "it prepared another state than was sent");
+            return;
+        }
+        let Some(server) = self.registry.server_mut(from) else { return };
+        server.prepared = Some(prepared.revision);
+        let channels = server.channels.clone();
+        if prepared.revision == self.shown.revision {
+            self.features.clone_from(&prepared.features);
+            for id in channels {
+                let state = self.registry.channel(id).map(|channel| channel.state);
+                if state == Some(ChannelState::Preparing) {
+                    self.registry.set_state(id, ChannelState::Ready, None, now);
+                }
+            }
+        }
+        self.advance_change(now);
+        self.advance_frame(now);
+    }
+
+    /// Channels that are ready become live at the frame that begins.
+    pub(super) fn admit_ready(&mut self, now: Micros) {
+        let ready: Vec<ChannelId> = self
+            .registry
+            .channels()
+            .filter(|(_, channel)| channel.state == ChannelState::Ready)
+            .map(|(id, _)| id)
+            .collect();
+        self.registry.set_states(&ready, ChannelState::Live, None, now);
+    }
+}

@@ -1,0 +1,62 @@
+//! When the next frame begins, where the wall draws by itself.
+
+use polyptych_protocol::request::Pace;
+
+use super::Micros;
+
+/// The wall's own pace.
+#[derive(Debug, Default)]
+pub(super) struct Pacer {
+    pace: Option<Pace>,
+    next: Micros,
+}
+
+impl Pacer {
+    pub fn set(&mut self, pace: Option<Pace>, now: Micros) {
+        self.pace = pace;
+        self.next = now;
+    }
+
+    pub fn next_start(&self) -> Option<Micros> {
+        self.pace.map(|_| self.next)
+    }
+
+    pub fn is_due(&self, now: Micros) -> bool {
+        self.pace.is_some() && now >= self.next
+    }
+
+    /// A frame began at `now`. `is_awaited` says whether any channel is: without one, a free
+    /// pace would spin.
+    pub fn began(&mut self, now: Micros, is_awaited: bool) {
+        /// What a free pace keeps to while nobody draws.
+        const IDLE_PERIOD: Micros = 20_000;
+        let period = match self.pace {
+            None => return,
+            Some(Pace::Free) if is_awaited => 0,
+            Some(Pace::Free) => IDLE_PERIOD,
+            Some(Pace::Rate(rate)) => (1e6 / rate) as Micros,
+        };
+        // A wall that cannot keep the rate drops beats; it does not hurry afterwards.
+        self.next = if self.next + 2 * period > now { self.next + period } else { now + period };
+        self.next = self.next.max(now.saturating_sub(period));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rate_keeps_its_beat_and_drops_what_it_missed() {
+        let mut pacer = Pacer::default();
+        assert!(!pacer.is_due(5));
+        pacer.set(Some(Pace::Rate(100.0)), 1_000);
+        assert!(pacer.is_due(1_000));
+        pacer.began(1_500, true);
+        assert_eq!(pacer.next_start(), Some(11_000));
+        pacer.began(500_000, true);
+        assert_eq!(pacer.next_start(), Some(510_000));
+        pacer.set(None, 0);
+        assert_eq!(pacer.next_start(), None);
+    }
+}

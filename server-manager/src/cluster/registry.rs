@@ -1,0 +1,280 @@
+//! Who is there: the servers, and the state of every channel of the wall.
+
+use std::collections::BTreeMap;
+
+use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::handshake::{Adapter, ServerHello};
+use polyptych_protocol::ids::{ChannelId, FrameId, Revision};
+use polyptych_protocol::wall::Wall;
+
+use super::{Micros, SessionId};
+
+/// Frames in time after which a late channel is waited for again, the first time.
+const REJOIN_FRAMES_MIN: u32 = 8;
+
+/// The same after many relapses: a channel that keeps failing is waited for ever more rarely.
+const REJOIN_FRAMES_MAX: u32 = 512;
+
+/// A connected render server.
+#[derive(Clone, Debug)]
+pub(super) struct Server {
+    pub name: String,
+    pub address: String,
+    pub pid: u32,
+    pub adapter: Adapter,
+    pub channels: Vec<ChannelId>,
+    /// What it could draw at once.
+    pub prepared: Option<Revision>,
+    pub memory_bytes: u64,
+    last_heard: Micros,
+}
+
+/// A channel of the wall and what is known of it.
+#[derive(Clone, Debug)]
+pub(super) struct Channel {
+    pub name: String,
+    pub state: ChannelState,
+    pub since: Micros,
+    pub reason: Option<String>,
+    pub server: Option<SessionId>,
+    /// The last frame that it showed.
+    pub frame: FrameId,
+    pub late: u64,
+    /// Frames that it drew since it joined or the revision changed: the first ones warm up.
+    pub frames_drawn: u32,
+    in_time: u32,
+    rejoin_frames: u32,
+}
+
+/// All servers and channels.
+#[derive(Debug)]
+pub(super) struct Registry {
+    servers: BTreeMap<SessionId, Server>,
+    channels: Vec<Channel>,
+    heartbeat_us: Micros,
+}
+
+impl Registry {
+    pub fn new(wall: &Wall, heartbeat_us: Micros) -> Self {
+        let channel = |name: &String| Channel {
+            name: name.clone(),
+            state: ChannelState::Lost,
+            since: 0,
+            reason: Some("no server has claimed it yet".into()),
+            server: None,
+            frame: FrameId(0),
+            late: 0,
+            frames_drawn: 0,
+            in_time: 0,
+            rejoin_frames: REJOIN_FRAMES_MIN,
+        };
+        let channels = wall.channels.iter().map(|c| channel(&c.name)).collect();
+        Self { servers: BTreeMap::new(), channels, heartbeat_us }
+    }
+
+    /// Checks a server's claim. `Ok` carries the channels, and the session that it replaces: the
+    /// same process, come back before its old connection was found dead.
+    pub fn check_claim(
+        &self,
+        hello: &ServerHello,
+        address: &str,
+    ) -> Result<(Vec<ChannelId>, Option<SessionId>), String> {
+        if hello.channels.is_empty() {
+            return Err(format!("server {} claims no channel", hello.name));
+        }
+        let mut claimed = Vec::new();
+        let mut replaced = None;
+        for name in &hello.channels {
+            let Some(index) = self.channels.iter().position(|c| &c.name == name) else {
+                let known: Vec<_> = self.channels.iter().map(|c| c.name.as_str()).collect();
+                return Err(format!(
+                    "this wall has no channel {name:?}; it has {}",
+                    known.join(", ")
+                ));
+            };
+            let id = ChannelId(index as u16);
+            if claimed.contains(&id) {
+                return Err(format!("channel {name} is claimed twice by the same server"));
+            }
+            if let Some(holder) = self.channels[index].server
+                && let Some(server) = self.servers.get(&holder)
+            {
+                if server.pid != hello.pid || host_of(&server.address) != host_of(address) {
+                    return Err(format!(
+                        "channel {name} is driven by another server: {} (process {}, {})",
+                        server.name, server.pid, server.address
+                    ));
+                }
+                replaced = Some(holder);
+            }
+            claimed.push(id);
+        }
+        Ok((claimed, replaced))
+    }
+
+    pub fn add(
+        &mut self,
+        now: Micros,
+        session: SessionId,
+        hello: ServerHello,
+        address: String,
+        channels: Vec<ChannelId>,
+    ) {
+        for &id in &channels {
+            let channel = &mut self.channels[usize::from(id.0)];
+            channel.server = Some(session);
+            channel.frames_drawn = 0;
+            channel.in_time = 0;
+        }
+        self.set_states(&channels, ChannelState::Joining, None, now);
+        let server = Server {
+            name: hello.name,
+            address,
+            pid: hello.pid,
+            adapter: hello.adapter,
+            channels,
+            prepared: None,
+            memory_bytes: 0,
+            last_heard: now,
+        };
+        self.servers.insert(session, server);
+    }
+
+    /// Takes a server out; its channels are lost for this reason.
+    pub fn remove(&mut self, now: Micros, session: SessionId, reason: &str) -> Option<Server> {
+        let server = self.servers.remove(&session)?;
+        for &id in &server.channels {
+            self.channels[usize::from(id.0)].server = None;
+        }
+        let channels = server.channels.clone();
+        self.set_states(&channels, ChannelState::Lost, Some(reason.to_owned()), now);
+        Some(server)
+    }
+
+    /// Notes a sign of life; `false` where the session is no more.
+    pub fn heard(&mut self, session: SessionId, now: Micros) -> bool {
+        let server = self.servers.get_mut(&session);
+        server.map(|server| server.last_heard = server.last_heard.max(now)).is_some()
+    }
+
+    pub fn silent(&self, now: Micros) -> Vec<SessionId> {
+        let is_silent =
+            |server: &Server| now.saturating_sub(server.last_heard) > self.heartbeat_us;
+        self.servers.iter().filter(|(_, s)| is_silent(s)).map(|(&id, _)| id).collect()
+    }
+
+    pub fn next_silence(&self) -> Option<Micros> {
+        self.servers.values().map(|s| s.last_heard + self.heartbeat_us + 1).min()
+    }
+
+    pub fn server(&self, session: SessionId) -> Option<&Server> {
+        self.servers.get(&session)
+    }
+
+    pub fn server_mut(&mut self, session: SessionId) -> Option<&mut Server> {
+        self.servers.get_mut(&session)
+    }
+
+    pub fn servers(&self) -> impl Iterator<Item = (SessionId, &Server)> {
+        self.servers.iter().map(|(&id, server)| (id, server))
+    }
+
+    pub fn channel(&self, id: ChannelId) -> Option<&Channel> {
+        self.channels.get(usize::from(id.0))
+    }
+
+    pub fn channels(&self) -> impl Iterator<Item = (ChannelId, &Channel)> {
+        self.channels.iter().enumerate().map(|(i, channel)| (ChannelId(i as u16), channel))
+    }
+
+    pub fn drives(&self, session: SessionId, id: ChannelId) -> bool {
+        self.channel(id).is_some_and(|channel| channel.server == Some(session))
+    }
+
+    pub fn set_memory(&mut self, session: SessionId, bytes: u64) {
+        if let Some(server) = self.servers.get_mut(&session) {
+            server.memory_bytes = bytes;
+        }
+    }
+
+    pub fn shown(&mut self, id: ChannelId, frame: FrameId) {
+        if let Some(channel) = self.channels.get_mut(usize::from(id.0)) {
+            channel.frame = channel.frame.max(frame);
+        }
+    }
+
+    pub fn set_state(
+        &mut self,
+        id: ChannelId,
+        state: ChannelState,
+        reason: Option<String>,
+        now: Micros,
+    ) {
+        let Some(channel) = self.channels.get_mut(usize::from(id.0)) else { return };
+        if channel.state != state {
+            tracing::info!(channel = channel.name, ?state, reason, "channel changes state");
+            channel.state = state;
+            channel.since = now;
+        }
+        channel.reason = reason;
+    }
+
+    pub fn set_states(
+        &mut self,
+        ids: &[ChannelId],
+        state: ChannelState,
+        reason: Option<String>,
+        now: Micros,
+    ) {
+        for &id in ids {
+            self.set_state(id, state, reason.clone(), now);
+        }
+    }
+
+    /// All channels warm up again: a new revision may need new pipelines.
+    pub fn restart_warm_up(&mut self) {
+        for channel in &mut self.channels {
+            channel.frames_drawn = 0;
+        }
+    }
+
+    /// A channel missed the deadline of a frame.
+    pub fn missed(&mut self, id: ChannelId, now: Micros, reason: String) {
+        let Some(channel) = self.channels.get_mut(usize::from(id.0)) else { return };
+        channel.late += 1;
+        channel.in_time = 0;
+        if channel.state == ChannelState::Live {
+            // A first fault is forgiven quickly, a relapse less so.
+            let relapsed = channel.late > 1;
+            channel.rejoin_frames = if relapsed {
+                (channel.rejoin_frames * 2).min(REJOIN_FRAMES_MAX)
+            } else {
+                REJOIN_FRAMES_MIN
+            };
+            self.set_state(id, ChannelState::Late, Some(reason), now);
+        }
+    }
+
+    /// A channel drew a frame in time.
+    pub fn in_time(&mut self, id: ChannelId, now: Micros) {
+        let Some(channel) = self.channels.get_mut(usize::from(id.0)) else { return };
+        channel.frames_drawn = channel.frames_drawn.saturating_add(1);
+        if channel.state == ChannelState::Late {
+            channel.in_time += 1;
+            if channel.in_time >= channel.rejoin_frames {
+                self.set_state(id, ChannelState::Live, None, now);
+            }
+        }
+    }
+
+    /// A late channel did not draw this frame before it was swapped.
+    pub fn still_late(&mut self, id: ChannelId) {
+        if let Some(channel) = self.channels.get_mut(usize::from(id.0)) {
+            channel.in_time = 0;
+        }
+    }
+}
+
+fn host_of(address: &str) -> &str {
+    address.rsplit_once(':').map_or(address, |(host, _)| host)
+}

@@ -1,0 +1,195 @@
+//! What frames took: gathered frame by frame, reported as spreads.
+
+use std::collections::VecDeque;
+
+use polyptych_protocol::feedback::{ChannelStatistics, Feedback, Spread, Statistics};
+use polyptych_protocol::ids::FrameId;
+use polyptych_protocol::status::{Drawn, Shown};
+
+use super::Micros;
+use super::registry::Registry;
+
+/// Measurements kept of each kind, the newest ones: 18 minutes at 60 frames per second, and at
+/// most 0.5 MiB for a kind.
+const SAMPLES_MAX: usize = 1 << 16;
+
+/// Frames whose present calls are compared; a report that comes later is not.
+const FRAMES_COMPARED: usize = 32;
+
+/// The newest measurements of one kind.
+#[derive(Debug, Default)]
+struct Samples {
+    values: VecDeque<f64>,
+    count: u64,
+    max: f64,
+}
+
+impl Samples {
+    fn add(&mut self, value: f64) {
+        if self.values.len() == SAMPLES_MAX {
+            self.values.pop_front();
+        }
+        self.values.push_back(value);
+        self.count += 1;
+        self.max = self.max.max(value);
+    }
+
+    fn spread(&self) -> Spread {
+        let mut sorted: Vec<f64> = self.values.iter().copied().collect();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| {
+            let rank = (share * sorted.len() as f64).ceil() as usize;
+            sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+        };
+        Spread { count: self.count, p50: at(0.5), p95: at(0.95), p99: at(0.99), max: self.max }
+    }
+}
+
+#[derive(Debug, Default)]
+struct OfChannel {
+    frame_ms: Samples,
+    draw_ms: Samples,
+    skew_us: Samples,
+    clock_error_us: u32,
+    frames: u64,
+    last_shown_us: Option<u64>,
+    longest_gap_us: u64,
+    late_before: u64,
+    triangles: u64,
+    draw_calls: u64,
+}
+
+/// All that was measured since the last reset.
+#[derive(Debug, Default)]
+pub(super) struct Gathered {
+    channels: Vec<OfChannel>,
+    frame_ms: Samples,
+    draw_ms: Samples,
+    barrier_us: Samples,
+    skew_us: Samples,
+    shown: VecDeque<(FrameId, Vec<Shown>)>,
+    frames: u64,
+    first: Option<Micros>,
+    last: Micros,
+    wire_bytes: u64,
+    late: Vec<u64>,
+}
+
+impl Gathered {
+    pub fn new(channels: usize) -> Self {
+        let channels = (0..channels).map(|_| OfChannel::default()).collect();
+        Self { channels, ..Self::default() }
+    }
+
+    /// Forgets everything but the channels' late counts, from which it counts on.
+    pub fn restart(&mut self) {
+        let late = std::mem::take(&mut self.late);
+        let mut fresh = Self::new(self.channels.len());
+        for (channel, &late) in fresh.channels.iter_mut().zip(&late) {
+            channel.late_before = late;
+        }
+        *self = fresh;
+    }
+
+    pub fn add_wire_bytes(&mut self, bytes: usize) {
+        self.wire_bytes += bytes as u64;
+    }
+
+    pub fn add_drawn(&mut self, drawn: &Drawn, frame_us: Micros) {
+        let Some(channel) = self.channels.get_mut(usize::from(drawn.channel.0)) else { return };
+        channel.frame_ms.add(frame_us as f64 / 1000.0);
+        channel.draw_ms.add(f64::from(drawn.draw_us) / 1000.0);
+        channel.triangles = drawn.triangles;
+        channel.draw_calls = u64::from(drawn.draw_calls);
+    }
+
+    pub fn add_frame(&mut self, feedback: &Feedback, now: Micros) {
+        self.frames += 1;
+        self.first.get_or_insert(now);
+        self.last = now;
+        self.frame_ms.add(feedback.frame_us as f64 / 1000.0);
+        self.barrier_us.add(feedback.barrier_us as f64);
+        if let Some(slowest) = feedback.channels.iter().filter_map(|c| c.draw_us).max() {
+            self.draw_ms.add(f64::from(slowest) / 1000.0);
+        }
+    }
+
+    pub fn add_shown(&mut self, shown: &Shown) {
+        let Some(channel) = self.channels.get_mut(usize::from(shown.channel.0)) else { return };
+        channel.frames += 1;
+        channel.clock_error_us = shown.clock_error_us;
+        if let Some(last) = channel.last_shown_us {
+            channel.longest_gap_us = channel.longest_gap_us.max(shown.at_us.saturating_sub(last));
+        }
+        channel.last_shown_us = Some(shown.at_us);
+        match self.shown.iter_mut().find(|(frame, _)| *frame == shown.frame) {
+            Some((_, reports)) => reports.push(*shown),
+            None => self.shown.push_back((shown.frame, vec![*shown])),
+        }
+        if self.shown.len() > FRAMES_COMPARED
+            && let Some((_, reports)) = self.shown.pop_front()
+        {
+            self.compare(&reports);
+        }
+    }
+
+    /// The present calls of one frame, each against the first.
+    fn compare(&mut self, reports: &[Shown]) {
+        let Some(first) = reports.iter().map(|shown| shown.at_us).min() else { return };
+        let mut widest = 0;
+        for shown in reports {
+            let skew = shown.at_us - first;
+            widest = widest.max(skew);
+            if let Some(channel) = self.channels.get_mut(usize::from(shown.channel.0)) {
+                channel.skew_us.add(skew as f64);
+            }
+        }
+        if reports.len() > 1 {
+            self.skew_us.add(widest as f64);
+        }
+    }
+
+    pub fn report(&mut self, registry: &Registry, features: &[String]) -> Statistics {
+        for (_, reports) in std::mem::take(&mut self.shown) {
+            self.compare(&reports);
+        }
+        self.late = registry.channels().map(|(_, channel)| channel.late).collect();
+        let channels: Vec<ChannelStatistics> = registry
+            .channels()
+            .zip(&self.channels)
+            .map(|((_, channel), of)| {
+                let server = channel.server.and_then(|session| registry.server(session));
+                ChannelStatistics {
+                    name: channel.name.clone(),
+                    state: channel.state,
+                    frames: of.frames,
+                    frame_ms: of.frame_ms.spread(),
+                    draw_ms: of.draw_ms.spread(),
+                    swap_skew_us: of.skew_us.spread(),
+                    clock_error_us: of.clock_error_us,
+                    longest_gap_ms: of.longest_gap_us as f64 / 1000.0,
+                    late: channel.late - of.late_before.min(channel.late),
+                    triangles: of.triangles,
+                    draw_calls: of.draw_calls,
+                    adapter: server.map(|server| server.adapter.name.clone()),
+                    memory_bytes: server.map_or(0, |server| server.memory_bytes),
+                }
+            })
+            .collect();
+        let seconds = self.first.map_or(0.0, |first| (self.last - first) as f64 * 1e-6);
+        Statistics {
+            frames: self.frames,
+            seconds,
+            frame_ms: self.frame_ms.spread(),
+            draw_ms: self.draw_ms.spread(),
+            barrier_us: self.barrier_us.spread(),
+            swap_skew_us: self.skew_us.spread(),
+            late: channels.iter().map(|channel| channel.late).sum(),
+            triangles: channels.iter().map(|channel| channel.triangles).sum(),
+            draw_calls: channels.iter().map(|channel| channel.draw_calls).sum(),
+            wire_bytes_per_frame: self.wire_bytes as f64 / self.frames.max(1) as f64,
+            features: features.to_vec(),
+            channels,
+        }
+    }
+}

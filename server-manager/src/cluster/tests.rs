@@ -1,0 +1,566 @@
+//! Failures of a wall as short deterministic tests: the clock is the test's own.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec3, UVec2};
+use polyptych_protocol::command::{Frame, Prepare};
+use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::handshake::{Adapter, Secret, ServerHello};
+use polyptych_protocol::ids::{BlobHash, Revision};
+use polyptych_protocol::log::SceneRef;
+use polyptych_protocol::request::Request;
+use polyptych_protocol::scene::SceneFeatures;
+use polyptych_protocol::status::{Drawn, Ping, Prepared};
+use polyptych_protocol::wall::{Channel, DeadlineRule, Projection, Screen};
+use proptest::prelude::*;
+
+use super::*;
+
+const CLIENT: SessionId = SessionId(1000);
+
+fn wall(channels: u32) -> Wall {
+    let channel = |index: u32| Channel {
+        name: format!("c{index}"),
+        screen: 0,
+        origin: UVec2::new(index * 64, 0),
+        size: UVec2::new(64, 64),
+        server: format!("c{index}"),
+        projection: Projection::Shared,
+    };
+    Wall {
+        name: "test".into(),
+        screens: vec![Screen {
+            name: "front".into(),
+            lower_left: DVec3::new(-1.0, -1.0, -1.0),
+            lower_right: DVec3::new(1.0, -1.0, -1.0),
+            upper_left: DVec3::new(-1.0, 1.0, -1.0),
+            canvas: UVec2::new(64 * channels, 64),
+            bezel: None,
+        }],
+        channels: (0..channels).map(channel).collect(),
+        eye: DVec3::ZERO,
+        near_m: 0.1,
+        samples: 1,
+        deadline: DeadlineRule { factor: 4.0, min_ms: 50, max_ms: 2000 },
+        heartbeat_ms: 2000,
+        listen: String::new(),
+        stores: Vec::new(),
+        scenes: Vec::new(),
+    }
+}
+
+/// A wall whose servers are played by the test.
+struct Stage {
+    cluster: Cluster,
+    now: Micros,
+    next_id: u64,
+    replicas: BTreeMap<SessionId, Replica>,
+    prepares: Vec<(SessionId, Prepare)>,
+    frames: Vec<(SessionId, Frame)>,
+    swaps: Vec<FrameId>,
+    replies: Vec<(RequestId, Result<Reply, Failure>)>,
+    imports: Vec<RequestOf>,
+    collects: Vec<Vec<ChannelId>>,
+    closed: Vec<SessionId>,
+}
+
+impl Stage {
+    /// A wall with `channels` servers that are live, and one client.
+    fn new(channels: u32) -> Self {
+        let mut stage = Self::empty(channels);
+        for index in 0..channels {
+            stage.join(SessionId(u64::from(index)), index).expect("joined");
+        }
+        stage.prepare_all();
+        for _ in 0..4 {
+            stage.order_frame();
+            stage.draw(&(0..channels).collect::<Vec<_>>(), 20_000);
+        }
+        stage.clear();
+        stage
+    }
+
+    fn empty(channels: u32) -> Self {
+        let mut cluster = Cluster::new(wall(channels), Epoch(7));
+        cluster.handle_client(CLIENT, "test".into());
+        Self {
+            cluster,
+            now: 1_000_000,
+            next_id: 0,
+            replicas: BTreeMap::new(),
+            prepares: Vec::new(),
+            frames: Vec::new(),
+            swaps: Vec::new(),
+            replies: Vec::new(),
+            imports: Vec::new(),
+            collects: Vec::new(),
+            closed: Vec::new(),
+        }
+    }
+
+    fn clear(&mut self) {
+        self.prepares.clear();
+        self.frames.clear();
+        self.swaps.clear();
+        self.replies.clear();
+    }
+
+    fn join(&mut self, session: SessionId, index: u32) -> Result<(), String> {
+        self.join_as(session, &format!("c{index}"), 100 + index)
+    }
+
+    fn join_as(&mut self, session: SessionId, channel: &str, pid: u32) -> Result<(), String> {
+        let hello = ServerHello {
+            name: channel.into(),
+            token: Secret(String::new()),
+            channels: vec![channel.into()],
+            pid,
+            adapter: Adapter { texture_side_max: 8192, ..Adapter::default() },
+        };
+        let joined = self.cluster.handle_server(self.now, session, hello, "127.0.0.1:9".into());
+        self.read();
+        joined
+    }
+
+    /// Sorts what the brain wants done.
+    fn read(&mut self) {
+        while let Some(output) = self.cluster.poll_output() {
+            match output {
+                Output::Command { to, bytes } => {
+                    let command = codec::decode::<Command>(&bytes).expect("a command");
+                    for session in to {
+                        match &command {
+                            Command::Prepare(p) => self.prepares.push((session, p.clone())),
+                            Command::Frame(frame) => {
+                                assert!(bytes.len() < 1024, "{} bytes", bytes.len());
+                                self.frames.push((session, frame.clone()));
+                            }
+                            _ => {}
+                        }
+                    }
+                    if let Command::Swap(swap) = command {
+                        self.swaps.push(swap.frame);
+                    }
+                }
+                Output::Answer { answer: Answer::Reply { id, reply }, .. } => {
+                    self.replies.push((id, reply));
+                }
+                Output::Answer { .. } | Output::Stop => {}
+                Output::Import { job, .. } => self.imports.push(job),
+                Output::Collect { channels, .. } => self.collects.push(channels),
+                Output::Close { session, .. } => self.closed.push(session),
+            }
+        }
+    }
+
+    fn request(&mut self, request: Request) -> RequestId {
+        self.next_id += 1;
+        let id = RequestId(self.next_id);
+        self.cluster.handle_request(self.now, CLIENT, id, request);
+        self.read();
+        id
+    }
+
+    fn order_frame(&mut self) -> RequestId {
+        self.request(Request::RenderFrame { camera: None, time_s: None })
+    }
+
+    fn say(&mut self, from: SessionId, status: Status) {
+        self.cluster.handle_status(self.now, from, status, 10);
+        self.read();
+    }
+
+    /// The server folds the oldest preparation that it was sent, and says so.
+    fn prepare(&mut self, session: SessionId) {
+        let Some(at) = self.prepares.iter().position(|(to, _)| *to == session) else { return };
+        let (_, prepare) = self.prepares.remove(at);
+        let replica = match prepare.base {
+            None => Replica::from_snapshot(prepare.revision, prepare.operations),
+            Some(base) => {
+                let mut replica = self.replicas[&session].clone();
+                assert_eq!(replica.revision, base);
+                prepare.operations.into_iter().for_each(|o| replica.apply(o));
+                replica
+            }
+        };
+        let prepared = Prepared {
+            epoch: prepare.epoch,
+            revision: prepare.revision,
+            digest: replica.digest(),
+            features: Vec::new(),
+            scene_bytes: 0,
+        };
+        self.replicas.insert(session, replica);
+        self.say(session, Status::Prepared(prepared));
+    }
+
+    fn prepare_all(&mut self) {
+        while let Some((session, _)) = self.prepares.first() {
+            self.prepare(*session);
+        }
+    }
+
+    fn drawn(&self, channel: u32) -> Drawn {
+        let session = SessionId(u64::from(channel));
+        Drawn {
+            epoch: Epoch(7),
+            frame: self.cluster.frame,
+            channel: ChannelId(channel as u16),
+            revision: self.cluster.shown.revision,
+            digest: self.replicas.get(&session).map_or(Digest(0), Replica::digest),
+            draw_us: 20_000,
+            triangles: 1,
+            draw_calls: 1,
+        }
+    }
+
+    /// These channels have drawn the present frame, after a while.
+    fn draw(&mut self, channels: &[u32], after: Micros) {
+        self.wait(after);
+        for &channel in channels {
+            let drawn = self.drawn(channel);
+            self.say(SessionId(u64::from(channel)), Status::Drawn(drawn));
+        }
+    }
+
+    /// Time passes; whoever is there gives signs of life.
+    fn wait(&mut self, micros: Micros) {
+        let end = self.now + micros;
+        let live: Vec<_> = self.replicas.keys().copied().collect();
+        for session in live {
+            self.say(session, Status::Ping(Ping { sent_us: 0, memory_bytes: 0 }));
+        }
+        while let Some(due) = self.cluster.poll_timeout().filter(|due| *due <= end) {
+            self.now = self.now.max(due);
+            self.cluster.handle_timeout(self.now);
+            self.read();
+        }
+        self.now = end;
+    }
+
+    fn state(&self, channel: usize) -> ChannelState {
+        self.cluster.status(self.now).channels[channel].state
+    }
+
+    fn imported(&self) -> ImportedScene {
+        let scene = SceneRef { name: "town".into(), manifest: BlobHash::of(b"town") };
+        let summary = SceneSummary {
+            name: "town".into(),
+            revision: Revision(0),
+            bounds: None,
+            triangles: 3,
+            features: SceneFeatures::default(),
+        };
+        ImportedScene { scene, summary }
+    }
+}
+
+#[test]
+fn a_frame_is_swapped_once_when_all_have_drawn() {
+    let mut stage = Stage::new(3);
+    stage.order_frame();
+    stage.draw(&[0, 2], 1_000);
+    assert!(stage.swaps.is_empty(), "channel 1 has not drawn");
+    stage.draw(&[1], 1_000);
+    assert_eq!(stage.swaps, [stage.cluster.frame]);
+    let [(_, Ok(Reply::Frame(feedback)))] = &stage.replies[..] else { panic!("one feedback") };
+    assert!(feedback.channels.iter().all(|c| c.draw_us.is_some()));
+    assert_eq!(feedback.frame_us, 2_000);
+}
+
+#[test]
+fn a_channel_that_hangs_holds_the_wall_for_one_deadline_only() {
+    let mut stage = Stage::new(3);
+    stage.order_frame();
+    // Four times the median of 20 ms.
+    stage.draw(&[0, 1], 79_000);
+    assert!(stage.swaps.is_empty());
+    stage.wait(1_001);
+    assert_eq!(stage.swaps.len(), 1);
+    assert_eq!(stage.state(2), ChannelState::Late);
+    stage.order_frame();
+    stage.draw(&[0, 1], 10_000);
+    assert_eq!(stage.swaps.len(), 2, "the late channel is not waited for");
+    // In time again, it is waited for after eight frames.
+    for n in 0..8 {
+        assert_eq!(stage.state(2), ChannelState::Late, "after {n} frames in time");
+        stage.order_frame();
+        stage.draw(&[2, 0, 1], 5_000);
+    }
+    assert_eq!(stage.state(2), ChannelState::Live);
+    // A relapse costs twice as much.
+    stage.order_frame();
+    stage.draw(&[0, 1], 10_000);
+    stage.wait(2_000_000);
+    for _ in 0..15 {
+        stage.order_frame();
+        stage.draw(&[2, 0, 1], 5_000);
+    }
+    assert_eq!(stage.state(2), ChannelState::Late);
+    stage.order_frame();
+    stage.draw(&[2, 0, 1], 5_000);
+    assert_eq!(stage.state(2), ChannelState::Live);
+}
+
+#[test]
+fn a_late_comer_gets_a_snapshot_and_nobody_waits_for_it() {
+    let mut stage = Stage::empty(2);
+    stage.join(SessionId(0), 0).expect("joined");
+    stage.prepare_all();
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    stage.join(SessionId(1), 1).expect("joined");
+    assert_eq!(stage.prepares[0].1.base, None, "a snapshot");
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    assert_eq!(stage.swaps.len(), 2);
+    assert_eq!(stage.state(1), ChannelState::Preparing);
+    stage.prepare_all();
+    assert_eq!(stage.state(1), ChannelState::Ready);
+    stage.order_frame();
+    assert_eq!(stage.state(1), ChannelState::Live);
+    assert_eq!(stage.frames.last().expect("sent").0, SessionId(1));
+}
+
+#[test]
+fn a_scene_is_shown_when_all_live_channels_are_prepared() {
+    let mut stage = Stage::new(2);
+    let before = stage.cluster.shown.revision;
+    let id = stage.request(Request::OpenScene { path: "town.glb".into() });
+    let job = stage.imports[0];
+    let imported = stage.imported();
+    stage.cluster.handle_import(stage.now, job, Ok(imported));
+    stage.read();
+    stage.prepare(SessionId(0));
+    assert!(stage.replies.is_empty());
+    stage.order_frame();
+    assert_eq!(stage.frames.last().expect("sent").1.revision, before, "drawn as before");
+    stage.draw(&[0, 1], 1_000);
+    stage.replies.clear();
+    stage.prepare(SessionId(1));
+    let (of, Ok(Reply::SceneOpened(summary))) = &stage.replies[0] else { panic!("opened") };
+    assert_eq!((*of, summary.revision), (id, Revision(before.0 + 1)));
+    stage.order_frame();
+    assert_eq!(stage.frames.last().expect("sent").1.revision, Revision(before.0 + 1));
+}
+
+#[test]
+fn what_cannot_be_imported_or_prepared_changes_nothing() {
+    let mut stage = Stage::new(1);
+    stage.request(Request::OpenScene { path: "broken.glb".into() });
+    let job = stage.imports[0];
+    stage.cluster.handle_import(stage.now, job, Err("broken.glb: not glTF".into()));
+    stage.read();
+    assert!(stage.replies[0].1.as_ref().is_err_and(|f| f.reason.contains("broken.glb")));
+
+    let digest_before = stage.cluster.shown.scene.clone();
+    let imported = stage.imported();
+    stage.cluster.handle_import(stage.now, job, Ok(imported));
+    stage.read();
+    let (_, prepare) = stage.prepares.remove(0);
+    let failed = Status::PrepareFailed {
+        epoch: Epoch(7),
+        revision: prepare.revision,
+        reason: "out of memory".into(),
+    };
+    stage.say(SessionId(0), failed);
+    assert!(stage.replies[1].1.as_ref().is_err_and(|f| f.reason.contains("out of memory")));
+    assert_eq!(stage.cluster.shown.scene, digest_before);
+    // The server is brought back to the old scene and goes on.
+    stage.prepare_all();
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    assert_eq!(stage.swaps.len(), 1);
+}
+
+#[test]
+fn a_claim_that_cannot_be_is_refused_by_name() {
+    let mut stage = Stage::new(2);
+    let unknown = stage.join_as(SessionId(8), "roof", 1).expect_err("refused");
+    assert!(unknown.contains("roof") && unknown.contains("c0, c1"), "{unknown}");
+    let taken = stage.join_as(SessionId(9), "c1", 55).expect_err("refused");
+    assert!(taken.contains("process 101"), "{taken}");
+    assert_eq!(stage.state(1), ChannelState::Live);
+    // The same process, come back before its old connection was found dead.
+    stage.join_as(SessionId(10), "c1", 101).expect("joined");
+    assert_eq!(stage.closed, [SessionId(1)]);
+}
+
+#[test]
+fn a_silent_server_is_lost_and_frames_go_on_at_once() {
+    let mut stage = Stage::new(2);
+    stage.replicas.remove(&SessionId(1));
+    stage.wait(1_900_000);
+    assert_eq!(stage.state(1), ChannelState::Live);
+    stage.wait(200_000);
+    assert_eq!(stage.state(1), ChannelState::Lost);
+    assert_eq!(stage.closed, [SessionId(1)]);
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    assert_eq!(stage.swaps.len(), 1);
+}
+
+#[test]
+fn a_server_that_dies_during_a_frame_does_not_hold_it() {
+    let mut stage = Stage::new(2);
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
+    stage.read();
+    assert_eq!(stage.swaps.len(), 1);
+}
+
+#[test]
+fn a_replica_that_disagrees_is_not_believed() {
+    let mut stage = Stage::new(2);
+    stage.order_frame();
+    let wrong = Drawn { digest: Digest(1), ..stage.drawn(1) };
+    stage.say(SessionId(1), Status::Drawn(wrong));
+    assert_eq!(stage.state(1), ChannelState::Preparing);
+    assert_eq!(stage.prepares[0].1.base, None, "a snapshot");
+    stage.draw(&[0], 1_000);
+    assert_eq!(stage.swaps.len(), 1, "nobody waits for it");
+}
+
+#[test]
+fn a_capture_waits_for_late_channels_too() {
+    let mut stage = Stage::new(2);
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    stage.wait(100_000);
+    assert_eq!(stage.state(1), ChannelState::Late);
+    stage.request(Request::Capture);
+    stage.draw(&[0], 300_000);
+    assert!(stage.collects.is_empty());
+    stage.draw(&[1], 300_000);
+    assert_eq!(stage.collects, [[ChannelId(0), ChannelId(1)]]);
+}
+
+#[test]
+fn a_flooding_client_is_told_where_the_limit_is() {
+    let mut stage = Stage::new(1);
+    let asked = FRAME_ORDERS_MAX + 10;
+    for _ in 0..asked {
+        stage.order_frame();
+    }
+    let refused = stage.replies.iter().filter(|(_, reply)| reply.is_err()).count();
+    // One frame is on its way already.
+    assert_eq!(refused, asked - FRAME_ORDERS_MAX - 1);
+}
+
+#[test]
+fn a_wall_without_channels_neither_spins_nor_stops() {
+    let mut stage = Stage::empty(2);
+    stage.request(Request::Run(Pace::Free));
+    stage.wait(1_000_000);
+    let frames = stage.cluster.frame.0;
+    assert!((20..200).contains(&frames), "{frames} frames in a second");
+}
+
+#[test]
+fn bad_requests_are_answered_with_what_would_be_right() {
+    let mut stage = Stage::new(1);
+    let nan = Camera { scale: f64::NAN, ..Camera::IDENTITY };
+    stage.request(Request::SetCamera(nan));
+    stage.request(Request::Run(Pace::Rate(f64::INFINITY)));
+    stage.request(Request::SetExposure(-1.0));
+    stage.request(Request::OpenScene { path: String::new() });
+    stage.request(Request::SetEye(DVec3::new(0.0, 0.0, -5.0)));
+    assert_eq!(stage.replies.len(), 5);
+    assert!(stage.replies.iter().all(|(_, reply)| reply.is_err()), "{:?}", stage.replies);
+}
+
+#[derive(Clone, Debug)]
+enum Step {
+    Order,
+    Draw(u32),
+    Wait(Micros),
+    Kill(u32),
+    Join(u32),
+    Prepare(u32),
+    Open,
+    Import(bool),
+    Close,
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        3 => Just(Step::Order),
+        6 => (0..3u32).prop_map(Step::Draw),
+        3 => (0..200_000u64).prop_map(Step::Wait),
+        1 => (0..3u32).prop_map(Step::Kill),
+        2 => (0..3u32).prop_map(Step::Join),
+        4 => (0..3u32).prop_map(Step::Prepare),
+        1 => Just(Step::Open),
+        2 => any::<bool>().prop_map(Step::Import),
+        1 => Just(Step::Close),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+
+    /// Whatever happens in whatever order: frames are swapped in order and once, the wall goes on
+    /// within the longest deadline, and every request gets exactly one answer.
+    #[test]
+    fn random_schedules_keep_the_invariants(steps in proptest::collection::vec(step(), 1..120)) {
+        let mut stage = Stage::empty(3);
+        let mut sessions: BTreeMap<u32, SessionId> = BTreeMap::new();
+        let mut next_session = 0;
+        let mut asked = Vec::new();
+        for step in steps {
+            match step {
+                Step::Order => asked.push(stage.order_frame()),
+                Step::Draw(c) => if let Some(&session) = sessions.get(&c) {
+                    let digest = stage.replicas.get(&session).map_or(Digest(0), Replica::digest);
+                    let drawn = Drawn { digest, ..stage.drawn(c) };
+                    if stage.frames.iter().any(|(to, f)| *to == session && f.frame == drawn.frame) {
+                        stage.say(session, Status::Drawn(drawn));
+                    }
+                },
+                Step::Wait(micros) => stage.wait(micros),
+                Step::Kill(c) => if let Some(session) = sessions.remove(&c) {
+                    stage.replicas.remove(&session);
+                    stage.prepares.retain(|(to, _)| *to != session);
+                    stage.cluster.handle_server_gone(stage.now, session, "killed");
+                    stage.read();
+                },
+                Step::Join(c) => if !sessions.contains_key(&c) {
+                    next_session += 1;
+                    stage.join(SessionId(next_session), c).expect("the channel is free");
+                    sessions.insert(c, SessionId(next_session));
+                },
+                Step::Prepare(c) => if let Some(&session) = sessions.get(&c) {
+                    stage.prepare(session);
+                },
+                Step::Open => asked.push(stage.request(Request::OpenScene { path: "a".into() })),
+                Step::Import(is_good) => if let Some(job) = stage.imports.pop() {
+                    let imported = stage.imported();
+                    let result = is_good.then_some(imported).ok_or("broken".to_owned());
+                    stage.cluster.handle_import(stage.now, job, result);
+                    stage.read();
+                },
+                Step::Close => asked.push(stage.request(Request::CloseScene)),
+            }
+            // A server that the brain has let go of is gone for the test as well.
+            for session in std::mem::take(&mut stage.closed) {
+                sessions.retain(|_, s| *s != session);
+                stage.replicas.remove(&session);
+                stage.prepares.retain(|(to, _)| *to != session);
+            }
+        }
+        for job in std::mem::take(&mut stage.imports) {
+            stage.cluster.handle_import(stage.now, job, Err("the end".into()));
+            stage.read();
+        }
+        // Nobody draws or prepares any more: the wall still comes to an end with everything.
+        for _ in 0..asked.len() + 2 {
+            stage.wait(130_000_000);
+        }
+        prop_assert!(stage.swaps.is_sorted_by(|a, b| a < b), "{:?}", stage.swaps);
+        let mut answered: Vec<_> = stage.replies.iter().map(|(id, _)| *id).collect();
+        answered.sort();
+        asked.sort();
+        prop_assert_eq!(answered, asked);
+    }
+}

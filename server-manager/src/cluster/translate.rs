@@ -1,0 +1,124 @@
+//! Requests of clients: what each of them sets in motion.
+
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::limits::PATH_BYTES_MAX;
+use polyptych_protocol::log::Operation;
+use polyptych_protocol::request::{Failure, Pace, Reply, Request};
+
+use super::{Change, Cluster, FRAME_ORDERS_MAX, FrameOrder, Micros, Output, RequestOf, SessionId};
+
+/// Slowest and fastest rate that a client may ask for, in frames per second.
+const RATES: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
+
+impl Cluster {
+    /// A client asks for something. It gets exactly one reply, now or later.
+    pub fn handle_request(
+        &mut self,
+        now: Micros,
+        client: SessionId,
+        id: RequestId,
+        request: Request,
+    ) {
+        let job = RequestOf { client, id };
+        match self.translate(now, job, request) {
+            Ok(Some(reply)) => self.reply(job, Ok(reply)),
+            // The reply comes with a frame, an import or a change.
+            Ok(None) => {}
+            Err(reason) => self.reply(job, Err(Failure::new(reason))),
+        }
+        self.advance_frame(now);
+    }
+
+    fn translate(
+        &mut self,
+        now: Micros,
+        job: RequestOf,
+        request: Request,
+    ) -> Result<Option<Reply>, String> {
+        match request {
+            Request::OpenScene { path } => {
+                if path.is_empty() || path.len() > PATH_BYTES_MAX {
+                    return Err(format!("a scene's path has 1 to {PATH_BYTES_MAX} bytes"));
+                }
+                self.outputs.push_back(Output::Import { job, path });
+                return Ok(None);
+            }
+            Request::CloseScene => {
+                let operations = vec![Operation::CloseScene];
+                self.request_change(now, Change { operations, job, summary: None });
+                return Ok(None);
+            }
+            Request::SetCamera(camera) => {
+                self.camera = checked_camera(camera)?;
+            }
+            Request::SetEye(eye) => {
+                for channel in self.wall.channel_ids() {
+                    self.wall.frustum(channel, eye).map_err(|error| error.to_string())?;
+                }
+                self.eye = eye;
+            }
+            Request::SetExposure(exposure) => {
+                if !(exposure.is_finite() && exposure >= 0.0) {
+                    return Err(format!("an exposure is 0 or more, not {exposure}"));
+                }
+                self.exposure = exposure;
+            }
+            Request::RenderFrame { camera, time_s } => {
+                let camera = camera.map(checked_camera).transpose()?;
+                if time_s.is_some_and(|time| !time.is_finite()) {
+                    return Err("the time of a frame is a finite number of seconds".into());
+                }
+                return self.order(FrameOrder { job, camera, time_s, capture: false });
+            }
+            Request::Capture => {
+                let (camera, time_s) = (None, None);
+                return self.order(FrameOrder { job, camera, time_s, capture: true });
+            }
+            Request::Run(pace) => {
+                if let Pace::Rate(rate) = pace
+                    && !RATES.contains(&rate)
+                {
+                    let (low, high) = (RATES.start(), RATES.end());
+                    return Err(format!("a rate is {low} to {high} frames per second, not {rate}"));
+                }
+                self.set_pace(Some(pace), now);
+            }
+            Request::Pause => self.set_pace(None, now),
+            Request::Status => return Ok(Some(Reply::Status(Box::new(self.status(now))))),
+            Request::DescribeWall => return Ok(Some(Reply::Wall(Box::new(self.wall.clone())))),
+            Request::Statistics { reset } => {
+                return Ok(Some(Reply::Statistics(Box::new(self.statistics(reset)))));
+            }
+            Request::Subscribe(wish) => {
+                if let Some(client) = self.clients.get_mut(&job.client) {
+                    client.is_subscribed = wish;
+                }
+            }
+            Request::Stop => {
+                self.reply(job, Ok(Reply::Done));
+                self.outputs.push_back(Output::Stop);
+                return Ok(None);
+            }
+        }
+        Ok(Some(Reply::Done))
+    }
+
+    fn order(&mut self, order: FrameOrder) -> Result<Option<Reply>, String> {
+        let waiting = self.orders.iter().filter(|o| o.job.client == order.job.client).count();
+        if waiting >= FRAME_ORDERS_MAX {
+            return Err(format!(
+                "{FRAME_ORDERS_MAX} frames of this client are waiting already; await some first"
+            ));
+        }
+        self.orders.push_back(order);
+        Ok(None)
+    }
+}
+
+fn checked_camera(camera: Camera) -> Result<Camera, String> {
+    match camera.fault() {
+        Some(fault) => Err(fault),
+        None => Ok(Camera { rotation: camera.rotation.normalize(), ..camera }),
+    }
+}

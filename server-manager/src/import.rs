@@ -1,0 +1,158 @@
+//! Opens a scene: finds the file, has it baked by a child process, reads the manifest.
+
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::Duration;
+
+use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::codec;
+use polyptych_protocol::ids::{BlobHash, Revision};
+use polyptych_protocol::log::SceneRef;
+use polyptych_protocol::request::SceneSummary;
+use polyptych_protocol::scene::{Scene, SceneFeatures};
+use tokio::io::AsyncReadExt;
+use tokio::process::Command;
+
+use crate::cluster::ImportedScene;
+
+/// Longest bake; a scene of ten gigabytes takes a few minutes.
+const BAKE_TIME_MAX: Duration = Duration::from_secs(30 * 60);
+
+/// Most of a baker's output that is read: its last line, or its reason for failing.
+const BAKE_OUTPUT_BYTES_MAX: u64 = 64 << 10;
+
+/// How the manager starts the baker.
+#[derive(Clone, Debug)]
+pub struct Baker {
+    /// The program; it is given `bake FILE -o DIR --json --memory-mib N`.
+    pub program: PathBuf,
+    /// Address space that it may use, in MiB.
+    pub memory_mib: u64,
+    /// Where it writes.
+    pub store: PathBuf,
+}
+
+/// An imported scene and the blobs that servers may now ask for.
+pub(crate) struct Import {
+    pub scene: ImportedScene,
+    pub blobs: Vec<BlobHash>,
+}
+
+/// The file that a client means, which must lie in one of the scene folders after all links and
+/// `..` are resolved.
+///
+/// # Errors
+/// Why there is no such file.
+pub fn resolve(path: &str, roots: &[PathBuf]) -> Result<PathBuf, String> {
+    let asked = Path::new(path);
+    let candidates: Vec<PathBuf> = if asked.is_absolute() {
+        vec![asked.to_owned()]
+    } else {
+        roots.iter().map(|root| root.join(asked)).collect()
+    };
+    let list = || {
+        let roots: Vec<_> = roots.iter().map(|root| root.display().to_string()).collect();
+        if roots.is_empty() { "none".to_owned() } else { roots.join(", ") }
+    };
+    let mut is_outside = false;
+    for candidate in candidates {
+        let Ok(found) = candidate.canonicalize() else { continue };
+        let is_inside = roots
+            .iter()
+            .filter_map(|root| root.canonicalize().ok())
+            .any(|root| found.starts_with(root));
+        match (is_inside, found.is_file()) {
+            (true, true) => return Ok(found),
+            (true, false) => return Err(format!("{path}: not a file; name a .gltf or .glb file")),
+            (false, _) => is_outside = true,
+        }
+    }
+    Err(if is_outside {
+        format!("{path}: outside the manager's scene folders ({})", list())
+    } else {
+        format!("{path}: not found in the manager's scene folders ({})", list())
+    })
+}
+
+/// Bakes a file and reads what came of it.
+pub(crate) async fn import(path: &str, roots: &[PathBuf], baker: &Baker) -> Result<Import, String> {
+    let file = resolve(path, roots)?;
+    let baked = bake(&file, baker).await?;
+    let hash = baked.pointer("/manifest").and_then(|hash| hash.as_str());
+    let hash = hash.and_then(BlobHash::from_hex);
+    let hash = hash.ok_or_else(|| format!("{path}: the baker named no manifest"))?;
+    let folder = BlobFolder::new(baker.store.join("blobs"));
+    let read = tokio::task::spawn_blocking(move || read_manifest(&folder, hash)).await;
+    read.map_err(|error| error.to_string())?.map_err(|reason| format!("{path}: {reason}"))
+}
+
+fn read_manifest(folder: &BlobFolder, hash: BlobHash) -> Result<Import, String> {
+    let bytes = folder.read(hash).map_err(|error| error.to_string())?;
+    let bytes = bytes.ok_or("the baker wrote no manifest")?;
+    let scene: Scene = codec::decode_manifest(&bytes).map_err(|error| error.to_string())?;
+    if let Some(fault) = scene.fault() {
+        return Err(fault);
+    }
+    let summary = SceneSummary {
+        name: scene.name.clone(),
+        revision: Revision(0),
+        bounds: scene.bounds,
+        triangles: scene.triangles(),
+        features: SceneFeatures::of(&scene),
+    };
+    let blobs = std::iter::once(hash).chain(scene.blobs()).collect();
+    let scene = SceneRef { name: scene.name, manifest: hash };
+    Ok(Import { scene: ImportedScene { scene, summary }, blobs })
+}
+
+async fn bake(file: &Path, baker: &Baker) -> Result<serde_json::Value, String> {
+    let mut command = Command::new(&baker.program);
+    command
+        .arg("bake")
+        .arg(file)
+        .arg("-o")
+        .arg(&baker.store)
+        .arg("--json")
+        .args(["--memory-mib", &baker.memory_mib.to_string()])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .kill_on_drop(true);
+    let cannot = |error| format!("the baker {} could not run: {error}", baker.program.display());
+    let mut child = command.spawn().map_err(cannot)?;
+    let stdout = child.stdout.take();
+    let stderr = child.stderr.take();
+    let work = async {
+        let (out, err) = tokio::join!(read_some(stdout), read_some(stderr));
+        (out, err, child.wait().await)
+    };
+    let (out, err, status) = tokio::time::timeout(BAKE_TIME_MAX, work).await.map_err(|_| {
+        format!("{}: not baked within {} s", file.display(), BAKE_TIME_MAX.as_secs())
+    })?;
+    let status = status.map_err(cannot)?;
+    if std::os::unix::process::ExitStatusExt::signal(&status).is_some() {
+        // An allocation that fails aborts: the limit did its work.
+        let (file, mib) = (file.display(), baker.memory_mib);
+        return Err(format!("{file}: the baker ended ({status}); it may use {mib} MiB of memory"));
+    }
+    if !status.success() {
+        let reason = err.lines().rev().find(|line| !line.trim().is_empty());
+        let reason = reason.map_or_else(
+            || format!("{}: the baker ended ({status})", file.display()),
+            |line| line.trim_start_matches("error: ").to_owned(),
+        );
+        return Err(reason);
+    }
+    let last = out.lines().rev().find(|line| line.starts_with('{')).unwrap_or_default();
+    serde_json::from_str(last).map_err(|error| format!("{}: {error}", file.display()))
+}
+
+/// The beginning of what a child writes; the rest is read and dropped, so that it never blocks.
+async fn read_some<R: tokio::io::AsyncRead + Unpin>(stream: Option<R>) -> String {
+    let Some(mut stream) = stream else { return String::new() };
+    let mut bytes = Vec::new();
+    // A stream that breaks off has said all that it will say.
+    let _ = (&mut stream).take(BAKE_OUTPUT_BYTES_MAX).read_to_end(&mut bytes).await;
+    let _ = tokio::io::copy(&mut stream, &mut tokio::io::sink()).await;
+    String::from_utf8_lossy(&bytes).into_owned()
+}

@@ -1,0 +1,16 @@
+//! The server manager: the one process of a wall that decides, and the baker that it runs.
+//!
+//! [`cluster`] is the brain: plain structs without sockets or a clock. [`run`] gives it both.
+//! [`bake`] turns foreign files into blobs; the manager runs it as a child process only.
+
+pub mod bake;
+mod bulk;
+pub mod capture;
+mod client_session;
+pub mod cluster;
+pub mod import;
+mod run;
+mod server_session;
+mod session;
+
+pub use run::{ManagerError, ManagerOptions, run};

@@ -1,0 +1,448 @@
+//! Gives the brain sockets and a clock: accepts connections, carries messages, ends in order.
+
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::codec;
+use polyptych_protocol::command::Command;
+use polyptych_protocol::connection;
+use polyptych_protocol::handshake::{Hello, Welcome};
+use polyptych_protocol::ids::Epoch;
+use polyptych_protocol::limits::{CHUNK_BYTES_MAX, HANDSHAKE_TIME_MAX, NAME_BYTES_MAX};
+use polyptych_protocol::request::{Answer, Captured, Failure, PicturePart, Reply};
+use polyptych_protocol::wall::Wall;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{Semaphore, mpsc};
+use tokio::time::Instant;
+
+use crate::bulk::{self, AllowedBlobs};
+use crate::capture::Collection;
+use crate::client_session;
+use crate::cluster::{Cluster, Micros, Output, RequestOf, SessionId};
+use crate::import::{self, Baker, Import};
+use crate::server_session;
+use crate::session::{DRAIN_TIME_MAX, EVENTS_MAX, Event, Link};
+
+/// Connections that may be in the handshake at once: strangers get no more of the manager.
+const HANDSHAKES_MAX: usize = 128;
+
+/// How long a capture waits for its pictures, once the frame was swapped.
+const CAPTURE_TIME_MAX: Duration = Duration::from_secs(30);
+
+/// What a manager needs.
+#[derive(Debug)]
+pub struct ManagerOptions {
+    /// The wall that it drives.
+    pub wall: Wall,
+    /// What every peer must know.
+    pub token: String,
+    /// Folders from which scenes may be opened.
+    pub scene_roots: Vec<PathBuf>,
+    /// How scenes are baked, and where to.
+    pub baker: Baker,
+}
+
+/// Why a manager could not run.
+#[derive(Debug, thiserror::Error)]
+pub enum ManagerError {
+    /// The system gave no random number for the epoch.
+    #[error("the system gives no random numbers: {0}")]
+    Random(getrandom::Error),
+    /// The listening socket failed.
+    #[error("the listening socket failed: {0}")]
+    Listener(std::io::Error),
+}
+
+/// Runs a manager until a client stops it or `shutdown` is ready.
+///
+/// # Errors
+/// [`ManagerError`] where it cannot begin.
+pub async fn run(
+    listener: std::net::TcpListener,
+    options: ManagerOptions,
+    shutdown: impl Future<Output = ()>,
+) -> Result<(), ManagerError> {
+    let mut epoch = [0; 8];
+    getrandom::fill(&mut epoch).map_err(ManagerError::Random)?;
+    listener.set_nonblocking(true).map_err(ManagerError::Listener)?;
+    let listener = TcpListener::from_std(listener).map_err(ManagerError::Listener)?;
+    let (events, inbox) = mpsc::channel(EVENTS_MAX);
+    let epoch = Epoch(u64::from_le_bytes(epoch));
+    let mut hub = Hub::new(options, epoch, events);
+    let door = Door {
+        token: hub.options.token.clone(),
+        events: hub.events.clone(),
+        folder: BlobFolder::new(hub.options.baker.store.join("blobs")),
+        allowed: hub.allowed.clone(),
+        welcome: hub.welcome(SessionId(0)),
+    };
+    let accepting = tokio::spawn(accept(listener, door));
+    let reason = hub.turn(inbox, shutdown).await;
+    accepting.abort();
+    hub.say_goodbye(reason).await;
+    Ok(())
+}
+
+/// What a stranger meets.
+#[derive(Clone)]
+struct Door {
+    token: String,
+    events: mpsc::Sender<Event>,
+    folder: BlobFolder,
+    allowed: AllowedBlobs,
+    welcome: Welcome,
+}
+
+async fn accept(listener: TcpListener, door: Door) {
+    let permits = std::sync::Arc::new(Semaphore::new(HANDSHAKES_MAX));
+    loop {
+        // The permit comes first, so that a flood waits in the system's queue.
+        let Ok(permit) = permits.clone().acquire_owned().await else { return };
+        match listener.accept().await {
+            Ok((stream, address)) => {
+                let door = door.clone();
+                tokio::spawn(async move {
+                    let let_in = let_in(stream, &door);
+                    let outcome = tokio::time::timeout(HANDSHAKE_TIME_MAX, let_in).await;
+                    drop(permit);
+                    match outcome {
+                        Ok(Ok((frames, hello))) => {
+                            serve(frames, hello, address.to_string(), door).await;
+                        }
+                        Ok(Err(reason)) => tracing::warn!(%address, reason, "a peer is refused"),
+                        Err(_) => tracing::warn!(%address, "a peer did not introduce itself"),
+                    }
+                });
+            }
+            // Out of file descriptors, most likely: others end, and then it goes on.
+            Err(error) => {
+                tracing::error!(%error, "cannot accept a connection");
+                tokio::time::sleep(Duration::from_millis(100)).await;
+            }
+        }
+    }
+}
+
+type Introduced = (connection::Frames<TcpStream>, Hello);
+
+async fn let_in(stream: TcpStream, door: &Door) -> Result<Introduced, String> {
+    stream.set_nodelay(true).map_err(|error| error.to_string())?;
+    let introduced = connection::receive_introduction(stream).await;
+    let (mut frames, hello) = introduced.map_err(|error| error.to_string())?;
+    let (token, name) = match &hello {
+        Hello::Client(hello) => (&hello.token, hello.name.as_str()),
+        Hello::Server(hello) => (&hello.token, hello.name.as_str()),
+        Hello::Bulk(hello) => (&hello.token, ""),
+    };
+    let reason = if !is_same_secret(&token.0, &door.token) {
+        "the token is not this manager's; give the peer a copy of the manager's token file"
+    } else if name.len() > NAME_BYTES_MAX || name.chars().any(char::is_control) {
+        "a name has at most 64 bytes and no control characters"
+    } else {
+        return Ok((frames, hello));
+    };
+    let _ = connection::refuse(&mut frames, reason.to_owned()).await;
+    Err(reason.to_owned())
+}
+
+/// Compares without telling by its time how much was right.
+fn is_same_secret(given: &str, ours: &str) -> bool {
+    let pairs = given.bytes().zip(ours.bytes());
+    given.len() == ours.len() && pairs.fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
+}
+
+async fn serve(
+    frames: connection::Frames<TcpStream>,
+    hello: Hello,
+    address: String,
+    door: Door,
+) {
+    match hello {
+        Hello::Client(hello) => client_session::serve(frames, hello.name, door.events).await,
+        Hello::Server(hello) => server_session::serve(frames, hello, address, door.events).await,
+        Hello::Bulk(hello) => {
+            let welcome = Welcome { session: hello.session, ..door.welcome };
+            bulk::serve(frames, welcome, door.events, door.folder, door.allowed).await;
+        }
+    }
+}
+
+/// The brain and what it holds on to.
+struct Hub {
+    options: ManagerOptions,
+    cluster: Cluster,
+    events: mpsc::Sender<Event>,
+    imported: (mpsc::Sender<Imported>, mpsc::Receiver<Imported>),
+    allowed: AllowedBlobs,
+    started: Instant,
+    next_session: u64,
+    servers: BTreeMap<SessionId, Link>,
+    clients: BTreeMap<SessionId, Link>,
+    collections: Vec<(Instant, Collection)>,
+    is_stopping: bool,
+}
+
+struct Imported {
+    job: RequestOf,
+    result: Result<Import, String>,
+}
+
+impl Hub {
+    fn new(options: ManagerOptions, epoch: Epoch, events: mpsc::Sender<Event>) -> Self {
+        Self {
+            cluster: Cluster::new(options.wall.clone(), epoch),
+            options,
+            events,
+            imported: mpsc::channel(16),
+            allowed: AllowedBlobs::default(),
+            started: Instant::now(),
+            next_session: 1,
+            servers: BTreeMap::new(),
+            clients: BTreeMap::new(),
+            collections: Vec::new(),
+            is_stopping: false,
+        }
+    }
+
+    /// The loop of the manager. Returns why it ended.
+    async fn turn(
+        &mut self,
+        mut inbox: mpsc::Receiver<Event>,
+        shutdown: impl Future<Output = ()>,
+    ) -> &'static str {
+        tokio::pin!(shutdown);
+        loop {
+            let wake = self.wake();
+            tokio::select! {
+                () = &mut shutdown => return "the manager was ended",
+                Some(event) = inbox.recv() => self.handle(event),
+                Some(imported) = self.imported.1.recv() => self.handle_imported(imported),
+                () = tokio::time::sleep_until(wake) => {}
+            }
+            let now = self.now();
+            if self.cluster.poll_timeout().is_some_and(|due| due <= now) {
+                self.cluster.handle_timeout(now);
+            }
+            self.finish_collections();
+            self.carry_out();
+            if self.is_stopping {
+                return "a client stopped the manager";
+            }
+        }
+    }
+
+    fn now(&self) -> Micros {
+        self.started.elapsed().as_micros() as Micros
+    }
+
+    fn wake(&self) -> Instant {
+        let due = self.cluster.poll_timeout();
+        let due = due.map(|micros| self.started + Duration::from_micros(micros));
+        let capture = self.collections.iter().map(|(expires, _)| *expires).min();
+        let an_hour = Instant::now() + Duration::from_secs(3600);
+        due.into_iter().chain(capture).min().unwrap_or(an_hour)
+    }
+
+    fn welcome(&self, session: SessionId) -> Welcome {
+        Welcome {
+            epoch: self.cluster.epoch(),
+            session: session.0,
+            wall: self.options.wall.name.clone(),
+            heartbeat_ms: self.options.wall.heartbeat_ms,
+        }
+    }
+
+    fn new_session(&mut self) -> SessionId {
+        self.next_session += 1;
+        SessionId(self.next_session)
+    }
+
+    fn handle(&mut self, event: Event) {
+        let now = self.now();
+        match event {
+            Event::ServerJoins { hello, address, link, verdict } => {
+                let session = self.new_session();
+                // The link must be there before the brain's first command.
+                self.servers.insert(session, link);
+                let joined = self.cluster.handle_server(now, session, hello, address);
+                if joined.is_err() {
+                    self.servers.remove(&session);
+                }
+                let _ = verdict.send(joined.map(|()| self.welcome(session)));
+            }
+            Event::ServerSays { from, status, bytes } => {
+                self.cluster.handle_status(now, from, status, bytes);
+            }
+            Event::ClientJoins { name, link, welcomed } => {
+                let session = self.new_session();
+                self.clients.insert(session, link);
+                self.cluster.handle_client(session, name);
+                let _ = welcomed.send(self.welcome(session));
+            }
+            Event::ClientAsks { from, id, request } => {
+                self.cluster.handle_request(now, from, id, request);
+            }
+            Event::BulkJoins { session, is_known } => {
+                let _ = is_known.send(self.servers.contains_key(&session));
+            }
+            Event::PictureComes { from, chunk } => {
+                for (_, collection) in &mut self.collections {
+                    if let Err(reason) = collection.add(&chunk) {
+                        tracing::warn!(session = from.0, reason, "a picture does not fit");
+                        collection.give_up_on(&[chunk.channel], &reason);
+                    }
+                }
+            }
+            Event::Gone { session, reason } => self.forget(session, &reason),
+        }
+    }
+
+    fn forget(&mut self, session: SessionId, reason: &str) {
+        let now = self.now();
+        if let Some(link) = self.servers.remove(&session) {
+            link.close.cancel();
+            let channels = self.cluster.channels_of(session);
+            self.cluster.handle_server_gone(now, session, reason);
+            for (_, collection) in &mut self.collections {
+                collection.give_up_on(&channels, reason);
+            }
+        }
+        if let Some(link) = self.clients.remove(&session) {
+            link.close.cancel();
+            self.cluster.handle_client_gone(session);
+        }
+    }
+
+    fn handle_imported(&mut self, imported: Imported) {
+        let scene = imported.result.map(|import| {
+            self.allowed.allow(&import.blobs);
+            import.scene
+        });
+        self.cluster.handle_import(self.now(), imported.job, scene);
+    }
+
+    /// Does what the brain wants done.
+    fn carry_out(&mut self) {
+        while let Some(output) = self.cluster.poll_output() {
+            match output {
+                Output::Command { to, bytes } => {
+                    for session in to {
+                        let Some(link) = self.servers.get(&session) else { continue };
+                        if link.outbox.try_send(bytes.clone()).is_err() {
+                            self.forget(session, "it reads too slowly, or not at all");
+                        }
+                    }
+                }
+                Output::Answer { to, answer } => self.answer(to, &answer),
+                Output::Import { job, path } => self.import(job, path),
+                Output::Collect { job, frame, channels, missing } => {
+                    let wall = &self.options.wall;
+                    match Collection::new(job, frame, &channels, missing, wall) {
+                        Ok(collection) => {
+                            let expires = Instant::now() + CAPTURE_TIME_MAX;
+                            self.collections.push((expires, collection));
+                            self.finish_collections();
+                        }
+                        Err(reason) => {
+                            let reply = Err(Failure::new(reason));
+                            self.answer(job.client, &Answer::Reply { id: job.id, reply });
+                        }
+                    }
+                }
+                Output::Close { session, reason } => {
+                    if let Some(link) = self.servers.get(&session) {
+                        let goodbye = codec::encode(&Command::Goodbye { reason: reason.clone() });
+                        let _ = link.outbox.try_send(goodbye);
+                    }
+                    self.forget(session, &reason);
+                }
+                Output::Stop => self.is_stopping = true,
+            }
+        }
+    }
+
+    fn answer(&mut self, to: SessionId, answer: &Answer) {
+        let Some(link) = self.clients.get(&to) else { return };
+        if link.outbox.try_send(codec::encode(answer)).is_err() {
+            // Feedback that nobody reads may be lost; an answer may not.
+            if !matches!(answer, Answer::Feedback(_)) {
+                self.forget(to, "it does not read its answers");
+            }
+        }
+    }
+
+    fn import(&self, job: RequestOf, path: String) {
+        let roots = self.options.scene_roots.clone();
+        let baker = self.options.baker.clone();
+        let done = self.imported.0.clone();
+        tokio::spawn(async move {
+            let result = import::import(&path, &roots, &baker).await;
+            // The manager may have ended meanwhile.
+            let _ = done.send(Imported { job, result }).await;
+        });
+    }
+
+    fn finish_collections(&mut self) {
+        let now = Instant::now();
+        for (expires, collection) in &mut self.collections {
+            if *expires <= now {
+                collection.expire();
+            }
+        }
+        let finished = self.collections.extract_if(.., |(_, collection)| collection.is_complete());
+        for (_, collection) in finished {
+            let Some(link) = self.clients.get(&collection.job.client) else { continue };
+            let wall = self.options.wall.clone();
+            tokio::spawn(send_pictures(collection, wall, link.clone()));
+        }
+    }
+
+    /// Tells everyone why, and gives them a moment to hear it.
+    async fn say_goodbye(self, reason: &str) {
+        tracing::info!(reason, "the manager ends");
+        let to_servers = codec::encode(&Command::Goodbye { reason: reason.to_owned() });
+        let to_clients = codec::encode(&Answer::Goodbye { reason: reason.to_owned() });
+        let servers = self.servers.values().map(|link| (link, &to_servers));
+        let clients = self.clients.values().map(|link| (link, &to_clients));
+        for (link, goodbye) in servers.chain(clients) {
+            let _ = link.outbox.try_send(goodbye.clone());
+            link.close.cancel();
+        }
+        let links = self.servers.values().chain(self.clients.values());
+        let outboxes: Vec<_> = links.map(|link| link.outbox.clone()).collect();
+        let all_closed = async {
+            for outbox in outboxes {
+                outbox.closed().await;
+            }
+        };
+        let _ = tokio::time::timeout(DRAIN_TIME_MAX, all_closed).await;
+    }
+}
+
+/// Stitches off the brain's thread, and waits for the client where it reads slowly.
+async fn send_pictures(collection: Collection, wall: Wall, link: Link) {
+    let (id, frame) = (collection.job.id, collection.frame);
+    let missing = collection.missing.clone();
+    let stitched = tokio::task::spawn_blocking(move || collection.stitch(&wall)).await;
+    let reply = match stitched {
+        Err(error) => Err(Failure::new(format!("the pictures could not be stitched: {error}"))),
+        Ok(pictures) => {
+            let infos = pictures.iter().map(|picture| picture.info.clone()).collect();
+            for (index, picture) in pictures.into_iter().enumerate() {
+                let rgba = bytes::Bytes::from(picture.rgba);
+                for start in (0..rgba.len()).step_by(CHUNK_BYTES_MAX) {
+                    let bytes = rgba.slice(start..rgba.len().min(start + CHUNK_BYTES_MAX));
+                    let part = PicturePart { id, index: index as u32, bytes };
+                    if link.outbox.send(codec::encode(&Answer::Picture(part))).await.is_err() {
+                        return;
+                    }
+                }
+            }
+            Ok(Reply::Captured(Captured { frame, pictures: infos, missing }))
+        }
+    };
+    let _ = link.outbox.send(codec::encode(&Answer::Reply { id, reply })).await;
+}

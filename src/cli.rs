@@ -1,0 +1,178 @@
+//! The commands, one file each.
+
+mod bake;
+mod check;
+mod demo;
+mod drive;
+mod manager;
+mod scene;
+mod server;
+mod simulate;
+mod status;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::{Context, anyhow};
+use clap::{Parser, Subcommand};
+use polyptych_client::blocking::Client;
+use polyptych_protocol::limits::PORT_DEFAULT;
+use polyptych_protocol::wall::{Wall, file};
+use tracing_subscriber::EnvFilter;
+
+/// One scene, many displays, one frame.
+#[derive(Debug, Parser)]
+#[command(version, propagate_version = true)]
+pub(crate) struct Cli {
+    /// What to log, such as "info" or "polyptych_render=debug" [default: info for manager and
+    /// server, else warn]
+    #[arg(long, global = true, env = "POLYPTYCH_LOG", value_name = "FILTER")]
+    log: Option<String>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Show a wall of four displays with a generated scene on this machine
+    Demo(demo::Arguments),
+    /// Run a whole wall on this machine: a manager, and a process for each server
+    Simulate(simulate::Arguments),
+    /// Run the manager of a wall
+    Manager(manager::Arguments),
+    /// Run a render server, which draws one or more channels of a wall
+    Server(server::Arguments),
+    /// Show a scene on a running wall
+    Open(drive::OpenArguments),
+    /// Move the camera of a running wall
+    Camera(drive::CameraArguments),
+    /// Save the picture of a running wall
+    Shot(drive::ShotArguments),
+    /// Say how a running wall stands
+    Status(status::Arguments),
+    /// End the manager of a running wall
+    Stop(drive::StopArguments),
+    /// Say what a wall file describes, or what is wrong with it
+    Check(check::Arguments),
+    /// Generate a scene
+    #[command(subcommand)]
+    Scene(scene::Scene),
+    /// Turn a glTF file into the blobs that servers read
+    Bake(bake::Arguments),
+}
+
+/// Where a running manager is.
+#[derive(Debug, clap::Args)]
+pub(crate) struct ManagerAddress {
+    /// The manager's address
+    #[arg(long, value_name = "ADDR", default_value_t = format!("127.0.0.1:{PORT_DEFAULT}"))]
+    manager: String,
+    /// The file with the manager's token [default: where the manager of this user puts it]
+    #[arg(long, value_name = "FILE", env = polyptych_protocol::token::TOKEN_FILE_VARIABLE)]
+    token_file: Option<PathBuf>,
+}
+
+impl ManagerAddress {
+    fn connect(&self) -> anyhow::Result<Client> {
+        let mut options = polyptych_client::ConnectOptions::new(self.manager.as_str());
+        options.token_file.clone_from(&self.token_file);
+        Ok(Client::connect_with(options)?)
+    }
+}
+
+pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
+    let done = match cli.command {
+        Command::Demo(arguments) => return demo::run(&arguments),
+        Command::Simulate(arguments) => return simulate::run(&arguments),
+        Command::Manager(arguments) => manager::run(arguments),
+        Command::Server(arguments) => server::run(arguments),
+        Command::Open(arguments) => drive::open(&arguments),
+        Command::Camera(arguments) => drive::camera(&arguments),
+        Command::Shot(arguments) => drive::shot(&arguments),
+        Command::Status(arguments) => status::run(&arguments),
+        Command::Stop(arguments) => drive::stop(&arguments),
+        Command::Check(arguments) => return check::run(&arguments),
+        Command::Scene(scene) => scene::run(&scene),
+        Command::Bake(arguments) => bake::run(&arguments),
+    };
+    done.map(|()| ExitCode::SUCCESS)
+}
+
+/// Logs go to standard error; what a command is asked for goes to standard output.
+pub(crate) fn start_log(cli: &Cli) {
+    let level = match cli.command {
+        Command::Manager(_) | Command::Server(_) => "info",
+        _ => "warn",
+    };
+    // The driver libraries log what is of interest to their own developers.
+    let quiet = format!("{level},wgpu_core=warn,wgpu_hal=error,naga=warn");
+    let filter = cli.log.as_deref().map(EnvFilter::try_new);
+    let filter = filter.and_then(Result::ok).unwrap_or_else(|| EnvFilter::new(quiet));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+}
+
+fn load_wall(path: &std::path::Path) -> anyhow::Result<Wall> {
+    // The error begins with the file, line and key.
+    file::load(path).map_err(|error| anyhow!("{error}"))
+}
+
+/// The folder in which this user's caches lie.
+fn cache_folder() -> anyhow::Result<PathBuf> {
+    let from = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let cache = from("XDG_CACHE_HOME").or_else(|| from("HOME").map(|home| home.join(".cache")));
+    cache
+        .map(|folder| folder.join("polyptych"))
+        .context("neither XDG_CACHE_HOME nor HOME says where caches lie; name a folder")
+}
+
+/// Ready when the process is asked to end: Ctrl-C, SIGTERM, or the end of its parent.
+pub(crate) async fn asked_to_end(with_parent: bool) {
+    use tokio::signal::unix::{SignalKind, signal};
+    let terminate = async {
+        match signal(SignalKind::terminate()) {
+            Ok(mut terminate) => {
+                terminate.recv().await;
+            }
+            // Without the signal the system's own way of ending remains.
+            Err(_) => std::future::pending().await,
+        }
+    };
+    let parent = async {
+        if !with_parent {
+            return std::future::pending().await;
+        }
+        // The parent holds the other end of our standard input as long as it lives.
+        let (gone, is_gone) = tokio::sync::oneshot::channel::<()>();
+        let watch = move || {
+            let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+            drop(gone);
+        };
+        let watcher = std::thread::Builder::new().name("parent".into()).spawn(watch);
+        match watcher {
+            Ok(_) => drop(is_gone.await),
+            Err(_) => std::future::pending().await,
+        }
+    };
+    tokio::select! {
+        _ = tokio::signal::ctrl_c() => {}
+        () = terminate => {}
+        () = parent => {}
+    }
+}
+
+/// A positive number of seconds, as an argument.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of seconds"))?;
+    Duration::try_from_secs_f64(number)
+        .ok()
+        .filter(|duration| !duration.is_zero())
+        .ok_or_else(|| format!("{text} is not a positive number of seconds"))
+}
+
+/// A rate in frames per second, as an argument.
+fn rate(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    let is_rate = (0.01..=1000.0).contains(&number);
+    is_rate.then_some(number).ok_or_else(|| format!("{text} is not within 0.01 to 1000"))
+}

@@ -1,0 +1,42 @@
+//! `polyptych check`: what a wall file describes, or what is wrong with it.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use polyptych_protocol::wall::{file, table::WallTable};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The wall file
+    wall: PathBuf,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    match file::load(&arguments.wall) {
+        Ok(wall) => {
+            let table = WallTable::of(&wall);
+            if arguments.json {
+                println!("{}", serde_json::to_string_pretty(&table)?);
+            } else {
+                println!("{table}");
+            }
+            Ok(ExitCode::SUCCESS)
+        }
+        Err(error) if arguments.json => {
+            let what = serde_json::json!({ "error": {
+                "file": error.path(),
+                "line": error.line(),
+                "column": error.column(),
+                "key": error.key(),
+                "what": error.what(),
+                "remedy": error.remedy(),
+            }});
+            println!("{}", serde_json::to_string_pretty(&what)?);
+            Ok(ExitCode::FAILURE)
+        }
+        Err(error) => Err(anyhow::anyhow!("{error}")),
+    }
+}

@@ -1,0 +1,159 @@
+//! `polyptych open`, `camera`, `shot` and `stop`: one request to a running manager each.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use polyptych_client::{Camera, overview};
+use polyptych_client::glam::{DQuat, DVec3};
+
+use super::ManagerAddress;
+use crate::pictures;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct OpenArguments {
+    /// A .gltf or .glb file in one of the manager's scene folders
+    file: String,
+    /// Leave the camera where it is, instead of placing it so that the whole scene is seen
+    #[arg(long)]
+    keep_camera: bool,
+    /// Where the camera looks from, in degrees around the vertical; 0 is the scene's +Z side
+    #[arg(long, value_name = "DEGREES", default_value_t = 30.0, conflicts_with = "keep_camera")]
+    heading: f64,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<()> {
+    let client = arguments.manager.connect()?;
+    // The manager resolves the path; one that is meant from here must say where here is.
+    let from_here = std::path::absolute(&arguments.file).ok().filter(|path| path.is_file());
+    let path = from_here.map_or_else(|| arguments.file.clone(), |p| p.display().to_string());
+    let scene = client.open_scene(path)?;
+    if !arguments.keep_camera
+        && let Some(bounds) = &scene.bounds
+    {
+        let camera = overview(&client.wall()?, bounds, arguments.heading.to_radians());
+        client.set_camera(camera)?;
+    }
+    let feedback = client.render_frame()?;
+    println!(
+        "{}: {} triangles, revision {}, shown at frame {}",
+        scene.name, scene.triangles, scene.revision, feedback.frame
+    );
+    Ok(())
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct CameraArguments {
+    #[command(subcommand)]
+    pose: Pose,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Pose {
+    /// Stand at a point and look at another
+    #[command(allow_negative_numbers = true)]
+    LookAt {
+        /// Where to stand, in world units: X,Y,Z
+        #[arg(value_parser = point)]
+        position: DVec3,
+        /// What to look at: X,Y,Z
+        #[arg(value_parser = point)]
+        target: DVec3,
+        /// What is up: X,Y,Z
+        #[arg(long, value_parser = point, default_value = "0,1,0")]
+        up: DVec3,
+        /// World units per metre of display space
+        #[arg(long, default_value_t = 1.0)]
+        scale: f64,
+        #[command(flatten)]
+        manager: ManagerAddress,
+    },
+    /// Stand at a point with a rotation
+    #[command(allow_negative_numbers = true)]
+    Pose {
+        /// Where to stand, in world units: X,Y,Z
+        #[arg(value_parser = point)]
+        position: DVec3,
+        /// A unit quaternion: X,Y,Z,W
+        #[arg(value_parser = quaternion)]
+        rotation: DQuat,
+        /// World units per metre of display space
+        #[arg(long, default_value_t = 1.0)]
+        scale: f64,
+        #[command(flatten)]
+        manager: ManagerAddress,
+    },
+}
+
+pub(super) fn camera(arguments: &CameraArguments) -> anyhow::Result<()> {
+    let (camera, manager) = match &arguments.pose {
+        Pose::LookAt { position, target, up, scale, manager } => {
+            (Camera::look_at(*position, *target, *up).with_scale(*scale), manager)
+        }
+        Pose::Pose { position, rotation, scale, manager } => {
+            (Camera { position: *position, rotation: *rotation, scale: *scale }, manager)
+        }
+    };
+    let client = manager.connect()?;
+    let feedback = client.render_frame_at(Some(camera), None)?;
+    println!("shown at frame {}", feedback.frame);
+    Ok(())
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ShotArguments {
+    /// The .png file to write
+    file: PathBuf,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+pub(super) fn shot(arguments: &ShotArguments) -> anyhow::Result<()> {
+    let client = arguments.manager.connect()?;
+    let capture = client.capture()?;
+    for (channel, reason) in &capture.missing {
+        eprintln!("warning: channel {channel} is missing in the picture: {reason}");
+    }
+    let picture = pictures::side_by_side(&capture.screens)?;
+    pictures::save_png(&arguments.file, &picture)
+        .with_context(|| format!("cannot write {}", arguments.file.display()))?;
+    println!(
+        "{}: frame {}, {} × {} pixels",
+        arguments.file.display(),
+        capture.frame,
+        picture.width(),
+        picture.height()
+    );
+    Ok(())
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct StopArguments {
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+pub(super) fn stop(arguments: &StopArguments) -> anyhow::Result<()> {
+    let client = arguments.manager.connect()?;
+    let wall = client.wall_name().to_owned();
+    client.stop()?;
+    println!("the manager of wall {wall} ends");
+    Ok(())
+}
+
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let parsed: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    let parsed = parsed.map_err(|error| format!("{text:?}: {error}"))?;
+    parsed.try_into().map_err(|list: Vec<f64>| {
+        format!("{text:?} has {} numbers, where {N} are needed, with commas between", list.len())
+    })
+}
+
+fn point(text: &str) -> Result<DVec3, String> {
+    numbers::<3>(text).map(DVec3::from_array)
+}
+
+fn quaternion(text: &str) -> Result<DQuat, String> {
+    numbers::<4>(text).map(DQuat::from_array)
+}

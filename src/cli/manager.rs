@@ -1,0 +1,104 @@
+//! `polyptych manager`: the one process of a wall that decides.
+
+use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use polyptych_manager::import::Baker;
+use polyptych_manager::{ManagerOptions, run as run_manager};
+use polyptych_protocol::token;
+
+use super::{asked_to_end, cache_folder, load_wall};
+
+/// Address space of one bake, in MiB: enough for scenes of several gigabytes, not for a bomb.
+pub(super) const BAKE_MEMORY_MIB_DEFAULT: u64 = 8192;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The wall file
+    wall: PathBuf,
+    /// Where to listen, instead of the wall file's address
+    #[arg(long, value_name = "ADDR")]
+    listen: Option<String>,
+    /// A folder from which scenes may be opened, beside the wall file's; may be given again
+    #[arg(long, value_name = "DIR")]
+    scenes: Vec<PathBuf>,
+    /// Where baked scenes are kept [default: in this user's cache folder]
+    #[arg(long, value_name = "DIR")]
+    store: Option<PathBuf>,
+    /// The file with the token, made where it is not there
+    #[arg(long, value_name = "FILE", env = token::TOKEN_FILE_VARIABLE)]
+    token_file: Option<PathBuf>,
+    /// Memory that one bake may use
+    #[arg(long, value_name = "MIB", default_value_t = BAKE_MEMORY_MIB_DEFAULT)]
+    bake_memory_mib: u64,
+    /// Listen on an address that other machines reach, though nothing is encrypted
+    #[arg(long)]
+    insecure: bool,
+}
+
+pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    let wall = load_wall(&arguments.wall)?;
+    let listen = arguments.listen.unwrap_or_else(|| wall.listen.clone());
+    let listener = bind(&listen, arguments.insecure)?;
+    let token = match &arguments.token_file {
+        Some(path) => path.clone(),
+        None => token::default_path()?,
+    };
+    let mut scene_roots: Vec<PathBuf> = wall.scenes.iter().map(PathBuf::from).collect();
+    for folder in &arguments.scenes {
+        if !folder.is_dir() {
+            bail!("--scenes {}: not a folder", folder.display());
+        }
+    }
+    scene_roots.extend(arguments.scenes);
+    let store = match arguments.store {
+        Some(store) => store,
+        None => cache_folder()?.join("store"),
+    };
+    let options = ManagerOptions {
+        wall,
+        token: make_token(&token)?,
+        scene_roots,
+        baker: baker(store, arguments.bake_memory_mib)?,
+    };
+    let address = listener.local_addr()?;
+    tracing::info!(%address, wall = options.wall.name, token = %token.display(), "manager listens");
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    Ok(runtime.block_on(run_manager(listener, options, asked_to_end(false)))?)
+}
+
+/// The baker is this program.
+pub(super) fn baker(store: PathBuf, memory_mib: u64) -> anyhow::Result<Baker> {
+    let program = std::env::current_exe().context("this program's own file is not known")?;
+    Ok(Baker { program, memory_mib, store })
+}
+
+/// The token in this file, which is made where it is not there.
+pub(super) fn make_token(path: &std::path::Path) -> anyhow::Result<String> {
+    let mut secret = [0; 16];
+    getrandom::fill(&mut secret).map_err(|error| anyhow::anyhow!("no random numbers: {error}"))?;
+    Ok(token::read_or_make(path, secret)?)
+}
+
+pub(super) fn bind(listen: &str, insecure: bool) -> anyhow::Result<TcpListener> {
+    let resolved = listen.to_socket_addrs();
+    let addresses: Vec<SocketAddr> = resolved
+        .with_context(|| format!("cannot listen on {listen}; an address is HOST:PORT"))?
+        .collect();
+    if let Some(open) = addresses.iter().find(|address| !address.ip().is_loopback())
+        && !insecure
+    {
+        bail!(
+            "{open} can be reached from other machines, and nothing is encrypted yet; listen on \
+             127.0.0.1, or say --insecure on a network that you trust"
+        );
+    }
+    TcpListener::bind(&addresses[..]).map_err(|error| match error.kind() {
+        std::io::ErrorKind::AddrInUse => anyhow::anyhow!(
+            "{listen} is in use; end the manager that runs there (polyptych stop --manager \
+             {listen}) or choose another address with --listen"
+        ),
+        _ => anyhow::anyhow!("cannot listen on {listen}: {error}"),
+    })
+}

@@ -1,0 +1,35 @@
+//! `polyptych scene`: scenes made by code.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+
+use crate::town::{TownOptions, generate};
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Scene {
+    /// A small harbour town on a hill, the same bytes for the same blocks and seed
+    Town(TownArguments),
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct TownArguments {
+    /// Blocks along each side: 4 make about 100,000 triangles, 64 tens of millions
+    #[arg(long, default_value_t = 4)]
+    blocks: u32,
+    /// Another number, another town
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// The .glb file to write
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+pub(super) fn run(scene: &Scene) -> anyhow::Result<()> {
+    let Scene::Town(arguments) = scene;
+    let bytes = generate(&TownOptions { blocks: arguments.blocks, seed: arguments.seed })?;
+    crate::pictures::write_whole(&arguments.output, &bytes)
+        .with_context(|| format!("cannot write {}", arguments.output.display()))?;
+    println!("{}: {} bytes", arguments.output.display(), bytes.len());
+    Ok(())
+}

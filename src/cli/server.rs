@@ -1,0 +1,76 @@
+//! `polyptych server`: draws channels of a wall.
+
+use std::path::PathBuf;
+
+use polyptych_protocol::token;
+use polyptych_render::{OutputKind, ServerOptions, TokenSource, run as run_server};
+
+use super::{asked_to_end, cache_folder};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The manager's address, HOST:PORT
+    #[arg(long, value_name = "ADDR")]
+    manager: String,
+    /// The channel to draw; may be given again: one server can draw several
+    #[arg(long, value_name = "NAME", required = true)]
+    channel: Vec<String>,
+    /// Draw into a window for each channel
+    #[arg(long, conflicts_with_all = ["headless", "fullscreen"])]
+    window: bool,
+    /// Draw into a window that fills its monitor
+    #[arg(long, conflicts_with = "headless")]
+    fullscreen: bool,
+    /// Draw without a display [default where there is none]
+    #[arg(long)]
+    headless: bool,
+    /// Give up, with the reason, instead of trying for ever
+    #[arg(long)]
+    once: bool,
+    /// For logs and status [default: the first channel's name]
+    #[arg(long)]
+    name: Option<String>,
+    /// Where blobs are kept on this machine [default: in this user's cache folder]
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// The file with the manager's token [default: where the manager of this user puts it]
+    #[arg(long, value_name = "FILE", env = token::TOKEN_FILE_VARIABLE)]
+    token_file: Option<PathBuf>,
+    /// End when standard input ends, as it does when the parent process does
+    #[arg(long, hide = true)]
+    with_parent: bool,
+}
+
+pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    let output = if arguments.fullscreen {
+        OutputKind::Fullscreen
+    } else if arguments.window || (has_display() && !arguments.headless) {
+        OutputKind::Window
+    } else {
+        OutputKind::Headless
+    };
+    let token_file = match arguments.token_file {
+        Some(path) => path,
+        None => token::default_path()?,
+    };
+    let cache = match arguments.cache {
+        Some(cache) => cache,
+        None => cache_folder()?.join("blobs"),
+    };
+    let options = ServerOptions {
+        manager: arguments.manager,
+        name: arguments.name.unwrap_or_else(|| arguments.channel[0].clone()),
+        channels: arguments.channel,
+        token: TokenSource::File(token_file),
+        cache,
+        output,
+        once: arguments.once,
+    };
+    let with_parent = arguments.with_parent;
+    Ok(run_server(options, Box::pin(asked_to_end(with_parent)))?)
+}
+
+/// Whether windows can be opened here.
+pub(super) fn has_display() -> bool {
+    std::env::var_os("DISPLAY").is_some_and(|display| !display.is_empty())
+}

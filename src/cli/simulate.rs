@@ -1,0 +1,222 @@
+//! `polyptych simulate`: a whole wall on one machine, with real processes.
+
+use std::f64::consts::TAU;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use indicatif::{ProgressBar, ProgressStyle};
+use polyptych_client::{Camera, SceneSummary, overview};
+use polyptych_protocol::wall::Wall;
+
+use super::{cache_folder, load_wall, manager, rate, seconds};
+use crate::local_wall::{LocalWall, LocalWallOptions};
+use crate::pictures;
+use crate::report::Report;
+
+/// Frames of a run, where nothing else is said.
+const FRAMES_DEFAULT: u64 = 60;
+
+/// Frames that are drawn before measuring begins: the first ones fill caches.
+const WARM_UP_FRAMES: u64 = 3;
+
+/// One turn of the orbiting camera, in seconds of scene time.
+const ORBIT_SECONDS: f64 = 12.0;
+
+/// Where the camera looks from at first, in radians around the vertical.
+const HEADING_RAD: f64 = 0.52;
+
+/// Steps of scene time, where no rate is given.
+const TIME_RATE: f64 = 30.0;
+
+/// What an interrupted process answers to its shell: 128 and the number of SIGINT.
+const INTERRUPTED: u8 = 130;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The wall file
+    pub wall: PathBuf,
+    /// The .gltf or .glb file to show; without one, the generated town
+    pub scene: Option<PathBuf>,
+    /// How many frames to draw [default: 60]
+    #[arg(long, conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
+    pub frames: Option<u64>,
+    /// How long to draw
+    #[arg(long, value_parser = seconds)]
+    pub seconds: Option<Duration>,
+    /// Frames per second at most [default: as many as the wall can]
+    #[arg(long, value_name = "FPS", value_parser = rate)]
+    pub rate: Option<f64>,
+    /// Let the camera go round the scene
+    #[arg(long)]
+    pub orbit: bool,
+    /// Show a window for each channel
+    #[arg(long)]
+    pub windows: bool,
+    /// Where wall.png, channel-NAME.png and report.json go
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let wall = load_wall(&arguments.wall)?;
+    simulate(wall, arguments)
+}
+
+pub(super) fn simulate(wall: Wall, arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let out = &arguments.out;
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let scene = match &arguments.scene {
+        Some(scene) => scene.canonicalize().with_context(|| scene.display().to_string())?,
+        None => generated_town()?,
+    };
+    let root = scene.parent().unwrap_or(Path::new("/")).to_owned();
+    let baker = manager::baker(cache_folder()?.join("store"), manager::BAKE_MEMORY_MIB_DEFAULT)?;
+    let count = wall.channels.len();
+    println!("wall {}: {count} channels on {} screens", wall.name, wall.screens.len());
+    let options = LocalWallOptions {
+        wall: wall.clone(),
+        scene_roots: vec![root],
+        baker,
+        windows: arguments.windows,
+    };
+    let spinner = step("starting the servers");
+    let local = LocalWall::start(options)?;
+    spinner.finish_and_clear();
+    let result = drive(&local, &wall, &scene, arguments);
+    if local.was_interrupted() {
+        eprintln!("interrupted");
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    result.map(|()| ExitCode::SUCCESS)
+}
+
+/// Opens the scene, draws the frames, and writes what came of them.
+fn drive(
+    local: &LocalWall,
+    wall: &Wall,
+    scene: &Path,
+    arguments: &Arguments,
+) -> anyhow::Result<()> {
+    let client = &local.client;
+    let spinner = step("opening the scene");
+    let summary = client.open_scene(scene.display().to_string())?;
+    spinner.finish_and_clear();
+    let features = summary.features.names().join(", ");
+    println!("scene {}: {} triangles; needs: {features}", summary.name, summary.triangles);
+    let camera = |n: u64| camera_of_frame(wall, &summary, arguments, n);
+    for _ in 0..WARM_UP_FRAMES {
+        client.render_frame_at(camera(0), Some(0.0))?;
+    }
+    client.statistics(true)?;
+    draw_frames(local, arguments, &camera)?;
+    let statistics = client.statistics(false)?;
+    let capture = client.capture()?;
+    for picture in &capture.channels {
+        let path = arguments.out.join(format!("channel-{}.png", picture.name));
+        save(&path, &pictures::to_image(picture)?)?;
+    }
+    if capture.screens.len() > 1 {
+        for picture in &capture.screens {
+            let path = arguments.out.join(format!("screen-{}.png", picture.name));
+            save(&path, &pictures::to_image(picture)?)?;
+        }
+    }
+    save(&arguments.out.join("wall.png"), &pictures::side_by_side(&capture.screens)?)?;
+    let mut report = Report::new(&wall.name, &summary.name, statistics);
+    report.restarts = local.restarts();
+    report.missing = capture.missing;
+    let path = arguments.out.join("report.json");
+    pictures::write_whole(&path, &serde_json::to_vec_pretty(&report)?)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    print_summary(&report, &arguments.out);
+    Ok(())
+}
+
+fn camera_of_frame(
+    wall: &Wall,
+    summary: &SceneSummary,
+    arguments: &Arguments,
+    n: u64,
+) -> Option<Camera> {
+    let bounds = summary.bounds.as_ref()?;
+    let time_s = n as f64 / arguments.rate.unwrap_or(TIME_RATE);
+    let turned = if arguments.orbit { TAU * time_s / ORBIT_SECONDS } else { 0.0 };
+    Some(overview(wall, bounds, HEADING_RAD + turned))
+}
+
+fn draw_frames(
+    local: &LocalWall,
+    arguments: &Arguments,
+    camera: &dyn Fn(u64) -> Option<Camera>,
+) -> anyhow::Result<()> {
+    let count = match (arguments.frames, arguments.seconds) {
+        (Some(frames), _) => Some(frames),
+        (None, Some(_)) => None,
+        (None, None) => Some(FRAMES_DEFAULT),
+    };
+    let bar = count.map_or_else(ProgressBar::no_length, ProgressBar::new);
+    if let Ok(style) = ProgressStyle::with_template("drawing {wide_bar} frame {pos}, {per_sec}") {
+        bar.set_style(style);
+    }
+    let start = Instant::now();
+    for n in 0.. {
+        let is_over = arguments.seconds.is_some_and(|length| start.elapsed() >= length);
+        if count.is_some_and(|count| n >= count) || is_over || local.was_interrupted() {
+            break;
+        }
+        if let Some(rate) = arguments.rate {
+            let due = start + Duration::from_secs_f64(n as f64 / rate);
+            std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        }
+        let time_s = n as f64 / arguments.rate.unwrap_or(TIME_RATE);
+        local.client.render_frame_at(camera(n), Some(time_s))?;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn print_summary(report: &Report, out: &Path) {
+    println!(
+        "{} frames in {:.1} s: {:.1} ms a frame (p95 {:.1}), drawing {:.1} ms, barrier {:.0} µs, \
+         skew {:.0} µs, late {}",
+        report.frames,
+        report.seconds,
+        report.frame_ms.p50,
+        report.frame_ms.p95,
+        report.draw_ms.p50,
+        report.barrier_us.p50,
+        report.swap_skew_us.p50,
+        report.late
+    );
+    for (channel, reason) in &report.missing {
+        println!("channel {channel} is missing in the picture: {reason}");
+    }
+    println!("pictures and report: {}", out.display());
+}
+
+fn save(path: &Path, image: &image::RgbaImage) -> anyhow::Result<()> {
+    pictures::save_png(path, image).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn step(what: &'static str) -> ProgressBar {
+    let spinner = ProgressBar::new_spinner().with_message(what);
+    spinner.enable_steady_tick(Duration::from_millis(100));
+    spinner
+}
+
+/// The scene of the demo, kept in this user's cache folder once it was made.
+fn generated_town() -> anyhow::Result<PathBuf> {
+    use crate::town::{TownOptions, generate};
+    let folder = cache_folder()?.join("scenes");
+    std::fs::create_dir_all(&folder)
+        .with_context(|| format!("cannot make {}", folder.display()))?;
+    let path = folder.join("town.glb");
+    let bytes = generate(&TownOptions { blocks: 4, seed: 1 })?;
+    // Written anew each time: it is quick, and an older version may lie there.
+    pictures::write_whole(&path, &bytes)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(path.canonicalize()?)
+}

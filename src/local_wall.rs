@@ -1,0 +1,208 @@
+//! A whole wall on this machine: the manager on a thread, a child process for each server.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, ConnectOptions};
+use polyptych_manager::import::Baker;
+use polyptych_manager::{ManagerOptions, run as run_manager};
+use polyptych_protocol::token;
+use polyptych_protocol::wall::Wall;
+use tokio_util::sync::CancellationToken;
+
+use crate::supervise::{ChildCommand, Supervisor};
+
+/// How long all servers together may take to come: a machine with two cores opens sixteen
+/// software devices in about ten seconds.
+const START_TIME_MAX: Duration = Duration::from_secs(90);
+
+/// Between two looks at who has come.
+const LOOK_PERIOD: Duration = Duration::from_millis(50);
+
+/// Longest wait for a scene: it is baked first.
+const OPEN_TIME_MAX: Duration = Duration::from_secs(30 * 60);
+
+/// What a local wall is made of.
+#[derive(Debug)]
+pub(crate) struct LocalWallOptions {
+    pub wall: Wall,
+    pub scene_roots: Vec<PathBuf>,
+    pub baker: Baker,
+    pub windows: bool,
+}
+
+/// A running wall; dropping it ends its manager and its children.
+#[derive(Debug)]
+pub(crate) struct LocalWall {
+    pub client: Client,
+    supervisor: Supervisor,
+    stop: CancellationToken,
+    manager: Option<JoinHandle<()>>,
+    was_interrupted: Arc<AtomicBool>,
+    /// Holds the token, and the log of nothing else.
+    _folder: tempfile::TempDir,
+}
+
+impl LocalWall {
+    /// Starts manager and servers, and waits until all channels could draw.
+    ///
+    /// # Errors
+    /// What did not start, and why.
+    pub fn start(options: LocalWallOptions) -> anyhow::Result<Self> {
+        let LocalWallOptions { mut wall, scene_roots, baker, windows } = options;
+        let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
+        let token_file = folder.path().join("token");
+        let mut secret = [0; 16];
+        getrandom::fill(&mut secret).map_err(|error| anyhow::anyhow!("no random: {error}"))?;
+        let token = token::read_or_make(&token_file, secret)?;
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").context("no port is free")?;
+        let address = listener.local_addr()?.to_string();
+        // All on one disk: what the baker wrote, the servers read where it lies.
+        wall.stores.push(baker.store.join("blobs").display().to_string());
+        let commands = server_commands(&wall, &address, &token_file, windows)?;
+        let stop = CancellationToken::new();
+        let options = ManagerOptions { wall, token: token.clone(), scene_roots, baker };
+        let manager = start_manager(listener, options, stop.clone())?;
+        let supervisor = Supervisor::start(commands)?;
+        let was_interrupted = Arc::new(AtomicBool::new(false));
+        end_on_interrupt(&was_interrupted, [stop.clone(), supervisor.stopper()])?;
+        let mut connect = ConnectOptions::new(address);
+        connect.token = Some(token);
+        connect.name = "simulate".into();
+        connect.timeouts.open_scene = OPEN_TIME_MAX;
+        let client = Client::connect_with(connect)?;
+        let wall = Self {
+            client,
+            supervisor,
+            stop,
+            manager: Some(manager),
+            was_interrupted,
+            _folder: folder,
+        };
+        wall.await_channels()?;
+        Ok(wall)
+    }
+
+    /// Whether Ctrl-C or SIGTERM has ended it.
+    pub fn was_interrupted(&self) -> bool {
+        self.was_interrupted.load(Ordering::Relaxed)
+    }
+
+    /// Times that a server was started again.
+    pub fn restarts(&self) -> u64 {
+        self.supervisor.states().iter().map(|state| state.restarts).sum()
+    }
+
+    fn await_channels(&self) -> anyhow::Result<()> {
+        let deadline = Instant::now() + START_TIME_MAX;
+        loop {
+            let status = self.client.status()?;
+            let is_there = |state| matches!(state, ChannelState::Ready | ChannelState::Live);
+            let absent: Vec<_> = status.channels.iter().filter(|c| !is_there(c.state)).collect();
+            if absent.is_empty() {
+                return Ok(());
+            }
+            // A server that ends at its first start has said why on standard error.
+            for child in self.supervisor.states() {
+                if let Some(end) = child.last_end {
+                    bail!("the server {} ended ({end}); its last words stand above", child.name);
+                }
+            }
+            if Instant::now() > deadline {
+                let list: Vec<_> = absent
+                    .iter()
+                    .map(|c| format!("{} ({})", c.name, c.reason.as_deref().unwrap_or("no reason")))
+                    .collect();
+                let seconds = START_TIME_MAX.as_secs();
+                bail!("not ready after {seconds} s: {}", list.join(", "));
+            }
+            std::thread::sleep(LOOK_PERIOD);
+        }
+    }
+}
+
+impl Drop for LocalWall {
+    fn drop(&mut self) {
+        self.stop.cancel();
+        self.supervisor.stopper().cancel();
+        if let Some(manager) = self.manager.take() {
+            // Its error was logged; there is nothing more to do about it now.
+            let _ = manager.join();
+        }
+    }
+}
+
+fn start_manager(
+    listener: std::net::TcpListener,
+    options: ManagerOptions,
+    stop: CancellationToken,
+) -> anyhow::Result<JoinHandle<()>> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let work = move || {
+        let shutdown = async move { stop.cancelled().await };
+        if let Err(error) = runtime.block_on(run_manager(listener, options, shutdown)) {
+            tracing::error!(%error, "the manager failed");
+        }
+    };
+    Ok(std::thread::Builder::new().name("manager".into()).spawn(work)?)
+}
+
+/// One child for each server of the wall file, with all its channels.
+fn server_commands(
+    wall: &Wall,
+    address: &str,
+    token_file: &std::path::Path,
+    windows: bool,
+) -> anyhow::Result<Vec<ChildCommand>> {
+    let program = std::env::current_exe().context("this program's own file is not known")?;
+    let mut servers: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for channel in &wall.channels {
+        servers.entry(&channel.server).or_default().push(&channel.name);
+    }
+    let command = |(name, channels): (&str, Vec<&str>)| {
+        let mut arguments: Vec<OsString> = ["server", "--with-parent", "--manager", address]
+            .map(Into::into)
+            .to_vec();
+        arguments.extend(["--name", name].map(OsString::from));
+        for channel in channels {
+            arguments.extend(["--channel", channel].map(OsString::from));
+        }
+        arguments.push(if windows { "--window" } else { "--headless" }.into());
+        // Connecting again is the children's daily work here; their warnings are for a wall.
+        if std::env::var_os("POLYPTYCH_LOG").is_none() {
+            arguments.extend(["--log", "error"].map(OsString::from));
+        }
+        let mut environment: Vec<(OsString, OsString)> =
+            vec![(token::TOKEN_FILE_VARIABLE.into(), token_file.into())];
+        // Drivers complain once for each process where this is missing, as it is in containers.
+        if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+            let folder = token_file.parent().unwrap_or(token_file);
+            environment.push(("XDG_RUNTIME_DIR".into(), folder.into()));
+        }
+        let program = program.clone();
+        ChildCommand { name: name.to_owned(), program, arguments, environment }
+    };
+    Ok(servers.into_iter().map(command).collect())
+}
+
+fn end_on_interrupt(
+    was_interrupted: &Arc<AtomicBool>,
+    stops: [CancellationToken; 2],
+) -> anyhow::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let was_interrupted = Arc::clone(was_interrupted);
+    let work = move || {
+        runtime.block_on(crate::cli::asked_to_end(false));
+        was_interrupted.store(true, Ordering::Relaxed);
+        stops.iter().for_each(CancellationToken::cancel);
+    };
+    std::thread::Builder::new().name("interrupt".into()).spawn(work)?;
+    Ok(())
+}

@@ -1,0 +1,25 @@
+//! The one command that an operator installs. It parses arguments and calls the crates.
+
+mod cli;
+mod local_wall;
+mod pictures;
+mod report;
+mod supervise;
+mod town;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    let cli = cli::Cli::parse();
+    cli::start_log(&cli);
+    match cli::run(cli) {
+        Ok(code) => code,
+        Err(error) => {
+            // One line with its causes, from what was wanted down to what went wrong.
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! Houses: a catalogue of designs, each built once and shared by many nodes.
+
+use glam::{Vec3, vec3};
+
+use super::color::{Color, srgb};
+use super::material::Material;
+use super::roof::Roof;
+use super::surface::{Extent, Frame, Hidden, Model};
+use super::wall::{Opening, Wall, awning, door};
+
+/// How far a house's plinth reaches into the ground, in metres: more than a block's fall.
+const FOUNDATION: f32 = 4.5;
+/// Height of the plinth above the door's threshold.
+const PLINTH: f32 = 0.5;
+/// From floor to floor.
+const STOREY: f32 = 2.9;
+
+/// What lies on top.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Top {
+    /// The ridge runs along the street.
+    Gable,
+    /// The gable faces the street.
+    FrontGable,
+    Hip,
+    Flat,
+}
+
+/// Where in the town a design is at home.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Quarter {
+    /// Tall and narrow, at the water.
+    Harbour,
+    /// In the streets behind it.
+    Town,
+    /// Low, on the hill and in courtyards.
+    Cottage,
+}
+
+/// One design.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Design {
+    pub quarter: Quarter,
+    wall: Material,
+    /// sRGB.
+    wall_tint: u32,
+    roof_tint: u32,
+    wood_tint: u32,
+    width: f32,
+    depth: f32,
+    storeys: u32,
+    windows: u32,
+    top: Top,
+    has_shutters: bool,
+    is_shop: bool,
+    dormers: u32,
+}
+
+const TERRACOTTA: u32 = 0xd9_7a_52;
+const RUST: u32 = 0xc2_64_44;
+const OCHRE: u32 = 0xd8_94_62;
+const SLATE: u32 = 0x7c_84_8e;
+
+/// Wall, its tint, roof, woodwork, width, depth, storeys, windows, top, shutters, shop, dormers.
+type Row = (Material, u32, u32, u32, f32, f32, u32, u32, Top, bool, bool, u32);
+
+const fn row(quarter: Quarter, row: Row) -> Design {
+    let (wall, wall_tint, roof_tint, wood_tint, width, depth, storeys, windows, top, ..) = row;
+    let (.., has_shutters, is_shop, dormers) = row;
+    Design {
+        quarter,
+        wall,
+        wall_tint,
+        roof_tint,
+        wood_tint,
+        width,
+        depth,
+        storeys,
+        windows,
+        top,
+        has_shutters,
+        is_shop,
+        dormers,
+    }
+}
+
+/// Every design: warm plasters with a few cool ones among them, so that no street is monotonous.
+#[rustfmt::skip]
+pub(super) const CATALOGUE: [Design; 18] = {
+    use Material::{Brick, Plaster, Stone};
+    use Quarter::{Cottage, Harbour, Town};
+    use Top::{Flat, FrontGable, Gable, Hip};
+    [
+        row(Harbour, (Plaster, 0xf2_c6_8e, TERRACOTTA, 0x2f_6b_6e, 7.6, 8.0, 4, 3, Gable, true, true, 1)),
+        row(Harbour, (Plaster, 0xe8_8f_74, RUST, 0x3e_6a_4f, 7.0, 8.0, 4, 2, FrontGable, true, true, 0)),
+        row(Harbour, (Plaster, 0xf4_e3_c2, TERRACOTTA, 0x2c_5b_86, 8.6, 8.2, 3, 3, Gable, true, true, 2)),
+        row(Harbour, (Plaster, 0x9f_c1_c4, OCHRE, 0xf0_e4_cc, 7.2, 7.8, 4, 3, Gable, false, true, 0)),
+        row(Harbour, (Brick, 0xff_f4_ea, RUST, 0x2b_4a_44, 8.8, 8.4, 3, 3, FrontGable, false, false, 0)),
+        row(Harbour, (Plaster, 0xe7_b4_a2, TERRACOTTA, 0x5b_7c_66, 8.0, 8.0, 4, 3, Hip, true, false, 0)),
+        row(Town, (Plaster, 0xf0_d9_ae, TERRACOTTA, 0x7c_3f_35, 8.4, 8.2, 3, 3, Gable, true, false, 0)),
+        row(Town, (Plaster, 0xe9_a8_7c, OCHRE, 0x2f_6b_6e, 7.8, 8.0, 3, 3, Gable, false, false, 2)),
+        row(Town, (Plaster, 0xf7_ee_dd, RUST, 0x4b_7a_9b, 8.8, 8.0, 2, 3, Hip, true, false, 0)),
+        row(Town, (Stone, 0xf4_e6_cf, TERRACOTTA, 0x6a_4a_34, 8.2, 8.2, 3, 3, Gable, false, false, 0)),
+        row(Town, (Brick, 0xff_f4_ea, SLATE, 0xe6_dc_c8, 8.6, 8.2, 3, 3, Gable, false, false, 1)),
+        row(Town, (Plaster, 0xc9_cf_a6, TERRACOTTA, 0x8a_4b_3a, 8.0, 7.8, 2, 3, FrontGable, true, false, 0)),
+        row(Town, (Plaster, 0xf3_d2_7e, RUST, 0x3e_6a_4f, 8.6, 8.0, 3, 3, Hip, true, false, 0)),
+        row(Town, (Plaster, 0xf6_e8_d4, 0xd8_c8_b0, 0x2c_5b_86, 8.4, 8.2, 3, 3, Flat, false, false, 0)),
+        row(Cottage, (Plaster, 0xf8_f0_e2, TERRACOTTA, 0x2c_5b_86, 7.6, 6.4, 1, 2, Gable, true, false, 0)),
+        row(Cottage, (Stone, 0xf4_e6_cf, OCHRE, 0x3e_6a_4f, 7.4, 6.4, 2, 2, Gable, false, false, 0)),
+        row(Cottage, (Plaster, 0xef_c9_b0, RUST, 0x2f_6b_6e, 7.0, 6.2, 2, 2, Hip, true, false, 0)),
+        row(Cottage, (Plaster, 0xe6_d8_b4, TERRACOTTA, 0x7c_3f_35, 7.8, 6.6, 2, 3, FrontGable, true, false, 0)),
+    ]
+};
+
+impl Design {
+    /// From front to back, in metres.
+    pub fn depth(&self) -> f32 {
+        self.depth
+    }
+
+    fn height(&self) -> f32 {
+        self.storeys as f32 * STOREY + 0.25
+    }
+
+    /// The four walls, the front first: frame, width, columns of windows.
+    fn sides(&self) -> [(Frame, f32, u32); 4] {
+        let (x, z) = (self.width * 0.5, self.depth * 0.5);
+        let at = |x: f32, z: f32, right: Vec3| Frame::upright(vec3(x, 0.0, z), right);
+        [
+            (at(-x, z, Vec3::X), self.width, self.windows),
+            (at(x, z, Vec3::NEG_Z), self.depth, 1),
+            (at(x, -z, Vec3::NEG_X), self.width, 2),
+            (at(-x, -z, Vec3::Z), self.depth, 1),
+        ]
+    }
+
+    /// The whole house: its door faces +Z, its threshold is at y = 0.
+    pub fn model(&self) -> Model {
+        let mut model = Model::default();
+        let tint = srgb(self.wall_tint);
+        for (side, (frame, width, columns)) in self.sides().into_iter().enumerate() {
+            let wall = Wall {
+                frame,
+                material: self.wall,
+                tint,
+                width,
+                bottom: PLINTH - 0.05,
+                top: self.height(),
+            };
+            wall.build(&mut model, &self.openings(side, width, columns));
+        }
+        let (x, z) = (self.width * 0.5 + 0.05, self.depth * 0.5 + 0.05);
+        let plinth = Extent { x: [-x, x], y: [-FOUNDATION, PLINTH], z: [-z, z] };
+        let stone = Color::new(0.50, 0.47, 0.42);
+        model.cuboid(Material::Stone, &Frame::MODEL, plinth, Hidden::Bottom, stone);
+        self.front(&mut model);
+        self.roof(&mut model);
+        model
+    }
+
+    /// The middle of the door, from the left end of the front.
+    fn door_place(&self) -> f32 {
+        let bay = self.width / self.windows as f32;
+        bay * (0.5 + (self.windows / 2) as f32)
+    }
+
+    fn openings(&self, side: usize, width: f32, columns: u32) -> Vec<Opening> {
+        let shutters = self.has_shutters.then(|| srgb(self.wood_tint));
+        let mut openings = Vec::new();
+        let bay = width / columns as f32;
+        for storey in 0..self.storeys {
+            // Side walls look at the neighbour: they have windows above the ground floor only.
+            // So does the back, which the hill may reach.
+            if side != 0 && storey == 0 {
+                continue;
+            }
+            let floor = storey as f32 * STOREY;
+            for column in 0..columns {
+                let middle = bay * (column as f32 + 0.5);
+                if side == 0 && storey == 0 {
+                    if (middle - self.door_place()).abs() < 0.1 {
+                        continue;
+                    }
+                    if self.is_shop {
+                        let half = bay * 0.5 - 0.32;
+                        let x = [middle - half, middle + half];
+                        openings.push(Opening { x, y: [0.72, 2.25], shutters: None });
+                        continue;
+                    }
+                }
+                let half = if side == 0 { 0.46 } else { 0.42 };
+                let shutters = shutters.filter(|_| side == 0 && bay > 2.0);
+                let x = [middle - half, middle + half];
+                openings.push(Opening { x, y: [floor + 0.98, floor + 2.38], shutters });
+            }
+        }
+        openings
+    }
+
+    fn front(&self, model: &mut Model) {
+        let (frame, width, _) = self.sides()[0];
+        door(model, &frame, self.door_place(), srgb(self.wood_tint));
+        if self.is_shop {
+            awning(model, &frame, [0.15, width - 0.15], 3.12, srgb(self.wood_tint));
+        }
+    }
+
+    fn roof(&self, model: &mut Model) {
+        let tint = srgb(self.wall_tint);
+        let turned = self.top == Top::FrontGable || self.width < self.depth && self.top == Top::Hip;
+        let (right, out) = if turned { (Vec3::Z, Vec3::NEG_X) } else { (Vec3::X, Vec3::Z) };
+        let (along, across) =
+            if turned { (self.depth, self.width) } else { (self.width, self.depth) };
+        let roof = Roof {
+            frame: Frame { origin: vec3(0.0, self.height(), 0.0), right, up: Vec3::Y, out },
+            along: along * 0.5,
+            across: across * 0.5,
+            rise: across * 0.5 * if self.top == Top::Hip { 0.56 } else { 0.66 },
+            tint: srgb(self.roof_tint),
+        };
+        match self.top {
+            Top::Gable | Top::FrontGable => roof.gable(model, self.wall, tint),
+            Top::Hip => roof.hip(model),
+            Top::Flat => roof.flat(model, self.wall, tint),
+        }
+        if self.top != Top::Flat {
+            roof.chimney(model, along * 0.27, self.wall, tint);
+        }
+        for n in 0..self.dormers {
+            let x = if self.dormers == 1 { 0.0 } else { (n as f32 - 0.5) * along * 0.42 };
+            roof.dormer(model, x, self.wall, tint);
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! The sea: square tiles, opaque; near the land their vertices are lighter, as shoals are.
+
+use glam::{Vec3, vec2, vec3};
+
+use super::color::{Color, srgb};
+use super::glb::{Glb, Node, Placement};
+use super::ground::{BLOCK, Ground, smooth};
+use super::material::Material;
+use super::surface::Model;
+
+/// The side of a tile, in metres.
+const TILE: f32 = 80.0;
+/// Strips of a tile; every tile has the same, so that neighbours share their corners.
+const STRIPS: usize = 4;
+/// Sea around the land, in tiles.
+const MARGIN: i32 = 5;
+/// Beyond this distance from the land all tiles are one mesh.
+const SHOAL: f32 = 100.0;
+
+/// How far a place is from the coast, roughly: 0 on land.
+fn offshore(ground: &Ground, x: f32, z: f32) -> f32 {
+    // The coast lies about a third into the rim; before the town it is the quay's edge.
+    let beside = (x.abs() - ground.half_width - ground.rim * 0.35).max(0.0);
+    let before = (z - 8.0).max(0.0);
+    let behind = (-ground.depth - ground.rim * 0.35 - z).max(0.0);
+    let along = before.max(behind);
+    (beside * beside + along * along).sqrt()
+}
+
+fn color(ground: &Ground, x: f32, z: f32) -> Color {
+    let deep = srgb(0x1a_50_64);
+    let shoal = srgb(0x3c_86_88);
+    let distance = offshore(ground, x, z) + (ground.noise(x, z, 45.0, 8) - 0.5) * 30.0;
+    shoal.lerp(deep, smooth(distance / SHOAL).max(0.08))
+}
+
+fn tile(color: impl Fn(f32, f32) -> Color) -> Model {
+    let mut model = Model::default();
+    let surface = model.of(Material::Water);
+    let step = TILE / STRIPS as f32;
+    let line = |n: usize| n as f32 * step - TILE * 0.5;
+    for j in 0..=STRIPS {
+        for i in 0..=STRIPS {
+            let (x, z) = (line(i), line(j));
+            let uv = vec2(x, z) / Material::Water.repeat();
+            surface.vertex(vec3(x, 0.0, z), Vec3::Y, uv, color(x, z));
+        }
+    }
+    let at = |i: usize, j: usize| j * (STRIPS + 1) + i;
+    for j in 0..STRIPS {
+        for i in 0..STRIPS {
+            surface.quad([at(i, j + 1), at(i + 1, j + 1), at(i + 1, j), at(i, j)]);
+        }
+    }
+    model
+}
+
+/// Whether a tile lies wholly under the land.
+fn is_inland(ground: &Ground, middle: Vec3) -> bool {
+    (0..=8).all(|j| {
+        (0..=8).all(|i| {
+            let x = middle.x + (i as f32 / 8.0 - 0.5) * TILE;
+            let z = middle.z + (j as f32 / 8.0 - 0.5) * TILE;
+            // The quay reaches into the sea: the ground before the first street is water.
+            z < -1.0 && ground.height(x, z) > 0.5
+        })
+    })
+}
+
+/// Adds the sea and gives its node.
+pub(super) fn write(file: &mut Glb, ground: &Ground) -> usize {
+    let far = file.add_mesh("water-far", &tile(|_, _| srgb(0x1a_50_64)));
+    let reach = |metres: f32| (metres / TILE).ceil() as i32 + MARGIN;
+    let columns = reach(ground.half_width + ground.rim);
+    let rows = [-reach(ground.depth + ground.rim), reach(BLOCK)];
+    let mut children = Vec::new();
+    let mut open = Vec::new();
+    for row in rows[0]..rows[1] {
+        for column in -columns..columns {
+            let middle = vec3((column as f32 + 0.5) * TILE, 0.0, (row as f32 + 0.5) * TILE);
+            if is_inland(ground, middle) {
+                continue;
+            }
+            // The far corner is at most half a diagonal away; noise moves the shoal by 15 m.
+            let nearest = offshore(ground, middle.x, middle.z) - TILE * 0.7072 - 15.0;
+            if nearest > SHOAL {
+                open.push(Placement::at(middle));
+                continue;
+            }
+            let model = tile(|x, z| color(ground, middle.x + x, middle.z + z));
+            let name = format!("water-{column}-{row}");
+            let mesh = file.add_mesh(&name, &model);
+            children.push(file.add_node(&Node::with_mesh(name, Placement::at(middle), mesh)));
+        }
+    }
+    let mut far = Node::with_mesh("water-far", Placement::at(Vec3::ZERO), far);
+    far.instances = open;
+    children.push(file.add_node(&far));
+    let mut sea = Node::new("sea", Placement::at(Vec3::ZERO));
+    sea.children = children;
+    file.add_node(&sea)
+}
