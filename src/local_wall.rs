@@ -27,7 +27,7 @@ const START_TIME_MAX: Duration = Duration::from_secs(90);
 const LOOK_PERIOD: Duration = Duration::from_millis(50);
 
 /// Longest wait for a scene: it is baked first.
-const OPEN_TIME_MAX: Duration = Duration::from_secs(30 * 60);
+const OPEN_TIME_MAX: Duration = Duration::from_mins(30);
 
 /// What a local wall is made of.
 #[derive(Debug)]
@@ -167,9 +167,8 @@ fn server_commands(
         servers.entry(&channel.server).or_default().push(&channel.name);
     }
     let command = |(name, channels): (&str, Vec<&str>)| {
-        let mut arguments: Vec<OsString> = ["server", "--with-parent", "--manager", address]
-            .map(Into::into)
-            .to_vec();
+        let mut arguments: Vec<OsString> =
+            ["server", "--with-parent", "--manager", address].map(Into::into).to_vec();
         arguments.extend(["--name", name].map(OsString::from));
         for channel in channels {
             arguments.extend(["--channel", channel].map(OsString::from));

@@ -78,11 +78,9 @@ fn decode_within<T: DeserializeOwned, const BYTES_MAX: usize>(
     match bincode::serde::decode_from_slice(bytes, config) {
         Ok((message, used)) if used == bytes.len() => Ok(message),
         Ok((_, used)) => Err(DecodeError::Trailing { what, extra: bytes.len() - used }),
-        Err(error) => Err(DecodeError::Malformed {
-            what,
-            bytes: bytes.len(),
-            reason: error.to_string(),
-        }),
+        Err(error) => {
+            Err(DecodeError::Malformed { what, bytes: bytes.len(), reason: error.to_string() })
+        }
     }
 }
 

@@ -193,8 +193,7 @@ mod tests {
     #[test]
     fn two_ends_come_together() {
         let (ours, theirs) = tokio::io::duplex(4096);
-        let given =
-            Welcome { epoch: Epoch(7), session: 1, wall: "w".into(), heartbeat_ms: 2000 };
+        let given = Welcome { epoch: Epoch(7), session: 1, wall: "w".into(), heartbeat_ms: 2000 };
         let expected = given.clone();
         run(async {
             let manager = async {
@@ -203,7 +202,7 @@ mod tests {
                 welcome(&mut frames, given).await.expect("welcomed");
             };
             let hello = hello();
-            let (_, answer) = tokio::join!(manager, introduce(ours, Role::Client, &hello));
+            let ((), answer) = tokio::join!(manager, introduce(ours, Role::Client, &hello));
             assert_eq!(answer.expect("welcome").1, expected);
         });
     }

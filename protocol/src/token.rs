@@ -85,7 +85,7 @@ pub fn read_or_make(path: &Path, secret: [u8; 16]) -> Result<String, TokenError>
         Err(TokenError::NotThere { .. }) => {}
         other => return other,
     }
-    let text: String = secret.iter().map(|byte| format!("{byte:02x}")).collect();
+    let text = format!("{:032x}", u128::from_be_bytes(secret));
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     let io_error = |source| TokenError::Io { path: path.to_owned(), source };

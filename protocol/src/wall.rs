@@ -12,6 +12,7 @@ use glam::{DVec2, DVec3, UVec2};
 use serde::{Deserialize, Serialize};
 
 use crate::ids::ChannelId;
+use crate::limits::{CHANNEL_SIDE_MAX, CHANNELS_MAX, SCREENS_MAX};
 
 /// The whole display system that one wall file describes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -106,6 +107,29 @@ pub struct DeadlineRule {
 }
 
 impl Wall {
+    /// What is wrong with a wall that came over the wire, if anything: an index that points
+    /// nowhere, a size beyond the limits, a number that is none. A wall file is checked for more.
+    pub fn fault(&self) -> Option<String> {
+        if self.channels.len() > CHANNELS_MAX || self.screens.len() > SCREENS_MAX {
+            return Some("the wall has more channels or screens than any may have".into());
+        }
+        if self.samples != 1 && self.samples != 4 {
+            return Some(format!("{} samples per pixel, where 1 or 4 can be", self.samples));
+        }
+        if !(self.near_m.is_finite() && self.near_m > 0.0 && self.eye.is_finite()) {
+            return Some("the eye or the near plane is not finite".into());
+        }
+        let is_bad = |channel: &&Channel| {
+            let Some(screen) = self.screens.get(usize::from(channel.screen)) else { return true };
+            let end = channel.origin.saturating_add(channel.size);
+            channel.size.min_element() == 0
+                || channel.size.max_element() > CHANNEL_SIDE_MAX
+                || end.cmpgt(screen.canvas).any()
+        };
+        let bad = self.channels.iter().find(is_bad);
+        bad.map(|channel| format!("channel {} does not lie on its screen", channel.name))
+    }
+
     /// The channel of this id.
     pub fn channel(&self, id: ChannelId) -> Option<&Channel> {
         self.channels.get(usize::from(id.0))

@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 use polyptych_protocol::command::{Area, Frame, View};
 use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::limits::VIEWS_MAX;
 use polyptych_protocol::scene::{
     self, Filter, IndexFormat, Scene, Texture, TextureFormat, TextureRef,
 };
@@ -15,7 +16,7 @@ use crate::renderer::{
 };
 
 /// A manifest as the renderer takes it.
-pub(crate) fn scene(scene: &Scene) -> SceneDesc {
+pub fn scene(scene: &Scene) -> SceneDesc {
     SceneDesc {
         nodes: scene.nodes.iter().map(node).collect(),
         meshes: scene.meshes.iter().map(mesh).collect(),
@@ -146,14 +147,18 @@ fn light(light: &scene::Light) -> LightDesc {
 ///
 /// # Errors
 /// An eye that no frustum can be made for.
-pub(crate) fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewDesc>, String> {
+pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewDesc>, String> {
+    if frame.views.len() > VIEWS_MAX {
+        return Err(format!("{} views, where {VIEWS_MAX} can be", frame.views.len()));
+    }
     let frustum = wall.frustum(channel, frame.eye).map_err(|error| error.to_string())?;
     let views = frame.views.iter().filter_map(|view| {
         let scissor = scissor(wall, channel, view)?;
         let camera = &view.camera;
         // World to display space, the eye being the origin of both, then to the screen's axes;
         // a view is in metres, whatever the world's unit.
-        let display_from_world = DMat3::from_quat(camera.rotation).transpose() * camera.scale.recip();
+        let display_from_world =
+            DMat3::from_quat(camera.rotation).transpose() * camera.scale.recip();
         Some(ViewDesc {
             eye_in_world: camera.world_from_display(frustum.eye),
             view_from_world: frustum.view_from_display * display_from_world,
@@ -186,7 +191,7 @@ fn scissor(wall: &Wall, id: ChannelId, view: &View) -> Option<Option<[u32; 4]>> 
 
 /// The view with which a new scene is drawn once before anyone sees it: from its edge, so that
 /// all of its pipelines are used.
-pub(crate) fn warm_up_camera(scene: &Scene) -> polyptych_protocol::camera::Camera {
+pub fn warm_up_camera(scene: &Scene) -> polyptych_protocol::camera::Camera {
     use polyptych_protocol::camera::Camera;
     let Some(bounds) = scene.bounds else { return Camera::IDENTITY };
     let back = DVec3::new(0.0, 0.5, 2.5) * bounds.radius().max(1e-9);

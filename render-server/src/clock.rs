@@ -30,12 +30,12 @@ impl ClockEstimate {
     /// A pong arrived at `arrived_us` of this server's clock.
     pub fn add(&mut self, pong: &Pong, arrived_us: u64) {
         let [t0, t1, t2, t3] = [pong.sent_us, pong.received_us, pong.answered_us, arrived_us];
-        let Some(round_trip_us) = t3.checked_sub(t0).and_then(|trip| {
-            trip.checked_sub(t2.checked_sub(t1)?)
-        }) else {
+        let Some(round_trip_us) =
+            t3.checked_sub(t0).and_then(|trip| trip.checked_sub(t2.checked_sub(t1)?))
+        else {
             return;
         };
-        let offset_us = ((t1 as i64 - t0 as i64) + (t2 as i64 - t3 as i64)) / 2;
+        let offset_us = i64::midpoint(t1 as i64 - t0 as i64, t2 as i64 - t3 as i64);
         if self.samples.len() == SAMPLES {
             self.samples.pop_front();
         }

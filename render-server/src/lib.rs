@@ -4,7 +4,7 @@
 //! one that loads blobs ([`loader`]), and the one that owns the GPU ([`render_thread`]).
 //! [`renderer`] is written as a crate of its own: it knows nothing of the wire.
 
-mod apply;
+pub mod apply;
 mod bulk;
 pub mod clock;
 mod display;

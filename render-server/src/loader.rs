@@ -109,6 +109,9 @@ impl Loader {
     fn load(&mut self, prepare: Prepare, line: &Line) -> Result<Prepared, String> {
         let epoch = prepare.epoch;
         let replica = self.fold(prepare)?;
+        if let Some(fault) = replica.wall.as_ref().and_then(|wall| wall.fault()) {
+            return Err(fault);
+        }
         let (features, warm_up) = match &replica.scene {
             None => (SceneFeatures::default(), Camera::IDENTITY),
             Some(scene) => self.load_scene(scene, &replica, line)?,

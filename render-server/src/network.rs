@@ -10,7 +10,9 @@ use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::codec;
 use polyptych_protocol::command::Command;
 use polyptych_protocol::connection::{self, Frames};
-use polyptych_protocol::handshake::{Adapter, BulkHello, Hello, Role, Secret, ServerHello, Welcome};
+use polyptych_protocol::handshake::{
+    Adapter, BulkHello, Hello, Role, Secret, ServerHello, Welcome,
+};
 use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
 use polyptych_protocol::status::{Ping, Status};
 use tokio::net::TcpStream;
@@ -192,12 +194,7 @@ impl Network {
         }
     }
 
-    fn obey(
-        &self,
-        bytes: &[u8],
-        estimate: &mut ClockEstimate,
-        line: &Line,
-    ) -> Result<(), String> {
+    fn obey(&self, bytes: &[u8], estimate: &mut ClockEstimate, line: &Line) -> Result<(), String> {
         let command = codec::decode::<Command>(bytes)
             .map_err(|error| format!("it sent something malformed: {error}"))?;
         match command {

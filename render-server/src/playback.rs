@@ -59,8 +59,7 @@ impl Playback {
 
     /// The channels have drawn this frame; it may be shown.
     pub fn has_drawn(&mut self, frame: &Frame) {
-        self.drawn =
-            Some(Drawn { epoch: frame.epoch, frame: frame.frame, capture: frame.capture });
+        self.drawn = Some(Drawn { epoch: frame.epoch, frame: frame.frame, capture: frame.capture });
     }
 
     /// Forgets what waits and what was drawn: another connection, another state.
@@ -71,9 +70,8 @@ impl Playback {
     fn take_show(&mut self, manager_us: Option<u64>) -> Option<Act> {
         let swap = self.waiting_swap?;
         let drawn = self.drawn?;
-        let is_old = self.shown.is_some_and(|(epoch, frame)| {
-            epoch == swap.epoch && frame >= swap.frame
-        });
+        let is_old =
+            self.shown.is_some_and(|(epoch, frame)| epoch == swap.epoch && frame >= swap.frame);
         let is_expired = manager_us.is_some_and(|now| now > swap.not_after_us);
         if is_old || is_expired {
             self.waiting_swap = None;
@@ -98,8 +96,8 @@ mod tests {
 
     const EPOCH: Epoch = Epoch(1);
 
-    fn frame(n: u64) -> Box<Frame> {
-        Box::new(Frame {
+    fn frame(n: u64) -> Frame {
+        Frame {
             epoch: EPOCH,
             frame: FrameId(n),
             time_s: 0.0,
@@ -109,7 +107,7 @@ mod tests {
             exposure: 1.0,
             error_bound_px: 0.0,
             capture: false,
-        })
+        }
     }
 
     fn swap(n: u64, not_after_us: u64) -> Swap {
@@ -123,8 +121,8 @@ mod tests {
     #[test]
     fn a_frame_is_drawn_and_then_shown_once() {
         let mut playback = Playback::default();
-        playback.handle_frame(frame(1));
-        assert_eq!(playback.poll(Some(0)), Some(Act::Draw(frame(1))));
+        playback.handle_frame(Box::new(frame(1)));
+        assert_eq!(playback.poll(Some(0)), Some(Act::Draw(Box::new(frame(1)))));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), None);
         playback.has_drawn(&frame(1));
         assert_eq!(playback.poll(Some(20)), Some(show(1)));
@@ -135,14 +133,14 @@ mod tests {
     #[test]
     fn whoever_wakes_goes_to_the_newest_frame() {
         let mut playback = Playback::default();
-        playback.handle_frame(frame(1));
+        playback.handle_frame(Box::new(frame(1)));
         playback.poll(Some(0));
         playback.has_drawn(&frame(1));
         for n in 2..50 {
             assert_eq!(playback.handle_swap(swap(n - 1, n * 10), Some(9_999)), None);
-            playback.handle_frame(frame(n));
+            playback.handle_frame(Box::new(frame(n)));
         }
-        assert_eq!(playback.poll(Some(9_999)), Some(Act::Draw(frame(49))));
+        assert_eq!(playback.poll(Some(9_999)), Some(Act::Draw(Box::new(frame(49)))));
         playback.has_drawn(&frame(49));
         assert_eq!(playback.handle_swap(swap(49, 10_100), Some(10_000)), Some(show(49)));
     }
@@ -160,7 +158,7 @@ mod tests {
         let mut playback = Playback::default();
         playback.has_drawn(&frame(1));
         assert_eq!(playback.handle_swap(swap(1, 100), None), Some(show(1)));
-        playback.handle_frame(frame(2));
-        assert_eq!(playback.poll(None), Some(Act::Draw(frame(2))));
+        playback.handle_frame(Box::new(frame(2)));
+        assert_eq!(playback.poll(None), Some(Act::Draw(Box::new(frame(2)))));
     }
 }

@@ -239,9 +239,7 @@ impl RenderThread {
 
     /// Makes the state of this revision the one that is drawn, and forgets older ones.
     fn promote(&mut self, epoch: Epoch, revision: Revision) -> bool {
-        let is_it = |d: &Drawable| {
-            d.state.epoch == epoch && d.state.replica.revision == revision
-        };
+        let is_it = |d: &Drawable| d.state.epoch == epoch && d.state.replica.revision == revision;
         let Some(index) = self.states.iter().position(is_it) else { return false };
         self.states.drain(..index);
         true
@@ -370,14 +368,13 @@ impl RenderThread {
             Upload::Begin(desc) => SceneBuilder::new(&self.gpu, *desc)
                 .map(|builder| self.building = Some((builder, 0)))
                 .map_err(|error| error.to_string()),
-            Upload::Texture { index, bytes } => self.build(bytes.len(), |gpu, builder| {
-                builder.upload_texture(gpu, index, &bytes)
-            }),
-            Upload::Primitive { mesh, primitive, bytes } => {
-                self.build(bytes.len(), |gpu, builder| {
-                    builder.upload_primitive(gpu, mesh, primitive, &bytes)
-                })
+            Upload::Texture { index, bytes } => {
+                self.build(bytes.len(), |gpu, builder| builder.upload_texture(gpu, index, &bytes))
             }
+            Upload::Primitive { mesh, primitive, bytes } => self
+                .build(bytes.len(), |gpu, builder| {
+                    builder.upload_primitive(gpu, mesh, primitive, &bytes)
+                }),
             Upload::Finish { state, answer } => {
                 let finished = self.finish(state);
                 // The loader waits for this; should it have ended, nobody does.

@@ -107,8 +107,7 @@ impl Renderer {
     }
 
     /// Makes the pipelines that the scene needs and that are not there yet, and has the driver
-    /// compile them. Takes up to a second; afterwards the first frame takes no longer than the
-    /// second.
+    /// compile them: up to a second with a software driver, which the first frame is spared.
     ///
     /// A fault of the GPU shows in [`Gpu::fault`] and in the next [`Self::draw`].
     pub fn prepare(&mut self, gpu: &Gpu, scene: &Scene) {

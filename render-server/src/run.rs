@@ -181,8 +181,8 @@ impl Threads {
         let stop_network = Arc::new(tokio::sync::Notify::new());
         let (render_clock, stop, end) = (clock.clone(), stop_network.clone(), on_end.clone());
         let render = Builder::new().name("render".into()).spawn(move || {
-            let result = RenderThread::new(gpu, outputs, queues, render_clock)
-                .and_then(RenderThread::run);
+            let result =
+                RenderThread::new(gpu, outputs, queues, render_clock).and_then(RenderThread::run);
             stop.notify_one();
             end();
             result

@@ -12,6 +12,7 @@ use winit::window::{Fullscreen, Window, WindowId};
 
 use crate::display::WindowDisplay;
 use crate::render_thread::Job;
+use crate::renderer::Gpu;
 
 /// What a window has before the wall says more, in pixels.
 const FIRST_SIZE: PhysicalSize<u32> = PhysicalSize::new(640, 360);
@@ -51,10 +52,10 @@ pub(crate) fn serve(
     is_fullscreen: bool,
     start: Start,
 ) -> Result<(), String> {
-    let descriptor = wgpu::InstanceDescriptor::new_with_display_handle_from_env(Box::new(
-        event_loop.owned_display_handle(),
-    ));
-    let instance = wgpu::Instance::new(descriptor);
+    let instance = Gpu::instance(|| {
+        let display = Box::new(event_loop.owned_display_handle());
+        wgpu::InstanceDescriptor::new_with_display_handle_from_env(display)
+    });
     let mut app = App {
         instance,
         channels,

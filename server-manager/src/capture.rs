@@ -120,9 +120,8 @@ impl Collection {
 
     /// These channels will send nothing more, for this reason.
     pub fn give_up_on(&mut self, channels: &[ChannelId], reason: &str) {
-        let gone = |part: &Part| {
-            channels.contains(&part.channel) && part.bytes.len() < part.bytes_total
-        };
+        let gone =
+            |part: &Part| channels.contains(&part.channel) && part.bytes.len() < part.bytes_total;
         for part in self.parts.extract_if(.., |part| gone(part)) {
             self.missing.push((part.name, reason.to_owned()));
         }

@@ -211,8 +211,7 @@ impl Cluster {
             }
             Status::Ping(ping) => {
                 self.registry.set_memory(from, ping.memory_bytes);
-                let pong =
-                    Pong { sent_us: ping.sent_us, received_us: now, answered_us: now };
+                let pong = Pong { sent_us: ping.sent_us, received_us: now, answered_us: now };
                 self.command(vec![from], &Command::Pong(pong));
             }
         }

@@ -16,7 +16,7 @@ use tokio::process::Command;
 use crate::cluster::ImportedScene;
 
 /// Longest bake; a scene of ten gigabytes takes a few minutes.
-const BAKE_TIME_MAX: Duration = Duration::from_secs(30 * 60);
+const BAKE_TIME_MAX: Duration = Duration::from_mins(30);
 
 /// Most of a baker's output that is read: its last line, or its reason for failing.
 const BAKE_OUTPUT_BYTES_MAX: u64 = 64 << 10;

@@ -154,12 +154,7 @@ fn is_same_secret(given: &str, ours: &str) -> bool {
     given.len() == ours.len() && pairs.fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
 }
 
-async fn serve(
-    frames: connection::Frames<TcpStream>,
-    hello: Hello,
-    address: String,
-    door: Door,
-) {
+async fn serve(frames: connection::Frames<TcpStream>, hello: Hello, address: String, door: Door) {
     match hello {
         Hello::Client(hello) => client_session::serve(frames, hello.name, door.events).await,
         Hello::Server(hello) => server_session::serve(frames, hello, address, door.events).await,
@@ -242,7 +237,7 @@ impl Hub {
         let due = self.cluster.poll_timeout();
         let due = due.map(|micros| self.started + Duration::from_micros(micros));
         let capture = self.collections.iter().map(|(expires, _)| *expires).min();
-        let an_hour = Instant::now() + Duration::from_secs(3600);
+        let an_hour = Instant::now() + Duration::from_hours(1);
         due.into_iter().chain(capture).min().unwrap_or(an_hour)
     }
 

@@ -37,5 +37,5 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         windows,
         out: arguments.out.clone(),
     };
-    simulate::simulate(wall, &simulation)
+    simulate::simulate(&wall, &simulation)
 }

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use polyptych_client::{Camera, overview};
 use polyptych_client::glam::{DQuat, DVec3};
+use polyptych_client::{Camera, overview};
 
 use super::ManagerAddress;
 use crate::pictures;

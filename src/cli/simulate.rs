@@ -61,10 +61,10 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let wall = load_wall(&arguments.wall)?;
-    simulate(wall, arguments)
+    simulate(&wall, arguments)
 }
 
-pub(super) fn simulate(wall: Wall, arguments: &Arguments) -> anyhow::Result<ExitCode> {
+pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let out = &arguments.out;
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let scene = match &arguments.scene {
@@ -84,7 +84,7 @@ pub(super) fn simulate(wall: Wall, arguments: &Arguments) -> anyhow::Result<Exit
     let spinner = step("starting the servers");
     let local = LocalWall::start(options)?;
     spinner.finish_and_clear();
-    let result = drive(&local, &wall, &scene, arguments);
+    let result = drive(&local, wall, &scene, arguments);
     if local.was_interrupted() {
         eprintln!("interrupted");
         return Ok(ExitCode::from(INTERRUPTED));

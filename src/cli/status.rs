@@ -52,7 +52,9 @@ fn table(status: &WallStatus) -> String {
         text.push('\n');
     }
     for warning in &status.warnings {
-        text.push_str(&format!("warning: {warning}\n"));
+        text.push_str("warning: ");
+        text.push_str(warning);
+        text.push('\n');
     }
     text
 }

@@ -32,10 +32,13 @@ pub(super) struct Block<'a> {
     origin: Vec3,
     row: i32,
     random: Random,
-    /// The design of the house that was built last.
-    before: Option<usize>,
+    /// The designs of the two houses that were built last.
+    before: [usize; 2],
     children: Vec<usize>,
+    /// Two kinds of trees to a block: a grove looks planted, and large towns stay small files.
+    kinds: [Tree; 2],
     trees: [Vec<Placement>; 4],
+    mesh: Option<usize>,
 }
 
 impl<'a> Block<'a> {
@@ -58,14 +61,17 @@ impl<'a> Block<'a> {
             origin: cell_origin(ground, column, row),
             row,
             random: Random::of_block(seed, column, row),
-            before: None,
+            before: [usize::MAX; 2],
             children: Vec::new(),
+            kinds: [Tree::Olive, Tree::Cypress],
             trees: Default::default(),
+            mesh: None,
         };
+        let first = block.random.below(4);
+        block.kinds = [Tree::ALL[first], Tree::ALL[(first + 1 + block.random.below(3)) % 4]];
         let model = model(ground, column, row, cover);
         if model.surfaces.values().any(|surface| !surface.indices.is_empty()) {
-            let mesh = block.file.add_mesh(&format!("ground-{column}-{row}"), &model);
-            block.add("ground", Placement::at(Vec3::ZERO), mesh);
+            block.mesh = Some(block.file.add_mesh(&format!("ground-{column}-{row}"), &model));
         }
         block
     }
@@ -128,15 +134,11 @@ impl<'a> Block<'a> {
 
     /// A house whose front is at `front`, seen from the middle of the block.
     fn house(&mut self, number: u32, quarter: Quarter, front: [f32; 2], turn: f32) {
-        let of_quarter = |n: &usize| CATALOGUE[*n].quarter == quarter;
-        let fitting: Vec<usize> = (0..CATALOGUE.len()).filter(of_quarter).collect();
-        // Neighbours differ: the design of the house before is passed over.
-        let mut choice = self.random.below(fitting.len());
-        if self.before == Some(fitting[choice]) {
-            choice = (choice + 1 + self.random.below(fitting.len() - 1)) % fitting.len();
-        }
-        let design = fitting[choice];
-        self.before = Some(design);
+        // Neighbours differ.
+        let fits = |n: &usize| CATALOGUE[*n].quarter == quarter && !self.before.contains(n);
+        let fitting: Vec<usize> = (0..CATALOGUE.len()).filter(fits).collect();
+        let design = fitting[self.random.below(fitting.len())];
+        self.before = [self.before[1], design];
         // Neighbours keep 30 cm between them: 10.2 m a slot, at most 8.8 m × 1.09.
         let scale = vec3(
             self.random.between(0.94, 1.09),
@@ -190,7 +192,7 @@ impl<'a> Block<'a> {
 
     /// Trees of the open land: in groves, above the beach, not on cliffs.
     pub fn grow(&mut self) {
-        for _ in 0..14 {
+        for _ in 0..15 {
             let x = self.random.between(-18.0, 18.0);
             let z = self.random.between(-18.0, 18.0);
             let world = self.origin + vec3(x, 0.0, z);
@@ -203,12 +205,7 @@ impl<'a> Block<'a> {
     }
 
     fn tree(&mut self, x: f32, z: f32) {
-        let kind = match self.random.below(8) {
-            0 | 1 => Tree::Plane,
-            2 | 3 => Tree::Cypress,
-            4..=6 => Tree::Olive,
-            _ => Tree::Pine,
-        };
+        let kind = self.kinds[self.random.below(2)];
         self.plant(kind, x, z);
     }
 
@@ -231,10 +228,11 @@ impl<'a> Block<'a> {
                 self.children.push(self.file.add_node(&node));
             }
         }
-        if self.children.is_empty() {
+        if self.children.is_empty() && self.mesh.is_none() {
             return None;
         }
         let mut node = Node::new(self.name, Placement::at(self.origin));
+        node.mesh = self.mesh;
         node.children = self.children;
         Some(self.file.add_node(&node))
     }

@@ -39,7 +39,7 @@ impl Hull {
 
     fn build(&self, model: &mut Model) {
         let bands = [self.below, self.below, self.topside];
-        let rail = srgb(0xc9_a2_6b);
+        let rail = srgb(0xc9a26b);
         for station in 0..STATIONS {
             let (aft, fore) = (self.section(station), self.section(station + 1));
             for (band, &color) in bands.iter().enumerate() {
@@ -49,11 +49,16 @@ impl Hull {
             let inboard = |p: Vec3, down: f32| vec3(p.x, p.y - down, p.z * 0.86);
             let cap = [aft[3], inboard(aft[3], 0.0), inboard(fore[3], 0.0), fore[3]];
             both_sides(model, cap, rail);
-            let bulwark =
-                [inboard(aft[3], 0.0), inboard(aft[3], 0.3), inboard(fore[3], 0.3), inboard(fore[3], 0.0)];
+            let bulwark = [
+                inboard(aft[3], 0.0),
+                inboard(aft[3], 0.3),
+                inboard(fore[3], 0.3),
+                inboard(fore[3], 0.0),
+            ];
             both_sides(model, bulwark, self.topside * 0.7);
             let middle = |p: Vec3| vec3(p.x, p.y - 0.3, 0.0);
-            let deck = [inboard(aft[3], 0.3), middle(aft[3]), middle(fore[3]), inboard(fore[3], 0.3)];
+            let deck =
+                [inboard(aft[3], 0.3), middle(aft[3]), middle(fore[3]), inboard(fore[3], 0.3)];
             both_sides(model, deck, rail * 0.8);
         }
         let stern = self.section(0);
@@ -94,13 +99,13 @@ fn dinghy() -> Model {
         length: 4.2,
         beam: 1.7,
         freeboard: 0.5,
-        topside: srgb(0xf2_e8_d2),
-        below: srgb(0x2f_6b_8e),
+        topside: srgb(0xf2e8d2),
+        below: srgb(0x2f6b8e),
     };
     hull.build(&mut model);
     for x in [-0.9, 0.5] {
         let thwart = Extent { x: [x, x + 0.32], y: [0.30, 0.36], z: [-0.68, 0.68] };
-        model.cuboid(Material::Timber, &Frame::MODEL, thwart, Hidden::Nothing, srgb(0xb0_84_50));
+        model.cuboid(Material::Timber, &Frame::MODEL, thwart, Hidden::Nothing, srgb(0xb08450));
     }
     model
 }
@@ -111,29 +116,33 @@ fn fishing_boat() -> Model {
         length: 9.5,
         beam: 3.2,
         freeboard: 1.15,
-        topside: srgb(0x2c_62_8c),
-        below: srgb(0x9e_3d_30),
+        topside: srgb(0x2c628c),
+        below: srgb(0x9e3d30),
     };
     hull.build(&mut model);
-    let white = srgb(0xf2_ec_de);
+    let white = srgb(0xf2ecde);
     let cabin = Extent { x: [-2.6, 0.2], y: [0.6, 2.7], z: [-0.95, 0.95] };
     model.cuboid(Material::Timber, &Frame::MODEL, cabin, Hidden::Bottom, white);
     let roof = Extent { x: [-2.8, 0.5], y: [2.68, 2.84], z: [-1.1, 1.1] };
-    model.cuboid(Material::Timber, &Frame::MODEL, roof, Hidden::Nothing, srgb(0xc8_5a_3c));
+    model.cuboid(Material::Timber, &Frame::MODEL, roof, Hidden::Nothing, srgb(0xc85a3c));
     for (z, right) in [(0.98, Vec3::X), (-0.98, Vec3::NEG_X)] {
         for x in [-1.9, -0.6] {
             let centre = vec3(x, 2.0, z);
             let (right, up) = (right * 0.42, Vec3::Y * 0.32);
-            let corners =
-                [centre - right - up, centre + right - up, centre + right + up, centre - right + up];
+            let corners = [
+                centre - right - up,
+                centre + right - up,
+                centre + right + up,
+                centre - right + up,
+            ];
             model.picture(Material::Window, corners, Vec3::ONE);
         }
     }
-    let wood = srgb(0xa8_80_54);
+    let wood = srgb(0xa88054);
     let mast = [(0.09, 0.6, wood), (0.05, 6.4, wood), (0.0, 6.5, wood)];
     model.lathe(Material::Timber, vec3(1.1, 0.0, 0.0), 6, &mast);
     let hold = Extent { x: [1.6, 3.0], y: [0.6, 1.3], z: [-0.6, 0.6] };
-    model.cuboid(Material::Timber, &Frame::MODEL, hold, Hidden::Bottom, srgb(0x5e_7d_6a));
+    model.cuboid(Material::Timber, &Frame::MODEL, hold, Hidden::Bottom, srgb(0x5e7d6a));
     model
 }
 
@@ -143,30 +152,26 @@ fn sailing_boat() -> Model {
         length: 8.4,
         beam: 2.7,
         freeboard: 0.9,
-        topside: srgb(0xf6_f0_e4),
-        below: srgb(0x2e_4f_5e),
+        topside: srgb(0xf6f0e4),
+        below: srgb(0x2e4f5e),
     };
     hull.build(&mut model);
     let cabin = Extent { x: [-1.0, 1.6], y: [0.45, 1.35], z: [-0.7, 0.7] };
-    model.cuboid(Material::Timber, &Frame::MODEL, cabin, Hidden::Bottom, srgb(0xd9_bf_94));
-    let wood = srgb(0xb8_92_62);
+    model.cuboid(Material::Timber, &Frame::MODEL, cabin, Hidden::Bottom, srgb(0xd9bf94));
+    let wood = srgb(0xb89262);
     let mast = [(0.09, 0.4, wood), (0.05, 10.4, wood), (0.0, 10.5, wood)];
     model.lathe(Material::Timber, vec3(0.8, 0.0, 0.0), 6, &mast);
     let boom = Extent { x: [-3.4, 0.8], y: [1.95, 2.07], z: [-0.05, 0.05] };
     model.cuboid(Material::Timber, &Frame::MODEL, boom, Hidden::Nothing, wood);
-    let cream = srgb(0xfb_f4_e2);
+    let cream = srgb(0xfbf4e2);
     let main = [vec3(-3.3, 2.2, 0.25), vec3(0.68, 2.2, 0.0), vec3(0.72, 9.9, 0.0)];
     model.polygon(Material::Canvas, &main, Vec3::X, &[cream]);
     let jib = [vec3(1.1, 1.9, 0.2), vec3(4.6, 1.5, 0.0), vec3(0.94, 8.8, 0.0)];
-    model.polygon(Material::Canvas, &jib, Vec3::X, &[srgb(0xd9_6a_4a)]);
+    model.polygon(Material::Canvas, &jib, Vec3::X, &[srgb(0xd96a4a)]);
     model
 }
 
 /// Every boat with the name of its mesh.
 pub(super) fn models() -> [(&'static str, Model); 3] {
-    [
-        ("boat-dinghy", dinghy()),
-        ("boat-fishing", fishing_boat()),
-        ("boat-sailing", sailing_boat()),
-    ]
+    [("boat-dinghy", dinghy()), ("boat-fishing", fishing_boat()), ("boat-sailing", sailing_boat())]
 }

@@ -56,10 +56,10 @@ pub(super) struct Design {
     dormers: u32,
 }
 
-const TERRACOTTA: u32 = 0xd9_7a_52;
-const RUST: u32 = 0xc2_64_44;
-const OCHRE: u32 = 0xd8_94_62;
-const SLATE: u32 = 0x7c_84_8e;
+const TERRACOTTA: u32 = 0xd97a52;
+const RUST: u32 = 0xc26444;
+const OCHRE: u32 = 0xd89462;
+const SLATE: u32 = 0x7c848e;
 
 /// Wall, its tint, roof, woodwork, width, depth, storeys, windows, top, shutters, shop, dormers.
 type Row = (Material, u32, u32, u32, f32, f32, u32, u32, Top, bool, bool, u32);
@@ -91,24 +91,42 @@ pub(super) const CATALOGUE: [Design; 18] = {
     use Quarter::{Cottage, Harbour, Town};
     use Top::{Flat, FrontGable, Gable, Hip};
     [
-        row(Harbour, (Plaster, 0xf2_c6_8e, TERRACOTTA, 0x2f_6b_6e, 7.6, 8.0, 4, 3, Gable, true, true, 1)),
-        row(Harbour, (Plaster, 0xe8_8f_74, RUST, 0x3e_6a_4f, 7.0, 8.0, 4, 2, FrontGable, true, true, 0)),
-        row(Harbour, (Plaster, 0xf4_e3_c2, TERRACOTTA, 0x2c_5b_86, 8.6, 8.2, 3, 3, Gable, true, true, 2)),
-        row(Harbour, (Plaster, 0x9f_c1_c4, OCHRE, 0xf0_e4_cc, 7.2, 7.8, 4, 3, Gable, false, true, 0)),
-        row(Harbour, (Brick, 0xff_f4_ea, RUST, 0x2b_4a_44, 8.8, 8.4, 3, 3, FrontGable, false, false, 0)),
-        row(Harbour, (Plaster, 0xe7_b4_a2, TERRACOTTA, 0x5b_7c_66, 8.0, 8.0, 4, 3, Hip, true, false, 0)),
-        row(Town, (Plaster, 0xf0_d9_ae, TERRACOTTA, 0x7c_3f_35, 8.4, 8.2, 3, 3, Gable, true, false, 0)),
-        row(Town, (Plaster, 0xe9_a8_7c, OCHRE, 0x2f_6b_6e, 7.8, 8.0, 3, 3, Gable, false, false, 2)),
-        row(Town, (Plaster, 0xf7_ee_dd, RUST, 0x4b_7a_9b, 8.8, 8.0, 2, 3, Hip, true, false, 0)),
-        row(Town, (Stone, 0xf4_e6_cf, TERRACOTTA, 0x6a_4a_34, 8.2, 8.2, 3, 3, Gable, false, false, 0)),
-        row(Town, (Brick, 0xff_f4_ea, SLATE, 0xe6_dc_c8, 8.6, 8.2, 3, 3, Gable, false, false, 1)),
-        row(Town, (Plaster, 0xc9_cf_a6, TERRACOTTA, 0x8a_4b_3a, 8.0, 7.8, 2, 3, FrontGable, true, false, 0)),
-        row(Town, (Plaster, 0xf3_d2_7e, RUST, 0x3e_6a_4f, 8.6, 8.0, 3, 3, Hip, true, false, 0)),
-        row(Town, (Plaster, 0xf6_e8_d4, 0xd8_c8_b0, 0x2c_5b_86, 8.4, 8.2, 3, 3, Flat, false, false, 0)),
-        row(Cottage, (Plaster, 0xf8_f0_e2, TERRACOTTA, 0x2c_5b_86, 7.6, 6.4, 1, 2, Gable, true, false, 0)),
-        row(Cottage, (Stone, 0xf4_e6_cf, OCHRE, 0x3e_6a_4f, 7.4, 6.4, 2, 2, Gable, false, false, 0)),
-        row(Cottage, (Plaster, 0xef_c9_b0, RUST, 0x2f_6b_6e, 7.0, 6.2, 2, 2, Hip, true, false, 0)),
-        row(Cottage, (Plaster, 0xe6_d8_b4, TERRACOTTA, 0x7c_3f_35, 7.8, 6.6, 2, 3, FrontGable, true, false, 0)),
+        row(Harbour, (Plaster, 0xf2c68e, TERRACOTTA, 0x2f6b6e,
+            7.6, 8.0, 4, 3, Gable, true, true, 1)),
+        row(Harbour, (Plaster, 0xe88f74, RUST, 0x3e6a4f,
+            7.0, 8.0, 4, 2, FrontGable, true, true, 0)),
+        row(Harbour, (Plaster, 0xf4e3c2, TERRACOTTA, 0x2c5b86,
+            8.6, 8.2, 3, 3, Gable, true, true, 2)),
+        row(Harbour, (Plaster, 0x9fc1c4, OCHRE, 0xf0e4cc,
+            7.2, 7.8, 4, 3, Gable, false, true, 0)),
+        row(Harbour, (Brick, 0xfff4ea, RUST, 0x2b4a44,
+            8.8, 8.4, 3, 3, FrontGable, false, false, 0)),
+        row(Harbour, (Plaster, 0xe7b4a2, TERRACOTTA, 0x5b7c66,
+            8.0, 8.0, 4, 3, Hip, true, false, 0)),
+        row(Town, (Plaster, 0xf0d9ae, TERRACOTTA, 0x7c3f35,
+            8.4, 8.2, 3, 3, Gable, true, false, 0)),
+        row(Town, (Plaster, 0xe9a87c, OCHRE, 0x2f6b6e,
+            7.8, 8.0, 3, 3, Gable, false, false, 2)),
+        row(Town, (Plaster, 0xf7eedd, RUST, 0x4b7a9b,
+            8.8, 8.0, 2, 3, Hip, true, false, 0)),
+        row(Town, (Stone, 0xf4e6cf, TERRACOTTA, 0x6a4a34,
+            8.2, 8.2, 3, 3, Gable, false, false, 0)),
+        row(Town, (Brick, 0xfff4ea, SLATE, 0xe6dcc8,
+            8.6, 8.2, 3, 3, Gable, false, false, 1)),
+        row(Town, (Plaster, 0xc9cfa6, TERRACOTTA, 0x8a4b3a,
+            8.0, 7.8, 2, 3, FrontGable, true, false, 0)),
+        row(Town, (Plaster, 0xf3d27e, RUST, 0x3e6a4f,
+            8.6, 8.0, 3, 3, Hip, true, false, 0)),
+        row(Town, (Plaster, 0xf6e8d4, 0xd8c8b0, 0x2c5b86,
+            8.4, 8.2, 3, 3, Flat, false, false, 0)),
+        row(Cottage, (Plaster, 0xf8f0e2, TERRACOTTA, 0x2c5b86,
+            7.6, 6.4, 1, 2, Gable, true, false, 0)),
+        row(Cottage, (Stone, 0xf4e6cf, OCHRE, 0x3e6a4f,
+            7.4, 6.4, 2, 2, Gable, false, false, 0)),
+        row(Cottage, (Plaster, 0xefc9b0, RUST, 0x2f6b6e,
+            7.0, 6.2, 2, 2, Hip, true, false, 0)),
+        row(Cottage, (Plaster, 0xe6d8b4, TERRACOTTA, 0x7c3f35,
+            7.8, 6.6, 2, 3, FrontGable, true, false, 0)),
     ]
 };
 
@@ -169,9 +187,10 @@ impl Design {
         let mut openings = Vec::new();
         let bay = width / columns as f32;
         for storey in 0..self.storeys {
-            // Side walls look at the neighbour: they have windows above the ground floor only.
+            // Side walls look at the neighbour: they have windows above the ground floor only,
+            // the left one under the roof only.
             // So does the back, which the hill may reach.
-            if side != 0 && storey == 0 {
+            if side != 0 && storey == 0 || side == 3 && storey + 1 < self.storeys {
                 continue;
             }
             let floor = storey as f32 * STOREY;

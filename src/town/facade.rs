@@ -34,7 +34,7 @@ pub(super) fn plaster() -> Canvas {
         let tone = 0.84 + 0.10 * broad + 0.06 * (fine - 0.5);
         let stain = smooth((cloud(u, v, 3, 31) - 0.55) * 4.0) * 0.06;
         Texel {
-            height: 2.4 * fine + 3.0 * broad,
+            height: 1.5 * fine + 2.2 * broad,
             roughness: 0.86 + 0.1 * fine,
             occlusion: 0.9 + 0.1 * broad,
             ..Texel::flat(vec3(tone, tone - stain * 0.5, tone - stain))
@@ -49,7 +49,8 @@ pub(super) fn brick() -> Canvas {
         let grain = cloud(u, v, 48, 41);
         let face = smooth((inset - 0.05) / 0.09);
         let tone = lattice(42, column, row);
-        let warm = vec3(0.60, 0.34, 0.25).lerp(vec3(0.76, 0.48, 0.36), tone) * (0.88 + 0.24 * grain);
+        let warm =
+            vec3(0.60, 0.34, 0.25).lerp(vec3(0.76, 0.48, 0.36), tone) * (0.88 + 0.24 * grain);
         let mortar = vec3(0.75, 0.71, 0.65) * (0.9 + 0.15 * grain);
         Texel {
             height: 1.6 * face + 0.8 * grain,
@@ -66,7 +67,7 @@ pub(super) fn stone() -> Canvas {
         let Bond { brick: [column, row], inset } = bond(u, v, 3, 6);
         let grain = cloud(u, v, 16, 51);
         let face = smooth((inset - 0.015) / 0.06);
-        let tone = 0.70 + 0.14 * lattice(52, column, row) + 0.20 * (grain - 0.5);
+        let tone = 0.80 + 0.13 * lattice(52, column, row) + 0.20 * (grain - 0.5);
         let warm = vec3(1.0, 0.97, 0.91 + 0.05 * lattice(53, column, row));
         Texel {
             height: 3.0 * face + 4.0 * grain,

@@ -150,10 +150,8 @@ impl Glb {
                 json!({ "EXT_mesh_gpu_instancing": { "attributes": attributes } }),
             );
         } else if let Some(light) = node.light {
-            object.insert(
-                "extensions".into(),
-                json!({ "KHR_lights_punctual": { "light": light } }),
-            );
+            object
+                .insert("extensions".into(), json!({ "KHR_lights_punctual": { "light": light } }));
         }
         if let Some(mesh) = node.mesh {
             object.insert("mesh".into(), json!(mesh));

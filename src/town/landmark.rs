@@ -8,7 +8,7 @@ use super::roof::Roof;
 use super::surface::{Extent, Frame, Hidden, Model};
 use super::wall::{Opening, Wall, door};
 
-const WHITE: u32 = 0xf8_f1_e4;
+const WHITE: u32 = 0xf8f1e4;
 
 /// Walls around a rectangle, each with `columns` tall windows from `y[0]` to `y[1]`.
 fn hall(model: &mut Model, centre: Vec3, half: [f32; 2], top: f32, columns: [u32; 4], y: [f32; 2]) {
@@ -32,15 +32,16 @@ fn hall(model: &mut Model, centre: Vec3, half: [f32; 2], top: f32, columns: [u32
         wall.build(model, &openings);
     }
     let frame = Frame { origin: centre, ..Frame::MODEL };
-    let plinth =
-        Extent { x: [-x - 0.08, x + 0.08], y: [-6.0, 0.45], z: [-z - 0.08, z + 0.08] };
+    // Not the same height for nave and tower: their tops would lie in one plane.
+    let ledge = 0.45 + 0.02 * x;
+    let plinth = Extent { x: [-x - 0.08, x + 0.08], y: [-6.0, ledge], z: [-z - 0.08, z + 0.08] };
     model.cuboid(Material::Stone, &frame, plinth, Hidden::Bottom, Color::new(0.52, 0.49, 0.44));
 }
 
 /// A church: nave, tower with a spire, apse. Its door faces +Z.
 pub(super) fn church() -> Model {
     let mut model = Model::default();
-    let red = srgb(0xc8_6a_48);
+    let red = srgb(0xc86a48);
     hall(&mut model, vec3(0.0, 0.0, -2.0), [5.2, 9.0], 8.6, [0, 4, 0, 4], [2.6, 6.2]);
     let nave = Roof {
         frame: Frame {
@@ -58,7 +59,7 @@ pub(super) fn church() -> Model {
     let tower = vec3(0.0, 0.0, 9.4);
     hall(&mut model, tower, [2.7, 2.7], 19.5, [1, 1, 1, 1], [14.6, 17.6]);
     let front = Frame::upright(tower + vec3(-2.7, 0.0, 2.7), Vec3::X);
-    door(&mut model, &front, 2.7, srgb(0x6a_3f_2c));
+    door(&mut model, &front, 2.7, srgb(0x6a3f2c));
     let stone = Color::new(0.78, 0.74, 0.67);
     for y in [6.0, 13.2, 19.3] {
         let band = Extent { x: [-2.95, 2.95], y: [y, y + 0.4], z: [-2.95, 2.95] };
@@ -73,7 +74,7 @@ pub(super) fn church() -> Model {
         tint: red,
     };
     lid.hip(&mut model);
-    let gold = srgb(0xe4_b0_4a);
+    let gold = srgb(0xe4b04a);
     let finial = [(0.07, 0.0, gold), (0.07, 1.0, gold), (0.22, 1.2, gold), (0.0, 1.5, gold)];
     model.lathe(Material::Timber, tower + Vec3::Y * 26.9, 6, &finial);
     let white = srgb(WHITE);
@@ -87,7 +88,7 @@ pub(super) fn church() -> Model {
 /// A lighthouse of 18 metres.
 pub(super) fn lighthouse() -> Model {
     let mut model = Model::default();
-    let (white, red) = (srgb(WHITE), srgb(0xc8_4a_36));
+    let (white, red) = (srgb(WHITE), srgb(0xc84a36));
     let stone = Color::new(0.60, 0.57, 0.52);
     let base = [(3.2, -1.0, stone * 0.7), (3.1, 1.5, stone), (2.5, 1.52, stone)];
     model.lathe(Material::Stone, Vec3::ZERO, 16, &base);
@@ -119,7 +120,7 @@ pub(super) fn lighthouse() -> Model {
     model.lathe(Material::Timber, Vec3::ZERO, 12, &cap);
     let tip = [(0.12, 17.15, red), (0.05, 18.2, red), (0.0, 18.25, red)];
     model.lathe(Material::Timber, Vec3::ZERO, 6, &tip);
-    let f = Frame::upright(vec3(-2.2, 1.5, 2.05), Vec3::X);
-    door(&mut model, &f, 2.2, srgb(0x2c_5b_86));
+    let f = Frame::upright(vec3(-2.2, 1.5, 2.18), Vec3::X);
+    door(&mut model, &f, 2.2, srgb(0x2c5b86));
     model
 }

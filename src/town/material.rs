@@ -106,8 +106,8 @@ impl Material {
     /// Roughness where no texture says it, metalness, and the factor of the base colour.
     fn factors(self) -> (f32, f32, [f32; 3]) {
         match self {
-            Self::Plaster | Self::Brick | Self::Stone | Self::Tile => (1.0, 1.0, [1.0; 3]),
-            Self::Window | Self::Cobble => (1.0, 1.0, [1.0; 3]),
+            // The texture holds them, and factors multiply it.
+            _ if self.has_roughness() => (1.0, 1.0, [1.0; 3]),
             Self::Timber => (0.7, 0.0, [1.0; 3]),
             Self::Water => (0.25, 0.0, [1.0; 3]),
             Self::Iron => (0.5, 0.75, [0.03125, 0.03125, 0.03125]),

@@ -20,7 +20,7 @@ const MOLE_LENGTH: f32 = 62.0;
 const MOLE_WIDTH: f32 = 6.0;
 
 fn stone() -> Color {
-    srgb(0xcf_c4_b2)
+    srgb(0xcfc4b2)
 }
 
 /// The quay before one block: paving, a coping of larger stones, the wall, bollards.
@@ -29,8 +29,7 @@ fn apron() -> Model {
     for x in LINES.windows(2) {
         let corner = |x: f32, z: f32| vec3(x, QUAY_HEIGHT, z);
         let (near, far) = (APRON - 0.7, 0.0);
-        let paving =
-            [corner(x[0], near), corner(x[1], near), corner(x[1], far), corner(x[0], far)];
+        let paving = [corner(x[0], near), corner(x[1], near), corner(x[1], far), corner(x[0], far)];
         let shade = [stone() * 0.92, stone() * 0.92, stone() * 0.82, stone() * 0.82];
         model.polygon(Material::Stone, &paving, Vec3::X, &shade);
     }
@@ -46,14 +45,13 @@ fn apron() -> Model {
     };
     let (rim, top) = (APRON - 0.7, QUAY_HEIGHT + 0.22);
     let pale = stone() * 1.12;
-    let inner = strip([top, QUAY_HEIGHT], [rim, rim]);
-    let inner = [inner[3], inner[2], inner[1], inner[0]];
-    let inner = [inner[1], inner[0], inner[3], inner[2]];
+    let [a, b, c, d] = strip([QUAY_HEIGHT, top], [rim, rim]);
+    let inner = [b, a, d, c];
     model.polygon(Material::Stone, &inner, Vec3::NEG_X, &[pale * 0.8]);
     model.polygon(Material::Stone, &strip([top, top], [APRON, rim]), Vec3::X, &[pale]);
     model.polygon(Material::Stone, &strip([0.5, top], [APRON, APRON]), Vec3::X, &[stone() * 0.9]);
     // Weed darkens the stones that the tide wets.
-    let weed = srgb(0x6c_74_58);
+    let weed = srgb(0x6c7458);
     let wet = [weed * 0.6, weed * 0.6, stone() * 0.8, stone() * 0.8];
     model.polygon(Material::Stone, &strip([DEEP, 0.5], [APRON, APRON]), Vec3::X, &wet);
     for n in 0..4 {
@@ -87,22 +85,16 @@ fn mole(side: f32) -> Model {
         z: [MOLE_LENGTH - 8.4, MOLE_LENGTH + 1.4],
     };
     model.cuboid(Material::Stone, &frame, head, Hidden::Bottom, stone() * 0.95);
-    let step = Extent {
-        x: span(0.2, MOLE_WIDTH - 1.2),
-        y: [0.0, QUAY_HEIGHT + 0.25],
-        z: [-3.1, -2.4],
-    };
-    model.cuboid(Material::Stone, &frame, step, Hidden::BackAndBottom, stone());
-    let back = Frame { right: -frame.right, out: -frame.out, ..frame };
-    let step = Extent { x: span(-MOLE_WIDTH + 1.2, -0.2), z: [2.4, 3.1], ..step };
-    model.cuboid(Material::Stone, &back, step, Hidden::BackAndBottom, stone());
+    let step =
+        Extent { x: span(0.2, MOLE_WIDTH - 1.2), y: [0.0, QUAY_HEIGHT + 0.25], z: [-3.1, -2.4] };
+    model.cuboid(Material::Stone, &frame, step, Hidden::Bottom, stone());
     model
 }
 
 /// Crates and barrels that wait for a ship.
 fn cargo() -> Model {
     let mut model = Model::default();
-    let wood = srgb(0xb8_8c_58);
+    let wood = srgb(0xb88c58);
     for (x, z, y, size) in [(0.0, 0.0, 0.0, 1.1), (1.3, 0.25, 0.0, 0.9), (0.25, 0.1, 1.1, 0.8)] {
         let crate_of = Extent { x: [x, x + size], y: [y, y + size], z: [z, z + size] };
         model.cuboid(Material::Timber, &Frame::MODEL, crate_of, Hidden::Bottom, wood);

@@ -59,7 +59,8 @@ impl Roof {
             let fascia = Color::new(0.62, 0.57, 0.50);
             let front = [under[0], under[1], high[1], high[0]];
             model.polygon(Material::Timber, &front, right, &[fascia]);
-            let verges = [[under[1], under[2], high[2], high[1]], [under[3], under[0], high[0], high[3]]];
+            let verges =
+                [[under[1], under[2], high[2], high[1]], [under[3], under[0], high[0], high[3]]];
             for verge in verges {
                 let along = (verge[1] - verge[0]).normalize_or(Vec3::X);
                 model.polygon(Material::Timber, &verge, along, &[fascia]);
@@ -71,7 +72,11 @@ impl Roof {
             ];
             model.polygon(wall, &gable, -f.out * side, &[wall_tint]);
         }
-        let cap = Extent { x: [-end - 0.03, end + 0.03], y: [rise + 0.03, rise + 0.24], z: [-0.11, 0.11] };
+        let cap = Extent {
+            x: [-end - 0.03, end + 0.03],
+            y: [rise + 0.03, rise + 0.24],
+            z: [-0.11, 0.11],
+        };
         model.cuboid(Material::Tile, &f, cap, Hidden::Bottom, tint * 0.85);
     }
 
@@ -142,11 +147,9 @@ impl Roof {
         let cap = Extent { x: [-0.44, 0.44], y: [top - 0.02, top + 0.14], z: [-0.36, 0.36] };
         let stone = Color::new(0.58, 0.55, 0.50);
         model.cuboid(Material::Stone, &f, cap, Hidden::Nothing, stone);
-        for x in [-0.17, 0.17] {
-            let clay = self.tint * 0.9;
-            let pot = [(0.11, 0.0, clay), (0.09, 0.42, clay), (0.0, 0.40, clay * 0.2)];
-            model.lathe(Material::Tile, f.point(x, top + 0.1, 0.0), 6, &pot);
-        }
+        let clay = self.tint * 0.9;
+        let pot = [(0.12, 0.0, clay), (0.10, 0.42, clay), (0.0, 0.40, clay * 0.2)];
+        model.lathe(Material::Tile, f.point(0.12, top + 0.1, 0.0), 6, &pot);
     }
 
     /// A dormer at `x` along the ridge, on the front slope.

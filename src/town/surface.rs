@@ -189,43 +189,44 @@ impl Model {
         sides: usize,
         profile: &[(f32, f32, Color)],
     ) {
-        let length = profile.windows(2).map(|p| (p[1].0 - p[0].0).hypot_exact(p[1].1 - p[0].1));
-        let lengths: Vec<f32> = length.collect();
+        let outward = |pair: &[(f32, f32, Color)]| {
+            vec2(pair[1].1 - pair[0].1, pair[0].0 - pair[1].0).normalize_or(Vec2::X)
+        };
+        let slopes: Vec<Vec2> = profile.windows(2).map(outward).collect();
         let widest = profile.iter().fold(0.1_f32, |most, ring| most.max(ring.0));
         let around = (std::f32::consts::TAU * widest / material.repeat()).round().max(1.0);
         let surface = self.of(material);
         let mut along = 0.0;
-        let mut rings: Vec<Vec<usize>> = Vec::new();
-        for (n, &(radius, height, color)) in profile.iter().enumerate() {
-            let before = profile[n.saturating_sub(1)];
-            let after = profile[(n + 1).min(profile.len() - 1)];
-            let slope = vec2(after.1 - before.1, before.0 - after.0).normalize_or(vec2(0.0, 1.0));
-            let ring = |side: usize| {
-                let (sine, cosine) = sin_cos(side as f32 / sides as f32);
-                let normal = vec3(cosine * slope.x, slope.y, -sine * slope.x);
-                let place = centre + vec3(cosine * radius, height, -sine * radius);
-                let uv = vec2(around * side as f32 / sides as f32, -along);
-                surface.vertex(place, normal, uv, color)
-            };
-            rings.push((0..=sides).map(ring).collect());
-            along += lengths.get(n).map_or(0.0, |length| length / material.repeat());
-        }
-        for pair in rings.windows(2) {
+        for (n, pair) in profile.windows(2).enumerate() {
+            let length = vec2(pair[1].0 - pair[0].0, pair[1].1 - pair[0].1).length();
+            let ends = [along, along + length / material.repeat()];
+            along = ends[1];
+            let neighbours = [n.checked_sub(1), Some(n + 1)];
+            let rings = [0, 1].map(|end| {
+                let (radius, height, color) = pair[end];
+                let beyond = neighbours[end].and_then(|n| slopes.get(n)).copied();
+                let slope = rounded(slopes[n], beyond);
+                let ring = |side: usize| {
+                    let (sine, cosine) = sin_cos(side as f32 / sides as f32);
+                    let normal = vec3(cosine * slope.x, slope.y, -sine * slope.x);
+                    let place = centre + vec3(cosine * radius, height, -sine * radius);
+                    let uv = vec2(around * side as f32 / sides as f32, -ends[end]);
+                    surface.vertex(place, normal, uv, color)
+                };
+                (0..=sides).map(ring).collect::<Vec<usize>>()
+            });
             for side in 0..sides {
                 let next = side + 1;
-                surface.quad([pair[0][side], pair[0][next], pair[1][next], pair[1][side]]);
+                surface.quad([rings[0][side], rings[0][next], rings[1][next], rings[1][side]]);
             }
         }
     }
 }
 
-/// Hypotenuse by a square root, which is exact everywhere; `f32::hypot` asks the C library.
-trait HypotExact {
-    fn hypot_exact(self, other: Self) -> Self;
-}
-
-impl HypotExact for f32 {
-    fn hypot_exact(self, other: Self) -> Self {
-        (self * self + other * other).sqrt()
+/// The normal where two parts of a profile meet: their mean, or the part's own at a sharp edge.
+fn rounded(own: Vec2, beyond: Option<Vec2>) -> Vec2 {
+    match beyond {
+        Some(other) if own.dot(other) > 0.6 => (own + other).normalize_or(own),
+        _ => own,
     }
 }

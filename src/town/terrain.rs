@@ -8,8 +8,8 @@ use super::material::Material;
 use super::surface::{Model, Surface};
 
 /// Where a cell is cut, in metres from its middle; every cell alike, so that neighbours share the
-/// corners on their border. Half a street, the pavement, the lot in five strips, and back.
-pub(super) const LINES: [f32; 10] = [-20.0, -17.25, -15.5, -9.0, -3.0, 3.0, 9.0, 15.5, 17.25, 20.0];
+/// corners on their border. Half a street, the pavement, the lot in four strips, and back.
+pub(super) const LINES: [f32; 9] = [-20.0, -17.25, -15.5, -7.75, 0.0, 7.75, 15.5, 17.25, 20.0];
 /// The pavement's height above the street.
 pub(super) const CURB: f32 = 0.14;
 
@@ -89,17 +89,17 @@ pub(super) fn model(ground: &Ground, column: i32, row: i32, cover: Cover) -> Mod
                     srgb(tint) * (0.9 + 0.2 * ground.noise(place.x, place.z, 17.0, 5))
                 }
             };
-            lay(&mut model, Material::Cobble, ground, origin, 0.0, |r| r == 0, stone(0xcc_c2_b4));
-            lay(&mut model, Material::Cobble, ground, origin, CURB, |r| r == 1, stone(0xf2_e6_d2));
+            lay(&mut model, Material::Cobble, ground, origin, 0.0, |r| r == 0, stone(0xccc2b4));
+            lay(&mut model, Material::Cobble, ground, origin, CURB, |r| r == 1, stone(0xf2e6d2));
             curb(&mut model, ground, origin);
             if cover == Cover::Square {
-                let paving = stone(0xe0_d0_b8);
+                let paving = stone(0xe0d0b8);
                 lay(&mut model, Material::Cobble, ground, origin, CURB, |r| r > 1, paving);
             } else {
                 let garden = |place: Vec3, normal: Vec3| {
                     let local = (place - origin).abs();
                     let worn = smooth((local.x.max(local.z) - 9.0) / 6.0) * 0.6;
-                    let earth = srgb(0xb8_a0_7c);
+                    let earth = srgb(0xb8a07c);
                     grass_color(ground, place, normal).lerp(earth, worn)
                 };
                 lay(&mut model, Material::Grass, ground, origin, CURB, |r| r > 1, garden);
@@ -144,11 +144,15 @@ fn is_drowned(ground: &Ground, origin: Vec3, i: usize, j: usize) -> bool {
 /// The upright faces between street and pavement.
 fn curb(model: &mut Model, ground: &Ground, origin: Vec3) {
     let edge = LINES[LINES.len() - 2];
-    let color = srgb(0xc8_c0_b2);
+    let color = srgb(0xc8c0b2);
     let surface = model.of(Material::Cobble);
     let repeat = Material::Cobble.repeat();
-    let sides =
-        [(Vec3::X, Vec3::Z), (Vec3::Z, Vec3::NEG_X), (Vec3::NEG_X, Vec3::NEG_Z), (Vec3::NEG_Z, Vec3::X)];
+    let sides = [
+        (Vec3::X, Vec3::Z),
+        (Vec3::Z, Vec3::NEG_X),
+        (Vec3::NEG_X, Vec3::NEG_Z),
+        (Vec3::NEG_Z, Vec3::X),
+    ];
     for (along, out) in sides {
         let mut before: Option<[usize; 2]> = None;
         for &line in &LINES[1..LINES.len() - 1] {
@@ -172,10 +176,10 @@ fn curb(model: &mut Model, ground: &Ground, origin: Vec3) {
 /// Grass, dry grass, rock where it is steep, sand at the water.
 fn grass_color(ground: &Ground, place: Vec3, normal: Vec3) -> Color {
     let dry = ground.noise(place.x, place.z, 27.0, 6);
-    let green = srgb(0x8c_b0_5c).lerp(srgb(0xc4_bc_78), dry * 0.7);
-    let rock = srgb(0xc4_b4_9c);
+    let green = srgb(0x8cb05c).lerp(srgb(0xc4bc78), dry * 0.7);
+    let rock = srgb(0xc4b49c);
     let steep = smooth((0.88 - normal.y) / 0.14);
     let sand = smooth((QUAY_HEIGHT - place.y) / 0.9);
     let wet = 1.0 - 0.35 * smooth((0.35 - place.y) / 0.5);
-    green.lerp(rock, steep).lerp(srgb(0xec_dc_b4), sand) * wet
+    green.lerp(rock, steep).lerp(srgb(0xecdcb4), sand) * wet
 }

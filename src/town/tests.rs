@@ -8,7 +8,7 @@ use super::{TownError, TownOptions, generate};
 
 /// Bytes and FNV-1a of the town of two blocks and seed 1. Whoever changes the town, or the version
 /// of the PNG encoder, writes the new ones here, so that it does not happen unseen.
-const PINNED: (usize, u64) = (0, 0);
+const PINNED: (usize, u64) = (2655256, 0xaece_6393_f73a_6641);
 
 struct File {
     json: Value,
@@ -54,7 +54,7 @@ impl File {
         };
         let length = number(&accessor["count"]) * component * width;
         let offset = number(&accessor["byteOffset"]);
-        assert!(offset % 4 == 0 && offset + length <= number(&view["byteLength"]));
+        assert!(offset.is_multiple_of(4) && offset + length <= number(&view["byteLength"]));
         let start = number(&view["byteOffset"]) + offset;
         &self.buffer[start..start + length]
     }
@@ -111,7 +111,7 @@ fn other_seed_gives_another_town() {
 
 #[test]
 fn four_blocks_draw_about_a_hundred_thousand_triangles() {
-    for seed in [1, 2, 3] {
+    for seed in 1..=4 {
         let triangles = parse(&town(4, seed)).triangles();
         assert!((80_000..=120_000).contains(&triangles), "seed {seed}: {triangles}");
     }
@@ -128,7 +128,7 @@ fn every_index_names_a_vertex() {
     for primitive in file.primitives() {
         let vertices = file.floats(&primitive["attributes"]["POSITION"]).len() / 3;
         let indices = file.indices(&primitive["indices"]);
-        assert!(!indices.is_empty() && indices.len() % 3 == 0);
+        assert!(!indices.is_empty() && indices.len().is_multiple_of(3));
         assert!(indices.into_iter().all(|index| index < vertices));
     }
 }

@@ -41,7 +41,7 @@ impl Tree {
         match self {
             Self::Plane => {
                 trunk(&mut model, 0.26, 3.0);
-                let green = srgb(0x8f_a8_55);
+                let green = srgb(0x8fa855);
                 blob(&mut model, vec3(0.0, 4.6, 0.0), vec3(2.3, 2.1, 2.3), green, 1);
                 blob(&mut model, vec3(1.1, 3.7, 0.7), vec3(1.5, 1.3, 1.5), green * 0.92, 2);
             }
@@ -55,7 +55,7 @@ impl Tree {
             }
             Self::Pine => {
                 trunk(&mut model, 0.24, 6.4);
-                let green = srgb(0x74_96_52);
+                let green = srgb(0x749652);
                 blob(&mut model, vec3(0.0, 7.1, 0.0), vec3(3.0, 1.15, 3.0), green, 3);
             }
         }
@@ -64,7 +64,7 @@ impl Tree {
 }
 
 fn trunk(model: &mut Model, radius: f32, height: f32) {
-    let bark = srgb(0x8a_70_58);
+    let bark = srgb(0x8a7058);
     let profile = [
         (radius * 1.5, -0.8, bark * 0.6),
         (radius * 1.3, 0.1, bark * 0.7),
@@ -74,7 +74,7 @@ fn trunk(model: &mut Model, radius: f32, height: f32) {
 }
 
 fn cypress(model: &mut Model) {
-    let green = srgb(0x5f_86_4c);
+    let green = srgb(0x5f864c);
     let profile = [
         (0.30, 0.55, green * 0.45),
         (0.85, 1.5, green * 0.7),
@@ -118,10 +118,26 @@ fn icosphere() -> (Vec<Vec3>, Vec<[usize; 3]>) {
         points.push(vec3(a, 0.0, b));
     }
     let faces = [
-        [0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11],
-        [1, 5, 9], [5, 11, 4], [11, 10, 2], [10, 7, 6], [7, 1, 8],
-        [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9],
-        [4, 9, 5], [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1],
+        [0, 11, 5],
+        [0, 5, 1],
+        [0, 1, 7],
+        [0, 7, 10],
+        [0, 10, 11],
+        [1, 5, 9],
+        [5, 11, 4],
+        [11, 10, 2],
+        [10, 7, 6],
+        [7, 1, 8],
+        [3, 9, 4],
+        [3, 4, 2],
+        [3, 2, 6],
+        [3, 6, 8],
+        [3, 8, 9],
+        [4, 9, 5],
+        [2, 4, 11],
+        [6, 2, 10],
+        [8, 6, 7],
+        [9, 8, 1],
     ];
     let mut middles = std::collections::BTreeMap::new();
     let mut split = Vec::with_capacity(80);
@@ -155,7 +171,7 @@ fn cards(model: &mut Model) {
         let right = Vec3::Y.cross(facing).normalize_or(Vec3::X);
         let up = facing.cross(right);
         let half = random.between(0.85, 1.15);
-        let shade = srgb(0xa9_b8_82) * (0.66 + 0.34 * (y * 0.5 + 0.5));
+        let shade = srgb(0xa9b882) * (0.66 + 0.34 * (y * 0.5 + 0.5));
         let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
         let quad = corners.map(|(s, t): (f32, f32)| {
             let corner = place + (right * s + up * t) * half;

@@ -30,9 +30,5 @@ pub(super) fn sin_cos(turns: f32) -> (f32, f32) {
 /// Rotated about +Y, anticlockwise seen from above.
 pub(super) fn about_up(vector: Vec3, turns: f32) -> Vec3 {
     let (sine, cosine) = sin_cos(turns);
-    Vec3::new(
-        vector.x * cosine + vector.z * sine,
-        vector.y,
-        vector.z * cosine - vector.x * sine,
-    )
+    Vec3::new(vector.x * cosine + vector.z * sine, vector.y, vector.z * cosine - vector.x * sine)
 }

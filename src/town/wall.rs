@@ -90,7 +90,7 @@ impl Wall {
             y: [low - 0.11, low + 0.02],
             z: [-0.05, 0.09],
         };
-        model.cuboid(Material::Stone, f, sill, Hidden::Back, Color::new(0.80, 0.77, 0.72));
+        model.cuboid(Material::Stone, f, sill, Hidden::BackAndBottom, Color::new(0.80, 0.77, 0.72));
         if let Some(color) = opening.shutters {
             let wide = (right - left) * 0.46;
             for x in [[left - 0.03 - wide, left - 0.03], [right + 0.03, right + 0.03 + wide]] {

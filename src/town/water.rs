@@ -13,7 +13,7 @@ const TILE: f32 = 80.0;
 /// Strips of a tile; every tile has the same, so that neighbours share their corners.
 const STRIPS: usize = 4;
 /// Sea around the land, in tiles.
-const MARGIN: i32 = 5;
+const MARGIN: i32 = 4;
 /// Beyond this distance from the land all tiles are one mesh.
 const SHOAL: f32 = 100.0;
 
@@ -28,8 +28,8 @@ fn offshore(ground: &Ground, x: f32, z: f32) -> f32 {
 }
 
 fn color(ground: &Ground, x: f32, z: f32) -> Color {
-    let deep = srgb(0x1a_50_64);
-    let shoal = srgb(0x3c_86_88);
+    let deep = srgb(0x1a5066);
+    let shoal = srgb(0x3c8688);
     let distance = offshore(ground, x, z) + (ground.noise(x, z, 45.0, 8) - 0.5) * 30.0;
     shoal.lerp(deep, smooth(distance / SHOAL).max(0.08))
 }
@@ -69,7 +69,7 @@ fn is_inland(ground: &Ground, middle: Vec3) -> bool {
 
 /// Adds the sea and gives its node.
 pub(super) fn write(file: &mut Glb, ground: &Ground) -> usize {
-    let far = file.add_mesh("water-far", &tile(|_, _| srgb(0x1a_50_64)));
+    let far = file.add_mesh("water-far", &tile(|_, _| srgb(0x1a5066)));
     let reach = |metres: f32| (metres / TILE).ceil() as i32 + MARGIN;
     let columns = reach(ground.half_width + ground.rim);
     let rows = [-reach(ground.depth + ground.rim), reach(BLOCK)];

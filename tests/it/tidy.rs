@@ -93,7 +93,7 @@ type Broken = (Rule, &'static str, &'static str, &'static str);
 const BROKEN: &[Broken] = &[
     (layers::absences, "render-server/src/renderer.rs", "use tokio::net;", ":1: `tokio`"),
     (layers::absences, "render-server/src/renderer/a.rs", "\nuse winit;", "a.rs:2: `winit`"),
-    (layers::absences, "render-server/src/session.rs", "Instant::now()", "`Instant::now`"),
+    (layers::absences, "render-server/src/playback.rs", "Instant::now()", "`Instant::now`"),
     (layers::absences, "server-manager/src/cluster/log.rs", "SystemTime", "`SystemTime`"),
     (layers::absences, "server-manager/src/cluster.rs", "tokio::spawn", "no clock"),
     (layers::absences, "server-manager/src/registry.rs", "tokio::spawn", "own a connection"),

@@ -112,7 +112,9 @@ impl Texture {
         let (width, height, levels) = (self.width, self.height, self.mip_count);
         let sides = 1..=TEXTURE_SIDE_MAX;
         if !sides.contains(&width) || !sides.contains(&height) {
-            return Some(format!("{width} × {height} pixels, where 1 to {TEXTURE_SIDE_MAX} can be"));
+            return Some(format!(
+                "{width} × {height} pixels, where 1 to {TEXTURE_SIDE_MAX} can be"
+            ));
         }
         let levels_max = width.max(height).ilog2() + 1;
         (!(1..=levels_max).contains(&levels))

@@ -62,15 +62,26 @@ impl Gpu {
     /// # Errors
     /// No driver, or the driver refuses.
     pub fn headless() -> Result<Self, GpuError> {
-        Self::open(Self::instance(), None)
+        Self::open(Self::instance(wgpu::InstanceDescriptor::new_without_display_handle), None)
     }
 
-    /// An instance that honours `WGPU_BACKEND` and, through the loader, `VK_DRIVER_FILES`.
-    pub fn instance() -> wgpu::Instance {
-        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle().with_env();
-        // Nothing is drawn indirectly, so the pipelines that check such draws are not needed.
-        descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
-        wgpu::Instance::new(descriptor)
+    /// An instance of Vulkan where there is a driver for it, else of GL; `WGPU_BACKEND` and,
+    /// through the loader, `VK_DRIVER_FILES` are honoured. `describe` gives the window system.
+    ///
+    /// GL is not even looked at where Vulkan will do: its libraries complain on machines without
+    /// a screen.
+    pub fn instance(describe: impl Fn() -> wgpu::InstanceDescriptor) -> wgpu::Instance {
+        let chosen = wgpu::Backends::from_env();
+        let with = |backends| {
+            let mut descriptor = describe().with_env();
+            descriptor.backends = backends;
+            // Nothing is drawn indirectly, so the pipelines that check such draws are not needed.
+            descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
+            wgpu::Instance::new(descriptor)
+        };
+        let first = with(chosen.unwrap_or(wgpu::Backends::VULKAN));
+        let found = pollster::block_on(first.enumerate_adapters(wgpu::Backends::all()));
+        if found.is_empty() && chosen.is_none() { with(wgpu::Backends::GL) } else { first }
     }
 
     /// Opens the best adapter that can present to the surface: hardware Vulkan, else software
@@ -122,7 +133,8 @@ impl Gpu {
     }
 }
 
-/// Lower is better.
+/// Lower is better. GL comes last also because its depth from −1 to 1 costs reversed depth its
+/// precision far away.
 fn rank(info: &wgpu::AdapterInfo) -> u32 {
     let kind = match info.device_type {
         wgpu::DeviceType::DiscreteGpu => 0,

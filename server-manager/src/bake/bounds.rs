@@ -28,12 +28,12 @@ pub(super) fn scales(nodes: &[Node], world: &[DAffine3]) -> BTreeMap<u32, f64> {
 pub(super) fn of_scene(scene: &Scene) -> Result<Option<Bounds>, BakeError> {
     let mut sum = Sum { min: DVec3::MAX, max: DVec3::MIN };
     let mesh_boxes: Vec<_> = scene.meshes.iter().map(whole).collect();
-    for (i, (node, world)) in scene.nodes.iter().zip(scene.world_from_nodes()).enumerate() {
+    for (node, world) in scene.nodes.iter().zip(scene.world_from_nodes()) {
         let mut drawn = Sum { min: DVec3::MAX, max: DVec3::MIN };
         if !world.is_finite() {
-            let place = format!("the world transform of node {i} '{}'", node.name);
+            let place = format!("nodes '{}'", node.name);
             let right = "smaller numbers would be right";
-            return Err(BakeError::at(place, "it overflows", right));
+            return Err(BakeError::at(place, "its world transform overflows", right));
         }
         let Some(mesh) = node.mesh.map(|mesh| mesh as usize) else { continue };
         if node.instances.is_empty() {
@@ -53,9 +53,9 @@ pub(super) fn of_scene(scene: &Scene) -> Result<Option<Bounds>, BakeError> {
         }
         if drawn.min.cmple(drawn.max).all() {
             if !(drawn.min.is_finite() && drawn.max.is_finite()) {
-                let place = format!("the mesh of node {i} '{}'", node.name);
+                let place = format!("nodes '{}'", node.name);
                 let right = "smaller numbers would be right";
-                return Err(BakeError::at(place, "it is infinitely large", right));
+                return Err(BakeError::at(place, "its mesh is infinitely large", right));
             }
             (sum.min, sum.max) = (sum.min.min(drawn.min), sum.max.max(drawn.max));
         }

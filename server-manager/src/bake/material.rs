@@ -178,7 +178,7 @@ fn factors(json: &json::Material, place: &str) -> Result<Material, BakeError> {
 }
 
 fn limit(value: f32, min: f32, max: f32) -> f32 {
-    if value.is_nan() { max.min(1.0) } else { value.clamp(min, max) }
+    if value.is_nan() { min } else { value.clamp(min, max) }
 }
 
 /// A material while its textures are looked up.

@@ -92,8 +92,8 @@ fn write(
     };
     let is_surface = geometry.topology == Topology::Triangles;
     let has_tangents = matches!(geometry.tangents, Tangents::Vertex(_));
-    if let Some((uv_set, uv_transform)) = needs.normal_map.filter(|_| is_surface && !has_tangents) {
-        let made = tangent::generate(&geometry, uv_set, uv_transform);
+    if let Some(map) = needs.normal_map.filter(|_| is_surface && !has_tangents) {
+        let made = tangent::generate(job, &geometry, map, place);
         geometry.tangents = Tangents::Corner(made);
     }
     job.check()?;

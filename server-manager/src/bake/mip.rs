@@ -200,7 +200,7 @@ mod tests {
 
     #[test]
     fn a_checker_is_half_the_light() {
-        let texel = |i: u32| if (i + i / 4) % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] };
+        let texel = |i: u32| if (i + i / 4).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] };
         let checker: Vec<u8> = (0..16).flat_map(texel).collect();
         let bytes = chain_of(4, 4, checker.clone(), Content::Color);
         assert_eq!(bytes.len(), (16 + 4 + 1) * 4);

@@ -28,8 +28,8 @@ pub(super) const HALF_EXTENT_COARSE: f64 = 25.0 * HALF_EXTENT_MAX;
 /// Most pieces of one primitive: each is a draw call.
 pub(super) const PIECES_MAX: usize = 4096;
 
-/// A split must make one of its halves smaller by this factor, or it is not worth a draw call:
-/// an element that is large itself can't be made smaller.
+/// A split must make one of its halves so much shorter along the split axis, or it is not worth a
+/// draw call: an element that is large itself can't be made smaller.
 const SHRINK: f64 = 0.9;
 
 /// Elements in the order of their pieces.
@@ -82,7 +82,8 @@ struct Shape<'a> {
 impl Shape<'_> {
     /// Partitions the elements and says where, or `None` where they may stay together.
     fn halve(&self, elements: &mut [u32]) -> Option<usize> {
-        let half_extent = self.half_extent(elements);
+        let half_size = self.half_size(elements);
+        let half_extent = half_size.max_element();
         let is_fine = half_extent <= HALF_EXTENT_MAX;
         let is_few = elements.len() < 2 * PIECE_ELEMENTS_MIN && half_extent <= HALF_EXTENT_COARSE;
         if is_fine || is_few || elements.len() < 2 || !half_extent.is_finite() {
@@ -95,8 +96,8 @@ impl Shape<'_> {
             self.centroid(a)[axis].total_cmp(&self.centroid(b)[axis])
         });
         let (low, high) = elements.split_at(middle);
-        let least = self.half_extent(low).min(self.half_extent(high));
-        (least <= half_extent * SHRINK).then_some(middle)
+        let least = self.half_size(low)[axis].min(self.half_size(high)[axis]);
+        (least <= half_size[axis] * SHRINK).then_some(middle)
     }
 
     fn corners(&self, element: u32) -> impl Iterator<Item = DVec3> + '_ {
@@ -110,11 +111,11 @@ impl Shape<'_> {
         self.corners(element).sum()
     }
 
-    /// Half of the longest side of the box around these elements, in metres.
-    fn half_extent(&self, elements: &[u32]) -> f64 {
+    /// Half of the sides of the box around these elements, in metres.
+    fn half_size(&self, elements: &[u32]) -> DVec3 {
         let corners = elements.iter().flat_map(|&element| self.corners(element));
         let (min, max) = around(corners);
-        (max - min).max_element() * 0.5 * self.scale
+        (max - min) * 0.5 * self.scale
     }
 }
 

@@ -1,16 +1,40 @@
 //! Tangents as glTF prescribes them where a file has none: MikkTSpace.
 
+use std::collections::HashMap;
+
 use bevy_mikktspace::TangentSpace;
 use glam::{Affine2, DVec3, Vec2, Vec3};
 
+use super::Job;
 use super::geometry::{Geometry, clean_tangent, flat_normal};
 
 /// Larger texture coordinates than this have no fraction left, and their squares overflow.
 const UV_MAX: f32 = 1e6;
 
+/// Most pairs of vertices in one place that are compared, about ten seconds: welding looks at
+/// every pair, so that a file with a million vertices in one point would take hours.
+const PAIRS_MAX: u64 = 1 << 30;
+
+/// Whether welding would take forever: the vertices that share a place, squared.
+fn is_crowded(positions: &[[f32; 3]]) -> bool {
+    let mut count_at: HashMap<[u32; 3], u64> = HashMap::with_capacity(positions.len());
+    let mut pairs = 0u64;
+    positions.iter().any(|position| {
+        let count = count_at.entry(position.map(f32::to_bits)).or_default();
+        pairs += *count;
+        *count += 1;
+        pairs > PAIRS_MAX
+    })
+}
+
 /// Tangents for every index of a geometry of triangles, from its normals and one of its sets of
 /// texture coordinates as the normal map uses it.
-pub(super) fn generate(geometry: &Geometry, uv_set: u8, uv_transform: Affine2) -> Vec<[f32; 4]> {
+pub(super) fn generate(
+    job: &mut Job<'_>,
+    geometry: &Geometry,
+    (uv_set, uv_transform): (u8, Affine2),
+    place: &str,
+) -> Vec<[f32; 4]> {
     let positions = geometry.positions.iter().map(|&position| Vec3::from(position).as_dvec3());
     let (min, max) = positions.fold((DVec3::MAX, DVec3::MIN), |(min, max), position| {
         (min.min(position), max.max(position))
@@ -26,10 +50,10 @@ pub(super) fn generate(geometry: &Geometry, uv_set: u8, uv_transform: Affine2) -
         scale,
         tangents: vec![[0.0, 0.0, 0.0, 1.0]; geometry.indices.len()],
     };
-    match bevy_mikktspace::generate_tangents(&mut surface) {
-        Ok(()) => {}
-        // The enum has no variants yet; should it get one, the clean-up below stands in.
-        Err(error) => tracing::debug!(?error, "no tangents"),
+    // The enum of errors has no variants; should it get one, the clean-up below stands in.
+    let is_crowded = is_crowded(&geometry.positions);
+    if is_crowded || bevy_mikktspace::generate_tangents(&mut surface).is_err() {
+        job.warn(&format!("{place}: too many vertices in one place; its tangents are rough"));
     }
     let mut tangents = surface.tangents;
     for (corner, tangent) in tangents.iter_mut().enumerate() {

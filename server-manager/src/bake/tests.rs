@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 use polyptych_protocol::codec;
-use polyptych_protocol::scene::{IndexFormat, Scene};
+use polyptych_protocol::scene::{IndexFormat, LightKind, Scene};
 use serde_json::json;
 
 use super::{BakeError, Baked, Progress, Store, bake};
@@ -90,7 +90,7 @@ fn missing_normals_are_flat_and_shared_vertices_part() {
     let ridge = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]];
     let positions = builder.floats("VEC3", ridge.as_flattened());
     let indices = builder.indices(&[0, 1, 2, 1, 0, 3]);
-    builder.mesh(json!({ "attributes": { "POSITION": positions }, "indices": indices }));
+    builder.mesh(&json!({ "attributes": { "POSITION": positions }, "indices": indices }));
     let (place, baked, scene) = bake_builder(&builder);
     assert_eq!((baked.triangles, scene.meshes[0].primitives[0].vertex_count), (2, 6));
     for vertex in vertices(&place, &scene, 0, 0) {
@@ -114,6 +114,39 @@ fn normal_maps_get_tangents() {
         // u goes along +x and v down, so the bitangent goes up with the picture: w is +1.
         assert_eq!(row[6..10], [1.0, 0.0, 0.0, 1.0]);
     }
+}
+
+/// FlightHelmet brings tangents; without them, ours must agree with its author's.
+#[test]
+fn tangents_agree_with_an_authored_asset() {
+    let asset = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/assets/FlightHelmet.glb");
+    let Ok(mut bytes) = fs::read(asset) else {
+        println!("skipped: no assets");
+        return;
+    };
+    let place = Place::new();
+    let rows_of = |bytes: &[u8]| {
+        let baked = place.bake(&place.write("helmet.glb", bytes)).expect("baked");
+        let scene = place.scene(&baked);
+        let meshes = 0..scene.meshes.len();
+        meshes.flat_map(|mesh| vertices(&place, &scene, mesh, 0)).collect::<Vec<_>>()
+    };
+    let authored = rows_of(&bytes);
+    while let Some(at) = bytes.windows(9).position(|window| window == b"\"TANGENT\"") {
+        bytes[at + 1] = b'_';
+    }
+    let key =
+        |row: &[f32]| [&row[..6], &row[10..12]].concat().iter().map(|f| f.to_bits()).collect();
+    let made: std::collections::HashMap<Vec<u32>, Vec<f32>> =
+        rows_of(&bytes).into_iter().map(|row| (key(&row), row)).collect();
+    let agrees = |row: &&Vec<f32>| {
+        made.get::<Vec<u32>>(&key(row)).is_some_and(|made| {
+            let dot: f32 = (6..9).map(|i| row[i] * made[i]).sum();
+            dot > 0.9 && row[9] == made[9]
+        })
+    };
+    let share = authored.iter().filter(agrees).count() as f64 / authored.len() as f64;
+    assert!(share > 0.95, "{share} of the tangents agree");
 }
 
 #[test]
@@ -142,7 +175,7 @@ fn equal_primitives_share_a_blob() {
     primitive["material"] = json!(1);
     builder.json["meshes"][0]["primitives"] = json!([primitive.clone(), primitive.clone()]);
     primitive["material"] = json!(0);
-    builder.mesh(primitive);
+    builder.mesh(&primitive);
     let (_place, baked, scene) = bake_builder(&builder);
     assert_eq!((scene.meshes.len(), scene.materials.len()), (2, 2));
     let first = scene.meshes[0].primitives[0].blob;
@@ -166,7 +199,7 @@ fn large_meshes_are_split_and_recentred() {
     let indices: Vec<u32> = (0..side * side).flat_map(quad).collect();
     let indices = builder.indices(&indices);
     let attributes = json!({ "POSITION": positions, "NORMAL": normals });
-    builder.mesh(json!({ "attributes": attributes, "indices": indices }));
+    builder.mesh(&json!({ "attributes": attributes, "indices": indices }));
     let (place, baked, scene) = bake_builder(&builder);
     assert_eq!(baked.triangles, 20_000);
     let pieces = &scene.meshes[0].primitives;
@@ -204,6 +237,24 @@ fn instances_and_quantised_meshes_are_drawn() {
     let (_place, baked, scene) = bake_builder(&builder);
     assert_eq!((baked.triangles, scene.nodes[0].instances.len()), (2, 2));
     assert_eq!(scene.bounds.expect("bounds").max, DVec3::new(105.0, 100.0, 0.0));
+}
+
+#[test]
+fn lights_are_brought_into_range() {
+    let mut builder = Builder::triangle();
+    let lights = json!([
+        { "type": "point", "intensity": 5.0 },
+        { "type": "spot", "intensity": -1.0, "range": 0.0,
+          "spot": { "innerConeAngle": 0.9, "outerConeAngle": 0.5 } },
+    ]);
+    builder.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": lights } });
+    builder.json["nodes"][0]["extensions"] = json!({ "KHR_lights_punctual": { "light": 1 } });
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert_eq!((scene.lights.len(), scene.nodes[0].light, baked.warnings.len()), (1, Some(0), 3));
+    let light = &scene.lights[0];
+    assert_eq!((light.intensity, light.range), (0.0, None));
+    let LightKind::Spot { inner_rad, outer_rad } = light.kind else { panic!("{:?}", light.kind) };
+    assert!(0.0 < inner_rad && inner_rad < outer_rad && outer_rad == 0.5);
 }
 
 #[test]

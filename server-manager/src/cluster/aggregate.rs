@@ -37,7 +37,7 @@ impl Cluster {
     }
 
     /// Sends the feedback of a frame to those who want it.
-    pub(super) fn publish(&mut self, feedback: Feedback) {
+    pub(super) fn publish(&mut self, feedback: &Feedback) {
         let subscribed = self.clients.iter().filter(|(_, client)| client.is_subscribed);
         for (&to, _) in subscribed {
             let answer = Answer::Feedback(feedback.clone());

@@ -173,7 +173,9 @@ impl Cluster {
             .filter(|(id, c)| c.state == ChannelState::Late && !barrier.drawn.contains_key(id))
             .map(|(id, _)| id)
             .collect();
-        late.iter().for_each(|&id| self.registry.still_late(id));
+        for id in late {
+            self.registry.still_late(id);
+        }
         // A server that hangs longer than a frame may take must not show this one any more.
         let swap = Swap {
             epoch: self.epoch,
@@ -188,7 +190,7 @@ impl Cluster {
         }
         let feedback = self.aggregate(&barrier, now);
         self.gathered.add_frame(&feedback, now);
-        self.publish(feedback.clone());
+        self.publish(&feedback);
         match barrier.order {
             Some(FrameOrder { job, capture: true, .. }) => self.collect(job, &barrier.drawn),
             Some(FrameOrder { job, .. }) => self.reply(job, Ok(Reply::Frame(feedback))),

@@ -112,8 +112,7 @@ impl Cluster {
                 underway.failed.push((from, format!("server {name}: {reason}")));
             }
         } else if revision == self.shown.revision {
-            let reason = Some(reason.to_owned());
-            self.registry.set_states(&channels, ChannelState::Preparing, reason, now);
+            self.registry.set_states(&channels, ChannelState::Preparing, Some(reason), now);
             self.stop_waiting_for(&channels, now);
         }
         self.advance_change(now);
@@ -143,8 +142,7 @@ impl Cluster {
             let digest = replica.digest();
             let expires = now + PREPARE_TIME_MAX;
             let failed = Vec::new();
-            self.changes.current =
-                Some(Underway { change, replica, digest, expires, failed });
+            self.changes.current = Some(Underway { change, replica, digest, expires, failed });
             let everyone = self.registry.servers().map(|(id, _)| id).collect();
             self.send_change_to(everyone);
         }
@@ -179,16 +177,13 @@ impl Cluster {
         self.registry.restart_warm_up();
         self.demote_unprepared(now, &failed);
         tracing::info!(revision = %self.shown.revision, "the wall shows a new revision");
-        let reply = match change.summary {
-            Some(mut summary) => {
-                summary.revision = self.shown.revision;
-                self.features = summary.features.names().into_iter().map(Into::into).collect();
-                Reply::SceneOpened(summary)
-            }
-            None => {
-                self.features.clear();
-                Reply::Done
-            }
+        self.features.clear();
+        let reply = if let Some(mut summary) = change.summary {
+            summary.revision = self.shown.revision;
+            self.features.extend(summary.features.names().into_iter().map(String::from));
+            Reply::SceneOpened(summary)
+        } else {
+            Reply::Done
         };
         self.reply(change.job, Ok(reply));
     }
@@ -215,7 +210,7 @@ impl Cluster {
             .map(|(id, server)| (id, server.channels.clone()))
             .collect();
         for (session, channels) in unprepared {
-            let reason = failed.iter().find(|(id, _)| *id == session).map(|(_, r)| r.clone());
+            let reason = failed.iter().find(|(id, _)| *id == session).map(|(_, r)| r.as_str());
             self.registry.set_states(&channels, ChannelState::Preparing, reason, now);
             self.stop_waiting_for(&channels, now);
         }

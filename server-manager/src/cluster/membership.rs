@@ -39,7 +39,8 @@ impl Cluster {
             let side = channel.size.max_element();
             if side > side_max {
                 return Err(format!(
-                    "channel {} is {} × {} pixels, and the adapter {} draws at most {side_max} a side",
+                    "channel {} is {} × {} pixels, and the adapter {} draws at most \
+                     {side_max} a side",
                     channel.name, channel.size.x, channel.size.y, hello.adapter.name
                 ));
             }
@@ -92,8 +93,7 @@ impl Cluster {
         tracing::error!(server = server.name, why, "resynchronising a server");
         server.prepared = None;
         let channels = server.channels.clone();
-        let reason = Some(why.to_owned());
-        self.registry.set_states(&channels, ChannelState::Preparing, reason, now);
+        self.registry.set_states(&channels, ChannelState::Preparing, Some(why), now);
         self.send_snapshot(session);
         self.stop_waiting_for(&channels, now);
     }

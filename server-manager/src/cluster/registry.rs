@@ -147,7 +147,7 @@ impl Registry {
             self.channels[usize::from(id.0)].server = None;
         }
         let channels = server.channels.clone();
-        self.set_states(&channels, ChannelState::Lost, Some(reason.to_owned()), now);
+        self.set_states(&channels, ChannelState::Lost, Some(reason), now);
         Some(server)
     }
 
@@ -158,8 +158,7 @@ impl Registry {
     }
 
     pub fn silent(&self, now: Micros) -> Vec<SessionId> {
-        let is_silent =
-            |server: &Server| now.saturating_sub(server.last_heard) > self.heartbeat_us;
+        let is_silent = |server: &Server| now.saturating_sub(server.last_heard) > self.heartbeat_us;
         self.servers.iter().filter(|(_, s)| is_silent(s)).map(|(&id, _)| id).collect()
     }
 
@@ -223,11 +222,11 @@ impl Registry {
         &mut self,
         ids: &[ChannelId],
         state: ChannelState,
-        reason: Option<String>,
+        reason: Option<&str>,
         now: Micros,
     ) {
         for &id in ids {
-            self.set_state(id, state, reason.clone(), now);
+            self.set_state(id, state, reason.map(str::to_owned), now);
         }
     }
 

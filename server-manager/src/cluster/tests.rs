@@ -1,6 +1,7 @@
 //! Failures of a wall as short deterministic tests: the clock is the test's own.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 use glam::{DVec3, UVec2};
 use polyptych_protocol::command::{Frame, Prepare};
@@ -242,7 +243,7 @@ impl Stage {
         self.cluster.status(self.now).channels[channel].state
     }
 
-    fn imported(&self) -> ImportedScene {
+    fn imported() -> ImportedScene {
         let scene = SceneRef { name: "town".into(), manifest: BlobHash::of(b"town") };
         let summary = SceneSummary {
             name: "town".into(),
@@ -328,7 +329,7 @@ fn a_scene_is_shown_when_all_live_channels_are_prepared() {
     let before = stage.cluster.shown.revision;
     let id = stage.request(Request::OpenScene { path: "town.glb".into() });
     let job = stage.imports[0];
-    let imported = stage.imported();
+    let imported = Stage::imported();
     stage.cluster.handle_import(stage.now, job, Ok(imported));
     stage.read();
     stage.prepare(SessionId(0));
@@ -354,7 +355,7 @@ fn what_cannot_be_imported_or_prepared_changes_nothing() {
     assert!(stage.replies[0].1.as_ref().is_err_and(|f| f.reason.contains("broken.glb")));
 
     let digest_before = stage.cluster.shown.scene.clone();
-    let imported = stage.imported();
+    let imported = Stage::imported();
     stage.cluster.handle_import(stage.now, job, Ok(imported));
     stage.read();
     let (_, prepare) = stage.prepares.remove(0);
@@ -525,17 +526,17 @@ proptest! {
                     stage.cluster.handle_server_gone(stage.now, session, "killed");
                     stage.read();
                 },
-                Step::Join(c) => if !sessions.contains_key(&c) {
+                Step::Join(c) => if let Entry::Vacant(free) = sessions.entry(c) {
                     next_session += 1;
                     stage.join(SessionId(next_session), c).expect("the channel is free");
-                    sessions.insert(c, SessionId(next_session));
+                    free.insert(SessionId(next_session));
                 },
                 Step::Prepare(c) => if let Some(&session) = sessions.get(&c) {
                     stage.prepare(session);
                 },
                 Step::Open => asked.push(stage.request(Request::OpenScene { path: "a".into() })),
                 Step::Import(is_good) => if let Some(job) = stage.imports.pop() {
-                    let imported = stage.imported();
+                    let imported = Stage::imported();
                     let result = is_good.then_some(imported).ok_or("broken".to_owned());
                     stage.cluster.handle_import(stage.now, job, result);
                     stage.read();

@@ -31,10 +31,10 @@ const ABSENCES: &[Absence] = &[
     },
     Absence {
         words: &["tokio", "tokio_util", "TcpStream", "Instant::now", "SystemTime"],
-        within: &["render-server/src/session"],
+        within: &["render-server/src/playback"],
         except: &[],
         tests_may: false,
-        why: "the session has no sockets and no clock: `now` is an argument",
+        why: "playback has no sockets and no clock: `now` is an argument",
     },
     Absence {
         words: &["tokio", "tokio_util"],

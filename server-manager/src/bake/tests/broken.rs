@@ -92,7 +92,7 @@ fn indices_and_lengths_out_of_range() {
     refused(
         |b| {
             b.json["accessors"][0] =
-                json!({ "componentType": 5126, "count": 1u64 << 40, "type": "VEC3" })
+                json!({ "componentType": 5126, "count": 1u64 << 40, "type": "VEC3" });
         },
         &["accessors[0]", "without a bufferView"],
     );
@@ -208,6 +208,23 @@ fn broken_images() {
     assert!(message.contains("can't hold 16384 × 16384"), "{message}");
 }
 
+#[test]
+fn many_vertices_in_one_place_take_no_time() {
+    let mut builder = textured(&png(1, 1, |_, _| [9; 4]));
+    let count = 150_000;
+    let mut positions = vec![[0.0f32; 3]; count];
+    positions[0] = [1.0, 2.0, 3.0];
+    let uvs: Vec<[f32; 2]> = (0..count).map(|i| [i as f32, (i % 7) as f32]).collect();
+    let positions = builder.floats("VEC3", positions.as_flattened());
+    let normals = builder.floats("VEC3", vec![[0.0, 0.0, 1.0]; count].as_flattened());
+    let uvs = builder.floats("VEC2", uvs.as_flattened());
+    builder.json["meshes"][0]["primitives"][0] = json!({ "material": 0, "attributes": {
+        "POSITION": positions, "NORMAL": normals, "TEXCOORD_0": uvs } });
+    let place = Place::new();
+    let baked = place.bake(&place.write("scene.glb", &builder.glb())).expect("baked");
+    assert!(baked.warnings[0].contains("too many vertices in one place"));
+}
+
 fn crc32(bytes: &[u8]) -> u32 {
     let step = |crc: u32, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 };
     !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), step))
@@ -230,7 +247,11 @@ fn replace_number(json: &mut Value, nth: usize, by: &Value) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, ..Default::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 500,
+        failure_persistence: None,
+        ..Default::default()
+    })]
 
     #[test]
     fn no_mutation_panics(

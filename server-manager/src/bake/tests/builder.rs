@@ -26,7 +26,7 @@ impl Builder {
     pub(super) fn triangle() -> Self {
         let mut builder = Self::empty();
         let positions = builder.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
-        builder.mesh(json!({ "attributes": { "POSITION": positions } }));
+        builder.mesh(&json!({ "attributes": { "POSITION": positions } }));
         builder
     }
 
@@ -41,7 +41,7 @@ impl Builder {
         let uvs = builder.floats("VEC2", &uvs);
         let indices = builder.indices(&[0, 1, 2, 0, 2, 3]);
         let attributes = json!({ "POSITION": positions, "NORMAL": normals, "TEXCOORD_0": uvs });
-        builder.mesh(json!({ "attributes": attributes, "indices": indices }));
+        builder.mesh(&json!({ "attributes": attributes, "indices": indices }));
         builder
     }
 
@@ -92,7 +92,7 @@ impl Builder {
     }
 
     /// A mesh of this primitive, and a root node that shows it.
-    pub(super) fn mesh(&mut self, primitive: Value) {
+    pub(super) fn mesh(&mut self, primitive: &Value) {
         let mesh = self.push("meshes", json!({ "primitives": [primitive] }));
         let node = self.push("nodes", json!({ "mesh": mesh }));
         self.json["scenes"][0]["nodes"].as_array_mut().expect("a list").push(json!(node));

@@ -1,0 +1,139 @@
+//! A child process whose output is kept, and which never outlives its test.
+
+use std::io::{BufRead, BufReader, Read};
+use std::os::unix::process::ExitStatusExt;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::Builder;
+use std::time::Duration;
+
+use rustix::process::Signal;
+
+use super::wait;
+
+/// A running program.
+#[derive(Debug)]
+pub struct Process {
+    name: String,
+    child: Child,
+    log: Arc<Mutex<Vec<String>>>,
+}
+
+/// How a program ended, and all that it said.
+#[derive(Debug)]
+pub struct Finished {
+    pub status: ExitStatus,
+    pub output: String,
+}
+
+impl Process {
+    /// Starts the program. Both of its outputs go into one log; its input stays open.
+    pub fn start(name: &str, command: &mut Command) -> Self {
+        let command = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap_or_else(|error| panic!("{name}: {error}"));
+        let log = Arc::default();
+        keep(&log, child.stdout.take());
+        keep(&log, child.stderr.take());
+        Self { name: name.to_owned(), child, log }
+    }
+
+    /// The system's number of it.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// All that it has said.
+    pub fn output(&self) -> String {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner).join("\n")
+    }
+
+    /// Waits until it says a line with all these parts; gives the line.
+    #[track_caller]
+    pub fn await_line(&mut self, parts: &[&str]) -> String {
+        let has_parts = |line: &&String| parts.iter().all(|part| line.contains(part));
+        let seen = wait::look_for(wait::LIMIT, || {
+            let log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
+            log.iter().find(has_parts).cloned()
+        });
+        seen.unwrap_or_else(|| panic!("{} did not say {parts:?}:\n{}", self.name, self.output()))
+    }
+
+    /// Whether it has ended.
+    pub fn has_ended(&mut self) -> bool {
+        self.child.try_wait().expect("the child can be asked").is_some()
+    }
+
+    /// Sends a signal.
+    pub fn signal(&self, signal: Signal) {
+        super::signals::send(self.pid(), signal);
+    }
+
+    /// Ends it at once, as a power failure would.
+    pub fn kill(&mut self) {
+        // It may have ended by itself.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
+    /// Waits until it has ended by itself.
+    #[track_caller]
+    pub fn finish(&mut self, limit: Duration) -> Finished {
+        let status = wait::look_for(limit, || self.child.try_wait().expect("can be asked"));
+        let Some(status) = status else {
+            panic!("{} did not end within {limit:?}:\n{}", self.name, self.output());
+        };
+        // The rest of its output is in the pipes; descendants may hold them open a little longer.
+        let is_read = || (Arc::strong_count(&self.log) == 1).then_some(());
+        let _ = wait::look_for(Duration::from_secs(2), is_read);
+        Finished { status, output: self.output() }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.kill();
+        if std::thread::panicking() {
+            eprintln!("--- {} said:\n{}", self.name, self.output());
+        }
+    }
+}
+
+impl Finished {
+    /// What a shell would see as `$?`.
+    pub fn code(&self) -> i32 {
+        let by_signal = || self.status.signal().map(|signal| 128 + signal);
+        self.status.code().or_else(by_signal).unwrap_or(-1)
+    }
+
+    /// That it did what it was asked; gives what it said.
+    #[track_caller]
+    pub fn succeeded(self) -> String {
+        assert_eq!(self.code(), 0, "{}", self.output);
+        self.output
+    }
+
+    /// That it failed as a command does, and said why; gives what it said.
+    #[track_caller]
+    pub fn failed(self, parts: &[&str]) -> String {
+        assert_eq!(self.code(), 1, "{}", self.output);
+        let last = self.output.lines().rev().find(|line| line.starts_with("error: "));
+        let last = last.unwrap_or_else(|| panic!("no error is said: {}", self.output)).to_owned();
+        for part in parts {
+            assert!(last.contains(part), "{part:?} is not in {last:?}");
+        }
+        last
+    }
+}
+
+/// Keeps what comes through a pipe, on a thread that ends with the pipe.
+fn keep(log: &Arc<Mutex<Vec<String>>>, pipe: Option<impl Read + Send + 'static>) {
+    let (log, pipe) = (Arc::clone(log), pipe.expect("the output is a pipe"));
+    let read = move || {
+        for line in BufReader::new(pipe).split(b'\n') {
+            let Ok(line) = line else { return };
+            let line = String::from_utf8_lossy(&line).into_owned();
+            log.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+        }
+    };
+    Builder::new().name("output".into()).spawn(read).expect("a thread");
+}

@@ -1,0 +1,40 @@
+//! Signals to processes that a test started, and a look at what is left of them.
+
+use std::fs;
+use std::path::Path;
+
+use rustix::process::{Pid, Signal, kill_process};
+
+/// Sends a signal; the process may be gone already.
+pub fn send(pid: u32, signal: Signal) {
+    if let Some(pid) = Pid::from_raw(pid as i32) {
+        let _ = kill_process(pid, signal);
+    }
+}
+
+/// The processes that have this text in their environment: a folder of one test only is in that
+/// of all that it started, whoever their parents are by now.
+pub fn processes_of(folder: &Path) -> Vec<u32> {
+    let folder = folder.as_os_str().as_encoded_bytes();
+    let ids = fs::read_dir("/proc").expect("/proc is there").filter_map(|entry| {
+        let pid: u32 = entry.ok()?.file_name().to_str()?.parse().ok()?;
+        // A process that has just ended has none; one of another user is none of ours.
+        let environment = fs::read(format!("/proc/{pid}/environ")).ok()?;
+        environment.windows(folder.len()).any(|bytes| bytes == folder).then_some(pid)
+    });
+    ids.collect()
+}
+
+/// The arguments of a process; none where it is gone.
+pub fn arguments_of(pid: u32) -> Vec<String> {
+    let bytes = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    bytes.split(|byte| *byte == 0).map(|part| String::from_utf8_lossy(part).into_owned()).collect()
+}
+
+/// What a process has for a variable of its environment.
+pub fn variable_of(pid: u32, name: &str) -> Option<String> {
+    let bytes = fs::read(format!("/proc/{pid}/environ")).ok()?;
+    let text = String::from_utf8_lossy(&bytes).into_owned();
+    let mut variables = text.split('\0').filter_map(|variable| variable.split_once('='));
+    variables.find(|(key, _)| *key == name).map(|(_, value)| value.to_owned())
+}

@@ -1,0 +1,29 @@
+//! Waiting for what is tested, never for a time.
+
+use std::time::{Duration, Instant};
+
+/// Longest wait for anything: two cores that build something else are slow, but not that slow.
+pub const LIMIT: Duration = Duration::from_secs(60);
+
+/// Between two looks; short beside everything that is waited for.
+const PERIOD: Duration = Duration::from_millis(10);
+
+/// Looks until there is something to see; `None` after `limit`.
+pub fn look_for<T>(limit: Duration, mut look: impl FnMut() -> Option<T>) -> Option<T> {
+    let deadline = Instant::now() + limit;
+    loop {
+        if let Some(seen) = look() {
+            return Some(seen);
+        }
+        if Instant::now() > deadline {
+            return None;
+        }
+        std::thread::park_timeout(PERIOD);
+    }
+}
+
+/// As [`look_for`], where there must be something within [`LIMIT`].
+#[track_caller]
+pub fn until<T>(what: &str, look: impl FnMut() -> Option<T>) -> T {
+    look_for(LIMIT, look).unwrap_or_else(|| panic!("{what}: not within {LIMIT:?}"))
+}
