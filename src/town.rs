@@ -40,7 +40,7 @@ use std::error::Error;
 use std::fmt;
 
 use block::{Block, Shared};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use glb::{Glb, Node, Placement};
 use ground::{Ground, rim_cells};
 use terrain::Cover;
@@ -59,6 +59,15 @@ pub struct TownOptions {
     pub blocks: u32,
     /// Another seed is another town.
     pub seed: u64,
+}
+
+impl TownOptions {
+    /// The box around the houses and the quay, in metres: what to look at. Around them lie the
+    /// rim of the island and the sea.
+    pub fn focus(&self) -> (DVec3, DVec3) {
+        let side = 40.0 * f64::from(self.blocks);
+        (DVec3::new(-0.5 * side, 0.0, -0.8 * side), DVec3::new(0.5 * side, 16.0, 0.2 * side))
+    }
 }
 
 /// Why there is no town.

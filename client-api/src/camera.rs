@@ -8,7 +8,7 @@ use polyptych_protocol::wall::Wall;
 /// How far above the horizon an overview stands: high enough to see behind the first row.
 const ELEVATION_RAD: f64 = 0.35;
 
-/// A camera that shows all of `bounds` on the wall's first screen, from `heading_rad` around +Y
+/// A camera that shows all of `bounds` on the screen in front of the eye, from `heading_rad` around +Y
 /// (0 sees the scene from its +Z side, a quarter turn from +X) and a little above.
 ///
 /// The centre of the scene comes to stand in the centre of that screen, and the scale is chosen
@@ -21,7 +21,7 @@ pub fn overview(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
     let rotation = Camera::look_at(outward, DVec3::ZERO, DVec3::Y).rotation;
     let radius = Some(bounds.radius()).filter(|r| r.is_finite() && *r > 0.0).unwrap_or(1.0);
 
-    let (middle_in_display, half_side_m) = first_screen(wall);
+    let (middle_in_display, half_side_m) = front_screen(wall);
     let distance_m = (middle_in_display - wall.eye).length();
     // The sphere touches the cone of half angle a where radius = distance * sin a.
     let half_angle = half_side_m.atan2(distance_m);
@@ -31,15 +31,23 @@ pub fn overview(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
     Camera { position, rotation, scale }
 }
 
-/// The centre of the first screen, and half of its shorter side, in metres of display space.
-fn first_screen(wall: &Wall) -> (DVec3, f64) {
-    let Some(screen) = wall.screens.first() else {
-        return (wall.eye + DVec3::NEG_Z, 0.5);
-    };
-    let across = screen.lower_right - screen.lower_left;
-    let up = screen.upper_left - screen.lower_left;
-    let middle = screen.lower_left + (across + up) * 0.5;
-    (middle, across.length().min(up.length()) * 0.5)
+/// The centre of the screen that stands most in front of the eye (towards −Z; the first of equal
+/// ones), and half of its shorter side, in metres of display space.
+fn front_screen(wall: &Wall) -> (DVec3, f64) {
+    let mut front = (wall.eye + DVec3::NEG_Z, 0.5);
+    let mut most_ahead = f64::NEG_INFINITY;
+    for screen in &wall.screens {
+        let across = screen.lower_right - screen.lower_left;
+        let up = screen.upper_left - screen.lower_left;
+        let middle = screen.lower_left + (across + up) * 0.5;
+        let ahead = (middle - wall.eye).try_normalize().map_or(0.0, |toward| -toward.z);
+        // Two screens side by side are equally far ahead but for rounding.
+        if ahead > most_ahead + 1e-9 {
+            most_ahead = ahead;
+            front = (middle, across.length().min(up.length()) * 0.5);
+        }
+    }
+    front
 }
 
 #[cfg(test)]
@@ -66,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn the_scene_fills_the_first_screen_at_the_depth_of_the_wall() {
+    fn the_scene_fills_the_front_screen_at_the_depth_of_the_wall() {
         let wall = wall();
         let bounds = Bounds { min: DVec3::splat(1e6), max: DVec3::splat(1e6 + 0.5) };
         for heading in [0.0, 1.0, 4.0] {

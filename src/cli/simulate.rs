@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
-use polyptych_client::{Camera, SceneSummary, overview};
+use polyptych_client::{Bounds, Camera, overview};
 use polyptych_protocol::wall::Wall;
 
 use super::{cache_folder, load_wall, manager, rate, seconds};
@@ -32,6 +32,14 @@ const TIME_RATE: f64 = 30.0;
 
 /// What an interrupted process answers to its shell: 128 and the number of SIGINT.
 const INTERRUPTED: u8 = 130;
+
+/// The scene of a simulation.
+#[derive(Debug)]
+struct Shown {
+    file: PathBuf,
+    /// What to look at, where it is not the whole scene.
+    focus: Option<Bounds>,
+}
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -67,11 +75,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let out = &arguments.out;
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
-    let scene = match &arguments.scene {
-        Some(scene) => scene.canonicalize().with_context(|| scene.display().to_string())?,
+    let shown = match &arguments.scene {
+        Some(scene) => {
+            let file = scene.canonicalize().with_context(|| scene.display().to_string())?;
+            Shown { file, focus: None }
+        }
         None => generated_town()?,
     };
-    let root = scene.parent().unwrap_or(Path::new("/")).to_owned();
+    let root = shown.file.parent().unwrap_or(Path::new("/")).to_owned();
     let baker = manager::baker(cache_folder()?.join("store"), manager::BAKE_MEMORY_MIB_DEFAULT)?;
     let count = wall.channels.len();
     println!("wall {}: {count} channels on {} screens", wall.name, wall.screens.len());
@@ -84,7 +95,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
     let spinner = step("starting the servers");
     let local = LocalWall::start(options)?;
     spinner.finish_and_clear();
-    let result = drive(&local, wall, &scene, arguments);
+    let result = drive(&local, wall, &shown, arguments);
     if local.was_interrupted() {
         eprintln!("interrupted");
         return Ok(ExitCode::from(INTERRUPTED));
@@ -96,16 +107,17 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
 fn drive(
     local: &LocalWall,
     wall: &Wall,
-    scene: &Path,
+    shown: &Shown,
     arguments: &Arguments,
 ) -> anyhow::Result<()> {
     let client = &local.client;
     let spinner = step("opening the scene");
-    let summary = client.open_scene(scene.display().to_string())?;
+    let summary = client.open_scene(shown.file.display().to_string())?;
     spinner.finish_and_clear();
     let features = summary.features.names().join(", ");
     println!("scene {}: {} triangles; needs: {features}", summary.name, summary.triangles);
-    let camera = |n: u64| camera_of_frame(wall, &summary, arguments, n);
+    let focus = shown.focus.or(summary.bounds);
+    let camera = |n: u64| camera_of_frame(wall, focus.as_ref(), arguments, n);
     for _ in 0..WARM_UP_FRAMES {
         client.render_frame_at(camera(0), Some(0.0))?;
     }
@@ -136,14 +148,13 @@ fn drive(
 
 fn camera_of_frame(
     wall: &Wall,
-    summary: &SceneSummary,
+    focus: Option<&Bounds>,
     arguments: &Arguments,
     n: u64,
 ) -> Option<Camera> {
-    let bounds = summary.bounds.as_ref()?;
     let time_s = n as f64 / arguments.rate.unwrap_or(TIME_RATE);
     let turned = if arguments.orbit { TAU * time_s / ORBIT_SECONDS } else { 0.0 };
-    Some(overview(wall, bounds, HEADING_RAD + turned))
+    Some(overview(wall, focus?, HEADING_RAD + turned))
 }
 
 fn draw_frames(
@@ -208,15 +219,17 @@ fn step(what: &'static str) -> ProgressBar {
 }
 
 /// The scene of the demo, kept in this user's cache folder once it was made.
-fn generated_town() -> anyhow::Result<PathBuf> {
+fn generated_town() -> anyhow::Result<Shown> {
     use crate::town::{TownOptions, generate};
+    const TOWN: TownOptions = TownOptions { blocks: 4, seed: 1 };
     let folder = cache_folder()?.join("scenes");
     std::fs::create_dir_all(&folder)
         .with_context(|| format!("cannot make {}", folder.display()))?;
     let path = folder.join("town.glb");
-    let bytes = generate(&TownOptions { blocks: 4, seed: 1 })?;
+    let bytes = generate(&TOWN)?;
     // Written anew each time: it is quick, and an older version may lie there.
     pictures::write_whole(&path, &bytes)
         .with_context(|| format!("cannot write {}", path.display()))?;
-    Ok(path.canonicalize()?)
+    let (min, max) = TOWN.focus();
+    Ok(Shown { file: path.canonicalize()?, focus: Some(Bounds { min, max }) })
 }

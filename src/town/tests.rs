@@ -8,7 +8,7 @@ use super::{TownError, TownOptions, generate};
 
 /// Bytes and FNV-1a of the town of two blocks and seed 1. Whoever changes the town, or the version
 /// of the PNG encoder, writes the new ones here, so that it does not happen unseen.
-const PINNED: (usize, u64) = (2655256, 0xaece_6393_f73a_6641);
+const PINNED: (usize, u64) = (2651168, 0xd93b_f9fd_0bca_5cf5);
 
 struct File {
     json: Value,

@@ -13,7 +13,7 @@ const TILE: f32 = 80.0;
 /// Strips of a tile; every tile has the same, so that neighbours share their corners.
 const STRIPS: usize = 4;
 /// Sea around the land, in tiles.
-const MARGIN: i32 = 4;
+const MARGIN: i32 = 1;
 /// Beyond this distance from the land all tiles are one mesh.
 const SHOAL: f32 = 100.0;
 
@@ -69,7 +69,6 @@ fn is_inland(ground: &Ground, middle: Vec3) -> bool {
 
 /// Adds the sea and gives its node.
 pub(super) fn write(file: &mut Glb, ground: &Ground) -> usize {
-    let far = file.add_mesh("water-far", &tile(|_, _| srgb(0x1a5066)));
     let reach = |metres: f32| (metres / TILE).ceil() as i32 + MARGIN;
     let columns = reach(ground.half_width + ground.rim);
     let rows = [-reach(ground.depth + ground.rim), reach(BLOCK)];
@@ -93,9 +92,13 @@ pub(super) fn write(file: &mut Glb, ground: &Ground) -> usize {
             children.push(file.add_node(&Node::with_mesh(name, Placement::at(middle), mesh)));
         }
     }
-    let mut far = Node::with_mesh("water-far", Placement::at(Vec3::ZERO), far);
-    far.instances = open;
-    children.push(file.add_node(&far));
+    // A small town has shoals only; a mesh without instances would stand once at the origin.
+    if !open.is_empty() {
+        let far = file.add_mesh("water-far", &tile(|_, _| srgb(0x1a5066)));
+        let mut far = Node::with_mesh("water-far", Placement::at(Vec3::ZERO), far);
+        far.instances = open;
+        children.push(file.add_node(&far));
+    }
     let mut sea = Node::new("sea", Placement::at(Vec3::ZERO));
     sea.children = children;
     file.add_node(&sea)
