@@ -38,6 +38,18 @@ pub(crate) struct LocalWallOptions {
     pub windows: bool,
 }
 
+/// Ctrl-C or SIGTERM came before the wall was there.
+#[derive(Debug)]
+pub(crate) struct Interrupted;
+
+impl std::fmt::Display for Interrupted {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("interrupted")
+    }
+}
+
+impl std::error::Error for Interrupted {}
+
 /// A running wall; dropping it ends its manager and its children.
 #[derive(Debug)]
 pub(crate) struct LocalWall {
@@ -54,7 +66,7 @@ impl LocalWall {
     /// Starts manager and servers, and waits until all channels could draw.
     ///
     /// # Errors
-    /// What did not start, and why.
+    /// What did not start, and why; [`Interrupted`] where it was ended meanwhile.
     pub fn start(options: LocalWallOptions) -> anyhow::Result<Self> {
         let LocalWallOptions { mut wall, scene_roots, baker, windows } = options;
         let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
@@ -77,17 +89,16 @@ impl LocalWall {
         connect.token = Some(token);
         connect.name = "simulate".into();
         connect.timeouts.open_scene = OPEN_TIME_MAX;
-        let client = Client::connect_with(connect)?;
-        let wall = Self {
-            client,
-            supervisor,
-            stop,
-            manager: Some(manager),
-            was_interrupted,
-            _folder: folder,
-        };
-        wall.await_channels()?;
-        Ok(wall)
+        let is_interrupted = Arc::clone(&was_interrupted);
+        let started = Client::connect_with(connect).map_err(Into::into).and_then(|client| {
+            let manager = Some(manager);
+            let wall = Self { client, supervisor, stop, manager, was_interrupted, _folder: folder };
+            wall.await_channels()?;
+            Ok(wall)
+        });
+        // What else failed then failed for that reason.
+        let is_interrupted = is_interrupted.load(Ordering::Relaxed);
+        if is_interrupted { Err(Interrupted.into()) } else { started }
     }
 
     /// Whether Ctrl-C or SIGTERM has ended it.

@@ -52,16 +52,15 @@ pub(super) struct CameraArguments {
 #[derive(Debug, clap::Subcommand)]
 enum Pose {
     /// Stand at a point and look at another
-    #[command(allow_negative_numbers = true)]
     LookAt {
         /// Where to stand, in world units: X,Y,Z
-        #[arg(value_parser = point)]
+        #[arg(value_parser = point, allow_hyphen_values = true)]
         position: DVec3,
         /// What to look at: X,Y,Z
-        #[arg(value_parser = point)]
+        #[arg(value_parser = point, allow_hyphen_values = true)]
         target: DVec3,
         /// What is up: X,Y,Z
-        #[arg(long, value_parser = point, default_value = "0,1,0")]
+        #[arg(long, value_parser = point, allow_hyphen_values = true, default_value = "0,1,0")]
         up: DVec3,
         /// World units per metre of display space
         #[arg(long, default_value_t = 1.0)]
@@ -70,13 +69,12 @@ enum Pose {
         manager: ManagerAddress,
     },
     /// Stand at a point with a rotation
-    #[command(allow_negative_numbers = true)]
     Pose {
         /// Where to stand, in world units: X,Y,Z
-        #[arg(value_parser = point)]
+        #[arg(value_parser = point, allow_hyphen_values = true)]
         position: DVec3,
         /// A unit quaternion: X,Y,Z,W
-        #[arg(value_parser = quaternion)]
+        #[arg(value_parser = quaternion, allow_hyphen_values = true)]
         rotation: DQuat,
         /// World units per metre of display space
         #[arg(long, default_value_t = 1.0)]

@@ -11,7 +11,7 @@ use polyptych_client::{Bounds, Camera, overview};
 use polyptych_protocol::wall::Wall;
 
 use super::{cache_folder, load_wall, manager, rate, seconds};
-use crate::local_wall::{LocalWall, LocalWallOptions};
+use crate::local_wall::{Interrupted, LocalWall, LocalWallOptions};
 use crate::pictures;
 use crate::report::Report;
 
@@ -93,14 +93,23 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         windows: arguments.windows,
     };
     let spinner = step("starting the servers");
-    let local = LocalWall::start(options)?;
+    let started = LocalWall::start(options);
     spinner.finish_and_clear();
+    let local = match started {
+        Ok(local) => local,
+        Err(error) if error.is::<Interrupted>() => return Ok(interrupted()),
+        Err(error) => return Err(error),
+    };
     let result = drive(&local, wall, &shown, arguments);
     if local.was_interrupted() {
-        eprintln!("interrupted");
-        return Ok(ExitCode::from(INTERRUPTED));
+        return Ok(interrupted());
     }
     result.map(|()| ExitCode::SUCCESS)
+}
+
+fn interrupted() -> ExitCode {
+    eprintln!("interrupted");
+    ExitCode::from(INTERRUPTED)
 }
 
 /// Opens the scene, draws the frames, and writes what came of them.

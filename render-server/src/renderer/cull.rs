@@ -1,6 +1,6 @@
 //! Which boxes a channel's rectangle can show, decided in f64 and on the safe side.
 
-use glam::{DMat4, DVec3, DVec4};
+use glam::{DMat3, DMat4, DVec3, DVec4};
 
 /// Slack of the plane tests, relative to the sizes involved: far above the rounding of f64, far
 /// below a pixel.
@@ -35,6 +35,23 @@ impl Planes {
             if length > 0.0 { plane / length } else { DVec4::W }
         };
         Self { eye, planes: planes.map(unit) }
+    }
+
+    /// The eye, in the space of the planes.
+    pub fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    /// The same planes in the space of an item: points `p` there stand at `origin + linear · p`
+    /// in the world.
+    pub fn in_space_of(&self, linear: &DMat3, origin: DVec3) -> Self {
+        let offset = origin - self.eye;
+        let transposed = linear.transpose();
+        let planes = self.planes.map(|plane| {
+            let normal = plane.truncate();
+            (transposed * normal).extend(plane.w + normal.dot(offset))
+        });
+        Self { eye: DVec3::ZERO, planes }
     }
 
     /// `None` where the box is outside; else the planes of `mask` that cut it.

@@ -5,9 +5,10 @@
 
 use std::collections::BTreeSet;
 
-use glam::{DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec3};
 
-use super::pipeline::InstanceRecord;
+use super::cull::Planes;
+use super::pipeline::{Cull, InstanceRecord};
 use super::scene::{Bounds, Scene};
 use super::view::ViewDesc;
 
@@ -26,6 +27,8 @@ pub(in crate::renderer) struct Draw {
     /// Into the instance records of the frame.
     pub first: u32,
     pub count: u32,
+    /// A part of the geometry's indices; `None`: all of them.
+    pub part: Option<[u32; 2]>,
 }
 
 /// What one view draws.
@@ -37,6 +40,7 @@ pub(in crate::renderer) struct DrawList {
     pub opaque: Vec<Draw>,
     /// Far to near, by item.
     pub transparent: Vec<Draw>,
+    /// Within the rectangle, whichever way they face.
     pub triangles: u64,
     pub visible: u32,
     /// Pixels that visible items may touch; `None` where there are none.
@@ -63,7 +67,8 @@ impl DrawList {
         instances: &mut Vec<InstanceRecord>,
     ) -> Self {
         scratch.visible.clear();
-        scene.tree.visible(&view.planes(rectangle), &mut scratch.visible);
+        let planes = view.planes(rectangle);
+        scene.tree.visible(&planes, &mut scratch.visible);
         let mut list = Self {
             rectangle,
             visible: scratch.visible.len() as u32,
@@ -75,20 +80,29 @@ impl DrawList {
             let batch = scene.items[index as usize].batch;
             let pipeline = scene.batches[batch as usize].pipeline;
             let first = push(scene, index, view.eye_in_world, instances);
-            list.triangles += scene.batches[batch as usize].triangles;
-            extend(&mut list.opaque, Draw { batch, pipeline, first, count: 1 });
+            let whole = Draw { batch, pipeline, first, count: 1, part: None };
+            if scene.clusters_of(batch).is_empty() {
+                list.triangles += scene.batches[batch as usize].triangles;
+                extend(&mut list.opaque, whole);
+            } else {
+                list.triangles += draw_parts(scene, index, &planes, whole, &mut list.opaque);
+            }
         }
         for &(_, index) in &scratch.blended {
             let batch_index = scene.items[index as usize].batch;
             let batch = &scene.batches[batch_index as usize];
             let first = push(scene, index, view.eye_in_world, instances);
-            list.triangles += batch.triangles;
-            let draw = Draw { batch: batch_index, pipeline: batch.pipeline, first, count: 1 };
+            let draw =
+                Draw { batch: batch_index, pipeline: batch.pipeline, first, count: 1, part: None };
             if let Some(pipeline) = batch.back_pipeline {
+                list.triangles += batch.triangles;
                 list.transparent.push(Draw { pipeline, ..draw });
                 list.transparent.push(draw);
-            } else {
+            } else if scene.clusters_of(batch_index).is_empty() {
+                list.triangles += batch.triangles;
                 extend(&mut list.transparent, draw);
+            } else {
+                list.triangles += draw_parts(scene, index, &planes, draw, &mut list.transparent);
             }
         }
         list
@@ -102,7 +116,7 @@ pub(in crate::renderer) fn samples_of(scene: &Scene) -> Vec<Draw> {
     for (batch, b) in (0u32..).zip(&scene.batches) {
         for pipeline in [b.back_pipeline, Some(b.pipeline)].into_iter().flatten() {
             if known.insert((pipeline, b.material)) {
-                draws.push(Draw { batch, pipeline, first: 0, count: 1 });
+                draws.push(Draw { batch, pipeline, first: 0, count: 1, part: None });
             }
         }
     }
@@ -115,12 +129,55 @@ fn extend(draws: &mut Vec<Draw>, draw: Draw) {
         Some(last)
             if last.batch == draw.batch
                 && last.pipeline == draw.pipeline
+                && last.part.is_none()
                 && last.first + last.count == draw.first =>
         {
             last.count += 1;
         }
         _ => draws.push(draw),
     }
+}
+
+/// Draws the clusters of an item that the rectangle may show and that may face the eye, joined
+/// where they follow each other. Gives the triangles within the rectangle.
+fn draw_parts(
+    scene: &Scene,
+    index: u32,
+    planes: &Planes,
+    whole: Draw,
+    draws: &mut Vec<Draw>,
+) -> u64 {
+    let item = &scene.items[index as usize];
+    let linear = DMat3::from_cols_array_2d(&item.rows.map(|row| row.map(f64::from))).transpose();
+    let local = planes.in_space_of(&linear, item.origin);
+    let culls_back = scene.keys[whole.pipeline as usize].cull == Cull::Back;
+    // A flat item has no side that an eye could be on.
+    let is_solid = linear.determinant().abs() > f64::MIN_POSITIVE;
+    let eye = (culls_back && is_solid)
+        .then(|| linear.inverse() * (planes.eye() - item.origin))
+        .filter(|eye| eye.is_finite());
+    let mut triangles = 0;
+    let mut part: Option<[u32; 2]> = None;
+    for cluster in scene.clusters_of(whole.batch) {
+        if local.test(cluster.center, cluster.half, Planes::ALL).is_none() {
+            continue;
+        }
+        triangles += u64::from(cluster.index_count / 3);
+        if eye.is_some_and(|eye| cluster.faces_away_from(eye)) {
+            continue;
+        }
+        match &mut part {
+            Some([first, count]) if *first + *count == cluster.first_index => {
+                *count += cluster.index_count;
+            }
+            _ => {
+                draws.extend(part.map(|part| Draw { part: Some(part), ..whole }));
+                part = Some([cluster.first_index, cluster.index_count]);
+            }
+        }
+    }
+    draws.extend(part.map(|part| Draw { part: Some(part), ..whole }));
+    triangles
 }
 
 /// Writes an item's record, relative to the eye; returns its index.

@@ -105,7 +105,8 @@ impl DrawContext<'_> {
                 let indices = shape.buffer.slice(shape.vertex_bytes..);
                 pass.set_index_buffer(indices, shape.index_format);
             }
-            let indices = 0..shape.index_count.min(self.index_count_max);
+            let [start, count] = draw.part.unwrap_or([0, shape.index_count]);
+            let indices = start..start + count.min(self.index_count_max);
             pass.draw_indexed(indices, 0, draw.first..draw.first + draw.count);
         }
     }

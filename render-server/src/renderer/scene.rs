@@ -1,6 +1,7 @@
 //! A scene on the GPU: everything about it that does not change from frame to frame.
 
 mod builder;
+mod cluster;
 mod description;
 mod geometry;
 mod light;
@@ -12,6 +13,7 @@ mod tree;
 use glam::Vec3;
 
 pub use builder::{SceneBuilder, SceneError};
+pub(in crate::renderer) use cluster::Cluster;
 pub use description::{
     AlphaMode, ContentName, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter,
     NodeDesc, PrimitiveDesc, SamplerDesc, SceneDesc, TextureDesc, TextureUse, Topology,
@@ -69,6 +71,11 @@ impl Scene {
     /// Primitives in all their places.
     pub fn item_count(&self) -> usize {
         self.items.len()
+    }
+
+    /// The clusters of a batch's geometry; none where it is always drawn whole.
+    pub(in crate::renderer) fn clusters_of(&self, batch: u32) -> &[Cluster] {
+        &self.geometries[self.batches[batch as usize].geometry as usize].clusters
     }
 
     /// Different pipelines that it needs.

@@ -1,5 +1,6 @@
 //! Vertices and indices on the GPU.
 
+use super::cluster::{Cluster, clusters};
 use super::description::PrimitiveDesc;
 use crate::renderer::gpu::Gpu;
 
@@ -11,6 +12,8 @@ pub(in crate::renderer) struct Geometry {
     pub vertex_bytes: u64,
     pub index_count: u32,
     pub index_format: wgpu::IndexFormat,
+    /// Empty where it is always drawn whole.
+    pub clusters: Vec<Cluster>,
 }
 
 impl Geometry {
@@ -31,7 +34,8 @@ impl Geometry {
         let index_format =
             if desc.wide_indices { wgpu::IndexFormat::Uint32 } else { wgpu::IndexFormat::Uint16 };
         let (vertex_bytes, index_count) = (desc.vertex_bytes(), desc.index_count);
-        Ok(Self { buffer, vertex_bytes, index_count, index_format })
+        let clusters = clusters(desc, bytes);
+        Ok(Self { buffer, vertex_bytes, index_count, index_format, clusters })
     }
 }
 
