@@ -1,6 +1,7 @@
 //! The commands, one file each.
 
 mod bake;
+mod bench;
 mod check;
 mod demo;
 mod drive;
@@ -60,6 +61,9 @@ enum Command {
     Scene(scene::Scene),
     /// Turn a glTF file into the blobs that servers read
     Bake(bake::Arguments),
+    /// Measure what parts of the system cost
+    #[command(subcommand)]
+    Bench(bench::Bench),
 }
 
 /// Where a running manager is.
@@ -95,6 +99,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Check(arguments) => return check::run(&arguments),
         Command::Scene(scene) => scene::run(&scene),
         Command::Bake(arguments) => bake::run(&arguments),
+        Command::Bench(bench) => bench::run(&bench),
     };
     done.map(|()| ExitCode::SUCCESS)
 }

@@ -54,6 +54,18 @@ pub fn encode<T: Serialize>(message: &T) -> Bytes {
     }
 }
 
+/// An encoded message with its length before it: a whole frame, as it stands on the wire.
+///
+/// For a message that goes to many peers: it is put together once.
+pub fn framed(message: &Bytes) -> Bytes {
+    // Longer messages are refused by every peer's decoder; they are not made.
+    let length = u32::try_from(message.len()).unwrap_or(u32::MAX);
+    let mut frame = Vec::with_capacity(4 + message.len());
+    frame.extend_from_slice(&length.to_le_bytes());
+    frame.extend_from_slice(message);
+    Bytes::from(frame)
+}
+
 /// The message that these bytes are, all of them.
 ///
 /// # Errors

@@ -23,11 +23,14 @@ use crate::capture::Collection;
 use crate::client_session;
 use crate::cluster::{Cluster, Micros, Output, RequestOf, SessionId};
 use crate::import::{self, Baker, Import};
-use crate::server_session;
+use crate::server_session::{self, ServerLink};
 use crate::session::{DRAIN_TIME_MAX, EVENTS_MAX, Event, Link};
 
 /// Connections that may be in the handshake at once: strangers get no more of the manager.
 const HANDSHAKES_MAX: usize = 128;
+
+/// Events that are handled in one turn, before timers are looked at again.
+const EVENTS_PER_TURN: usize = 64;
 
 /// How long a capture waits for its pictures, once the frame was swapped.
 const CAPTURE_TIME_MAX: Duration = Duration::from_secs(30);
@@ -174,7 +177,7 @@ struct Hub {
     allowed: AllowedBlobs,
     started: Instant,
     next_session: u64,
-    servers: BTreeMap<SessionId, Link>,
+    servers: BTreeMap<SessionId, ServerLink>,
     clients: BTreeMap<SessionId, Link>,
     collections: Vec<(Instant, Collection)>,
     is_stopping: bool,
@@ -209,11 +212,20 @@ impl Hub {
         shutdown: impl Future<Output = ()>,
     ) -> &'static str {
         tokio::pin!(shutdown);
+        let mut waiting = Vec::with_capacity(EVENTS_PER_TURN);
         loop {
             let wake = self.wake();
             tokio::select! {
+                biased;
                 () = &mut shutdown => return "the manager was ended",
-                Some(event) = inbox.recv() => self.handle(event),
+                // The reports of a frame come together; a turn for each would cost more than
+                // they do.
+                _ = inbox.recv_many(&mut waiting, EVENTS_PER_TURN) => {
+                    for event in waiting.drain(..) {
+                        self.handle(event);
+                        self.carry_out();
+                    }
+                }
                 Some(imported) = self.imported.1.recv() => self.handle_imported(imported),
                 () = tokio::time::sleep_until(wake) => {}
             }
@@ -324,9 +336,10 @@ impl Hub {
         while let Some(output) = self.cluster.poll_output() {
             match output {
                 Output::Command { to, bytes } => {
+                    let frame = codec::framed(&bytes);
                     for session in to {
                         let Some(link) = self.servers.get(&session) else { continue };
-                        if link.outbox.try_send(bytes.clone()).is_err() {
+                        if !link.send(&frame) {
                             self.forget(session, "it reads too slowly, or not at all");
                         }
                     }
@@ -350,7 +363,7 @@ impl Hub {
                 Output::Close { session, reason } => {
                     if let Some(link) = self.servers.get(&session) {
                         let goodbye = codec::encode(&Command::Goodbye { reason: reason.clone() });
-                        let _ = link.outbox.try_send(goodbye);
+                        link.send(&codec::framed(&goodbye));
                     }
                     self.forget(session, &reason);
                 }
@@ -399,18 +412,22 @@ impl Hub {
     async fn say_goodbye(self, reason: &str) {
         tracing::info!(reason, "the manager ends");
         let to_servers = codec::encode(&Command::Goodbye { reason: reason.to_owned() });
+        let to_servers = codec::framed(&to_servers);
         let to_clients = codec::encode(&Answer::Goodbye { reason: reason.to_owned() });
-        let servers = self.servers.values().map(|link| (link, &to_servers));
-        let clients = self.clients.values().map(|link| (link, &to_clients));
-        for (link, goodbye) in servers.chain(clients) {
-            let _ = link.outbox.try_send(goodbye.clone());
+        for link in self.servers.values() {
+            link.send(&to_servers);
             link.close.cancel();
         }
-        let links = self.servers.values().chain(self.clients.values());
-        let outboxes: Vec<_> = links.map(|link| link.outbox.clone()).collect();
+        for link in self.clients.values() {
+            let _ = link.outbox.try_send(to_clients.clone());
+            link.close.cancel();
+        }
         let all_closed = async {
-            for outbox in outboxes {
-                outbox.closed().await;
+            for link in self.servers.values() {
+                link.closed().await;
+            }
+            for link in self.clients.values() {
+                link.outbox.closed().await;
             }
         };
         let _ = tokio::time::timeout(DRAIN_TIME_MAX, all_closed).await;

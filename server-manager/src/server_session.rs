@@ -1,15 +1,110 @@
 //! A render server's control connection.
+//!
+//! What the brain sends goes straight to the socket where nothing waits before it: waking a task
+//! for each of 64 servers would cost more than the barrier itself.
 
+use std::io::ErrorKind;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
+
+use bytes::Bytes;
 use futures_util::StreamExt;
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::status::Status;
 use tokio::net::TcpStream;
+use tokio::net::tcp::OwnedWriteHalf;
 use tokio::sync::{mpsc, oneshot};
+use tokio_util::codec::{FramedParts, FramedRead};
+use tokio_util::sync::CancellationToken;
 
 use crate::cluster::SessionId;
-use crate::session::{Event, Link, write_all};
+use crate::session::{DRAIN_TIME_MAX, Event, OUTBOX_MESSAGES_MAX};
+
+/// The brain's end of a server's connection. Only the brain sends.
+#[derive(Debug)]
+pub(crate) struct ServerLink {
+    outbox: mpsc::Sender<Bytes>,
+    /// Closes the connection after what is in the outbox.
+    pub close: CancellationToken,
+    lane: Arc<Lane>,
+}
+
+/// The way to the socket, which the brain and the writer share.
+#[derive(Debug, Default)]
+struct Lane {
+    /// There once the peer was welcomed.
+    half: OnceLock<OwnedWriteHalf>,
+    /// Messages that are in the outbox or partly written. While there are any, the writer alone
+    /// writes.
+    waiting: AtomicUsize,
+}
+
+impl ServerLink {
+    fn new() -> (Self, mpsc::Receiver<Bytes>) {
+        let (outbox, inbox) = mpsc::channel(OUTBOX_MESSAGES_MAX);
+        (Self { outbox, close: CancellationToken::new(), lane: Arc::default() }, inbox)
+    }
+
+    /// Sends a whole frame; `false` where the peer reads too slowly to be sent more.
+    pub fn send(&self, frame: &Bytes) -> bool {
+        let mut rest = frame.clone();
+        if let Some(half) = self.lane.half.get()
+            && self.lane.waiting.load(Ordering::Acquire) == 0
+        {
+            match half.try_write(frame) {
+                Ok(written) if written == frame.len() => return true,
+                Ok(written) => rest = frame.slice(written..),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                // The reader finds out why, and tells the brain.
+                Err(_) => return true,
+            }
+        }
+        self.lane.waiting.fetch_add(1, Ordering::AcqRel);
+        self.outbox.try_send(rest).is_ok()
+    }
+
+    /// Ready when the connection is gone.
+    pub fn closed(&self) -> impl Future<Output = ()> + use<> {
+        let outbox = self.outbox.clone();
+        async move { outbox.closed().await }
+    }
+}
+
+/// Writes what is in the outbox until the connection is closed from one side; then what is left,
+/// as far as the peer takes it in [`DRAIN_TIME_MAX`].
+async fn write_rest(lane: &Lane, mut outbox: mpsc::Receiver<Bytes>, close: CancellationToken) {
+    let hard_end = async {
+        close.cancelled().await;
+        tokio::time::sleep(DRAIN_TIME_MAX).await;
+    };
+    let work = async {
+        loop {
+            let frame = tokio::select! {
+                biased;
+                frame = outbox.recv() => frame,
+                () = close.cancelled() => None,
+            };
+            let (Some(mut frame), Some(half)) = (frame, lane.half.get()) else { return };
+            while !frame.is_empty() {
+                if half.writable().await.is_err() {
+                    return;
+                }
+                match half.try_write(&frame) {
+                    Ok(written) => frame = frame.slice(written..),
+                    Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                    Err(_) => return,
+                }
+            }
+            lane.waiting.fetch_sub(1, Ordering::AcqRel);
+        }
+    };
+    tokio::select! {
+        () = work => {}
+        () = hard_end => {}
+    }
+}
 
 /// Serves one connection until it ends, and tells the brain why it did.
 pub(crate) async fn serve(
@@ -18,8 +113,8 @@ pub(crate) async fn serve(
     address: String,
     events: mpsc::Sender<Event>,
 ) {
-    let (link, outbox) = Link::new();
-    let close = link.close.clone();
+    let (link, outbox) = ServerLink::new();
+    let (close, lane) = (link.close.clone(), Arc::clone(&link.lane));
     let (verdict, answer) = oneshot::channel();
     let joins = Event::ServerJoins { hello, address: address.clone(), link, verdict };
     if events.send(joins).await.is_err() {
@@ -42,8 +137,14 @@ pub(crate) async fn serve(
         }
         Err(_) => return,
     };
-    let (sink, mut stream) = frames.split();
-    let writer = write_all(sink, outbox, close);
+    let FramedParts { io, codec, read_buf, .. } = frames.into_parts();
+    let (read_half, write_half) = io.into_split();
+    let mut stream = FramedRead::new(read_half, codec);
+    // What the peer sent behind its hello.
+    *stream.read_buffer_mut() = read_buf;
+    // Nobody else sets it.
+    let _ = lane.half.set(write_half);
+    let writer = write_rest(&lane, outbox, close);
     let reader = async {
         loop {
             let bytes = match stream.next().await {

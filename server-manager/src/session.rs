@@ -16,6 +16,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
 use crate::cluster::SessionId;
+use crate::server_session::ServerLink;
 
 /// Most messages that wait to be sent to one peer. A server that stands still for two seconds at
 /// 60 frames per second has 240; a peer beyond this reads too slowly and is let go.
@@ -33,7 +34,7 @@ pub(crate) enum Event {
     ServerJoins {
         hello: ServerHello,
         address: String,
-        link: Link,
+        link: ServerLink,
         verdict: oneshot::Sender<Result<Welcome, String>>,
     },
     ServerSays {

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use polyptych_protocol::token;
-use polyptych_render::{OutputKind, ServerOptions, TokenSource, run as run_server};
+use polyptych_render::{OutputKind, ServerError, ServerOptions, TokenSource, run as run_server};
+use rustix::process::{Signal, getpid, kill_process};
 
 use super::{asked_to_end, cache_folder};
 
@@ -67,7 +68,14 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         once: arguments.once,
     };
     let with_parent = arguments.with_parent;
-    Ok(run_server(options, Box::pin(asked_to_end(with_parent)))?)
+    match run_server(options, Box::pin(asked_to_end(with_parent))) {
+        Err(error @ ServerError::DriverBusy) => {
+            tracing::warn!(%error, "ending at once");
+            // Nothing runs at exit then. Should it be refused, an error is as good.
+            Ok(kill_process(getpid(), Signal::KILL)?)
+        }
+        ended => Ok(ended?),
+    }
 }
 
 /// Whether windows can be opened here.

@@ -1,0 +1,176 @@
+//! What the frame barrier costs, beside a raw TCP barrier of the same shape in the same run.
+//!
+//! Stub servers answer at once and draw nothing, so what remains is the cluster itself: frame
+//! command out, a report from each back, swap command out. The raw barrier sends messages of the
+//! same sizes in the same order and does nothing else. Both have one thread for the middle and one
+//! for all others, on loopback.
+
+mod raw;
+mod stub;
+
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use glam::{DVec3, UVec2};
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, ConnectOptions, Pace, Spread};
+use polyptych_manager::import::Baker;
+use polyptych_manager::{ManagerOptions, run as run_manager};
+use polyptych_protocol::wall::{Channel, DeadlineRule, Projection, Screen, Wall};
+use serde::Serialize;
+use tokio_util::sync::CancellationToken;
+
+/// Pixels of a channel that nobody draws.
+const SIDE: u32 = 64;
+
+/// How long all stub servers together may take to come.
+const JOIN_TIME_MAX: Duration = Duration::from_secs(30);
+
+/// The secret of a manager that lives as long as a measurement.
+const TOKEN: &str = "barrierbarrierbarrier";
+
+/// Ours, raw and the ratio, for one number of servers.
+#[derive(Debug, Serialize)]
+pub(crate) struct BarrierCost {
+    pub servers: u16,
+    pub frames: u64,
+    /// From the first connection to the last live channel.
+    pub joined_ms: f64,
+    pub ours: Measured,
+    pub raw: Measured,
+    /// Ours by raw, of the medians.
+    pub ratio_p50: f64,
+    /// Ours by raw, of the 99th percentiles.
+    pub ratio_p99: f64,
+    /// Ours by raw, of the medians of the skew.
+    pub skew_ratio_p50: f64,
+}
+
+/// What a barrier took.
+#[derive(Debug, Serialize)]
+pub(crate) struct Measured {
+    /// From the frame command to the swap command.
+    pub barrier_us: Spread,
+    /// From the first to the last server that received the swap command.
+    pub skew_us: Spread,
+}
+
+/// Measures a number of servers over a number of frames.
+///
+/// # Errors
+/// A socket failed, or the stub servers did not come.
+pub(crate) fn measure(servers: u16, frames: u64) -> anyhow::Result<BarrierCost> {
+    let (joined, ours, sizes) = measure_ours(servers, frames)?;
+    let raw = raw::measure(servers, frames, sizes)?;
+    let ratio = |ours: f64, raw: f64| ours / raw.max(1.0);
+    Ok(BarrierCost {
+        servers,
+        frames,
+        joined_ms: joined.as_secs_f64() * 1000.0,
+        ratio_p50: ratio(ours.barrier_us.p50, raw.barrier_us.p50),
+        ratio_p99: ratio(ours.barrier_us.p99, raw.barrier_us.p99),
+        skew_ratio_p50: ratio(ours.skew_us.p50, raw.skew_us.p50),
+        ours,
+        raw,
+    })
+}
+
+fn measure_ours(servers: u16, frames: u64) -> anyhow::Result<(Duration, Measured, stub::Sizes)> {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").context("no port is free")?;
+    let address = listener.local_addr()?.to_string();
+    let stop = CancellationToken::new();
+    let end = stop.clone();
+    // Whichever way this ends, both threads do too.
+    let _guard = stop.clone().drop_guard();
+    let manager = std::thread::Builder::new().name("manager".into()).spawn(move || {
+        let options = ManagerOptions {
+            wall: wall(servers),
+            token: TOKEN.into(),
+            scene_roots: Vec::new(),
+            baker: Baker { program: "true".into(), memory_mib: 1, store: std::env::temp_dir() },
+        };
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let shutdown = async move { end.cancelled().await };
+        runtime.block_on(run_manager(listener, options, shutdown)).map_err(std::io::Error::other)
+    })?;
+    let began = Instant::now();
+    let stubs = stub::start(&address, servers, TOKEN, stop.clone())?;
+    let mut connect = ConnectOptions::new(address);
+    connect.token = Some(TOKEN.into());
+    let client = Client::connect_with(connect)?;
+    // Frames begin at once, so that channels become live as they come.
+    client.run(Pace::Free)?;
+    while !client.status()?.channels.iter().all(|c| c.state == ChannelState::Live) {
+        anyhow::ensure!(began.elapsed() < JOIN_TIME_MAX, "the stub servers did not come");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let joined = began.elapsed();
+    client.statistics(true)?;
+    stubs.forget();
+    let mut statistics = client.statistics(false)?;
+    while statistics.frames < frames {
+        std::thread::sleep(Duration::from_millis(20));
+        statistics = client.statistics(false)?;
+    }
+    client.stop()?;
+    let measured =
+        Measured { barrier_us: statistics.barrier_us, skew_us: spread(stubs.skews_us(servers)) };
+    let sizes = stubs.sizes();
+    stop.cancel();
+    // Its error, if any, has shown in the client's calls.
+    let _ = manager.join();
+    Ok((joined, measured, sizes))
+}
+
+fn wall(channels: u16) -> Wall {
+    let channel = |index: u16| Channel {
+        name: stub::channel_name(index),
+        screen: 0,
+        origin: UVec2::new(u32::from(index) * SIDE, 0),
+        size: UVec2::splat(SIDE),
+        server: stub::channel_name(index),
+        projection: Projection::Shared,
+    };
+    Wall {
+        name: "barrier".into(),
+        screens: vec![Screen {
+            name: "front".into(),
+            lower_left: DVec3::new(-1.0, -1.0, -1.0),
+            lower_right: DVec3::new(1.0, -1.0, -1.0),
+            upper_left: DVec3::new(-1.0, 1.0, -1.0),
+            canvas: UVec2::new(u32::from(channels) * SIDE, SIDE),
+            bezel: None,
+        }],
+        channels: (0..channels).map(channel).collect(),
+        eye: DVec3::ZERO,
+        near_m: 0.1,
+        samples: 1,
+        deadline: DeadlineRule { factor: 4.0, min_ms: 2000, max_ms: 2000 },
+        heartbeat_ms: 5000,
+        listen: String::new(),
+        stores: Vec::new(),
+        scenes: Vec::new(),
+    }
+}
+
+/// Where a set of measurements lies.
+fn spread(mut values: Vec<f64>) -> Spread {
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| {
+        let rank = (share * values.len() as f64).ceil() as usize;
+        values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+    };
+    Spread {
+        count: values.len() as u64,
+        p50: at(0.5),
+        p95: at(0.95),
+        p99: at(0.99),
+        max: values.last().copied().unwrap_or(0.0),
+    }
+}
+
+/// The time from the first to the last of these instants, in microseconds.
+fn width_us(instants: &[Instant]) -> Option<f64> {
+    let (first, last) = (instants.iter().min()?, instants.iter().max()?);
+    Some((*last - *first).as_secs_f64() * 1e6)
+}

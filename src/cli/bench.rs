@@ -1,0 +1,57 @@
+//! `polyptych bench`: what parts of the system cost, beside a measuring stick in the same run.
+
+use crate::barrier::{BarrierCost, measure};
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Bench {
+    /// The frame barrier with stub servers on loopback, beside a raw TCP barrier
+    Barrier(BarrierArguments),
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct BarrierArguments {
+    /// Number of servers; may be given again [default: 4, 16 and 64]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=512))]
+    servers: Vec<u16>,
+    /// Frames to measure
+    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u64).range(10..=60_000))]
+    frames: u64,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(bench: &Bench) -> anyhow::Result<()> {
+    let Bench::Barrier(arguments) = bench;
+    let numbers =
+        if arguments.servers.is_empty() { vec![4, 16, 64] } else { arguments.servers.clone() };
+    let costs: anyhow::Result<Vec<BarrierCost>> =
+        numbers.into_iter().map(|servers| measure(servers, arguments.frames)).collect();
+    let costs = costs?;
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&costs)?);
+        return Ok(());
+    }
+    println!("barrier: from the frame command to the swap command; skew: of its arrival; µs");
+    println!("servers          p50      p99      max  skew p50      p99   joined");
+    for cost in &costs {
+        for (name, measured) in [("ours", &cost.ours), ("raw", &cost.raw)] {
+            let (barrier, skew) = (&measured.barrier_us, &measured.skew_us);
+            println!(
+                "{:>7}  {name:<4} {:>7.0}  {:>7.0}  {:>7.0}  {:>8.0}  {:>7.0}  {}",
+                cost.servers,
+                barrier.p50,
+                barrier.p99,
+                barrier.max,
+                skew.p50,
+                skew.p99,
+                if name == "ours" { format!("{:.0} ms", cost.joined_ms) } else { String::new() }
+            );
+        }
+        println!(
+            "         ratio {:>6.2}  {:>7.2}           {:>8.2}",
+            cost.ratio_p50, cost.ratio_p99, cost.skew_ratio_p50
+        );
+    }
+    Ok(())
+}
