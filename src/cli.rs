@@ -11,6 +11,8 @@ mod server;
 mod simulate;
 mod status;
 
+use std::fmt::Display;
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -28,7 +30,7 @@ use tracing_subscriber::EnvFilter;
 pub(crate) struct Cli {
     /// What to log, such as "info" or "polyptych_render=debug" [default: info for manager and
     /// server, else warn]
-    #[arg(long, global = true, env = "POLYPTYCH_LOG", value_name = "FILTER")]
+    #[arg(long, global = true, env = "POLYPTYCH_LOG", value_name = "FILTER", value_parser = filter)]
     log: Option<String>,
     #[command(subcommand)]
     command: Command,
@@ -114,7 +116,35 @@ pub(crate) fn start_log(cli: &Cli) {
     let quiet = format!("{level},wgpu_core=warn,wgpu_hal=error,naga=warn");
     let filter = cli.log.as_deref().map(EnvFilter::try_new);
     let filter = filter.and_then(Result::ok).unwrap_or_else(|| EnvFilter::new(quiet));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    // Colours are for people: a log file with escape codes can't be searched.
+    let is_plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    let has_color = std::io::stderr().is_terminal() && !is_plain;
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(has_color);
+    log.with_writer(std::io::stderr).init();
+}
+
+/// Writes a line to standard output. A reader that has seen enough, such as `head`, is no error.
+fn say(line: impl Display) -> anyhow::Result<()> {
+    match writeln!(std::io::stdout(), "{line}") {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        written => written.context("cannot write to standard output"),
+    }
+}
+
+/// What went wrong, from what was wanted down to the cause, in one line: texts of files and peers
+/// stand in it, which must not move a terminal's cursor or look like lines of their own.
+pub(crate) fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        // Many an error names its cause already.
+        if !line.contains(&cause) {
+            let separator = if line.is_empty() { "" } else { ": " };
+            line.push_str(separator);
+            line.push_str(&cause);
+        }
+    }
+    let escape = |c: char| if c.is_control() { c.escape_debug().to_string() } else { c.into() };
+    line.chars().map(escape).collect()
 }
 
 fn load_wall(path: &std::path::Path) -> anyhow::Result<Wall> {
@@ -166,6 +196,11 @@ pub(crate) async fn asked_to_end(with_parent: bool) {
     }
 }
 
+/// A filter of the log, as an argument.
+fn filter(text: &str) -> Result<String, String> {
+    EnvFilter::try_new(text).map(|_| text.to_owned()).map_err(|error| error.to_string())
+}
+
 /// A positive number of seconds, as an argument.
 fn seconds(text: &str) -> Result<Duration, String> {
     let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of seconds"))?;
@@ -180,4 +215,24 @@ fn rate(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
     let is_rate = (0.01..=1000.0).contains(&number);
     is_rate.then_some(number).ok_or_else(|| format!("{text} is not within 0.01 to 1000"))
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::anyhow;
+
+    use super::*;
+
+    #[test]
+    fn an_error_is_one_line_that_names_each_cause_once() {
+        let error =
+            anyhow!("no room").context("b.bin: no room").context("cannot open a\u{1b}[1m\nb");
+        assert_eq!(one_line(&error), "cannot open a\\u{1b}[1m\\nb: b.bin: no room");
+    }
+
+    #[test]
+    fn filters_are_checked() {
+        assert_eq!(filter("warn,polyptych_render=debug"), Ok("warn,polyptych_render=debug".into()));
+        assert!(filter("a=b=c").is_err());
+    }
 }

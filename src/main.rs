@@ -18,8 +18,7 @@ fn main() -> ExitCode {
     match cli::run(cli) {
         Ok(code) => code,
         Err(error) => {
-            // One line with its causes, from what was wanted down to what went wrong.
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", cli::one_line(&error));
             ExitCode::FAILURE
         }
     }

@@ -8,8 +8,8 @@ use polyptych_protocol::wall::Wall;
 /// How far above the horizon an overview stands: high enough to see behind the first row.
 const ELEVATION_RAD: f64 = 0.35;
 
-/// A camera that shows all of `bounds` on the screen in front of the eye, from `heading_rad` around +Y
-/// (0 sees the scene from its +Z side, a quarter turn from +X) and a little above.
+/// A camera that shows all of `bounds` on the screen in front of the eye, from `heading_rad`
+/// around +Y (0 sees the scene from its +Z side, a quarter turn from +X) and a little above.
 ///
 /// The centre of the scene comes to stand in the centre of that screen, and the scale is chosen
 /// so that its bounding sphere, as the wall's eye sees it, fits the screen's shorter side: what

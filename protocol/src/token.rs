@@ -4,7 +4,7 @@
 //! order. Other machines are given a copy.
 
 use std::fs;
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Names the token's file, where it is not to lie in the user's state folder.
@@ -65,12 +65,15 @@ pub fn read(path: &Path) -> Result<String, TokenError> {
             return Err(TokenError::NotThere { path: path.to_owned() });
         }
         Err(error) => return Err(io_error(error)),
-        Ok(facts) if facts.len() > TOKEN_BYTES_MAX => {
+        // A device has no length and no end either.
+        Ok(facts) if !facts.is_file() || facts.len() > TOKEN_BYTES_MAX => {
             return Err(TokenError::Malformed { path: path.to_owned() });
         }
         Ok(_) => {}
     }
-    let bytes = fs::read(path).map_err(io_error)?;
+    let mut bytes = Vec::new();
+    let file = fs::File::open(path).map_err(io_error)?;
+    file.take(TOKEN_BYTES_MAX).read_to_end(&mut bytes).map_err(io_error)?;
     let text = String::from_utf8_lossy(&bytes).trim().to_owned();
     let is_token = text.len() >= 16 && text.chars().all(|c| c.is_ascii_alphanumeric());
     is_token.then_some(text).ok_or_else(|| TokenError::Malformed { path: path.to_owned() })

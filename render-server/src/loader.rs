@@ -80,11 +80,14 @@ pub(crate) struct Loader {
     /// What was made ready last; the render thread still holds its scene.
     ready: Option<(Epoch, Replica)>,
     ready_scene: Option<(BlobHash, SceneFeatures, Camera)>,
+    /// Whether the cache's last write failed: said once, not for each of ten thousand blobs.
+    is_cacheless: AtomicBool,
 }
 
 impl Loader {
     pub fn new(cache: BlobFolder, uploads: Sender<Upload>) -> Self {
-        Self { cache, uploads, ready: None, ready_scene: None }
+        let is_cacheless = AtomicBool::new(false);
+        Self { cache, uploads, ready: None, ready_scene: None, is_cacheless }
     }
 
     /// Serves orders until there can be no more.
@@ -189,6 +192,9 @@ impl Loader {
                 Ok(Some(bytes)) => return Ok(bytes),
                 Ok(None) => {}
                 // Another place may have it whole.
+                Err(error) if self.is_cacheless.load(Ordering::Relaxed) => {
+                    tracing::debug!(%error, "a stored blob is of no use");
+                }
                 Err(error) => tracing::warn!(%error, "a stored blob is of no use"),
             }
         }
@@ -196,7 +202,11 @@ impl Loader {
         let asked = line.bulk.blocking_send(BulkJob::Fetch { hash, answer });
         asked.map_err(|_| "the bulk connection has ended")?;
         let bytes = fetched.recv().map_err(|_| "the bulk connection has ended")??;
-        if let Err(error) = self.cache.write(&bytes) {
+        let written = self.cache.write(&bytes);
+        let was_cacheless = self.is_cacheless.swap(written.is_err(), Ordering::Relaxed);
+        if let Err(error) = written
+            && !was_cacheless
+        {
             tracing::warn!(%error, "the cache can't be written; going on without it");
         }
         Ok(bytes)

@@ -65,6 +65,7 @@ impl Network {
         let mut last_reason = String::new();
         self.notice(&format!("connecting to manager {manager}"));
         loop {
+            let started = Instant::now();
             let (was_connected, reason) = match self.connect().await {
                 Err(reason) => (false, reason),
                 Ok((frames, welcome)) => (true, self.serve(frames, welcome).await),
@@ -73,13 +74,16 @@ impl Network {
                 return ServerError::GaveUp { manager, reason };
             }
             // One line for each change; a manager that is away all night fills no disk.
-            if was_connected || reason != last_reason {
+            let is_news = reason != last_reason;
+            if was_connected || is_news {
                 tracing::warn!(manager, reason, "not connected; trying again for ever");
                 let what = if was_connected { "manager lost" } else { "no manager" };
-                self.notice(&format!("{what}: {reason}"));
+                self.notice(&format!("{what} at {manager}: {reason}"));
             }
             last_reason = reason;
-            if was_connected {
+            // A connection that ends again and again, for the same reason and at once, is as good
+            // as none.
+            if was_connected && (is_news || started.elapsed() > RETRY_LONGEST) {
                 wait = RETRY_FIRST;
             }
             tokio::time::sleep(wait.mul_f64(0.75 + 0.5 * fastrand::f64())).await;
@@ -170,7 +174,12 @@ impl Network {
                     continue;
                 }
                 Some(report) = self.waiting_reports.recv() => match report {
-                    Report::Status(status) => codec::encode(&status),
+                    Report::Status(status) => {
+                        if matches!(status, Status::Prepared(_)) {
+                            self.notice(&format!("wall {}: ready, no frame yet", welcome.wall));
+                        }
+                        codec::encode(&status)
+                    }
                     Report::Picture(picture) => {
                         if line.bulk.try_send(BulkJob::Send(picture)).is_err() {
                             tracing::warn!("a picture was dropped: the bulk connection is busy");

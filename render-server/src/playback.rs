@@ -11,14 +11,12 @@ use polyptych_protocol::ids::{Epoch, FrameId};
 pub enum Act {
     /// Draw this frame into the channels' own targets.
     Draw(Box<Frame>),
-    /// Show the frame that was drawn last; where wanted, send its pictures.
+    /// Show the frame that was drawn last.
     Show {
         /// Which life of the manager.
         epoch: Epoch,
         /// The frame.
         frame: FrameId,
-        /// Whether its pictures are to be sent.
-        capture: bool,
     },
 }
 
@@ -35,7 +33,6 @@ pub struct Playback {
 struct Drawn {
     epoch: Epoch,
     frame: FrameId,
-    capture: bool,
 }
 
 impl Playback {
@@ -59,7 +56,7 @@ impl Playback {
 
     /// The channels have drawn this frame; it may be shown.
     pub fn has_drawn(&mut self, frame: &Frame) {
-        self.drawn = Some(Drawn { epoch: frame.epoch, frame: frame.frame, capture: frame.capture });
+        self.drawn = Some(Drawn { epoch: frame.epoch, frame: frame.frame });
     }
 
     /// Forgets what waits and what was drawn: another connection, another state.
@@ -83,7 +80,7 @@ impl Playback {
         }
         self.waiting_swap = None;
         self.shown = Some((swap.epoch, swap.frame));
-        Some(Act::Show { epoch: swap.epoch, frame: swap.frame, capture: drawn.capture })
+        Some(Act::Show { epoch: swap.epoch, frame: swap.frame })
     }
 }
 
@@ -115,7 +112,7 @@ mod tests {
     }
 
     fn show(n: u64) -> Act {
-        Act::Show { epoch: EPOCH, frame: FrameId(n), capture: false }
+        Act::Show { epoch: EPOCH, frame: FrameId(n) }
     }
 
     #[test]

@@ -203,7 +203,7 @@ impl RenderThread {
     fn perform(&mut self, act: Act) {
         match act {
             Act::Draw(frame) => self.draw(&frame),
-            Act::Show { epoch, frame, capture } => self.show(epoch, frame, capture),
+            Act::Show { epoch, frame } => self.show(epoch, frame),
         }
     }
 
@@ -225,6 +225,9 @@ impl RenderThread {
                 Ok(stats) => {
                     let draw_us = start.elapsed().as_micros() as u64;
                     self.send(report::drawn(frame, id, &state, &stats, draw_us));
+                    if frame.capture {
+                        self.send_picture(index, frame.frame, id);
+                    }
                 }
                 Err(reason) => {
                     is_drawn = false;
@@ -288,7 +291,7 @@ impl RenderThread {
         Ok(())
     }
 
-    fn show(&mut self, epoch: Epoch, frame: FrameId, capture: bool) {
+    fn show(&mut self, epoch: Epoch, frame: FrameId) {
         let state = self.states.front().map(|drawable| Arc::clone(&drawable.state));
         let Some(state) = state.filter(|state| state.epoch == epoch) else { return };
         let Some(wall) = state.replica.wall.as_deref() else { return };
@@ -306,26 +309,20 @@ impl RenderThread {
                 Err(reason) => self.send(report::draw_failed(frame, id, reason)),
             }
         }
-        if capture {
-            self.send_pictures(frame, wall);
-        }
     }
 
-    fn send_pictures(&mut self, frame: FrameId, wall: &Wall) {
-        for output in &self.outputs {
-            let Some((channel, _)) = wall.channel_named(&output.name) else { continue };
-            let Some(target) = &output.target else { continue };
-            let [width, height] = target.size();
-            match read_pixels(&self.gpu, target) {
-                Ok(pixels) => {
-                    let bytes = pixels.into();
-                    let picture = PictureReport { channel, frame, width, height, bytes };
-                    self.send(Report::Picture(picture));
-                }
-                Err(error) => {
-                    self.send(report::draw_failed(frame, channel, error.to_string()));
-                }
+    /// Sends the picture of a channel as it was drawn, whether or not it comes to be shown: a
+    /// picture that someone asked for may be late.
+    fn send_picture(&self, index: usize, frame: FrameId, channel: ChannelId) {
+        let Some(target) = &self.outputs[index].target else { return };
+        let [width, height] = target.size();
+        match read_pixels(&self.gpu, target) {
+            Ok(pixels) => {
+                let bytes = pixels.into();
+                let picture = PictureReport { channel, frame, width, height, bytes };
+                self.send(Report::Picture(picture));
             }
+            Err(error) => self.send(report::draw_failed(frame, channel, error.to_string())),
         }
     }
 

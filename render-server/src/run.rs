@@ -6,8 +6,9 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, JoinHandle};
+use std::time::Duration;
 
-use crossbeam_channel::{Receiver, Sender, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::handshake::Adapter;
 use polyptych_protocol::token::{self, TokenError};
@@ -22,6 +23,10 @@ use crate::window::{self, Windows};
 
 /// Reports that wait for the network.
 const REPORTS_MAX: usize = 512;
+
+/// How long the render thread may take to end: the driver may be compiling for seconds, or hang,
+/// and a process that was told to end must not stay for that.
+const RENDER_END_TIME_MAX: Duration = Duration::from_secs(1);
 
 /// What ends a server from outside.
 pub type Shutdown = Pin<Box<dyn Future<Output = ()> + Send>>;
@@ -83,6 +88,10 @@ pub enum ServerError {
     /// The GPU failed while it drew.
     #[error("the GPU failed: {0}")]
     GpuFault(String),
+    /// It was to end, and its render thread is still inside the driver, whose clean-up at the
+    /// exit of the process would crash there: end the process without.
+    #[error("the driver is still busy, {} s after the end", RENDER_END_TIME_MAX.as_secs())]
+    DriverBusy,
     /// Windows could not be opened.
     #[error("{0}")]
     Window(String),
@@ -150,7 +159,8 @@ struct Threads {
     jobs: Sender<Job>,
     stop_network: Arc<tokio::sync::Notify>,
     network: JoinHandle<Result<(), ServerError>>,
-    render: JoinHandle<Result<(), String>>,
+    /// What the render thread ended with, once it has.
+    rendered: Receiver<Result<(), String>>,
 }
 
 impl Threads {
@@ -180,12 +190,14 @@ impl Threads {
             Queues { jobs: waiting_jobs, uploads: waiting_uploads, reports: reports.clone() };
         let stop_network = Arc::new(tokio::sync::Notify::new());
         let (render_clock, stop, end) = (clock.clone(), stop_network.clone(), on_end.clone());
-        let render = Builder::new().name("render".into()).spawn(move || {
+        let (render_result, rendered) = bounded(1);
+        Builder::new().name("render".into()).spawn(move || {
             let result =
                 RenderThread::new(gpu, outputs, queues, render_clock).and_then(RenderThread::run);
+            // Nobody asks for it only where the process ends anyway.
+            let _ = render_result.send(result);
             stop.notify_one();
             end();
-            result
         })?;
 
         let loader = Loader::new(BlobFolder::new(&options.cache), uploads);
@@ -205,11 +217,11 @@ impl Threads {
             let result = network::run(network, shutdown, &stop);
             has_ended.store(true, Ordering::Relaxed);
             // The render thread ends with the process at the latest.
-            let _ = render_jobs.send(Job::Stop);
+            let _ = render_jobs.send_timeout(Job::Stop, RENDER_END_TIME_MAX);
             on_end();
             result
         })?;
-        Ok(Self { jobs, stop_network, network, render })
+        Ok(Self { jobs, stop_network, network, rendered })
     }
 
     /// Ends the threads and waits for them.
@@ -221,8 +233,16 @@ impl Threads {
     fn join(self) -> Result<(), ServerError> {
         let panicked = |what: &str| ServerError::GpuFault(format!("the {what} thread panicked"));
         let network = self.network.join().map_err(|_| panicked("network"))?;
-        let render = self.render.join().map_err(|_| panicked("render"))?;
-        render.map_err(ServerError::GpuFault)?;
+        match self.rendered.recv_timeout(RENDER_END_TIME_MAX) {
+            Ok(rendered) => rendered.map_err(ServerError::GpuFault)?,
+            Err(RecvTimeoutError::Disconnected) => return Err(panicked("render")),
+            Err(RecvTimeoutError::Timeout) => {
+                if let Err(error) = network {
+                    tracing::error!(%error, "the server ends");
+                }
+                return Err(ServerError::DriverBusy);
+            }
+        }
         network
     }
 }

@@ -36,7 +36,10 @@ type Start = Box<dyn FnOnce(Windows) -> Result<Sender<Job>, String>>;
 /// There is no display to open windows on.
 pub(crate) fn event_loop() -> Result<(EventLoop<End>, EventLoopProxy<End>), String> {
     let event_loop = EventLoop::<End>::with_user_event().build().map_err(|error| {
-        format!("no window can be opened ({error}); use --headless where there is no display")
+        let reason = error.to_string();
+        // winit puts the place in its own sources before the system's reason.
+        let reason = reason.rsplit(": ").next().unwrap_or_default().trim_end_matches('.');
+        format!("no window can be opened ({reason}); use --headless where there is no display")
     })?;
     let proxy = event_loop.create_proxy();
     Ok((event_loop, proxy))

@@ -29,6 +29,8 @@ pub struct Collection {
 #[derive(Debug)]
 struct Part {
     channel: ChannelId,
+    /// Its picture is on the way, then.
+    has_drawn: bool,
     name: String,
     bytes_total: usize,
     size: (u32, u32),
@@ -67,11 +69,12 @@ impl Collection {
                 CAPTURE_BYTES_MAX >> 20
             ));
         }
-        let part = |id: &ChannelId| {
-            let channel = wall.channel(*id)?;
+        let part = |&id: &ChannelId| {
+            let channel = wall.channel(id)?;
             let (width, height) = (channel.size.x, channel.size.y);
             Some(Part {
-                channel: *id,
+                channel: id,
+                has_drawn: false,
                 name: channel.name.clone(),
                 bytes_total: 4 * width as usize * height as usize,
                 size: (width, height),
@@ -111,6 +114,17 @@ impl Collection {
         }
         part.bytes.extend_from_slice(&chunk.bytes);
         Ok(())
+    }
+
+    /// A channel has drawn a frame. One that drew a later frame without this one has passed it
+    /// over, as a late channel may.
+    pub fn note_drawn(&mut self, channel: ChannelId, frame: FrameId) {
+        let Some(part) = self.parts.iter_mut().find(|part| part.channel == channel) else { return };
+        if frame == self.frame {
+            part.has_drawn = true;
+        } else if frame > self.frame && !part.has_drawn {
+            self.give_up_on(&[channel], "it was late, and passed the frame over");
+        }
     }
 
     /// Whether nothing more is to come.

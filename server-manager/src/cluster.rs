@@ -76,7 +76,7 @@ pub enum Output {
         job: RequestOf,
         /// The frame.
         frame: FrameId,
-        /// The channels that show it and will send it.
+        /// The channels that are sent it, and will send its picture once they have drawn it.
         channels: Vec<ChannelId>,
         /// The others, with the reason.
         missing: Vec<(String, String)>,

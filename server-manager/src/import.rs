@@ -114,12 +114,15 @@ async fn bake(file: &Path, baker: &Baker) -> Result<serde_json::Value, String> {
         .arg(&baker.store)
         .arg("--json")
         .args(["--memory-mib", &baker.memory_mib.to_string()])
-        .stdin(Stdio::null())
+        .arg("--with-parent")
+        // Held until the baker has ended: should this process end, the baker's input does too.
+        .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .kill_on_drop(true);
     let cannot = |error| format!("the baker {} could not run: {error}", baker.program.display());
     let mut child = command.spawn().map_err(cannot)?;
+    let _input = child.stdin.take();
     let stdout = child.stdout.take();
     let stderr = child.stderr.take();
     let work = async {

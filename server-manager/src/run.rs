@@ -13,6 +13,7 @@ use polyptych_protocol::handshake::{Hello, Welcome};
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::limits::{CHUNK_BYTES_MAX, HANDSHAKE_TIME_MAX, NAME_BYTES_MAX};
 use polyptych_protocol::request::{Answer, Captured, Failure, PicturePart, Reply};
+use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, mpsc};
@@ -281,6 +282,7 @@ impl Hub {
                 let _ = verdict.send(joined.map(|()| self.welcome(session)));
             }
             Event::ServerSays { from, status, bytes } => {
+                self.note_drawing(from, &status);
                 self.cluster.handle_status(now, from, status, bytes);
             }
             Event::ClientJoins { name, link, welcomed } => {
@@ -296,6 +298,10 @@ impl Hub {
                 let _ = is_known.send(self.servers.contains_key(&session));
             }
             Event::PictureComes { from, chunk } => {
+                if !self.cluster.channels_of(from).contains(&chunk.channel) {
+                    tracing::warn!(session = from.0, "a picture of another server's channel");
+                    return;
+                }
                 for (_, collection) in &mut self.collections {
                     if let Err(reason) = collection.add(&chunk) {
                         tracing::warn!(session = from.0, reason, "a picture does not fit");
@@ -304,6 +310,27 @@ impl Hub {
                 }
             }
             Event::Gone { session, reason } => self.forget(session, &reason),
+        }
+    }
+
+    /// Captures hear which channels have drawn what, or could not.
+    fn note_drawing(&mut self, from: SessionId, status: &Status) {
+        if self.collections.is_empty() {
+            return;
+        }
+        let channels = self.cluster.channels_of(from);
+        for (_, collection) in &mut self.collections {
+            match status {
+                Status::Drawn(drawn) if channels.contains(&drawn.channel) => {
+                    collection.note_drawn(drawn.channel, drawn.frame);
+                }
+                Status::DrawFailed { channel, frame, reason }
+                    if channels.contains(channel) && *frame == collection.frame =>
+                {
+                    collection.give_up_on(&[*channel], reason);
+                }
+                _ => {}
+            }
         }
     }
 

@@ -9,6 +9,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_manager::bake::{Progress, Store, bake};
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
+use super::say;
+
 /// How much less important than a frame a bake is, on the scale of nice(1).
 const NICENESS: i32 = 10;
 
@@ -22,6 +24,9 @@ pub(super) struct Arguments {
     /// Print what was baked as one line of JSON
     #[arg(long)]
     json: bool,
+    /// End when standard input ends, as it does when the parent process does
+    #[arg(long, hide = true)]
+    with_parent: bool,
     /// End rather than use more address space than this
     #[arg(long, value_name = "MIB")]
     memory_mib: Option<u64>,
@@ -36,7 +41,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let _ = nice(NICENESS);
     }
     let cancel = Arc::new(AtomicBool::new(false));
-    cancel_on_interrupt(Arc::clone(&cancel))?;
+    cancel_on_interrupt(Arc::clone(&cancel), arguments.with_parent)?;
     let store = Store::open(&arguments.output)
         .with_context(|| format!("cannot use {}", arguments.output.display()))?;
     let bar = ProgressBar::no_length();
@@ -52,27 +57,29 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     bar.finish_and_clear();
     let baked = baked?;
     if arguments.json {
-        println!("{}", serde_json::to_string(&baked)?);
+        say(serde_json::to_string(&baked)?)?;
         return Ok(());
     }
     let how = if baked.reused { "was baked before" } else { "baked" };
-    println!(
+    say(format_args!(
         "{} {how}: {} nodes, {} meshes, {} textures, {} triangles, {} bytes of blobs",
         baked.name, baked.nodes, baked.meshes, baked.textures, baked.triangles, baked.bytes
-    );
+    ))?;
     for warning in &baked.warnings {
-        println!("note: {warning}");
+        say(format_args!("note: {warning}"))?;
     }
-    println!("manifest {} in {}", baked.manifest, arguments.output.display());
+    say(format_args!("manifest {} in {}", baked.manifest, arguments.output.display()))?;
     Ok(())
 }
 
-fn cancel_on_interrupt(cancel: Arc<AtomicBool>) -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.context("cannot wait for Ctrl-C")?;
     let watch = move || {
-        runtime.block_on(super::asked_to_end(false));
+        runtime.block_on(super::asked_to_end(with_parent));
         cancel.store(true, Ordering::Relaxed);
     };
-    std::thread::Builder::new().name("interrupt".into()).spawn(watch)?;
+    let watcher = std::thread::Builder::new().name("interrupt".into()).spawn(watch);
+    watcher.context("cannot start a thread; does the memory limit allow one?")?;
     Ok(())
 }

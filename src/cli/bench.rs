@@ -1,5 +1,6 @@
 //! `polyptych bench`: what parts of the system cost, beside a measuring stick in the same run.
 
+use super::say;
 use crate::barrier::{BarrierCost, measure};
 
 #[derive(Debug, clap::Subcommand)]
@@ -29,15 +30,17 @@ pub(super) fn run(bench: &Bench) -> anyhow::Result<()> {
         numbers.into_iter().map(|servers| measure(servers, arguments.frames)).collect();
     let costs = costs?;
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&costs)?);
+        say(serde_json::to_string_pretty(&costs)?)?;
         return Ok(());
     }
-    println!("barrier: from the frame command to the swap command; skew: of its arrival; µs");
-    println!("servers          p50      p99      max  skew p50      p99   joined");
+    say(format_args!(
+        "barrier: from the frame command to the swap command; skew: of its arrival; µs"
+    ))?;
+    say(format_args!("servers          p50      p99      max  skew p50      p99   joined"))?;
     for cost in &costs {
         for (name, measured) in [("ours", &cost.ours), ("raw", &cost.raw)] {
             let (barrier, skew) = (&measured.barrier_us, &measured.skew_us);
-            println!(
+            say(format_args!(
                 "{:>7}  {name:<4} {:>7.0}  {:>7.0}  {:>7.0}  {:>8.0}  {:>7.0}  {}",
                 cost.servers,
                 barrier.p50,
@@ -46,12 +49,12 @@ pub(super) fn run(bench: &Bench) -> anyhow::Result<()> {
                 skew.p50,
                 skew.p99,
                 if name == "ours" { format!("{:.0} ms", cost.joined_ms) } else { String::new() }
-            );
+            ))?;
         }
-        println!(
+        say(format_args!(
             "         ratio {:>6.2}  {:>7.2}           {:>8.2}",
             cost.ratio_p50, cost.ratio_p99, cost.skew_ratio_p50
-        );
+        ))?;
     }
     Ok(())
 }

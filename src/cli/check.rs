@@ -5,6 +5,8 @@ use std::process::ExitCode;
 
 use polyptych_protocol::wall::{file, table::WallTable};
 
+use super::say;
+
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// The wall file
@@ -19,9 +21,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Ok(wall) => {
             let table = WallTable::of(&wall);
             if arguments.json {
-                println!("{}", serde_json::to_string_pretty(&table)?);
+                say(serde_json::to_string_pretty(&table)?)?;
             } else {
-                println!("{table}");
+                say(table)?;
             }
             Ok(ExitCode::SUCCESS)
         }
@@ -34,7 +36,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                 "what": error.what(),
                 "remedy": error.remedy(),
             }});
-            println!("{}", serde_json::to_string_pretty(&what)?);
+            say(serde_json::to_string_pretty(&what)?)?;
             Ok(ExitCode::FAILURE)
         }
         Err(error) => Err(anyhow::anyhow!("{error}")),

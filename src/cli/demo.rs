@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use polyptych_protocol::wall::file;
 
-use super::{seconds, server, simulate};
+use super::{say, seconds, server, simulate};
 
 /// The wall of the demo, the same file that a user finds in the repository.
 const WALL: &str = include_str!("../../configs/wall-2x2.toml");
@@ -26,7 +26,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let wall = file::parse(WALL, path).map_err(|error| anyhow::anyhow!("{error}"))?;
     let windows = server::has_display();
     let how = if windows { "in windows" } else { "without a display, into pictures" };
-    println!("a wall of four displays with a generated harbour town, {how}");
+    say(format_args!("a wall of four displays with a generated harbour town, {how}"))?;
     let simulation = simulate::Arguments {
         wall: path.to_owned(),
         scene: None,

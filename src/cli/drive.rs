@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use polyptych_client::glam::{DQuat, DVec3};
-use polyptych_client::{Camera, overview};
+use polyptych_client::{Camera, Feedback, overview};
 
-use super::ManagerAddress;
+use super::{ManagerAddress, say};
 use crate::pictures;
 
 #[derive(Debug, clap::Args)]
@@ -36,11 +36,20 @@ pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<()> {
         client.set_camera(camera)?;
     }
     let feedback = client.render_frame()?;
-    println!(
+    warn_of_absent(&feedback);
+    say(format_args!(
         "{}: {} triangles, revision {}, shown at frame {}",
         scene.name, scene.triangles, scene.revision, feedback.frame
-    );
+    ))?;
     Ok(())
+}
+
+/// Says which channels a frame went on without: it was shown, but not there.
+fn warn_of_absent(feedback: &Feedback) {
+    for channel in feedback.channels.iter().filter(|channel| channel.draw_us.is_none()) {
+        let state = format!("{:?}", channel.state).to_lowercase();
+        eprintln!("warning: channel {} did not draw it in time: it is {state}", channel.name);
+    }
 }
 
 #[derive(Debug, clap::Args)]
@@ -95,7 +104,8 @@ pub(super) fn camera(arguments: &CameraArguments) -> anyhow::Result<()> {
     };
     let client = manager.connect()?;
     let feedback = client.render_frame_at(Some(camera), None)?;
-    println!("shown at frame {}", feedback.frame);
+    warn_of_absent(&feedback);
+    say(format_args!("shown at frame {}", feedback.frame))?;
     Ok(())
 }
 
@@ -116,13 +126,13 @@ pub(super) fn shot(arguments: &ShotArguments) -> anyhow::Result<()> {
     let picture = pictures::side_by_side(&capture.screens)?;
     pictures::save_png(&arguments.file, &picture)
         .with_context(|| format!("cannot write {}", arguments.file.display()))?;
-    println!(
+    say(format_args!(
         "{}: frame {}, {} × {} pixels",
         arguments.file.display(),
         capture.frame,
         picture.width(),
         picture.height()
-    );
+    ))?;
     Ok(())
 }
 
@@ -136,7 +146,7 @@ pub(super) fn stop(arguments: &StopArguments) -> anyhow::Result<()> {
     let client = arguments.manager.connect()?;
     let wall = client.wall_name().to_owned();
     client.stop()?;
-    println!("the manager of wall {wall} ends");
+    say(format_args!("the manager of wall {wall} ends"))?;
     Ok(())
 }
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 
+use super::say;
 use crate::town::{TownOptions, generate};
 
 #[derive(Debug, clap::Subcommand)]
@@ -30,6 +31,6 @@ pub(super) fn run(scene: &Scene) -> anyhow::Result<()> {
     let bytes = generate(&TownOptions { blocks: arguments.blocks, seed: arguments.seed })?;
     crate::pictures::write_whole(&arguments.output, &bytes)
         .with_context(|| format!("cannot write {}", arguments.output.display()))?;
-    println!("{}: {} bytes", arguments.output.display(), bytes.len());
+    say(format_args!("{}: {} bytes", arguments.output.display(), bytes.len()))?;
     Ok(())
 }

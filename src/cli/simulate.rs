@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_client::{Bounds, Camera, overview};
 use polyptych_protocol::wall::Wall;
 
-use super::{cache_folder, load_wall, manager, rate, seconds};
+use super::{cache_folder, load_wall, manager, rate, say, seconds};
 use crate::local_wall::{Interrupted, LocalWall, LocalWallOptions};
 use crate::pictures;
 use crate::report::Report;
@@ -85,7 +85,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
     let root = shown.file.parent().unwrap_or(Path::new("/")).to_owned();
     let baker = manager::baker(cache_folder()?.join("store"), manager::BAKE_MEMORY_MIB_DEFAULT)?;
     let count = wall.channels.len();
-    println!("wall {}: {count} channels on {} screens", wall.name, wall.screens.len());
+    say(format_args!("wall {}: {count} channels on {} screens", wall.name, wall.screens.len()))?;
     let options = LocalWallOptions {
         wall: wall.clone(),
         scene_roots: vec![root],
@@ -124,7 +124,10 @@ fn drive(
     let summary = client.open_scene(shown.file.display().to_string())?;
     spinner.finish_and_clear();
     let features = summary.features.names().join(", ");
-    println!("scene {}: {} triangles; needs: {features}", summary.name, summary.triangles);
+    say(format_args!(
+        "scene {}: {} triangles; needs: {features}",
+        summary.name, summary.triangles
+    ))?;
     let focus = shown.focus.or(summary.bounds);
     let camera = |n: u64| camera_of_frame(wall, focus.as_ref(), arguments, n);
     for _ in 0..WARM_UP_FRAMES {
@@ -151,8 +154,7 @@ fn drive(
     let path = arguments.out.join("report.json");
     pictures::write_whole(&path, &serde_json::to_vec_pretty(&report)?)
         .with_context(|| format!("cannot write {}", path.display()))?;
-    print_summary(&report, &arguments.out);
-    Ok(())
+    print_summary(&report, &arguments.out)
 }
 
 fn camera_of_frame(
@@ -198,8 +200,8 @@ fn draw_frames(
     Ok(())
 }
 
-fn print_summary(report: &Report, out: &Path) {
-    println!(
+fn print_summary(report: &Report, out: &Path) -> anyhow::Result<()> {
+    say(format_args!(
         "{} frames in {:.1} s: {:.1} ms a frame (p95 {:.1}), drawing {:.1} ms, barrier {:.0} µs, \
          skew {:.0} µs, late {}",
         report.frames,
@@ -210,11 +212,11 @@ fn print_summary(report: &Report, out: &Path) {
         report.barrier_us.p50,
         report.swap_skew_us.p50,
         report.late
-    );
+    ))?;
     for (channel, reason) in &report.missing {
-        println!("channel {channel} is missing in the picture: {reason}");
+        say(format_args!("channel {channel} is missing in the picture: {reason}"))?;
     }
-    println!("pictures and report: {}", out.display());
+    say(format_args!("pictures and report: {}", out.display()))
 }
 
 fn save(path: &Path, image: &image::RgbaImage) -> anyhow::Result<()> {

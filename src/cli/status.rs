@@ -2,7 +2,7 @@
 
 use polyptych_client::WallStatus;
 
-use super::ManagerAddress;
+use super::{ManagerAddress, say};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -16,9 +16,9 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let status = arguments.manager.connect()?.status()?;
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&status)?);
+        say(serde_json::to_string_pretty(&status)?)?;
     } else {
-        print!("{}", table(&status));
+        say(table(&status).trim_end())?;
     }
     Ok(())
 }

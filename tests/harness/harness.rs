@@ -1,10 +1,12 @@
 //! What the tests of the whole share: a wall of real processes, its pictures, and scenes.
 
 pub mod adapter;
+pub mod display;
 pub mod local_wall;
 pub mod pictures;
 pub mod place;
 pub mod process;
 pub mod scenes;
 pub mod signals;
+pub mod simulation;
 pub mod wait;

@@ -19,21 +19,22 @@ const POLYPTYCH: &str = env!("CARGO_BIN_EXE_polyptych");
 pub struct Place {
     folder: TempDir,
     cache: PathBuf,
+    shaders: PathBuf,
 }
 
 impl Place {
     /// An empty folder; baked scenes are shared with the other tests of this run.
     pub fn new() -> Self {
-        let cache = of_this_run().join("cache");
-        Self { cache, ..Self::cold() }
+        let [cache, shaders] = ["cache", "shaders"].map(|name| of_this_run().join(name));
+        Self { cache, shaders, ..Self::cold() }
     }
 
-    /// An empty folder whose user has never baked a scene.
+    /// An empty folder whose user has never baked a scene nor drawn one.
     pub fn cold() -> Self {
         let folder = tempfile::Builder::new().prefix("polyptych-test-").tempdir();
         let folder = folder.expect("a temporary folder");
-        let cache = folder.path().join("cache");
-        Self { folder, cache }
+        let [cache, shaders] = ["cache", "shaders"].map(|name| folder.path().join(name));
+        Self { folder, cache, shaders }
     }
 
     /// Where it lies.
@@ -68,9 +69,11 @@ impl Place {
             .env("XDG_CACHE_HOME", &self.cache)
             .env("XDG_STATE_HOME", self.path("state"))
             .env("XDG_RUNTIME_DIR", self.folder())
+            // What a killed process leaves behind goes with the test.
+            .env("TMPDIR", self.folder())
             .env("POLYPTYCH_TOKEN_FILE", self.token_file())
             // Drivers keep compiled shaders there.
-            .env("MESA_SHADER_CACHE_DIR", of_this_run().join("shaders"))
+            .env("MESA_SHADER_CACHE_DIR", &self.shaders)
             .env("NO_COLOR", "1")
             .env_remove("POLYPTYCH_LOG")
             .env_remove("DISPLAY")

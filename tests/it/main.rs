@@ -1,5 +1,23 @@
 //! The tests of the whole, in reading order:
 //!
 //! - `tidy`: the repository's own rules, held by reading its sources
+//! - `one_process`: manager, servers and client on threads of one process
+//! - `wall_of_processes`: a wall is started, driven, hurt and ended, all by the command
+//! - `client_library`: the same program drives one channel and four
+//! - `seams`: a wall of tiles shows what one channel shows
+//! - `twins`: the same commands give the same bytes, whoever draws
+//! - `refusals`: bad input gives a clear error, and the wall stays as it was
+//! - `windows`: pictures reach a display
+//! - `report`: what a simulated wall writes
 
+mod client_library;
+#[path = "../harness/harness.rs"]
+mod harness;
+mod one_process;
+mod refusals;
+mod report;
+mod seams;
 mod tidy;
+mod twins;
+mod wall_of_processes;
+mod windows;

@@ -7,6 +7,10 @@ use polyptych_protocol::scene::{Bounds, Instance, Mesh, Node, Scene};
 
 use super::error::BakeError;
 
+/// Farthest that a scene reaches, in world units: lengths in it, which are roots of sums of
+/// squares, stay finite, and so do a camera's that sees all of it.
+const COORDINATE_MAX: f64 = 1e100;
+
 /// For every mesh that is drawn, the most world units that one of its units is drawn as.
 pub(super) fn scales(nodes: &[Node], world: &[DAffine3]) -> BTreeMap<u32, f64> {
     let mut scales = BTreeMap::new();
@@ -52,10 +56,11 @@ pub(super) fn of_scene(scene: &Scene) -> Result<Option<Bounds>, BakeError> {
             }
         }
         if drawn.min.cmple(drawn.max).all() {
-            if !(drawn.min.is_finite() && drawn.max.is_finite()) {
+            let farthest = drawn.min.abs().max(drawn.max.abs()).max_element();
+            if farthest > COORDINATE_MAX {
                 let place = format!("nodes '{}'", node.name);
-                let right = "smaller numbers would be right";
-                return Err(BakeError::at(place, "its mesh is infinitely large", right));
+                let what = format!("its mesh reaches as far as {farthest:.0e} units");
+                return Err(BakeError::at(place, what, "smaller numbers would be right"));
             }
             (sum.min, sum.max) = (sum.min.min(drawn.min), sum.max.max(drawn.max));
         }

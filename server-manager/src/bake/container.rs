@@ -7,6 +7,7 @@
 
 use super::document::{Document, Head};
 use super::error::BakeError;
+use super::uri;
 
 /// Largest JSON: about a million nodes; text takes several times its size when parsed.
 pub(super) const JSON_BYTES_MAX: usize = 256 << 20;
@@ -95,6 +96,7 @@ fn parse_json(bytes: &[u8]) -> Result<Document, BakeError> {
     }
     let malformed = |error: serde_json::Error| {
         let what = if error.is_eof() { "the file is truncated: " } else { "" };
+        let error = uri::shorten_middle(&error.to_string());
         BakeError::at("JSON", format!("{what}{error}"), "glTF 2.0 would be right")
     };
     let head: Head = serde_json::from_slice(text).map_err(malformed)?;
@@ -118,7 +120,7 @@ fn check_head(head: &Head) -> Result<(), BakeError> {
     }
     let known = |name: &&String| EXTENSIONS.contains(&name.as_str());
     if let Some(name) = head.extensions_required.iter().find(|name| !known(name)) {
-        let what = format!("{} is required but not supported", super::uri::shorten(name));
+        let what = format!("{} is required but not supported", uri::shorten(name));
         let right = format!("supported are {}", EXTENSIONS.join(", "));
         return Err(BakeError::at("extensionsRequired", what, right));
     }

@@ -11,7 +11,8 @@ use super::document::{self, Instancing};
 use super::error::BakeError;
 use super::{Job, uri};
 
-/// Most copies that one node may draw: each takes 40 bytes of the manifest.
+/// Most copies that all nodes together may draw: each takes 40 bytes of the manifest, and a file
+/// of a few bytes can name millions.
 const INSTANCES_MAX: usize = 4 << 20;
 
 /// How far the last row of a matrix may be from 0, 0, 0, 1.
@@ -25,6 +26,7 @@ pub(super) fn read(job: &mut Job<'_>) -> Result<Vec<Node>, BakeError> {
     let roots = roots(job, &parents)?;
     let mut is_seen = vec![false; json.len()];
     let mut nodes: Vec<Node> = Vec::new();
+    let mut instances_left = INSTANCES_MAX;
     let mut stack: Vec<(u32, Option<u32>)> = roots.iter().rev().map(|&r| (r, None)).collect();
     while let Some((index, parent)) = stack.pop() {
         if nodes.len().is_multiple_of(1024) {
@@ -38,7 +40,9 @@ pub(super) fn read(job: &mut Job<'_>) -> Result<Vec<Node>, BakeError> {
             return Err(BakeError::at("scenes.nodes", what, "each root once would be right"));
         }
         let place = nodes.len() as u32;
-        nodes.push(convert(job, node, index, parent)?);
+        let node_made = convert(job, node, index, parent, instances_left)?;
+        instances_left -= node_made.instances.len();
+        nodes.push(node_made);
         stack.extend(node.children.iter().rev().map(|&child| (child, Some(place))));
     }
     Ok(nodes)
@@ -118,6 +122,7 @@ fn convert(
     node: &document::Node,
     index: u32,
     parent: Option<u32>,
+    instances_left: usize,
 ) -> Result<Node, BakeError> {
     let place = format!("nodes[{index}]");
     let document = &job.source.document;
@@ -135,7 +140,7 @@ fn convert(
     let mut mesh = node.mesh;
     let instances = match &node.extensions.instancing {
         Some(instancing) if mesh.is_some() => {
-            let instances = instances(job, instancing, &place)?;
+            let instances = instances(job, instancing, &place, instances_left)?;
             mesh = mesh.filter(|_| !instances.is_empty());
             instances
         }
@@ -182,6 +187,7 @@ fn instances(
     job: &mut Job<'_>,
     instancing: &Instancing,
     place: &str,
+    left: usize,
 ) -> Result<Vec<Instance>, BakeError> {
     let place = format!("{place}.extensions.EXT_mesh_gpu_instancing");
     let mut count = None;
@@ -192,9 +198,10 @@ fn instances(
             let what = format!("{name} has {} elements, another {expected}", accessor.count);
             return Err(BakeError::at(place, what, "equal counts would be right"));
         }
-        if expected > INSTANCES_MAX {
-            let what = format!("{expected} instances");
-            return Err(BakeError::at(place, what, format!("at most {INSTANCES_MAX} can be")));
+        if expected > left {
+            let what = format!("{expected} instances, {} before them", INSTANCES_MAX - left);
+            let right = format!("a scene can have {INSTANCES_MAX}");
+            return Err(BakeError::at(place, what, right));
         }
     }
     let translations = floats::<3>(job, instancing, "TRANSLATION", &place)?;

@@ -9,7 +9,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::blob::{BlobError, BlobFolder};
 use polyptych_protocol::codec;
 use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::scene::Scene;
@@ -31,12 +31,12 @@ impl Store {
     /// Opens the store in this folder, which is made if it is not there.
     ///
     /// # Errors
-    /// [`BakeError::Io`] where the folder can't be made.
+    /// [`BakeError::Store`] where the folder can't be made.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, BakeError> {
         let path = path.as_ref();
         let (bakes, blobs) = (path.join("bakes"), path.join("blobs"));
         for folder in [&bakes, &blobs] {
-            fs::create_dir_all(folder).map_err(|error| BakeError::io(folder, error))?;
+            fs::create_dir_all(folder).map_err(|error| unusable(folder, error))?;
         }
         Ok(Self { bakes, blobs: BlobFolder::new(blobs) })
     }
@@ -90,10 +90,14 @@ impl Store {
             file.persist(&path).map_err(|error| error.error)?;
             Ok(())
         });
-        written.map_err(|error| BakeError::io(&path, error))
+        written.map_err(|error| unusable(&path, error))
     }
 
     fn path_of(&self, key: BlobHash) -> PathBuf {
         self.bakes.join(format!("{key}.json"))
     }
+}
+
+fn unusable(path: &Path, source: std::io::Error) -> BakeError {
+    BakeError::Store(BlobError::Io { path: path.to_owned(), source })
 }

@@ -39,6 +39,18 @@ pub(super) fn shorten(uri: &str) -> String {
     }
 }
 
+/// The start and the end of a long message that repeats a file's text: its place stands last.
+pub(super) fn shorten_middle(message: &str) -> String {
+    const SIDE_CHARS: usize = 120;
+    let count = message.chars().count();
+    if count <= 2 * SIDE_CHARS {
+        return message.to_owned();
+    }
+    let start: String = message.chars().take(SIDE_CHARS).collect();
+    let end: String = message.chars().skip(count - SIDE_CHARS).collect();
+    format!("{start}…{end}")
+}
+
 fn strip_prefix_ignore_case<'a>(text: &'a str, prefix: &str) -> Option<&'a str> {
     let head = text.get(..prefix.len())?;
     head.eq_ignore_ascii_case(prefix).then(|| &text[prefix.len()..])
@@ -122,6 +134,14 @@ fn base64_decode(text: &[u8]) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_messages_keep_both_ends() {
+        assert_eq!(shorten_middle("short"), "short");
+        let long = shorten_middle(&format!("invalid type {}at line 1", "ü".repeat(9_999)));
+        assert!(long.chars().count() < 250, "{long}");
+        assert!(long.starts_with("invalid type ü") && long.ends_with("üat line 1"), "{long}");
+    }
 
     #[test]
     fn base64_and_percent() {

@@ -57,7 +57,7 @@ impl Cluster {
             self.camera = camera;
         }
         self.admit_ready(now);
-        let mut waited = Vec::new();
+        let (mut waited, mut late) = (Vec::new(), Vec::new());
         let mut sent = Vec::new();
         let mut is_warming = false;
         for (id, channel) in self.registry.channels() {
@@ -69,17 +69,31 @@ impl Cluster {
             if !sent.contains(&session) {
                 sent.push(session);
             }
-            // A picture that someone asked for is worth the longest wait, for late ones too.
-            if !is_late || capture {
+            if is_late {
+                late.push(id);
+            } else {
                 waited.push(id);
                 is_warming |= channel.frames_drawn < WARM_UP_FRAMES;
             }
         }
+        // Where all are late, there is nobody whom waiting for them could hold up; not to wait
+        // would count frames that nobody draws.
+        let is_all_late = waited.is_empty();
+        if is_all_late {
+            waited = late;
+        }
         self.frame.0 += 1;
         let time_s = order.as_ref().and_then(|o| o.time_s).unwrap_or(now as f64 * 1e-6);
-        let wait =
-            if is_warming || capture { self.deadline.longest() } else { self.deadline.length() };
+        // A picture that someone asked for is worth the longest wait.
+        let wait = if is_warming || is_all_late || capture {
+            self.deadline.longest()
+        } else {
+            self.deadline.length()
+        };
         self.pacer.began(now, !waited.is_empty());
+        if let Some(FrameOrder { job, capture: true, .. }) = &order {
+            self.collect(*job, &sent);
+        }
         self.command(sent.clone(), &Command::Frame(self.describe_frame(time_s, capture)));
         self.barrier = Some(Barrier {
             frame: self.frame,
@@ -191,24 +205,27 @@ impl Cluster {
         let feedback = self.aggregate(&barrier, now);
         self.gathered.add_frame(&feedback, now);
         self.publish(&feedback);
-        match barrier.order {
-            Some(FrameOrder { job, capture: true, .. }) => self.collect(job, &barrier.drawn),
-            Some(FrameOrder { job, .. }) => self.reply(job, Ok(Reply::Frame(feedback))),
-            None => {}
+        // A capture is answered with its pictures.
+        if let Some(FrameOrder { job, capture: false, .. }) = barrier.order {
+            self.reply(job, Ok(Reply::Frame(feedback)));
         }
     }
 
-    fn collect(&mut self, job: RequestOf, drawn: &BTreeMap<ChannelId, Drawn>) {
-        let missing = self
-            .registry
-            .channels()
-            .filter(|(id, _)| !drawn.contains_key(id))
-            .map(|(_, c)| {
-                let reason = c.reason.clone().unwrap_or_else(|| format!("it is {:?}", c.state));
-                (c.name.clone(), reason)
-            })
-            .collect();
-        let channels = drawn.keys().copied().collect();
-        self.outputs.push_back(Output::Collect { job, frame: self.swapped, channels, missing });
+    /// Pictures come as soon as they are drawn, so the collection begins with the frame. A late
+    /// channel's picture is collected too: the wall goes on, the picture waits.
+    fn collect(&mut self, job: RequestOf, sent: &[SessionId]) {
+        let was_sent = |server: Option<SessionId>| server.is_some_and(|s| sent.contains(&s));
+        let (mut channels, mut missing) = (Vec::new(), Vec::new());
+        for (id, channel) in self.registry.channels() {
+            let takes_part = matches!(channel.state, ChannelState::Live | ChannelState::Late);
+            if takes_part && was_sent(channel.server) {
+                channels.push(id);
+            } else {
+                let reason = channel.reason.clone();
+                let reason = reason.unwrap_or_else(|| format!("it is {:?}", channel.state));
+                missing.push((channel.name.clone(), reason));
+            }
+        }
+        self.outputs.push_back(Output::Collect { job, frame: self.frame, channels, missing });
     }
 }

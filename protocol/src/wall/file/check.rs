@@ -62,6 +62,8 @@ pub(super) fn check_name(source: &Source<'_>, key: &str, name: &str) -> Result<(
         format!("{name:?} has the character {odd:?}; it becomes part of file names")
     } else if name.starts_with('.') {
         format!("{name:?} begins with \".\", as hidden files do")
+    } else if name.starts_with('-') {
+        format!("{name:?} begins with \"-\", as options on a command line do")
     } else {
         return Ok(());
     };
@@ -96,7 +98,7 @@ fn check_head(source: &Source<'_>, head: &WallSection) -> Result<(), WallFileErr
     check_numbers(source, "wall.eye", &head.eye, COORDINATE_MAX_M, "metres")?;
     let (low, high) = NEAR_RANGE_M;
     if !(low..=high).contains(&head.near) {
-        let what = format!("the near plane cannot be at {} metres", head.near);
+        let what = format!("the near plane cannot be at {:?} metres", head.near);
         let remedy = format!("write a number from {low} to {high}, such as 0.05");
         return Err(source.error("wall.near", what, remedy));
     }

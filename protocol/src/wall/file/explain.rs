@@ -85,6 +85,8 @@ fn edits(from: &str, to: &str) -> usize {
 fn found_words(found: &str) -> String {
     let (kind, rest) = found.split_once(' ').unwrap_or((found, ""));
     let value = rest.trim_start_matches("point ").trim_matches('`');
+    // Of numbers beyond 64 bits serde says how it held them.
+    let value = value.split_once("` as ").map_or(value, |(number, _)| number);
     match kind {
         "string" => format!("the text {value}"),
         "integer" | "floating" => format!("the number {value}"),
@@ -127,6 +129,17 @@ mod tests {
         assert_eq!(suggest("zzz", &valid, "keys"), "keys here: columns, rows");
         let near = suggest("Row", &valid, "keys");
         assert_eq!(near, "did you mean \"rows\"? keys here: columns, rows");
+    }
+
+    #[test]
+    fn numbers_of_any_size_are_repeated() {
+        let what = |found| explain(&format!("invalid type: {found}, expected u32")).what;
+        assert_eq!(what("integer `-1`"), "found the number -1");
+        let large = "18446744073709551616";
+        assert_eq!(
+            what(&format!("integer `{large}` as i128")),
+            format!("found the number {large}")
+        );
     }
 
     #[test]

@@ -144,7 +144,11 @@ impl<'a> Source<'a> {
             DeValue::Array(_) => "list",
             other => other.type_str(),
         };
-        let what = format!("found a {kind} where a table belongs");
+        let what = match found {
+            // [screen] for [[screen]].
+            DeValue::Table(_) => "found one table where a list of tables belongs".to_owned(),
+            _ => format!("found a {kind} where a table belongs"),
+        };
         self.error(key, what, format!("write {header} on a line of its own, its keys below"))
     }
 

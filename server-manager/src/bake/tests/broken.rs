@@ -32,6 +32,34 @@ fn refused(change: impl Fn(&mut Builder), parts: &[&str]) {
 }
 
 #[test]
+fn many_nodes_of_many_instances() {
+    // A file of a kilobyte that would take forty gigabytes.
+    let change = |builder: &mut Builder| {
+        let zeros = json!({ "componentType": 5126, "type": "VEC3", "count": 1 << 21 });
+        let accessors = builder.json["accessors"].as_array_mut().expect("a list");
+        accessors.push(zeros);
+        let attributes = json!({ "TRANSLATION": accessors.len() - 1 });
+        let extensions = json!({ "EXT_mesh_gpu_instancing": { "attributes": attributes } });
+        let node = json!({ "mesh": 0, "extensions": extensions });
+        builder.json["nodes"] = json!(vec![node; 500]);
+        builder.json["scenes"] = json!([{ "nodes": (0..500).collect::<Vec<_>>() }]);
+    };
+    refused(change, &["nodes[2]", "2097152 instances, 4194304 before them", "4194304"]);
+}
+
+#[test]
+fn scenes_beyond_all_measure() {
+    let scaled = |scale: f64| {
+        move |builder: &mut Builder| builder.json["nodes"][0]["scale"] = json!([scale, scale, 1])
+    };
+    refused(scaled(1e300), &["nodes", "reaches as far as", "smaller numbers"]);
+    let place = Place::new();
+    let mut builder = Builder::quad();
+    scaled(1e30)(&mut builder);
+    place.bake(&place.write("large.glb", &builder.glb())).expect("only very large");
+}
+
+#[test]
 fn files_that_are_not_gltf() {
     let whole = Builder::quad().glb();
     let says = |bytes: &[u8], part: &str| {

@@ -187,6 +187,7 @@ fn names_are_unique_and_fit_for_files() {
     for (name, what) in [
         ("", "the name is empty"),
         ("..", "\"..\" begins with \".\", as hidden files do"),
+        ("--help", "\"--help\" begins with \"-\", as options on a command line do"),
         ("a/b", "\"a/b\" has the character '/'; it becomes part of file names"),
         ("é", "\"é\" has the character 'é'"),
         (&"x".repeat(65), "the name has 65 bytes"),

@@ -170,6 +170,10 @@ fn lists_and_values_are_no_tables() {
         "1:1: screen: found a number where a table belongs; write [[screen]] on",
     );
     check(
+        "[screen]\nname = \"s\"\n[wall]\nname = \"w\"",
+        "1:2: screen: found one table where a list of tables belongs; write [[screen]] on",
+    );
+    check(
         "screen = [[\"s\"]]\n[wall]\nname = \"w\"",
         "1:11: screen[0]: found a list where a table belongs; write [[screen]] on",
     );

@@ -1,0 +1,175 @@
+//! A wall of real processes, each started by hand as an operator would.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::Path;
+
+use image::RgbaImage;
+use polyptych_client::blocking::Client;
+use polyptych_client::{
+    Camera, Capture, ChannelState, ChannelStatus, ConnectOptions, Wall, WallStatus,
+};
+use polyptych_protocol::wall::file;
+
+use super::pictures;
+use super::place::Place;
+use super::process::{Finished, Process};
+use super::wait;
+
+/// How long frames wait for a channel in tests: machines that also build something are slow, and
+/// a picture without a channel is not what most tests are about.
+const PATIENCE_MS: u32 = 20_000;
+
+/// A port that the system chooses.
+pub const ANY_PORT: &str = "127.0.0.1:0";
+
+/// A manager and its servers; they end with it.
+#[derive(Debug)]
+pub struct LocalWall {
+    pub place: Place,
+    pub address: String,
+    pub manager: Process,
+    /// By name.
+    pub servers: BTreeMap<String, Process>,
+    wall: Wall,
+}
+
+/// A wall file of the repository, with patience.
+pub fn of_repository(name: &str) -> Wall {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs").join(name);
+    patient(file::load(&path).unwrap_or_else(|error| panic!("{error}")))
+}
+
+/// The screen of single.toml as tiles of a few pixels each.
+pub fn small(columns: u32, rows: u32) -> Wall {
+    let [width, height] = [240 * 2 / columns, 136 * 2 / rows];
+    let text = format!(
+        r#"
+        [wall]
+        name = "small"
+        [[screen]]
+        name = "front"
+        size = [1.92, 1.088]
+        center = [0.0, 0.0, -1.304]
+        [screen.tiles]
+        columns = {columns}
+        rows = {rows}
+        pixels = [{width}, {height}]
+        "#
+    );
+    patient(file::parse(&text, "small.toml".as_ref()).unwrap_or_else(|error| panic!("{error}")))
+}
+
+fn patient(mut wall: Wall) -> Wall {
+    wall.deadline.min_ms = PATIENCE_MS;
+    wall.deadline.max_ms = PATIENCE_MS;
+    wall.heartbeat_ms = PATIENCE_MS;
+    wall.scenes.clear();
+    wall
+}
+
+impl LocalWall {
+    /// Starts the manager and a server for each that the wall file names, and waits until all
+    /// channels could draw.
+    pub fn start(wall: &Wall, scenes: &[&Path]) -> Self {
+        let mut local = Self::manager(Place::new(), wall, scenes, ANY_PORT);
+        let servers: Vec<String> = wall.channels.iter().map(|c| c.server.clone()).collect();
+        for server in servers {
+            if !local.servers.contains_key(&server) {
+                local.start_server(&server);
+            }
+        }
+        let client = local.client();
+        await_states(&client, &[ChannelState::Ready, ChannelState::Live]);
+        local
+    }
+
+    /// Starts only the manager.
+    pub fn manager(place: Place, wall: &Wall, scenes: &[&Path], listen: &str) -> Self {
+        let path = place.write("wall.toml", file::to_toml(wall));
+        let mut arguments = ["manager", "--listen", listen].map(OsString::from).to_vec();
+        for folder in scenes {
+            arguments.extend(["--scenes".into(), folder.as_os_str().to_owned()]);
+        }
+        arguments.push(path.into());
+        let mut manager = place.start("manager", arguments);
+        let line = manager.await_line(&["manager listens", "address="]);
+        let address = line.split("address=").nth(1).and_then(|rest| rest.split(' ').next());
+        let address = address.expect("an address behind its name").to_owned();
+        Self { place, address, manager, servers: BTreeMap::new(), wall: wall.clone() }
+    }
+
+    /// Starts a server with all channels that the wall file gives it.
+    pub fn start_server(&mut self, name: &str) {
+        let server = start_server(&self.place, &self.wall, name, &self.address);
+        self.servers.insert(name.to_owned(), server);
+    }
+
+    /// A client of this wall.
+    pub fn client(&self) -> Client {
+        Client::connect_with(self.connect_options()).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// Where and as whom a client of this wall connects.
+    pub fn connect_options(&self) -> ConnectOptions {
+        let mut options = ConnectOptions::new(self.address.as_str());
+        options.token_file = Some(self.place.token_file());
+        options.name = "test".into();
+        options
+    }
+
+    /// Runs a command against this wall's manager.
+    #[track_caller]
+    pub fn run(&self, arguments: &[&str]) -> Finished {
+        self.place.run(arguments.iter().chain(&["--manager", &self.address]))
+    }
+
+    /// Waits until the manager knows that this server has gone.
+    #[track_caller]
+    pub fn await_lost(&self, client: &Client, server: &str) {
+        let mine = self.wall.channels.iter().filter(|c| c.server == server);
+        let names: Vec<&str> = mine.map(|channel| channel.name.as_str()).collect();
+        wait::until(&format!("{names:?} lost"), || {
+            let status = client.status().unwrap_or_else(|error| panic!("{error}"));
+            let mut mine = status.channels.iter().filter(|c| names.contains(&c.name.as_str()));
+            mine.all(|channel| channel.state == ChannelState::Lost).then_some(())
+        });
+    }
+}
+
+/// Waits until every channel is in one of these states.
+#[track_caller]
+pub fn await_states(client: &Client, states: &[ChannelState]) -> WallStatus {
+    let is_there = |channel: &ChannelStatus| states.contains(&channel.state);
+    wait::until(&format!("all channels {states:?}"), || {
+        let status = client.status().unwrap_or_else(|error| panic!("{error}"));
+        status.channels.iter().all(is_there).then_some(status)
+    })
+}
+
+/// Starts a server with all channels that the wall gives it, whether there is a manager or not.
+pub fn start_server(place: &Place, wall: &Wall, name: &str, manager: &str) -> Process {
+    let mut arguments: Vec<OsString> =
+        ["server", "--with-parent", "--headless", "--manager"].map(OsString::from).to_vec();
+    arguments.extend([manager, "--name", name, "--cache"].map(OsString::from));
+    arguments.push(place.path(&format!("blobs-{name}")).into());
+    let channels = wall.channels.iter().filter(|channel| channel.server == name);
+    arguments.extend(channels.flat_map(|c| ["--channel", &c.name]).map(OsString::from));
+    place.start(&format!("server {name}"), arguments)
+}
+
+/// The whole wall from here, all channels being there.
+#[track_caller]
+pub fn shot(client: &Client, camera: Camera) -> Capture {
+    client.set_camera(camera).unwrap_or_else(|error| panic!("{error}"));
+    let capture = client.capture().unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(capture.missing, [], "channels that sent no picture");
+    capture
+}
+
+/// The picture of the only screen.
+#[track_caller]
+pub fn screen_of(capture: &Capture) -> RgbaImage {
+    let [screen] = &capture.screens[..] else { panic!("{} screens", capture.screens.len()) };
+    pictures::image_of(screen)
+}

@@ -1,0 +1,5 @@
+//! Bad input gives a clear error, commands fail, and the wall stays as it was.
+
+mod peers;
+mod scenes;
+mod walls;

@@ -1,0 +1,124 @@
+//! Scenes that can't be shown: the wall goes on showing the one before.
+
+use std::os::unix::fs::symlink;
+use std::path::Path;
+
+use polyptych_client::blocking::Client;
+use polyptych_client::{Capture, WallStatus};
+use serde_json::json;
+
+use crate::harness::local_wall::{LocalWall, shot, small};
+use crate::harness::place::Place;
+use crate::harness::scenes::{Gltf, poses, town};
+
+/// A wall that shows something, and what it shows.
+struct Stage {
+    scenes: Place,
+    local: LocalWall,
+    client: Client,
+    status: WallStatus,
+    capture: Capture,
+}
+
+impl Stage {
+    fn new() -> Self {
+        let scenes = Place::new();
+        let folder = scenes.path("scenes");
+        std::fs::create_dir(&folder).expect("a folder");
+        let local = LocalWall::start(&small(2, 1), &[town().parent().expect("one"), &folder]);
+        let client = local.client();
+        let scene = client.open_scene("town.glb").expect("opened");
+        let capture = shot(&client, poses(&scene.bounds.expect("bounds"))[4]);
+        let status = client.status().expect("a status");
+        Self { scenes, local, client, status, capture }
+    }
+
+    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+        self.scenes.write(&format!("scenes/{name}"), bytes);
+    }
+
+    /// The file is refused with a message that has all these parts, and nothing has changed.
+    #[track_caller]
+    fn refuses(&self, path: &str, parts: &[&str]) {
+        let name = Path::new(path).file_name().expect("a name").to_string_lossy();
+        let said = self.local.run(&["open", path]).failed(parts);
+        assert!(said.contains(&*name), "{said:?} names no file");
+        let status = self.client.status().expect("a status");
+        assert_eq!(
+            (status.revision, status.digest, &status.scene),
+            (self.status.revision, self.status.digest, &self.status.scene),
+            "{path}"
+        );
+        let capture = self.client.capture().expect("a picture");
+        assert_eq!(capture.missing, [], "{path}");
+        assert!(capture.channels == self.capture.channels, "{path}: the picture has changed");
+    }
+}
+
+#[test]
+fn files_that_are_no_scene_leave_the_wall_as_it_was() {
+    let stage = Stage::new();
+    stage.refuses("gone.glb", &["not found", "scene folders"]);
+    stage.write("picture.glb", b"\x89PNG\r\n\x1a\n and so on");
+    stage.refuses("picture.glb", &["not glTF"]);
+    stage.write("empty.gltf", b"");
+    stage.refuses("empty.gltf", &["not glTF"]);
+    let whole = Gltf::triangle().glb();
+    stage.write("short.glb", &whole[..whole.len() - 7]);
+    stage.refuses("short.glb", &["truncated"]);
+    stage.write("nobuffer.gltf", Gltf::triangle().gltf("gone.bin"));
+    stage.refuses("nobuffer.gltf", &["gone.bin", "buffers[0]"]);
+    let textured = Gltf::triangle().with(|gltf| {
+        let texture = json!({ "baseColorTexture": { "index": 0 } });
+        gltf.json["materials"] = json!([{ "pbrMetallicRoughness": texture }]);
+        gltf.json["textures"] = json!([{ "source": 0 }]);
+        gltf.json["images"] = json!([{ "uri": "gone.png" }]);
+        gltf.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    });
+    stage.write("noimage.glb", textured.glb());
+    stage.refuses("noimage.glb", &["gone.png", "images[0]"]);
+    let beyond = Gltf::triangle().with(|gltf| gltf.bin[36..40].copy_from_slice(&[7, 0, 0, 0]));
+    stage.write("index.glb", beyond.glb());
+    stage.refuses("index.glb", &["index 0 is 7", "3 vertices"]);
+    let accessor = Gltf::triangle().with(|gltf| gltf.json["nodes"][0]["mesh"] = json!(5));
+    stage.write("mesh.glb", accessor.glb());
+    stage.refuses("mesh.glb", &["nodes[0].mesh", "meshes[5]"]);
+    let nan = f32::NAN.to_le_bytes();
+    stage.write("nan.glb", Gltf::triangle().with(|g| g.bin[0..4].copy_from_slice(&nan)).glb());
+    stage.refuses("nan.glb", &["POSITION", "finite"]);
+    let nodes = json!([{ "mesh": 0, "children": [1] }, { "name": "b", "children": [0] }]);
+    stage.write("cycle.glb", Gltf::triangle().with(|gltf| gltf.json["nodes"] = nodes).glb());
+    stage.refuses("cycle.glb", &["cycle"]);
+    let required = json!(["KHR_draco_mesh_compression"]);
+    let draco = Gltf::triangle().with(|gltf| gltf.json["extensionsRequired"] = required);
+    stage.write("draco.glb", draco.glb());
+    stage.refuses("draco.glb", &["KHR_draco_mesh_compression"]);
+    // The same file without a fault is shown.
+    stage.write("good.glb", Gltf::triangle().glb());
+    stage.local.run(&["open", "good.glb"]).succeeded();
+    assert_ne!(stage.client.status().expect("a status").revision, stage.status.revision);
+}
+
+#[test]
+fn files_outside_the_scene_folders_are_not_opened() {
+    let stage = Stage::new();
+    let outside = stage.scenes.write("outside.glb", Gltf::triangle().glb());
+    let outside_parts = ["outside the manager's scene folders"];
+    stage.refuses(&outside.display().to_string(), &outside_parts);
+    stage.refuses("../outside.glb", &outside_parts);
+    symlink(&outside, stage.scenes.path("scenes/linked.glb")).expect("a link");
+    stage.refuses("linked.glb", &outside_parts);
+    symlink(stage.scenes.folder(), stage.scenes.path("scenes/folder")).expect("a link");
+    stage.refuses("folder/outside.glb", &outside_parts);
+    // What a scene names must lie in its folder as well, however it is written.
+    stage.scenes.write("outside.bin", &Gltf::triangle().bin);
+    let linked = stage.scenes.path("scenes/linked.bin");
+    symlink(stage.scenes.path("outside.bin"), linked).expect("a link");
+    let absolute = stage.scenes.path("outside.bin").display().to_string();
+    for uri in ["../outside.bin", "%2e%2e/outside.bin", "linked.bin", &absolute] {
+        stage.write("reaching.gltf", Gltf::triangle().gltf(uri));
+        stage.refuses("reaching.gltf", &["buffers[0]", "bin"]);
+    }
+    stage.write("fetching.gltf", Gltf::triangle().gltf("http://127.0.0.1:9/a.bin"));
+    stage.refuses("fetching.gltf", &["http", "buffers[0]"]);
+}

@@ -1,0 +1,111 @@
+//! Walls that are none, ports and drivers that are not there, channels that are taken.
+
+use crate::harness::local_wall::{LocalWall, small};
+use crate::harness::place::Place;
+
+const WALL: &str = r#"[wall]
+name = "good"
+eye = [0.0, 0.0, 0.0]
+
+[[screen]]
+name = "front"
+size = [2.0, 1.0]
+center = [0.0, 0.0, -1.0]
+pixels = [200, 100]
+
+[[screen.channel]]
+name = "left"
+origin = [0, 0]
+pixels = [100, 100]
+
+[[screen.channel]]
+name = "right"
+origin = [100, 0]
+pixels = [100, 100]
+"#;
+
+/// What is wrong, a change to the wall file, and what the error must say, line and key first.
+type Case = (&'static str, [&'static str; 2], &'static [&'static str]);
+
+const CASES: &[Case] = &[
+    ("unknown key", ["size = ", "sice = "], &["wall.toml:7:1", "screen[0].sice", "size"]),
+    ("wrong type", ["pixels = [200, 100]", "pixels = \"many\""], &[":9:", "screen[0].pixels"]),
+    ("no TOML", ["name = \"good\"", "name = good"], &["wall.toml:2:"]),
+    ("overlap", ["origin = [100, 0]", "origin = [90, 0]"], &["left", "right", "overlap"]),
+    ("hole", ["origin = [100, 0]\npixels = [100,", "origin = [100, 0]\npixels = [90,"], &["190"]),
+    ("no pixels", ["[100, 100]", "[0, 100]"], &[":14:", "screen[0].channel[0].pixels"]),
+    ("many pixels", ["pixels = [100, 100]", "pixels = [100000, 100]"], &[":14:", "channel"]),
+    ("eye in the plane", ["eye = [0.0, 0.0, 0.0]", "eye = [0.0, 0.0, -1.0]"], &[":3:", "eye"]),
+    ("name twice", ["name = \"right\"", "name = \"left\""], &["left", ":17:"]),
+];
+
+#[test]
+fn a_wall_file_that_is_wrong_is_refused_with_its_place() {
+    let place = Place::new();
+    for (what, [from, to], parts) in CASES {
+        assert!(WALL.contains(from), "{what}");
+        place.write("wall.toml", WALL.replacen(from, to, 1));
+        let checked = place.run(["check", "wall.toml"]).failed(parts);
+        for command in ["manager", "simulate"] {
+            let refused = place.run([command, "wall.toml"]).failed(parts);
+            assert_eq!(refused, checked, "{what}: all commands say the same");
+        }
+        let json = place.run(["check", "--json", "wall.toml"]);
+        assert_eq!(json.code(), 1, "{what}");
+        let error: serde_json::Value = serde_json::from_str(&json.output).expect("JSON");
+        assert!(error["error"]["line"].as_u64() > Some(0), "{what}: {error}");
+    }
+    place.write("wall.toml", WALL);
+    let table = place.run(["check", "wall.toml"]).succeeded();
+    assert!(table.contains("left") && table.contains("right"), "{table}");
+    place.run(["check", "gone.toml"]).failed(&["gone.toml", "cannot be read"]);
+}
+
+#[test]
+fn a_channel_has_one_server_and_a_port_one_manager() {
+    let wall = small(1, 1);
+    let name = wall.channels[0].name.clone();
+    let local = LocalWall::start(&wall, &[]);
+    let pid = local.servers[&name].pid().to_string();
+    let server =
+        |channel: &str| local.run(&["server", "--once", "--headless", "--channel", channel]);
+    server(&name).failed(&[&local.address, &name, "driven by another server", &pid]);
+    server("attic").failed(&["no channel \"attic\"", &name]);
+    let path = local.place.path("wall.toml").display().to_string();
+    let second = local.place.run(["manager", "--listen", &local.address, &path]);
+    second.failed(&[&local.address, "in use", "polyptych stop", "--listen"]);
+    let open = local.place.run(["manager", "--listen", "0.0.0.0:0", &path]);
+    open.failed(&["can be reached from other machines", "--insecure"]);
+    local.client().render_frame().expect("the wall goes on");
+}
+
+#[test]
+fn a_machine_without_a_driver_is_told_which_package_has_one() {
+    let place = Place::new();
+    let nothing = [("VK_DRIVER_FILES", "/nonexistent"), ("VK_ICD_FILENAMES", "/nonexistent")];
+    let without_drivers = |arguments: &[&str]| {
+        let mut command = place.command(arguments);
+        command.envs(nothing).env("WGPU_BACKEND", "vulkan");
+        let mut process = crate::harness::process::Process::start("polyptych", &mut command);
+        process.finish(crate::harness::wait::LIMIT)
+    };
+    let server = ["server", "--once", "--channel", "left", "--manager", "127.0.0.1:9"];
+    without_drivers(&server).failed(&["no Vulkan or GL driver", "apt install mesa-vulkan-drivers"]);
+    place.write("wall.toml", WALL);
+    let scene = crate::harness::scenes::town().display().to_string();
+    let simulated = without_drivers(&["simulate", "wall.toml", &scene]);
+    assert!(simulated.output.contains("mesa-vulkan-drivers"), "{}", simulated.output);
+    simulated.failed(&["the server", "ended"]);
+}
+
+#[test]
+fn a_server_that_finds_no_manager_says_so_once_and_gives_up_if_told_to() {
+    let place = Place::new();
+    let nobody = std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr());
+    let nobody = nobody.expect("a free port").to_string();
+    let server = ["server", "--headless", "--channel", "a", "--manager", &nobody];
+    let once = place.run(server.iter().chain(&["--once"]));
+    once.failed(&[&nobody, "token"]);
+    place.write("state/token", "0123456789abcdef0123456789abcdef");
+    place.run(server.iter().chain(&["--once"])).failed(&[&nobody, "refused"]);
+}
