@@ -72,7 +72,12 @@ enum Command {
 #[derive(Debug, clap::Args)]
 pub(crate) struct ManagerAddress {
     /// The manager's address
-    #[arg(long, value_name = "ADDR", default_value_t = format!("127.0.0.1:{PORT_DEFAULT}"))]
+    #[arg(
+        long,
+        value_name = "ADDR",
+        value_parser = address,
+        default_value_t = format!("127.0.0.1:{PORT_DEFAULT}")
+    )]
     manager: String,
     /// The file with the manager's token [default: where the manager of this user puts it]
     #[arg(long, value_name = "FILE", env = polyptych_protocol::token::TOKEN_FILE_VARIABLE)]
@@ -110,6 +115,8 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
 pub(crate) fn start_log(cli: &Cli) {
     let level = match cli.command {
         Command::Manager(_) | Command::Server(_) => "info",
+        // What its own manager would warn of, the command says itself.
+        Command::Simulate(_) | Command::Demo(_) => "warn,polyptych_manager=error",
         _ => "warn",
     };
     // The driver libraries log what is of interest to their own developers.
@@ -210,6 +217,37 @@ fn seconds(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| format!("{text} is not a positive number of seconds"))
 }
 
+/// A number of things in words.
+fn counted(count: usize, thing: &str) -> String {
+    if count == 1 { format!("1 {thing}") } else { format!("{count} {thing}s") }
+}
+
+/// A manager's address, as an argument: `HOST:PORT`, or `HOST` with the usual port.
+fn address(text: &str) -> Result<String, String> {
+    let is_plain_v6 = text.matches(':').count() > 1 && !text.starts_with('[');
+    let (host, port) = match text.rsplit_once(':').filter(|_| !is_plain_v6) {
+        Some((host, port)) if !port.ends_with(']') => (host, Some(port)),
+        _ => (text, None),
+    };
+    let host_fits = !host.is_empty() && !host.contains(char::is_whitespace);
+    let port = match port {
+        None => Some(PORT_DEFAULT),
+        Some(port) => port.parse::<u16>().ok().filter(|&port| port != 0),
+    };
+    match port.filter(|_| host_fits) {
+        Some(port) if is_plain_v6 => Ok(format!("[{host}]:{port}")),
+        Some(port) => Ok(format!("{host}:{port}")),
+        None => Err(format!("{text:?} is no address; write HOST:PORT, such as 127.0.0.1:7878")),
+    }
+}
+
+/// A factor of light, as an argument.
+fn exposure(text: &str) -> Result<f32, String> {
+    let number: f32 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    let is_factor = number.is_finite() && number >= 0.0;
+    is_factor.then_some(number).ok_or_else(|| format!("{text} is not 0 or more"))
+}
+
 /// A rate in frames per second, as an argument.
 fn rate(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
@@ -222,6 +260,22 @@ mod tests {
     use anyhow::anyhow;
 
     use super::*;
+
+    #[test]
+    fn an_address_is_a_host_and_a_port() {
+        for (text, meant) in [
+            ("wall.example:80", "wall.example:80"),
+            ("127.0.0.1", "127.0.0.1:7878"),
+            ("[::1]:9000", "[::1]:9000"),
+            ("[::1]", "[::1]:7878"),
+            ("::1", "[::1]:7878"),
+        ] {
+            assert_eq!(address(text).as_deref(), Ok(meant), "{text}");
+        }
+        for text in ["", ":7878", "wall:", "wall:99999", "wall:0", "a wall:1"] {
+            assert!(address(text).is_err(), "{text:?}");
+        }
+    }
 
     #[test]
     fn an_error_is_one_line_that_names_each_cause_once() {

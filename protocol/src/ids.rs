@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A channel, by its place in the wall's list of channels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -19,7 +20,7 @@ pub struct FrameId(pub u64);
 pub struct RequestId(pub u64);
 
 /// One life of a manager, drawn at random when it starts. Revisions of two epochs don't compare.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Epoch(pub u64);
 
 /// The number of changes applied to the replicated state.
@@ -29,7 +30,7 @@ pub struct Epoch(pub u64);
 pub struct Revision(pub u64);
 
 /// A fingerprint of the replicated state: equal revisions must have equal digests.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Digest(pub u64);
 
 /// The BLAKE3 hash of a blob's bytes, which is its name.
@@ -81,3 +82,29 @@ macro_rules! display_hex {
     )*};
 }
 display_hex!(Epoch, Digest);
+
+/// Numbers on the wire; 16 hexadecimal digits in JSON, whose readers often round large numbers.
+macro_rules! serialize_hex {
+    ($($name:ident),*) => {$(
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                if serializer.is_human_readable() {
+                    serializer.collect_str(self)
+                } else {
+                    serializer.serialize_u64(self.0)
+                }
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                if !deserializer.is_human_readable() {
+                    return u64::deserialize(deserializer).map(Self);
+                }
+                let text = String::deserialize(deserializer)?;
+                u64::from_str_radix(&text, 16).map(Self).map_err(D::Error::custom)
+            }
+        }
+    )*};
+}
+serialize_hex!(Epoch, Digest);

@@ -28,7 +28,7 @@ use crate::server_session::{self, ServerLink};
 use crate::session::{DRAIN_TIME_MAX, EVENTS_MAX, Event, Link};
 
 /// Connections that may be in the handshake at once: strangers get no more of the manager.
-const HANDSHAKES_MAX: usize = 128;
+const HANDSHAKES_MAX: usize = 512;
 
 /// Events that are handled in one turn, before timers are looked at again.
 const EVENTS_PER_TURN: usize = 64;

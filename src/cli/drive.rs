@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use polyptych_client::glam::{DQuat, DVec3};
 use polyptych_client::{Camera, Feedback, overview};
 
-use super::{ManagerAddress, say};
+use super::{ManagerAddress, exposure, say};
 use crate::pictures;
 
 #[derive(Debug, clap::Args)]
@@ -19,6 +19,9 @@ pub(super) struct OpenArguments {
     /// Where the camera looks from, in degrees around the vertical; 0 is the scene's +Z side
     #[arg(long, value_name = "DEGREES", default_value_t = 30.0, conflicts_with = "keep_camera")]
     heading: f64,
+    /// Multiply all light by this; scenes lit in real lux want about 0.0005
+    #[arg(long, value_name = "FACTOR", value_parser = exposure)]
+    exposure: Option<f32>,
     #[command(flatten)]
     manager: ManagerAddress,
 }
@@ -34,6 +37,9 @@ pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<()> {
     {
         let camera = overview(&client.wall()?, bounds, arguments.heading.to_radians());
         client.set_camera(camera)?;
+    }
+    if let Some(exposure) = arguments.exposure {
+        client.set_exposure(exposure)?;
     }
     let feedback = client.render_frame()?;
     warn_of_absent(&feedback);
@@ -95,6 +101,9 @@ enum Pose {
 
 pub(super) fn camera(arguments: &CameraArguments) -> anyhow::Result<()> {
     let (camera, manager) = match &arguments.pose {
+        Pose::LookAt { position, target, .. } if position == target => {
+            bail!("the camera stands at {position} and cannot look at itself; look elsewhere");
+        }
         Pose::LookAt { position, target, up, scale, manager } => {
             (Camera::look_at(*position, *target, *up).with_scale(*scale), manager)
         }
@@ -118,6 +127,10 @@ pub(super) struct ShotArguments {
 }
 
 pub(super) fn shot(arguments: &ShotArguments) -> anyhow::Result<()> {
+    let is_png = arguments.file.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+    if !is_png {
+        bail!("{}: pictures are PNG; write a name that ends in .png", arguments.file.display());
+    }
     let client = arguments.manager.connect()?;
     let capture = client.capture()?;
     for (channel, reason) in &capture.missing {

@@ -6,12 +6,12 @@ use polyptych_protocol::token;
 use polyptych_render::{OutputKind, ServerError, ServerOptions, TokenSource, run as run_server};
 use rustix::process::{Signal, getpid, kill_process};
 
-use super::{asked_to_end, cache_folder};
+use super::{address, asked_to_end, cache_folder};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// The manager's address, HOST:PORT
-    #[arg(long, value_name = "ADDR")]
+    #[arg(long, value_name = "ADDR", value_parser = address)]
     manager: String,
     /// The channel to draw; may be given again: one server can draw several
     #[arg(long, value_name = "NAME", required = true)]

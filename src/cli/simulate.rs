@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_client::{Bounds, Camera, overview};
 use polyptych_protocol::wall::Wall;
 
-use super::{cache_folder, load_wall, manager, rate, say, seconds};
+use super::{cache_folder, counted, exposure, load_wall, manager, rate, say, seconds};
 use crate::local_wall::{Interrupted, LocalWall, LocalWallOptions};
 use crate::pictures;
 use crate::report::Report;
@@ -62,6 +62,9 @@ pub(super) struct Arguments {
     /// Show a window for each channel
     #[arg(long)]
     pub windows: bool,
+    /// Multiply all light by this; scenes lit in real lux want about 0.0005
+    #[arg(long, value_name = "FACTOR", value_parser = exposure, default_value = "1")]
+    pub exposure: f32,
     /// Where wall.png, channel-NAME.png and report.json go
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
@@ -85,7 +88,8 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
     let root = shown.file.parent().unwrap_or(Path::new("/")).to_owned();
     let baker = manager::baker(cache_folder()?.join("store"), manager::BAKE_MEMORY_MIB_DEFAULT)?;
     let count = wall.channels.len();
-    say(format_args!("wall {}: {count} channels on {} screens", wall.name, wall.screens.len()))?;
+    let (channels, screens) = (counted(count, "channel"), counted(wall.screens.len(), "screen"));
+    say(format_args!("wall {}: {channels} on {screens}", wall.name))?;
     let options = LocalWallOptions {
         wall: wall.clone(),
         scene_roots: vec![root],
@@ -128,6 +132,7 @@ fn drive(
         "scene {}: {} triangles; needs: {features}",
         summary.name, summary.triangles
     ))?;
+    client.set_exposure(arguments.exposure)?;
     let focus = shown.focus.or(summary.bounds);
     let camera = |n: u64| camera_of_frame(wall, focus.as_ref(), arguments, n);
     for _ in 0..WARM_UP_FRAMES {

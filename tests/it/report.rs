@@ -16,7 +16,7 @@ fn simulated() -> (Simulation, Value) {
     let arguments = ["--orbit", "--frames", "20"];
     let mut simulation = Simulation::start(Place::new(), &small(2, 2), town(), &arguments);
     let said = simulation.process.finish(wait::LIMIT).succeeded();
-    assert!(said.contains("wall small: 4 channels on 1 screens"), "{said}");
+    assert!(said.contains("wall small: 4 channels on 1 screen"), "{said}");
     assert!(said.contains("pictures and report: "), "{said}");
     let text = std::fs::read(simulation.place.path("out/report.json")).expect("a report");
     let report = serde_json::from_slice(&text).expect("JSON");

@@ -50,6 +50,17 @@ impl Changes {
         self.current.as_ref().map(|underway| underway.expires)
     }
 
+    /// The revision that the change on its way leads to.
+    pub fn revision(&self) -> Option<Revision> {
+        self.current.as_ref().map(|underway| underway.replica.revision)
+    }
+
+    /// Whether this server has said that it cannot prepare the change on its way.
+    pub fn has_failed_on(&self, session: SessionId) -> bool {
+        let mut failed = self.current.iter().flat_map(|underway| &underway.failed);
+        failed.any(|(id, _)| *id == session)
+    }
+
     pub fn digest_of(&self, revision: Revision) -> Option<Digest> {
         let underway = self.current.as_ref();
         underway.filter(|u| u.replica.revision == revision).map(|u| u.digest)
@@ -105,6 +116,7 @@ impl Cluster {
         reason: &str,
     ) {
         let Some(server) = self.registry.server_mut(from) else { return };
+        server.answered(revision);
         tracing::error!(server = server.name, %revision, reason, "a server cannot prepare");
         let (name, channels) = (server.name.clone(), server.channels.clone());
         if self.changes.digest_of(revision).is_some() {
@@ -116,6 +128,10 @@ impl Cluster {
             self.stop_waiting_for(&channels, now);
         }
         self.advance_change(now);
+        // Asked for the same again it would fail again; for anything newer it may not.
+        if revision != self.shown.revision {
+            self.prompt(vec![from]);
+        }
     }
 
     pub(super) fn expire_change(&mut self, now: Micros) {
@@ -144,7 +160,7 @@ impl Cluster {
             let failed = Vec::new();
             self.changes.current = Some(Underway { change, replica, digest, expires, failed });
             let everyone = self.registry.servers().map(|(id, _)| id).collect();
-            self.send_change_to(everyone);
+            self.prompt(everyone);
         }
     }
 
@@ -154,8 +170,7 @@ impl Cluster {
         self.registry.channels().filter(|(_, c)| counts(c.state)).all(|(_, c)| {
             let Some(session) = c.server else { return true };
             let prepared = self.registry.server(session).and_then(|server| server.prepared);
-            prepared == Some(underway.replica.revision)
-                || underway.failed.iter().any(|(id, _)| *id == session)
+            prepared == Some(underway.replica.revision) || self.changes.has_failed_on(session)
         })
     }
 
@@ -213,6 +228,7 @@ impl Cluster {
             let reason = failed.iter().find(|(id, _)| *id == session).map(|(_, r)| r.as_str());
             self.registry.set_states(&channels, ChannelState::Preparing, reason, now);
             self.stop_waiting_for(&channels, now);
+            self.prompt(vec![session]);
         }
         let ready: Vec<_> = self
             .registry

@@ -29,7 +29,7 @@ impl Cluster {
         tracing::info!(server = hello.name, address, adapter = hello.adapter.name, "server joins");
         self.registry.add(now, session, hello, address, channels.clone());
         self.registry.set_states(&channels, ChannelState::Preparing, None, now);
-        self.send_snapshot(session);
+        self.prompt(vec![session]);
         Ok(())
     }
 
@@ -48,16 +48,34 @@ impl Cluster {
         Ok(())
     }
 
-    /// The state that is shown, whole, and the change on its way to it.
-    fn send_snapshot(&mut self, session: SessionId) {
+    /// Sends each of these servers what it must prepare next, if it owes no answer: the shown
+    /// state whole, or the change on its way from there. A server that is busy with an older
+    /// state is so never sent more than one thing.
+    pub(super) fn prompt(&mut self, sessions: Vec<SessionId>) {
+        let (mut to_snapshot, mut to_change) = (Vec::new(), Vec::new());
+        let shown = self.shown.revision;
+        let next = self.changes.revision();
+        for session in sessions {
+            let Some(server) = self.registry.server_mut(session) else { continue };
+            if server.owes.is_some() || (next.is_some() && server.prepared == next) {
+                continue;
+            }
+            if server.prepared != Some(shown) {
+                server.owes = Some(shown);
+                to_snapshot.push(session);
+            } else if next.is_some() && !self.changes.has_failed_on(session) {
+                server.owes = next;
+                to_change.push(session);
+            }
+        }
         let snapshot = Prepare {
             epoch: self.epoch,
             base: None,
-            revision: self.shown.revision,
+            revision: shown,
             operations: self.shown.snapshot(),
         };
-        self.command(vec![session], &Command::Prepare(snapshot));
-        self.send_change_to(vec![session]);
+        self.command(to_snapshot, &Command::Prepare(snapshot));
+        self.send_change_to(to_change);
     }
 
     /// A server's connection has ended.
@@ -94,13 +112,16 @@ impl Cluster {
         server.prepared = None;
         let channels = server.channels.clone();
         self.registry.set_states(&channels, ChannelState::Preparing, Some(why), now);
-        self.send_snapshot(session);
+        self.prompt(vec![session]);
         self.stop_waiting_for(&channels, now);
     }
 
     pub(super) fn handle_prepared(&mut self, now: Micros, from: SessionId, prepared: &Prepared) {
         if prepared.epoch != self.epoch {
             return;
+        }
+        if let Some(server) = self.registry.server_mut(from) {
+            server.answered(prepared.revision);
         }
         let expected = if prepared.revision == self.shown.revision {
             Some(self.shown_digest)
@@ -124,6 +145,7 @@ impl Cluster {
             }
         }
         self.advance_change(now);
+        self.prompt(vec![from]);
         self.advance_frame(now);
     }
 

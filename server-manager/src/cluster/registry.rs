@@ -25,8 +25,19 @@ pub(super) struct Server {
     pub channels: Vec<ChannelId>,
     /// What it could draw at once.
     pub prepared: Option<Revision>,
+    /// What it was sent and has not answered yet.
+    pub owes: Option<Revision>,
     pub memory_bytes: u64,
     last_heard: Micros,
+}
+
+impl Server {
+    /// It has answered for a revision, for better or worse.
+    pub fn answered(&mut self, revision: Revision) {
+        if self.owes == Some(revision) {
+            self.owes = None;
+        }
+    }
 }
 
 /// A channel of the wall and what is known of it.
@@ -134,6 +145,7 @@ impl Registry {
             adapter: hello.adapter,
             channels,
             prepared: None,
+            owes: None,
             memory_bytes: 0,
             last_heard: now,
         };

@@ -24,6 +24,9 @@ const NEAR_RANGE_M: (f64, f64) = (1e-6, 1e3);
 /// Shortest silence: pings every 5 ms are as many as make sense.
 const HEARTBEAT_MS_MIN: u32 = 20;
 
+/// Longest deadline and heartbeat: a wall that stands still for a minute has no use for its frames.
+const WAIT_MS_MAX: u32 = 60_000;
+
 /// The wall that a document describes.
 pub(super) fn wall(source: &Source<'_>, document: &Document) -> Result<Wall, WallFileError> {
     check_head(source, &document.wall)?;
@@ -120,6 +123,11 @@ fn deadline(source: &Source<'_>, section: &DeadlineSection) -> Result<DeadlineRu
         let what = "a deadline of 0 ms would make every frame late";
         return Err(source.error(key, what, "write 1 or more"));
     }
+    if max_ms > WAIT_MS_MAX {
+        let what = format!("a deadline of up to {max_ms} ms");
+        let remedy = format!("write {WAIT_MS_MAX} or less, such as 2000");
+        return Err(source.error("deadline.max_ms", what, remedy));
+    }
     if min_ms > max_ms {
         let what = format!("the shortest deadline, {min_ms} ms, is above the longest, {max_ms} ms");
         return Err(source.error("deadline.min_ms", what, format!("write {max_ms} or less")));
@@ -128,6 +136,11 @@ fn deadline(source: &Source<'_>, section: &DeadlineSection) -> Result<DeadlineRu
 }
 
 fn check_network(source: &Source<'_>, network: &NetworkSection) -> Result<(), WallFileError> {
+    if network.heartbeat_ms > WAIT_MS_MAX {
+        let what = format!("a heartbeat of {} ms", network.heartbeat_ms);
+        let remedy = format!("write {WAIT_MS_MAX} or less, such as 2000");
+        return Err(source.error("network.heartbeat_ms", what, remedy));
+    }
     if network.heartbeat_ms < HEARTBEAT_MS_MIN {
         let what = format!("{} ms of silence are normal", network.heartbeat_ms);
         let remedy = format!("write {HEARTBEAT_MS_MIN} or more, such as 2000");

@@ -103,8 +103,8 @@ fn wall() -> impl Strategy<Value = Wall> {
     (
         prop::collection::vec(seed(), 1..4),
         prop::array::uniform3(-100.0..100.0),
-        (1e-6..1e3, any::<bool>(), 20u32.., "[ -~é]{1,12}"),
-        (1.0..1e9, 1u32..=u32::MAX, 1u32..=u32::MAX),
+        (1e-6..1e3, any::<bool>(), 20u32..=60_000, "[ -~é]{1,12}"),
+        (1.0..1e9, 1u32..=60_000, 1u32..=60_000),
     )
         .prop_map(|(seeds, eye, (near_m, many, heartbeat_ms, folder), (factor, a, b))| {
             let mut wall = Wall {
