@@ -88,6 +88,7 @@ fn measure_ours(servers: u16, frames: u64) -> anyhow::Result<(Duration, Measured
             token: TOKEN.into(),
             scene_roots: Vec::new(),
             baker: Baker { program: "true".into(), memory_mib: 1, store: std::env::temp_dir() },
+            memory: None,
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let shutdown = async move { end.cancelled().await };

@@ -80,7 +80,8 @@ impl LocalWall {
         wall.stores.push(baker.store.join("blobs").display().to_string());
         let commands = server_commands(&wall, &address, &token_file, windows)?;
         let stop = CancellationToken::new();
-        let options = ManagerOptions { wall, token: token.clone(), scene_roots, baker };
+        let token_given = token.clone();
+        let options = ManagerOptions { wall, token: token_given, scene_roots, baker, memory: None };
         let manager = start_manager(listener, options, stop.clone())?;
         let supervisor = Supervisor::start(commands)?;
         let was_interrupted = Arc::new(AtomicBool::new(false));

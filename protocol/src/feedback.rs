@@ -128,7 +128,7 @@ pub struct Statistics {
     /// Of the last frame, over all channels.
     pub draw_calls: u64,
     /// Control bytes in both directions for one frame, over all channels.
-    pub wire_bytes_per_frame: f64,
+    pub bytes_per_frame: f64,
     /// What the open scene needs of the renderer.
     pub features: Vec<String>,
     /// One for each channel of the wall, in the wall's order.

@@ -28,6 +28,9 @@ use crate::report::Report;
 /// Orders that wait for the loader; the manager sends one change at a time.
 pub(crate) const ORDERS_MAX: usize = 16;
 
+/// Bytes of blobs that are kept on disk when a server starts: several large scenes.
+const CACHE_BYTES_MAX: u64 = 16 << 30;
+
 /// Pieces that wait for the render thread: each delays a frame by at most one upload.
 pub(crate) const UPLOADS_MAX: usize = 4;
 
@@ -92,6 +95,11 @@ impl Loader {
 
     /// Serves orders until there can be no more.
     pub fn run(mut self, orders: &Receiver<LoadOrder>) {
+        match self.cache.trim(CACHE_BYTES_MAX) {
+            Ok(0) => {}
+            Ok(removed) => tracing::info!(removed, "old blobs were removed from the cache"),
+            Err(error) => tracing::warn!(%error, "the cache can't be read"),
+        }
         for order in orders {
             let LoadOrder { prepare, line } = order;
             let (epoch, revision) = (prepare.epoch, prepare.revision);

@@ -4,7 +4,6 @@ use std::future::Future;
 use std::path::PathBuf;
 use std::pin::Pin;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
@@ -184,7 +183,6 @@ impl Threads {
             texture_side_max: facts.texture_side_max,
         };
         let on_end: Arc<dyn Fn() + Send + Sync> = Arc::from(on_end);
-        let has_ended = Arc::new(AtomicBool::new(false));
 
         let queues =
             Queues { jobs: waiting_jobs, uploads: waiting_uploads, reports: reports.clone() };
@@ -215,7 +213,6 @@ impl Threads {
                 clock,
             };
             let result = network::run(network, shutdown, &stop);
-            has_ended.store(true, Ordering::Relaxed);
             // The render thread ends with the process at the latest.
             let _ = render_jobs.send_timeout(Job::Stop, RENDER_END_TIME_MAX);
             on_end();

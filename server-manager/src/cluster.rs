@@ -9,6 +9,7 @@ mod barrier;
 mod change;
 mod deadline;
 mod membership;
+mod memory;
 mod pace;
 mod registry;
 mod statistics;
@@ -31,6 +32,7 @@ use polyptych_protocol::wall::Wall;
 
 use barrier::{Barrier, FrameOrder};
 use change::{Change, Changes};
+pub use memory::Memory;
 use pace::Pacer;
 use registry::Registry;
 use statistics::Gathered;
@@ -88,6 +90,8 @@ pub enum Output {
         /// Why.
         reason: String,
     },
+    /// Keep this for the next life of the manager, before anything that follows.
+    Remember(Memory),
     /// End the manager.
     Stop,
 }
@@ -140,6 +144,8 @@ pub struct Cluster {
     pacer: Pacer,
     deadline: deadline::Deadline,
     gathered: Gathered,
+    remembered: Option<Memory>,
+    remembered_at: Micros,
     outputs: VecDeque<Output>,
 }
 
@@ -167,6 +173,8 @@ impl Cluster {
             pacer: Pacer::default(),
             deadline: deadline::Deadline::new(wall.deadline),
             gathered: Gathered::new(wall.channels.len()),
+            remembered: None,
+            remembered_at: 0,
             outputs: VecDeque::new(),
             wall,
         }

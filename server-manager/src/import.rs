@@ -86,7 +86,7 @@ pub(crate) async fn import(path: &str, roots: &[PathBuf], baker: &Baker) -> Resu
     read.map_err(|error| error.to_string())?.map_err(|reason| format!("{path}: {reason}"))
 }
 
-fn read_manifest(folder: &BlobFolder, hash: BlobHash) -> Result<Import, String> {
+pub(crate) fn read_manifest(folder: &BlobFolder, hash: BlobHash) -> Result<Import, String> {
     let bytes = folder.read(hash).map_err(|error| error.to_string())?;
     let bytes = bytes.ok_or("the baker wrote no manifest")?;
     let scene: Scene = codec::decode_manifest(&bytes).map_err(|error| error.to_string())?;

@@ -8,27 +8,24 @@ use std::time::Duration;
 use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::Command;
-use polyptych_protocol::connection;
-use polyptych_protocol::handshake::{Hello, Welcome};
+use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::Epoch;
-use polyptych_protocol::limits::{CHUNK_BYTES_MAX, HANDSHAKE_TIME_MAX, NAME_BYTES_MAX};
+use polyptych_protocol::limits::CHUNK_BYTES_MAX;
 use polyptych_protocol::request::{Answer, Captured, Failure, PicturePart, Reply};
 use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
-use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{Semaphore, mpsc};
+use tokio::net::TcpListener;
+use tokio::sync::mpsc;
 use tokio::time::Instant;
 
-use crate::bulk::{self, AllowedBlobs};
+use crate::bulk::AllowedBlobs;
 use crate::capture::Collection;
-use crate::client_session;
 use crate::cluster::{Cluster, Micros, Output, RequestOf, SessionId};
+use crate::door;
 use crate::import::{self, Baker, Import};
-use crate::server_session::{self, ServerLink};
+use crate::memory;
+use crate::server_session::ServerLink;
 use crate::session::{DRAIN_TIME_MAX, EVENTS_MAX, Event, Link};
-
-/// Connections that may be in the handshake at once: strangers get no more of the manager.
-const HANDSHAKES_MAX: usize = 512;
 
 /// Events that are handled in one turn, before timers are looked at again.
 const EVENTS_PER_TURN: usize = 64;
@@ -47,6 +44,9 @@ pub struct ManagerOptions {
     pub scene_roots: Vec<PathBuf>,
     /// How scenes are baked, and where to.
     pub baker: Baker,
+    /// The file in which the open scene and the camera are remembered over a restart; `None` for
+    /// a wall that begins afresh each time.
+    pub memory: Option<PathBuf>,
 }
 
 /// Why a manager could not run.
@@ -76,97 +76,18 @@ pub async fn run(
     let (events, inbox) = mpsc::channel(EVENTS_MAX);
     let epoch = Epoch(u64::from_le_bytes(epoch));
     let mut hub = Hub::new(options, epoch, events);
-    let door = Door {
+    let door = door::Door {
         token: hub.options.token.clone(),
         events: hub.events.clone(),
         folder: BlobFolder::new(hub.options.baker.store.join("blobs")),
         allowed: hub.allowed.clone(),
         welcome: hub.welcome(SessionId(0)),
     };
-    let accepting = tokio::spawn(accept(listener, door));
+    let accepting = tokio::spawn(door::accept(listener, door));
     let reason = hub.turn(inbox, shutdown).await;
     accepting.abort();
     hub.say_goodbye(reason).await;
     Ok(())
-}
-
-/// What a stranger meets.
-#[derive(Clone)]
-struct Door {
-    token: String,
-    events: mpsc::Sender<Event>,
-    folder: BlobFolder,
-    allowed: AllowedBlobs,
-    welcome: Welcome,
-}
-
-async fn accept(listener: TcpListener, door: Door) {
-    let permits = std::sync::Arc::new(Semaphore::new(HANDSHAKES_MAX));
-    loop {
-        // The permit comes first, so that a flood waits in the system's queue.
-        let Ok(permit) = permits.clone().acquire_owned().await else { return };
-        match listener.accept().await {
-            Ok((stream, address)) => {
-                let door = door.clone();
-                tokio::spawn(async move {
-                    let let_in = let_in(stream, &door);
-                    let outcome = tokio::time::timeout(HANDSHAKE_TIME_MAX, let_in).await;
-                    drop(permit);
-                    match outcome {
-                        Ok(Ok((frames, hello))) => {
-                            serve(frames, hello, address.to_string(), door).await;
-                        }
-                        Ok(Err(reason)) => tracing::warn!(%address, reason, "a peer is refused"),
-                        Err(_) => tracing::warn!(%address, "a peer did not introduce itself"),
-                    }
-                });
-            }
-            // Out of file descriptors, most likely: others end, and then it goes on.
-            Err(error) => {
-                tracing::error!(%error, "cannot accept a connection");
-                tokio::time::sleep(Duration::from_millis(100)).await;
-            }
-        }
-    }
-}
-
-type Introduced = (connection::Frames<TcpStream>, Hello);
-
-async fn let_in(stream: TcpStream, door: &Door) -> Result<Introduced, String> {
-    stream.set_nodelay(true).map_err(|error| error.to_string())?;
-    let introduced = connection::receive_introduction(stream).await;
-    let (mut frames, hello) = introduced.map_err(|error| error.to_string())?;
-    let (token, name) = match &hello {
-        Hello::Client(hello) => (&hello.token, hello.name.as_str()),
-        Hello::Server(hello) => (&hello.token, hello.name.as_str()),
-        Hello::Bulk(hello) => (&hello.token, ""),
-    };
-    let reason = if !is_same_secret(&token.0, &door.token) {
-        "the token is not this manager's; give the peer a copy of the manager's token file"
-    } else if name.len() > NAME_BYTES_MAX || name.chars().any(char::is_control) {
-        "a name has at most 64 bytes and no control characters"
-    } else {
-        return Ok((frames, hello));
-    };
-    let _ = connection::refuse(&mut frames, reason.to_owned()).await;
-    Err(reason.to_owned())
-}
-
-/// Compares without telling by its time how much was right.
-fn is_same_secret(given: &str, ours: &str) -> bool {
-    let pairs = given.bytes().zip(ours.bytes());
-    given.len() == ours.len() && pairs.fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
-}
-
-async fn serve(frames: connection::Frames<TcpStream>, hello: Hello, address: String, door: Door) {
-    match hello {
-        Hello::Client(hello) => client_session::serve(frames, hello.name, door.events).await,
-        Hello::Server(hello) => server_session::serve(frames, hello, address, door.events).await,
-        Hello::Bulk(hello) => {
-            let welcome = Welcome { session: hello.session, ..door.welcome };
-            bulk::serve(frames, welcome, door.events, door.folder, door.allowed).await;
-        }
-    }
 }
 
 /// The brain and what it holds on to.
@@ -191,12 +112,13 @@ struct Imported {
 
 impl Hub {
     fn new(options: ManagerOptions, epoch: Epoch, events: mpsc::Sender<Event>) -> Self {
+        let allowed = AllowedBlobs::default();
         Self {
-            cluster: Cluster::new(options.wall.clone(), epoch),
+            cluster: begin(&options, epoch, &allowed),
             options,
             events,
             imported: mpsc::channel(16),
-            allowed: AllowedBlobs::default(),
+            allowed,
             started: Instant::now(),
             next_session: 1,
             servers: BTreeMap::new(),
@@ -394,6 +316,13 @@ impl Hub {
                     }
                     self.forget(session, &reason);
                 }
+                Output::Remember(memory) => {
+                    if let Some(path) = &self.options.memory
+                        && let Err(error) = memory::save(path, &memory)
+                    {
+                        tracing::warn!(path = %path.display(), %error, "cannot remember the state");
+                    }
+                }
                 Output::Stop => self.is_stopping = true,
             }
         }
@@ -459,6 +388,29 @@ impl Hub {
         };
         let _ = tokio::time::timeout(DRAIN_TIME_MAX, all_closed).await;
     }
+}
+
+/// The brain, going on where the last manager of this wall stopped, if there was one and its
+/// scene is still in the store.
+fn begin(options: &ManagerOptions, epoch: Epoch, allowed: &AllowedBlobs) -> Cluster {
+    let wall = options.wall.clone();
+    let Some(mut memory) = options.memory.as_deref().and_then(memory::load) else {
+        return Cluster::new(wall, epoch);
+    };
+    if let Some(scene) = &memory.scene {
+        let folder = BlobFolder::new(options.baker.store.join("blobs"));
+        match import::read_manifest(&folder, scene.manifest) {
+            Ok(import) => allowed.allow(&import.blobs),
+            Err(reason) => {
+                tracing::warn!(scene = scene.name, reason, "the last scene is not there any more");
+                memory.scene = None;
+                // A state without it has not been numbered yet.
+                memory.revision.0 += 1;
+            }
+        }
+    }
+    tracing::info!(revision = %memory.revision, "going on where the last manager stopped");
+    Cluster::restored(wall, epoch, &memory)
 }
 
 /// Stitches off the brain's thread, and waits for the client where it reads slowly.

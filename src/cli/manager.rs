@@ -29,6 +29,13 @@ pub(super) struct Arguments {
     /// The file with the token, made where it is not there
     #[arg(long, value_name = "FILE", env = token::TOKEN_FILE_VARIABLE)]
     token_file: Option<PathBuf>,
+    /// Where the open scene and the camera are remembered over a restart [default: in this
+    /// user's state folder, by the wall's name]
+    #[arg(long, value_name = "FILE", conflicts_with = "afresh")]
+    state: Option<PathBuf>,
+    /// Begin without a scene, whatever the last manager of this wall showed
+    #[arg(long)]
+    afresh: bool,
     /// Memory that one bake may use
     #[arg(long, value_name = "MIB", default_value_t = BAKE_MEMORY_MIB_DEFAULT)]
     bake_memory_mib: u64,
@@ -56,16 +63,29 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         Some(store) => store,
         None => cache_folder()?.join("store"),
     };
+    let memory = match (arguments.state, arguments.afresh) {
+        (Some(state), _) => Some(state),
+        (None, true) => None,
+        // Beside the token: what a user's managers keep stands in one folder.
+        (None, false) => Some(token.with_file_name(format!("{}.state", file_name(&wall.name)))),
+    };
     let options = ManagerOptions {
         wall,
         token: make_token(&token)?,
         scene_roots,
         baker: baker(store, arguments.bake_memory_mib)?,
+        memory,
     };
     let address = listener.local_addr()?;
     tracing::info!(%address, wall = options.wall.name, token = %token.display(), "manager listens");
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     Ok(runtime.block_on(run_manager(listener, options, asked_to_end(false)))?)
+}
+
+/// A wall's name as a part of a file's: names of walls may hold anything.
+fn file_name(wall: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() || "-_".contains(c) { c } else { '_' };
+    wall.chars().map(plain).collect()
 }
 
 /// The baker is this program.

@@ -209,14 +209,14 @@ fn print_summary(report: &Report, out: &Path) -> anyhow::Result<()> {
     say(format_args!(
         "{} frames in {:.1} s: {:.1} ms a frame (p95 {:.1}), drawing {:.1} ms, barrier {:.0} µs, \
          skew {:.0} µs, late {}",
-        report.frames,
-        report.seconds,
-        report.frame_ms.p50,
-        report.frame_ms.p95,
-        report.draw_ms.p50,
-        report.barrier_us.p50,
-        report.swap_skew_us.p50,
-        report.late
+        report.statistics.frames,
+        report.statistics.seconds,
+        report.statistics.frame_ms.p50,
+        report.statistics.frame_ms.p95,
+        report.statistics.draw_ms.p50,
+        report.statistics.barrier_us.p50,
+        report.statistics.swap_skew_us.p50,
+        report.statistics.late
     ))?;
     for (channel, reason) in &report.missing {
         say(format_args!("channel {channel} is missing in the picture: {reason}"))?;

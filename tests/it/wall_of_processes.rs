@@ -10,7 +10,7 @@ use crate::harness::local_wall::{LocalWall, await_states, small, start_server};
 use crate::harness::pictures::{color_count, read};
 use crate::harness::place::Place;
 use crate::harness::process::Process;
-use crate::harness::scenes::town;
+use crate::harness::scenes::{poses, town};
 use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
 
@@ -159,14 +159,15 @@ fn children_end_with_a_simulation_that_is_killed() {
 }
 
 #[test]
-fn a_manager_that_is_killed_and_started_again_finds_its_wall() {
+fn a_manager_that_is_killed_and_started_again_goes_on_with_its_wall() {
     let wall = small(2, 1);
     let folder = town().parent().expect("a folder");
     let mut local = LocalWall::start(&wall, &[folder]);
     let client = local.client();
-    client.open_scene("town.glb").expect("opened");
-    client.render_frame().expect("drawn");
-    let epoch = client.status().expect("status").epoch;
+    let bounds = client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
+    client.set_camera(poses(&bounds)[0]).expect("set");
+    let before = client.capture().expect("a picture");
+    let known = client.status().expect("status");
     let pids: Vec<u32> = local.servers.values().map(Process::pid).collect();
     local.manager.kill();
     assert!(client.render_frame().is_err(), "nobody is there to draw it");
@@ -175,9 +176,11 @@ fn a_manager_that_is_killed_and_started_again_finds_its_wall() {
     local.servers = servers;
     let client = local.client();
     let status = await_states(&client, &[ChannelState::Ready, ChannelState::Live]);
-    assert_ne!(status.epoch, epoch);
+    assert_ne!(status.epoch, known.epoch);
+    assert_eq!((status.revision, status.digest), (known.revision, known.digest));
+    assert_eq!(status.scene, known.scene);
     assert_eq!(local.servers.values().map(Process::pid).collect::<Vec<_>>(), pids);
-    client.open_scene("town.glb").expect("opened again");
-    let capture = client.capture().expect("a picture");
-    assert_eq!(capture.missing, []);
+    let after = client.capture().expect("a picture");
+    assert_eq!(after.missing, []);
+    assert!(after.screens == before.screens, "the scene or the camera is another one");
 }

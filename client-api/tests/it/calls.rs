@@ -48,7 +48,7 @@ fn statistics() -> Statistics {
         late: 0,
         triangles: 12,
         draw_calls: 1,
-        wire_bytes_per_frame: 200.0,
+        bytes_per_frame: 200.0,
         features: Vec::new(),
         channels: Vec::new(),
     }

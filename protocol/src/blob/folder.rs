@@ -112,6 +112,46 @@ impl BlobFolder {
     }
 }
 
+impl BlobFolder {
+    /// Removes the blobs that were written longest ago, until the rest takes at most `bytes_max`
+    /// bytes. Gives how many were removed; files that are not blobs stay.
+    ///
+    /// # Errors
+    /// [`BlobError::Io`] where the folder can't be read. A file that can't be removed is passed
+    /// over: another process may have been faster.
+    pub fn trim(&self, bytes_max: u64) -> Result<usize, BlobError> {
+        let io_error = |source| BlobError::Io { path: self.root.clone(), source };
+        let mut blobs = Vec::new();
+        let folders = match fs::read_dir(&self.root) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(0),
+            folders => folders.map_err(io_error)?,
+        };
+        for folder in folders {
+            let Ok(files) = fs::read_dir(folder.map_err(io_error)?.path()) else { continue };
+            for file in files.filter_map(Result::ok) {
+                let name = file.file_name();
+                let is_blob = name.to_str().is_some_and(|n| BlobHash::from_hex(n).is_some());
+                if let (true, Ok(facts)) = (is_blob, file.metadata())
+                    && let Ok(written) = facts.modified()
+                {
+                    blobs.push((written, file.path(), facts.len()));
+                }
+            }
+        }
+        blobs.sort_unstable();
+        let mut bytes: u64 = blobs.iter().map(|(_, _, bytes)| bytes).sum();
+        let mut removed = 0;
+        for (_, path, length) in blobs {
+            if bytes <= bytes_max {
+                break;
+            }
+            removed += usize::from(fs::remove_file(path).is_ok());
+            bytes -= length;
+        }
+        Ok(removed)
+    }
+}
+
 fn place(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = tempfile::NamedTempFile::new_in(folder)?;
     file.write_all(bytes)?;
@@ -122,6 +162,28 @@ fn place(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_full_folder_loses_its_oldest_blobs_and_nothing_else() {
+        let root = tempfile::tempdir().expect("a temporary folder");
+        let folder = BlobFolder::new(root.path());
+        assert_eq!(folder.trim(0).expect("empty"), 0);
+        let hashes: Vec<_> = (0..4u8)
+            .map(|n| {
+                let hash = folder.write(&[n; 100]).expect("written");
+                let age = std::time::Duration::from_secs(u64::from(n));
+                let file = fs::File::options().write(true).open(folder.path_of(hash));
+                let written = std::time::SystemTime::UNIX_EPOCH + age;
+                file.expect("opened").set_modified(written).expect("dated");
+                hash
+            })
+            .collect();
+        fs::write(root.path().join("aa.txt"), "mine").expect("written");
+        assert_eq!(folder.trim(250).expect("trimmed"), 2);
+        let left: Vec<bool> = hashes.iter().map(|&hash| folder.contains(hash)).collect();
+        assert_eq!(left, [false, false, true, true]);
+        assert!(root.path().join("aa.txt").exists());
+    }
 
     #[test]
     fn a_blob_comes_back_and_a_damaged_one_does_not() {

@@ -205,6 +205,7 @@ impl Cluster {
         let feedback = self.aggregate(&barrier, now);
         self.gathered.add_frame(&feedback, now);
         self.publish(&feedback);
+        self.remember_frame(now);
         // A capture is answered with its pictures.
         if let Some(FrameOrder { job, capture: false, .. }) = barrier.order {
             self.reply(job, Ok(Reply::Frame(feedback)));

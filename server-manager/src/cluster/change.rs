@@ -200,6 +200,7 @@ impl Cluster {
         } else {
             Reply::Done
         };
+        self.remember();
         self.reply(change.job, Ok(reply));
     }
 

@@ -17,6 +17,10 @@ impl Pacer {
         self.next = now;
     }
 
+    pub fn pace(&self) -> Option<Pace> {
+        self.pace
+    }
+
     pub fn next_start(&self) -> Option<Micros> {
         self.pace.map(|_| self.next)
     }

@@ -187,7 +187,7 @@ impl Gathered {
             late: channels.iter().map(|channel| channel.late).sum(),
             triangles: channels.iter().map(|channel| channel.triangles).sum(),
             draw_calls: channels.iter().map(|channel| channel.draw_calls).sum(),
-            wire_bytes_per_frame: self.wire_bytes as f64 / self.frames.max(1) as f64,
+            bytes_per_frame: self.wire_bytes as f64 / self.frames.max(1) as f64,
             features: features.to_vec(),
             channels,
         }

@@ -63,6 +63,7 @@ struct Stage {
     imports: Vec<RequestOf>,
     collects: Vec<Vec<ChannelId>>,
     closed: Vec<SessionId>,
+    memories: Vec<Memory>,
 }
 
 impl Stage {
@@ -96,6 +97,7 @@ impl Stage {
             imports: Vec::new(),
             collects: Vec::new(),
             closed: Vec::new(),
+            memories: Vec::new(),
         }
     }
 
@@ -147,6 +149,7 @@ impl Stage {
                     self.replies.push((id, reply));
                 }
                 Output::Answer { .. } | Output::Stop => {}
+                Output::Remember(memory) => self.memories.push(memory),
                 Output::Import { job, .. } => self.imports.push(job),
                 Output::Collect { channels, .. } => self.collects.push(channels),
                 Output::Close { session, .. } => self.closed.push(session),
@@ -359,6 +362,28 @@ fn a_scene_is_shown_when_all_live_channels_are_prepared() {
     assert_eq!((*of, summary.revision), (id, Revision(before.0 + 1)));
     stage.order_frame();
     assert_eq!(stage.frames.last().expect("sent").1.revision, Revision(before.0 + 1));
+}
+
+#[test]
+fn a_restored_wall_goes_on_where_it_was() {
+    let mut stage = Stage::new(1);
+    let job = RequestOf { client: CLIENT, id: RequestId(99) };
+    stage.cluster.handle_import(stage.now, job, Ok(Stage::imported()));
+    stage.read();
+    stage.prepare_all();
+    let camera = Camera { scale: 3.0, ..Camera::IDENTITY };
+    stage.request(Request::SetCamera(camera));
+    let memory = stage.memories.pop().expect("remembered before the answer");
+    assert_eq!((memory.revision, memory.camera), (Revision(2), camera));
+
+    let restored = Cluster::restored(wall(1), Epoch(8), &memory);
+    assert_eq!(restored.shown, stage.cluster.shown);
+    assert_eq!(restored.shown_digest, stage.cluster.shown_digest);
+    assert_eq!(restored.camera, camera);
+    // Another wall takes over the scene only, under a number of its own.
+    let other = Cluster::restored(wall(2), Epoch(9), &memory);
+    assert_eq!((other.shown.revision, other.camera), (Revision(3), Camera::IDENTITY));
+    assert_eq!(other.shown.scene, stage.cluster.shown.scene);
 }
 
 #[test]

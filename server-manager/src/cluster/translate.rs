@@ -22,7 +22,10 @@ impl Cluster {
     ) {
         let job = RequestOf { client, id };
         match self.translate(now, job, request) {
-            Ok(Some(reply)) => self.reply(job, Ok(reply)),
+            Ok(Some(reply)) => {
+                self.remember();
+                self.reply(job, Ok(reply));
+            }
             // The reply comes with a frame, an import or a change.
             Ok(None) => {}
             Err(reason) => self.reply(job, Err(Failure::new(reason))),

@@ -1,0 +1,100 @@
+//! What outlives a manager: remembered before a client is told that it was done.
+
+use glam::DVec3;
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::codec;
+use polyptych_protocol::ids::{BlobHash, Epoch, Revision};
+use polyptych_protocol::log::{Operation, SceneRef};
+use polyptych_protocol::request::Pace;
+use polyptych_protocol::wall::Wall;
+use serde::{Deserialize, Serialize};
+
+use super::{Cluster, Micros, Output};
+
+/// A camera that comes with every frame is remembered this often: it is where a client was, not
+/// what it asked to be kept.
+const FRAME_CAMERA_PERIOD: Micros = 1_000_000;
+
+/// What a manager needs to go on where another one stopped.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Memory {
+    /// The hash of the wall's description: of another wall only the scene is taken over.
+    pub wall: BlobHash,
+    /// Changes so far.
+    pub revision: Revision,
+    /// The open scene.
+    pub scene: Option<SceneRef>,
+    /// Where display space stands.
+    pub camera: Camera,
+    /// Where the viewer's eye stands, in metres of display space.
+    pub eye: DVec3,
+    /// Multiplies light.
+    pub exposure: f32,
+    /// How fast the wall draws by itself.
+    pub pace: Option<Pace>,
+}
+
+impl Cluster {
+    /// The brain of this wall, going on from what another manager remembered.
+    pub fn restored(wall: Wall, epoch: Epoch, memory: &Memory) -> Self {
+        let mut cluster = Self::new(wall, epoch);
+        if let Some(scene) = &memory.scene {
+            cluster.shown.apply(Operation::OpenScene(scene.clone()));
+        }
+        cluster.shown.revision = memory.revision.max(cluster.shown.revision);
+        if memory.wall == hash_of(&cluster.wall) {
+            // Numbers from a file are looked at as those of a client are.
+            if memory.camera.fault().is_none() {
+                cluster.camera = memory.camera;
+            }
+            let can_stand = cluster.wall.channel_ids();
+            if can_stand.map(|id| cluster.wall.frustum(id, memory.eye)).all(|f| f.is_ok()) {
+                cluster.eye = memory.eye;
+            }
+            if memory.exposure.is_finite() && memory.exposure >= 0.0 {
+                cluster.exposure = memory.exposure;
+            }
+        } else {
+            // Another wall is another state, which needs another number.
+            cluster.shown.revision.0 += 1;
+        }
+        cluster.shown_digest = cluster.shown.digest();
+        cluster.set_pace(memory.pace, 0);
+        cluster.remembered = Some(cluster.memory());
+        cluster
+    }
+
+    fn memory(&self) -> Memory {
+        Memory {
+            wall: hash_of(&self.wall),
+            revision: self.shown.revision,
+            scene: self.shown.scene.clone(),
+            camera: self.camera,
+            eye: self.eye,
+            exposure: self.exposure,
+            pace: self.pacer.pace(),
+        }
+    }
+
+    /// Remembers the present state, where it has changed. Comes before the answer that tells of
+    /// the change.
+    pub(super) fn remember(&mut self) {
+        let memory = self.memory();
+        if self.remembered.as_ref() != Some(&memory) {
+            self.remembered = Some(memory.clone());
+            self.outputs.push_back(Output::Remember(memory));
+        }
+    }
+
+    /// The same after a frame, now and then.
+    pub(super) fn remember_frame(&mut self, now: Micros) {
+        if now.saturating_sub(self.remembered_at) >= FRAME_CAMERA_PERIOD {
+            self.remembered_at = now;
+            self.remember();
+        }
+    }
+}
+
+fn hash_of(wall: &Wall) -> BlobHash {
+    BlobHash::of(&codec::encode(wall))
+}
