@@ -112,7 +112,9 @@ pub(super) fn camera(arguments: &CameraArguments) -> anyhow::Result<()> {
         }
     };
     let client = manager.connect()?;
-    let feedback = client.render_frame_at(Some(camera), None)?;
+    // Set for good, and not for one frame only: a manager remembers it over a restart.
+    client.set_camera(camera)?;
+    let feedback = client.render_frame()?;
     warn_of_absent(&feedback);
     say(format_args!("shown at frame {}", feedback.frame))?;
     Ok(())
