@@ -151,6 +151,10 @@ pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewD
     if frame.views.len() > VIEWS_MAX {
         return Err(format!("{} views, where {VIEWS_MAX} can be", frame.views.len()));
     }
+    if frame.views.iter().any(|view| view.scene_root.is_some()) {
+        // Said, rather than showing more than was asked for.
+        return Err("this server draws whole scenes only, not the part under a node".to_owned());
+    }
     let frustum = wall.frustum(channel, frame.eye).map_err(|error| error.to_string())?;
     let views = frame.views.iter().filter_map(|view| {
         let scissor = scissor(wall, channel, view)?;
