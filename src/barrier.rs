@@ -114,8 +114,10 @@ fn measure_ours(servers: u16, frames: u64) -> anyhow::Result<(Duration, Measured
         statistics = client.statistics(false)?;
     }
     client.stop()?;
-    let measured =
-        Measured { barrier_us: statistics.barrier_us, skew_us: spread(stubs.skews_us(servers)) };
+    let measured = Measured {
+        barrier_us: statistics.barrier_us,
+        skew_us: Spread::of(stubs.skews_us(servers)),
+    };
     let sizes = stubs.sizes();
     stop.cancel();
     // Its error, if any, has shown in the client's calls.
@@ -151,22 +153,6 @@ fn wall(channels: u16) -> Wall {
         listen: String::new(),
         stores: Vec::new(),
         scenes: Vec::new(),
-    }
-}
-
-/// Where a set of measurements lies.
-fn spread(mut values: Vec<f64>) -> Spread {
-    values.sort_by(f64::total_cmp);
-    let at = |share: f64| {
-        let rank = (share * values.len() as f64).ceil() as usize;
-        values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
-    };
-    Spread {
-        count: values.len() as u64,
-        p50: at(0.5),
-        p95: at(0.95),
-        p99: at(0.99),
-        max: values.last().copied().unwrap_or(0.0),
     }
 }
 

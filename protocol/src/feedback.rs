@@ -180,3 +180,31 @@ pub struct Spread {
     /// The largest.
     pub max: f64,
 }
+
+impl Spread {
+    /// Where these values lie: the quantile q is the least value that q of all do not exceed.
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
+        let mut sorted: Vec<f64> = values.into_iter().collect();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| {
+            let rank = (share * sorted.len() as f64).ceil() as usize;
+            sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+        };
+        let (count, max) = (sorted.len() as u64, sorted.last().copied().unwrap_or(0.0));
+        Self { count, p50: at(0.5), p95: at(0.95), p99: at(0.99), max }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_values_that_were_measured() {
+        let spread = Spread::of((1..=100).rev().map(f64::from));
+        let expected = Spread { count: 100, p50: 50.0, p95: 95.0, p99: 99.0, max: 100.0 };
+        assert_eq!(spread, expected);
+        assert_eq!(Spread::of([]), Spread::default());
+        assert_eq!(Spread::of([7.0]).p50, 7.0);
+    }
+}

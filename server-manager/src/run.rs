@@ -152,6 +152,10 @@ impl Hub {
                 Some(imported) = self.imported.1.recv() => self.handle_imported(imported),
                 () = tokio::time::sleep_until(wake) => {}
             }
+            // Events come first above; however many there are, a bake that has ended is heard.
+            while let Ok(imported) = self.imported.1.try_recv() {
+                self.handle_imported(imported);
+            }
             let now = self.now();
             if self.cluster.poll_timeout().is_some_and(|due| due <= now) {
                 self.cluster.handle_timeout(now);

@@ -3,11 +3,12 @@
 use std::time::Instant;
 
 use anyhow::Context;
+use polyptych_client::Spread;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 
 use super::stub::Sizes;
-use super::{Measured, spread, width_us};
+use super::{Measured, width_us};
 
 /// Bytes that a frame's length takes on the wire.
 const LENGTH_BYTES: usize = 4;
@@ -45,7 +46,7 @@ pub(super) fn measure(servers: u16, frames: u64, sizes: Sizes) -> anyhow::Result
             received.iter().filter_map(|of| of.get(frame).copied()).collect();
         width_us(&instants)
     });
-    Ok(Measured { barrier_us: spread(barriers), skew_us: spread(skews.collect()) })
+    Ok(Measured { barrier_us: Spread::of(barriers), skew_us: Spread::of(skews) })
 }
 
 /// The middle: sends to all, hears from all, sends to all. Gives microseconds for each frame.

@@ -30,7 +30,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE", env = token::TOKEN_FILE_VARIABLE)]
     token_file: Option<PathBuf>,
     /// Where the open scene and the camera are remembered over a restart [default: in this
-    /// user's state folder, by the wall's name]
+    /// user's state folder, by the wall's name and the port]
     #[arg(long, value_name = "FILE", conflicts_with = "afresh")]
     state: Option<PathBuf>,
     /// Begin without a scene, whatever the last manager of this wall showed
@@ -66,8 +66,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let memory = match (arguments.state, arguments.afresh) {
         (Some(state), _) => Some(state),
         (None, true) => None,
-        // Beside the token: what a user's managers keep stands in one folder.
-        (None, false) => Some(token.with_file_name(format!("{}.state", file_name(&wall.name)))),
+        // Beside the token: what a user's managers keep stands in one folder. Two managers of one
+        // wall have two ports.
+        (None, false) => {
+            let port = listener.local_addr()?.port();
+            Some(token.with_file_name(format!("{}-{port}.state", file_name(&wall.name))))
+        }
     };
     let options = ManagerOptions {
         wall,

@@ -35,13 +35,9 @@ impl Samples {
     }
 
     fn spread(&self) -> Spread {
-        let mut sorted: Vec<f64> = self.values.iter().copied().collect();
-        sorted.sort_by(f64::total_cmp);
-        let at = |share: f64| {
-            let rank = (share * sorted.len() as f64).ceil() as usize;
-            sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
-        };
-        Spread { count: self.count, p50: at(0.5), p95: at(0.95), p99: at(0.99), max: self.max }
+        // The number and the largest are of all measurements, the rest of those kept.
+        let kept = Spread::of(self.values.iter().copied());
+        Spread { count: self.count, max: self.max, ..kept }
     }
 }
 
