@@ -14,7 +14,7 @@ use super::{Cluster, Micros, Output};
 impl Cluster {
     pub(super) fn aggregate(&self, barrier: &Barrier, now: Micros) -> Feedback {
         let frame_us = now.saturating_sub(barrier.began);
-        let slowest_us = barrier.drawn.values().map(|drawn| drawn.draw_us).max().unwrap_or(0);
+        let slowest_us = barrier.slowest_us().unwrap_or(0);
         let channel = |id: ChannelId, name: &str, state| {
             let drawn = barrier.drawn.get(&id);
             ChannelFeedback {

@@ -36,12 +36,20 @@ pub(super) struct Barrier {
     sent: Vec<SessionId>,
     /// The channels that the frame waits for, until they have drawn, failed or gone.
     waited: Vec<ChannelId>,
+    /// The same as the frame began: late channels that draw in time don't slow it.
+    awaited: Vec<ChannelId>,
     pub drawn: BTreeMap<ChannelId, Drawn>,
 }
 
 impl Barrier {
     pub fn deadline(&self) -> Micros {
         self.deadline
+    }
+
+    /// The longest drawing time of a channel that the frame waited for, where one has drawn.
+    pub fn slowest_us(&self) -> Option<u32> {
+        let drawn = self.awaited.iter().filter_map(|id| self.drawn.get(id));
+        drawn.map(|drawn| drawn.draw_us).max()
     }
 
     pub fn is_complete(&self) -> bool {
@@ -102,6 +110,7 @@ impl Cluster {
             deadline: now + wait,
             order,
             sent,
+            awaited: waited.clone(),
             waited,
             drawn: BTreeMap::new(),
         });
@@ -198,12 +207,12 @@ impl Cluster {
         };
         self.command(barrier.sent.clone(), &Command::Swap(swap));
         self.swapped = barrier.frame;
-        let slowest_us = barrier.drawn.values().map(|drawn| drawn.draw_us).max();
+        let slowest_us = barrier.slowest_us();
         if let Some(slowest_us) = slowest_us {
             self.deadline.add(slowest_us);
         }
         let feedback = self.aggregate(&barrier, now);
-        self.gathered.add_frame(&feedback, now);
+        self.gathered.add_frame(&feedback, slowest_us, now);
         self.publish(&feedback);
         self.remember_frame(now);
         // A capture is answered with its pictures.

@@ -99,13 +99,13 @@ impl Gathered {
         channel.draw_calls = u64::from(drawn.draw_calls);
     }
 
-    pub fn add_frame(&mut self, feedback: &Feedback, now: Micros) {
+    pub fn add_frame(&mut self, feedback: &Feedback, slowest_us: Option<u32>, now: Micros) {
         self.frames += 1;
         self.first.get_or_insert(now);
         self.last = now;
         self.frame_ms.add(feedback.frame_us as f64 / 1000.0);
         self.barrier_us.add(feedback.barrier_us as f64);
-        if let Some(slowest) = feedback.channels.iter().filter_map(|c| c.draw_us).max() {
+        if let Some(slowest) = slowest_us {
             self.draw_ms.add(f64::from(slowest) / 1000.0);
         }
     }

@@ -307,6 +307,25 @@ fn a_channel_that_hangs_holds_the_wall_for_one_deadline_only() {
 }
 
 #[test]
+fn a_late_channel_that_draws_in_time_counts_neither_as_slow_nor_for_the_deadline() {
+    let mut stage = Stage::new(2);
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    stage.wait(100_000);
+    assert_eq!(stage.state(1), ChannelState::Late);
+    stage.request(Request::Statistics { reset: true });
+    let before = stage.cluster.deadline.length();
+    for _ in 0..4 {
+        stage.order_frame();
+        let slow = Drawn { draw_us: 900_000, ..stage.drawn(1) };
+        stage.say(SessionId(1), Status::Drawn(slow));
+        stage.draw(&[0], 1_000);
+    }
+    assert_eq!(stage.cluster.deadline.length(), before);
+    assert!(stage.cluster.statistics(false).draw_ms.max < 21.0);
+}
+
+#[test]
 fn a_wall_of_late_channels_waits_for_them() {
     let mut stage = Stage::new(1);
     stage.order_frame();
