@@ -119,6 +119,9 @@ async fn bake(file: &Path, baker: &Baker) -> Result<serde_json::Value, String> {
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
+        // Ctrl-C in a terminal goes to a whole group: were the baker in this one, its death could
+        // be taken for a failure before this process has heard the same signal.
+        .process_group(0)
         .kill_on_drop(true);
     let cannot = |error| format!("the baker {} could not run: {error}", baker.program.display());
     let mut child = command.spawn().map_err(cannot)?;
