@@ -3,7 +3,8 @@
 //! Stub servers answer at once and draw nothing, so what remains is the cluster itself: frame
 //! command out, a report from each back, swap command out. The raw barrier sends messages of the
 //! same sizes in the same order and does nothing else. Both have one thread for the middle and one
-//! for all others, on loopback.
+//! for each server, on loopback: with one for all of them, a server would wait for the answers of
+//! the others, and the skew would measure that.
 
 mod raw;
 mod stub;
@@ -25,6 +26,9 @@ const SIDE: u32 = 64;
 
 /// How long all stub servers together may take to come.
 const JOIN_TIME_MAX: Duration = Duration::from_secs(30);
+
+/// How often a measurement looks whether it is over: each look takes the manager's time.
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// The secret of a manager that lives as long as a measurement.
 const TOKEN: &str = "barrierbarrierbarrier";
@@ -95,7 +99,7 @@ fn measure_ours(servers: u16, frames: u64) -> anyhow::Result<(Duration, Measured
         runtime.block_on(run_manager(listener, options, shutdown)).map_err(std::io::Error::other)
     })?;
     let began = Instant::now();
-    let stubs = stub::start(&address, servers, TOKEN, stop.clone())?;
+    let stubs = stub::start(&address, servers, TOKEN, &stop)?;
     let mut connect = ConnectOptions::new(address);
     connect.token = Some(TOKEN.into());
     let client = Client::connect_with(connect)?;
@@ -107,19 +111,19 @@ fn measure_ours(servers: u16, frames: u64) -> anyhow::Result<(Duration, Measured
     }
     let joined = began.elapsed();
     client.statistics(true)?;
-    stubs.forget();
-    let mut statistics = client.statistics(false)?;
-    while statistics.frames < frames {
-        std::thread::sleep(Duration::from_millis(20));
-        statistics = client.statistics(false)?;
+    let first = client.status()?.frame;
+    let mut reached = first;
+    while reached.0 < first.0 + frames {
+        std::thread::sleep(POLL_PERIOD);
+        reached = client.status()?.frame;
     }
+    let statistics = client.statistics(false)?;
     client.stop()?;
-    let measured = Measured {
-        barrier_us: statistics.barrier_us,
-        skew_us: Spread::of(stubs.skews_us(servers)),
-    };
-    let sizes = stubs.sizes();
     stop.cancel();
+    let sights = stubs.sights()?;
+    let measured =
+        Measured { barrier_us: statistics.barrier_us, skew_us: Spread::of(sights.skews_us(first)) };
+    let sizes = sights.sizes();
     // Its error, if any, has shown in the client's calls.
     let _ = manager.join();
     Ok((joined, measured, sizes))

@@ -38,6 +38,9 @@ pub enum DecodeError {
     },
 }
 
+/// Most messages are smaller, frame commands among them.
+const MESSAGE_BYTES_USUAL: usize = 256;
+
 /// Splits a byte stream into frames of at most `bytes_max` bytes.
 pub fn frames(bytes_max: usize) -> LengthDelimitedCodec {
     LengthDelimitedCodec::builder().little_endian().max_frame_length(bytes_max).new_codec()
@@ -48,9 +51,21 @@ pub fn frames(bytes_max: usize) -> LengthDelimitedCodec {
 /// Our messages are plain data without maps or lengths unknown beforehand, for which bincode
 /// cannot fail; should it, an empty frame goes out, which every decoder refuses.
 pub fn encode<T: Serialize>(message: &T) -> Bytes {
-    match bincode::serde::encode_to_vec(message, bincode::config::standard()) {
-        Ok(bytes) => Bytes::from(bytes),
+    // Room for a frame command: growing byte by byte would cost more than encoding does.
+    let mut into = Growing(Vec::with_capacity(MESSAGE_BYTES_USUAL));
+    match bincode::serde::encode_into_writer(message, &mut into, bincode::config::standard()) {
+        Ok(()) => Bytes::from(into.0),
         Err(_) => Bytes::new(),
+    }
+}
+
+/// Where bincode writes to; its own writer for vectors begins without room.
+struct Growing(Vec<u8>);
+
+impl bincode::enc::write::Writer for Growing {
+    fn write(&mut self, bytes: &[u8]) -> Result<(), bincode::error::EncodeError> {
+        self.0.extend_from_slice(bytes);
+        Ok(())
     }
 }
 
@@ -85,13 +100,15 @@ pub fn decode_manifest<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, DecodeErr
 fn decode_within<T: DeserializeOwned, const BYTES_MAX: usize>(
     bytes: &[u8],
 ) -> Result<T, DecodeError> {
-    let what = std::any::type_name::<T>().rsplit("::").next().unwrap_or("message");
+    // Only asked where something is wrong: finding it costs as much as decoding a report.
+    let what = || std::any::type_name::<T>().rsplit("::").next().unwrap_or("message");
     let config = bincode::config::standard().with_limit::<BYTES_MAX>();
     match bincode::serde::decode_from_slice(bytes, config) {
         Ok((message, used)) if used == bytes.len() => Ok(message),
-        Ok((_, used)) => Err(DecodeError::Trailing { what, extra: bytes.len() - used }),
+        Ok((_, used)) => Err(DecodeError::Trailing { what: what(), extra: bytes.len() - used }),
         Err(error) => {
-            Err(DecodeError::Malformed { what, bytes: bytes.len(), reason: error.to_string() })
+            let reason = error.to_string();
+            Err(DecodeError::Malformed { what: what(), bytes: bytes.len(), reason })
         }
     }
 }

@@ -260,6 +260,9 @@ impl Cluster {
             && (barrier.is_complete() || now >= barrier.deadline())
         {
             self.finish_frame(now);
+            // The next begins once the swap is on its way, which `poll_timeout` asks for at once:
+            // its own time then counts from its own command.
+            return;
         }
         // One frame begins at most: a wall without channels would otherwise never let go.
         if self.barrier.is_none() && (!self.orders.is_empty() || self.pacer.is_due(now)) {

@@ -135,9 +135,16 @@ impl Hub {
         shutdown: impl Future<Output = ()>,
     ) -> &'static str {
         tokio::pin!(shutdown);
+        let timer = tokio::time::sleep_until(self.wake());
+        tokio::pin!(timer);
         let mut waiting = Vec::with_capacity(EVENTS_PER_TURN);
         loop {
+            // Moving a timer costs more than a turn for nothing, and every report of a frame moves
+            // the time to wake at: so it is only brought forward, or set anew once it has rung.
             let wake = self.wake();
+            if wake < timer.deadline() || timer.is_elapsed() {
+                timer.as_mut().reset(wake);
+            }
             tokio::select! {
                 biased;
                 () = &mut shutdown => return "the manager was ended",
@@ -150,7 +157,7 @@ impl Hub {
                     }
                 }
                 Some(imported) = self.imported.1.recv() => self.handle_imported(imported),
-                () = tokio::time::sleep_until(wake) => {}
+                () = &mut timer => {}
             }
             // Events come first above; however many there are, a bake that has ended is heard.
             while let Ok(imported) = self.imported.1.try_recv() {

@@ -74,7 +74,7 @@ impl ServerLink {
 
 /// Writes what is in the outbox until the connection is closed from one side; then what is left,
 /// as far as the peer takes it in [`DRAIN_TIME_MAX`].
-async fn write_rest(lane: &Lane, mut outbox: mpsc::Receiver<Bytes>, close: CancellationToken) {
+async fn write_rest(lane: Arc<Lane>, mut outbox: mpsc::Receiver<Bytes>, close: CancellationToken) {
     let hard_end = async {
         close.cancelled().await;
         tokio::time::sleep(DRAIN_TIME_MAX).await;
@@ -144,7 +144,9 @@ pub(crate) async fn serve(
     *stream.read_buffer_mut() = read_buf;
     // Nobody else sets it.
     let _ = lane.half.set(write_half);
-    let writer = write_rest(&lane, outbox, close);
+    // A task of its own: it has nothing to do while the peer reads, and would be asked at every
+    // report otherwise.
+    let mut writer = tokio::spawn(write_rest(lane, outbox, close));
     let reader = async {
         loop {
             let bytes = match stream.next().await {
@@ -164,8 +166,9 @@ pub(crate) async fn serve(
     };
     let reason = tokio::select! {
         reason = reader => reason,
-        () = writer => "the manager closed the connection".to_owned(),
+        _ = &mut writer => "the manager closed the connection".to_owned(),
     };
+    writer.abort();
     // The brain may be gone already; then nobody needs to know.
     let _ = events.send(Event::Gone { session, reason }).await;
 }

@@ -13,21 +13,17 @@ use super::{Measured, width_us};
 /// Bytes that a frame's length takes on the wire.
 const LENGTH_BYTES: usize = 4;
 
-/// Measures a barrier of bare sockets, with one thread for the middle and one for the others.
+/// Measures a barrier of bare sockets, with one thread for the middle and one for each other end.
 pub(super) fn measure(servers: u16, frames: u64, sizes: Sizes) -> anyhow::Result<Measured> {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").context("no port is free")?;
     listener.set_nonblocking(true)?;
     let address = listener.local_addr()?;
-    let others = std::thread::Builder::new().name("raw".into()).spawn(move || {
+    let start_one = |index: u16| {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        runtime.block_on(async {
-            let mut tasks = tokio::task::JoinSet::new();
-            for _ in 0..servers {
-                tasks.spawn(answer(address, frames, sizes));
-            }
-            tasks.join_all().await.into_iter().collect::<std::io::Result<Vec<_>>>()
-        })
-    })?;
+        let work = move || runtime.block_on(answer(address, frames, sizes));
+        std::thread::Builder::new().name(format!("raw-{index}")).spawn(work)
+    };
+    let others = (0..servers).map(start_one).collect::<std::io::Result<Vec<_>>>()?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let barriers = runtime.block_on(async {
         let listener = TcpListener::from_std(listener)?;
@@ -39,7 +35,10 @@ pub(super) fn measure(servers: u16, frames: u64, sizes: Sizes) -> anyhow::Result
         }
         turn(&mut streams, frames, sizes).await
     })?;
-    let received = others.join().map_err(|_| anyhow::anyhow!("the raw peers panicked"))??;
+    let mut received = Vec::new();
+    for other in others {
+        received.push(other.join().map_err(|_| anyhow::anyhow!("a raw peer panicked"))??);
+    }
     let frames = 0..usize::try_from(frames)?;
     let skews = frames.filter_map(|frame| {
         let instants: Vec<Instant> =

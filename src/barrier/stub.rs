@@ -1,7 +1,7 @@
 //! Servers that speak the protocol and draw nothing.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use futures_util::{SinkExt, StreamExt};
@@ -30,38 +30,51 @@ pub(super) struct Sizes {
     pub shown: usize,
 }
 
+/// What one server has seen, in a list of its own: one that all share would cost them more than
+/// the messages do, and the raw barrier has none.
 #[derive(Debug, Default)]
 struct Seen {
     sizes: Sizes,
-    /// When each server received the swap of a frame.
-    swaps: BTreeMap<FrameId, Vec<Instant>>,
+    /// When it received the swap of each frame.
+    swaps: Vec<(FrameId, Instant)>,
 }
 
-/// The stub servers, on a thread of their own.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Stubs(Arc<Mutex<Seen>>);
+/// The stub servers, each on a thread of its own, as each display has a process of its own.
+#[derive(Debug)]
+pub(super) struct Stubs {
+    threads: Vec<JoinHandle<Seen>>,
+}
+
+/// What the stub servers have seen, once they have ended.
+#[derive(Debug)]
+pub(super) struct Sights(Vec<Seen>);
 
 impl Stubs {
-    fn with<T>(&self, look: impl FnOnce(&mut Seen) -> T) -> T {
-        look(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    /// Waits until the servers have ended, which whoever started them has asked for.
+    ///
+    /// # Errors
+    /// One of them panicked.
+    pub fn sights(self) -> anyhow::Result<Sights> {
+        let ends = self.threads.into_iter().map(JoinHandle::join);
+        let seen = ends.collect::<Result<Vec<_>, _>>();
+        Ok(Sights(seen.map_err(|_| anyhow::anyhow!("a stub server panicked"))?))
     }
+}
 
-    /// Forgets what was seen so far.
-    pub fn forget(&self) {
-        self.with(|seen| seen.swaps.clear());
-    }
-
+impl Sights {
     /// The sizes of the messages of a frame.
     pub fn sizes(&self) -> Sizes {
-        self.with(|seen| seen.sizes)
+        self.0.first().map(|seen| seen.sizes).unwrap_or_default()
     }
 
-    /// The skew of every frame that all servers have seen, in microseconds.
-    pub fn skews_us(&self, servers: u16) -> Vec<f64> {
-        self.with(|seen| {
-            let whole = seen.swaps.values().filter(|swaps| swaps.len() == usize::from(servers));
-            whole.filter_map(|swaps| width_us(swaps)).collect()
-        })
+    /// The skew of each frame from `first` on that all servers have seen, in microseconds.
+    pub fn skews_us(&self, first: FrameId) -> Vec<f64> {
+        let mut swaps: BTreeMap<FrameId, Vec<Instant>> = BTreeMap::new();
+        for (frame, instant) in self.0.iter().flat_map(|seen| &seen.swaps) {
+            swaps.entry(*frame).or_default().push(*instant);
+        }
+        let whole = swaps.range(first..).filter(|(_, swaps)| swaps.len() == self.0.len());
+        whole.filter_map(|(_, swaps)| width_us(swaps)).collect()
     }
 }
 
@@ -75,40 +88,36 @@ pub(super) fn start(
     address: &str,
     servers: u16,
     token: &str,
-    stop: CancellationToken,
+    stop: &CancellationToken,
 ) -> std::io::Result<Stubs> {
-    let stubs = Stubs::default();
-    let (address, token, shared) = (address.to_owned(), token.to_owned(), stubs.clone());
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let work = move || {
-        runtime.block_on(async {
-            let mut tasks = tokio::task::JoinSet::new();
-            for index in 0..servers {
-                let stub = serve(address.clone(), index, token.clone(), shared.clone());
-                tasks.spawn(stub);
-            }
-            let all = async { while tasks.join_next().await.is_some() {} };
-            tokio::select! {
-                () = all => {}
-                () = stop.cancelled() => {}
-            }
-        });
+    let start_one = |index: u16| {
+        let (address, token, stop) = (address.to_owned(), token.to_owned(), stop.clone());
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let work = move || runtime.block_on(serve(address, index, token, stop));
+        std::thread::Builder::new().name(channel_name(index)).spawn(work)
     };
-    std::thread::Builder::new().name("stubs".into()).spawn(work)?;
-    Ok(stubs)
+    let threads = (0..servers).map(start_one).collect::<std::io::Result<Vec<_>>>()?;
+    Ok(Stubs { threads })
 }
 
-async fn serve(address: String, index: u16, token: String, stubs: Stubs) {
-    if let Err(error) = converse(&address, index, token, &stubs).await {
-        tracing::warn!(index, %error, "a stub server ended");
+async fn serve(address: String, index: u16, token: String, stop: CancellationToken) -> Seen {
+    let mut seen = Seen::default();
+    let ended = tokio::select! {
+        ended = converse(&address, index, token, &mut seen) => ended,
+        () = stop.cancelled() => Ok(()),
+    };
+    if let Err(error) = ended {
+        // The manager's end is theirs; one that ended too early is missed when all must be live.
+        tracing::debug!(index, %error, "a stub server ended");
     }
+    seen
 }
 
 async fn converse(
     address: &str,
     index: u16,
     token: String,
-    stubs: &Stubs,
+    seen: &mut Seen,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let stream = TcpStream::connect(address).await?;
     stream.set_nodelay(true)?;
@@ -120,21 +129,19 @@ async fn converse(
         adapter: Adapter { texture_side_max: CHANNEL_SIDE_MAX, ..Adapter::default() },
     });
     let (mut frames, _) = connection::introduce(stream, Role::Server, &hello).await?;
-    let mut ping = tokio::time::interval(PING_PERIOD);
+    // Frames come all the time, and so does the moment to look at the clock.
+    let mut pinged = Instant::now();
     let mut replica = Replica::default();
     let mut digest = Digest::default();
     loop {
-        let bytes = tokio::select! {
-            message = frames.next() => match message {
-                Some(bytes) => bytes?,
-                None => return Ok(()),
-            },
-            _ = ping.tick() => {
-                let ping = Status::Ping(Ping { sent_us: 0, memory_bytes: 0 });
-                frames.send(codec::encode(&ping)).await?;
-                continue;
-            }
-        };
+        let Some(bytes) = frames.next().await else { return Ok(()) };
+        let bytes = bytes?;
+        let received = Instant::now();
+        if received - pinged > PING_PERIOD {
+            pinged = received;
+            let ping = Status::Ping(Ping { sent_us: 0, memory_bytes: 0 });
+            frames.send(codec::encode(&ping)).await?;
+        }
         let answer = match codec::decode::<Command>(&bytes)? {
             Command::Prepare(prepare) => {
                 let prepared = prepare_replica(prepare, &mut replica);
@@ -143,10 +150,8 @@ async fn converse(
             }
             Command::Frame(frame) => {
                 let answer = codec::encode(&drawn(&frame, index, replica.revision, digest));
-                stubs.with(|seen| {
-                    seen.sizes.frame = bytes.len();
-                    seen.sizes.drawn = answer.len();
-                });
+                seen.sizes.frame = bytes.len();
+                seen.sizes.drawn = answer.len();
                 answer
             }
             Command::Swap(swap) => {
@@ -158,11 +163,9 @@ async fn converse(
                     clock_error_us: 0,
                 });
                 let answer = codec::encode(&shown);
-                stubs.with(|seen| {
-                    seen.swaps.entry(swap.frame).or_default().push(Instant::now());
-                    seen.sizes.swap = bytes.len();
-                    seen.sizes.shown = answer.len();
-                });
+                seen.swaps.push((swap.frame, received));
+                seen.sizes.swap = bytes.len();
+                seen.sizes.shown = answer.len();
                 answer
             }
             Command::Pong(_) => continue,
