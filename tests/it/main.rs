@@ -3,6 +3,7 @@
 //! - `tidy`: the repository's own rules, held by reading its sources
 //! - `one_process`: manager, servers and client on threads of one process
 //! - `wall_of_processes`: a wall is started, driven, hurt and ended, all by the command
+//! - `manager_kills`: what a manager has said to be done outlives it
 //! - `client_library`: the same program drives one channel and four
 //! - `seams`: a wall of tiles shows what one channel shows
 //! - `twins`: the same commands give the same bytes, whoever draws
@@ -13,6 +14,7 @@
 mod client_library;
 #[path = "../harness/harness.rs"]
 mod harness;
+mod manager_kills;
 mod one_process;
 mod refusals;
 mod report;

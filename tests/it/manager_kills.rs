@@ -1,0 +1,190 @@
+//! A manager is killed at any moment: what it has said to be done stays done, and the wall goes on.
+//!
+//! `POLYPTYCH_KILLS=200 cargo test --release --test it manager_kills -- --nocapture` kills it 200
+//! times and prints how long the wall stood still.
+
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::{Builder, JoinHandle};
+use std::time::{Duration, Instant};
+
+use image::RgbaImage;
+use polyptych_client::blocking::Client;
+use polyptych_client::glam::DVec3;
+use polyptych_client::{Camera, ChannelState, Feedback, Pace, Spread};
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, screen_of, small};
+use crate::harness::place::Place;
+use crate::harness::scenes::Gltf;
+use crate::harness::wait;
+
+/// Kills in an ordinary run: enough to hit opening, closing and moving, each a second or less.
+const KILLS: usize = 8;
+
+/// How soon after its start a manager must have its wall moving again.
+const MOVING_TIME_MAX: Duration = Duration::from_secs(3);
+
+/// Longest time from the first request of a manager's life to its death.
+const LIFE_MAX: Duration = Duration::from_millis(400);
+
+const SCENES: [Option<&str>; 3] = [None, Some("left"), Some("right")];
+
+/// What a wall shows, as a client knows it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Shown {
+    scene: Option<&'static str>,
+    camera: usize,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Deed {
+    Scene(Option<&'static str>),
+    Camera(usize),
+}
+
+impl Deed {
+    fn on(self, before: Shown) -> Shown {
+        match self {
+            Self::Scene(scene) => Shown { scene, ..before },
+            Self::Camera(camera) => Shown { camera, ..before },
+        }
+    }
+
+    fn ask(self, client: &Client) -> Result<(), polyptych_client::ClientError> {
+        match self {
+            Self::Scene(None) => client.close_scene(),
+            Self::Scene(Some(name)) => client.open_scene(format!("{name}.glb")).map(drop),
+            Self::Camera(camera) => client.set_camera(cameras()[camera]),
+        }
+    }
+}
+
+fn cameras() -> [Camera; 2] {
+    [0.2, 0.6].map(|x| Camera::look_at(DVec3::new(x, 0.3, 4.0), DVec3::new(x, 0.3, 0.0), DVec3::Y))
+}
+
+/// A client that asks for one thing after the other until its manager is gone.
+struct Driver {
+    thread: JoinHandle<(Shown, Option<Deed>)>,
+    began: Receiver<()>,
+}
+
+impl Driver {
+    fn start(client: Client, shown: Shown) -> Self {
+        let (begins, began): (SyncSender<()>, _) = sync_channel(1);
+        let work = move || {
+            let mut shown = shown;
+            loop {
+                let deed = match random_below(5) {
+                    at @ 0..3 => Deed::Scene(SCENES[at]),
+                    at => Deed::Camera(at - 3),
+                };
+                // Nobody may be listening any more.
+                let _ = begins.try_send(());
+                if deed.ask(&client).is_err() {
+                    return (shown, Some(deed));
+                }
+                shown = deed.on(shown);
+            }
+        };
+        Self { thread: Builder::new().name("driver".into()).spawn(work).expect("a thread"), began }
+    }
+}
+
+/// A number below `end` that differs from run to run, as the moments of a kill do anyway.
+fn random_below(end: u64) -> usize {
+    let mut bytes = [0; 8];
+    getrandom::fill(&mut bytes).expect("random bytes");
+    (u64::from_le_bytes(bytes) % end) as usize
+}
+
+#[test]
+fn nothing_that_was_acknowledged_is_lost() {
+    let place = Place::new();
+    let scenes = place.path("scenes");
+    place.write("scenes/left.glb", Gltf::triangle().glb());
+    let moved =
+        Gltf::triangle().with(|g| g.json["nodes"][0]["translation"] = [0.5, 0.2, 0.0].into());
+    place.write("scenes/right.glb", moved.glb());
+    let wall = small(2, 1);
+    let mut local = LocalWall::manager(place, &wall, &[&scenes], ANY_PORT);
+    for channel in &wall.channels {
+        local.start_server(&channel.server);
+    }
+    let client = local.client();
+    await_states(&client, &[ChannelState::Ready]);
+    let pictures = pictures_of_all(&client);
+    client.run(Pace::Rate(60.0)).expect("running");
+
+    let mut shown = Shown { scene: SCENES[2], camera: 1 };
+    let mut revision = client.status().expect("status").revision;
+    let kills = std::env::var("POLYPTYCH_KILLS").ok().and_then(|count| count.parse().ok());
+    let mut still_ms = Vec::new();
+    for kill in 0..kills.unwrap_or(KILLS) {
+        let driver = Driver::start(local.client(), shown);
+        driver.began.recv().expect("it asks");
+        // A moment that nobody has chosen.
+        let life = LIFE_MAX.mul_f64(random_below(1000) as f64 / 1000.0);
+        let _ = wait::look_for(life, || None::<()>);
+        local.manager.kill();
+        let (known, in_doubt) =
+            wait::within("the driver's end", || driver.thread.join()).expect("it ends");
+        let began = Instant::now();
+        let LocalWall { place, address, servers, .. } = local;
+        local = LocalWall::manager(place, &wall, &[&scenes], &address);
+        local.servers = servers;
+        let client = local.client();
+        await_moving(&client);
+        still_ms.push(began.elapsed().as_secs_f64() * 1e3);
+
+        let possible = [Some(known), in_doubt.map(|deed| deed.on(known))];
+        let status = client.status().expect("status");
+        assert!(status.revision >= revision, "{kill}: {status:?} after revision {revision}");
+        revision = status.revision;
+        let picture = screen_of(&client.capture().expect("a picture"));
+        let found = possible.into_iter().flatten().find(|shown| {
+            shown.scene == status.scene.as_deref() && pictures.of(*shown) == &picture
+        });
+        shown = found.unwrap_or_else(|| {
+            panic!("{kill}: {:?} and its picture are none of {possible:?}", status.scene)
+        });
+    }
+    let spread = Spread::of(still_ms.iter().copied());
+    println!("{} kills; from start to moving, ms: {spread:?}", still_ms.len());
+    assert!(spread.p50 < MOVING_TIME_MAX.as_secs_f64() * 1e3, "{spread:?}");
+}
+
+/// Waits until a frame was drawn by all.
+fn await_moving(client: &Client) {
+    let mut feedbacks = client.feedback().expect("a stream");
+    wait::within("a frame of all channels", move || {
+        let is_whole = |feedback: &Feedback| feedback.channels.iter().all(|c| c.draw_us.is_some());
+        feedbacks.find(is_whole).expect("the stream goes on");
+    });
+}
+
+/// What each state looks like.
+struct Pictures(Vec<(Shown, RgbaImage)>);
+
+impl Pictures {
+    fn of(&self, shown: Shown) -> &RgbaImage {
+        &self.0.iter().find(|(of, _)| *of == shown).expect("all were taken").1
+    }
+}
+
+/// The pictures of all states; leaves the last of them on the wall.
+fn pictures_of_all(client: &Client) -> Pictures {
+    let mut pictures = Vec::new();
+    for scene in SCENES {
+        Deed::Scene(scene).ask(client).expect("shown");
+        for camera in 0..cameras().len() {
+            Deed::Camera(camera).ask(client).expect("set");
+            let capture = client.capture().expect("a picture");
+            assert_eq!(capture.missing, []);
+            pictures.push((Shown { scene, camera }, screen_of(&capture)));
+        }
+    }
+    let differs = |i: usize, j: usize| i == j || pictures[i].1 != pictures[j].1;
+    // Without a scene there is nothing that a camera could see from elsewhere.
+    assert!((2..6).all(|i| (0..6).all(|j| differs(i, j))), "states can be told apart");
+    Pictures(pictures)
+}
