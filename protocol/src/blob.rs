@@ -1,6 +1,7 @@
 //! Blobs: how they travel on the bulk connection and how a folder of them looks.
 
 mod folder;
+mod reader;
 
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
@@ -8,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::ids::{BlobHash, ChannelId, FrameId};
 
 pub use folder::{BlobError, BlobFolder};
+pub use reader::BlobReader;
 
 /// What a server sends over its bulk connection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

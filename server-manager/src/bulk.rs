@@ -5,12 +5,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
-use polyptych_protocol::blob::{BlobChunk, BlobFolder, BulkDown, BulkUp};
+use polyptych_protocol::blob::{BlobChunk, BlobFolder, BlobReader, BulkDown, BulkUp};
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::limits::CHUNK_BYTES_MAX;
 use tokio::net::TcpStream;
 use tokio::sync::{mpsc, oneshot};
 
@@ -76,43 +75,56 @@ pub(crate) async fn serve(
     }
 }
 
+/// Sends a blob piece by piece, or the reason why it does not come. However slow the link is, one
+/// piece of it is held here.
 async fn send_blob(
     frames: &mut Frames<TcpStream>,
     hash: BlobHash,
     folder: &BlobFolder,
     allowed: &AllowedBlobs,
 ) -> std::io::Result<()> {
-    let found = if allowed.contains(hash) {
+    let mut next = if allowed.contains(hash) {
         let folder = folder.clone();
-        let read = tokio::task::spawn_blocking(move || folder.read(hash)).await;
-        match read {
-            Ok(Ok(Some(bytes))) => Ok(bytes),
-            Ok(Ok(None)) => Err("the manager has lost it; open the scene again".to_owned()),
-            Ok(Err(error)) => Err(error.to_string()),
-            Err(error) => Err(error.to_string()),
-        }
+        off_thread(move || begin(&folder, hash)).await
     } else {
         Err("it belongs to no scene that this server was sent".to_owned())
     };
-    match found {
-        Err(reason) => frames.send(codec::encode(&BulkDown::Missing { hash, reason })).await,
-        Ok(bytes) => send_chunks(frames, hash, &bytes).await,
+    loop {
+        match next {
+            Ok(Some((reader, offset, bytes))) => {
+                let chunk = BlobChunk { hash, total: reader.total(), offset, bytes };
+                frames.send(codec::encode(&BulkDown::Chunk(chunk))).await?;
+                next = off_thread(move || go_on(reader)).await;
+            }
+            Ok(None) => return Ok(()),
+            Err(reason) => {
+                return frames.send(codec::encode(&BulkDown::Missing { hash, reason })).await;
+            }
+        }
     }
 }
 
-async fn send_chunks(
-    frames: &mut Frames<TcpStream>,
-    hash: BlobHash,
-    bytes: &Bytes,
-) -> std::io::Result<()> {
-    let total = bytes.len() as u64;
-    let mut offset = 0;
-    while offset < bytes.len() {
-        let end = (offset + CHUNK_BYTES_MAX).min(bytes.len());
-        let piece = bytes.slice(offset..end);
-        let chunk = BlobChunk { hash, total, offset: offset as u64, bytes: piece };
-        frames.send(codec::encode(&BulkDown::Chunk(chunk))).await?;
-        offset = end;
+/// An open blob and the piece that was read of it last.
+type Piece = (BlobReader, u64, Bytes);
+
+/// Reads and hashes away from the brain's thread, which neither a disk nor a hash may hold.
+async fn off_thread(
+    read: impl FnOnce() -> Result<Option<Piece>, String> + Send + 'static,
+) -> Result<Option<Piece>, String> {
+    let read = tokio::task::spawn_blocking(read).await;
+    read.unwrap_or_else(|error| Err(error.to_string()))
+}
+
+fn begin(folder: &BlobFolder, hash: BlobHash) -> Result<Option<Piece>, String> {
+    let reader = folder.open(hash).map_err(|error| error.to_string())?;
+    let reader = reader.ok_or("the manager has lost it; open the scene again")?;
+    match go_on(reader)? {
+        None => Err("it is empty, which no blob is".to_owned()),
+        piece => Ok(piece),
     }
-    Ok(())
+}
+
+fn go_on(mut reader: BlobReader) -> Result<Option<Piece>, String> {
+    let piece = reader.next_piece().map_err(|error| error.to_string())?;
+    Ok(piece.map(|(offset, bytes)| (reader, offset, bytes)))
 }

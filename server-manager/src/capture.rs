@@ -1,5 +1,8 @@
 //! Stitches the pictures that the channels of one frame sent, as they hang on the wall.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use polyptych_protocol::blob::PictureChunk;
 use polyptych_protocol::ids::{ChannelId, FrameId};
 use polyptych_protocol::request::PictureInfo;
@@ -10,9 +13,56 @@ use crate::cluster::RequestOf;
 /// What stands where no channel shows anything: bezels, and channels that sent no picture.
 const DARK: [u8; 4] = [12, 12, 12, 255];
 
-/// Largest set of pictures that one capture may make, in bytes of RGBA8: three times an
+/// Most bytes of RGBA8 that captures may take which are on their way, together: one of twice an
 /// 8,192 × 8,192 wall, as screens and as channels.
 pub const CAPTURE_BYTES_MAX: u64 = 1 << 30;
+
+/// What the captures on their way take: a client that asks for many and reads none fills it, not
+/// the machine.
+#[derive(Clone, Debug, Default)]
+pub struct PictureMemory(Arc<AtomicU64>);
+
+/// The part of it that one capture takes, until it is dropped.
+#[derive(Debug)]
+pub struct Room {
+    bytes: u64,
+    of: PictureMemory,
+}
+
+impl PictureMemory {
+    /// Room for the pictures of a wall.
+    ///
+    /// # Errors
+    /// Where the wall is too large to be captured at once, or others take the room.
+    pub fn room_for(&self, wall: &Wall) -> Result<Room, String> {
+        let pixels = |x: u32, y: u32| u64::from(x) * u64::from(y);
+        let screens: u64 = wall.screens.iter().map(|s| pixels(s.canvas.x, s.canvas.y)).sum();
+        let all: u64 = wall.channels.iter().map(|c| pixels(c.size.x, c.size.y)).sum();
+        let bytes = 4 * (screens + all);
+        let (takes, most) = (bytes >> 20, CAPTURE_BYTES_MAX >> 20);
+        if bytes > CAPTURE_BYTES_MAX {
+            return Err(format!(
+                "a capture of this wall takes {takes} MiB, more than the {most} MiB that are allowed"
+            ));
+        }
+        let taken = self.0.fetch_add(bytes, Ordering::Relaxed);
+        let room = Room { bytes, of: self.clone() };
+        if taken + bytes > CAPTURE_BYTES_MAX {
+            return Err(format!(
+                "captures on their way take {} MiB of {most} MiB, and this one takes {takes} MiB; \
+                 ask again once their pictures were read",
+                taken >> 20
+            ));
+        }
+        Ok(room)
+    }
+}
+
+impl Drop for Room {
+    fn drop(&mut self) {
+        self.of.0.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
+}
 
 /// The pictures of one frame as they come in.
 #[derive(Debug)]
@@ -24,6 +74,7 @@ pub struct Collection {
     /// Channels that will send none, with the reason.
     pub missing: Vec<(String, String)>,
     parts: Vec<Part>,
+    room: Room,
 }
 
 #[derive(Debug)]
@@ -48,27 +99,14 @@ pub struct Picture {
 
 impl Collection {
     /// Waits for the pictures of these channels.
-    ///
-    /// # Errors
-    /// Where the wall is too large to be captured at once.
     pub fn new(
         job: RequestOf,
         frame: FrameId,
         channels: &[ChannelId],
         missing: Vec<(String, String)>,
         wall: &Wall,
-    ) -> Result<Self, String> {
-        let pixels = |x: u32, y: u32| u64::from(x) * u64::from(y);
-        let screens: u64 = wall.screens.iter().map(|s| pixels(s.canvas.x, s.canvas.y)).sum();
-        let all: u64 = wall.channels.iter().map(|c| pixels(c.size.x, c.size.y)).sum();
-        let bytes = 4 * (screens + all);
-        if bytes > CAPTURE_BYTES_MAX {
-            return Err(format!(
-                "a capture of this wall takes {} MiB, more than the {} MiB that are allowed",
-                bytes >> 20,
-                CAPTURE_BYTES_MAX >> 20
-            ));
-        }
+        room: Room,
+    ) -> Self {
         let part = |&id: &ChannelId| {
             let channel = wall.channel(id)?;
             let (width, height) = (channel.size.x, channel.size.y);
@@ -82,7 +120,7 @@ impl Collection {
             })
         };
         let parts = channels.iter().filter_map(part).collect();
-        Ok(Self { job, frame, missing, parts })
+        Self { job, frame, missing, parts, room }
     }
 
     /// A piece has come. Pieces of other frames and pieces that don't fit are not taken.
@@ -147,8 +185,9 @@ impl Collection {
         self.give_up_on(&all, "its picture did not come in time");
     }
 
-    /// A picture for each screen, then one for each channel that sent its own.
-    pub fn stitch(self, wall: &Wall) -> Vec<Picture> {
+    /// A picture for each screen, then one for each channel that sent its own; and the room that
+    /// they take.
+    pub fn stitch(self, wall: &Wall) -> (Vec<Picture>, Room) {
         let mut screens: Vec<Picture> = wall
             .screens
             .iter()
@@ -165,7 +204,7 @@ impl Collection {
             channels.push(Picture { info, rgba: part.bytes });
         }
         screens.extend(channels);
-        screens
+        (screens, self.room)
     }
 }
 
@@ -183,5 +222,27 @@ fn paste(screen: &mut Picture, channel: &Channel, rgba: &[u8]) {
         if let Some(target) = screen.rgba.get_mut(start..start + row_bytes) {
             target.copy_from_slice(row);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_protocol::wall::file;
+
+    use super::*;
+
+    #[test]
+    fn captures_share_their_room_and_give_it_back() {
+        let text = "[wall]\nname = \"w\"\n[[screen]]\nname = \"front\"\nsize = [2.0, 1.0]\n\
+                    center = [0.0, 0.0, -1.0]\n[screen.tiles]\ncolumns = 4\nrows = 2\n\
+                    pixels = [2048, 2048]\n";
+        let wall = file::parse(text, "w.toml".as_ref()).expect("a wall");
+        let memory = PictureMemory::default();
+        // 32 Mi pixels as a screen, and again as channels: 256 MiB.
+        let mut rooms: Vec<_> = (0..4).map(|_| memory.room_for(&wall).expect("room")).collect();
+        let reason = memory.room_for(&wall).expect_err("no more");
+        assert!(reason.contains("1024 MiB of 1024 MiB") && reason.contains("256 MiB"), "{reason}");
+        rooms.pop();
+        memory.room_for(&wall).expect("given back");
     }
 }

@@ -16,13 +16,20 @@ pub(crate) async fn serve(
     name: String,
     events: mpsc::Sender<Event>,
 ) {
-    let (link, outbox) = Link::new();
+    let (link, waiting) = Link::new();
     let close = link.close.clone();
-    let (welcomed, answer) = oneshot::channel();
-    if events.send(Event::ClientJoins { name, link, welcomed }).await.is_err() {
+    let (verdict, answer) = oneshot::channel();
+    if events.send(Event::ClientJoins { name, link, verdict }).await.is_err() {
         return;
     }
-    let Ok(welcome) = answer.await else { return };
+    let welcome = match answer.await {
+        Ok(Ok(welcome)) => welcome,
+        Ok(Err(reason)) => {
+            let _ = connection::refuse(&mut frames, reason).await;
+            return;
+        }
+        Err(_) => return,
+    };
     let session = SessionId(welcome.session);
     let reason = if connection::welcome(&mut frames, welcome).await.is_ok() {
         let (sink, mut stream) = frames.split();
@@ -45,7 +52,7 @@ pub(crate) async fn serve(
         };
         tokio::select! {
             reason = reader => reason,
-            () = write_all(sink, outbox, close) => "the manager closed the connection".to_owned(),
+            reason = write_all(sink, waiting, close) => reason,
         }
     } else {
         "the connection failed during the handshake".to_owned()

@@ -130,6 +130,8 @@ pub struct Cluster {
     shown_digest: Digest,
     features: Vec<String>,
     changes: Changes,
+    /// Scenes that are being baked.
+    imports: Vec<RequestOf>,
     registry: Registry,
     clients: BTreeMap<SessionId, ClientState>,
     orders: VecDeque<FrameOrder>,
@@ -161,6 +163,7 @@ impl Cluster {
             shown,
             features: Vec::new(),
             changes: Changes::default(),
+            imports: Vec::new(),
             registry: Registry::new(&wall, heartbeat_us),
             clients: BTreeMap::new(),
             orders: VecDeque::new(),

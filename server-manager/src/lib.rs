@@ -8,6 +8,7 @@ mod bulk;
 pub mod capture;
 mod client_session;
 pub mod cluster;
+mod delivery;
 mod door;
 pub mod import;
 mod memory;

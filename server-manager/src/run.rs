@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::future::Future;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use polyptych_protocol::blob::BlobFolder;
@@ -10,17 +11,17 @@ use polyptych_protocol::codec;
 use polyptych_protocol::command::Command;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::Epoch;
-use polyptych_protocol::limits::CHUNK_BYTES_MAX;
-use polyptych_protocol::request::{Answer, Captured, Failure, PicturePart, Reply};
+use polyptych_protocol::request::{Answer, Failure};
 use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
 use tokio::net::TcpListener;
-use tokio::sync::mpsc;
+use tokio::sync::{Semaphore, mpsc};
 use tokio::time::Instant;
 
 use crate::bulk::AllowedBlobs;
-use crate::capture::Collection;
+use crate::capture::{Collection, PictureMemory};
 use crate::cluster::{Cluster, Micros, Output, RequestOf, SessionId};
+use crate::delivery;
 use crate::door;
 use crate::import::{self, Baker, Import};
 use crate::memory;
@@ -32,6 +33,13 @@ const EVENTS_PER_TURN: usize = 64;
 
 /// How long a capture waits for its pictures, once the frame was swapped.
 const CAPTURE_TIME_MAX: Duration = Duration::from_secs(30);
+
+/// Scenes that are baked at a time: each may take all cores, and the memory that a baker may.
+const BAKES_MAX: usize = 2;
+
+/// Most clients at a time: control desks, dashboards and scripts of the largest wall. Each may
+/// hold an outbox full of answers.
+const CLIENTS_MAX: usize = 256;
 
 /// What a manager needs.
 #[derive(Debug)]
@@ -102,6 +110,8 @@ struct Hub {
     servers: BTreeMap<SessionId, ServerLink>,
     clients: BTreeMap<SessionId, Link>,
     collections: Vec<(Instant, Collection)>,
+    pictures: PictureMemory,
+    bakes: Arc<Semaphore>,
     is_stopping: bool,
 }
 
@@ -124,6 +134,8 @@ impl Hub {
             servers: BTreeMap::new(),
             clients: BTreeMap::new(),
             collections: Vec::new(),
+            pictures: PictureMemory::default(),
+            bakes: Arc::new(Semaphore::new(BAKES_MAX)),
             is_stopping: false,
         }
     }
@@ -218,11 +230,16 @@ impl Hub {
                 self.note_drawing(from, &status);
                 self.cluster.handle_status(now, from, status, bytes);
             }
-            Event::ClientJoins { name, link, welcomed } => {
+            Event::ClientJoins { name, link, verdict } => {
+                if self.clients.len() >= CLIENTS_MAX {
+                    let reason = format!("{CLIENTS_MAX} clients are connected, and no more may be");
+                    let _ = verdict.send(Err(reason));
+                    return;
+                }
                 let session = self.new_session();
                 self.clients.insert(session, link);
                 self.cluster.handle_client(session, name);
-                let _ = welcomed.send(self.welcome(session));
+                let _ = verdict.send(Ok(self.welcome(session)));
             }
             Event::ClientAsks { from, id, request } => {
                 self.cluster.handle_request(now, from, id, request);
@@ -278,6 +295,7 @@ impl Hub {
             }
         }
         if let Some(link) = self.clients.remove(&session) {
+            tracing::info!(session = session.0, reason, "a client's connection ends");
             link.close.cancel();
             self.cluster.handle_client_gone(session);
         }
@@ -308,8 +326,11 @@ impl Hub {
                 Output::Import { job, path } => self.import(job, path),
                 Output::Collect { job, frame, channels, missing } => {
                     let wall = &self.options.wall;
-                    match Collection::new(job, frame, &channels, missing, wall) {
-                        Ok(collection) => {
+                    let room = self.pictures.room_for(wall);
+                    match room {
+                        Ok(room) => {
+                            let collection =
+                                Collection::new(job, frame, &channels, missing, wall, room);
                             let expires = Instant::now() + CAPTURE_TIME_MAX;
                             self.collections.push((expires, collection));
                             self.finish_collections();
@@ -344,7 +365,11 @@ impl Hub {
         if link.outbox.try_send(codec::encode(answer)).is_err() {
             // Feedback that nobody reads may be lost; an answer may not.
             if !matches!(answer, Answer::Feedback(_)) {
-                self.forget(to, "it does not read its answers");
+                let reason = "it does not read its answers";
+                // Behind them, for one that reads on after all.
+                let goodbye = codec::encode(&Answer::Goodbye { reason: reason.to_owned() });
+                let _ = link.pieces.try_send(goodbye);
+                self.forget(to, reason);
             }
         }
     }
@@ -353,7 +378,10 @@ impl Hub {
         let roots = self.options.scene_roots.clone();
         let baker = self.options.baker.clone();
         let done = self.imported.0.clone();
+        let turns = Arc::clone(&self.bakes);
         tokio::spawn(async move {
+            // Nobody closes it, so there is always a turn.
+            let _turn = turns.acquire().await;
             let result = import::import(&path, &roots, &baker).await;
             // The manager may have ended meanwhile.
             let _ = done.send(Imported { job, result }).await;
@@ -371,7 +399,7 @@ impl Hub {
         for (_, collection) in finished {
             let Some(link) = self.clients.get(&collection.job.client) else { continue };
             let wall = self.options.wall.clone();
-            tokio::spawn(send_pictures(collection, wall, link.clone()));
+            tokio::spawn(delivery::send_pictures(collection, wall, link.clone()));
         }
     }
 
@@ -422,29 +450,4 @@ fn begin(options: &ManagerOptions, epoch: Epoch, allowed: &AllowedBlobs) -> Clus
     }
     tracing::info!(revision = %memory.revision, "going on where the last manager stopped");
     Cluster::restored(wall, epoch, &memory)
-}
-
-/// Stitches off the brain's thread, and waits for the client where it reads slowly.
-async fn send_pictures(collection: Collection, wall: Wall, link: Link) {
-    let (id, frame) = (collection.job.id, collection.frame);
-    let missing = collection.missing.clone();
-    let stitched = tokio::task::spawn_blocking(move || collection.stitch(&wall)).await;
-    let reply = match stitched {
-        Err(error) => Err(Failure::new(format!("the pictures could not be stitched: {error}"))),
-        Ok(pictures) => {
-            let infos = pictures.iter().map(|picture| picture.info.clone()).collect();
-            for (index, picture) in pictures.into_iter().enumerate() {
-                let rgba = bytes::Bytes::from(picture.rgba);
-                for start in (0..rgba.len()).step_by(CHUNK_BYTES_MAX) {
-                    let bytes = rgba.slice(start..rgba.len().min(start + CHUNK_BYTES_MAX));
-                    let part = PicturePart { id, index: index as u32, bytes };
-                    if link.outbox.send(codec::encode(&Answer::Picture(part))).await.is_err() {
-                        return;
-                    }
-                }
-            }
-            Ok(Reply::Captured(Captured { frame, pictures: infos, missing }))
-        }
-    };
-    let _ = link.outbox.send(codec::encode(&Answer::Reply { id, reply })).await;
 }

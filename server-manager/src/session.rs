@@ -45,7 +45,7 @@ pub(crate) enum Event {
     ClientJoins {
         name: String,
         link: Link,
-        welcomed: oneshot::Sender<Welcome>,
+        verdict: oneshot::Sender<Result<Welcome, String>>,
     },
     ClientAsks {
         from: SessionId,
@@ -66,65 +66,86 @@ pub(crate) enum Event {
     },
 }
 
-/// The brain's end of a connection.
+/// Pieces of pictures that wait to be sent to one client, each of at most a mebibyte.
+const PIECES_MAX: usize = 2;
+
+/// How long a client may take none of the bytes that wait for it. One that stands still for
+/// longer is let go: what waits for it is held here meanwhile.
+const STALL_TIME_MAX: Duration = Duration::from_secs(30);
+
+/// The brain's end of a client's connection.
 #[derive(Clone, Debug)]
 pub(crate) struct Link {
     pub outbox: mpsc::Sender<Bytes>,
+    /// What is sent where the outbox is empty: pictures, and the answers that follow them.
+    pub pieces: mpsc::Sender<Bytes>,
     /// Closes the connection after what is in the outbox.
     pub close: CancellationToken,
 }
 
+/// What waits to be sent to a client.
+#[derive(Debug)]
+pub(crate) struct Waiting {
+    outbox: mpsc::Receiver<Bytes>,
+    pieces: mpsc::Receiver<Bytes>,
+}
+
 impl Link {
-    pub fn new() -> (Self, mpsc::Receiver<Bytes>) {
-        let (outbox, inbox) = mpsc::channel(OUTBOX_MESSAGES_MAX);
-        (Self { outbox, close: CancellationToken::new() }, inbox)
+    pub fn new() -> (Self, Waiting) {
+        let (outbox, messages) = mpsc::channel(OUTBOX_MESSAGES_MAX);
+        let (pieces, waiting) = mpsc::channel(PIECES_MAX);
+        let waiting = Waiting { outbox: messages, pieces: waiting };
+        (Self { outbox, pieces, close: CancellationToken::new() }, waiting)
     }
 }
 
-/// Sends what is in the outbox until the connection is closed from one side.
+/// Sends what waits until the connection is closed from one side, and says why it ended.
 ///
 /// Once closed, what is in the outbox still goes out, as far as the peer takes it in
 /// [`DRAIN_TIME_MAX`]: a peer that has stopped reading holds nothing.
 pub(crate) async fn write_all(
     sink: SplitSink<Frames<TcpStream>, Bytes>,
-    outbox: mpsc::Receiver<Bytes>,
+    waiting: Waiting,
     close: CancellationToken,
-) {
+) -> String {
     let hard_end = async {
         close.cancelled().await;
         tokio::time::sleep(DRAIN_TIME_MAX).await;
     };
     tokio::select! {
-        () = write_until_closed(sink, outbox, &close) => {}
-        () = hard_end => {}
+        reason = write_until_closed(sink, waiting, &close) => reason,
+        () = hard_end => "the manager closed the connection".to_owned(),
     }
 }
 
 async fn write_until_closed(
     mut sink: SplitSink<Frames<TcpStream>, Bytes>,
-    mut outbox: mpsc::Receiver<Bytes>,
+    mut waiting: Waiting,
     close: &CancellationToken,
-) {
+) -> String {
     loop {
         let message = tokio::select! {
             biased;
-            message = outbox.recv() => message,
+            message = waiting.outbox.recv() => message,
+            piece = waiting.pieces.recv() => piece,
             () = close.cancelled() => None,
         };
         let Some(message) = message else { break };
-        if sink.feed(message).await.is_err() {
-            return;
-        }
-        // What waits already goes out in the same packets.
-        while let Ok(next) = outbox.try_recv() {
-            if sink.feed(next).await.is_err() {
-                return;
+        let work = async {
+            sink.feed(message).await?;
+            // What waits already goes out in the same packets.
+            while let Ok(next) = waiting.outbox.try_recv() {
+                sink.feed(next).await?;
             }
-        }
-        if sink.flush().await.is_err() {
-            return;
+            sink.flush().await
+        };
+        match tokio::time::timeout(STALL_TIME_MAX, work).await {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => return format!("the connection failed: {error}"),
+            Err(_) => return format!("it has read nothing for {} s", STALL_TIME_MAX.as_secs()),
         }
     }
     // A peer that is gone already needs no goodbye.
     let _ = sink.close().await;
+    "the manager closed the connection".to_owned()
 }

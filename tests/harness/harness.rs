@@ -6,6 +6,7 @@ pub mod local_wall;
 pub mod pictures;
 pub mod place;
 pub mod process;
+pub mod relay;
 pub mod scenes;
 pub mod signals;
 pub mod simulation;

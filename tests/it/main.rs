@@ -4,6 +4,7 @@
 //! - `one_process`: manager, servers and client on threads of one process
 //! - `wall_of_processes`: a wall is started, driven, hurt and ended, all by the command
 //! - `manager_kills`: what a manager has said to be done outlives it
+//! - `back_pressure`: peers that flood or don't read cost the others nothing
 //! - `client_library`: the same program drives one channel and four
 //! - `seams`: a wall of tiles shows what one channel shows
 //! - `twins`: the same commands give the same bytes, whoever draws
@@ -11,6 +12,7 @@
 //! - `windows`: pictures reach a display
 //! - `report`: what a simulated wall writes
 
+mod back_pressure;
 mod client_library;
 #[path = "../harness/harness.rs"]
 mod harness;

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 
+use super::BlobReader;
 use crate::ids::BlobHash;
 use crate::limits::BLOB_BYTES_MAX;
 
@@ -94,6 +95,22 @@ impl BlobFolder {
         // A damaged file would be found again and again; without it the blob is fetched anew.
         drop(fs::remove_file(&path));
         Err(BlobError::Damaged { path })
+    }
+
+    /// Opens the blob of this name to be read piece by piece, or gives `None` where the folder has
+    /// none.
+    ///
+    /// # Errors
+    /// [`BlobError`] where the file can't be opened or is larger than any blob.
+    pub fn open(&self, hash: BlobHash) -> Result<Option<BlobReader>, BlobError> {
+        let path = self.path_of(hash);
+        let opened = fs::File::open(&path).and_then(|file| Ok((file.metadata()?.len(), file)));
+        match opened {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(BlobError::Io { path, source }),
+            Ok((bytes, _)) if bytes > BLOB_BYTES_MAX => Err(BlobError::TooLarge { path, bytes }),
+            Ok((total, file)) => Ok(Some(BlobReader::new(path, file, hash, total))),
+        }
     }
 
     /// Writes these bytes, unless they are there already, and gives their name.

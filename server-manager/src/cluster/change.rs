@@ -75,6 +75,7 @@ impl Cluster {
         job: RequestOf,
         imported: Result<ImportedScene, String>,
     ) {
+        self.imports.retain(|of| *of != job);
         match imported {
             Err(reason) => {
                 tracing::warn!(reason, "a scene could not be opened");

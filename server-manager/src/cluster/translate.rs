@@ -11,6 +11,9 @@ use super::{Change, Cluster, FRAME_ORDERS_MAX, FrameOrder, Micros, Output, Reque
 /// Slowest and fastest rate that a client may ask for, in frames per second.
 const RATES: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
 
+/// Most scenes of one client that are looked for and baked at a time.
+const IMPORTS_MAX: usize = 16;
+
 impl Cluster {
     /// A client asks for something. It gets exactly one reply, now or later.
     pub fn handle_request(
@@ -40,13 +43,7 @@ impl Cluster {
         request: Request,
     ) -> Result<Option<Reply>, String> {
         match request {
-            Request::OpenScene { path } => {
-                if path.is_empty() || path.len() > PATH_BYTES_MAX {
-                    return Err(format!("a scene's path has 1 to {PATH_BYTES_MAX} bytes"));
-                }
-                self.outputs.push_back(Output::Import { job, path });
-                return Ok(None);
-            }
+            Request::OpenScene { path } => return self.import(job, path),
             Request::CloseScene => {
                 let operations = vec![Operation::CloseScene];
                 self.request_change(now, Change { operations, job, summary: None });
@@ -105,6 +102,20 @@ impl Cluster {
             }
         }
         Ok(Some(Reply::Done))
+    }
+
+    fn import(&mut self, job: RequestOf, path: String) -> Result<Option<Reply>, String> {
+        if path.is_empty() || path.len() > PATH_BYTES_MAX {
+            return Err(format!("a scene's path has 1 to {PATH_BYTES_MAX} bytes"));
+        }
+        if self.imports.iter().filter(|of| of.client == job.client).count() >= IMPORTS_MAX {
+            return Err(format!(
+                "{IMPORTS_MAX} scenes are being opened for this client already; await some first"
+            ));
+        }
+        self.imports.push(job);
+        self.outputs.push_back(Output::Import { job, path });
+        Ok(None)
     }
 
     fn order(&mut self, order: FrameOrder) -> Result<Option<Reply>, String> {

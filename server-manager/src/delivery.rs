@@ -1,0 +1,36 @@
+//! Takes the pictures of a capture to the client that asked for them.
+
+use polyptych_protocol::codec;
+use polyptych_protocol::limits::CHUNK_BYTES_MAX;
+use polyptych_protocol::request::{Answer, Captured, Failure, PicturePart, Reply};
+use polyptych_protocol::wall::Wall;
+
+use crate::capture::Collection;
+use crate::session::Link;
+
+/// Stitches off the brain's thread, and waits for the client where it reads slowly: few pieces
+/// are copied for it at a time, and its other answers overtake them.
+pub(crate) async fn send_pictures(collection: Collection, wall: Wall, link: Link) {
+    let (id, frame) = (collection.job.id, collection.frame);
+    let missing = collection.missing.clone();
+    let stitched = tokio::task::spawn_blocking(move || collection.stitch(&wall)).await;
+    let reply = match stitched {
+        Err(error) => Err(Failure::new(format!("the pictures could not be stitched: {error}"))),
+        Ok((pictures, _room)) => {
+            let infos = pictures.iter().map(|picture| picture.info.clone()).collect();
+            for (index, picture) in pictures.into_iter().enumerate() {
+                let rgba = bytes::Bytes::from(picture.rgba);
+                for start in (0..rgba.len()).step_by(CHUNK_BYTES_MAX) {
+                    let bytes = rgba.slice(start..rgba.len().min(start + CHUNK_BYTES_MAX));
+                    let part = PicturePart { id, index: index as u32, bytes };
+                    if link.pieces.send(codec::encode(&Answer::Picture(part))).await.is_err() {
+                        return;
+                    }
+                }
+            }
+            Ok(Reply::Captured(Captured { frame, pictures: infos, missing }))
+        }
+    };
+    // Behind its pictures, which it must not overtake.
+    let _ = link.pieces.send(codec::encode(&Answer::Reply { id, reply })).await;
+}

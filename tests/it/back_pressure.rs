@@ -1,0 +1,179 @@
+//! Peers that flood, or that do not read: they are let go with a reason, the memory that they cost
+//! has a limit, and the wall goes on for the others.
+
+use std::net::SocketAddr;
+use std::path::Path;
+
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, Pace};
+use polyptych_protocol::codec;
+use polyptych_protocol::connection::{Frames, introduce};
+use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
+use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::request::{Call, Request};
+use polyptych_protocol::token;
+use tokio::io::AsyncWriteExt;
+use tokio::net::TcpStream;
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small, start_server};
+use crate::harness::place::Place;
+use crate::harness::relay::Relay;
+use crate::harness::scenes::{Gltf, town};
+use crate::harness::wait;
+
+/// What a peer may cost the manager here: its outbox of 512 answers of a kilobyte, a few pictures
+/// of a mebibyte, and what an allocator keeps of both.
+const GROWTH_BYTES_MAX: u64 = 48 << 20;
+
+/// Longest time without a frame that still is "goes on": a quarter of the second after which
+/// people call a picture frozen, and four times what a busy machine takes from a frame.
+const GAP_MS_MAX: f64 = 250.0;
+
+#[test]
+fn a_client_that_floods_and_never_reads_is_let_go_and_others_do_not_notice() {
+    let mut local = LocalWall::start(&small(2, 1), &[town().parent().expect("a folder")]);
+    let client = running(&local);
+    let before = memory_bytes(&local);
+    let sent = flood(&local, |id| Request::OpenScene { path: format!("{id}.glb") }, 400_000);
+    assert!(sent > 512, "a few hundred are no flood: {sent}");
+    local.manager.await_line(&["a client's connection ends", "it does not read its answers"]);
+    check(&local, &client, before);
+}
+
+#[test]
+fn pictures_that_nobody_reads_wait_in_a_bounded_space() {
+    let local = LocalWall::start(&small(2, 1), &[town().parent().expect("a folder")]);
+    let client = running(&local);
+    let before = memory_bytes(&local);
+    let runtime = runtime();
+    let stream = runtime.block_on(async {
+        let mut stream = connect(&local).await;
+        stream.write_all(&call(0, Request::Subscribe(true))).await.expect("sent");
+        // As many as one client may have under way: 64 MiB of pictures.
+        for id in 1..=60 {
+            stream.write_all(&call(id, Request::Capture)).await.expect("sent");
+        }
+        stream
+    });
+    for _ in 0..3 {
+        assert_eq!(client.capture().expect("pictures for one who reads").missing, []);
+    }
+    let held = 60 << 20;
+    check(&local, &client, before + held);
+    drop(stream);
+}
+
+#[test]
+fn a_scene_on_a_link_that_stands_still_holds_nobody_else() {
+    let place = Place::new();
+    let scenes = place.path("scenes");
+    place.write("scenes/heavy.glb", heavy());
+    let wall = small(2, 1);
+    let mut local = LocalWall::manager(place, &wall, &[&scenes as &Path], ANY_PORT);
+    let [quick, slow] = [0, 1].map(|index| wall.channels[index].server.clone());
+    local.start_server(&quick);
+    let client = running(&local);
+    client.open_scene("heavy.glb").expect("opened");
+    let before = memory_bytes(&local);
+    let relay = Relay::holding_bulk_after(1 << 20, &local.address);
+    let server = start_server(&local.place, &wall, &slow, &relay.address);
+    local.servers.insert(slow, server);
+    wait::until("the slow one gets ready", || {
+        let status = client.status().expect("status");
+        (status.channels[1].state == ChannelState::Preparing).then_some(())
+    });
+    client.statistics(true).expect("forgotten");
+    let first = client.status().expect("status").frame;
+    wait::until("frames meanwhile", || {
+        let status = client.status().expect("status");
+        assert_eq!(status.channels[1].state, ChannelState::Preparing, "its link stands still");
+        (status.frame.0 > first.0 + 60).then_some(())
+    });
+    check(&local, &client, before);
+    relay.release();
+    await_states(&client, &[ChannelState::Live]);
+}
+
+/// A client that has the wall draw at 60 frames per second, and has measured nothing yet.
+fn running(local: &LocalWall) -> Client {
+    let client = local.client();
+    client.run(Pace::Rate(60.0)).expect("running");
+    wait::until("a live channel", || {
+        let channels = client.status().expect("status").channels;
+        channels.iter().any(|channel| channel.state == ChannelState::Live).then_some(())
+    });
+    client.statistics(true).expect("forgotten");
+    client
+}
+
+/// The wall went on, and the manager has not grown.
+#[track_caller]
+fn check(local: &LocalWall, client: &Client, before: u64) {
+    let statistics = client.statistics(false).expect("statistics");
+    let gap = statistics.channels[0].longest_gap_ms;
+    assert!(gap < GAP_MS_MAX, "no frame for {gap} ms");
+    let grown = memory_bytes(local).saturating_sub(before);
+    println!("longest gap {gap:.0} ms; manager grown by {} KiB", grown >> 10);
+    assert!(grown < GROWTH_BYTES_MAX, "the manager has grown by {} MiB", grown >> 20);
+}
+
+/// Sends requests and reads nothing, until the manager closes the connection. Gives how many.
+fn flood(local: &LocalWall, request: impl Fn(u64) -> Request, most: u64) -> u64 {
+    runtime().block_on(async {
+        let mut stream = connect(local).await;
+        for id in 0..most {
+            if stream.write_all(&call(id, request(id))).await.is_err() {
+                return id;
+            }
+        }
+        most
+    })
+}
+
+fn call(id: u64, request: Request) -> Vec<u8> {
+    codec::framed(&codec::encode(&Call { id: RequestId(id), request })).to_vec()
+}
+
+fn runtime() -> tokio::runtime::Runtime {
+    let mut builder = tokio::runtime::Builder::new_current_thread();
+    builder.enable_all().build().expect("a runtime")
+}
+
+/// A client's connection without a client library, which would read.
+async fn connect(local: &LocalWall) -> TcpStream {
+    let address: SocketAddr = local.address.parse().expect("an address");
+    let token = token::read(&local.place.token_file()).expect("a token");
+    let hello = ClientHello { name: "flood".into(), token: Secret(token) };
+    let stream = TcpStream::connect(address).await.expect("connected");
+    let introduced = introduce(stream, Role::Client, &Hello::Client(hello)).await;
+    let (frames, _): (Frames<TcpStream>, _) = introduced.expect("welcome");
+    frames.into_inner()
+}
+
+/// A scene of one mesh of some 20 MB, more than the system keeps in its socket buffers.
+fn heavy() -> Vec<u8> {
+    const TRIANGLES: usize = 200_000;
+    Gltf::triangle()
+        .with(|gltf| {
+            let corner = |n: usize| [(n % 1000) as f32, (n / 1000) as f32, (n % 7) as f32];
+            let positions = (0..3 * TRIANGLES).flat_map(corner);
+            gltf.bin = positions.flat_map(f32::to_le_bytes).collect();
+            gltf.json["accessors"][0]["count"] = (3 * TRIANGLES).into();
+            gltf.json["bufferViews"][0]["byteLength"] = gltf.bin.len().into();
+            let primitive = &mut gltf.json["meshes"][0]["primitives"][0];
+            primitive.as_object_mut().expect("an object").remove("indices");
+            for list in ["accessors", "bufferViews"] {
+                gltf.json[list].as_array_mut().expect("a list").truncate(1);
+            }
+        })
+        .glb()
+}
+
+/// Resident memory of the manager.
+fn memory_bytes(local: &LocalWall) -> u64 {
+    let path = format!("/proc/{}/status", local.manager.pid());
+    let status = std::fs::read_to_string(path).expect("its status");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kib = line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<u64>().ok());
+    kib.expect("a number") * 1024
+}
