@@ -64,21 +64,26 @@ async fn orbit(
         ticks.tick().await;
         let time_s = begin.elapsed().as_secs_f64();
         let camera = overview(&wall, &bounds, time_s / TURN_S * TAU);
-        client.render_frame_at(Some(camera), Some(time_s)).await?;
+        match client.render_frame_at(Some(camera), Some(time_s)).await {
+            // A manager that is started again goes on with this wall, and the next frame waits for it.
+            Err(error) if error.is_outcome_unknown() => eprintln!("{error}"),
+            drawn => drop(drawn?),
+        }
     }
     Ok(())
 }
 
-/// Prints feedback until the connection ends.
+/// Prints feedback until the client ends.
 async fn print(mut feedbacks: Feedbacks) {
     while let Some(feedback) = feedbacks.next().await {
         let slowest = feedback.channels.iter().filter_map(|c| Some((c.draw_us?, &c.name))).max();
         let (draw_us, name) = slowest.map_or((0, "none"), |(us, name)| (us, name.as_str()));
         println!(
-            "frame {:>5}  {:>7} us  slowest {name}: {draw_us} us  unread {}",
+            "frame {:>5}  {:>7} us  slowest {name}: {draw_us} us  unread {}  gaps {}",
             feedback.frame.0,
             feedback.frame_us,
-            feedbacks.dropped()
+            feedbacks.dropped(),
+            feedbacks.gaps()
         );
     }
 }

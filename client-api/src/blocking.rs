@@ -24,7 +24,7 @@ use std::thread::{self, Thread};
 use glam::DVec3;
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
-use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::ids::{Epoch, RequestId};
 use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};
 use polyptych_protocol::wall::Wall;
 
@@ -52,7 +52,7 @@ pub struct Pending {
 }
 
 /// The feedback of every frame from the subscription on, as [`crate::Feedbacks`]. The iterator
-/// waits for each, and ends with the connection.
+/// waits for each, and ends with the client.
 #[derive(Debug)]
 pub struct Feedbacks {
     inner: AsyncFeedbacks,
@@ -110,6 +110,24 @@ impl Client {
     /// As [`crate::Client::wall_name`].
     pub fn wall_name(&self) -> &str {
         self.inner.wall_name()
+    }
+
+    /// As [`crate::Client::is_connected`].
+    pub fn is_connected(&self) -> bool {
+        self.inner.is_connected()
+    }
+
+    /// As [`crate::Client::epoch`].
+    pub fn epoch(&self) -> Epoch {
+        self.inner.epoch()
+    }
+
+    /// As [`crate::Client::connected`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn connected(&self) -> Result<Epoch, ClientError> {
+        wait(self.inner.connected())
     }
 
     /// As [`crate::Client::end_reason`].
@@ -295,6 +313,16 @@ impl Pending {
 }
 
 impl Feedbacks {
+    /// As [`crate::Feedbacks::gaps`].
+    pub fn gaps(&self) -> u64 {
+        self.inner.gaps()
+    }
+
+    /// As [`crate::Feedbacks::epoch`].
+    pub fn epoch(&self) -> Epoch {
+        self.inner.epoch()
+    }
+
     /// As [`crate::Feedbacks::dropped`].
     pub fn dropped(&self) -> u64 {
         self.inner.dropped()

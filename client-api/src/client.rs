@@ -1,8 +1,11 @@
 //! The wall, as an application drives it.
 
+use std::pin::pin;
+
 use glam::DVec3;
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
+use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};
 use polyptych_protocol::wall::Wall;
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -24,7 +27,13 @@ use crate::picture::Capture;
 /// Every method fails with [`ClientError`]: as the manager says ([`ClientError::Failed`], after
 /// which the wall is as it was), or because no answer came ([`ClientError::TimedOut`],
 /// [`ClientError::ConnectionLost`], [`ClientError::ManagerEnded`]: the outcome is unknown), or
-/// because nothing was sent ([`ClientError::Closed`], [`ClientError::TooManyOpen`]).
+/// because nothing was sent ([`ClientError::Closed`], [`ClientError::TooManyOpen`],
+/// [`ClientError::NotConnected`]).
+///
+/// A connection that is lost is made again, unless [`ConnectOptions::reconnect`] says otherwise:
+/// requests that were sent fail once with an outcome that is unknown
+/// ([`ClientError::is_outcome_unknown`]) and are never repeated, later ones wait for the
+/// connection, and [`Client::feedback`] goes on. The manager remembers scene, camera and pace.
 #[derive(Clone, Debug)]
 pub struct Client {
     link: Link,
@@ -83,10 +92,38 @@ impl Client {
 
     /// The wall's name, as the manager gave it when this client connected.
     pub fn wall_name(&self) -> &str {
-        &self.link.shared.welcome.wall
+        &self.link.shared.wall
     }
 
-    /// Why the connection has ended; `None` while it holds.
+    /// Whether there is a connection now.
+    pub fn is_connected(&self) -> bool {
+        matches!(self.link.shared.connection(), Ok(Some(_)))
+    }
+
+    /// The life of the manager that this client talks to, or has talked to last. Another one after
+    /// a reconnection says that the manager was started anew.
+    pub fn epoch(&self) -> Epoch {
+        self.link.shared.epoch()
+    }
+
+    /// Waits until there is a connection, and gives the life of the manager.
+    ///
+    /// # Errors
+    /// [`ClientError::Closed`] where there will be none any more.
+    pub async fn connected(&self) -> Result<Epoch, ClientError> {
+        let shared = &self.link.shared;
+        loop {
+            let mut changed = pin!(shared.connection_changed.notified());
+            // From here on no change is missed.
+            changed.as_mut().enable();
+            if let Some(epoch) = shared.connection()? {
+                return Ok(epoch);
+            }
+            changed.await;
+        }
+    }
+
+    /// Why there is no connection, or none any more; `None` while there is one.
     pub fn end_reason(&self) -> Option<String> {
         self.link.shared.end_reason()
     }
@@ -272,7 +309,7 @@ impl Client {
         self.link.subscribe().await
     }
 
-    /// Ends the manager. A goodbye instead of an answer is as good.
+    /// Ends the manager, and this client with it. A goodbye instead of an answer is as good.
     ///
     /// # Errors
     /// [`ClientError`].

@@ -1,6 +1,7 @@
 //! How a client comes to its manager: address, token, handshake.
 
 use std::fmt;
+use std::future::Ready;
 use std::io;
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -19,6 +20,7 @@ use crate::connection::drive;
 use crate::error::ClientError;
 use crate::link::Link;
 use crate::picture::CAPTURE_BYTES_MAX;
+use crate::reconnect::{Introduced, Reconnect, Redial};
 
 /// Where and as whom to connect.
 ///
@@ -43,6 +45,12 @@ pub struct ConnectOptions {
     pub timeouts: Timeouts,
     /// Most bytes that the pictures of one capture may take; [`CAPTURE_BYTES_MAX`] by default.
     pub capture_bytes_max: usize,
+    /// What happens when the connection ends. By default the client connects again, for ever:
+    /// requests that were open fail once, later ones wait a little, and feedback goes on. `None`
+    /// ends the client with its connection, which is right for a program that asks once.
+    ///
+    /// Only connections that [`crate::Client::connect_with`] makes can be made again.
+    pub reconnect: Option<Reconnect>,
 }
 
 /// How long this client waits for the answers to requests.
@@ -85,6 +93,7 @@ impl ConnectOptions {
             name: stem.map_or_else(|| "client".into(), |s| s.to_string_lossy().into_owned()),
             timeouts: Timeouts::default(),
             capture_bytes_max: CAPTURE_BYTES_MAX,
+            reconnect: Some(Reconnect::default()),
         }
     }
 
@@ -106,6 +115,7 @@ impl fmt::Debug for ConnectOptions {
             .field("name", &self.name)
             .field("timeouts", &self.timeouts)
             .field("capture_bytes_max", &self.capture_bytes_max)
+            .field("reconnect", &self.reconnect)
             .finish()
     }
 }
@@ -115,12 +125,32 @@ pub(crate) async fn connect_tcp(
     mut options: ConnectOptions,
 ) -> Result<(Link, impl Future<Output = ()> + Send + 'static), ClientError> {
     options.address = with_port(&options.address);
-    let address = options.address.clone();
+    let (frames, welcome) = dial_and_introduce(&options).await?;
+    let dialled = options.clone();
+    // What was given is kept only where it is needed again.
+    options.token = None;
+    let redial = options.reconnect.map(|reconnect| {
+        let dial = move || {
+            let options = dialled.clone();
+            async move { dial_and_introduce(&options).await }
+        };
+        Redial { reconnect, dial }
+    });
+    let (link, messages) = Link::new(options, welcome);
+    let driver = drive(frames, link.shared.clone(), messages, redial);
+    Ok((link, driver))
+}
+
+/// One attempt to connect, with the token as its file has it now.
+async fn dial_and_introduce(
+    options: &ConnectOptions,
+) -> Result<Introduced<TcpStream>, ClientError> {
+    let address = &options.address;
     let connecting = async {
-        let stream = dial(&address).await?;
+        let stream = dial(address).await?;
         // Only now: where nobody listens, that is the better thing to say.
-        options.token = Some(options.read_token()?);
-        handshake(stream, options).await
+        let token = options.read_token()?;
+        handshake(stream, options, token).await
     };
     let after = HANDSHAKE_TIME_MAX;
     let timed_out = |_| ClientError::NoIntroduction { address: address.clone(), after };
@@ -136,10 +166,17 @@ where
     S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
 {
     let address = options.address.clone();
-    options.token = Some(options.read_token()?);
+    let token = options.read_token()?;
     let after = HANDSHAKE_TIME_MAX;
     let timed_out = |_| ClientError::NoIntroduction { address, after };
-    timeout(after, handshake(stream, options)).await.map_err(timed_out)?
+    let introduced = timeout(after, handshake(stream, &options, token)).await;
+    let (frames, welcome) = introduced.map_err(timed_out)??;
+    // Where the stream came from there may be no other.
+    (options.token, options.reconnect) = (None, None);
+    let (link, messages) = Link::new(options, welcome);
+    let no_redial: Option<Redial<fn() -> Ready<Result<Introduced<S>, ClientError>>>> = None;
+    let driver = drive(frames, link.shared.clone(), messages, no_redial);
+    Ok((link, driver))
 }
 
 async fn dial(address: &str) -> Result<TcpStream, ClientError> {
@@ -155,16 +192,15 @@ async fn dial(address: &str) -> Result<TcpStream, ClientError> {
 
 async fn handshake<S>(
     stream: S,
-    mut options: ConnectOptions,
-) -> Result<(Link, impl Future<Output = ()> + Send + 'static), ClientError>
+    options: &ConnectOptions,
+    token: String,
+) -> Result<Introduced<S>, ClientError>
 where
-    S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
+    S: AsyncRead + AsyncWrite + Unpin,
 {
-    let name_bytes = options.name.floor_char_boundary(NAME_BYTES_MAX);
-    options.name.truncate(name_bytes);
-    // The token is not kept longer than it is needed.
-    let token = options.token.take().unwrap_or_default();
-    let hello = Hello::Client(ClientHello { name: options.name.clone(), token: Secret(token) });
+    let mut name = options.name.clone();
+    name.truncate(name.floor_char_boundary(NAME_BYTES_MAX));
+    let hello = Hello::Client(ClientHello { name, token: Secret(token) });
     let address = options.address.clone();
     let introduced = introduce(stream, Role::Client, &hello).await;
     let (frames, welcome) = introduced.map_err(|error| match error {
@@ -172,9 +208,7 @@ where
         source => ClientError::Handshake { address, source },
     })?;
     tracing::debug!(address = options.address, wall = welcome.wall, "connected");
-    let (link, messages) = Link::new(options, welcome);
-    let driver = drive(frames, link.shared.clone(), messages);
-    Ok((link, driver))
+    Ok((frames, welcome))
 }
 
 /// The address with a port: a host alone means the manager's usual one.

@@ -1,5 +1,6 @@
-//! The one task that owns a connection: it writes what callers post, hands out what comes, and
-//! tells those whose time is over. The three never wait for each other.
+//! The one task that owns a client's connections, one after the other: it writes what callers
+//! post, hands out what comes, and tells those whose time is over. The three never wait for each
+//! other.
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -15,7 +16,9 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep_until, timeout};
 
-use crate::link::{End, Shared};
+use crate::error::ClientError;
+use crate::link::{End, Outgoing, Shared};
+use crate::reconnect::{Introduced, Redial};
 
 /// A manager that takes nothing for so long is gone, or as good as.
 const WRITE_TIME_MAX: Duration = Duration::from_secs(30);
@@ -24,40 +27,82 @@ const WRITE_TIME_MAX: Duration = Duration::from_secs(30);
 /// reset, and that its goodbye is heard.
 const CLOSE_TIME_MAX: Duration = Duration::from_secs(1);
 
-/// Runs a connection until it ends, then tells everyone who waits.
-pub(crate) fn drive<S>(
+/// Runs a connection until it ends, and further ones where it may be made again; then tells
+/// everyone who waits.
+pub(crate) fn drive<S, D, F>(
     frames: Frames<S>,
     shared: Arc<Shared>,
-    messages: mpsc::Receiver<Bytes>,
+    messages: mpsc::Receiver<Outgoing>,
+    redial: Option<Redial<D>>,
 ) -> impl Future<Output = ()>
 where
     S: AsyncRead + AsyncWrite + Unpin,
+    D: FnMut() -> F,
+    F: Future<Output = Result<Introduced<S>, ClientError>>,
 {
     // Made before the first poll: a runtime may be shut down before it comes to that.
     let guard = EndGuard(shared);
-    async move { run(frames, &guard.0, messages).await }
+    async move {
+        let shared = &*guard.0;
+        let end = tokio::select! {
+            end = run(frames, shared, messages, redial) => end,
+            end = expire(shared) => end,
+        };
+        shared.handle_end(&end);
+    }
 }
 
-async fn run<S>(frames: Frames<S>, shared: &Shared, messages: mpsc::Receiver<Bytes>)
+async fn run<S, D, F>(
+    mut frames: Frames<S>,
+    shared: &Shared,
+    mut messages: mpsc::Receiver<Outgoing>,
+    mut redial: Option<Redial<D>>,
+) -> End
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+    D: FnMut() -> F,
+    F: Future<Output = Result<Introduced<S>, ClientError>>,
+{
+    let mut greeting = None;
+    loop {
+        let (end, is_wanted) = serve(frames, shared, greeting, &mut messages).await;
+        tracing::debug!(address = shared.address, reason = end.reason, "the connection ended");
+        let is_wanted = is_wanted && shared.wants_connection();
+        let Some(redial) = redial.as_mut().filter(|_| is_wanted) else { return end };
+        shared.handle_loss(&end);
+        let welcome;
+        (frames, welcome) = match redial.connect(shared, &messages).await {
+            Ok(introduced) => introduced,
+            Err(end) => return end,
+        };
+        tracing::info!(address = shared.address, epoch = %welcome.epoch, "connected again");
+        greeting = shared.handle_connected(&welcome);
+    }
+}
+
+/// Runs one connection. Gives why it ended, and whether another one is wanted.
+async fn serve<S>(
+    frames: Frames<S>,
+    shared: &Shared,
+    greeting: Option<Bytes>,
+    messages: &mut mpsc::Receiver<Outgoing>,
+) -> (End, bool)
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
     let (sink, stream) = frames.split();
     let mut reading = pin!(read(stream, shared));
-    let end = tokio::select! {
-        end = &mut reading => end,
-        end = expire(shared) => end,
-        written = write(sink, messages) => {
+    tokio::select! {
+        end = &mut reading => (end, true),
+        written = write(sink, shared, greeting, messages) => {
             let heard = timeout(CLOSE_TIME_MAX, reading).await;
             match (written, heard) {
-                (Err(_), Ok(end)) => end,
-                (Err(reason), Err(_)) => End::lost(reason),
-                (Ok(()), _) => End::lost("this client closed it"),
+                (Err(_), Ok(end)) => (end, true),
+                (Err(reason), Err(_)) => (End::lost(reason), true),
+                (Ok(()), _) => (End::lost("this client closed it"), false),
             }
         }
-    };
-    tracing::debug!(address = shared.address, reason = end.reason, "the connection ended");
-    shared.handle_end(&end);
+    }
 }
 
 /// Ends the connection where its future is dropped with its runtime: nobody must wait for ever.
@@ -90,20 +135,33 @@ where
     }
 }
 
-/// Writes what callers post, until the last caller is gone.
+/// Writes the greeting and what callers post, until the last caller is gone.
 async fn write<S>(
     mut sink: SplitSink<Frames<S>, Bytes>,
-    mut messages: mpsc::Receiver<Bytes>,
+    shared: &Shared,
+    mut greeting: Option<Bytes>,
+    messages: &mut mpsc::Receiver<Outgoing>,
 ) -> Result<(), String>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    while let Some(message) = messages.recv().await {
+    loop {
+        let first = match greeting.take() {
+            Some(greeting) => Some(greeting),
+            None => match messages.recv().await {
+                Some(outgoing) => shared.take_to_send(outgoing),
+                None => break,
+            },
+        };
         let written = timeout(WRITE_TIME_MAX, async {
-            sink.feed(message).await?;
+            if let Some(first) = first {
+                sink.feed(first).await?;
+            }
             // What was posted together travels together.
-            while let Ok(message) = messages.try_recv() {
-                sink.feed(message).await?;
+            while let Ok(outgoing) = messages.try_recv() {
+                if let Some(message) = shared.take_to_send(outgoing) {
+                    sink.feed(message).await?;
+                }
             }
             sink.flush().await
         });

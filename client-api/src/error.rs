@@ -73,6 +73,21 @@ pub enum ClientError {
         /// Why the connection ended.
         reason: String,
     },
+    /// The request was not sent: the connection was lost, and did not come back in time.
+    #[error(
+        "cannot {request}: no connection to the manager at {address} within {after:?} ({reason}); \
+         nothing was sent, and the client goes on trying"
+    )]
+    NotConnected {
+        /// What was asked.
+        request: &'static str,
+        /// Host and port.
+        address: String,
+        /// How long it waited; [`crate::Reconnect::wait`] sets it.
+        after: Duration,
+        /// Why there is no connection.
+        reason: String,
+    },
     /// The connection ended while the request was open.
     #[error(
         "the connection to the manager at {address} was lost ({reason}); \
@@ -167,4 +182,15 @@ pub enum ClientError {
     /// The blocking client has no thread to work on.
     #[error("cannot start the client's thread: {0}")]
     Thread(io::Error),
+}
+
+impl ClientError {
+    /// Whether the request was sent and it is unknown whether it was done. A program that sets
+    /// cameras or draws frames goes on with the next; one that opens a scene looks at the status.
+    pub fn is_outcome_unknown(&self) -> bool {
+        matches!(
+            self,
+            Self::TimedOut { .. } | Self::ConnectionLost { .. } | Self::ManagerEnded { .. }
+        )
+    }
 }

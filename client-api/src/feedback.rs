@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use polyptych_protocol::feedback::Feedback;
+use polyptych_protocol::ids::Epoch;
 use tokio::sync::broadcast;
 use tokio::sync::broadcast::error::RecvError;
 
-use crate::link::Link;
+use crate::link::{Link, Shown};
 
 /// Most feedbacks that wait for a slow reader: four seconds at 60 frames per second. Beyond it the
 /// oldest are dropped and counted; the connection never waits.
@@ -17,28 +18,53 @@ pub const FEEDBACK_QUEUE_MAX: usize = 256;
 /// Dropping the last one of a connection ends the subscription.
 #[derive(Debug)]
 pub struct Feedbacks {
-    receiver: broadcast::Receiver<Arc<Feedback>>,
+    receiver: broadcast::Receiver<Shown>,
     dropped: u64,
+    connection: u64,
+    gaps: u64,
+    epoch: Epoch,
     link: Link,
 }
 
 impl Feedbacks {
-    pub(crate) fn new(receiver: broadcast::Receiver<Arc<Feedback>>, link: Link) -> Self {
-        Self { receiver, dropped: 0, link }
+    pub(crate) fn new(
+        receiver: broadcast::Receiver<Shown>,
+        connection: u64,
+        epoch: Epoch,
+        link: Link,
+    ) -> Self {
+        Self { receiver, dropped: 0, connection, gaps: 0, epoch, link }
     }
 
-    /// Waits for the next frame's feedback; `None` once the connection has ended. Why it ended is
-    /// the error of every later call, and [`crate::Client::end_reason`].
+    /// Waits for the next frame's feedback; `None` once the client has ended. Why it ended is the
+    /// error of every later call, and [`crate::Client::end_reason`]. Where the connection is made
+    /// again, the stream goes on after a gap; see [`Feedbacks::gaps`].
     ///
     /// Dropping the future loses nothing.
     pub async fn next(&mut self) -> Option<Feedback> {
         loop {
             match self.receiver.recv().await {
-                Ok(feedback) => return Some(Arc::unwrap_or_clone(feedback)),
+                Ok(Shown { feedback, epoch, connection }) => {
+                    self.gaps += connection.saturating_sub(self.connection);
+                    (self.connection, self.epoch) = (connection, epoch);
+                    return Some(Arc::unwrap_or_clone(feedback));
+                }
                 Err(RecvError::Lagged(missed)) => self.dropped += missed,
                 Err(RecvError::Closed) => return None,
             }
         }
+    }
+
+    /// How many times the connection was made again before the last feedback that was given out:
+    /// what the wall showed meanwhile is not in the stream.
+    pub fn gaps(&self) -> u64 {
+        self.gaps
+    }
+
+    /// The life of the manager that the last feedback comes from. Numbers of frames begin anew
+    /// with each life.
+    pub fn epoch(&self) -> Epoch {
+        self.epoch
     }
 
     /// How many feedbacks were dropped so far because they were not read in time.

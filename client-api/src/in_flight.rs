@@ -24,6 +24,8 @@ pub(crate) struct Open<W> {
     pub after: Duration,
     /// Who waits.
     pub waiter: W,
+    /// Whether the connection task has begun to write it.
+    pub is_sent: bool,
     deadline: Instant,
 }
 
@@ -56,8 +58,48 @@ impl<W> InFlight<W> {
         self.next += 1;
         let deadline = now.checked_add(after).unwrap_or(now + FOR_EVER);
         self.deadlines.insert((deadline, id));
-        self.open.insert(id, Open { request, after, waiter, deadline });
+        self.open.insert(id, Open { request, after, waiter, is_sent: false, deadline });
         Some(id)
+    }
+
+    /// A number for a request whose answer nobody waits for.
+    pub fn number(&mut self) -> RequestId {
+        self.next += 1;
+        RequestId(self.next - 1)
+    }
+
+    /// It is being sent, and has its time from now on. `false` where it has left, or its time is
+    /// over.
+    pub fn send(&mut self, now: Instant, id: RequestId, after: Duration) -> bool {
+        let Some(open) = self.open.get_mut(&id).filter(|open| open.deadline > now) else {
+            return false;
+        };
+        open.is_sent = true;
+        self.set_deadline(now, id, after);
+        true
+    }
+
+    /// Gives every request that was not sent this much time from now on.
+    pub fn postpone_unsent(&mut self, now: Instant, after: Duration) {
+        let unsent = self.open.iter().filter(|(_, open)| !open.is_sent);
+        let ids: Vec<RequestId> = unsent.map(|(id, _)| *id).collect();
+        for id in ids {
+            self.set_deadline(now, id, after);
+        }
+    }
+
+    fn set_deadline(&mut self, now: Instant, id: RequestId, after: Duration) {
+        let Some(open) = self.open.get_mut(&id) else { return };
+        self.deadlines.remove(&(open.deadline, id));
+        (open.after, open.deadline) = (after, now.checked_add(after).unwrap_or(now + FOR_EVER));
+        self.deadlines.insert((open.deadline, id));
+    }
+
+    /// Takes the requests out that were sent, the oldest first.
+    pub fn drain_sent(&mut self) -> Vec<Open<W>> {
+        let sent = self.open.iter().filter(|(_, open)| open.is_sent);
+        let ids: Vec<RequestId> = sent.map(|(id, _)| *id).collect();
+        ids.into_iter().filter_map(|id| self.remove(id)).collect()
     }
 
     /// Takes a request out.
@@ -87,6 +129,11 @@ impl<W> InFlight<W> {
     pub fn drain(&mut self) -> impl Iterator<Item = Open<W>> + use<W> {
         self.deadlines.clear();
         std::mem::take(&mut self.open).into_values()
+    }
+
+    /// Whether a request waits.
+    pub fn contains(&self, id: RequestId) -> bool {
+        self.open.contains_key(&id)
     }
 
     /// How many wait.

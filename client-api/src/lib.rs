@@ -27,8 +27,9 @@
 //! Feedbacks <------ bounded queue, oldest dropped ----+
 //! ```
 //!
-//! A request whose answer is not awaited any more frees its place. A connection that ends is not
-//! made again: every open request is told that its outcome is unknown, and nothing is repeated.
+//! A request whose answer is not awaited any more frees its place. A connection that ends is made
+//! again, so that a program outlives its manager: every request that was sent is told once that
+//! its outcome is unknown, and nothing is repeated; see [`ConnectOptions::reconnect`].
 
 pub mod blocking;
 mod camera;
@@ -41,6 +42,7 @@ mod in_flight;
 mod link;
 mod pending;
 mod picture;
+mod reconnect;
 
 pub use camera::overview;
 pub use client::Client;
@@ -50,6 +52,7 @@ pub use feedback::{FEEDBACK_QUEUE_MAX, Feedbacks};
 pub use in_flight::OPEN_REQUESTS_MAX;
 pub use pending::Pending;
 pub use picture::{CAPTURE_BYTES_MAX, Capture, Picture};
+pub use reconnect::Reconnect;
 
 pub use glam;
 pub use polyptych_protocol::camera::Camera;

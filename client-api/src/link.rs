@@ -2,13 +2,13 @@
 //! messages to send, the subscribers, and the reason of the end.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use polyptych_protocol::codec;
 use polyptych_protocol::feedback::Feedback;
 use polyptych_protocol::handshake::Welcome;
-use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::ids::{Epoch, RequestId};
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
 use polyptych_protocol::request::{Call, Failure, PicturePart, Reply, Request};
 use tokio::sync::{Notify, broadcast, mpsc, oneshot};
@@ -24,14 +24,17 @@ use crate::picture::PictureParts;
 #[derive(Clone, Debug)]
 pub(crate) struct Link {
     pub shared: Arc<Shared>,
-    outgoing: mpsc::Sender<Bytes>,
+    outgoing: mpsc::Sender<Outgoing>,
 }
 
 /// Known to the callers and to the connection task.
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub address: String,
-    pub welcome: Welcome,
+    /// The wall's name; a manager of another one is not the one that was meant.
+    pub wall: String,
+    /// Told when a connection is there, or will never be.
+    pub connection_changed: Notify,
     /// Told when a request may have made the next deadline an earlier one.
     pub deadline_moved: Notify,
     options: ConnectOptions,
@@ -42,9 +45,36 @@ pub(crate) struct Shared {
 struct State {
     open: InFlight<Waiter>,
     /// `None` once the connection has ended, so that the readers end too.
-    feedback: Option<broadcast::Sender<Arc<Feedback>>>,
+    feedback: Option<broadcast::Sender<Shown>>,
     subscribers: usize,
+    /// The life of the manager that this client talks to, or has talked to last.
+    epoch: Epoch,
+    /// Counts the connections.
+    connection: u64,
+    /// Whether this client has asked the manager to end: then no other one is wanted.
+    has_stopped: bool,
+    /// Why there is no connection now, while another one is tried.
+    lost: Option<End>,
+    /// Why there is none any more.
     end: Option<End>,
+}
+
+/// A frame's feedback and where it came from.
+#[derive(Clone, Debug)]
+pub(crate) struct Shown {
+    pub feedback: Arc<Feedback>,
+    pub epoch: Epoch,
+    pub connection: u64,
+}
+
+/// A request on its way to the connection task.
+#[derive(Debug)]
+pub(crate) struct Outgoing {
+    id: RequestId,
+    posted: Instant,
+    /// How long it may take, once it is sent.
+    after: Duration,
+    bytes: Bytes,
 }
 
 /// Why a connection ended.
@@ -79,7 +109,7 @@ pub(crate) struct Answered {
 
 impl Link {
     /// A new connection's, with the queue that the connection task empties.
-    pub fn new(options: ConnectOptions, welcome: Welcome) -> (Self, mpsc::Receiver<Bytes>) {
+    pub fn new(options: ConnectOptions, welcome: Welcome) -> (Self, mpsc::Receiver<Outgoing>) {
         // A message may wait after its request was given up, so this queue can be full before
         // the table is; both then say the same.
         let (outgoing, messages) = mpsc::channel(OPEN_REQUESTS_MAX);
@@ -87,11 +117,16 @@ impl Link {
             open: InFlight::new(),
             feedback: Some(broadcast::Sender::new(FEEDBACK_QUEUE_MAX)),
             subscribers: 0,
+            epoch: welcome.epoch,
+            connection: 0,
+            has_stopped: false,
+            lost: None,
             end: None,
         };
         let shared = Shared {
             address: options.address.clone(),
-            welcome,
+            wall: welcome.wall,
+            connection_changed: Notify::new(),
             deadline_moved: Notify::new(),
             options,
             state: Mutex::new(state),
@@ -124,26 +159,31 @@ impl Link {
         let now = tokio::time::Instant::now().into_std();
         let full = || ClientError::TooManyOpen { request: name, limit: OPEN_REQUESTS_MAX };
         let waiter = Waiter { answer, parts };
-        let id = state.open.insert(now, name, after, waiter).ok_or_else(full)?;
+        // Without a connection it waits for one first.
+        let first_after = if state.lost.is_some() { shared.wait() } else { after };
+        let id = state.open.insert(now, name, first_after, waiter).ok_or_else(full)?;
 
+        let is_stop = request == Request::Stop;
         let message = codec::encode(&Call { id, request });
         let (bytes, limit) = (message.len(), MESSAGE_BYTES_MAX);
         let sent = if bytes > limit {
             Err(ClientError::RequestTooLarge { request: name, bytes, limit })
         } else {
-            self.outgoing.try_send(message).map_err(|_| full())
+            let outgoing = Outgoing { id, posted: now, after, bytes: message };
+            self.outgoing.try_send(outgoing).map_err(|_| full())
         };
         if let Err(error) = sent {
             state.open.remove(id);
             return Err(error);
         }
+        state.has_stopped |= is_stop;
         shared.deadline_moved.notify_one();
         Ok(Pending::new(id, name, receiver, self.clone()))
     }
 
     /// Subscribes to the feedback of every frame.
     pub async fn subscribe(&self) -> Result<Feedbacks, ClientError> {
-        let (receiver, posted) = {
+        let (receiver, connection, epoch, posted) = {
             let state = &mut *self.shared.lock();
             // After the end, posting fails, and the receiver only has to exist.
             let receiver = match &state.feedback {
@@ -151,9 +191,11 @@ impl Link {
                 None => broadcast::Sender::new(1).subscribe(),
             };
             state.subscribers += 1;
-            (receiver, self.post_in(state, Request::Subscribe(true), false))
+            let (connection, epoch) = (state.connection, state.epoch);
+            let posted = self.post_in(state, Request::Subscribe(true), false);
+            (receiver, connection, epoch, posted)
         };
-        let feedbacks = Feedbacks::new(receiver, self.clone());
+        let feedbacks = Feedbacks::new(receiver, connection, epoch, self.clone());
         match posted?.await? {
             Reply::Done => Ok(feedbacks),
             other => Err(wrong_answer("subscribe to feedback", &other)),
@@ -192,9 +234,88 @@ impl Shared {
         self.lock().open.len()
     }
 
-    /// Why the connection ended; `None` while it holds.
+    /// Why there is no connection; `None` while there is one.
     pub fn end_reason(&self) -> Option<String> {
-        self.lock().end.as_ref().map(|end| end.reason.clone())
+        let state = self.lock();
+        state.end.as_ref().or(state.lost.as_ref()).map(|end| end.reason.clone())
+    }
+
+    /// The life of the manager.
+    pub fn epoch(&self) -> Epoch {
+        self.lock().epoch
+    }
+
+    /// The life of the manager where there is a connection, `None` where one is tried.
+    ///
+    /// # Errors
+    /// Why there will be none.
+    pub fn connection(&self) -> Result<Option<Epoch>, ClientError> {
+        let state = self.lock();
+        let closed = |end: &End| ClientError::Closed {
+            request: "wait for a connection",
+            address: self.address.clone(),
+            reason: end.reason.clone(),
+        };
+        state.end.as_ref().map_or(Ok(()), |end| Err(closed(end)))?;
+        Ok(state.lost.is_none().then_some(state.epoch))
+    }
+
+    /// Whether a connection that has ended is to be made again.
+    pub fn wants_connection(&self) -> bool {
+        !self.lock().has_stopped
+    }
+
+    /// How long a request waits for a connection.
+    fn wait(&self) -> Duration {
+        self.options.reconnect.map_or(Duration::ZERO, |reconnect| reconnect.wait)
+    }
+
+    /// The bytes of a request that is to be sent now; `None` where it waited too long.
+    pub fn take_to_send(&self, outgoing: Outgoing) -> Option<Bytes> {
+        let now = tokio::time::Instant::now().into_std();
+        let state = &mut *self.lock();
+        let is_open = state.open.contains(outgoing.id);
+        // A caller may have dropped the answer, and wants the request done all the same.
+        let is_fresh = || self.options.reconnect.is_none_or(|r| now < outgoing.posted + r.wait);
+        let is_due =
+            if is_open { state.open.send(now, outgoing.id, outgoing.after) } else { is_fresh() };
+        self.deadline_moved.notify_one();
+        is_due.then_some(outgoing.bytes)
+    }
+
+    /// The connection has ended, and another one is tried. What was sent is told so, once.
+    pub fn handle_loss(&self, end: &End) {
+        let now = tokio::time::Instant::now().into_std();
+        let sent = {
+            let state = &mut *self.lock();
+            state.lost = Some(end.clone());
+            state.open.postpone_unsent(now, self.wait());
+            state.open.drain_sent()
+        };
+        self.deadline_moved.notify_one();
+        self.tell_of_end(sent, end);
+    }
+
+    /// Why the last attempt to connect has failed.
+    pub fn note_reason(&self, reason: &str) {
+        self.lock().lost = Some(End::lost(reason));
+    }
+
+    /// There is a connection again. Gives what must be sent first.
+    pub fn handle_connected(&self, welcome: &Welcome) -> Option<Bytes> {
+        let greeting = {
+            let state = &mut *self.lock();
+            state.lost = None;
+            state.epoch = welcome.epoch;
+            state.connection += 1;
+            (state.subscribers > 0).then(|| {
+                // Should it fail, the stream is silent, as that of a wall that draws nothing.
+                let id = state.open.number();
+                codec::encode(&Call { id, request: Request::Subscribe(true) })
+            })
+        };
+        self.connection_changed.notify_waiters();
+        greeting
     }
 
     /// An answer came.
@@ -228,10 +349,13 @@ impl Shared {
 
     /// A frame's feedback came.
     pub fn handle_feedback(&self, feedback: Feedback) {
-        let sender = self.lock().feedback.clone();
+        let (sender, epoch, connection) = {
+            let state = self.lock();
+            (state.feedback.clone(), state.epoch, state.connection)
+        };
         if let Some(sender) = sender {
             // An error says that nobody subscribes any more, and the manager will know soon.
-            let _readers = sender.send(Arc::new(feedback));
+            let _readers = sender.send(Shown { feedback: Arc::new(feedback), epoch, connection });
         }
     }
 
@@ -243,10 +367,19 @@ impl Shared {
     /// Tells those whose time is over.
     pub fn handle_timeout(&self, now: Instant) {
         loop {
-            let Some(Open { request, after, waiter, .. }) = self.lock().open.expire(now) else {
-                return;
+            let (expired, lost) = {
+                let state = &mut *self.lock();
+                (state.open.expire(now), state.lost.clone())
             };
-            deliver(waiter.answer, Err(ClientError::TimedOut { request, after }));
+            let Some(Open { request, after, waiter, is_sent, .. }) = expired else { return };
+            let error = match lost.filter(|_| !is_sent) {
+                Some(End { reason, .. }) => {
+                    let address = self.address.clone();
+                    ClientError::NotConnected { request, address, after, reason }
+                }
+                None => ClientError::TimedOut { request, after },
+            };
+            deliver(waiter.answer, Err(error));
         }
     }
 
@@ -262,9 +395,16 @@ impl Shared {
         };
         // The streams of feedback end.
         drop(readers);
-        for Open { request, waiter, .. } in open {
+        self.connection_changed.notify_waiters();
+        self.tell_of_end(open, end);
+    }
+
+    fn tell_of_end(&self, open: Vec<Open<Waiter>>, end: &End) {
+        for Open { request, waiter, is_sent, .. } in open {
             let (address, reason) = (self.address.clone(), end.reason.clone());
-            let error = if end.is_goodbye {
+            let error = if !is_sent {
+                ClientError::Closed { request, address, reason }
+            } else if end.is_goodbye {
                 ClientError::ManagerEnded { request, address, reason }
             } else {
                 ClientError::ConnectionLost { request, address, reason }

@@ -7,3 +7,4 @@ mod connecting;
 mod endings;
 mod feedback;
 mod manager;
+mod reconnecting;

@@ -1,0 +1,88 @@
+//! What a client does when its connection ends: it connects again, with pauses that grow.
+
+use std::time::Duration;
+
+use polyptych_protocol::connection::Frames;
+use polyptych_protocol::handshake::Welcome;
+use tokio::sync::mpsc;
+use tokio::time::{Instant, sleep};
+
+use crate::error::ClientError;
+use crate::link::{End, Outgoing, Shared};
+
+/// Pause before the first attempt: a manager that is restarted finds its clients at once.
+const RETRY_FIRST: Duration = Duration::from_millis(50);
+
+/// Longest pause: what an application loses at most, once its manager is there again.
+const RETRY_LONGEST: Duration = Duration::from_secs(2);
+
+/// How a client goes on when its connection has ended; see [`crate::ConnectOptions::reconnect`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reconnect {
+    /// How long a request waits for a connection before it fails with
+    /// [`ClientError::NotConnected`]; ten seconds by default, in which a manager is started anew.
+    pub wait: Duration,
+    /// After how long without a connection the client ends; `None`, the default: never.
+    pub give_up_after: Option<Duration>,
+}
+
+impl Default for Reconnect {
+    fn default() -> Self {
+        Self { wait: Duration::from_secs(10), give_up_after: None }
+    }
+}
+
+/// How a new connection is made.
+pub(crate) struct Redial<D> {
+    pub reconnect: Reconnect,
+    pub dial: D,
+}
+
+/// A connection on which both sides have introduced themselves.
+pub(crate) type Introduced<S> = (Frames<S>, Welcome);
+
+impl<D> Redial<D> {
+    /// Connects again.
+    ///
+    /// # Errors
+    /// Why there will be no connection any more: nobody wants one, or it took too long.
+    pub async fn connect<S, F>(
+        &mut self,
+        shared: &Shared,
+        messages: &mpsc::Receiver<Outgoing>,
+    ) -> Result<Introduced<S>, End>
+    where
+        D: FnMut() -> F,
+        F: Future<Output = Result<Introduced<S>, ClientError>>,
+    {
+        let began = Instant::now();
+        let mut pause = RETRY_FIRST;
+        let mut last_reason = String::new();
+        loop {
+            // Many clients of one manager must not come back in the same moment.
+            sleep(pause.mul_f64(0.75 + 0.5 * fastrand::f64())).await;
+            pause = (pause * 2).min(RETRY_LONGEST);
+            // What was posted last may still be wanted though everyone is gone.
+            let is_wanted = !messages.is_empty() && began.elapsed() < self.reconnect.wait;
+            if messages.is_closed() && !is_wanted {
+                return Err(End::lost("this client closed it"));
+            }
+            let reason = match (self.dial)().await {
+                Ok((_, welcome)) if welcome.wall != shared.wall => {
+                    format!("it drives wall {} now, not {}", welcome.wall, shared.wall)
+                }
+                Ok(introduced) => return Ok(introduced),
+                Err(error) => error.to_string(),
+            };
+            // One line for each change; a manager that is away all night fills no disk.
+            if reason != last_reason {
+                tracing::warn!(address = shared.address, reason, "not connected; trying again");
+                shared.note_reason(&reason);
+                last_reason = reason;
+            }
+            if let Some(limit) = self.reconnect.give_up_after.filter(|l| began.elapsed() >= *l) {
+                return Err(End::lost(format!("no connection within {limit:?}: {last_reason}")));
+            }
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! Connections that come back: what was sent fails once, what was not waits, feedback goes on.
+
+use std::time::Duration;
+
+use polyptych_client::{
+    Client, ClientError, ConnectOptions, Epoch, Pace, Reconnect, Reply, Request,
+};
+use polyptych_protocol::connection::{receive_introduction, refuse, welcome};
+use polyptych_protocol::handshake::Welcome;
+use polyptych_protocol::request::Answer;
+use tokio::net::{TcpListener, TcpStream};
+
+use crate::calls::answer;
+use crate::manager::{Manager, feedback, options};
+
+async fn listen() -> (TcpListener, String) {
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let address = listener.local_addr().expect("an address").to_string();
+    (listener, address)
+}
+
+fn with(address: &str, reconnect: Reconnect) -> ConnectOptions {
+    ConnectOptions { reconnect: Some(reconnect), ..options(address) }
+}
+
+/// A manager in another life, or of another wall.
+async fn accept(listener: &TcpListener, epoch: u64, wall: &str) -> Manager<TcpStream> {
+    let (stream, _) = listener.accept().await.expect("a peer");
+    let (mut frames, _) = receive_introduction(stream).await.expect("introduced");
+    let wall = wall.to_owned();
+    let given = Welcome { epoch: Epoch(epoch), session: 1, wall, heartbeat_ms: 2000 };
+    welcome(&mut frames, given).await.expect("welcomed");
+    Manager { frames }
+}
+
+async fn connected(
+    listener: &TcpListener,
+    options: ConnectOptions,
+) -> (Client, Manager<TcpStream>) {
+    let (client, manager) = tokio::join!(Client::connect_with(options), accept(listener, 1, "lab"));
+    (client.expect("connected"), manager)
+}
+
+#[tokio::test]
+async fn what_was_sent_fails_once_and_is_not_repeated() {
+    let (listener, address) = listen().await;
+    let (client, mut manager) = connected(&listener, options(&address)).await;
+    assert_eq!((client.is_connected(), client.epoch()), (true, Epoch(1)));
+    let (scene, ()) = tokio::join!(client.open_scene("a.glb"), async {
+        manager.next().await.expect("it came");
+        drop(manager);
+    });
+    let error = scene.expect_err("lost");
+    assert!(matches!(error, ClientError::ConnectionLost { .. }), "{error}");
+    assert!(error.is_outcome_unknown());
+    // Whether it knows of the loss already or not: this waits for the next manager.
+    let (status, manager) = tokio::join!(client.status(), async {
+        let mut manager = accept(&listener, 2, "lab").await;
+        // The first that comes is this one: the scene is not opened behind anyone's back.
+        let id = manager.expect(Request::Status).await;
+        manager.reply(id, answer(&Request::Status)).await;
+        manager
+    });
+    status.expect("the new manager has answered");
+    assert_eq!((client.is_connected(), client.epoch()), (true, Epoch(2)));
+    assert_eq!((client.end_reason(), client.open_requests()), (None, 0));
+    drop(manager);
+}
+
+#[tokio::test]
+async fn requests_wait_in_order_and_dropped_ones_are_done_too() {
+    let (listener, address) = listen().await;
+    let (client, manager) = connected(&listener, options(&address)).await;
+    drop(manager);
+    // Once this has failed, the loss is known.
+    let _ = client.pause().await;
+    drop(client.post(Request::SetExposure(2.0)).expect("posted"));
+    let (run, ()) = tokio::join!(client.run(Pace::Free), async {
+        let mut manager = accept(&listener, 2, "lab").await;
+        let mut seen = Vec::new();
+        while seen.last() != Some(&Request::Run(Pace::Free)) {
+            let (id, request) = manager.next().await.expect("a request");
+            manager.reply(id, Reply::Done).await;
+            seen.push(request);
+        }
+        // The pause was sent to the first manager, or it waited too: never both.
+        let expected = [Request::SetExposure(2.0), Request::Run(Pace::Free)];
+        assert!(seen.ends_with(&expected), "{seen:?}");
+    });
+    run.expect("done");
+}
+
+#[tokio::test]
+async fn a_request_fails_by_name_after_its_wait_and_is_never_sent() {
+    let (listener, address) = listen().await;
+    let wait = Duration::from_millis(300);
+    let reconnect = Reconnect { wait, give_up_after: None };
+    let (client, manager) = connected(&listener, with(&address, reconnect)).await;
+    drop((manager, listener));
+    let lost = async {
+        while client.is_connected() {
+            tokio::task::yield_now().await
+        }
+    };
+    lost.await;
+    let error = client.close_scene().await.expect_err("nobody is there");
+    assert!(matches!(error, ClientError::NotConnected { .. }) && !error.is_outcome_unknown());
+    let text = error.to_string();
+    assert!(
+        text.starts_with(&format!(
+            "cannot close the scene: no connection to the manager at {address}"
+        )),
+        "{text}"
+    );
+    assert!(text.contains("within 300ms") && text.contains("nothing was sent"), "{text}");
+    assert!(client.end_reason().is_some_and(|reason| reason.contains("no manager at")));
+    let listener = TcpListener::bind(&address).await.expect("the port is free");
+    let (epoch, manager) = tokio::join!(client.connected(), accept(&listener, 5, "lab"));
+    assert_eq!(epoch.expect("connected"), Epoch(5));
+    let mut manager = manager;
+    let (status, ()) = tokio::join!(client.status(), async {
+        let id = manager.expect(Request::Status).await;
+        manager.reply(id, answer(&Request::Status)).await;
+    });
+    status.expect("status");
+}
+
+#[tokio::test]
+async fn feedback_goes_on_behind_a_gap() {
+    let (listener, address) = listen().await;
+    let (client, mut manager) = connected(&listener, options(&address)).await;
+    let (feedbacks, ()) = tokio::join!(client.feedback(), async {
+        let id = manager.expect(Request::Subscribe(true)).await;
+        manager.reply(id, Reply::Done).await;
+    });
+    let mut feedbacks = feedbacks.expect("subscribed");
+    manager.send(Answer::Feedback(feedback(70))).await;
+    assert_eq!(feedbacks.next().await, Some(feedback(70)));
+    assert_eq!((feedbacks.gaps(), feedbacks.epoch()), (0, Epoch(1)));
+    manager.send(Answer::Goodbye { reason: "an upgrade".into() }).await;
+    drop(manager);
+    let mut manager = accept(&listener, 2, "lab").await;
+    let id = manager.expect(Request::Subscribe(true)).await;
+    manager.reply(id, Reply::Done).await;
+    manager.send(Answer::Feedback(feedback(1))).await;
+    assert_eq!(feedbacks.next().await, Some(feedback(1)));
+    assert_eq!((feedbacks.gaps(), feedbacks.epoch(), feedbacks.dropped()), (1, Epoch(2), 0));
+    drop(feedbacks);
+    manager.expect(Request::Subscribe(false)).await;
+    drop(client);
+    assert!(manager.next().await.is_none(), "the client closed");
+}
+
+#[tokio::test]
+async fn a_refusal_and_another_wall_are_not_what_was_meant() {
+    let (listener, address) = listen().await;
+    let (client, manager) = connected(&listener, options(&address)).await;
+    drop(manager);
+    let (stream, _) = listener.accept().await.expect("it comes again");
+    let (mut frames, _) = receive_introduction(stream).await.expect("introduced");
+    refuse(&mut frames, "another token".into()).await.expect("told");
+    let mut other = accept(&listener, 2, "theatre").await;
+    assert!(other.next().await.is_none(), "it does not stay");
+    let (epoch, _manager) = tokio::join!(client.connected(), accept(&listener, 3, "lab"));
+    assert_eq!(epoch.expect("connected"), Epoch(3));
+    assert_eq!(client.wall_name(), "lab");
+}
+
+#[tokio::test]
+async fn a_client_gives_up_where_it_is_told_to() {
+    let (listener, address) = listen().await;
+    let give_up_after = Some(Duration::from_millis(200));
+    let reconnect = Reconnect { give_up_after, ..Reconnect::default() };
+    let (client, manager) = connected(&listener, with(&address, reconnect)).await;
+    drop((manager, listener));
+    let error = client.connected().await;
+    // It may not have noticed yet.
+    let error = match error {
+        Ok(_) => {
+            let _ = client.status().await;
+            client.connected().await.expect_err("it has ended")
+        }
+        Err(error) => error,
+    };
+    assert!(error.to_string().contains("no connection within 200ms: no manager at"), "{error}");
+    assert!(matches!(client.status().await, Err(ClientError::Closed { .. })));
+}
+
+#[tokio::test]
+async fn without_reconnection_the_client_ends_with_its_connection() {
+    let (listener, address) = listen().await;
+    let once = ConnectOptions { reconnect: None, ..options(&address) };
+    let (client, manager) = connected(&listener, once).await;
+    drop(manager);
+    let _ = client.status().await;
+    assert!(matches!(client.status().await, Err(ClientError::Closed { .. })));
+    assert!(matches!(client.connected().await, Err(ClientError::Closed { .. })));
+}
