@@ -9,6 +9,7 @@
 mod raw;
 mod stub;
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
@@ -16,6 +17,7 @@ use glam::{DVec3, UVec2};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions, Pace, Spread};
 use polyptych_manager::import::Baker;
+use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::wall::{Channel, DeadlineRule, Projection, Screen, Wall};
 use serde::Serialize;
@@ -63,8 +65,13 @@ pub(crate) struct Measured {
 ///
 /// # Errors
 /// A socket failed, or the stub servers did not come.
-pub(crate) fn measure(servers: u16, frames: u64) -> anyhow::Result<BarrierCost> {
-    let (joined, ours, sizes) = measure_ours(servers, frames)?;
+pub(crate) fn measure(
+    servers: u16,
+    frames: u64,
+    record: Option<&Path>,
+) -> anyhow::Result<BarrierCost> {
+    let recorder = record.map(Recorder::open).transpose()?;
+    let (joined, ours, sizes) = measure_ours(servers, frames, recorder)?;
     let raw = raw::measure(servers, frames, sizes)?;
     let ratio = |ours: f64, raw: f64| ours / raw.max(1.0);
     Ok(BarrierCost {
@@ -79,7 +86,11 @@ pub(crate) fn measure(servers: u16, frames: u64) -> anyhow::Result<BarrierCost> 
     })
 }
 
-fn measure_ours(servers: u16, frames: u64) -> anyhow::Result<(Duration, Measured, stub::Sizes)> {
+fn measure_ours(
+    servers: u16,
+    frames: u64,
+    recorder: Option<Recorder>,
+) -> anyhow::Result<(Duration, Measured, stub::Sizes)> {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").context("no port is free")?;
     let address = listener.local_addr()?.to_string();
     let stop = CancellationToken::new();
@@ -93,6 +104,7 @@ fn measure_ours(servers: u16, frames: u64) -> anyhow::Result<(Duration, Measured
             scene_roots: Vec::new(),
             baker: Baker { program: "true".into(), memory_mib: 1, store: std::env::temp_dir() },
             memory: None,
+            recorder,
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let shutdown = async move { end.cancelled().await };
@@ -102,6 +114,7 @@ fn measure_ours(servers: u16, frames: u64) -> anyhow::Result<(Duration, Measured
     let stubs = stub::start(&address, servers, TOKEN, &stop)?;
     let mut connect = ConnectOptions::new(address);
     connect.token = Some(TOKEN.into());
+    connect.reconnect = None;
     let client = Client::connect_with(connect)?;
     // Frames begin at once, so that channels become live as they come.
     client.run(Pace::Free)?;

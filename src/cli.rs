@@ -6,6 +6,7 @@ mod check;
 mod demo;
 mod drive;
 mod manager;
+mod replay;
 mod scene;
 mod server;
 mod simulate;
@@ -58,6 +59,8 @@ enum Command {
     Stop(drive::StopArguments),
     /// Say what a wall file describes, or what is wrong with it
     Check(check::Arguments),
+    /// Decide again what a recorded manager decided, and say what happened
+    Replay(replay::Arguments),
     /// Generate a scene
     #[command(subcommand)]
     Scene(scene::Scene),
@@ -88,6 +91,8 @@ impl ManagerAddress {
     fn connect(&self) -> anyhow::Result<Client> {
         let mut options = polyptych_client::ConnectOptions::new(self.manager.as_str());
         options.token_file.clone_from(&self.token_file);
+        // A command asks once: without a manager it says so at once.
+        options.reconnect = None;
         Ok(Client::connect_with(options)?)
     }
 }
@@ -104,6 +109,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => drive::stop(&arguments),
         Command::Check(arguments) => return check::run(&arguments),
+        Command::Replay(arguments) => return replay::run(&arguments),
         Command::Scene(scene) => scene::run(&scene),
         Command::Bake(arguments) => bake::run(&arguments),
         Command::Bench(bench) => bench::run(&bench),
@@ -117,6 +123,8 @@ pub(crate) fn start_log(cli: &Cli) {
         Command::Manager(_) | Command::Server(_) => "info",
         // What its own manager would warn of, the command says itself.
         Command::Simulate(_) | Command::Demo(_) => "warn,polyptych_manager=error",
+        // Its brain would warn of what happened long ago.
+        Command::Replay(_) => "warn,polyptych_manager=off",
         _ => "warn",
     };
     // The driver libraries log what is of interest to their own developers.

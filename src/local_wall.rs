@@ -12,6 +12,7 @@ use anyhow::{Context, bail};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions};
 use polyptych_manager::import::Baker;
+use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::token;
 use polyptych_protocol::wall::Wall;
@@ -36,6 +37,7 @@ pub(crate) struct LocalWallOptions {
     pub scene_roots: Vec<PathBuf>,
     pub baker: Baker,
     pub windows: bool,
+    pub recorder: Option<Recorder>,
 }
 
 /// Ctrl-C or SIGTERM came before the wall was there.
@@ -68,7 +70,7 @@ impl LocalWall {
     /// # Errors
     /// What did not start, and why; [`Interrupted`] where it was ended meanwhile.
     pub fn start(options: LocalWallOptions) -> anyhow::Result<Self> {
-        let LocalWallOptions { mut wall, scene_roots, baker, windows } = options;
+        let LocalWallOptions { mut wall, scene_roots, baker, windows, recorder } = options;
         let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
         let token_file = folder.path().join("token");
         let mut secret = [0; 16];
@@ -80,8 +82,9 @@ impl LocalWall {
         wall.stores.push(baker.store.join("blobs").display().to_string());
         let commands = server_commands(&wall, &address, &token_file, windows)?;
         let stop = CancellationToken::new();
-        let token_given = token.clone();
-        let options = ManagerOptions { wall, token: token_given, scene_roots, baker, memory: None };
+        let (token_given, memory) = (token.clone(), None);
+        let options =
+            ManagerOptions { wall, token: token_given, scene_roots, baker, memory, recorder };
         let manager = start_manager(listener, options, stop.clone())?;
         let supervisor = Supervisor::start(commands)?;
         let was_interrupted = Arc::new(AtomicBool::new(false));
@@ -89,6 +92,8 @@ impl LocalWall {
         let mut connect = ConnectOptions::new(address);
         connect.token = Some(token);
         connect.name = "simulate".into();
+        // Its manager is in this process, and does not come back.
+        connect.reconnect = None;
         connect.timeouts.open_scene = OPEN_TIME_MAX;
         let is_interrupted = Arc::clone(&was_interrupted);
         let started = Client::connect_with(connect).map_err(Into::into).and_then(|client| {

@@ -52,17 +52,32 @@ pub fn frames(bytes_max: usize) -> LengthDelimitedCodec {
 /// cannot fail; should it, an empty frame goes out, which every decoder refuses.
 pub fn encode<T: Serialize>(message: &T) -> Bytes {
     // Room for a frame command: growing byte by byte would cost more than encoding does.
-    let mut into = Growing(Vec::with_capacity(MESSAGE_BYTES_USUAL));
-    match bincode::serde::encode_into_writer(message, &mut into, bincode::config::standard()) {
-        Ok(()) => Bytes::from(into.0),
+    let mut bytes = Vec::with_capacity(MESSAGE_BYTES_USUAL);
+    let into = Growing(&mut bytes);
+    match bincode::serde::encode_into_writer(message, into, bincode::config::standard()) {
+        Ok(()) => Bytes::from(bytes),
         Err(_) => Bytes::new(),
     }
 }
 
-/// Where bincode writes to; its own writer for vectors begins without room.
-struct Growing(Vec<u8>);
+/// Puts a message with its length before it behind what `frames` holds, as [`framed`] would:
+/// for a file of many small ones, without memory of its own for each.
+pub fn append_framed<T: Serialize>(message: &T, frames: &mut Vec<u8>) {
+    let start = frames.len();
+    frames.extend_from_slice(&[0; 4]);
+    let config = bincode::config::standard();
+    if bincode::serde::encode_into_writer(message, Growing(frames), config).is_err() {
+        // As with `encode`: what cannot fail leaves an empty frame, should it.
+        frames.truncate(start + 4);
+    }
+    let length = u32::try_from(frames.len() - start - 4).unwrap_or(u32::MAX);
+    frames[start..start + 4].copy_from_slice(&length.to_le_bytes());
+}
 
-impl bincode::enc::write::Writer for Growing {
+/// Where bincode writes to; its own writer for vectors begins without room.
+struct Growing<'a>(&'a mut Vec<u8>);
+
+impl bincode::enc::write::Writer for Growing<'_> {
     fn write(&mut self, bytes: &[u8]) -> Result<(), bincode::error::EncodeError> {
         self.0.extend_from_slice(bytes);
         Ok(())

@@ -28,7 +28,7 @@ pub struct SceneRef {
 }
 
 /// The state that manager and servers hold alike: the fold of the log.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Replica {
     /// Operations applied so far.
     pub revision: Revision,

@@ -7,7 +7,9 @@
 mod aggregate;
 mod barrier;
 mod change;
+mod checkpoint;
 mod deadline;
+mod input;
 mod membership;
 mod memory;
 mod pace;
@@ -29,9 +31,12 @@ use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::request::{Answer, Failure, Pace, Reply, SceneSummary};
 use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
+use serde::{Deserialize, Serialize};
 
 use barrier::{Barrier, FrameOrder};
 use change::{Change, Changes};
+pub use checkpoint::{Checkpoint, CheckpointOf};
+pub use input::Input;
 pub use memory::Memory;
 use pace::Pacer;
 use registry::Registry;
@@ -41,7 +46,7 @@ use statistics::Gathered;
 pub type Micros = u64;
 
 /// One connection, of a server or a client. Numbers are not used twice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct SessionId(pub u64);
 
 /// Most requests of one client that wait for a frame: enough to keep a wall busy, too few to
@@ -97,7 +102,7 @@ pub enum Output {
 }
 
 /// A request and the client that waits for its answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct RequestOf {
     /// The client's connection.
     pub client: SessionId,
@@ -106,7 +111,7 @@ pub struct RequestOf {
 }
 
 /// A scene that was baked and can be shown.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ImportedScene {
     /// Its name and manifest.
     pub scene: polyptych_protocol::log::SceneRef,
@@ -114,14 +119,16 @@ pub struct ImportedScene {
     pub summary: SceneSummary,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct ClientState {
     name: String,
     is_subscribed: bool,
 }
 
 /// The brain of the wall.
-#[derive(Debug)]
+///
+/// All of it can be written down, see [`Checkpoint`].
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Cluster {
     epoch: Epoch,
     wall: Wall,
@@ -145,9 +152,13 @@ pub struct Cluster {
     exposure: f32,
     pacer: Pacer,
     deadline: deadline::Deadline,
+    /// Measurements decide nothing, and take more room than all else.
+    #[serde(skip)]
     gathered: Gathered,
     remembered: Option<Memory>,
     remembered_at: Micros,
+    /// Empty whenever the brain is written down.
+    #[serde(skip)]
     outputs: VecDeque<Output>,
 }
 

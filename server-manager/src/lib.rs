@@ -4,6 +4,7 @@
 //! [`bake`] turns foreign files into blobs; the manager runs it as a child process only.
 
 pub mod bake;
+mod brain;
 mod bulk;
 pub mod capture;
 mod client_session;
@@ -12,6 +13,8 @@ mod delivery;
 mod door;
 pub mod import;
 mod memory;
+pub mod record;
+pub mod replay;
 mod run;
 mod server_session;
 mod session;

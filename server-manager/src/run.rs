@@ -18,13 +18,15 @@ use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, mpsc};
 use tokio::time::Instant;
 
+use crate::brain::Brain;
 use crate::bulk::AllowedBlobs;
 use crate::capture::{Collection, PictureMemory};
-use crate::cluster::{Cluster, Micros, Output, RequestOf, SessionId};
+use crate::cluster::{Input, Micros, Output, RequestOf, SessionId};
 use crate::delivery;
 use crate::door;
 use crate::import::{self, Baker, Import};
 use crate::memory;
+use crate::record::{Fresh, Recorder};
 use crate::server_session::ServerLink;
 use crate::session::{DRAIN_TIME_MAX, EVENTS_MAX, Event, Link};
 
@@ -55,6 +57,8 @@ pub struct ManagerOptions {
     /// The file in which the open scene and the camera are remembered over a restart; `None` for
     /// a wall that begins afresh each time.
     pub memory: Option<PathBuf>,
+    /// Where all that the brain is told is recorded, if anywhere.
+    pub recorder: Option<Recorder>,
 }
 
 /// Why a manager could not run.
@@ -101,7 +105,7 @@ pub async fn run(
 /// The brain and what it holds on to.
 struct Hub {
     options: ManagerOptions,
-    cluster: Cluster,
+    cluster: Brain,
     events: mpsc::Sender<Event>,
     imported: (mpsc::Sender<Imported>, mpsc::Receiver<Imported>),
     allowed: AllowedBlobs,
@@ -121,10 +125,10 @@ struct Imported {
 }
 
 impl Hub {
-    fn new(options: ManagerOptions, epoch: Epoch, events: mpsc::Sender<Event>) -> Self {
+    fn new(mut options: ManagerOptions, epoch: Epoch, events: mpsc::Sender<Event>) -> Self {
         let allowed = AllowedBlobs::default();
         Self {
-            cluster: begin(&options, epoch, &allowed),
+            cluster: begin(&mut options, epoch, &allowed),
             options,
             events,
             imported: mpsc::channel(16),
@@ -177,7 +181,7 @@ impl Hub {
             }
             let now = self.now();
             if self.cluster.poll_timeout().is_some_and(|due| due <= now) {
-                self.cluster.handle_timeout(now);
+                self.tell(now, Input::Timeout);
             }
             self.finish_collections();
             self.carry_out();
@@ -220,7 +224,8 @@ impl Hub {
                 let session = self.new_session();
                 // The link must be there before the brain's first command.
                 self.servers.insert(session, link);
-                let joined = self.cluster.handle_server(now, session, hello, address);
+                let input = Input::of_server(session, hello, address);
+                let joined = self.cluster.handle(now, input);
                 if joined.is_err() {
                     self.servers.remove(&session);
                 }
@@ -228,7 +233,8 @@ impl Hub {
             }
             Event::ServerSays { from, status, bytes } => {
                 self.note_drawing(from, &status);
-                self.cluster.handle_status(now, from, status, bytes);
+                let wire_bytes = bytes as u32;
+                self.tell(now, Input::Status { from, status, wire_bytes });
             }
             Event::ClientJoins { name, link, verdict } => {
                 if self.clients.len() >= CLIENTS_MAX {
@@ -238,11 +244,11 @@ impl Hub {
                 }
                 let session = self.new_session();
                 self.clients.insert(session, link);
-                self.cluster.handle_client(session, name);
+                self.tell(now, Input::Client { session, name });
                 let _ = verdict.send(Ok(self.welcome(session)));
             }
             Event::ClientAsks { from, id, request } => {
-                self.cluster.handle_request(now, from, id, request);
+                self.tell(now, Input::Request { client: from, id, request });
             }
             Event::BulkJoins { session, is_known } => {
                 let _ = is_known.send(self.servers.contains_key(&session));
@@ -261,6 +267,12 @@ impl Hub {
             }
             Event::Gone { session, reason } => self.forget(session, &reason),
         }
+    }
+
+    /// Tells the brain what it cannot refuse.
+    fn tell(&mut self, now: Micros, input: Input) {
+        // Only servers are refused, where they join.
+        let _ = self.cluster.handle(now, input);
     }
 
     /// Captures hear which channels have drawn what, or could not.
@@ -289,7 +301,7 @@ impl Hub {
         if let Some(link) = self.servers.remove(&session) {
             link.close.cancel();
             let channels = self.cluster.channels_of(session);
-            self.cluster.handle_server_gone(now, session, reason);
+            self.tell(now, Input::ServerGone { session, reason: reason.to_owned() });
             for (_, collection) in &mut self.collections {
                 collection.give_up_on(&channels, reason);
             }
@@ -297,16 +309,17 @@ impl Hub {
         if let Some(link) = self.clients.remove(&session) {
             tracing::info!(session = session.0, reason, "a client's connection ends");
             link.close.cancel();
-            self.cluster.handle_client_gone(session);
+            self.tell(now, Input::ClientGone { session });
         }
     }
 
     fn handle_imported(&mut self, imported: Imported) {
+        let job = imported.job;
         let scene = imported.result.map(|import| {
             self.allowed.allow(&import.blobs);
             import.scene
         });
-        self.cluster.handle_import(self.now(), imported.job, scene);
+        self.tell(self.now(), Input::Import { job, imported: scene });
     }
 
     /// Does what the brain wants done.
@@ -431,10 +444,11 @@ impl Hub {
 
 /// The brain, going on where the last manager of this wall stopped, if there was one and its
 /// scene is still in the store.
-fn begin(options: &ManagerOptions, epoch: Epoch, allowed: &AllowedBlobs) -> Cluster {
+fn begin(options: &mut ManagerOptions, epoch: Epoch, allowed: &AllowedBlobs) -> Brain {
     let wall = options.wall.clone();
+    let recorder = options.recorder.take();
     let Some(mut memory) = options.memory.as_deref().and_then(memory::load) else {
-        return Cluster::new(wall, epoch);
+        return Brain::new(Fresh { wall, epoch, memory: None }, recorder);
     };
     if let Some(scene) = &memory.scene {
         let folder = BlobFolder::new(options.baker.store.join("blobs"));
@@ -449,5 +463,5 @@ fn begin(options: &ManagerOptions, epoch: Epoch, allowed: &AllowedBlobs) -> Clus
         }
     }
     tracing::info!(revision = %memory.revision, "going on where the last manager stopped");
-    Cluster::restored(wall, epoch, &memory)
+    Brain::new(Fresh { wall, epoch, memory: Some(memory) }, recorder)
 }

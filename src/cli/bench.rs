@@ -1,5 +1,7 @@
 //! `polyptych bench`: what parts of the system cost, beside a measuring stick in the same run.
 
+use std::path::PathBuf;
+
 use super::say;
 use crate::barrier::{BarrierCost, measure};
 
@@ -17,6 +19,9 @@ pub(super) struct BarrierArguments {
     /// Frames to measure
     #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u64).range(10..=60_000))]
     frames: u64,
+    /// Record what the manager is told meanwhile, to see what that costs
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
@@ -26,8 +31,8 @@ pub(super) fn run(bench: &Bench) -> anyhow::Result<()> {
     let Bench::Barrier(arguments) = bench;
     let numbers =
         if arguments.servers.is_empty() { vec![4, 16, 64] } else { arguments.servers.clone() };
-    let costs: anyhow::Result<Vec<BarrierCost>> =
-        numbers.into_iter().map(|servers| measure(servers, arguments.frames)).collect();
+    let measure = |servers| measure(servers, arguments.frames, arguments.record.as_deref());
+    let costs: anyhow::Result<Vec<BarrierCost>> = numbers.into_iter().map(measure).collect();
     let costs = costs?;
     if arguments.json {
         say(serde_json::to_string_pretty(&costs)?)?;

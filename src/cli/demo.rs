@@ -35,6 +35,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         rate: None,
         orbit: true,
         windows,
+        record: None,
         exposure: 1.0,
         out: arguments.out.clone(),
     };

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use polyptych_manager::import::Baker;
+use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::token;
 
@@ -36,6 +37,9 @@ pub(super) struct Arguments {
     /// Begin without a scene, whatever the last manager of this wall showed
     #[arg(long)]
     afresh: bool,
+    /// Record what the manager is told, to be replayed: a ring of 128 MiB at most
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Memory that one bake may use
     #[arg(long, value_name = "MIB", default_value_t = BAKE_MEMORY_MIB_DEFAULT)]
     bake_memory_mib: u64,
@@ -79,6 +83,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         scene_roots,
         baker: baker(store, arguments.bake_memory_mib)?,
         memory,
+        recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
     };
     let address = listener.local_addr()?;
     tracing::info!(%address, wall = options.wall.name, token = %token.display(), "manager listens");

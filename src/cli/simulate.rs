@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_client::{Bounds, Camera, overview};
+use polyptych_manager::record::Recorder;
 use polyptych_protocol::wall::Wall;
 
 use super::{cache_folder, counted, exposure, load_wall, manager, rate, say, seconds};
@@ -65,6 +66,9 @@ pub(super) struct Arguments {
     /// Multiply all light by this; scenes lit in real lux want about 0.0005
     #[arg(long, value_name = "FACTOR", value_parser = exposure, default_value = "1")]
     pub exposure: f32,
+    /// Record what the manager is told, to be replayed
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
     /// Where wall.png, channel-NAME.png and report.json go
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
@@ -95,6 +99,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         scene_roots: vec![root],
         baker,
         windows: arguments.windows,
+        recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
     };
     let spinner = step("starting the servers");
     let started = LocalWall::start(options);

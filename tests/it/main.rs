@@ -5,6 +5,8 @@
 //! - `wall_of_processes`: a wall is started, driven, hurt and ended, all by the command
 //! - `manager_kills`: what a manager has said to be done outlives it
 //! - `back_pressure`: peers that flood or don't read cost the others nothing
+//! - `replay`: what a manager was told is recorded, and decided again in the same way
+//! - `reconnecting`: a program goes on when its manager is killed and started again
 //! - `client_library`: the same program drives one channel and four
 //! - `seams`: a wall of tiles shows what one channel shows
 //! - `twins`: the same commands give the same bytes, whoever draws
@@ -18,7 +20,9 @@ mod client_library;
 mod harness;
 mod manager_kills;
 mod one_process;
+mod reconnecting;
 mod refusals;
+mod replay;
 mod report;
 mod seams;
 mod tidy;

@@ -27,8 +27,14 @@ fn start_manager(wall: Wall, place: &Place) -> (String, Arc<Notify>, JoinHandle<
         store: place.path("store"),
     };
     let roots = vec![scenes::town().parent().expect("a folder").to_owned()];
-    let options =
-        ManagerOptions { wall, token: TOKEN.into(), scene_roots: roots, baker, memory: None };
+    let options = ManagerOptions {
+        wall,
+        token: TOKEN.into(),
+        scene_roots: roots,
+        baker,
+        memory: None,
+        recorder: None,
+    };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);
     let manager = move || {

@@ -237,3 +237,13 @@ proptest! {
         decode_all(&bytes);
     }
 }
+
+#[test]
+fn a_frame_behind_others_is_the_frame_alone() {
+    let mut frames = vec![9];
+    for message in ["a", "", "longer"] {
+        let start = frames.len();
+        append_framed(&message, &mut frames);
+        assert_eq!(frames[start..], framed(&encode(&message))[..]);
+    }
+}

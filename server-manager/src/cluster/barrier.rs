@@ -8,6 +8,7 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{ChannelId, FrameId};
 use polyptych_protocol::request::Reply;
 use polyptych_protocol::status::Drawn;
+use serde::{Deserialize, Serialize};
 
 use super::{Cluster, Micros, Output, RequestOf, SessionId};
 
@@ -16,7 +17,7 @@ use super::{Cluster, Micros, Output, RequestOf, SessionId};
 const WARM_UP_FRAMES: u32 = 3;
 
 /// A client's wish for one frame.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct FrameOrder {
     pub job: RequestOf,
     pub camera: Option<Camera>,
@@ -25,7 +26,7 @@ pub(super) struct FrameOrder {
 }
 
 /// A frame on its way.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Barrier {
     pub frame: FrameId,
     pub time_s: f64,

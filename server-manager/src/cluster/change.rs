@@ -10,6 +10,7 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, Revision};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::request::{Failure, Reply, SceneSummary};
+use serde::{Deserialize, Serialize};
 
 use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId};
 
@@ -21,7 +22,7 @@ const PREPARE_TIME_MAX: Micros = 120_000_000;
 const CHANGES_MAX: usize = 64;
 
 /// A change that was asked for.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Change {
     pub operations: Vec<Operation>,
     pub job: RequestOf,
@@ -29,13 +30,13 @@ pub(super) struct Change {
 }
 
 /// The change on its way and those behind it.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Changes {
     current: Option<Underway>,
     queue: VecDeque<Change>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Underway {
     change: Change,
     replica: Replica,

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use polyptych_protocol::wall::DeadlineRule;
+use serde::{Deserialize, Serialize};
 
 use super::Micros;
 
@@ -10,7 +11,7 @@ use super::Micros;
 const FRAMES_REMEMBERED: usize = 64;
 
 /// The wall's adaptive deadline.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Deadline {
     rule: DeadlineRule,
     draws_us: VecDeque<u32>,

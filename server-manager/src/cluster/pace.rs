@@ -1,11 +1,12 @@
 //! When the next frame begins, where the wall draws by itself.
 
 use polyptych_protocol::request::Pace;
+use serde::{Deserialize, Serialize};
 
 use super::Micros;
 
 /// The wall's own pace.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Pacer {
     pace: Option<Pace>,
     next: Micros,

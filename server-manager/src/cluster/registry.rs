@@ -6,6 +6,7 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{ChannelId, FrameId, Revision};
 use polyptych_protocol::wall::Wall;
+use serde::{Deserialize, Serialize};
 
 use super::{Micros, SessionId};
 
@@ -16,7 +17,7 @@ const REJOIN_FRAMES_MIN: u32 = 8;
 const REJOIN_FRAMES_MAX: u32 = 512;
 
 /// A connected render server.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Server {
     pub name: String,
     pub address: String,
@@ -41,7 +42,7 @@ impl Server {
 }
 
 /// A channel of the wall and what is known of it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Channel {
     pub name: String,
     pub state: ChannelState,
@@ -58,7 +59,7 @@ pub(super) struct Channel {
 }
 
 /// All servers and channels.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Registry {
     servers: BTreeMap<SessionId, Server>,
     channels: Vec<Channel>,

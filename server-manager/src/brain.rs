@@ -1,0 +1,62 @@
+//! The brain as the manager holds it: told through one function only, so that all it is told can
+//! be recorded.
+
+use std::collections::VecDeque;
+use std::ops::Deref;
+
+use crate::cluster::{Cluster, Input, Micros, Output};
+use crate::record::decision::Decision;
+use crate::record::{Fresh, Recorder};
+
+/// A [`Cluster`] that can be asked anything, and told things by [`Brain::handle`] only.
+#[derive(Debug)]
+pub(crate) struct Brain {
+    cluster: Cluster,
+    outputs: VecDeque<Output>,
+    recorder: Option<Recorder>,
+}
+
+impl Deref for Brain {
+    type Target = Cluster;
+
+    fn deref(&self) -> &Cluster {
+        &self.cluster
+    }
+}
+
+impl Brain {
+    /// A new brain, recorded where there is a recorder.
+    pub fn new(fresh: Fresh, mut recorder: Option<Recorder>) -> Self {
+        let cluster = fresh.to_cluster();
+        if let Some(recorder) = &mut recorder {
+            recorder.begin(fresh);
+        }
+        Self { cluster, outputs: VecDeque::new(), recorder }
+    }
+
+    /// Tells the brain something.
+    ///
+    /// # Errors
+    /// Why a server may not have its channels.
+    pub fn handle(&mut self, now: Micros, input: Input) -> Result<(), String> {
+        let Some(recorder) = &mut self.recorder else {
+            let done = self.cluster.handle(now, input);
+            self.outputs.extend(std::iter::from_fn(|| self.cluster.poll_output()));
+            return done;
+        };
+        recorder.input(&self.cluster, now, &input);
+        let done = self.cluster.handle(now, input);
+        let before = self.outputs.len();
+        self.outputs.extend(std::iter::from_fn(|| self.cluster.poll_output()));
+        let refusal = done.as_ref().err().map(String::as_str);
+        if let Some(decision) = Decision::of(self.outputs.range(before..), refusal) {
+            recorder.decided(decision);
+        }
+        done
+    }
+
+    /// What is to be done next.
+    pub fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+}

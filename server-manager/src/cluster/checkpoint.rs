@@ -1,0 +1,62 @@
+//! The brain written down between two inputs, so that a recording can begin in the middle.
+
+use polyptych_protocol::wall::Wall;
+use serde::{Deserialize, Serialize, Serializer};
+
+use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::ids::FrameId;
+
+use super::{Cluster, Gathered};
+
+/// A brain that was written down. It decides as the one that it was taken from; only what that one
+/// had measured is gone.
+#[derive(Debug, Deserialize)]
+pub struct Checkpoint(Box<Cluster>);
+
+/// The same, of a brain that goes on.
+#[derive(Debug)]
+pub struct CheckpointOf<'a>(&'a Cluster);
+
+impl Serialize for CheckpointOf<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_newtype_struct("Checkpoint", self.0)
+    }
+}
+
+impl Serialize for Checkpoint {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        CheckpointOf(&self.0).serialize(serializer)
+    }
+}
+
+impl Checkpoint {
+    /// The brain.
+    pub fn into_cluster(self) -> Cluster {
+        let mut cluster = *self.0;
+        cluster.gathered = Gathered::new(cluster.wall.channels.len());
+        cluster
+    }
+}
+
+impl Cluster {
+    /// This brain, to be written down. All outputs were taken before.
+    pub fn checkpoint(&self) -> CheckpointOf<'_> {
+        CheckpointOf(self)
+    }
+
+    /// The wall that it drives.
+    pub fn wall(&self) -> &Wall {
+        &self.wall
+    }
+
+    /// The last frame that was begun.
+    pub fn frame_begun(&self) -> FrameId {
+        self.frame
+    }
+
+    /// Name, state, the state's reason and missed deadlines of every channel, in the wall's order.
+    pub fn channel_states(&self) -> impl Iterator<Item = (&str, ChannelState, Option<&str>, u64)> {
+        let channels = self.registry.channels();
+        channels.map(|(_, c)| (c.name.as_str(), c.state, c.reason.as_deref(), c.late))
+    }
+}

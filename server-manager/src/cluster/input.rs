@@ -1,0 +1,107 @@
+//! What the brain is told: every `handle_*` call as a value that can be kept and told again.
+
+use polyptych_protocol::handshake::{Secret, ServerHello};
+use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::request::Request;
+use polyptych_protocol::status::Status;
+use serde::{Deserialize, Serialize};
+
+use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId};
+
+/// One call of a `handle_*` function of [`Cluster`], without its `now`.
+///
+/// It has no secrets: [`Input::of_server`] takes the token out of the hello.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Input {
+    /// [`Cluster::handle_timeout`].
+    Timeout,
+    /// [`Cluster::handle_server`].
+    Server {
+        /// Its control connection.
+        session: SessionId,
+        /// Its introduction.
+        hello: ServerHello,
+        /// Where it connects from.
+        address: String,
+    },
+    /// [`Cluster::handle_status`].
+    Status {
+        /// The server's connection.
+        from: SessionId,
+        /// What it reports.
+        status: Status,
+        /// The size of the message.
+        wire_bytes: u32,
+    },
+    /// [`Cluster::handle_server_gone`].
+    ServerGone {
+        /// Its connection.
+        session: SessionId,
+        /// Why it ended.
+        reason: String,
+    },
+    /// [`Cluster::handle_client`].
+    Client {
+        /// Its connection.
+        session: SessionId,
+        /// What it calls itself.
+        name: String,
+    },
+    /// [`Cluster::handle_client_gone`].
+    ClientGone {
+        /// Its connection.
+        session: SessionId,
+    },
+    /// [`Cluster::handle_request`].
+    Request {
+        /// The client's connection.
+        client: SessionId,
+        /// The client's number.
+        id: RequestId,
+        /// What it asks.
+        request: Request,
+    },
+    /// [`Cluster::handle_import`].
+    Import {
+        /// Who asked.
+        job: RequestOf,
+        /// What came of the bake.
+        imported: Result<ImportedScene, String>,
+    },
+}
+
+impl Input {
+    /// A server's claim. Its token was checked at the door, and goes no further.
+    pub fn of_server(session: SessionId, hello: ServerHello, address: String) -> Self {
+        let hello = ServerHello { token: Secret(String::new()), ..hello };
+        Self::Server { session, hello, address }
+    }
+}
+
+impl Cluster {
+    /// Tells the brain something; the `handle_*` function that the input names does the rest.
+    ///
+    /// # Errors
+    /// Those of [`Cluster::handle_server`]: why a server may not have its channels.
+    pub fn handle(&mut self, now: Micros, input: Input) -> Result<(), String> {
+        match input {
+            Input::Timeout => self.handle_timeout(now),
+            Input::Server { session, hello, address } => {
+                return self.handle_server(now, session, hello, address);
+            }
+            Input::Status { from, status, wire_bytes } => {
+                self.handle_status(now, from, status, wire_bytes as usize);
+            }
+            Input::ServerGone { session, reason } => {
+                self.handle_server_gone(now, session, &reason);
+            }
+            Input::Client { session, name } => self.handle_client(session, name),
+            Input::ClientGone { session } => self.handle_client_gone(session),
+            Input::Request { client, id, request } => {
+                self.handle_request(now, client, id, request);
+            }
+            Input::Import { job, imported } => self.handle_import(now, job, imported),
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,195 @@
+//! Records what the brain is told, so that an incident can be replayed.
+//!
+//! ```text
+//! brain thread: Record -> piece in memory (a lock, a copy)
+//! recorder thread, ten times a second: pieces -> the ring's file
+//! ```
+//!
+//! An input is noted before the brain hears it: what made a manager fall is there to be read. The
+//! file is a ring of segments, each of which begins with all that the brain knew, so that the
+//! last minutes can be replayed however long the manager ran; and one file holds the lives of
+//! several managers, since an incident often ends one.
+
+mod buffer;
+pub mod decision;
+pub mod ring;
+#[cfg(test)]
+mod tests;
+
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use polyptych_protocol::codec;
+use polyptych_protocol::ids::Epoch;
+use polyptych_protocol::wall::Wall;
+use serde::{Deserialize, Serialize};
+
+use crate::cluster::{Checkpoint, CheckpointOf, Cluster, Input, Memory, Micros};
+use buffer::Buffer;
+use decision::Decision;
+use ring::{Ring, RingError};
+
+/// Longest that an input waits in memory: what a killed manager loses of its recording.
+const FLUSH_PERIOD: Duration = Duration::from_millis(100);
+
+/// One thing that a recording says.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum Record<C = Checkpoint, I = Input> {
+    /// A segment begins.
+    Begin(Segment<C>),
+    /// The brain is told something.
+    Input {
+        /// The time that it is told.
+        now: Micros,
+        /// What.
+        input: I,
+    },
+    /// What it decided on the last input; where this is missing, nothing.
+    Decided(Decision),
+    /// The manager ended in order.
+    End,
+}
+
+/// The head of a segment.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Segment<C = Checkpoint> {
+    /// The program's version.
+    pub program: String,
+    /// The life of the manager.
+    pub epoch: Epoch,
+    /// Whether every input since the segment before is in that one.
+    pub is_contiguous: bool,
+    /// Where the brain stood.
+    pub beginning: Beginning<C>,
+}
+
+/// Where a brain stood before the first input.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum Beginning<C = Checkpoint> {
+    /// It was new.
+    Fresh(Box<Fresh>),
+    /// It had been told something before.
+    Checkpoint(C),
+}
+
+/// What a brain is made of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fresh {
+    /// The wall.
+    pub wall: Wall,
+    /// The life of the manager.
+    pub epoch: Epoch,
+    /// What the life before had remembered.
+    pub memory: Option<Memory>,
+}
+
+impl Fresh {
+    /// The brain.
+    pub fn to_cluster(&self) -> Cluster {
+        match &self.memory {
+            Some(memory) => Cluster::restored(self.wall.clone(), self.epoch, memory),
+            None => Cluster::new(self.wall.clone(), self.epoch),
+        }
+    }
+}
+
+impl Beginning {
+    /// The brain.
+    pub fn into_cluster(self) -> Cluster {
+        match self {
+            Self::Fresh(fresh) => fresh.to_cluster(),
+            Self::Checkpoint(checkpoint) => checkpoint.into_cluster(),
+        }
+    }
+}
+
+type RecordOf<'a> = Record<CheckpointOf<'a>, &'a Input>;
+
+/// Writes a recording. Dropping it writes what is left.
+#[derive(Debug)]
+pub struct Recorder {
+    buffer: Arc<Buffer>,
+    thread: Option<JoinHandle<()>>,
+    epoch: Option<Epoch>,
+}
+
+impl Recorder {
+    /// Goes on in this file, which is made where it is not there.
+    ///
+    /// # Errors
+    /// [`RingError`]: it holds something else, or another manager records there.
+    pub fn open(path: &Path) -> Result<Self, RingError> {
+        Self::write_to(Ring::open(path)?, path)
+    }
+
+    fn write_to(ring: Ring, path: &Path) -> Result<Self, RingError> {
+        let buffer = Arc::new(Buffer::new(ring.next_segment(), ring.segment_bytes()));
+        let (shared, name) = (Arc::clone(&buffer), path.display().to_string());
+        let work = move || write_all(ring, &shared, &name);
+        let thread = std::thread::Builder::new().name("recorder".into()).spawn(work);
+        let failed = |source| RingError::Io { path: path.to_owned(), source };
+        Ok(Self { buffer, thread: Some(thread.map_err(failed)?), epoch: None })
+    }
+
+    /// A life of the manager begins.
+    pub(crate) fn begin(&mut self, fresh: Fresh) {
+        self.epoch = Some(fresh.epoch);
+        let beginning: Beginning<CheckpointOf<'_>> = Beginning::Fresh(Box::new(fresh));
+        self.segment(false, beginning);
+    }
+
+    /// The brain is about to be told something.
+    pub(crate) fn input(&mut self, cluster: &Cluster, now: Micros, input: &Input) {
+        if let Some(is_contiguous) = self.buffer.wants_segment() {
+            self.segment(is_contiguous, Beginning::Checkpoint(cluster.checkpoint()));
+        }
+        self.note(&Record::Input { now, input });
+    }
+
+    /// What came of the last input.
+    pub(crate) fn decided(&mut self, decision: Decision) {
+        self.note(&Record::Decided(decision));
+    }
+
+    fn segment(&mut self, is_contiguous: bool, beginning: Beginning<CheckpointOf<'_>>) {
+        let Some(epoch) = self.epoch else { return };
+        self.buffer.begin_segment();
+        let program = env!("CARGO_PKG_VERSION").to_owned();
+        self.note(&Record::Begin(Segment { program, epoch, is_contiguous, beginning }));
+    }
+
+    fn note(&self, record: &RecordOf<'_>) {
+        self.buffer.append(|bytes| codec::append_framed(record, bytes));
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        // A recording without an end says that the manager did not end in order.
+        if !std::thread::panicking() {
+            self.note(&Record::End);
+        }
+        self.buffer.close();
+        if let Some(thread) = self.thread.take() {
+            // It has logged what went wrong.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Empties the buffer into the file until the recorder is dropped or the disk fails.
+fn write_all(mut ring: Ring, buffer: &Buffer, path: &str) {
+    while let Some(pieces) = buffer.take(FLUSH_PERIOD) {
+        let written: io::Result<()> =
+            pieces.iter().try_for_each(|piece| ring.write(piece.segment, &piece.body));
+        if let Err(error) = written {
+            // The wall goes on: it was never there for its recording.
+            tracing::error!(path, %error, "the recording breaks off here");
+            buffer.give_up();
+            return;
+        }
+    }
+}

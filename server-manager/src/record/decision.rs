@@ -1,0 +1,103 @@
+//! What the brain decided on one input, as short as it can be compared.
+
+use polyptych_protocol::codec;
+use polyptych_protocol::feedback::Feedback;
+use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::request::{Answer, Reply};
+use serde::{Deserialize, Serialize};
+
+use crate::cluster::Output;
+
+/// Outputs of one input that are listed; more are only in the digest.
+const KINDS_MAX: usize = 32;
+
+/// What came of one input.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Decision {
+    /// A letter for each output, for a person who looks for a difference.
+    pub kinds: String,
+    /// Of all outputs, in order.
+    pub digest: u64,
+}
+
+impl Decision {
+    /// What these outputs come to, and a refusal, where a server was refused; `None` for nothing.
+    ///
+    /// Measurements are left out: what was measured before a checkpoint is not in it.
+    pub fn of<'a>(
+        outputs: impl Iterator<Item = &'a Output>,
+        refusal: Option<&str>,
+    ) -> Option<Self> {
+        let (mut kinds, mut bytes) = (String::new(), Vec::new());
+        for output in outputs {
+            let (kind, part) = describe(output);
+            if kinds.len() < KINDS_MAX {
+                kinds.push(kind);
+            }
+            bytes.push(kind as u8);
+            bytes.extend_from_slice(&part);
+        }
+        if let Some(refusal) = refusal {
+            kinds.push('x');
+            bytes.extend_from_slice(refusal.as_bytes());
+        }
+        if kinds.is_empty() {
+            return None;
+        }
+        let BlobHash(hash) = BlobHash::of(&bytes);
+        let digest = hash.iter().take(8).fold(0, |sum, &byte| (sum << 8) | u64::from(byte));
+        Some(Self { kinds, digest })
+    }
+
+    /// What its letters stand for.
+    pub fn words(&self) -> String {
+        let word = |kind| match kind {
+            'c' => "a command",
+            'a' => "an answer",
+            'f' => "feedback",
+            'i' => "an import",
+            'p' => "a capture",
+            'l' => "a server let go",
+            'r' => "something to remember",
+            's' => "the end",
+            'x' => "a refusal",
+            _ => "something unknown",
+        };
+        self.kinds.chars().map(word).collect::<Vec<_>>().join(", ")
+    }
+}
+
+fn describe(output: &Output) -> (char, Vec<u8>) {
+    match output {
+        Output::Command { to, bytes } => ('c', [&codec::encode(to)[..], &bytes[..]].concat()),
+        Output::Answer { to, answer: Answer::Feedback(feedback) } => {
+            ('f', codec::encode(&(to, frame(feedback))).to_vec())
+        }
+        Output::Answer { to, answer: Answer::Reply { id, reply } } => {
+            let head = codec::encode(&(to, id));
+            let reply = match reply {
+                Ok(Reply::Frame(feedback)) => codec::encode(&frame(feedback)),
+                Ok(Reply::Status(status)) => {
+                    codec::encode(&(status.revision, status.digest, status.frame))
+                }
+                Ok(Reply::Statistics(_)) => codec::encode(&"statistics"),
+                other => codec::encode(other),
+            };
+            ('a', [&head[..], &reply[..]].concat())
+        }
+        Output::Answer { to, answer } => ('a', codec::encode(&(to, answer)).to_vec()),
+        Output::Import { job, path } => ('i', codec::encode(&(job, path)).to_vec()),
+        Output::Collect { job, frame, channels, missing } => {
+            ('p', codec::encode(&(job, frame, channels, missing)).to_vec())
+        }
+        Output::Close { session, reason } => ('l', codec::encode(&(session, reason)).to_vec()),
+        Output::Remember(memory) => ('r', codec::encode(memory).to_vec()),
+        Output::Stop => ('s', Vec::new()),
+    }
+}
+
+/// What the brain decided about a frame.
+fn frame(feedback: &Feedback) -> impl Serialize {
+    let states: Vec<_> = feedback.channels.iter().map(|c| (c.state, c.draw_us)).collect();
+    (feedback.frame, feedback.revision, feedback.frame_us, states)
+}

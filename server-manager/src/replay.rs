@@ -1,0 +1,248 @@
+//! Replays a recording: tells a brain the same, and compares what it decides.
+
+pub mod incident;
+pub mod invariants;
+mod timeline;
+
+use polyptych_protocol::codec;
+use serde::Serialize;
+
+use crate::cluster::{Cluster, Input, Micros, Output};
+use crate::record::decision::Decision;
+use crate::record::ring::{RingError, RingReader};
+use crate::record::{Beginning, Record, Segment};
+use invariants::Invariants;
+use timeline::Timeline;
+pub use timeline::{Event, Summary};
+
+/// What came of a replay.
+#[derive(Debug, Default, Serialize)]
+pub struct Replayed {
+    /// Each stretch of inputs without a gap, in order: the life of a manager, or a part of one.
+    pub parts: Vec<Part>,
+    /// Inputs that were told again.
+    pub inputs: u64,
+    /// Inputs on which something was decided, and compared.
+    pub decisions: u64,
+    /// How many of them were decided in another way.
+    pub differences: u64,
+    /// The first of those.
+    pub first_difference: Option<Difference>,
+    /// The first invariant that was broken, then as now.
+    pub violation: Option<String>,
+}
+
+/// A stretch of inputs without a gap.
+#[derive(Debug, Serialize)]
+pub struct Part {
+    /// The version of the program that recorded it.
+    pub program: String,
+    /// The life of the manager, as in status and logs.
+    pub epoch: String,
+    /// Whether it begins with the manager; otherwise with a checkpoint of it.
+    pub is_from_start: bool,
+    /// Whether the manager ended in order; otherwise the recording breaks off.
+    pub has_end: bool,
+    /// What happened.
+    #[serde(flatten)]
+    pub summary: Summary,
+}
+
+/// An input on which this program decides in another way than the one that recorded it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// In which part, from 1.
+    pub part: usize,
+    /// Manager time in seconds.
+    pub at_s: f64,
+    /// Which input of the part, from 1.
+    pub number: u64,
+    /// What the brain was told.
+    pub input: String,
+    /// What was decided then.
+    pub recorded: String,
+    /// What is decided now.
+    pub replayed: String,
+}
+
+/// A brain on its way through a part.
+struct Player {
+    cluster: Cluster,
+    timeline: Timeline,
+    invariants: Invariants,
+    part: Part,
+    inputs: u64,
+    last: Option<Told>,
+}
+
+/// What the last input came to, until the recording has said what it should.
+struct Told {
+    now: Micros,
+    input: Input,
+    decision: Option<Decision>,
+    is_compared: bool,
+}
+
+/// Replays all that a recording holds.
+///
+/// # Errors
+/// [`RingError`] where it can't be read, or was made by a program that this one does not know.
+pub fn replay(reader: &RingReader) -> Result<Replayed, RingError> {
+    let mut all = Replay::default();
+    for &number in reader.segments() {
+        for record in reader.read(number)? {
+            all.read(record);
+        }
+    }
+    all.end_part();
+    Ok(all.replayed)
+}
+
+#[derive(Default)]
+struct Replay {
+    replayed: Replayed,
+    player: Option<Player>,
+}
+
+impl Replay {
+    fn read(&mut self, record: Record) {
+        match record {
+            Record::Begin(segment) => self.begin(segment),
+            Record::Input { now, input } => {
+                self.settle(false);
+                if let Some(player) = &mut self.player {
+                    self.replayed.inputs += 1;
+                    let violation = player.tell(now, input);
+                    self.replayed.violation = self.replayed.violation.take().or(violation);
+                }
+            }
+            Record::Decided(recorded) => self.compare(&recorded),
+            Record::End => {
+                self.settle(false);
+                if let Some(player) = &mut self.player {
+                    player.part.has_end = true;
+                }
+                self.end_part();
+            }
+        }
+    }
+
+    fn begin(&mut self, segment: Segment) {
+        let Segment { program, epoch, is_contiguous, beginning } = segment;
+        let is_from_start = matches!(beginning, Beginning::Fresh(_));
+        let goes_on =
+            is_contiguous && self.player.as_ref().is_some_and(|p| p.cluster.epoch() == epoch);
+        if goes_on {
+            self.settle(false);
+        } else {
+            self.end_part();
+        }
+        let cluster = beginning.into_cluster();
+        let Some(player) = &mut self.player else {
+            let number = self.replayed.parts.len() + 1;
+            let epoch = epoch.to_string();
+            let summary = Summary::default();
+            let part = Part { program, epoch, is_from_start, has_end: false, summary };
+            self.player = Some(Player::new(cluster, part, number));
+            return;
+        };
+        // The same inputs have led to the same state, or something else than inputs did.
+        let [ours, theirs] = [&player.cluster, &cluster].map(|c| codec::encode(&c.checkpoint()));
+        if ours != theirs {
+            let difference = Difference {
+                part: self.replayed.parts.len() + 1,
+                at_s: player.timeline.now_s(),
+                number: player.inputs,
+                input: "all inputs so far".into(),
+                recorded: "a state, in the segment's checkpoint".into(),
+                replayed: "another state".into(),
+            };
+            self.replayed.note(difference);
+            // Otherwise every decision from here on would be another one, too.
+            player.cluster = cluster;
+        }
+    }
+
+    /// The recording says what came of the last input.
+    fn compare(&mut self, recorded: &Decision) {
+        let Some(player) = &mut self.player else { return };
+        let Some(told) = &mut player.last else { return };
+        self.replayed.decisions += 1;
+        told.is_compared = true;
+        if told.decision.as_ref() != Some(recorded) {
+            let difference = player.difference(self.replayed.parts.len() + 1, Some(recorded));
+            self.replayed.note(difference);
+        }
+    }
+
+    /// The recording has nothing to say about the last input: nothing came of it, or, at a tear,
+    /// nobody knows.
+    fn settle(&mut self, is_torn: bool) {
+        let Some(player) = &mut self.player else { return };
+        let is_silent = |told: &Told| !told.is_compared && told.decision.is_some();
+        if player.last.as_ref().is_some_and(is_silent) && !is_torn {
+            let difference = player.difference(self.replayed.parts.len() + 1, None);
+            self.replayed.note(difference);
+        }
+        player.last = None;
+    }
+
+    fn end_part(&mut self) {
+        self.settle(true);
+        if let Some(player) = self.player.take() {
+            let summary = player.timeline.finish(&player.cluster);
+            self.replayed.parts.push(Part { summary, ..player.part });
+        }
+    }
+}
+
+impl Replayed {
+    fn note(&mut self, difference: Difference) {
+        self.differences += 1;
+        self.first_difference.get_or_insert(difference);
+    }
+}
+
+impl Player {
+    fn new(cluster: Cluster, part: Part, number: usize) -> Self {
+        let timeline = Timeline::new(&cluster);
+        let invariants = Invariants::new(&cluster, part.is_from_start, format!("part {number}"));
+        Self { cluster, timeline, invariants, part, inputs: 0, last: None }
+    }
+
+    /// Tells the brain; gives the invariant that this has broken, if one.
+    fn tell(&mut self, now: Micros, input: Input) -> Option<String> {
+        self.inputs += 1;
+        let (outputs, refusal) = tell(&mut self.cluster, now, input.clone());
+        self.timeline.observe(now, &input, &outputs, refusal.as_deref(), &self.cluster);
+        let broken = self.invariants.observe(now, &input, &outputs, &self.cluster).err();
+        let decision = Decision::of(outputs.iter(), refusal.as_deref());
+        self.last = Some(Told { now, input, decision, is_compared: false });
+        broken
+    }
+
+    fn difference(&self, part: usize, recorded: Option<&Decision>) -> Difference {
+        let told = self.last.as_ref();
+        let words =
+            |decision: Option<&Decision>| decision.map_or("nothing".into(), Decision::words);
+        let replayed = told.and_then(|told| told.decision.as_ref());
+        let (recorded, mut replayed) = (words(recorded), words(replayed));
+        if recorded == replayed {
+            replayed.push_str(" (of another content)");
+        }
+        Difference {
+            part,
+            at_s: told.map_or(0, |told| told.now) as f64 / 1e6,
+            number: self.inputs,
+            input: told.map_or_else(String::new, |told| format!("{:?}", told.input)),
+            recorded,
+            replayed,
+        }
+    }
+}
+
+/// Tells a brain something; gives what came of it.
+fn tell(cluster: &mut Cluster, now: Micros, input: Input) -> (Vec<Output>, Option<String>) {
+    let refusal = cluster.handle(now, input).err();
+    (std::iter::from_fn(|| cluster.poll_output()).collect(), refusal)
+}

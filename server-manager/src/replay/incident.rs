@@ -1,0 +1,319 @@
+//! An incident: a stretch of a recording, kept as text for a test.
+//!
+//! The first line says where the brain stood, each other line what it was told. Text, since it
+//! outlives the program that wrote it: fields may be added by hand, and a change is read in a
+//! diff. A brain that was changed on purpose decides in another way; what [`Incident::check`]
+//! demands of it are the invariants only.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use polyptych_protocol::codec;
+use serde::{Deserialize, Serialize};
+
+use super::invariants::Invariants;
+use super::tell;
+use crate::cluster::{Checkpoint, Cluster, Input, Micros};
+use crate::record::ring::RingReader;
+use crate::record::{Beginning, Record};
+
+/// Of the lines below.
+const FORMAT: u32 = 1;
+
+/// Largest file that is read: what is kept for a test is a few seconds of a wall.
+const INCIDENT_BYTES_MAX: u64 = 64 << 20;
+
+/// How long the brain may take over what is still open when nobody says anything any more, in
+/// manager time: 64 changes wait for two minutes each at most.
+const SETTLE_TIME_MAX: Micros = 3 * 3600 * 1_000_000;
+
+/// Timeouts in a row at one moment, after which a brain never comes to rest.
+const TIMEOUTS_AT_ONCE_MAX: u32 = 10_000;
+
+/// The first line.
+#[derive(Debug, Serialize, Deserialize)]
+struct Head {
+    incident: u32,
+    /// For the person whose test has failed.
+    about: String,
+    program: String,
+    beginning: Beginning,
+}
+
+/// Every other line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Line {
+    /// Manager time in microseconds.
+    pub now: Micros,
+    /// What the brain is told.
+    pub input: Input,
+}
+
+/// What a brain was told, from somewhere on.
+#[derive(Debug)]
+pub struct Incident {
+    head: Head,
+    lines: Vec<Line>,
+}
+
+/// Which stretch of a recording.
+#[derive(Clone, Debug, Default)]
+pub struct Cut {
+    /// Which part, from 1; the last one where `None`.
+    pub part: Option<usize>,
+    /// From this manager time on, in seconds.
+    pub from_s: Option<f64>,
+    /// Up to this manager time, in seconds.
+    pub to_s: Option<f64>,
+}
+
+/// What a brain did when it was told an incident.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Checked {
+    /// Inputs that it was told.
+    pub inputs: u64,
+    /// Frames that it swapped.
+    pub frames: u64,
+    /// Requests that it was asked.
+    pub requests: u64,
+}
+
+impl Incident {
+    /// Takes a stretch out of a recording.
+    ///
+    /// # Errors
+    /// The recording can't be read, or has no such stretch.
+    pub fn cut(reader: &RingReader, cut: &Cut, about: &str) -> Result<Self, String> {
+        let mut parts = Parts::default();
+        for &number in reader.segments() {
+            for record in reader.read(number).map_err(|error| error.to_string())? {
+                parts.read(record, cut);
+            }
+        }
+        let count = parts.number;
+        let (program, beginning, lines) =
+            parts.kept.ok_or_else(|| format!("there is no such part; it has {count}"))?;
+        if lines.is_empty() {
+            return Err("there is nothing in that time; the timeline shows what there is".into());
+        }
+        let head = Head { incident: FORMAT, about: about.into(), program, beginning };
+        Ok(Self { head, lines })
+    }
+
+    /// As text, and how many inputs text cannot hold, such as numbers that are none; the brain
+    /// refuses those anyway.
+    ///
+    /// # Errors
+    /// The beginning can't be written as text.
+    pub fn to_text(&self) -> Result<(String, u64), String> {
+        let mut text = serde_json::to_string(&self.head).map_err(|error| error.to_string())?;
+        text.push('\n');
+        let mut left_out = 0;
+        for line in &self.lines {
+            let json = serde_json::to_string(line).unwrap_or_default();
+            if serde_json::from_str::<Line>(&json).is_ok() {
+                // Writing into a string cannot fail.
+                let _ = writeln!(text, "{json}");
+            } else {
+                left_out += 1;
+            }
+        }
+        Ok((text, left_out))
+    }
+
+    /// Reads a kept incident.
+    ///
+    /// # Errors
+    /// File, line and what is wrong there.
+    pub fn load(path: &Path) -> Result<Self, String> {
+        let name = path.display();
+        let failed = |error: std::io::Error| format!("{name}: {error}");
+        if std::fs::metadata(path).map_err(failed)?.len() > INCIDENT_BYTES_MAX {
+            return Err(format!("{name}: larger than {INCIDENT_BYTES_MAX} bytes; cut it shorter"));
+        }
+        Self::parse(&std::fs::read_to_string(path).map_err(failed)?)
+            .map_err(|(line, reason)| format!("{name}:{line}: {reason}"))
+    }
+
+    /// Reads the text of an incident. An error has its line.
+    fn parse(text: &str) -> Result<Self, (usize, String)> {
+        let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
+        let (_, first) = lines.next().ok_or((1, "it is empty".to_owned()))?;
+        let head: Head = serde_json::from_str(first).map_err(|error| (1, error.to_string()))?;
+        if head.incident != FORMAT {
+            return Err((1, format!("format {}, where {FORMAT} is read", head.incident)));
+        }
+        let lines = lines.map(|(number, line)| {
+            serde_json::from_str(line).map_err(|error| (number, error.to_string()))
+        });
+        Ok(Self { lines: lines.collect::<Result<_, _>>()?, head })
+    }
+
+    /// What it is about.
+    pub fn about(&self) -> &str {
+        &self.head.about
+    }
+
+    /// Tells it to a brain, with that brain's own timeouts in between, and then lets time pass
+    /// until nothing is open.
+    ///
+    /// Demands the [`Invariants`], that a frame is swapped within the wall's longest deadline, and
+    /// that every request of a client that stays is answered.
+    ///
+    /// # Errors
+    /// What does not hold, when, and on which input.
+    pub fn check(self) -> Result<Checked, String> {
+        let is_from_start = matches!(self.head.beginning, Beginning::Fresh(_));
+        let cluster = self.head.beginning.into_cluster();
+        let deadline = Micros::from(cluster.wall().deadline.max_ms) * 1000;
+        let invariants = Invariants::new(&cluster, is_from_start, "the incident".into());
+        let checked = Checked::default();
+        let imports = Vec::new();
+        // A checkpoint was taken just before the first line.
+        let first = self.lines.first().map_or(0, |line| line.now);
+        let now = if is_from_start { 0 } else { first };
+        let mut check = Check { cluster, now, invariants, deadline, checked, imports };
+        for Line { now, input } in self.lines {
+            check.pass_time(now)?;
+            // The brain that is tested sets its own.
+            if input != Input::Timeout {
+                check.tell(now, input)?;
+            }
+        }
+        check.settle()
+    }
+}
+
+/// The parts of a recording, of which one is kept.
+#[derive(Default)]
+struct Parts {
+    number: usize,
+    epoch: Option<polyptych_protocol::ids::Epoch>,
+    has_ended: bool,
+    /// The brain before the first kept input, where that is not the part's first.
+    before: Option<Cluster>,
+    kept: Option<(String, Beginning, Vec<Line>)>,
+}
+
+impl Parts {
+    fn read(&mut self, record: Record, cut: &Cut) {
+        let is_wanted = |number: usize| cut.part.is_none_or(|part| part == number);
+        match record {
+            Record::Begin(segment) => {
+                let goes_on = segment.is_contiguous && self.epoch == Some(segment.epoch);
+                if goes_on && !self.has_ended && self.number > 0 {
+                    return;
+                }
+                self.number += 1;
+                (self.epoch, self.has_ended, self.before) = (Some(segment.epoch), false, None);
+                if !is_wanted(self.number) {
+                    return;
+                }
+                if cut.from_s.is_some() {
+                    // Written down again once the time has come.
+                    let copy = clone_of(&segment.beginning);
+                    self.before = copy.map(Beginning::into_cluster);
+                }
+                self.kept = Some((segment.program, segment.beginning, Vec::new()));
+            }
+            Record::Input { now, input } if is_wanted(self.number) => {
+                let at_s = now as f64 / 1e6;
+                let Some((_, beginning, lines)) = &mut self.kept else { return };
+                if cut.from_s.is_some_and(|from| at_s < from) {
+                    if let Some(cluster) = &mut self.before {
+                        tell(cluster, now, input);
+                    }
+                } else if cut.to_s.is_none_or(|to| at_s <= to) {
+                    if let Some(checkpoint) = self.before.take().as_ref().and_then(written_down) {
+                        *beginning = Beginning::Checkpoint(checkpoint);
+                    }
+                    lines.push(Line { now, input });
+                }
+            }
+            Record::End => self.has_ended = true,
+            Record::Input { .. } | Record::Decided(_) => {}
+        }
+    }
+}
+
+/// A brain as it stands.
+fn written_down(cluster: &Cluster) -> Option<Checkpoint> {
+    codec::decode(&codec::encode(&cluster.checkpoint())).ok()
+}
+
+fn clone_of(beginning: &Beginning) -> Option<Beginning> {
+    codec::decode(&codec::encode(beginning)).ok()
+}
+
+/// A brain that is told an incident.
+struct Check {
+    cluster: Cluster,
+    now: Micros,
+    invariants: Invariants,
+    deadline: Micros,
+    checked: Checked,
+    /// Bakes that have not ended.
+    imports: Vec<crate::cluster::RequestOf>,
+}
+
+impl Check {
+    fn tell(&mut self, now: Micros, input: Input) -> Result<(), String> {
+        self.checked.inputs += 1;
+        self.now = now;
+        match &input {
+            Input::Request { .. } => self.checked.requests += 1,
+            Input::Import { job, .. } => self.imports.retain(|other| other != job),
+            _ => {}
+        }
+        let began = self.invariants.frame_began();
+        let (outputs, _) = tell(&mut self.cluster, now, input.clone());
+        self.invariants.observe(now, &input, &outputs, &self.cluster)?;
+        if let Some((frame, at)) = began
+            && self.invariants.frame_began().map(|(frame, _)| frame) != Some(frame)
+        {
+            self.checked.frames += 1;
+            if now > at + self.deadline {
+                let waited_ms = (now - at) / 1000;
+                return Err(format!("frame {frame} was swapped only after {waited_ms} ms"));
+            }
+        }
+        for output in outputs {
+            if let crate::cluster::Output::Import { job, .. } = output {
+                self.imports.push(job);
+            }
+        }
+        Ok(())
+    }
+
+    /// The brain's own timeouts up to `now`.
+    fn pass_time(&mut self, now: Micros) -> Result<(), String> {
+        let mut in_a_row = 0;
+        while let Some(due) = self.cluster.poll_timeout().filter(|due| *due <= now) {
+            in_a_row = if due > self.now { 0 } else { in_a_row + 1 };
+            if in_a_row > TIMEOUTS_AT_ONCE_MAX {
+                return Err(format!("the brain does not come to rest at {} us", self.now));
+            }
+            self.tell(due.max(self.now), Input::Timeout)?;
+        }
+        self.now = self.now.max(now);
+        Ok(())
+    }
+
+    fn settle(mut self) -> Result<Checked, String> {
+        for job in std::mem::take(&mut self.imports) {
+            let imported = Err("the incident ends here".into());
+            self.tell(self.now, Input::Import { job, imported })?;
+        }
+        let end = self.now + SETTLE_TIME_MAX;
+        while !self.invariants.open().is_empty() && self.now < end {
+            let Some(due) = self.cluster.poll_timeout() else { break };
+            self.pass_time(self.now.max(due))?;
+        }
+        match self.invariants.open().first() {
+            None => Ok(self.checked),
+            Some(job) => {
+                Err(format!("request {} of session {} is never answered", job.id, job.client.0))
+            }
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! What must hold whatever the brain is told; it stays true when the brain is changed on purpose.
+
+use std::collections::BTreeSet;
+
+use polyptych_protocol::codec;
+use polyptych_protocol::command::Command;
+use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::request::Answer;
+use polyptych_protocol::status::Status;
+
+use crate::cluster::{Cluster, Input, Micros, Output, RequestOf, SessionId};
+
+/// Looks at all that a brain is told and decides.
+///
+/// - Frames begin and are swapped in order and once, one at a time.
+/// - A server is told to swap only what it was told to draw.
+/// - What is swapped was drawn by every channel that was live all the time since the frame began.
+/// - Every request gets one answer, and no answer comes unasked.
+#[derive(Debug)]
+pub struct Invariants {
+    what: String,
+    /// Whether the first input is the first of the manager's life: otherwise older requests may
+    /// be answered, and an older frame swapped.
+    is_from_start: bool,
+    begun: Option<Begun>,
+    frame: FrameId,
+    open: BTreeSet<RequestOf>,
+    is_over: bool,
+}
+
+#[derive(Debug)]
+struct Begun {
+    frame: FrameId,
+    at: Micros,
+    sent: Vec<SessionId>,
+    /// The channels that were live as it began and are still; not known within that input.
+    live: Option<BTreeSet<ChannelId>>,
+    drawn: BTreeSet<ChannelId>,
+}
+
+impl Invariants {
+    /// For a brain that stands here; `what` begins every message.
+    pub fn new(cluster: &Cluster, is_from_start: bool, what: String) -> Self {
+        let frame = if is_from_start { FrameId(0) } else { cluster.frame_begun() };
+        let open = BTreeSet::new();
+        Self { what, is_from_start, begun: None, frame, open, is_over: false }
+    }
+
+    /// Requests that wait for their answer.
+    pub fn open(&self) -> &BTreeSet<RequestOf> {
+        &self.open
+    }
+
+    /// When the frame on its way began.
+    pub fn frame_began(&self) -> Option<(FrameId, Micros)> {
+        self.begun.as_ref().map(|begun| (begun.frame, begun.at))
+    }
+
+    /// The brain was told this, and decided that.
+    ///
+    /// # Errors
+    /// Which invariant is broken, where and by what.
+    pub fn observe(
+        &mut self,
+        now: Micros,
+        input: &Input,
+        outputs: &[Output],
+        cluster: &Cluster,
+    ) -> Result<(), String> {
+        match input {
+            Input::ClientGone { session } => {
+                self.open.retain(|job| job.client != *session);
+            }
+            Input::Request { client, id, .. } => {
+                // A client that uses a number twice has itself to blame.
+                self.open.insert(RequestOf { client: *client, id: *id });
+            }
+            Input::Status { status: Status::Drawn(drawn), .. } => {
+                if let Some(begun) = self.begun.as_mut().filter(|b| b.frame == drawn.frame) {
+                    begun.drawn.insert(drawn.channel);
+                }
+            }
+            _ => {}
+        }
+        let live = || {
+            let states = cluster.channel_states().zip(0..);
+            let live = states.filter(|((_, state, _, _), _)| *state == ChannelState::Live);
+            live.map(|(_, index)| ChannelId(index)).collect::<BTreeSet<_>>()
+        };
+        if let Some(known) = self.begun.as_mut().and_then(|begun| begun.live.as_mut()) {
+            let live = live();
+            known.retain(|id| live.contains(id));
+        }
+        for output in outputs {
+            self.look_at(now, output).map_err(|fault| {
+                let at_s = now as f64 / 1e6;
+                format!("{} at {at_s:.6} s, on {input:?}: {fault}", self.what)
+            })?;
+        }
+        if let Some(begun) = &mut self.begun {
+            begun.live.get_or_insert_with(live);
+        }
+        Ok(())
+    }
+
+    fn look_at(&mut self, now: Micros, output: &Output) -> Result<(), String> {
+        match output {
+            Output::Command { to, bytes } => match codec::decode(bytes) {
+                Ok(Command::Frame(frame)) => self.begin(now, frame.frame, to),
+                Ok(Command::Swap(swap)) => self.swap(swap.frame, to),
+                Ok(_) => Ok(()),
+                Err(error) => Err(format!("it sends what nobody can read: {error}")),
+            },
+            Output::Answer { to, answer: Answer::Reply { id, .. } } => {
+                self.answer(RequestOf { client: *to, id: *id })
+            }
+            // Its pictures are collected, and end in an answer, by the manager.
+            Output::Collect { job, .. } => self.answer(*job),
+            Output::Stop => {
+                self.is_over = true;
+                self.open.clear();
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn begin(&mut self, at: Micros, frame: FrameId, to: &[SessionId]) -> Result<(), String> {
+        if let Some(begun) = &self.begun {
+            return Err(format!("frame {frame} begins before frame {} was swapped", begun.frame));
+        }
+        if frame <= self.frame {
+            return Err(format!("frame {frame} begins after frame {}", self.frame));
+        }
+        self.frame = frame;
+        let (sent, drawn) = (to.to_vec(), BTreeSet::new());
+        self.begun = Some(Begun { frame, at, sent, live: None, drawn });
+        Ok(())
+    }
+
+    fn swap(&mut self, frame: FrameId, to: &[SessionId]) -> Result<(), String> {
+        let Some(begun) = self.begun.take() else {
+            // It began before the first input that is known.
+            let is_older = !self.is_from_start && frame == self.frame;
+            return if is_older {
+                Ok(())
+            } else {
+                Err(format!("frame {frame} is swapped and has not begun"))
+            };
+        };
+        if begun.frame != frame {
+            return Err(format!("frame {frame} is swapped instead of frame {}", begun.frame));
+        }
+        if let Some(session) = to.iter().find(|session| !begun.sent.contains(session)) {
+            return Err(format!("session {} is to show frame {frame} unseen", session.0));
+        }
+        let live = begun.live.unwrap_or_default();
+        if let Some(channel) = live.difference(&begun.drawn).next() {
+            return Err(format!("frame {frame} is swapped, and live channel {channel} lacks it"));
+        }
+        Ok(())
+    }
+
+    fn answer(&mut self, job: RequestOf) -> Result<(), String> {
+        let is_known = self.open.remove(&job);
+        if is_known || !self.is_from_start || self.is_over {
+            return Ok(());
+        }
+        let (client, id) = (job.client.0, job.id);
+        Err(format!("request {id} of session {client} is answered twice, or was never made"))
+    }
+}

@@ -1,0 +1,235 @@
+//! What happened, for a person: who came and went, who was late, what was asked and refused.
+
+use std::collections::BTreeMap;
+
+use polyptych_protocol::codec;
+use polyptych_protocol::command::Command;
+use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::request::{Answer, Request};
+use serde::Serialize;
+
+use crate::cluster::{Cluster, Input, Micros, Output, SessionId};
+
+/// Events that are kept: more than anybody reads; the rest is counted.
+const EVENTS_KEPT_MAX: usize = 10_000;
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Event {
+    /// Manager time in seconds.
+    pub at_s: f64,
+    /// `join`, `refused`, `leave`, `channel`, `client`, `request`, `import`, `failure` or `end`.
+    pub kind: &'static str,
+    /// In words.
+    pub text: String,
+}
+
+/// What happened in a stretch of inputs.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Manager time of the first input, in seconds.
+    pub from_s: f64,
+    /// Manager time of the last input, in seconds.
+    pub to_s: f64,
+    /// Frames swapped.
+    pub frames: u64,
+    /// The longest time from a frame command to its swap.
+    pub longest_frame_ms: f64,
+    /// When that frame was swapped.
+    pub longest_frame_at_s: f64,
+    /// Deadlines that each channel has missed in all, by name.
+    pub late: BTreeMap<String, u64>,
+    /// Requests, by kind.
+    pub requests: BTreeMap<String, u64>,
+    /// Answers of the brain.
+    pub answers: u64,
+    /// Answers that said no.
+    pub failures: u64,
+    /// In order.
+    pub events: Vec<Event>,
+    /// Events beyond those.
+    pub events_more: u64,
+}
+
+/// Makes a [`Summary`] while a brain is told.
+#[derive(Debug)]
+pub(super) struct Timeline {
+    summary: Summary,
+    now: Option<Micros>,
+    states: Vec<ChannelState>,
+    /// Servers and clients by their sessions.
+    peers: BTreeMap<SessionId, String>,
+    began: Option<Micros>,
+}
+
+impl Timeline {
+    pub fn new(cluster: &Cluster) -> Self {
+        let states = cluster.channel_states().map(|(_, state, _, _)| state).collect();
+        let (summary, peers) = (Summary::default(), BTreeMap::new());
+        Self { summary, now: None, states, peers, began: None }
+    }
+
+    pub fn now_s(&self) -> f64 {
+        self.now.unwrap_or(0) as f64 / 1e6
+    }
+
+    pub fn observe(
+        &mut self,
+        now: Micros,
+        input: &Input,
+        outputs: &[Output],
+        refusal: Option<&str>,
+        cluster: &Cluster,
+    ) {
+        if self.now.is_none() {
+            self.summary.from_s = now as f64 / 1e6;
+        }
+        self.now = Some(now);
+        self.note_input(input, refusal);
+        self.note_states(cluster);
+        for output in outputs {
+            self.note_output(now, output);
+        }
+    }
+
+    pub fn finish(mut self, cluster: &Cluster) -> Summary {
+        self.summary.to_s = self.now_s();
+        let late = cluster.channel_states().filter(|(_, _, _, late)| *late > 0);
+        self.summary.late = late.map(|(name, _, _, late)| (name.to_owned(), late)).collect();
+        self.summary
+    }
+
+    fn event(&mut self, kind: &'static str, text: String) {
+        if self.summary.events.len() >= EVENTS_KEPT_MAX {
+            self.summary.events_more += 1;
+            return;
+        }
+        let at_s = self.now_s();
+        self.summary.events.push(Event { at_s, kind, text });
+    }
+
+    fn name(&self, session: SessionId) -> String {
+        let unnamed = || format!("session {}", session.0);
+        self.peers.get(&session).cloned().unwrap_or_else(unnamed)
+    }
+
+    fn note_input(&mut self, input: &Input, refusal: Option<&str>) {
+        match input {
+            Input::Server { session, hello, address } => {
+                let (name, adapter) = (&hello.name, &hello.adapter.name);
+                let text = format!("server {name} at {address} ({adapter})");
+                match refusal {
+                    None => {
+                        self.peers.insert(*session, name.clone());
+                        self.event("join", format!("{text} joins"));
+                    }
+                    Some(reason) => self.event("refused", format!("{text} is refused: {reason}")),
+                }
+            }
+            Input::ServerGone { session, reason } => {
+                let name = self.name(*session);
+                self.peers.remove(session);
+                self.event("leave", format!("server {name} is gone: {reason}"));
+            }
+            Input::Client { session, name } => {
+                self.peers.insert(*session, name.clone());
+                self.event("client", format!("client {name} comes"));
+            }
+            Input::ClientGone { session } => {
+                let name = self.name(*session);
+                self.peers.remove(session);
+                self.event("client", format!("client {name} leaves"));
+            }
+            Input::Request { client, request, .. } => {
+                let words = format!("{request:?}");
+                let kind = words.split([' ', '(']).next().unwrap_or_default().to_owned();
+                *self.summary.requests.entry(kind).or_default() += 1;
+                if !is_everyday(request) {
+                    let name = self.name(*client);
+                    self.event("request", format!("client {name} asks: {words}"));
+                }
+            }
+            Input::Import { imported, .. } => {
+                let text = match imported {
+                    Ok(imported) => format!("scene {} is baked", imported.scene.name),
+                    Err(reason) => format!("a scene could not be baked: {reason}"),
+                };
+                self.event("import", text);
+            }
+            Input::Timeout | Input::Status { .. } => {}
+        }
+    }
+
+    /// Channels that have changed, those of one kind and reason in one line.
+    fn note_states(&mut self, cluster: &Cluster) {
+        let mut changed: Vec<(ChannelState, Option<&str>, Vec<&str>)> = Vec::new();
+        for (index, (name, state, reason, _)) in cluster.channel_states().enumerate() {
+            let Some(before) = self.states.get_mut(index).filter(|before| **before != state) else {
+                continue;
+            };
+            *before = state;
+            match changed.iter_mut().find(|(s, r, _)| (*s, *r) == (state, reason)) {
+                Some((_, _, names)) => names.push(name),
+                None => changed.push((state, reason, vec![name])),
+            }
+        }
+        for (state, reason, names) in changed {
+            // On the way to being live only what went wrong is of interest.
+            let is_step = matches!(
+                state,
+                ChannelState::Joining | ChannelState::Preparing | ChannelState::Ready
+            );
+            if is_step && reason.is_none() {
+                continue;
+            }
+            let word = format!("{state:?}").to_lowercase();
+            let reason = reason.map(|reason| format!(": {reason}")).unwrap_or_default();
+            self.event("channel", format!("{} {word}{reason}", names.join(", ")));
+        }
+    }
+
+    fn note_output(&mut self, now: Micros, output: &Output) {
+        match output {
+            Output::Command { bytes, .. } => match codec::decode::<Command>(bytes) {
+                Ok(Command::Frame(_)) => self.began = Some(now),
+                Ok(Command::Swap(_)) => {
+                    self.summary.frames += 1;
+                    let began = self.began.take().unwrap_or(now);
+                    let took_ms = now.saturating_sub(began) as f64 / 1000.0;
+                    if took_ms > self.summary.longest_frame_ms {
+                        self.summary.longest_frame_ms = took_ms;
+                        self.summary.longest_frame_at_s = now as f64 / 1e6;
+                    }
+                }
+                _ => {}
+            },
+            Output::Answer { to, answer: Answer::Reply { reply, .. } } => {
+                self.summary.answers += 1;
+                if let Err(failure) = reply {
+                    self.summary.failures += 1;
+                    let name = self.name(*to);
+                    self.event("failure", format!("client {name} is told: {}", failure.reason));
+                }
+            }
+            Output::Close { session, reason } => {
+                let name = self.name(*session);
+                self.event("leave", format!("server {name} is let go: {reason}"));
+            }
+            Output::Stop => self.event("end", "the manager is stopped by a client".into()),
+            _ => {}
+        }
+    }
+}
+
+/// What clients ask all the time.
+fn is_everyday(request: &Request) -> bool {
+    matches!(
+        request,
+        Request::RenderFrame { .. }
+            | Request::SetCamera(_)
+            | Request::SetEye(_)
+            | Request::Status
+            | Request::DescribeWall
+            | Request::Statistics { .. }
+    )
+}

@@ -1,0 +1,69 @@
+//! What a manager was told is recorded, and decided again in the same way.
+
+use std::fs;
+
+use polyptych_client::ChannelState;
+use rustix::process::Signal;
+use serde_json::Value;
+
+use crate::harness::local_wall::{await_states, small};
+use crate::harness::place::Place;
+use crate::harness::scenes::town;
+use crate::harness::simulation::Simulation;
+use crate::harness::{signals, wait};
+
+#[test]
+fn an_incident_is_recorded_replayed_and_kept() {
+    let place = Place::new();
+    let record = place.path("wall.rec");
+    let text = record.to_str().expect("text").to_owned();
+    let arguments = ["--orbit", "--rate", "30", "--seconds", "600", "--record", &text];
+    let mut simulation = Simulation::start(place, &small(2, 1), town(), &arguments);
+    simulation.process.await_line(&["scene town"]);
+    let client = simulation.client();
+    await_states(&client, &[ChannelState::Live]);
+    let victim = client.status().expect("status").channels.swap_remove(0);
+    signals::send(victim.pid.expect("a process"), Signal::KILL);
+    let feedbacks = client.feedback().expect("a stream");
+    wait::within("its loss and its return", move || {
+        let states = feedbacks.map(|feedback| feedback.channels[0].state);
+        let mut states = states.skip_while(|state| *state != ChannelState::Lost);
+        states.find(|state| *state == ChannelState::Live)
+    });
+    // As a power failure would end it: what is on the disk must do.
+    simulation.process.kill();
+
+    let place = &simulation.place;
+    let told = place.run(["replay", &text]).succeeded();
+    for part in ["from its start", "it breaks off", "joins", "all the same"] {
+        assert!(told.contains(part), "{part:?}: {told}");
+    }
+    let json = place.run(["replay", &text, "--json"]).succeeded();
+    let json: Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}: {json}"));
+    assert_eq!((&json["differences"], &json["violation"]), (&0.into(), &Value::Null));
+    let [part] = &json["parts"].as_array().expect("parts")[..] else { panic!("{json}") };
+    assert!(part["frames"].as_u64() > Some(10) && json["decisions"].as_u64() > Some(50));
+    let events = part["events"].as_array().expect("events").iter();
+    let texts: Vec<&str> = events.filter_map(|event| event["text"].as_str()).collect();
+    let lost = format!("{} lost: ", victim.name);
+    let [lost, back] = [lost, format!("{} live", victim.name)]
+        .map(|words| texts.iter().rposition(|text| text.starts_with(&words)));
+    assert!(lost.is_some() && lost < back, "{texts:#?}");
+
+    let kept = place.path("kept.incident");
+    let arguments = ["replay", &text, "--about", "a killed server", "--keep"];
+    let said = place.run(arguments.iter().copied().chain(kept.to_str())).succeeded();
+    assert!(said.contains("the invariants hold"), "{said}");
+    place.run(["replay", kept.to_str().expect("text")]).succeeded();
+    // The same with a frame that is reported by nobody any more holds, too; with a line of
+    // another wall it is not read.
+    let lines = fs::read_to_string(&kept).expect("text");
+    assert!(lines.contains("a killed server"));
+    fs::write(&kept, lines.replace("\"Drawn\"", "\"Dreamt\"")).expect("written");
+    place.run(["replay", kept.to_str().expect("text")]).failed(&["kept.incident:", "Dreamt"]);
+    fs::write(&record, b"something else").expect("written");
+    place.run(["replay", &text]).failed(&["wall.rec: not a recording"]);
+    let wall = place.path("wall.toml");
+    let wall = wall.to_str().expect("text");
+    place.run(["manager", wall, "--record", &text]).failed(&["not a recording"]);
+}
