@@ -65,7 +65,7 @@ async fn orbit(
         let time_s = begin.elapsed().as_secs_f64();
         let camera = overview(&wall, &bounds, time_s / TURN_S * TAU);
         match client.render_frame_at(Some(camera), Some(time_s)).await {
-            // A manager that is started again goes on with this wall, and the next frame waits for it.
+            // The manager may be started again; the next frame waits for that.
             Err(error) if error.is_outcome_unknown() => eprintln!("{error}"),
             drawn => drop(drawn?),
         }

@@ -115,6 +115,8 @@ impl LocalWall {
         let mut options = ConnectOptions::new(self.address.as_str());
         options.token_file = Some(self.place.token_file());
         options.name = "test".into();
+        // Most tests want to see a connection end.
+        options.reconnect = None;
         options
     }
 

@@ -1,6 +1,7 @@
 //! A program that drives a wall goes on when its manager is killed and started again.
 
-use polyptych_client::{ChannelState, ClientError};
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, ClientError, ConnectOptions, Reconnect, Request};
 
 use crate::harness::local_wall::{LocalWall, await_states, small};
 use crate::harness::scenes::{poses, town};
@@ -11,7 +12,9 @@ fn an_orbit_and_its_feedback_outlive_the_manager() {
     let wall = small(2, 1);
     let folder = town().parent().expect("a folder");
     let mut local = LocalWall::start(&wall, &[folder]);
-    let client = local.client();
+    let options =
+        ConnectOptions { reconnect: Some(Reconnect::default()), ..local.connect_options() };
+    let client = Client::connect_with(options).expect("connected");
     let bounds = client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
     let known = client.status().expect("status");
     let mut feedbacks = client.feedback().expect("a stream");
@@ -20,7 +23,7 @@ fn an_orbit_and_its_feedback_outlive_the_manager() {
         let drawn = draw(number).expect("drawn");
         assert_eq!(feedbacks.next().map(|feedback| feedback.frame), Some(drawn.frame));
     }
-    let open = client.post(polyptych_client::Request::Capture).expect("posted");
+    let open = client.post(Request::Capture).expect("posted");
     local.manager.kill();
     let error = open.wait().expect_err("nobody is there to answer");
     assert!(error.is_outcome_unknown() || matches!(error, ClientError::NotConnected { .. }));
