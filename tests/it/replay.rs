@@ -30,10 +30,17 @@ fn an_incident_is_recorded_replayed_and_kept() {
         let mut states = states.skip_while(|state| *state != ChannelState::Lost);
         states.find(|state| *state == ChannelState::Live)
     });
+    let place = &simulation.place;
+    // It can be read while it is written; what came last is in it a moment later.
+    let back = format!("{} live", victim.name);
+    let has_all =
+        |told: &str| told.split(" lost: ").nth(1).is_some_and(|rest| rest.contains(&back));
+    wait::until("all of it is recorded", || {
+        has_all(&place.run(["replay", &text]).succeeded()).then_some(())
+    });
     // As a power failure would end it: what is on the disk must do.
     simulation.process.kill();
 
-    let place = &simulation.place;
     let told = place.run(["replay", &text]).succeeded();
     for part in ["from its start", "it breaks off", "joins", "all the same"] {
         assert!(told.contains(part), "{part:?}: {told}");
@@ -45,8 +52,7 @@ fn an_incident_is_recorded_replayed_and_kept() {
     assert!(part["frames"].as_u64() > Some(10) && json["decisions"].as_u64() > Some(50));
     let events = part["events"].as_array().expect("events").iter();
     let texts: Vec<&str> = events.filter_map(|event| event["text"].as_str()).collect();
-    let lost = format!("{} lost: ", victim.name);
-    let [lost, back] = [lost, format!("{} live", victim.name)]
+    let [lost, back] = [format!("{} lost: ", victim.name), back]
         .map(|words| texts.iter().rposition(|text| text.starts_with(&words)));
     assert!(lost.is_some() && lost < back, "{texts:#?}");
 
