@@ -143,6 +143,7 @@ pub struct Cluster {
     clients: BTreeMap<SessionId, ClientState>,
     orders: VecDeque<FrameOrder>,
     barrier: Option<Barrier>,
+    beginnings: barrier::Beginnings,
     /// The last frame that was begun.
     frame: FrameId,
     /// The last frame that was swapped.
@@ -179,6 +180,7 @@ impl Cluster {
             clients: BTreeMap::new(),
             orders: VecDeque::new(),
             barrier: None,
+            beginnings: barrier::Beginnings::default(),
             frame: FrameId(0),
             swapped: FrameId(0),
             camera: Camera::IDENTITY,
@@ -246,6 +248,8 @@ impl Cluster {
             self.close(session, reason.clone());
             self.handle_server_gone(now, session, &reason);
         }
+        let to_retry = self.registry.take_retries(now);
+        self.prompt(to_retry);
         self.expire_change(now);
         self.advance_frame(now);
     }
@@ -257,10 +261,15 @@ impl Cluster {
             None if !self.orders.is_empty() => Some(0),
             None => self.pacer.next_start(),
         };
-        [frame, self.registry.next_silence(), self.changes.next_expiry()]
-            .into_iter()
-            .flatten()
-            .min()
+        [
+            frame,
+            self.registry.next_silence(),
+            self.registry.next_retry(),
+            self.changes.next_expiry(),
+        ]
+        .into_iter()
+        .flatten()
+        .min()
     }
 
     /// What is to be done next.

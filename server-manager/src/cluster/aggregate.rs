@@ -29,7 +29,7 @@ impl Cluster {
         Feedback {
             frame: barrier.frame,
             time_s: barrier.time_s,
-            revision: self.shown.revision,
+            revision: barrier.revision,
             frame_us,
             barrier_us: frame_us.saturating_sub(Micros::from(slowest_us)),
             channels: channels.map(|(id, c)| channel(id, &c.name, c.state)).collect(),

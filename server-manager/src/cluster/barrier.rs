@@ -1,11 +1,11 @@
 //! The frame barrier: begin, wait for the drawings, swap. One for the whole wall.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::command::{Area, Command, Frame, Swap, View};
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::ids::{ChannelId, Digest, FrameId, Revision};
 use polyptych_protocol::request::Reply;
 use polyptych_protocol::status::Drawn;
 use serde::{Deserialize, Serialize};
@@ -15,6 +15,29 @@ use super::{Cluster, Micros, Output, RequestOf, SessionId};
 /// Frames after joining or a change in which a channel may take as long as any frame waits:
 /// a first draw still compiles and fills caches.
 const WARM_UP_FRAMES: u32 = 3;
+
+/// Frames whose beginning is remembered: what a late channel may be behind and still be measured,
+/// two seconds of a wall at 240 frames per second.
+const FRAMES_REMEMBERED: usize = 480;
+
+/// When the newest frames began; their numbers have no gaps.
+#[derive(Debug, Default)]
+pub(super) struct Beginnings(VecDeque<Micros>);
+
+impl Beginnings {
+    fn add(&mut self, now: Micros) {
+        if self.0.len() == FRAMES_REMEMBERED {
+            self.0.pop_front();
+        }
+        self.0.push_back(now);
+    }
+
+    /// When `frame` began, the newest one being `newest`.
+    fn of(&self, frame: FrameId, newest: FrameId) -> Option<Micros> {
+        let back = usize::try_from(newest.0.checked_sub(frame.0)?).ok()?;
+        self.0.get(self.0.len().checked_sub(back + 1)?).copied()
+    }
+}
 
 /// A client's wish for one frame.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -29,6 +52,9 @@ pub(super) struct FrameOrder {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Barrier {
     pub frame: FrameId,
+    /// What it draws. The wall's state may go on meanwhile; this frame does not.
+    pub revision: Revision,
+    digest: Digest,
     pub time_s: f64,
     pub began: Micros,
     deadline: Micros,
@@ -39,6 +65,8 @@ pub(super) struct Barrier {
     waited: Vec<ChannelId>,
     /// The same as the frame began: late channels that draw in time don't slow it.
     awaited: Vec<ChannelId>,
+    /// What each server drew of those, in microseconds: its channels are drawn one after another.
+    busy_us: BTreeMap<SessionId, u32>,
     pub drawn: BTreeMap<ChannelId, Drawn>,
 }
 
@@ -47,10 +75,31 @@ impl Barrier {
         self.deadline
     }
 
-    /// The longest drawing time of a channel that the frame waited for, where one has drawn.
+    /// The longest that a server drew for the channels that the frame waited for, where one has.
     pub fn slowest_us(&self) -> Option<u32> {
-        let drawn = self.awaited.iter().filter_map(|id| self.drawn.get(id));
-        drawn.map(|drawn| drawn.draw_us).max()
+        self.busy_us.values().copied().max()
+    }
+
+    /// Whether this is a drawing that the frame waited for.
+    fn awaits(&self, drawn: &Drawn) -> bool {
+        self.frame == drawn.frame && self.awaited.contains(&drawn.channel)
+    }
+
+    /// This server is not to show the frame.
+    pub fn leave_out(&mut self, session: SessionId) {
+        self.sent.retain(|&id| id != session);
+    }
+
+    /// Whom the frame waits for still.
+    #[cfg(test)]
+    pub fn waited(&self) -> &[ChannelId] {
+        &self.waited
+    }
+
+    /// Whom it waited for as it began.
+    #[cfg(test)]
+    pub fn awaited(&self) -> &[ChannelId] {
+        &self.awaited
     }
 
     pub fn is_complete(&self) -> bool {
@@ -65,7 +114,8 @@ impl Cluster {
         if let Some(camera) = order.as_ref().and_then(|order| order.camera) {
             self.camera = camera;
         }
-        self.admit_ready(now);
+        self.registry.admit_ready(now);
+        self.registry.admit_late(now);
         let (mut waited, mut late) = (Vec::new(), Vec::new());
         let mut sent = Vec::new();
         let mut is_warming = false;
@@ -85,13 +135,18 @@ impl Cluster {
                 is_warming |= channel.frames_drawn < WARM_UP_FRAMES;
             }
         }
-        // Where all are late, there is nobody whom waiting for them could hold up; not to wait
-        // would count frames that nobody draws.
+        // Where all are late, not to wait would count frames that nobody draws. Those that drew
+        // the last one in time must not be held up by those that hang.
         let is_all_late = waited.is_empty();
         if is_all_late {
-            waited = late;
+            let is_catching_up = |id: &ChannelId| self.registry.is_catching_up(*id);
+            waited = late.iter().copied().filter(is_catching_up).collect();
+            if waited.is_empty() {
+                waited = late;
+            }
         }
         self.frame.0 += 1;
+        self.beginnings.add(now);
         let time_s = order.as_ref().and_then(|o| o.time_s).unwrap_or(now as f64 * 1e-6);
         // A picture that someone asked for is worth the longest wait.
         let wait = if is_warming || is_all_late || capture {
@@ -106,6 +161,8 @@ impl Cluster {
         self.command(sent.clone(), &Command::Frame(self.describe_frame(time_s, capture)));
         self.barrier = Some(Barrier {
             frame: self.frame,
+            revision: self.shown.revision,
+            digest: self.shown_digest,
             time_s,
             began: now,
             deadline: now + wait,
@@ -113,6 +170,7 @@ impl Cluster {
             sent,
             awaited: waited.clone(),
             waited,
+            busy_us: BTreeMap::new(),
             drawn: BTreeMap::new(),
         });
         if self.barrier.as_ref().is_some_and(Barrier::is_complete) {
@@ -139,21 +197,30 @@ impl Cluster {
         if drawn.epoch != self.epoch || !self.registry.drives(from, drawn.channel) {
             return;
         }
-        if drawn.revision == self.shown.revision && drawn.digest != self.shown_digest {
-            self.resynchronise(now, from, "its state has another digest than the manager's");
+        // The present frame may be of the state before the one that is shown from the next on.
+        let present = self.barrier.as_ref().filter(|b| b.revision == drawn.revision);
+        let shown = (self.shown.revision == drawn.revision).then_some(self.shown_digest);
+        let Some(digest) = present.map(|b| b.digest).or(shown) else { return };
+        if drawn.digest != digest {
+            self.disbelieve(now, from, "its state has another digest than the manager's");
             return;
         }
-        let Some(barrier) = self.barrier.as_mut().filter(|b| b.frame == drawn.frame) else {
-            return;
-        };
-        if drawn.revision != self.shown.revision {
-            return;
-        }
+        // A late channel is measured by the deadline, not by the others: one that is slower than
+        // they are, but not too slow, would else be late for ever.
+        let awaiting = self.barrier.as_ref().filter(|b| b.awaits(drawn));
+        let allowed = awaiting.map_or(self.deadline.length(), |b| b.deadline - b.began);
+        let began = self.beginnings.of(drawn.frame, self.frame);
+        self.registry.drew(drawn.channel, now, began, allowed);
+        let is_its = |b: &&mut Barrier| (b.frame, b.revision) == (drawn.frame, drawn.revision);
+        let Some(barrier) = self.barrier.as_mut().filter(is_its) else { return };
         barrier.waited.retain(|&id| id != drawn.channel);
+        if barrier.awaits(drawn) {
+            let busy_us = barrier.busy_us.entry(from).or_default();
+            *busy_us = busy_us.saturating_add(drawn.draw_us);
+        }
         barrier.drawn.insert(drawn.channel, *drawn);
         let frame_us = now.saturating_sub(barrier.began);
         self.gathered.add_drawn(drawn, frame_us);
-        self.registry.in_time(drawn.channel, now);
         self.advance_frame(now);
     }
 
@@ -191,15 +258,7 @@ impl Cluster {
             let reason = format!("frame {} was not drawn within {waited_ms} ms", barrier.frame);
             self.registry.missed(id, now, reason);
         }
-        let late: Vec<ChannelId> = self
-            .registry
-            .channels()
-            .filter(|(id, c)| c.state == ChannelState::Late && !barrier.drawn.contains_key(id))
-            .map(|(id, _)| id)
-            .collect();
-        for id in late {
-            self.registry.still_late(id);
-        }
+        self.registry.admit_late(now);
         // A server that hangs longer than a frame may take must not show this one any more.
         let swap = Swap {
             epoch: self.epoch,

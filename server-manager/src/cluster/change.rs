@@ -56,6 +56,12 @@ impl Changes {
         self.current.as_ref().map(|underway| underway.replica.revision)
     }
 
+    /// How many wait for their turn.
+    #[cfg(test)]
+    pub fn waiting(&self) -> usize {
+        self.queue.len()
+    }
+
     /// Whether this server has said that it cannot prepare the change on its way.
     pub fn has_failed_on(&self, session: SessionId) -> bool {
         let mut failed = self.current.iter().flat_map(|underway| &underway.failed);
@@ -118,7 +124,9 @@ impl Cluster {
         reason: &str,
     ) {
         let Some(server) = self.registry.server_mut(from) else { return };
-        server.answered(revision);
+        if !server.answered(revision) {
+            return;
+        }
         tracing::error!(server = server.name, %revision, reason, "a server cannot prepare");
         let (name, channels) = (server.name.clone(), server.channels.clone());
         if self.changes.digest_of(revision).is_some() {
@@ -126,11 +134,14 @@ impl Cluster {
                 underway.failed.push((from, format!("server {name}: {reason}")));
             }
         } else if revision == self.shown.revision {
+            if let Some(server) = self.registry.server_mut(from) {
+                server.retry_later(now);
+            }
             self.registry.set_states(&channels, ChannelState::Preparing, Some(reason), now);
             self.stop_waiting_for(&channels, now);
         }
         self.advance_change(now);
-        // Asked for the same again it would fail again; for anything newer it may not.
+        // Asked for the same at once it would fail again; for anything newer it may not.
         if revision != self.shown.revision {
             self.prompt(vec![from]);
         }
@@ -214,9 +225,7 @@ impl Cluster {
         self.shown_digest = replica.digest();
         self.shown = replica;
         let everyone: Vec<_> = self.registry.servers().map(|(id, _)| id).collect();
-        for session in everyone {
-            self.resynchronise(now, session, "a change was taken back");
-        }
+        self.resynchronise(now, &everyone, "a change was taken back");
     }
 
     /// Channels that cannot draw the shown revision yet are not waited for.
@@ -227,12 +236,12 @@ impl Cluster {
             .filter(|(_, server)| server.prepared != Some(self.shown.revision))
             .map(|(id, server)| (id, server.channels.clone()))
             .collect();
-        for (session, channels) in unprepared {
-            let reason = failed.iter().find(|(id, _)| *id == session).map(|(_, r)| r.as_str());
-            self.registry.set_states(&channels, ChannelState::Preparing, reason, now);
-            self.stop_waiting_for(&channels, now);
-            self.prompt(vec![session]);
+        for (session, channels) in &unprepared {
+            let reason = failed.iter().find(|(id, _)| id == session).map(|(_, r)| r.as_str());
+            self.registry.set_states(channels, ChannelState::Preparing, reason, now);
         }
+        let (sessions, channels): (Vec<_>, Vec<_>) = unprepared.into_iter().unzip();
+        self.prompt(sessions);
         let ready: Vec<_> = self
             .registry
             .channels()
@@ -244,5 +253,7 @@ impl Cluster {
             .map(|(id, _)| id)
             .collect();
         self.registry.set_states(&ready, ChannelState::Ready, None, now);
+        // Last: this may begin a frame, which goes to those that can draw it, and to no other.
+        self.stop_waiting_for(&channels.concat(), now);
     }
 }

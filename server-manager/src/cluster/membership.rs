@@ -105,14 +105,27 @@ impl Cluster {
         self.orders.retain(|order| order.job.client != session);
     }
 
-    /// A replica that disagrees is given the state anew, not believed.
-    pub(super) fn resynchronise(&mut self, now: Micros, session: SessionId, why: &str) {
-        let Some(server) = self.registry.server_mut(session) else { return };
-        tracing::error!(server = server.name, why, "resynchronising a server");
-        server.prepared = None;
-        let channels = server.channels.clone();
+    /// A replica that disagrees is given the state anew, not believed; what it has drawn of the
+    /// present frame is not shown.
+    pub(super) fn disbelieve(&mut self, now: Micros, session: SessionId, why: &str) {
+        if let Some(barrier) = &mut self.barrier {
+            barrier.leave_out(session);
+        }
+        self.resynchronise(now, &[session], why);
+    }
+
+    /// Gives servers the shown state anew; frames do not wait for them.
+    pub(super) fn resynchronise(&mut self, now: Micros, sessions: &[SessionId], why: &str) {
+        let mut channels = Vec::new();
+        for &session in sessions {
+            let Some(server) = self.registry.server_mut(session) else { continue };
+            tracing::error!(server = server.name, why, "resynchronising a server");
+            server.prepared = None;
+            channels.extend_from_slice(&server.channels);
+        }
         self.registry.set_states(&channels, ChannelState::Preparing, Some(why), now);
-        self.prompt(vec![session]);
+        self.prompt(sessions.to_vec());
+        // Last: this may begin a frame, which must not go to them.
         self.stop_waiting_for(&channels, now);
     }
 
@@ -120,8 +133,9 @@ impl Cluster {
         if prepared.epoch != self.epoch {
             return;
         }
-        if let Some(server) = self.registry.server_mut(from) {
-            server.answered(prepared.revision);
+        let server = self.registry.server_mut(from);
+        if !server.is_some_and(|server| server.answered(prepared.revision)) {
+            return;
         }
         let expected = if prepared.revision == self.shown.revision {
             Some(self.shown_digest)
@@ -129,7 +143,7 @@ impl Cluster {
             self.changes.digest_of(prepared.revision)
         };
         if expected.is_some_and(|digest| digest != prepared.digest) {
-            self.resynchronise(now, from, "it prepared another state than was sent");
+            self.resynchronise(now, &[from], "it prepared another state than was sent");
             return;
         }
         let Some(server) = self.registry.server_mut(from) else { return };
@@ -147,16 +161,5 @@ impl Cluster {
         self.advance_change(now);
         self.prompt(vec![from]);
         self.advance_frame(now);
-    }
-
-    /// Channels that are ready become live at the frame that begins.
-    pub(super) fn admit_ready(&mut self, now: Micros) {
-        let ready: Vec<ChannelId> = self
-            .registry
-            .channels()
-            .filter(|(_, channel)| channel.state == ChannelState::Ready)
-            .map(|(id, _)| id)
-            .collect();
-        self.registry.set_states(&ready, ChannelState::Live, None, now);
     }
 }

@@ -16,6 +16,10 @@ const REJOIN_FRAMES_MIN: u32 = 8;
 /// The same after many relapses: a channel that keeps failing is waited for ever more rarely.
 const REJOIN_FRAMES_MAX: u32 = 512;
 
+/// After this long a server that could not prepare the shown state is asked again: a full disk or
+/// a busy device passes, and what fails for good costs one snapshot in this time.
+const PREPARE_RETRY_WAIT: Micros = 2_000_000;
+
 /// A connected render server.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Server {
@@ -29,15 +33,21 @@ pub(super) struct Server {
     /// What it was sent and has not answered yet.
     pub owes: Option<Revision>,
     pub memory_bytes: u64,
+    /// When it is asked once more for what it could not prepare.
+    retry_at: Option<Micros>,
     last_heard: Micros,
 }
 
 impl Server {
-    /// It has answered for a revision, for better or worse.
-    pub fn answered(&mut self, revision: Revision) {
-        if self.owes == Some(revision) {
-            self.owes = None;
-        }
+    /// It has answered for a revision, for better or worse. `false` where it was not asked: its
+    /// loader may still be at work for the connection before this one.
+    pub fn answered(&mut self, revision: Revision) -> bool {
+        self.owes.take_if(|owed| *owed == revision).is_some()
+    }
+
+    /// It is asked again after a while.
+    pub fn retry_later(&mut self, now: Micros) {
+        self.retry_at = Some(now + PREPARE_RETRY_WAIT);
     }
 }
 
@@ -55,6 +65,8 @@ pub(super) struct Channel {
     /// Frames that it drew since it joined or the revision changed: the first ones warm up.
     pub frames_drawn: u32,
     in_time: u32,
+    /// When its last drawing was reported.
+    drew_at: Micros,
     rejoin_frames: u32,
 }
 
@@ -78,6 +90,7 @@ impl Registry {
             late: 0,
             frames_drawn: 0,
             in_time: 0,
+            drew_at: 0,
             rejoin_frames: REJOIN_FRAMES_MIN,
         };
         let channels = wall.channels.iter().map(|c| channel(&c.name)).collect();
@@ -148,6 +161,7 @@ impl Registry {
             prepared: None,
             owes: None,
             memory_bytes: 0,
+            retry_at: None,
             last_heard: now,
         };
         self.servers.insert(session, server);
@@ -177,6 +191,18 @@ impl Registry {
 
     pub fn next_silence(&self) -> Option<Micros> {
         self.servers.values().map(|s| s.last_heard + self.heartbeat_us + 1).min()
+    }
+
+    /// Servers that are to be asked again now.
+    pub fn take_retries(&mut self, now: Micros) -> Vec<SessionId> {
+        let due = self.servers.iter_mut().filter_map(|(&id, server)| {
+            server.retry_at.take_if(|retry_at| *retry_at <= now).map(|_| id)
+        });
+        due.collect()
+    }
+
+    pub fn next_retry(&self) -> Option<Micros> {
+        self.servers.values().filter_map(|server| server.retry_at).min()
     }
 
     pub fn server(&self, session: SessionId) -> Option<&Server> {
@@ -267,23 +293,38 @@ impl Registry {
         }
     }
 
-    /// A channel drew a frame in time.
-    pub fn in_time(&mut self, id: ChannelId, now: Micros) {
+    /// A channel drew a frame that `began` then, where that is remembered.
+    pub fn drew(&mut self, id: ChannelId, now: Micros, began: Option<Micros>, deadline: Micros) {
         let Some(channel) = self.channels.get_mut(usize::from(id.0)) else { return };
         channel.frames_drawn = channel.frames_drawn.saturating_add(1);
-        if channel.state == ChannelState::Late {
-            channel.in_time += 1;
-            if channel.in_time >= channel.rejoin_frames {
-                self.set_state(id, ChannelState::Live, None, now);
-            }
-        }
+        // It began when it was sent the frame, or when it was done with the one before.
+        let free_at = std::mem::replace(&mut channel.drew_at, now);
+        let is_in_time = began.is_some_and(|b| now.saturating_sub(b.max(free_at)) <= deadline);
+        channel.in_time = if is_in_time { channel.in_time.saturating_add(1) } else { 0 };
     }
 
-    /// A late channel did not draw this frame before it was swapped.
-    pub fn still_late(&mut self, id: ChannelId) {
-        if let Some(channel) = self.channels.get_mut(usize::from(id.0)) {
-            channel.in_time = 0;
-        }
+    /// Channels that could draw are waited for from now on. Between two frames only: a frame does
+    /// not wait for those that came while it was drawn.
+    pub fn admit_ready(&mut self, now: Micros) {
+        self.turn_live(now, |channel| channel.state == ChannelState::Ready);
+    }
+
+    /// The same for late channels that have caught up.
+    pub fn admit_late(&mut self, now: Micros) {
+        self.turn_live(now, |channel| {
+            channel.state == ChannelState::Late && channel.in_time >= channel.rejoin_frames
+        });
+    }
+
+    fn turn_live(&mut self, now: Micros, may_come: impl Fn(&Channel) -> bool) {
+        let coming = self.channels().filter(|(_, channel)| may_come(channel));
+        let coming: Vec<_> = coming.map(|(id, _)| id).collect();
+        self.set_states(&coming, ChannelState::Live, None, now);
+    }
+
+    /// Whether a late channel drew its last frame in time.
+    pub fn is_catching_up(&self, id: ChannelId) -> bool {
+        self.channel(id).is_some_and(|channel| channel.in_time > 0)
     }
 }
 

@@ -1,6 +1,8 @@
 //! Failures of a wall as short deterministic tests: the clock is the test's own.
 
+mod found;
 mod random;
+mod simulated;
 
 use std::collections::BTreeMap;
 

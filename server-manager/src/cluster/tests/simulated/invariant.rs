@@ -1,0 +1,421 @@
+//! What must always hold of frames, states and channels: an observer that keeps its own books,
+//! from the messages alone, and compares.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use polyptych_protocol::command::{Command, Frame, Prepare, Swap};
+use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::ids::{ChannelId, Digest, Epoch, FrameId, Revision};
+use polyptych_protocol::status::Status;
+use polyptych_protocol::wall::Wall;
+
+use super::super::{Cluster, FRAME_ORDERS_MAX, Micros, SessionId};
+use super::coverage::Coverage;
+use super::manager::Manager;
+use super::promise::Promises;
+use super::server::{Picture, State};
+use super::world::Check;
+
+/// What one input may set off: all that waits may settle at once on a wall without servers.
+const OUTPUTS_MAX: usize = 3 * 64 + 256;
+
+/// Most changes in the brain's queue; its own limit is private to its module.
+const CHANGES_MAX: usize = 64;
+
+/// `WARM_UP_FRAMES` of the brain, and a few: it does not count what it can't tell to be of the
+/// present state.
+const WARM_UP_FRAMES: u32 = 3 + 3;
+
+/// A frame as it went over the wires.
+#[derive(Debug, Default)]
+struct Record {
+    revision: Revision,
+    is_capture: bool,
+    /// Channels whose right report has reached the manager.
+    drawn: BTreeSet<ChannelId>,
+    failed: BTreeSet<ChannelId>,
+    /// Servers that drew something else, and the manager was told.
+    disbelieved: BTreeSet<SessionId>,
+    /// In manager time.
+    not_after_us: Option<Micros>,
+}
+
+/// A session as the messages tell.
+#[derive(Debug, Default)]
+struct Joined {
+    owes: Option<Revision>,
+    prepared: BTreeSet<Revision>,
+}
+
+/// The observer.
+#[derive(Debug)]
+pub struct Watch {
+    pub epoch: Epoch,
+    started: Micros,
+    longest_us: Micros,
+    frames: BTreeMap<FrameId, Record>,
+    last: FrameId,
+    pub swapped: FrameId,
+    joined: BTreeMap<SessionId, Joined>,
+    truths: BTreeMap<(u64, Revision), Digest>,
+    /// The last picture of each channel.
+    pub shown: BTreeMap<ChannelId, Picture>,
+    drawn_since: BTreeMap<ChannelId, u32>,
+    last_revision: Revision,
+    progress: Micros,
+    pub promises: Promises,
+    /// The manager was killed between an output and the next.
+    pub is_cut_short: bool,
+    pub shows: u64,
+    pub wrong_shows: u64,
+    pub feedback_sent: u64,
+    pub frames_sent: u64,
+    channels: usize,
+    brain_frame: FrameId,
+}
+
+impl Watch {
+    pub fn new(wall: &Wall) -> Self {
+        Self {
+            epoch: Epoch(0),
+            started: 0,
+            longest_us: Micros::from(wall.deadline.max_ms) * 1000,
+            frames: BTreeMap::new(),
+            last: FrameId(0),
+            swapped: FrameId(0),
+            joined: BTreeMap::new(),
+            truths: BTreeMap::new(),
+            shown: BTreeMap::new(),
+            drawn_since: BTreeMap::new(),
+            last_revision: Revision(0),
+            progress: 0,
+            promises: Promises::default(),
+            is_cut_short: false,
+            shows: 0,
+            wrong_shows: 0,
+            feedback_sent: 0,
+            frames_sent: 0,
+            channels: wall.channels.len(),
+            brain_frame: FrameId(0),
+        }
+    }
+
+    pub fn begin_life(&mut self, epoch: Epoch, started: Micros) {
+        self.started = started;
+        self.epoch = epoch;
+        self.frames.clear();
+        (self.last, self.swapped) = (FrameId(0), FrameId(0));
+        self.joined.clear();
+        self.progress = started;
+        self.brain_frame = FrameId(0);
+    }
+
+    pub fn server_joins(&mut self, session: SessionId, channels: &[ChannelId]) {
+        for &channel in channels {
+            self.drawn_since.insert(channel, 0);
+        }
+        // What it was sent while it joined is in the brain's outputs still.
+        self.joined.insert(session, Joined::default());
+    }
+
+    pub fn revision_of(&self, frame: FrameId) -> Option<Revision> {
+        self.frames.get(&frame).map(|record| record.revision)
+    }
+
+    pub fn was_drawn_wrong(&self, frame: FrameId) -> bool {
+        self.frames.get(&frame).is_some_and(|record| !record.disbelieved.is_empty())
+    }
+
+    /// A server has folded a state: equal revisions have equal states.
+    pub fn folded(&mut self, state: &State) -> Check {
+        let truth = state.replica.digest();
+        let known = *self.truths.entry((state.epoch.0, state.revision())).or_insert(truth);
+        if known != truth {
+            return Err(format!("revision {} is two different states", state.revision()));
+        }
+        Ok(())
+    }
+
+    /// A server's report reaches the brain.
+    pub fn hears(
+        &mut self,
+        cluster: &Cluster,
+        session: SessionId,
+        status: &Status,
+        coverage: &mut Coverage,
+    ) {
+        let Some(joined) = self.joined.get_mut(&session) else { return };
+        match status {
+            Status::Prepared(prepared) if prepared.epoch == self.epoch => {
+                let truth = self.truths.get(&(self.epoch.0, prepared.revision));
+                if joined.owes == Some(prepared.revision) {
+                    joined.owes = None;
+                }
+                if truth == Some(&prepared.digest) {
+                    joined.prepared.insert(prepared.revision);
+                } else {
+                    coverage.count("prepared with a wrong digest");
+                }
+            }
+            Status::PrepareFailed { epoch, revision, .. } if *epoch == self.epoch => {
+                coverage.count("prepare failed");
+                if joined.owes == Some(*revision) {
+                    joined.owes = None;
+                }
+            }
+            Status::Drawn(drawn) if drawn.epoch == self.epoch => {
+                let truth = self.truths.get(&(self.epoch.0, drawn.revision));
+                let Some(record) = self.frames.get_mut(&drawn.frame) else { return };
+                if truth != Some(&drawn.digest) {
+                    coverage.count("drawn with a wrong digest");
+                    record.disbelieved.insert(session);
+                    // It would draw the present frame as wrong, where that is of the same state.
+                    let present = cluster.barrier.as_ref().map(|barrier| barrier.frame);
+                    if let Some(record) = present.and_then(|frame| self.frames.get_mut(&frame))
+                        && record.revision == drawn.revision
+                    {
+                        record.disbelieved.insert(session);
+                    }
+                } else if cluster.registry.drives(session, drawn.channel) {
+                    record.drawn.insert(drawn.channel);
+                    let is_present = drawn.revision == self.last_revision;
+                    *self.drawn_since.entry(drawn.channel).or_default() += u32::from(is_present);
+                }
+            }
+            Status::DrawFailed { channel, frame, .. } => {
+                coverage.count("draw failed");
+                if let Some(record) = self.frames.get_mut(frame) {
+                    record.failed.insert(*channel);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The brain sends a command to these servers.
+    pub fn commanded(
+        &mut self,
+        now: Micros,
+        cluster: &Cluster,
+        before: &[ChannelState],
+        to: &[SessionId],
+        command: &Command,
+    ) -> Check {
+        match command {
+            Command::Prepare(prepare) => self.prepare_sent(to, prepare),
+            Command::Frame(frame) => self.frame_sent(to, frame),
+            Command::Swap(swap) => self.swap_sent(now, cluster, before, to, swap),
+            Command::Pong(_) | Command::Goodbye { .. } => Ok(()),
+        }
+    }
+
+    fn prepare_sent(&mut self, to: &[SessionId], prepare: &Prepare) -> Check {
+        for session in to {
+            let Some(joined) = self.joined.get_mut(session) else { continue };
+            if let Some(owed) = joined.owes.replace(prepare.revision) {
+                return Err(format!(
+                    "{session:?} is sent revision {} while it owes {owed}",
+                    prepare.revision
+                ));
+            }
+            joined.prepared.remove(&prepare.revision);
+        }
+        Ok(())
+    }
+
+    fn frame_sent(&mut self, to: &[SessionId], frame: &Frame) -> Check {
+        self.frames_sent += 1;
+        if frame.frame <= self.last {
+            return Err(format!("frame {} comes after frame {}", frame.frame, self.last));
+        }
+        self.last = frame.frame;
+        if frame.revision != self.last_revision {
+            self.last_revision = frame.revision;
+            self.drawn_since.clear();
+        }
+        for session in to {
+            let joined = self.joined.get(session);
+            if joined.is_some_and(|joined| !joined.prepared.contains(&frame.revision)) {
+                return Err(format!(
+                    "{session:?} is sent frame {} of revision {}, which it has not prepared",
+                    frame.frame, frame.revision
+                ));
+            }
+        }
+        let record =
+            Record { revision: frame.revision, is_capture: frame.capture, ..Record::default() };
+        self.frames.insert(frame.frame, record);
+        Ok(())
+    }
+
+    fn swap_sent(
+        &mut self,
+        now: Micros,
+        cluster: &Cluster,
+        before: &[ChannelState],
+        to: &[SessionId],
+        swap: &Swap,
+    ) -> Check {
+        self.count_frame();
+        let frame = swap.frame;
+        if frame <= self.swapped {
+            return Err(format!("frame {frame} is swapped after frame {}", self.swapped));
+        }
+        self.swapped = frame;
+        let Some(record) = self.frames.get_mut(&frame) else {
+            return Err(format!("frame {frame} is swapped, which was never begun"));
+        };
+        record.not_after_us = Some(swap.not_after_us);
+        if swap.not_after_us > now - self.started + self.longest_us {
+            return Err(format!("frame {frame} may be shown for longer than any frame waits"));
+        }
+        if let Some(session) = to.iter().find(|session| record.disbelieved.contains(session)) {
+            return Err(format!("{session:?} is to show frame {frame}, which it drew wrong"));
+        }
+        for (id, channel) in cluster.registry.channels() {
+            let was_live = before.get(usize::from(id.0)) == Some(&ChannelState::Live);
+            let is_live = channel.state == ChannelState::Live;
+            if was_live && is_live && !record.drawn.contains(&id) {
+                return Err(format!(
+                    "frame {frame} is swapped, but live channel {id} has not drawn"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// The brain has answered an input whole.
+    pub fn settled(
+        &mut self,
+        now: Micros,
+        manager: &Manager,
+        cluster: &Cluster,
+        outputs: usize,
+        coverage: &mut Coverage,
+    ) -> Check {
+        if outputs > OUTPUTS_MAX {
+            return Err(format!("one input made {outputs} outputs"));
+        }
+        let clients = cluster.clients.len();
+        if cluster.orders.len() > FRAME_ORDERS_MAX * clients {
+            return Err(format!("{} orders of {clients} clients wait", cluster.orders.len()));
+        }
+        if cluster.changes.waiting() > CHANGES_MAX {
+            return Err(format!("{} changes wait", cluster.changes.waiting()));
+        }
+        self.check_states(manager, cluster, coverage)?;
+        self.check_barrier(manager, cluster)?;
+        self.check_progress(now, manager, cluster)
+    }
+
+    fn check_states(&self, manager: &Manager, cluster: &Cluster, coverage: &mut Coverage) -> Check {
+        for ((id, channel), &before) in cluster.registry.channels().zip(&manager.before) {
+            if channel.state == before {
+                continue;
+            }
+            coverage.changes[before as usize][channel.state as usize] += 1;
+            let record = manager.frame_before.and_then(|frame| self.frames.get(&frame));
+            if (before, channel.state) == (ChannelState::Live, ChannelState::Late)
+                && record.is_some_and(|r| r.drawn.contains(&id) && !r.failed.contains(&id))
+            {
+                return Err(format!(
+                    "channel {id} is called late, but it drew frame {:?} in time",
+                    manager.frame_before
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_barrier(&self, manager: &Manager, cluster: &Cluster) -> Check {
+        let Some(barrier) = &cluster.barrier else { return Ok(()) };
+        let Some(record) = self.frames.get(&barrier.frame) else {
+            return Err(format!("frame {} was sent to nobody", barrier.frame));
+        };
+        if let Some(id) = barrier.waited().iter().find(|id| record.drawn.contains(id)) {
+            return Err(format!("frame {} waits for channel {id}, which has drawn", barrier.frame));
+        }
+        if barrier.is_complete() {
+            return Err(format!("frame {} is complete, but not swapped", barrier.frame));
+        }
+        if manager.frame_before == Some(barrier.frame) {
+            return Ok(());
+        }
+        // A new frame waits for as long as the wall's draws ask, or for the reasons that we know.
+        let wait = barrier.deadline() - barrier.began;
+        let is_warming = barrier
+            .awaited()
+            .iter()
+            .any(|id| self.drawn_since.get(id).is_none_or(|drawn| *drawn <= WARM_UP_FRAMES));
+        let has_live = (cluster.registry.channels()).any(|(_, c)| c.state == ChannelState::Live);
+        if wait > self.longest_us
+            || (wait > cluster.deadline.length() && !is_warming && has_live && !record.is_capture)
+        {
+            return Err(format!(
+                "frame {} waits {wait} µs for no reason: {:?} drew {:?}",
+                barrier.frame,
+                barrier.awaited(),
+                self.drawn_since
+            ));
+        }
+        Ok(())
+    }
+
+    fn check_progress(&mut self, now: Micros, manager: &Manager, cluster: &Cluster) -> Check {
+        let brain_now = now - self.started;
+        let is_wanted = !cluster.orders.is_empty() || cluster.pacer.is_due(brain_now);
+        let has_moved = cluster.frame != self.brain_frame;
+        if has_moved || (cluster.barrier.is_none() && !is_wanted) {
+            self.brain_frame = cluster.frame;
+            self.progress = now;
+        }
+        let since = self.progress.max(manager.stopped_until);
+        if now.saturating_sub(since) > self.longest_us + 1 {
+            return Err(format!("the wall stands still for {} µs", now - since));
+        }
+        Ok(())
+    }
+
+    /// A channel has shown a frame, and this is what stood there.
+    pub fn shown(
+        &mut self,
+        now: Micros,
+        channel: ChannelId,
+        (epoch, frame): (Epoch, FrameId),
+        picture: Option<Picture>,
+        clock_error_us: u32,
+    ) -> Check {
+        self.shows += 1;
+        let Some(picture) = picture.filter(|p| (p.epoch, p.frame) == (epoch, frame)) else {
+            return Err(format!("channel {channel} shows frame {frame} but holds {picture:?}"));
+        };
+        let last = self.shown.insert(channel, picture);
+        if let Some(last) = last.filter(|last| last.epoch == epoch && last.frame >= frame) {
+            return Err(format!("channel {channel} shows frame {frame} after {}", last.frame));
+        }
+        if self.truths.get(&(epoch.0, picture.revision)) != Some(&picture.digest) {
+            self.wrong_shows += 1;
+        }
+        if epoch != self.epoch {
+            return Ok(());
+        }
+        let record = self.frames.get(&frame);
+        let Some(not_after_us) = record.and_then(|record| record.not_after_us) else {
+            return Err(format!("channel {channel} shows frame {frame}, which was not swapped"));
+        };
+        // Its clock drifts by 50 µs a second at most, for the eight pings it remembers.
+        let slack_us = Micros::from(clock_error_us) + 1_000;
+        let late_us = (now - self.started).saturating_sub(not_after_us);
+        if late_us > slack_us {
+            return Err(format!("channel {channel} shows frame {frame} {late_us} µs too late"));
+        }
+        if record.is_some_and(|record| record.revision != picture.revision) {
+            return Err(format!("channel {channel} shows frame {frame} of another revision"));
+        }
+        Ok(())
+    }
+
+    pub fn wall_channels(&self) -> usize {
+        self.channels
+    }
+}

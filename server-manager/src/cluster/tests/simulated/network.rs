@@ -1,0 +1,128 @@
+//! Connections between render servers and the manager. Each keeps its order, as TCP does; between
+//! two of them there is none.
+
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use polyptych_protocol::command::Command;
+use polyptych_protocol::status::Status;
+
+use super::super::{Micros, SessionId};
+use super::dice::Dice;
+
+/// An end of a connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Side {
+    Server,
+    Manager,
+}
+
+/// A connection, by its place in the network's list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct LinkId(pub usize);
+
+/// What travels.
+#[derive(Clone, Debug)]
+pub enum Parcel {
+    Hello,
+    Welcome,
+    Refused,
+    Command(Rc<Command>),
+    Status(Box<Status>),
+    /// The peer has closed its end, after all that it sent.
+    End,
+}
+
+/// One direction of a connection.
+#[derive(Debug, Default)]
+pub struct Lane {
+    /// Under way, or arrived at a peer that does not read.
+    pub waiting: VecDeque<Parcel>,
+    last: Micros,
+    /// Nothing arrives any more, and nobody is told: a cable was pulled.
+    pub is_dead: bool,
+}
+
+/// A connection.
+#[derive(Debug)]
+pub struct Link {
+    pub server: usize,
+    /// Of which life of the manager it is.
+    pub life: u32,
+    pub session: Option<SessionId>,
+    to_server: Lane,
+    to_manager: Lane,
+    pub is_open_at_server: bool,
+    pub is_open_at_manager: bool,
+}
+
+impl Link {
+    pub fn new(server: usize, life: u32) -> Self {
+        Self {
+            server,
+            life,
+            session: None,
+            to_server: Lane::default(),
+            to_manager: Lane::default(),
+            is_open_at_server: true,
+            is_open_at_manager: true,
+        }
+    }
+
+    /// The direction that ends at this side.
+    pub fn lane(&mut self, to: Side) -> &mut Lane {
+        match to {
+            Side::Server => &mut self.to_server,
+            Side::Manager => &mut self.to_manager,
+        }
+    }
+
+    pub fn is_open(&self, at: Side) -> bool {
+        match at {
+            Side::Server => self.is_open_at_server,
+            Side::Manager => self.is_open_at_manager,
+        }
+    }
+}
+
+/// How long things travel.
+#[derive(Debug)]
+pub struct Weather {
+    dice: Dice,
+    delay_us: u64,
+    jitter_us: u64,
+    /// Until when things on a server's connections travel longer, and by how much.
+    pub spikes: Vec<(Micros, Micros)>,
+}
+
+impl Weather {
+    pub fn new(mut dice: Dice, servers: usize) -> Self {
+        let delay_us = dice.pick(&[20, 100, 100, 400, 3_000]);
+        let jitter_us = dice.pick(&[1, 50, 200, 2_000]);
+        Self { dice, delay_us, jitter_us, spikes: vec![(0, 0); servers] }
+    }
+
+    fn delay(&mut self, server: usize, now: Micros) -> Micros {
+        let (until, extra) = self.spikes[server];
+        let spike = if now < until { self.dice.between(0, extra) } else { 0 };
+        self.delay_us + self.dice.between(0, self.jitter_us) + spike
+    }
+
+    /// Puts a parcel on its way and says when it arrives, if it does.
+    pub fn send(
+        &mut self,
+        now: Micros,
+        link: &mut Link,
+        to: Side,
+        parcel: Parcel,
+    ) -> Option<Micros> {
+        let delay = self.delay(link.server, now);
+        let lane = link.lane(to);
+        if lane.is_dead {
+            return None;
+        }
+        lane.last = lane.last.max(now + delay);
+        lane.waiting.push_back(parcel);
+        Some(lane.last)
+    }
+}

@@ -1,0 +1,271 @@
+//! What clients were told: every request has one answer, and what was said to be done is
+//! remembered.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::DVec3;
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::feedback::Feedback;
+use polyptych_protocol::ids::{FrameId, RequestId, Revision};
+use polyptych_protocol::log::SceneRef;
+use polyptych_protocol::request::{Answer, Pace, Reply, Request};
+
+use super::super::{Cluster, Memory, Micros, RequestOf, SessionId};
+use super::invariant::Watch;
+use super::world::Check;
+
+/// What is open, and what was promised.
+#[derive(Debug, Default)]
+pub struct Promises {
+    open: BTreeMap<(SessionId, RequestId), Request>,
+    clients: BTreeSet<SessionId>,
+    subscribed: BTreeMap<SessionId, FrameId>,
+    /// Frames since statistics were reset, counted here.
+    frames: u64,
+    last: Option<Memory>,
+    told: Told,
+    pub answers: u64,
+    pub refusals: u64,
+}
+
+/// What clients believe of the wall; `None` where they were told nothing.
+#[derive(Debug, Default)]
+struct Told {
+    scene: Option<(Revision, Option<String>)>,
+    camera: Option<Camera>,
+    eye: Option<DVec3>,
+    exposure: Option<f32>,
+    pace: Option<Option<Pace>>,
+}
+
+impl Promises {
+    pub fn open_requests(&self) -> usize {
+        self.open.len()
+    }
+
+    pub fn an_open_request(&self) -> Option<String> {
+        self.open.iter().next().map(|(of, request)| format!("{of:?} {request:?}"))
+    }
+}
+
+impl Watch {
+    /// A manager begins: it has what clients were told, as its memory says.
+    pub fn manager_starts(
+        &mut self,
+        cluster: &Cluster,
+        started: Micros,
+        memory: Option<&Memory>,
+    ) -> Check {
+        self.begin_life(cluster.epoch(), started);
+        self.promises.frames = 0;
+        if std::mem::take(&mut self.is_cut_short) {
+            // It may have remembered what it had no time to tell.
+            let scene = self.promises.told.scene.take();
+            self.promises.told = Told { scene, ..Told::default() };
+        }
+        let told = &self.promises.told;
+        if let Some((revision, scene)) = &told.scene {
+            let now = cluster.shown.revision;
+            let name = cluster.shown.scene.as_ref().map(|scene| scene.name.clone());
+            if now < *revision || (now == *revision && name != *scene) {
+                return Err(format!("told {scene:?} at {revision}, restored {name:?} at {now}"));
+            }
+        }
+        let Some(memory) = memory else { return Ok(()) };
+        let is_kept = told.camera.is_none_or(|camera| cluster.camera == camera)
+            && told.eye.is_none_or(|eye| cluster.eye == eye)
+            && told.exposure.is_none_or(|exposure| cluster.exposure == exposure)
+            && told.pace.is_none_or(|pace| cluster.pacer.pace() == pace)
+            && cluster.shown.scene == memory.scene
+            && cluster.shown.revision == memory.revision;
+        if !is_kept {
+            return Err(format!("told {told:?}, remembered {memory:?}, but restored otherwise"));
+        }
+        Ok(())
+    }
+
+    pub fn manager_ends(&mut self) {
+        self.promises.open.clear();
+        self.promises.clients.clear();
+        self.promises.subscribed.clear();
+    }
+
+    pub fn client_joins(&mut self, session: SessionId) {
+        self.promises.clients.insert(session);
+    }
+
+    pub fn client_leaves(&mut self, session: SessionId) {
+        self.promises.clients.remove(&session);
+        self.promises.subscribed.remove(&session);
+        self.promises.open.retain(|(client, _), _| *client != session);
+    }
+
+    pub fn asked(&mut self, client: SessionId, id: RequestId, request: Request) {
+        if let Request::RenderFrame { camera: Some(_), .. } = request {
+            // Where a client was with a frame is remembered now and then only.
+            self.promises.told.camera = None;
+        }
+        self.promises.open.insert((client, id), request);
+    }
+
+    pub fn remembered(&mut self, memory: &Memory) -> Check {
+        let last = self.promises.last.replace(memory.clone());
+        if last.as_ref().is_some_and(|last| last.revision > memory.revision) {
+            return Err(format!("revision {} is remembered after {last:?}", memory.revision));
+        }
+        Ok(())
+    }
+
+    /// A capture is answered by the manager's collection, from here on.
+    pub fn collects(&mut self, job: RequestOf, frame: FrameId, channels: usize) -> Check {
+        match self.promises.open.remove(&(job.client, job.id)) {
+            Some(Request::Capture) => {}
+            None if !self.promises.clients.contains(&job.client) => {}
+            other => return Err(format!("a capture of frame {frame} answers {other:?}")),
+        }
+        if channels != self.wall_channels() {
+            return Err(format!("a capture speaks of {channels} channels"));
+        }
+        Ok(())
+    }
+
+    pub fn answered(&mut self, to: SessionId, answer: &Answer, memory: Option<&Memory>) -> Check {
+        if !self.promises.clients.contains(&to) {
+            return Err(format!("{to:?} is gone, but is answered"));
+        }
+        match answer {
+            Answer::Feedback(feedback) => {
+                self.feedback_sent += 1;
+                self.check_feedback(feedback)?;
+                let Some(last) = self.promises.subscribed.get_mut(&to) else {
+                    return Err(format!("{to:?} did not ask for feedback"));
+                };
+                let before = std::mem::replace(last, feedback.frame);
+                if before >= feedback.frame {
+                    return Err(format!("feedback of {} after {before}", feedback.frame));
+                }
+                Ok(())
+            }
+            Answer::Reply { id, reply } => {
+                let Some(request) = self.promises.open.remove(&(to, *id)) else {
+                    return Err(format!("{to:?} is answered {id} again, or did not ask"));
+                };
+                self.promises.answers += 1;
+                match reply {
+                    Ok(reply) => self.check_reply(to, &request, reply, memory),
+                    Err(_) => {
+                        self.promises.refusals += 1;
+                        Ok(())
+                    }
+                }
+            }
+            Answer::Picture(_) | Answer::Goodbye { .. } => Ok(()),
+        }
+    }
+
+    fn check_feedback(&self, feedback: &Feedback) -> Check {
+        // A frame that was sent to nobody, or drawn wrong by all, is not swapped by anyone.
+        let is_seen = self.revision_of(feedback.frame).is_some();
+        let is_shown = is_seen && !self.was_drawn_wrong(feedback.frame);
+        if feedback.frame < self.swapped || (is_shown && feedback.frame != self.swapped) {
+            let (frame, last) = (feedback.frame, self.swapped);
+            return Err(format!("feedback of frame {frame}, but {last} was swapped last"));
+        }
+        let revision = self.revision_of(feedback.frame);
+        if is_seen && revision != Some(feedback.revision) {
+            return Err(format!("frame {} shows {revision:?}, but {feedback:?}", feedback.frame));
+        }
+        Ok(())
+    }
+
+    fn check_reply(
+        &mut self,
+        to: SessionId,
+        request: &Request,
+        reply: &Reply,
+        memory: Option<&Memory>,
+    ) -> Check {
+        let is_kept = |is: fn(&Memory, &Request) -> bool| match memory {
+            Some(memory) if is(memory, request) => Ok(()),
+            _ => Err(format!("{request:?} was done, but {memory:?} is remembered")),
+        };
+        let scene_of = |memory: Option<&Memory>| {
+            memory.map(|m| (m.revision, m.scene.as_ref().map(|s: &SceneRef| s.name.clone())))
+        };
+        let told = &mut self.promises.told;
+        match (request, reply) {
+            (Request::OpenScene { .. }, Reply::SceneOpened(summary)) => {
+                told.scene = scene_of(memory);
+                if told.scene != Some((summary.revision, Some(summary.name.clone()))) {
+                    return Err(format!("{summary:?} was opened, but {memory:?} is remembered"));
+                }
+            }
+            (Request::CloseScene, Reply::Done) => {
+                told.scene = scene_of(memory);
+                is_kept(|memory, _| memory.scene.is_none())?;
+            }
+            (Request::SetCamera(camera), Reply::Done) => {
+                let rotation = camera.rotation.normalize();
+                let camera = Some(Camera { rotation, ..*camera });
+                if memory.map(|memory| memory.camera) != camera {
+                    return Err(format!("{camera:?} was set, but {memory:?} is remembered"));
+                }
+                // A frame that waits may still place it elsewhere.
+                let places =
+                    |r: &Request| matches!(r, Request::RenderFrame { camera: Some(_), .. });
+                told.camera = camera.filter(|_| !self.promises.open.values().any(places));
+            }
+            (Request::SetEye(eye), Reply::Done) => {
+                told.eye = Some(*eye);
+                is_kept(|memory, asked| *asked == Request::SetEye(memory.eye))?;
+            }
+            (Request::SetExposure(exposure), Reply::Done) => {
+                told.exposure = Some(*exposure);
+                is_kept(|memory, asked| *asked == Request::SetExposure(memory.exposure))?;
+            }
+            (Request::Run(pace), Reply::Done) => {
+                told.pace = Some(Some(*pace));
+                is_kept(|memory, asked| memory.pace.is_some_and(|p| *asked == Request::Run(p)))?;
+            }
+            (Request::Pause, Reply::Done) => {
+                told.pace = Some(None);
+                is_kept(|memory, _| memory.pace.is_none())?;
+            }
+            (Request::RenderFrame { .. }, Reply::Frame(feedback)) => {
+                self.check_feedback(feedback)?;
+            }
+            (Request::Subscribe(wish), Reply::Done) => {
+                if *wish {
+                    self.promises.subscribed.entry(to).or_default();
+                } else {
+                    self.promises.subscribed.remove(&to);
+                }
+            }
+            (Request::Status, Reply::Status(status)) => {
+                let is_whole = status.channels.len() == self.wall_channels();
+                if status.frame < self.swapped || !is_whole || status.epoch != self.epoch {
+                    return Err(format!("a status of frame {}: {status:?}", self.swapped));
+                }
+            }
+            (Request::Statistics { reset }, Reply::Statistics(statistics)) => {
+                // Frames that nobody was sent are counted too.
+                if statistics.frames < self.promises.frames {
+                    let (theirs, ours) = (statistics.frames, self.promises.frames);
+                    return Err(format!(
+                        "statistics of {theirs} frames, where {ours} were swapped"
+                    ));
+                }
+                if *reset {
+                    self.promises.frames = 0;
+                }
+            }
+            (Request::DescribeWall, Reply::Wall(_)) | (Request::Stop, Reply::Done) => {}
+            (request, reply) => return Err(format!("{request:?} is answered by {reply:?}")),
+        }
+        Ok(())
+    }
+
+    pub fn count_frame(&mut self) {
+        self.promises.frames += 1;
+    }
+}

@@ -1,0 +1,191 @@
+//! The render thread of a simulated server: as `render_thread.rs` of the render server, with its
+//! very own `playback.rs`, but for the pictures.
+
+use polyptych_protocol::command::{Frame, Swap};
+use polyptych_protocol::ids::{Epoch, FrameId};
+use polyptych_protocol::status::{Drawn, Shown, Status};
+
+use super::super::Micros;
+use super::playback::Act;
+use super::server::{JOBS_MAX, Picture, State};
+use super::world::{Check, Happening, World};
+
+/// `STATES_MAX` of the render server.
+const STATES_MAX: usize = 4;
+
+/// What the other threads want of this one.
+#[derive(Debug)]
+pub enum Job {
+    Frame(Box<Frame>),
+    Swap(Swap),
+    Disconnected,
+}
+
+/// What the thread is at.
+#[derive(Debug)]
+pub enum Drawing {
+    /// A frame, one channel after the other.
+    Frame { frame: Box<Frame>, channel: usize, began: Micros, is_good: bool },
+    /// A new state, where nobody sees it.
+    WarmUp(State),
+}
+
+impl World {
+    pub fn push_job(&mut self, index: usize, job: Job) {
+        if self.servers[index].jobs.len() < JOBS_MAX {
+            self.servers[index].jobs.push_back(job);
+            self.wake_render(index);
+        } else {
+            self.coverage.count("job dropped by a render thread that hangs");
+        }
+    }
+
+    /// A thread that waits runs a moment after it was woken; more may have come by then.
+    pub fn wake_render(&mut self, index: usize) {
+        let server = &mut self.servers[index];
+        if !server.is_waking && server.drawing.is_none() {
+            server.is_waking = true;
+            let life = server.life;
+            let moment = self.dice.between(5, 60);
+            self.at(self.now + moment, Happening::Render(index, life));
+        }
+    }
+
+    /// The thread's loop, until it draws or waits.
+    pub fn render(&mut self, index: usize) -> Check {
+        self.servers[index].is_waking = false;
+        while self.servers[index].drawing.is_none() {
+            while let Some(job) = self.servers[index].jobs.pop_front() {
+                let manager_us = self.servers[index].manager_us(self.now);
+                let playback = &mut self.servers[index].playback;
+                match job {
+                    Job::Frame(frame) => playback.handle_frame(frame),
+                    Job::Swap(swap) => {
+                        if let Some(Act::Show { epoch, frame }) =
+                            playback.handle_swap(swap, manager_us)
+                        {
+                            self.show(index, epoch, frame)?;
+                        }
+                    }
+                    Job::Disconnected => playback.restart(),
+                }
+            }
+            let manager_us = self.servers[index].manager_us(self.now);
+            match self.servers[index].playback.poll(manager_us) {
+                Some(Act::Show { epoch, frame }) => self.show(index, epoch, frame)?,
+                Some(Act::Draw(frame)) => self.begin_drawing(index, frame),
+                None => {
+                    let Some(state) = self.servers[index].finish.take() else { break };
+                    let warm_up_us = self.dice.between(200, 5_000);
+                    self.draw_until(index, Drawing::WarmUp(state), warm_up_us);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn draw_until(&mut self, index: usize, drawing: Drawing, takes_us: u64) {
+        let server = &mut self.servers[index];
+        server.drawing = Some(drawing);
+        let life = server.life;
+        self.at(self.now + takes_us, Happening::DrawingEnds(index, life));
+    }
+
+    fn begin_drawing(&mut self, index: usize, frame: Box<Frame>) {
+        let states = &mut self.servers[index].states;
+        let is_it = |s: &State| s.epoch == frame.epoch && s.revision() == frame.revision;
+        // The newest: a server that was resynchronised holds a wrong one of the same number.
+        let Some(at) = states.iter().rposition(is_it) else {
+            self.coverage.count("frame of a state that is not here");
+            return;
+        };
+        states.drain(..at);
+        let takes_us = self.drawing_time(index);
+        let began = self.now;
+        self.draw_until(
+            index,
+            Drawing::Frame { frame, channel: 0, began, is_good: true },
+            takes_us,
+        );
+    }
+
+    fn drawing_time(&mut self, index: usize) -> u64 {
+        let server = &self.servers[index];
+        let slow_by = if self.now < server.trouble.slow_until { server.trouble.slow_by } else { 1 };
+        let usual = server.draw_us * slow_by;
+        self.dice.between(usual * 8 / 10, usual * 12 / 10)
+    }
+
+    pub fn end_drawing(&mut self, index: usize) -> Check {
+        match self.servers[index].drawing.take() {
+            None => {}
+            Some(Drawing::WarmUp(state)) => {
+                let states = &mut self.servers[index].states;
+                if states.len() == STATES_MAX {
+                    states.remove(1);
+                }
+                states.push_back(state.clone());
+                self.finished(index, &state)?;
+            }
+            Some(Drawing::Frame { frame, channel, began, is_good }) => {
+                let is_good = self.drew_channel(index, &frame, channel, began) && is_good;
+                if channel + 1 < self.servers[index].channels.len() {
+                    let takes_us = self.drawing_time(index);
+                    let began = self.now;
+                    let channel = channel + 1;
+                    let drawing = Drawing::Frame { frame, channel, began, is_good };
+                    self.draw_until(index, drawing, takes_us);
+                    return Ok(());
+                }
+                if is_good {
+                    self.servers[index].playback.has_drawn(&frame);
+                }
+            }
+        }
+        self.render(index)
+    }
+
+    fn drew_channel(&mut self, index: usize, frame: &Frame, at: usize, began: Micros) -> bool {
+        let draw_us = (self.now - began) as u32;
+        let server = &mut self.servers[index];
+        let channel = server.channels[at];
+        let Some(state) = server.states.front() else { return false };
+        let (revision, digest) = (state.revision(), state.digest);
+        let (epoch, number) = (frame.epoch, frame.frame);
+        if self.now < server.trouble.draws_fail_until {
+            server.targets.remove(&channel);
+            let reason = "the device is busy".to_owned();
+            self.report(index, Status::DrawFailed { channel, frame: number, reason });
+            return false;
+        }
+        server.targets.insert(channel, Picture { epoch, frame: number, revision, digest });
+        let drawn = Drawn {
+            epoch,
+            frame: number,
+            channel,
+            revision,
+            digest,
+            draw_us,
+            triangles: 1,
+            draw_calls: 1,
+        };
+        self.report(index, Status::Drawn(drawn));
+        true
+    }
+
+    fn show(&mut self, index: usize, epoch: Epoch, frame: FrameId) -> Check {
+        let server = &self.servers[index];
+        if server.states.front().is_none_or(|state| state.epoch != epoch) {
+            return Ok(());
+        }
+        let clock_error_us = server.offset.map_or(u32::MAX, |(_, error)| error);
+        let at_us = server.manager_us(self.now).unwrap_or(0);
+        for channel in server.channels.clone() {
+            let picture = self.servers[index].targets.get(&channel).copied();
+            self.watch.shown(self.now, channel, (epoch, frame), picture, clock_error_us)?;
+            let shown = Shown { epoch, frame, channel, at_us, clock_error_us };
+            self.report(index, Status::Shown(shown));
+        }
+        Ok(())
+    }
+}

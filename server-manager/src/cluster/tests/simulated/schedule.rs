@@ -1,0 +1,365 @@
+//! One schedule: a wall of a random size, random requests and faults, and then calm, in which all
+//! must come back.
+
+use glam::DVec3;
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::request::{Pace, Request};
+use polyptych_protocol::wall::DeadlineRule;
+
+use super::super::{Micros, wall};
+use super::coverage::Coverage;
+use super::dice::Dice;
+use super::server::{RETRY_LONGEST, Server};
+use super::world::{Check, World};
+
+/// Frames a second of the calm at the end.
+const CALM_RATE: f64 = 50.0;
+
+/// Frames after which the worst of channels is waited for again: `REJOIN_FRAMES_MAX` of the brain,
+/// and a few for those that stumble once more.
+const CALM_FRAMES: u64 = 700;
+
+/// How rough a schedule is.
+#[derive(Clone, Copy, Debug)]
+struct Temper {
+    /// Faults in a thousand steps.
+    faults: u64,
+    requests: u64,
+    /// Longest wait between two steps.
+    pause_us: u64,
+}
+
+const TEMPERS: [Temper; 4] = [
+    Temper { faults: 10, requests: 300, pause_us: 8_000 },
+    Temper { faults: 60, requests: 200, pause_us: 12_000 },
+    Temper { faults: 150, requests: 150, pause_us: 20_000 },
+    Temper { faults: 30, requests: 700, pause_us: 4_000 },
+];
+
+/// Runs the schedule of a seed; says what broke, and when.
+pub fn run(seed: u64, is_told: bool) -> Result<Coverage, String> {
+    let mut dice = Dice::new(seed, 1);
+    let mut world = build(seed, &mut dice);
+    world.is_told = is_told;
+    let temper = dice.pick(&TEMPERS);
+    let ran = play(&mut world, &mut dice, temper).and_then(|()| calm(&mut world));
+    if let Err(fault) = ran {
+        let at = world.now as f64 / 1000.0;
+        return Err(format!("after {at:.3} ms: {fault}"));
+    }
+    let mut coverage = world.coverage;
+    coverage.schedules = 1;
+    coverage.shown = world.watch.shows;
+    coverage.frames = world.watch.frames_sent;
+    coverage.virtual_us = world.now;
+    coverage.tally("answers", world.watch.promises.answers);
+    coverage.tally("answers that refuse", world.watch.promises.refusals);
+    coverage.tally("feedback to subscribers", world.watch.feedback_sent);
+    coverage.tally("wrong picture shown before it was reported", world.watch.wrong_shows);
+    Ok(coverage)
+}
+
+fn build(seed: u64, dice: &mut Dice) -> World {
+    // Small walls mostly: they fail as large ones do, and cost less.
+    let count = dice.pick(&[1, 1, 2, 2, 2, 3, 3, 4, 6]);
+    // Servers of one kind: one that is several times slower than the others is late by the rule.
+    let frame_us = dice.between(6_000, 25_000);
+    let mut next = 0;
+    let mut servers = Vec::new();
+    for index in 0..count {
+        let most = if count == 1 { 6 } else { 3 };
+        let channels = dice.pick(&[1, 1, dice.clone().between(1, most)]);
+        let ids = (next..next + channels as u16).map(ChannelId).collect();
+        next += channels as u16;
+        let draw_us = dice.between(frame_us * 6 / 10, frame_us * 12 / 10) / channels;
+        let load_us = dice.pick(&[2_000, 20_000, 200_000]);
+        servers.push(Server::new(index, ids, draw_us, load_us));
+    }
+    let mut wall = wall(u32::from(next));
+    wall.heartbeat_ms = dice.pick(&[200, 500, 2_000]);
+    let max_ms = dice.pick(&[300, 1_000, 2_000]);
+    wall.deadline = DeadlineRule { factor: 4.0, min_ms: dice.pick(&[30, 50]), max_ms };
+    let clients = dice.below(4) as usize;
+    World::new(seed, wall, servers, clients)
+}
+
+fn play(world: &mut World, dice: &mut Dice, temper: Temper) -> Check {
+    world.start_manager()?;
+    for index in 0..world.servers.len() {
+        let late = dice.pick(&[0, 0, 0, 400_000]);
+        let due = world.now + dice.between(0, 2_000 + late);
+        world.at(due, super::world::Happening::ServerStarts(index));
+    }
+    world.run_until(world.now + dice.pick(&[1_000, 30_000, 300_000]))?;
+    for index in 0..world.clients.len() {
+        world.connect_client(index);
+    }
+    if dice.is_hit(700) && !world.clients.is_empty() {
+        let pace = a_pace(dice);
+        world.ask(0, Request::Run(pace));
+    }
+    for _ in 0..dice.between(100, 600) {
+        let pause_us = match dice.below(100) {
+            0 => temper.pause_us * 20,
+            1..30 => 0,
+            _ => dice.below(temper.pause_us),
+        };
+        world.run_until(world.now + pause_us)?;
+        if dice.is_hit(temper.faults) {
+            fault(world, dice)?;
+        }
+        if dice.is_hit(temper.requests) && !world.clients.is_empty() {
+            request(world, dice)?;
+        }
+    }
+    Ok(())
+}
+
+fn a_pace(dice: &mut Dice) -> Pace {
+    match dice.below(6) {
+        0..2 => Pace::Free,
+        2 => Pace::Rate(0.5),
+        _ => Pace::Rate(dice.pick(&[10.0, 30.0, 60.0, 240.0])),
+    }
+}
+
+fn request(world: &mut World, dice: &mut Dice) -> Check {
+    let client = dice.below(world.clients.len() as u64) as usize;
+    if world.clients[client].session.is_none() {
+        if dice.is_hit(300) {
+            world.connect_client(client);
+        }
+        return Ok(());
+    }
+    let spot =
+        |dice: &mut Dice| Camera { scale: 1.0 + dice.below(100) as f64 / 7.0, ..Camera::IDENTITY };
+    let request = match dice.below(100) {
+        0..25 => {
+            let camera = dice.is_hit(500).then(|| spot(dice));
+            let time_s = dice.is_hit(300).then_some(1.5);
+            let request = Request::RenderFrame { camera, time_s };
+            let burst = if dice.is_hit(40) { dice.between(2, 90) } else { 1 };
+            for _ in 1..burst {
+                world.ask(client, request.clone());
+            }
+            request
+        }
+        25..35 => Request::SetCamera(spot(dice)),
+        35..38 => Request::SetEye(DVec3::new(dice.below(9) as f64 * 0.1, 0.0, 0.5)),
+        38..41 => Request::SetExposure(dice.below(5) as f32),
+        41..50 => {
+            let request = Request::OpenScene { path: "town.glb".into() };
+            let burst = if dice.is_hit(30) { dice.between(2, 80) } else { 1 };
+            for _ in 1..burst {
+                world.ask(client, request.clone());
+            }
+            request
+        }
+        50..56 => {
+            let burst = if dice.is_hit(30) { dice.between(2, 80) } else { 1 };
+            for _ in 1..burst {
+                world.ask(client, Request::CloseScene);
+            }
+            Request::CloseScene
+        }
+        56..64 => Request::Run(a_pace(dice)),
+        64..68 => Request::Pause,
+        68..74 => Request::Capture,
+        74..80 => Request::Status,
+        80..86 => Request::Statistics { reset: dice.is_hit(300) },
+        86..88 => Request::DescribeWall,
+        88..94 => Request::Subscribe(dice.is_hit(700)),
+        94..97 => Request::SetExposure(f32::NAN),
+        97 if dice.is_hit(200) => Request::Stop,
+        _ => {
+            world.coverage.count("client disconnected");
+            return world.disconnect_client(client);
+        }
+    };
+    world.ask(client, request);
+    Ok(())
+}
+
+fn fault(world: &mut World, dice: &mut Dice) -> Check {
+    let index = dice.below(world.servers.len() as u64) as usize;
+    let heartbeat = Micros::from(world.wall.heartbeat_ms) * 1000;
+    let now = world.now;
+    let short = now + dice.between(1_000, 400_000);
+    let what = match dice.below(100) {
+        0..10 => return break_connection(world, dice, index),
+        10..20 => {
+            world.kill_server(index, dice.is_hit(600));
+            let back = now + dice.between(1_000, 2 * heartbeat);
+            world.at(back, super::world::Happening::ServerStarts(index));
+            "server killed"
+        }
+        20..32 => {
+            let longest = dice.pick(&[50_000, heartbeat / 2, 3 * heartbeat]);
+            let until = &mut world.servers[index].trouble.stopped_until;
+            *until = (now + dice.between(1_000, longest)).max(*until);
+            "server stopped"
+        }
+        32..44 => {
+            let trouble = &mut world.servers[index].trouble;
+            (trouble.slow_until, trouble.slow_by) = (short, dice.between(2, 40));
+            "server slow"
+        }
+        44..54 => {
+            let longest = dice.pick(&[100_000, 2 * heartbeat]);
+            let until = &mut world.servers[index].trouble.hangs_until;
+            *until = (now + dice.between(1_000, longest)).max(*until);
+            "render thread hangs"
+        }
+        54..60 => {
+            world.servers[index].trouble.draws_fail_until = short;
+            "draws fail"
+        }
+        60..67 => {
+            world.servers[index].trouble.loads_fail_until = short;
+            "loads fail"
+        }
+        67..73 => {
+            let trouble = &mut world.servers[index].trouble;
+            let by = dice.pick(&[50_000, 1_000_000, 4_000_000]);
+            (trouble.loads_slow_until, trouble.loads_slow_by) = (short, by);
+            "loads slow"
+        }
+        73..79 => {
+            world.servers[index].trouble.corrupts_next = true;
+            "next state corrupt"
+        }
+        79..86 => {
+            if let Some(state) = world.servers[index].states.back_mut() {
+                state.digest.0 ^= 2;
+            }
+            "held state corrupt"
+        }
+        86..92 => {
+            let extra = dice.pick(&[2_000, 30_000, heartbeat]);
+            world.weather.spikes[index] = (short, extra);
+            "delays"
+        }
+        92..96 => {
+            let longest = dice.pick(&[5_000, 100_000, 2 * heartbeat]);
+            let until = &mut world.manager.stopped_until;
+            *until = (now + dice.between(100, longest)).max(*until);
+            "manager stopped"
+        }
+        96..98 => {
+            world.manager.dies_after = Some(dice.below(12) as u32);
+            "manager is to die"
+        }
+        _ => {
+            world.kill_manager("killed");
+            "manager killed"
+        }
+    };
+    world.tell(|| format!("{what}: {index}"));
+    world.coverage.count(what);
+    Ok(())
+}
+
+fn break_connection(world: &mut World, dice: &mut Dice, index: usize) -> Check {
+    let Some(link) = world.servers[index].link else { return Ok(()) };
+    let what = match dice.below(4) {
+        0 => {
+            world.cut(link);
+            "connection cut"
+        }
+        1 => {
+            world.silence(link, true, true);
+            "connection half open"
+        }
+        2 => {
+            world.silence(link, true, false);
+            "connection half open to the server"
+        }
+        // It comes back before the manager finds the old one dead.
+        _ => {
+            world.silence(link, false, true);
+            world.disconnect(index, "its network changed");
+            "taken over by the same process"
+        }
+    };
+    world.tell(|| format!("{what}: {index}"));
+    world.coverage.count(what);
+    Ok(())
+}
+
+/// All faults end; the wall must be whole again, at rest and in motion.
+fn calm(world: &mut World) -> Check {
+    world.tell(|| "from here on there are no faults".to_owned());
+    world.manager.dies_after = None;
+    for index in 0..world.servers.len() {
+        world.servers[index].trouble.corrupts_next = false;
+        world.start_server(index);
+    }
+    let heartbeat = Micros::from(world.wall.heartbeat_ms) * 1000;
+    // What is under way may last as long as the longest trouble, a wait before a retry, a load;
+    // then every channel catches up, frame by frame.
+    let longest = Micros::from(world.wall.deadline.max_ms) * 1000;
+    let rejoining = (CALM_FRAMES as f64 / CALM_RATE * 1e6) as Micros;
+    let end = world.now + 6 * heartbeat + 2 * RETRY_LONGEST + 12 * longest + 20_000_000 + rejoining;
+    world.clients.push(super::world::Client::default());
+    let client = world.clients.len() - 1;
+    loop {
+        // Another manager has another session, and what other clients said may come later.
+        world.connect_client(client);
+        let pace = world.manager.cluster.as_ref().and_then(|cluster| cluster.pacer.pace());
+        if pace != Some(Pace::Rate(CALM_RATE)) {
+            world.ask(client, Request::Run(Pace::Rate(CALM_RATE)));
+        }
+        world.run_until(world.now + 40_000)?;
+        if is_whole(world) && is_at_rest_alike(world, client)? {
+            world.coverage.count("wall whole again");
+            return Ok(());
+        }
+        if world.now > end {
+            return Err(format!("the wall does not come back: {}", missing(world)));
+        }
+    }
+}
+
+fn is_whole(world: &World) -> bool {
+    let Some(cluster) = &world.manager.cluster else { return false };
+    cluster.registry.channels().all(|(_, c)| c.state == ChannelState::Live)
+        && world.watch.promises.open_requests() == 0
+        && cluster.changes.waiting() == 0
+}
+
+fn missing(world: &World) -> String {
+    let states = world.manager.cluster.as_ref().map(|cluster| {
+        let line = |(id, c): (ChannelId, &super::super::registry::Channel)| {
+            format!("{id} {:?} {:?}", c.state, c.reason)
+        };
+        cluster.registry.channels().map(line).collect::<Vec<_>>().join("; ")
+    });
+    let open = world.watch.promises.an_open_request();
+    format!("{states:?}; open requests: {open:?}; pictures: {:?}", world.watch.shown)
+}
+
+/// Whether all channels show the last frame, of the same state, once no more come.
+fn is_at_rest_alike(world: &mut World, client: usize) -> Result<bool, String> {
+    world.ask(client, Request::Pause);
+    world.run_until(world.now + 400_000)?;
+    world.ask(client, Request::Status);
+    world.run_until(world.now + 1_000)?;
+    let is_alike = is_whole(world)
+        && world.manager.cluster.as_ref().is_some_and(|cluster| {
+            let last = cluster.swapped;
+            cluster.registry.channels().all(|(id, _)| {
+                world.watch.shown.get(&id).is_some_and(|picture| {
+                    (picture.epoch, picture.frame) == (cluster.epoch, last)
+                        && picture.revision == cluster.shown.revision
+                        && picture.digest == cluster.shown_digest
+                })
+            })
+        });
+    if !is_alike {
+        world.coverage.count("not alike at rest at first");
+        world.ask(client, Request::Run(Pace::Rate(CALM_RATE)));
+    }
+    Ok(is_alike)
+}

@@ -1,0 +1,202 @@
+//! The simulated wall: one clock, and everything that happens in its order.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::request::Request;
+use polyptych_protocol::wall::Wall;
+
+use super::super::{Micros, SessionId};
+use super::coverage::Coverage;
+use super::dice::Dice;
+use super::invariant::Watch;
+use super::manager::Manager;
+use super::network::{Link, LinkId, Parcel, Side, Weather};
+use super::server::Server;
+
+/// An invariant holds, or what broke it.
+pub type Check = Result<(), String>;
+
+/// What comes at its time. Servers' things carry their life: another one does not do them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Happening {
+    Arrives(LinkId, Side),
+    HandshakeEnds(LinkId),
+    Converse(LinkId),
+    Tick(LinkId),
+    Connect(usize, u32),
+    Render(usize, u32),
+    DrawingEnds(usize, u32),
+    Loaded(usize, u32),
+    ServerStarts(usize),
+    ManagerStarts,
+    Timeout(u32),
+    Asked(usize),
+    Imported(usize),
+}
+
+/// A program that asks. Its messages are not delayed by the network model: the brain's answers to
+/// it are looked at as they come out.
+#[derive(Debug, Default)]
+pub struct Client {
+    pub session: Option<SessionId>,
+    pub next_id: u64,
+}
+
+/// A request on its way.
+#[derive(Clone, Debug)]
+pub struct Asked {
+    pub client: SessionId,
+    pub id: RequestId,
+    pub request: Request,
+}
+
+/// All that there is.
+pub struct World {
+    pub now: Micros,
+    count: u64,
+    agenda: BinaryHeap<Reverse<(Micros, u64, Happening)>>,
+    pub wall: Wall,
+    pub manager: Manager,
+    pub servers: Vec<Server>,
+    pub links: Vec<Link>,
+    pub clients: Vec<Client>,
+    pub asked: Vec<Asked>,
+    pub weather: Weather,
+    pub dice: Dice,
+    pub watch: Watch,
+    pub coverage: Coverage,
+    /// Whether what happens is printed.
+    pub is_told: bool,
+}
+
+impl World {
+    pub fn new(seed: u64, wall: Wall, servers: Vec<Server>, clients: usize) -> Self {
+        Self {
+            now: 1_000,
+            count: 0,
+            agenda: BinaryHeap::new(),
+            manager: Manager::default(),
+            links: Vec::new(),
+            clients: (0..clients).map(|_| Client::default()).collect(),
+            asked: Vec::new(),
+            weather: Weather::new(Dice::new(seed, 2), servers.len()),
+            dice: Dice::new(seed, 3),
+            watch: Watch::new(&wall),
+            coverage: Coverage::default(),
+            is_told: false,
+            servers,
+            wall,
+        }
+    }
+
+    pub fn tell(&self, what: impl FnOnce() -> String) {
+        if self.is_told {
+            println!("{:>12.3} ms  {}", self.now as f64 / 1000.0, what());
+        }
+    }
+
+    pub fn at(&mut self, due: Micros, happening: Happening) {
+        self.count += 1;
+        self.agenda.push(Reverse((due, self.count, happening)));
+    }
+
+    pub fn send(&mut self, link: LinkId, to: Side, parcel: Parcel) {
+        let due = self.weather.send(self.now, &mut self.links[link.0], to, parcel);
+        if let Some(due) = due {
+            self.at(due, Happening::Arrives(link, to));
+        }
+    }
+
+    /// Lets everything happen that is due until `end`.
+    pub fn run_until(&mut self, end: Micros) -> Check {
+        while let Some(&Reverse((due, _, happening))) = self.agenda.peek() {
+            if due > end {
+                break;
+            }
+            self.agenda.pop();
+            self.now = self.now.max(due);
+            if let Some(later) = self.hindrance(happening) {
+                self.at(later, happening);
+            } else {
+                self.coverage.happenings += 1;
+                self.happen(happening)?;
+            }
+        }
+        self.now = self.now.max(end);
+        Ok(())
+    }
+
+    /// Until when whoever is to do this stands still, if it does.
+    fn hindrance(&self, happening: Happening) -> Option<Micros> {
+        let of_server = |index: usize| Some(self.servers[index].trouble.stopped_until);
+        let of_link = |link: LinkId| of_server(self.links[link.0].server);
+        let until = match happening {
+            Happening::Arrives(_, Side::Manager) | Happening::Asked(_) | Happening::Imported(_) => {
+                Some(self.manager.stopped_until)
+            }
+            // Whoever wakes hears what waits before it looks at the clock.
+            Happening::Timeout(_) => Some(self.manager.stopped_until + 1),
+            Happening::Arrives(link, Side::Server) => {
+                let server = &self.servers[self.links[link.0].server];
+                Some(server.trouble.stopped_until.max(server.reads_from))
+            }
+            Happening::Converse(link) | Happening::Tick(link) => of_link(link),
+            Happening::Connect(index, _) | Happening::Loaded(index, _) => of_server(index),
+            Happening::Render(index, _) | Happening::DrawingEnds(index, _) => {
+                let trouble = &self.servers[index].trouble;
+                Some(trouble.stopped_until.max(trouble.hangs_until))
+            }
+            _ => None,
+        };
+        until.filter(|until| self.now < *until)
+    }
+
+    fn happen(&mut self, happening: Happening) -> Check {
+        let is_of = |world: &Self, index: usize, life: u32| world.servers[index].life == life;
+        match happening {
+            Happening::Arrives(link, side) => {
+                let is_open = self.links[link.0].is_open(side);
+                let Some(parcel) = self.links[link.0].lane(side).waiting.pop_front() else {
+                    return Ok(());
+                };
+                match side {
+                    _ if !is_open => Ok(()),
+                    Side::Server => self.arrive_at_server(link, parcel),
+                    Side::Manager => self.arrive_at_manager(link, parcel),
+                }
+            }
+            Happening::HandshakeEnds(link) => {
+                self.end_handshake(link);
+                Ok(())
+            }
+            Happening::Converse(link) => {
+                self.converse(link);
+                Ok(())
+            }
+            Happening::Tick(link) => {
+                self.tick(link);
+                Ok(())
+            }
+            Happening::Connect(index, life) if is_of(self, index, life) => {
+                self.connect(index);
+                Ok(())
+            }
+            Happening::Render(index, life) if is_of(self, index, life) => self.render(index),
+            Happening::DrawingEnds(index, life) if is_of(self, index, life) => {
+                self.end_drawing(index)
+            }
+            Happening::Loaded(index, life) if is_of(self, index, life) => self.loaded(index),
+            Happening::ServerStarts(index) => {
+                self.start_server(index);
+                Ok(())
+            }
+            Happening::ManagerStarts => self.start_manager(),
+            Happening::Timeout(life) => self.time_out(life),
+            Happening::Asked(index) => self.arrive_asked(index),
+            Happening::Imported(index) => self.arrive_import(index),
+            _ => Ok(()),
+        }
+    }
+}
