@@ -243,7 +243,8 @@ impl RenderThread {
     /// Makes the state of this revision the one that is drawn, and forgets older ones.
     fn promote(&mut self, epoch: Epoch, revision: Revision) -> bool {
         let is_it = |d: &Drawable| d.state.epoch == epoch && d.state.replica.revision == revision;
-        let Some(index) = self.states.iter().position(is_it) else { return false };
+        // The newest: one that was resynchronised holds a wrong state of the same number before it.
+        let Some(index) = self.states.iter().rposition(is_it) else { return false };
         self.states.drain(..index);
         true
     }
