@@ -197,7 +197,7 @@ impl World {
                 self.set_alarm();
                 return Ok(());
             }
-            self.brain(|cluster, now| cluster.handle_timeout(now));
+            self.brain(Cluster::handle_timeout);
             self.carry_out()?;
         }
         Err("the brain spins: time does not go on".into())

@@ -35,6 +35,7 @@ struct Told {
     camera: Option<Camera>,
     eye: Option<DVec3>,
     exposure: Option<f32>,
+    #[expect(clippy::option_option, reason = "told nothing, told to stand, told to run")]
     pace: Option<Option<Pace>>,
 }
 
@@ -151,13 +152,11 @@ impl Watch {
                     return Err(format!("{to:?} is answered {id} again, or did not ask"));
                 };
                 self.promises.answers += 1;
-                match reply {
-                    Ok(reply) => self.check_reply(to, &request, reply, memory),
-                    Err(_) => {
-                        self.promises.refusals += 1;
-                        Ok(())
-                    }
+                if let Ok(reply) = reply {
+                    return self.check_reply(to, &request, reply, memory);
                 }
+                self.promises.refusals += 1;
+                Ok(())
             }
             Answer::Picture(_) | Answer::Goodbye { .. } => Ok(()),
         }
@@ -178,6 +177,7 @@ impl Watch {
         Ok(())
     }
 
+    #[expect(clippy::too_many_lines, reason = "one table of what each request is answered with")]
     fn check_reply(
         &mut self,
         to: SessionId,

@@ -108,7 +108,7 @@ fn play(world: &mut World, dice: &mut Dice, temper: Temper) -> Check {
         };
         world.run_until(world.now + pause_us)?;
         if dice.is_hit(temper.faults) {
-            fault(world, dice)?;
+            fault(world, dice);
         }
         if dice.is_hit(temper.requests) && !world.clients.is_empty() {
             request(world, dice)?;
@@ -182,13 +182,17 @@ fn request(world: &mut World, dice: &mut Dice) -> Check {
     Ok(())
 }
 
-fn fault(world: &mut World, dice: &mut Dice) -> Check {
+#[expect(clippy::too_many_lines, reason = "one table of faults with their weights")]
+fn fault(world: &mut World, dice: &mut Dice) {
     let index = dice.below(world.servers.len() as u64) as usize;
     let heartbeat = Micros::from(world.wall.heartbeat_ms) * 1000;
     let now = world.now;
     let short = now + dice.between(1_000, 400_000);
     let what = match dice.below(100) {
-        0..10 => return break_connection(world, dice, index),
+        0..10 => {
+            break_connection(world, dice, index);
+            return;
+        }
         10..20 => {
             world.kill_server(index, dice.is_hit(600));
             let back = now + dice.between(1_000, 2 * heartbeat);
@@ -258,11 +262,10 @@ fn fault(world: &mut World, dice: &mut Dice) -> Check {
     };
     world.tell(|| format!("{what}: {index}"));
     world.coverage.count(what);
-    Ok(())
 }
 
-fn break_connection(world: &mut World, dice: &mut Dice, index: usize) -> Check {
-    let Some(link) = world.servers[index].link else { return Ok(()) };
+fn break_connection(world: &mut World, dice: &mut Dice, index: usize) {
+    let Some(link) = world.servers[index].link else { return };
     let what = match dice.below(4) {
         0 => {
             world.cut(link);
@@ -285,7 +288,6 @@ fn break_connection(world: &mut World, dice: &mut Dice, index: usize) -> Check {
     };
     world.tell(|| format!("{what}: {index}"));
     world.coverage.count(what);
-    Ok(())
 }
 
 /// All faults end; the wall must be whole again, at rest and in motion.

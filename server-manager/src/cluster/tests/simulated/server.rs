@@ -408,10 +408,10 @@ impl World {
     }
 
     /// The loader is done with a state, but for what the render thread makes of it.
-    pub fn loaded(&mut self, index: usize) -> Check {
+    pub fn loaded(&mut self, index: usize) {
         let server = &mut self.servers[index];
-        let Some(loaded) = server.loading.take() else { return Ok(()) };
-        let Some((_, link)) = server.orders.front() else { return Ok(()) };
+        let Some(loaded) = server.loading.take() else { return };
+        let Some((_, link)) = server.orders.front() else { return };
         let is_cut = server.link != Some(*link);
         match loaded {
             Ok(state) if is_cut && server.needs_blobs(&state.replica) => {
@@ -428,7 +428,6 @@ impl World {
                 self.loading_failed(index, &reason);
             }
         }
-        Ok(())
     }
 
     fn loading_failed(&mut self, index: usize, reason: &str) {

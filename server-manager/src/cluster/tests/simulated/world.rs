@@ -187,7 +187,10 @@ impl World {
             Happening::DrawingEnds(index, life) if is_of(self, index, life) => {
                 self.end_drawing(index)
             }
-            Happening::Loaded(index, life) if is_of(self, index, life) => self.loaded(index),
+            Happening::Loaded(index, life) if is_of(self, index, life) => {
+                self.loaded(index);
+                Ok(())
+            }
             Happening::ServerStarts(index) => {
                 self.start_server(index);
                 Ok(())
