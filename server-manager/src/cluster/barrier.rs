@@ -21,7 +21,7 @@ const WARM_UP_FRAMES: u32 = 3;
 const FRAMES_REMEMBERED: usize = 480;
 
 /// When the newest frames began; their numbers have no gaps.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Beginnings(VecDeque<Micros>);
 
 impl Beginnings {

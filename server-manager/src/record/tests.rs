@@ -288,7 +288,8 @@ fn the_ring_is_bounded_and_its_last_segments_replay_from_a_checkpoint() {
 fn a_torn_recording_is_read_up_to_the_tear() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("wall.rec");
-    live(&path, SMALL_SEGMENT, 4, 2500);
+    // Several pieces, however quickly they are made.
+    live(&path, SMALL_SEGMENT, 4, 10_000);
     let whole = fs::read(&path).expect("read");
     let all = replayed(&path).inputs;
     let mut last = 0;
