@@ -105,6 +105,7 @@ fn measure_ours(
             baker: Baker { program: "true".into(), memory_mib: 1, store: std::env::temp_dir() },
             memory: None,
             recorder,
+            metrics: None,
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let shutdown = async move { end.cancelled().await };

@@ -13,7 +13,7 @@ mod simulate;
 mod status;
 
 use std::fmt::Display;
-use std::io::{ErrorKind, IsTerminal, Write};
+use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -23,16 +23,18 @@ use clap::{Parser, Subcommand};
 use polyptych_client::blocking::Client;
 use polyptych_protocol::limits::PORT_DEFAULT;
 use polyptych_protocol::wall::{Wall, file};
-use tracing_subscriber::EnvFilter;
+
+use crate::log::{self, LogWish};
 
 /// One scene, many displays, one frame.
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
 pub(crate) struct Cli {
-    /// What to log, such as "info" or "polyptych_render=debug" [default: info for manager and
+    /// How and what to log: "json" or "text", a filter such as "info" or
+    /// "polyptych_render=debug", or both with a comma [default: text, and info for manager and
     /// server, else warn]
-    #[arg(long, global = true, env = "POLYPTYCH_LOG", value_name = "FILTER", value_parser = filter)]
-    log: Option<String>,
+    #[arg(long, global = true, env = "POLYPTYCH_LOG", value_name = "LOG", value_parser = LogWish::parse)]
+    log: Option<LogWish>,
     #[command(subcommand)]
     command: Command,
 }
@@ -72,7 +74,7 @@ enum Command {
 }
 
 /// Where a running manager is.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub(crate) struct ManagerAddress {
     /// The manager's address
     #[arg(
@@ -94,6 +96,19 @@ impl ManagerAddress {
         // A command asks once: without a manager it says so at once.
         options.reconnect = None;
         Ok(Client::connect_with(options)?)
+    }
+}
+
+impl Cli {
+    /// What this process is, for those who read the logs of several.
+    pub fn process(&self) -> &'static str {
+        match self.command {
+            Command::Demo(_) | Command::Simulate(_) => "simulate",
+            Command::Manager(_) => "manager",
+            Command::Server(_) => "server",
+            Command::Bake(_) => "bake",
+            _ => "polyptych",
+        }
     }
 }
 
@@ -127,15 +142,7 @@ pub(crate) fn start_log(cli: &Cli) {
         Command::Replay(_) => "warn,polyptych_manager=off",
         _ => "warn",
     };
-    // The driver libraries log what is of interest to their own developers.
-    let quiet = format!("{level},wgpu_core=warn,wgpu_hal=error,naga=warn");
-    let filter = cli.log.as_deref().map(EnvFilter::try_new);
-    let filter = filter.and_then(Result::ok).unwrap_or_else(|| EnvFilter::new(quiet));
-    // Colours are for people: a log file with escape codes can't be searched.
-    let is_plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-    let has_color = std::io::stderr().is_terminal() && !is_plain;
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(has_color);
-    log.with_writer(std::io::stderr).init();
+    log::start(cli.log.as_ref(), level, cli.process());
 }
 
 /// Writes a line to standard output. A reader that has seen enough, such as `head`, is no error.
@@ -209,11 +216,6 @@ pub(crate) async fn asked_to_end(with_parent: bool) {
         () = terminate => {}
         () = parent => {}
     }
-}
-
-/// A filter of the log, as an argument.
-fn filter(text: &str) -> Result<String, String> {
-    EnvFilter::try_new(text).map(|_| text.to_owned()).map_err(|error| error.to_string())
 }
 
 /// A positive number of seconds, as an argument.
@@ -290,11 +292,5 @@ mod tests {
         let error =
             anyhow!("no room").context("b.bin: no room").context("cannot open a\u{1b}[1m\nb");
         assert_eq!(one_line(&error), "cannot open a\\u{1b}[1m\\nb: b.bin: no room");
-    }
-
-    #[test]
-    fn filters_are_checked() {
-        assert_eq!(filter("warn,polyptych_render=debug"), Ok("warn,polyptych_render=debug".into()));
-        assert!(filter("a=b=c").is_err());
     }
 }

@@ -18,6 +18,7 @@ use polyptych_protocol::token;
 use polyptych_protocol::wall::Wall;
 use tokio_util::sync::CancellationToken;
 
+use crate::log;
 use crate::supervise::{ChildCommand, Supervisor};
 
 /// How long all servers together may take to come: a machine with two cores opens sixteen
@@ -82,9 +83,16 @@ impl LocalWall {
         wall.stores.push(baker.store.join("blobs").display().to_string());
         let commands = server_commands(&wall, &address, &token_file, windows)?;
         let stop = CancellationToken::new();
-        let (token_given, memory) = (token.clone(), None);
-        let options =
-            ManagerOptions { wall, token: token_given, scene_roots, baker, memory, recorder };
+        let token_given = token.clone();
+        let options = ManagerOptions {
+            wall,
+            token: token_given,
+            scene_roots,
+            baker,
+            memory: None,
+            recorder,
+            metrics: None,
+        };
         let manager = start_manager(listener, options, stop.clone())?;
         let supervisor = Supervisor::start(commands)?;
         let was_interrupted = Arc::new(AtomicBool::new(false));
@@ -191,10 +199,7 @@ fn server_commands(
             arguments.extend(["--channel", channel].map(OsString::from));
         }
         arguments.push(if windows { "--window" } else { "--headless" }.into());
-        // Connecting again is the children's daily work here; their warnings are for a wall.
-        if std::env::var_os("POLYPTYCH_LOG").is_none() {
-            arguments.extend(["--log", "error"].map(OsString::from));
-        }
+        arguments.extend(["--log".into(), log::of_children().into()]);
         let mut environment: Vec<(OsString, OsString)> =
             vec![(token::TOKEN_FILE_VARIABLE.into(), token_file.into())];
         // Drivers complain once for each process where this is missing, as it is in containers.

@@ -3,6 +3,7 @@
 mod barrier;
 mod cli;
 mod local_wall;
+mod log;
 mod pictures;
 mod report;
 mod supervise;
@@ -14,11 +15,12 @@ use clap::Parser;
 
 fn main() -> ExitCode {
     let cli = cli::Cli::parse();
+    let process = cli.process();
     cli::start_log(&cli);
     match cli::run(cli) {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("error: {}", cli::one_line(&error));
+            log::say_failure(process, &format!("error: {}", cli::one_line(&error)));
             ExitCode::FAILURE
         }
     }

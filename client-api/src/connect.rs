@@ -157,6 +157,9 @@ async fn dial_and_introduce(
     timeout(after, connecting).await.map_err(timed_out)?
 }
 
+/// A way to connect again where there is none.
+type NoDial<S> = fn() -> Ready<Result<Introduced<S>, ClientError>>;
+
 /// As [`connect_tcp`], over a stream that is there already.
 pub(crate) async fn connect_over<S>(
     stream: S,
@@ -174,7 +177,7 @@ where
     // Where the stream came from there may be no other.
     (options.token, options.reconnect) = (None, None);
     let (link, messages) = Link::new(options, welcome);
-    let no_redial: Option<Redial<fn() -> Ready<Result<Introduced<S>, ClientError>>>> = None;
+    let no_redial: Option<Redial<NoDial<S>>> = None;
     let driver = drive(frames, link.shared.clone(), messages, no_redial);
     Ok((link, driver))
 }

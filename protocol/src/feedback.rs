@@ -102,6 +102,8 @@ pub struct ChannelStatus {
     pub revision: Revision,
     /// Times that it missed a deadline.
     pub late: u64,
+    /// Its drawing time of the last frame that it drew in time, in microseconds.
+    pub draw_us: Option<u32>,
     /// Resident memory of its server's process, in bytes.
     pub memory_bytes: u64,
 }

@@ -22,6 +22,7 @@ pub mod handshake;
 pub mod ids;
 pub mod limits;
 pub mod log;
+pub mod process;
 pub mod request;
 pub mod scene;
 pub mod status;

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// The version of the wire protocol. A peer of another version is refused by both numbers.
-pub const PROTOCOL_VERSION: u16 = 1;
+pub const PROTOCOL_VERSION: u16 = 2;
 
 /// Largest control message. A status of 1,024 channels takes about 200 KiB.
 pub const MESSAGE_BYTES_MAX: usize = 4 << 20;

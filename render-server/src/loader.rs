@@ -103,6 +103,7 @@ impl Loader {
         for order in orders {
             let LoadOrder { prepare, line } = order;
             let (epoch, revision) = (prepare.epoch, prepare.revision);
+            let _span = tracing::error_span!("prepare", revision = revision.0).entered();
             let status = match self.load(prepare, &line) {
                 Ok(prepared) => Status::Prepared(prepared),
                 Err(reason) => {

@@ -14,6 +14,7 @@ use polyptych_protocol::handshake::{
     Adapter, BulkHello, Hello, Role, Secret, ServerHello, Welcome,
 };
 use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
+use polyptych_protocol::process;
 use polyptych_protocol::status::{Ping, Status};
 use tokio::net::TcpStream;
 use tokio::sync::{Notify, mpsc};
@@ -192,7 +193,7 @@ impl Network {
                         return format!("silent for more than {} ms", heartbeat.as_millis());
                     }
                     let sent_us = self.clock.local_us();
-                    codec::encode(&Status::Ping(Ping { sent_us, memory_bytes: memory_bytes() }))
+                    codec::encode(&Status::Ping(Ping { sent_us, memory_bytes: process::resident_bytes().unwrap_or(0) }))
                 }
             };
             match tokio::time::timeout(heartbeat, frames.send(outgoing)).await {
@@ -237,12 +238,4 @@ fn time_of_day() -> String {
     let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let of_day = since_1970.as_secs() % 86_400;
     format!("{:02}:{:02}:{:02} UTC", of_day / 3600, of_day / 60 % 60, of_day % 60)
-}
-
-/// Resident memory of this process, where the system tells (Linux: `VmRSS`, in KiB).
-fn memory_bytes() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let kib = line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<u64>().ok());
-    kib.unwrap_or(0) * 1024
 }

@@ -203,13 +203,16 @@ impl RenderThread {
     fn perform(&mut self, act: Act) {
         match act {
             Act::Draw(frame) => self.draw(&frame),
-            Act::Show { epoch, frame } => self.show(epoch, frame),
+            Act::Show { epoch, frame } => {
+                let _span = tracing::error_span!("show", frame = frame.0).entered();
+                self.show(epoch, frame);
+            }
         }
     }
 
     /// Draws a frame on all channels, where its state is here.
     fn draw(&mut self, frame: &Frame) {
-        let _span = tracing::debug_span!("draw", frame = %frame.frame).entered();
+        let _span = tracing::error_span!("draw", frame = frame.frame.0).entered();
         if !self.promote(frame.epoch, frame.revision) {
             return;
         }

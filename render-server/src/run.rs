@@ -113,6 +113,9 @@ pub enum ServerError {
 /// # Errors
 /// [`ServerError`].
 pub fn run(options: ServerOptions, shutdown: Shutdown) -> Result<(), ServerError> {
+    // Every line of every thread says who it is: a wall's logs are read together.
+    let channel = options.channels.join(",");
+    let _server = tracing::error_span!("server", server = options.name, channel).entered();
     match options.output {
         OutputKind::Headless => {
             let gpu = Gpu::headless()?;
@@ -183,13 +186,16 @@ impl Threads {
             texture_side_max: facts.texture_side_max,
         };
         let on_end: Arc<dyn Fn() + Send + Sync> = Arc::from(on_end);
+        let span = tracing::Span::current();
 
         let queues =
             Queues { jobs: waiting_jobs, uploads: waiting_uploads, reports: reports.clone() };
         let stop_network = Arc::new(tokio::sync::Notify::new());
         let (render_clock, stop, end) = (clock.clone(), stop_network.clone(), on_end.clone());
         let (render_result, rendered) = bounded(1);
+        let server = span.clone();
         Builder::new().name("render".into()).spawn(move || {
+            let _server = server.entered();
             let result =
                 RenderThread::new(gpu, outputs, queues, render_clock).and_then(RenderThread::run);
             // Nobody asks for it only where the process ends anyway.
@@ -199,10 +205,13 @@ impl Threads {
         })?;
 
         let loader = Loader::new(BlobFolder::new(&options.cache), uploads);
-        Builder::new().name("loader".into()).spawn(move || loader.run(&waiting_orders))?;
+        let server = span.clone();
+        let load = move || server.in_scope(|| loader.run(&waiting_orders));
+        Builder::new().name("loader".into()).spawn(load)?;
 
         let (render_jobs, stop) = (jobs.clone(), stop_network.clone());
         let network = Builder::new().name("network".into()).spawn(move || {
+            let _server = span.entered();
             let network = Network {
                 options,
                 adapter,

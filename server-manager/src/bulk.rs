@@ -15,6 +15,7 @@ use tokio::sync::{mpsc, oneshot};
 
 use crate::cluster::SessionId;
 use crate::session::Event;
+use crate::traffic::Traffic;
 
 /// The blobs of scenes that servers were sent: a hash is a name, not a permission.
 #[derive(Clone, Debug, Default)]
@@ -30,13 +31,19 @@ impl AllowedBlobs {
     }
 }
 
+/// The blobs that a peer may be sent.
+pub(crate) struct Store {
+    pub folder: BlobFolder,
+    pub allowed: AllowedBlobs,
+}
+
 /// Serves one connection until it ends.
 pub(crate) async fn serve(
     mut frames: Frames<TcpStream>,
     welcome: Welcome,
     events: mpsc::Sender<Event>,
-    folder: BlobFolder,
-    allowed: AllowedBlobs,
+    store: Store,
+    traffic: Traffic,
 ) {
     let session = SessionId(welcome.session);
     let (is_known, answer) = oneshot::channel();
@@ -52,6 +59,7 @@ pub(crate) async fn serve(
         return;
     }
     while let Some(Ok(bytes)) = frames.next().await {
+        traffic.bulk_received(bytes.len());
         let up = match codec::decode::<BulkUp>(&bytes) {
             Ok(up) => up,
             Err(error) => {
@@ -62,7 +70,7 @@ pub(crate) async fn serve(
         };
         match up {
             BulkUp::Want(hash) => {
-                if send_blob(&mut frames, hash, &folder, &allowed).await.is_err() {
+                if send_blob(&mut frames, hash, &store, &traffic).await.is_err() {
                     return;
                 }
             }
@@ -80,11 +88,11 @@ pub(crate) async fn serve(
 async fn send_blob(
     frames: &mut Frames<TcpStream>,
     hash: BlobHash,
-    folder: &BlobFolder,
-    allowed: &AllowedBlobs,
+    store: &Store,
+    traffic: &Traffic,
 ) -> std::io::Result<()> {
-    let mut next = if allowed.contains(hash) {
-        let folder = folder.clone();
+    let mut next = if store.allowed.contains(hash) {
+        let folder = store.folder.clone();
         off_thread(move || begin(&folder, hash)).await
     } else {
         Err("it belongs to no scene that this server was sent".to_owned())
@@ -93,7 +101,9 @@ async fn send_blob(
         match next {
             Ok(Some((reader, offset, bytes))) => {
                 let chunk = BlobChunk { hash, total: reader.total(), offset, bytes };
-                frames.send(codec::encode(&BulkDown::Chunk(chunk))).await?;
+                let message = codec::encode(&BulkDown::Chunk(chunk));
+                traffic.bulk_sent(message.len());
+                frames.send(message).await?;
                 next = off_thread(move || go_on(reader)).await;
             }
             Ok(None) => return Ok(()),

@@ -14,9 +14,12 @@ mod membership;
 mod memory;
 mod pace;
 mod registry;
+mod snapshot;
+mod span;
 mod statistics;
 #[cfg(test)]
 mod tests;
+mod totals;
 mod translate;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -33,6 +36,7 @@ use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
 use serde::{Deserialize, Serialize};
 
+use crate::repetition::Repetitions;
 use barrier::{Barrier, FrameOrder};
 use change::{Change, Changes};
 pub use checkpoint::{Checkpoint, CheckpointOf};
@@ -40,7 +44,9 @@ pub use input::Input;
 pub use memory::Memory;
 use pace::Pacer;
 use registry::Registry;
+pub use snapshot::Snapshot;
 use statistics::Gathered;
+pub use totals::{ChannelTotals, Histogram, Totals};
 
 /// Microseconds since the manager started.
 pub type Micros = u64;
@@ -158,6 +164,8 @@ pub struct Cluster {
     gathered: Gathered,
     remembered: Option<Memory>,
     remembered_at: Micros,
+    #[serde(skip)]
+    repetitions: Repetitions,
     /// Empty whenever the brain is written down.
     #[serde(skip)]
     outputs: VecDeque<Output>,
@@ -191,6 +199,7 @@ impl Cluster {
             gathered: Gathered::new(wall.channels.len()),
             remembered: None,
             remembered_at: 0,
+            repetitions: Repetitions::default(),
             outputs: VecDeque::new(),
             wall,
         }

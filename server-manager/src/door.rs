@@ -1,6 +1,8 @@
 //! The door: accepts connections, hears who they are, and hands them to their sessions.
 
-use std::time::Duration;
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::connection;
@@ -11,25 +13,51 @@ use tokio::sync::{Semaphore, mpsc};
 
 use crate::bulk::{self, AllowedBlobs};
 use crate::client_session;
+use crate::cluster::Micros;
+use crate::repetition::Repetitions;
 use crate::server_session;
 use crate::session::Event;
+use crate::traffic::Traffic;
 
 /// Connections that may be in the handshake at once: strangers get no more of the manager.
 const HANDSHAKES_MAX: usize = 512;
 
+/// Who was refused, and why: each is said once and then counted.
+#[derive(Clone, Debug)]
+pub(crate) struct Refusals {
+    since: Instant,
+    repetitions: Arc<Mutex<Repetitions>>,
+}
+
+impl Refusals {
+    pub fn new() -> Self {
+        Self { since: Instant::now(), repetitions: Arc::default() }
+    }
+
+    /// Notes one by the peer's machine, since every try comes from another port. `Some` where it
+    /// is to be said now, with the times that it has come.
+    pub fn note(&self, address: SocketAddr, reason: &str) -> Option<u64> {
+        let now = self.since.elapsed().as_micros() as Micros;
+        let what = format!("{} {reason}", address.ip());
+        self.repetitions.lock().unwrap_or_else(PoisonError::into_inner).note(now, &what)
+    }
+}
+
 /// What a stranger meets.
 #[derive(Clone)]
 pub(crate) struct Door {
+    pub refusals: Refusals,
     pub token: String,
     pub events: mpsc::Sender<Event>,
     pub folder: BlobFolder,
     pub allowed: AllowedBlobs,
+    pub traffic: Traffic,
     pub welcome: Welcome,
 }
 
 /// Lets peers in, for ever.
 pub(crate) async fn accept(listener: TcpListener, door: Door) {
-    let permits = std::sync::Arc::new(Semaphore::new(HANDSHAKES_MAX));
+    let permits = Arc::new(Semaphore::new(HANDSHAKES_MAX));
     loop {
         // The permit comes first, so that a flood waits in the system's queue.
         let Ok(permit) = permits.clone().acquire_owned().await else { return };
@@ -40,18 +68,31 @@ pub(crate) async fn accept(listener: TcpListener, door: Door) {
                     let let_in = let_in(stream, &door);
                     let outcome = tokio::time::timeout(HANDSHAKE_TIME_MAX, let_in).await;
                     drop(permit);
+                    let refused = |reason: &str| door.refusals.note(address, reason);
                     match outcome {
                         Ok(Ok((frames, hello))) => {
-                            serve(frames, hello, address.to_string(), door).await;
+                            serve(frames, hello, address, door).await;
                         }
-                        Ok(Err(reason)) => tracing::warn!(%address, reason, "a peer is refused"),
-                        Err(_) => tracing::warn!(%address, "a peer did not introduce itself"),
+                        Ok(Err(reason)) => {
+                            if let Some(times) = refused(&reason) {
+                                tracing::warn!(peer = %address, reason, times, "a peer is refused");
+                            }
+                        }
+                        Err(_) => {
+                            if let Some(times) = refused("silent") {
+                                let peer = address;
+                                tracing::warn!(%peer, times, "a peer did not introduce itself");
+                            }
+                        }
                     }
                 });
             }
             // Out of file descriptors, most likely: others end, and then it goes on.
             Err(error) => {
-                tracing::error!(%error, "cannot accept a connection");
+                let here = SocketAddr::from(([0, 0, 0, 0], 0));
+                if let Some(times) = door.refusals.note(here, &error.to_string()) {
+                    tracing::error!(%error, times, "cannot accept a connection");
+                }
                 tokio::time::sleep(Duration::from_millis(100)).await;
             }
         }
@@ -86,13 +127,21 @@ fn is_same_secret(given: &str, ours: &str) -> bool {
     given.len() == ours.len() && pairs.fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
 }
 
-async fn serve(frames: connection::Frames<TcpStream>, hello: Hello, address: String, door: Door) {
+async fn serve(
+    frames: connection::Frames<TcpStream>,
+    hello: Hello,
+    address: SocketAddr,
+    door: Door,
+) {
     match hello {
         Hello::Client(hello) => client_session::serve(frames, hello.name, door.events).await,
-        Hello::Server(hello) => server_session::serve(frames, hello, address, door.events).await,
+        Hello::Server(hello) => {
+            server_session::serve(frames, hello, address, door.events, door.refusals).await;
+        }
         Hello::Bulk(hello) => {
             let welcome = Welcome { session: hello.session, ..door.welcome };
-            bulk::serve(frames, welcome, door.events, door.folder, door.allowed).await;
+            let store = bulk::Store { folder: door.folder, allowed: door.allowed };
+            bulk::serve(frames, welcome, door.events, store, door.traffic).await;
         }
     }
 }

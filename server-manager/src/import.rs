@@ -115,6 +115,8 @@ async fn bake(file: &Path, baker: &Baker) -> Result<serde_json::Value, String> {
         .arg("--json")
         .args(["--memory-mib", &baker.memory_mib.to_string()])
         .arg("--with-parent")
+        // Its last line is read below, whatever form this process's own log has.
+        .args(["--log", "text,warn"])
         // Held until the baker has ended: should this process end, the baker's input does too.
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

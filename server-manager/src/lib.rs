@@ -13,10 +13,13 @@ mod delivery;
 mod door;
 pub mod import;
 mod memory;
+mod metrics;
 pub mod record;
+mod repetition;
 pub mod replay;
 mod run;
 mod server_session;
 mod session;
+mod traffic;
 
 pub use run::{ManagerError, ManagerOptions, run};

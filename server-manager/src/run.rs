@@ -1,5 +1,7 @@
 //! Gives the brain sockets and a clock: accepts connections, carries messages, ends in order.
 
+mod sample;
+
 use std::collections::BTreeMap;
 use std::future::Future;
 use std::path::PathBuf;
@@ -17,6 +19,7 @@ use polyptych_protocol::wall::Wall;
 use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, mpsc};
 use tokio::time::Instant;
+use tracing::Instrument;
 
 use crate::brain::Brain;
 use crate::bulk::AllowedBlobs;
@@ -26,9 +29,12 @@ use crate::delivery;
 use crate::door;
 use crate::import::{self, Baker, Import};
 use crate::memory;
+use crate::metrics;
 use crate::record::{Fresh, Recorder};
+use crate::repetition::Repetitions;
 use crate::server_session::ServerLink;
 use crate::session::{DRAIN_TIME_MAX, EVENTS_MAX, Event, Link};
+use crate::traffic::Traffic;
 
 /// Events that are handled in one turn, before timers are looked at again.
 const EVENTS_PER_TURN: usize = 64;
@@ -59,6 +65,8 @@ pub struct ManagerOptions {
     pub memory: Option<PathBuf>,
     /// Where all that the brain is told is recorded, if anywhere.
     pub recorder: Option<Recorder>,
+    /// Where metrics are read over HTTP, if anywhere.
+    pub metrics: Option<std::net::TcpListener>,
 }
 
 /// Why a manager could not run.
@@ -70,6 +78,9 @@ pub enum ManagerError {
     /// The listening socket failed.
     #[error("the listening socket failed: {0}")]
     Listener(std::io::Error),
+    /// The metrics could not be offered.
+    #[error("the metrics cannot be offered: {0}")]
+    Metrics(std::io::Error),
 }
 
 /// Runs a manager until a client stops it or `shutdown` is ready.
@@ -78,7 +89,7 @@ pub enum ManagerError {
 /// [`ManagerError`] where it cannot begin.
 pub async fn run(
     listener: std::net::TcpListener,
-    options: ManagerOptions,
+    mut options: ManagerOptions,
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), ManagerError> {
     let mut epoch = [0; 8];
@@ -87,17 +98,22 @@ pub async fn run(
     let listener = TcpListener::from_std(listener).map_err(ManagerError::Listener)?;
     let (events, inbox) = mpsc::channel(EVENTS_MAX);
     let epoch = Epoch(u64::from_le_bytes(epoch));
+    let metrics = options.metrics.take().map(|at| metrics::start(at, events.clone()));
+    let metrics = metrics.transpose().map_err(ManagerError::Metrics)?;
     let mut hub = Hub::new(options, epoch, events);
     let door = door::Door {
+        refusals: door::Refusals::new(),
         token: hub.options.token.clone(),
         events: hub.events.clone(),
         folder: BlobFolder::new(hub.options.baker.store.join("blobs")),
         allowed: hub.allowed.clone(),
+        traffic: hub.traffic.clone(),
         welcome: hub.welcome(SessionId(0)),
     };
     let accepting = tokio::spawn(door::accept(listener, door));
     let reason = hub.turn(inbox, shutdown).await;
     accepting.abort();
+    drop(metrics);
     hub.say_goodbye(reason).await;
     Ok(())
 }
@@ -109,6 +125,8 @@ struct Hub {
     events: mpsc::Sender<Event>,
     imported: (mpsc::Sender<Imported>, mpsc::Receiver<Imported>),
     allowed: AllowedBlobs,
+    traffic: Traffic,
+    repetitions: Repetitions,
     started: Instant,
     next_session: u64,
     servers: BTreeMap<SessionId, ServerLink>,
@@ -133,6 +151,8 @@ impl Hub {
             events,
             imported: mpsc::channel(16),
             allowed,
+            traffic: Traffic::default(),
+            repetitions: Repetitions::default(),
             started: Instant::now(),
             next_session: 1,
             servers: BTreeMap::new(),
@@ -232,6 +252,7 @@ impl Hub {
                 let _ = verdict.send(joined.map(|()| self.welcome(session)));
             }
             Event::ServerSays { from, status, bytes } => {
+                self.traffic.control_received(bytes);
                 self.note_drawing(from, &status);
                 let wire_bytes = bytes as u32;
                 self.tell(now, Input::Status { from, status, wire_bytes });
@@ -255,15 +276,24 @@ impl Hub {
             }
             Event::PictureComes { from, chunk } => {
                 if !self.cluster.channels_of(from).contains(&chunk.channel) {
-                    tracing::warn!(session = from.0, "a picture of another server's channel");
+                    let what = format!("session {}: picture", from.0);
+                    if let Some(times) = self.repetitions.note(now, &what) {
+                        let tell = || tracing::warn!(times, "a picture of another's channel");
+                        self.cluster.span_of(from).in_scope(tell);
+                    }
                     return;
                 }
                 for (_, collection) in &mut self.collections {
                     if let Err(reason) = collection.add(&chunk) {
-                        tracing::warn!(session = from.0, reason, "a picture does not fit");
+                        let tell = || tracing::warn!(reason, "a picture does not fit");
+                        self.cluster.span_of(from).in_scope(tell);
                         collection.give_up_on(&[chunk.channel], &reason);
                     }
                 }
+            }
+            Event::Watched { answer } => {
+                // Who asked may have given up.
+                let _ = answer.send(self.sample());
             }
             Event::Gone { session, reason } => self.forget(session, &reason),
         }
@@ -307,7 +337,8 @@ impl Hub {
             }
         }
         if let Some(link) = self.clients.remove(&session) {
-            tracing::info!(session = session.0, reason, "a client's connection ends");
+            let tell = || tracing::info!(reason, "client leaves");
+            self.cluster.span_of(session).in_scope(tell);
             link.close.cancel();
             self.tell(now, Input::ClientGone { session });
         }
@@ -330,6 +361,7 @@ impl Hub {
                     let frame = codec::framed(&bytes);
                     for session in to {
                         let Some(link) = self.servers.get(&session) else { continue };
+                        self.traffic.control_sent(bytes.len());
                         if !link.send(&frame) {
                             self.forget(session, "it reads too slowly, or not at all");
                         }
@@ -392,13 +424,14 @@ impl Hub {
         let baker = self.options.baker.clone();
         let done = self.imported.0.clone();
         let turns = Arc::clone(&self.bakes);
-        tokio::spawn(async move {
+        let work = async move {
             // Nobody closes it, so there is always a turn.
             let _turn = turns.acquire().await;
             let result = import::import(&path, &roots, &baker).await;
             // The manager may have ended meanwhile.
             let _ = done.send(Imported { job, result }).await;
-        });
+        };
+        tokio::spawn(work.instrument(self.cluster.span_of_request(job)));
     }
 
     fn finish_collections(&mut self) {

@@ -4,6 +4,7 @@
 //! for each of 64 servers would cost more than the barrier itself.
 
 use std::io::ErrorKind;
+use std::net::SocketAddr;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
@@ -20,12 +21,13 @@ use tokio_util::codec::{FramedParts, FramedRead};
 use tokio_util::sync::CancellationToken;
 
 use crate::cluster::SessionId;
+use crate::door::Refusals;
 use crate::session::{DRAIN_TIME_MAX, Event, OUTBOX_MESSAGES_MAX};
 
 /// The brain's end of a server's connection. Only the brain sends.
 #[derive(Debug)]
 pub(crate) struct ServerLink {
-    outbox: mpsc::Sender<Bytes>,
+    pub outbox: mpsc::Sender<Bytes>,
     /// Closes the connection after what is in the outbox.
     pub close: CancellationToken,
     lane: Arc<Lane>,
@@ -110,13 +112,15 @@ async fn write_rest(lane: Arc<Lane>, mut outbox: mpsc::Receiver<Bytes>, close: C
 pub(crate) async fn serve(
     mut frames: Frames<TcpStream>,
     hello: ServerHello,
-    address: String,
+    address: SocketAddr,
     events: mpsc::Sender<Event>,
+    refusals: Refusals,
 ) {
     let (link, outbox) = ServerLink::new();
     let (close, lane) = (link.close.clone(), Arc::clone(&link.lane));
     let (verdict, answer) = oneshot::channel();
-    let joins = Event::ServerJoins { hello, address: address.clone(), link, verdict };
+    let name = hello.name.clone();
+    let joins = Event::ServerJoins { hello, address: address.to_string(), link, verdict };
     if events.send(joins).await.is_err() {
         return;
     }
@@ -131,7 +135,9 @@ pub(crate) async fn serve(
             session
         }
         Ok(Err(reason)) => {
-            tracing::warn!(address, reason, "a server is refused");
+            if let Some(times) = refusals.note(address, &reason) {
+                tracing::warn!(peer = %address, server = name, reason, times, "a server is refused");
+            }
             let _ = connection::refuse(&mut frames, reason).await;
             return;
         }

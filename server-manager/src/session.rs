@@ -16,6 +16,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
 use crate::cluster::SessionId;
+use crate::metrics::Sample;
 use crate::server_session::ServerLink;
 
 /// Most messages that wait to be sent to one peer. A server that stands still for two seconds at
@@ -59,6 +60,9 @@ pub(crate) enum Event {
     PictureComes {
         from: SessionId,
         chunk: PictureChunk,
+    },
+    Watched {
+        answer: oneshot::Sender<Sample>,
     },
     Gone {
         session: SessionId,

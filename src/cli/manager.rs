@@ -43,6 +43,9 @@ pub(super) struct Arguments {
     /// Memory that one bake may use
     #[arg(long, value_name = "MIB", default_value_t = BAKE_MEMORY_MIB_DEFAULT)]
     bake_memory_mib: u64,
+    /// Offer metrics for Prometheus at http://ADDR/metrics
+    #[arg(long, value_name = "ADDR")]
+    metrics: Option<String>,
     /// Listen on an address that other machines reach, though nothing is encrypted
     #[arg(long)]
     insecure: bool,
@@ -52,6 +55,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let wall = load_wall(&arguments.wall)?;
     let listen = arguments.listen.unwrap_or_else(|| wall.listen.clone());
     let listener = bind(&listen, arguments.insecure)?;
+    let metrics = arguments.metrics.map(|at| bind_metrics(&at, arguments.insecure)).transpose()?;
     let token = match &arguments.token_file {
         Some(path) => path.clone(),
         None => token::default_path()?,
@@ -84,9 +88,14 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         baker: baker(store, arguments.bake_memory_mib)?,
         memory,
         recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
+        metrics,
     };
     let address = listener.local_addr()?;
     tracing::info!(%address, wall = options.wall.name, token = %token.display(), "manager listens");
+    if let Some(metrics) = &options.metrics {
+        let address = metrics.local_addr()?;
+        tracing::info!(url = %format_args!("http://{address}/metrics"), "metrics are offered");
+    }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     Ok(runtime.block_on(run_manager(listener, options, asked_to_end(false)))?)
 }
@@ -130,4 +139,22 @@ pub(super) fn bind(listen: &str, insecure: bool) -> anyhow::Result<TcpListener> 
         ),
         _ => anyhow::anyhow!("cannot listen on {listen}: {error}"),
     })
+}
+
+/// Metrics are plain HTTP without a password.
+fn bind_metrics(at: &str, insecure: bool) -> anyhow::Result<TcpListener> {
+    let resolved = at.to_socket_addrs();
+    let addresses: Vec<SocketAddr> =
+        resolved.with_context(|| format!("--metrics {at}: an address is HOST:PORT"))?.collect();
+    if let Some(open) = addresses.iter().find(|address| !address.ip().is_loopback())
+        && !insecure
+    {
+        bail!(
+            "--metrics {at}: {open} can be reached from other machines, and metrics are neither \
+             encrypted nor behind a password; use 127.0.0.1, or say --insecure on a network that \
+             you trust"
+        );
+    }
+    TcpListener::bind(&addresses[..])
+        .map_err(|error| anyhow::anyhow!("--metrics {at}: cannot listen there: {error}"))
 }

@@ -6,13 +6,14 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use polyptych_client::{Bounds, Camera, overview};
 use polyptych_manager::record::Recorder;
 use polyptych_protocol::wall::Wall;
 
 use super::{cache_folder, counted, exposure, load_wall, manager, rate, say, seconds};
 use crate::local_wall::{Interrupted, LocalWall, LocalWallOptions};
+use crate::log;
 use crate::pictures;
 use crate::report::Report;
 
@@ -117,7 +118,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
 }
 
 fn interrupted() -> ExitCode {
-    eprintln!("interrupted");
+    log::say_failure("simulate", "interrupted");
     ExitCode::from(INTERRUPTED)
 }
 
@@ -188,7 +189,7 @@ fn draw_frames(
         (None, Some(_)) => None,
         (None, None) => Some(FRAMES_DEFAULT),
     };
-    let bar = count.map_or_else(ProgressBar::no_length, ProgressBar::new);
+    let bar = ProgressBar::with_draw_target(count, drawn_to());
     if let Ok(style) = ProgressStyle::with_template("drawing {wide_bar} frame {pos}, {per_sec}") {
         bar.set_style(style);
     }
@@ -233,8 +234,13 @@ fn save(path: &Path, image: &image::RgbaImage) -> anyhow::Result<()> {
     pictures::save_png(path, image).with_context(|| format!("cannot write {}", path.display()))
 }
 
+/// Progress is for people: a log for programs has lines only.
+fn drawn_to() -> ProgressDrawTarget {
+    if log::is_json() { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() }
+}
+
 fn step(what: &'static str) -> ProgressBar {
-    let spinner = ProgressBar::new_spinner().with_message(what);
+    let spinner = ProgressBar::with_draw_target(None, drawn_to()).with_message(what);
     spinner.enable_steady_tick(Duration::from_millis(100));
     spinner
 }

@@ -86,8 +86,20 @@ impl LocalWall {
 
     /// Starts only the manager.
     pub fn manager(place: Place, wall: &Wall, scenes: &[&Path], listen: &str) -> Self {
+        Self::manager_with(place, wall, scenes, listen, &[])
+    }
+
+    /// As [`Self::manager`], with more arguments.
+    pub fn manager_with(
+        place: Place,
+        wall: &Wall,
+        scenes: &[&Path],
+        listen: &str,
+        extra: &[&str],
+    ) -> Self {
         let path = place.write("wall.toml", file::to_toml(wall));
         let mut arguments = ["manager", "--listen", listen].map(OsString::from).to_vec();
+        arguments.extend(extra.iter().map(OsString::from));
         for folder in scenes {
             arguments.extend(["--scenes".into(), folder.as_os_str().to_owned()]);
         }

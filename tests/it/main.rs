@@ -12,6 +12,7 @@
 //! - `twins`: the same commands give the same bytes, whoever draws
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
 //! - `windows`: pictures reach a display
+//! - `observation`: metrics, logs for programs, and a live status
 //! - `report`: what a simulated wall writes
 
 mod back_pressure;
@@ -19,6 +20,7 @@ mod client_library;
 #[path = "../harness/harness.rs"]
 mod harness;
 mod manager_kills;
+mod observation;
 mod one_process;
 mod reconnecting;
 mod refusals;

@@ -34,6 +34,7 @@ fn start_manager(wall: Wall, place: &Place) -> (String, Arc<Notify>, JoinHandle<
         baker,
         memory: None,
         recorder: None,
+        metrics: None,
     };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);

@@ -99,7 +99,7 @@ async fn a_request_fails_by_name_after_its_wait_and_is_never_sent() {
     drop((manager, listener));
     let lost = async {
         while client.is_connected() {
-            tokio::task::yield_now().await
+            tokio::task::yield_now().await;
         }
     };
     lost.await;

@@ -60,6 +60,7 @@ impl Cluster {
                 frame: channel.frame,
                 revision: server.and_then(|server| server.prepared).unwrap_or_default(),
                 late: channel.late,
+                draw_us: channel.draw_us,
                 memory_bytes: server.map_or(0, |server| server.memory_bytes),
             }
         });

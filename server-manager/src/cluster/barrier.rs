@@ -10,6 +10,7 @@ use polyptych_protocol::request::Reply;
 use polyptych_protocol::status::Drawn;
 use serde::{Deserialize, Serialize};
 
+use super::span;
 use super::{Cluster, Micros, Output, RequestOf, SessionId};
 
 /// Frames after joining or a change in which a channel may take as long as any frame waits:
@@ -114,8 +115,9 @@ impl Cluster {
         if let Some(camera) = order.as_ref().and_then(|order| order.camera) {
             self.camera = camera;
         }
-        self.registry.admit_ready(now);
-        self.registry.admit_late(now);
+        let next = FrameId(self.frame.0 + 1);
+        self.registry.admit_ready(now, next);
+        self.registry.admit_late(now, next);
         let (mut waited, mut late) = (Vec::new(), Vec::new());
         let mut sent = Vec::new();
         let mut is_warming = false;
@@ -210,7 +212,7 @@ impl Cluster {
         let awaiting = self.barrier.as_ref().filter(|b| b.awaits(drawn));
         let allowed = awaiting.map_or(self.deadline.length(), |b| b.deadline - b.began);
         let began = self.beginnings.of(drawn.frame, self.frame);
-        self.registry.drew(drawn.channel, now, began, allowed);
+        self.registry.drew(drawn.channel, drawn.draw_us, now, began, allowed);
         let is_its = |b: &&mut Barrier| (b.frame, b.revision) == (drawn.frame, drawn.revision);
         let Some(barrier) = self.barrier.as_mut().filter(is_its) else { return };
         barrier.waited.retain(|&id| id != drawn.channel);
@@ -235,9 +237,14 @@ impl Cluster {
         if !self.registry.drives(from, channel) {
             return;
         }
-        tracing::warn!(%channel, %frame, reason, "a channel could not draw");
+        let what = format!("channel {channel}: {reason}");
+        if let Some(times) = self.repetitions.note(now, &what) {
+            let _frame = span::of_frame(frame).entered();
+            let _server = self.registry.span_of(from).entered();
+            tracing::warn!(%channel, reason, times, "a channel could not draw");
+        }
         if self.barrier.as_ref().is_some_and(|b| b.frame == frame) {
-            self.registry.missed(channel, now, reason);
+            span::of_frame(frame).in_scope(|| self.registry.missed(channel, now, reason));
             self.stop_waiting_for(&[channel], now);
         }
     }
@@ -256,9 +263,10 @@ impl Cluster {
         for &id in &barrier.waited {
             let waited_ms = (barrier.deadline - barrier.began) / 1000;
             let reason = format!("frame {} was not drawn within {waited_ms} ms", barrier.frame);
-            self.registry.missed(id, now, reason);
+            let miss = || self.registry.missed(id, now, reason);
+            span::of_frame(barrier.frame).in_scope(miss);
         }
-        self.registry.admit_late(now);
+        self.registry.admit_late(now, self.frame);
         // A server that hangs longer than a frame may take must not show this one any more.
         let swap = Swap {
             epoch: self.epoch,

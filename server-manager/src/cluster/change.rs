@@ -19,7 +19,7 @@ use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId};
 const PREPARE_TIME_MAX: Micros = 120_000_000;
 
 /// Most changes that wait for their turn.
-const CHANGES_MAX: usize = 64;
+pub(super) const CHANGES_MAX: usize = 64;
 
 /// A change that was asked for.
 #[derive(Debug, Serialize, Deserialize)]
@@ -56,16 +56,15 @@ impl Changes {
         self.current.as_ref().map(|underway| underway.replica.revision)
     }
 
-    /// How many wait for their turn.
-    #[cfg(test)]
-    pub fn waiting(&self) -> usize {
-        self.queue.len()
-    }
-
     /// Whether this server has said that it cannot prepare the change on its way.
     pub fn has_failed_on(&self, session: SessionId) -> bool {
         let mut failed = self.current.iter().flat_map(|underway| &underway.failed);
         failed.any(|(id, _)| *id == session)
+    }
+
+    /// How many wait for their turn.
+    pub fn waiting(&self) -> usize {
+        self.queue.len()
     }
 
     pub fn digest_of(&self, revision: Revision) -> Option<Digest> {
@@ -85,7 +84,8 @@ impl Cluster {
         self.imports.retain(|of| *of != job);
         match imported {
             Err(reason) => {
-                tracing::warn!(reason, "a scene could not be opened");
+                let tell = || tracing::warn!(reason, "a scene could not be opened");
+                self.span_of_request(job).in_scope(tell);
                 self.reply(job, Err(Failure::new(reason)));
             }
             Ok(ImportedScene { scene, summary }) => {
@@ -123,11 +123,12 @@ impl Cluster {
         revision: Revision,
         reason: &str,
     ) {
+        let span = self.span_of(from);
         let Some(server) = self.registry.server_mut(from) else { return };
         if !server.answered(revision) {
             return;
         }
-        tracing::error!(server = server.name, %revision, reason, "a server cannot prepare");
+        span.in_scope(|| tracing::error!(%revision, reason, "a server cannot prepare"));
         let (name, channels) = (server.name.clone(), server.channels.clone());
         if self.changes.digest_of(revision).is_some() {
             if let Some(underway) = &mut self.changes.current {
@@ -204,7 +205,9 @@ impl Cluster {
         self.deadline.restart();
         self.registry.restart_warm_up();
         self.demote_unprepared(now, &failed);
-        tracing::info!(revision = %self.shown.revision, "the wall shows a new revision");
+        let revision = self.shown.revision;
+        let tell = || tracing::info!(%revision, "the wall shows a new revision");
+        self.span_of_request(change.job).in_scope(tell);
         self.features.clear();
         let reply = if let Some(mut summary) = change.summary {
             summary.revision = self.shown.revision;

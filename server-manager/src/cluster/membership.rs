@@ -26,8 +26,9 @@ impl Cluster {
             self.close(old, "the same server has connected again".into());
             self.handle_server_gone(now, old, "replaced by a new connection");
         }
-        tracing::info!(server = hello.name, address, adapter = hello.adapter.name, "server joins");
+        let adapter = hello.adapter.name.clone();
         self.registry.add(now, session, hello, address, channels.clone());
+        self.span_of(session).in_scope(|| tracing::info!(adapter, "server joins"));
         self.registry.set_states(&channels, ChannelState::Preparing, None, now);
         self.prompt(vec![session]);
         Ok(())
@@ -80,8 +81,11 @@ impl Cluster {
 
     /// A server's connection has ended.
     pub fn handle_server_gone(&mut self, now: Micros, session: SessionId, reason: &str) {
-        let Some(server) = self.registry.remove(now, session, reason) else { return };
-        tracing::warn!(server = server.name, address = server.address, reason, "server is lost");
+        let span = self.registry.span_of(session);
+        let Some(server) = span.in_scope(|| self.registry.remove(now, session, reason)) else {
+            return;
+        };
+        span.in_scope(|| tracing::warn!(reason, "server is lost"));
         self.stop_waiting_for(&server.channels, now);
         self.advance_change(now);
     }
@@ -93,15 +97,13 @@ impl Cluster {
 
     /// A client has come.
     pub fn handle_client(&mut self, session: SessionId, name: String) {
-        tracing::info!(client = name, "client joins");
         self.clients.insert(session, ClientState { name, is_subscribed: false });
+        self.span_of(session).in_scope(|| tracing::info!("client joins"));
     }
 
     /// A client's connection has ended. The wall stays as it is.
     pub fn handle_client_gone(&mut self, session: SessionId) {
-        if let Some(client) = self.clients.remove(&session) {
-            tracing::info!(client = client.name, "client leaves");
-        }
+        self.clients.remove(&session);
         self.orders.retain(|order| order.job.client != session);
     }
 
@@ -119,9 +121,14 @@ impl Cluster {
         let mut channels = Vec::new();
         for &session in sessions {
             let Some(server) = self.registry.server_mut(session) else { continue };
-            tracing::error!(server = server.name, why, "resynchronising a server");
             server.prepared = None;
             channels.extend_from_slice(&server.channels);
+            let what = format!("server {}: {why}", server.name);
+            // A server that never gets it right would come here as fast as it can.
+            if let Some(times) = self.repetitions.note(now, &what) {
+                let tell = || tracing::error!(why, times, "resynchronising a server");
+                self.span_of(session).in_scope(tell);
+            }
         }
         self.registry.set_states(&channels, ChannelState::Preparing, Some(why), now);
         self.prompt(sessions.to_vec());

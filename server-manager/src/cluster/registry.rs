@@ -8,7 +8,7 @@ use polyptych_protocol::ids::{ChannelId, FrameId, Revision};
 use polyptych_protocol::wall::Wall;
 use serde::{Deserialize, Serialize};
 
-use super::{Micros, SessionId};
+use super::{Micros, SessionId, span};
 
 /// Frames in time after which a late channel is waited for again, the first time.
 const REJOIN_FRAMES_MIN: u32 = 8;
@@ -62,6 +62,10 @@ pub(super) struct Channel {
     /// The last frame that it showed.
     pub frame: FrameId,
     pub late: u64,
+    /// Times that its server was lost.
+    pub lost: u64,
+    /// Its last drawing time, in microseconds.
+    pub draw_us: Option<u32>,
     /// Frames that it drew since it joined or the revision changed: the first ones warm up.
     pub frames_drawn: u32,
     in_time: u32,
@@ -88,6 +92,8 @@ impl Registry {
             server: None,
             frame: FrameId(0),
             late: 0,
+            lost: 0,
+            draw_us: None,
             frames_drawn: 0,
             in_time: 0,
             drew_at: 0,
@@ -151,7 +157,7 @@ impl Registry {
             channel.frames_drawn = 0;
             channel.in_time = 0;
         }
-        self.set_states(&channels, ChannelState::Joining, None, now);
+        let joining = channels.clone();
         let server = Server {
             name: hello.name,
             address,
@@ -165,13 +171,17 @@ impl Registry {
             last_heard: now,
         };
         self.servers.insert(session, server);
+        self.set_states(&joining, ChannelState::Joining, None, now);
     }
 
     /// Takes a server out; its channels are lost for this reason.
     pub fn remove(&mut self, now: Micros, session: SessionId, reason: &str) -> Option<Server> {
         let server = self.servers.remove(&session)?;
         for &id in &server.channels {
-            self.channels[usize::from(id.0)].server = None;
+            let channel = &mut self.channels[usize::from(id.0)];
+            channel.server = None;
+            channel.draw_us = None;
+            channel.lost += 1;
         }
         let channels = server.channels.clone();
         self.set_states(&channels, ChannelState::Lost, Some(reason), now);
@@ -248,9 +258,18 @@ impl Registry {
         reason: Option<String>,
         now: Micros,
     ) {
+        let Some(channel) = self.channel(id) else { return };
+        let is_news = channel.state != state;
+        if is_news {
+            let name = channel.name.as_str();
+            let tell = || tracing::info!(channel = name, ?state, reason, "channel changes state");
+            match channel.server {
+                Some(session) => self.span_of(session).in_scope(tell),
+                None => tell(),
+            }
+        }
         let Some(channel) = self.channels.get_mut(usize::from(id.0)) else { return };
-        if channel.state != state {
-            tracing::info!(channel = channel.name, ?state, reason, "channel changes state");
+        if is_news {
             channel.state = state;
             channel.since = now;
         }
@@ -294,8 +313,16 @@ impl Registry {
     }
 
     /// A channel drew a frame that `began` then, where that is remembered.
-    pub fn drew(&mut self, id: ChannelId, now: Micros, began: Option<Micros>, deadline: Micros) {
+    pub fn drew(
+        &mut self,
+        id: ChannelId,
+        draw_us: u32,
+        now: Micros,
+        began: Option<Micros>,
+        deadline: Micros,
+    ) {
         let Some(channel) = self.channels.get_mut(usize::from(id.0)) else { return };
+        channel.draw_us = Some(draw_us);
         channel.frames_drawn = channel.frames_drawn.saturating_add(1);
         // It began when it was sent the frame, or when it was done with the one before.
         let free_at = std::mem::replace(&mut channel.drew_at, now);
@@ -305,21 +332,24 @@ impl Registry {
 
     /// Channels that could draw are waited for from now on. Between two frames only: a frame does
     /// not wait for those that came while it was drawn.
-    pub fn admit_ready(&mut self, now: Micros) {
-        self.turn_live(now, |channel| channel.state == ChannelState::Ready);
+    pub fn admit_ready(&mut self, now: Micros, frame: FrameId) {
+        self.turn_live(now, frame, |channel| channel.state == ChannelState::Ready);
     }
 
     /// The same for late channels that have caught up.
-    pub fn admit_late(&mut self, now: Micros) {
-        self.turn_live(now, |channel| {
+    pub fn admit_late(&mut self, now: Micros, frame: FrameId) {
+        self.turn_live(now, frame, |channel| {
             channel.state == ChannelState::Late && channel.in_time >= channel.rejoin_frames
         });
     }
 
-    fn turn_live(&mut self, now: Micros, may_come: impl Fn(&Channel) -> bool) {
+    fn turn_live(&mut self, now: Micros, frame: FrameId, may_come: impl Fn(&Channel) -> bool) {
         let coming = self.channels().filter(|(_, channel)| may_come(channel));
         let coming: Vec<_> = coming.map(|(id, _)| id).collect();
-        self.set_states(&coming, ChannelState::Live, None, now);
+        if !coming.is_empty() {
+            let admit = || self.set_states(&coming, ChannelState::Live, None, now);
+            span::of_frame(frame).in_scope(admit);
+        }
     }
 
     /// Whether a late channel drew its last frame in time.

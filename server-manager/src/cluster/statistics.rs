@@ -8,6 +8,7 @@ use polyptych_protocol::status::{Drawn, Shown};
 
 use super::Micros;
 use super::registry::Registry;
+use super::totals::Totals;
 
 /// Measurements kept of each kind, the newest ones: 18 minutes at 60 frames per second, and at
 /// most 0.5 MiB for a kind.
@@ -69,22 +70,30 @@ pub(super) struct Gathered {
     last: Micros,
     wire_bytes: u64,
     late: Vec<u64>,
+    totals: Totals,
 }
 
 impl Gathered {
     pub fn new(channels: usize) -> Self {
+        let totals = Totals::new(channels);
         let channels = (0..channels).map(|_| OfChannel::default()).collect();
-        Self { channels, ..Self::default() }
+        Self { channels, totals, ..Self::default() }
     }
 
-    /// Forgets everything but the channels' late counts, from which it counts on.
+    /// Forgets everything but the totals, and the channels' late counts, from which it counts on.
     pub fn restart(&mut self) {
         let late = std::mem::take(&mut self.late);
         let mut fresh = Self::new(self.channels.len());
         for (channel, &late) in fresh.channels.iter_mut().zip(&late) {
             channel.late_before = late;
         }
+        std::mem::swap(&mut fresh.totals, &mut self.totals);
         *self = fresh;
+    }
+
+    /// Since the manager started.
+    pub fn totals(&self) -> &Totals {
+        &self.totals
     }
 
     pub fn add_wire_bytes(&mut self, bytes: usize) {
@@ -92,6 +101,7 @@ impl Gathered {
     }
 
     pub fn add_drawn(&mut self, drawn: &Drawn, frame_us: Micros) {
+        self.totals.add_drawn(usize::from(drawn.channel.0), drawn.draw_us);
         let Some(channel) = self.channels.get_mut(usize::from(drawn.channel.0)) else { return };
         channel.frame_ms.add(frame_us as f64 / 1000.0);
         channel.draw_ms.add(f64::from(drawn.draw_us) / 1000.0);
@@ -100,6 +110,7 @@ impl Gathered {
     }
 
     pub fn add_frame(&mut self, feedback: &Feedback, slowest_us: Option<u32>, now: Micros) {
+        self.totals.add_frame(feedback.frame_us, feedback.barrier_us, slowest_us);
         self.frames += 1;
         self.first.get_or_insert(now);
         self.last = now;
@@ -111,6 +122,7 @@ impl Gathered {
     }
 
     pub fn add_shown(&mut self, shown: &Shown) {
+        self.totals.add_shown(usize::from(shown.channel.0));
         let Some(channel) = self.channels.get_mut(usize::from(shown.channel.0)) else { return };
         channel.frames += 1;
         channel.clock_error_us = shown.clock_error_us;
@@ -136,11 +148,13 @@ impl Gathered {
         for shown in reports {
             let skew = shown.at_us - first;
             widest = widest.max(skew);
+            self.totals.add_skew(usize::from(shown.channel.0), skew);
             if let Some(channel) = self.channels.get_mut(usize::from(shown.channel.0)) {
                 channel.skew_us.add(skew as f64);
             }
         }
         if reports.len() > 1 {
+            self.totals.add_widest_skew(widest);
             self.skew_us.add(widest as f64);
         }
     }

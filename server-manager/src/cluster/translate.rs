@@ -5,6 +5,7 @@ use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::limits::PATH_BYTES_MAX;
 use polyptych_protocol::log::Operation;
 use polyptych_protocol::request::{Failure, Pace, Reply, Request};
+use tracing::Level;
 
 use super::{Change, Cluster, FRAME_ORDERS_MAX, FrameOrder, Micros, Output, RequestOf, SessionId};
 
@@ -24,6 +25,9 @@ impl Cluster {
         request: Request,
     ) {
         let job = RequestOf { client, id };
+        if tracing::enabled!(Level::DEBUG) {
+            self.span_of_request(job).in_scope(|| tracing::debug!(?request, "a client asks"));
+        }
         match self.translate(now, job, request) {
             Ok(Some(reply)) => {
                 self.remember();
@@ -31,7 +35,13 @@ impl Cluster {
             }
             // The reply comes with a frame, an import or a change.
             Ok(None) => {}
-            Err(reason) => self.reply(job, Err(Failure::new(reason))),
+            Err(reason) => {
+                if tracing::enabled!(Level::DEBUG) {
+                    let tell = || tracing::debug!(reason, "a request is refused");
+                    self.span_of_request(job).in_scope(tell);
+                }
+                self.reply(job, Err(Failure::new(reason)));
+            }
         }
         self.advance_frame(now);
     }

@@ -101,7 +101,9 @@ impl Life {
             match output {
                 Output::Command { to, bytes } => {
                     let command: Command = codec::decode(&bytes).expect("a command");
-                    to.into_iter().for_each(|session| self.obey(session, &command));
+                    for session in to {
+                        self.obey(session, &command);
+                    }
                 }
                 Output::Import { job, .. } => self.imports.push(job),
                 Output::Close { session, .. } => drop(self.servers.remove(&session)),

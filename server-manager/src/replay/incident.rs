@@ -177,7 +177,7 @@ impl Incident {
             check.pass_time(now)?;
             // The brain that is tested sets its own.
             if input != Input::Timeout {
-                check.tell(now, input)?;
+                check.tell(now, &input)?;
             }
         }
         check.settle()
@@ -257,17 +257,17 @@ struct Check {
 }
 
 impl Check {
-    fn tell(&mut self, now: Micros, input: Input) -> Result<(), String> {
+    fn tell(&mut self, now: Micros, input: &Input) -> Result<(), String> {
         self.checked.inputs += 1;
         self.now = now;
-        match &input {
+        match input {
             Input::Request { .. } => self.checked.requests += 1,
             Input::Import { job, .. } => self.imports.retain(|other| other != job),
             _ => {}
         }
         let began = self.invariants.frame_began();
         let (outputs, _) = tell(&mut self.cluster, now, input.clone());
-        self.invariants.observe(now, &input, &outputs, &self.cluster)?;
+        self.invariants.observe(now, input, &outputs, &self.cluster)?;
         if let Some((frame, at)) = began
             && self.invariants.frame_began().map(|(frame, _)| frame) != Some(frame)
         {
@@ -293,7 +293,7 @@ impl Check {
             if in_a_row > TIMEOUTS_AT_ONCE_MAX {
                 return Err(format!("the brain does not come to rest at {} us", self.now));
             }
-            self.tell(due.max(self.now), Input::Timeout)?;
+            self.tell(due.max(self.now), &Input::Timeout)?;
         }
         self.now = self.now.max(now);
         Ok(())
@@ -302,7 +302,7 @@ impl Check {
     fn settle(mut self) -> Result<Checked, String> {
         for job in std::mem::take(&mut self.imports) {
             let imported = Err("the incident ends here".into());
-            self.tell(self.now, Input::Import { job, imported })?;
+            self.tell(self.now, &Input::Import { job, imported })?;
         }
         let end = self.now + SETTLE_TIME_MAX;
         while !self.invariants.open().is_empty() && self.now < end {

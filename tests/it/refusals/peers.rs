@@ -41,7 +41,7 @@ fn strangers_on_the_port_change_nothing() {
     let bounds = client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
     let camera = poses(&bounds)[4];
     let before = shot(&client, camera);
-    let client_preamble = b"PLYP\x01\x00\x01\x00";
+    let client_preamble = b"PLYP\x02\x00\x01\x00";
     let frame_of = |length: u32| [&client_preamble[..], &length.to_be_bytes()].concat();
     let sayings: [(&str, Vec<u8>); 8] = [
         ("noise", noise(100_000)),

@@ -45,6 +45,7 @@ const ABSENCES: &[Absence] = &[
             "server-manager/src/session",        // what all connections have in common
             "server-manager/src/client_session", // a client's connection
             "server-manager/src/server_session", // a server's connection
+            "server-manager/src/metrics",        // answers scrapes on a thread of its own
             "server-manager/src/bulk",           // blobs go out on their own connections
             "server-manager/src/import",         // the baker is a child process
         ],

@@ -1,0 +1,42 @@
+//! Whom and what a line of the log is about.
+//!
+//! Spans are made where something is said, not where something happens: a frame of a healthy wall
+//! makes none. They are errors by level, so that they stand around lines of every level.
+
+use polyptych_protocol::ids::FrameId;
+use tracing::{Span, error_span};
+
+use super::registry::Registry;
+use super::{Cluster, RequestOf, SessionId};
+
+impl Cluster {
+    /// The peer of a connection, as far as it is known.
+    pub fn span_of(&self, session: SessionId) -> Span {
+        match self.clients.get(&session) {
+            Some(client) => error_span!("client", session = session.0, client = client.name),
+            None => self.registry.span_of(session),
+        }
+    }
+
+    /// A request, within its client.
+    pub fn span_of_request(&self, job: RequestOf) -> Span {
+        let client = self.span_of(job.client);
+        error_span!(parent: &client, "request", request = job.id.0)
+    }
+}
+
+impl Registry {
+    /// A server's connection, as far as it is known.
+    pub fn span_of(&self, session: SessionId) -> Span {
+        let Some(server) = self.server(session) else {
+            return error_span!("session", session = session.0);
+        };
+        let (name, address) = (server.name.as_str(), server.address.as_str());
+        error_span!("server", session = session.0, server = name, address)
+    }
+}
+
+/// A frame on its way.
+pub(super) fn of_frame(frame: FrameId) -> Span {
+    error_span!("frame", frame = frame.0)
+}

@@ -1,0 +1,5 @@
+//! A wall is observed: metrics, logs for programs, and a live status.
+
+mod exposition;
+mod logs;
+mod metrics;
