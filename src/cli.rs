@@ -11,6 +11,7 @@ mod scene;
 mod server;
 mod simulate;
 mod status;
+mod watch;
 
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
