@@ -101,6 +101,7 @@ fn measure_ours(
         let options = ManagerOptions {
             wall: wall(servers),
             token: TOKEN.into(),
+            keys: None,
             scene_roots: Vec::new(),
             baker: Baker { program: "true".into(), memory_mib: 1, store: std::env::temp_dir() },
             memory: None,
@@ -116,6 +117,7 @@ fn measure_ours(
     let mut connect = ConnectOptions::new(address);
     connect.token = Some(TOKEN.into());
     connect.reconnect = None;
+    connect.keys = None;
     let client = Client::connect_with(connect)?;
     // Frames begin at once, so that channels become live as they come.
     client.run(Pace::Free)?;

@@ -5,6 +5,7 @@ mod bench;
 mod check;
 mod demo;
 mod drive;
+mod keys;
 mod manager;
 mod replay;
 mod scene;
@@ -60,6 +61,8 @@ enum Command {
     Status(status::Arguments),
     /// End the manager of a running wall
     Stop(drive::StopArguments),
+    /// Make the keys of a wall: an authority, and a key for each node
+    Keys(keys::Arguments),
     /// Say what a wall file describes, or what is wrong with it
     Check(check::Arguments),
     /// Decide again what a recorded manager decided, and say what happened
@@ -88,6 +91,12 @@ pub(crate) struct ManagerAddress {
     /// The file with the manager's token [default: where the manager of this user puts it]
     #[arg(long, value_name = "FILE", env = polyptych_protocol::token::TOKEN_FILE_VARIABLE)]
     token_file: Option<PathBuf>,
+    /// This client's folder of keys, as `polyptych keys` makes it
+    #[arg(long, value_name = "FOLDER", env = polyptych_protocol::keys::KEYS_VARIABLE)]
+    keys: Option<PathBuf>,
+    /// Go over a network without keys, though nothing is encrypted
+    #[arg(long)]
+    insecure: bool,
 }
 
 impl ManagerAddress {
@@ -96,6 +105,8 @@ impl ManagerAddress {
         options.token_file.clone_from(&self.token_file);
         // A command asks once: without a manager it says so at once.
         options.reconnect = None;
+        options.keys.clone_from(&self.keys);
+        options.insecure = self.insecure;
         Ok(Client::connect_with(options)?)
     }
 }
@@ -124,6 +135,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Shot(arguments) => drive::shot(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => drive::stop(&arguments),
+        Command::Keys(arguments) => keys::run(&arguments),
         Command::Check(arguments) => return check::run(&arguments),
         Command::Replay(arguments) => return replay::run(&arguments),
         Command::Scene(scene) => scene::run(&scene),

@@ -87,6 +87,7 @@ impl LocalWall {
         let options = ManagerOptions {
             wall,
             token: token_given,
+            keys: None,
             scene_roots,
             baker,
             memory: None,
@@ -99,6 +100,7 @@ impl LocalWall {
         end_on_interrupt(&was_interrupted, [stop.clone(), supervisor.stopper()])?;
         let mut connect = ConnectOptions::new(address);
         connect.token = Some(token);
+        connect.keys = None;
         connect.name = "simulate".into();
         // Its manager is in this process, and does not come back.
         connect.reconnect = None;

@@ -1,5 +1,6 @@
 //! The one command that an operator installs. It parses arguments and calls the crates.
 
+mod authority;
 mod barrier;
 mod cli;
 mod local_wall;

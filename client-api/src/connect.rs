@@ -9,11 +9,12 @@ use std::time::Duration;
 
 use polyptych_protocol::connection::{ConnectionError, introduce};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
+use polyptych_protocol::keys::{KEYS_VARIABLE, Keys};
 use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, NAME_BYTES_MAX, PORT_DEFAULT};
 use polyptych_protocol::request::Request;
+use polyptych_protocol::stream::{self, DialError, Stream};
 use polyptych_protocol::token;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::net::TcpStream;
 use tokio::time::timeout;
 
 use crate::connection::drive;
@@ -39,7 +40,13 @@ pub struct ConnectOptions {
     /// The file that holds the secret; where `None`, `POLYPTYCH_TOKEN_FILE` or
     /// `polyptych/token` in the user's state folder.
     pub token_file: Option<PathBuf>,
-    /// For logs and status; cut to the protocol's 64 bytes.
+    /// This client's folder of keys, as `polyptych keys` makes it: all is encrypted, both sides
+    /// prove who they are, and no token is needed. [`ConnectOptions::new`] takes it from
+    /// `POLYPTYCH_KEYS`. It must be there where the manager is on another machine.
+    pub keys: Option<PathBuf>,
+    /// Goes over a network without keys, where the token can be read by all who listen there.
+    pub insecure: bool,
+    /// For logs and status; cut to the protocol's 64 bytes. With keys it is the certificate's.
     pub name: String,
     /// How long requests may take.
     pub timeouts: Timeouts,
@@ -90,11 +97,24 @@ impl ConnectOptions {
             address: address.into(),
             token: None,
             token_file: None,
+            keys: std::env::var_os(KEYS_VARIABLE).filter(|v| !v.is_empty()).map(PathBuf::from),
+            insecure: false,
             name: stem.map_or_else(|| "client".into(), |s| s.to_string_lossy().into_owned()),
             timeouts: Timeouts::default(),
             capture_bytes_max: CAPTURE_BYTES_MAX,
             reconnect: Some(Reconnect::default()),
         }
+    }
+
+    /// The keys, whose client's name then is this one's.
+    fn read_keys(&mut self) -> Result<Option<Keys>, ClientError> {
+        let Some(folder) = &self.keys else { return Ok(None) };
+        let keys = Keys::load(folder)?;
+        keys.client_name()?.clone_into(&mut self.name);
+        for warning in keys.warnings() {
+            tracing::warn!("{warning}");
+        }
+        Ok(Some(keys))
     }
 
     fn read_token(&self) -> Result<String, ClientError> {
@@ -112,6 +132,8 @@ impl fmt::Debug for ConnectOptions {
             .field("address", &self.address)
             .field("token", &self.token.as_ref().map(|_| "(secret)"))
             .field("token_file", &self.token_file)
+            .field("keys", &self.keys)
+            .field("insecure", &self.insecure)
             .field("name", &self.name)
             .field("timeouts", &self.timeouts)
             .field("capture_bytes_max", &self.capture_bytes_max)
@@ -142,15 +164,16 @@ pub(crate) async fn connect_tcp(
 }
 
 /// One attempt to connect, with the token as its file has it now.
-async fn dial_and_introduce(
-    options: &ConnectOptions,
-) -> Result<Introduced<TcpStream>, ClientError> {
+async fn dial_and_introduce(options: &ConnectOptions) -> Result<Introduced<Stream>, ClientError> {
     let address = &options.address;
     let connecting = async {
-        let stream = dial(address).await?;
-        // Only now: where nobody listens, that is the better thing to say.
-        let token = options.read_token()?;
-        handshake(stream, options, token).await
+        let mut options = options.clone();
+        let keys = options.read_keys()?;
+        let stream = dial(address, keys.as_ref(), options.insecure).await?;
+        // Only now: where nobody listens, that is the better thing to say. A certificate stands for
+        // the token.
+        let token = if keys.is_some() { String::new() } else { options.read_token()? };
+        handshake(stream, &options, token).await
     };
     let after = HANDSHAKE_TIME_MAX;
     let timed_out = |_| ClientError::NoIntroduction { address: address.clone(), after };
@@ -182,15 +205,18 @@ where
     Ok((link, driver))
 }
 
-async fn dial(address: &str) -> Result<TcpStream, ClientError> {
-    let unresolved = |source| ClientError::Unresolved { address: address.to_owned(), source };
-    let found: Vec<SocketAddr> =
-        tokio::net::lookup_host(address).await.map_err(unresolved)?.collect();
-    let no_manager = |source| ClientError::NoManager { address: address.to_owned(), source };
-    let stream = TcpStream::connect(&found[..]).await.map_err(no_manager)?;
-    // A camera must not wait for the answer to the one before it.
-    stream.set_nodelay(true).map_err(no_manager)?;
-    Ok(stream)
+async fn dial(
+    address: &str,
+    keys: Option<&Keys>,
+    is_insecure: bool,
+) -> Result<Stream, ClientError> {
+    let dialed = stream::dial(address, keys, is_insecure).await;
+    let address = address.to_owned();
+    dialed.map_err(|error| match error {
+        DialError::Unresolved(source) => ClientError::Unresolved { address, source },
+        DialError::Unreachable(source) => ClientError::NoManager { address, source },
+        source => ClientError::NotSecured { address, source },
+    })
 }
 
 async fn handshake<S>(

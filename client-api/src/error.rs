@@ -4,6 +4,8 @@ use std::io;
 use std::time::Duration;
 
 use polyptych_protocol::connection::ConnectionError;
+use polyptych_protocol::keys::KeysError;
+use polyptych_protocol::stream::DialError;
 use polyptych_protocol::token::TokenError;
 
 /// Why a call did not do what it says.
@@ -47,6 +49,17 @@ pub enum ClientError {
     /// The manager's secret cannot be read.
     #[error("no token to show to the manager: {0}")]
     Token(#[from] TokenError),
+    /// This client's keys cannot be used.
+    #[error("no keys to show to the manager: {0}")]
+    Keys(#[from] KeysError),
+    /// The connection would not be encrypted, or the two ends do not believe each other.
+    #[error("no secure connection to the manager at {address}: {source}")]
+    NotSecured {
+        /// Host and port.
+        address: String,
+        /// What is wrong, and what would be right.
+        source: DialError,
+    },
     /// The manager said no.
     #[error("the manager at {address} refused this client: {reason}")]
     Refused {

@@ -11,6 +11,7 @@ use crate::handshake::{
     Answer, Hello, PREAMBLE_BYTES, Preamble, PreambleError, Refused, Role, Welcome,
 };
 use crate::limits::{BULK_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
+use crate::tls;
 
 /// A byte stream cut into messages.
 pub type Frames<S> = Framed<S, LengthDelimitedCodec>;
@@ -19,7 +20,7 @@ pub type Frames<S> = Framed<S, LengthDelimitedCodec>;
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectionError {
     /// The stream failed.
-    #[error("the connection failed: {0}")]
+    #[error("the connection failed: {}", tls::in_words(.0))]
     Io(#[from] std::io::Error),
     /// The other end closed the stream.
     #[error("the peer closed the connection during the handshake")]
@@ -142,6 +143,24 @@ where
     let answer = Answer::Refused(Refused { reason });
     frames.send(codec::encode(&answer)).await?;
     Ok(())
+}
+
+/// Tells a peer of any version that it may not come in, before it said who it is.
+///
+/// # Errors
+/// [`ConnectionError`] where it is none of ours, and was told nothing.
+pub async fn refuse_unheard<S>(mut stream: S, reason: &str) -> Result<(), ConnectionError>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    if let Err(error @ PreambleError::NotOurs(_)) =
+        Preamble::from_bytes(read_preamble(&mut stream).await?)
+    {
+        return Err(error.into());
+    }
+    stream.write_all(&Preamble::of(Role::Manager).to_bytes()).await?;
+    let mut frames = Framed::new(stream, codec::frames(HANDSHAKE_BYTES_MAX));
+    refuse(&mut frames, reason.to_owned()).await
 }
 
 /// Lets a peer in.

@@ -1,7 +1,8 @@
 //! What travels between a client, the manager and the render servers: ids, the wall description,
 //! the scene as plain data, the four message types, the handshake and the framing.
 //!
-//! The crate does no I/O but the codec, knows no GPU and makes no decision. What both ends must
+//! The crate does no I/O but the codec and the byte streams under it, knows no GPU and makes no
+//! decision. What both ends must
 //! compute alike (frusta, the fold of the log, the digest) stands here as pure functions.
 //!
 //! ```
@@ -19,12 +20,16 @@ pub mod command;
 pub mod connection;
 pub mod feedback;
 pub mod handshake;
+pub mod identity;
 pub mod ids;
+pub mod keys;
 pub mod limits;
 pub mod log;
 pub mod process;
 pub mod request;
 pub mod scene;
 pub mod status;
+pub mod stream;
+pub mod tls;
 pub mod token;
 pub mod wall;

@@ -9,7 +9,7 @@ use polyptych_protocol::codec;
 use polyptych_protocol::connection::Frames;
 use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::limits::{BLOB_BYTES_MAX, CHUNK_BYTES_MAX};
-use tokio::net::TcpStream;
+use polyptych_protocol::stream::Stream;
 use tokio::sync::mpsc;
 
 use crate::report::PictureReport;
@@ -27,10 +27,7 @@ pub(crate) enum BulkJob {
 }
 
 /// Does jobs until the connection or the server ends; says why it did.
-pub(crate) async fn serve(
-    mut frames: Frames<TcpStream>,
-    mut jobs: mpsc::Receiver<BulkJob>,
-) -> String {
+pub(crate) async fn serve(mut frames: Frames<Stream>, mut jobs: mpsc::Receiver<BulkJob>) -> String {
     while let Some(job) = jobs.recv().await {
         let done = match job {
             BulkJob::Fetch { hash, answer } => match fetch(&mut frames, hash).await {
@@ -55,7 +52,7 @@ pub(crate) async fn serve(
 
 /// The outer error is the connection's, the inner one the blob's.
 async fn fetch(
-    frames: &mut Frames<TcpStream>,
+    frames: &mut Frames<Stream>,
     hash: BlobHash,
 ) -> Result<Result<Bytes, String>, String> {
     let want = frames.send(codec::encode(&BulkUp::Want(hash))).await;
@@ -91,7 +88,7 @@ async fn fetch(
     }
 }
 
-async fn send(frames: &mut Frames<TcpStream>, picture: &PictureReport) -> Result<(), String> {
+async fn send(frames: &mut Frames<Stream>, picture: &PictureReport) -> Result<(), String> {
     for start in (0..picture.bytes.len()).step_by(CHUNK_BYTES_MAX) {
         let end = picture.bytes.len().min(start + CHUNK_BYTES_MAX);
         let chunk = PictureChunk {

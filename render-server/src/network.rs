@@ -13,10 +13,12 @@ use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, Hello, Role, Secret, ServerHello, Welcome,
 };
+use polyptych_protocol::identity::Identity;
+use polyptych_protocol::keys::Keys;
 use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
 use polyptych_protocol::process;
 use polyptych_protocol::status::{Ping, Status};
-use tokio::net::TcpStream;
+use polyptych_protocol::stream::{self, Stream};
 use tokio::sync::{Notify, mpsc};
 
 use crate::bulk::{self, BULK_JOBS_MAX, BulkJob};
@@ -92,11 +94,10 @@ impl Network {
         }
     }
 
-    async fn connect(&self) -> Result<(Frames<TcpStream>, Welcome), String> {
-        let token = self.options.token.read().map_err(|error| error.to_string())?;
+    async fn connect(&self) -> Result<(Frames<Stream>, Welcome), String> {
         let hello = Hello::Server(ServerHello {
             name: self.options.name.clone(),
-            token: Secret(token),
+            token: self.token()?,
             channels: self.options.channels.clone(),
             pid: std::process::id(),
             adapter: self.adapter.clone(),
@@ -108,11 +109,12 @@ impl Network {
         &self,
         role: Role,
         hello: &Hello,
-    ) -> Result<(Frames<TcpStream>, Welcome), String> {
+    ) -> Result<(Frames<Stream>, Welcome), String> {
         let introduce = async {
-            let stream = TcpStream::connect(&self.options.manager).await;
+            let keys = self.keys()?;
+            let (manager, insecure) = (&self.options.manager, self.options.insecure);
+            let stream = stream::dial(manager, keys.as_ref(), insecure).await;
             let stream = stream.map_err(|error| error.to_string())?;
-            stream.set_nodelay(true).map_err(|error| error.to_string())?;
             connection::introduce(stream, role, hello).await.map_err(|error| error.to_string())
         };
         let limit = HANDSHAKE_TIME_MAX;
@@ -120,19 +122,36 @@ impl Network {
         introduced.map_err(|_| format!("no answer within {} s", limit.as_secs()))?
     }
 
+    /// This server's keys, where it has any, as they are now.
+    fn keys(&self) -> Result<Option<Keys>, String> {
+        let Some(folder) = &self.options.keys else { return Ok(None) };
+        let keys = Keys::load(folder).map_err(|error| error.to_string())?;
+        let wanted = Identity::Server(self.options.name.clone());
+        keys.require(&wanted).map_err(|error| error.to_string())?;
+        Ok(Some(keys))
+    }
+
+    /// What to show to the manager: over TLS the certificate does, and the token stays here.
+    fn token(&self) -> Result<Secret, String> {
+        if self.options.keys.is_some() {
+            return Ok(Secret(String::new()));
+        }
+        self.options.token.read().map(Secret).map_err(|error| error.to_string())
+    }
+
     /// Serves one connection until it ends, and says why it did.
-    async fn serve(&mut self, frames: Frames<TcpStream>, welcome: Welcome) -> String {
+    async fn serve(&mut self, frames: Frames<Stream>, welcome: Welcome) -> String {
         let manager = &self.options.manager;
         tracing::info!(manager, wall = welcome.wall, epoch = %welcome.epoch, "connected");
         self.notice(&format!("wall {}: getting the scene ready", welcome.wall));
         self.clock.set(None);
         // Reports for an older connection mean nothing on this one.
         while self.waiting_reports.try_recv().is_ok() {}
-        let token = match self.options.token.read() {
+        let token = match self.token() {
             Ok(token) => token,
-            Err(error) => return error.to_string(),
+            Err(reason) => return reason,
         };
-        let hello = Hello::Bulk(BulkHello { token: Secret(token), session: welcome.session });
+        let hello = Hello::Bulk(BulkHello { token, session: welcome.session });
         let bulk_frames = match self.introduce(Role::Bulk, &hello).await {
             Ok((frames, _)) => frames,
             Err(reason) => return format!("bulk connection: {reason}"),
@@ -151,7 +170,7 @@ impl Network {
 
     async fn converse(
         &mut self,
-        mut frames: Frames<TcpStream>,
+        mut frames: Frames<Stream>,
         welcome: &Welcome,
         line: Line,
     ) -> String {

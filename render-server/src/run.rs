@@ -39,8 +39,13 @@ pub struct ServerOptions {
     pub channels: Vec<String>,
     /// For logs and status.
     pub name: String,
-    /// Where the manager's secret comes from.
+    /// Where the manager's secret comes from; not asked for with keys.
     pub token: TokenSource,
+    /// This server's folder of keys, read anew for every connection: they may be renewed. With it
+    /// all is encrypted, and `name` must be the certificate's.
+    pub keys: Option<PathBuf>,
+    /// Goes over a network without keys.
+    pub insecure: bool,
     /// Where blobs are kept on this machine.
     pub cache: PathBuf,
     /// Where the pictures go.

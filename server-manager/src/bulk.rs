@@ -9,8 +9,9 @@ use polyptych_protocol::blob::{BlobChunk, BlobFolder, BlobReader, BulkDown, Bulk
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::Welcome;
+use polyptych_protocol::identity::Identity;
 use polyptych_protocol::ids::BlobHash;
-use tokio::net::TcpStream;
+use polyptych_protocol::stream::Stream;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::cluster::SessionId;
@@ -37,21 +38,28 @@ pub(crate) struct Store {
     pub allowed: AllowedBlobs,
 }
 
+/// Which server's second connection it says to be, and who it has proven to be.
+pub(crate) struct Claim {
+    /// With the session of the control connection.
+    pub welcome: Welcome,
+    pub proven: Option<Identity>,
+}
+
 /// Serves one connection until it ends.
 pub(crate) async fn serve(
-    mut frames: Frames<TcpStream>,
-    welcome: Welcome,
+    mut frames: Frames<Stream>,
+    Claim { welcome, proven }: Claim,
     events: mpsc::Sender<Event>,
     store: Store,
     traffic: Traffic,
 ) {
     let session = SessionId(welcome.session);
     let (is_known, answer) = oneshot::channel();
-    if events.send(Event::BulkJoins { session, is_known }).await.is_err() {
+    if events.send(Event::BulkJoins { session, proven, is_known }).await.is_err() {
         return;
     }
     if answer.await != Ok(true) {
-        let reason = format!("session {} has no control connection", session.0);
+        let reason = format!("session {} is no control connection of this server", session.0);
         let _ = connection::refuse(&mut frames, reason).await;
         return;
     }
@@ -86,7 +94,7 @@ pub(crate) async fn serve(
 /// Sends a blob piece by piece, or the reason why it does not come. However slow the link is, one
 /// piece of it is held here.
 async fn send_blob(
-    frames: &mut Frames<TcpStream>,
+    frames: &mut Frames<Stream>,
     hash: BlobHash,
     store: &Store,
     traffic: &Traffic,

@@ -4,18 +4,14 @@ use futures_util::StreamExt;
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::request::Call;
-use tokio::net::TcpStream;
+use polyptych_protocol::stream::Stream;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::cluster::SessionId;
 use crate::session::{Event, Link, write_all};
 
 /// Serves one connection until it ends.
-pub(crate) async fn serve(
-    mut frames: Frames<TcpStream>,
-    name: String,
-    events: mpsc::Sender<Event>,
-) {
+pub(crate) async fn serve(mut frames: Frames<Stream>, name: String, events: mpsc::Sender<Event>) {
     let (link, waiting) = Link::new();
     let close = link.close.clone();
     let (verdict, answer) = oneshot::channel();

@@ -7,13 +7,16 @@ use std::time::{Duration, Instant};
 use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::connection;
 use polyptych_protocol::handshake::{Hello, Welcome};
-use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, NAME_BYTES_MAX};
+use polyptych_protocol::identity::Identity;
+use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
+use polyptych_protocol::stream::{self, Stream};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, mpsc};
 
 use crate::bulk::{self, AllowedBlobs};
 use crate::client_session;
 use crate::cluster::Micros;
+use crate::gate::Gate;
 use crate::repetition::Repetitions;
 use crate::server_session;
 use crate::session::Event;
@@ -47,7 +50,7 @@ impl Refusals {
 #[derive(Clone)]
 pub(crate) struct Door {
     pub refusals: Refusals,
-    pub token: String,
+    pub gate: Gate,
     pub events: mpsc::Sender<Event>,
     pub folder: BlobFolder,
     pub allowed: AllowedBlobs,
@@ -70,9 +73,7 @@ pub(crate) async fn accept(listener: TcpListener, door: Door) {
                     drop(permit);
                     let refused = |reason: &str| door.refusals.note(address, reason);
                     match outcome {
-                        Ok(Ok((frames, hello))) => {
-                            serve(frames, hello, address, door).await;
-                        }
+                        Ok(Ok(introduced)) => serve(introduced, address, door).await,
                         Ok(Err(reason)) => {
                             if let Some(times) = refused(&reason) {
                                 tracing::warn!(peer = %address, reason, times, "a peer is refused");
@@ -99,40 +100,22 @@ pub(crate) async fn accept(listener: TcpListener, door: Door) {
     }
 }
 
-type Introduced = (connection::Frames<TcpStream>, Hello);
+/// A peer that may come in: its connection, what it says, and who it has proven to be.
+type Introduced = (connection::Frames<Stream>, Hello, Option<Identity>);
 
-async fn let_in(stream: TcpStream, door: &Door) -> Result<Introduced, String> {
-    stream.set_nodelay(true).map_err(|error| error.to_string())?;
+async fn let_in(tcp: TcpStream, door: &Door) -> Result<Introduced, String> {
+    let (stream, proven) = stream::accept(tcp, door.gate.keys.as_ref()).await?;
     let introduced = connection::receive_introduction(stream).await;
     let (mut frames, hello) = introduced.map_err(|error| error.to_string())?;
-    let (token, name) = match &hello {
-        Hello::Client(hello) => (&hello.token, hello.name.as_str()),
-        Hello::Server(hello) => (&hello.token, hello.name.as_str()),
-        Hello::Bulk(hello) => (&hello.token, ""),
-    };
-    let reason = if !is_same_secret(&token.0, &door.token) {
-        "the token is not this manager's; give the peer a copy of the manager's token file"
-    } else if name.len() > NAME_BYTES_MAX || name.chars().any(char::is_control) {
-        "a name has at most 64 bytes and no control characters"
-    } else {
-        return Ok((frames, hello));
-    };
-    let _ = connection::refuse(&mut frames, reason.to_owned()).await;
-    Err(reason.to_owned())
+    if let Err(reason) = door.gate.check(&hello, proven.as_ref()) {
+        // It may be gone already.
+        let _ = connection::refuse(&mut frames, reason.clone()).await;
+        return Err(reason);
+    }
+    Ok((frames, hello, proven))
 }
 
-/// Compares without telling by its time how much was right.
-fn is_same_secret(given: &str, ours: &str) -> bool {
-    let pairs = given.bytes().zip(ours.bytes());
-    given.len() == ours.len() && pairs.fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
-}
-
-async fn serve(
-    frames: connection::Frames<TcpStream>,
-    hello: Hello,
-    address: SocketAddr,
-    door: Door,
-) {
+async fn serve((frames, hello, proven): Introduced, address: SocketAddr, door: Door) {
     match hello {
         Hello::Client(hello) => client_session::serve(frames, hello.name, door.events).await,
         Hello::Server(hello) => {
@@ -141,7 +124,8 @@ async fn serve(
         Hello::Bulk(hello) => {
             let welcome = Welcome { session: hello.session, ..door.welcome };
             let store = bulk::Store { folder: door.folder, allowed: door.allowed };
-            bulk::serve(frames, welcome, door.events, store, door.traffic).await;
+            let who = bulk::Claim { welcome, proven };
+            bulk::serve(frames, who, door.events, store, door.traffic).await;
         }
     }
 }

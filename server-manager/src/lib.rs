@@ -11,6 +11,7 @@ mod client_session;
 pub mod cluster;
 mod delivery;
 mod door;
+mod gate;
 pub mod import;
 mod memory;
 mod metrics;

@@ -4,7 +4,7 @@ mod sample;
 
 use std::collections::BTreeMap;
 use std::future::Future;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -12,7 +12,9 @@ use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::Command;
 use polyptych_protocol::handshake::Welcome;
+use polyptych_protocol::identity::Identity;
 use polyptych_protocol::ids::Epoch;
+use polyptych_protocol::keys::{Keys, KeysError};
 use polyptych_protocol::request::{Answer, Failure};
 use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
@@ -27,6 +29,7 @@ use crate::capture::{Collection, PictureMemory};
 use crate::cluster::{Input, Micros, Output, RequestOf, SessionId};
 use crate::delivery;
 use crate::door;
+use crate::gate::Gate;
 use crate::import::{self, Baker, Import};
 use crate::memory;
 use crate::metrics;
@@ -54,8 +57,11 @@ const CLIENTS_MAX: usize = 256;
 pub struct ManagerOptions {
     /// The wall that it drives.
     pub wall: Wall,
-    /// What every peer must know.
+    /// What every peer must know that comes in the clear.
     pub token: String,
+    /// The manager's folder of keys: with it every connection is TLS, and a certificate stands
+    /// for the token.
+    pub keys: Option<PathBuf>,
     /// Folders from which scenes may be opened.
     pub scene_roots: Vec<PathBuf>,
     /// How scenes are baked, and where to.
@@ -75,6 +81,9 @@ pub enum ManagerError {
     /// The system gave no random number for the epoch.
     #[error("the system gives no random numbers: {0}")]
     Random(getrandom::Error),
+    /// Its keys are not to be used.
+    #[error(transparent)]
+    Keys(#[from] KeysError),
     /// The listening socket failed.
     #[error("the listening socket failed: {0}")]
     Listener(std::io::Error),
@@ -92,6 +101,7 @@ pub async fn run(
     mut options: ManagerOptions,
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), ManagerError> {
+    let keys = options.keys.as_deref().map(load_keys).transpose()?;
     let mut epoch = [0; 8];
     getrandom::fill(&mut epoch).map_err(ManagerError::Random)?;
     listener.set_nonblocking(true).map_err(ManagerError::Listener)?;
@@ -103,7 +113,7 @@ pub async fn run(
     let mut hub = Hub::new(options, epoch, events);
     let door = door::Door {
         refusals: door::Refusals::new(),
-        token: hub.options.token.clone(),
+        gate: Gate::new(hub.options.token.clone(), keys, &hub.options.wall),
         events: hub.events.clone(),
         folder: BlobFolder::new(hub.options.baker.store.join("blobs")),
         allowed: hub.allowed.clone(),
@@ -116,6 +126,16 @@ pub async fn run(
     drop(metrics);
     hub.say_goodbye(reason).await;
     Ok(())
+}
+
+/// The manager's own keys, fit for use now.
+fn load_keys(folder: &Path) -> Result<Keys, KeysError> {
+    let keys = Keys::load(folder)?;
+    keys.require(&Identity::Manager)?;
+    for warning in keys.warnings() {
+        tracing::warn!("{warning}");
+    }
+    Ok(keys)
 }
 
 /// The brain and what it holds on to.
@@ -271,8 +291,9 @@ impl Hub {
             Event::ClientAsks { from, id, request } => {
                 self.tell(now, Input::Request { client: from, id, request });
             }
-            Event::BulkJoins { session, is_known } => {
-                let _ = is_known.send(self.servers.contains_key(&session));
+            Event::BulkJoins { session, proven, is_known } => {
+                let link = self.servers.get(&session);
+                let _ = is_known.send(link.is_some_and(|link| link.is_of(proven.as_ref())));
             }
             Event::PictureComes { from, chunk } => {
                 if !self.cluster.channels_of(from).contains(&chunk.channel) {

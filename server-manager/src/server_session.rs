@@ -1,23 +1,26 @@
 //! A render server's control connection.
 //!
 //! What the brain sends goes straight to the socket where nothing waits before it: waking a task
-//! for each of 64 servers would cost more than the barrier itself.
+//! for each of 64 servers would cost more than the barrier itself. Over TLS the writer's task
+//! encrypts, and all goes through it.
 
 use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use bytes::Bytes;
+use bytes::{Bytes, BytesMut};
 use futures_util::StreamExt;
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::ServerHello;
+use polyptych_protocol::identity::Identity;
 use polyptych_protocol::status::Status;
-use tokio::net::TcpStream;
+use polyptych_protocol::stream::Stream;
+use tokio::io::{AsyncRead, AsyncWriteExt, WriteHalf};
 use tokio::net::tcp::OwnedWriteHalf;
 use tokio::sync::{mpsc, oneshot};
-use tokio_util::codec::{FramedParts, FramedRead};
+use tokio_util::codec::{FramedParts, FramedRead, LengthDelimitedCodec};
 use tokio_util::sync::CancellationToken;
 
 use crate::cluster::SessionId;
@@ -31,12 +34,14 @@ pub(crate) struct ServerLink {
     /// Closes the connection after what is in the outbox.
     pub close: CancellationToken,
     lane: Arc<Lane>,
+    /// Its name, which over TLS its certificate has too.
+    server: String,
 }
 
 /// The way to the socket, which the brain and the writer share.
 #[derive(Debug, Default)]
 struct Lane {
-    /// There once the peer was welcomed.
+    /// There once the peer was welcomed, where it is plain TCP.
     half: OnceLock<OwnedWriteHalf>,
     /// Messages that are in the outbox or partly written. While there are any, the writer alone
     /// writes.
@@ -44,9 +49,10 @@ struct Lane {
 }
 
 impl ServerLink {
-    fn new() -> (Self, mpsc::Receiver<Bytes>) {
+    fn new(server: &str) -> (Self, mpsc::Receiver<Bytes>) {
         let (outbox, inbox) = mpsc::channel(OUTBOX_MESSAGES_MAX);
-        (Self { outbox, close: CancellationToken::new(), lane: Arc::default() }, inbox)
+        let (close, lane) = (CancellationToken::new(), Arc::default());
+        (Self { outbox, close, lane, server: server.to_owned() }, inbox)
     }
 
     /// Sends a whole frame; `false` where the peer reads too slowly to be sent more.
@@ -67,6 +73,12 @@ impl ServerLink {
         self.outbox.try_send(rest).is_ok()
     }
 
+    /// Whether a peer that has proven this may open the second connection of this server.
+    pub fn is_of(&self, proven: Option<&Identity>) -> bool {
+        // In the clear everyone with the token is as good as everyone else.
+        proven.is_none_or(|proven| *proven == Identity::Server(self.server.clone()))
+    }
+
     /// Ready when the connection is gone.
     pub fn closed(&self) -> impl Future<Output = ()> + use<> {
         let outbox = self.outbox.clone();
@@ -77,18 +89,9 @@ impl ServerLink {
 /// Writes what is in the outbox until the connection is closed from one side; then what is left,
 /// as far as the peer takes it in [`DRAIN_TIME_MAX`].
 async fn write_rest(lane: Arc<Lane>, mut outbox: mpsc::Receiver<Bytes>, close: CancellationToken) {
-    let hard_end = async {
-        close.cancelled().await;
-        tokio::time::sleep(DRAIN_TIME_MAX).await;
-    };
     let work = async {
-        loop {
-            let frame = tokio::select! {
-                biased;
-                frame = outbox.recv() => frame,
-                () = close.cancelled() => None,
-            };
-            let (Some(mut frame), Some(half)) = (frame, lane.half.get()) else { return };
+        while let Some(mut frame) = next(&mut outbox, &close).await {
+            let Some(half) = lane.half.get() else { return };
             while !frame.is_empty() {
                 if half.writable().await.is_err() {
                     return;
@@ -104,19 +107,59 @@ async fn write_rest(lane: Arc<Lane>, mut outbox: mpsc::Receiver<Bytes>, close: C
     };
     tokio::select! {
         () = work => {}
-        () = hard_end => {}
+        () = drained(&close) => {}
+    }
+}
+
+/// The same over TLS, where nobody else writes.
+async fn write_encrypted(
+    mut half: WriteHalf<Stream>,
+    mut outbox: mpsc::Receiver<Bytes>,
+    close: CancellationToken,
+) {
+    let work = async {
+        while let Some(frame) = next(&mut outbox, &close).await {
+            half.write_all(&frame).await?;
+            // What waits already goes out in the same packets.
+            while let Ok(frame) = outbox.try_recv() {
+                half.write_all(&frame).await?;
+            }
+            half.flush().await?;
+        }
+        // TLS tells the peer that this end is meant.
+        half.shutdown().await
+    };
+    // Where it fails the reader finds out why, and tells the brain.
+    tokio::select! {
+        _ = work => {}
+        () = drained(&close) => {}
+    }
+}
+
+/// Ready when a closed connection has had its time to send what was left.
+async fn drained(close: &CancellationToken) {
+    close.cancelled().await;
+    tokio::time::sleep(DRAIN_TIME_MAX).await;
+}
+
+/// What is to be written next; `None` once the outbox is empty and the connection closed.
+async fn next(outbox: &mut mpsc::Receiver<Bytes>, close: &CancellationToken) -> Option<Bytes> {
+    tokio::select! {
+        biased;
+        frame = outbox.recv() => frame,
+        () = close.cancelled() => None,
     }
 }
 
 /// Serves one connection until it ends, and tells the brain why it did.
 pub(crate) async fn serve(
-    mut frames: Frames<TcpStream>,
+    mut frames: Frames<Stream>,
     hello: ServerHello,
     address: SocketAddr,
     events: mpsc::Sender<Event>,
     refusals: Refusals,
 ) {
-    let (link, outbox) = ServerLink::new();
+    let (link, outbox) = ServerLink::new(&hello.name);
     let (close, lane) = (link.close.clone(), Arc::clone(&link.lane));
     let (verdict, answer) = oneshot::channel();
     let name = hello.name.clone();
@@ -143,38 +186,73 @@ pub(crate) async fn serve(
         }
         Err(_) => return,
     };
-    let FramedParts { io, codec, read_buf, .. } = frames.into_parts();
-    let (read_half, write_half) = io.into_split();
-    let mut stream = FramedRead::new(read_half, codec);
-    // What the peer sent behind its hello.
-    *stream.read_buffer_mut() = read_buf;
-    // Nobody else sets it.
-    let _ = lane.half.set(write_half);
-    // A task of its own: it has nothing to do while the peer reads, and would be asked at every
-    // report otherwise.
-    let mut writer = tokio::spawn(write_rest(lane, outbox, close));
-    let reader = async {
-        loop {
-            let bytes = match stream.next().await {
-                None => return "it closed the connection".to_owned(),
-                Some(Err(error)) => return format!("the connection failed: {error}"),
-                Some(Ok(bytes)) => bytes,
-            };
-            let status = match codec::decode::<Status>(&bytes) {
-                Ok(status) => status,
-                Err(error) => return format!("it sent something malformed: {error}"),
-            };
-            let says = Event::ServerSays { from: session, status, bytes: bytes.len() };
-            if events.send(says).await.is_err() {
-                return "the manager ends".to_owned();
-            }
-        }
-    };
-    let reason = tokio::select! {
-        reason = reader => reason,
-        _ = &mut writer => "the manager closed the connection".to_owned(),
-    };
-    writer.abort();
+    let reason = converse(frames, session, lane, outbox, close, &events).await;
     // The brain may be gone already; then nobody needs to know.
     let _ = events.send(Event::Gone { session, reason }).await;
+}
+
+/// Carries messages both ways until the connection ends; says why it did.
+async fn converse(
+    frames: Frames<Stream>,
+    session: SessionId,
+    lane: Arc<Lane>,
+    outbox: mpsc::Receiver<Bytes>,
+    close: CancellationToken,
+    events: &mpsc::Sender<Event>,
+) -> String {
+    let FramedParts { io, codec, read_buf, .. } = frames.into_parts();
+    // The writer has a task of its own: it has nothing to do while the peer reads, and would be
+    // asked at every report otherwise.
+    let (reason, writer) = match io {
+        Stream::Plain(tcp) => {
+            let (read_half, write_half) = tcp.into_split();
+            // Nobody else sets it.
+            let _ = lane.half.set(write_half);
+            let mut writer = tokio::spawn(write_rest(lane, outbox, close));
+            let reason = tokio::select! {
+                reason = hear(read_half, codec, read_buf, session, events) => Some(reason),
+                _ = &mut writer => None,
+            };
+            (reason, writer)
+        }
+        tls @ Stream::Tls(_) => {
+            let (read_half, write_half) = tokio::io::split(tls);
+            let mut writer = tokio::spawn(write_encrypted(write_half, outbox, close));
+            let reason = tokio::select! {
+                reason = hear(read_half, codec, read_buf, session, events) => Some(reason),
+                _ = &mut writer => None,
+            };
+            (reason, writer)
+        }
+    };
+    writer.abort();
+    reason.unwrap_or_else(|| "the manager closed the connection".to_owned())
+}
+
+/// Tells the brain what the server says, until there is no more to hear; says why.
+async fn hear(
+    read_half: impl AsyncRead + Unpin,
+    codec: LengthDelimitedCodec,
+    // What the peer sent behind its hello.
+    read_buf: BytesMut,
+    session: SessionId,
+    events: &mpsc::Sender<Event>,
+) -> String {
+    let mut stream = FramedRead::new(read_half, codec);
+    *stream.read_buffer_mut() = read_buf;
+    loop {
+        let bytes = match stream.next().await {
+            None => return "it closed the connection".to_owned(),
+            Some(Err(error)) => return format!("the connection failed: {error}"),
+            Some(Ok(bytes)) => bytes,
+        };
+        let status = match codec::decode::<Status>(&bytes) {
+            Ok(status) => status,
+            Err(error) => return format!("it sent something malformed: {error}"),
+        };
+        let says = Event::ServerSays { from: session, status, bytes: bytes.len() };
+        if events.send(says).await.is_err() {
+            return "the manager ends".to_owned();
+        }
+    }
 }

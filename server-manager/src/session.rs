@@ -8,10 +8,11 @@ use futures_util::stream::SplitSink;
 use polyptych_protocol::blob::PictureChunk;
 use polyptych_protocol::connection::Frames;
 use polyptych_protocol::handshake::{ServerHello, Welcome};
+use polyptych_protocol::identity::Identity;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::status::Status;
-use tokio::net::TcpStream;
+use polyptych_protocol::stream::Stream;
 use tokio::sync::{mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
@@ -55,6 +56,8 @@ pub(crate) enum Event {
     },
     BulkJoins {
         session: SessionId,
+        /// Over TLS: a bulk connection is for the server that opened it.
+        proven: Option<Identity>,
         is_known: oneshot::Sender<bool>,
     },
     PictureComes {
@@ -108,7 +111,7 @@ impl Link {
 /// Once closed, what is in the outbox still goes out, as far as the peer takes it in
 /// [`DRAIN_TIME_MAX`]: a peer that has stopped reading holds nothing.
 pub(crate) async fn write_all(
-    sink: SplitSink<Frames<TcpStream>, Bytes>,
+    sink: SplitSink<Frames<Stream>, Bytes>,
     waiting: Waiting,
     close: CancellationToken,
 ) -> String {
@@ -123,7 +126,7 @@ pub(crate) async fn write_all(
 }
 
 async fn write_until_closed(
-    mut sink: SplitSink<Frames<TcpStream>, Bytes>,
+    mut sink: SplitSink<Frames<Stream>, Bytes>,
     mut waiting: Waiting,
     close: &CancellationToken,
 ) -> String {

@@ -46,7 +46,11 @@ pub(super) struct Arguments {
     /// Offer metrics for Prometheus at http://ADDR/metrics
     #[arg(long, value_name = "ADDR")]
     metrics: Option<String>,
-    /// Listen on an address that other machines reach, though nothing is encrypted
+    /// The manager's folder of keys, as `polyptych keys` makes it: all connections are encrypted,
+    /// and every peer shows a certificate
+    #[arg(long, value_name = "FOLDER")]
+    keys: Option<PathBuf>,
+    /// Listen on an address that other machines reach without keys, though nothing is encrypted
     #[arg(long)]
     insecure: bool,
 }
@@ -54,7 +58,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let wall = load_wall(&arguments.wall)?;
     let listen = arguments.listen.unwrap_or_else(|| wall.listen.clone());
-    let listener = bind(&listen, arguments.insecure)?;
+    let listener = bind(&listen, arguments.keys.is_some() || arguments.insecure)?;
     let metrics = arguments.metrics.map(|at| bind_metrics(&at, arguments.insecure)).transpose()?;
     let token = match &arguments.token_file {
         Some(path) => path.clone(),
@@ -83,7 +87,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     };
     let options = ManagerOptions {
         wall,
-        token: make_token(&token)?,
+        // With keys nobody is asked for it.
+        token: if arguments.keys.is_some() { String::new() } else { make_token(&token)? },
+        keys: arguments.keys,
         scene_roots,
         baker: baker(store, arguments.bake_memory_mib)?,
         memory,
@@ -119,16 +125,17 @@ pub(super) fn make_token(path: &std::path::Path) -> anyhow::Result<String> {
     Ok(token::read_or_make(path, secret)?)
 }
 
-pub(super) fn bind(listen: &str, insecure: bool) -> anyhow::Result<TcpListener> {
+fn bind(listen: &str, may_be_open: bool) -> anyhow::Result<TcpListener> {
     let resolved = listen.to_socket_addrs();
     let addresses: Vec<SocketAddr> = resolved
         .with_context(|| format!("cannot listen on {listen}; an address is HOST:PORT"))?
         .collect();
     if let Some(open) = addresses.iter().find(|address| !address.ip().is_loopback())
-        && !insecure
+        && !may_be_open
     {
         bail!(
-            "{open} can be reached from other machines, and nothing is encrypted yet; listen on \
+            "{open} can be reached from other machines, and without keys nothing is encrypted; \
+             make keys with polyptych keys WALL.toml and say --keys FOLDER, or listen on \
              127.0.0.1, or say --insecure on a network that you trust"
         );
     }

@@ -1,7 +1,11 @@
 //! `polyptych server`: draws channels of a wall.
 
+use std::net::ToSocketAddrs;
 use std::path::PathBuf;
 
+use polyptych_protocol::identity::Identity;
+use polyptych_protocol::keys::Keys;
+use polyptych_protocol::stream::check_addresses;
 use polyptych_protocol::token;
 use polyptych_render::{OutputKind, ServerError, ServerOptions, TokenSource, run as run_server};
 use rustix::process::{Signal, getpid, kill_process};
@@ -28,7 +32,7 @@ pub(super) struct Arguments {
     /// Give up, with the reason, instead of trying for ever
     #[arg(long)]
     once: bool,
-    /// For logs and status [default: the first channel's name]
+    /// For logs and status [default: the name in the keys, else the first channel's]
     #[arg(long)]
     name: Option<String>,
     /// Where blobs are kept on this machine [default: in this user's cache folder]
@@ -37,12 +41,19 @@ pub(super) struct Arguments {
     /// The file with the manager's token [default: where the manager of this user puts it]
     #[arg(long, value_name = "FILE", env = token::TOKEN_FILE_VARIABLE)]
     token_file: Option<PathBuf>,
+    /// This server's folder of keys, as `polyptych keys` makes it
+    #[arg(long, value_name = "FOLDER")]
+    keys: Option<PathBuf>,
+    /// Go over a network without keys, though nothing is encrypted
+    #[arg(long)]
+    insecure: bool,
     /// End when standard input ends, as it does when the parent process does
     #[arg(long, hide = true)]
     with_parent: bool,
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+    let name = name(&arguments)?;
     let output = if arguments.fullscreen {
         OutputKind::Fullscreen
     } else if arguments.window || (has_display() && !arguments.headless) {
@@ -60,7 +71,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     };
     let options = ServerOptions {
         manager: arguments.manager,
-        name: arguments.name.unwrap_or_else(|| arguments.channel[0].clone()),
+        name,
+        keys: arguments.keys,
+        insecure: arguments.insecure,
         channels: arguments.channel,
         token: TokenSource::File(token_file),
         cache,
@@ -76,6 +89,25 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         }
         ended => Ok(ended?),
     }
+}
+
+/// What this server is called, by its keys where it has any.
+fn name(arguments: &Arguments) -> anyhow::Result<String> {
+    let given = arguments.name.as_ref();
+    let Some(folder) = &arguments.keys else {
+        // What the network would refuse again and again is said at once; a name that means nothing
+        // yet may do so later.
+        let found: Vec<_> = arguments.manager.to_socket_addrs().into_iter().flatten().collect();
+        check_addresses(&found, arguments.insecure)?;
+        return Ok(given.unwrap_or(&arguments.channel[0]).clone());
+    };
+    let keys = Keys::load(folder)?;
+    for warning in keys.warnings() {
+        tracing::warn!("{warning}");
+    }
+    let name = keys.server_name()?.to_owned();
+    keys.require(&Identity::Server(given.unwrap_or(&name).clone()))?;
+    Ok(name)
 }
 
 /// Whether windows can be opened here.

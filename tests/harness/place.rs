@@ -76,6 +76,7 @@ impl Place {
             .env("MESA_SHADER_CACHE_DIR", &self.shaders)
             .env("NO_COLOR", "1")
             .env_remove("POLYPTYCH_LOG")
+            .env_remove("POLYPTYCH_KEYS")
             .env_remove("DISPLAY")
             .env_remove("WAYLAND_DISPLAY");
         command

@@ -30,6 +30,7 @@ fn start_manager(wall: Wall, place: &Place) -> (String, Arc<Notify>, JoinHandle<
     let options = ManagerOptions {
         wall,
         token: TOKEN.into(),
+        keys: None,
         scene_roots: roots,
         baker,
         memory: None,
@@ -61,6 +62,8 @@ fn start_server(
         channels: vec![channel.to_owned()],
         name: channel.to_owned(),
         token: TokenSource::Given(TOKEN.into()),
+        keys: None,
+        insecure: false,
         cache: place.path("blobs"),
         output: OutputKind::Headless,
         once: false,

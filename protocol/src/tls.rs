@@ -1,0 +1,90 @@
+//! What TLS says, in words for an operator: which side is wrong, and what would be right.
+
+use std::io;
+
+use tokio_rustls::rustls::{AlertDescription, CertificateError, Error, InvalidMessage};
+
+/// What is right when a certificate's time is over.
+const RENEW: &str = "make new ones: polyptych keys WALL.toml -o DIR --renew";
+
+/// The error of a stream, with what it means where TLS found it.
+pub fn in_words(error: &io::Error) -> String {
+    let tls = error.get_ref().and_then(|inner| inner.downcast_ref::<Error>());
+    match tls {
+        Some(tls) => fault(tls),
+        None if error.kind() == io::ErrorKind::UnexpectedEof => {
+            "the peer closed the connection while TLS began, or broke it off later".into()
+        }
+        None => error.to_string(),
+    }
+}
+
+/// What this end found, or was told by the other.
+fn fault(error: &Error) -> String {
+    match error {
+        Error::InvalidCertificate(fault) => {
+            format!("the peer's certificate is refused: {}", certificate_fault(fault))
+        }
+        Error::NoCertificatesPresented => {
+            "the peer shows no certificate; give it its folder of keys with --keys".into()
+        }
+        Error::AlertReceived(alert) => {
+            format!("the peer refuses this end: {}", alert_meaning(*alert))
+        }
+        Error::InvalidMessage(InvalidMessage::InvalidContentType) => {
+            "the peer does not speak TLS; is it a manager with --keys?".into()
+        }
+        Error::PeerIncompatible(why) => format!("the peer speaks no TLS 1.3 as we do: {why:?}"),
+        other => format!("TLS failed: {other}"),
+    }
+}
+
+/// What is wrong with a certificate of either side.
+pub(crate) fn certificate_fault(fault: &CertificateError) -> String {
+    use CertificateError as Fault;
+    match fault {
+        Fault::Expired => format!("its time is over; {RENEW}"),
+        Fault::ExpiredContext { time, not_after } => {
+            let days = time.as_secs().saturating_sub(not_after.as_secs()) / 86_400;
+            format!("its time is over since {days} days; {RENEW}")
+        }
+        Fault::NotValidYet | Fault::NotValidYetContext { .. } => {
+            "its time has not begun; set the clocks of both machines".into()
+        }
+        Fault::UnknownIssuer | Fault::BadSignature => {
+            "another authority made it; all nodes of a wall need folders that one run of \
+             polyptych keys wrote, or a later one beside the same authority"
+                .into()
+        }
+        Fault::NotValidForName | Fault::NotValidForNameContext { .. } => {
+            "it is not the manager's; is the address right?".into()
+        }
+        Fault::InvalidPurpose | Fault::InvalidPurposeContext { .. } => {
+            "it was made for the other side of a connection: nodes do not pose as the manager, \
+             nor the manager as a node"
+                .into()
+        }
+        other => format!("{other}"),
+    }
+}
+
+/// What the other end means by its last word.
+fn alert_meaning(alert: AlertDescription) -> String {
+    use AlertDescription as Alert;
+    match alert {
+        Alert::CertificateExpired => {
+            format!(
+                "for it, the certificate's time is over or has not begun; {RENEW}, or set the clocks"
+            )
+        }
+        Alert::UnknownCA | Alert::DecryptError | Alert::BadCertificate => {
+            "this end's certificate was made by another authority than its own".into()
+        }
+        Alert::CertificateRequired => "it wants a certificate; say --keys FOLDER".into(),
+        Alert::UnexpectedMessage => {
+            "it does not speak TLS; start the manager with --keys, or this end without".into()
+        }
+        Alert::ProtocolVersion => "it does not speak TLS 1.3".into(),
+        other => format!("{other:?}"),
+    }
+}

@@ -1,0 +1,184 @@
+//! Who may come in: what a peer says of itself, against what it has proven.
+//!
+//! On this machine a token proves that a peer is the same user's. Over TLS no token is asked for:
+//! the certificate proves more, which node of this very wall it is, and for that node only.
+
+use polyptych_protocol::handshake::Hello;
+use polyptych_protocol::identity::Identity;
+use polyptych_protocol::keys::Keys;
+use polyptych_protocol::limits::NAME_BYTES_MAX;
+use polyptych_protocol::wall::Wall;
+
+/// What the door holds peers against.
+#[derive(Clone, Debug)]
+pub(crate) struct Gate {
+    /// TLS for all connections, where there are any.
+    pub keys: Option<Keys>,
+    token: String,
+    /// Every channel and the server that the wall file gives it.
+    owners: Vec<(String, String)>,
+}
+
+impl Gate {
+    pub fn new(token: String, keys: Option<Keys>, wall: &Wall) -> Self {
+        let owner = |c: &polyptych_protocol::wall::Channel| (c.name.clone(), c.server.clone());
+        Self { keys, token, owners: wall.channels.iter().map(owner).collect() }
+    }
+
+    /// Whether a peer is what it says, which is to be told to it where it is not.
+    ///
+    /// # Errors
+    /// What is wrong, and what would be right.
+    pub fn check(&self, hello: &Hello, proven: Option<&Identity>) -> Result<(), String> {
+        let name = match hello {
+            Hello::Client(hello) => hello.name.as_str(),
+            Hello::Server(hello) => hello.name.as_str(),
+            Hello::Bulk(_) => "",
+        };
+        if name.len() > NAME_BYTES_MAX || name.chars().any(char::is_control) {
+            return Err("a name has at most 64 bytes and no control characters".into());
+        }
+        match proven {
+            Some(identity) => self.check_identity(hello, identity),
+            // The stream lets nobody through who has proven nothing; nor does this.
+            None if self.keys.is_some() => Err("it has shown no certificate".into()),
+            None => self.check_token(hello),
+        }
+    }
+
+    fn check_token(&self, hello: &Hello) -> Result<(), String> {
+        let token = match hello {
+            Hello::Client(hello) => &hello.token,
+            Hello::Server(hello) => &hello.token,
+            Hello::Bulk(hello) => &hello.token,
+        };
+        if is_same_secret(&token.0, &self.token) {
+            return Ok(());
+        }
+        let reason = "the token is not this manager's; give the peer a copy of the manager's token \
+                      file";
+        Err(reason.into())
+    }
+
+    fn check_identity(&self, hello: &Hello, identity: &Identity) -> Result<(), String> {
+        let (said, is_same) = match (hello, identity) {
+            (Hello::Client(hello), Identity::Client(name)) => {
+                (format!("client {}", hello.name), hello.name == *name)
+            }
+            (Hello::Server(hello), Identity::Server(name)) => {
+                (format!("server {}", hello.name), hello.name == *name)
+            }
+            // Its control connection said the name; the brain's thread compares.
+            (Hello::Bulk(_), Identity::Server(_)) => ("a server".into(), true),
+            (Hello::Client(hello), _) => (format!("client {}", hello.name), false),
+            (Hello::Server(hello), _) => (format!("server {}", hello.name), false),
+            (Hello::Bulk(_), _) => ("a server".into(), false),
+        };
+        if !is_same {
+            return Err(format!(
+                "it says that it is {said}, and its certificate that it is {identity}; start it \
+                 with the keys of what it is"
+            ));
+        }
+        let Hello::Server(hello) = hello else { return Ok(()) };
+        // A channel that the wall has not is for the brain to refuse.
+        let owner = |channel: &String| self.owners.iter().find(|(name, _)| name == channel);
+        let mut taken = hello.channels.iter().filter_map(owner);
+        match taken.find(|(_, server)| *server != hello.name) {
+            Some((channel, server)) => Err(format!(
+                "the wall file gives channel {channel} to server {server}, and this is {identity}"
+            )),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Compares without telling by its time how much was right.
+fn is_same_secret(given: &str, ours: &str) -> bool {
+    let pairs = given.bytes().zip(ours.bytes());
+    given.len() == ours.len() && pairs.fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_protocol::handshake::{Adapter, BulkHello, ClientHello, Secret, ServerHello};
+    use polyptych_protocol::wall::file;
+
+    use super::*;
+
+    const TOKEN: &str = "0123456789abcdef";
+
+    const WALL: &str = r#"
+        [wall]
+        name = "gate"
+        [[screen]]
+        name = "front"
+        size = [2.0, 1.0]
+        center = [0.0, 0.0, -1.0]
+        pixels = [200, 100]
+        [[screen.channel]]
+        name = "a"
+        origin = [0, 0]
+        pixels = [100, 100]
+        server = "left"
+        [[screen.channel]]
+        name = "b"
+        origin = [100, 0]
+        pixels = [100, 100]
+        server = "right"
+        "#;
+
+    fn server(name: &str, channels: &[&str], token: &str) -> Hello {
+        Hello::Server(ServerHello {
+            name: name.into(),
+            token: Secret(token.into()),
+            channels: channels.iter().map(|&channel| channel.into()).collect(),
+            pid: 1,
+            adapter: Adapter::default(),
+        })
+    }
+
+    fn client(name: &str, token: &str) -> Hello {
+        Hello::Client(ClientHello { name: name.into(), token: Secret(token.into()) })
+    }
+
+    #[test]
+    fn a_peer_is_only_what_it_has_proven() {
+        let wall = file::parse(WALL, "gate.toml".as_ref()).expect("a wall");
+        let gate = Gate::new(TOKEN.into(), None, &wall);
+        let bulk = Hello::Bulk(BulkHello { token: Secret(String::new()), session: 1 });
+        let is = |text: &str| -> Option<Identity> {
+            Some(match text.split_once(' ') {
+                Some(("server", name)) => Identity::Server(name.into()),
+                Some((_, name)) => Identity::Client(name.into()),
+                None => Identity::Manager,
+            })
+        };
+        for (hello, proven, fault) in [
+            (client("x", TOKEN), None, ""),
+            (client("x", ""), None, "the token is not"),
+            (server("anyone", &["a", "b"], TOKEN), None, ""),
+            (bulk.clone(), None, "the token is not"),
+            (client("x\n", TOKEN), None, "a name has"),
+            (client("x", ""), is("client x"), ""),
+            (client("y", ""), is("client x"), "client y, and its certificate that it is client x"),
+            (client("left", TOKEN), is("server left"), "certificate that it is server left"),
+            (client("x", TOKEN), is("manager"), "certificate that it is the manager"),
+            (server("left", &["a"], ""), is("server left"), ""),
+            (server("left", &["attic"], ""), is("server left"), ""),
+            (server("left", &["a", "b"], ""), is("server left"), "channel b to server right"),
+            (server("right", &["b"], TOKEN), is("server left"), "that it is server left"),
+            (server("left", &["a"], TOKEN), is("client left"), "that it is client left"),
+            (server("left", &["a"], TOKEN), is("manager"), "that it is the manager"),
+            (bulk.clone(), is("server left"), ""),
+            (bulk.clone(), is("client left"), "that it is client left"),
+            (bulk, is("manager"), "that it is the manager"),
+        ] {
+            let checked = gate.check(&hello, proven.as_ref());
+            match checked {
+                Ok(()) => assert_eq!(fault, "", "{hello:?} {proven:?}"),
+                Err(said) => assert!(!fault.is_empty() && said.contains(fault), "{said}"),
+            }
+        }
+    }
+}
