@@ -5,7 +5,7 @@
 
 use std::fs;
 use std::io::Write;
-use std::os::unix::fs::DirBuilderExt;
+use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
@@ -152,8 +152,9 @@ fn place(
     let cannot = || format!("cannot write {}", folder.display());
     let Some(parent) = folder.parent() else { bail!("{}: not a folder's name", folder.display()) };
     fs::DirBuilder::new().recursive(true).mode(0o700).create(parent).with_context(cannot)?;
-    // Its mode is 0700 from the beginning.
-    let made = tempfile::Builder::new().prefix(".new-").tempdir_in(parent).with_context(cannot)?;
+    let mut temporary = tempfile::Builder::new();
+    temporary.prefix(".new-").permissions(fs::Permissions::from_mode(0o700));
+    let made = temporary.tempdir_in(parent).with_context(cannot)?;
     for (name, text) in files {
         // A temporary file has mode 0600 from its first byte; persisting keeps it.
         let mut file = tempfile::NamedTempFile::new_in(made.path()).with_context(cannot)?;

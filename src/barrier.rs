@@ -7,9 +7,11 @@
 //! the others, and the skew would measure that.
 
 mod raw;
+mod secrets;
 mod stub;
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
@@ -19,9 +21,12 @@ use polyptych_client::{ChannelState, ConnectOptions, Pace, Spread};
 use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
+use polyptych_protocol::identity::Identity;
 use polyptych_protocol::wall::{Channel, DeadlineRule, Projection, Screen, Wall};
 use serde::Serialize;
 use tokio_util::sync::CancellationToken;
+
+use secrets::Secrets;
 
 /// Pixels of a channel that nobody draws.
 const SIDE: u32 = 64;
@@ -31,9 +36,6 @@ const JOIN_TIME_MAX: Duration = Duration::from_secs(30);
 
 /// How often a measurement looks whether it is over: each look takes the manager's time.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
-
-/// The secret of a manager that lives as long as a measurement.
-const TOKEN: &str = "barrierbarrierbarrier";
 
 /// Ours, raw and the ratio, for one number of servers.
 #[derive(Debug, Serialize)]
@@ -61,7 +63,7 @@ pub(crate) struct Measured {
     pub skew_us: Spread,
 }
 
-/// Measures a number of servers over a number of frames.
+/// Measures a number of servers over a number of frames, ours over TLS where `is_encrypted`.
 ///
 /// # Errors
 /// A socket failed, or the stub servers did not come.
@@ -69,9 +71,10 @@ pub(crate) fn measure(
     servers: u16,
     frames: u64,
     record: Option<&Path>,
+    is_encrypted: bool,
 ) -> anyhow::Result<BarrierCost> {
     let recorder = record.map(Recorder::open).transpose()?;
-    let (joined, ours, sizes) = measure_ours(servers, frames, recorder)?;
+    let (joined, ours, sizes) = measure_ours(servers, frames, recorder, is_encrypted)?;
     let raw = raw::measure(servers, frames, sizes)?;
     let ratio = |ours: f64, raw: f64| ours / raw.max(1.0);
     Ok(BarrierCost {
@@ -90,7 +93,13 @@ fn measure_ours(
     servers: u16,
     frames: u64,
     recorder: Option<Recorder>,
+    is_encrypted: bool,
 ) -> anyhow::Result<(Duration, Measured, stub::Sizes)> {
+    let client_node = Identity::Client("bench".into());
+    let mut nodes = vec![Identity::Manager, client_node.clone()];
+    nodes.extend((0..servers).map(|index| Identity::Server(stub::channel_name(index))));
+    let secrets = Arc::new(Secrets::new(is_encrypted, &nodes)?);
+    let (token, keys) = (secrets.token().0, secrets.folder(&Identity::Manager));
     let listener = std::net::TcpListener::bind("127.0.0.1:0").context("no port is free")?;
     let address = listener.local_addr()?.to_string();
     let stop = CancellationToken::new();
@@ -100,8 +109,8 @@ fn measure_ours(
     let manager = std::thread::Builder::new().name("manager".into()).spawn(move || {
         let options = ManagerOptions {
             wall: wall(servers),
-            token: TOKEN.into(),
-            keys: None,
+            token,
+            keys,
             scene_roots: Vec::new(),
             baker: Baker { program: "true".into(), memory_mib: 1, store: std::env::temp_dir() },
             memory: None,
@@ -113,11 +122,11 @@ fn measure_ours(
         runtime.block_on(run_manager(listener, options, shutdown)).map_err(std::io::Error::other)
     })?;
     let began = Instant::now();
-    let stubs = stub::start(&address, servers, TOKEN, &stop)?;
+    let stubs = stub::start(&address, servers, &secrets, &stop)?;
     let mut connect = ConnectOptions::new(address);
-    connect.token = Some(TOKEN.into());
+    connect.token = Some(secrets.token().0);
     connect.reconnect = None;
-    connect.keys = None;
+    connect.keys = secrets.folder(&client_node);
     let client = Client::connect_with(connect)?;
     // Frames begin at once, so that channels become live as they come.
     client.run(Pace::Free)?;

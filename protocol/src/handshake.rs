@@ -66,7 +66,10 @@ pub struct Preamble {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PreambleError {
     /// Some other protocol.
-    #[error("the peer does not speak the Polyptych protocol: it began with {0:02x?}")]
+    #[error(
+        "the peer does not speak the Polyptych protocol: it began with \"{}\"",
+        .0.escape_ascii()
+    )]
     NotOurs([u8; 8]),
     /// Ours, but another version.
     #[error(

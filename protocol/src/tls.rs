@@ -13,7 +13,8 @@ pub fn in_words(error: &io::Error) -> String {
     match tls {
         Some(tls) => fault(tls),
         None if error.kind() == io::ErrorKind::UnexpectedEof => {
-            "the peer closed the connection while TLS began, or broke it off later".into()
+            "the peer closed the connection while TLS began; it may not believe this end's certificate"
+                .into()
         }
         None => error.to_string(),
     }

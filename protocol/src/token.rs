@@ -17,7 +17,9 @@ const TOKEN_BYTES_MAX: u64 = 256;
 #[derive(Debug, thiserror::Error)]
 pub enum TokenError {
     /// The manager makes it when it starts.
-    #[error("{path} is not there; the manager makes it when it starts as the same user")]
+    #[error(
+        "{path} is not there; the manager makes it when it starts as the same user, without --keys"
+    )]
     NotThere {
         /// The file.
         path: PathBuf,

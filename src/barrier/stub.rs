@@ -1,6 +1,7 @@
 //! Servers that speak the protocol and draw nothing.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -8,14 +9,16 @@ use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Frame, Prepare};
 use polyptych_protocol::connection;
-use polyptych_protocol::handshake::{Adapter, Hello, Role, Secret, ServerHello};
+use polyptych_protocol::handshake::{Adapter, Hello, Role, ServerHello};
+use polyptych_protocol::identity::Identity;
 use polyptych_protocol::ids::{ChannelId, Digest, FrameId, Revision};
 use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
 use polyptych_protocol::log::Replica;
 use polyptych_protocol::status::{Drawn, Ping, Prepared, Shown, Status};
-use tokio::net::TcpStream;
+use polyptych_protocol::stream;
 use tokio_util::sync::CancellationToken;
 
+use super::secrets::Secrets;
 use super::width_us;
 
 /// Often enough for the heartbeat of the measured wall.
@@ -87,23 +90,23 @@ pub(super) fn channel_name(index: u16) -> String {
 pub(super) fn start(
     address: &str,
     servers: u16,
-    token: &str,
+    secrets: &Arc<Secrets>,
     stop: &CancellationToken,
 ) -> std::io::Result<Stubs> {
     let start_one = |index: u16| {
-        let (address, token, stop) = (address.to_owned(), token.to_owned(), stop.clone());
+        let (address, secrets, stop) = (address.to_owned(), Arc::clone(secrets), stop.clone());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        let work = move || runtime.block_on(serve(address, index, token, stop));
+        let work = move || runtime.block_on(serve(address, index, &secrets, stop));
         std::thread::Builder::new().name(channel_name(index)).spawn(work)
     };
     let threads = (0..servers).map(start_one).collect::<std::io::Result<Vec<_>>>()?;
     Ok(Stubs { threads })
 }
 
-async fn serve(address: String, index: u16, token: String, stop: CancellationToken) -> Seen {
+async fn serve(address: String, index: u16, secrets: &Secrets, stop: CancellationToken) -> Seen {
     let mut seen = Seen::default();
     let ended = tokio::select! {
-        ended = converse(&address, index, token, &mut seen) => ended,
+        ended = converse(&address, index, secrets, &mut seen) => ended,
         () = stop.cancelled() => Ok(()),
     };
     if let Err(error) = ended {
@@ -116,14 +119,14 @@ async fn serve(address: String, index: u16, token: String, stop: CancellationTok
 async fn converse(
     address: &str,
     index: u16,
-    token: String,
+    secrets: &Secrets,
     seen: &mut Seen,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-    let stream = TcpStream::connect(address).await?;
-    stream.set_nodelay(true)?;
+    let keys = secrets.keys(&Identity::Server(channel_name(index)))?;
+    let stream = stream::dial(address, keys.as_ref(), false).await?;
     let hello = Hello::Server(ServerHello {
         name: channel_name(index),
-        token: Secret(token),
+        token: secrets.token(),
         channels: vec![channel_name(index)],
         pid: std::process::id(),
         adapter: Adapter { texture_side_max: CHANNEL_SIDE_MAX, ..Adapter::default() },

@@ -22,6 +22,9 @@ pub(super) struct BarrierArguments {
     /// Record what the manager is told meanwhile, to see what that costs
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// Encrypt ours, with keys made for the measurement; the raw barrier stays in the clear
+    #[arg(long)]
+    tls: bool,
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
@@ -31,7 +34,8 @@ pub(super) fn run(bench: &Bench) -> anyhow::Result<()> {
     let Bench::Barrier(arguments) = bench;
     let numbers =
         if arguments.servers.is_empty() { vec![4, 16, 64] } else { arguments.servers.clone() };
-    let measure = |servers| measure(servers, arguments.frames, arguments.record.as_deref());
+    let (record, is_encrypted) = (arguments.record.as_deref(), arguments.tls);
+    let measure = |servers| measure(servers, arguments.frames, record, is_encrypted);
     let costs: anyhow::Result<Vec<BarrierCost>> = numbers.into_iter().map(measure).collect();
     let costs = costs?;
     if arguments.json {

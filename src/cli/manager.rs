@@ -7,6 +7,8 @@ use anyhow::{Context, bail};
 use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
+use polyptych_protocol::identity::Identity;
+use polyptych_protocol::keys::Keys;
 use polyptych_protocol::token;
 
 use super::{asked_to_end, cache_folder, load_wall};
@@ -58,6 +60,9 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let wall = load_wall(&arguments.wall)?;
     let listen = arguments.listen.unwrap_or_else(|| wall.listen.clone());
+    if let Some(folder) = &arguments.keys {
+        Keys::load(folder)?.require(&Identity::Manager)?;
+    }
     let listener = bind(&listen, arguments.keys.is_some() || arguments.insecure)?;
     let metrics = arguments.metrics.map(|at| bind_metrics(&at, arguments.insecure)).transpose()?;
     let token = match &arguments.token_file {
@@ -97,7 +102,10 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         metrics,
     };
     let address = listener.local_addr()?;
-    tracing::info!(%address, wall = options.wall.name, token = %token.display(), "manager listens");
+    let secret = options.keys.as_ref().unwrap_or(&token).display();
+    let peers_need = if options.keys.is_some() { "keys" } else { "token" };
+    let wall = &options.wall.name;
+    tracing::info!(%address, wall, peers_need, %secret, "manager listens");
     if let Some(metrics) = &options.metrics {
         let address = metrics.local_addr()?;
         tracing::info!(url = %format_args!("http://{address}/metrics"), "metrics are offered");

@@ -2,6 +2,7 @@
 
 pub mod adapter;
 pub mod display;
+pub mod keys;
 pub mod local_wall;
 pub mod pictures;
 pub mod place;

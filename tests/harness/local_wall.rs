@@ -11,6 +11,7 @@ use polyptych_client::{
 };
 use polyptych_protocol::wall::file;
 
+use super::keys;
 use super::pictures;
 use super::place::Place;
 use super::process::{Finished, Process};
@@ -72,7 +73,12 @@ impl LocalWall {
     /// Starts the manager and a server for each that the wall file names, and waits until all
     /// channels could draw.
     pub fn start(wall: &Wall, scenes: &[&Path]) -> Self {
-        let mut local = Self::manager(Place::new(), wall, scenes, ANY_PORT);
+        Self::start_in(Place::new(), wall, scenes, ANY_PORT)
+    }
+
+    /// The same in a place that is there, with the keys that it may have.
+    pub fn start_in(place: Place, wall: &Wall, scenes: &[&Path], listen: &str) -> Self {
+        let mut local = Self::manager(place, wall, scenes, listen);
         let servers: Vec<String> = wall.channels.iter().map(|c| c.server.clone()).collect();
         for server in servers {
             if !local.servers.contains_key(&server) {
@@ -103,6 +109,9 @@ impl LocalWall {
         for folder in scenes {
             arguments.extend(["--scenes".into(), folder.as_os_str().to_owned()]);
         }
+        if let Some(folder) = keys::of(&place, "manager") {
+            arguments.extend(["--keys".into(), folder.into()]);
+        }
         arguments.push(path.into());
         let mut manager = place.start("manager", arguments);
         let line = manager.await_line(&["manager listens", "address="]);
@@ -126,6 +135,7 @@ impl LocalWall {
     pub fn connect_options(&self) -> ConnectOptions {
         let mut options = ConnectOptions::new(self.address.as_str());
         options.token_file = Some(self.place.token_file());
+        options.keys = keys::of(&self.place, "client-operator");
         options.name = "test".into();
         // Most tests want to see a connection end.
         options.reconnect = None;
@@ -135,7 +145,13 @@ impl LocalWall {
     /// Runs a command against this wall's manager.
     #[track_caller]
     pub fn run(&self, arguments: &[&str]) -> Finished {
-        self.place.run(arguments.iter().chain(&["--manager", &self.address]))
+        let mut arguments: Vec<OsString> = arguments.iter().map(OsString::from).collect();
+        arguments.extend(["--manager", &self.address].map(OsString::from));
+        let has_keys = arguments.iter().any(|argument| argument == "--keys");
+        if let Some(folder) = keys::of(&self.place, "client-operator").filter(|_| !has_keys) {
+            arguments.extend(["--keys".into(), folder.into()]);
+        }
+        self.place.run(arguments)
     }
 
     /// Waits until the manager knows that this server has gone.
@@ -167,6 +183,9 @@ pub fn start_server(place: &Place, wall: &Wall, name: &str, manager: &str) -> Pr
         ["server", "--with-parent", "--headless", "--manager"].map(OsString::from).to_vec();
     arguments.extend([manager, "--name", name, "--cache"].map(OsString::from));
     arguments.push(place.path(&format!("blobs-{name}")).into());
+    if let Some(folder) = keys::of(place, &format!("server-{name}")) {
+        arguments.extend(["--keys".into(), folder.into()]);
+    }
     let channels = wall.channels.iter().filter(|channel| channel.server == name);
     arguments.extend(channels.flat_map(|c| ["--channel", &c.name]).map(OsString::from));
     place.start(&format!("server {name}"), arguments)

@@ -11,6 +11,7 @@
 //! - `seams`: a wall of tiles shows what one channel shows
 //! - `twins`: the same commands give the same bytes, whoever draws
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
+//! - `trust`: walls of several machines: keys, and who is refused for want of the right ones
 //! - `windows`: pictures reach a display
 //! - `observation`: metrics, logs for programs, and a live status
 //! - `report`: what a simulated wall writes
@@ -28,6 +29,7 @@ mod replay;
 mod report;
 mod seams;
 mod tidy;
+mod trust;
 mod twins;
 mod wall_of_processes;
 mod windows;

@@ -119,6 +119,56 @@ fn files_outside_the_scene_folders_are_not_opened() {
         stage.write("reaching.gltf", Gltf::triangle().gltf(uri));
         stage.refuses("reaching.gltf", &["buffers[0]", "bin"]);
     }
+    let textured = |uri: &str| {
+        let textured = Gltf::triangle().with(|gltf| {
+            let texture = json!({ "baseColorTexture": { "index": 0 } });
+            gltf.json["materials"] = json!([{ "pbrMetallicRoughness": texture }]);
+            gltf.json["textures"] = json!([{ "source": 0 }]);
+            gltf.json["images"] = json!([{ "uri": uri }]);
+            gltf.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+        });
+        stage.write("picture.glb", textured.glb());
+    };
+    for uri in ["../outside.bin", "%2E%2e%2Foutside.bin", "a/../../outside.bin", "linked.bin"]
+        .into_iter()
+        .chain(["folder/outside.bin", &absolute])
+    {
+        textured(uri);
+        stage.refuses("picture.glb", &["images[0]", "leads out of the scene's folder"]);
+    }
     stage.write("fetching.gltf", Gltf::triangle().gltf("http://127.0.0.1:9/a.bin"));
     stage.refuses("fetching.gltf", &["http", "buffers[0]"]);
+}
+
+/// What has no end, or waits for a writer that never comes, must not hold the baker.
+#[test]
+fn files_that_are_no_files_are_refused_at_once() {
+    let stage = Stage::new();
+    let path = |name: &str| stage.scenes.path(&format!("scenes/{name}"));
+    let made = std::process::Command::new("mkfifo").arg(path("pipe.glb")).status();
+    assert!(made.expect("mkfifo runs").success());
+    symlink("pipe.glb", path("pipe.bin")).expect("a link");
+    symlink("/dev/zero", path("zero.bin")).expect("a link");
+    symlink("loop.bin", path("loop.bin")).expect("a link");
+    symlink("back.glb", path("forth.glb")).expect("a link");
+    symlink("forth.glb", path("back.glb")).expect("a link");
+    std::fs::create_dir(path("folder.bin")).expect("a folder");
+    symlink(".", path("here")).expect("a link");
+
+    stage.refuses("pipe.glb", &["not a file"]);
+    stage.refuses("forth.glb", &["not found"]);
+    for (uri, fault) in [
+        ("pipe.bin", "not a file"),
+        ("folder.bin", "not a file"),
+        ("zero.bin", "leads out of the scene's folder"),
+        ("loop.bin", "can't be found"),
+        ("%00.bin", "buffers[0]"),
+    ] {
+        stage.write("reaching.gltf", Gltf::triangle().gltf(uri));
+        stage.refuses("reaching.gltf", &["buffers[0]", fault]);
+    }
+    // A link that stays inside is as good as the file.
+    stage.write("a.bin", &Gltf::triangle().bin);
+    stage.write("inside.gltf", Gltf::triangle().gltf("here/here/a.bin"));
+    stage.local.run(&["open", "inside.gltf"]).succeeded();
 }

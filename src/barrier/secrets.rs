@@ -1,0 +1,46 @@
+//! What the peers of a measured barrier show to its manager: a token, or keys made for it.
+
+use std::path::PathBuf;
+
+use polyptych_protocol::handshake::Secret;
+use polyptych_protocol::identity::Identity;
+use polyptych_protocol::keys::{Keys, KeysError};
+
+use crate::authority::Authority;
+
+/// The secret of a manager that lives as long as a measurement.
+const TOKEN: &str = "barrierbarrierbarrier";
+
+/// A token, or a folder of keys that goes with it.
+#[derive(Debug)]
+pub(super) struct Secrets(Option<tempfile::TempDir>);
+
+impl Secrets {
+    /// Keys for all these nodes where `is_encrypted`.
+    pub fn new(is_encrypted: bool, nodes: &[Identity]) -> anyhow::Result<Self> {
+        if !is_encrypted {
+            return Ok(Self(None));
+        }
+        let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
+        let (authority, _) = Authority::open_or_make(&folder.path().join("authority"))?;
+        for node in nodes {
+            authority.provide(node, &folder.path().join(node.folder()), false)?;
+        }
+        Ok(Self(Some(folder)))
+    }
+
+    /// What goes into a hello.
+    pub fn token(&self) -> Secret {
+        Secret(if self.0.is_some() { String::new() } else { TOKEN.to_owned() })
+    }
+
+    /// Where a node's keys are, if any.
+    pub fn folder(&self, node: &Identity) -> Option<PathBuf> {
+        self.0.as_ref().map(|folder| folder.path().join(node.folder()))
+    }
+
+    /// A node's keys, if any.
+    pub fn keys(&self, node: &Identity) -> Result<Option<Keys>, KeysError> {
+        self.folder(node).map(|folder| Keys::load(&folder)).transpose()
+    }
+}
