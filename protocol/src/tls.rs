@@ -13,7 +13,7 @@ pub fn in_words(error: &io::Error) -> String {
     match tls {
         Some(tls) => fault(tls),
         None if error.kind() == io::ErrorKind::UnexpectedEof => {
-            "the peer closed the connection while TLS began; it may not believe this end's certificate"
+            "the peer closed the connection while TLS began; it may not believe this certificate"
                 .into()
         }
         None => error.to_string(),
@@ -75,7 +75,8 @@ fn alert_meaning(alert: AlertDescription) -> String {
     match alert {
         Alert::CertificateExpired => {
             format!(
-                "for it, the certificate's time is over or has not begun; {RENEW}, or set the clocks"
+                "by its clock this certificate's time is over, or has not begun; set the clocks, or \
+                 {RENEW}"
             )
         }
         Alert::UnknownCA | Alert::DecryptError | Alert::BadCertificate => {
