@@ -75,8 +75,8 @@ fn alert_meaning(alert: AlertDescription) -> String {
     match alert {
         Alert::CertificateExpired => {
             format!(
-                "by its clock this certificate's time is over, or has not begun; set the clocks, or \
-                 {RENEW}"
+                "by its clock this certificate's time is over, or has not begun; set the clocks, \
+                 or {RENEW}"
             )
         }
         Alert::UnknownCA | Alert::DecryptError | Alert::BadCertificate => {

@@ -245,7 +245,8 @@ fn stalled(address: &str, manager: &mut Process) {
     let sayings: [&'static [u8]; 3] = [&[0x16], &[0x16, 3, 1, 2, 0, 1, 0, 1, 252, 3, 3], &[]];
     let peers = sayings.map(|said| {
         let address = address.to_owned();
-        std::thread::spawn(move || answer_to(&address, said))
+        let peer = std::thread::Builder::new().name("stranger".into());
+        peer.spawn(move || answer_to(&address, said)).expect("a thread")
     });
     for peer in peers {
         assert_eq!(peer.join().expect("closed"), b"");
