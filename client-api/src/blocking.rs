@@ -23,6 +23,7 @@ use std::thread::{self, Thread};
 
 use glam::DVec3;
 use polyptych_protocol::camera::Camera;
+use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
 use polyptych_protocol::ids::{Epoch, RequestId};
 use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};
@@ -238,6 +239,14 @@ impl Client {
     /// [`ClientError`].
     pub fn pause(&self) -> Result<(), ClientError> {
         wait(self.inner.pause())
+    }
+
+    /// As [`crate::Client::set_displays`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_displays(&self, mode: DisplayMode) -> Result<(), ClientError> {
+        wait(self.inner.set_displays(mode))
     }
 
     /// As [`crate::Client::capture`].

@@ -4,6 +4,7 @@ use std::pin::pin;
 
 use glam::DVec3;
 use polyptych_protocol::camera::Camera;
+use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};
@@ -250,6 +251,16 @@ impl Client {
     /// [`ClientError`].
     pub async fn pause(&self) -> Result<(), ClientError> {
         self.done("pause", Request::Pause).await
+    }
+
+    /// Changes what all displays show: the picture, their names over it, black, or for ever what
+    /// they show now. Returns once a frame with it was shown; a paused wall draws one for it.
+    /// Frames go on and captures are as before, whatever displays show.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn set_displays(&self, mode: DisplayMode) -> Result<(), ClientError> {
+        self.done("change the displays", Request::SetDisplays(mode)).await
     }
 
     /// Draws and shows one frame, and returns its pictures: each screen as it hangs on the wall,

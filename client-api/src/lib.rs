@@ -56,9 +56,10 @@ pub use reconnect::Reconnect;
 
 pub use glam;
 pub use polyptych_protocol::camera::Camera;
+pub use polyptych_protocol::display::DisplayMode;
 pub use polyptych_protocol::feedback::{
-    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Spread, Statistics,
-    WallStatus,
+    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Skew, Spread,
+    Statistics, WallStatus,
 };
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 pub use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};

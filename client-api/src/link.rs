@@ -440,6 +440,7 @@ fn name(request: &Request) -> &'static str {
         Request::Subscribe(true) => "subscribe to feedback",
         Request::Subscribe(false) => "end the subscription",
         Request::Stop => "stop the manager",
+        Request::SetDisplays(_) => "change the displays",
     }
 }
 

@@ -4,6 +4,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
+use crate::display::DisplayMode;
 use crate::ids::{Epoch, FrameId, Revision};
 use crate::log::Operation;
 
@@ -60,6 +61,8 @@ pub struct Frame {
     pub error_bound_px: f32,
     /// Whether every server sends the picture of this frame over its bulk connection, once drawn.
     pub capture: bool,
+    /// What displays show once the frame is swapped.
+    pub display: DisplayMode,
 }
 
 /// A camera's picture on a part of the wall.

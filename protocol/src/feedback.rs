@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::display::DisplayMode;
 use crate::ids::{Digest, Epoch, FrameId, Revision};
 
 /// Where a channel stands.
@@ -52,6 +53,28 @@ pub struct ChannelFeedback {
     pub triangles: u64,
     /// Calls that drew them.
     pub draw_calls: u32,
+    /// Of its present calls, as it was about a second ago at most.
+    pub skew: Skew,
+}
+
+/// How far the present calls of a channel lie behind those of the first channel of the same
+/// frame, over the wall's last frames; in microseconds of manager time.
+///
+/// *Present-call skew*: a display may show a frame up to one refresh later. Two estimates of the
+/// manager's clock stand behind a number, so that it may be off by both of their errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Skew {
+    /// Frames that were compared.
+    pub frames: u32,
+    /// Half are below.
+    pub p50_us: u32,
+    /// 99 of 100 are below.
+    pub p99_us: u32,
+    /// The largest.
+    pub max_us: u32,
+    /// How far off the server's estimate of the manager's clock may be; `None` before the first
+    /// present call that it has dated.
+    pub clock_error_us: Option<u32>,
 }
 
 /// The wall as it stands.
@@ -71,6 +94,8 @@ pub struct WallStatus {
     pub scene: Option<String>,
     /// Present length of the frame deadline.
     pub deadline_ms: f64,
+    /// What all displays show.
+    pub displays: DisplayMode,
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelStatus>,
     /// Connected clients, by name.
@@ -104,6 +129,8 @@ pub struct ChannelStatus {
     pub late: u64,
     /// Its drawing time of the last frame that it drew in time, in microseconds.
     pub draw_us: Option<u32>,
+    /// Of its present calls.
+    pub skew: Skew,
     /// Resident memory of its server's process, in bytes.
     pub memory_bytes: u64,
 }

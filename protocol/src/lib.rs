@@ -18,6 +18,7 @@ pub mod camera;
 pub mod codec;
 pub mod command;
 pub mod connection;
+pub mod display;
 pub mod feedback;
 pub mod handshake;
 pub mod identity;

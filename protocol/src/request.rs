@@ -7,6 +7,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
+use crate::display::DisplayMode;
 use crate::feedback::{Feedback, Statistics, WallStatus};
 use crate::ids::{FrameId, RequestId, Revision};
 use crate::scene::{Bounds, SceneFeatures};
@@ -63,6 +64,9 @@ pub enum Request {
     Subscribe(bool),
     /// Ends the manager.
     Stop,
+    /// Changes what all displays show; answered once a frame that carries it was swapped. A wall
+    /// that is paused makes one for it.
+    SetDisplays(DisplayMode),
 }
 
 /// How fast the wall draws by itself.

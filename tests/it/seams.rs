@@ -3,7 +3,7 @@
 use glam::{DVec3, UVec2};
 use image::{RgbaImage, imageops};
 use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, Wall};
+use polyptych_client::{Camera, DisplayMode, Wall};
 use polyptych_manager::bake::{Store, bake};
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Area, Frame, View};
@@ -113,6 +113,7 @@ fn frame(wall: &Wall, camera: Camera) -> Frame {
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: false,
+        display: DisplayMode::Normal,
     }
 }
 

@@ -6,7 +6,7 @@ use std::thread;
 
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{Camera, ClientError, Pace, Reply, Request, overview};
+use polyptych_client::{Camera, ClientError, DisplayMode, Pace, Reply, Request, overview};
 use polyptych_protocol::request::Answer;
 use tokio::net::TcpListener;
 
@@ -62,6 +62,7 @@ fn every_call_waits_for_its_reply() {
     assert!(feedbacks.next().is_some());
     client.run(Pace::Free).expect("running");
     client.pause().expect("paused");
+    client.set_displays(DisplayMode::Freeze).expect("frozen");
     assert_eq!(client.status().expect("status").wall, "lab");
     assert_eq!(client.statistics(false).expect("statistics").frames, 3);
     let mut pending = client.post(Request::CloseScene).expect("posted");

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
-    Camera, ClientError, Digest, Epoch, FrameId, OPEN_REQUESTS_MAX, Pace, Reply, Request, Revision,
-    SceneFeatures, SceneSummary, Spread, Statistics, Wall, WallStatus,
+    Camera, ClientError, Digest, DisplayMode, Epoch, FrameId, OPEN_REQUESTS_MAX, Pace, Reply,
+    Request, Revision, SceneFeatures, SceneSummary, Spread, Statistics, Wall, WallStatus,
 };
 use polyptych_protocol::wall::file;
 
@@ -30,6 +30,7 @@ fn status() -> WallStatus {
         frame: FrameId(9),
         scene: None,
         deadline_ms: 50.0,
+        displays: DisplayMode::Normal,
         channels: Vec::new(),
         clients: vec!["test".into()],
         warnings: Vec::new(),
@@ -106,6 +107,7 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     assert_eq!(drawn, feedback(4));
     client.run(Pace::Rate(30.0)).await.expect("running");
     client.pause().await.expect("paused");
+    client.set_displays(DisplayMode::Blank).await.expect("blank");
     assert_eq!(client.status().await.expect("status"), status());
     assert_eq!(client.wall().await.expect("wall"), wall());
     assert_eq!(client.statistics(true).await.expect("statistics"), statistics());
@@ -122,6 +124,7 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
         Request::RenderFrame { camera: Some(camera), time_s: Some(4.0) },
         Request::Run(Pace::Rate(30.0)),
         Request::Pause,
+        Request::SetDisplays(DisplayMode::Blank),
         Request::Status,
         Request::DescribeWall,
         Request::Statistics { reset: true },

@@ -10,6 +10,7 @@ use super::*;
 use crate::blob::{BlobChunk, BulkDown, BulkUp, PictureChunk};
 use crate::camera::Camera;
 use crate::command::{Area, Command, Frame, Pong, Prepare, Swap, View};
+use crate::display::DisplayMode;
 use crate::handshake::{Adapter, Answer, ClientHello, Hello, Refused, Secret, ServerHello};
 use crate::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
 use crate::log::{Operation, SceneRef};
@@ -32,6 +33,7 @@ fn frame() -> Frame {
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: true,
+        display: DisplayMode::Blank,
     }
 }
 
@@ -99,6 +101,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
     let failure = request::Answer::Reply { id: RequestId(5), reply: Err(Failure::new("no")) };
     let done = request::Answer::Reply { id: RequestId(5), reply: Ok(Reply::Done) };
     let run = Call { id: RequestId(5), request: Request::Run(Pace::Rate(60.0)) };
+    let freeze = Call { id: RequestId(7), request: Request::SetDisplays(DisplayMode::Freeze) };
     let open = Call { id: RequestId(6), request: Request::OpenScene { path: "a.glb".into() } };
     vec![
         (encode(&Hello::Client(client)), "0003616e6e06736563726574"),
@@ -113,7 +116,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
             "01fd0807060504030201fb2c01000000000000f83f0201000000000000f03f00000000000000c000\
              000000d0126341000000000000000000000000000000000000000000000000000000000000f03f00\
              0000000000e03f000000000000000000009a9999999999f93f00000000000000000000803f000000\
-             0001",
+             000102",
         ),
         (
             encode(&Command::Swap(Swap { epoch: Epoch(1), frame: FrameId(300), not_after_us: 9 })),
@@ -131,6 +134,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         ),
         (encode(&run), "0506010000000000004e40"),
         (encode(&open), "060005612e676c62"),
+        (encode(&freeze), "070e03"),
         (encode(&failure), "000501026e6f"),
         (encode(&done), "00050000"),
     ]
