@@ -16,6 +16,7 @@ mod pace;
 mod registry;
 mod snapshot;
 mod span;
+mod skew;
 mod statistics;
 #[cfg(test)]
 mod tests;
@@ -29,6 +30,7 @@ use glam::DVec3;
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Pong};
+use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::{ChannelId, Digest, Epoch, FrameId, RequestId};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::request::{Answer, Failure, Pace, Reply, SceneSummary};
@@ -45,6 +47,7 @@ pub use memory::Memory;
 use pace::Pacer;
 use registry::Registry;
 pub use snapshot::Snapshot;
+use skew::PresentCalls;
 use statistics::Gathered;
 pub use totals::{ChannelTotals, Histogram, Totals};
 
@@ -157,11 +160,19 @@ pub struct Cluster {
     camera: Camera,
     eye: DVec3,
     exposure: f32,
+    displays: DisplayMode,
+    /// Whether the wall has gone on from what another manager remembered, and no client has
+    /// asked for a frame yet.
+    is_going_on: bool,
+    /// A frame that nobody has ordered, for channels that would see none otherwise.
+    wants_frame: bool,
     pacer: Pacer,
     deadline: deadline::Deadline,
     /// Measurements decide nothing, and take more room than all else.
     #[serde(skip)]
     gathered: Gathered,
+    #[serde(skip)]
+    present_calls: PresentCalls,
     remembered: Option<Memory>,
     remembered_at: Micros,
     #[serde(skip)]
@@ -194,9 +205,13 @@ impl Cluster {
             camera: Camera::IDENTITY,
             eye: wall.eye,
             exposure: 1.0,
+            displays: DisplayMode::Normal,
+            is_going_on: false,
+            wants_frame: false,
             pacer: Pacer::default(),
             deadline: deadline::Deadline::new(wall.deadline),
             gathered: Gathered::new(wall.channels.len()),
+            present_calls: PresentCalls::new(wall.channels.len()),
             remembered: None,
             remembered_at: 0,
             repetitions: Repetitions::default(),
@@ -240,6 +255,9 @@ impl Cluster {
                 if shown.epoch == self.epoch && self.registry.drives(from, shown.channel) {
                     self.registry.shown(shown.channel, shown.frame);
                     self.gathered.add_shown(&shown);
+                    if let Some(compared) = self.present_calls.add(&shown) {
+                        self.gathered.add_skews(&compared);
+                    }
                 }
             }
             Status::Ping(ping) => {
@@ -267,7 +285,7 @@ impl Cluster {
     pub fn poll_timeout(&self) -> Option<Micros> {
         let frame = match &self.barrier {
             Some(barrier) => Some(barrier.deadline()),
-            None if !self.orders.is_empty() => Some(0),
+            None if self.is_asked_for_a_frame() => Some(0),
             None => self.pacer.next_start(),
         };
         [
@@ -297,9 +315,13 @@ impl Cluster {
             return;
         }
         // One frame begins at most: a wall without channels would otherwise never let go.
-        if self.barrier.is_none() && (!self.orders.is_empty() || self.pacer.is_due(now)) {
+        if self.barrier.is_none() && (self.is_asked_for_a_frame() || self.pacer.is_due(now)) {
             self.begin_frame(now);
         }
+    }
+
+    fn is_asked_for_a_frame(&self) -> bool {
+        self.wants_frame || !self.orders.is_empty()
     }
 
     fn command(&mut self, to: Vec<SessionId>, command: &Command) {
@@ -325,6 +347,7 @@ impl Cluster {
     }
 
     fn set_pace(&mut self, pace: Option<Pace>, now: Micros) {
+        self.is_going_on = false;
         self.pacer.set(pace, now);
     }
 }

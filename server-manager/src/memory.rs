@@ -9,6 +9,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use polyptych_protocol::codec;
+use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::BlobHash;
 
 use crate::cluster::Memory;
@@ -43,7 +44,16 @@ pub(crate) fn load(path: &Path) -> Option<Memory> {
         warn(&"it was damaged");
         return None;
     }
-    codec::decode(memory).map_err(|error| warn(&error)).ok()
+    decode(memory).map_err(|error| warn(&error)).ok()
+}
+
+/// What the bytes say, which are known to be whole.
+fn decode(memory: &[u8]) -> Result<Memory, codec::DecodeError> {
+    codec::decode(memory).or_else(|error| {
+        // The first managers remembered no display mode, which stands last.
+        let normal = codec::encode(&DisplayMode::Normal);
+        codec::decode(&[memory, &normal].concat()).map_err(|_| error)
+    })
 }
 
 /// Writes what is to be remembered.
@@ -83,9 +93,10 @@ mod tests {
             eye: glam::DVec3::new(0.1, 1.6, 0.3),
             exposure: 1.5,
             pace: Some(Pace::Rate(60.0)),
+            displays: DisplayMode::Blank,
         };
         save(&path, &memory).expect("saved");
-        assert_eq!(load(&path), Some(memory));
+        assert_eq!(load(&path).as_ref(), Some(&memory));
         let mut bytes = fs::read(&path).expect("read");
         for cut in [0, 10, 32, bytes.len() - 1] {
             fs::write(&path, &bytes[..cut]).expect("written");
@@ -94,5 +105,25 @@ mod tests {
         bytes[40] ^= 1;
         fs::write(&path, &bytes).expect("written");
         assert_eq!(load(&path), None);
+    }
+
+    #[test]
+    fn a_file_of_a_manager_that_knew_no_display_modes_is_read() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("wall");
+        let memory = Memory {
+            wall: BlobHash([7; 32]),
+            revision: Revision(9),
+            scene: None,
+            camera: Camera::IDENTITY,
+            eye: glam::DVec3::ZERO,
+            exposure: 1.0,
+            pace: None,
+            displays: DisplayMode::Normal,
+        };
+        let now = codec::encode(&memory);
+        let before = &now[..now.len() - 1];
+        fs::write(&path, [&BlobHash::of(before).0, before].concat()).expect("written");
+        assert_eq!(load(&path), Some(memory));
     }
 }

@@ -23,6 +23,7 @@ impl Cluster {
                 draw_us: drawn.map(|drawn| drawn.draw_us),
                 triangles: drawn.map_or(0, |drawn| drawn.triangles),
                 draw_calls: drawn.map_or(0, |drawn| drawn.draw_calls),
+                skew: self.present_calls.skew_refreshed(id),
             }
         };
         let channels = self.registry.channels();
@@ -47,7 +48,7 @@ impl Cluster {
 
     /// The wall as it stands.
     pub fn status(&self, now: Micros) -> WallStatus {
-        let channels = self.registry.channels().map(|(_, channel)| {
+        let channels = self.registry.channels().map(|(id, channel)| {
             let server = channel.server.and_then(|session| self.registry.server(session));
             ChannelStatus {
                 name: channel.name.clone(),
@@ -61,6 +62,7 @@ impl Cluster {
                 revision: server.and_then(|server| server.prepared).unwrap_or_default(),
                 late: channel.late,
                 draw_us: channel.draw_us,
+                skew: self.present_calls.skew(id),
                 memory_bytes: server.map_or(0, |server| server.memory_bytes),
             }
         });
@@ -72,6 +74,7 @@ impl Cluster {
             frame: self.swapped,
             scene: self.shown.scene.as_ref().map(|scene| scene.name.clone()),
             deadline_ms: self.deadline.length() as f64 / 1000.0,
+            displays: self.displays,
             channels: channels.collect(),
             clients: self.clients.values().map(|client| client.name.clone()).collect(),
             warnings: self.warnings(),
@@ -96,6 +99,9 @@ impl Cluster {
     }
 
     pub(super) fn statistics(&mut self, reset: bool) -> Statistics {
+        for compared in self.present_calls.settle() {
+            self.gathered.add_skews(&compared);
+        }
         let statistics = self.gathered.report(&self.registry, &self.features);
         if reset {
             self.gathered.restart();

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::command::{Area, Command, Frame, Swap, View};
+use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{ChannelId, Digest, FrameId, Revision};
 use polyptych_protocol::request::Reply;
@@ -47,6 +48,15 @@ pub(super) struct FrameOrder {
     pub camera: Option<Camera>,
     pub time_s: Option<f64>,
     pub capture: bool,
+    /// What displays show from this frame on, where it changes that: answered without feedback.
+    pub displays: Option<DisplayMode>,
+}
+
+impl FrameOrder {
+    /// A frame of the wall as it stands.
+    pub fn plain(job: RequestOf) -> Self {
+        Self { job, camera: None, time_s: None, capture: false, displays: None }
+    }
 }
 
 /// A frame on its way.
@@ -62,6 +72,8 @@ pub(super) struct Barrier {
     order: Option<FrameOrder>,
     /// Every server that was sent the frame.
     sent: Vec<SessionId>,
+    /// How many channels these servers draw it on.
+    sent_channels: usize,
     /// The channels that the frame waits for, until they have drawn, failed or gone.
     waited: Vec<ChannelId>,
     /// The same as the frame began: late channels that draw in time don't slow it.
@@ -115,6 +127,11 @@ impl Cluster {
         if let Some(camera) = order.as_ref().and_then(|order| order.camera) {
             self.camera = camera;
         }
+        if let Some(displays) = order.as_ref().and_then(|order| order.displays) {
+            self.displays = displays;
+        }
+        self.is_going_on &= order.is_none();
+        self.wants_frame = false;
         let next = FrameId(self.frame.0 + 1);
         self.registry.admit_ready(now, next);
         self.registry.admit_late(now, next);
@@ -137,6 +154,7 @@ impl Cluster {
                 is_warming |= channel.frames_drawn < WARM_UP_FRAMES;
             }
         }
+        let sent_channels = waited.len() + late.len();
         // Where all are late, not to wait would count frames that nobody draws. Those that drew
         // the last one in time must not be held up by those that hang.
         let is_all_late = waited.is_empty();
@@ -170,6 +188,7 @@ impl Cluster {
             deadline: now + wait,
             order,
             sent,
+            sent_channels,
             awaited: waited.clone(),
             waited,
             busy_us: BTreeMap::new(),
@@ -192,6 +211,7 @@ impl Cluster {
             exposure: self.exposure,
             error_bound_px: 0.0,
             capture,
+            display: self.displays,
         }
     }
 
@@ -281,11 +301,22 @@ impl Cluster {
         }
         let feedback = self.aggregate(&barrier, now);
         self.gathered.add_frame(&feedback, slowest_us, now);
+        let (frame, sent) = (barrier.frame, barrier.sent_channels);
+        if let Some(compared) = self.present_calls.swapped(frame, sent, now) {
+            self.gathered.add_skews(&compared);
+        }
         self.publish(&feedback);
         self.remember_frame(now);
-        // A capture is answered with its pictures.
-        if let Some(FrameOrder { job, capture: false, .. }) = barrier.order {
-            self.reply(job, Ok(Reply::Frame(feedback)));
+        match barrier.order {
+            Some(FrameOrder { job, displays: Some(_), .. }) => {
+                self.remember();
+                self.reply(job, Ok(Reply::Done));
+            }
+            Some(FrameOrder { job, capture: false, .. }) => {
+                self.reply(job, Ok(Reply::Frame(feedback)));
+            }
+            // A capture is answered with its pictures.
+            Some(_) | None => {}
         }
     }
 

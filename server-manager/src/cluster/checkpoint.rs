@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::FrameId;
 
-use super::{Cluster, Gathered};
+use super::{Cluster, Gathered, PresentCalls};
 
 /// A brain that was written down. It decides as the one that it was taken from; only what that one
 /// had measured is gone.
@@ -33,7 +33,9 @@ impl Checkpoint {
     /// The brain.
     pub fn into_cluster(self) -> Cluster {
         let mut cluster = *self.0;
-        cluster.gathered = Gathered::new(cluster.wall.channels.len());
+        let channels = cluster.wall.channels.len();
+        cluster.gathered = Gathered::new(channels);
+        cluster.present_calls = PresentCalls::new(channels);
         cluster
     }
 }

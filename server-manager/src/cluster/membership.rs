@@ -1,6 +1,7 @@
 //! Servers and clients come and go.
 
 use polyptych_protocol::command::{Command, Prepare};
+use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::ids::ChannelId;
@@ -29,6 +30,7 @@ impl Cluster {
         let adapter = hello.adapter.name.clone();
         self.registry.add(now, session, hello, address, channels.clone());
         self.span_of(session).in_scope(|| tracing::info!(adapter, "server joins"));
+        self.present_calls.forget(&channels);
         self.registry.set_states(&channels, ChannelState::Preparing, None, now);
         self.prompt(vec![session]);
         Ok(())
@@ -162,11 +164,20 @@ impl Cluster {
                 let state = self.registry.channel(id).map(|channel| channel.state);
                 if state == Some(ChannelState::Preparing) {
                     self.registry.set_state(id, ChannelState::Ready, None, now);
+                    self.wants_frame |= self.must_see_a_frame();
                 }
             }
         }
         self.advance_change(now);
         self.prompt(vec![from]);
         self.advance_frame(now);
+    }
+
+    /// Whether a channel that has become ready is given a frame though nobody has ordered one.
+    /// Its display would else say that the manager is lost which has come back, or light up on a
+    /// wall that is to be black.
+    fn must_see_a_frame(&self) -> bool {
+        let has_pace = self.pacer.pace().is_some();
+        !has_pace && (self.is_going_on || self.displays != DisplayMode::Normal)
     }
 }

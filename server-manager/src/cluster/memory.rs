@@ -3,6 +3,7 @@
 use glam::DVec3;
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec;
+use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::{BlobHash, Epoch, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
 use polyptych_protocol::request::Pace;
@@ -32,6 +33,9 @@ pub struct Memory {
     pub exposure: f32,
     /// How fast the wall draws by itself.
     pub pace: Option<Pace>,
+    /// What displays show: a wall that was made black does not light up with a new manager. Last:
+    /// files of version 0.1.0 end before it.
+    pub displays: DisplayMode,
 }
 
 impl Cluster {
@@ -60,6 +64,9 @@ impl Cluster {
         }
         cluster.shown_digest = cluster.shown.digest();
         cluster.set_pace(memory.pace, 0);
+        cluster.displays = memory.displays;
+        // Frames of another life were shown; its displays say that their manager is lost.
+        cluster.is_going_on = true;
         cluster.remembered = Some(cluster.memory());
         cluster
     }
@@ -73,6 +80,7 @@ impl Cluster {
             eye: self.eye,
             exposure: self.exposure,
             pace: self.pacer.pace(),
+            displays: self.displays,
         }
     }
 

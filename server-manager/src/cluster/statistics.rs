@@ -3,19 +3,16 @@
 use std::collections::VecDeque;
 
 use polyptych_protocol::feedback::{ChannelStatistics, Feedback, Spread, Statistics};
-use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::status::{Drawn, Shown};
 
 use super::Micros;
 use super::registry::Registry;
+use super::skew::Compared;
 use super::totals::Totals;
 
 /// Measurements kept of each kind, the newest ones: 18 minutes at 60 frames per second, and at
 /// most 0.5 MiB for a kind.
 const SAMPLES_MAX: usize = 1 << 16;
-
-/// Frames whose present calls are compared; a report that comes later is not.
-const FRAMES_COMPARED: usize = 32;
 
 /// The newest measurements of one kind.
 #[derive(Debug, Default)]
@@ -64,7 +61,6 @@ pub(super) struct Gathered {
     draw_ms: Samples,
     barrier_us: Samples,
     skew_us: Samples,
-    shown: VecDeque<(FrameId, Vec<Shown>)>,
     frames: u64,
     first: Option<Micros>,
     last: Micros,
@@ -130,39 +126,23 @@ impl Gathered {
             channel.longest_gap_us = channel.longest_gap_us.max(shown.at_us.saturating_sub(last));
         }
         channel.last_shown_us = Some(shown.at_us);
-        match self.shown.iter_mut().find(|(frame, _)| *frame == shown.frame) {
-            Some((_, reports)) => reports.push(*shown),
-            None => self.shown.push_back((shown.frame, vec![*shown])),
-        }
-        if self.shown.len() > FRAMES_COMPARED
-            && let Some((_, reports)) = self.shown.pop_front()
-        {
-            self.compare(&reports);
-        }
     }
 
     /// The present calls of one frame, each against the first.
-    fn compare(&mut self, reports: &[Shown]) {
-        let Some(first) = reports.iter().map(|shown| shown.at_us).min() else { return };
-        let mut widest = 0;
-        for shown in reports {
-            let skew = shown.at_us - first;
-            widest = widest.max(skew);
-            self.totals.add_skew(usize::from(shown.channel.0), skew);
-            if let Some(channel) = self.channels.get_mut(usize::from(shown.channel.0)) {
-                channel.skew_us.add(skew as f64);
+    pub fn add_skews(&mut self, compared: &Compared) {
+        for &(id, skew_us) in &compared.skews_us {
+            self.totals.add_skew(usize::from(id.0), skew_us);
+            if let Some(channel) = self.channels.get_mut(usize::from(id.0)) {
+                channel.skew_us.add(skew_us as f64);
             }
         }
-        if reports.len() > 1 {
-            self.totals.add_widest_skew(widest);
-            self.skew_us.add(widest as f64);
+        if let Some(widest_us) = compared.widest_us() {
+            self.totals.add_widest_skew(widest_us);
+            self.skew_us.add(widest_us as f64);
         }
     }
 
     pub fn report(&mut self, registry: &Registry, features: &[String]) -> Statistics {
-        for (_, reports) in std::mem::take(&mut self.shown) {
-            self.compare(&reports);
-        }
         self.late = registry.channels().map(|(_, channel)| channel.late).collect();
         let channels: Vec<ChannelStatistics> = registry
             .channels()

@@ -79,11 +79,13 @@ impl Cluster {
                 if time_s.is_some_and(|time| !time.is_finite()) {
                     return Err("the time of a frame is a finite number of seconds".into());
                 }
-                return self.order(FrameOrder { job, camera, time_s, capture: false });
+                return self.order(FrameOrder { camera, time_s, ..FrameOrder::plain(job) });
             }
             Request::Capture => {
-                let (camera, time_s) = (None, None);
-                return self.order(FrameOrder { job, camera, time_s, capture: true });
+                return self.order(FrameOrder { capture: true, ..FrameOrder::plain(job) });
+            }
+            Request::SetDisplays(mode) => {
+                return self.order(FrameOrder { displays: Some(mode), ..FrameOrder::plain(job) });
             }
             Request::Run(pace) => {
                 if let Pace::Rate(rate) = pace

@@ -1,0 +1,259 @@
+//! Present-call skew: the present calls of each frame, compared channel by channel.
+
+use std::collections::VecDeque;
+
+use polyptych_protocol::feedback::Skew;
+use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::status::Shown;
+
+use super::Micros;
+
+/// Frames whose present calls are awaited; a report that comes later is not compared.
+const FRAMES_COMPARED: usize = 32;
+
+/// Frames over which a channel's skew is given: 17 s at 60 frames per second, so that ten of
+/// them are above the 99th percentile.
+const SKEW_FRAMES: usize = 1024;
+
+/// What feedback says of a channel is this old at most, as far as [`REFRESHED_AT_ONCE`] allows.
+const REFRESH_PERIOD: Micros = 1_000_000;
+
+/// Channels whose quantiles are found anew after one frame, about 5 µs each: a wall of 64 at 60
+/// frames per second is through in a quarter of a second, and no frame waits for all of them.
+const REFRESHED_AT_ONCE: usize = 4;
+
+/// The present calls of the last frames.
+#[derive(Debug, Default)]
+pub(super) struct PresentCalls {
+    frames: VecDeque<Presented>,
+    channels: Vec<Window>,
+    /// Whose turn it is to be refreshed.
+    next: usize,
+}
+
+/// A frame that was swapped.
+#[derive(Debug)]
+struct Presented {
+    frame: FrameId,
+    /// How many channels were sent it.
+    sent: usize,
+    reports: Vec<Shown>,
+}
+
+/// The last frames of one channel.
+#[derive(Debug, Default)]
+struct Window {
+    skews_us: VecDeque<u32>,
+    clock_error_us: Option<u32>,
+    refreshed: Skew,
+    refreshed_at: Option<Micros>,
+}
+
+/// How far each channel's present call lies behind the first one, in microseconds.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Compared {
+    pub skews_us: Vec<(ChannelId, u64)>,
+}
+
+impl Compared {
+    /// The present calls of one frame, each against the first. Calls that a server could not
+    /// date in manager time are left out: they are later or earlier by anything.
+    fn of(reports: &[Shown]) -> Self {
+        let dated = || reports.iter().filter(|shown| shown.clock_error_us != u32::MAX);
+        let first = dated().map(|shown| shown.at_us).min().unwrap_or(0);
+        Self { skews_us: dated().map(|shown| (shown.channel, shown.at_us - first)).collect() }
+    }
+
+    /// From the first to the last present call, where there are two.
+    pub fn widest_us(&self) -> Option<u64> {
+        let widest = self.skews_us.iter().map(|(_, skew)| *skew).max();
+        widest.filter(|_| self.skews_us.len() > 1)
+    }
+}
+
+impl PresentCalls {
+    pub fn new(channels: usize) -> Self {
+        let channels = (0..channels).map(|_| Window::default()).collect();
+        Self { frames: VecDeque::new(), channels, next: 0 }
+    }
+
+    /// A frame was swapped that so many channels were sent. Gives an older one that is not
+    /// waited for any more.
+    pub fn swapped(&mut self, frame: FrameId, sent: usize, now: Micros) -> Option<Compared> {
+        self.frames.push_back(Presented { frame, sent, reports: Vec::with_capacity(sent) });
+        let over = (self.frames.len() > FRAMES_COMPARED).then(|| self.frames.pop_front());
+        let compared = over.flatten().map(|presented| self.compare(&presented.reports));
+        self.refresh(now);
+        compared
+    }
+
+    /// A channel has shown a frame. Gives the frame's skews once all of its channels have.
+    pub fn add(&mut self, shown: &Shown) -> Option<Compared> {
+        let window = self.channels.get_mut(usize::from(shown.channel.0))?;
+        window.clock_error_us = Some(shown.clock_error_us).filter(|&error| error != u32::MAX);
+        // A report on a frame that has been compared says nothing any more.
+        let at = self.frames.iter().rposition(|presented| presented.frame == shown.frame)?;
+        let presented = &mut self.frames[at];
+        presented.reports.push(*shown);
+        if presented.reports.len() < presented.sent {
+            return None;
+        }
+        let presented = self.frames.remove(at)?;
+        Some(self.compare(&presented.reports))
+    }
+
+    /// The frames that wait for reports, but for the newest, whose reports are on their way.
+    pub fn settle(&mut self) -> Vec<Compared> {
+        let settled = self.frames.len().saturating_sub(1);
+        let settled: Vec<Presented> = self.frames.drain(..settled).collect();
+        settled.iter().map(|presented| self.compare(&presented.reports)).collect()
+    }
+
+    /// Other servers drive these channels from now on, with other clocks.
+    pub fn forget(&mut self, channels: &[ChannelId]) {
+        for &id in channels {
+            if let Some(window) = self.channels.get_mut(usize::from(id.0)) {
+                *window = Window::default();
+            }
+        }
+    }
+
+    /// A channel's skew as it stands, found anew.
+    pub fn skew(&self, id: ChannelId) -> Skew {
+        self.channels.get(usize::from(id.0)).map_or_else(Skew::default, Window::skew)
+    }
+
+    /// A channel's skew as it was found last.
+    pub fn skew_refreshed(&self, id: ChannelId) -> Skew {
+        self.channels.get(usize::from(id.0)).map_or_else(Skew::default, |window| window.refreshed)
+    }
+
+    fn compare(&mut self, reports: &[Shown]) -> Compared {
+        let compared = Compared::of(reports);
+        for &(id, skew_us) in &compared.skews_us {
+            if let Some(window) = self.channels.get_mut(usize::from(id.0)) {
+                window.add(u32::try_from(skew_us).unwrap_or(u32::MAX));
+            }
+        }
+        compared
+    }
+
+    /// Finds the quantiles of a few channels anew, where they are old.
+    fn refresh(&mut self, now: Micros) {
+        for _ in 0..REFRESHED_AT_ONCE.min(self.channels.len()) {
+            self.next = (self.next + 1) % self.channels.len();
+            let window = &mut self.channels[self.next];
+            let is_old = |at: Micros| now.saturating_sub(at) >= REFRESH_PERIOD;
+            if !window.skews_us.is_empty() && window.refreshed_at.is_none_or(is_old) {
+                window.refreshed = window.skew();
+                window.refreshed_at = Some(now);
+            }
+        }
+    }
+}
+
+impl Window {
+    fn add(&mut self, skew_us: u32) {
+        if self.skews_us.len() == SKEW_FRAMES {
+            self.skews_us.pop_front();
+        }
+        self.skews_us.push_back(skew_us);
+    }
+
+    fn skew(&self) -> Skew {
+        let mut values: Vec<u32> = self.skews_us.iter().copied().collect();
+        let max_us = values.iter().copied().max().unwrap_or(0);
+        // As `Spread::of`: the least value that so many of all do not exceed. Not sorted: this
+        // runs between two frames.
+        let mut at = |share: f64| {
+            let rank = (share * values.len() as f64).ceil() as usize;
+            if values.is_empty() { 0 } else { *values.select_nth_unstable(rank.max(1) - 1).1 }
+        };
+        let (p50_us, p99_us) = (at(0.5), at(0.99));
+        let frames = self.skews_us.len() as u32;
+        Skew { frames, p50_us, p99_us, max_us, clock_error_us: self.clock_error_us }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_protocol::feedback::Spread;
+    use polyptych_protocol::ids::Epoch;
+
+    use super::*;
+
+    fn shown(frame: u64, channel: u16, at_us: u64, clock_error_us: u32) -> Shown {
+        let (frame, channel) = (FrameId(frame), ChannelId(channel));
+        Shown { epoch: Epoch(1), frame, channel, at_us, clock_error_us }
+    }
+
+    #[test]
+    fn quantiles_are_those_of_a_spread_over_the_last_frames() {
+        let mut calls = PresentCalls::new(2);
+        let mut expected = VecDeque::new();
+        for n in 0..1500_u64 {
+            let skew = (n * 7919) % 1009;
+            expected.push_back(skew as f64);
+            calls.swapped(FrameId(n), 2, n * 1000);
+            assert_eq!(calls.add(&shown(n, 0, 50_000 * n, 30)), None);
+            let compared = calls.add(&shown(n, 1, 50_000 * n + skew, 40)).expect("both are here");
+            assert_eq!(compared.widest_us(), Some(skew));
+        }
+        expected.drain(..expected.len() - SKEW_FRAMES);
+        let spread = Spread::of(expected);
+        let skew = calls.skew(ChannelId(1));
+        assert_eq!(
+            [f64::from(skew.p50_us), f64::from(skew.p99_us), f64::from(skew.max_us)],
+            [spread.p50, spread.p99, spread.max]
+        );
+        assert_eq!((skew.frames, skew.clock_error_us), (SKEW_FRAMES as u32, Some(40)));
+        assert_eq!(calls.skew(ChannelId(0)).max_us, 0);
+        calls.forget(&[ChannelId(1)]);
+        assert_eq!(calls.skew(ChannelId(1)), Skew::default());
+    }
+
+    #[test]
+    fn a_frame_that_one_channel_never_shows_is_compared_without_it() {
+        let mut calls = PresentCalls::new(3);
+        calls.swapped(FrameId(1), 3, 0);
+        calls.add(&shown(1, 0, 100, 1));
+        calls.add(&shown(1, 2, 350, 1));
+        for n in 2..=FRAMES_COMPARED as u64 {
+            assert_eq!(calls.swapped(FrameId(n), 3, 0), None);
+        }
+        let compared = calls.swapped(FrameId(99), 3, 0).expect("too old");
+        assert_eq!(compared.skews_us, [(ChannelId(0), 0), (ChannelId(2), 250)]);
+        assert_eq!(calls.add(&shown(1, 1, 9_999, 1)), None, "it was compared already");
+        assert_eq!(calls.skew(ChannelId(1)).frames, 0);
+    }
+
+    #[test]
+    fn a_call_that_is_not_in_manager_time_is_not_compared() {
+        let mut calls = PresentCalls::new(2);
+        calls.swapped(FrameId(1), 2, 0);
+        calls.add(&shown(1, 0, 7, u32::MAX));
+        let compared = calls.add(&shown(1, 1, 1_000_000, 5)).expect("both are here");
+        assert_eq!((compared.widest_us(), calls.skew(ChannelId(1)).max_us), (None, 0));
+        assert_eq!(calls.skew(ChannelId(0)).clock_error_us, None);
+    }
+
+    #[test]
+    fn quantiles_are_refreshed_once_a_second_and_not_for_all_channels_at_once() {
+        let mut calls = PresentCalls::new(64);
+        let mut refreshes = 0;
+        let mut before: Vec<Option<Micros>> = vec![None; 64];
+        for n in 0..180 {
+            calls.swapped(FrameId(n), 64, n * 16_667);
+            (0..64).for_each(|c| drop(calls.add(&shown(n, c, n * 16_667, 1))));
+            let after: Vec<_> = calls.channels.iter().map(|c| c.refreshed_at).collect();
+            let changed = after.iter().zip(&before).filter(|(after, before)| after != before);
+            let changed = changed.count();
+            assert!(changed <= REFRESHED_AT_ONCE, "{changed} at once");
+            refreshes += changed;
+            before = after;
+        }
+        // Three seconds.
+        assert!((64 * 2..=64 * 3).contains(&refreshes), "{refreshes} in three seconds");
+        assert!((0..64).all(|c| calls.skew_refreshed(ChannelId(c)).frames > 60));
+    }
+}
