@@ -33,6 +33,19 @@ pub enum Stream {
     Tls(Box<TlsStream<Metered>>),
 }
 
+impl Stream {
+    /// This end's address.
+    ///
+    /// # Errors
+    /// The system does not know it any more.
+    pub fn local_addr(&self) -> io::Result<SocketAddr> {
+        match self {
+            Self::Plain(tcp) => tcp.local_addr(),
+            Self::Tls(tls) => tls.get_ref().0.tcp.local_addr(),
+        }
+    }
+}
+
 /// Why no manager was reached.
 #[derive(Debug, thiserror::Error)]
 pub enum DialError {

@@ -1,8 +1,9 @@
 //! The manager's clock, as a server knows it.
 //!
 //! Estimated as NTP does (RFC 5905 §8): from the four timestamps of a ping and its pong, offset
-//! `((t1 − t0) + (t2 − t3)) / 2`; of the newest samples the one with the shortest round trip is
-//! believed, since its error is at most half of that.
+//! `((t1 − t0) + (t2 − t3)) / 2`, whose error is at most half of the round trip: as much as when
+//! one of both ways took no time. It grows by what two clocks drift apart (§7.3, dispersion). Of
+//! the newest samples the one with the least error is believed, and its error reported.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicI64, AtomicU32, Ordering};
@@ -10,9 +11,11 @@ use std::time::Instant;
 
 use polyptych_protocol::command::Pong;
 
-/// Samples of which the best is believed: short enough to follow the drift of a quartz (20 ppm:
-/// 80 µs in 4 s), long enough to find an undisturbed round trip.
+/// Samples of which the best is believed: long enough to find an undisturbed round trip.
 const SAMPLES: usize = 8;
+
+/// How fast two clocks drift apart, in microseconds per second: the tolerance of RFC 5905 (PHI).
+const DRIFT_PPM: u64 = 15;
 
 /// Picks the best of the newest samples.
 #[derive(Debug, Default)]
@@ -24,6 +27,16 @@ pub struct ClockEstimate {
 struct Sample {
     offset_us: i64,
     round_trip_us: u64,
+    /// In microseconds of this server's clock.
+    arrived: u64,
+}
+
+impl Sample {
+    /// How far off the offset may be by now.
+    fn error_us(&self, now_us: u64) -> u64 {
+        let age_us = now_us.saturating_sub(self.arrived);
+        self.round_trip_us.div_ceil(2) + (age_us * DRIFT_PPM).div_ceil(1_000_000)
+    }
 }
 
 impl ClockEstimate {
@@ -39,13 +52,14 @@ impl ClockEstimate {
         if self.samples.len() == SAMPLES {
             self.samples.pop_front();
         }
-        self.samples.push_back(Sample { offset_us, round_trip_us });
+        self.samples.push_back(Sample { offset_us, round_trip_us, arrived: arrived_us });
     }
 
-    /// Manager time minus this server's, and how far off that may be, both in microseconds.
-    pub fn best(&self) -> Option<(i64, u32)> {
-        let best = self.samples.iter().min_by_key(|sample| sample.round_trip_us)?;
-        let error_us = u32::try_from(best.round_trip_us.div_ceil(2)).unwrap_or(u32::MAX);
+    /// Manager time minus this server's at `now_us` of its clock, and how far off that may be,
+    /// both in microseconds.
+    pub fn best(&self, now_us: u64) -> Option<(i64, u32)> {
+        let best = self.samples.iter().min_by_key(|sample| sample.error_us(now_us))?;
+        let error_us = u32::try_from(best.error_us(now_us)).unwrap_or(u32::MAX);
         Some((best.offset_us, error_us))
     }
 }
@@ -95,6 +109,8 @@ impl Clock {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     fn pong(offset_us: i64, out_us: u64, back_us: u64, at_us: u64) -> (Pong, u64) {
@@ -107,12 +123,14 @@ mod tests {
     #[test]
     fn the_shortest_round_trip_is_believed() {
         let mut estimate = ClockEstimate::default();
-        assert_eq!(estimate.best(), None);
+        assert_eq!(estimate.best(0), None);
         for (out_us, back_us) in [(5_000, 100), (60, 40), (100, 9_000)] {
             let (pong, arrived_us) = pong(1_000_000, out_us, back_us, 77);
             estimate.add(&pong, arrived_us);
         }
-        assert_eq!(estimate.best(), Some((1_000_010, 50)));
+        assert_eq!(estimate.best(187), Some((1_000_010, 50)));
+        // Ten seconds later it may be off by what the clocks have drifted.
+        assert_eq!(estimate.best(10_000_177), Some((1_000_010, 200)));
     }
 
     #[test]
@@ -120,6 +138,57 @@ mod tests {
         let mut estimate = ClockEstimate::default();
         estimate.add(&Pong { sent_us: 10, received_us: 9, answered_us: 5 }, 20);
         estimate.add(&Pong { sent_us: 10, received_us: 5, answered_us: 500 }, 20);
-        assert_eq!(estimate.best(), None);
+        assert_eq!(estimate.best(20), None);
+    }
+
+    #[test]
+    fn jitter_that_is_the_same_on_both_ways_makes_no_error() {
+        for delay_us in [1, 40, 900, 20_000] {
+            let mut estimate = ClockEstimate::default();
+            let (pong, arrived_us) = pong(-5_000, delay_us, delay_us, 1_000_000);
+            estimate.add(&pong, arrived_us);
+            assert_eq!(estimate.best(arrived_us), Some((-5_000, delay_us as u32)));
+        }
+    }
+
+    proptest! {
+        /// A manager whose clock runs up to 15 ppm faster or slower, behind a network whose ways
+        /// take as long as they like: the estimate is off by what it says at most, and its error
+        /// is little more than half of the best round trip.
+        #[test]
+        fn the_estimate_is_never_further_off_than_it_says(
+            start_us in 0..1_000_000_000_000_u64,
+            drift_ppm in -15..=15_i64,
+            base_us in (0..2_000_u64, 0..2_000_u64),
+            jitters_us in proptest::collection::vec((0..30_000_u64, 0..30_000_u64), 1..60),
+            look_after_us in 0..500_000_u64,
+        ) {
+            let manager_us = |local_us: u64| {
+                let drift_us = local_us as i64 * drift_ppm / 1_000_000;
+                (start_us + local_us).saturating_add_signed(drift_us)
+            };
+            let mut estimate = ClockEstimate::default();
+            for (n, (out_us, back_us)) in (0_u64..).zip(jitters_us) {
+                let sent_us = n * 500_000;
+                let there_us = sent_us + base_us.0 + out_us;
+                let answered_us = there_us + 3;
+                let arrived_us = answered_us + base_us.1 + back_us;
+                estimate.add(
+                    &Pong {
+                        sent_us,
+                        received_us: manager_us(there_us),
+                        answered_us: manager_us(answered_us),
+                    },
+                    arrived_us,
+                );
+                let now_us = arrived_us + look_after_us;
+                let (offset_us, error_us) = estimate.best(now_us).expect("a sample");
+                let off_us = (manager_us(now_us) as i64 - now_us as i64).abs_diff(offset_us);
+                // Each instant is cut to a whole microsecond.
+                prop_assert!(off_us <= u64::from(error_us) + 2, "{off_us} > {error_us}");
+                let round_trip_us = arrived_us - sent_us;
+                prop_assert!(u64::from(error_us) <= round_trip_us / 2 + 10 + 2 * 8);
+            }
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use winit::dpi::{PhysicalPosition, PhysicalSize};
 use winit::window::Window;
 
-use crate::renderer::{Gpu, Output, Target};
+use crate::renderer::{Gpu, Label, Output, Picture};
 
 /// A window and its surface.
 #[derive(Debug)]
@@ -68,11 +68,16 @@ impl WindowDisplay {
         [size.width.max(1), size.height.max(1)]
     }
 
-    /// Copies the target's picture to the window and presents it.
+    /// Copies the picture to the window, or black, with these labels over it, and presents it.
     ///
     /// # Errors
     /// Why the window could not take it.
-    pub(crate) fn present(&mut self, gpu: &Gpu, target: &Target) -> Result<(), String> {
+    pub(crate) fn present(
+        &mut self,
+        gpu: &Gpu,
+        picture: Option<&Picture>,
+        labels: &[Label],
+    ) -> Result<(), String> {
         use wgpu::CurrentSurfaceTexture as Current;
         if self.configuration.is_none() {
             self.resize(gpu, self.window.inner_size());
@@ -92,7 +97,8 @@ impl WindowDisplay {
             Current::Validation => return Err("the window's surface is not valid".to_owned()),
         };
         let view = texture.texture.create_view(&wgpu::TextureViewDescriptor::default());
-        output.draw(gpu, target, &view, [texture.texture.width(), texture.texture.height()]);
+        let size = [texture.texture.width(), texture.texture.height()];
+        output.draw(gpu, picture, labels, &view, size);
         self.window.pre_present_notify();
         gpu.queue.present(texture);
         Ok(())

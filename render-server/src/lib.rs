@@ -10,11 +10,16 @@ pub mod clock;
 mod display;
 mod loader;
 mod network;
+pub mod notice;
+mod output;
 pub mod playback;
 mod render_thread;
 pub mod renderer;
 mod report;
 mod run;
+pub mod showing;
 mod window;
 
-pub use run::{OutputKind, ServerError, ServerOptions, Shutdown, TokenSource, run};
+pub use run::{
+    OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, Shutdown, TokenSource, run,
+};

@@ -1,8 +1,9 @@
 //! The network thread: connects, carries messages, tries again.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use crossbeam_channel::Sender;
@@ -19,11 +20,13 @@ use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
 use polyptych_protocol::process;
 use polyptych_protocol::status::{Ping, Status};
 use polyptych_protocol::stream::{self, Stream};
+use tokio::net::UdpSocket;
 use tokio::sync::{Notify, mpsc};
 
 use crate::bulk::{self, BULK_JOBS_MAX, BulkJob};
 use crate::clock::{Clock, ClockEstimate};
 use crate::loader::{Line, LoadOrder};
+use crate::notice::{Notice, time_of_day};
 use crate::render_thread::Job;
 use crate::report::Report;
 use crate::run::{ServerError, ServerOptions, Shutdown};
@@ -42,6 +45,8 @@ pub(crate) struct Network {
     pub reports: mpsc::Sender<Report>,
     pub waiting_reports: mpsc::Receiver<Report>,
     pub clock: Arc<Clock>,
+    /// This machine's, as the manager sees it.
+    pub address: Option<SocketAddr>,
 }
 
 /// Connects and serves until told to end.
@@ -66,7 +71,8 @@ impl Network {
         let manager = self.options.manager.clone();
         let mut wait = RETRY_FIRST;
         let mut last_reason = String::new();
-        self.notice(&format!("connecting to manager {manager}"));
+        self.address = own_address(&manager).await;
+        self.notice(&format!("connecting to manager {manager}"), false);
         loop {
             let started = Instant::now();
             let (was_connected, reason) = match self.connect().await {
@@ -79,9 +85,11 @@ impl Network {
             // One line for each change; a manager that is away all night fills no disk.
             let is_news = reason != last_reason;
             if was_connected || is_news {
+                // The connection's port belongs to nobody any more.
+                self.address = self.address.map(|address| SocketAddr::new(address.ip(), 0));
                 tracing::warn!(manager, reason, "not connected; trying again for ever");
                 let what = if was_connected { "manager lost" } else { "no manager" };
-                self.notice(&format!("{what} at {manager}: {reason}"));
+                self.notice(&format!("{what} at {manager}: {reason}"), was_connected);
             }
             last_reason = reason;
             // A connection that ends again and again, for the same reason and at once, is as good
@@ -143,7 +151,8 @@ impl Network {
     async fn serve(&mut self, frames: Frames<Stream>, welcome: Welcome) -> String {
         let manager = &self.options.manager;
         tracing::info!(manager, wall = welcome.wall, epoch = %welcome.epoch, "connected");
-        self.notice(&format!("wall {}: getting the scene ready", welcome.wall));
+        self.address = frames.get_ref().local_addr().ok();
+        self.notice(&format!("wall {}: getting the scene ready", welcome.wall), false);
         self.clock.set(None);
         // Reports for an older connection mean nothing on this one.
         while self.waiting_reports.try_recv().is_ok() {}
@@ -196,7 +205,8 @@ impl Network {
                 Some(report) = self.waiting_reports.recv() => match report {
                     Report::Status(status) => {
                         if matches!(status, Status::Prepared(_)) {
-                            self.notice(&format!("wall {}: ready, no frame yet", welcome.wall));
+                            let what = format!("wall {}: ready, no frame yet", welcome.wall);
+                            self.notice(&what, false);
                         }
                         codec::encode(&status)
                     }
@@ -237,24 +247,38 @@ impl Network {
                 }
             }
             Command::Pong(pong) => {
-                estimate.add(&pong, self.clock.local_us());
-                self.clock.set(estimate.best());
+                let now_us = self.clock.local_us();
+                estimate.add(&pong, now_us);
+                self.clock.set(estimate.best(now_us));
             }
             Command::Goodbye { reason } => return Err(reason),
         }
         Ok(())
     }
 
-    /// What channels without a picture say, and since when.
-    fn notice(&self, what: &str) {
-        let lines = vec![what.to_owned(), format!("since {}", time_of_day())];
-        let _ = self.jobs.try_send(Job::Notice(lines));
+    /// What channels without a picture say, and since when; and those whose picture is old.
+    fn notice(&self, what: &str, is_lost: bool) {
+        let address = self.address.map(|address| match address.port() {
+            0 => address.ip().to_string(),
+            _ => address.to_string(),
+        });
+        let notice = Notice { what: what.to_owned(), since: time_of_day(), address, is_lost };
+        let _ = self.jobs.try_send(Job::Notice(notice));
     }
 }
 
-/// Hours, minutes and seconds in UTC, which all machines of a wall agree on.
-fn time_of_day() -> String {
-    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    let of_day = since_1970.as_secs() % 86_400;
-    format!("{:02}:{:02}:{:02} UTC", of_day / 3600, of_day / 60 % 60, of_day % 60)
+/// This machine's address on the way to the manager, with port 0: the system's table of routes is
+/// asked by a socket that sends nothing. `None` where there is no way, or no such name.
+async fn own_address(manager: &str) -> Option<SocketAddr> {
+    let ask = async {
+        for any in ["0.0.0.0:0", "[::]:0"] {
+            let Ok(socket) = UdpSocket::bind(any).await else { continue };
+            if socket.connect(manager).await.is_ok() {
+                let address = socket.local_addr().ok()?;
+                return Some(SocketAddr::new(address.ip(), 0));
+            }
+        }
+        None
+    };
+    tokio::time::timeout(HANDSHAKE_TIME_MAX, ask).await.ok().flatten()
 }

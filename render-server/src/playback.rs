@@ -4,6 +4,7 @@
 //! that a server that wakes from a stop goes to the newest frame and never shows an old one.
 
 use polyptych_protocol::command::{Frame, Swap};
+use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::{Epoch, FrameId};
 
 /// What to do next.
@@ -17,6 +18,8 @@ pub enum Act {
         epoch: Epoch,
         /// The frame.
         frame: FrameId,
+        /// What it wants displays to show.
+        display: DisplayMode,
     },
 }
 
@@ -33,6 +36,7 @@ pub struct Playback {
 struct Drawn {
     epoch: Epoch,
     frame: FrameId,
+    display: DisplayMode,
 }
 
 impl Playback {
@@ -56,7 +60,8 @@ impl Playback {
 
     /// The channels have drawn this frame; it may be shown.
     pub fn has_drawn(&mut self, frame: &Frame) {
-        self.drawn = Some(Drawn { epoch: frame.epoch, frame: frame.frame });
+        let Frame { epoch, frame, display, .. } = *frame;
+        self.drawn = Some(Drawn { epoch, frame, display });
     }
 
     /// Forgets what waits and what was drawn: another connection, another state.
@@ -80,7 +85,7 @@ impl Playback {
         }
         self.waiting_swap = None;
         self.shown = Some((swap.epoch, swap.frame));
-        Some(Act::Show { epoch: swap.epoch, frame: swap.frame })
+        Some(Act::Show { epoch: swap.epoch, frame: swap.frame, display: drawn.display })
     }
 }
 
@@ -104,6 +109,7 @@ mod tests {
             exposure: 1.0,
             error_bound_px: 0.0,
             capture: false,
+            display: DisplayMode::Normal,
         }
     }
 
@@ -112,7 +118,7 @@ mod tests {
     }
 
     fn show(n: u64) -> Act {
-        Act::Show { epoch: EPOCH, frame: FrameId(n) }
+        Act::Show { epoch: EPOCH, frame: FrameId(n), display: DisplayMode::Normal }
     }
 
     #[test]
@@ -148,6 +154,19 @@ mod tests {
         playback.has_drawn(&frame(3));
         assert_eq!(playback.handle_swap(swap(3, 100), Some(101)), None);
         assert_eq!(playback.poll(Some(50)), None);
+    }
+
+    #[test]
+    fn displays_change_with_the_frame_that_is_shown_and_not_with_the_one_that_is_drawn() {
+        let mut playback = Playback::default();
+        let black = Frame { display: DisplayMode::Blank, ..frame(2) };
+        playback.has_drawn(&frame(1));
+        playback.handle_frame(Box::new(black.clone()));
+        assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), Some(show(1)));
+        playback.poll(Some(10));
+        playback.has_drawn(&black);
+        let expected = Act::Show { epoch: EPOCH, frame: FrameId(2), display: DisplayMode::Blank };
+        assert_eq!(playback.handle_swap(swap(2, 100), Some(20)), Some(expected));
     }
 
     #[test]

@@ -3,10 +3,11 @@
 use std::collections::VecDeque;
 use std::rc::Rc;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, select};
 use polyptych_protocol::command::{Area, Frame, Swap, View};
+use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::{ChannelId, Epoch, FrameId, Revision};
 use polyptych_protocol::wall::Wall;
 use tokio::sync::mpsc;
@@ -14,13 +15,15 @@ use winit::dpi::PhysicalSize;
 
 use crate::apply;
 use crate::clock::Clock;
-use crate::display::WindowDisplay;
 use crate::loader::{LoadedState, Upload};
+use crate::notice::{Identity, Notice};
+use crate::output::Output;
 use crate::playback::{Act, Playback};
 use crate::renderer::{
-    DrawStats, Gpu, Renderer, Scene, SceneBuilder, SceneDesc, Target, idle, read_pixels,
+    DrawStats, Gpu, Renderer, Scene, SceneBuilder, SceneDesc, Target, read_pixels,
 };
 use crate::report::{self, PictureReport, Report};
+use crate::showing::Showing;
 
 /// States that are held at once: the one shown, and those that the next frames may name.
 const STATES_MAX: usize = 4;
@@ -39,8 +42,8 @@ pub enum Job {
     Frame(Box<Frame>),
     /// Show what was drawn.
     Swap(Swap),
-    /// What to say on channels that have no picture to show.
-    Notice(Vec<String>),
+    /// What displays say that have no picture to show, or an old one.
+    Notice(Notice),
     /// The connection ended: what waits belongs to it.
     Disconnected,
     /// A window has another size.
@@ -57,22 +60,6 @@ pub enum Job {
     },
     /// End.
     Stop,
-}
-
-/// One channel of this server.
-#[derive(Debug)]
-pub(crate) struct Output {
-    pub name: String,
-    /// `None` without a window: the target is all there is.
-    pub display: Option<WindowDisplay>,
-    target: Option<Target>,
-    has_picture: bool,
-}
-
-impl Output {
-    pub fn new(name: String, display: Option<WindowDisplay>) -> Self {
-        Self { name, display, target: None, has_picture: false }
-    }
 }
 
 /// The queues of the render thread.
@@ -100,7 +87,9 @@ pub(crate) struct RenderThread {
     /// Oldest first; the last one was finished last.
     states: VecDeque<Drawable>,
     building: Option<(SceneBuilder, u64)>,
-    notice: Vec<String>,
+    showing: Showing,
+    identity: Identity,
+    present_delay: Duration,
     is_stopping: bool,
 }
 
@@ -110,6 +99,8 @@ impl RenderThread {
         outputs: Vec<Output>,
         queues: Queues,
         clock: Arc<Clock>,
+        identity: Identity,
+        present_delay: Duration,
     ) -> Result<Self, String> {
         let renderer = Renderer::new(&gpu, 1).map_err(|error| error.to_string())?;
         Ok(Self {
@@ -121,7 +112,9 @@ impl RenderThread {
             playback: Playback::default(),
             states: VecDeque::new(),
             building: None,
-            notice: Vec::new(),
+            showing: Showing::default(),
+            identity,
+            present_delay,
             is_stopping: false,
         })
     }
@@ -172,18 +165,16 @@ impl RenderThread {
                     self.perform(act);
                 }
             }
-            Job::Notice(lines) => {
-                self.notice = lines;
+            Job::Notice(notice) => {
+                self.showing.handle_notice(notice);
                 for index in 0..self.outputs.len() {
-                    self.show_idle(index);
+                    self.show_again(index);
                 }
             }
             Job::Disconnected => self.playback.restart(),
             Job::Resized { channel, size } => {
                 if let Some(index) = self.index_of(&channel) {
-                    if let Some(display) = &mut self.outputs[index].display {
-                        display.resize(&self.gpu, size);
-                    }
+                    self.outputs[index].resize(&self.gpu, size);
                     self.show_again(index);
                 }
             }
@@ -203,9 +194,9 @@ impl RenderThread {
     fn perform(&mut self, act: Act) {
         match act {
             Act::Draw(frame) => self.draw(&frame),
-            Act::Show { epoch, frame } => {
+            Act::Show { epoch, frame, display } => {
                 let _span = tracing::error_span!("show", frame = frame.0).entered();
-                self.show(epoch, frame);
+                self.show(epoch, frame, display);
             }
         }
     }
@@ -264,21 +255,12 @@ impl RenderThread {
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         let size = [channel.size.x, channel.size.y];
         self.use_samples(wall.samples)?;
-        let output = &mut self.outputs[index];
-        let fits = output.target.as_ref().is_some_and(|target| {
-            target.size() == size
-                && target.samples() == wall.samples
-                && target.is_linear() == scene.blends()
-        });
-        if !fits {
-            if let Some(display) = &output.display {
-                let canvas = wall.screen_of(channel).canvas;
-                display.arrange(channel.origin.to_array(), size, canvas.to_array());
-            }
-            let target = Target::new(&self.gpu, size, wall.samples, scene.blends());
-            output.target = Some(target.map_err(|error| error.to_string())?);
-        }
-        let target = output.target.as_mut().ok_or("there is no target")?;
+        let target = self.outputs[index].target_of(
+            &self.gpu,
+            size,
+            (wall.samples, scene.blends()),
+            (channel.origin.to_array(), wall.screen_of(channel).canvas.to_array()),
+        )?;
         let drawn = self.renderer.draw(&self.gpu, scene, target, &views);
         drawn.map_err(|error| error.to_string())
     }
@@ -295,20 +277,25 @@ impl RenderThread {
         Ok(())
     }
 
-    fn show(&mut self, epoch: Epoch, frame: FrameId) {
+    fn show(&mut self, epoch: Epoch, frame: FrameId, mode: DisplayMode) {
         let state = self.states.front().map(|drawable| Arc::clone(&drawable.state));
         let Some(state) = state.filter(|state| state.epoch == epoch) else { return };
         let Some(wall) = state.replica.wall.as_deref() else { return };
+        if !self.present_delay.is_zero() {
+            // Not scheduled beside other work: what is drawn next would lie where this does.
+            std::thread::sleep(self.present_delay);
+        }
+        let is_taken = self.showing.handle_show(mode);
         for index in 0..self.outputs.len() {
             let output = &mut self.outputs[index];
             let Some((id, _)) = wall.channel_named(&output.name) else { continue };
-            let Some(target) = &output.target else { continue };
-            output.has_picture = true;
-            let presented = match &mut output.display {
-                Some(display) => display.present(&self.gpu, target),
-                None => Ok(()),
-            };
-            match presented {
+            if output.target().is_none() {
+                continue;
+            }
+            if is_taken {
+                output.take_picture(&self.gpu);
+            }
+            match output.present(&self.gpu, &self.showing, &self.identity) {
                 Ok(()) => self.send(report::shown(epoch, frame, id, &self.clock)),
                 Err(reason) => self.send(report::draw_failed(frame, id, reason)),
             }
@@ -318,7 +305,7 @@ impl RenderThread {
     /// Sends the picture of a channel as it was drawn, whether or not it comes to be shown: a
     /// picture that someone asked for may be late.
     fn send_picture(&self, index: usize, frame: FrameId, channel: ChannelId) {
-        let Some(target) = &self.outputs[index].target else { return };
+        let Some(target) = self.outputs[index].target() else { return };
         let [width, height] = target.size();
         match read_pixels(&self.gpu, target) {
             Ok(pixels) => {
@@ -330,37 +317,11 @@ impl RenderThread {
         }
     }
 
-    /// What a window shows that has just been uncovered or resized.
+    /// What a display shows that has just been uncovered or resized, or has something to say.
     fn show_again(&mut self, index: usize) {
         let output = &mut self.outputs[index];
-        if !output.has_picture {
-            self.show_idle(index);
-        } else if let (Some(display), Some(target)) = (&mut output.display, &output.target)
-            && let Err(reason) = display.present(&self.gpu, target)
-        {
-            tracing::warn!(channel = output.name, reason, "the window was not redrawn");
-        }
-    }
-
-    /// Draws the idle picture on a channel that has no other.
-    fn show_idle(&mut self, index: usize) {
-        let output = &mut self.outputs[index];
-        if output.has_picture || self.notice.is_empty() {
-            return;
-        }
-        if let Some(display) = &output.display
-            && output.target.as_ref().is_none_or(|target| target.size() != display.size())
-        {
-            output.target = Target::new(&self.gpu, display.size(), 1, false).ok();
-        }
-        let Some(target) = &mut output.target else { return };
-        let mut lines = vec![output.name.clone()];
-        lines.extend(self.notice.iter().cloned());
-        idle::draw(&self.gpu, target, &lines);
-        if let Some(display) = &mut output.display
-            && let Err(reason) = display.present(&self.gpu, target)
-        {
-            tracing::warn!(channel = output.name, reason, "the idle picture was not shown");
+        if let Err(reason) = output.present(&self.gpu, &self.showing, &self.identity) {
+            tracing::warn!(channel = output.name, reason, "the display was not redrawn");
         }
     }
 
@@ -451,6 +412,7 @@ impl RenderThread {
             exposure: 1.0,
             error_bound_px: 0.0,
             capture: false,
+            display: DisplayMode::Normal,
         };
         let mut views = apply::views(wall, id, &frame)?;
         for view in &mut views {
@@ -471,3 +433,6 @@ impl RenderThread {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -13,6 +13,7 @@ mod draw_list;
 mod frame;
 mod gpu;
 mod pass;
+mod picture;
 mod pipeline;
 mod readback;
 mod scene;
@@ -20,14 +21,17 @@ mod shader;
 mod target;
 #[cfg(test)]
 mod tests;
+mod text;
 mod tone;
 mod view;
 
 pub use gpu::{AdapterFacts, Gpu, GpuError};
 pub use pass::idle;
+pub use pass::label::{Label, Place};
 pub use pass::output::Output;
 pub use pass::tonemap::SkyError;
-pub use readback::{ReadError, read_pixels};
+pub use picture::Picture;
+pub use readback::{ReadError, read_picture, read_pixels};
 pub use scene::{
     AlphaMode, ContentName, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter,
     NodeDesc, PrimitiveDesc, SamplerDesc, Scene, SceneBuilder, SceneDesc, SceneError, TextureDesc,

@@ -16,7 +16,9 @@ use tokio::sync::mpsc;
 use crate::clock::Clock;
 use crate::loader::{LoadOrder, Loader, ORDERS_MAX, UPLOADS_MAX};
 use crate::network::{self, Network};
-use crate::render_thread::{JOBS_MAX, Job, Output, Queues, RenderThread};
+use crate::notice::Identity;
+use crate::output::Output;
+use crate::render_thread::{JOBS_MAX, Job, Queues, RenderThread};
 use crate::renderer::{Gpu, GpuError};
 use crate::window::{self, Windows};
 
@@ -26,6 +28,10 @@ const REPORTS_MAX: usize = 512;
 /// How long the render thread may take to end: the driver may be compiling for seconds, or hang,
 /// and a process that was told to end must not stay for that.
 const RENDER_END_TIME_MAX: Duration = Duration::from_secs(1);
+
+/// Longest delay of showing a frame. The next one is drawn later by as much, and a display that
+/// is earlier than two refreshes at 20 Hz is not early but broken.
+pub const PRESENT_DELAY_MAX: Duration = Duration::from_millis(100);
 
 /// What ends a server from outside.
 pub type Shutdown = Pin<Box<dyn Future<Output = ()> + Send>>;
@@ -52,6 +58,9 @@ pub struct ServerOptions {
     pub output: OutputKind,
     /// Ends with the reason instead of trying again.
     pub once: bool,
+    /// Every frame is shown this much later than the manager says: for displays whose scan-out
+    /// is known to be early, and to test what is measured. At most [`PRESENT_DELAY_MAX`].
+    pub present_delay: Duration,
 }
 
 /// Where the pictures go.
@@ -192,6 +201,8 @@ impl Threads {
         };
         let on_end: Arc<dyn Fn() + Send + Sync> = Arc::from(on_end);
         let span = tracing::Span::current();
+        let identity = Identity { server: options.name.clone(), adapter: adapter.name.clone() };
+        let delay = options.present_delay.min(PRESENT_DELAY_MAX);
 
         let queues =
             Queues { jobs: waiting_jobs, uploads: waiting_uploads, reports: reports.clone() };
@@ -201,8 +212,8 @@ impl Threads {
         let server = span.clone();
         Builder::new().name("render".into()).spawn(move || {
             let _server = server.entered();
-            let result =
-                RenderThread::new(gpu, outputs, queues, render_clock).and_then(RenderThread::run);
+            let result = RenderThread::new(gpu, outputs, queues, render_clock, identity, delay)
+                .and_then(RenderThread::run);
             // Nobody asks for it only where the process ends anyway.
             let _ = render_result.send(result);
             stop.notify_one();
@@ -225,6 +236,7 @@ impl Threads {
                 reports,
                 waiting_reports,
                 clock,
+                address: None,
             };
             let result = network::run(network, shutdown, &stop);
             // The render thread ends with the process at the latest.

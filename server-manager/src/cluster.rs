@@ -14,9 +14,9 @@ mod membership;
 mod memory;
 mod pace;
 mod registry;
+mod skew;
 mod snapshot;
 mod span;
-mod skew;
 mod statistics;
 #[cfg(test)]
 mod tests;
@@ -46,8 +46,8 @@ pub use input::Input;
 pub use memory::Memory;
 use pace::Pacer;
 use registry::Registry;
-pub use snapshot::Snapshot;
 use skew::PresentCalls;
+pub use snapshot::Snapshot;
 use statistics::Gathered;
 pub use totals::{ChannelTotals, Histogram, Totals};
 

@@ -67,6 +67,7 @@ fn start_server(
         cache: place.path("blobs"),
         output: OutputKind::Headless,
         once: false,
+        present_delay: std::time::Duration::ZERO,
     };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);

@@ -1,6 +1,7 @@
 //! The passes of a frame; each has its shader beside it.
 
 pub mod idle;
+pub mod label;
 pub(in crate::renderer) mod opaque;
 pub mod output;
 pub(in crate::renderer) mod tonemap;

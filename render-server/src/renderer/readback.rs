@@ -1,6 +1,7 @@
 //! Pictures back from the GPU.
 
 use super::gpu::Gpu;
+use super::picture::Picture;
 use super::target::Target;
 
 /// Why a picture did not come back.
@@ -13,7 +14,15 @@ pub struct ReadError(String);
 /// # Errors
 /// The GPU is lost or out of memory.
 pub fn read_pixels(gpu: &Gpu, target: &Target) -> Result<Vec<u8>, ReadError> {
-    let [width, height] = target.size();
+    read_picture(gpu, target.picture())
+}
+
+/// As [`read_pixels`], of any picture.
+///
+/// # Errors
+/// The GPU is lost or out of memory.
+pub fn read_picture(gpu: &Gpu, picture: &Picture) -> Result<Vec<u8>, ReadError> {
+    let [width, height] = picture.size();
     let row_bytes = width as usize * 4;
     let padded = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
     let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -26,7 +35,7 @@ pub fn read_pixels(gpu: &Gpu, target: &Target) -> Result<Vec<u8>, ReadError> {
         .device
         .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("readback") });
     encoder.copy_texture_to_buffer(
-        target.display().as_image_copy(),
+        picture.texture().as_image_copy(),
         wgpu::TexelCopyBufferInfo {
             buffer: &buffer,
             layout: wgpu::TexelCopyBufferLayout {

@@ -1,6 +1,7 @@
 //! What a channel is drawn into.
 
 use super::gpu::Gpu;
+use super::picture::Picture;
 
 /// Bytes are sRGB; blending and resolving happen in linear light.
 pub(in crate::renderer) const DISPLAY_FORMAT: wgpu::TextureFormat =
@@ -33,8 +34,7 @@ pub enum TargetError {
 pub struct Target {
     size: [u32; 2],
     samples: u32,
-    display: wgpu::Texture,
-    display_view: wgpu::TextureView,
+    display: Picture,
     /// Only where the scene blends.
     linear: Option<wgpu::TextureView>,
     /// Only with several samples per pixel.
@@ -73,14 +73,11 @@ impl Target {
         let view = |texture: &wgpu::Texture| texture.create_view(&whole);
         let drawn = wgpu::TextureUsages::RENDER_ATTACHMENT;
         let read = drawn | wgpu::TextureUsages::TEXTURE_BINDING;
-        let copied = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
-        let display = make("target/display", DISPLAY_FORMAT, 1, read | copied);
         let scene_format = if linear { LINEAR_FORMAT } else { DISPLAY_FORMAT };
         Ok(Self {
             size,
             samples,
-            display_view: view(&display),
-            display,
+            display: Picture::new(gpu, size),
             linear: linear.then(|| view(&make("target/linear", LINEAR_FORMAT, 1, read))),
             multisampled: (samples > 1)
                 .then(|| view(&make("target/multisampled", scene_format, samples, drawn))),
@@ -103,14 +100,28 @@ impl Target {
         self.linear.is_some()
     }
 
+    /// Gives the finished picture away, as the one that a display shows, while the next one is
+    /// drawn. `spare` is drawn over from now on, where it has the target's size.
+    #[must_use = "the target has no picture any more"]
+    pub fn take_picture(&mut self, gpu: &Gpu, spare: Option<Picture>) -> Picture {
+        let spare = spare.filter(|picture| picture.size() == self.size);
+        let next = spare.unwrap_or_else(|| Picture::new(gpu, self.size));
+        std::mem::replace(&mut self.display, next)
+    }
+
     /// The finished picture, RGBA8 as sRGB.
-    pub fn display(&self) -> &wgpu::Texture {
+    pub fn picture(&self) -> &Picture {
         &self.display
+    }
+
+    /// The finished picture's texture.
+    pub fn display(&self) -> &wgpu::Texture {
+        self.display.texture()
     }
 
     /// A view of [`Self::display`].
     pub fn display_view(&self) -> &wgpu::TextureView {
-        &self.display_view
+        self.display.view()
     }
 
     pub(in crate::renderer) fn linear(&self) -> Option<&wgpu::TextureView> {
@@ -123,7 +134,7 @@ impl Target {
 
     /// Where the scene is drawn, and what it is resolved to.
     pub(in crate::renderer) fn scene(&self) -> (&wgpu::TextureView, Option<&wgpu::TextureView>) {
-        let single = self.linear.as_ref().unwrap_or(&self.display_view);
+        let single = self.linear.as_ref().unwrap_or(self.display.view());
         match &self.multisampled {
             Some(many) => (many, Some(single)),
             None => (single, None),

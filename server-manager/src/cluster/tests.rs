@@ -1,7 +1,7 @@
 //! Failures of a wall as short deterministic tests: the clock is the test's own.
 
-mod found;
 mod displays;
+mod found;
 mod random;
 mod simulated;
 

@@ -31,10 +31,10 @@ const ABSENCES: &[Absence] = &[
     },
     Absence {
         words: &["tokio", "tokio_util", "TcpStream", "Instant::now", "SystemTime"],
-        within: &["render-server/src/playback"],
+        within: &["render-server/src/playback", "render-server/src/showing"],
         except: &[],
         tests_may: false,
-        why: "playback has no sockets and no clock: `now` is an argument",
+        why: "what is drawn and shown is decided without sockets and without a clock",
     },
     Absence {
         words: &["tokio", "tokio_util"],

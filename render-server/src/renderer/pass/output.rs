@@ -1,27 +1,50 @@
-//! From the display target to a window's surface.
+//! From a picture to a display's surface, and words over it.
 
+use super::label::Label;
 use super::tonemap::{clear, screen_pipeline};
 use crate::renderer::bindings;
 use crate::renderer::gpu::Gpu;
+use crate::renderer::picture::Picture;
 use crate::renderer::shader;
-use crate::renderer::target::Target;
 
 const SOURCE: &str = include_str!("output.wgsl");
 
-/// Copies pictures to surfaces of one format.
+/// Shows pictures on surfaces of one format.
 #[derive(Debug)]
 pub struct Output {
     format: wgpu::TextureFormat,
     group_layout: wgpu::BindGroupLayout,
     sampler: wgpu::Sampler,
-    pipeline: Option<(Sizes, wgpu::RenderPipeline)>,
+    pipeline: Option<(Layout, wgpu::RenderPipeline)>,
+    /// Those that were asked for last; nothing exists for others.
+    labels: Vec<Panel>,
 }
 
-/// What the pipeline is specialised for.
+/// What a pipeline is specialised for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Sizes {
-    picture: [u32; 2],
+struct Layout {
+    /// The sizes are equal.
+    exact: bool,
     surface: [u32; 2],
+    /// Of the picture on the surface.
+    origin: [u32; 2],
+}
+
+/// A label on the GPU, for surfaces of one size.
+#[derive(Debug)]
+struct Panel {
+    label: Label,
+    surface: [u32; 2],
+    /// `None` where there is no room for it.
+    drawn: Option<DrawnPanel>,
+}
+
+#[derive(Debug)]
+struct DrawnPanel {
+    /// x, y, width, height.
+    rectangle: [u32; 4],
+    group: wgpu::BindGroup,
+    pipeline: wgpu::RenderPipeline,
 }
 
 impl Output {
@@ -34,58 +57,103 @@ impl Output {
             ..Default::default()
         });
         let group_layout = bindings::picture_layout(&gpu.device);
-        Self { format, group_layout, sampler, pipeline: None }
+        Self { format, group_layout, sampler, pipeline: None, labels: Vec::new() }
     }
 
-    /// Encodes and submits: the target's picture fills a view of this size in pixels. Equal sizes
-    /// are copied pixel by pixel, others filtered.
+    /// Encodes and submits: the picture fills a view of this size in pixels, or black does, and
+    /// the labels stand over it. Equal sizes are copied pixel by pixel, others filtered.
     pub fn draw(
         &mut self,
         gpu: &Gpu,
-        target: &Target,
+        picture: Option<&Picture>,
+        labels: &[Label],
         surface: &wgpu::TextureView,
         surface_size: [u32; 2],
     ) {
-        let sizes = Sizes { picture: target.size(), surface: surface_size };
-        if self.pipeline.as_ref().is_none_or(|(known, _)| *known != sizes) {
-            self.pipeline = Some((sizes, self.build(gpu, sizes)));
+        if let Some(picture) = picture {
+            let exact = picture.size() == surface_size;
+            let layout = Layout { exact, surface: surface_size, origin: [0, 0] };
+            if self.pipeline.as_ref().is_none_or(|(known, _)| *known != layout) {
+                self.pipeline = Some((layout, self.build(gpu, "output", layout)));
+            }
         }
-        let Some((_, pipeline)) = &self.pipeline else { return };
-        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        self.place(gpu, labels, surface_size);
+        let mut encoder = gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("output") });
+        {
+            let mut pass = clear(&mut encoder, "output/pass", surface, wgpu::Color::BLACK);
+            if let (Some(picture), Some((_, pipeline))) = (picture, &self.pipeline) {
+                pass.set_pipeline(pipeline);
+                pass.set_bind_group(1, &self.group(gpu, picture), &[]);
+                pass.draw(0..3, 0..1);
+            }
+            for panel in self.labels.iter().filter_map(|panel| panel.drawn.as_ref()) {
+                let [x, y, width, height] = panel.rectangle;
+                pass.set_pipeline(&panel.pipeline);
+                pass.set_bind_group(1, &panel.group, &[]);
+                pass.set_scissor_rect(x, y, width, height);
+                pass.draw(0..3, 0..1);
+            }
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// Makes the panels of these labels, where they are not there yet, and lets go of all others.
+    fn place(&mut self, gpu: &Gpu, labels: &[Label], surface: [u32; 2]) {
+        let mut old = std::mem::take(&mut self.labels);
+        for label in labels {
+            let is_it = |panel: &Panel| panel.label == *label && panel.surface == surface;
+            let panel = match old.iter().position(is_it) {
+                Some(at) => old.swap_remove(at),
+                None => self.panel(gpu, label, surface),
+            };
+            self.labels.push(panel);
+        }
+    }
+
+    fn panel(&self, gpu: &Gpu, label: &Label, surface: [u32; 2]) -> Panel {
+        let drawn = label.image(surface).map(|(image, [left, top])| {
+            let picture = Picture::of_pixels(gpu, [image.width(), image.height()], &image);
+            let layout = Layout { exact: true, surface, origin: [left, top] };
+            DrawnPanel {
+                rectangle: [left, top, image.width(), image.height()],
+                group: self.group(gpu, &picture),
+                pipeline: self.build(gpu, "label", layout),
+            }
+        });
+        Panel { label: label.clone(), surface, drawn }
+    }
+
+    fn group(&self, gpu: &Gpu, picture: &Picture) -> wgpu::BindGroup {
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("output/group"),
             layout: &self.group_layout,
             entries: &[
                 wgpu::BindGroupEntry {
                     binding: 0,
-                    resource: wgpu::BindingResource::TextureView(target.display_view()),
+                    resource: wgpu::BindingResource::TextureView(picture.view()),
                 },
                 wgpu::BindGroupEntry {
                     binding: 1,
                     resource: wgpu::BindingResource::Sampler(&self.sampler),
                 },
             ],
-        });
-        let mut encoder = gpu
-            .device
-            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("output") });
-        {
-            let mut pass = clear(&mut encoder, "output/pass", surface, wgpu::Color::BLACK);
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(1, &group, &[]);
-            pass.draw(0..3, 0..1);
-        }
-        gpu.queue.submit([encoder.finish()]);
+        })
     }
 
-    fn build(&self, gpu: &Gpu, sizes: Sizes) -> wgpu::RenderPipeline {
+    fn build(&self, gpu: &Gpu, name: &str, layout: Layout) -> wgpu::RenderPipeline {
         let flag = |on: bool| f64::from(u8::from(on));
         let constants = [
-            ("EXACT", flag(sizes.picture == sizes.surface)),
+            ("LEFT", f64::from(layout.origin[0])),
+            ("TOP", f64::from(layout.origin[1])),
+            ("EXACT", flag(layout.exact)),
             ("ENCODED", flag(!self.format.is_srgb())),
-            ("WIDTH", f64::from(sizes.surface[0])),
-            ("HEIGHT", f64::from(sizes.surface[1])),
+            ("WIDTH", f64::from(layout.surface[0])),
+            ("HEIGHT", f64::from(layout.surface[1])),
         ];
         let text = shader::screen(SOURCE);
-        screen_pipeline(gpu, "output", &text, &self.group_layout, self.format, &constants)
+        let names = [name, "output"];
+        screen_pipeline(gpu, names, &text, &self.group_layout, self.format, &constants)
     }
 }

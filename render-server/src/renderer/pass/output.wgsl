@@ -3,6 +3,9 @@
 @group(1) @binding(0) var picture: texture_2d<f32>;
 @group(1) @binding(1) var picture_sampler: sampler;
 
+// Where the picture's upper left stands on the surface, in pixels.
+override LEFT: i32 = 0;
+override TOP: i32 = 0;
 // The sizes are equal: pixels go over unchanged.
 override EXACT: bool = true;
 // The surface stores what it is given, so sRGB is encoded here.
@@ -15,7 +18,7 @@ override HEIGHT: u32 = 1u;
 fn output(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     var color = vec3<f32>(0.0);
     if EXACT {
-        color = textureLoad(picture, vec2<i32>(at.xy), 0).rgb;
+        color = textureLoad(picture, vec2<i32>(at.xy) - vec2<i32>(LEFT, TOP), 0).rgb;
     } else {
         let surface_size = vec2<f32>(f32(WIDTH), f32(HEIGHT));
         color = textureSampleLevel(picture, picture_sampler, at.xy / surface_size, 0.0).rgb;

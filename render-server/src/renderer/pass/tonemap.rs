@@ -36,7 +36,14 @@ impl Tonemap {
         let group_layout = bindings::picture_layout(&gpu.device);
         let text = shader::screen(SOURCE);
         Self {
-            pipeline: screen_pipeline(gpu, "tonemap", &text, &group_layout, DISPLAY_FORMAT, &[]),
+            pipeline: screen_pipeline(
+                gpu,
+                ["tonemap", "tonemap"],
+                &text,
+                &group_layout,
+                DISPLAY_FORMAT,
+                &[],
+            ),
             group_layout,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("tonemap/sampler"),
@@ -125,10 +132,10 @@ pub(in crate::renderer) fn clear<'encoder>(
 }
 
 /// A pipeline of a triangle over the whole target, with a picture in group 1. The fragment stage
-/// has the pass's name.
+/// has the second name; the first one is for labels.
 pub(in crate::renderer) fn screen_pipeline(
     gpu: &Gpu,
-    name: &str,
+    [name, fragment]: [&str; 2],
     text: &str,
     group_layout: &wgpu::BindGroupLayout,
     format: wgpu::TextureFormat,
@@ -157,7 +164,7 @@ pub(in crate::renderer) fn screen_pipeline(
         multisample: wgpu::MultisampleState::default(),
         fragment: Some(wgpu::FragmentState {
             module: &module,
-            entry_point: Some(name),
+            entry_point: Some(fragment),
             compilation_options: wgpu::PipelineCompilationOptions {
                 constants,
                 ..Default::default()

@@ -5,7 +5,7 @@ use glam::{Affine2, DAffine3, DVec3, Vec3, Vec4};
 use super::harness::{Shape, Stage, draw, draw_sampled, gpu, look, matt, pixel};
 use crate::renderer::{
     AlphaMode, LightDesc, LightKind, MaterialDesc, Output, Scene, Target, TextureUse, ViewDesc,
-    idle, read_pixels,
+    idle, read_picture, read_pixels,
 };
 
 const SIZE: [u32; 2] = [64, 64];
@@ -215,7 +215,7 @@ fn output_keeps_every_code() {
             view_formats: &[],
         });
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        Output::new(gpu(), format).draw(gpu(), &target, &view, size);
+        Output::new(gpu(), format).draw(gpu(), Some(target.picture()), &[], &view, size);
         let mut encoder =
             gpu().device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let display = surface.display().as_image_copy();
@@ -228,9 +228,8 @@ fn output_keeps_every_code() {
 
 #[test]
 fn the_idle_picture_arrives() {
-    let mut target = Target::new(gpu(), [200, 100], 1, false).unwrap();
     let lines = ["front-left".to_owned()];
-    idle::draw(gpu(), &mut target, &lines);
-    let pixels = read_pixels(gpu(), &target).unwrap();
-    assert_eq!(pixels, idle::picture([200, 100], &lines).into_raw());
+    let picture = idle::picture(gpu(), [200, 100], &lines);
+    let pixels = read_picture(gpu(), &picture).unwrap();
+    assert_eq!(pixels, idle::image([200, 100], &lines).into_raw());
 }

@@ -1,0 +1,61 @@
+//! What a server says of itself where displays have room for words.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// How the connection stands, as the network thread tells it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Notice {
+    /// In words.
+    pub what: String,
+    /// Since when, in UTC: hours, minutes and seconds.
+    pub since: String,
+    /// This machine's, on its way to the manager; with the port once connected.
+    pub address: Option<String>,
+    /// There was a manager, and it is gone.
+    pub is_lost: bool,
+}
+
+/// What a server is, beside its channels and its address.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Identity {
+    /// As logs and status call it.
+    pub server: String,
+    /// What it draws with.
+    pub adapter: String,
+}
+
+impl Identity {
+    /// The lines by which a person finds out which display stands before them, and where its
+    /// pictures come from.
+    pub fn label(&self, channel: &str, size: [u32; 2], notice: Option<&Notice>) -> Vec<String> {
+        let mut lines = self.head(channel, notice);
+        lines.push(format!("{} x {} pixels", size[0], size[1]));
+        lines.push(self.adapter.clone());
+        lines
+    }
+
+    /// The lines of a display that has no picture: what it is, why, and since when.
+    pub fn idle(&self, channel: &str, notice: &Notice, is_frozen: bool) -> Vec<String> {
+        let mut lines = self.head(channel, Some(notice));
+        lines.push(if is_frozen {
+            "the displays are frozen, and this one had no picture to keep".to_owned()
+        } else {
+            notice.what.clone()
+        });
+        lines.push(format!("since {}", notice.since));
+        lines
+    }
+
+    fn head(&self, channel: &str, notice: Option<&Notice>) -> Vec<String> {
+        let mut lines = vec![channel.to_owned(), format!("server {}", self.server)];
+        lines.extend(notice.and_then(|notice| notice.address.clone()));
+        lines
+    }
+}
+
+/// Hours, minutes and seconds in UTC, which all machines of a wall agree on.
+pub fn time_of_day() -> String {
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let of_day = since_1970.as_secs() % 86_400;
+    format!("{:02}:{:02}:{:02} UTC", of_day / 3600, of_day / 60 % 60, of_day % 60)
+}

@@ -1,0 +1,265 @@
+//! What a display shows, from the commands to its pixels: without windows or sockets.
+
+use std::sync::mpsc::sync_channel;
+
+use crossbeam_channel::{Sender, bounded};
+use glam::{DVec3, UVec2, Vec3};
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::log::{Operation, Replica};
+use polyptych_protocol::status::{Drawn, Shown, Status};
+use polyptych_protocol::wall::{Channel, DeadlineRule, Projection, Screen};
+
+use super::*;
+
+const SIZE: [u32; 2] = [160, 90];
+const EPOCH: Epoch = Epoch(3);
+
+/// A render thread with one display, whose commands the test gives.
+struct Stage {
+    thread: RenderThread,
+    reports: mpsc::Receiver<Report>,
+    frame: u64,
+    // A thread whose queues have no sender ends.
+    _senders: (Sender<Job>, Sender<Upload>),
+}
+
+fn wall() -> Wall {
+    Wall {
+        name: "test".into(),
+        screens: vec![Screen {
+            name: "front".into(),
+            lower_left: DVec3::new(-1.6, -0.9, -1.0),
+            lower_right: DVec3::new(1.6, -0.9, -1.0),
+            upper_left: DVec3::new(-1.6, 0.9, -1.0),
+            canvas: UVec2::from(SIZE),
+            bezel: None,
+        }],
+        channels: vec![Channel {
+            name: "front-1-1".into(),
+            screen: 0,
+            origin: UVec2::ZERO,
+            size: UVec2::from(SIZE),
+            server: "left".into(),
+            projection: Projection::Shared,
+        }],
+        eye: DVec3::ZERO,
+        near_m: 0.1,
+        samples: 1,
+        deadline: DeadlineRule { factor: 4.0, min_ms: 50, max_ms: 2000 },
+        heartbeat_ms: 2000,
+        listen: String::new(),
+        stores: Vec::new(),
+        scenes: Vec::new(),
+    }
+}
+
+fn notice(what: &str, is_lost: bool) -> Job {
+    let (what, since) = (what.to_owned(), "12:03:10 UTC".to_owned());
+    Job::Notice(Notice { what, since, address: Some("127.0.0.1:5".into()), is_lost })
+}
+
+impl Stage {
+    fn new() -> Self {
+        let gpu = Gpu::headless().unwrap_or_else(|error| panic!("{error}"));
+        let outputs = vec![Output::offscreen(&gpu, "front-1-1", SIZE)];
+        let (jobs, waiting_jobs) = bounded(1);
+        let (uploads, waiting_uploads) = bounded(1);
+        let (reporter, reports) = mpsc::channel(100);
+        let queues = Queues { jobs: waiting_jobs, uploads: waiting_uploads, reports: reporter };
+        let identity = Identity { server: "left".into(), adapter: "a pencil".into() };
+        let clock = Arc::new(Clock::default());
+        let thread = RenderThread::new(gpu, outputs, queues, clock, identity, Duration::ZERO);
+        let mut stage = Self {
+            thread: thread.expect("a renderer"),
+            reports,
+            frame: 0,
+            _senders: (jobs, uploads),
+        };
+        stage.prepare();
+        stage
+    }
+
+    /// A state whose pictures are as bright as the exposure says.
+    fn prepare(&mut self) {
+        let mut replica = Replica::default();
+        replica.apply(Operation::SetWall(Box::new(wall())));
+        let digest = replica.digest();
+        let state =
+            LoadedState { epoch: EPOCH, replica, digest, scene: None, warm_up: Camera::IDENTITY };
+        let desc = SceneDesc { sky: Vec3::new(0.2, 0.3, 0.4), ..SceneDesc::default() };
+        let builder = SceneBuilder::new(&self.thread.gpu, desc).expect("a scene");
+        self.thread.building = Some((builder, 0));
+        let (answer, answered) = sync_channel(1);
+        self.thread.upload(Upload::Finish { state: Arc::new(state), answer });
+        answered.recv().expect("answered").expect("finished");
+    }
+
+    fn draw(&mut self, exposure: f32, display: DisplayMode) {
+        self.frame += 1;
+        let revision = self.thread.states[0].state.replica.revision;
+        let view = View { camera: Camera::IDENTITY, scene_root: None, area: Area::Wall };
+        let frame = Frame {
+            epoch: EPOCH,
+            frame: FrameId(self.frame),
+            time_s: 0.0,
+            revision,
+            views: vec![view],
+            eye: DVec3::ZERO,
+            exposure,
+            error_bound_px: 0.0,
+            capture: true,
+            display,
+        };
+        self.thread.handle(Job::Frame(Box::new(frame)));
+        self.turn();
+    }
+
+    /// Draws and shows a frame. Gives the picture of it that a capture gets.
+    fn show(&mut self, exposure: f32, display: DisplayMode) -> Vec<u8> {
+        self.draw(exposure, display);
+        let swap = Swap { epoch: EPOCH, frame: FrameId(self.frame), not_after_us: u64::MAX };
+        self.thread.handle(Job::Swap(swap));
+        self.turn();
+        let (mut captured, mut drawn, mut shown) = (Vec::new(), false, false);
+        while let Ok(report) = self.reports.try_recv() {
+            let number = FrameId(self.frame);
+            match report {
+                Report::Picture(picture) => captured = picture.bytes.to_vec(),
+                Report::Status(Status::Drawn(Drawn { frame, .. })) => drawn |= frame == number,
+                Report::Status(Status::Shown(Shown { frame, .. })) => shown |= frame == number,
+                Report::Status(other) => panic!("{other:?}"),
+            }
+        }
+        assert!(drawn && shown, "the channel answers in every mode");
+        captured
+    }
+
+    fn turn(&mut self) {
+        while let Some(act) = self.thread.playback.poll(None) {
+            self.thread.perform(act);
+        }
+    }
+
+    fn seen(&self) -> Vec<u8> {
+        self.thread.outputs[0].seen(&self.thread.gpu)
+    }
+
+    /// Pixels of what is seen that differ from these, as columns and rows from which and to which.
+    fn differing(&self, from: &[u8]) -> Option<[usize; 4]> {
+        let seen = self.seen();
+        let pixels = seen.chunks_exact(4).zip(from.chunks_exact(4)).enumerate();
+        let places = pixels.filter(|(_, (a, b))| a != b);
+        let places = places.map(|(n, _)| [n % SIZE[0] as usize, n / SIZE[0] as usize]);
+        places.fold(None, |bounds, [x, y]| {
+            let [left, top, right, bottom] = bounds.unwrap_or([x, y, x, y]);
+            Some([left.min(x), top.min(y), right.max(x), bottom.max(y)])
+        })
+    }
+}
+
+#[test]
+fn a_display_shows_what_was_swapped_and_not_what_is_drawn_next() {
+    let mut stage = Stage::new();
+    let first = stage.show(0.5, DisplayMode::Normal);
+    assert_eq!(stage.seen(), first);
+    stage.draw(1.0, DisplayMode::Normal);
+    // Uncovered, it shows the same again.
+    stage.thread.handle(Job::Redraw { channel: "front-1-1".into() });
+    assert_eq!(stage.seen(), first, "the next frame may never be swapped");
+    let third = stage.show(0.8, DisplayMode::Normal);
+    assert_ne!(third, first);
+    assert_eq!(stage.seen(), third);
+}
+
+#[test]
+fn a_mode_changes_what_is_seen_and_not_what_is_captured() {
+    let mut stage = Stage::new();
+    let plain = stage.show(0.5, DisplayMode::Normal);
+    assert_eq!(stage.show(0.5, DisplayMode::Identify), plain, "captures are of what is drawn");
+    let [left, top, right, bottom] = stage.differing(&plain).expect("a label");
+    assert!(left > 0 && top > 0 && right < 159 && bottom < 89, "in the middle");
+    let named = stage.seen();
+
+    assert_eq!(stage.show(0.5, DisplayMode::Blank), plain);
+    assert!(stage.seen().chunks_exact(4).all(|pixel| pixel == [0, 0, 0, 255]));
+    stage.thread.handle(Job::Redraw { channel: "front-1-1".into() });
+    assert!(stage.seen().chunks_exact(4).all(|pixel| pixel == [0, 0, 0, 255]));
+
+    stage.show(0.5, DisplayMode::Identify);
+    let other = stage.show(0.9, DisplayMode::Freeze);
+    assert_ne!(other, plain, "drawing goes on");
+    assert_eq!(stage.seen(), named, "frozen with its name");
+    stage.show(0.7, DisplayMode::Freeze);
+    stage.thread.handle(Job::Redraw { channel: "front-1-1".into() });
+    assert_eq!(stage.seen(), named);
+    let last = stage.show(0.7, DisplayMode::Normal);
+    assert_eq!(stage.seen(), last);
+}
+
+#[test]
+fn a_lost_manager_is_told_in_a_corner_until_a_frame_is_shown() {
+    let mut stage = Stage::new();
+    stage.thread.handle(notice("connecting", false));
+    let idle = stage.seen();
+    let plain = stage.show(0.5, DisplayMode::Normal);
+    assert_eq!(stage.seen(), plain);
+    assert_ne!(idle, plain);
+    // It had drawn the next frame already, which no swap came for.
+    stage.draw(1.0, DisplayMode::Normal);
+    stage.thread.handle(notice("manager lost at 127.0.0.1:7878: killed", true));
+    stage.thread.handle(Job::Disconnected);
+    let [left, _, right, bottom] = stage.differing(&plain).expect("words");
+    assert!(left < 16 && right < 159 && bottom == 89, "lower left");
+    let lost = stage.seen();
+    stage.thread.handle(notice("wall test: getting the scene ready", false));
+    assert_eq!(stage.seen(), lost, "the picture is as old as before");
+    let captured = stage.show(0.5, DisplayMode::Normal);
+    assert_eq!((captured, stage.seen()), (plain.clone(), plain), "and they are gone");
+}
+
+#[test]
+fn a_black_display_stays_black_when_its_manager_is_lost() {
+    let mut stage = Stage::new();
+    stage.show(0.5, DisplayMode::Blank);
+    let black = stage.seen();
+    stage.thread.handle(notice("manager lost at 127.0.0.1:7878: killed", true));
+    stage.thread.handle(Job::Disconnected);
+    stage.thread.handle(notice("wall test: ready, no frame yet", false));
+    assert_eq!(stage.seen(), black);
+}
+
+#[test]
+fn a_display_that_starts_frozen_says_so_and_keeps_saying_it() {
+    let mut stage = Stage::new();
+    stage.thread.handle(notice("wall test: ready, no frame yet", false));
+    let idle = stage.seen();
+    stage.show(0.5, DisplayMode::Freeze);
+    let frozen = stage.seen();
+    assert_ne!(frozen, idle, "other words");
+    stage.show(0.9, DisplayMode::Freeze);
+    assert_eq!(stage.seen(), frozen);
+    let plain = stage.show(0.9, DisplayMode::Normal);
+    assert_eq!(stage.seen(), plain);
+}
+
+#[test]
+fn an_idle_picture_says_name_server_address_state_and_since_when() {
+    let identity = Identity { server: "left".into(), adapter: "a pencil".into() };
+    let Job::Notice(notice) = notice("no manager at 127.0.0.1:7878: refused", false) else {
+        panic!("a notice")
+    };
+    assert_eq!(
+        identity.idle("front-1-1", &notice, false),
+        [
+            "front-1-1",
+            "server left",
+            "127.0.0.1:5",
+            "no manager at 127.0.0.1:7878: refused",
+            "since 12:03:10 UTC"
+        ]
+    );
+    assert_eq!(
+        identity.label("front-1-1", [1920, 1080], Some(&notice)),
+        ["front-1-1", "server left", "127.0.0.1:5", "1920 x 1080 pixels", "a pencil"]
+    );
+}
