@@ -4,6 +4,7 @@ mod bake;
 mod bench;
 mod check;
 mod demo;
+mod displays;
 mod drive;
 mod keys;
 mod manager;
@@ -22,6 +23,7 @@ use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use clap::{Parser, Subcommand};
+use polyptych_client::DisplayMode;
 use polyptych_client::blocking::Client;
 use polyptych_protocol::limits::PORT_DEFAULT;
 use polyptych_protocol::wall::{Wall, file};
@@ -57,6 +59,12 @@ enum Command {
     Camera(drive::CameraArguments),
     /// Save the picture of a running wall
     Shot(drive::ShotArguments),
+    /// Let every display say over its picture which one it is
+    Identify(displays::Arguments),
+    /// Make every display black
+    Blank(displays::Arguments),
+    /// Let every display keep what it shows
+    Freeze(displays::Arguments),
     /// Say how a running wall stands
     Status(status::Arguments),
     /// End the manager of a running wall
@@ -133,6 +141,9 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Open(arguments) => drive::open(&arguments),
         Command::Camera(arguments) => drive::camera(&arguments),
         Command::Shot(arguments) => drive::shot(&arguments),
+        Command::Identify(arguments) => displays::run(DisplayMode::Identify, &arguments),
+        Command::Blank(arguments) => displays::run(DisplayMode::Blank, &arguments),
+        Command::Freeze(arguments) => displays::run(DisplayMode::Freeze, &arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => drive::stop(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),

@@ -2,12 +2,15 @@
 
 use std::net::ToSocketAddrs;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::keys::Keys;
 use polyptych_protocol::stream::check_addresses;
 use polyptych_protocol::token;
-use polyptych_render::{OutputKind, ServerError, ServerOptions, TokenSource, run as run_server};
+use polyptych_render::{
+    OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, TokenSource, run as run_server,
+};
 use rustix::process::{Signal, getpid, kill_process};
 
 use super::{address, asked_to_end, cache_folder};
@@ -47,6 +50,10 @@ pub(super) struct Arguments {
     /// Go over a network without keys, though nothing is encrypted
     #[arg(long)]
     insecure: bool,
+    /// Show every frame this much later, such as "5ms": for displays whose scan-out is known to be
+    /// early, and for tests. The next frame is drawn later by as much
+    #[arg(long, value_name = "TIME", value_parser = present_delay, hide_short_help = true)]
+    present_delay: Option<Duration>,
     /// End when standard input ends, as it does when the parent process does
     #[arg(long, hide = true)]
     with_parent: bool,
@@ -79,6 +86,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         cache,
         output,
         once: arguments.once,
+        present_delay: arguments.present_delay.unwrap_or_default(),
     };
     let with_parent = arguments.with_parent;
     match run_server(options, Box::pin(asked_to_end(with_parent))) {
@@ -110,7 +118,31 @@ fn name(arguments: &Arguments) -> anyhow::Result<String> {
     Ok(name)
 }
 
+/// A delay in milliseconds, as an argument: "5ms", or "0.5ms".
+fn present_delay(text: &str) -> Result<Duration, String> {
+    let longest_ms = PRESENT_DELAY_MAX.as_millis();
+    let number = text.strip_suffix("ms").and_then(|number| number.trim().parse::<f64>().ok());
+    let delay = number.and_then(|ms| Duration::try_from_secs_f64(ms / 1000.0).ok());
+    delay
+        .filter(|delay| *delay <= PRESENT_DELAY_MAX)
+        .ok_or_else(|| format!("{text:?} is no delay of 0ms to {longest_ms}ms, such as 5ms"))
+}
+
 /// Whether windows can be opened here.
 pub(super) fn has_display() -> bool {
     std::env::var_os("DISPLAY").is_some_and(|display| !display.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_delay_has_its_unit_and_a_limit() {
+        assert_eq!(present_delay("5ms"), Ok(Duration::from_millis(5)));
+        assert_eq!(present_delay("0.5 ms"), Ok(Duration::from_micros(500)));
+        for text in ["5", "5s", "-1ms", "NaNms", "101ms", "ms", ""] {
+            assert!(present_delay(text).is_err_and(|e| e.contains("100ms")), "{text:?}");
+        }
+    }
 }

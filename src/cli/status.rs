@@ -1,6 +1,6 @@
 //! `polyptych status`: how a running wall stands.
 
-use polyptych_client::WallStatus;
+use polyptych_client::{DisplayMode, Skew, WallStatus};
 
 use super::{ManagerAddress, say, watch};
 
@@ -29,13 +29,28 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Present-call skew over the last frames: half, 99 of 100 and all are below; and how far off the
+/// server's clock may be.
+const SKEW: &str = "SKEW P50/P99/MAX ±CLOCK µs";
+
+fn skew(skew: &Skew) -> String {
+    let Some(error_us) = skew.clock_error_us.filter(|_| skew.frames > 0) else {
+        return "-".to_owned();
+    };
+    format!("{}/{}/{} ±{error_us}", skew.p50_us, skew.p99_us, skew.max_us)
+}
+
 fn table(status: &WallStatus) -> String {
     let scene = status.scene.as_deref().unwrap_or("none");
     let mut text = format!(
         "wall {}, scene {scene}, frame {}, revision {}, deadline {:.0} ms\n",
         status.wall, status.frame, status.revision, status.deadline_ms
     );
-    let header = ["CHANNEL", "STATE", "FOR", "FRAME", "LATE", "PID", "ADDRESS", "REASON"];
+    if status.displays != DisplayMode::Normal {
+        let mode = status.displays.name();
+        text += &["displays: ", mode, ", until: polyptych ", mode, " --off\n"].concat();
+    }
+    let header = ["CHANNEL", "STATE", "FOR", "FRAME", "LATE", SKEW, "PID", "ADDRESS", "REASON"];
     let mut rows = vec![header.map(String::from)];
     rows.extend(status.channels.iter().map(|channel| {
         [
@@ -44,6 +59,7 @@ fn table(status: &WallStatus) -> String {
             format!("{:.1} s", channel.since_ms as f64 / 1000.0),
             channel.frame.to_string(),
             channel.late.to_string(),
+            skew(&channel.skew),
             channel.pid.map_or_else(|| "-".into(), |pid| pid.to_string()),
             channel.address.clone().unwrap_or_else(|| "-".into()),
             channel.reason.clone().unwrap_or_default(),

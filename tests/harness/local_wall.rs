@@ -179,16 +179,30 @@ pub fn await_states(client: &Client, states: &[ChannelState]) -> WallStatus {
 
 /// Starts a server with all channels that the wall gives it, whether there is a manager or not.
 pub fn start_server(place: &Place, wall: &Wall, name: &str, manager: &str) -> Process {
-    let mut arguments: Vec<OsString> =
-        ["server", "--with-parent", "--headless", "--manager"].map(OsString::from).to_vec();
-    arguments.extend([manager, "--name", name, "--cache"].map(OsString::from));
+    start_server_with(place, wall, name, manager, &["--headless"], &[])
+}
+
+/// As [`start_server`], with these arguments and variables.
+pub fn start_server_with(
+    place: &Place,
+    wall: &Wall,
+    name: &str,
+    manager: &str,
+    more: &[&str],
+    environment: &[(&str, &str)],
+) -> Process {
+    let mut arguments: Vec<OsString> = ["server", "--with-parent"].map(OsString::from).to_vec();
+    arguments.extend(more.iter().map(OsString::from));
+    arguments.extend(["--manager", manager, "--name", name, "--cache"].map(OsString::from));
     arguments.push(place.path(&format!("blobs-{name}")).into());
     if let Some(folder) = keys::of(place, &format!("server-{name}")) {
         arguments.extend(["--keys".into(), folder.into()]);
     }
     let channels = wall.channels.iter().filter(|channel| channel.server == name);
     arguments.extend(channels.flat_map(|c| ["--channel", &c.name]).map(OsString::from));
-    place.start(&format!("server {name}"), arguments)
+    let mut command = place.command(arguments);
+    command.envs(environment.iter().copied());
+    Process::start(&format!("server {name}"), &mut command)
 }
 
 /// The whole wall from here, all channels being there.

@@ -14,10 +14,12 @@
 //! - `trust`: walls of several machines: keys, and who is refused for want of the right ones
 //! - `windows`: pictures reach a display
 //! - `observation`: metrics, logs for programs, and a live status
+//! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
 //! - `report`: what a simulated wall writes
 
 mod back_pressure;
 mod client_library;
+mod displays;
 #[path = "../harness/harness.rs"]
 mod harness;
 mod manager_kills;

@@ -64,6 +64,9 @@ fn a_report_says_what_was_drawn_and_how_long_it_took() {
         spread(channel, "frame_ms");
         let gap_ms = channel["longest_gap_ms"].as_f64().expect("a number");
         assert!(gap_ms > 0.0 && gap_ms <= seconds * 1000.0 + 1000.0, "{gap_ms}");
+        let clock_error_us = channel["clock_error_us"].as_u64();
+        assert!(clock_error_us < Some(1_000_000), "{channel}");
+        spread(channel, "swap_skew_us");
         assert!(channel["memory_bytes"].as_u64() > Some(1 << 20), "{channel}");
     }
     assert_eq!(report["missing"], Value::Array(Vec::new()));

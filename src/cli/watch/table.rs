@@ -1,6 +1,6 @@
 //! A wall's status as lines that fit a terminal: a function of what is known and nothing else.
 
-use polyptych_client::{ChannelState, ChannelStatus, WallStatus};
+use polyptych_client::{ChannelState, ChannelStatus, DisplayMode, WallStatus};
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
 use super::rates::Rates;
@@ -67,26 +67,35 @@ enum Column {
     Frame,
     Rate,
     Draw,
+    Skew,
     Late,
     Memory,
     Reason,
 }
 
-const COLUMNS: [Column; 9] = [
+const COLUMNS: [Column; 10] = [
     Column::Channel,
     Column::State,
     Column::For,
     Column::Frame,
     Column::Rate,
     Column::Draw,
+    Column::Skew,
     Column::Late,
     Column::Memory,
     Column::Reason,
 ];
 
 /// What makes room first where the terminal is narrow.
-const DISPENSABLE: [Column; 6] =
-    [Column::Memory, Column::Frame, Column::Draw, Column::For, Column::Rate, Column::Late];
+const DISPENSABLE: [Column; 7] = [
+    Column::Memory,
+    Column::Frame,
+    Column::Skew,
+    Column::Draw,
+    Column::For,
+    Column::Rate,
+    Column::Late,
+];
 
 /// The table, of at most `height` lines of at most `width` columns.
 pub(super) fn lines(view: &View, width: usize, height: usize) -> Vec<Line> {
@@ -148,8 +157,12 @@ fn trouble_in_words(trouble: &Trouble) -> String {
 
 fn wall_in_words(status: &WallStatus, rates: &Rates) -> String {
     let clients = status.clients.len();
+    let mode = match status.displays {
+        DisplayMode::Normal => String::new(),
+        mode => format!("  displays {mode:?}").to_lowercase(),
+    };
     format!(
-        "wall {}  scene {}  revision {}  frame {}  {} fps  deadline {:.0} ms  {clients} client{}",
+        "wall {}  scene {}  revision {}  frame {}  {} fps  deadline {:.0} ms  {clients} client{}{mode}",
         status.wall,
         status.scene.as_deref().unwrap_or("none"),
         status.revision,
@@ -257,6 +270,8 @@ fn head(column: Column) -> &'static str {
         Column::Frame => "FRAME",
         Column::Rate => "FPS",
         Column::Draw => "DRAW",
+        // Of present calls: half, 99 of 100 and all are below.
+        Column::Skew => "SKEW P50/P99/MAX",
         Column::Late => "LATE",
         Column::Memory => "MEMORY",
         Column::Reason => "REASON",
@@ -274,6 +289,11 @@ fn cell(column: Column, channel: &ChannelStatus, rate: Option<f64>) -> String {
         Column::Draw => {
             let in_ms = |us: u32| format!("{:.1} ms", f64::from(us) / 1000.0);
             channel.draw_us.map_or_else(nothing, in_ms)
+        }
+        Column::Skew if channel.skew.frames == 0 => nothing(),
+        Column::Skew => {
+            let skew = &channel.skew;
+            format!("{}/{}/{} µs", skew.p50_us, skew.p99_us, skew.max_us)
         }
         Column::Late => channel.late.to_string(),
         Column::Memory if channel.memory_bytes == 0 => nothing(),

@@ -1,6 +1,6 @@
 //! The table of walls that are well, ill, large and gone.
 
-use polyptych_client::{ChannelState, ChannelStatus, WallStatus};
+use polyptych_client::{ChannelState, ChannelStatus, DisplayMode, Skew, WallStatus};
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
 use unicode_width::UnicodeWidthStr;
 
@@ -20,6 +20,7 @@ pub fn wall(channels: usize) -> WallStatus {
         revision: Revision(3),
         late: 0,
         draw_us: Some(41_230),
+        skew: Skew { frames: 100, p50_us: 120, p99_us: 310, max_us: 900, clock_error_us: Some(60) },
         memory_bytes: 199_000_000,
     };
     WallStatus {
@@ -33,6 +34,7 @@ pub fn wall(channels: usize) -> WallStatus {
         channels: (0..channels).map(channel).collect(),
         clients: vec!["orbit".into()],
         warnings: Vec::new(),
+        displays: DisplayMode::Normal,
     }
 }
 
@@ -72,9 +74,9 @@ fn a_wall_that_is_well_has_a_line_for_each_channel() {
         [
             "wall small  scene town  revision 3  frame 1295  30.0 fps  deadline 165 ms  1 client",
             "2 live",
-            "CHANNEL    STATE     FOR  FRAME   FPS     DRAW  LATE  MEMORY",
-            "front-1-1  live   12.3 s   1294  30.0  41.2 ms     0  199 MB",
-            "front-2-1  live   12.3 s   1234   0.0  41.2 ms     0  199 MB",
+            "CHANNEL    STATE     FOR  FRAME   FPS     DRAW  SKEW P50/P99/MAX  LATE  MEMORY",
+            "front-1-1  live   12.3 s   1294  30.0  41.2 ms    120/310/900 µs     0  199 MB",
+            "front-2-1  live   12.3 s   1234   0.0  41.2 ms    120/310/900 µs     0  199 MB",
             "q ends",
         ]
     );

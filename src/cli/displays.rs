@@ -1,0 +1,38 @@
+//! `polyptych identify`, `blank` and `freeze`: what all displays of a running wall show.
+
+use anyhow::bail;
+use polyptych_client::DisplayMode;
+
+use super::{ManagerAddress, say};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// End it: displays show the wall's picture again
+    #[arg(long)]
+    off: bool,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+pub(super) fn run(mode: DisplayMode, arguments: &Arguments) -> anyhow::Result<()> {
+    let client = arguments.manager.connect()?;
+    let command = mode.name();
+    if !arguments.off {
+        client.set_displays(mode)?;
+        let what = match mode {
+            DisplayMode::Normal => "shows its picture",
+            DisplayMode::Identify => "shows what it is",
+            DisplayMode::Blank => "is black",
+            DisplayMode::Freeze => "keeps what it shows",
+        };
+        return say(format_args!("every display {what}; end it with: polyptych {command} --off"));
+    }
+    // Someone may have asked for another mode since; that is not ours to end.
+    let present = client.status()?.displays;
+    if present != mode && present != DisplayMode::Normal {
+        let present = present.name();
+        bail!("displays are in {present}, not {command}; end it with: polyptych {present} --off");
+    }
+    client.set_displays(DisplayMode::Normal)?;
+    say("every display shows its picture")
+}
