@@ -112,7 +112,34 @@ pub fn decode_manifest<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, DecodeErr
     decode_within::<T, MANIFEST_BYTES_MAX>(bytes)
 }
 
+/// What a string or list of a short message may claim; see [`decode_within`].
+const CLAIM_SHORT_MAX: usize = 64 << 10;
+
+/// The same for messages of middle length.
+const CLAIM_MIDDLE_MAX: usize = 1 << 20;
+
+/// The same for long manifests.
+const CLAIM_LONG_MAX: usize = 32 << 20;
+
+/// Decodes with a limit that fits the bytes that are there: bincode makes room for a string before
+/// it looks whether there is one, and ten bytes can say that they are four mebibytes.
 fn decode_within<T: DeserializeOwned, const BYTES_MAX: usize>(
+    bytes: &[u8],
+) -> Result<T, DecodeError> {
+    // bincode counts what values take in memory; a varint of one byte stands for at most eight.
+    let claim = bytes.len().saturating_mul(8);
+    if claim <= CLAIM_SHORT_MAX {
+        decode_claiming::<T, CLAIM_SHORT_MAX>(bytes)
+    } else if claim <= CLAIM_MIDDLE_MAX {
+        decode_claiming::<T, CLAIM_MIDDLE_MAX>(bytes)
+    } else if claim <= CLAIM_LONG_MAX && CLAIM_LONG_MAX < BYTES_MAX {
+        decode_claiming::<T, CLAIM_LONG_MAX>(bytes)
+    } else {
+        decode_claiming::<T, BYTES_MAX>(bytes)
+    }
+}
+
+fn decode_claiming<T: DeserializeOwned, const BYTES_MAX: usize>(
     bytes: &[u8],
 ) -> Result<T, DecodeError> {
     // Only asked where something is wrong: finding it costs as much as decoding a report.
