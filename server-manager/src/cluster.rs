@@ -62,6 +62,9 @@ pub struct SessionId(pub u64);
 /// fill the manager's memory.
 pub const FRAME_ORDERS_MAX: usize = 64;
 
+/// Longest reason of a server that is kept and passed on: it stands in every status.
+const REASON_BYTES_MAX: usize = 1024;
+
 /// What the brain wants done. In order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Output {
@@ -240,7 +243,7 @@ impl Cluster {
             Status::Prepared(prepared) => self.handle_prepared(now, from, &prepared),
             Status::PrepareFailed { epoch, revision, reason } => {
                 if epoch == self.epoch {
-                    self.handle_prepare_failed(now, from, revision, &reason);
+                    self.handle_prepare_failed(now, from, revision, &shorten(reason));
                 }
             }
             Status::Drawn(drawn) => {
@@ -248,7 +251,7 @@ impl Cluster {
                 self.handle_drawn(now, from, &drawn);
             }
             Status::DrawFailed { channel, frame, reason } => {
-                self.handle_draw_failed(now, from, channel, frame, reason);
+                self.handle_draw_failed(now, from, channel, frame, shorten(reason));
             }
             Status::Shown(shown) => {
                 self.gathered.add_wire_bytes(wire_bytes);
@@ -350,4 +353,10 @@ impl Cluster {
         self.is_going_on = false;
         self.pacer.set(pace, now);
     }
+}
+
+/// The beginning of what a server says.
+fn shorten(mut reason: String) -> String {
+    reason.truncate(reason.floor_char_boundary(REASON_BYTES_MAX));
+    reason
 }

@@ -81,7 +81,10 @@ impl Cluster {
         job: RequestOf,
         imported: Result<ImportedScene, String>,
     ) {
-        self.imports.retain(|of| *of != job);
+        // One of them, where a client gives several the same number.
+        if let Some(at) = self.imports.iter().position(|of| *of == job) {
+            self.imports.swap_remove(at);
+        }
         match imported {
             Err(reason) => {
                 let tell = || tracing::warn!(reason, "a scene could not be opened");
@@ -131,7 +134,10 @@ impl Cluster {
         span.in_scope(|| tracing::error!(%revision, reason, "a server cannot prepare"));
         let (name, channels) = (server.name.clone(), server.channels.clone());
         if self.changes.digest_of(revision).is_some() {
-            if let Some(underway) = &mut self.changes.current {
+            // Said once, however often: who repeats itself fills no memory.
+            if !self.changes.has_failed_on(from)
+                && let Some(underway) = &mut self.changes.current
+            {
                 underway.failed.push((from, format!("server {name}: {reason}")));
             }
         } else if revision == self.shown.revision {

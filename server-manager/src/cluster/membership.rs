@@ -5,9 +5,13 @@ use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::limits::NAME_BYTES_MAX;
 use polyptych_protocol::status::Prepared;
 
 use super::{ClientState, Cluster, Micros, SessionId};
+
+/// Most features of a scene that are reported; there are nine.
+const FEATURES_MAX: usize = 64;
 
 impl Cluster {
     /// A render server claims its channels. After `Ok` the session belongs to it.
@@ -159,7 +163,10 @@ impl Cluster {
         server.prepared = Some(prepared.revision);
         let channels = server.channels.clone();
         if prepared.revision == self.shown.revision {
-            self.features.clone_from(&prepared.features);
+            // A server is asked what it knows best, but not for a book.
+            let is_name = |name: &&String| name.len() <= NAME_BYTES_MAX;
+            let names = prepared.features.iter().filter(is_name).take(FEATURES_MAX);
+            self.features = names.cloned().collect();
             for id in channels {
                 let state = self.registry.channel(id).map(|channel| channel.state);
                 if state == Some(ChannelState::Preparing) {

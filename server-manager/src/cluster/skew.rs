@@ -94,6 +94,10 @@ impl PresentCalls {
         // A report on a frame that has been compared says nothing any more.
         let at = self.frames.iter().rposition(|presented| presented.frame == shown.frame)?;
         let presented = &mut self.frames[at];
+        // One report of each channel: who repeats itself speaks for nobody else.
+        if presented.reports.iter().any(|report| report.channel == shown.channel) {
+            return None;
+        }
         presented.reports.push(*shown);
         if presented.reports.len() < presented.sent {
             return None;

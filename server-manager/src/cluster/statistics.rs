@@ -175,8 +175,9 @@ impl Gathered {
             barrier_us: self.barrier_us.spread(),
             swap_skew_us: self.skew_us.spread(),
             late: channels.iter().map(|channel| channel.late).sum(),
-            triangles: channels.iter().map(|channel| channel.triangles).sum(),
-            draw_calls: channels.iter().map(|channel| channel.draw_calls).sum(),
+            // Servers say how many; whatever they say, it is added up.
+            triangles: channels.iter().fold(0, |sum, c| sum.saturating_add(c.triangles)),
+            draw_calls: channels.iter().fold(0, |sum, c| sum.saturating_add(c.draw_calls)),
             bytes_per_frame: self.wire_bytes as f64 / self.frames.max(1) as f64,
             features: features.to_vec(),
             channels,
