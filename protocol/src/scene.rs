@@ -132,14 +132,16 @@ impl Scene {
 
     /// Triangles that the whole scene draws, each instance counted.
     pub fn triangles(&self) -> u64 {
-        let of_mesh = |mesh: &Mesh| mesh.primitives.iter().map(Primitive::triangles).sum::<u64>();
+        // A manifest from outside may claim more than there are numbers for.
+        let add = |sum: u64, triangles: u64| sum.saturating_add(triangles);
+        let of_mesh = |m: &Mesh| m.primitives.iter().map(Primitive::triangles).fold(0, add);
         let per_mesh: Vec<u64> = self.meshes.iter().map(of_mesh).collect();
         let copies = |node: &Node| node.instances.len().max(1) as u64;
         let of_node = |node: &Node| {
             let mesh = node.mesh.and_then(|mesh| per_mesh.get(mesh as usize));
-            mesh.map_or(0, |triangles| triangles * copies(node))
+            mesh.map_or(0, |triangles| triangles.saturating_mul(copies(node)))
         };
-        self.nodes.iter().map(of_node).sum()
+        self.nodes.iter().map(of_node).fold(0, add)
     }
 
     /// The hashes of every mesh and texture, in the order of the manifest; one may stand twice.

@@ -12,7 +12,7 @@ use glam::{DVec2, DVec3, UVec2};
 use serde::{Deserialize, Serialize};
 
 use crate::ids::ChannelId;
-use crate::limits::{CHANNEL_SIDE_MAX, CHANNELS_MAX, SCREENS_MAX};
+use crate::limits::{CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX, CHANNELS_MAX, SCREENS_MAX};
 
 /// The whole display system that one wall file describes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -118,6 +118,10 @@ impl Wall {
         }
         if !(self.near_m.is_finite() && self.near_m > 0.0 && self.eye.is_finite()) {
             return Some("the eye or the near plane is not finite".into());
+        }
+        let is_large = |screen: &&Screen| screen.canvas.max_element() > CANVAS_SIDE_MAX;
+        if let Some(screen) = self.screens.iter().find(is_large) {
+            return Some(format!("screen {} is longer than {CANVAS_SIDE_MAX} pixels", screen.name));
         }
         let is_bad = |channel: &&Channel| {
             let Some(screen) = self.screens.get(usize::from(channel.screen)) else { return true };

@@ -48,7 +48,10 @@ impl ClockEstimate {
         else {
             return;
         };
-        let offset_us = i64::midpoint(t1 as i64 - t0 as i64, t2 as i64 - t3 as i64);
+        // A manager may say what it likes; a clock that cannot be reckoned with is no sample.
+        let offset = |theirs: u64, ours: u64| i64::try_from(i128::from(theirs) - i128::from(ours));
+        let (Ok(there), Ok(back)) = (offset(t1, t0), offset(t2, t3)) else { return };
+        let offset_us = i64::midpoint(there, back);
         if self.samples.len() == SAMPLES {
             self.samples.pop_front();
         }
