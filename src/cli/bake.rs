@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -13,6 +14,9 @@ use super::say;
 
 /// How much less important than a frame a bake is, on the scale of nice(1).
 const NICENESS: i32 = 10;
+
+/// How long a bake that was interrupted may go on to end in order.
+const CANCEL_TIME_MAX: Duration = Duration::from_millis(500);
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -78,6 +82,11 @@ fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Re
     let watch = move || {
         runtime.block_on(super::asked_to_end(with_parent));
         cancel.store(true, Ordering::Relaxed);
+        // Some steps on millions of vertices take seconds and look at nothing. Blobs appear whole
+        // or not at all, so the store bears an end at any moment.
+        std::thread::sleep(CANCEL_TIME_MAX);
+        eprintln!("error: interrupted");
+        std::process::exit(1);
     };
     let watcher = std::thread::Builder::new().name("interrupt".into()).spawn(watch);
     watcher.context("cannot start a thread; does the memory limit allow one?")?;

@@ -46,8 +46,8 @@ impl BakeError {
     ) -> Self {
         Self::Source {
             file: PathBuf::new(),
-            place: place.into(),
-            what: what.into(),
+            place: one_line(place.into()),
+            what: one_line(what.into()),
             right: right.into(),
         }
     }
@@ -72,4 +72,9 @@ impl BakeError {
             other => other,
         }
     }
+}
+
+/// Names in a file may hold anything, and decoders of images write reasons of several lines.
+fn one_line(text: String) -> String {
+    if text.contains(char::is_control) { text.replace(char::is_control, " ") } else { text }
 }

@@ -1,6 +1,7 @@
 //! Meshes: every primitive that is drawn, in pieces, each a blob of vertices and indices.
 
 use std::collections::{BTreeMap, HashMap};
+use std::sync::atomic::AtomicBool;
 
 use glam::{DVec3, Vec3};
 use polyptych_protocol::scene::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
@@ -8,10 +9,13 @@ use polyptych_protocol::scene::{IndexFormat, Mesh, Primitive, Topology, VertexLa
 use super::error::BakeError;
 use super::geometry::{self, Geometry, Tangents, flat_normal};
 use super::material::{Needs, Palette};
-use super::{Job, document, order, split, tangent, topology};
+use super::{Job, check, document, order, split, tangent, topology};
 
 /// Most vertices that 16-bit indices are used for: 65,535 is left free, as it restarts strips.
 const U16_VERTICES_MAX: usize = 65_535;
+
+/// Corners that are welded between two looks at the cancel flag: some milliseconds.
+const CORNERS_BETWEEN_CHECKS: usize = 1 << 16;
 
 /// Everything that the bytes of a primitive depend on; equal keys share blobs.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -144,7 +148,7 @@ impl Writer {
         let is_shared = self.geometry.normals.is_some()
             && !matches!(self.geometry.tangents, Tangents::Corner(_));
         let (mut indices, vertices) =
-            if is_shared { self.gather(elements) } else { self.weld(elements) };
+            if is_shared { self.gather(elements) } else { self.weld(elements, job.cancel)? };
         let topology = self.geometry.topology;
         if topology == Topology::Triangles && !self.keeps_order {
             order::triangles(&mut indices, vertices.len());
@@ -200,11 +204,18 @@ impl Writer {
     }
 
     /// The same where normals or tangents belong to corners: corners that agree share a vertex.
-    fn weld(&self, elements: &[u32]) -> (Vec<u32>, Vec<Vertex>) {
+    fn weld(
+        &self,
+        elements: &[u32],
+        cancel: &AtomicBool,
+    ) -> Result<(Vec<u32>, Vec<Vertex>), BakeError> {
         let mut known: HashMap<(u32, [u32; 3], [u32; 4]), u32> = HashMap::new();
         let mut vertices = Vec::new();
         let mut indices = Vec::new();
-        for corner in self.corners(elements) {
+        for (i, corner) in self.corners(elements).enumerate() {
+            if i.is_multiple_of(CORNERS_BETWEEN_CHECKS) {
+                check(cancel)?;
+            }
             let source = self.geometry.indices[corner as usize];
             let vertex = Vertex { source, corner };
             let normal = self.normal(vertex).map(f32::to_bits);
@@ -215,7 +226,7 @@ impl Writer {
             }
             indices.push(new);
         }
-        (indices, vertices)
+        Ok((indices, vertices))
     }
 
     fn normal(&self, vertex: Vertex) -> [f32; 3] {

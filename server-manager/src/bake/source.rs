@@ -4,6 +4,7 @@
 //! scene, after symlinks are resolved, and only as far as the named limits.
 
 use std::borrow::Cow;
+use std::cell::Cell;
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
@@ -22,6 +23,14 @@ pub(super) const FILE_BYTES_MAX: u64 = 4 << 30;
 /// Largest image file or data: no PNG that decodes within the limits is larger.
 pub(super) const IMAGE_BYTES_MAX: u64 = 1 << 30;
 
+/// Elements of accessors that are read however small the files are: four of the largest that have
+/// no bytes of their own, a few seconds of work.
+const ELEMENTS_UNASKED: u64 = 1 << 24;
+
+/// Most elements per byte of the files beyond that. An element takes at least a byte, and parts
+/// that share their vertices read them again; a small file could ask for hours of it.
+const ELEMENTS_PER_BYTE_MAX: u64 = 16;
+
 /// Bytes read at a time, between two looks at the cancel flag.
 const READ_BYTES: usize = 1 << 20;
 
@@ -32,6 +41,9 @@ pub(super) struct Source {
     pub document: Document,
     /// What changes whenever a byte of any of the files changes.
     pub digest: BlobHash,
+    /// Of all files and `data:` URIs together.
+    pub bytes: u64,
+    elements_read: Cell<u64>,
     buffers: Vec<Vec<u8>>,
     images: Vec<Image>,
 }
@@ -51,9 +63,16 @@ impl Source {
         let bytes = read(&path, FILE_BYTES_MAX, "file", cancel)?;
         let mut digest = blake3::Hasher::new();
         digest.update(BlobHash::of(&bytes).0.as_slice());
+        let length = bytes.len() as u64;
         let (document, chunk) = container::parse(bytes)?;
-        let mut source =
-            Self { document, digest: BlobHash([0; 32]), buffers: Vec::new(), images: Vec::new() };
+        let mut source = Self {
+            document,
+            digest: BlobHash([0; 32]),
+            bytes: length,
+            elements_read: Cell::new(0),
+            buffers: Vec::new(),
+            images: Vec::new(),
+        };
         source.open_buffers(&folder, chunk, &mut digest, cancel)?;
         source.open_images(&folder, &mut digest, cancel)?;
         source.digest = BlobHash(*digest.finalize().as_bytes());
@@ -76,6 +95,7 @@ impl Source {
                         let path = resolve(folder, &path, uri, &place)?;
                         let bytes = read(&path, FILE_BYTES_MAX, &place, cancel)?;
                         digest.update(BlobHash::of(&bytes).0.as_slice());
+                        self.bytes += bytes.len() as u64;
                         bytes
                     }
                 },
@@ -108,7 +128,8 @@ impl Source {
                     Target::Data(bytes) => Image::Data(bytes),
                     Target::Path(path) => {
                         let path = resolve(folder, &path, uri, &place)?;
-                        let hash = hash_file(&path, &place, cancel)?;
+                        let (hash, length) = hash_file(&path, &place, cancel)?;
+                        self.bytes += length;
                         digest.update(hash.0.as_slice());
                         Image::File { path, hash }
                     }
@@ -121,6 +142,18 @@ impl Source {
             };
             self.images.push(opened);
         }
+        Ok(())
+    }
+
+    /// Notes that so many elements will be read, unless that is more than such files can hold.
+    pub(super) fn charge(&self, elements: u64, place: &str) -> Result<(), BakeError> {
+        let read = self.elements_read.get().saturating_add(elements);
+        let allowed = ELEMENTS_UNASKED + ELEMENTS_PER_BYTE_MAX * self.bytes;
+        if read > allowed {
+            let what = format!("with it {read} elements would be read from {} bytes", self.bytes);
+            return Err(BakeError::at(place, what, format!("at most {allowed} can be")));
+        }
+        self.elements_read.set(read);
         Ok(())
     }
 
@@ -229,14 +262,14 @@ fn read(
     }
 }
 
-fn hash_file(path: &Path, place: &str, cancel: &AtomicBool) -> Result<BlobHash, BakeError> {
-    let (mut file, _) = open(path, IMAGE_BYTES_MAX, place)?;
+fn hash_file(path: &Path, place: &str, cancel: &AtomicBool) -> Result<(BlobHash, u64), BakeError> {
+    let (mut file, length) = open(path, IMAGE_BYTES_MAX, place)?;
     let mut hasher = blake3::Hasher::new();
     let mut part = vec![0; READ_BYTES];
     loop {
         check(cancel)?;
         match file.read(&mut part).map_err(|error| BakeError::io(path, error))? {
-            0 => return Ok(BlobHash(*hasher.finalize().as_bytes())),
+            0 => return Ok((BlobHash(*hasher.finalize().as_bytes()), length)),
             count => hasher.update(&part[..count]),
         };
     }

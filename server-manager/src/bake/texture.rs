@@ -28,6 +28,13 @@ const PIXELS_UNASKED: u64 = 1 << 22;
 /// Most pixels per byte of file beyond that: deflate reaches about 1,000 bytes per byte.
 const PIXELS_PER_BYTE_MAX: u64 = 1024;
 
+/// Pixels of all images together that are decoded however small the files are: four plain images
+/// of 4,096 × 4,096. One small image could be named a thousand times.
+const PIXELS_TOGETHER_UNASKED: u64 = 1 << 26;
+
+/// Most pixels per byte of all files beyond that: a plain image of that size reaches 350.
+const PIXELS_TOGETHER_PER_BYTE_MAX: u64 = 512;
+
 /// Everything of a texture but its sampler.
 #[derive(Clone, Copy)]
 struct Stored {
@@ -41,6 +48,8 @@ struct Stored {
 pub(super) fn write_all(job: &mut Job<'_>, uses: &[TextureUse]) -> Result<Vec<Texture>, BakeError> {
     let mut stored: BTreeMap<(usize, Content, bool), Stored> = BTreeMap::new();
     let mut textures = Vec::with_capacity(uses.len());
+    let bytes = job.source.bytes;
+    let mut pixels_left = PIXELS_TOGETHER_UNASKED + PIXELS_TOGETHER_PER_BYTE_MAX * bytes;
     for (i, used) in uses.iter().enumerate() {
         job.step("textures", i as u64, uses.len() as u64)?;
         let place = format!("textures[{}]", used.texture);
@@ -55,7 +64,7 @@ pub(super) fn write_all(job: &mut Job<'_>, uses: &[TextureUse]) -> Result<Vec<Te
         let Stored { blob, width, height, mip_count } = if let Some(stored) = stored.get(&key) {
             *stored
         } else {
-            let made = write(job, image, used.content, has_mips)?;
+            let made = write(job, image, used.content, has_mips, &mut pixels_left)?;
             stored.insert(key, made);
             made
         };
@@ -74,10 +83,11 @@ fn write(
     index: usize,
     content: Content,
     has_mips: bool,
+    pixels_left: &mut u64,
 ) -> Result<Stored, BakeError> {
     let encoded = job.source.image(index, job.cancel)?;
     let place = format!("images[{index}]");
-    let mut picture = decode(encoded, &place)?;
+    let mut picture = decode(encoded, &place, pixels_left)?;
     let side = picture.width.max(picture.height);
     if side > TEXTURE_SIDE_MAX {
         let (width, height) = (picture.width, picture.height);
@@ -92,7 +102,11 @@ fn write(
     Ok(Stored { blob, width, height, mip_count })
 }
 
-fn decode(encoded: Cow<'_, [u8]>, place: &str) -> Result<Picture, BakeError> {
+fn decode(
+    encoded: Cow<'_, [u8]>,
+    place: &str,
+    pixels_left: &mut u64,
+) -> Result<Picture, BakeError> {
     let right = "a PNG or JPEG of at most 16384 × 16384 pixels would be right";
     let bad = |what: String| BakeError::at(place, what, right);
     let open = || {
@@ -110,6 +124,10 @@ fn decode(encoded: Cow<'_, [u8]>, place: &str) -> Result<Picture, BakeError> {
         let bytes = encoded.len();
         return Err(bad(format!("{bytes} bytes can't hold {width} × {height} pixels")));
     }
+    let Some(left) = pixels_left.checked_sub(pixels) else {
+        return Err(bad(format!("with {width} × {height} more, too many pixels for such files")));
+    };
+    *pixels_left = left;
     let mut reader = open()?;
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(IMAGE_SIDE_MAX);
