@@ -4,7 +4,8 @@ use std::fs;
 use std::path::Path;
 
 /// Build output and pictures; everything else is looked at.
-const FOLDERS_SKIPPED: &[&str] = &["target", "out"];
+const FOLDERS_SKIPPED: &[&str] =
+    &["target", "out", "tests/fuzz/target", "tests/fuzz/corpus", "tests/fuzz/artifacts"];
 
 /// Of the names that begin with a dot, those that are part of the project.
 const HIDDEN_READ: &[&str] = &[".ci"];

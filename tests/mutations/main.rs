@@ -1,0 +1,30 @@
+//! Damaged input of every kind, in counts: whatever comes, there is no panic, no allocation
+//! beyond the limit and no hang. Everything comes from one seed, which a failure prints:
+//! `POLYPTYCH_SEED=N cargo test --test mutations` runs it again, or with another.
+//!
+//! - `decoder`: a million frames of all messages, and who they are for
+//! - `handshake`: strangers on the manager's port, while a good wall goes on
+//! - `wall_file`: damaged wall files
+//! - `scene_import`: damaged scenes through the baker
+//! - `findings`: what was found once, so that it stays mended
+//! - `corpus`: what the coverage-guided targets of `tests/fuzz` begin from
+
+mod corpus;
+mod decoder;
+mod findings;
+mod handshake;
+mod message;
+mod mutation;
+mod receiver;
+mod scene_file;
+mod scene_import;
+mod seeds;
+mod server;
+mod wall_file;
+mod wall_text;
+
+/// What the tests of this run begin from: the same each time, unless `POLYPTYCH_SEED` says else.
+pub fn seed() -> u64 {
+    let given = std::env::var("POLYPTYCH_SEED").ok();
+    given.map_or(20_261, |text| text.parse().expect("POLYPTYCH_SEED is a number"))
+}

@@ -1,0 +1,98 @@
+//! One message of any kind: decoded, encoded, decoded again, and handed to who it is for.
+
+use std::fmt::Debug;
+
+use bytes::Bytes;
+use polyptych_protocol::blob::{BulkDown, BulkUp};
+use polyptych_protocol::codec;
+use polyptych_protocol::command::Command;
+use polyptych_protocol::handshake::{Answer as Greeting, Hello};
+use polyptych_protocol::request::{Answer, Call};
+use polyptych_protocol::scene::Scene;
+use polyptych_protocol::status::Status;
+use serde::Serialize;
+
+/// What bytes are decoded as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Hello,
+    Greeting,
+    Command,
+    Status,
+    Call,
+    Answer,
+    BulkUp,
+    BulkDown,
+    Manifest,
+}
+
+/// All kinds.
+pub const KINDS: [Kind; 9] = [
+    Kind::Hello,
+    Kind::Greeting,
+    Kind::Command,
+    Kind::Status,
+    Kind::Call,
+    Kind::Answer,
+    Kind::BulkUp,
+    Kind::BulkDown,
+    Kind::Manifest,
+];
+
+/// A message that was decoded.
+#[derive(Clone, Debug)]
+pub enum Message {
+    Hello(Hello),
+    Greeting(Greeting),
+    Command(Box<Command>),
+    Status(Status),
+    Call(Call),
+    Answer(Box<Answer>),
+    BulkUp(BulkUp),
+    BulkDown(BulkDown),
+    Manifest(Box<Scene>),
+}
+
+impl Message {
+    /// What these bytes are, if they are a message of this kind.
+    pub fn decode(kind: Kind, bytes: &[u8]) -> Option<Self> {
+        match kind {
+            Kind::Hello => codec::decode(bytes).ok().map(Self::Hello),
+            Kind::Greeting => codec::decode(bytes).ok().map(Self::Greeting),
+            Kind::Command => codec::decode(bytes).ok().map(|m| Self::Command(Box::new(m))),
+            Kind::Status => codec::decode(bytes).ok().map(Self::Status),
+            Kind::Call => codec::decode(bytes).ok().map(Self::Call),
+            Kind::Answer => codec::decode(bytes).ok().map(|m| Self::Answer(Box::new(m))),
+            Kind::BulkUp => codec::decode(bytes).ok().map(Self::BulkUp),
+            Kind::BulkDown => codec::decode(bytes).ok().map(Self::BulkDown),
+            Kind::Manifest => {
+                codec::decode_manifest(bytes).ok().map(|m| Self::Manifest(Box::new(m)))
+            }
+        }
+    }
+
+    /// As it travels.
+    pub fn encode(&self) -> Bytes {
+        fn bytes<T: Serialize + Debug>(message: &T) -> Bytes {
+            codec::encode(message)
+        }
+        match self {
+            Self::Hello(message) => bytes(message),
+            Self::Greeting(message) => bytes(message),
+            Self::Command(message) => bytes(message),
+            Self::Status(message) => bytes(message),
+            Self::Call(message) => bytes(message),
+            Self::Answer(message) => bytes(message),
+            Self::BulkUp(message) => bytes(message),
+            Self::BulkDown(message) => bytes(message),
+            Self::Manifest(message) => bytes(message),
+        }
+    }
+
+    /// What came out goes in again: the same bytes, as NaN is not equal to itself.
+    pub fn check_stable(&self, kind: Kind) {
+        let once = self.encode();
+        let again = Self::decode(kind, &once).map(|message| message.encode());
+        assert_eq!(again.as_ref(), Some(&once), "{kind:?} {self:?}");
+    }
+}

@@ -1,0 +1,267 @@
+//! The manager behind the decoder: what a message that can be decoded meets next.
+
+use std::collections::VecDeque;
+
+use polyptych_manager::capture::{Collection, PictureMemory};
+use polyptych_manager::cluster::{Cluster, ImportedScene, Output, RequestOf, SessionId};
+use polyptych_protocol::blob::BulkUp;
+use polyptych_protocol::codec;
+use polyptych_protocol::command::{Command, Frame};
+use polyptych_protocol::handshake::Hello;
+use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, FrameId, RequestId, Revision};
+use polyptych_protocol::log::{Replica, SceneRef};
+use polyptych_protocol::request::{Request, SceneSummary};
+use polyptych_protocol::scene::{Scene, SceneFeatures, Texture};
+use polyptych_protocol::status::{Drawn, Prepared, Status};
+use polyptych_protocol::wall::Wall;
+
+use crate::message::Message;
+use crate::seeds::messages;
+
+/// Most outputs of the brain that may wait at once: one call asks for no more than a few things
+/// of every peer.
+const OUTPUTS_MAX: usize = 4096;
+
+/// The client that asks for frames, so that there is one on its way.
+const CLIENT: SessionId = SessionId(1000);
+
+/// A manager's brain, fed with what it could be sent.
+#[derive(Debug)]
+pub struct Receiver {
+    wall: Wall,
+    cluster: Cluster,
+    now: u64,
+    next_session: u64,
+    servers: VecDeque<SessionId>,
+    frames: u64,
+    /// Of the state that was prepared last.
+    digest: Digest,
+    /// Where `Some`, imports wait here instead of being done at once.
+    imports: Option<Vec<RequestOf>>,
+    /// What servers say of each frame that they are sent, instead of having drawn it well.
+    says: Vec<Status>,
+    /// What servers were sent and have not answered yet.
+    sent: VecDeque<(SessionId, Command)>,
+}
+
+impl Receiver {
+    /// A wall with all of its channels driven.
+    pub fn new() -> Self {
+        let wall = messages::wall();
+        let mut receiver = Self {
+            cluster: Cluster::new(wall.clone(), messages::EPOCH),
+            wall,
+            now: 1_000_000,
+            next_session: 1,
+            servers: VecDeque::new(),
+            frames: 0,
+            digest: Digest(0),
+            imports: None,
+            says: Vec::new(),
+            sent: VecDeque::new(),
+        };
+        receiver.cluster.handle_client(CLIENT, "seed".into());
+        receiver.join_all();
+        receiver.answer_all();
+        receiver
+    }
+
+    /// Servers for the channels that have none.
+    fn join_all(&mut self) {
+        for hello in messages::hellos() {
+            if let Hello::Server(hello) = hello {
+                self.next_session += 1;
+                let session = SessionId(self.next_session);
+                let joined = self.cluster.handle_server(self.now, session, hello, "a:1".into());
+                if joined.is_ok() {
+                    self.servers.push_back(session);
+                }
+            }
+        }
+        self.read();
+    }
+
+    /// Hands a message to who it is for; `chance` picks the peer that it comes from.
+    pub fn take(&mut self, message: Message, chance: u64) {
+        self.now += chance % 5000;
+        self.answer_all();
+        match message {
+            Message::Status(status) => {
+                let pick = chance as usize % self.servers.len().max(1);
+                let from = self.servers.get(pick).copied().unwrap_or(SessionId(0));
+                self.cluster.handle_status(self.now, from, status, 64);
+            }
+            Message::Call(call) => {
+                self.cluster.handle_request(self.now, CLIENT, call.id, call.request);
+            }
+            Message::Hello(Hello::Server(hello)) => {
+                self.next_session += 1;
+                let session = SessionId(self.next_session);
+                if self.cluster.handle_server(self.now, session, hello, "a:2".into()).is_ok() {
+                    self.servers.push_back(session);
+                }
+            }
+            Message::Manifest(scene) => read_manifest(&scene),
+            Message::BulkUp(BulkUp::Picture(chunk)) => {
+                let job = RequestOf { client: CLIENT, id: RequestId(1) };
+                let ids: Vec<_> = self.wall.channel_ids().collect();
+                let room = PictureMemory::default().room_for(&self.wall).expect("a small wall");
+                let mut collection =
+                    Collection::new(job, FrameId(1), &ids, Vec::new(), &self.wall, room);
+                let _ = collection.add(&chunk);
+            }
+            _ => {}
+        }
+        if self.cluster.poll_timeout().is_some_and(|due| due <= self.now) {
+            self.cluster.handle_timeout(self.now);
+        }
+        self.read();
+        if chance.is_multiple_of(64) {
+            self.join_all();
+            self.order_frame();
+        }
+    }
+
+    /// Keeps the brain busy: a frame is asked for, and drawn by those that are sent it.
+    fn order_frame(&mut self) {
+        self.frames += 1;
+        let request = Request::RenderFrame { camera: None, time_s: None };
+        self.cluster.handle_request(self.now, CLIENT, RequestId(self.frames), request);
+        self.read();
+    }
+
+    /// Takes what the brain wants done, and plays the peers that do it.
+    fn read(&mut self) {
+        let mut read = 0;
+        while let Some(output) = self.cluster.poll_output() {
+            read += 1;
+            assert!(read < OUTPUTS_MAX, "the brain does not come to an end: {output:?}");
+            match output {
+                Output::Command { to, bytes } => {
+                    let command = codec::decode::<Command>(&bytes).expect("the brain's own");
+                    self.sent.extend(to.into_iter().map(|server| (server, command.clone())));
+                }
+                Output::Close { session, .. } => self.servers.retain(|server| *server != session),
+                Output::Import { job, .. } => match &mut self.imports {
+                    Some(imports) => imports.push(job),
+                    None => self.cluster.handle_import(self.now, job, Ok(imported())),
+                },
+                _ => {}
+            }
+        }
+    }
+
+    /// Servers answer what they were sent; a wall that runs freely sends them more at once.
+    fn answer_all(&mut self) {
+        for (server, command) in std::mem::take(&mut self.sent) {
+            self.answer(server, &command);
+        }
+        self.read();
+    }
+
+    /// What a server in good health says to a command.
+    fn answer(&mut self, server: SessionId, command: &Command) {
+        match command {
+            Command::Prepare(prepare) => {
+                let mut replica = if prepare.base.is_some() {
+                    let wall = Some(Box::new(self.wall.clone()));
+                    Replica { wall, scene: None, revision: Revision(prepare.revision.0 - 1) }
+                } else {
+                    Replica::from_snapshot(prepare.revision, prepare.operations.clone())
+                };
+                if prepare.base.is_some() {
+                    prepare.operations.iter().for_each(|o| replica.apply(o.clone()));
+                }
+                self.digest = replica.digest();
+                let prepared = Prepared {
+                    epoch: prepare.epoch,
+                    revision: prepare.revision,
+                    digest: self.digest,
+                    features: Vec::new(),
+                    scene_bytes: 0,
+                };
+                self.cluster.handle_status(self.now, server, Status::Prepared(prepared), 32);
+            }
+            Command::Frame(frame) => {
+                for channel in self.cluster.channels_of(server) {
+                    let mut status = drawn(frame, channel, self.digest);
+                    for said in &self.says {
+                        if let Status::Drawn(said) = said
+                            && said.channel == channel
+                        {
+                            let Drawn { draw_us, triangles, draw_calls, .. } = *said;
+                            status = Drawn { draw_us, triangles, draw_calls, ..status };
+                        }
+                    }
+                    self.cluster.handle_status(self.now, server, Status::Drawn(status), 32);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// From now on imports wait.
+    pub fn hold_imports(&mut self) {
+        self.imports = Some(Vec::new());
+    }
+
+    /// How many of them do.
+    pub fn imports_held(&self) -> usize {
+        self.imports.as_ref().map_or(0, Vec::len)
+    }
+
+    /// The first of them is done.
+    pub fn finish_import(&mut self) {
+        let imports = self.imports.as_mut().filter(|imports| !imports.is_empty());
+        if let Some(job) = imports.map(|imports| imports.remove(0)) {
+            self.cluster.handle_import(self.now, job, Ok(imported()));
+        }
+        self.read();
+    }
+
+    /// Says this of the frame that comes next, in place of what a server in good health says.
+    pub fn take_for_each_frame(&mut self, status: Status) {
+        self.says.push(status);
+        for _ in 0..4 {
+            self.order_frame();
+            self.answer_all();
+        }
+    }
+}
+
+fn drawn(frame: &Frame, channel: ChannelId, digest: Digest) -> Drawn {
+    Drawn {
+        epoch: frame.epoch,
+        frame: frame.frame,
+        channel,
+        revision: frame.revision,
+        digest,
+        draw_us: 20_000,
+        triangles: 1000,
+        draw_calls: 6,
+    }
+}
+
+fn imported() -> ImportedScene {
+    let scene = SceneRef { name: "town".into(), manifest: BlobHash([5; 32]) };
+    let summary = SceneSummary {
+        name: "town".into(),
+        revision: Revision(0),
+        bounds: None,
+        triangles: 0,
+        features: SceneFeatures::default(),
+    };
+    ImportedScene { scene, summary }
+}
+
+/// What the manager does with a manifest.
+fn read_manifest(scene: &Scene) {
+    if scene.fault().is_some() {
+        return;
+    }
+    let _ = (scene.triangles(), SceneFeatures::of(scene).names(), scene.world_from_nodes());
+    let textures = scene.textures.iter().map(Texture::bytes);
+    let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let meshes = primitives.map(|p| p.vertex_bytes().saturating_add(p.index_bytes()));
+    let _ = meshes.chain(textures).fold(0, u64::saturating_add);
+}

@@ -1,0 +1,9 @@
+//! What mutations begin from: small valid inputs of every kind. The coverage-guided targets in
+//! `tests/fuzz` begin from the same, and find these files by their paths.
+
+#[path = "seeds/messages.rs"]
+pub mod messages;
+#[path = "seeds/scenes.rs"]
+pub mod scenes;
+#[path = "seeds/walls.rs"]
+pub mod walls;

@@ -1,0 +1,361 @@
+//! A valid message of every variant, as it stands on the wire.
+
+use bytes::Bytes;
+use glam::{DAffine3, DQuat, DVec3, Quat, Vec3};
+use polyptych_protocol::blob::{BlobChunk, BulkDown, BulkUp, PictureChunk};
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::codec::encode;
+use polyptych_protocol::command::{Area, Command, Frame, Pong, Prepare, Swap, View};
+use polyptych_protocol::feedback::{
+    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Spread, Statistics,
+    WallStatus,
+};
+use polyptych_protocol::handshake::{
+    Adapter, Answer, BulkHello, ClientHello, Hello, Refused, Secret, ServerHello, Welcome,
+};
+use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
+use polyptych_protocol::log::{Operation, SceneRef};
+use polyptych_protocol::request::{
+    self, Call, Captured, Failure, Pace, PictureInfo, PicturePart, Reply, Request, SceneSummary,
+};
+use polyptych_protocol::scene::{
+    AlphaMode, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, Node, Primitive,
+    Sampler, Scene, SceneFeatures, Texture, TextureFormat, TextureRef, Topology, VertexLayout,
+};
+use polyptych_protocol::status::{Drawn, Ping, Prepared, Shown, Status};
+use polyptych_protocol::wall::{Wall, file};
+
+use crate::message::Kind;
+
+/// The manager's life in all seeds, so that the brain takes them for its own.
+pub const EPOCH: Epoch = Epoch(7);
+
+/// What the manager's door wants to hear.
+pub const TOKEN: &str = "0123456789abcdef";
+
+/// The wall of all seeds: two screens with a name in every list.
+pub fn wall() -> Wall {
+    file::parse(super::walls::SEEDS[0], "seed.toml".as_ref()).expect("a wall")
+}
+
+/// One message of every variant.
+pub fn all() -> Vec<(Kind, Bytes)> {
+    let lists = [
+        (Kind::Hello, hellos().iter().map(encode).collect::<Vec<_>>()),
+        (Kind::Greeting, greetings().iter().map(encode).collect()),
+        (Kind::Command, commands().iter().map(encode).collect()),
+        (Kind::Status, statuses().iter().map(encode).collect()),
+        (Kind::Call, calls().iter().map(encode).collect()),
+        (Kind::Answer, answers().iter().map(encode).collect()),
+        (Kind::BulkUp, bulk_ups().iter().map(encode).collect()),
+        (Kind::BulkDown, bulk_downs().iter().map(encode).collect()),
+        (Kind::Manifest, vec![encode(&Scene::default()), encode(&scene())]),
+    ];
+    lists.into_iter().flat_map(|(kind, list)| list.into_iter().map(move |b| (kind, b))).collect()
+}
+
+pub fn hellos() -> Vec<Hello> {
+    let token = Secret(TOKEN.into());
+    let adapter = Adapter {
+        name: "llvmpipe".into(),
+        driver: "Mesa".into(),
+        backend: "Vulkan".into(),
+        texture_side_max: 8192,
+    };
+    let server = |channels: &[&str]| ServerHello {
+        name: "left".into(),
+        token: token.clone(),
+        channels: channels.iter().map(|name| (*name).into()).collect(),
+        pid: 4242,
+        adapter: adapter.clone(),
+    };
+    vec![
+        Hello::Client(ClientHello { name: "ann".into(), token: token.clone() }),
+        Hello::Server(server(&["a-1-1"])),
+        Hello::Server(server(&["a-2-1", "b"])),
+        Hello::Bulk(BulkHello { token, session: 2 }),
+    ]
+}
+
+fn greetings() -> Vec<Answer> {
+    vec![
+        Answer::Refused(Refused { reason: "no".into() }),
+        Answer::Welcome(Welcome {
+            epoch: EPOCH,
+            session: 2,
+            wall: "seed".into(),
+            heartbeat_ms: 2000,
+        }),
+    ]
+}
+
+fn camera() -> Camera {
+    Camera { position: DVec3::new(1.0, -2.0, 1e7), rotation: DQuat::IDENTITY, scale: 0.5 }
+}
+
+fn scene_ref() -> SceneRef {
+    SceneRef { name: "town".into(), manifest: BlobHash([0xab; 32]) }
+}
+
+fn commands() -> Vec<Command> {
+    let operations = vec![
+        Operation::SetWall(Box::new(wall())),
+        Operation::OpenScene(scene_ref()),
+        Operation::CloseScene,
+    ];
+    let part = Area::Screen { screen: 0, rect: [10, 20, 100, 200] };
+    let view = |area| View { camera: camera(), scene_root: None, area };
+    let frame = Frame {
+        epoch: EPOCH,
+        frame: FrameId(1),
+        time_s: 1.5,
+        revision: Revision(1),
+        views: vec![view(Area::Wall), view(part)],
+        eye: DVec3::new(0.0, 0.1, 0.2),
+        exposure: 1.0,
+        error_bound_px: 0.0,
+        capture: true,
+    };
+    let (base, revision) = (Some(Revision(1)), Revision(2));
+    vec![
+        Command::Prepare(Prepare { epoch: EPOCH, base: None, revision, operations }),
+        Command::Prepare(Prepare { epoch: EPOCH, base, revision, operations: Vec::new() }),
+        Command::Frame(frame),
+        Command::Swap(Swap { epoch: EPOCH, frame: FrameId(1), not_after_us: 2_000_000 }),
+        Command::Pong(Pong { sent_us: 1, received_us: 2, answered_us: 3 }),
+        Command::Goodbye { reason: "the end".into() },
+    ]
+}
+
+fn statuses() -> Vec<Status> {
+    let (channel, frame, revision) = (ChannelId(0), FrameId(1), Revision(1));
+    let drawn = Drawn {
+        epoch: EPOCH,
+        frame,
+        channel,
+        revision,
+        digest: Digest(9),
+        draw_us: 20_000,
+        triangles: 100_000,
+        draw_calls: 6,
+    };
+    let features = vec!["blend".into(), "textures".into()];
+    let prepared =
+        Prepared { epoch: EPOCH, revision, digest: Digest(9), features, scene_bytes: 1000 };
+    vec![
+        Status::Prepared(prepared),
+        Status::PrepareFailed { epoch: EPOCH, revision, reason: "no room".into() },
+        Status::Drawn(drawn),
+        Status::DrawFailed { channel, frame, reason: "no device".into() },
+        Status::Shown(Shown { epoch: EPOCH, frame, channel, at_us: 70_000, clock_error_us: 40 }),
+        Status::Ping(Ping { sent_us: 1, memory_bytes: 1 << 28 }),
+    ]
+}
+
+fn calls() -> Vec<Call> {
+    let requests = [
+        Request::OpenScene { path: "town.glb".into() },
+        Request::CloseScene,
+        Request::SetCamera(camera()),
+        Request::SetEye(DVec3::new(0.0, 0.1, 0.2)),
+        Request::SetExposure(2.0),
+        Request::RenderFrame { camera: Some(camera()), time_s: Some(1.0) },
+        Request::RenderFrame { camera: None, time_s: None },
+        Request::Run(Pace::Free),
+        Request::Run(Pace::Rate(60.0)),
+        Request::Pause,
+        Request::Capture,
+        Request::Status,
+        Request::DescribeWall,
+        Request::Statistics { reset: true },
+        Request::Subscribe(true),
+        Request::Stop,
+    ];
+    let call = |(request, id)| Call { id: RequestId(id), request };
+    requests.into_iter().zip(1..).map(call).collect()
+}
+
+fn feedback() -> Feedback {
+    let channel = ChannelFeedback {
+        name: "a-1-1".into(),
+        state: ChannelState::Live,
+        draw_us: Some(20_000),
+        triangles: 100_000,
+        draw_calls: 6,
+    };
+    Feedback {
+        frame: FrameId(1),
+        time_s: 1.5,
+        revision: Revision(1),
+        frame_us: 21_000,
+        barrier_us: 1000,
+        channels: vec![channel; 3],
+    }
+}
+
+fn status() -> WallStatus {
+    let channel = ChannelStatus {
+        name: "a-1-1".into(),
+        state: ChannelState::Late,
+        since_ms: 10,
+        reason: Some("slow".into()),
+        pid: Some(42),
+        address: Some("127.0.0.1:5".into()),
+        adapter: Some("llvmpipe".into()),
+        frame: FrameId(1),
+        revision: Revision(1),
+        late: 3,
+        memory_bytes: 1 << 28,
+    };
+    WallStatus {
+        wall: "seed".into(),
+        epoch: EPOCH,
+        revision: Revision(1),
+        digest: Digest(9),
+        frame: FrameId(1),
+        scene: Some("town".into()),
+        deadline_ms: 50.0,
+        channels: vec![channel; 3],
+        clients: vec!["ann".into()],
+        warnings: vec!["mixed".into()],
+    }
+}
+
+fn statistics() -> Statistics {
+    let spread = Spread { count: 9, p50: 1.0, p95: 2.0, p99: 3.0, max: 4.0 };
+    let channel = ChannelStatistics {
+        name: "a-1-1".into(),
+        state: ChannelState::Live,
+        frames: 9,
+        frame_ms: spread,
+        draw_ms: spread,
+        swap_skew_us: spread,
+        clock_error_us: 40,
+        longest_gap_ms: 50.0,
+        late: 1,
+        triangles: 100_000,
+        draw_calls: 6,
+        adapter: Some("llvmpipe".into()),
+        memory_bytes: 1 << 28,
+    };
+    Statistics {
+        frames: 9,
+        seconds: 1.0,
+        frame_ms: spread,
+        draw_ms: spread,
+        barrier_us: spread,
+        swap_skew_us: spread,
+        late: 1,
+        triangles: 300_000,
+        draw_calls: 18,
+        bytes_per_frame: 555.0,
+        features: vec!["blend".into()],
+        channels: vec![channel; 3],
+    }
+}
+
+fn answers() -> Vec<request::Answer> {
+    let summary = SceneSummary {
+        name: "town".into(),
+        revision: Revision(2),
+        bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
+        triangles: 100_000,
+        features: SceneFeatures::of(&scene()),
+    };
+    let info = PictureInfo { name: "front".into(), is_screen: true, width: 1920, height: 1080 };
+    let captured = Captured {
+        frame: FrameId(1),
+        pictures: vec![info],
+        missing: vec![("b".into(), "late".into())],
+    };
+    let id = RequestId(5);
+    let replies = [
+        Ok(Reply::Done),
+        Ok(Reply::SceneOpened(summary)),
+        Ok(Reply::Frame(feedback())),
+        Ok(Reply::Captured(captured)),
+        Ok(Reply::Status(Box::new(status()))),
+        Ok(Reply::Wall(Box::new(wall()))),
+        Ok(Reply::Statistics(Box::new(statistics()))),
+        Err(Failure::new("no such scene")),
+    ];
+    let part = PicturePart { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };
+    let others = [
+        request::Answer::Feedback(feedback()),
+        request::Answer::Picture(part),
+        request::Answer::Goodbye { reason: "the end".into() },
+    ];
+    let replies = replies.into_iter().map(|reply| request::Answer::Reply { id, reply });
+    replies.chain(others).collect()
+}
+
+fn bulk_ups() -> Vec<BulkUp> {
+    let chunk = PictureChunk {
+        channel: ChannelId(0),
+        frame: FrameId(1),
+        width: 64,
+        height: 64,
+        offset: 0,
+        bytes: Bytes::from_static(&[3; 256]),
+    };
+    vec![BulkUp::Want(BlobHash([1; 32])), BulkUp::Picture(chunk)]
+}
+
+fn bulk_downs() -> Vec<BulkDown> {
+    let hash = BlobHash([1; 32]);
+    let chunk = BlobChunk { hash, total: 256, offset: 0, bytes: Bytes::from_static(&[9; 256]) };
+    vec![BulkDown::Chunk(chunk), BulkDown::Missing { hash, reason: "lost".into() }]
+}
+
+/// A manifest with everything in it once.
+fn scene() -> Scene {
+    let layout = VertexLayout { tangent: true, uv0: true, uv1: false, color: true };
+    let primitive = Primitive {
+        blob: BlobHash([2; 32]),
+        layout,
+        vertex_count: 3,
+        index_count: 3,
+        index_format: IndexFormat::U16,
+        topology: Topology::Triangles,
+        material: Some(0),
+        origin: DVec3::ONE,
+        min: Vec3::NEG_ONE,
+        max: Vec3::ONE,
+    };
+    let texture = TextureRef { texture: 0, uv_set: 0, uv_transform: glam::Affine2::IDENTITY };
+    let material = Material {
+        alpha_mode: AlphaMode::Mask(0.5),
+        base_color_texture: Some(texture),
+        normal_texture: Some(texture),
+        ..Material::default()
+    };
+    let instance =
+        Instance { translation: Vec3::X, rotation: Quat::IDENTITY, scale: Vec3::splat(2.0) };
+    let node = |parent, light, instances| Node {
+        name: "node".into(),
+        parent,
+        local: DAffine3::from_translation(DVec3::new(1e7, 0.0, 0.0)),
+        mesh: Some(0),
+        light,
+        instances,
+    };
+    let kind = LightKind::Spot { inner_rad: 0.1, outer_rad: 0.5 };
+    let light = Light { kind, color: Vec3::ONE, intensity: 3.0, range: Some(10.0) };
+    Scene {
+        name: "town".into(),
+        nodes: vec![node(None, None, Vec::new()), node(Some(0), Some(0), vec![instance; 2])],
+        meshes: vec![Mesh { name: "mesh".into(), primitives: vec![primitive] }],
+        materials: vec![material],
+        textures: vec![Texture {
+            blob: BlobHash([3; 32]),
+            format: TextureFormat::Rgba8Srgb,
+            width: 8,
+            height: 4,
+            mip_count: 4,
+            sampler: Sampler::default(),
+        }],
+        lights: vec![light],
+        sky: Vec3::ONE,
+        bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
+    }
+}

@@ -1,0 +1,94 @@
+//! The render server behind the decoder, but for its socket and its GPU: what a command or a
+//! manifest that can be decoded meets next.
+
+use polyptych_protocol::command::{Command, Frame, Prepare};
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::log::Replica;
+use polyptych_protocol::scene::Scene;
+use polyptych_protocol::wall::Wall;
+use polyptych_render::clock::ClockEstimate;
+use polyptych_render::playback::{Act, Playback};
+use polyptych_render::{apply, renderer};
+
+use crate::seeds::messages;
+
+/// A server's state between its threads.
+#[derive(Debug)]
+pub struct Server {
+    wall: Wall,
+    now: u64,
+    replica: Replica,
+    playback: Playback,
+    clock: ClockEstimate,
+}
+
+impl Server {
+    /// One that has been sent nothing yet.
+    pub fn new() -> Self {
+        Self {
+            wall: messages::wall(),
+            now: 1_000_000,
+            replica: Replica::default(),
+            playback: Playback::default(),
+            clock: ClockEstimate::default(),
+        }
+    }
+
+    /// What a render server does with a command, but for drawing.
+    pub fn obey(&mut self, command: Command) {
+        self.now += 1000;
+        match command {
+            Command::Prepare(prepare) => self.prepare(prepare),
+            Command::Frame(frame) => {
+                self.draw(&frame);
+                self.playback.handle_frame(Box::new(frame));
+            }
+            Command::Swap(swap) => drop(self.playback.handle_swap(swap, Some(self.now))),
+            Command::Pong(pong) => {
+                self.clock.add(&pong, self.now);
+                let _ = self.clock.best();
+            }
+            Command::Goodbye { .. } => self.playback.restart(),
+        }
+        while let Some(act) = self.playback.poll(Some(self.now)) {
+            if let Act::Draw(frame) = act {
+                self.playback.has_drawn(&frame);
+            }
+        }
+    }
+
+    fn draw(&self, frame: &Frame) {
+        let wall = self.replica.wall.as_deref().unwrap_or(&self.wall);
+        for id in wall.channel_ids().chain([ChannelId(u16::MAX)]) {
+            let Ok(views) = apply::views(wall, id, frame) else { continue };
+            let Some(channel) = wall.channel(id) else { continue };
+            for view in views {
+                let Some([x, y, width, height]) = view.scissor else { continue };
+                assert!(x + width <= channel.size.x && y + height <= channel.size.y);
+            }
+        }
+    }
+
+    fn prepare(&mut self, prepare: Prepare) {
+        let mut replica = match prepare.base {
+            Some(_) => self.replica.clone(),
+            None => Replica::default(),
+        };
+        for operation in prepare.operations {
+            replica.apply(operation);
+        }
+        if replica.wall.as_ref().and_then(|wall| wall.fault()).is_none() {
+            let _ = replica.digest();
+            self.replica = replica;
+        }
+    }
+}
+
+/// What a server does with a manifest before it asks for the blobs.
+pub fn show(scene: &Scene) {
+    if scene.fault().is_none() {
+        let _ = apply::warm_up_camera(scene);
+        let description: renderer::SceneDesc = apply::scene(scene);
+        assert_eq!(description.nodes.len(), scene.nodes.len());
+    }
+}
