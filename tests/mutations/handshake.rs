@@ -50,7 +50,9 @@ fn start_manager() -> (SocketAddr, Arc<Notify>, JoinHandle<()>) {
     let baker = Baker { program, memory_mib: 64, store: folder.path().to_owned() };
     let (wall, token) = (messages::wall(), messages::TOKEN.to_owned());
     let (scene_roots, memory, recorder) = (Vec::new(), None, None);
-    let options = ManagerOptions { wall, token, scene_roots, baker, memory, recorder };
+    let (keys, metrics) = (None, None);
+    let options =
+        ManagerOptions { wall, token, keys, scene_roots, baker, memory, recorder, metrics };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);
     let manager = move || {

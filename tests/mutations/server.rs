@@ -46,7 +46,7 @@ impl Server {
             Command::Swap(swap) => drop(self.playback.handle_swap(swap, Some(self.now))),
             Command::Pong(pong) => {
                 self.clock.add(&pong, self.now);
-                let _ = self.clock.best();
+                let _ = self.clock.best(self.now);
             }
             Command::Goodbye { .. } => self.playback.restart(),
         }

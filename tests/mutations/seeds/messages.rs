@@ -6,9 +6,10 @@ use polyptych_protocol::blob::{BlobChunk, BulkDown, BulkUp, PictureChunk};
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec::encode;
 use polyptych_protocol::command::{Area, Command, Frame, Pong, Prepare, Swap, View};
+use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{
-    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Spread, Statistics,
-    WallStatus,
+    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Skew, Spread,
+    Statistics, WallStatus,
 };
 use polyptych_protocol::handshake::{
     Adapter, Answer, BulkHello, ClientHello, Hello, Refused, Secret, ServerHello, Welcome,
@@ -115,6 +116,7 @@ fn commands() -> Vec<Command> {
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: true,
+        display: DisplayMode::Identify,
     };
     let (base, revision) = (Some(Revision(1)), Revision(2));
     vec![
@@ -170,6 +172,7 @@ fn calls() -> Vec<Call> {
         Request::Statistics { reset: true },
         Request::Subscribe(true),
         Request::Stop,
+        Request::SetDisplays(DisplayMode::Blank),
     ];
     let call = |(request, id)| Call { id: RequestId(id), request };
     requests.into_iter().zip(1..).map(call).collect()
@@ -182,6 +185,7 @@ fn feedback() -> Feedback {
         draw_us: Some(20_000),
         triangles: 100_000,
         draw_calls: 6,
+        skew: skew(),
     };
     Feedback {
         frame: FrameId(1),
@@ -191,6 +195,10 @@ fn feedback() -> Feedback {
         barrier_us: 1000,
         channels: vec![channel; 3],
     }
+}
+
+fn skew() -> Skew {
+    Skew { frames: 9, p50_us: 100, p99_us: 300, max_us: 900, clock_error_us: Some(60) }
 }
 
 fn status() -> WallStatus {
@@ -205,6 +213,8 @@ fn status() -> WallStatus {
         frame: FrameId(1),
         revision: Revision(1),
         late: 3,
+        draw_us: Some(20_000),
+        skew: skew(),
         memory_bytes: 1 << 28,
     };
     WallStatus {
@@ -218,6 +228,7 @@ fn status() -> WallStatus {
         channels: vec![channel; 3],
         clients: vec!["ann".into()],
         warnings: vec!["mixed".into()],
+        displays: DisplayMode::Freeze,
     }
 }
 

@@ -61,7 +61,7 @@ impl World {
                 match job {
                     Job::Frame(frame) => playback.handle_frame(frame),
                     Job::Swap(swap) => {
-                        if let Some(Act::Show { epoch, frame }) =
+                        if let Some(Act::Show { epoch, frame, .. }) =
                             playback.handle_swap(swap, manager_us)
                         {
                             self.show(index, epoch, frame)?;
@@ -72,7 +72,7 @@ impl World {
             }
             let manager_us = self.servers[index].manager_us(self.now);
             match self.servers[index].playback.poll(manager_us) {
-                Some(Act::Show { epoch, frame }) => self.show(index, epoch, frame)?,
+                Some(Act::Show { epoch, frame, .. }) => self.show(index, epoch, frame)?,
                 Some(Act::Draw(frame)) => self.begin_drawing(index, frame),
                 None => {
                     let Some(state) = self.servers[index].finish.take() else { break };

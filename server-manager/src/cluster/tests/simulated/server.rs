@@ -370,7 +370,7 @@ impl World {
                 let server = &mut self.servers[index];
                 let arrived = server.local_us(self.now);
                 server.estimate.add(pong, arrived);
-                server.offset = server.estimate.best();
+                server.offset = server.estimate.best(arrived);
             }
             Command::Goodbye { reason } => self.disconnect(index, reason),
         }
