@@ -47,6 +47,13 @@ pub struct ChannelFeedback {
     pub name: String,
     /// When the frame was swapped.
     pub state: ChannelState,
+    /// For how long it had been in that state.
+    pub since_ms: u64,
+    /// Why it is not live, where there is a reason.
+    pub reason: Option<String>,
+    /// The last present call that is known, in microseconds of manager time: that of an earlier
+    /// frame, since nobody waits for it.
+    pub shown_at_us: Option<u64>,
     /// Its own drawing time; `None` where it had not drawn when the frame was swapped.
     pub draw_us: Option<u32>,
     /// Each instance counted.

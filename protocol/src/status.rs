@@ -33,6 +33,11 @@ pub enum Status {
     Shown(Shown),
     /// A sign of life, and the first timestamp of a clock estimate.
     Ping(Ping),
+    /// The server ends the connection, and why.
+    Goodbye {
+        /// For the log and the channel's status.
+        reason: String,
+    },
 }
 
 /// A revision is ready.

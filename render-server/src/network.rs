@@ -36,6 +36,9 @@ use crate::run::{ServerError, ServerOptions, Shutdown};
 const RETRY_FIRST: Duration = Duration::from_millis(50);
 const RETRY_LONGEST: Duration = Duration::from_secs(2);
 
+/// How long a goodbye may take: the next connection waits for it.
+const GOODBYE_TIME_MAX: Duration = Duration::from_millis(50);
+
 /// What the network thread works with.
 pub(crate) struct Network {
     pub options: ServerOptions,
@@ -148,7 +151,7 @@ impl Network {
     }
 
     /// Serves one connection until it ends, and says why it did.
-    async fn serve(&mut self, frames: Frames<Stream>, welcome: Welcome) -> String {
+    async fn serve(&mut self, mut frames: Frames<Stream>, welcome: Welcome) -> String {
         let manager = &self.options.manager;
         tracing::info!(manager, wall = welcome.wall, epoch = %welcome.epoch, "connected");
         self.address = frames.get_ref().local_addr().ok();
@@ -170,8 +173,11 @@ impl Network {
         let line = Line { bulk: bulk_jobs, reports: self.reports.clone(), is_cut: is_cut.clone() };
         let reason = tokio::select! {
             reason = bulk::serve(bulk_frames, waiting) => reason,
-            reason = self.converse(frames, &welcome, line) => reason,
+            reason = self.converse(&mut frames, &welcome, line) => reason,
         };
+        // A manager that is gone, or reads nothing, is not waited for.
+        let goodbye = codec::encode(&Status::Goodbye { reason: reason.clone() });
+        let _ = tokio::time::timeout(GOODBYE_TIME_MAX, frames.send(goodbye)).await;
         is_cut.store(true, Ordering::Relaxed);
         let _ = self.jobs.try_send(Job::Disconnected);
         reason
@@ -179,7 +185,7 @@ impl Network {
 
     async fn converse(
         &mut self,
-        mut frames: Frames<Stream>,
+        frames: &mut Frames<Stream>,
         welcome: &Welcome,
         line: Line,
     ) -> String {

@@ -256,12 +256,16 @@ impl Cluster {
             Status::Shown(shown) => {
                 self.gathered.add_wire_bytes(wire_bytes);
                 if shown.epoch == self.epoch && self.registry.drives(from, shown.channel) {
-                    self.registry.shown(shown.channel, shown.frame);
+                    self.registry.shown(&shown);
                     self.gathered.add_shown(&shown);
                     if let Some(compared) = self.present_calls.add(&shown) {
                         self.gathered.add_skews(&compared);
                     }
                 }
+            }
+            Status::Goodbye { reason } => {
+                self.close(from, "goodbye".into());
+                self.handle_server_gone(now, from, &format!("it left: {reason}"));
             }
             Status::Ping(ping) => {
                 self.registry.set_memory(from, ping.memory_bytes);

@@ -12,6 +12,7 @@ use std::sync::{Arc, OnceLock};
 use bytes::{Bytes, BytesMut};
 use futures_util::StreamExt;
 use polyptych_protocol::codec;
+use polyptych_protocol::command::Command;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::identity::Identity;
@@ -116,15 +117,25 @@ async fn write_encrypted(
     mut half: WriteHalf<Stream>,
     mut outbox: mpsc::Receiver<Bytes>,
     close: CancellationToken,
+    mut last_words: oneshot::Receiver<Bytes>,
 ) {
     let work = async {
-        while let Some(frame) = next(&mut outbox, &close).await {
+        loop {
+            let (frame, is_last) = tokio::select! {
+                biased;
+                frame = next(&mut outbox, &close) => (frame, false),
+                Ok(words) = &mut last_words => (Some(words), true),
+            };
+            let Some(frame) = frame else { break };
             half.write_all(&frame).await?;
             // What waits already goes out in the same packets.
             while let Ok(frame) = outbox.try_recv() {
                 half.write_all(&frame).await?;
             }
             half.flush().await?;
+            if is_last {
+                break;
+            }
         }
         // TLS tells the peer that this end is meant.
         half.shutdown().await
@@ -149,6 +160,21 @@ async fn next(outbox: &mut mpsc::Receiver<Bytes>, close: &CancellationToken) -> 
         frame = outbox.recv() => frame,
         () = close.cancelled() => None,
     }
+}
+
+/// Tells a peer what it did, where nothing stands half written before that.
+fn say_goodbye(lane: &Lane, fault: &str) {
+    if let Some(half) = lane.half.get()
+        && lane.waiting.load(Ordering::Acquire) == 0
+    {
+        // A peer that reads nothing is told nothing.
+        let _ = half.try_write(&goodbye(fault));
+    }
+}
+
+/// A whole frame that says what a peer did.
+fn goodbye(fault: &str) -> Bytes {
+    codec::framed(&codec::encode(&Command::Goodbye { reason: fault.to_owned() }))
 }
 
 /// Serves one connection until it ends, and tells the brain why it did.
@@ -203,33 +229,46 @@ async fn converse(
     let FramedParts { io, codec, read_buf, .. } = frames.into_parts();
     // The writer has a task of its own: it has nothing to do while the peer reads, and would be
     // asked at every report otherwise.
-    let (reason, writer) = match io {
+    let ended = match io {
         Stream::Plain(tcp) => {
             let (read_half, write_half) = tcp.into_split();
             // Nobody else sets it.
             let _ = lane.half.set(write_half);
-            let mut writer = tokio::spawn(write_rest(lane, outbox, close));
-            let reason = tokio::select! {
-                reason = hear(read_half, codec, read_buf, session, events) => Some(reason),
-                _ = &mut writer => None,
+            let mut writer = tokio::spawn(write_rest(Arc::clone(&lane), outbox, close));
+            let ended = tokio::select! {
+                ended = hear(read_half, codec, read_buf, session, events) => ended,
+                _ = &mut writer => Ok(CLOSED.to_owned()),
             };
-            (reason, writer)
+            writer.abort();
+            ended.inspect_err(|fault| say_goodbye(&lane, fault))
         }
         tls @ Stream::Tls(_) => {
             let (read_half, write_half) = tokio::io::split(tls);
-            let mut writer = tokio::spawn(write_encrypted(write_half, outbox, close));
-            let reason = tokio::select! {
-                reason = hear(read_half, codec, read_buf, session, events) => Some(reason),
-                _ = &mut writer => None,
+            let (say_last, last_words) = oneshot::channel();
+            let mut writer = tokio::spawn(write_encrypted(write_half, outbox, close, last_words));
+            let ended = tokio::select! {
+                ended = hear(read_half, codec, read_buf, session, events) => ended,
+                _ = &mut writer => Ok(CLOSED.to_owned()),
             };
-            (reason, writer)
+            if let Err(fault) = &ended {
+                // A peer that reads nothing is told nothing.
+                let _ = say_last.send(goodbye(fault));
+                let _ = tokio::time::timeout(DRAIN_TIME_MAX, &mut writer).await;
+            }
+            writer.abort();
+            ended
         }
     };
-    writer.abort();
-    reason.unwrap_or_else(|| "the manager closed the connection".to_owned())
+    ended.unwrap_or_else(|fault| fault)
 }
 
+/// Why a connection ended that this end has closed.
+const CLOSED: &str = "the manager closed the connection";
+
 /// Tells the brain what the server says, until there is no more to hear; says why.
+///
+/// # Errors
+/// What the server did that it must not.
 async fn hear(
     read_half: impl AsyncRead + Unpin,
     codec: LengthDelimitedCodec,
@@ -237,22 +276,23 @@ async fn hear(
     read_buf: BytesMut,
     session: SessionId,
     events: &mpsc::Sender<Event>,
-) -> String {
+) -> Result<String, String> {
     let mut stream = FramedRead::new(read_half, codec);
     *stream.read_buffer_mut() = read_buf;
     loop {
         let bytes = match stream.next().await {
-            None => return "it closed the connection".to_owned(),
-            Some(Err(error)) => return format!("the connection failed: {error}"),
+            None => return Ok("it closed the connection".to_owned()),
+            // Too long a message too.
+            Some(Err(error)) => return Err(format!("the connection failed: {error}")),
             Some(Ok(bytes)) => bytes,
         };
         let status = match codec::decode::<Status>(&bytes) {
             Ok(status) => status,
-            Err(error) => return format!("it sent something malformed: {error}"),
+            Err(error) => return Err(format!("it sent something malformed: {error}")),
         };
         let says = Event::ServerSays { from: session, status, bytes: bytes.len() };
         if events.send(says).await.is_err() {
-            return "the manager ends".to_owned();
+            return Ok("the manager ends".to_owned());
         }
     }
 }

@@ -9,17 +9,21 @@ use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::request::Answer;
 
 use super::barrier::Barrier;
+use super::registry::Channel;
 use super::{Cluster, Micros, Output};
 
 impl Cluster {
     pub(super) fn aggregate(&self, barrier: &Barrier, now: Micros) -> Feedback {
         let frame_us = now.saturating_sub(barrier.began);
         let slowest_us = barrier.slowest_us().unwrap_or(0);
-        let channel = |id: ChannelId, name: &str, state| {
+        let channel = |id: ChannelId, channel: &Channel| {
             let drawn = barrier.drawn.get(&id);
             ChannelFeedback {
-                name: name.to_owned(),
-                state,
+                name: channel.name.clone(),
+                state: channel.state,
+                since_ms: now.saturating_sub(channel.since) / 1000,
+                reason: channel.reason.clone(),
+                shown_at_us: channel.shown_at_us,
                 draw_us: drawn.map(|drawn| drawn.draw_us),
                 triangles: drawn.map_or(0, |drawn| drawn.triangles),
                 draw_calls: drawn.map_or(0, |drawn| drawn.draw_calls),
@@ -33,7 +37,7 @@ impl Cluster {
             revision: barrier.revision,
             frame_us,
             barrier_us: frame_us.saturating_sub(Micros::from(slowest_us)),
-            channels: channels.map(|(id, c)| channel(id, &c.name, c.state)).collect(),
+            channels: channels.map(|(id, of)| channel(id, of)).collect(),
         }
     }
 
