@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 use super::span;
 use super::{Cluster, Micros, Output, RequestOf, SessionId};
 
-/// Frames after joining or a change in which a channel may take as long as any frame waits:
-/// a first draw still compiles and fills caches.
+/// Frames after joining or a change in which a channel warms up: a first draw still compiles and
+/// fills caches. While all do, a frame waits as long as any may.
 const WARM_UP_FRAMES: u32 = 3;
 
 /// Frames whose beginning is remembered: what a late channel may be behind and still be measured,
@@ -69,6 +69,8 @@ pub(super) struct Barrier {
     pub time_s: f64,
     pub began: Micros,
     deadline: Micros,
+    /// How long it waits while nobody has drawn: longer where all are late, of whom one may hang.
+    patience: Micros,
     order: Option<FrameOrder>,
     /// Every server that was sent the frame.
     sent: Vec<SessionId>,
@@ -84,8 +86,9 @@ pub(super) struct Barrier {
 }
 
 impl Barrier {
+    /// When it is over, as far as is known now.
     pub fn deadline(&self) -> Micros {
-        self.deadline
+        if self.drawn.is_empty() { self.patience } else { self.deadline }
     }
 
     /// The longest that a server drew for the channels that the frame waited for, where one has.
@@ -136,8 +139,7 @@ impl Cluster {
         self.registry.admit_ready(now, next);
         self.registry.admit_late(now, next);
         let (mut waited, mut late) = (Vec::new(), Vec::new());
-        let mut sent = Vec::new();
-        let mut is_warming = false;
+        let (mut sent, mut is_warm) = (Vec::new(), false);
         for (id, channel) in self.registry.channels() {
             let is_late = channel.state == ChannelState::Late;
             let Some(session) = channel.server else { continue };
@@ -151,7 +153,7 @@ impl Cluster {
                 late.push(id);
             } else {
                 waited.push(id);
-                is_warming |= channel.frames_drawn < WARM_UP_FRAMES;
+                is_warm |= channel.frames_drawn >= WARM_UP_FRAMES;
             }
         }
         let sent_channels = waited.len() + late.len();
@@ -168,12 +170,12 @@ impl Cluster {
         self.frame.0 += 1;
         self.beginnings.add(now);
         let time_s = order.as_ref().and_then(|o| o.time_s).unwrap_or(now as f64 * 1e-6);
-        // A picture that someone asked for is worth the longest wait.
-        let wait = if is_warming || is_all_late || capture {
-            self.deadline.longest()
-        } else {
-            self.deadline.length()
-        };
+        // A picture that someone asked for is worth the longest wait. A channel that joins a wall
+        // that moves is not: it would hold up those who have warmed up long ago.
+        let (length, longest) = (self.deadline.length(), self.deadline.longest());
+        let is_warming = !is_all_late && !is_warm;
+        let wait = if is_warming || capture { longest } else { length };
+        let patience = if is_all_late { longest } else { wait };
         self.pacer.began(now, !waited.is_empty());
         if let Some(FrameOrder { job, capture: true, .. }) = &order {
             self.collect(*job, &sent);
@@ -186,6 +188,7 @@ impl Cluster {
             time_s,
             began: now,
             deadline: now + wait,
+            patience: now + patience,
             order,
             sent,
             sent_channels,
@@ -230,7 +233,7 @@ impl Cluster {
         // A late channel is measured by the deadline, not by the others: one that is slower than
         // they are, but not too slow, would else be late for ever.
         let awaiting = self.barrier.as_ref().filter(|b| b.awaits(drawn));
-        let allowed = awaiting.map_or(self.deadline.length(), |b| b.deadline - b.began);
+        let allowed = awaiting.map_or(self.deadline.length(), |b| b.deadline() - b.began);
         let began = self.beginnings.of(drawn.frame, self.frame);
         self.registry.drew(drawn.channel, drawn.draw_us, now, began, allowed);
         let is_its = |b: &&mut Barrier| (b.frame, b.revision) == (drawn.frame, drawn.revision);
@@ -281,7 +284,7 @@ impl Cluster {
     pub(super) fn finish_frame(&mut self, now: Micros) {
         let Some(barrier) = self.barrier.take() else { return };
         for &id in &barrier.waited {
-            let waited_ms = (barrier.deadline - barrier.began) / 1000;
+            let waited_ms = (barrier.deadline() - barrier.began) / 1000;
             let reason = format!("frame {} was not drawn within {waited_ms} ms", barrier.frame);
             let miss = || self.registry.missed(id, now, reason);
             span::of_frame(barrier.frame).in_scope(miss);

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{ChannelId, FrameId, Revision};
+use polyptych_protocol::status::Shown;
 use polyptych_protocol::wall::Wall;
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +14,9 @@ use super::{Micros, SessionId, span};
 /// Frames in time after which a late channel is waited for again, the first time.
 const REJOIN_FRAMES_MIN: u32 = 8;
 
-/// The same after many relapses: a channel that keeps failing is waited for ever more rarely.
+/// The same after many relapses: a channel that keeps failing is waited for ever more rarely. One
+/// that was in time for as many frames is forgiven: a wall that runs for weeks would otherwise make
+/// every hiccup cost seconds.
 const REJOIN_FRAMES_MAX: u32 = 512;
 
 /// After this long a server that could not prepare the shown state is asked again: a full disk or
@@ -61,6 +64,8 @@ pub(super) struct Channel {
     pub server: Option<SessionId>,
     /// The last frame that it showed.
     pub frame: FrameId,
+    /// When, in manager time as far as its server knew it.
+    pub shown_at_us: Option<Micros>,
     pub late: u64,
     /// Times that its server was lost.
     pub lost: u64,
@@ -68,10 +73,13 @@ pub(super) struct Channel {
     pub draw_us: Option<u32>,
     /// Frames that it drew since it joined or the revision changed: the first ones warm up.
     pub frames_drawn: u32,
+    /// Frames in time since it last missed one.
     in_time: u32,
     /// When its last drawing was reported.
     drew_at: Micros,
     rejoin_frames: u32,
+    /// What it takes after the next miss.
+    next_rejoin_frames: u32,
 }
 
 /// All servers and channels.
@@ -91,6 +99,7 @@ impl Registry {
             reason: Some("no server has claimed it yet".into()),
             server: None,
             frame: FrameId(0),
+            shown_at_us: None,
             late: 0,
             lost: 0,
             draw_us: None,
@@ -98,6 +107,7 @@ impl Registry {
             in_time: 0,
             drew_at: 0,
             rejoin_frames: REJOIN_FRAMES_MIN,
+            next_rejoin_frames: REJOIN_FRAMES_MIN,
         };
         let channels = wall.channels.iter().map(|c| channel(&c.name)).collect();
         Self { servers: BTreeMap::new(), channels, heartbeat_us }
@@ -245,9 +255,12 @@ impl Registry {
         }
     }
 
-    pub fn shown(&mut self, id: ChannelId, frame: FrameId) {
-        if let Some(channel) = self.channels.get_mut(usize::from(id.0)) {
-            channel.frame = channel.frame.max(frame);
+    pub fn shown(&mut self, shown: &Shown) {
+        if let Some(channel) = self.channels.get_mut(usize::from(shown.channel.0)) {
+            channel.frame = channel.frame.max(shown.frame);
+            if shown.clock_error_us != u32::MAX {
+                channel.shown_at_us = channel.shown_at_us.max(Some(shown.at_us));
+            }
         }
     }
 
@@ -302,12 +315,8 @@ impl Registry {
         channel.in_time = 0;
         if channel.state == ChannelState::Live {
             // A first fault is forgiven quickly, a relapse less so.
-            let relapsed = channel.late > 1;
-            channel.rejoin_frames = if relapsed {
-                (channel.rejoin_frames * 2).min(REJOIN_FRAMES_MAX)
-            } else {
-                REJOIN_FRAMES_MIN
-            };
+            channel.rejoin_frames = channel.next_rejoin_frames;
+            channel.next_rejoin_frames = (channel.rejoin_frames * 2).min(REJOIN_FRAMES_MAX);
             self.set_state(id, ChannelState::Late, Some(reason), now);
         }
     }
@@ -328,6 +337,9 @@ impl Registry {
         let free_at = std::mem::replace(&mut channel.drew_at, now);
         let is_in_time = began.is_some_and(|b| now.saturating_sub(b.max(free_at)) <= deadline);
         channel.in_time = if is_in_time { channel.in_time.saturating_add(1) } else { 0 };
+        if channel.in_time >= REJOIN_FRAMES_MAX {
+            channel.next_rejoin_frames = REJOIN_FRAMES_MIN;
+        }
     }
 
     /// Channels that could draw are waited for from now on. Between two frames only: a frame does

@@ -122,6 +122,10 @@ impl Gathered {
         let Some(channel) = self.channels.get_mut(usize::from(shown.channel.0)) else { return };
         channel.frames += 1;
         channel.clock_error_us = shown.clock_error_us;
+        // A server that has just come does not know the manager's time yet.
+        if shown.clock_error_us == u32::MAX {
+            return;
+        }
         if let Some(last) = channel.last_shown_us {
             channel.longest_gap_us = channel.longest_gap_us.max(shown.at_us.saturating_sub(last));
         }
@@ -149,6 +153,9 @@ impl Gathered {
             .zip(&self.channels)
             .map(|((_, channel), of)| {
                 let server = channel.server.and_then(|session| registry.server(session));
+                // A gap that never ended counts up to the last frame.
+                let since_us = of.last_shown_us.or(self.first).unwrap_or(self.last);
+                let open_gap_us = self.last.saturating_sub(since_us);
                 ChannelStatistics {
                     name: channel.name.clone(),
                     state: channel.state,
@@ -157,7 +164,7 @@ impl Gathered {
                     draw_ms: of.draw_ms.spread(),
                     swap_skew_us: of.skew_us.spread(),
                     clock_error_us: of.clock_error_us,
-                    longest_gap_ms: of.longest_gap_us as f64 / 1000.0,
+                    longest_gap_ms: of.longest_gap_us.max(open_gap_us) as f64 / 1000.0,
                     late: channel.late - of.late_before.min(channel.late),
                     triangles: of.triangles,
                     draw_calls: of.draw_calls,

@@ -1,6 +1,7 @@
 //! Failures of a wall as short deterministic tests: the clock is the test's own.
 
 mod displays;
+mod failures;
 mod found;
 mod random;
 mod simulated;

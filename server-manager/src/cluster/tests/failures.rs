@@ -1,0 +1,112 @@
+//! What one channel must not do to the others, and how long what it did is held against it.
+
+use super::*;
+
+/// Orders a frame that these channels draw at once; gives how long it took to be swapped.
+fn frame_time(stage: &mut Stage, channels: &[u32]) -> Micros {
+    let (swaps, began) = (stage.swaps.len(), stage.now);
+    stage.order_frame();
+    stage.draw(channels, 1_000);
+    while stage.swaps.len() == swaps {
+        stage.wait(1_000);
+    }
+    stage.now - began
+}
+
+#[test]
+fn a_channel_that_joins_and_hangs_holds_a_wall_that_moves_for_one_deadline() {
+    let mut stage = Stage::new(3);
+    stage.cluster.handle_server_gone(stage.now, SessionId(2), "killed");
+    stage.replicas.remove(&SessionId(2));
+    stage.join(SessionId(12), 2).expect("joined");
+    stage.prepare_all();
+    let deadline = stage.cluster.deadline.length();
+    let took = frame_time(&mut stage, &[0, 1]);
+    assert!(took <= deadline + 1_000, "{took} µs, the deadline being {deadline}");
+    assert_eq!(stage.state(2), ChannelState::Late);
+    assert!(frame_time(&mut stage, &[0, 1]) <= 2_000, "nobody waits for it any more");
+}
+
+#[test]
+fn a_channel_that_hangs_holds_no_wall_whose_others_are_late() {
+    let mut stage = Stage::new(3);
+    stage.order_frame();
+    stage.wait(100_000);
+    assert!((0..3).all(|channel| stage.state(channel) == ChannelState::Late));
+    let deadline = stage.cluster.deadline.length();
+    for _ in 0..3 {
+        let took = frame_time(&mut stage, &[0, 1]);
+        assert!(took <= deadline + 1_000, "{took} µs, the deadline being {deadline}");
+    }
+    // Where nobody has drawn, the first who has ends the frame.
+    stage.order_frame();
+    stage.wait(500_000);
+    let swaps = stage.swaps.len();
+    stage.draw(&[1], 1_000);
+    assert_eq!(stage.swaps.len(), swaps + 1);
+}
+
+#[test]
+fn misses_are_forgiven_after_many_frames_in_time() {
+    let mut stage = Stage::new(2);
+    let mut rejoin = |frames_between: u32| {
+        for _ in 0..frames_between {
+            frame_time(&mut stage, &[0, 1]);
+        }
+        frame_time(&mut stage, &[0]);
+        assert_eq!(stage.state(1), ChannelState::Late);
+        let mut frames = 0;
+        while stage.state(1) == ChannelState::Late {
+            frame_time(&mut stage, &[1, 0]);
+            frames += 1;
+        }
+        frames
+    };
+    assert_eq!([rejoin(20), rejoin(20), rejoin(20), rejoin(520)], [8, 16, 32, 8]);
+}
+
+#[test]
+fn a_frame_that_a_replica_in_doubt_has_drawn_is_not_shown_by_it() {
+    let mut stage = Stage::new(2);
+    stage.order_frame();
+    let wrong = Drawn { digest: Digest(1), ..stage.drawn(1) };
+    stage.cluster.handle_status(stage.now, SessionId(1), Status::Drawn(wrong), 10);
+    let drawn = stage.drawn(0);
+    stage.cluster.handle_status(stage.now, SessionId(0), Status::Drawn(drawn), 10);
+    let mut told = Vec::new();
+    while let Some(output) = stage.cluster.poll_output() {
+        if let Output::Command { to, bytes } = output
+            && let Ok(Command::Swap(_)) = codec::decode::<Command>(&bytes)
+        {
+            told.extend(to);
+        }
+    }
+    assert_eq!(told, [SessionId(0)]);
+}
+
+#[test]
+fn a_server_that_says_goodbye_is_lost_for_its_own_reason() {
+    let mut stage = Stage::new(2);
+    let reason = "it sent something malformed".to_owned();
+    stage.say(SessionId(1), Status::Goodbye { reason });
+    assert_eq!(stage.closed, [SessionId(1)]);
+    let status = stage.cluster.status(stage.now);
+    assert_eq!(status.channels[1].state, ChannelState::Lost);
+    let reason = status.channels[1].reason.as_deref();
+    assert_eq!(reason, Some("it left: it sent something malformed"));
+}
+
+#[test]
+fn a_channel_that_never_came_back_has_a_gap_to_the_last_frame() {
+    let mut stage = Stage::new(2);
+    stage.request(Request::Statistics { reset: true });
+    let began = stage.now;
+    stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
+    for _ in 0..10 {
+        frame_time(&mut stage, &[0]);
+        stage.wait(99_000);
+    }
+    let took_ms = (stage.now - began) as f64 / 1000.0;
+    let gap_ms = stage.cluster.statistics(false).channels[1].longest_gap_ms;
+    assert!((took_ms - 200.0..=took_ms).contains(&gap_ms), "{gap_ms} of {took_ms} ms");
+}
