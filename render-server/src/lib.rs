@@ -18,6 +18,7 @@ pub mod renderer;
 mod report;
 mod run;
 pub mod showing;
+mod slowness;
 mod window;
 
 pub use run::{

@@ -3,9 +3,15 @@
 //! Commands are taken as they come; what is to be done is asked for when all have been taken, so
 //! that a server that wakes from a stop goes to the newest frame and never shows an old one.
 
+use std::time::Duration;
+
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::{Epoch, FrameId};
+
+/// How much later than it should a frame may be shown at most, because it took so long to draw: a
+/// slow channel shows what it can, and a picture of a second ago is worse than the last one.
+pub const SLOW_GRACE_MAX: Duration = Duration::from_secs(1);
 
 /// What to do next.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,6 +43,8 @@ struct Drawn {
     epoch: Epoch,
     frame: FrameId,
     display: DisplayMode,
+    /// How long that took.
+    took_us: u64,
 }
 
 impl Playback {
@@ -58,10 +66,19 @@ impl Playback {
         self.take_show(manager_us).or_else(|| self.waiting_frame.take().map(Act::Draw))
     }
 
-    /// The channels have drawn this frame; it may be shown.
-    pub fn has_drawn(&mut self, frame: &Frame) {
+    /// The channels have drawn this frame in this time; it may be shown. `Some` is to be done at
+    /// once: where the wall did not wait for it, its swap is there already, and the next one would
+    /// take its place.
+    pub fn has_drawn(
+        &mut self,
+        frame: &Frame,
+        took: Duration,
+        manager_us: Option<u64>,
+    ) -> Option<Act> {
+        let took_us = took.min(SLOW_GRACE_MAX).as_micros() as u64;
         let Frame { epoch, frame, display, .. } = *frame;
-        self.drawn = Some(Drawn { epoch, frame, display });
+        self.drawn = Some(Drawn { epoch, frame, display, took_us });
+        self.take_show(manager_us)
     }
 
     /// Forgets what waits and what was drawn: another connection, another state.
@@ -74,7 +91,10 @@ impl Playback {
         let drawn = self.drawn?;
         let is_old =
             self.shown.is_some_and(|(epoch, frame)| epoch == swap.epoch && frame >= swap.frame);
-        let is_expired = manager_us.is_some_and(|now| now > swap.not_after_us);
+        // Whoever draws slowly may show what it drew by so much later; whoever stood still with a
+        // drawn frame may not.
+        let not_after_us = swap.not_after_us.saturating_add(drawn.took_us);
+        let is_expired = manager_us.is_some_and(|now| now > not_after_us);
         if is_old || is_expired {
             self.waiting_swap = None;
             return None;
@@ -127,8 +147,8 @@ mod tests {
         playback.handle_frame(Box::new(frame(1)));
         assert_eq!(playback.poll(Some(0)), Some(Act::Draw(Box::new(frame(1)))));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), None);
-        playback.has_drawn(&frame(1));
-        assert_eq!(playback.poll(Some(20)), Some(show(1)));
+        let act = playback.has_drawn(&frame(1), Duration::ZERO, Some(20));
+        assert_eq!(act, Some(show(1)));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(20)), None);
         assert_eq!(playback.poll(Some(20)), None);
     }
@@ -138,20 +158,20 @@ mod tests {
         let mut playback = Playback::default();
         playback.handle_frame(Box::new(frame(1)));
         playback.poll(Some(0));
-        playback.has_drawn(&frame(1));
+        assert_eq!(playback.has_drawn(&frame(1), Duration::ZERO, None), None);
         for n in 2..50 {
             assert_eq!(playback.handle_swap(swap(n - 1, n * 10), Some(9_999)), None);
             playback.handle_frame(Box::new(frame(n)));
         }
         assert_eq!(playback.poll(Some(9_999)), Some(Act::Draw(Box::new(frame(49)))));
-        playback.has_drawn(&frame(49));
+        assert_eq!(playback.has_drawn(&frame(49), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(49, 10_100), Some(10_000)), Some(show(49)));
     }
 
     #[test]
     fn an_expired_swap_shows_nothing() {
         let mut playback = Playback::default();
-        playback.has_drawn(&frame(3));
+        assert_eq!(playback.has_drawn(&frame(3), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(3, 100), Some(101)), None);
         assert_eq!(playback.poll(Some(50)), None);
     }
@@ -160,11 +180,11 @@ mod tests {
     fn displays_change_with_the_frame_that_is_shown_and_not_with_the_one_that_is_drawn() {
         let mut playback = Playback::default();
         let black = Frame { display: DisplayMode::Blank, ..frame(2) };
-        playback.has_drawn(&frame(1));
+        assert_eq!(playback.has_drawn(&frame(1), Duration::ZERO, None), None);
         playback.handle_frame(Box::new(black.clone()));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), Some(show(1)));
         playback.poll(Some(10));
-        playback.has_drawn(&black);
+        assert_eq!(playback.has_drawn(&black, Duration::ZERO, None), None);
         let expected = Act::Show { epoch: EPOCH, frame: FrameId(2), display: DisplayMode::Blank };
         assert_eq!(playback.handle_swap(swap(2, 100), Some(20)), Some(expected));
     }
@@ -172,9 +192,26 @@ mod tests {
     #[test]
     fn a_swap_and_the_next_frame_in_one_breath_are_both_done() {
         let mut playback = Playback::default();
-        playback.has_drawn(&frame(1));
+        assert_eq!(playback.has_drawn(&frame(1), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(1, 100), None), Some(show(1)));
         playback.handle_frame(Box::new(frame(2)));
         assert_eq!(playback.poll(None), Some(Act::Draw(Box::new(frame(2)))));
+    }
+
+    #[test]
+    fn a_slow_channel_shows_what_it_drew_though_the_wall_is_further() {
+        let (second, minute) = (Duration::from_secs(1), Duration::from_mins(1));
+        for (took, at_us, is_shown) in [
+            (Duration::from_millis(200), 300_000, true),
+            (Duration::from_millis(200), 300_001, false),
+            (second, 1_100_000, true),
+            // It stood still while it drew: a frame of a minute ago is none to show.
+            (minute, 60_000_000, false),
+        ] {
+            let mut playback = Playback::default();
+            assert_eq!(playback.has_drawn(&frame(3), took, None), None);
+            let shown = playback.handle_swap(swap(3, 100_000), Some(at_us));
+            assert_eq!(shown.is_some(), is_shown, "{took:?} {at_us}");
+        }
     }
 }

@@ -24,6 +24,7 @@ use crate::renderer::{
 };
 use crate::report::{self, PictureReport, Report};
 use crate::showing::Showing;
+use crate::slowness::Slowness;
 
 /// States that are held at once: the one shown, and those that the next frames may name.
 const STATES_MAX: usize = 4;
@@ -83,6 +84,7 @@ pub(crate) struct RenderThread {
     outputs: Vec<Output>,
     queues: Queues,
     clock: Arc<Clock>,
+    slowness: Slowness,
     playback: Playback,
     /// Oldest first; the last one was finished last.
     states: VecDeque<Drawable>,
@@ -101,6 +103,7 @@ impl RenderThread {
         clock: Arc<Clock>,
         identity: Identity,
         present_delay: Duration,
+        slowness: Slowness,
     ) -> Result<Self, String> {
         let renderer = Renderer::new(&gpu, 1).map_err(|error| error.to_string())?;
         Ok(Self {
@@ -109,6 +112,7 @@ impl RenderThread {
             outputs,
             queues,
             clock,
+            slowness,
             playback: Playback::default(),
             states: VecDeque::new(),
             building: None,
@@ -207,6 +211,7 @@ impl RenderThread {
         if !self.promote(frame.epoch, frame.revision) {
             return;
         }
+        let began = Instant::now();
         let mut is_drawn = true;
         for index in 0..self.outputs.len() {
             let Some(drawable) = self.states.front() else { return };
@@ -215,6 +220,7 @@ impl RenderThread {
             let Some(wall) = state.replica.wall.as_deref() else { return };
             let Some((id, _)) = wall.channel_named(&self.outputs[index].name) else { continue };
             let start = Instant::now();
+            self.slowness.wait();
             match self.draw_channel(index, wall, id, frame, &scene) {
                 Ok(stats) => {
                     let draw_us = start.elapsed().as_micros() as u64;
@@ -229,8 +235,9 @@ impl RenderThread {
                 }
             }
         }
-        if is_drawn {
-            self.playback.has_drawn(frame);
+        let now = self.manager_us();
+        if is_drawn && let Some(act) = self.playback.has_drawn(frame, began.elapsed(), now) {
+            self.perform(act);
         }
     }
 

@@ -20,6 +20,7 @@ use crate::notice::Identity;
 use crate::output::Output;
 use crate::render_thread::{JOBS_MAX, Job, Queues, RenderThread};
 use crate::renderer::{Gpu, GpuError};
+use crate::slowness::Slowness;
 use crate::window::{self, Windows};
 
 /// Reports that wait for the network.
@@ -61,6 +62,8 @@ pub struct ServerOptions {
     /// Every frame is shown this much later than the manager says: for displays whose scan-out
     /// is known to be early, and to test what is measured. At most [`PRESENT_DELAY_MAX`].
     pub present_delay: Duration,
+    /// The file with the milliseconds that every frame is to take longer, for tests of a wall.
+    pub slow_draw: Option<PathBuf>,
 }
 
 /// Where the pictures go.
@@ -207,13 +210,15 @@ impl Threads {
         let queues =
             Queues { jobs: waiting_jobs, uploads: waiting_uploads, reports: reports.clone() };
         let stop_network = Arc::new(tokio::sync::Notify::new());
+        let slowness = Slowness::new(options.slow_draw.clone());
         let (render_clock, stop, end) = (clock.clone(), stop_network.clone(), on_end.clone());
         let (render_result, rendered) = bounded(1);
         let server = span.clone();
         Builder::new().name("render".into()).spawn(move || {
             let _server = server.entered();
-            let result = RenderThread::new(gpu, outputs, queues, render_clock, identity, delay)
-                .and_then(RenderThread::run);
+            let thread =
+                RenderThread::new(gpu, outputs, queues, render_clock, identity, delay, slowness);
+            let result = thread.and_then(RenderThread::run);
             // Nobody asks for it only where the process ends anyway.
             let _ = render_result.send(result);
             stop.notify_one();

@@ -1,6 +1,8 @@
 //! The render server behind the decoder, but for its socket and its GPU: what a command or a
 //! manifest that can be decoded meets next.
 
+use std::time::Duration;
+
 use polyptych_protocol::command::{Command, Frame, Prepare};
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::log::Replica;
@@ -52,7 +54,7 @@ impl Server {
         }
         while let Some(act) = self.playback.poll(Some(self.now)) {
             if let Act::Draw(frame) = act {
-                self.playback.has_drawn(&frame);
+                drop(self.playback.has_drawn(&frame, Duration::ZERO, Some(self.now)));
             }
         }
     }

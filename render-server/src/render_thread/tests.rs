@@ -68,7 +68,8 @@ impl Stage {
         let queues = Queues { jobs: waiting_jobs, uploads: waiting_uploads, reports: reporter };
         let identity = Identity { server: "left".into(), adapter: "a pencil".into() };
         let clock = Arc::new(Clock::default());
-        let thread = RenderThread::new(gpu, outputs, queues, clock, identity, Duration::ZERO);
+        let (delay, slowness) = (Duration::ZERO, Slowness::new(None));
+        let thread = RenderThread::new(gpu, outputs, queues, clock, identity, delay, slowness);
         let mut stage = Self {
             thread: thread.expect("a renderer"),
             reports,

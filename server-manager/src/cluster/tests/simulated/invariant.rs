@@ -383,7 +383,7 @@ impl Watch {
         channel: ChannelId,
         (epoch, frame): (Epoch, FrameId),
         picture: Option<Picture>,
-        clock_error_us: u32,
+        slack_us: Micros,
     ) -> Check {
         self.shows += 1;
         let Some(picture) = picture.filter(|p| (p.epoch, p.frame) == (epoch, frame)) else {
@@ -404,7 +404,7 @@ impl Watch {
             return Err(format!("channel {channel} shows frame {frame}, which was not swapped"));
         };
         // Its clock drifts by 50 µs a second at most, for the eight pings it remembers.
-        let slack_us = Micros::from(clock_error_us) + 1_000;
+        let slack_us = slack_us + 1_000;
         let late_us = (now - self.started).saturating_sub(not_after_us);
         if late_us > slack_us {
             return Err(format!("channel {channel} shows frame {frame} {late_us} µs too late"));

@@ -1,12 +1,14 @@
 //! The render thread of a simulated server: as `render_thread.rs` of the render server, with its
 //! very own `playback.rs`, but for the pictures.
 
+use std::time::Duration;
+
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, FrameId};
 use polyptych_protocol::status::{Drawn, Shown, Status};
 
 use super::super::Micros;
-use super::playback::Act;
+use super::playback::{Act, SLOW_GRACE_MAX};
 use super::server::{JOBS_MAX, Picture, State};
 use super::world::{Check, Happening, World};
 
@@ -102,6 +104,7 @@ impl World {
         states.drain(..at);
         let takes_us = self.drawing_time(index);
         let began = self.now;
+        self.servers[index].frame_began = began;
         self.draw_until(
             index,
             Drawing::Frame { frame, channel: 0, began, is_good: true },
@@ -138,7 +141,14 @@ impl World {
                     return Ok(());
                 }
                 if is_good {
-                    self.servers[index].playback.has_drawn(&frame);
+                    let server = &mut self.servers[index];
+                    let manager_us = server.manager_us(self.now);
+                    let took = Duration::from_micros(self.now - server.frame_began);
+                    server.grace_us = took.min(SLOW_GRACE_MAX).as_micros() as Micros;
+                    let act = server.playback.has_drawn(&frame, took, manager_us);
+                    if let Some(Act::Show { epoch, frame, .. }) = act {
+                        self.show(index, epoch, frame)?;
+                    }
                 }
             }
         }
@@ -179,10 +189,11 @@ impl World {
             return Ok(());
         }
         let clock_error_us = server.offset.map_or(u32::MAX, |(_, error)| error);
+        let slack_us = Micros::from(clock_error_us) + server.grace_us;
         let at_us = server.manager_us(self.now).unwrap_or(0);
         for channel in server.channels.clone() {
             let picture = self.servers[index].targets.get(&channel).copied();
-            self.watch.shown(self.now, channel, (epoch, frame), picture, clock_error_us)?;
+            self.watch.shown(self.now, channel, (epoch, frame), picture, slack_us)?;
             let shown = Shown { epoch, frame, channel, at_us, clock_error_us };
             self.report(index, Status::Shown(shown));
         }

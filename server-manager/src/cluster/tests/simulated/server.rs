@@ -98,6 +98,10 @@ pub struct Server {
     loading: Option<Result<State, String>>,
     ready: Option<(Epoch, Replica)>,
     ready_scene: Option<BlobHash>,
+    /// When it began to draw its last frame.
+    pub frame_began: Micros,
+    /// How much later than it should it may show what it drew last, which took so long.
+    pub grace_us: Micros,
     pub load_us: Micros,
     // The render thread.
     pub finish: Option<State>,
@@ -136,6 +140,8 @@ impl Server {
             loading: None,
             ready: None,
             ready_scene: None,
+            frame_began: 0,
+            grace_us: 0,
             load_us,
             finish: None,
             jobs: VecDeque::new(),
