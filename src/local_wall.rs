@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,8 +19,9 @@ use polyptych_protocol::token;
 use polyptych_protocol::wall::Wall;
 use tokio_util::sync::CancellationToken;
 
+use crate::faults::{Needs, Relay};
 use crate::log;
-use crate::supervise::{ChildCommand, Supervisor};
+use crate::supervise::{ChildCommand, ChildState, Supervisor};
 
 /// How long all servers together may take to come: a machine with two cores opens sixteen
 /// software devices in about ten seconds.
@@ -39,6 +41,16 @@ pub(crate) struct LocalWallOptions {
     pub baker: Baker,
     pub windows: bool,
     pub recorder: Option<Recorder>,
+    /// What it must have so that it can be hurt.
+    pub needs: Needs,
+}
+
+/// How a server can be hurt, beside by its process.
+#[derive(Debug, Default)]
+struct Hurt {
+    relay: Option<Arc<Relay>>,
+    /// The file that says by how much every frame is slowed.
+    slow_file: Option<PathBuf>,
 }
 
 /// Ctrl-C or SIGTERM came before the wall was there.
@@ -61,8 +73,11 @@ pub(crate) struct LocalWall {
     stop: CancellationToken,
     manager: Option<JoinHandle<()>>,
     was_interrupted: Arc<AtomicBool>,
-    /// Holds the token, and the log of nothing else.
-    _folder: tempfile::TempDir,
+    /// By server.
+    hurts: BTreeMap<String, Hurt>,
+    /// Holds the token, and what slows servers.
+    #[expect(dead_code, reason = "it is removed when this ends")]
+    folder: tempfile::TempDir,
 }
 
 impl LocalWall {
@@ -71,17 +86,19 @@ impl LocalWall {
     /// # Errors
     /// What did not start, and why; [`Interrupted`] where it was ended meanwhile.
     pub fn start(options: LocalWallOptions) -> anyhow::Result<Self> {
-        let LocalWallOptions { mut wall, scene_roots, baker, windows, recorder } = options;
+        let LocalWallOptions { mut wall, scene_roots, baker, windows, recorder, needs } = options;
         let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
         let token_file = folder.path().join("token");
         let mut secret = [0; 16];
         getrandom::fill(&mut secret).map_err(|error| anyhow::anyhow!("no random: {error}"))?;
         let token = token::read_or_make(&token_file, secret)?;
         let listener = std::net::TcpListener::bind("127.0.0.1:0").context("no port is free")?;
-        let address = listener.local_addr()?.to_string();
+        let socket = listener.local_addr()?;
+        let address = socket.to_string();
         // All on one disk: what the baker wrote, the servers read where it lies.
         wall.stores.push(baker.store.join("blobs").display().to_string());
-        let commands = server_commands(&wall, &address, &token_file, windows)?;
+        let hurts = hurts(&needs, socket, folder.path())?;
+        let commands = server_commands(&wall, &address, &token_file, windows, &hurts)?;
         let stop = CancellationToken::new();
         let token_given = token.clone();
         let options = ManagerOptions {
@@ -108,7 +125,7 @@ impl LocalWall {
         let is_interrupted = Arc::clone(&was_interrupted);
         let started = Client::connect_with(connect).map_err(Into::into).and_then(|client| {
             let manager = Some(manager);
-            let wall = Self { client, supervisor, stop, manager, was_interrupted, _folder: folder };
+            let wall = Self { client, supervisor, stop, manager, was_interrupted, hurts, folder };
             wall.await_channels()?;
             Ok(wall)
         });
@@ -125,6 +142,32 @@ impl LocalWall {
     /// Times that a server was started again.
     pub fn restarts(&self) -> u64 {
         self.supervisor.states().iter().map(|state| state.restarts).sum()
+    }
+
+    fn child(&self, server: &str) -> Option<ChildState> {
+        self.supervisor.states().into_iter().find(|state| state.name == server)
+    }
+
+    /// The process of a server, where it is running.
+    pub fn pid_of(&self, server: &str) -> Option<u32> {
+        self.child(server)?.pid
+    }
+
+    /// Times that this server was started again and came to run.
+    pub fn restarts_of(&self, server: &str) -> u64 {
+        let Some(ChildState { pid, restarts, .. }) = self.child(server) else { return 0 };
+        // One that has ended is counted when it ends.
+        if pid.is_some() { restarts } else { restarts.saturating_sub(1) }
+    }
+
+    /// The relay that this server's connections go through.
+    pub fn relay(&self, server: &str) -> Option<&Arc<Relay>> {
+        self.hurts.get(server)?.relay.as_ref()
+    }
+
+    /// The file that says by how many milliseconds this server's frames are slowed.
+    pub fn slow_file(&self, server: &str) -> Option<PathBuf> {
+        self.hurts.get(server)?.slow_file.clone()
     }
 
     fn await_channels(&self) -> anyhow::Result<()> {
@@ -181,12 +224,30 @@ fn start_manager(
     Ok(std::thread::Builder::new().name("manager".into()).spawn(work)?)
 }
 
+fn hurts(
+    needs: &Needs,
+    manager: SocketAddr,
+    folder: &std::path::Path,
+) -> anyhow::Result<BTreeMap<String, Hurt>> {
+    let mut hurts: BTreeMap<String, Hurt> = BTreeMap::new();
+    for server in &needs.relayed {
+        let relay = Relay::start(manager).context("no relay can be had")?;
+        hurts.entry(server.clone()).or_default().relay = Some(Arc::new(relay));
+    }
+    for (index, server) in needs.slowed.iter().enumerate() {
+        let file = folder.join(format!("slow-{index}"));
+        hurts.entry(server.clone()).or_default().slow_file = Some(file);
+    }
+    Ok(hurts)
+}
+
 /// One child for each server of the wall file, with all its channels.
 fn server_commands(
     wall: &Wall,
     address: &str,
     token_file: &std::path::Path,
     windows: bool,
+    hurts: &BTreeMap<String, Hurt>,
 ) -> anyhow::Result<Vec<ChildCommand>> {
     let program = std::env::current_exe().context("this program's own file is not known")?;
     let mut servers: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
@@ -195,8 +256,14 @@ fn server_commands(
     }
     let command = |(name, channels): (&str, Vec<&str>)| {
         let mut arguments: Vec<OsString> =
-            ["server", "--with-parent", "--manager", address].map(Into::into).to_vec();
+            ["server", "--with-parent", "--manager"].map(Into::into).to_vec();
+        let hurt = hurts.get(name);
+        let relay = hurt.and_then(|hurt| hurt.relay.as_ref());
+        arguments.push(relay.map_or(address.into(), |relay| relay.address().to_string().into()));
         arguments.extend(["--name", name].map(OsString::from));
+        if let Some(file) = hurt.and_then(|hurt| hurt.slow_file.as_ref()) {
+            arguments.extend(["--slow-draw".into(), file.into()]);
+        }
         for channel in channels {
             arguments.extend(["--channel", channel].map(OsString::from));
         }

@@ -3,6 +3,7 @@
 mod authority;
 mod barrier;
 mod cli;
+mod faults;
 mod local_wall;
 mod log;
 mod pictures;

@@ -3,6 +3,11 @@
 use polyptych_client::Statistics;
 use serde::Serialize;
 
+use crate::faults::FaultRecord;
+
+/// Faults that a summary lists; the report has them all.
+const FAULTS_SAID_MAX: usize = 20;
+
 /// The whole report. Times say their unit; spreads are over the frames of the run.
 #[derive(Debug, Serialize)]
 pub(crate) struct Report {
@@ -16,6 +21,10 @@ pub(crate) struct Report {
     pub restarts: u64,
     /// Channels of which the last picture is missing, with the reason.
     pub missing: Vec<(String, String)>,
+    /// What went wrong on purpose, and what it did.
+    pub faults: Vec<FaultRecord>,
+    /// Faults beyond those that are recorded.
+    pub faults_unrecorded: u64,
     /// What the manager measured, for the wall and for each channel.
     #[serde(flatten)]
     pub statistics: Statistics,
@@ -35,7 +44,25 @@ impl Report {
             adapter: adapters.join(", "),
             restarts: 0,
             missing: Vec::new(),
+            faults: Vec::new(),
+            faults_unrecorded: 0,
             statistics,
         }
+    }
+    /// What faults did, for people: a line for each, then one for each channel.
+    pub fn fault_lines(&self) -> impl Iterator<Item = String> {
+        let faults = self.faults.iter().take(FAULTS_SAID_MAX).map(FaultRecord::line);
+        let more = self.faults.len().saturating_sub(FAULTS_SAID_MAX);
+        let more = (more > 0).then(|| format!("{more} more faults stand in report.json"));
+        let channels = self.statistics.channels.iter().map(|channel| {
+            format!(
+                "channel {}: {}, longest gap {:.0} ms, late {}",
+                channel.name,
+                format!("{:?}", channel.state).to_lowercase(),
+                channel.longest_gap_ms,
+                channel.late
+            )
+        });
+        faults.chain(more).chain(channels)
     }
 }

@@ -38,6 +38,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         record: None,
         exposure: 1.0,
         out: arguments.out.clone(),
+        fault: Vec::new(),
+        fault_seed: 0,
     };
     simulate::simulate(&wall, &simulation)
 }

@@ -54,6 +54,10 @@ pub(super) struct Arguments {
     /// early, and for tests. The next frame is drawn later by as much
     #[arg(long, value_name = "TIME", value_parser = present_delay, hide_short_help = true)]
     present_delay: Option<Duration>,
+    /// A file with the milliseconds that every frame is to take longer, read before each, for
+    /// tests of how a wall bears a slow server; without the file none is slowed
+    #[arg(long, value_name = "FILE")]
+    slow_draw: Option<PathBuf>,
     /// End when standard input ends, as it does when the parent process does
     #[arg(long, hide = true)]
     with_parent: bool,
@@ -87,6 +91,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         output,
         once: arguments.once,
         present_delay: arguments.present_delay.unwrap_or_default(),
+        slow_draw: arguments.slow_draw,
     };
     let with_parent = arguments.with_parent;
     match run_server(options, Box::pin(asked_to_end(with_parent))) {

@@ -12,6 +12,7 @@ use polyptych_manager::record::Recorder;
 use polyptych_protocol::wall::Wall;
 
 use super::{cache_folder, counted, exposure, load_wall, manager, rate, say, seconds};
+use crate::faults::{self, Fault, Faults, Needs};
 use crate::local_wall::{Interrupted, LocalWall, LocalWallOptions};
 use crate::log;
 use crate::pictures;
@@ -73,6 +74,12 @@ pub(super) struct Arguments {
     /// Where wall.png, channel-NAME.png and report.json go
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
+    /// Let something go wrong: "at 30 kill front-1-1", "every 500 stop 2s any"; may be given again
+    #[arg(long, value_name = "FAULT", value_parser = faults::parse)]
+    pub fault: Vec<Fault>,
+    /// Chooses the channels of faults that hit any
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    pub fault_seed: u64,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -81,6 +88,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 }
 
 pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let needs = Needs::of(&arguments.fault, wall)?;
     let out = &arguments.out;
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let shown = match &arguments.scene {
@@ -101,6 +109,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         baker,
         windows: arguments.windows,
         recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
+        needs,
     };
     let spinner = step("starting the servers");
     let started = LocalWall::start(options);
@@ -145,8 +154,10 @@ fn drive(
         client.render_frame_at(camera(0), Some(0.0))?;
     }
     client.statistics(true)?;
-    draw_frames(local, arguments, &camera)?;
+    let mut faults = Faults::new(&arguments.fault, arguments.fault_seed, wall, local)?;
+    draw_frames(local, arguments, &camera, &mut faults)?;
     let statistics = client.statistics(false)?;
+    let (faults, faults_unrecorded) = faults.finish();
     let capture = client.capture()?;
     for picture in &capture.channels {
         let path = arguments.out.join(format!("channel-{}.png", picture.name));
@@ -162,6 +173,8 @@ fn drive(
     let mut report = Report::new(&wall.name, &summary.name, statistics);
     report.restarts = local.restarts();
     report.missing = capture.missing;
+    report.faults = faults;
+    report.faults_unrecorded = faults_unrecorded;
     let path = arguments.out.join("report.json");
     pictures::write_whole(&path, &serde_json::to_vec_pretty(&report)?)
         .with_context(|| format!("cannot write {}", path.display()))?;
@@ -183,6 +196,7 @@ fn draw_frames(
     local: &LocalWall,
     arguments: &Arguments,
     camera: &dyn Fn(u64) -> Option<Camera>,
+    faults: &mut Faults<'_>,
 ) -> anyhow::Result<()> {
     let count = match (arguments.frames, arguments.seconds) {
         (Some(frames), _) => Some(frames),
@@ -204,7 +218,8 @@ fn draw_frames(
             std::thread::sleep(due.saturating_duration_since(Instant::now()));
         }
         let time_s = n as f64 / arguments.rate.unwrap_or(TIME_RATE);
-        local.client.render_frame_at(camera(n), Some(time_s))?;
+        let feedback = local.client.render_frame_at(camera(n), Some(time_s))?;
+        faults.note(n + 1, &feedback)?;
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -224,6 +239,9 @@ fn print_summary(report: &Report, out: &Path) -> anyhow::Result<()> {
         report.statistics.swap_skew_us.p50,
         report.statistics.late
     ))?;
+    if !report.faults.is_empty() {
+        report.fault_lines().try_for_each(say)?;
+    }
     for (channel, reason) in &report.missing {
         say(format_args!("channel {channel} is missing in the picture: {reason}"))?;
     }

@@ -68,6 +68,7 @@ fn start_server(
         output: OutputKind::Headless,
         once: false,
         present_delay: std::time::Duration::ZERO,
+        slow_draw: None,
     };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);

@@ -151,6 +151,7 @@ fn statuses() -> Vec<Status> {
         Status::DrawFailed { channel, frame, reason: "no device".into() },
         Status::Shown(Shown { epoch: EPOCH, frame, channel, at_us: 70_000, clock_error_us: 40 }),
         Status::Ping(Ping { sent_us: 1, memory_bytes: 1 << 28 }),
+        Status::Goodbye { reason: "it sends nonsense".into() },
     ]
 }
 
@@ -185,6 +186,9 @@ fn feedback() -> Feedback {
         draw_us: Some(20_000),
         triangles: 100_000,
         draw_calls: 6,
+        since_ms: 10,
+        reason: Some("slow".into()),
+        shown_at_us: Some(1_000_000),
         skew: skew(),
     };
     Feedback {

@@ -1,0 +1,233 @@
+//! Faults on purpose: what is to go wrong in a simulated wall goes wrong at its frame, and what
+//! came of it is recorded.
+
+mod plan;
+mod record;
+mod relay;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread::{Builder, JoinHandle};
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use polyptych_client::Feedback;
+use polyptych_protocol::wall::Wall;
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::local_wall::LocalWall;
+use crate::pictures::write_whole;
+pub(crate) use plan::{Fault, What, parse};
+pub(crate) use record::FaultRecord;
+use record::{End, Happened, Recorder};
+pub(crate) use relay::Relay;
+
+/// Faults that wait for their end at once; a wall with more of them under way learns nothing.
+const ENDS_MAX: usize = 64;
+
+/// What a wall must have so that it can be hurt: servers by name.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Needs {
+    /// Those whose connections go through a relay.
+    pub relayed: BTreeSet<String>,
+    /// Those that can be slowed down.
+    pub slowed: BTreeSet<String>,
+}
+
+impl Needs {
+    /// What these faults need on this wall.
+    ///
+    /// # Errors
+    /// A fault that the wall cannot have.
+    pub fn of(plan: &[Fault], wall: &Wall) -> anyhow::Result<Self> {
+        let mut needs = Self::default();
+        for fault in plan {
+            fault.check(wall).map_err(|error| anyhow!("--fault {error}"))?;
+            let hit = wall.channels.iter().filter(|channel| fault.may_hit(&channel.name));
+            let servers = hit.map(|channel| channel.server.clone());
+            match fault.what {
+                What::Slow { .. } => needs.slowed.extend(servers),
+                what if what.is_of_network() => needs.relayed.extend(servers),
+                _ => {}
+            }
+        }
+        Ok(needs)
+    }
+}
+
+/// The faults of a run.
+pub(crate) struct Faults<'a> {
+    plan: &'a [Fault],
+    local: &'a LocalWall,
+    /// A channel's name and its server's, in the wall's order.
+    channels: Vec<(String, String)>,
+    chance: fastrand::Rng,
+    recorder: Recorder,
+    stopped: BTreeMap<String, Instant>,
+    ends: Ends,
+}
+
+impl<'a> Faults<'a> {
+    /// The faults of a plan; the same seed chooses the same channels.
+    ///
+    /// # Errors
+    /// The system gave no thread.
+    pub fn new(
+        plan: &'a [Fault],
+        seed: u64,
+        wall: &Wall,
+        local: &'a LocalWall,
+    ) -> anyhow::Result<Self> {
+        let channels = wall.channels.iter().map(|c| (c.name.clone(), c.server.clone()));
+        let channels: Vec<_> = channels.collect();
+        Ok(Self {
+            plan,
+            local,
+            recorder: Recorder::new(channels.iter().cloned(), Instant::now()),
+            channels,
+            chance: fastrand::Rng::with_seed(seed),
+            stopped: BTreeMap::new(),
+            ends: Ends::start()?,
+        })
+    }
+
+    /// A frame of the run has ended, the first being 1; what is due behind it is done.
+    ///
+    /// # Errors
+    /// The manager is gone.
+    pub fn note(&mut self, frame: u64, feedback: &Feedback) -> anyhow::Result<()> {
+        let local = self.local;
+        self.recorder.note(feedback, &|server| local.restarts_of(server), Instant::now());
+        for fault in self.plan.iter().filter(|fault| fault.is_due(frame)) {
+            let named = self.channels.iter().position(|(name, _)| *name == fault.channel);
+            let channel = named.unwrap_or_else(|| self.chance.usize(..self.channels.len()));
+            let server = self.channels[channel].1.clone();
+            let deadline_ms = local.client.status()?.deadline_ms;
+            let restarts = local.restarts_of(&server);
+            let skipped = self.inflict(fault.what, &server).err();
+            let end = match fault.what {
+                What::Kill => End::Restart(restarts + 1),
+                what if what.lasts() => End::Never,
+                what => what.length().map_or(End::AtOnce, End::After),
+            };
+            let what = fault.what.to_string();
+            let happened = Happened { frame, what, channel, skipped, deadline_ms, end };
+            self.recorder.add(happened, Instant::now());
+        }
+        Ok(())
+    }
+
+    /// What all faults did, and how many more there were than are recorded.
+    pub fn finish(self) -> (Vec<FaultRecord>, u64) {
+        let unrecorded = self.recorder.unrecorded;
+        (self.recorder.finish(), unrecorded)
+    }
+
+    /// Does it. The error is the reason why it could not be done.
+    fn inflict(&mut self, what: What, server: &str) -> Result<(), String> {
+        let no_relay = || format!("the server {server} has no relay");
+        let relay = || self.local.relay(server).ok_or_else(no_relay);
+        match what {
+            What::Kill => signal(self.pid_of(server)?, Signal::KILL)?,
+            What::Stop(length) => self.stop(server, length)?,
+            What::Slow { by, length } => {
+                let file = self.local.slow_file(server).ok_or("the server can't be slowed")?;
+                let text = format!("{}\n", by.as_millis());
+                write_whole(&file, text.as_bytes()).map_err(|error| error.to_string())?;
+                // A file that is gone already slows nobody.
+                self.ends.add(length, move || drop(std::fs::remove_file(file)));
+            }
+            What::Corrupt { up, down } => relay()?.corrupt(up, down),
+            What::Cut => relay()?.cut(),
+            What::Unplug(length) => relay()?.unplug(length),
+            What::Delay { by, length } => {
+                let relay = Arc::clone(relay()?);
+                relay.delay(by);
+                self.ends.add(length, move || relay.delay(Duration::ZERO));
+            }
+        }
+        Ok(())
+    }
+
+    fn stop(&mut self, server: &str, length: Duration) -> Result<(), String> {
+        let now = Instant::now();
+        if self.stopped.get(server).is_some_and(|&until| until > now) {
+            return Err("its server is stopped already".to_owned());
+        }
+        let pid = self.pid_of(server)?;
+        signal(pid, Signal::STOP)?;
+        self.stopped.insert(server.to_owned(), now + length);
+        // One that was killed meanwhile needs no waking.
+        self.ends.add(Some(length), move || drop(signal(pid, Signal::CONT)));
+        Ok(())
+    }
+
+    fn pid_of(&self, server: &str) -> Result<Pid, String> {
+        let pid = self.local.pid_of(server).and_then(|pid| Pid::from_raw(pid as i32));
+        pid.ok_or_else(|| "its server is not running".to_owned())
+    }
+}
+
+fn signal(pid: Pid, signal: Signal) -> Result<(), String> {
+    kill_process(pid, signal).map_err(|error| error.to_string())
+}
+
+/// Ends faults when their time is over, on a thread of their own: frames don't wait for them,
+/// and they not for frames.
+struct Ends {
+    due: Option<SyncSender<DueEnd>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+struct DueEnd {
+    at: Instant,
+    act: Box<dyn FnOnce() + Send>,
+}
+
+impl Ends {
+    fn start() -> anyhow::Result<Self> {
+        let (due, waiting) = sync_channel(ENDS_MAX);
+        let thread = Builder::new().name("fault-ends".into()).spawn(move || Self::run(&waiting))?;
+        Ok(Self { due: Some(due), thread: Some(thread) })
+    }
+
+    /// Without a length there is no end.
+    fn add(&self, length: Option<Duration>, act: impl FnOnce() + Send + 'static) {
+        if let (Some(length), Some(due)) = (length, &self.due) {
+            // Its thread ends only after this end of the queue.
+            let _ = due.send(DueEnd { at: Instant::now() + length, act: Box::new(act) });
+        }
+    }
+
+    fn run(waiting: &Receiver<DueEnd>) {
+        let mut ends: Vec<DueEnd> = Vec::new();
+        loop {
+            let now = Instant::now();
+            for end in ends.extract_if(.., |end| end.at <= now) {
+                (end.act)();
+            }
+            let next = ends.iter().map(|end| end.at).min();
+            let wait = next.map_or(Duration::from_hours(1), |at| at.saturating_duration_since(now));
+            match waiting.recv_timeout(wait) {
+                Ok(end) => ends.push(end),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        // The run is over: whoever stands still must be able to end.
+        for end in ends {
+            (end.act)();
+        }
+    }
+}
+
+impl Drop for Ends {
+    fn drop(&mut self) {
+        drop(self.due.take());
+        if let Some(thread) = self.thread.take() {
+            // What it had to end ends with the processes then.
+            let _ = thread.join();
+        }
+    }
+}
