@@ -302,6 +302,7 @@ mod tests {
                 draw_calls: 0,
                 since_ms: 0,
                 reason: None,
+                skew: polyptych_client::Skew::default(),
             };
             let feedback = Feedback {
                 frame: FrameId(ms),

@@ -11,4 +11,5 @@ pub mod relay;
 pub mod scenes;
 pub mod signals;
 pub mod simulation;
+pub mod stub_server;
 pub mod wait;

@@ -43,7 +43,12 @@ pub fn of_repository(name: &str) -> Wall {
 
 /// The screen of single.toml as tiles of a few pixels each.
 pub fn small(columns: u32, rows: u32) -> Wall {
-    let [width, height] = [240 * 2 / columns, 136 * 2 / rows];
+    patient(tiled([columns, rows], [480, 272]))
+}
+
+/// The same screen with so many pixels in all, and the times of a wall file that names none.
+pub fn tiled([columns, rows]: [u32; 2], pixels: [u32; 2]) -> Wall {
+    let [width, height] = [pixels[0] / columns, pixels[1] / rows];
     let text = format!(
         r#"
         [wall]
@@ -58,7 +63,10 @@ pub fn small(columns: u32, rows: u32) -> Wall {
         pixels = [{width}, {height}]
         "#
     );
-    patient(file::parse(&text, "small.toml".as_ref()).unwrap_or_else(|error| panic!("{error}")))
+    let parsed = file::parse(&text, "small.toml".as_ref());
+    let mut wall = parsed.unwrap_or_else(|error| panic!("{error}"));
+    wall.scenes.clear();
+    wall
 }
 
 fn patient(mut wall: Wall) -> Wall {

@@ -12,6 +12,7 @@
 //! - `twins`: the same commands give the same bytes, whoever draws
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
 //! - `trust`: walls of several machines: keys, and who is refused for want of the right ones
+//! - `failures`: what fails is away, and the wall goes on: the table of failures, with its times
 //! - `windows`: pictures reach a display
 //! - `observation`: metrics, logs for programs, and a live status
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
@@ -20,6 +21,7 @@
 mod back_pressure;
 mod client_library;
 mod displays;
+mod failures;
 #[path = "../harness/harness.rs"]
 mod harness;
 mod manager_kills;

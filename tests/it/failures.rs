@@ -1,0 +1,149 @@
+//! What a wall does when things fail, each row of the table with real processes and a time.
+//!
+//! The times are the requirement's own. A machine that also builds something holds up processes
+//! that have nothing to do with a fault, so a time that was not kept is tried again, and only what
+//! is never kept is the product's.
+
+mod files;
+mod manager;
+mod network;
+mod servers;
+
+use polyptych_client::Wall;
+use serde_json::Value;
+
+use crate::harness::local_wall::tiled;
+use crate::harness::place::Place;
+use crate::harness::scenes::Gltf;
+use crate::harness::simulation::Simulation;
+use crate::harness::wait;
+
+/// How often a time is tried.
+const TRIES: usize = 3;
+
+/// Frames per second of these walls.
+const RATE: f64 = 30.0;
+
+/// By how much a busy machine may hold up a frame beyond what it did before anything failed.
+const MACHINE_MS: f64 = 40.0;
+
+/// The share of its pace that a wall keeps on a busy machine.
+const PACE_KEPT: f64 = 0.95;
+
+/// A fault that does nothing: for a second the wall is watched as it is without any.
+const CONTROL: &str = "at 2 slow 1ms for 1s front-1-1";
+
+/// A wall of a few pixels with the deadline and the heartbeat of one whose file names none.
+fn brisk(columns: u32, rows: u32) -> Wall {
+    tiled([columns, rows], [240, 136])
+}
+
+/// Tries until what has a time is in time; all that was wrong is told otherwise.
+#[track_caller]
+fn in_time(mut attempt: impl FnMut() -> Result<(), String>) {
+    let mut wrong = Vec::new();
+    for _ in 0..TRIES {
+        match attempt() {
+            Ok(()) => return,
+            Err(reason) => wrong.push(reason),
+        }
+    }
+    panic!("not in time:\n{}", wrong.join("\n"));
+}
+
+/// That this holds; the error says what was there instead.
+fn hold(holds: bool, what: &str, seen: &impl std::fmt::Debug) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(format!("{what}: {seen:?}")) }
+}
+
+/// A run of four channels at [`RATE`] in which things went wrong, a second after it began.
+struct Run {
+    report: Value,
+    /// What was said, by manager and servers too.
+    log: String,
+}
+
+impl Run {
+    fn new(faults: &[&str], frames: u32) -> Self {
+        let frames = frames.to_string();
+        let mut arguments = vec!["--rate", "30", "--frames", &frames, "--fault", CONTROL];
+        arguments.extend(faults.iter().flat_map(|fault| ["--fault", fault]));
+        let logged = [("POLYPTYCH_LOG", "info")];
+        let place = Place::new();
+        let scene = place.write("triangle.glb", Gltf::triangle().glb());
+        let mut simulation =
+            Simulation::start_with(place, &brisk(2, 2), &scene, &arguments, &logged);
+        let log = simulation.process.finish(wait::LIMIT).succeeded();
+        let text = std::fs::read(simulation.place.path("out/report.json")).expect("a report");
+        Self { report: serde_json::from_slice(&text).expect("JSON"), log }
+    }
+
+    /// What a fault did.
+    fn fault(&self, index: usize) -> Fault<'_> {
+        let [control, record] = [0, index + 1].map(|index| &self.report["faults"][index]);
+        Fault { record, control }
+    }
+
+    /// What the statistics say of a channel.
+    fn channel(&self, name: &str) -> &Value {
+        let channels = self.report["channels"].as_array().expect("a list");
+        channels.iter().find(|channel| channel["name"] == name).expect("a channel of the wall")
+    }
+
+    /// Whether a line with all these parts was said.
+    fn said(&self, parts: &[&str]) -> bool {
+        self.log.lines().any(|line| parts.iter().all(|part| line.contains(part)))
+    }
+
+    /// That the wall kept its pace.
+    fn kept_its_pace(&self) -> Result<(), String> {
+        let seconds = self.report["seconds"].as_f64().expect("a number");
+        let frames = self.report["frames"].as_f64().expect("a number");
+        let rate = (frames - 1.0) / seconds;
+        hold(rate >= RATE * PACE_KEPT, "frames per second", &rate)
+    }
+}
+
+/// A record of `report.json`.
+struct Fault<'a> {
+    record: &'a Value,
+    /// The record of [`CONTROL`].
+    control: &'a Value,
+}
+
+impl Fault<'_> {
+    /// A time since the fault.
+    fn ms(&self, key: &str) -> Result<f64, String> {
+        self.record[key].as_f64().ok_or_else(|| format!("{key} is no time: {}", self.record))
+    }
+
+    /// From the end of the fault itself to this.
+    fn ms_after(&self, key: &str) -> Result<f64, String> {
+        Ok(self.ms(key)? - self.ms("over_ms")?)
+    }
+
+    /// That the others missed one deadline at most, and lost no more time by it.
+    fn spared_the_others(&self) -> Result<(), String> {
+        let of_control = |key: &str| self.control[key].as_f64().expect("a number");
+        let usual_ms = of_control("others_longest_gap_ms").max(1000.0 / RATE);
+        let bound_ms = self.ms("deadline_ms")? + usual_ms + MACHINE_MS;
+        let gap_ms = self.ms("others_longest_gap_ms")?;
+        hold(gap_ms <= bound_ms, &format!("a gap of others beyond {bound_ms} ms"), &gap_ms)?;
+        let late = self.ms("others_late")?;
+        hold(late <= 1.0 + of_control("others_late"), "deadlines missed by others", &late)
+    }
+
+    /// That the channel went through these states, in this order, to the end.
+    fn went_through(&self, states: &[&str]) -> Result<(), String> {
+        let seen: Vec<&str> = self.record["states"]
+            .as_array()
+            .expect("a list")
+            .iter()
+            .filter_map(Value::as_str)
+            .collect();
+        let mut left = seen.iter();
+        let is_in_order = states.iter().all(|state| left.any(|seen| seen == state));
+        let is_at_end = seen.last() == states.last();
+        hold(is_in_order && is_at_end, &format!("not {states:?} but"), &seen)
+    }
+}

@@ -1,0 +1,139 @@
+//! Bakers that die, and caches that are damaged or can't be written.
+
+use std::fs;
+
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, Pace};
+use rustix::process::Signal;
+
+use super::{RATE, brisk};
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, shot};
+use crate::harness::place::Place;
+use crate::harness::scenes::{poses, town};
+use crate::harness::{signals, wait};
+
+#[test]
+fn a_client_is_told_of_a_baker_that_dies_and_the_wall_goes_on() {
+    let folder = town().parent().expect("a folder");
+    let wall = brisk(1, 1);
+    // Nothing is baked yet in a cold place.
+    let mut local = LocalWall::manager(Place::cold(), &wall, &[folder], ANY_PORT);
+    local.start_server(&wall.channels[0].server);
+    let client = local.client();
+    await_states(&client, &[ChannelState::Ready]);
+    client.run(Pace::Rate(RATE)).expect("runs");
+    let mut feedbacks = client.feedback().expect("a stream");
+    let before = feedbacks.next().expect("a frame");
+    let asked = client.clone();
+    let opened = std::thread::Builder::new()
+        .name("client".into())
+        .spawn(move || asked.open_scene("town.glb"))
+        .expect("a thread");
+    let baker = wait::until("a baker", || {
+        let all = signals::processes_of(local.place.folder());
+        all.into_iter().find(|&pid| signals::arguments_of(pid).get(1).is_some_and(|a| a == "bake"))
+    });
+    signals::send(baker, Signal::KILL);
+    let error = opened.join().expect("no panic").expect_err("it was killed").to_string();
+    for part in ["town.glb", "the baker ended", "SIGKILL", "MiB of memory"] {
+        assert!(error.contains(part), "{part:?} is not in {error:?}");
+    }
+    let after = feedbacks.find(|f| f.frame.0 > before.frame.0 + 10).expect("the wall goes on");
+    assert_eq!(after.channels[0].state, ChannelState::Live, "{after:?}");
+    let status = client.status().expect("status");
+    assert_eq!((status.scene, status.channels[0].late), (None, 0));
+    client.open_scene("town.glb").expect("nothing half done is in the way");
+}
+
+/// A server whose cache is somewhere, and the picture that it shows.
+struct Cached {
+    local: LocalWall,
+    client: Client,
+    server: String,
+}
+
+impl Cached {
+    fn start() -> Self {
+        let wall = crate::harness::local_wall::small(1, 1);
+        let server = wall.channels[0].server.clone();
+        let folder = town().parent().expect("a folder");
+        let local = LocalWall::manager(Place::new(), &wall, &[folder], ANY_PORT);
+        let client = local.client();
+        Self { local, client, server }
+    }
+
+    fn cache(&self) -> std::path::PathBuf {
+        self.local.place.path(&format!("blobs-{}", self.server))
+    }
+
+    fn start_server(&mut self) {
+        self.local.start_server(&self.server);
+        await_states(&self.client, &[ChannelState::Ready, ChannelState::Live]);
+    }
+
+    fn server(&mut self) -> &mut crate::harness::process::Process {
+        self.local.servers.get_mut(&self.server).expect("a server")
+    }
+}
+
+#[test]
+fn a_damaged_cache_is_filled_anew_and_never_believed() {
+    let mut wall = Cached::start();
+    wall.start_server();
+    let bounds = wall.client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
+    let before = shot(&wall.client, poses(&bounds)[2]);
+    wall.server().kill();
+    wall.local.await_lost(&wall.client, &wall.server.clone());
+    let folders = fs::read_dir(wall.cache()).expect("a cache").flatten();
+    let files = folders.flat_map(|folder| fs::read_dir(folder.path()).into_iter().flatten());
+    let blobs: Vec<_> = files.flatten().map(|file| file.path()).collect();
+    assert!(blobs.len() > 10, "{} blobs", blobs.len());
+    for (number, blob) in blobs.iter().enumerate() {
+        let mut bytes = fs::read(blob).expect("read");
+        // One byte is another, or the end is missing.
+        match number % 2 {
+            0 => bytes[0] ^= 1,
+            _ => bytes.truncate(bytes.len() / 2),
+        }
+        fs::write(blob, bytes).expect("written");
+    }
+    wall.start_server();
+    wall.server().await_line(&["WARN", "a stored blob is of no use", "was damaged"]);
+    let after = shot(&wall.client, poses(&bounds)[2]);
+    assert!(after.screens == before.screens, "another picture");
+    // Whole again: the next start needs nobody.
+    wall.server().kill();
+    wall.local.await_lost(&wall.client, &wall.server.clone());
+    wall.start_server();
+    assert!(!wall.server().output().contains("of no use"), "{}", wall.server().output());
+}
+
+#[test]
+fn a_cache_that_cannot_be_written_is_done_without() {
+    let mut wall = Cached::start();
+    // Where the folder should be stands a file, which keeps out root too.
+    fs::write(wall.cache(), "in the way").expect("written");
+    wall.start_server();
+    let bounds = wall.client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
+    let picture = shot(&wall.client, poses(&bounds)[2]);
+    assert_eq!(picture.channels.len(), 1);
+    let line = wall.server().await_line(&["WARN", "the cache can't be written"]);
+    assert!(line.contains("going on without it"), "{line}");
+    let said = wall.server().output().matches("can't be written").count();
+    assert_eq!(said, 1, "once, not for each blob");
+    assert_eq!(fs::read_to_string(wall.cache()).expect("still there"), "in the way");
+}
+
+#[test]
+fn a_store_that_cannot_be_written_is_told_to_the_client() {
+    let folder = town().parent().expect("a folder");
+    let place = Place::cold();
+    // The manager's cache folder is one of its own in a cold place.
+    place.write("cache/polyptych/store", "in the way");
+    let wall = brisk(1, 1);
+    let local = LocalWall::manager(place, &wall, &[folder], ANY_PORT);
+    let client = local.client();
+    let error = client.open_scene("town.glb").expect_err("nowhere to put it").to_string();
+    assert!(error.contains("cache/polyptych/store") && error.contains("writable"), "{error}");
+    client.render_frame().expect("the wall goes on");
+}
