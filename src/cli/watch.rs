@@ -39,7 +39,7 @@ pub(super) fn run(manager: &ManagerAddress, json: bool) -> anyhow::Result<()> {
     let mut screen = Screen::open()?;
     let mut drawn: Option<(u64, Instant)> = None;
     while !is_over.load(Ordering::Relaxed) {
-        let input = screen.await_input(LOOK_PERIOD)?;
+        let input = Screen::await_input(LOOK_PERIOD)?;
         if input.is_end {
             break;
         }

@@ -127,14 +127,7 @@ impl Cluster {
     pub(super) fn begin_frame(&mut self, now: Micros) {
         let order = self.orders.pop_front();
         let capture = order.as_ref().is_some_and(|order| order.capture);
-        if let Some(camera) = order.as_ref().and_then(|order| order.camera) {
-            self.camera = camera;
-        }
-        if let Some(displays) = order.as_ref().and_then(|order| order.displays) {
-            self.displays = displays;
-        }
-        self.is_going_on &= order.is_none();
-        self.wants_frame = false;
+        self.take_over(order.as_ref());
         let next = FrameId(self.frame.0 + 1);
         self.registry.admit_ready(now, next);
         self.registry.admit_late(now, next);
@@ -200,6 +193,18 @@ impl Cluster {
         if self.barrier.as_ref().is_some_and(Barrier::is_complete) {
             self.finish_frame(now);
         }
+    }
+
+    /// What an order asks for beside its frame holds from this frame on.
+    fn take_over(&mut self, order: Option<&FrameOrder>) {
+        if let Some(camera) = order.and_then(|order| order.camera) {
+            self.camera = camera;
+        }
+        if let Some(displays) = order.and_then(|order| order.displays) {
+            self.displays = displays;
+        }
+        self.is_going_on &= order.is_none();
+        self.wants_frame = false;
     }
 
     fn describe_frame(&self, time_s: f64, capture: bool) -> Frame {

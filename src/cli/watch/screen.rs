@@ -57,7 +57,7 @@ impl Screen {
     }
 
     /// Waits so long for a key or a change of size, then takes all that came.
-    pub fn await_input(&mut self, longest: Duration) -> std::io::Result<Input> {
+    pub fn await_input(longest: Duration) -> std::io::Result<Input> {
         let mut input = Input::default();
         let mut wait = longest;
         while poll(wait)? {

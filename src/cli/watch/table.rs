@@ -134,14 +134,15 @@ pub(super) fn summary(view: &View) -> String {
     let Some(status) = view.status.filter(|_| view.trouble.is_none()) else {
         return view.trouble.as_ref().map_or_else(|| "connecting …".into(), trouble_in_words);
     };
-    let mut text =
-        format!("{}; {}", wall_in_words(status, view.rates), counts_in_words(&status.channels));
-    for channel in by_importance(&status.channels).filter(|c| c.state != ChannelState::Live) {
+    let of_channel = |channel: &ChannelStatus| {
         let reason = channel.reason.as_deref().unwrap_or("no reason");
         let (name, state) = (&channel.name, word(channel.state));
-        text.push_str(&format!("; {name} {state} {}: {reason}", since(channel.since_ms)));
-    }
-    plain(&text)
+        format!("{name} {state} {}: {reason}", since(channel.since_ms))
+    };
+    let troubled = by_importance(&status.channels).filter(|c| c.state != ChannelState::Live);
+    let mut parts = vec![wall_in_words(status, view.rates), counts_in_words(&status.channels)];
+    parts.extend(troubled.map(of_channel));
+    plain(&parts.join("; "))
 }
 
 fn trouble_in_words(trouble: &Trouble) -> String {

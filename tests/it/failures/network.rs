@@ -1,7 +1,5 @@
 //! Connections that carry rubbish, break off or fall silent, and replicas that disagree.
 
-use std::time::{Duration, Instant};
-
 use polyptych_client::blocking::Feedbacks;
 use polyptych_client::{ChannelFeedback, ChannelState, FrameId, Pace};
 use polyptych_protocol::command::{Command, Frame, Swap};
@@ -22,7 +20,7 @@ fn corrupted_bytes_end_a_connection_with_a_reason_on_both_sides() {
         let run = Run::new(&faults, 175);
         for index in 0..3 {
             let fault = run.fault(index);
-            fault.went_through(&["live", "lost", "live"])?;
+            fault.went_through(&["lost", "live"])?;
             let back_ms = fault.ms("live_again_ms")?;
             hold(back_ms <= 1000.0, "milliseconds to live again", &back_ms)?;
             fault.spared_the_others()?;
@@ -46,7 +44,7 @@ fn a_half_open_connection_is_lost_after_the_heartbeat_and_made_again() {
     in_time(|| {
         let run = Run::new(&["at 40 unplug 3500ms front-2-2"], 210);
         let fault = run.fault(0);
-        fault.went_through(&["live", "late", "lost", "live"])?;
+        fault.went_through(&["late", "lost", "live"])?;
         let before_the_end = run.log.split("the manager ends").next().unwrap_or_default();
         let lines = |part: &str| before_the_end.lines().filter(|l| l.contains(part)).count();
         assert_eq!(lines("server is lost"), 1, "{}", run.log);
@@ -143,16 +141,9 @@ fn reports_of_the_wrong_frame_or_channel_change_nothing() {
         let frame = answered.recv_timeout(wait::LIMIT).expect("a frame");
         let of_frame = feedbacks.find(|feedback| feedback.frame == frame).expect("its feedback");
         assert!(of_frame.channels[0].draw_us.is_none(), "it was not believed: {of_frame:?}");
-        let late = ChannelState::Late;
-        assert_eq!(
-            (of_frame.channels[0].state, of_frame.channels[1].state),
-            (late, ChannelState::Live)
-        );
+        assert_eq!(of_frame.channels[0].state, ChannelState::Late, "{of_frame:?}");
+        assert!(of_frame.channels[1].draw_us.is_some(), "the other drew it: {of_frame:?}");
         assert!(feedbacks.any(|f| f.channels[0].state == ChannelState::Live), "it rejoins");
     }
     assert!(!local.manager.output().contains("server is lost"), "the connection holds");
-    let start = Instant::now();
-    let last = feedbacks.next().expect("a frame").frame.0;
-    let later = feedbacks.find(|f| f.frame.0 >= last + 15).expect("a frame");
-    assert!(start.elapsed() < Duration::from_secs(5), "the wall keeps its pace: {later:?}");
 }

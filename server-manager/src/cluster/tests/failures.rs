@@ -110,3 +110,29 @@ fn a_channel_that_never_came_back_has_a_gap_to_the_last_frame() {
     let gap_ms = stage.cluster.statistics(false).channels[1].longest_gap_ms;
     assert!((took_ms - 200.0..=took_ms).contains(&gap_ms), "{gap_ms} of {took_ms} ms");
 }
+
+#[test]
+fn a_late_channel_that_is_the_last_of_each_frame_rejoins() {
+    let mut stage = Stage::new(2);
+    frame_time(&mut stage, &[0]);
+    assert_eq!(stage.state(1), ChannelState::Late);
+    for n in 0..8 {
+        assert_eq!(stage.state(1), ChannelState::Late, "after {n} frames in time");
+        frame_time(&mut stage, &[0]);
+        // Behind the swap, and far within the deadline.
+        stage.draw(&[1], 5_000);
+        stage.wait(20_000);
+    }
+    // From the next frame on it is waited for, and misses that.
+    stage.order_frame();
+    assert_eq!(stage.state(1), ChannelState::Live);
+    stage.draw(&[0], 10_000);
+    stage.wait(100_000);
+    // Behind the deadline it is not in time, however often.
+    for _ in 0..40 {
+        frame_time(&mut stage, &[0]);
+        stage.wait(100_000);
+        stage.draw(&[1], 0);
+        assert_eq!(stage.state(1), ChannelState::Late);
+    }
+}
