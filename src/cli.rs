@@ -37,7 +37,8 @@ pub(crate) struct Cli {
     /// How and what to log: "json" or "text", a filter such as "info" or
     /// "polyptych_render=debug", or both with a comma [default: text, and info for manager and
     /// server, else warn]
-    #[arg(long, global = true, env = "POLYPTYCH_LOG", value_name = "LOG", value_parser = LogWish::parse)]
+    #[arg(long, global = true, env = "POLYPTYCH_LOG", value_name = "LOG")]
+    #[arg(value_parser = LogWish::parse)]
     log: Option<LogWish>,
     #[command(subcommand)]
     command: Command,

@@ -22,6 +22,9 @@ const LINE_BYTES_MAX: usize = 4096;
 /// Bytes of a longer line that are kept; escaped again they are at most twice as many.
 const CUT_BYTES_MAX: usize = 1800;
 
+/// What a line says in the place of one that no pipe takes whole.
+const TOO_LONG: &str = "a line too long to be written";
+
 /// What the log is like, as `--log` says: `json` or `text`, and a filter.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct LogWish {
@@ -163,7 +166,7 @@ where
         let object = json!({
             "timestamp": timestamp,
             "level": facts.level().to_string(),
-            "fields": { "message": "a line too long to be written", "cut": cut(&object, CUT_BYTES_MAX) },
+            "fields": { "message": TOO_LONG, "cut": cut(&object, CUT_BYTES_MAX) },
             "target": facts.target(),
         });
         writer.write_str(&self.head.before(&object.to_string()))

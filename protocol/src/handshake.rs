@@ -233,7 +233,7 @@ mod tests {
         assert!(matches!(http, Err(PreambleError::NotOurs(_))));
         let newer = Preamble::from_bytes(*b"PLYP\x63\x00\x01\x00");
         assert_eq!(newer, Err(PreambleError::Version { theirs: 99 }));
-        let odd = Preamble::from_bytes([b'P', b'L', b'Y', b'P', 1, 0, 9, 0]);
+        let odd = Preamble::from_bytes([b'P', b'L', b'Y', b'P', PROTOCOL_VERSION as u8, 0, 9, 0]);
         assert_eq!(odd, Err(PreambleError::Role(9)));
     }
 }

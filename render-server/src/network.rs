@@ -228,7 +228,8 @@ impl Network {
                         return format!("silent for more than {} ms", heartbeat.as_millis());
                     }
                     let sent_us = self.clock.local_us();
-                    codec::encode(&Status::Ping(Ping { sent_us, memory_bytes: process::resident_bytes().unwrap_or(0) }))
+                    let memory_bytes = process::resident_bytes().unwrap_or(0);
+                    codec::encode(&Status::Ping(Ping { sent_us, memory_bytes }))
                 }
             };
             match tokio::time::timeout(heartbeat, frames.send(outgoing)).await {

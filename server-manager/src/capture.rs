@@ -42,7 +42,7 @@ impl PictureMemory {
         let (takes, most) = (bytes >> 20, CAPTURE_BYTES_MAX >> 20);
         if bytes > CAPTURE_BYTES_MAX {
             return Err(format!(
-                "a capture of this wall takes {takes} MiB, more than the {most} MiB that are allowed"
+                "a capture of this wall takes {takes} MiB, where {most} MiB are allowed"
             ));
         }
         let taken = self.0.fetch_add(bytes, Ordering::Relaxed);

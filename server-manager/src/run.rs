@@ -1,5 +1,6 @@
 //! Gives the brain sockets and a clock: accepts connections, carries messages, ends in order.
 
+mod beginning;
 mod sample;
 
 use std::collections::BTreeMap;
@@ -33,7 +34,7 @@ use crate::gate::Gate;
 use crate::import::{self, Baker, Import};
 use crate::memory;
 use crate::metrics;
-use crate::record::{Fresh, Recorder};
+use crate::record::Recorder;
 use crate::repetition::Repetitions;
 use crate::server_session::ServerLink;
 use crate::session::{DRAIN_TIME_MAX, EVENTS_MAX, Event, Link};
@@ -166,7 +167,7 @@ impl Hub {
     fn new(mut options: ManagerOptions, epoch: Epoch, events: mpsc::Sender<Event>) -> Self {
         let allowed = AllowedBlobs::default();
         Self {
-            cluster: begin(&mut options, epoch, &allowed),
+            cluster: beginning::begin(&mut options, epoch, &allowed),
             options,
             events,
             imported: mpsc::channel(16),
@@ -494,28 +495,4 @@ impl Hub {
         };
         let _ = tokio::time::timeout(DRAIN_TIME_MAX, all_closed).await;
     }
-}
-
-/// The brain, going on where the last manager of this wall stopped, if there was one and its
-/// scene is still in the store.
-fn begin(options: &mut ManagerOptions, epoch: Epoch, allowed: &AllowedBlobs) -> Brain {
-    let wall = options.wall.clone();
-    let recorder = options.recorder.take();
-    let Some(mut memory) = options.memory.as_deref().and_then(memory::load) else {
-        return Brain::new(Fresh { wall, epoch, memory: None }, recorder);
-    };
-    if let Some(scene) = &memory.scene {
-        let folder = BlobFolder::new(options.baker.store.join("blobs"));
-        match import::read_manifest(&folder, scene.manifest) {
-            Ok(import) => allowed.allow(&import.blobs),
-            Err(reason) => {
-                tracing::warn!(scene = scene.name, reason, "the last scene is not there any more");
-                memory.scene = None;
-                // A state without it has not been numbered yet.
-                memory.revision.0 += 1;
-            }
-        }
-    }
-    tracing::info!(revision = %memory.revision, "going on where the last manager stopped");
-    Brain::new(Fresh { wall, epoch, memory: Some(memory) }, recorder)
 }

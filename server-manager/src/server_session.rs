@@ -205,7 +205,8 @@ pub(crate) async fn serve(
         }
         Ok(Err(reason)) => {
             if let Some(times) = refusals.note(address, &reason) {
-                tracing::warn!(peer = %address, server = name, reason, times, "a server is refused");
+                let peer = address;
+                tracing::warn!(%peer, server = name, reason, times, "a server is refused");
             }
             let _ = connection::refuse(&mut frames, reason).await;
             return;

@@ -162,15 +162,16 @@ fn wall_in_words(status: &WallStatus, rates: &Rates) -> String {
         DisplayMode::Normal => String::new(),
         mode => format!("  displays {mode:?}").to_lowercase(),
     };
+    let plural = if clients == 1 { "" } else { "s" };
     format!(
-        "wall {}  scene {}  revision {}  frame {}  {} fps  deadline {:.0} ms  {clients} client{}{mode}",
+        "wall {}  scene {}  revision {}  frame {}  {} fps  deadline {:.0} ms  {clients} \
+         client{plural}{mode}",
         status.wall,
         status.scene.as_deref().unwrap_or("none"),
         status.revision,
         status.frame,
         rates.wall().map_or_else(|| "-".into(), |rate| format!("{rate:.1}")),
         status.deadline_ms,
-        if clients == 1 { "" } else { "s" }
     )
 }
 

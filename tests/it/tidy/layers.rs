@@ -41,6 +41,7 @@ const ABSENCES: &[Absence] = &[
         within: &["server-manager/src"],
         except: &[
             "server-manager/src/run",            // accepts, starts tasks, drains
+            "server-manager/src/delivery",       // pictures on their way to a client
             "server-manager/src/door",           // the handshake of every connection
             "server-manager/src/session",        // what all connections have in common
             "server-manager/src/client_session", // a client's connection

@@ -4,7 +4,7 @@
 //! ```text
 //! cargo test -p polyptych-manager simulated                              10,000 schedules
 //! POLYPTYCH_SCHEDULES=1000000 cargo test -p polyptych-manager --release simulated -- --nocapture
-//! POLYPTYCH_SEED=7 cargo test -p polyptych-manager simulated -- --nocapture   one, told step by step
+//! POLYPTYCH_SEED=7 cargo test -p polyptych-manager simulated -- --nocapture   one, in all steps
 //! POLYPTYCH_FIRST_SEED=5000000 ...                                       other schedules
 //! ```
 
