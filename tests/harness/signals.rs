@@ -45,3 +45,11 @@ pub fn variable_of(pid: u32, name: &str) -> Option<String> {
     let mut variables = text.split('\0').filter_map(|variable| variable.split_once('='));
     variables.find(|(key, _)| *key == name).map(|(_, value)| value.to_owned())
 }
+
+/// Resident memory of a process in bytes, where it is there.
+pub fn memory_bytes_of(pid: u32) -> Option<u64> {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    let kib: u64 = line.trim().trim_end_matches(" kB").parse().ok()?;
+    Some(kib * 1024)
+}

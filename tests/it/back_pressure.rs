@@ -19,7 +19,7 @@ use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small, start
 use crate::harness::place::Place;
 use crate::harness::relay::Relay;
 use crate::harness::scenes::{Gltf, town};
-use crate::harness::wait;
+use crate::harness::{signals, wait};
 
 /// What a peer may cost the manager here: its outbox of 512 answers of a kilobyte, a few pictures
 /// of a mebibyte, and what an allocator keeps of both.
@@ -171,9 +171,5 @@ fn heavy() -> Vec<u8> {
 
 /// Resident memory of the manager.
 fn memory_bytes(local: &LocalWall) -> u64 {
-    let path = format!("/proc/{}/status", local.manager.pid());
-    let status = std::fs::read_to_string(path).expect("its status");
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let kib = line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<u64>().ok());
-    kib.expect("a number") * 1024
+    signals::memory_bytes_of(local.manager.pid()).expect("it runs")
 }

@@ -13,6 +13,7 @@
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
 //! - `trust`: walls of several machines: keys, and who is refused for want of the right ones
 //! - `failures`: what fails is away, and the wall goes on: the table of failures, with its times
+//! - `soak`: a wall that is hurt all the time, for a long time, neither grows nor leaks
 //! - `windows`: pictures reach a display
 //! - `observation`: metrics, logs for programs, and a live status
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
@@ -32,6 +33,7 @@ mod refusals;
 mod replay;
 mod report;
 mod seams;
+mod soak;
 mod tidy;
 mod trust;
 mod twins;

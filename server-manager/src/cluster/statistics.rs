@@ -1,7 +1,6 @@
 //! What frames took: gathered frame by frame, reported as spreads.
 
-use std::collections::VecDeque;
-
+use hdrhistogram::Histogram;
 use polyptych_protocol::feedback::{ChannelStatistics, Feedback, Spread, Statistics};
 use polyptych_protocol::status::{Drawn, Shown};
 
@@ -10,40 +9,63 @@ use super::registry::Registry;
 use super::skew::Compared;
 use super::totals::Totals;
 
-/// Measurements kept of each kind, the newest ones: 18 minutes at 60 frames per second, and at
-/// most 0.5 MiB for a kind.
-const SAMPLES_MAX: usize = 1 << 16;
+/// Digits of a quantile that are right: it lies at most a thousandth below a measured value.
+const DIGITS: u8 = 3;
 
-/// The newest measurements of one kind.
-#[derive(Debug, Default)]
+/// The longest time that is told apart from longer ones; it bounds what one kind takes to some
+/// hundred kibibytes.
+const LONGEST_US: u64 = 3_600_000_000;
+
+/// Measurements of one kind, counted by their size: noting one and asking for quantiles cost the
+/// same after a minute and after a year, which a list of all that was measured would not.
+#[derive(Debug)]
 struct Samples {
-    values: VecDeque<f64>,
-    count: u64,
-    max: f64,
+    histogram: Option<Histogram<u32>>,
+    max_us: u64,
+}
+
+impl Default for Samples {
+    fn default() -> Self {
+        // It refuses a number of digits beyond five.
+        Self { histogram: Histogram::new(DIGITS).ok(), max_us: 0 }
+    }
 }
 
 impl Samples {
-    fn add(&mut self, value: f64) {
-        if self.values.len() == SAMPLES_MAX {
-            self.values.pop_front();
+    fn add_us(&mut self, us: u64) {
+        self.max_us = self.max_us.max(us);
+        if let Some(histogram) = &mut self.histogram {
+            // It grows to the longest time and not beyond.
+            let _ = histogram.record(us.min(LONGEST_US));
         }
-        self.values.push_back(value);
-        self.count += 1;
-        self.max = self.max.max(value);
     }
 
-    fn spread(&self) -> Spread {
-        // The number and the largest are of all measurements, the rest of those kept.
-        let kept = Spread::of(self.values.iter().copied());
-        Spread { count: self.count, max: self.max, ..kept }
+    /// In units of so many microseconds.
+    fn spread(&self, unit_us: f64) -> Spread {
+        let Some(histogram) = &self.histogram else { return Spread::default() };
+        let at = |share: f64| {
+            let us = histogram.lowest_equivalent(histogram.value_at_quantile(share));
+            us as f64 / unit_us
+        };
+        let (p50, p95, p99) = (at(0.5), at(0.95), at(0.99));
+        let max = self.max_us as f64 / unit_us;
+        Spread { count: histogram.len(), p50, p95, p99, max }
+    }
+
+    fn spread_us(&self) -> Spread {
+        self.spread(1.0)
+    }
+
+    fn spread_ms(&self) -> Spread {
+        self.spread(1000.0)
     }
 }
 
 #[derive(Debug, Default)]
 struct OfChannel {
-    frame_ms: Samples,
-    draw_ms: Samples,
-    skew_us: Samples,
+    frame: Samples,
+    draw: Samples,
+    skew: Samples,
     clock_error_us: u32,
     frames: u64,
     last_shown_us: Option<u64>,
@@ -57,10 +79,10 @@ struct OfChannel {
 #[derive(Debug, Default)]
 pub(super) struct Gathered {
     channels: Vec<OfChannel>,
-    frame_ms: Samples,
-    draw_ms: Samples,
-    barrier_us: Samples,
-    skew_us: Samples,
+    frame: Samples,
+    draw: Samples,
+    barrier: Samples,
+    skew: Samples,
     frames: u64,
     first: Option<Micros>,
     last: Micros,
@@ -99,8 +121,8 @@ impl Gathered {
     pub fn add_drawn(&mut self, drawn: &Drawn, frame_us: Micros) {
         self.totals.add_drawn(usize::from(drawn.channel.0), drawn.draw_us);
         let Some(channel) = self.channels.get_mut(usize::from(drawn.channel.0)) else { return };
-        channel.frame_ms.add(frame_us as f64 / 1000.0);
-        channel.draw_ms.add(f64::from(drawn.draw_us) / 1000.0);
+        channel.frame.add_us(frame_us);
+        channel.draw.add_us(u64::from(drawn.draw_us));
         channel.triangles = drawn.triangles;
         channel.draw_calls = u64::from(drawn.draw_calls);
     }
@@ -110,10 +132,10 @@ impl Gathered {
         self.frames += 1;
         self.first.get_or_insert(now);
         self.last = now;
-        self.frame_ms.add(feedback.frame_us as f64 / 1000.0);
-        self.barrier_us.add(feedback.barrier_us as f64);
+        self.frame.add_us(feedback.frame_us);
+        self.barrier.add_us(feedback.barrier_us);
         if let Some(slowest) = slowest_us {
-            self.draw_ms.add(f64::from(slowest) / 1000.0);
+            self.draw.add_us(u64::from(slowest));
         }
     }
 
@@ -137,12 +159,12 @@ impl Gathered {
         for &(id, skew_us) in &compared.skews_us {
             self.totals.add_skew(usize::from(id.0), skew_us);
             if let Some(channel) = self.channels.get_mut(usize::from(id.0)) {
-                channel.skew_us.add(skew_us as f64);
+                channel.skew.add_us(skew_us);
             }
         }
         if let Some(widest_us) = compared.widest_us() {
             self.totals.add_widest_skew(widest_us);
-            self.skew_us.add(widest_us as f64);
+            self.skew.add_us(widest_us);
         }
     }
 
@@ -160,9 +182,9 @@ impl Gathered {
                     name: channel.name.clone(),
                     state: channel.state,
                     frames: of.frames,
-                    frame_ms: of.frame_ms.spread(),
-                    draw_ms: of.draw_ms.spread(),
-                    swap_skew_us: of.skew_us.spread(),
+                    frame_ms: of.frame.spread_ms(),
+                    draw_ms: of.draw.spread_ms(),
+                    swap_skew_us: of.skew.spread_us(),
                     clock_error_us: of.clock_error_us,
                     longest_gap_ms: of.longest_gap_us.max(open_gap_us) as f64 / 1000.0,
                     late: channel.late - of.late_before.min(channel.late),
@@ -177,10 +199,10 @@ impl Gathered {
         Statistics {
             frames: self.frames,
             seconds,
-            frame_ms: self.frame_ms.spread(),
-            draw_ms: self.draw_ms.spread(),
-            barrier_us: self.barrier_us.spread(),
-            swap_skew_us: self.skew_us.spread(),
+            frame_ms: self.frame.spread_ms(),
+            draw_ms: self.draw.spread_ms(),
+            barrier_us: self.barrier.spread_us(),
+            swap_skew_us: self.skew.spread_us(),
             late: channels.iter().map(|channel| channel.late).sum(),
             // Servers say how many; whatever they say, it is added up.
             triangles: channels.iter().fold(0, |sum, c| sum.saturating_add(c.triangles)),
