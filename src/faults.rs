@@ -65,6 +65,8 @@ pub(crate) struct Faults<'a> {
     chance: fastrand::Rng,
     recorder: Recorder,
     stopped: BTreeMap<String, Instant>,
+    /// Until when servers are slowed or delayed; `None`: to the end.
+    lasting: BTreeMap<(&'static str, String), Option<Instant>>,
     ends: Ends,
 }
 
@@ -88,6 +90,7 @@ impl<'a> Faults<'a> {
             channels,
             chance: fastrand::Rng::with_seed(seed),
             stopped: BTreeMap::new(),
+            lasting: BTreeMap::new(),
             ends: Ends::start()?,
         })
     }
@@ -132,6 +135,7 @@ impl<'a> Faults<'a> {
             What::Kill => signal(self.pid_of(server)?, Signal::KILL)?,
             What::Stop(length) => self.stop(server, length)?,
             What::Slow { by, length } => {
+                self.begin_alone("slowed", server, length)?;
                 let file = self.local.slow_file(server).ok_or("the server can't be slowed")?;
                 let text = format!("{}\n", by.as_millis());
                 write_whole(&file, text.as_bytes()).map_err(|error| error.to_string())?;
@@ -142,11 +146,30 @@ impl<'a> Faults<'a> {
             What::Cut => relay()?.cut(),
             What::Unplug(length) => relay()?.unplug(length),
             What::Delay { by, length } => {
+                relay()?;
+                self.begin_alone("delayed", server, length)?;
                 let relay = Arc::clone(relay()?);
                 relay.delay(by);
                 self.ends.add(length, move || relay.delay(Duration::ZERO));
             }
         }
+        Ok(())
+    }
+
+    /// A server is slowed or delayed once at a time: the end of one would end the other too.
+    fn begin_alone(
+        &mut self,
+        what: &'static str,
+        server: &str,
+        length: Option<Duration>,
+    ) -> Result<(), String> {
+        let now = Instant::now();
+        let is_over = |until: &Option<Instant>| until.is_some_and(|until| until <= now);
+        let key = (what, server.to_owned());
+        if self.lasting.get(&key).is_some_and(|until| !is_over(until)) {
+            return Err(format!("its server is {what} already"));
+        }
+        self.lasting.insert(key, length.map(|length| now + length));
         Ok(())
     }
 

@@ -64,7 +64,7 @@ impl LogWish {
 pub(crate) fn start(wish: Option<&LogWish>, level: &str, process: &'static str) {
     let wish = CHOSEN.get_or_init(|| wish.cloned().unwrap_or_default());
     // The driver libraries log what is of interest to their own developers.
-    let quiet = format!("{level},wgpu_core=warn,wgpu_hal=error,naga=warn");
+    let quiet = format!("{level},wgpu_core=warn,wgpu_hal=error,naga=warn,winit=error");
     let filter = wish.filter.as_deref().map(EnvFilter::try_new);
     let filter = filter.and_then(Result::ok).unwrap_or_else(|| EnvFilter::new(quiet));
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);

@@ -25,10 +25,7 @@ pub enum ClientError {
         source: io::Error,
     },
     /// Nobody listens there.
-    #[error(
-        "no manager at {address} ({}); start one with: polyptych manager WALL.toml",
-        .source.kind()
-    )]
+    #[error("no manager at {address} ({source}); start one with: polyptych manager WALL.toml")]
     NoManager {
         /// Host and port.
         address: String,

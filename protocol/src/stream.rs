@@ -7,7 +7,9 @@ use std::io;
 use std::net::SocketAddr;
 use std::pin::Pin;
 use std::task::{Context, Poll, ready};
+use std::time::Duration;
 
+use socket2::{SockRef, TcpKeepalive};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsStream;
@@ -31,6 +33,23 @@ pub enum Stream {
     Plain(TcpStream),
     /// Encrypted, with both sides authenticated.
     Tls(Box<TlsStream<Metered>>),
+}
+
+/// How long a connection may be idle before the system asks whether the other end is there, how
+/// often it asks, and how many times in vain: after half a minute a machine that lost its power
+/// is gone, for clients and blobs too, which have no heartbeat.
+const KEEPALIVE_IDLE: Duration = Duration::from_secs(15);
+const KEEPALIVE_PERIOD: Duration = Duration::from_secs(5);
+const KEEPALIVE_TRIES: u32 = 3;
+
+fn tune(tcp: &TcpStream) -> io::Result<()> {
+    // A camera must not wait for the answer to the one before it.
+    tcp.set_nodelay(true)?;
+    let keepalive = TcpKeepalive::new()
+        .with_time(KEEPALIVE_IDLE)
+        .with_interval(KEEPALIVE_PERIOD)
+        .with_retries(KEEPALIVE_TRIES);
+    SockRef::from(tcp).set_tcp_keepalive(&keepalive)
 }
 
 impl Stream {
@@ -88,8 +107,7 @@ pub async fn dial(
     let found: Vec<SocketAddr> = found.collect();
     check_addresses(&found, keys.is_some() || is_insecure)?;
     let tcp = TcpStream::connect(&found[..]).await.map_err(DialError::Unreachable)?;
-    // A message must not wait for the answer to the one before it.
-    tcp.set_nodelay(true).map_err(DialError::Unreachable)?;
+    tune(&tcp).map_err(DialError::Unreachable)?;
     let Some(keys) = keys else { return Ok(Stream::Plain(tcp)) };
     let (connector, manager) = keys.connector().ok_or(DialError::ManagersKeys)?;
     let connected = connector.connect(manager.clone(), Metered::new(tcp)).await;
@@ -120,8 +138,7 @@ pub async fn accept(
     mut tcp: TcpStream,
     keys: Option<&Keys>,
 ) -> Result<(Stream, Option<Identity>), String> {
-    // A camera must not wait for the answer to the one before it.
-    tcp.set_nodelay(true).map_err(|error| error.to_string())?;
+    tune(&tcp).map_err(|error| error.to_string())?;
     let mut first = [0];
     let seen = tcp.peek(&mut first).await.map_err(|error| error.to_string())?;
     let is_tls = seen == 1 && first == [TLS_FIRST_BYTE];

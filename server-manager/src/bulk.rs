@@ -58,14 +58,27 @@ pub(crate) async fn serve(
     if events.send(Event::BulkJoins { session, proven, is_known }).await.is_err() {
         return;
     }
-    if answer.await != Ok(true) {
+    let Ok(Some(end)) = answer.await else {
         let reason = format!("session {} is no control connection of this server", session.0);
         let _ = connection::refuse(&mut frames, reason).await;
         return;
-    }
+    };
     if connection::welcome(&mut frames, welcome).await.is_err() {
         return;
     }
+    tokio::select! {
+        () = converse(frames, session, &events, &store, &traffic) => {}
+        () = end.cancelled() => {}
+    }
+}
+
+async fn converse(
+    mut frames: Frames<Stream>,
+    session: SessionId,
+    events: &mpsc::Sender<Event>,
+    store: &Store,
+    traffic: &Traffic,
+) {
     while let Some(Ok(bytes)) = frames.next().await {
         traffic.bulk_received(bytes.len());
         let up = match codec::decode::<BulkUp>(&bytes) {
@@ -78,7 +91,7 @@ pub(crate) async fn serve(
         };
         match up {
             BulkUp::Want(hash) => {
-                if send_blob(&mut frames, hash, &store, &traffic).await.is_err() {
+                if send_blob(&mut frames, hash, store, traffic).await.is_err() {
                     return;
                 }
             }

@@ -169,6 +169,8 @@ pub struct Cluster {
     is_going_on: bool,
     /// A frame that nobody has ordered, for channels that would see none otherwise.
     wants_frame: bool,
+    /// Scene time of the last frame that was begun.
+    time_s: f64,
     pacer: Pacer,
     deadline: deadline::Deadline,
     /// Measurements decide nothing, and take more room than all else.
@@ -211,6 +213,7 @@ impl Cluster {
             displays: DisplayMode::Normal,
             is_going_on: false,
             wants_frame: false,
+            time_s: 0.0,
             pacer: Pacer::default(),
             deadline: deadline::Deadline::new(wall.deadline),
             gathered: Gathered::new(wall.channels.len()),
@@ -239,11 +242,12 @@ impl Cluster {
         if !self.registry.heard(from, now) {
             return;
         }
+        let status = shortened(status);
         match status {
             Status::Prepared(prepared) => self.handle_prepared(now, from, &prepared),
             Status::PrepareFailed { epoch, revision, reason } => {
                 if epoch == self.epoch {
-                    self.handle_prepare_failed(now, from, revision, &shorten(reason));
+                    self.handle_prepare_failed(now, from, revision, &reason);
                 }
             }
             Status::Drawn(drawn) => {
@@ -251,11 +255,12 @@ impl Cluster {
                 self.handle_drawn(now, from, &drawn);
             }
             Status::DrawFailed { channel, frame, reason } => {
-                self.handle_draw_failed(now, from, channel, frame, shorten(reason));
+                self.handle_draw_failed(now, from, channel, frame, reason);
             }
             Status::Shown(shown) => {
                 self.gathered.add_wire_bytes(wire_bytes);
-                if shown.epoch == self.epoch && self.registry.drives(from, shown.channel) {
+                let is_real = shown.epoch == self.epoch && shown.frame <= self.frame;
+                if is_real && self.registry.drives(from, shown.channel) {
                     self.registry.shown(&shown);
                     self.gathered.add_shown(&shown);
                     if let Some(compared) = self.present_calls.add(&shown) {
@@ -359,8 +364,13 @@ impl Cluster {
     }
 }
 
-/// The beginning of what a server says.
-fn shorten(mut reason: String) -> String {
-    reason.truncate(reason.floor_char_boundary(REASON_BYTES_MAX));
-    reason
+/// The same with only the beginning of what a server says in words: it stands in every status.
+pub fn shortened(mut status: Status) -> Status {
+    if let Status::PrepareFailed { reason, .. }
+    | Status::DrawFailed { reason, .. }
+    | Status::Goodbye { reason } = &mut status
+    {
+        reason.truncate(reason.floor_char_boundary(REASON_BYTES_MAX));
+    }
+    status
 }

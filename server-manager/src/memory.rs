@@ -1,11 +1,11 @@
 //! What a manager remembers over a restart: a small file that is there whole or not at all.
 //!
 //! ```text
-//! BLAKE3 of what follows, 32 bytes | encoded Memory
+//! PLYPSTAT | BLAKE3 of what follows, 32 bytes | encoded Memory
 //! ```
 
 use std::fs;
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::Path;
 
 use polyptych_protocol::codec;
@@ -16,6 +16,30 @@ use crate::cluster::Memory;
 
 /// Largest file that is read; ours have a few hundred bytes.
 const MEMORY_BYTES_MAX: u64 = 64 << 10;
+
+/// How the file begins: one that begins otherwise is another program's, and is not written over.
+const MAGIC: [u8; 8] = *b"PLYPSTAT";
+
+/// Whether this may be the file of a manager, or become it.
+///
+/// # Errors
+/// What stands there instead.
+pub(crate) fn check(path: &Path) -> Result<(), String> {
+    let foreign = |what: &str| {
+        let path = path.display();
+        Err(format!("{path}: {what}, not a state file of a manager; name another or remove it"))
+    };
+    if path.is_dir() {
+        return foreign("a folder");
+    }
+    let mut begin = Vec::new();
+    let read = fs::File::open(path).and_then(|file| file.take(8).read_to_end(&mut begin));
+    // What is not there, or was torn before it was whole, is made anew.
+    if read.is_ok() && !MAGIC.starts_with(&begin) {
+        return foreign("another file");
+    }
+    Ok(())
+}
 
 /// What was remembered in this file, or `None` where there is none, or nothing of use: a manager
 /// that begins afresh is better than one that does not begin.
@@ -36,7 +60,8 @@ pub(crate) fn load(path: &Path) -> Option<Memory> {
         Ok(_) => {}
     }
     let bytes = fs::read(path).map_err(|error| warn(&error)).ok()?;
-    let Some((hash, memory)) = bytes.split_at_checked(32) else {
+    let whole = bytes.strip_prefix(&MAGIC).and_then(|rest| rest.split_at_checked(32));
+    let Some((hash, memory)) = whole else {
         warn(&"it is cut short");
         return None;
     };
@@ -66,6 +91,7 @@ pub(crate) fn save(path: &Path, memory: &Memory) -> io::Result<()> {
     fs::create_dir_all(folder)?;
     let bytes = codec::encode(memory);
     let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    file.write_all(&MAGIC)?;
     file.write_all(&BlobHash::of(&bytes).0)?;
     file.write_all(&bytes)?;
     file.persist(path).map_err(|error| error.error)?;
@@ -102,9 +128,14 @@ mod tests {
             fs::write(&path, &bytes[..cut]).expect("written");
             assert_eq!(load(&path), None, "cut to {cut} bytes");
         }
-        bytes[40] ^= 1;
+        bytes[50] ^= 1;
         fs::write(&path, &bytes).expect("written");
-        assert_eq!(load(&path), None);
+        assert_eq!((load(&path), check(&path)), (None, Ok(())));
+        let foreign = folder.path().join("wall.toml");
+        fs::write(&foreign, "[wall]").expect("written");
+        for path in [folder.path(), &foreign] {
+            assert!(check(path).is_err_and(|reason| reason.contains("name another")));
+        }
     }
 
     #[test]
@@ -123,7 +154,8 @@ mod tests {
         };
         let now = codec::encode(&memory);
         let before = &now[..now.len() - 1];
-        fs::write(&path, [&BlobHash::of(before).0, before].concat()).expect("written");
+        let hash = BlobHash::of(before).0;
+        fs::write(&path, [&MAGIC[..], &hash, before].concat()).expect("written");
         assert_eq!(load(&path), Some(memory));
     }
 }

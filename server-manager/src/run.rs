@@ -1,6 +1,7 @@
 //! Gives the brain sockets and a clock: accepts connections, carries messages, ends in order.
 
 mod beginning;
+mod ending;
 mod sample;
 
 use std::collections::BTreeMap;
@@ -27,7 +28,7 @@ use tracing::Instrument;
 use crate::brain::Brain;
 use crate::bulk::AllowedBlobs;
 use crate::capture::{Collection, PictureMemory};
-use crate::cluster::{Input, Micros, Output, RequestOf, SessionId};
+use crate::cluster::{self, Input, Micros, Output, RequestOf, SessionId};
 use crate::delivery;
 use crate::door;
 use crate::gate::Gate;
@@ -37,7 +38,7 @@ use crate::metrics;
 use crate::record::Recorder;
 use crate::repetition::Repetitions;
 use crate::server_session::ServerLink;
-use crate::session::{DRAIN_TIME_MAX, EVENTS_MAX, Event, Link};
+use crate::session::{EVENTS_MAX, Event, Link};
 use crate::traffic::Traffic;
 
 /// Events that are handled in one turn, before timers are looked at again.
@@ -85,6 +86,9 @@ pub enum ManagerError {
     /// Its keys are not to be used.
     #[error(transparent)]
     Keys(#[from] KeysError),
+    /// What it would remember in is another's.
+    #[error("{0}")]
+    State(String),
     /// The listening socket failed.
     #[error("the listening socket failed: {0}")]
     Listener(std::io::Error),
@@ -102,6 +106,9 @@ pub async fn run(
     mut options: ManagerOptions,
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), ManagerError> {
+    if let Some(path) = &options.memory {
+        memory::check(path).map_err(ManagerError::State)?;
+    }
     let keys = options.keys.as_deref().map(load_keys).transpose()?;
     let mut epoch = [0; 8];
     getrandom::fill(&mut epoch).map_err(ManagerError::Random)?;
@@ -267,13 +274,15 @@ impl Hub {
                 self.servers.insert(session, link);
                 let input = Input::of_server(session, hello, address);
                 let joined = self.cluster.handle(now, input);
-                if joined.is_err() {
-                    self.servers.remove(&session);
+                match (&joined, self.servers.get_mut(&session)) {
+                    (Ok(()), Some(link)) => link.channels = self.cluster.channels_of(session),
+                    _ => drop(self.servers.remove(&session)),
                 }
                 let _ = verdict.send(joined.map(|()| self.welcome(session)));
             }
             Event::ServerSays { from, status, bytes } => {
                 self.traffic.control_received(bytes);
+                let status = cluster::shortened(status);
                 self.note_drawing(from, &status);
                 let wire_bytes = bytes as u32;
                 self.tell(now, Input::Status { from, status, wire_bytes });
@@ -293,8 +302,9 @@ impl Hub {
                 self.tell(now, Input::Request { client: from, id, request });
             }
             Event::BulkJoins { session, proven, is_known } => {
-                let link = self.servers.get(&session);
-                let _ = is_known.send(link.is_some_and(|link| link.is_of(proven.as_ref())));
+                let link = self.servers.get_mut(&session);
+                let link = link.filter(|link| link.is_of(proven.as_ref()));
+                let _ = is_known.send(link.map(ServerLink::begin_bulk));
             }
             Event::PictureComes { from, chunk } => {
                 if !self.cluster.channels_of(from).contains(&chunk.channel) {
@@ -307,8 +317,11 @@ impl Hub {
                 }
                 for (_, collection) in &mut self.collections {
                     if let Err(reason) = collection.add(&chunk) {
-                        let tell = || tracing::warn!(reason, "a picture does not fit");
-                        self.cluster.span_of(from).in_scope(tell);
+                        let what = format!("session {}: a picture does not fit", from.0);
+                        if let Some(times) = self.repetitions.note(now, &what) {
+                            let tell = || tracing::warn!(reason, times, "a picture does not fit");
+                            self.cluster.span_of(from).in_scope(tell);
+                        }
                         collection.give_up_on(&[chunk.channel], &reason);
                     }
                 }
@@ -352,10 +365,10 @@ impl Hub {
         let now = self.now();
         if let Some(link) = self.servers.remove(&session) {
             link.close.cancel();
-            let channels = self.cluster.channels_of(session);
             self.tell(now, Input::ServerGone { session, reason: reason.to_owned() });
+            // Where the brain has let it go, it does not know them any more.
             for (_, collection) in &mut self.collections {
-                collection.give_up_on(&channels, reason);
+                collection.give_up_on(&link.channels, reason);
             }
         }
         if let Some(link) = self.clients.remove(&session) {
@@ -469,30 +482,5 @@ impl Hub {
             let wall = self.options.wall.clone();
             tokio::spawn(delivery::send_pictures(collection, wall, link.clone()));
         }
-    }
-
-    /// Tells everyone why, and gives them a moment to hear it.
-    async fn say_goodbye(self, reason: &str) {
-        tracing::info!(reason, "the manager ends");
-        let to_servers = codec::encode(&Command::Goodbye { reason: reason.to_owned() });
-        let to_servers = codec::framed(&to_servers);
-        let to_clients = codec::encode(&Answer::Goodbye { reason: reason.to_owned() });
-        for link in self.servers.values() {
-            link.send(&to_servers);
-            link.close.cancel();
-        }
-        for link in self.clients.values() {
-            let _ = link.outbox.try_send(to_clients.clone());
-            link.close.cancel();
-        }
-        let all_closed = async {
-            for link in self.servers.values() {
-                link.closed().await;
-            }
-            for link in self.clients.values() {
-                link.outbox.closed().await;
-            }
-        };
-        let _ = tokio::time::timeout(DRAIN_TIME_MAX, all_closed).await;
     }
 }

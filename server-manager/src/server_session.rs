@@ -16,6 +16,7 @@ use polyptych_protocol::command::Command;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::identity::Identity;
+use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::status::Status;
 use polyptych_protocol::stream::Stream;
 use tokio::io::{AsyncRead, AsyncWriteExt, WriteHalf};
@@ -34,6 +35,10 @@ pub(crate) struct ServerLink {
     pub outbox: mpsc::Sender<Bytes>,
     /// Closes the connection after what is in the outbox.
     pub close: CancellationToken,
+    /// The channels that it has claimed, once it was let in.
+    pub channels: Vec<ChannelId>,
+    /// Ends its second connection.
+    bulk: CancellationToken,
     lane: Arc<Lane>,
     /// Its name, which over TLS its certificate has too.
     server: String,
@@ -53,7 +58,8 @@ impl ServerLink {
     fn new(server: &str) -> (Self, mpsc::Receiver<Bytes>) {
         let (outbox, inbox) = mpsc::channel(OUTBOX_MESSAGES_MAX);
         let (close, lane) = (CancellationToken::new(), Arc::default());
-        (Self { outbox, close, lane, server: server.to_owned() }, inbox)
+        let (channels, bulk) = (Vec::new(), close.child_token());
+        (Self { outbox, close, channels, bulk, lane, server: server.to_owned() }, inbox)
     }
 
     /// Sends a whole frame; `false` where the peer reads too slowly to be sent more.
@@ -78,6 +84,14 @@ impl ServerLink {
     pub fn is_of(&self, proven: Option<&Identity>) -> bool {
         // In the clear everyone with the token is as good as everyone else.
         proven.is_none_or(|proven| *proven == Identity::Server(self.server.clone()))
+    }
+
+    /// A second connection begins: one that was there before ends, and this one does so at the
+    /// latest with the first.
+    pub fn begin_bulk(&mut self) -> CancellationToken {
+        self.bulk.cancel();
+        self.bulk = self.close.child_token();
+        self.bulk.clone()
     }
 
     /// Ready when the connection is gone.

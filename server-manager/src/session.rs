@@ -58,7 +58,8 @@ pub(crate) enum Event {
         session: SessionId,
         /// Over TLS: a bulk connection is for the server that opened it.
         proven: Option<Identity>,
-        is_known: oneshot::Sender<bool>,
+        /// What ends it, where it may begin.
+        is_known: oneshot::Sender<Option<CancellationToken>>,
     },
     PictureComes {
         from: SessionId,
@@ -138,10 +139,13 @@ async fn write_until_closed(
             () = close.cancelled() => None,
         };
         let Some(message) = message else { break };
+        // Not all that comes meanwhile: a client that reads slowly would never be seen to read.
+        let already_there = waiting.outbox.len();
         let work = async {
             sink.feed(message).await?;
             // What waits already goes out in the same packets.
-            while let Ok(next) = waiting.outbox.try_recv() {
+            for _ in 0..already_there {
+                let Ok(next) = waiting.outbox.try_recv() else { break };
                 sink.feed(next).await?;
             }
             sink.flush().await

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use polyptych_client::{Bounds, Camera, overview};
 use polyptych_manager::record::Recorder;
@@ -89,6 +89,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 
 pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let needs = Needs::of(&arguments.fault, wall)?;
+    if let Some(count) = frame_count(arguments)
+        && let Some(late) = arguments.fault.iter().find(|fault| fault.first_frame() > count)
+    {
+        let frame = late.first_frame();
+        bail!("--fault: frame {frame} never comes: the run has {count} frames; see --frames");
+    }
     let out = &arguments.out;
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let shown = match &arguments.scene {
@@ -192,17 +198,22 @@ fn camera_of_frame(
     Some(overview(wall, focus?, HEADING_RAD + turned))
 }
 
+/// How many frames are drawn; `None` where it goes by time.
+fn frame_count(arguments: &Arguments) -> Option<u64> {
+    match (arguments.frames, arguments.seconds) {
+        (Some(frames), _) => Some(frames),
+        (None, Some(_)) => None,
+        (None, None) => Some(FRAMES_DEFAULT),
+    }
+}
+
 fn draw_frames(
     local: &LocalWall,
     arguments: &Arguments,
     camera: &dyn Fn(u64) -> Option<Camera>,
     faults: &mut Faults<'_>,
 ) -> anyhow::Result<()> {
-    let count = match (arguments.frames, arguments.seconds) {
-        (Some(frames), _) => Some(frames),
-        (None, Some(_)) => None,
-        (None, None) => Some(FRAMES_DEFAULT),
-    };
+    let count = frame_count(arguments);
     let bar = ProgressBar::with_draw_target(count, drawn_to());
     if let Ok(style) = ProgressStyle::with_template("drawing {wide_bar} frame {pos}, {per_sec}") {
         bar.set_style(style);

@@ -51,6 +51,14 @@ pub(crate) enum What {
 }
 
 impl Fault {
+    /// The first frame behind which it happens.
+    pub fn first_frame(&self) -> u64 {
+        match self.when {
+            When::At(frame) => frame,
+            When::Every { from, .. } => from,
+        }
+    }
+
     /// Whether it happens behind this frame of the run, the first being 1.
     pub fn is_due(&self, frame: u64) -> bool {
         match self.when {

@@ -54,7 +54,8 @@ async fn nobody_at_the_address_is_named_with_what_to_do() {
     drop(listener);
     let error = Client::connect_with(options(&address)).await.expect_err("nobody").to_string();
     let expected = format!(
-        "no manager at {address} (connection refused); start one with: polyptych manager WALL.toml"
+        "no manager at {address} (Connection refused (os error 111)); start one with: \
+         polyptych manager WALL.toml"
     );
     assert_eq!(error, expected);
     let error = Client::connect_with(options("127.0.0.1:port")).await.expect_err("no port");

@@ -71,6 +71,9 @@ pub(super) struct Barrier {
     deadline: Micros,
     /// How long it waits while nobody has drawn: longer where all are late, of whom one may hang.
     patience: Micros,
+    /// Whether it began when all were late; then whoever draws it within the longest wait is on
+    /// the way back, and the deadline learns from it.
+    is_all_late: bool,
     order: Option<FrameOrder>,
     /// Every server that was sent the frame.
     sent: Vec<SessionId>,
@@ -151,23 +154,25 @@ impl Cluster {
         }
         let sent_channels = waited.len() + late.len();
         // Where all are late, not to wait would count frames that nobody draws. Those that drew
-        // the last one in time must not be held up by those that hang.
+        // the last one are given time, and must not be held up by those that hang.
         let is_all_late = waited.is_empty();
+        let mut is_catching_up = false;
         if is_all_late {
-            let is_catching_up = |id: &ChannelId| self.registry.is_catching_up(*id);
-            waited = late.iter().copied().filter(is_catching_up).collect();
+            let has_drawn = |id: &ChannelId| self.registry.is_catching_up(*id);
+            waited = late.iter().copied().filter(has_drawn).collect();
+            is_catching_up = !waited.is_empty();
             if waited.is_empty() {
                 waited = late;
             }
         }
         self.frame.0 += 1;
         self.beginnings.add(now);
-        let time_s = order.as_ref().and_then(|o| o.time_s).unwrap_or(now as f64 * 1e-6);
+        let time_s = self.time_of(order.as_ref(), now);
         // A picture that someone asked for is worth the longest wait. A channel that joins a wall
         // that moves is not: it would hold up those who have warmed up long ago.
         let (length, longest) = (self.deadline.length(), self.deadline.longest());
         let is_warming = !is_all_late && !is_warm;
-        let wait = if is_warming || capture { longest } else { length };
+        let wait = if is_warming || is_catching_up || capture { longest } else { length };
         let patience = if is_all_late { longest } else { wait };
         self.pacer.began(now, !waited.is_empty());
         if let Some(FrameOrder { job, capture: true, .. }) = &order {
@@ -182,6 +187,7 @@ impl Cluster {
             began: now,
             deadline: now + wait,
             patience: now + patience,
+            is_all_late,
             order,
             sent,
             sent_channels,
@@ -193,6 +199,16 @@ impl Cluster {
         if self.barrier.as_ref().is_some_and(Barrier::is_complete) {
             self.finish_frame(now);
         }
+    }
+
+    /// Scene time of the frame that begins. One that nobody has ordered shows what the last one
+    /// did.
+    fn time_of(&mut self, order: Option<&FrameOrder>, now: Micros) -> f64 {
+        let is_ordered = order.is_some() || self.pacer.pace().is_some() || self.frame.0 <= 1;
+        if is_ordered {
+            self.time_s = order.and_then(|order| order.time_s).unwrap_or(now as f64 * 1e-6);
+        }
+        self.time_s
     }
 
     /// What an order asks for beside its frame holds from this frame on.
@@ -237,8 +253,11 @@ impl Cluster {
         }
         // A late channel is measured by the deadline, not by the others: one that is slower than
         // they are, but not too slow, would else be late for ever.
-        let awaiting = self.barrier.as_ref().filter(|b| b.awaits(drawn));
-        let allowed = awaiting.map_or(self.deadline.length(), |b| b.deadline() - b.began);
+        let allowed = match &self.barrier {
+            Some(b) if b.is_all_late => self.deadline.longest(),
+            Some(b) if b.awaits(drawn) => b.deadline() - b.began,
+            _ => self.deadline.length(),
+        };
         let began = self.beginnings.of(drawn.frame, self.frame);
         self.registry.drew(drawn.channel, drawn.draw_us, now, began, allowed);
         let is_its = |b: &&mut Barrier| (b.frame, b.revision) == (drawn.frame, drawn.revision);

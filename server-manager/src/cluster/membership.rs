@@ -181,10 +181,11 @@ impl Cluster {
     }
 
     /// Whether a channel that has become ready is given a frame though nobody has ordered one.
-    /// Its display would else say that the manager is lost which has come back, or light up on a
-    /// wall that is to be black.
+    /// Its display would else say that the manager is lost which has come back, show an older
+    /// picture than its neighbours, or light up on a wall that is to be black.
     fn must_see_a_frame(&self) -> bool {
         let has_pace = self.pacer.pace().is_some();
-        !has_pace && (self.is_going_on || self.displays != DisplayMode::Normal)
+        let has_shown = self.swapped.0 > 0;
+        !has_pace && (self.is_going_on || has_shown || self.displays != DisplayMode::Normal)
     }
 }

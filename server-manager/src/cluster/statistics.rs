@@ -132,9 +132,10 @@ impl Gathered {
         self.frames += 1;
         self.first.get_or_insert(now);
         self.last = now;
-        self.frame.add_us(feedback.frame_us);
-        self.barrier.add_us(feedback.barrier_us);
+        // What nobody drew took no time, and says nothing of those who draw.
         if let Some(slowest) = slowest_us {
+            self.frame.add_us(feedback.frame_us);
+            self.barrier.add_us(feedback.barrier_us);
             self.draw.add_us(u64::from(slowest));
         }
     }

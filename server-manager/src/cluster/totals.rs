@@ -106,9 +106,10 @@ impl Totals {
 
     pub(super) fn add_frame(&mut self, frame_us: u64, barrier_us: u64, draw_us: Option<u32>) {
         self.frames += 1;
-        self.frame_s.add(frame_us as f64 * 1e-6);
-        self.barrier_s.add(barrier_us as f64 * 1e-6);
+        // As in the statistics: what nobody drew took no time.
         if let Some(draw_us) = draw_us {
+            self.frame_s.add(frame_us as f64 * 1e-6);
+            self.barrier_s.add(barrier_us as f64 * 1e-6);
             self.draw_s.add(f64::from(draw_us) * 1e-6);
         }
     }

@@ -15,6 +15,9 @@ const RATES: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
 /// Most scenes of one client that are looked for and baked at a time.
 const IMPORTS_MAX: usize = 16;
 
+/// The same of all clients, those that left before the end among them.
+const IMPORTS_OF_ALL_MAX: usize = 64;
+
 impl Cluster {
     /// A client asks for something. It gets exactly one reply, now or later.
     pub fn handle_request(
@@ -123,6 +126,11 @@ impl Cluster {
         if self.imports.iter().filter(|of| of.client == job.client).count() >= IMPORTS_MAX {
             return Err(format!(
                 "{IMPORTS_MAX} scenes are being opened for this client already; await some first"
+            ));
+        }
+        if self.imports.len() >= IMPORTS_OF_ALL_MAX {
+            return Err(format!(
+                "{IMPORTS_OF_ALL_MAX} scenes are being opened already; ask again later"
             ));
         }
         self.imports.push(job);

@@ -133,7 +133,11 @@ impl Ring {
                     segment_bytes = found;
                     let first = |slot| Some(first_piece(&file, slot, found)?.0);
                     let numbers = (0..SLOTS).filter_map(first);
-                    next_segment = numbers.max().map_or(0, |number| number + 1);
+                    // A manager that ended before it was told anything leaves its place to the
+                    // next: one that is started again and again would else push all others out.
+                    next_segment = numbers.max().map_or(0, |number| {
+                        number + u64::from(has_inputs(&file, path, found, number))
+                    });
                 }
                 Err(RingError::Version { .. }) => {
                     let aside = path.with_added_extension("old");
@@ -190,6 +194,15 @@ pub struct RingReader {
     file: File,
     segment_bytes: u64,
     segments: Vec<u64>,
+}
+
+/// Whether anything was told in a segment; also where it cannot be read, which is kept.
+fn has_inputs(file: &File, path: &Path, segment_bytes: u64, segment: u64) -> bool {
+    let Ok(file) = file.try_clone() else { return true };
+    let path = path.to_owned();
+    let reader = RingReader { path, file, segment_bytes, segments: Vec::new() };
+    let is_input = |record: &Record| matches!(record, Record::Input { .. });
+    reader.read(segment).map_or(true, |records| records.iter().any(is_input))
 }
 
 impl RingReader {

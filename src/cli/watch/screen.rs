@@ -52,7 +52,11 @@ impl Screen {
 
     /// Columns and rows.
     pub fn size() -> std::io::Result<(usize, usize)> {
-        let (columns, rows) = size()?;
+        let (columns, rows) = match size()? {
+            // A terminal that nobody has given a size.
+            (0, _) | (_, 0) => (80, 24),
+            size => size,
+        };
         Ok((usize::from(columns), usize::from(rows)))
     }
 

@@ -135,9 +135,9 @@ pub(super) fn summary(view: &View) -> String {
         return view.trouble.as_ref().map_or_else(|| "connecting …".into(), trouble_in_words);
     };
     let of_channel = |channel: &ChannelStatus| {
-        let reason = channel.reason.as_deref().unwrap_or("no reason");
         let (name, state) = (&channel.name, word(channel.state));
-        format!("{name} {state} {}: {reason}", since(channel.since_ms))
+        let reason = channel.reason.as_ref().map(|reason| format!(": {reason}"));
+        format!("{name} {state} {}{}", since(channel.since_ms), reason.unwrap_or_default())
     };
     let troubled = by_importance(&status.channels).filter(|c| c.state != ChannelState::Live);
     let mut parts = vec![wall_in_words(status, view.rates), counts_in_words(&status.channels)];

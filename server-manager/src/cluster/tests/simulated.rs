@@ -98,7 +98,11 @@ fn random_schedules_keep_every_invariant() {
 
 /// Seeds that broke the brain as it was, by what was wrong with it; `found.rs` tells each as a
 /// short story.
-const FOUND: [(u64, &str); 10] = [
+const FOUND: [(u64, &str); 11] = [
+    (
+        1125747,
+        "a wall that was late as a whole forgot its slower half: the fast one ended each frame",
+    ),
     (1, "a frame that a change overtook waited for its deadline, and all were called late"),
     (12, "the same on a wall of several servers"),
     (19, "a server was told to show what it had just been found to have drawn wrong"),
