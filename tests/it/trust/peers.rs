@@ -287,7 +287,6 @@ fn strangers_at_a_door_with_tls_change_nothing() {
         let _ = stream.read_to_end(&mut answer).await;
         assert!(answer.len() < 1024, "{} bytes", answer.len());
     });
-    local.manager.await_line(&["a peer is refused", "frame"]);
     let after = client.render_frame().expect("the wall goes on");
     assert!(after.frame > before.frame);
     assert!(after.channels.iter().all(|channel| channel.draw_us.is_some()), "{after:?}");
