@@ -218,16 +218,21 @@ impl AsyncRead for Metered {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        let before = buffer.filled().len();
-        ready!(Pin::new(&mut self.tcp).poll_read(context, buffer))?;
-        let came = buffer.filled().len() - before;
-        if let Some(left) = self.left {
-            let Some(left) = left.checked_sub(came) else {
-                let what = format!("more than {HANDSHAKE_BYTES_MAX} bytes, and still a stranger");
-                return Poll::Ready(Err(io::Error::new(io::ErrorKind::FileTooLarge, what)));
-            };
-            self.left = Some(left);
+        let Some(left) = self.left else {
+            return Pin::new(&mut self.tcp).poll_read(context, buffer);
+        };
+        if left == 0 {
+            let what = format!("more than {HANDSHAKE_BYTES_MAX} bytes, and still a stranger");
+            return Poll::Ready(Err(io::Error::new(io::ErrorKind::FileTooLarge, what)));
         }
+        // No more than that is read: a peer's hello may come together with the last of its
+        // handshake, and is none of a stranger's bytes.
+        let room = left.min(buffer.remaining());
+        let mut part = ReadBuf::new(buffer.initialize_unfilled_to(room));
+        ready!(Pin::new(&mut self.tcp).poll_read(context, &mut part))?;
+        let came = part.filled().len();
+        buffer.advance(came);
+        self.left = Some(left - came);
         Poll::Ready(Ok(()))
     }
 }

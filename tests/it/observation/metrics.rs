@@ -65,15 +65,19 @@ fn check_while_it_runs(client: &Client, address: &str) {
 }
 
 fn check_numbers(client: &Client, address: &str, names: &[&str]) {
-    // Servers report what they have shown after the swap, and nobody waits for that.
+    // Servers report what they have shown after the swap, nobody waits for that, and a frame that
+    // was on its way when the wall was paused is swapped all the same: so the numbers are compared
+    // once the manager said the same before and after they were scraped.
     let (metrics, status, statistics) = wait::until("all reports", || {
-        let statistics = client.statistics(false).expect("statistics");
-        let status = client.status().expect("a status");
-        let all = statistics.channels.iter().all(|channel| channel.frames == status.frame.0);
+        let told = || {
+            let statistics = client.statistics(false).expect("statistics");
+            (client.status().expect("a status"), statistics)
+        };
+        let (status, statistics) = told();
         let metrics = scrape(address);
-        // A frame that was on its way when the wall was paused is swapped all the same.
-        let is_still = client.status().expect("a status").frame == status.frame
-            && metrics.value("polyptych_frames_total") == status.frame.0 as f64;
+        let (status_after, statistics_after) = told();
+        let all = statistics.channels.iter().all(|channel| channel.frames == status.frame.0);
+        let is_still = status.frame == status_after.frame && statistics == statistics_after;
         (all && is_still).then_some((metrics, status, statistics))
     });
     assert_eq!(metrics.value("polyptych_frames_total"), status.frame.0 as f64);
