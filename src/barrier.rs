@@ -15,14 +15,15 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use glam::{DVec3, UVec2};
+use glam::{DVec2, DVec3, UVec2};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions, Pace, Spread};
 use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::identity::Identity;
-use polyptych_protocol::wall::{Channel, DeadlineRule, Projection, Screen, Wall};
+use polyptych_protocol::wall::surface::Plane;
+use polyptych_protocol::wall::{Channel, DeadlineRule, Screen, Surface, Wall};
 use serde::Serialize;
 use tokio_util::sync::CancellationToken;
 
@@ -155,33 +156,17 @@ fn measure_ours(
 }
 
 fn wall(channels: u16) -> Wall {
-    let channel = |index: u16| Channel {
-        name: stub::channel_name(index),
-        screen: 0,
-        origin: UVec2::new(u32::from(index) * SIDE, 0),
-        size: UVec2::splat(SIDE),
-        server: stub::channel_name(index),
-        projection: Projection::Shared,
+    let channel = |index: u16| {
+        let origin = UVec2::new(u32::from(index) * SIDE, 0);
+        Channel::tile(&stub::channel_name(index), 0, origin, UVec2::splat(SIDE))
     };
+    let plane = Plane::upright(DVec3::NEG_Z, DVec2::splat(2.0));
+    let canvas = UVec2::new(u32::from(channels) * SIDE, SIDE);
+    let screens = vec![Screen::new("front", Surface::Plane(plane), canvas)];
     Wall {
-        name: "barrier".into(),
-        screens: vec![Screen {
-            name: "front".into(),
-            lower_left: DVec3::new(-1.0, -1.0, -1.0),
-            lower_right: DVec3::new(1.0, -1.0, -1.0),
-            upper_left: DVec3::new(-1.0, 1.0, -1.0),
-            canvas: UVec2::new(u32::from(channels) * SIDE, SIDE),
-            bezel: None,
-        }],
-        channels: (0..channels).map(channel).collect(),
-        eye: DVec3::ZERO,
-        near_m: 0.1,
-        samples: 1,
         deadline: DeadlineRule { factor: 4.0, min_ms: 2000, max_ms: 2000 },
         heartbeat_ms: 5000,
-        listen: String::new(),
-        stores: Vec::new(),
-        scenes: Vec::new(),
+        ..Wall::new("barrier", screens, (0..channels).map(channel).collect())
     }
 }
 

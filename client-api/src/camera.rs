@@ -37,14 +37,14 @@ fn front_screen(wall: &Wall) -> (DVec3, f64) {
     let mut front = (wall.eye + DVec3::NEG_Z, 0.5);
     let mut most_ahead = f64::NEG_INFINITY;
     for screen in &wall.screens {
-        let across = screen.lower_right - screen.lower_left;
-        let up = screen.upper_left - screen.lower_left;
-        let middle = screen.lower_left + (across + up) * 0.5;
+        let Some(middle) = screen.display_from_canvas(screen.canvas.as_dvec2() / 2.0) else {
+            continue;
+        };
         let ahead = (middle - wall.eye).try_normalize().map_or(0.0, |toward| -toward.z);
         // Two screens side by side are equally far ahead but for rounding.
         if ahead > most_ahead + 1e-9 {
             most_ahead = ahead;
-            front = (middle, across.length().min(up.length()) * 0.5);
+            front = (middle, screen.size_m().min_element() * 0.5);
         }
     }
     front

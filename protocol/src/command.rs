@@ -1,10 +1,10 @@
 //! What the manager tells a render server on its control connection.
 
-use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
 use crate::display::DisplayMode;
+use crate::head::Head;
 use crate::ids::{Epoch, FrameId, Revision};
 use crate::log::Operation;
 
@@ -53,8 +53,8 @@ pub struct Frame {
     pub revision: Revision,
     /// What is shown where; later views lie over earlier ones.
     pub views: Vec<View>,
-    /// The viewer's eye in metres of display space.
-    pub eye: DVec3,
+    /// Where the viewer's eyes are.
+    pub head: Head,
     /// Light is multiplied by this before tone mapping.
     pub exposure: f32,
     /// The error in wall pixels that a channel may make to draw faster; 0: none.

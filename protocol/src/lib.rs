@@ -21,6 +21,7 @@ pub mod connection;
 pub mod display;
 pub mod feedback;
 pub mod handshake;
+pub mod head;
 pub mod identity;
 pub mod ids;
 pub mod keys;

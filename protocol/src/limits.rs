@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// The version of the wire protocol. A peer of another version is refused by both numbers.
-pub const PROTOCOL_VERSION: u16 = 2;
+pub const PROTOCOL_VERSION: u16 = 3;
 
 /// Largest control message. A status of 1,024 channels takes about 200 KiB.
 pub const MESSAGE_BYTES_MAX: usize = 4 << 20;
@@ -34,6 +34,16 @@ pub const CHANNELS_MAX: usize = 1024;
 
 /// Most screens of a wall.
 pub const SCREENS_MAX: usize = 256;
+
+/// Most files that a wall refers to: three for each channel, and one for each screen.
+pub const WALL_FILES_MAX: usize = 3 * CHANNELS_MAX + SCREENS_MAX;
+
+/// Most control points of a channel's bend: 32 × 32 are more than anybody moves by hand, and finer
+/// maps come as files.
+pub const BEND_POINTS_MAX: usize = 1024;
+
+/// Most points of a measured curve: one for each code of 10 bits.
+pub const CURVE_POINTS_MAX: usize = 1024;
 
 /// Longest side of a channel: what the weakest supported driver can draw into.
 pub const CHANNEL_SIDE_MAX: u32 = 8192;

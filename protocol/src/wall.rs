@@ -3,16 +3,37 @@
 //! These types are what travels and what is drawn from; they hold only what was checked. A wall
 //! file is read, checked and turned into them by [`mod@file`].
 
+pub mod adjustment;
+pub mod channel;
 pub mod file;
 pub mod frustum;
+pub mod pixels;
+pub mod projector;
+pub mod screen;
+pub mod surface;
 pub mod table;
 mod tiling;
 
-use glam::{DVec2, DVec3, UVec2};
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::ids::ChannelId;
-use crate::limits::{CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX, CHANNELS_MAX, SCREENS_MAX};
+pub use adjustment::{Adjustment, Color, Curve, Edges, EyeOf, Packing, Turn};
+pub use channel::{Channel, Cover, Projection};
+pub use screen::{Bezel, Screen};
+pub use surface::Surface;
+
+use crate::ids::{BlobHash, ChannelId};
+use crate::limits::{
+    CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX, CHANNELS_MAX, DEADLINE_FACTOR_DEFAULT, DEADLINE_MAX_DEFAULT,
+    DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT, SCREENS_MAX, WALL_FILES_MAX,
+};
+
+/// From one eye to the other: the mean of adults, N. Dodgson, *Variation and extrema of human
+/// interpupillary distance*, 2004.
+pub const EYE_SEPARATION_DEFAULT_M: f64 = 0.063;
+
+/// Nothing is nearer to the eye than this, unless a wall file says otherwise.
+pub const NEAR_DEFAULT_M: f64 = 0.05;
 
 /// The whole display system that one wall file describes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,11 +46,19 @@ pub struct Wall {
     pub channels: Vec<Channel>,
     /// Where the viewer's eye stands, in metres of display space.
     pub eye: DVec3,
+    /// From the left eye to the right one, in metres; channels for one eye see from half of it.
+    pub eye_separation_m: f64,
     /// Distance of the near plane from the eye, in metres of display space; the same for all
     /// channels, so that depth agrees.
     pub near_m: f64,
     /// Samples per pixel: 1 or 4.
     pub samples: u32,
+    /// How channels that light the same places share the light.
+    pub blend: BlendRule,
+    /// Whether codes are dithered where a channel's light is corrected.
+    pub dither: bool,
+    /// Files of others that channels and screens refer to, by their index in this list.
+    pub files: Vec<MapFile>,
     /// How long a frame waits for a channel.
     pub deadline: DeadlineRule,
     /// A peer that is silent this long is lost.
@@ -40,59 +69,6 @@ pub struct Wall {
     pub stores: Vec<String>,
     /// Folders from which scenes may be opened.
     pub scenes: Vec<String>,
-}
-
-/// A planar rectangle in display space, in metres.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Screen {
-    /// Unique within the wall.
-    pub name: String,
-    /// As the viewer sees it.
-    pub lower_left: DVec3,
-    /// As the viewer sees it.
-    pub lower_right: DVec3,
-    /// As the viewer sees it.
-    pub upper_left: DVec3,
-    /// Pixels of the whole screen, those hidden behind bezels included.
-    pub canvas: UVec2,
-    /// The gaps between its tiles, where the wall file asked for such.
-    pub bezel: Option<Bezel>,
-}
-
-/// Gaps between the tiles of a screen, behind which the picture goes on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Bezel {
-    /// What the wall file asked for, across and down, in metres.
-    pub asked_m: DVec2,
-    /// What is in force: the nearest even numbers of pixels.
-    pub pixels: UVec2,
-}
-
-/// One output image: a rectangle of a screen's canvas.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Channel {
-    /// Unique within the wall.
-    pub name: String,
-    /// An index into [`Wall::screens`].
-    pub screen: u16,
-    /// Its upper left pixel, from the upper left of the screen's canvas.
-    pub origin: UVec2,
-    /// Its size in pixels.
-    pub size: UVec2,
-    /// The server that drives it; several channels may name the same.
-    pub server: String,
-    /// How it is projected; fixed by the wall file, never by what one server can do.
-    pub projection: Projection,
-}
-
-/// How a tile of a planar screen gets its frustum.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Projection {
-    /// The screen's matrix, with a viewport shifted by whole pixels: tiles of one screen compute
-    /// identical clip positions.
-    Shared,
-    /// A sub-frustum of its own, computed in f64: for canvases beyond what a viewport can span.
-    Own,
 }
 
 /// How long a frame waits: `factor` × the wall's median draw time, within bounds.
@@ -106,7 +82,72 @@ pub struct DeadlineRule {
     pub max_ms: u32,
 }
 
+/// How channels share the light of a place that several of them light.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BlendRule {
+    /// Steepness of the ramps: 1 is a smooth step, larger numbers are steeper in the middle.
+    pub exponent: f64,
+    /// What a projector shows of black, as a share of its white; 0 for panels.
+    pub leak: f64,
+}
+
+/// A file that somebody else wrote: a map of pixels, a mesh of a screen, a mask.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MapFile {
+    /// Where it is, as the wall file says.
+    pub path: String,
+    /// What it is.
+    pub kind: FileKind,
+    /// What it was baked to; `None` until that was done, never in a wall that servers get.
+    pub blob: Option<BlobHash>,
+}
+
+/// What a wall's file is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FileKind {
+    /// Where each pixel of a channel lies.
+    Warp,
+    /// The surface of a screen.
+    ScreenMesh,
+    /// What light is multiplied by.
+    Alpha,
+    /// What light is added.
+    Beta,
+}
+
+impl Default for BlendRule {
+    fn default() -> Self {
+        Self { exponent: 1.0, leak: 0.0 }
+    }
+}
+
 impl Wall {
+    /// A wall of these screens and channels, with the eye at the origin and a wall file's defaults
+    /// for all else; opens no folder, and listens on any port of this machine.
+    pub fn new(name: &str, screens: Vec<Screen>, channels: Vec<Channel>) -> Self {
+        Self {
+            name: name.to_owned(),
+            screens,
+            channels,
+            eye: DVec3::ZERO,
+            eye_separation_m: EYE_SEPARATION_DEFAULT_M,
+            near_m: NEAR_DEFAULT_M,
+            samples: 1,
+            blend: BlendRule::default(),
+            dither: false,
+            files: Vec::new(),
+            deadline: DeadlineRule {
+                factor: DEADLINE_FACTOR_DEFAULT,
+                min_ms: DEADLINE_MIN_DEFAULT.as_millis() as u32,
+                max_ms: DEADLINE_MAX_DEFAULT.as_millis() as u32,
+            },
+            heartbeat_ms: HEARTBEAT_DEFAULT.as_millis() as u32,
+            listen: "127.0.0.1:0".to_owned(),
+            stores: Vec::new(),
+            scenes: Vec::new(),
+        }
+    }
+
     /// What is wrong with a wall that came over the wire, if anything: an index that points
     /// nowhere, a size beyond the limits, a number that is none. A wall file is checked for more.
     pub fn fault(&self) -> Option<String> {
@@ -123,15 +164,32 @@ impl Wall {
         if let Some(screen) = self.screens.iter().find(is_large) {
             return Some(format!("screen {} is longer than {CANVAS_SIDE_MAX} pixels", screen.name));
         }
-        let is_bad = |channel: &&Channel| {
-            let Some(screen) = self.screens.get(usize::from(channel.screen)) else { return true };
+        let is_separate = self.eye_separation_m.is_finite() && self.eye_separation_m >= 0.0;
+        let BlendRule { exponent, leak } = self.blend;
+        if !(is_separate && exponent > 0.0 && exponent.is_finite() && (0.0..1.0).contains(&leak)) {
+            return Some("the eye separation or the rule of blends is out of range".into());
+        }
+        if self.files.len() > WALL_FILES_MAX {
+            return Some(format!("the wall has more than {WALL_FILES_MAX} files"));
+        }
+        self.screens
+            .iter()
+            .find_map(|screen| screen.fault(self.files.len()))
+            .or_else(|| self.channels.iter().find_map(|channel| self.fault_of(channel)))
+    }
+
+    fn fault_of(&self, channel: &Channel) -> Option<String> {
+        let is_bad = self.screens.get(usize::from(channel.screen)).is_none_or(|screen| {
             let end = channel.origin.saturating_add(channel.size);
             channel.size.min_element() == 0
                 || channel.size.max_element() > CHANNEL_SIDE_MAX
-                || end.cmpgt(screen.canvas).any()
-        };
-        let bad = self.channels.iter().find(is_bad);
-        bad.map(|channel| format!("channel {} does not lie on its screen", channel.name))
+                || (channel.cover == Cover::Tile && end.cmpgt(screen.canvas).any())
+        });
+        if is_bad {
+            return Some(format!("channel {} does not lie on its screen", channel.name));
+        }
+        let fault = channel.cover.fault().or_else(|| channel.adjustment.fault(self.files.len()));
+        fault.map(|fault| format!("channel {}: {fault}", channel.name))
     }
 
     /// The channel of this id.

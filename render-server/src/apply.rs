@@ -7,7 +7,7 @@ use polyptych_protocol::limits::VIEWS_MAX;
 use polyptych_protocol::scene::{
     self, Filter, IndexFormat, Scene, Texture, TextureFormat, TextureRef,
 };
-use polyptych_protocol::wall::Wall;
+use polyptych_protocol::wall::{EyeOf, Wall};
 
 use crate::renderer::{
     AlphaMode, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter, NodeDesc,
@@ -155,7 +155,9 @@ pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewD
         // Said, rather than showing more than was asked for.
         return Err("this server draws whole scenes only, not the part under a node".to_owned());
     }
-    let frustum = wall.frustum(channel, frame.eye).map_err(|error| error.to_string())?;
+    let eye_of = wall.channel(channel).map_or_else(EyeOf::default, |c| c.adjustment.eye);
+    let eye = frame.head.eye(eye_of);
+    let frustum = wall.frustum(channel, eye).map_err(|error| error.to_string())?;
     let views = frame.views.iter().filter_map(|view| {
         let scissor = scissor(wall, channel, view)?;
         let camera = &view.camera;

@@ -112,6 +112,7 @@ impl Playback {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
+    use polyptych_protocol::head::Head;
     use polyptych_protocol::ids::Revision;
 
     use super::*;
@@ -125,7 +126,7 @@ mod tests {
             time_s: 0.0,
             revision: Revision(1),
             views: Vec::new(),
-            eye: DVec3::ZERO,
+            head: Head::at(DVec3::ZERO, 0.0),
             exposure: 1.0,
             error_bound_px: 0.0,
             capture: false,

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Receiver, select};
 use polyptych_protocol::command::{Area, Frame, Swap, View};
 use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{ChannelId, Epoch, FrameId, Revision};
 use polyptych_protocol::wall::Wall;
 use tokio::sync::mpsc;
@@ -415,7 +416,7 @@ impl RenderThread {
             time_s: 0.0,
             revision: state.replica.revision,
             views: vec![view],
-            eye: wall.eye,
+            head: Head::at(wall.eye, wall.eye_separation_m),
             exposure: 1.0,
             error_bound_px: 0.0,
             capture: false,

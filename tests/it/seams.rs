@@ -7,6 +7,7 @@ use polyptych_client::{Camera, DisplayMode, Wall};
 use polyptych_manager::bake::{Store, bake};
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Area, Frame, View};
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{ChannelId, Epoch, FrameId, Revision};
 use polyptych_protocol::scene;
 use polyptych_render::apply;
@@ -109,7 +110,7 @@ fn frame(wall: &Wall, camera: Camera) -> Frame {
         time_s: 0.0,
         revision: Revision(1),
         views: vec![View { camera, scene_root: None, area: Area::Wall }],
-        eye: wall.eye,
+        head: Head::at(wall.eye, wall.eye_separation_m),
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: false,

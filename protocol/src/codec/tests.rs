@@ -12,6 +12,7 @@ use crate::camera::Camera;
 use crate::command::{Area, Command, Frame, Pong, Prepare, Swap, View};
 use crate::display::DisplayMode;
 use crate::handshake::{Adapter, Answer, ClientHello, Hello, Refused, Secret, ServerHello};
+use crate::head::Head;
 use crate::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
 use crate::log::{Operation, SceneRef};
 use crate::request::{self, Call, Failure, Pace, Reply, Request};
@@ -29,7 +30,7 @@ fn frame() -> Frame {
         time_s: 1.5,
         revision: Revision(2),
         views: vec![View { camera: camera(), scene_root: None, area: Area::Wall }],
-        eye: DVec3::new(0.0, 1.6, 0.0),
+        head: Head::at(DVec3::new(0.0, 1.6, 0.0), 0.064),
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: true,
@@ -115,7 +116,8 @@ fn golden() -> Vec<(Bytes, &'static str)> {
             encode(&Command::Frame(frame())),
             "01fd0807060504030201fb2c01000000000000f83f0201000000000000f03f00000000000000c000\
              000000d0126341000000000000000000000000000000000000000000000000000000000000f03f00\
-             0000000000e03f000000000000000000009a9999999999f93f00000000000000000000803f000000\
+             0000000000e03f000000000000000000009a9999999999f93f000000000000000000000000000000\
+             0000000000000000000000000000000000000000000000f03ffca9f1d24d62b03f0000803f000000\
              000102",
         ),
         (

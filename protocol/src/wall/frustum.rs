@@ -35,6 +35,14 @@ pub enum FrustumError {
         /// The screen's name.
         screen: String,
     },
+    /// The screen is no plane: its channels are drawn in planes that cover it, and warped.
+    #[error("channel {channel}: screen {screen} is curved, and has no frustum of its own")]
+    Curved {
+        /// The channel's name.
+        channel: String,
+        /// The screen's name.
+        screen: String,
+    },
     /// Rays from the eye to the screen all lie in its plane.
     #[error("channel {channel}: the eye {eye} m is in the plane of screen {screen}")]
     EyeInPlane {
@@ -146,27 +154,11 @@ impl ChannelFrustum {
 }
 
 impl Screen {
-    /// Width and height in metres.
-    pub fn size_m(&self) -> DVec2 {
-        DVec2::new(
-            self.lower_left.distance(self.lower_right),
-            self.lower_left.distance(self.upper_left),
-        )
-    }
-
-    /// The point of display space, in metres, at a place of the canvas in pixels from its upper
-    /// left, rows downwards.
-    pub fn display_from_canvas(&self, pixel: DVec2) -> DVec3 {
-        let t = pixel / self.canvas.as_dvec2();
-        self.upper_left
-            + (self.lower_right - self.lower_left) * t.x
-            + (self.lower_left - self.upper_left) * t.y
-    }
-
     /// The screen as this eye, in metres of display space, sees it: from the front or from behind
-    /// (a negative distance). `None` where the corners span no rectangle.
+    /// (a negative distance). `None` where the corners span no rectangle, or it is curved.
     pub fn frustum(&self, eye_in_display: DVec3) -> Option<ScreenFrustum> {
-        let (a, b, c) = (self.lower_left, self.lower_right, self.upper_left);
+        let plane = self.plane()?;
+        let (a, b, c) = (plane.lower_left, plane.lower_right, plane.upper_left);
         let r = (b - a).try_normalize()?;
         // Corners were measured by someone: u is made exactly square to r.
         let u = ((c - a) - r * r.dot(c - a)).try_normalize()?;
@@ -240,6 +232,9 @@ fn seen_from_front(
 ) -> Result<ScreenFrustum, FrustumError> {
     let channel = channel.name.clone();
     let name = screen.name.clone();
+    if screen.plane().is_none() {
+        return Err(FrustumError::Curved { channel, screen: name });
+    }
     let Some(seen) = screen.frustum(eye) else {
         return Err(FrustumError::NoRectangle { channel, screen: name });
     };

@@ -124,8 +124,9 @@ fn channel_row(wall: &Wall, channel: &Channel) -> ChannelRow {
     let size = channel.size.as_dvec2();
     let center = channel.origin.as_dvec2() + size / 2.0;
     let degrees_over = |step: DVec2| {
-        let point = |at: DVec2| screen.display_from_canvas(at) - wall.eye;
-        angle(point(center - step / 2.0), point(center + step / 2.0)).to_degrees()
+        let point = |at: DVec2| screen.display_from_canvas(at).map(|point| point - wall.eye);
+        let ends = point(center - step / 2.0).zip(point(center + step / 2.0));
+        ends.map_or(f64::NAN, |(from, to)| angle(from, to).to_degrees())
     };
     let degrees = [degrees_over(DVec2::X * size), degrees_over(DVec2::Y * size)];
     let degrees_per_pixel = degrees_over(DVec2::X).max(degrees_over(DVec2::Y));

@@ -3,11 +3,13 @@
 use std::sync::mpsc::sync_channel;
 
 use crossbeam_channel::{Sender, bounded};
-use glam::{DVec3, UVec2, Vec3};
+use glam::{DVec2, DVec3, UVec2, Vec3};
 use polyptych_protocol::camera::Camera;
+use polyptych_protocol::head::Head;
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::status::{Drawn, Shown, Status};
-use polyptych_protocol::wall::{Channel, DeadlineRule, Projection, Screen};
+use polyptych_protocol::wall::surface::Plane;
+use polyptych_protocol::wall::{Channel, Screen, Surface};
 
 use super::*;
 
@@ -24,33 +26,11 @@ struct Stage {
 }
 
 fn wall() -> Wall {
-    Wall {
-        name: "test".into(),
-        screens: vec![Screen {
-            name: "front".into(),
-            lower_left: DVec3::new(-1.6, -0.9, -1.0),
-            lower_right: DVec3::new(1.6, -0.9, -1.0),
-            upper_left: DVec3::new(-1.6, 0.9, -1.0),
-            canvas: UVec2::from(SIZE),
-            bezel: None,
-        }],
-        channels: vec![Channel {
-            name: "front-1-1".into(),
-            screen: 0,
-            origin: UVec2::ZERO,
-            size: UVec2::from(SIZE),
-            server: "left".into(),
-            projection: Projection::Shared,
-        }],
-        eye: DVec3::ZERO,
-        near_m: 0.1,
-        samples: 1,
-        deadline: DeadlineRule { factor: 4.0, min_ms: 50, max_ms: 2000 },
-        heartbeat_ms: 2000,
-        listen: String::new(),
-        stores: Vec::new(),
-        scenes: Vec::new(),
-    }
+    let plane = Plane::upright(DVec3::NEG_Z, DVec2::new(3.2, 1.8));
+    let screens = vec![Screen::new("front", Surface::Plane(plane), UVec2::from(SIZE))];
+    let channel = Channel::tile("front-1-1", 0, UVec2::ZERO, UVec2::from(SIZE));
+    let channels = vec![Channel { server: "left".into(), ..channel }];
+    Wall { near_m: 0.1, ..Wall::new("test", screens, channels) }
 }
 
 fn notice(what: &str, is_lost: bool) -> Job {
@@ -105,7 +85,7 @@ impl Stage {
             time_s: 0.0,
             revision,
             views: vec![view],
-            eye: DVec3::ZERO,
+            head: Head::at(DVec3::ZERO, 0.0),
             exposure,
             error_bound_px: 0.0,
             capture: true,

@@ -6,6 +6,7 @@ use polyptych_protocol::camera::Camera;
 use polyptych_protocol::command::{Area, Command, Frame, Swap, View};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{ChannelId, Digest, FrameId, Revision};
 use polyptych_protocol::request::Reply;
 use polyptych_protocol::status::Drawn;
@@ -231,7 +232,7 @@ impl Cluster {
             time_s,
             revision: self.shown.revision,
             views: vec![view],
-            eye: self.eye,
+            head: Head::at(self.eye, self.wall.eye_separation_m),
             exposure: self.exposure,
             error_bound_px: 0.0,
             capture,

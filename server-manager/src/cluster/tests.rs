@@ -8,7 +8,7 @@ mod simulated;
 
 use std::collections::BTreeMap;
 
-use glam::{DVec3, UVec2};
+use glam::{DVec2, DVec3, UVec2};
 use polyptych_protocol::command::{Frame, Prepare};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, Secret, ServerHello};
@@ -17,41 +17,21 @@ use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::scene::SceneFeatures;
 use polyptych_protocol::status::{Drawn, Ping, Prepared};
-use polyptych_protocol::wall::{Channel, DeadlineRule, Projection, Screen};
+use polyptych_protocol::wall::surface::Plane;
+use polyptych_protocol::wall::{Channel, Screen, Surface};
 
 use super::*;
 
 const CLIENT: SessionId = SessionId(1000);
 
 fn wall(channels: u32) -> Wall {
-    let channel = |index: u32| Channel {
-        name: format!("c{index}"),
-        screen: 0,
-        origin: UVec2::new(index * 64, 0),
-        size: UVec2::new(64, 64),
-        server: format!("c{index}"),
-        projection: Projection::Shared,
+    let channel = |index: u32| {
+        Channel::tile(&format!("c{index}"), 0, UVec2::new(index * 64, 0), UVec2::splat(64))
     };
-    Wall {
-        name: "test".into(),
-        screens: vec![Screen {
-            name: "front".into(),
-            lower_left: DVec3::new(-1.0, -1.0, -1.0),
-            lower_right: DVec3::new(1.0, -1.0, -1.0),
-            upper_left: DVec3::new(-1.0, 1.0, -1.0),
-            canvas: UVec2::new(64 * channels, 64),
-            bezel: None,
-        }],
-        channels: (0..channels).map(channel).collect(),
-        eye: DVec3::ZERO,
-        near_m: 0.1,
-        samples: 1,
-        deadline: DeadlineRule { factor: 4.0, min_ms: 50, max_ms: 2000 },
-        heartbeat_ms: 2000,
-        listen: String::new(),
-        stores: Vec::new(),
-        scenes: Vec::new(),
-    }
+    let plane = Plane::upright(DVec3::NEG_Z, DVec2::splat(2.0));
+    let canvas = UVec2::new(64 * channels, 64);
+    let screens = vec![Screen::new("front", Surface::Plane(plane), canvas)];
+    Wall { near_m: 0.1, ..Wall::new("test", screens, (0..channels).map(channel).collect()) }
 }
 
 /// A wall whose servers are played by the test.

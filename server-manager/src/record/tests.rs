@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::path::Path;
 
-use glam::{DVec3, UVec2};
+use glam::{DVec2, DVec3, UVec2};
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, Secret, ServerHello};
@@ -13,7 +13,8 @@ use polyptych_protocol::log::{Replica, SceneRef};
 use polyptych_protocol::request::{Request, SceneSummary};
 use polyptych_protocol::scene::SceneFeatures;
 use polyptych_protocol::status::{Drawn, Ping, Prepared, Status};
-use polyptych_protocol::wall::{Channel, DeadlineRule, Projection, Screen};
+use polyptych_protocol::wall::surface::Plane;
+use polyptych_protocol::wall::{Channel, Screen, Surface};
 
 use super::*;
 use crate::brain::Brain;
@@ -29,34 +30,14 @@ const CLIENT: SessionId = SessionId(1);
 const SMALL_SEGMENT: u64 = 512 << 10;
 
 fn wall() -> Wall {
-    let channel = |index: u16| Channel {
-        name: format!("c{index}"),
-        screen: 0,
-        origin: UVec2::new(u32::from(index) * 64, 0),
-        size: UVec2::splat(64),
-        server: format!("c{index}"),
-        projection: Projection::Shared,
+    let channel = |index: u16| {
+        let origin = UVec2::new(u32::from(index) * 64, 0);
+        Channel::tile(&format!("c{index}"), 0, origin, UVec2::splat(64))
     };
-    Wall {
-        name: "recorded".into(),
-        screens: vec![Screen {
-            name: "front".into(),
-            lower_left: DVec3::new(-1.0, -1.0, -1.0),
-            lower_right: DVec3::new(1.0, -1.0, -1.0),
-            upper_left: DVec3::new(-1.0, 1.0, -1.0),
-            canvas: UVec2::new(64 * u32::from(CHANNELS), 64),
-            bezel: None,
-        }],
-        channels: (0..CHANNELS).map(channel).collect(),
-        eye: DVec3::ZERO,
-        near_m: 0.1,
-        samples: 1,
-        deadline: DeadlineRule { factor: 4.0, min_ms: 50, max_ms: 2000 },
-        heartbeat_ms: 2000,
-        listen: String::new(),
-        stores: Vec::new(),
-        scenes: Vec::new(),
-    }
+    let plane = Plane::upright(DVec3::NEG_Z, DVec2::splat(2.0));
+    let canvas = UVec2::new(64 * u32::from(CHANNELS), 64);
+    let screens = vec![Screen::new("front", Surface::Plane(plane), canvas)];
+    Wall { near_m: 0.1, ..Wall::new("recorded", screens, (0..CHANNELS).map(channel).collect()) }
 }
 
 /// A wall whose servers and client do something at random, from a seed.

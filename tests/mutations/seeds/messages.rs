@@ -14,6 +14,7 @@ use polyptych_protocol::feedback::{
 use polyptych_protocol::handshake::{
     Adapter, Answer, BulkHello, ClientHello, Hello, Refused, Secret, ServerHello, Welcome,
 };
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
 use polyptych_protocol::request::{
@@ -112,7 +113,7 @@ fn commands() -> Vec<Command> {
         time_s: 1.5,
         revision: Revision(1),
         views: vec![view(Area::Wall), view(part)],
-        eye: DVec3::new(0.0, 0.1, 0.2),
+        head: Head::at(DVec3::new(0.0, 0.1, 0.2), 0.06),
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: true,

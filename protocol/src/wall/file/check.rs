@@ -12,7 +12,7 @@ use super::screen::{self, Draft};
 use super::source::Source;
 use crate::limits::{CHANNELS_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PORT_DEFAULT, SCREENS_MAX};
 use crate::wall::frustum::EYE_DISTANCE_MIN_M;
-use crate::wall::{DeadlineRule, Screen, Wall};
+use crate::wall::{BlendRule, DeadlineRule, EYE_SEPARATION_DEFAULT_M, Screen, Wall};
 
 /// Farthest coordinate of display space: a thousand kilometres is a slip of the unit, and larger
 /// numbers would overflow when they are squared and multiplied.
@@ -43,8 +43,12 @@ pub(super) fn wall(source: &Source<'_>, document: &Document) -> Result<Wall, Wal
         screens,
         channels: channels.into_iter().map(|draft| draft.channel).collect(),
         eye,
+        eye_separation_m: EYE_SEPARATION_DEFAULT_M,
         near_m: document.wall.near,
         samples: document.wall.samples,
+        blend: BlendRule::default(),
+        dither: false,
+        files: Vec::new(),
         deadline,
         heartbeat_ms: document.network.heartbeat_ms,
         listen: document.network.listen.clone(),

@@ -12,6 +12,7 @@ use crate::limits::{
     DEADLINE_FACTOR_DEFAULT, DEADLINE_MAX_DEFAULT, DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT,
     PORT_DEFAULT,
 };
+use crate::wall::NEAR_DEFAULT_M;
 
 /// A wall: the screens of a display system and the channels that tile them. Lengths are in
 /// metres of display space (+X right, +Y up, the viewer looks along −Z), angles in degrees.
@@ -220,7 +221,7 @@ impl Default for StorageSection {
 }
 
 fn near_default() -> f64 {
-    0.05
+    NEAR_DEFAULT_M
 }
 
 fn samples_default() -> u32 {

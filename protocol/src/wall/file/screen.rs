@@ -8,8 +8,9 @@ use super::document::{ProjectionChoice, ScreenSection};
 use super::error::WallFileError;
 use super::source::Source;
 use crate::limits::{CHANNEL_SIDE_MAX, SHARED_CANVAS_SIDE_MAX};
+use crate::wall::surface::Plane;
 use crate::wall::tiling::Rect;
-use crate::wall::{Channel, Projection, Screen};
+use crate::wall::{Adjustment, Channel, Cover, Projection, Screen, Surface};
 
 /// Shortest side of a screen: the smallest displays made are some millimetres wide.
 const SCREEN_SIDE_MIN_M: f64 = 1e-3;
@@ -54,15 +55,11 @@ pub(super) fn screen(
     let place = Place { source, index, section };
     check_name(source, &place.key("name"), &section.name)?;
     let [lower_left, lower_right, upper_left] = place.corners()?;
-    let mut screen = Screen {
-        name: section.name.clone(),
-        lower_left,
-        lower_right,
-        upper_left,
-        canvas: UVec2::ZERO,
-        bezel: None,
-    };
-    place.check_rectangle(&screen)?;
+    let plane = Plane { lower_left, lower_right, upper_left };
+    place.check_rectangle(&plane)?;
+    let surface = Surface::Plane(plane);
+    let mut screen =
+        Screen { name: section.name.clone(), surface, canvas: UVec2::ZERO, bezel: None };
     let mut drafts = match (&section.tiles, section.channel.is_empty()) {
         (Some(tiles), true) => place.tiles(tiles, &mut screen)?,
         (None, false) => place.channels(&mut screen)?,
@@ -154,7 +151,7 @@ impl Place<'_> {
     }
 
     /// Three corners span a rectangle only with a right angle and some length.
-    fn check_rectangle(&self, screen: &Screen) -> Result<(), WallFileError> {
+    fn check_rectangle(&self, screen: &Plane) -> Result<(), WallFileError> {
         let right = screen.lower_right - screen.lower_left;
         let up = screen.upper_left - screen.lower_left;
         let diagonal = screen.upper_left - screen.lower_right;
@@ -239,6 +236,8 @@ impl Place<'_> {
             size: rect.size,
             server,
             projection: Projection::Shared,
+            cover: Cover::Tile,
+            adjustment: Adjustment::default(),
         };
         Draft { channel, name_key, key }
     }

@@ -82,9 +82,10 @@ fn the_smallest_wall_has_the_defaults() {
     assert_eq!(wall.listen, "127.0.0.1:7878");
     assert_eq!((wall.stores.len(), wall.scenes.as_slice()), (0, &["/walls".to_owned()][..]));
     let screen = &wall.screens[0];
-    assert_eq!(screen.lower_left, DVec3::new(-1.0, -0.5, -1.0));
-    assert_eq!(screen.lower_right, DVec3::new(1.0, -0.5, -1.0));
-    assert_eq!(screen.upper_left, DVec3::new(-1.0, 0.5, -1.0));
+    let plane = screen.plane().expect("a plane");
+    assert_eq!(plane.lower_left, DVec3::new(-1.0, -0.5, -1.0));
+    assert_eq!(plane.lower_right, DVec3::new(1.0, -0.5, -1.0));
+    assert_eq!(plane.upper_left, DVec3::new(-1.0, 0.5, -1.0));
     assert_eq!((screen.canvas, screen.bezel), (UVec2::new(200, 100), None));
     let [channel] = wall.channels.as_slice() else { panic!("{:?}", wall.channels) };
     assert_eq!((channel.name.as_str(), channel.server.as_str()), ("front", "front"));
@@ -128,8 +129,9 @@ fn turned_screens_stand_where_the_document_says() {
         let eye = "name = \"w\"\neye = [9.0, 9.0, 9.0]";
         let text = SMALLEST.replace("center = [0.0, 0.0, -1.0]", &place);
         let text = text.replacen("name = \"w\"", eye, 1);
-        let screen = &read(&text).screens[0];
-        [screen.lower_left, screen.lower_right, screen.upper_left]
+        let wall = read(&text);
+        let plane = wall.screens[0].plane().expect("a plane");
+        [plane.lower_left, plane.lower_right, plane.upper_left]
     };
     let (x, y, z) = (DVec3::X, DVec3::Y / 2.0, DVec3::Z);
     // A wall at the viewer's left faces +X: its right edge is farther from the viewer.

@@ -48,9 +48,9 @@ fn section(wall: &Wall, at: u16, screen: &Screen) -> ScreenSection {
     };
     let place = ScreenSection {
         name: screen.name.clone(),
-        lower_left: corner(screen.lower_left),
-        lower_right: corner(screen.lower_right),
-        upper_left: corner(screen.upper_left),
+        lower_left: screen.plane().and_then(|plane| corner(plane.lower_left)),
+        lower_right: screen.plane().and_then(|plane| corner(plane.lower_right)),
+        upper_left: screen.plane().and_then(|plane| corner(plane.upper_left)),
         projection,
         ..ScreenSection::default()
     };

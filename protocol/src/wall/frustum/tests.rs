@@ -5,7 +5,8 @@ use proptest::prelude::*;
 
 use super::{FrustumError, ScreenFrustum};
 use crate::ids::ChannelId;
-use crate::wall::{Channel, DeadlineRule, Projection, Screen, Wall};
+use crate::wall::surface::{Plane, Surface};
+use crate::wall::{Channel, Projection, Screen, Wall};
 
 const WHOLE: ChannelId = ChannelId(0);
 const SHARED: ChannelId = ChannelId(1);
@@ -14,40 +15,13 @@ const OWN: ChannelId = ChannelId(2);
 /// A wall of one screen that is shown whole, and its lower right quarter twice: with the shared
 /// matrix and with its own.
 fn wall(a: DVec3, b: DVec3, c: DVec3, canvas: UVec2) -> Wall {
-    let screen = Screen {
-        name: "s".into(),
-        lower_left: a,
-        lower_right: b,
-        upper_left: c,
-        canvas,
-        bezel: None,
-    };
-    let channel = |name: &str, origin, size, projection| Channel {
-        name: name.into(),
-        screen: 0,
-        origin,
-        size,
-        server: name.into(),
-        projection,
-    };
+    let plane = Plane { lower_left: a, lower_right: b, upper_left: c };
+    let screen = Screen::new("s", Surface::Plane(plane), canvas);
     let middle = canvas / 2;
-    Wall {
-        name: "w".into(),
-        screens: vec![screen],
-        channels: vec![
-            channel("whole", UVec2::ZERO, canvas, Projection::Shared),
-            channel("shared", middle, canvas - middle, Projection::Shared),
-            channel("own", middle, canvas - middle, Projection::Own),
-        ],
-        eye: DVec3::ZERO,
-        near_m: 0.1,
-        samples: 1,
-        deadline: DeadlineRule { factor: 4.0, min_ms: 50, max_ms: 2000 },
-        heartbeat_ms: 2000,
-        listen: "127.0.0.1:0".into(),
-        stores: vec![],
-        scenes: vec![],
-    }
+    let whole = Channel::tile("whole", 0, UVec2::ZERO, canvas);
+    let shared = Channel::tile("shared", 0, middle, canvas - middle);
+    let own = Channel { name: "own".into(), projection: Projection::Own, ..shared.clone() };
+    Wall { near_m: 0.1, ..Wall::new("w", vec![screen], vec![whole, shared, own]) }
 }
 
 /// Width 2, height 1, one metre before the origin.
@@ -151,7 +125,9 @@ fn eyes_and_screens_that_are_none_are_errors() {
         assert!(matches!(error, FrustumError::EyeTooFar { .. }), "{eye}: {error}");
     }
     assert_eq!(wall.frustum(ChannelId(9), DVec3::ZERO), Err(FrustumError::NoChannel(ChannelId(9))));
-    wall.screens[0].upper_left = wall.screens[0].lower_right;
+    let plane = *wall.screens[0].plane().unwrap();
+    let flat = Plane { upper_left: plane.lower_right, ..plane };
+    wall.screens[0].surface = Surface::Plane(flat);
     let error = wall.frustum(WHOLE, DVec3::ZERO).unwrap_err();
     assert!(matches!(error, FrustumError::NoRectangle { .. }), "{error}");
     wall.screens.clear();
@@ -179,7 +155,7 @@ fn a_one_pixel_channel_and_a_16384_pixel_canvas() {
     wall.screens[0].canvas = UVec2::new(16_384, 8192);
     wall.channels[2].origin = UVec2::new(16_383, 8191);
     wall.channels[2].size = UVec2::ONE;
-    let corner = wall.screens[0].display_from_canvas(DVec2::new(16_384.0, 8192.0));
+    let corner = wall.screens[0].display_from_canvas(DVec2::new(16_384.0, 8192.0)).unwrap();
     let pixel = wall.pixel_from_display(OWN, DVec3::new(0.9, 0.1, 3.0), corner).unwrap();
     assert!(pixel.distance(DVec2::ONE) < 1e-9, "{pixel}");
 }
@@ -235,11 +211,12 @@ proptest! {
     fn corners_land_on_the_corners_of_the_clip_space((wall, eye) in random_wall()) {
         let frustum = wall.frustum(WHOLE, eye).unwrap();
         let screen = &wall.screens[0];
-        let upper_right = screen.upper_left + screen.lower_right - screen.lower_left;
+        let plane = screen.plane().unwrap();
+        let upper_right = plane.upper_left + plane.lower_right - plane.lower_left;
         let corners = [
-            (screen.lower_left, DVec2::new(-1.0, -1.0)),
-            (screen.lower_right, DVec2::new(1.0, -1.0)),
-            (screen.upper_left, DVec2::new(-1.0, 1.0)),
+            (plane.lower_left, DVec2::new(-1.0, -1.0)),
+            (plane.lower_right, DVec2::new(1.0, -1.0)),
+            (plane.upper_left, DVec2::new(-1.0, 1.0)),
             (upper_right, DVec2::new(1.0, 1.0)),
         ];
         for (corner, expected) in corners {
@@ -257,7 +234,8 @@ proptest! {
     ) {
         let screen = &wall.screens[0];
         let canvas = screen.canvas.as_dvec2();
-        let point = eye + (screen.display_from_canvas(DVec2::new(x, y) * canvas) - eye) * beyond;
+        let at = screen.display_from_canvas(DVec2::new(x, y) * canvas).unwrap();
+        let point = eye + (at - eye) * beyond;
         let shared = wall.pixel_from_display(SHARED, eye, point).unwrap();
         let own = wall.pixel_from_display(OWN, eye, point).unwrap();
         // The larger the frustum's slant, the more digits its edges cancel.

@@ -5,6 +5,7 @@ use proptest::prelude::*;
 use proptest::sample::Index;
 
 use super::{BY_HAND, SMALLEST, parse, to_toml};
+use crate::wall::surface::{Plane, Surface};
 use crate::wall::{Bezel, Channel, DeadlineRule, Projection, Screen, Wall};
 
 /// A screen before the origin, turned any way that faces it.
@@ -63,14 +64,12 @@ fn add_screen(wall: &mut Wall, mut seed: Seed) {
     let up = normal.cross(right);
     let half = DVec2::from(seed.size_m) / 2.0;
     let center = wall.eye - normal * seed.distance_m;
-    let mut screen = Screen {
-        name: format!("screen.{index}"),
+    let plane = Plane {
         lower_left: center - right * half.x - up * half.y,
         lower_right: center + right * half.x - up * half.y,
         upper_left: center - right * half.x + up * half.y,
-        canvas: UVec2::ONE,
-        bezel: None,
     };
+    let mut screen = Screen::new(&format!("screen.{index}"), Surface::Plane(plane), UVec2::ONE);
     if seed.bezel {
         // Equal tiles, and the metres that these pixels of bezel are.
         seed.columns = vec![seed.columns[0]; seed.columns.len()];
@@ -86,13 +85,11 @@ fn add_screen(wall: &mut Wall, mut seed: Seed) {
     for (y, row) in ys.iter().zip(&seed.rows) {
         for (x, column) in xs.iter().zip(&seed.columns) {
             let at = wall.channels.len();
+            let (origin, size) = (UVec2::new(*x, *y), UVec2::new(*column, *row));
             wall.channels.push(Channel {
-                name: format!("c-{at}"),
-                screen: index as u16,
-                origin: UVec2::new(*x, *y),
-                size: UVec2::new(*column, *row),
                 server: format!("server_{}", at / 3),
                 projection: if seed.own { Projection::Own } else { Projection::Shared },
+                ..Channel::tile(&format!("c-{at}"), index as u16, origin, size)
             });
         }
     }
@@ -108,9 +105,6 @@ fn wall() -> impl Strategy<Value = Wall> {
     )
         .prop_map(|(seeds, eye, (near_m, many, heartbeat_ms, folder), (factor, a, b))| {
             let mut wall = Wall {
-                name: "random-wall".into(),
-                screens: vec![],
-                channels: vec![],
                 eye: DVec3::from(eye),
                 near_m,
                 samples: if many { 4 } else { 1 },
@@ -119,6 +113,7 @@ fn wall() -> impl Strategy<Value = Wall> {
                 listen: "[::]:1".into(),
                 stores: vec![],
                 scenes: vec![format!("/x{}", folder.replace(['/', '.'], ""))],
+                ..Wall::new("random-wall", vec![], vec![])
             };
             for seed in seeds {
                 add_screen(&mut wall, seed);

@@ -1,0 +1,81 @@
+//! Channels: the output images of a wall.
+
+use glam::UVec2;
+use serde::{Deserialize, Serialize};
+
+use super::adjustment::Adjustment;
+use super::projector::Projector;
+
+/// One output image, drawn upright as the viewer sees it; a display that is turned, mirrored or
+/// packed for two eyes gets it so ([`Adjustment`]).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Channel {
+    /// Unique within the wall.
+    pub name: String,
+    /// An index into [`Wall::screens`](super::Wall::screens).
+    pub screen: u16,
+    /// Its upper left pixel, from the upper left of the screen's canvas. Where it is no tile:
+    /// where its window stands among those of the screen.
+    pub origin: UVec2,
+    /// Its size in pixels.
+    pub size: UVec2,
+    /// The server that drives it; several channels may name the same.
+    pub server: String,
+    /// How it is projected; fixed by the wall file, never by what one server can do.
+    pub projection: Projection,
+    /// What part of the screen it covers.
+    pub cover: Cover,
+    /// What makes its picture right on the display that it has.
+    pub adjustment: Adjustment,
+}
+
+/// What part of its screen a channel covers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Cover {
+    /// The pixels of the canvas from `origin`, one to one.
+    Tile,
+    /// What a projector throws light on.
+    Projector(Box<Projector>),
+    /// What the channel's warp file says ([`Adjustment::warp`]).
+    Map,
+}
+
+/// How a tile of a planar screen gets its frustum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Projection {
+    /// The screen's matrix, with a viewport shifted by whole pixels: tiles of one screen compute
+    /// identical clip positions.
+    Shared,
+    /// A sub-frustum of its own, computed in f64: for canvases beyond what a viewport can span.
+    Own,
+}
+
+impl Cover {
+    pub(super) fn fault(&self) -> Option<String> {
+        match self {
+            Self::Tile | Self::Map => None,
+            Self::Projector(projector) => projector.fault(),
+        }
+    }
+}
+
+impl Channel {
+    /// A plain tile of a screen, driven by a server of its own name.
+    pub fn tile(name: &str, screen: u16, origin: UVec2, size: UVec2) -> Self {
+        Self {
+            name: name.to_owned(),
+            screen,
+            origin,
+            size,
+            server: name.to_owned(),
+            projection: Projection::Shared,
+            cover: Cover::Tile,
+            adjustment: Adjustment::default(),
+        }
+    }
+
+    /// Width and height of the display's own picture: turned, and with both eyes where packed.
+    pub fn display_size(&self) -> UVec2 {
+        self.adjustment.display_size(self.size)
+    }
+}

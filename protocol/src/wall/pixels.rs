@@ -1,0 +1,205 @@
+//! Where the pixels of a channel lie: on the canvas of its screen, and in display space.
+//!
+//! ```text
+//! channel pixel --bend, pin--> tile's pixel --origin--> canvas --surface--> display space
+//!                         or   projector's ray ------------------^
+//! ```
+//!
+//! Pixels are counted from the upper left corner of the upper left one: a pixel's middle is at
+//! (x + 0.5, y + 0.5).
+
+use glam::{DMat3, DVec2, DVec3};
+
+use super::{Channel, Cover, Screen, Wall};
+use crate::ids::ChannelId;
+
+/// Steps of the search for the pixel that a bend moves to a place; each at least halves the error.
+const UNBEND_STEPS: usize = 32;
+
+/// The places of one channel's pixels.
+#[derive(Clone, Debug)]
+pub struct PixelMap<'a> {
+    channel: &'a Channel,
+    screen: &'a Screen,
+    /// From where a pixel is meant to be to where the pins move it, and back.
+    pin: Option<(DMat3, DMat3)>,
+}
+
+impl Wall {
+    /// Where the pixels of a channel lie; `None` where there is no such channel, or where its pins
+    /// leave no picture.
+    pub fn pixel_map(&self, id: ChannelId) -> Option<PixelMap<'_>> {
+        let channel = self.channel(id)?;
+        PixelMap::new(channel, self.screens.get(usize::from(channel.screen))?)
+    }
+}
+
+impl<'a> PixelMap<'a> {
+    /// The map of a channel on its screen; `None` where its pins leave no picture.
+    pub fn new(channel: &'a Channel, screen: &'a Screen) -> Option<Self> {
+        let pin = match channel.adjustment.pin {
+            moves if moves == [DVec2::ZERO; 4] => None,
+            moves => {
+                let size = channel.size.as_dvec2();
+                let corners = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE].map(|at| at * size);
+                let mut pinned = corners;
+                pinned.iter_mut().zip(moves).for_each(|(corner, offset)| *corner += offset);
+                let forth = homography(corners, pinned)?;
+                Some((forth, homography(pinned, corners)?))
+            }
+        };
+        Some(Self { channel, screen, pin })
+    }
+
+    /// The place of the screen's canvas, in pixels, that a place of the channel's picture shows.
+    pub fn canvas_from_pixel(&self, pixel: DVec2) -> Option<DVec2> {
+        let meant = self.meant_from_pixel(pixel)?;
+        match &self.channel.cover {
+            Cover::Tile => Some(self.channel.origin.as_dvec2() + meant),
+            Cover::Projector(projector) => {
+                let place = meant / self.channel.size.as_dvec2();
+                self.screen.canvas_from_display(projector.lit(&self.screen.surface, place)?)
+            }
+            Cover::Map => None,
+        }
+    }
+
+    /// The place of the channel's picture that shows a place of the canvas; it may lie outside.
+    pub fn pixel_from_canvas(&self, canvas: DVec2) -> Option<DVec2> {
+        let meant = match &self.channel.cover {
+            Cover::Tile => canvas - self.channel.origin.as_dvec2(),
+            Cover::Projector(projector) => {
+                let point = self.screen.display_from_canvas(canvas)?;
+                projector.place(point)? * self.channel.size.as_dvec2()
+            }
+            Cover::Map => return None,
+        };
+        self.pixel_from_meant(meant)
+    }
+
+    /// The point of display space, in metres, that a place of the channel's picture shows.
+    pub fn display_from_pixel(&self, pixel: DVec2) -> Option<DVec3> {
+        if let Cover::Projector(projector) = &self.channel.cover {
+            let place = self.meant_from_pixel(pixel)? / self.channel.size.as_dvec2();
+            return projector.lit(&self.screen.surface, place);
+        }
+        self.screen.display_from_canvas(self.canvas_from_pixel(pixel)?)
+    }
+
+    /// The pixel whose light was meant to be where this one's is.
+    fn meant_from_pixel(&self, pixel: DVec2) -> Option<DVec2> {
+        let unbent = match &self.channel.adjustment.bend {
+            Some(bend) => bend.undo(pixel, self.channel.size.as_dvec2())?,
+            None => pixel,
+        };
+        self.pin.map_or(Some(unbent), |(_, back)| project(back, unbent))
+    }
+
+    fn pixel_from_meant(&self, meant: DVec2) -> Option<DVec2> {
+        let pinned = self.pin.map_or(Some(meant), |(forth, _)| project(forth, meant))?;
+        Some(match &self.channel.adjustment.bend {
+            Some(bend) => pinned + bend.offset(pinned / self.channel.size.as_dvec2()),
+            None => pinned,
+        })
+    }
+}
+
+impl super::adjustment::Bend {
+    /// By how many pixels a place, (0, 0) to (1, 1), is moved; beside the grid as at its edge.
+    fn offset(&self, place: DVec2) -> DVec2 {
+        let last = (self.points - 1).as_ivec2();
+        let at = place.clamp(DVec2::ZERO, DVec2::ONE) * last.as_dvec2();
+        let cell = at.floor().as_ivec2().min(last - 1);
+        let (x, y) = (weights(at.x - f64::from(cell.x)), weights(at.y - f64::from(cell.y)));
+        let mut sum = DVec2::ZERO;
+        for (row, wy) in (-1..=2).zip(y) {
+            for (column, wx) in (-1..=2).zip(x) {
+                sum += self.beyond(cell.x + column, cell.y + row) * (wx * wy);
+            }
+        }
+        sum
+    }
+
+    /// The move of a grid point; beyond the grid's edge it goes on as a line, so that a grid that
+    /// was moved evenly moves everything evenly.
+    fn beyond(&self, column: i32, row: i32) -> DVec2 {
+        let last = (self.points - 1).as_ivec2();
+        let along = |c: i32, r: i32| {
+            let at = r.clamp(0, last.y) * (last.x + 1) + c.clamp(0, last.x);
+            self.moves[at as usize]
+        };
+        let across = |r: i32| match column {
+            c if c < 0 => along(0, r) * 2.0 - along(1, r),
+            c if c > last.x => along(last.x, r) * 2.0 - along(last.x - 1, r),
+            c => along(c, r),
+        };
+        match row {
+            r if r < 0 => across(0) * 2.0 - across(1),
+            r if r > last.y => across(last.y) * 2.0 - across(last.y - 1),
+            r => across(r),
+        }
+    }
+
+    /// The pixel that is moved to this one, by fixed-point steps; `None` where the grid is bent so
+    /// sharply that they do not settle.
+    fn undo(&self, pixel: DVec2, size: DVec2) -> Option<DVec2> {
+        let mut found = pixel;
+        for _ in 0..UNBEND_STEPS {
+            let next = pixel - self.offset(found / size);
+            if next.distance_squared(found) < 1e-18 {
+                return Some(next);
+            }
+            found = next;
+        }
+        None
+    }
+}
+
+/// Weights of the four points around a place between the middle two: E. Catmull, R. Rom, *A class
+/// of local interpolating splines*, 1974.
+fn weights(t: f64) -> [f64; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [
+        -0.5 * t + t2 - 0.5 * t3,
+        1.0 - 2.5 * t2 + 1.5 * t3,
+        0.5 * t + 2.0 * t2 - 1.5 * t3,
+        -0.5 * t2 + 0.5 * t3,
+    ]
+}
+
+fn project(matrix: DMat3, point: DVec2) -> Option<DVec2> {
+    let image = matrix * point.extend(1.0);
+    let flat = image.truncate() / image.z;
+    (image.z > 0.0 && flat.is_finite()).then_some(flat)
+}
+
+/// The homography that takes four points to four others; `None` where three of them are in line.
+/// Paul Heckbert, *Fundamentals of Texture Mapping and Image Warping*, 1989, §2.2.3: through the
+/// unit square.
+fn homography(from: [DVec2; 4], to: [DVec2; 4]) -> Option<DMat3> {
+    let matrix = from_square(to)? * from_square(from)?.inverse();
+    // Such that places of the picture have a positive third coordinate.
+    let matrix = matrix * (matrix * from[0].extend(1.0)).z.signum();
+    matrix.is_finite().then_some(matrix)
+}
+
+/// From the unit square's (0, 0), (1, 0), (0, 1), (1, 1) to a convex quadrilateral.
+fn from_square([p00, p10, p01, p11]: [DVec2; 4]) -> Option<DMat3> {
+    let sum = p00 - p10 + p11 - p01;
+    let (d1, d2) = (p10 - p11, p01 - p11);
+    let area = d1.perp_dot(d2);
+    let turns = [(p00, p10, p11), (p10, p11, p01), (p11, p01, p00), (p01, p00, p10)]
+        .map(|(a, b, c)| (b - a).perp_dot(c - b));
+    if !(turns.iter().all(|turn| *turn > 0.0) || turns.iter().all(|turn| *turn < 0.0)) {
+        return None;
+    }
+    let (g, h) = (sum.perp_dot(d2) / area, d1.perp_dot(sum) / area);
+    Some(DMat3::from_cols(
+        (p10 - p00 + p10 * g).extend(g),
+        (p01 - p00 + p01 * h).extend(h),
+        p00.extend(1.0),
+    ))
+}
+
+#[cfg(test)]
+mod tests;
