@@ -10,9 +10,11 @@ pub mod frustum;
 pub mod pixels;
 pub mod projector;
 pub mod screen;
+pub mod source;
 pub mod surface;
 pub mod table;
 mod tiling;
+pub mod warp_mesh;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
