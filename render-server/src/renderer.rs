@@ -8,6 +8,7 @@
 //! radiance 1, and exposure scales radiance before the tone mapping.
 
 mod bindings;
+mod correction;
 mod cull;
 mod draw_list;
 mod frame;
@@ -25,12 +26,17 @@ mod text;
 mod tone;
 mod view;
 
+pub use correction::{
+    CURVE_POINTS_MAX, CorrectionDesc, CorrectionError, Curve, LightMap, Packing, SOURCE_GUARD,
+    SOURCE_PLANES_MAX, SourceEye, SourcePlane, Turn, WarpMesh, WarpVertex,
+};
 pub use gpu::{AdapterFacts, Gpu, GpuError};
+pub use pass::correct::{Correction, TAPS_MAX};
 pub use pass::idle;
 pub use pass::label::{Label, Place};
 pub use pass::output::Output;
 pub use pass::tonemap::SkyError;
-pub use picture::Picture;
+pub use picture::{Content, Picture};
 pub use readback::{ReadError, read_picture, read_pixels};
 pub use scene::{
     AlphaMode, ContentName, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter,
@@ -115,8 +121,13 @@ impl Renderer {
     ///
     /// A fault of the GPU shows in [`Gpu::fault`] and in the next [`Self::draw`].
     pub fn prepare(&mut self, gpu: &Gpu, scene: &Scene) {
-        self.pipelines.prepare(gpu, &scene.keys);
-        let warmed = Target::new(gpu, [1, 1], self.samples, scene.blends())
+        self.prepare_for(gpu, scene, Content::Srgb);
+    }
+
+    /// As [`Self::prepare`], for targets of this content.
+    pub fn prepare_for(&mut self, gpu: &Gpu, scene: &Scene, content: Content) {
+        self.pipelines.prepare(gpu, &scene.keys, content);
+        let warmed = Target::of(gpu, [1, 1], self.samples, scene.blends(), content)
             .map_err(|error| error.to_string())
             .and_then(|target| {
                 let warmed = self.frames.warm(gpu, &self.pipelines, scene, &target);

@@ -3,6 +3,7 @@
 //! wgpu takes equal layouts for the same, so whoever needs one makes it here.
 
 use super::gpu::Gpu;
+use super::pass::correct::CorrectionUniform;
 use super::scene::MaterialUniform;
 use super::view::{FrameUniform, LampRecord};
 
@@ -66,6 +67,32 @@ pub(in crate::renderer) fn picture_layout(device: &wgpu::Device) -> wgpu::BindGr
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("picture/layout"),
         entries: &[texture(0, true), sampler(1)],
+    })
+}
+
+/// Group 1 of the correction: the source, its sampler, uniforms, light map and measured codes.
+pub(in crate::renderer) fn correction_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
+    let fragment = wgpu::ShaderStages::FRAGMENT;
+    let storage = wgpu::BufferBindingType::Storage { read_only: true };
+    let uniform = wgpu::BufferBindingType::Uniform;
+    let weights = wgpu::BindGroupLayoutEntry {
+        ty: wgpu::BindingType::Texture {
+            sample_type: wgpu::TextureSampleType::Uint,
+            view_dimension: wgpu::TextureViewDimension::D2,
+            multisampled: false,
+        },
+        ..texture(3, false)
+    };
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("correction/layout"),
+        entries: &[
+            texture(0, true),
+            sampler(1),
+            buffer(2, both, uniform, false, size_of::<CorrectionUniform>()),
+            weights,
+            buffer(4, fragment, storage, false, 2 * size_of::<[f32; 4]>()),
+        ],
     })
 }
 

@@ -148,11 +148,12 @@ impl Frames {
         let culled = start.elapsed();
         let sky = sky(scene, views);
         let clear_display = if scene.blends {
-            self.tonemap.sky_color(gpu, sky)?
+            self.tonemap.sky_color(gpu, sky, target.content())?
         } else {
             light_color(tone_map(sky))
         };
-        let context = self.context(gpu, pipelines, scene, seen, &lists)?;
+        let ready = ready(pipelines, scene, target)?;
+        let context = self.context(gpu, ready, scene, seen, &lists);
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
@@ -203,7 +204,8 @@ impl Frames {
         let lists = [DrawList { rectangle: [0, 0, 1, 1], opaque, ..DrawList::default() }];
         self.records.clear();
         self.records.push(InstanceRecord::default());
-        let mut context = self.context(gpu, pipelines, scene, vec![&view], &lists)?;
+        let ready = ready(pipelines, scene, target)?;
+        let mut context = self.context(gpu, ready, scene, vec![&view], &lists);
         // A multiple of what points, lines and triangles take.
         context.index_count_max = 6;
         let mut encoder = gpu
@@ -217,12 +219,11 @@ impl Frames {
     fn context<'a>(
         &'a mut self,
         gpu: &Gpu,
-        pipelines: &'a Pipelines,
+        pipelines: Vec<&'a wgpu::RenderPipeline>,
         scene: &'a Scene,
         views: Vec<&'a ViewDesc>,
         lists: &'a [DrawList],
-    ) -> Result<DrawContext<'a>, DrawError> {
-        let found: Option<Vec<_>> = scene.keys.iter().map(|key| pipelines.get(key)).collect();
+    ) -> DrawContext<'a> {
         let uniform_size = uniform_stride(gpu, size_of::<FrameUniform>());
         let lamp_count = scene.lights.lamps.len().max(1);
         let lamp_size = lamp_count * size_of::<LampRecord>();
@@ -261,9 +262,9 @@ impl Frames {
                 },
             ],
         });
-        Ok(DrawContext {
+        DrawContext {
             scene,
-            pipelines: found.ok_or(DrawError::NotPrepared)?,
+            pipelines,
             views,
             lists,
             group,
@@ -271,8 +272,18 @@ impl Frames {
             uniform_stride: uniform_size as u32,
             lamp_stride: lamp_stride as u32,
             index_count_max: u32::MAX,
-        })
+        }
     }
+}
+
+/// The scene's pipelines for such a target.
+fn ready<'a>(
+    pipelines: &'a Pipelines,
+    scene: &Scene,
+    target: &Target,
+) -> Result<Vec<&'a wgpu::RenderPipeline>, DrawError> {
+    let found = scene.keys.iter().map(|key| pipelines.get(key, target.content()));
+    found.collect::<Option<_>>().ok_or(DrawError::NotPrepared)
 }
 
 /// Exposed light of the sky, within what the targets hold.
@@ -316,7 +327,8 @@ fn around(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
     [x, y, (a[0] + a[2]).max(b[0] + b[2]) - x, (a[1] + a[3]).max(b[1] + b[3]) - y]
 }
 
-fn wait(gpu: &Gpu, index: wgpu::SubmissionIndex) -> Result<(), DrawError> {
+/// Waits until the GPU is done with what was submitted.
+pub(in crate::renderer) fn wait(gpu: &Gpu, index: wgpu::SubmissionIndex) -> Result<(), DrawError> {
     let waited = gpu
         .device
         .poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: Some(GPU_WAIT_MAX) });

@@ -126,6 +126,12 @@ impl Gpu {
         }
     }
 
+    /// Whether a texture can be written as sRGB and as plain bytes; GL cannot.
+    pub(in crate::renderer) fn views_other_formats(&self) -> bool {
+        let flags = self.adapter.get_downlevel_capabilities().flags;
+        flags.contains(wgpu::DownlevelFlags::VIEW_FORMATS)
+    }
+
     /// The first fault of the device since it was opened: lost, out of memory, or a mistake of
     /// ours. The owner opens a new [`Gpu`] then.
     pub fn fault(&self) -> Option<String> {

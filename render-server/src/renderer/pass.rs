@@ -1,5 +1,6 @@
 //! The passes of a frame; each has its shader beside it.
 
+pub mod correct;
 pub mod idle;
 pub mod label;
 pub(in crate::renderer) mod opaque;

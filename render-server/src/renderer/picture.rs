@@ -1,40 +1,67 @@
 //! A finished picture on the GPU.
 
 use super::gpu::Gpu;
-use super::target::DISPLAY_FORMAT;
+use super::target::{DISPLAY_FORMAT, LINEAR_FORMAT};
+
+/// Bytes as they are written.
+pub(in crate::renderer) const CODES_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+/// What the pixels of a picture hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// RGBA8 as sRGB, drawn in linear light: what a display gets.
+    Srgb,
+    /// RGBA8 for a display with a curve of its own: codes that are written as they stand.
+    Codes,
+    /// Display light from 0 to 1, linear, RGBA16F: what is still to be corrected.
+    Light,
+}
+
+impl Content {
+    /// The format that it is drawn in.
+    pub(in crate::renderer) fn format(self) -> wgpu::TextureFormat {
+        match self {
+            Self::Srgb | Self::Codes => DISPLAY_FORMAT,
+            Self::Light => LINEAR_FORMAT,
+        }
+    }
+}
 
 /// A picture as displays get it: RGBA8 as sRGB, drawn in linear light.
 #[derive(Debug)]
 pub struct Picture {
     size: [u32; 2],
+    content: Content,
     texture: wgpu::Texture,
     view: wgpu::TextureView,
 }
 
 impl Picture {
     /// A picture of a size in pixels, which the adapter must be able to hold.
-    pub(in crate::renderer) fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
+    pub(in crate::renderer) fn new(gpu: &Gpu, size: [u32; 2], content: Content) -> Self {
         let [width, height] = size;
+        let codes = [CODES_FORMAT];
+        let has_codes = content == Content::Codes && gpu.views_other_formats();
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("picture/texture"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
-            format: DISPLAY_FORMAT,
+            format: content.format(),
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT
                 | wgpu::TextureUsages::TEXTURE_BINDING
                 | wgpu::TextureUsages::COPY_SRC
                 | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
+            view_formats: if has_codes { &codes } else { &[] },
         });
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        Self { size, texture, view }
+        Self { size, content, texture, view }
     }
 
     /// The picture of these pixels: RGBA8 as sRGB, rows from the top, as many as `size` says.
     pub(in crate::renderer) fn of_pixels(gpu: &Gpu, size: [u32; 2], rgba: &[u8]) -> Self {
-        let picture = Self::new(gpu, size);
+        let picture = Self::new(gpu, size, Content::Srgb);
         let [width, height] = size;
         gpu.queue.write_texture(
             picture.texture.as_image_copy(),
@@ -52,6 +79,22 @@ impl Picture {
     /// Width and height in pixels.
     pub fn size(&self) -> [u32; 2] {
         self.size
+    }
+
+    /// What its pixels hold.
+    pub(in crate::renderer) fn content(&self) -> Content {
+        self.content
+    }
+
+    /// A view whose bytes are what is written; of the sRGB format, which encodes what is written,
+    /// where the driver knows one format a texture.
+    pub(in crate::renderer) fn codes_view(&self, gpu: &Gpu) -> wgpu::TextureView {
+        let has_codes = self.content == Content::Codes && gpu.views_other_formats();
+        self.texture.create_view(&wgpu::TextureViewDescriptor {
+            label: Some("picture/codes"),
+            format: has_codes.then_some(CODES_FORMAT),
+            ..Default::default()
+        })
     }
 
     /// The texture itself.

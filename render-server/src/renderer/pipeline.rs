@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::bindings;
 use super::gpu::Gpu;
 use super::pass::{opaque, transparent};
+use super::picture::Content;
 use super::scene::{Topology, VertexLayout};
 use super::shader::{self, Interface};
 use super::target::{DEPTH_FORMAT, DISPLAY_FORMAT, LINEAR_FORMAT};
@@ -123,7 +124,7 @@ pub(in crate::renderer) struct Pipelines {
     samples: u32,
     layout: wgpu::PipelineLayout,
     modules: BTreeMap<(Interface, bool), wgpu::ShaderModule>,
-    ready: BTreeMap<PipelineKey, wgpu::RenderPipeline>,
+    ready: BTreeMap<(PipelineKey, bool), wgpu::RenderPipeline>,
 }
 
 impl Pipelines {
@@ -138,21 +139,22 @@ impl Pipelines {
         Self { samples, layout, modules: BTreeMap::new(), ready: BTreeMap::new() }
     }
 
-    /// Makes what is missing for a scene.
-    pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey]) {
+    /// Makes what is missing for a scene that is drawn onto pictures of this content.
+    pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey], content: Content) {
         for key in keys {
-            if !self.ready.contains_key(key) {
-                let pipeline = self.build(gpu, key);
-                self.ready.insert(*key, pipeline);
+            let is_float = is_float(key, content);
+            if !self.ready.contains_key(&(*key, is_float)) {
+                let pipeline = self.build(gpu, key, is_float);
+                self.ready.insert((*key, is_float), pipeline);
             }
         }
     }
 
-    pub fn get(&self, key: &PipelineKey) -> Option<&wgpu::RenderPipeline> {
-        self.ready.get(key)
+    pub fn get(&self, key: &PipelineKey, content: Content) -> Option<&wgpu::RenderPipeline> {
+        self.ready.get(&(*key, is_float(key, content)))
     }
 
-    fn build(&mut self, gpu: &Gpu, key: &PipelineKey) -> wgpu::RenderPipeline {
+    fn build(&mut self, gpu: &Gpu, key: &PipelineKey, is_float: bool) -> wgpu::RenderPipeline {
         let blended = key.material.alpha == Alpha::Blend;
         let interface = key.interface();
         let pass = if blended { transparent::SOURCE } else { opaque::SOURCE };
@@ -180,7 +182,7 @@ impl Pipelines {
         let compilation_options =
             || wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
         let target = wgpu::ColorTargetState {
-            format: if key.linear { LINEAR_FORMAT } else { DISPLAY_FORMAT },
+            format: if is_float { LINEAR_FORMAT } else { DISPLAY_FORMAT },
             blend: blended.then_some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
             write_mask: wgpu::ColorWrites::ALL,
         };
@@ -213,6 +215,11 @@ impl Pipelines {
             cache: None,
         })
     }
+}
+
+/// Whether the scene is drawn into a float texture: what is tone-mapped later always is.
+fn is_float(key: &PipelineKey, content: Content) -> bool {
+    key.linear || content.format() == LINEAR_FORMAT
 }
 
 fn primitive_state(key: &PipelineKey) -> wgpu::PrimitiveState {

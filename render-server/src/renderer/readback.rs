@@ -9,7 +9,8 @@ use super::target::Target;
 #[error("the picture could not be read back: {0}")]
 pub struct ReadError(String);
 
-/// The finished picture: RGBA8 as sRGB, rows from the top, without padding.
+/// The finished picture: RGBA8 as sRGB, or as the target's content is, rows from the top, without
+/// padding.
 ///
 /// # Errors
 /// The GPU is lost or out of memory.
@@ -23,7 +24,8 @@ pub fn read_pixels(gpu: &Gpu, target: &Target) -> Result<Vec<u8>, ReadError> {
 /// The GPU is lost or out of memory.
 pub fn read_picture(gpu: &Gpu, picture: &Picture) -> Result<Vec<u8>, ReadError> {
     let [width, height] = picture.size();
-    let row_bytes = width as usize * 4;
+    let pixel_bytes = picture.texture().format().block_copy_size(None).unwrap_or(4);
+    let row_bytes = width as usize * pixel_bytes as usize;
     let padded = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
     let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("readback/buffer"),

@@ -1,7 +1,7 @@
 //! What a channel is drawn into.
 
 use super::gpu::Gpu;
-use super::picture::Picture;
+use super::picture::{Content, Picture};
 
 /// Bytes are sRGB; blending and resolving happen in linear light.
 pub(in crate::renderer) const DISPLAY_FORMAT: wgpu::TextureFormat =
@@ -49,6 +49,20 @@ impl Target {
     /// # Errors
     /// A side of 0 or beyond the adapter; samples other than 1 or 4.
     pub fn new(gpu: &Gpu, size: [u32; 2], samples: u32, linear: bool) -> Result<Self, TargetError> {
+        Self::of(gpu, size, samples, linear, Content::Srgb)
+    }
+
+    /// As [`Self::new`], for pictures of this content: of light, where they are to be corrected.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn of(
+        gpu: &Gpu,
+        size: [u32; 2],
+        samples: u32,
+        linear: bool,
+        content: Content,
+    ) -> Result<Self, TargetError> {
         let [width, height] = size;
         let side_max = gpu.device.limits().max_texture_dimension_2d;
         if size.iter().any(|side| !(1..=side_max).contains(side)) {
@@ -73,11 +87,11 @@ impl Target {
         let view = |texture: &wgpu::Texture| texture.create_view(&whole);
         let drawn = wgpu::TextureUsages::RENDER_ATTACHMENT;
         let read = drawn | wgpu::TextureUsages::TEXTURE_BINDING;
-        let scene_format = if linear { LINEAR_FORMAT } else { DISPLAY_FORMAT };
+        let scene_format = if linear { LINEAR_FORMAT } else { content.format() };
         Ok(Self {
             size,
             samples,
-            display: Picture::new(gpu, size),
+            display: Picture::new(gpu, size, content),
             linear: linear.then(|| view(&make("target/linear", LINEAR_FORMAT, 1, read))),
             multisampled: (samples > 1)
                 .then(|| view(&make("target/multisampled", scene_format, samples, drawn))),
@@ -104,12 +118,18 @@ impl Target {
     /// drawn. `spare` is drawn over from now on, where it has the target's size.
     #[must_use = "the target has no picture any more"]
     pub fn take_picture(&mut self, gpu: &Gpu, spare: Option<Picture>) -> Picture {
-        let spare = spare.filter(|picture| picture.size() == self.size);
-        let next = spare.unwrap_or_else(|| Picture::new(gpu, self.size));
+        let content = self.content();
+        let fits = |it: &Picture| it.size() == self.size && it.content() == content;
+        let next = spare.filter(fits).unwrap_or_else(|| Picture::new(gpu, self.size, content));
         std::mem::replace(&mut self.display, next)
     }
 
-    /// The finished picture, RGBA8 as sRGB.
+    /// What its finished picture holds.
+    pub fn content(&self) -> Content {
+        self.display.content()
+    }
+
+    /// The finished picture: RGBA8 as sRGB, unless its content is another.
     pub fn picture(&self) -> &Picture {
         &self.display
     }

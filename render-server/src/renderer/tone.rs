@@ -30,9 +30,28 @@ pub(in crate::renderer) fn linear_from_srgb(code: u8) -> f64 {
     if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
+/// The number that 16 bits of IEEE 754 binary16 stand for, infinities and NaN aside: a target
+/// of light holds none.
+pub(in crate::renderer) fn f16_from_bits(bits: u16) -> f64 {
+    let (exponent, fraction) = (i32::from(bits >> 10 & 0x1f), f64::from(bits & 0x3ff));
+    let size = match exponent {
+        0 => fraction / 1024.0 * (-14f64).exp2(),
+        _ => (1.0 + fraction / 1024.0) * f64::from(exponent - 15).exp2(),
+    };
+    if bits >> 15 == 1 { -size } else { size }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn half_floats_are_read() {
+        let known = [(0x3c00, 1.0), (0x0001, 2f64.powi(-24)), (0xc000, -2.0), (0x3555, 0.33325195)];
+        for (bits, number) in known {
+            assert!((f16_from_bits(bits) - number).abs() < 1e-8, "{bits:x}");
+        }
+    }
 
     #[test]
     fn greys_keep_their_order_and_their_bounds() {

@@ -4,20 +4,22 @@ use glam::Vec3;
 
 use crate::renderer::bindings;
 use crate::renderer::gpu::Gpu;
+use crate::renderer::picture::Content;
 use crate::renderer::readback::{ReadError, read_pixels};
 use crate::renderer::shader;
-use crate::renderer::target::{DISPLAY_FORMAT, Target, TargetError};
-use crate::renderer::tone::linear_from_srgb;
+use crate::renderer::target::{Target, TargetError};
+use crate::renderer::tone::{f16_from_bits, linear_from_srgb};
 
 const SOURCE: &str = include_str!("tonemap.wgsl");
 
 /// The pass, and what it makes of the last sky.
 #[derive(Debug)]
 pub(in crate::renderer) struct Tonemap {
-    pipeline: wgpu::RenderPipeline,
+    onto_srgb: wgpu::RenderPipeline,
+    onto_light: wgpu::RenderPipeline,
     group_layout: wgpu::BindGroupLayout,
     sampler: wgpu::Sampler,
-    sky: Option<(Vec3, wgpu::Color)>,
+    sky: Option<(Vec3, Content, wgpu::Color)>,
 }
 
 /// Why the sky's colour could not be found.
@@ -35,15 +37,13 @@ impl Tonemap {
     pub fn new(gpu: &Gpu) -> Self {
         let group_layout = bindings::picture_layout(&gpu.device);
         let text = shader::screen(SOURCE);
+        let onto = |content: Content| {
+            let names = ["tonemap", "tonemap"];
+            screen_pipeline(gpu, names, &text, &group_layout, content.format(), &[])
+        };
         Self {
-            pipeline: screen_pipeline(
-                gpu,
-                ["tonemap", "tonemap"],
-                &text,
-                &group_layout,
-                DISPLAY_FORMAT,
-                &[],
-            ),
+            onto_srgb: onto(Content::Srgb),
+            onto_light: onto(Content::Light),
             group_layout,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("tonemap/sampler"),
@@ -55,11 +55,17 @@ impl Tonemap {
 
     /// The clear colour of the display target that equals the tone-mapped sky to the bit: the
     /// driver's own rounding is asked, once per colour, with a target of one pixel.
-    pub fn sky_color(&mut self, gpu: &Gpu, light: Vec3) -> Result<wgpu::Color, SkyError> {
-        if let Some((_, color)) = self.sky.filter(|(known, _)| *known == light) {
+    pub fn sky_color(
+        &mut self,
+        gpu: &Gpu,
+        light: Vec3,
+        content: Content,
+    ) -> Result<wgpu::Color, SkyError> {
+        let is_it = |(sky, onto, _): &(Vec3, Content, _)| (*sky, *onto) == (light, content);
+        if let Some((.., color)) = self.sky.filter(is_it) {
             return Ok(color);
         }
-        let target = Target::new(gpu, [1, 1], 1, true)?;
+        let target = Target::of(gpu, [1, 1], 1, true, content)?;
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
             label: Some("tonemap/probe"),
         });
@@ -67,9 +73,13 @@ impl Tonemap {
         self.encode(gpu, &mut encoder, &target, wgpu::Color::BLACK, Some([0, 0, 1, 1]));
         gpu.queue.submit([encoder.finish()]);
         let pixel = read_pixels(gpu, &target)?;
-        let channel = |i: usize| linear_from_srgb(pixel.get(i).copied().unwrap_or(0));
+        let byte = |i: usize| pixel.get(i).copied().unwrap_or(0);
+        let channel = |i: usize| match content {
+            Content::Srgb | Content::Codes => linear_from_srgb(byte(i)),
+            Content::Light => f16_from_bits(u16::from_le_bytes([byte(2 * i), byte(2 * i + 1)])),
+        };
         let color = wgpu::Color { r: channel(0), g: channel(1), b: channel(2), a: 1.0 };
-        self.sky = Some((light, color));
+        self.sky = Some((light, content, color));
         Ok(color)
     }
 
@@ -99,7 +109,8 @@ impl Tonemap {
                 },
             ],
         });
-        pass.set_pipeline(&self.pipeline);
+        let is_light = target.content() == Content::Light;
+        pass.set_pipeline(if is_light { &self.onto_light } else { &self.onto_srgb });
         pass.set_bind_group(1, &group, &[]);
         pass.set_scissor_rect(x, y, width, height);
         pass.draw(0..3, 0..1);

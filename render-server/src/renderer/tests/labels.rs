@@ -1,7 +1,7 @@
 //! Words over pictures: where they should be, and nothing else touched.
 
 use super::harness::gpu;
-use crate::renderer::picture::Picture;
+use crate::renderer::picture::{Content, Picture};
 use crate::renderer::{Label, Output, Place, read_picture};
 
 /// A picture in which every pixel has its own colour.
@@ -35,7 +35,7 @@ fn shown(
     });
     let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
     output.draw(gpu(), picture, labels, &view, size);
-    let copy = Picture::new(gpu(), size);
+    let copy = Picture::new(gpu(), size, Content::Srgb);
     let mut encoder =
         gpu().device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
     encoder.copy_texture_to_texture(

@@ -1,0 +1,457 @@
+//! From the light of a source target to the codes of one display.
+//!
+//! The warp mesh itself is drawn, so that its points are interpolated by the rasteriser and no map
+//! is read; mesh and maps go to the GPU once, and a frame brings two kilobytes.
+
+use std::collections::BTreeMap;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DMat3, DVec3, DVec4};
+use wgpu::util::DeviceExt;
+
+use crate::renderer::bindings;
+use crate::renderer::correction::{
+    CorrectionDesc, CorrectionError, Curve, LightMap, Packing, SOURCE_GUARD, SOURCE_PLANES_MAX,
+    SourceEye, SourcePlane, WarpMesh, WarpVertex,
+};
+use crate::renderer::frame::wait;
+use crate::renderer::gpu::Gpu;
+use crate::renderer::pass::tonemap::clear;
+use crate::renderer::picture::{CODES_FORMAT, Content, Picture};
+use crate::renderer::target::{DISPLAY_FORMAT, Target, TargetError};
+
+const SOURCE: &str = include_str!("correct.wgsl");
+
+/// Source pixels beyond a plane's own that still count as its own: rounding must leave no point
+/// between two planes.
+const INNER_MARGIN: f64 = 0.5;
+
+/// Entries of a measured curve as the shader reads it.
+const CODE_COUNT: usize = 4096;
+
+/// Samples for a pixel, across and down, at most: the source is then six times as dense as the
+/// display.
+pub const TAPS_MAX: u32 = 4;
+
+/// Twin of `SourcePlane` in `correct.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(in crate::renderer) struct PlaneRecord {
+    pub across: [f32; 4],
+    pub down: [f32; 4],
+    pub depth: [f32; 4],
+    pub inner: [f32; 4],
+}
+
+/// Twin of `Eye` in `correct.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(in crate::renderer) struct EyeRecord {
+    pub position: [f32; 4],
+    pub clip_x: [f32; 4],
+    pub clip_y: [f32; 4],
+    pub upright_x: [f32; 4],
+    pub upright_y: [f32; 4],
+}
+
+/// Twin of `Correction` in `correct.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(in crate::renderer) struct CorrectionUniform {
+    pub eyes: [EyeRecord; 2],
+    pub planes: [PlaneRecord; 2 * SOURCE_PLANES_MAX],
+    pub red: [f32; 4],
+    pub green: [f32; 4],
+    pub blue: [f32; 4],
+    pub light_scale: [f32; 4],
+    pub inverse_gamma: [f32; 4],
+    pub texel: [f32; 2],
+    pub pad: [f32; 2],
+}
+
+/// A corner of the warp mesh as the vertex stage reads it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct CornerRecord {
+    pixel: [f32; 2],
+    /// From the mesh's origin.
+    point: [f32; 3],
+}
+
+/// What pipelines are specialised for from frame to frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Sampling {
+    planes: u32,
+    taps: [u32; 2],
+}
+
+/// One channel's correction, on the GPU.
+#[derive(Debug)]
+pub struct Correction {
+    desc: CorrectionDesc,
+    /// Near the mesh, so that f32 suffices from there.
+    origin_in_display: DVec3,
+    corners: wgpu::Buffer,
+    indices: wgpu::Buffer,
+    index_count: u32,
+    uniform: wgpu::Buffer,
+    light_map: wgpu::TextureView,
+    codes: wgpu::Buffer,
+    sampler: wgpu::Sampler,
+    group_layout: wgpu::BindGroupLayout,
+    layout: wgpu::PipelineLayout,
+    module: wgpu::ShaderModule,
+    /// By the eyes they draw: one for all, or one for each where they share pixels.
+    pipelines: BTreeMap<(Sampling, usize), wgpu::RenderPipeline>,
+}
+
+impl Correction {
+    /// Takes a description to the GPU.
+    ///
+    /// # Errors
+    /// What is wrong with the description.
+    pub fn new(gpu: &Gpu, mut desc: CorrectionDesc) -> Result<Self, CorrectionError> {
+        let [width, height] = desc.display_size();
+        let side_max = gpu.device.limits().max_texture_dimension_2d;
+        if [width, height].iter().any(|side| !(1..=side_max).contains(side)) {
+            return Err(TargetError::Size { width, height, side_max }.into());
+        }
+        if let Some(error) = desc.fault() {
+            return Err(error);
+        }
+        let (corners, indices, origin_in_display) = mesh(&desc);
+        let buffer = |label, contents: &[u8], usage| {
+            let descriptor =
+                wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage };
+            gpu.device.create_buffer_init(&descriptor)
+        };
+        let bytes = bytemuck::cast_slice(&corners);
+        let corners = buffer("correct/corners", bytes, wgpu::BufferUsages::VERTEX);
+        let bytes = bytemuck::cast_slice(&indices);
+        let index_buffer = buffer("correct/indices", bytes, wgpu::BufferUsages::INDEX);
+        let codes: Vec<[f32; 4]> = match desc.curve {
+            Curve::Measured(_) => desc.curve.codes(CODE_COUNT),
+            _ => vec![DVec3::ZERO; 2],
+        }
+        .iter()
+        .map(|code| row(code.extend(0.0)))
+        .collect();
+        let bytes = bytemuck::cast_slice(&codes);
+        let codes = buffer("correct/codes", bytes, wgpu::BufferUsages::STORAGE);
+        let light_map = light_map(gpu, desc.light_map.as_ref(), desc.upright);
+        // What has gone to the GPU is not kept twice, but whether it was there is.
+        if let Some(map) = &mut desc.light_map {
+            map.texels = Vec::new();
+        }
+        if let Some(warp) = &mut desc.warp {
+            *warp = WarpMesh::default();
+        }
+        let group_layout = bindings::correction_layout(&gpu.device);
+        Ok(Self {
+            origin_in_display,
+            corners,
+            index_count: indices.len() as u32,
+            indices: index_buffer,
+            uniform: gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("correct/uniform"),
+                size: size_of::<CorrectionUniform>() as u64,
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
+            light_map,
+            codes,
+            sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("correct/sampler"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            layout: gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some("correct/pipeline_layout"),
+                bind_group_layouts: &[None, Some(&group_layout)],
+                immediate_size: 0,
+            }),
+            group_layout,
+            module: gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some("correct/shader"),
+                source: wgpu::ShaderSource::Wgsl(SOURCE.into()),
+            }),
+            pipelines: BTreeMap::new(),
+            desc,
+        })
+    }
+
+    /// Width and height of the display's picture, in pixels.
+    pub fn display_size(&self) -> [u32; 2] {
+        self.desc.display_size()
+    }
+
+    /// A picture that [`Self::draw`] can draw onto, in pixels of the display.
+    pub fn picture(&self, gpu: &Gpu) -> Picture {
+        Picture::new(gpu, self.display_size(), Content::Codes)
+    }
+
+    /// Draws what the eyes see of the source and waits until it is there: one eye, or the left and
+    /// the right one. `taps` are the samples across and down that one display pixel takes, 1 to 4
+    /// each.
+    ///
+    /// # Errors
+    /// The source holds no light, or not these planes; the picture is none of [`Self::picture`];
+    /// or the GPU failed.
+    pub fn draw(
+        &mut self,
+        gpu: &Gpu,
+        source: &Target,
+        eyes: &[SourceEye],
+        taps: [u32; 2],
+        onto: &Picture,
+    ) -> Result<(), CorrectionError> {
+        if source.content() != Content::Light {
+            return Err(CorrectionError::Source("the source does not hold light"));
+        }
+        if onto.content() != Content::Codes || onto.size() != self.display_size() {
+            return Err(CorrectionError::Source("the picture is not this display's"));
+        }
+        let planes = self.planes_of(source.size(), eyes)?;
+        let sampling = Sampling { planes, taps: taps.map(|count| count.clamp(1, TAPS_MAX)) };
+        let uniform = self.uniform(source.size(), eyes);
+        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        let passes = if self.desc.packing == Packing::Anaglyph { 2 } else { 1 };
+        for eye in 0..passes {
+            if !self.pipelines.contains_key(&(sampling, eye)) {
+                let pipeline = self.build(gpu, sampling, eye);
+                self.pipelines.insert((sampling, eye), pipeline);
+            }
+        }
+        let group = self.group(gpu, source);
+        let mut encoder = gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("correct") });
+        {
+            let view = onto.codes_view(gpu);
+            let mut pass = clear(&mut encoder, "correct/pass", &view, wgpu::Color::BLACK);
+            pass.set_bind_group(1, &group, &[]);
+            pass.set_vertex_buffer(0, self.corners.slice(..));
+            pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
+            for eye in 0..self.desc.packing.eyes() {
+                let Some(pipeline) = self.pipelines.get(&(sampling, eye.min(passes - 1))) else {
+                    continue;
+                };
+                pass.set_pipeline(pipeline);
+                let eye = eye as u32;
+                pass.draw_indexed(0..self.index_count, 0, eye..eye + 1);
+            }
+        }
+        let index = gpu.queue.submit([encoder.finish()]);
+        wait(gpu, index).map_err(|error| CorrectionError::Gpu(error.to_string()))
+    }
+
+    /// How many planes each eye has, where they are those that this correction needs.
+    fn planes_of(
+        &self,
+        [width, height]: [u32; 2],
+        eyes: &[SourceEye],
+    ) -> Result<u32, CorrectionError> {
+        let refused = |reason| Err(CorrectionError::Source(reason));
+        if eyes.len() != self.desc.packing.eyes() {
+            return refused("as many eyes are needed as the packing has");
+        }
+        let count = eyes.iter().map(|eye| eye.planes.len()).max().unwrap_or(0);
+        if !(1..=SOURCE_PLANES_MAX).contains(&count) || eyes.iter().any(|e| e.planes.is_empty()) {
+            return refused("an eye has 1 to 6 planes");
+        }
+        let is_exact = self.desc.warp.is_none();
+        let guard = if is_exact { 0 } else { 2 * SOURCE_GUARD };
+        for plane in eyes.iter().flat_map(|eye| &eye.planes) {
+            let [x, y, w, h] = plane.rect;
+            let is_inside = |at: u32, length: u32, side: u32| {
+                length > guard && at.checked_add(length).is_some_and(|end| end <= side)
+            };
+            if !(is_inside(x, w, width) && is_inside(y, h, height)) {
+                return refused("a plane does not lie in the source");
+            }
+            if is_exact && [w, h] != self.desc.upright {
+                return refused("a plane has not the size of the upright picture");
+            }
+        }
+        Ok(count as u32)
+    }
+
+    fn uniform(&self, source: [u32; 2], eyes: &[SourceEye]) -> CorrectionUniform {
+        let [width, height] = self.display_size().map(f64::from);
+        let mut uniform = CorrectionUniform {
+            texel: source.map(|side| (1.0 / f64::from(side)) as f32),
+            ..CorrectionUniform::default()
+        };
+        let is_exact = self.desc.warp.is_none();
+        for (index, eye) in eyes.iter().enumerate() {
+            let [x, y] = self.desc.display_from_upright(index);
+            let clip_x = [x[0] * 2.0 / width, x[1] * 2.0 / width, x[2] * 2.0 / width - 1.0];
+            let clip_y = [-y[0] * 2.0 / height, -y[1] * 2.0 / height, 1.0 - y[2] * 2.0 / height];
+            let back = DMat3::from_cols_array(&[x[0], y[0], 0.0, x[1], y[1], 0.0, x[2], y[2], 1.0])
+                .inverse();
+            let position = eye.eye_in_display - self.origin_in_display;
+            uniform.eyes[index] = EyeRecord {
+                position: row(position.extend(0.0)),
+                clip_x: row(DVec3::from(clip_x).extend(0.0)),
+                clip_y: row(DVec3::from(clip_y).extend(0.0)),
+                upright_x: row(back.row(0).extend(0.0)),
+                upright_y: row(back.row(1).extend(0.0)),
+            };
+            // Eyes with fewer planes than the other have their last one again.
+            for slot in 0..SOURCE_PLANES_MAX {
+                if let Some(plane) = eye.planes.get(slot).or(eye.planes.last()) {
+                    uniform.planes[index * SOURCE_PLANES_MAX + slot] = plane.record(is_exact);
+                }
+            }
+        }
+        let color = &self.desc.color;
+        [uniform.red, uniform.green, uniform.blue] =
+            [0, 1, 2].map(|at| row(color.row(at).extend(0.0)));
+        if let Some(map) = &self.desc.light_map {
+            uniform.light_scale = row(map.add.extend(map.multiply) / 65535.0);
+        }
+        if let Curve::Gamma(gamma) = &self.desc.curve {
+            uniform.inverse_gamma = row(gamma.recip().extend(0.0));
+        }
+        uniform
+    }
+
+    fn group(&self, gpu: &Gpu, source: &Target) -> wgpu::BindGroup {
+        let resources = [
+            wgpu::BindingResource::TextureView(source.display_view()),
+            wgpu::BindingResource::Sampler(&self.sampler),
+            self.uniform.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&self.light_map),
+            self.codes.as_entire_binding(),
+        ];
+        let entries: Vec<_> = (0..)
+            .zip(resources)
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .collect();
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("correct/group"),
+            layout: &self.group_layout,
+            entries: &entries,
+        })
+    }
+
+    fn constants(&self, gpu: &Gpu, sampling: Sampling) -> [(&'static str, f64); 10] {
+        let flag = |on: bool| f64::from(u8::from(on));
+        let curve = match self.desc.curve {
+            Curve::Srgb => 0.0,
+            Curve::Gamma(_) => 1.0,
+            Curve::Measured(_) => 2.0,
+        };
+        [
+            ("EXACT", flag(self.desc.warp.is_none())),
+            ("PLANES", f64::from(sampling.planes)),
+            ("TAPS_ACROSS", f64::from(sampling.taps[0])),
+            ("TAPS_DOWN", f64::from(sampling.taps[1])),
+            ("COLORED", flag(self.desc.color != DMat3::IDENTITY)),
+            ("WEIGHTED", flag(self.desc.light_map.is_some())),
+            ("CURVE", curve),
+            ("DITHERED", flag(self.desc.dither.is_some())),
+            ("CHANNEL", f64::from(self.desc.dither.unwrap_or(0))),
+            ("ENCODES", flag(!gpu.views_other_formats())),
+        ]
+    }
+
+    fn build(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> wgpu::RenderPipeline {
+        let constants = self.constants(gpu, sampling);
+        let options =
+            || wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
+        let attributes = wgpu::vertex_attr_array![0 => Float32x2, 1 => Float32x3];
+        let write_mask = match (self.desc.packing, eye) {
+            (Packing::Anaglyph, 0) => wgpu::ColorWrites::RED,
+            (Packing::Anaglyph, _) => wgpu::ColorWrites::GREEN | wgpu::ColorWrites::BLUE,
+            _ => wgpu::ColorWrites::ALL,
+        };
+        let format = if gpu.views_other_formats() { CODES_FORMAT } else { DISPLAY_FORMAT };
+        gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("correct/pipeline"),
+            layout: Some(&self.layout),
+            vertex: wgpu::VertexState {
+                module: &self.module,
+                entry_point: Some("corner"),
+                compilation_options: options(),
+                buffers: &[Some(wgpu::VertexBufferLayout {
+                    array_stride: size_of::<CornerRecord>() as u64,
+                    step_mode: wgpu::VertexStepMode::Vertex,
+                    attributes: &attributes,
+                })],
+            },
+            primitive: wgpu::PrimitiveState::default(),
+            depth_stencil: None,
+            multisample: wgpu::MultisampleState::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &self.module,
+                entry_point: Some("correct"),
+                compilation_options: options(),
+                targets: &[Some(wgpu::ColorTargetState { format, blend: None, write_mask })],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+    }
+}
+
+impl SourcePlane {
+    /// The rows of the matrix to texels, multiplied in f64.
+    fn record(&self, is_exact: bool) -> PlaneRecord {
+        let [x, y, width, height] = self.rect.map(f64::from);
+        let [across, up, depth] = [0, 1, 3].map(|at| self.clip_from_eye.row(at));
+        let guard = if is_exact { 0.0 } else { f64::from(SOURCE_GUARD) - INNER_MARGIN };
+        let inner = [x + guard, y + guard, x + width - guard, y + height - guard];
+        PlaneRecord {
+            across: row(depth * (x + width / 2.0) + across * (width / 2.0)),
+            down: row(depth * (y + height / 2.0) - up * (height / 2.0)),
+            depth: row(depth),
+            inner: inner.map(|number| number as f32),
+        }
+    }
+}
+
+fn row(row: DVec4) -> [f32; 4] {
+    row.as_vec4().to_array()
+}
+
+/// Corners, indices and origin of the mesh; without one, two triangles over the picture.
+fn mesh(desc: &CorrectionDesc) -> (Vec<CornerRecord>, Vec<u32>, DVec3) {
+    let Some(warp) = &desc.warp else {
+        let [width, height] = desc.upright.map(|side| side as f32);
+        let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
+        let corners = corners.map(|pixel| CornerRecord { pixel, point: [0.0, 0.0, -1.0] });
+        return (corners.to_vec(), vec![0, 1, 2, 2, 1, 3], DVec3::ZERO);
+    };
+    let count = warp.vertices.len().max(1) as f64;
+    let origin: DVec3 = warp.vertices.iter().map(|vertex| vertex.point / count).sum();
+    let corner = |vertex: &WarpVertex| CornerRecord {
+        pixel: vertex.pixel.map(|at| at as f32),
+        point: (vertex.point - origin).as_vec3().to_array(),
+    };
+    let corners = warp.vertices.iter().map(corner).collect();
+    (corners, warp.triangles.iter().flatten().copied().collect(), origin)
+}
+
+/// The light map's texture; where there is none, one texel that nobody reads.
+fn light_map(gpu: &Gpu, map: Option<&LightMap>, upright: [u32; 2]) -> wgpu::TextureView {
+    let (texels, [width, height]) = match map {
+        Some(map) => (map.texels.as_slice(), upright),
+        None => ([[0; 2]].as_slice(), [1, 1]),
+    };
+    let descriptor = wgpu::TextureDescriptor {
+        label: Some("correct/light_map"),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rg16Uint,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    };
+    let order = wgpu::util::TextureDataOrder::LayerMajor;
+    let bytes = bytemuck::cast_slice(texels);
+    let texture = gpu.device.create_texture_with_data(&gpu.queue, &descriptor, order, bytes);
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}

@@ -1,0 +1,196 @@
+// From linear display light to the codes of one display: resampled along the warp mesh, mixed,
+// weighted and encoded. `correct.rs` fills the uniforms.
+
+// A plane's rows take a vector from the eye to its texels times w, and to w.
+struct SourcePlane {
+    across: vec4<f32>,
+    down: vec4<f32>,
+    depth: vec4<f32>,
+    // Left, top, right and bottom, in texels.
+    inner: vec4<f32>,
+}
+
+// Rows of affine maps; x, y, 1.
+struct Eye {
+    // From the mesh's origin.
+    position: vec4<f32>,
+    clip_x: vec4<f32>,
+    clip_y: vec4<f32>,
+    upright_x: vec4<f32>,
+    upright_y: vec4<f32>,
+}
+
+struct Correction {
+    eyes: array<Eye, 2>,
+    planes: array<SourcePlane, 12>,
+    red: vec4<f32>,
+    green: vec4<f32>,
+    blue: vec4<f32>,
+    // What the light map's numbers stand for; w is the factor's.
+    light_scale: vec4<f32>,
+    inverse_gamma: vec4<f32>,
+    // Sides of one texel of the source, in its coordinates.
+    texel: vec2<f32>,
+    pad: vec2<f32>,
+}
+
+struct Corner {
+    @builtin(position) clip: vec4<f32>,
+    // From the eye; with one plane, already in its texels times w, which costs less here.
+    @location(0) ray: vec3<f32>,
+    @location(1) @interpolate(flat) eye: u32,
+}
+
+@group(1) @binding(0) var source: texture_2d<f32>;
+@group(1) @binding(1) var source_sampler: sampler;
+@group(1) @binding(2) var<uniform> correction: Correction;
+@group(1) @binding(3) var light_map: texture_2d<u32>;
+@group(1) @binding(4) var<storage, read> codes: array<vec4<f32>>;
+
+// There is no mesh: pixels are the source's.
+override EXACT: bool = false;
+override PLANES: u32 = 1u;
+// Samples for each pixel, where the source is denser than the display.
+override TAPS_ACROSS: u32 = 1u;
+override TAPS_DOWN: u32 = 1u;
+override COLORED: bool = false;
+override WEIGHTED: bool = false;
+// 0 sRGB, 1 a power, 2 measured.
+override CURVE: u32 = 0u;
+override DITHERED: bool = false;
+override CHANNEL: u32 = 0u;
+// The target encodes what it is given as sRGB.
+override ENCODES: bool = false;
+
+@vertex
+fn corner(
+    @location(0) pixel: vec2<f32>,
+    @location(1) point: vec3<f32>,
+    @builtin(instance_index) index: u32,
+) -> Corner {
+    let eye = correction.eyes[index];
+    let at = vec3<f32>(pixel, 1.0);
+    var out: Corner;
+    out.clip = vec4<f32>(dot(eye.clip_x.xyz, at), dot(eye.clip_y.xyz, at), 0.0, 1.0);
+    out.ray = point - eye.position.xyz;
+    if PLANES == 1u {
+        out.ray = texels(correction.planes[index * 6u], out.ray);
+    }
+    out.eye = index;
+    return out;
+}
+
+fn texels(plane: SourcePlane, ray: vec3<f32>) -> vec3<f32> {
+    let across = dot(plane.across.xyz, ray);
+    return vec3<f32>(across, dot(plane.down.xyz, ray), dot(plane.depth.xyz, ray));
+}
+
+// The light that a ray from the eye sees; `right` and `below` are how it differs in the next
+// pixels.
+fn light_along(eye: u32, ray: vec3<f32>, right: vec3<f32>, below: vec3<f32>) -> vec3<f32> {
+    var at = ray;
+    var step_right = right;
+    var step_below = below;
+    if PLANES > 1u {
+        var chosen = eye * 6u;
+        for (var i = 0u; i < PLANES; i++) {
+            let plane = correction.planes[eye * 6u + i];
+            let h = texels(plane, ray);
+            let is_inside = all(h.xy >= plane.inner.xy * h.z) && all(h.xy <= plane.inner.zw * h.z);
+            if h.z > 0.0 && is_inside {
+                chosen = eye * 6u + i;
+                break;
+            }
+        }
+        at = texels(correction.planes[chosen], ray);
+        step_right = texels(correction.planes[chosen], right);
+        step_below = texels(correction.planes[chosen], below);
+    }
+    let inverse = 1.0 / at.z;
+    let middle = at.xy * inverse * correction.texel;
+    if TAPS_ACROSS * TAPS_DOWN == 1u {
+        return textureSampleLevel(source, source_sampler, middle, 0.0).rgb;
+    }
+    // The pixel's footprint: the derivative of a quotient.
+    let scale = correction.texel * inverse;
+    let width = step_right.xy * scale - middle * (step_right.z * inverse);
+    let height = step_below.xy * scale - middle * (step_below.z * inverse);
+    var sum = vec3<f32>(0.0);
+    for (var j = 0u; j < TAPS_DOWN; j++) {
+        for (var i = 0u; i < TAPS_ACROSS; i++) {
+            let x = (f32(i) + 0.5) / f32(TAPS_ACROSS) - 0.5;
+            let y = (f32(j) + 0.5) / f32(TAPS_DOWN) - 0.5;
+            let place = middle + width * x + height * y;
+            sum += textureSampleLevel(source, source_sampler, place, 0.0).rgb;
+        }
+    }
+    return sum / f32(TAPS_ACROSS * TAPS_DOWN);
+}
+
+fn encode(light: vec3<f32>) -> vec3<f32> {
+    if CURVE == 0u {
+        // IEC 61966-2-1.
+        let curved = 1.055 * pow(max(light, vec3<f32>(1e-8)), vec3<f32>(1.0 / 2.4)) - 0.055;
+        return select(curved, light * 12.92, light <= vec3<f32>(0.0031308));
+    }
+    if CURVE == 1u {
+        let curved = pow(max(light, vec3<f32>(1e-12)), correction.inverse_gamma.xyz);
+        return select(curved, vec3<f32>(0.0), light <= vec3<f32>(0.0));
+    }
+    // Entry i is the code of (i / last)².
+    let last = arrayLength(&codes) - 1u;
+    let at = sqrt(clamp(light, vec3<f32>(0.0), vec3<f32>(1.0))) * f32(last);
+    let low = min(vec3<u32>(at), vec3<u32>(last - 1u));
+    let below = vec3<f32>(codes[low.x].x, codes[low.y].y, codes[low.z].z);
+    let above = vec3<f32>(codes[low.x + 1u].x, codes[low.y + 1u].y, codes[low.z + 1u].z);
+    return mix(below, above, at - vec3<f32>(low));
+}
+
+// Three numbers from −½ to ½ that depend on the pixel and the channel: PCG3D of M. Jarzynski and
+// M. Olano, Hash Functions for GPU Rendering, JCGT 9(3), 2020.
+fn noise(pixel: vec2<u32>) -> vec3<f32> {
+    var v = vec3<u32>(pixel, CHANNEL) * 1664525u + 1013904223u;
+    v.x += v.y * v.z;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    v = v ^ (v >> vec3<u32>(16u));
+    v.x += v.y * v.z;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    return (vec3<f32>(v >> vec3<u32>(8u)) + 0.5) / 16777216.0 - 0.5;
+}
+
+@fragment
+fn correct(in: Corner) -> @location(0) vec4<f32> {
+    let eye = correction.eyes[in.eye];
+    let frame = vec3<f32>(in.clip.xy, 1.0);
+    let pixel = vec2<i32>(vec2<f32>(dot(eye.upright_x.xyz, frame), dot(eye.upright_y.xyz, frame)));
+    var light = vec3<f32>(0.0);
+    if EXACT {
+        let corner = vec2<i32>(correction.planes[in.eye * 6u].inner.xy);
+        light = textureLoad(source, corner + pixel, 0).rgb;
+    } else {
+        light = light_along(in.eye, in.ray, dpdx(in.ray), dpdy(in.ray));
+    }
+    if COLORED {
+        let red = dot(correction.red.xyz, light);
+        let green = dot(correction.green.xyz, light);
+        light = vec3<f32>(red, green, dot(correction.blue.xyz, light));
+    }
+    light = clamp(light, vec3<f32>(0.0), vec3<f32>(1.0));
+    if WEIGHTED {
+        let weight = vec2<f32>(textureLoad(light_map, pixel, 0).rg);
+        light = light * (weight.x * correction.light_scale.w)
+            + weight.y * correction.light_scale.xyz;
+    }
+    var code = encode(light);
+    if DITHERED {
+        code += noise(vec2<u32>(in.clip.xy)) / 255.0;
+    }
+    if ENCODES {
+        let code = clamp(code, vec3<f32>(0.0), vec3<f32>(1.0));
+        let curved = pow((code + 0.055) / 1.055, vec3<f32>(2.4));
+        return vec4<f32>(select(curved, code / 12.92, code <= vec3<f32>(0.04045)), 1.0);
+    }
+    return vec4<f32>(code, 1.0);
+}
