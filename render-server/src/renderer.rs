@@ -21,7 +21,7 @@ mod scene;
 mod shader;
 mod target;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod text;
 mod tone;
 mod view;

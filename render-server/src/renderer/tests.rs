@@ -1,6 +1,7 @@
 //! Tests that draw. They need a Vulkan or GL driver, software ones included, and fail without.
 
-mod harness;
+mod correction;
+pub(crate) mod harness;
 mod labels;
 mod order;
 mod robustness;

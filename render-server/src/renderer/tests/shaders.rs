@@ -4,6 +4,7 @@ use std::mem::offset_of;
 
 use wgpu::naga;
 
+use crate::renderer::pass::correct::{CorrectionUniform, EyeRecord, PlaneRecord};
 use crate::renderer::pass::{opaque, transparent};
 use crate::renderer::scene::{MaterialUniform, VertexLayout};
 use crate::renderer::shader::{Interface, screen, surface};
@@ -38,14 +39,17 @@ fn every_shader_validates() {
     }
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
     module("output", &screen(include_str!("../pass/output.wgsl")));
+    module("correct", include_str!("../pass/correct.wgsl"));
 }
 
 #[test]
 fn uniforms_match_their_twins() {
     let interface = Interface { lit: true, lamps: true, ..Interface::default() };
-    let module = module("opaque", &surface(interface, opaque::SOURCE));
+    let opaque = module("opaque", &surface(interface, opaque::SOURCE));
+    let correct = module("correct", include_str!("../pass/correct.wgsl"));
     let check = |name: &str, size: usize, offsets: &[(&str, usize)]| {
-        let found = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name));
+        let mut types = opaque.types.iter().chain(correct.types.iter());
+        let found = types.find(|(_, ty)| ty.name.as_deref() == Some(name));
         let (_, ty) = found.unwrap_or_else(|| panic!("no {name}"));
         let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name}") };
         assert_eq!(*span as usize, size, "size of {name}");
@@ -62,6 +66,20 @@ fn uniforms_match_their_twins() {
             check($wgsl, size_of::<$rust>(), &offsets);
         }};
     }
+    twin!("SourcePlane", PlaneRecord, across, down, depth, inner);
+    twin!("Eye", EyeRecord, position, clip_x, clip_y, upright_x, upright_y);
+    twin!(
+        "Correction",
+        CorrectionUniform,
+        eyes,
+        planes,
+        red,
+        green,
+        blue,
+        light_scale,
+        inverse_gamma,
+        texel
+    );
     twin!("Frame", FrameUniform, clip_from_eye, sky, exposure, ground, suns);
     twin!("Sun", SunRecord, toward, irradiance);
     twin!("Lamp", LampRecord, position, inverse_range, intensity, directional, direction, cone);
