@@ -1,6 +1,7 @@
 //! What travels becomes what is drawn: the only file that knows both worlds.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DMat4, DVec3};
+use polyptych_protocol::camera::Camera;
 use polyptych_protocol::command::{Area, Frame, View};
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::limits::VIEWS_MAX;
@@ -143,11 +144,42 @@ fn light(light: &scene::Light) -> LightDesc {
     }
 }
 
-/// The views of a frame that a channel shows, as it sees them.
+/// From where, and onto which pixels, a channel or a part of it is seen.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sight {
+    /// In metres of display space.
+    pub eye_in_display: DVec3,
+    /// Turns a vector from the eye in display space into view space.
+    pub view_from_display: DMat3,
+    /// As [`ViewDesc::clip_from_view`].
+    pub clip_from_view: DMat4,
+    /// As [`ViewDesc::viewport`].
+    pub viewport: [f64; 4],
+}
+
+impl Sight {
+    /// A camera's view from here.
+    pub fn view(&self, camera: &Camera, scissor: Option<[u32; 4]>, exposure: f32) -> ViewDesc {
+        // World to display space, the eye being the origin of both, then to the screen's axes;
+        // a view is in metres, whatever the world's unit.
+        let display_from_world =
+            DMat3::from_quat(camera.rotation).transpose() * camera.scale.recip();
+        ViewDesc {
+            eye_in_world: camera.world_from_display(self.eye_in_display),
+            view_from_world: self.view_from_display * display_from_world,
+            clip_from_view: self.clip_from_view,
+            viewport: self.viewport,
+            scissor,
+            exposure,
+        }
+    }
+}
+
+/// Says why a frame's views cannot be drawn, if they cannot.
 ///
 /// # Errors
-/// An eye that no frustum can be made for.
-pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewDesc>, String> {
+/// Too many of them, or what this server cannot draw.
+pub(crate) fn drawable(frame: &Frame) -> Result<(), String> {
     if frame.views.len() > VIEWS_MAX {
         return Err(format!("{} views, where {VIEWS_MAX} can be", frame.views.len()));
     }
@@ -155,24 +187,27 @@ pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewD
         // Said, rather than showing more than was asked for.
         return Err("this server draws whole scenes only, not the part under a node".to_owned());
     }
+    Ok(())
+}
+
+/// The views of a frame that a channel shows, as it sees them.
+///
+/// # Errors
+/// An eye that no frustum can be made for.
+pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewDesc>, String> {
+    drawable(frame)?;
     let eye_of = wall.channel(channel).map_or_else(EyeOf::default, |c| c.adjustment.eye);
     let eye = frame.head.eye(eye_of);
     let frustum = wall.frustum(channel, eye).map_err(|error| error.to_string())?;
+    let sight = Sight {
+        eye_in_display: frustum.eye,
+        view_from_display: frustum.view_from_display,
+        clip_from_view: frustum.clip_from_view,
+        viewport: frustum.viewport,
+    };
     let views = frame.views.iter().filter_map(|view| {
         let scissor = scissor(wall, channel, view)?;
-        let camera = &view.camera;
-        // World to display space, the eye being the origin of both, then to the screen's axes;
-        // a view is in metres, whatever the world's unit.
-        let display_from_world =
-            DMat3::from_quat(camera.rotation).transpose() * camera.scale.recip();
-        Some(ViewDesc {
-            eye_in_world: camera.world_from_display(frustum.eye),
-            view_from_world: frustum.view_from_display * display_from_world,
-            clip_from_view: frustum.clip_from_view,
-            viewport: frustum.viewport,
-            scissor,
-            exposure: frame.exposure,
-        })
+        Some(sight.view(&view.camera, scissor, frame.exposure))
     });
     Ok(views.collect())
 }
@@ -180,7 +215,7 @@ pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewD
 /// The rectangle of a channel that a view covers: `None` where it covers nothing, `Some(None)`
 /// where all of it.
 #[expect(clippy::option_option, reason = "nothing, everything and a part are three things")]
-fn scissor(wall: &Wall, id: ChannelId, view: &View) -> Option<Option<[u32; 4]>> {
+pub(crate) fn scissor(wall: &Wall, id: ChannelId, view: &View) -> Option<Option<[u32; 4]>> {
     let Area::Screen { screen, rect: [x, y, width, height] } = view.area else {
         return Some(None);
     };
@@ -197,8 +232,7 @@ fn scissor(wall: &Wall, id: ChannelId, view: &View) -> Option<Option<[u32; 4]>> 
 
 /// The view with which a new scene is drawn once before anyone sees it: from its edge, so that
 /// all of its pipelines are used.
-pub fn warm_up_camera(scene: &Scene) -> polyptych_protocol::camera::Camera {
-    use polyptych_protocol::camera::Camera;
+pub fn warm_up_camera(scene: &Scene) -> Camera {
     let Some(bounds) = scene.bounds else { return Camera::IDENTITY };
     let back = DVec3::new(0.0, 0.5, 2.5) * bounds.radius().max(1e-9);
     Camera::look_at(bounds.center() + back, bounds.center(), DVec3::Y)

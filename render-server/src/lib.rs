@@ -7,6 +7,7 @@
 pub mod apply;
 mod bulk;
 pub mod clock;
+mod correction;
 mod display;
 mod loader;
 mod network;

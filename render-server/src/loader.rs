@@ -18,10 +18,12 @@ use polyptych_protocol::ids::{BlobHash, Digest, Epoch};
 use polyptych_protocol::log::{Replica, SceneRef};
 use polyptych_protocol::scene::{Scene, SceneFeatures};
 use polyptych_protocol::status::{Prepared, Status};
+use polyptych_protocol::wall::Wall;
 use tokio::sync::mpsc;
 
 use crate::apply;
 use crate::bulk::BulkJob;
+use crate::correction::{self, Plans};
 use crate::renderer::SceneDesc;
 use crate::report::Report;
 
@@ -43,6 +45,8 @@ pub(crate) struct LoadedState {
     /// The manifest of its scene.
     pub scene: Option<BlobHash>,
     pub warm_up: Camera,
+    /// Of the channels of this server; the same as before where the wall is.
+    pub plans: Arc<Plans>,
 }
 
 /// Work for the render thread, done between frames.
@@ -80,17 +84,27 @@ pub(crate) struct Line {
 pub(crate) struct Loader {
     cache: BlobFolder,
     uploads: Sender<Upload>,
+    /// Those that this server drives.
+    channels: Vec<String>,
     /// What was made ready last; the render thread still holds its scene.
     ready: Option<(Epoch, Replica)>,
+    ready_plans: Option<(Wall, Arc<Plans>)>,
     ready_scene: Option<(BlobHash, SceneFeatures, Camera)>,
     /// Whether the cache's last write failed: said once, not for each of ten thousand blobs.
     is_cacheless: AtomicBool,
 }
 
 impl Loader {
-    pub fn new(cache: BlobFolder, uploads: Sender<Upload>) -> Self {
-        let is_cacheless = AtomicBool::new(false);
-        Self { cache, uploads, ready: None, ready_scene: None, is_cacheless }
+    pub fn new(cache: BlobFolder, uploads: Sender<Upload>, channels: Vec<String>) -> Self {
+        Self {
+            cache,
+            uploads,
+            channels,
+            ready: None,
+            ready_plans: None,
+            ready_scene: None,
+            is_cacheless: AtomicBool::new(false),
+        }
     }
 
     /// Serves orders until there can be no more.
@@ -131,7 +145,8 @@ impl Loader {
         let digest = replica.digest();
         let scene = replica.scene.as_ref().map(|scene| scene.manifest);
         let revision = replica.revision;
-        let state = LoadedState { epoch, replica: replica.clone(), digest, scene, warm_up };
+        let plans = self.plans(replica.wall.as_deref())?;
+        let state = LoadedState { epoch, replica: replica.clone(), digest, scene, warm_up, plans };
         let (answer, finished) = sync_channel(1);
         self.upload(Upload::Finish { state: Arc::new(state), answer })?;
         let scene_bytes = finished.recv().map_err(|_| "the render thread has ended")??;
@@ -139,6 +154,16 @@ impl Loader {
         self.ready_scene = scene.map(|manifest| (manifest, features, warm_up));
         let features = features.names().into_iter().map(Into::into).collect();
         Ok(Prepared { epoch, revision, digest, features, scene_bytes })
+    }
+
+    fn plans(&mut self, wall: Option<&Wall>) -> Result<Arc<Plans>, String> {
+        let Some(wall) = wall else { return Ok(Arc::default()) };
+        if let Some((_, plans)) = self.ready_plans.as_ref().filter(|(known, _)| known == wall) {
+            return Ok(Arc::clone(plans));
+        }
+        let plans = Arc::new(correction::plans(wall, &self.channels)?);
+        self.ready_plans = Some((wall.clone(), Arc::clone(&plans)));
+        Ok(plans)
     }
 
     fn fold(&self, prepare: Prepare) -> Result<Replica, String> {

@@ -4,7 +4,7 @@ use winit::dpi::PhysicalSize;
 
 use crate::display::WindowDisplay;
 use crate::notice::Identity;
-use crate::renderer::{Gpu, Label, Picture, Place, Target, idle};
+use crate::renderer::{Content, Correction, Gpu, Label, Picture, Place, Target, idle};
 use crate::showing::{Look, Showing};
 
 /// One channel of this server.
@@ -13,6 +13,10 @@ pub(crate) struct Output {
     pub name: String,
     surface: Surface,
     target: Option<Target>,
+    /// What was made of the target, where the channel is corrected; else `None`.
+    corrected: Option<Picture>,
+    /// Width and height of the picture for which the window was placed.
+    arranged: Option<[u32; 2]>,
     /// What the display took last. A frame is drawn while the one before is shown, and a display
     /// may have to show that again at any time: uncovered, frozen, or with words over it.
     shown: Option<Shown>,
@@ -40,16 +44,16 @@ impl Output {
     pub fn new(name: String, display: Option<WindowDisplay>) -> Self {
         let window = |display| Surface::Window(Box::new(display));
         let surface = display.map_or(Surface::Nowhere, window);
-        Self { name, surface, target: None, shown: None }
+        Self { name, surface, target: None, corrected: None, arranged: None, shown: None }
     }
 
-    /// What was drawn last.
-    pub fn target(&self) -> Option<&Target> {
-        self.target.as_ref()
+    /// What was drawn last, as a display gets it.
+    pub fn picture(&self) -> Option<&Picture> {
+        self.corrected.as_ref().or(self.target.as_ref().map(Target::picture))
     }
 
-    /// A target of this size in pixels, made where there is none that fits. The window is placed
-    /// on its `canvas`, x and y being the channel's place, when one is made.
+    /// A target of this size in pixels, made where there is none that fits, for a channel that is
+    /// shown as it is drawn.
     ///
     /// # Errors
     /// No target can be like that.
@@ -57,20 +61,69 @@ impl Output {
         &mut self,
         gpu: &Gpu,
         size: [u32; 2],
+        samples_and_linear: (u32, bool),
+    ) -> Result<&mut Target, String> {
+        self.corrected = None;
+        self.target_like(gpu, size, samples_and_linear, Content::Srgb)
+    }
+
+    /// A target of light of this size in pixels, for a channel that is corrected.
+    ///
+    /// # Errors
+    /// No target can be like that.
+    pub fn source_of(
+        &mut self,
+        gpu: &Gpu,
+        size: [u32; 2],
+        samples_and_linear: (u32, bool),
+    ) -> Result<&mut Target, String> {
+        self.target_like(gpu, size, samples_and_linear, Content::Light)
+    }
+
+    /// The source that was drawn, and a picture for what is made of it.
+    ///
+    /// # Errors
+    /// There is no source yet.
+    pub fn corrected_of(
+        &mut self,
+        gpu: &Gpu,
+        correction: &Correction,
+    ) -> Result<(&Target, &Picture), String> {
+        let size = correction.display_size();
+        let known = self.corrected.take().filter(|picture| picture.size() == size);
+        let picture = self.corrected.insert(known.unwrap_or_else(|| correction.picture(gpu)));
+        let source = self.target.as_ref().ok_or("there is no target")?;
+        Ok((source, picture))
+    }
+
+    fn target_like(
+        &mut self,
+        gpu: &Gpu,
+        size: [u32; 2],
         (samples, is_linear): (u32, bool),
-        (origin, canvas): ([u32; 2], [u32; 2]),
+        content: Content,
     ) -> Result<&mut Target, String> {
         let fits = |target: &Target| {
-            target.size() == size && target.samples() == samples && target.is_linear() == is_linear
+            target.size() == size
+                && target.samples() == samples
+                && target.is_linear() == is_linear
+                && target.content() == content
         };
         if !self.target.as_ref().is_some_and(fits) {
-            if let Surface::Window(display) = &self.surface {
-                display.arrange(origin, size, canvas);
-            }
-            let target = Target::new(gpu, size, samples, is_linear);
+            let target = Target::of(gpu, size, samples, is_linear, content);
             self.target = Some(target.map_err(|error| error.to_string())?);
         }
         self.target.as_mut().ok_or_else(|| "there is no target".to_owned())
+    }
+
+    /// Places the window on its screen's `canvas`, where that was not done yet for pictures of
+    /// this size.
+    pub fn arrange(&mut self, origin: [u32; 2], size: [u32; 2], canvas: [u32; 2]) {
+        if self.arranged.replace(size) != Some(size)
+            && let Surface::Window(display) = &self.surface
+        {
+            display.arrange(origin, size, canvas);
+        }
     }
 
     /// The window has another size.
@@ -86,11 +139,16 @@ impl Output {
         if matches!(self.surface, Surface::Nowhere) {
             return;
         }
-        if let Some(target) = &mut self.target {
-            let spare = self.shown.take().map(|shown| shown.picture);
-            let picture = target.take_picture(gpu, spare);
-            self.shown = Some(Shown { picture, idle: None });
-        }
+        let spare = |shown: &mut Option<Shown>| shown.take().map(|shown| shown.picture);
+        let picture = if let Some(corrected) = &mut self.corrected {
+            let next = corrected.next(gpu, spare(&mut self.shown));
+            std::mem::replace(corrected, next)
+        } else if let Some(target) = &mut self.target {
+            target.take_picture(gpu, spare(&mut self.shown))
+        } else {
+            return;
+        };
+        self.shown = Some(Shown { picture, idle: None });
     }
 
     /// Shows what is to be shown now.
@@ -115,7 +173,7 @@ impl Output {
                 false
             }
             Look::Picture { is_named, lost_since } => {
-                let size = self.target.as_ref().map_or(display_size, Target::size);
+                let size = self.picture().map_or(display_size, Picture::size);
                 if is_named {
                     let lines = identity.label(&self.name, size, showing.notice());
                     labels.push(Label { lines, place: Place::Middle });
@@ -168,7 +226,7 @@ impl Output {
         let surface = target.expect("a target").take_picture(gpu, None);
         let output = crate::renderer::Output::new(gpu, surface.texture().format());
         let surface = Surface::Offscreen(Box::new((output, surface)));
-        Self { name: name.into(), surface, target: None, shown: None }
+        Self { surface, ..Self::new(name.into(), None) }
     }
 
     /// What the display shows, RGBA8 as sRGB.

@@ -1,6 +1,7 @@
 //! The thread that owns the GPU. It empties its queues between frames and never waits for a socket.
 
-use std::collections::VecDeque;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -16,12 +17,13 @@ use winit::dpi::PhysicalSize;
 
 use crate::apply;
 use crate::clock::Clock;
+use crate::correction::Corrector;
 use crate::loader::{LoadedState, Upload};
 use crate::notice::{Identity, Notice};
 use crate::output::Output;
 use crate::playback::{Act, Playback};
 use crate::renderer::{
-    DrawStats, Gpu, Renderer, Scene, SceneBuilder, SceneDesc, Target, read_pixels,
+    Content, DrawStats, Gpu, Renderer, Scene, SceneBuilder, SceneDesc, Target, read_picture,
 };
 use crate::report::{self, PictureReport, Report};
 use crate::showing::Showing;
@@ -76,7 +78,11 @@ struct Drawable {
     state: Arc<LoadedState>,
     scene: Rc<Scene>,
     scene_bytes: u64,
+    correctors: Correctors,
 }
+
+/// By channel, those of a wall; shared by states of one wall.
+type Correctors = Rc<RefCell<BTreeMap<String, Corrector>>>;
 
 /// What the thread owns.
 pub(crate) struct RenderThread {
@@ -218,11 +224,12 @@ impl RenderThread {
             let Some(drawable) = self.states.front() else { return };
             let state = Arc::clone(&drawable.state);
             let scene = Rc::clone(&drawable.scene);
+            let correctors = Rc::clone(&drawable.correctors);
             let Some(wall) = state.replica.wall.as_deref() else { return };
             let Some((id, _)) = wall.channel_named(&self.outputs[index].name) else { continue };
             let start = Instant::now();
             self.slowness.wait();
-            match self.draw_channel(index, wall, id, frame, &scene) {
+            match self.draw_channel(index, (wall, id), frame, &scene, &correctors) {
                 Ok(stats) => {
                     let draw_us = start.elapsed().as_micros() as u64;
                     self.send(report::drawn(frame, id, &state, &stats, draw_us));
@@ -254,21 +261,23 @@ impl RenderThread {
     fn draw_channel(
         &mut self,
         index: usize,
-        wall: &Wall,
-        id: ChannelId,
+        (wall, id): (&Wall, ChannelId),
         frame: &Frame,
         scene: &Scene,
+        correctors: &Correctors,
     ) -> Result<DrawStats, String> {
-        let views = apply::views(wall, id, frame)?;
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
-        let size = [channel.size.x, channel.size.y];
         self.use_samples(wall.samples)?;
-        let target = self.outputs[index].target_of(
-            &self.gpu,
-            size,
-            (wall.samples, scene.blends()),
-            (channel.origin.to_array(), wall.screen_of(channel).canvas.to_array()),
-        )?;
+        let output = &mut self.outputs[index];
+        let canvas = wall.screen_of(channel).canvas.to_array();
+        output.arrange(channel.origin.to_array(), channel.display_size().to_array(), canvas);
+        if let Some(corrector) = correctors.borrow_mut().get_mut(&channel.name) {
+            let drawing = (&mut self.renderer, scene);
+            return corrector.draw(&self.gpu, drawing, wall, frame, output);
+        }
+        let views = apply::views(wall, id, frame)?;
+        let size = channel.size.to_array();
+        let target = output.target_of(&self.gpu, size, (wall.samples, scene.blends()))?;
         let drawn = self.renderer.draw(&self.gpu, scene, target, &views);
         drawn.map_err(|error| error.to_string())
     }
@@ -278,8 +287,10 @@ impl RenderThread {
         if self.renderer.samples() != samples {
             let renderer = Renderer::new(&self.gpu, samples);
             self.renderer = renderer.map_err(|error| error.to_string())?;
-            for drawable in &self.states {
-                self.renderer.prepare(&self.gpu, &drawable.scene);
+            let states: Vec<_> =
+                self.states.iter().map(|d| (Arc::clone(&d.state), Rc::clone(&d.scene))).collect();
+            for (state, scene) in states {
+                self.prepare(&state, &scene);
             }
         }
         Ok(())
@@ -297,7 +308,7 @@ impl RenderThread {
         for index in 0..self.outputs.len() {
             let output = &mut self.outputs[index];
             let Some((id, _)) = wall.channel_named(&output.name) else { continue };
-            if output.target().is_none() {
+            if output.picture().is_none() {
                 continue;
             }
             if is_taken {
@@ -313,9 +324,9 @@ impl RenderThread {
     /// Sends the picture of a channel as it was drawn, whether or not it comes to be shown: a
     /// picture that someone asked for may be late.
     fn send_picture(&self, index: usize, frame: FrameId, channel: ChannelId) {
-        let Some(target) = self.outputs[index].target() else { return };
-        let [width, height] = target.size();
-        match read_pixels(&self.gpu, target) {
+        let Some(picture) = self.outputs[index].picture() else { return };
+        let [width, height] = picture.size();
+        match read_picture(&self.gpu, picture) {
             Ok(pixels) => {
                 let bytes = pixels.into();
                 let picture = PictureReport { channel, frame, width, height, bytes };
@@ -392,21 +403,53 @@ impl RenderThread {
         } else {
             return Err("the scene could not be built; the server's log says why".to_owned());
         };
-        self.warm_up(&state, &scene)?;
+        let correctors = self.correctors(&state)?;
+        self.warm_up(&state, &scene, &correctors)?;
         if self.states.len() == STATES_MAX {
             self.states.remove(1);
         }
-        self.states.push_back(Drawable { state, scene, scene_bytes });
+        self.states.push_back(Drawable { state, scene, scene_bytes, correctors });
         Ok(scene_bytes)
+    }
+
+    /// What corrects the channels of a state: as before, where its wall is.
+    fn correctors(&self, state: &LoadedState) -> Result<Correctors, String> {
+        let is_it = |d: &&Drawable| Arc::ptr_eq(&d.state.plans, &state.plans);
+        if let Some(drawable) = self.states.iter().rfind(is_it) {
+            return Ok(Rc::clone(&drawable.correctors));
+        }
+        let mut correctors = BTreeMap::new();
+        for (name, plan) in state.plans.iter() {
+            let Some(wall) = state.replica.wall.as_deref() else { break };
+            let corrector = Corrector::new(&self.gpu, plan.clone(), wall)?;
+            correctors.insert(name.clone(), corrector);
+        }
+        Ok(Rc::new(RefCell::new(correctors)))
+    }
+
+    /// Makes the pipelines of a scene for the targets that this server's channels have.
+    fn prepare(&mut self, state: &LoadedState, scene: &Scene) {
+        let is_corrected = |output: &Output| state.plans.contains_key(&output.name);
+        for (content, corrected) in [(Content::Srgb, false), (Content::Light, true)] {
+            if self.outputs.iter().any(|output| is_corrected(output) == corrected) {
+                self.renderer.prepare_for(&self.gpu, scene, content);
+            }
+        }
     }
 
     /// Builds the pipelines of a scene and draws it once, small, where nobody sees it: a first
     /// use compiles for tens of milliseconds.
-    fn warm_up(&mut self, state: &LoadedState, scene: &Scene) -> Result<(), String> {
+    fn warm_up(
+        &mut self,
+        state: &LoadedState,
+        scene: &Scene,
+        correctors: &Correctors,
+    ) -> Result<(), String> {
         let Some(wall) = state.replica.wall.as_deref() else { return Ok(()) };
         self.use_samples(wall.samples)?;
-        self.renderer.prepare(&self.gpu, scene);
-        let Some((id, _)) = self.outputs.first().and_then(|o| wall.channel_named(&o.name)) else {
+        self.prepare(state, scene);
+        let Some((id, channel)) = self.outputs.first().and_then(|o| wall.channel_named(&o.name))
+        else {
             return Ok(());
         };
         let view = View { camera: state.warm_up, scene_root: None, area: Area::Wall };
@@ -422,14 +465,19 @@ impl RenderThread {
             capture: false,
             display: DisplayMode::Normal,
         };
-        let mut views = apply::views(wall, id, &frame)?;
+        let (mut views, content) = match correctors.borrow_mut().get_mut(&channel.name) {
+            Some(corrector) => (corrector.views(&self.gpu, wall, &frame)?, Content::Light),
+            None => (apply::views(wall, id, &frame)?, Content::Srgb),
+        };
+        // Planes share their depth here, where only one is drawn.
+        views.truncate(1);
         for view in &mut views {
             view.viewport = [0.0, 0.0, f64::from(WARM_UP_SIDE), f64::from(WARM_UP_SIDE)];
             view.scissor = None;
         }
         let side = [WARM_UP_SIDE; 2];
-        let mut target = Target::new(&self.gpu, side, wall.samples, scene.blends())
-            .map_err(|error| error.to_string())?;
+        let target = Target::of(&self.gpu, side, wall.samples, scene.blends(), content);
+        let mut target = target.map_err(|error| error.to_string())?;
         let drawn = self.renderer.draw(&self.gpu, scene, &mut target, &views);
         drawn.map(|_| ()).map_err(|error| error.to_string())
     }

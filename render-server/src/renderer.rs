@@ -23,7 +23,7 @@ mod target;
 #[cfg(test)]
 pub(crate) mod tests;
 mod text;
-mod tone;
+pub(crate) mod tone;
 mod view;
 
 pub use correction::{

@@ -195,6 +195,7 @@ impl Threads {
         let (uploads, waiting_uploads) = bounded(UPLOADS_MAX);
         let (orders, waiting_orders): (_, Receiver<LoadOrder>) = bounded(ORDERS_MAX);
         let (reports, waiting_reports) = mpsc::channel(REPORTS_MAX);
+        let channels = outputs.iter().map(|output| output.name.clone()).collect();
         let facts = gpu.facts();
         let adapter = Adapter {
             name: facts.name,
@@ -225,7 +226,7 @@ impl Threads {
             end();
         })?;
 
-        let loader = Loader::new(BlobFolder::new(&options.cache), uploads);
+        let loader = Loader::new(BlobFolder::new(&options.cache), uploads, channels);
         let server = span.clone();
         let load = move || server.in_scope(|| loader.run(&waiting_orders));
         Builder::new().name("loader".into()).spawn(load)?;

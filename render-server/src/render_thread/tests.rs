@@ -8,10 +8,12 @@ use polyptych_protocol::camera::Camera;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::status::{Drawn, Shown, Status};
-use polyptych_protocol::wall::surface::Plane;
-use polyptych_protocol::wall::{Channel, Screen, Surface};
+use polyptych_protocol::wall::surface::{Cylinder, Plane};
+use polyptych_protocol::wall::{Channel, Screen, Surface, Turn};
 
 use super::*;
+use crate::correction;
+use crate::renderer::Picture;
 
 const SIZE: [u32; 2] = [160, 90];
 const EPOCH: Epoch = Epoch(3);
@@ -56,17 +58,19 @@ impl Stage {
             frame: 0,
             _senders: (jobs, uploads),
         };
-        stage.prepare();
+        stage.prepare(wall());
         stage
     }
 
     /// A state whose pictures are as bright as the exposure says.
-    fn prepare(&mut self) {
+    fn prepare(&mut self, wall: Wall) {
+        let plans = correction::plans(&wall, &["front-1-1".to_owned()]).expect("plans");
         let mut replica = Replica::default();
-        replica.apply(Operation::SetWall(Box::new(wall())));
+        replica.revision = Revision(self.thread.states.len() as u64);
+        replica.apply(Operation::SetWall(Box::new(wall)));
         let digest = replica.digest();
-        let state =
-            LoadedState { epoch: EPOCH, replica, digest, scene: None, warm_up: Camera::IDENTITY };
+        let (scene, warm_up, plans) = (None, Camera::IDENTITY, Arc::new(plans));
+        let state = LoadedState { epoch: EPOCH, replica, digest, scene, warm_up, plans };
         let desc = SceneDesc { sky: Vec3::new(0.2, 0.3, 0.4), ..SceneDesc::default() };
         let builder = SceneBuilder::new(&self.thread.gpu, desc).expect("a scene");
         self.thread.building = Some((builder, 0));
@@ -77,7 +81,7 @@ impl Stage {
 
     fn draw(&mut self, exposure: f32, display: DisplayMode) {
         self.frame += 1;
-        let revision = self.thread.states[0].state.replica.revision;
+        let revision = self.thread.states.back().expect("a state").state.replica.revision;
         let view = View { camera: Camera::IDENTITY, scene_root: None, area: Area::Wall };
         let frame = Frame {
             epoch: EPOCH,
@@ -150,6 +154,41 @@ fn a_display_shows_what_was_swapped_and_not_what_is_drawn_next() {
     let third = stage.show(0.8, DisplayMode::Normal);
     assert_ne!(third, first);
     assert_eq!(stage.seen(), third);
+}
+
+#[test]
+fn a_wall_whose_displays_are_turned_and_curved_shows_it_from_the_next_frame_on() {
+    let mut stage = Stage::new();
+    let upright = stage.show(0.5, DisplayMode::Normal);
+    let mut turned = wall();
+    turned.channels[0].adjustment.turn = Turn::Left;
+    stage.prepare(turned);
+    let picture = stage.show(0.5, DisplayMode::Normal);
+    let size = stage.thread.outputs[0].picture().map(Picture::size);
+    assert_eq!(size, Some([SIZE[1], SIZE[0]]), "a display on its side");
+    assert_eq!(picture.len(), upright.len());
+    assert!(picture.iter().zip(&upright).all(|(a, b)| a.abs_diff(*b) <= 1), "all is sky");
+
+    let mut curved = wall();
+    curved.screens[0].surface = Surface::Cylinder(Cylinder {
+        center: DVec3::ZERO,
+        rotation: glam::DQuat::IDENTITY,
+        radius_m: 2.0,
+        azimuth_rad: [-0.8, 0.8],
+        height_m: [-0.9, 0.9],
+    });
+    stage.prepare(curved);
+    let first = stage.show(0.5, DisplayMode::Normal);
+    assert!(first.iter().zip(&upright).all(|(a, b)| a.abs_diff(*b) <= 1), "all is sky");
+    assert_eq!(stage.seen(), first);
+    let second = stage.show(0.9, DisplayMode::Normal);
+    assert_ne!(first, second);
+    stage.draw(0.3, DisplayMode::Normal);
+    stage.thread.handle(Job::Redraw { channel: "front-1-1".into() });
+    assert_eq!(stage.seen(), second, "the next frame may never be swapped");
+
+    stage.prepare(wall());
+    assert_eq!(stage.show(0.5, DisplayMode::Normal), upright, "and as before");
 }
 
 #[test]

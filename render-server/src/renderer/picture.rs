@@ -59,6 +59,12 @@ impl Picture {
         Self { size, content, texture, view }
     }
 
+    /// A picture to draw the next one onto: `spare` where it is like this one, else a new one.
+    pub fn next(&self, gpu: &Gpu, spare: Option<Self>) -> Self {
+        let fits = |it: &Self| it.size == self.size && it.content == self.content;
+        spare.filter(fits).unwrap_or_else(|| Self::new(gpu, self.size, self.content))
+    }
+
     /// The picture of these pixels: RGBA8 as sRGB, rows from the top, as many as `size` says.
     pub(in crate::renderer) fn of_pixels(gpu: &Gpu, size: [u32; 2], rgba: &[u8]) -> Self {
         let picture = Self::new(gpu, size, Content::Srgb);

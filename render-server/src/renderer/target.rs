@@ -118,9 +118,7 @@ impl Target {
     /// drawn. `spare` is drawn over from now on, where it has the target's size.
     #[must_use = "the target has no picture any more"]
     pub fn take_picture(&mut self, gpu: &Gpu, spare: Option<Picture>) -> Picture {
-        let content = self.content();
-        let fits = |it: &Picture| it.size() == self.size && it.content() == content;
-        let next = spare.filter(fits).unwrap_or_else(|| Picture::new(gpu, self.size, content));
+        let next = self.display.next(gpu, spare);
         std::mem::replace(&mut self.display, next)
     }
 

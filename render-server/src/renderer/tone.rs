@@ -25,7 +25,7 @@ pub(in crate::renderer) fn tone_map(light: Vec3) -> Vec3 {
 }
 
 /// Linear light of an 8-bit sRGB code; IEC 61966-2-1.
-pub(in crate::renderer) fn linear_from_srgb(code: u8) -> f64 {
+pub(crate) fn linear_from_srgb(code: u8) -> f64 {
     let v = f64::from(code) / 255.0;
     if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }

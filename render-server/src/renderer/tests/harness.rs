@@ -6,7 +6,8 @@ use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4, Vec2, Vec3};
 
 use crate::renderer::{
     DrawStats, Gpu, MaterialDesc, MeshDesc, NodeDesc, PrimitiveDesc, Renderer, SamplerDesc, Scene,
-    SceneBuilder, SceneDesc, Target, TextureDesc, Topology, VertexLayout, ViewDesc, read_pixels,
+    SceneBuilder, SceneDesc, Target, TextureDesc, Topology, VertexLayout, ViewDesc, Wrap,
+    read_pixels,
 };
 
 /// The one adapter of all tests.
@@ -160,6 +161,33 @@ impl Stage {
             height: side,
             mip_count: side.ilog2() + 1,
             sampler: SamplerDesc::default(),
+        });
+        self.desc.textures.len() as u32 - 1
+    }
+
+    /// A grey texture of linear light, with all its levels; clamped at its edges.
+    pub fn grey(&mut self, side: u32, light: impl Fn(f64, f64) -> f64) -> u32 {
+        let (mut bytes, mut level) = (Vec::new(), side);
+        while level > 0 {
+            let middle = |at: u32| (f64::from(at) + 0.5) / f64::from(level);
+            for (y, x) in (0..level).flat_map(|y| (0..level).map(move |x| (y, x))) {
+                let grey = (light(middle(x), middle(y)) * 255.0).round() as u8;
+                bytes.extend([grey, grey, grey, 255]);
+            }
+            level /= 2;
+        }
+        self.textures.push(bytes);
+        self.desc.textures.push(TextureDesc {
+            content: None,
+            srgb: false,
+            width: side,
+            height: side,
+            mip_count: side.ilog2() + 1,
+            sampler: SamplerDesc {
+                wrap_u: Wrap::Clamp,
+                wrap_v: Wrap::Clamp,
+                ..SamplerDesc::default()
+            },
         });
         self.desc.textures.len() as u32 - 1
     }

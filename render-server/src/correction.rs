@@ -1,0 +1,229 @@
+//! From a wall's channel to what its picture goes through: the only file that knows walls and the
+//! renderer's corrections.
+//!
+//! A plan is made by the loader, being pure and slow; the render thread takes it to the GPU, and
+//! brings to each frame only where the eyes are.
+
+pub(crate) mod shots;
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use glam::DMat3;
+use polyptych_protocol::command::Frame;
+use polyptych_protocol::head::Head;
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
+use polyptych_protocol::wall::{self, Adjustment, Cover, EyeOf, Wall};
+
+use crate::output::Output;
+use crate::renderer::{
+    self, Content, Correction, CorrectionDesc, Curve, DrawStats, Gpu, Packing, Renderer, Scene,
+    Target, Turn, ViewDesc, WarpVertex,
+};
+use shots::Shots;
+
+/// The plans of a server's channels, by name; those that need none are not there.
+pub(crate) type Plans = BTreeMap<String, Plan>;
+
+/// How a channel that is not shown as it is drawn is corrected.
+#[derive(Clone, Debug)]
+pub(crate) struct Plan {
+    channel: ChannelId,
+    desc: CorrectionDesc,
+    /// Where its pixels lie; `None` where they are pixels of its screen.
+    warp: Option<WarpMesh>,
+    /// Whose pictures it shows.
+    eyes: Vec<EyeOf>,
+}
+
+/// The plans of these channels.
+///
+/// # Errors
+/// Which channel cannot be shown, and why.
+pub(crate) fn plans(wall: &Wall, channels: &[String]) -> Result<Plans, String> {
+    let mut plans = Plans::new();
+    for name in channels {
+        let Some((id, _)) = wall.channel_named(name) else { continue };
+        let plan = Plan::new(wall, id).map_err(|reason| format!("channel {name}: {reason}"))?;
+        if let Some(plan) = plan {
+            plans.insert(name.clone(), plan);
+        }
+    }
+    Ok(plans)
+}
+
+impl Plan {
+    /// The plan of a channel; `None` where it is shown as it is drawn.
+    ///
+    /// # Errors
+    /// Nothing of its picture lies on its screen.
+    pub fn new(wall: &Wall, id: ChannelId) -> Result<Option<Self>, String> {
+        let channel = wall.channel(id).ok_or("the wall has no such channel")?;
+        let adjustment = &channel.adjustment;
+        let is_tile = channel.cover == Cover::Tile && wall.screen_of(channel).plane().is_some();
+        if is_tile && adjustment.is_plain() {
+            return Ok(None);
+        }
+        let bent = Adjustment {
+            pin: adjustment.pin,
+            bend: adjustment.bend.clone(),
+            ..Adjustment::default()
+        };
+        let warp = if is_tile && bent.is_plain() && adjustment.warp.is_none() {
+            None
+        } else {
+            let map = wall.pixel_map(id).ok_or("its corner pins leave no picture")?;
+            let mesh = WarpMesh::new(channel.size, MeshRule::default(), |pixel| {
+                map.display_from_pixel(pixel)
+            });
+            if mesh.triangles.is_empty() {
+                return Err("none of its pixels lies on its screen".to_owned());
+            }
+            Some(mesh)
+        };
+        let eyes = match adjustment.packing {
+            wall::Packing::None => vec![adjustment.eye],
+            _ => vec![EyeOf::Left, EyeOf::Right],
+        };
+        let color = &adjustment.color;
+        let desc = CorrectionDesc {
+            upright: channel.size.to_array(),
+            turn: turn(adjustment.turn),
+            is_mirrored: adjustment.mirror,
+            packing: packing(adjustment.packing),
+            warp: warp.as_ref().map(renderer_mesh),
+            // Blend weights and masks join the plan here, as a `LightMap`.
+            light_map: None,
+            color: DMat3::from_diagonal(color.gain) * color.matrix,
+            curve: curve(&color.curve),
+            dither: wall.dither.then_some(u32::from(id.0)),
+        };
+        Ok(Some(Self { channel: id, desc, warp, eyes }))
+    }
+}
+
+fn renderer_mesh(mesh: &WarpMesh) -> renderer::WarpMesh {
+    let vertex = |vertex: &wall::warp_mesh::WarpVertex| WarpVertex {
+        pixel: vertex.pixel.to_array(),
+        point: vertex.point,
+    };
+    renderer::WarpMesh {
+        vertices: mesh.vertices.iter().map(vertex).collect(),
+        triangles: mesh.triangles.clone(),
+    }
+}
+
+fn turn(turn: wall::Turn) -> Turn {
+    match turn {
+        wall::Turn::None => Turn::None,
+        wall::Turn::Left => Turn::Left,
+        wall::Turn::Right => Turn::Right,
+        wall::Turn::Half => Turn::Half,
+    }
+}
+
+fn packing(packing: wall::Packing) -> Packing {
+    match packing {
+        wall::Packing::None => Packing::None,
+        wall::Packing::SideBySide => Packing::SideBySide,
+        wall::Packing::TopBottom => Packing::TopBottom,
+        wall::Packing::Anaglyph => Packing::Anaglyph,
+    }
+}
+
+fn curve(curve: &wall::Curve) -> Curve {
+    match curve {
+        wall::Curve::Srgb => Curve::Srgb,
+        wall::Curve::Gamma(gamma) => Curve::Gamma(*gamma),
+        wall::Curve::Measured(light) => Curve::Measured(light.clone()),
+    }
+}
+
+/// A plan on the GPU.
+#[derive(Debug)]
+pub(crate) struct Corrector {
+    plan: Plan,
+    correction: Correction,
+    /// What the last eyes see; a tracked eye costs a fit for each frame, others none.
+    shots: Option<Shots>,
+}
+
+impl Corrector {
+    /// Takes a plan to the GPU, and draws with it once where nobody sees it, for a head that is
+    /// there, so that no frame waits for a compiler.
+    ///
+    /// # Errors
+    /// The plan or the head leave no picture, or the GPU failed.
+    pub fn new(gpu: &Gpu, plan: Plan, wall: &Wall) -> Result<Self, String> {
+        let correction =
+            Correction::new(gpu, plan.desc.clone()).map_err(|error| error.to_string())?;
+        let mut corrector = Self { plan, correction, shots: None };
+        let head = Head::at(wall.eye, wall.eye_separation_m);
+        let shots = corrector.shots(gpu, wall, &head)?.clone();
+        let source = Target::of(gpu, shots.size, 1, false, Content::Light);
+        let source = source.map_err(|error| error.to_string())?;
+        let picture = corrector.correction.picture(gpu);
+        let warmed = corrector.correction.draw(gpu, &source, &shots.eyes, shots.taps, &picture);
+        warmed.map_err(|error| error.to_string())?;
+        Ok(corrector)
+    }
+
+    /// Draws a frame of the channel, from its scene to the display's codes.
+    ///
+    /// # Errors
+    /// An eye that sees no picture, a view that cannot be shown, or the GPU failed.
+    pub fn draw(
+        &mut self,
+        gpu: &Gpu,
+        (renderer, scene): (&mut Renderer, &Scene),
+        wall: &Wall,
+        frame: &Frame,
+        output: &mut Output,
+    ) -> Result<DrawStats, String> {
+        let views = self.views(gpu, wall, frame)?;
+        let shots = self.shots(gpu, wall, &frame.head)?.clone();
+        let samples = (renderer.samples(), scene.blends());
+        let source = output.source_of(gpu, shots.size, samples)?;
+        let mut stats =
+            renderer.draw(gpu, scene, source, &views).map_err(|error| error.to_string())?;
+        let start = Instant::now();
+        let (source, picture) = output.corrected_of(gpu, &self.correction)?;
+        let drawn = self.correction.draw(gpu, source, &shots.eyes, shots.taps, picture);
+        drawn.map_err(|error| error.to_string())?;
+        stats.gpu_us += start.elapsed().as_micros() as u64;
+        Ok(stats)
+    }
+
+    /// What the renderer draws of a frame, into the source.
+    ///
+    /// # Errors
+    /// An eye that sees no picture, or a view that cannot be shown.
+    pub fn views(
+        &mut self,
+        gpu: &Gpu,
+        wall: &Wall,
+        frame: &Frame,
+    ) -> Result<Vec<ViewDesc>, String> {
+        let (channel, is_warped) = (self.plan.channel, self.plan.warp.is_some());
+        self.shots(gpu, wall, &frame.head)?.views(wall, channel, frame, is_warped)
+    }
+
+    fn shots(&mut self, gpu: &Gpu, wall: &Wall, head: &Head) -> Result<&Shots, String> {
+        let eyes: Vec<_> = self.plan.eyes.iter().map(|eye| head.eye(*eye)).collect();
+        let known = self.shots.take().filter(|shots| {
+            shots.eyes.iter().map(|eye| eye.eye_in_display).eq(eyes.iter().copied())
+        });
+        let shots = match known {
+            Some(shots) => shots,
+            None => {
+                let side_max = gpu.facts().texture_side_max;
+                Shots::new(wall, self.plan.channel, self.plan.warp.as_ref(), &eyes, side_max)?
+            }
+        };
+        Ok(self.shots.insert(shots))
+    }
+}
+
+#[cfg(test)]
+mod tests;

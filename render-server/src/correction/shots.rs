@@ -1,0 +1,137 @@
+//! The planar pictures that a corrected channel's source is made of, for the eyes of one frame.
+
+use glam::{DMat4, DVec3};
+use polyptych_protocol::command::Frame;
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::Wall;
+use polyptych_protocol::wall::source::SourcePlan;
+use polyptych_protocol::wall::warp_mesh::WarpMesh;
+
+use crate::apply::{self, Sight};
+use crate::renderer::{SourceEye, SourcePlane, ViewDesc};
+
+/// What is drawn into a source, and how it is read.
+#[derive(Clone, Debug)]
+pub(crate) struct Shots {
+    /// Of the source, in pixels.
+    pub size: [u32; 2],
+    /// Each with its planes.
+    pub eyes: Vec<SourceEye>,
+    /// Samples of the source for each display pixel, across and down.
+    pub taps: [u32; 2],
+    /// What each plane is drawn with, and its rectangle of the source.
+    planes: Vec<(Sight, [u32; 4])>,
+}
+
+impl Shots {
+    /// The pictures of a channel that these eyes see, in metres of display space.
+    ///
+    /// # Errors
+    /// An eye that sees no picture, by its channel's name.
+    pub fn new(
+        wall: &Wall,
+        id: ChannelId,
+        warp: Option<&WarpMesh>,
+        eyes: &[DVec3],
+        side_max: u32,
+    ) -> Result<Self, String> {
+        match warp {
+            Some(mesh) => {
+                let plan = SourcePlan::new(mesh, eyes, wall.near_m, side_max).map_err(|error| {
+                    let name = wall.channel(id).map_or("", |channel| &channel.name);
+                    format!("channel {name}: {error}")
+                })?;
+                Ok(Self::planar(&plan, eyes))
+            }
+            None => Self::exact(wall, id, eyes),
+        }
+    }
+
+    fn planar(plan: &SourcePlan, eyes: &[DVec3]) -> Self {
+        let mut shots = Self {
+            size: plan.size.to_array(),
+            eyes: Vec::with_capacity(eyes.len()),
+            taps: plan.taps.to_array(),
+            planes: Vec::new(),
+        };
+        for (eye, planes) in eyes.iter().zip(&plan.planes) {
+            let of = |plane: &polyptych_protocol::wall::source::Plane| SourcePlane {
+                clip_from_eye: plane.clip_from_eye(),
+                rect: plane.rect,
+            };
+            let planes_of = planes.iter().map(of).collect();
+            shots.eyes.push(SourceEye { eye_in_display: *eye, planes: planes_of });
+            shots.planes.extend(planes.iter().map(|plane| {
+                let sight = Sight {
+                    eye_in_display: *eye,
+                    view_from_display: plane.view_from_display,
+                    clip_from_view: plane.clip_from_view,
+                    viewport: plane.rect.map(f64::from),
+                };
+                (sight, plane.rect)
+            }));
+        }
+        shots
+    }
+
+    /// Pixels of the source are those of the channel: drawn as a tile is.
+    fn exact(wall: &Wall, id: ChannelId, eyes: &[DVec3]) -> Result<Self, String> {
+        let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
+        let [width, height] = channel.size.to_array();
+        let mut shots = Self {
+            size: [width * eyes.len() as u32, height],
+            eyes: Vec::with_capacity(eyes.len()),
+            taps: [1, 1],
+            planes: Vec::new(),
+        };
+        for (slot, eye) in (0..).zip(eyes) {
+            let frustum = wall.frustum(id, *eye).map_err(|error| error.to_string())?;
+            let rect = [slot * width, 0, width, height];
+            let [x, y, w, h] = frustum.viewport;
+            let sight = Sight {
+                eye_in_display: *eye,
+                view_from_display: frustum.view_from_display,
+                clip_from_view: frustum.clip_from_view,
+                viewport: [x + f64::from(rect[0]), y, w, h],
+            };
+            let clip_from_eye =
+                frustum.clip_from_view * DMat4::from_mat3(frustum.view_from_display);
+            let planes = vec![SourcePlane { clip_from_eye, rect }];
+            shots.eyes.push(SourceEye { eye_in_display: *eye, planes });
+            shots.planes.push((sight, rect));
+        }
+        Ok(shots)
+    }
+
+    /// What the renderer draws for a frame.
+    ///
+    /// # Errors
+    /// As [`apply::views`]; and a view that covers a part of a warped channel, whose border is no
+    /// rectangle of the source.
+    pub fn views(
+        &self,
+        wall: &Wall,
+        id: ChannelId,
+        frame: &Frame,
+        is_warped: bool,
+    ) -> Result<Vec<ViewDesc>, String> {
+        apply::drawable(frame)?;
+        let mut views = Vec::new();
+        for view in &frame.views {
+            let Some(part) = apply::scissor(wall, id, view) else { continue };
+            let size = wall.channel(id).map_or([0; 2], |channel| channel.size.to_array());
+            let part = part.filter(|part| *part != [0, 0, size[0], size[1]]);
+            if is_warped && part.is_some() {
+                return Err("a view that covers a part of a warped channel cannot be drawn".into());
+            }
+            for (sight, rect) in &self.planes {
+                let scissor = match part {
+                    None => *rect,
+                    Some([x, y, width, height]) => [rect[0] + x, rect[1] + y, width, height],
+                };
+                views.push(sight.view(&view.camera, Some(scissor), frame.exposure));
+            }
+        }
+        Ok(views)
+    }
+}
