@@ -4,7 +4,9 @@
 //! file is read, checked and turned into them by [`mod@file`].
 
 pub mod adjustment;
+pub mod blend;
 pub mod channel;
+pub mod color;
 pub mod file;
 pub mod frustum;
 pub mod pixels;

@@ -1,0 +1,194 @@
+//! How channels share the light of places that several of them light, and how their black becomes
+//! one; pure f64, from the geometry alone.
+//!
+//! ```text
+//! ramp   r_i = (Π over edges: s(distance to the edge / width of its ramp))^exponent
+//! weight w_i = r_i / Σ r_j, over all channels j that light the place: the sum is 1 everywhere
+//! light  w_i · ((K − k)·b + (1 − K·b)·I) / (1 − b)
+//! ```
+//!
+//! I is the light that the wall should show, b the leak of a projector (its black as a share of
+//! its white), k how many channels light the place and K the most that light any place of the
+//! wall. A projector shows b + (1 − b)·light, so that k of them show
+//! k·b + (K − k)·b + (1 − K·b)·I = K·b + (1 − K·b)·I, whatever k is.
+//!
+//! A weight depends on the place and not on the pixel that shows it, so that channels whose
+//! pixels lie askew agree. Channels for different eyes share nothing: glasses hide the others'.
+//! Channels whose pixels lie where a file says ([`Cover::Map`](super::Cover::Map)) have weight 1;
+//! their masks come with that file.
+
+mod lamp;
+mod mask;
+mod overlap;
+mod raster;
+
+use glam::{DVec2, UVec2};
+
+use super::Wall;
+use crate::ids::ChannelId;
+use lamp::Lamp;
+
+pub use mask::{MaskTexels, Masks};
+
+/// What a texel of 1 is in a [`LightMap`].
+pub const TEXEL_ONE: u16 = u16::MAX;
+
+/// What the light of each pixel of a channel's upright picture is multiplied by, and what is then
+/// added, in linear light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightMap {
+    /// Of the upright picture, in pixels.
+    pub size: UVec2,
+    /// Row by row from the top: factor and addend, in parts of [`TEXEL_ONE`] of `multiply` and
+    /// `add`. A weight is rounded by 1/131,070 at most, so that the sum of four keeps 1/4096
+    /// eight times over.
+    pub texels: Vec<[u16; 2]>,
+    /// The factor that a texel of [`TEXEL_ONE`] stands for.
+    pub multiply: f64,
+    /// The addend that a texel of [`TEXEL_ONE`] stands for, of red, green and blue alike.
+    pub add: f64,
+}
+
+/// The light map of a channel, or `None` where it changes nothing: its light is its own, nothing
+/// leaks and nothing is masked.
+pub fn light_map(wall: &Wall, id: ChannelId, masks: &Masks<'_>) -> Option<LightMap> {
+    let channel = wall.channel(id)?;
+    let leak = wall.blend.leak;
+    if masks.is_empty() && !Blend::overlaps_any(wall, id) && leak == 0.0 {
+        return None;
+    }
+    let blend = Blend::new(wall);
+    // Without a leak, nobody needs to know.
+    let most = if leak > 0.0 { blend.most() } else { 1 };
+    let rule = BlackRule::new(leak, most);
+    let [multiply, most_added] = [rule.multiply, rule.add(1)];
+    let add = most_added + masks.most_added();
+    if masks.is_empty() && blend.neighbours(id).is_empty() && multiply == 1.0 && add == 0.0 {
+        return None;
+    }
+    let parts = |value: f64, whole: f64| {
+        if whole > 0.0 { (value / whole * f64::from(TEXEL_ONE)).round() as u16 } else { 0 }
+    };
+    let size = channel.size;
+    let mut texels = vec![[0; 2]; size.x as usize * size.y as usize];
+    // Everything is a multiple of few numbers where there is no mask: most of the picture.
+    let alone = [parts(multiply, multiply), parts(rule.add(1), add)];
+    blend.raster(id, |x, y, share| {
+        let [factor, addend] = [multiply, rule.add(share.count)].map(|light| share.weight * light);
+        let at = y as usize * size.x as usize + x as usize;
+        texels[at] = if masks.is_empty() {
+            let is_alone = share.weight == 1.0 && share.count == 1;
+            if is_alone { alone } else { [parts(factor, multiply), parts(addend, add)] }
+        } else {
+            let (alpha, beta) = masks.at(x, y, size);
+            [parts(factor * alpha, multiply), parts(addend * alpha + beta, add)]
+        };
+    });
+    let is_plain = multiply == 1.0 && texels.iter().all(|texel| *texel == [TEXEL_ONE, 0]);
+    (!is_plain).then_some(LightMap { size, texels, multiply, add })
+}
+
+impl LightMap {
+    /// Factor and addend at a pixel, as they are after rounding.
+    pub fn at(&self, x: u32, y: u32) -> [f64; 2] {
+        let [factor, addend] = self.texels[y as usize * self.size.x as usize + x as usize];
+        let part = |texel: u16| f64::from(texel) / f64::from(TEXEL_ONE);
+        [part(factor) * self.multiply, part(addend) * self.add]
+    }
+}
+
+/// How the black of some projectors is raised to that of others.
+#[derive(Clone, Copy, Debug)]
+pub struct BlackRule {
+    leak: f64,
+    most: usize,
+    /// What the picture's light is multiplied by, beside the weight.
+    pub multiply: f64,
+}
+
+impl BlackRule {
+    /// For projectors with this leak, of which at most `most` light any place. Where together
+    /// they leak all the light there is, nothing of the picture is left.
+    pub fn new(leak: f64, most: usize) -> Self {
+        let multiply = (1.0 - most as f64 * leak).max(0.0) / (1.0 - leak);
+        Self { leak, most, multiply }
+    }
+
+    /// What is added, before the weight, where `count` projectors light the place.
+    pub fn add(&self, count: usize) -> f64 {
+        self.most.saturating_sub(count) as f64 * self.leak / (1.0 - self.leak)
+    }
+}
+
+/// A channel's part in the light of a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Share {
+    /// Of the picture's light; all channels' together 1. Zero where the channel lights nothing.
+    pub weight: f64,
+    /// How many channels light the place: k.
+    pub count: usize,
+}
+
+/// Who lights what on a wall.
+#[derive(Clone, Debug)]
+pub struct Blend<'a> {
+    wall: &'a Wall,
+    /// One for each channel.
+    lamps: Vec<Lamp<'a>>,
+}
+
+impl<'a> Blend<'a> {
+    /// The blends of a wall.
+    pub fn new(wall: &'a Wall) -> Self {
+        let mut lamps: Vec<_> = wall.channels.iter().map(|c| Lamp::new(wall, c)).collect();
+        overlap::find_neighbours(&mut lamps);
+        Self { wall, lamps }
+    }
+
+    /// The channels that light a place of a screen's canvas for the eye of `id`'s channel, with
+    /// their weights: in pixels from the canvas's upper left.
+    pub fn weights(&self, id: ChannelId, canvas: DVec2) -> Vec<(ChannelId, f64)> {
+        let Some(lamp) = self.lamps.get(usize::from(id.0)) else { return Vec::new() };
+        let group = self.wall.channel_ids().zip(&self.lamps).filter(|(_, o)| o.is_beside(lamp));
+        let lit: Vec<_> = group.filter_map(|(id, o)| Some((id, o, o.lit(canvas)?))).collect();
+        let steps: Vec<_> =
+            lit.iter().map(|(id, lamp, pixel)| lamp.step(*pixel, self.widths(*id))).collect();
+        let shared = (0..lit.len()).map(|at| {
+            let others = steps.iter().enumerate().filter(|(other, _)| *other != at);
+            let before = at > 0;
+            let others = others.map(|(_, step)| *step);
+            (lit[at].0, lamp::weight(steps[at], others, before, self.wall.blend.exponent))
+        });
+        shared.collect()
+    }
+
+    /// How wide the ramps at a channel's edges are, in its pixels: left, right, top and bottom;
+    /// `None` where it shares no light.
+    pub fn widths(&self, id: ChannelId) -> [Option<f64>; 4] {
+        let at = usize::from(id.0);
+        self.lamps.get(at).map_or([None; 4], |lamp| {
+            *lamp.widths.get_or_init(|| overlap::widths(lamp, &self.lamps))
+        })
+    }
+
+    /// The channels that may light what this one lights.
+    pub fn neighbours(&self, id: ChannelId) -> &[ChannelId] {
+        self.lamps.get(usize::from(id.0)).map_or(&[], |lamp| &lamp.neighbours)
+    }
+
+    /// The most channels that light any place of the wall: K; 1 or more.
+    pub fn most(&self) -> usize {
+        self.lamps.iter().map(|lamp| overlap::most(lamp, &self.lamps)).max().unwrap_or(1)
+    }
+
+    /// Whether anything could light what this channel lights; without a map of the whole wall.
+    fn overlaps_any(wall: &Wall, id: ChannelId) -> bool {
+        let Some(channel) = wall.channel(id) else { return false };
+        let lamp = Lamp::new(wall, channel);
+        let mut others = wall.channel_ids().zip(&wall.channels).filter(|(other, _)| *other != id);
+        others.any(|(_, other)| lamp.may_meet(&Lamp::new(wall, other)))
+    }
+}
+
+#[cfg(test)]
+mod tests;

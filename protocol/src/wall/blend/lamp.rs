@@ -1,0 +1,178 @@
+//! One channel as a source of light: what it lights, and how its light fades towards its edges.
+
+use std::cell::OnceCell;
+
+use glam::{DVec2, DVec3};
+
+use super::super::pixels::PixelMap;
+use super::super::{Adjustment, Channel, Cover, EyeOf, Packing, Screen, Surface, Wall};
+use crate::ids::ChannelId;
+
+/// A ray of a projector that ends within this of a point has lit it, in shares of the distance.
+const HIT_SHARE: f64 = 1e-6;
+
+/// Places across and down at which the reach of a picture is looked at.
+const REACH_STEPS: u32 = 8;
+
+/// A channel as a source of light.
+#[derive(Clone, Debug)]
+pub(super) struct Lamp<'a> {
+    pub channel: &'a Channel,
+    screen: &'a Screen,
+    map: Option<PixelMap<'a>>,
+    pub size: DVec2,
+    /// A ball around all that it lights, in metres of display space; `None` for none, or where
+    /// no one knows.
+    reach: Option<(DVec3, f64)>,
+    /// Those that may light what it lights.
+    pub neighbours: Vec<ChannelId>,
+    /// How wide its ramps are; found when somebody asks.
+    pub widths: OnceCell<[Option<f64>; 4]>,
+}
+
+impl<'a> Lamp<'a> {
+    pub fn new(wall: &'a Wall, channel: &'a Channel) -> Self {
+        let screen = wall.screen_of(channel);
+        let map = match channel.cover {
+            Cover::Map => None,
+            Cover::Tile | Cover::Projector(_) => PixelMap::new(channel, screen),
+        };
+        let size = channel.size.as_dvec2();
+        let mut lamp = Self {
+            channel,
+            screen,
+            map,
+            size,
+            reach: None,
+            neighbours: Vec::new(),
+            widths: OnceCell::new(),
+        };
+        lamp.reach = lamp.find_reach();
+        lamp
+    }
+
+    /// Whether the other one is on the same screen, and seen together with this one: by the same
+    /// eye. What is for both eyes is seen by each; of the others' weights it follows the left
+    /// eye's, whose channels are where the right eye's are.
+    pub fn is_beside(&self, other: &Self) -> bool {
+        let side = if self.eye() == EyeOf::Right { EyeOf::Right } else { EyeOf::Left };
+        let is_seen = other.eye() == EyeOf::Center || other.eye() == side;
+        is_seen && self.channel.screen == other.channel.screen
+    }
+
+    fn eye(&self) -> EyeOf {
+        match self.channel.adjustment {
+            Adjustment { packing: Packing::None, eye, .. } => eye,
+            _ => EyeOf::Center,
+        }
+    }
+
+    /// Whether both may light one place. Certain where both are tiles without a correction of
+    /// their form.
+    pub fn may_meet(&self, other: &Self) -> bool {
+        if !self.is_beside(other) || self.map.is_none() || other.map.is_none() {
+            return false;
+        }
+        if self.is_rect() && other.is_rect() {
+            let (a, b) = (self.channel.origin.as_dvec2(), other.channel.origin.as_dvec2());
+            return a.cmplt(b + other.size).all() && b.cmplt(a + self.size).all();
+        }
+        match (self.reach, other.reach) {
+            (Some((a, near)), Some((b, far))) => a.distance(b) <= near + far,
+            _ => true,
+        }
+    }
+
+    fn is_rect(&self) -> bool {
+        let adjustment = &self.channel.adjustment;
+        let is_formed = adjustment.pin != [DVec2::ZERO; 4] || adjustment.bend.is_some();
+        self.channel.cover == Cover::Tile && !is_formed
+    }
+
+    /// Where on the canvas a place of the picture lies.
+    pub fn canvas(&self, pixel: DVec2) -> Option<DVec2> {
+        self.map.as_ref()?.canvas_from_pixel(pixel)
+    }
+
+    /// The place of its picture, or of the plane beside it, that lights a place of the canvas.
+    pub fn pixel(&self, canvas: DVec2) -> Option<DVec2> {
+        let pixel = self.map.as_ref()?.pixel_from_canvas(canvas)?;
+        self.faces(canvas).then_some(pixel)
+    }
+
+    /// The place of its picture that lights a place of the canvas.
+    pub fn lit(&self, canvas: DVec2) -> Option<DVec2> {
+        self.pixel(canvas).filter(|pixel| self.has(*pixel))
+    }
+
+    /// Whether a place lies in its picture.
+    pub fn has(&self, pixel: DVec2) -> bool {
+        pixel.cmpge(DVec2::ZERO).all() && pixel.cmple(self.size).all()
+    }
+
+    /// Whether nothing of a curved screen stands between it and a place.
+    fn faces(&self, canvas: DVec2) -> bool {
+        let (Cover::Projector(projector), surface) = (&self.channel.cover, &self.screen.surface)
+        else {
+            return true;
+        };
+        if matches!(surface, Surface::Plane(_)) {
+            return true;
+        }
+        let Some(point) = self.screen.display_from_canvas(canvas) else { return false };
+        let ray = point - projector.position;
+        let hit = surface.hit(projector.position, ray);
+        hit.is_some_and(|hit| hit.distance(point) <= HIT_SHARE * ray.length())
+    }
+
+    fn find_reach(&self) -> Option<(DVec3, f64)> {
+        let map = self.map.as_ref().filter(|_| !self.is_rect())?;
+        let places = (0..=REACH_STEPS).flat_map(|y| (0..=REACH_STEPS).map(move |x| (x, y)));
+        let place = |(x, y)| DVec2::new(f64::from(x), f64::from(y)) / f64::from(REACH_STEPS);
+        let lit: Vec<_> =
+            places.filter_map(|at| map.display_from_pixel(place(at) * self.size)).collect();
+        let middle = lit.iter().sum::<DVec3>() / lit.len() as f64;
+        let radius = lit.iter().map(|point| point.distance(middle)).fold(0.0, f64::max);
+        // What lies between the places looked at bulges by less than the steps between them.
+        (!lit.is_empty()).then_some((middle, radius * (1.0 + 4.0 / f64::from(REACH_STEPS))))
+    }
+
+    /// How far a place of its picture is from its edges, as a step from 0 to 1.
+    pub fn step(&self, pixel: DVec2, widths: [Option<f64>; 4]) -> f64 {
+        let from_end = self.size - pixel;
+        let distances = [pixel.x, from_end.x, pixel.y, from_end.y];
+        distances.into_iter().zip(widths).map(|(distance, width)| step(distance, width)).product()
+    }
+}
+
+/// 0 at an edge, 1 from `width` on, and level at both ends; without a width, no edge.
+fn step(distance: f64, width: Option<f64>) -> f64 {
+    match width {
+        Some(width) if distance < width => {
+            let t = (distance / width).max(0.0);
+            t * t * (3.0 - 2.0 * t)
+        }
+        _ => 1.0,
+    }
+}
+
+/// The weight of a channel with this step among others at the same place. Where all are on their
+/// edges, the first one has the place: `is_later` says that this one is not it.
+pub(super) fn weight(
+    own: f64,
+    others: impl Iterator<Item = f64> + Clone,
+    is_later: bool,
+    exponent: f64,
+) -> f64 {
+    // Relative to the largest, so that no exponent makes all of them vanish.
+    let most = others.clone().fold(own, f64::max);
+    if most == 0.0 {
+        return if is_later { 0.0 } else { 1.0 };
+    }
+    let ramp = |step: f64| {
+        let share = step / most;
+        if exponent == 1.0 { share } else { share.powf(exponent) }
+    };
+    let own = ramp(own);
+    own / (own + others.map(ramp).sum::<f64>())
+}

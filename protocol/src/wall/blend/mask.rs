@@ -1,0 +1,86 @@
+//! Masks of a channel's light, from files.
+
+use glam::UVec2;
+
+/// What a mask says of each pixel, in linear light: 65,535 is all of it.
+#[derive(Clone, Copy, Debug)]
+pub struct MaskTexels<'a> {
+    size: UVec2,
+    components: usize,
+    texels: &'a [u16],
+}
+
+/// The masks of one channel.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Masks<'a> {
+    /// Multiplies its light.
+    pub alpha: Option<MaskTexels<'a>>,
+    /// Is added to its light.
+    pub beta: Option<MaskTexels<'a>>,
+}
+
+impl<'a> MaskTexels<'a> {
+    /// A mask of this size, rows from the top, with 1 or 3 components for each pixel; `None` where
+    /// there are not as many texels. Of three, the luminance counts.
+    pub fn new(size: UVec2, components: usize, texels: &'a [u16]) -> Option<Self> {
+        let pixels = (size.x as usize).checked_mul(size.y as usize)?;
+        let is_sound = pixels > 0 && matches!(components, 1 | 3);
+        (is_sound && pixels.checked_mul(components) == Some(texels.len())).then_some(Self {
+            size,
+            components,
+            texels,
+        })
+    }
+
+    fn texel(&self, x: u32, y: u32) -> f64 {
+        let at = (y as usize * self.size.x as usize + x as usize) * self.components;
+        let part = |component: usize| f64::from(self.texels[at + component]) / 65535.0;
+        match self.components {
+            // ITU-R BT.709.
+            3 => 0.2126 * part(0) + 0.7152 * part(1) + 0.0722 * part(2),
+            _ => part(0),
+        }
+    }
+
+    /// At a pixel of a picture of this size; between the mask's pixels where it has others.
+    fn at(&self, x: u32, y: u32, picture: UVec2) -> f64 {
+        if self.size == picture {
+            return self.texel(x, y);
+        }
+        let along = |at: u32, side: u32, own: u32| {
+            let place = (f64::from(at) + 0.5) / f64::from(side) * f64::from(own) - 0.5;
+            let place = place.clamp(0.0, f64::from(own - 1));
+            let low = (place as u32).min(own.saturating_sub(2));
+            (low, (low + 1).min(own - 1), place - f64::from(low))
+        };
+        let (left, right, across) = along(x, picture.x, self.size.x);
+        let (top, bottom, down) = along(y, picture.y, self.size.y);
+        let row = |y: u32| {
+            let (a, b) = (self.texel(left, y), self.texel(right, y));
+            a + (b - a) * across
+        };
+        let (above, below) = (row(top), row(bottom));
+        above + (below - above) * down
+    }
+
+    fn most(&self) -> f64 {
+        f64::from(self.texels.iter().copied().max().unwrap_or(0)) / 65535.0
+    }
+}
+
+impl Masks<'_> {
+    pub(super) fn is_empty(&self) -> bool {
+        self.alpha.is_none() && self.beta.is_none()
+    }
+
+    /// No pixel gets more light than this.
+    pub(super) fn most_added(&self) -> f64 {
+        self.beta.map_or(0.0, |beta| beta.most())
+    }
+
+    /// Factor and addend of a pixel of a picture of this size.
+    pub(super) fn at(&self, x: u32, y: u32, picture: UVec2) -> (f64, f64) {
+        let alpha = self.alpha.map_or(1.0, |alpha| alpha.at(x, y, picture));
+        (alpha, self.beta.map_or(0.0, |beta| beta.at(x, y, picture)))
+    }
+}
