@@ -7,6 +7,8 @@ pub mod adjustment;
 pub mod blend;
 pub mod channel;
 pub mod color;
+pub mod coverage;
+mod extent;
 pub mod file;
 pub mod frustum;
 pub mod pixels;

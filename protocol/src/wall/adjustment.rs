@@ -5,6 +5,7 @@
 //! matrix and gains, blend weight and masks, curve, dither.
 
 use glam::{DMat3, DVec2, DVec3, UVec2};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX};
@@ -38,7 +39,9 @@ pub struct Adjustment {
 }
 
 /// How a display hangs: by which turn its upper side went.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Turn {
     /// Upright.
@@ -53,7 +56,9 @@ pub enum Turn {
 }
 
 /// Whose eye a channel is for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum EyeOf {
     /// The middle of both.
@@ -66,7 +71,9 @@ pub enum EyeOf {
 }
 
 /// How the pictures of both eyes share one display.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Packing {
     /// There is one picture.

@@ -25,12 +25,19 @@
 //! assert!(error.to_string().starts_with("desk.toml:6:5: screen[0].sice: there is no key"));
 //! ```
 
+mod adjust;
 mod by_hand;
 mod check;
+mod cover;
+mod curved;
 mod document;
 mod error;
 mod explain;
+mod files;
+mod projector;
+mod rotation;
 mod screen;
+mod sight;
 mod source;
 mod tiles;
 mod write;

@@ -58,6 +58,18 @@ impl Surface {
         }
     }
 
+    /// The surface's normal at (u, v), of length 1, on the side that the viewer sees. `None` for a
+    /// mesh.
+    pub fn normal(&self, uv: DVec2) -> Option<DVec3> {
+        let normal = match self {
+            Self::Plane(plane) => plane.normal(),
+            Self::Cylinder(cylinder) => cylinder.normal(uv),
+            Self::Sphere(sphere) => sphere.normal(uv),
+            Self::Mesh(_) => return None,
+        };
+        normal.try_normalize()
+    }
+
     /// Width and height in metres along the surface; of a sphere, along its equator and its
     /// meridian. Zero for a mesh.
     pub fn size_m(&self) -> DVec2 {

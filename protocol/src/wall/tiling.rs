@@ -50,17 +50,17 @@ pub(super) fn gap_pixels(side_m: f64, tiles: u32, tile_px: u32, bezel_m: f64) ->
         .then(|| ((bezel_m / pitch_m / 2.0).round() as u32).saturating_mul(2))
 }
 
-/// The canvas that a grid of tiles and the gaps between them take, or `None` beyond `u32`.
-pub(super) fn grid_canvas(grid: UVec2, tile: UVec2, gap: UVec2) -> Option<UVec2> {
-    let side = |tiles: u32, tile_px: u32, gap_px: u32| {
-        tiles.checked_mul(tile_px)?.checked_add(tiles.checked_sub(1)?.checked_mul(gap_px)?)
+/// The canvas of a grid whose tiles begin `step` after each other, or `None` beyond `u32`. Tiles
+/// have gaps between them where the step is longer than they are, and overlap where it is shorter.
+pub(super) fn grid_canvas(grid: UVec2, tile: UVec2, step: UVec2) -> Option<UVec2> {
+    let side = |tiles: u32, tile_px: u32, step_px: u32| {
+        tiles.checked_sub(1)?.checked_mul(step_px)?.checked_add(tile_px)
     };
-    Some(UVec2::new(side(grid.x, tile.x, gap.x)?, side(grid.y, tile.y, gap.y)?))
+    Some(UVec2::new(side(grid.x, tile.x, step.x)?, side(grid.y, tile.y, step.y)?))
 }
 
 /// The tiles of a grid whose canvas was checked, row by row from the upper left.
-pub(super) fn grid_tiles(grid: UVec2, tile: UVec2, gap: UVec2) -> impl Iterator<Item = Rect> {
-    let step = tile + gap;
+pub(super) fn grid_tiles(grid: UVec2, tile: UVec2, step: UVec2) -> impl Iterator<Item = Rect> {
     (0..grid.y).flat_map(move |row| {
         (0..grid.x).map(move |column| Rect { origin: UVec2::new(column, row) * step, size: tile })
     })
@@ -155,10 +155,10 @@ mod tests {
 
     #[test]
     fn a_grid_covers_its_canvas_but_for_the_gaps() {
-        let (grid, tile, gap) = (UVec2::new(3, 2), UVec2::new(10, 20), UVec2::new(2, 4));
-        let canvas = grid_canvas(grid, tile, gap);
+        let (grid, tile, step) = (UVec2::new(3, 2), UVec2::new(10, 20), UVec2::new(12, 24));
+        let canvas = grid_canvas(grid, tile, step);
         assert_eq!(canvas, Some(UVec2::new(34, 44)));
-        let tiles: Vec<Rect> = grid_tiles(grid, tile, gap).collect();
+        let tiles: Vec<Rect> = grid_tiles(grid, tile, step).collect();
         assert_eq!(tiles[4], rect(12, 24, 10, 20));
         assert_eq!(overlap(&tiles), None);
         let gaps = gaps(UVec2::new(34, 44), &tiles);

@@ -5,14 +5,16 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::document::{
-    DeadlineSection, Document, NetworkSection, ScreenSection, StorageSection, WallSection,
+    BlendSection, DeadlineSection, Document, NetworkSection, ScreenSection, StorageSection,
+    WallSection,
 };
 use super::error::WallFileError;
-use super::screen::{self, Draft};
+use super::files::Files;
+use super::screen::{self, Draft, Place};
 use super::source::Source;
+use super::{adjust, sight};
 use crate::limits::{CHANNELS_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PORT_DEFAULT, SCREENS_MAX};
-use crate::wall::frustum::EYE_DISTANCE_MIN_M;
-use crate::wall::{BlendRule, DeadlineRule, EYE_SEPARATION_DEFAULT_M, Screen, Wall};
+use crate::wall::{BlendRule, DeadlineRule, Screen, Wall};
 
 /// Farthest coordinate of display space: a thousand kilometres is a slip of the unit, and larger
 /// numbers would overflow when they are squared and multiplied.
@@ -20,6 +22,15 @@ pub(super) const COORDINATE_MAX_M: f64 = 1e6;
 
 /// The near plane's bounds: a micrometre, a kilometre.
 const NEAR_RANGE_M: (f64, f64) = (1e-6, 1e3);
+
+/// Widest eyes: walls of models have large viewers, but a thousand metres are a slip of the unit.
+const EYE_SEPARATION_MAX_M: f64 = 1e3;
+
+/// Ramps beyond these are steps.
+const EXPONENT_RANGE: (f64, f64) = (0.05, 20.0);
+
+/// What leaks more is no projector: four of them over one place leave a fifth of the contrast.
+const LEAK_MAX: f64 = 0.2;
 
 /// Shortest silence: pings every 5 ms are as many as make sense.
 const HEARTBEAT_MS_MIN: u32 = 20;
@@ -35,20 +46,26 @@ pub(super) fn wall(source: &Source<'_>, document: &Document) -> Result<Wall, Wal
     let stores = folders(source, "storage.stores", &document.storage)?;
     let scenes = folders(source, "storage.scenes", &document.storage)?;
     let eye = DVec3::from_array(document.wall.eye);
-    let (screens, channels) = screens(source, &document.screen)?;
+    let blend = blend(source, &document.blend)?;
+    let mut files = Files::default();
+    let (screens, mut channels) = screens(source, &document.screen, &mut files)?;
     check_names(source, &document.screen, &channels)?;
-    check_eye(source, eye, &screens, &channels)?;
+    adjust::channels(source, &document.channel, &screens, &mut channels, &mut files)?;
+    for ((index, section), screen) in (0u16..).zip(&document.screen).zip(&screens) {
+        Place { source, index, section }.check_cover(screen, &channels)?;
+    }
+    sight::check(source, eye, &screens, &channels)?;
     Ok(Wall {
         name: document.wall.name.clone(),
         screens,
         channels: channels.into_iter().map(|draft| draft.channel).collect(),
         eye,
-        eye_separation_m: EYE_SEPARATION_DEFAULT_M,
+        eye_separation_m: document.wall.eye_separation,
         near_m: document.wall.near,
         samples: document.wall.samples,
-        blend: BlendRule::default(),
-        dither: false,
-        files: Vec::new(),
+        blend,
+        dither: document.wall.dither,
+        files: files.into_list(),
         deadline,
         heartbeat_ms: document.network.heartbeat_ms,
         listen: document.network.listen.clone(),
@@ -113,7 +130,28 @@ fn check_head(source: &Source<'_>, head: &WallSection) -> Result<(), WallFileErr
         let what = format!("{} samples per pixel are not possible", head.samples);
         return Err(source.error("wall.samples", what, "write 1 or 4"));
     }
+    if !(0.0..=EYE_SEPARATION_MAX_M).contains(&head.eye_separation) {
+        let what = format!("eyes cannot be {:?} metres apart", head.eye_separation);
+        let remedy = format!("write a number from 0 to {EYE_SEPARATION_MAX_M}, such as 0.063");
+        return Err(source.error("wall.eye_separation", what, remedy));
+    }
     Ok(())
+}
+
+fn blend(source: &Source<'_>, section: &BlendSection) -> Result<BlendRule, WallFileError> {
+    let &BlendSection { exponent, leak } = section;
+    let (low, high) = EXPONENT_RANGE;
+    if !(low..=high).contains(&exponent) {
+        let what = format!("a ramp cannot have the exponent {exponent:?}");
+        let remedy = format!("write a number from {low} to {high}, such as 1.0");
+        return Err(source.error("blend.exponent", what, remedy));
+    }
+    if !(0.0..=LEAK_MAX).contains(&leak) {
+        let what = format!("a projector cannot leak {leak:?} of its white");
+        let remedy = format!("write a share from 0 to {LEAK_MAX}, such as 0.003");
+        return Err(source.error("blend.leak", what, remedy));
+    }
+    Ok(BlendRule { exponent, leak })
 }
 
 fn deadline(source: &Source<'_>, section: &DeadlineSection) -> Result<DeadlineRule, WallFileError> {
@@ -193,6 +231,7 @@ fn folders(
 fn screens(
     source: &Source<'_>,
     sections: &[ScreenSection],
+    files: &mut Files,
 ) -> Result<(Vec<Screen>, Vec<Draft>), WallFileError> {
     if sections.is_empty() {
         let remedy = "add [[screen]] with name, place and channels";
@@ -205,7 +244,7 @@ fn screens(
     let mut screens = Vec::with_capacity(sections.len());
     let mut channels = Vec::new();
     for (index, section) in (0u16..).zip(sections) {
-        let (screen, mut drafts) = screen::screen(source, index, section)?;
+        let (screen, mut drafts) = screen::screen(source, index, section, files)?;
         screens.push(screen);
         channels.append(&mut drafts);
         if channels.len() > CHANNELS_MAX {
@@ -247,35 +286,6 @@ fn check_unique<'n>(
             };
             return Err(source.error(key, what, "give each a name of its own"));
         }
-    }
-    Ok(())
-}
-
-/// The eye must see the front of every screen.
-fn check_eye(
-    source: &Source<'_>,
-    eye: DVec3,
-    screens: &[Screen],
-    channels: &[Draft],
-) -> Result<(), WallFileError> {
-    for (index, screen) in screens.iter().enumerate() {
-        let distance_m = screen.frustum(eye).map_or(f64::NAN, |seen| seen.distance_m);
-        if distance_m > EYE_DISTANCE_MIN_M {
-            continue;
-        }
-        let first = channels.iter().find(|draft| usize::from(draft.channel.screen) == index);
-        let channel = first.map_or("", |draft| draft.channel.name.as_str());
-        let place = if distance_m < -EYE_DISTANCE_MIN_M {
-            format!("{:.6} m behind", -distance_m)
-        } else {
-            "in the plane of".to_owned()
-        };
-        let what = format!(
-            "the eye {eye} m is {place} screen {:?}, so that its channel {channel:?} has no view",
-            screen.name
-        );
-        let remedy = "move the eye or the screen; corners are named as the viewer sees them";
-        return Err(source.error("wall.eye", what, remedy));
     }
     Ok(())
 }

@@ -1,18 +1,25 @@
 //! The wall file's shape: what may be written, with which defaults. What it means is checked in
 //! [`check`](super::check); the docs here become the JSON Schema's, which editors show.
 
-use std::fmt;
-use std::marker::PhantomData;
+mod adjust;
+mod curved;
+mod lists;
+
+use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
-use serde::de::{Error, IgnoredAny, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
+
+pub(super) use adjust::{AdjustSection, BendSection, EdgesSection};
+pub(super) use curved::{CylinderSection, ProjectorSection, SphereSection};
+use lists::{exact, some_exact};
+pub(super) use lists::{Light, Pair, Rotation, Row};
 
 use crate::limits::{
     DEADLINE_FACTOR_DEFAULT, DEADLINE_MAX_DEFAULT, DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT,
     PORT_DEFAULT,
 };
-use crate::wall::NEAR_DEFAULT_M;
+use crate::wall::{BlendRule, EYE_SEPARATION_DEFAULT_M, NEAR_DEFAULT_M};
 
 /// A wall: the screens of a display system and the channels that tile them. Lengths are in
 /// metres of display space (+X right, +Y up, the viewer looks along −Z), angles in degrees.
@@ -31,9 +38,16 @@ pub struct Document {
     /// Folders.
     #[serde(default)]
     pub storage: StorageSection,
+    /// How channels share the light of a place that several of them light.
+    #[serde(default)]
+    pub blend: BlendSection,
     /// The surfaces, each with its channels. At least one.
     #[serde(default)]
     pub screen: Vec<ScreenSection>,
+    /// `[channel.NAME]`: what makes a channel's picture right on its display, however the channel
+    /// was made.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub channel: BTreeMap<String, AdjustSection>,
 }
 
 /// What holds for the whole wall.
@@ -51,6 +65,22 @@ pub struct WallSection {
     /// Samples per pixel against jagged edges: 1 or 4.
     #[serde(default = "samples_default")]
     pub samples: u32,
+    /// From the left eye to the right one, in metres.
+    #[serde(default = "eye_separation_default")]
+    pub eye_separation: f64,
+    /// Whether codes are dithered where a channel's light is corrected.
+    #[serde(default)]
+    pub dither: bool,
+}
+
+/// How channels share the light of a place that several of them light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BlendSection {
+    /// Steepness of the ramps: 1 is a smooth step, larger numbers are steeper in the middle.
+    pub exponent: f64,
+    /// What a projector shows of black, as a share of its white; 0 for panels.
+    pub leak: f64,
 }
 
 /// How long a frame waits for a channel: `factor` times the median draw time, within bounds.
@@ -85,8 +115,8 @@ pub struct StorageSection {
     pub scenes: Vec<String>,
 }
 
-/// A planar rectangle that channels tile. Its place is given by three corners, as the viewer sees
-/// them, or by size, center and rotation.
+/// A surface that channels cover. A planar one's place is given by three corners, as the viewer
+/// sees them, or by size, center and rotation; others by cylinder, sphere or mesh.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScreenSection {
@@ -113,6 +143,16 @@ pub struct ScreenSection {
     /// yawed about +Y (90 is a wall at the viewer's left). Default: [0, 0, 0].
     #[serde(default, deserialize_with = "some_exact", skip_serializing_if = "Option::is_none")]
     pub rotation: Option<[f64; 3]>,
+    /// A patch of a cylinder.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cylinder: Option<CylinderSection>,
+    /// A patch of a sphere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sphere: Option<SphereSection>,
+    /// A mesh file (OBJ or glTF) in metres of display space, whose texture coordinates run over
+    /// the canvas. It stands in the wall file's folder.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<String>,
     /// How channels get their frusta. Default: shared, or own for canvases beyond 8,192 pixels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub projection: Option<ProjectionChoice>,
@@ -157,6 +197,10 @@ pub struct TilesSection {
     /// even pixels; `polyptych check` prints to how many. The screen's size includes the gaps.
     #[serde(default, deserialize_with = "exact", skip_serializing_if = "is_zero")]
     pub bezel: [f64; 2],
+    /// Pixels that neighbours share, [across, down]; projectors blend there. Even numbers are
+    /// best. Not together with bezel.
+    #[serde(default, deserialize_with = "exact", skip_serializing_if = "is_none")]
+    pub overlap: [u32; 2],
     /// Names of the channels, row by row from the upper left. Default: the screen's name for one
     /// tile, else SCREEN-COLUMN-ROW, counted from 1 at the upper left.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -172,12 +216,17 @@ pub struct TilesSection {
 pub struct ChannelSection {
     /// Unique in the wall. Letters a–z, digits, "-", "_", ".", 64 at most.
     pub name: String,
-    /// Its upper left pixel, [x, y] from the upper left of the canvas; even numbers are best.
-    #[serde(deserialize_with = "exact")]
-    pub origin: [u32; 2],
+    /// Its upper left pixel, [x, y] from the upper left of the canvas; even numbers are best. Where
+    /// a projector or a warp file says what the channel shows, this is only where its window
+    /// stands among those of the screen.
+    #[serde(default, deserialize_with = "some_exact", skip_serializing_if = "Option::is_none")]
+    pub origin: Option<[u32; 2]>,
     /// [width, height] in pixels.
     #[serde(deserialize_with = "exact")]
     pub pixels: [u32; 2],
+    /// The projector that throws it onto the screen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub projector: Option<ProjectorSection>,
     /// The server that drives it; several channels may name the same. Default: the channel's name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub server: Option<String>,
@@ -205,6 +254,13 @@ impl Default for DeadlineSection {
     }
 }
 
+impl Default for BlendSection {
+    fn default() -> Self {
+        let BlendRule { exponent, leak } = BlendRule::default();
+        Self { exponent, leak }
+    }
+}
+
 impl Default for NetworkSection {
     fn default() -> Self {
         Self {
@@ -228,6 +284,10 @@ fn samples_default() -> u32 {
     1
 }
 
+fn eye_separation_default() -> f64 {
+    EYE_SEPARATION_DEFAULT_M
+}
+
 fn one() -> u32 {
     1
 }
@@ -236,46 +296,6 @@ fn is_zero(bezel: &[f64; 2]) -> bool {
     *bezel == [0.0, 0.0]
 }
 
-/// A list of exactly `N`: serde's own arrays ignore what a TOML list has beyond that.
-struct Exactly<T, const N: usize>(PhantomData<T>);
-
-impl<'de, T: Deserialize<'de>, const N: usize> Visitor<'de> for Exactly<T, N> {
-    type Value = [T; N];
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "a list of {N} numbers")
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Self::Value, A::Error> {
-        let mut found = Vec::with_capacity(N);
-        while found.len() < N
-            && let Some(item) = items.next_element()?
-        {
-            found.push(item);
-        }
-        let mut count = found.len();
-        while items.next_element::<IgnoredAny>()?.is_some() {
-            count += 1;
-        }
-        match found.try_into() {
-            Ok(array) if count == N => Ok(array),
-            _ => Err(A::Error::invalid_length(count, &self)),
-        }
-    }
-}
-
-fn exact<'de, D, T, const N: usize>(deserializer: D) -> Result<[T; N], D::Error>
-where
-    D: Deserializer<'de>,
-    T: Deserialize<'de>,
-{
-    deserializer.deserialize_seq(Exactly(PhantomData))
-}
-
-fn some_exact<'de, D, T, const N: usize>(deserializer: D) -> Result<Option<[T; N]>, D::Error>
-where
-    D: Deserializer<'de>,
-    T: Deserialize<'de>,
-{
-    exact(deserializer).map(Some)
+fn is_none(overlap: &[u32; 2]) -> bool {
+    *overlap == [0, 0]
 }

@@ -50,7 +50,8 @@ fn unknown(message: &str, prefix: &str) -> Option<(String, Vec<String>)> {
     Some((name.trim_matches('`').to_owned(), valid))
 }
 
-fn suggest(name: &str, valid: &[String], kind: &str) -> String {
+/// The nearest of the names possible, and all of them.
+pub(super) fn suggest(name: &str, valid: &[String], kind: &str) -> String {
     let list = valid.join(", ");
     // More than half of it changed is no slip of the finger.
     let near = valid
@@ -106,6 +107,10 @@ fn expected_words(expected: &str) -> String {
         "a sequence" => "a list, [a, b, …]".to_owned(),
         "a list of 2 numbers" => "a list of 2 numbers, [a, b]".to_owned(),
         "a list of 3 numbers" => "a list of 3 numbers, [x, y, z]".to_owned(),
+        "a list of 4 numbers" => "a list of 4 numbers, [a, b, c, d]".to_owned(),
+        "a list of 4 points" => "a list of 4 points, [[x, y], [x, y], [x, y], [x, y]]".to_owned(),
+        "a list of 3 rows" => "a list of 3 rows, [[a, b, c], [a, b, c], [a, b, c]]".to_owned(),
+        "a boolean" => "true or false".to_owned(),
         _ if expected.starts_with("struct ") => "a table of its own".to_owned(),
         _ => expected.to_owned(),
     }

@@ -6,6 +6,7 @@ use glam::{DMat3, DVec2, DVec3, UVec2};
 use super::check::{COORDINATE_MAX_M, check_name, check_numbers};
 use super::document::{ProjectionChoice, ScreenSection};
 use super::error::WallFileError;
+use super::files::Files;
 use super::source::Source;
 use crate::limits::{CHANNEL_SIDE_MAX, SHARED_CANVAS_SIDE_MAX};
 use crate::wall::surface::Plane;
@@ -13,7 +14,7 @@ use crate::wall::tiling::Rect;
 use crate::wall::{Adjustment, Channel, Cover, Projection, Screen, Surface};
 
 /// Shortest side of a screen: the smallest displays made are some millimetres wide.
-const SCREEN_SIDE_MIN_M: f64 = 1e-3;
+pub(super) const SCREEN_SIDE_MIN_M: f64 = 1e-3;
 
 /// How far from a right angle corners may be, as a cosine: a millimetre per metre, which is what
 /// people who measure a room achieve.
@@ -51,13 +52,19 @@ pub(super) fn screen(
     source: &Source<'_>,
     index: u16,
     section: &ScreenSection,
+    files: &mut Files,
 ) -> Result<(Screen, Vec<Draft>), WallFileError> {
     let place = Place { source, index, section };
     check_name(source, &place.key("name"), &section.name)?;
-    let [lower_left, lower_right, upper_left] = place.corners()?;
-    let plane = Plane { lower_left, lower_right, upper_left };
-    place.check_rectangle(&plane)?;
-    let surface = Surface::Plane(plane);
+    let surface = match place.curved(files)? {
+        Some(surface) => surface,
+        None => {
+            let [lower_left, lower_right, upper_left] = place.corners()?;
+            let plane = Plane { lower_left, lower_right, upper_left };
+            place.check_rectangle(&plane)?;
+            Surface::Plane(plane)
+        }
+    };
     let mut screen =
         Screen { name: section.name.clone(), surface, canvas: UVec2::ZERO, bezel: None };
     let mut drafts = match (&section.tiles, section.channel.is_empty()) {
@@ -74,7 +81,11 @@ pub(super) fn screen(
     };
     let projection = place.projection(screen.canvas)?;
     for draft in &mut drafts {
-        draft.channel.projection = projection;
+        draft.channel.projection = match draft.channel.cover {
+            Cover::Tile => projection,
+            // No canvas is shared with it.
+            Cover::Projector(_) | Cover::Map => Projection::Own,
+        };
     }
     Ok((screen, drafts))
 }

@@ -1,6 +1,5 @@
 //! A wall file's text with the place of every key, so that each error can point at one.
 
-use std::fmt::Write;
 use std::ops::Range;
 use std::path::Path;
 
@@ -90,35 +89,79 @@ impl<'a> Source<'a> {
 
     /// Refuses values where tables belong. serde would take a list for a table, by order.
     fn check_tables(&self) -> Result<(), WallFileError> {
-        let root = self.root.get_ref();
-        for (name, value) in root {
-            match (name.get_ref().as_ref(), value.get_ref()) {
-                ("wall" | "deadline" | "network" | "storage", DeValue::Table(_)) => {}
-                (name @ ("wall" | "deadline" | "network" | "storage"), other) => {
-                    return Err(self.no_table(name, other, &format!("[{name}]")));
+        for (name, value) in self.root.get_ref() {
+            let name = name.get_ref().as_ref();
+            match name {
+                "wall" | "deadline" | "network" | "storage" | "blend" => {
+                    self.check_table(name, value.get_ref(), name)?;
                 }
-                ("screen", value) => self.check_table_list("screen", "screen", value)?,
+                "screen" => {
+                    self.check_table_list(name, name, value.get_ref())?;
+                    for (index, screen) in items(value.get_ref()) {
+                        self.check_screen(&format!("screen[{index}]"), screen)?;
+                    }
+                }
+                "channel" => self.check_adjustments(value.get_ref())?,
                 _ => {}
             }
         }
-        let screens = root.get("screen").and_then(|screens| screens.get_ref().as_array());
-        for (index, screen) in screens.into_iter().flatten().enumerate() {
-            for (name, value) in screen.get_ref().as_table().into_iter().flatten() {
-                let name = name.get_ref().as_ref();
-                let key = format!("screen[{index}].{name}");
-                match (name, value.get_ref()) {
-                    ("tiles", DeValue::Table(_)) => {}
-                    ("tiles", other) => {
-                        return Err(self.no_table(&key, other, "[screen.tiles]"));
-                    }
-                    ("channel" | "hidden", value) => {
-                        self.check_table_list(&key, &format!("screen.{name}"), value)?;
-                    }
-                    _ => {}
+        Ok(())
+    }
+
+    fn check_screen(&self, above: &str, screen: &DeValue<'_>) -> Result<(), WallFileError> {
+        for (name, value) in screen.as_table().into_iter().flatten() {
+            let name = name.get_ref().as_ref();
+            let (key, header) = (format!("{above}.{name}"), format!("screen.{name}"));
+            match name {
+                "tiles" | "cylinder" | "sphere" => {
+                    self.check_table(&key, value.get_ref(), &header)?;
+                }
+                "channel" | "hidden" => self.check_table_list(&key, &header, value.get_ref())?,
+                _ => {}
+            }
+            for (index, channel) in items(value.get_ref()).filter(|_| name == "channel") {
+                let thrown = channel.as_table().and_then(|channel| channel.get("projector"));
+                if let Some(thrown) = thrown {
+                    let key = format!("{key}[{index}].projector");
+                    self.check_table(&key, thrown.get_ref(), "screen.channel.projector")?;
                 }
             }
         }
         Ok(())
+    }
+
+    fn check_adjustments(&self, channels: &DeValue<'_>) -> Result<(), WallFileError> {
+        self.check_table("channel", channels, "channel.NAME")?;
+        for (name, channel) in channels.as_table().into_iter().flatten() {
+            let key = format!("channel.{}", quoted(name.get_ref()));
+            self.check_table(&key, channel.get_ref(), &key)?;
+            for part in ["bend", "edges"] {
+                let value = channel.get_ref().as_table().and_then(|channel| channel.get(part));
+                if let Some(value) = value {
+                    let key = format!("{key}.{part}");
+                    self.check_table(&key, value.get_ref(), &key)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn check_table(
+        &self,
+        key: &str,
+        value: &DeValue<'_>,
+        header: &str,
+    ) -> Result<(), WallFileError> {
+        match value {
+            DeValue::Table(_) => Ok(()),
+            // [[blend]] for [blend].
+            DeValue::Array(items) if items.iter().any(|item| item.get_ref().is_table()) => {
+                let what = "found a list of tables where one belongs";
+                let remedy = format!("write [{header}] on a line of its own, once");
+                Err(self.error(key, what, remedy))
+            }
+            other => Err(self.no_table(key, other, &format!("[{header}]"))),
+        }
     }
 
     fn check_table_list(
@@ -177,10 +220,10 @@ impl<'a> Source<'a> {
     fn offset_of(&self, key: &str) -> usize {
         let mut offset = 0;
         let mut table = self.root.get_ref();
-        for step in key.split('.') {
+        for step in steps(key) {
             let (name, index) = match step.trim_end_matches(']').split_once('[') {
                 Some((name, index)) => (name, index.parse::<usize>().ok()),
-                None => (step, None),
+                None => (step.trim_matches('"'), None),
             };
             let Some((found, value)) = table.get_key_value(name) else { return offset };
             offset = found.span().start;
@@ -197,6 +240,27 @@ impl<'a> Source<'a> {
         }
         offset
     }
+}
+
+/// A name as a step of a key: with quotes where it would be taken for several.
+pub(super) fn quoted(name: &str) -> String {
+    let is_bare = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    if name.chars().all(is_bare) && !name.is_empty() { name.to_owned() } else { format!("{name:?}") }
+}
+
+/// The steps of a key, which dots between them and not within quotes part.
+fn steps(key: &str) -> impl Iterator<Item = &str> {
+    let mut is_quoted = false;
+    key.split(move |c: char| {
+        is_quoted ^= c == '"';
+        c == '.' && !is_quoted
+    })
+}
+
+/// The things in a list, with their places.
+fn items<'v, 'a>(value: &'v DeValue<'a>) -> impl Iterator<Item = (usize, &'v DeValue<'a>)> {
+    let items = value.as_array().into_iter().flatten();
+    items.enumerate().map(|(index, item)| (index, item.get_ref()))
 }
 
 /// Keeps the smallest thing that stands at `offset`, with the key that leads to it.
@@ -218,13 +282,7 @@ fn narrow_table(
         if !key.is_empty() {
             key.push('.');
         }
-        let text = name.get_ref();
-        if text.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_') {
-            key.push_str(text);
-        } else {
-            // Writing to a String cannot fail.
-            let _ = write!(key, "{text:?}");
-        }
+        key.push_str(&quoted(name.get_ref()));
         narrow(best, &name.span(), offset, &key);
         narrow_value(value, &key, offset, best);
     }

@@ -8,7 +8,7 @@ use super::error::WallFileError;
 use super::screen::{Draft, Place};
 use crate::limits::{CANVAS_SIDE_MAX, CHANNELS_MAX};
 use crate::wall::tiling::{self, Rect};
-use crate::wall::{Bezel, Screen};
+use crate::wall::{Bezel, Screen, Surface};
 
 impl Place<'_> {
     /// Channels as a grid; sets the screen's canvas and bezel.
@@ -20,8 +20,10 @@ impl Place<'_> {
         self.check_grid(tiles)?;
         let grid = UVec2::new(tiles.columns, tiles.rows);
         let tile = self.check_channel_size("tiles.pixels", tiles.pixels)?;
-        let gap = self.gap(tiles, tile, screen.size_m())?;
-        let Some(canvas) = tiling::grid_canvas(grid, tile, gap)
+        let gap = self.gap(tiles, tile, screen)?;
+        let overlap = self.overlap(tiles, tile)?;
+        let step = tile.saturating_add(gap) - overlap;
+        let Some(canvas) = tiling::grid_canvas(grid, tile, step)
             .filter(|canvas| canvas.max_element() <= CANVAS_SIDE_MAX)
         else {
             let what = format!(
@@ -34,7 +36,7 @@ impl Place<'_> {
         screen.canvas = canvas;
         let asked_m = DVec2::from_array(tiles.bezel);
         screen.bezel = (asked_m != DVec2::ZERO).then_some(Bezel { asked_m, pixels: gap });
-        let rects = tiling::grid_tiles(grid, tile, gap).enumerate();
+        let rects = tiling::grid_tiles(grid, tile, step).enumerate();
         rects.map(|(at, rect)| self.tile(tiles, at, rect)).collect()
     }
 
@@ -61,13 +63,36 @@ impl Place<'_> {
         Ok(())
     }
 
+    /// By how many pixels neighbours overlap.
+    fn overlap(&self, tiles: &TilesSection, tile: UVec2) -> Result<UVec2, WallFileError> {
+        let overlap = UVec2::from_array(tiles.overlap);
+        if overlap != UVec2::ZERO && tiles.bezel != [0.0, 0.0] {
+            let what = "tiles cannot have both gaps and overlaps";
+            return Err(self.error("tiles.overlap", what, "keep one of bezel and overlap"));
+        }
+        if let Some(axis) = (0..2).find(|axis| overlap[*axis] >= tile[*axis]) {
+            let what = format!("{} of {} pixels overlap", overlap[axis], tile[axis]);
+            let remedy = format!("write less than {}, such as 15 % of it", tile[axis]);
+            return Err(self.error(&format!("tiles.overlap[{axis}]"), what, &remedy));
+        }
+        Ok(overlap)
+    }
+
     fn gap(
         &self,
         tiles: &TilesSection,
         tile: UVec2,
-        size_m: DVec2,
+        screen: &Screen,
     ) -> Result<UVec2, WallFileError> {
-        let source = self.source;
+        let (source, size_m) = (self.source, screen.size_m());
+        if tiles.bezel == [0.0, 0.0] {
+            return Ok(UVec2::ZERO);
+        }
+        if let Surface::Mesh(_) = screen.surface {
+            let what = "how many pixels a bezel of a mesh is, only its file knows";
+            let remedy = "write the channels by hand, with [[screen.hidden]] between them";
+            return Err(self.error("tiles.bezel", what, remedy));
+        }
         check_numbers(source, &self.key("tiles.bezel"), &tiles.bezel, COORDINATE_MAX_M, "metres")?;
         let counts = [tiles.columns, tiles.rows];
         let mut gap = UVec2::ZERO;

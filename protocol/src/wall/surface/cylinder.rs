@@ -44,6 +44,13 @@ impl Cylinder {
         uv.is_finite().then_some(uv)
     }
 
+    pub(super) fn normal(&self, uv: DVec2) -> DVec3 {
+        let [left, right] = self.azimuth_rad;
+        let (sin, cos) = (left + (right - left) * uv.x).sin_cos();
+        let inward = self.rotation * DVec3::new(-sin, 0.0, cos);
+        if left < right { inward } else { -inward }
+    }
+
     pub(super) fn hit(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
         let inverse = self.rotation.inverse();
         let (p, d) = (inverse * (from - self.center), inverse * direction);

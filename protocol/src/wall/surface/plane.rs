@@ -49,8 +49,12 @@ impl Plane {
         uv.is_finite().then_some(uv)
     }
 
+    pub(super) fn normal(&self) -> DVec3 {
+        (self.lower_right - self.lower_left).cross(self.upper_left - self.lower_left)
+    }
+
     pub(super) fn hit(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
-        let normal = (self.lower_right - self.lower_left).cross(self.upper_left - self.lower_left);
+        let normal = self.normal();
         let toward = normal.dot(direction);
         let t = normal.dot(self.lower_left - from) / toward;
         (toward < 0.0 && t > 0.0 && t.is_finite()).then(|| from + direction * t)

@@ -43,6 +43,11 @@ impl Sphere {
         uv.is_finite().then_some(uv)
     }
 
+    pub(super) fn normal(&self, uv: DVec2) -> DVec3 {
+        let inward = self.center - self.display_from_uv(uv);
+        if self.azimuth_rad[0] < self.azimuth_rad[1] { inward } else { -inward }
+    }
+
     pub(super) fn hit(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
         let p = from - self.center;
         let both = crossings(p.dot(p), p.dot(direction), direction.dot(direction), self.radius_m)?;

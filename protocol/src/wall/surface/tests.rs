@@ -62,6 +62,8 @@ fn rays_meet_the_side_that_is_seen() {
             let down = surface.display_from_uv(uv + DVec2::Y * step).unwrap() - point;
             // As the viewer sees it, x to the right and y down: z, away from the viewer.
             let toward = down.cross(right).normalize();
+            let normal = surface.normal(uv).unwrap();
+            assert!(normal.distance(toward) < 1e-5, "{surface:?} {uv}: {normal}, not {toward}");
             let from = point + toward * 0.5;
             let hit = surface.hit(from, (point - from) * 0.1).expect("met");
             assert!(hit.distance(point) < 1e-9, "{surface:?} {uv}: {hit}, not {point}");

@@ -1,0 +1,1 @@
+//! Holes and overlaps, counted and sampled.

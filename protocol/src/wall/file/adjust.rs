@@ -1,0 +1,282 @@
+//! From `[channel.NAME]` to a channel's [`Adjustment`](crate::wall::Adjustment).
+
+use std::collections::BTreeMap;
+
+use glam::{DMat3, DVec2, DVec3, UVec2};
+
+use super::check::check_numbers;
+use super::document::{AdjustSection, BendSection, EdgesSection, Light};
+use super::error::WallFileError;
+use super::explain::suggest;
+use super::files::Files;
+use super::screen::Draft;
+use super::source::{Source, quoted};
+use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX};
+use crate::wall::adjustment::{Bend, Curve, Edges};
+use crate::wall::pixels::PixelMap;
+use crate::wall::{Cover, EyeOf, FileKind, Packing, Screen};
+
+/// Farthest that a pin or a point of a bend moves anything: some channels' widths.
+const MOVE_MAX_PX: f64 = 65_536.0;
+
+/// Most that light is multiplied by.
+const LIGHT_FACTOR_MAX: f64 = 1e3;
+
+/// Steps of a bend's cells at which it is checked for folds.
+const STEPS_OF_CELL: u32 = 4;
+
+/// Most names that an error lists: the line is for people.
+const NAMES_LISTED_MAX: usize = 12;
+
+/// Gives every channel what its table says.
+pub(super) fn channels(
+    source: &Source<'_>,
+    sections: &BTreeMap<String, AdjustSection>,
+    screens: &[Screen],
+    drafts: &mut [Draft],
+    files: &mut Files,
+) -> Result<(), WallFileError> {
+    let names: Vec<String> = drafts.iter().map(|draft| draft.channel.name.clone()).collect();
+    let is_unknown = |name: &&String| !names.contains(name);
+    if let Some(unknown) = sections.keys().find(is_unknown) {
+        let what = format!("there is no channel {unknown:?}");
+        let listed = &names[..names.len().min(NAMES_LISTED_MAX)];
+        let remedy = suggest(unknown, listed, "channels");
+        return Err(source.error(format!("channel.{}", quoted(unknown)), what, remedy));
+    }
+    for draft in drafts {
+        let key = format!("channel.{}", quoted(&draft.channel.name));
+        let screen = &screens[usize::from(draft.channel.screen)];
+        if let Some(section) = sections.get(&draft.channel.name) {
+            Table { source, key, section }.apply(screen, draft, files)?;
+        }
+        if draft.channel.cover == Cover::Map && draft.channel.adjustment.warp.is_none() {
+            let what = format!("nobody knows what channel {:?} shows", draft.channel.name);
+            let remedy = "give origin or projector, or a warp file in [channel.NAME]";
+            return Err(source.error(format!("{}.origin", draft.key), what, remedy));
+        }
+    }
+    Ok(())
+}
+
+/// One `[channel.NAME]`.
+struct Table<'a> {
+    source: &'a Source<'a>,
+    key: String,
+    section: &'a AdjustSection,
+}
+
+impl Table<'_> {
+    fn error(&self, name: &str, what: impl Into<String>, remedy: &str) -> WallFileError {
+        self.source.error(format!("{}.{name}", self.key), what, remedy)
+    }
+
+    fn apply(
+        &self,
+        screen: &Screen,
+        draft: &mut Draft,
+        files: &mut Files,
+    ) -> Result<(), WallFileError> {
+        let s = self.section;
+        let size = draft.channel.size;
+        let adjustment = &mut draft.channel.adjustment;
+        adjustment.turn = s.turn.unwrap_or_default();
+        adjustment.mirror = s.mirror.unwrap_or_default();
+        adjustment.eye = s.eye.unwrap_or_default();
+        adjustment.packing = s.stereo.unwrap_or_default();
+        if adjustment.packing != Packing::None && adjustment.eye != EyeOf::Center {
+            let what = "a display that shows both eyes is not for one of them";
+            return Err(self.error("eye", what, "leave out eye, or stereo"));
+        }
+        if let Some(edges) = &s.edges {
+            adjustment.edges = self.edges(edges, size)?;
+        }
+        adjustment.color.matrix = self.matrix()?;
+        if let Some(gain) = s.gain {
+            adjustment.color.gain = self.light("gain", gain)?;
+        }
+        adjustment.color.curve = self.curve()?;
+        let mut file = |name: &str, path: &Option<String>, kind| {
+            let key = format!("{}.{name}", self.key);
+            path.as_ref().map(|path| files.index(self.source, &key, path, kind)).transpose()
+        };
+        adjustment.warp = file("warp", &s.warp, FileKind::Warp)?;
+        adjustment.alpha = file("alpha", &s.alpha, FileKind::Alpha)?;
+        adjustment.beta = file("beta", &s.beta, FileKind::Beta)?;
+        if let Some(pin) = s.pin {
+            for (index, pair) in pin.iter().enumerate() {
+                let key = format!("{}.pin[{index}]", self.key);
+                check_numbers(self.source, &key, &pair.0, MOVE_MAX_PX, "pixels")?;
+            }
+            adjustment.pin = pin.map(|pair| DVec2::from_array(pair.0));
+        }
+        if let Some(bend) = &s.bend {
+            adjustment.bend = Some(self.bend(bend)?);
+        }
+        self.check_form(screen, draft)?;
+        if s.warp.is_none() {
+            return Ok(());
+        }
+        if let Cover::Projector(_) = draft.channel.cover {
+            let what = "where its pixels lie is given twice, by a warp file and by a projector";
+            return Err(self.error("warp", what, "keep one of the two"));
+        }
+        draft.channel.cover = Cover::Map;
+        Ok(())
+    }
+
+    fn edges(&self, edges: &EdgesSection, size: UVec2) -> Result<Edges, WallFileError> {
+        let given = [
+            ("edges.left", edges.left, size.x),
+            ("edges.right", edges.right, size.x),
+            ("edges.top", edges.top, size.y),
+            ("edges.bottom", edges.bottom, size.y),
+        ];
+        for (name, edge, side) in given {
+            let side = f64::from(side);
+            if let Some(edge) = edge.filter(|edge| !(0.0..=side).contains(edge)) {
+                let what = format!("a ramp of {edge:?} pixels is not possible");
+                let remedy = format!("write 0 to {side}, or leave it out for the whole overlap");
+                return Err(self.error(name, what, &remedy));
+            }
+        }
+        let EdgesSection { left, right, top, bottom } = *edges;
+        Ok(Edges { left, right, top, bottom })
+    }
+
+    fn matrix(&self) -> Result<DMat3, WallFileError> {
+        let Some(rows) = self.section.matrix else { return Ok(DMat3::IDENTITY) };
+        for (index, row) in rows.iter().enumerate() {
+            let key = format!("{}.matrix[{index}]", self.key);
+            check_numbers(self.source, &key, &row.0, LIGHT_FACTOR_MAX, "light")?;
+        }
+        Ok(DMat3::from_cols_array_2d(&rows.map(|row| row.0)).transpose())
+    }
+
+    /// Numbers from 0 by which light is multiplied.
+    fn light(&self, name: &str, light: Light) -> Result<DVec3, WallFileError> {
+        let found = rgb(light);
+        let odd = found.to_array().into_iter().find(|n| !(0.0..=LIGHT_FACTOR_MAX).contains(n));
+        odd.map_or(Ok(found), |number| {
+            let what = format!("light cannot be multiplied by {number:?}");
+            Err(self.error(name, what, &format!("write 0 to {LIGHT_FACTOR_MAX}, such as 0.9")))
+        })
+    }
+
+    fn curve(&self) -> Result<Curve, WallFileError> {
+        match (self.section.gamma, &self.section.curve) {
+            (None, None) => Ok(Curve::Srgb),
+            (Some(_), Some(_)) => {
+                let what = "how codes become light is given twice, by gamma and by curve";
+                Err(self.error("curve", what, "keep one of the two"))
+            }
+            (Some(gamma), None) => {
+                let gamma = rgb(gamma);
+                let is_odd = |n: &f64| !(n.is_finite() && *n > 0.0);
+                let odd = gamma.to_array().into_iter().find(is_odd);
+                odd.map_or(Ok(Curve::Gamma(gamma)), |number| {
+                    let what = format!("a gamma of {number:?} is not possible");
+                    Err(self.error("gamma", what, "write a number above 0, such as 2.2"))
+                })
+            }
+            (None, Some(points)) => self.measured(points).map(Curve::Measured),
+        }
+    }
+
+    fn measured(&self, points: &[Light]) -> Result<Vec<DVec3>, WallFileError> {
+        let light: Vec<DVec3> = points.iter().map(|point| rgb(*point)).collect();
+        if !(2..=CURVE_POINTS_MAX).contains(&light.len()) {
+            let what = format!("a curve of {} points", light.len());
+            return Err(self.error("curve", what, &format!("write 2 to {CURVE_POINTS_MAX}")));
+        }
+        let rises = |pair: &[DVec3]| pair[0].cmple(pair[1]).all();
+        let fall = light.windows(2).position(|pair| !rises(pair)).map(|at| at + 1);
+        let last = light.len() - 1;
+        let odd = [(0, DVec3::ZERO), (last, DVec3::ONE)].into_iter();
+        let odd = odd.filter(|(at, end)| light[*at] != *end).map(|(at, _)| at).next().or(fall);
+        odd.map_or(Ok(light), |at| {
+            let what = "the curve does not rise from 0 to 1";
+            let remedy = "measure the light of equally spaced codes, black being 0 and white 1";
+            Err(self.error(&format!("curve[{at}]"), what, remedy))
+        })
+    }
+
+    fn bend(&self, bend: &BendSection) -> Result<Bend, WallFileError> {
+        let points = UVec2::from_array(bend.points);
+        let count = u64::from(points.x) * u64::from(points.y);
+        if points.min_element() < 2 || count > BEND_POINTS_MAX as u64 {
+            let what = format!("a grid of {}×{} points is not possible", points.x, points.y);
+            let remedy = format!("write 2 or more each, {BEND_POINTS_MAX} together");
+            return Err(self.error("bend.points", what, &remedy));
+        }
+        if bend.moves.len() as u64 != count {
+            let what = format!("there are {} moves for {count} points", bend.moves.len());
+            let remedy = format!("write {count} moves, row by row from the upper left");
+            return Err(self.error("bend.moves", what, &remedy));
+        }
+        for (index, pair) in bend.moves.iter().enumerate() {
+            let key = format!("{}.bend.moves[{index}]", self.key);
+            check_numbers(self.source, &key, &pair.0, MOVE_MAX_PX, "pixels")?;
+        }
+        let moves = bend.moves.iter().map(|pair| DVec2::from_array(pair.0)).collect();
+        Ok(Bend { points, moves })
+    }
+
+    /// Refuses pins and bends that fold the picture.
+    fn check_form(&self, screen: &Screen, draft: &Draft) -> Result<(), WallFileError> {
+        if self.section.pin.is_none() && self.section.bend.is_none() {
+            return Ok(());
+        }
+        // As a tile, whatever it is: where its pixels lie on its own picture.
+        let mut tile = draft.channel.clone();
+        (tile.cover, tile.origin) = (Cover::Tile, UVec2::ZERO);
+        let bend = tile.adjustment.bend.take();
+        let is_upright = tile.adjustment.pin == [DVec2::ZERO; 4]
+            || PixelMap::new(&tile, screen).is_some_and(|map| is_flat(&map, tile.size, UVec2::ONE));
+        if !is_upright {
+            let what = "the pins fold the picture, or mirror it";
+            let remedy = "move corners by less than they are apart; to mirror, see mirror";
+            return Err(self.error("pin", what, remedy));
+        }
+        let Some(bend) = bend else { return Ok(()) };
+        let steps = (bend.points - 1) * STEPS_OF_CELL;
+        tile.adjustment.bend = Some(bend);
+        let map = PixelMap::new(&tile, screen);
+        if map.is_some_and(|map| is_flat(&map, tile.size, steps)) {
+            return Ok(());
+        }
+        let what = "the bend folds the picture, or nearly";
+        let remedy = "move its points by less than they are apart, and neighbours alike";
+        Err(self.error("bend", what, remedy))
+    }
+}
+
+/// Whether the picture keeps its side everywhere, and all its pixels are found again.
+fn is_flat(map: &PixelMap<'_>, size: UVec2, steps: UVec2) -> bool {
+    let place = |x: u32, y: u32| {
+        let at = UVec2::new(x, y).as_dvec2() / steps.as_dvec2() * size.as_dvec2();
+        let pixel = map.pixel_from_canvas(at)?;
+        map.canvas_from_pixel(pixel).filter(|back| back.distance(at) < 1e-3).map(|_| pixel)
+    };
+    let row = |y: u32| (0..=steps.x).map(|x| place(x, y)).collect::<Option<Vec<DVec2>>>();
+    let Some(mut above) = row(0) else { return false };
+    for y in 1..=steps.y {
+        let Some(below) = row(y) else { return false };
+        for (upper, lower) in above.windows(2).zip(below.windows(2)) {
+            let (right, down) = (upper[1] - upper[0], lower[0] - upper[0]);
+            let (left, up) = (lower[0] - lower[1], upper[1] - lower[1]);
+            if right.perp_dot(down) <= 0.0 || left.perp_dot(up) <= 0.0 {
+                return false;
+            }
+        }
+        above = below;
+    }
+    true
+}
+
+fn rgb(light: Light) -> DVec3 {
+    match light {
+        Light::Gray(number) => DVec3::splat(number),
+        Light::Rgb(numbers) => DVec3::from_array(numbers),
+    }
+}

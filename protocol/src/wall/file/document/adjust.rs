@@ -1,0 +1,87 @@
+//! What a wall file says of a channel however it was made: `[channel.NAME]`.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::lists::{Light, Pair, Row, exact, some_points, some_rows};
+use crate::wall::{EyeOf, Packing, Turn};
+
+/// What makes a channel's picture right on the display that it has.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct AdjustSection {
+    /// How the display hangs: to which side of the viewer its upper side went, or half a turn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turn: Option<Turn>,
+    /// Left and right are exchanged, as for projection from behind.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mirror: Option<bool>,
+    /// For whose eye it is: one of two groups of channels for passive stereo.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub eye: Option<EyeOf>,
+    /// How the pictures of both eyes share this one display.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stereo: Option<Packing>,
+    /// By how many pixels, [x right, y down], the corners are moved: upper left, upper right,
+    /// lower left, lower right.
+    #[serde(deserialize_with = "some_points", skip_serializing_if = "Option::is_none")]
+    pub pin: Option<[Pair; 4]>,
+    /// A grid of points that are moved, after the pins.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bend: Option<BendSection>,
+    /// How wide the ramps of its blends are. Default: as wide as the overlap.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub edges: Option<EdgesSection>,
+    /// Linear light is multiplied by this after the matrix: a number, or [red, green, blue].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gain: Option<Light>,
+    /// Linear light [red, green, blue] is multiplied by these three rows.
+    #[serde(deserialize_with = "some_rows", skip_serializing_if = "Option::is_none")]
+    pub matrix: Option<[Row; 3]>,
+    /// How codes become light: code^gamma, a number or [red, green, blue]. Default: sRGB.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gamma: Option<Light>,
+    /// Instead of gamma: measured light of equally spaced codes, rising from 0 to 1; each a number
+    /// or [red, green, blue].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub curve: Option<Vec<Light>>,
+    /// A file that says where each of the channel's pixels lies. Files stand in the wall file's
+    /// folder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub warp: Option<String>,
+    /// A picture that multiplies the channel's light.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub alpha: Option<String>,
+    /// A picture that is added to the channel's light.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub beta: Option<String>,
+}
+
+/// A grid of control points over the channel's picture.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BendSection {
+    /// Points [across, down], from edge to edge; 2 or more each.
+    #[serde(deserialize_with = "exact")]
+    pub points: [u32; 2],
+    /// By how many pixels, [x right, y down], each is moved, row by row from the upper left.
+    pub moves: Vec<Pair>,
+}
+
+/// Widths of the ramps at a channel's edges, in its pixels. Default: as wide as the overlap.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct EdgesSection {
+    /// At the left edge.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub left: Option<f64>,
+    /// At the right edge.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub right: Option<f64>,
+    /// At the upper edge.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub top: Option<f64>,
+    /// At the lower edge.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bottom: Option<f64>,
+}
