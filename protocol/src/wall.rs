@@ -19,6 +19,7 @@ pub mod surface;
 pub mod table;
 mod tiling;
 pub mod warp_mesh;
+pub mod warp;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
