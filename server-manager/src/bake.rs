@@ -18,6 +18,7 @@ mod document;
 mod error;
 mod geometry;
 mod light;
+pub mod map;
 mod material;
 mod mesh;
 mod mip;

@@ -156,7 +156,8 @@ impl WallMap {
         if !head.starts_with(MAGIC) || head[4] != VERSION || head[7] != 0 {
             return Err("it is no map of a wall, or one of another version".to_owned());
         }
-        let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+        let word =
+            |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
         let (kind, extra, a, b) = (head[5], head[6], word(8), word(12));
         let body = &bytes[HEAD_BYTES..];
         let (count_a, count_b) = (u64::from(a), u64::from(b));

@@ -63,6 +63,16 @@ impl BakeError {
         Self::Io { path: path.to_path_buf(), source }
     }
 
+    /// The same, naming the part of the file that `place` is in.
+    pub(super) fn within(self, part: &str) -> Self {
+        match self {
+            Self::Source { file, place, what, right } => {
+                Self::Source { file, place: format!("{part} {place}"), what, right }
+            }
+            other => other,
+        }
+    }
+
     /// The same, naming the scene file.
     pub(super) fn about(self, scene: &Path) -> Self {
         match self {

@@ -90,7 +90,7 @@ pub(super) fn read(
     Ok(Some(Geometry { topology, indices, positions, normals, tangents, uvs, colors }))
 }
 
-fn attribute<const N: usize>(
+pub(super) fn attribute<const N: usize>(
     job: &Job<'_>,
     json: &document::Primitive,
     name: &str,
@@ -126,7 +126,7 @@ fn colors(
     Ok(colors)
 }
 
-fn indices(
+pub(super) fn indices(
     job: &mut Job<'_>,
     json: &document::Primitive,
     count: usize,

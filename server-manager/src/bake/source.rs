@@ -244,7 +244,7 @@ fn open(path: &Path, bytes_max: u64, place: &str) -> Result<(File, u64), BakeErr
     Ok((file, facts.len()))
 }
 
-fn read(
+pub(super) fn read(
     path: &Path,
     bytes_max: u64,
     place: &str,

@@ -1,0 +1,157 @@
+//! The foreign files of a wall: warp maps, screen meshes and masks in, decoded maps out.
+//!
+//! What a file is is seen by its first bytes, and where those say nothing, by its name:
+//!
+//! | file | is | what its numbers are |
+//! |---|---|---|
+//! | PFM | warp | points in metres, or u and v of the canvas: [`pfm`] |
+//! | OBJ, glTF | warp or screen | positions in metres at places of a picture: [`obj`], [`gltf_mesh`] |
+//! | PNG | warp | u and v of the canvas in red and green: [`uv_image`] |
+//! | text of five columns | warp | Paul Bourke's mesh: [`bourke`] |
+//! | PNG | mask | light: [`mask`] |
+//! | MPCDI | archive of all these | [`mpcdi`]; `polyptych wall import` makes a wall of it |
+
+mod bourke;
+mod fold;
+mod gltf_mesh;
+mod mask;
+pub mod mpcdi;
+mod obj;
+mod pfm;
+mod picture;
+#[cfg(test)]
+mod tests;
+mod text;
+mod uv_image;
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::wall::warp::{MapSpace, WallMap, WarpMap, WarpShape};
+use serde::{Deserialize, Serialize};
+
+use super::error::BakeError;
+use super::{Store, hex, source};
+
+/// Largest file of a wall: a warp map of 8,192² points takes 768 MiB.
+const MAP_FILE_BYTES_MAX: u64 = 1 << 30;
+
+/// What a file of a wall is for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MapUse {
+    /// Where the pixels of a channel lie. `aspect` is the channel's width by its height, which
+    /// Bourke meshes are measured in.
+    Warp {
+        /// Width by height.
+        aspect: f64,
+    },
+    /// The shape of a screen: points in display space, with places on its canvas as UV.
+    ScreenMesh,
+    /// Factors of the pixels of a channel, or the light that they have anyway.
+    Mask,
+}
+
+/// What a file of a wall became.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BakedMap {
+    /// Its blob; 64 hexadecimal digits in JSON.
+    #[serde(with = "hex")]
+    pub blob: BlobHash,
+    /// What it is, for people: "warp grid of 64 × 36 points in display space".
+    pub what: String,
+}
+
+/// Reads a file of a wall and writes its blob into the store.
+///
+/// # Errors
+/// [`BakeError`], which names the file, the place in it, what is wrong and what would be right.
+pub fn bake_map(
+    path: &Path,
+    used_as: MapUse,
+    store: &Store,
+    cancel: &AtomicBool,
+) -> Result<BakedMap, BakeError> {
+    let map = read(path, used_as, store, cancel).map_err(|error| error.about(path))?;
+    let blob = store.blobs().write(&map.encode())?;
+    Ok(BakedMap { blob, what: describe(&map) })
+}
+
+fn read(
+    path: &Path,
+    used_as: MapUse,
+    store: &Store,
+    cancel: &AtomicBool,
+) -> Result<WallMap, BakeError> {
+    let bytes = source::read(path, MAP_FILE_BYTES_MAX, "file", cancel)?;
+    let gltf = || gltf_mesh::read(path, store.blobs(), cancel);
+    let map = match used_as {
+        MapUse::Mask => WallMap::Mask(mask::read(&bytes, None)?),
+        MapUse::ScreenMesh if is_gltf(&bytes) => WallMap::Warp(gltf()?),
+        MapUse::ScreenMesh if has_ending(path, "obj") => WallMap::Warp(obj::read(&bytes)?),
+        MapUse::ScreenMesh => {
+            let what = "it is neither OBJ nor glTF";
+            let right = "a mesh with positions in metres and UV on the screen would be right";
+            return Err(BakeError::at("file", what, right));
+        }
+        MapUse::Warp { .. } if is_gltf(&bytes) => WallMap::Warp(gltf()?),
+        MapUse::Warp { aspect } => WallMap::Warp(read_warp(path, &bytes, aspect)?),
+    };
+    // A reader's last word: what it made is as sound as what a server will decode.
+    match map.fault() {
+        None => Ok(map),
+        Some(fault) => Err(BakeError::at("file", fault, "less would be right")),
+    }
+}
+
+fn read_warp(path: &Path, bytes: &[u8], aspect: f64) -> Result<WarpMap, BakeError> {
+    match bytes {
+        [b'P', b'F' | b'f', ..] | [b'p', b'f', ..] => pfm::read(bytes)?.into_warp(),
+        [0x89, b'P', b'N', b'G', ..] => uv_image::read(bytes),
+        [b'P', b'K', 3, 4, ..] => {
+            let what = "it is an archive, perhaps MPCDI";
+            let right = "`polyptych wall import` makes a wall of it";
+            Err(BakeError::at("file", what, right))
+        }
+        _ if has_ending(path, "obj") => obj::read(bytes),
+        _ if bytes.trim_ascii_start().first().is_some_and(u8::is_ascii_digit) => {
+            bourke::read(bytes, aspect)
+        }
+        _ => {
+            let what = "it is no kind of warp map that is known";
+            let right = "PFM, OBJ, glTF, a PNG of UV or a Bourke mesh would be right";
+            Err(BakeError::at("file", what, right))
+        }
+    }
+}
+
+fn is_gltf(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"glTF") || bytes.trim_ascii_start().first() == Some(&b'{')
+}
+
+fn has_ending(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
+}
+
+fn describe(map: &WallMap) -> String {
+    match map {
+        WallMap::Warp(WarpMap { space, shape }) => {
+            let space = match space {
+                MapSpace::Canvas => "on the canvas",
+                MapSpace::Display => "in display space",
+            };
+            match shape {
+                WarpShape::Grid(grid) => {
+                    format!("warp grid of {} × {} points {space}", grid.size.x, grid.size.y)
+                }
+                WarpShape::Mesh(mesh) => {
+                    format!("warp mesh of {} triangles {space}", mesh.triangles.len())
+                }
+            }
+        }
+        WallMap::Mask(mask) => {
+            let colours = if mask.components == 3 { "three colours" } else { "one colour" };
+            format!("mask of {} × {} pixels in {colours}", mask.size.x, mask.size.y)
+        }
+    }
+}

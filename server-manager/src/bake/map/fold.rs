@@ -1,0 +1,115 @@
+//! Whether each place of a picture belongs to one triangle at most.
+//!
+//! A warp shows one point at a place. Triangles that are turned over, or lie over others, would
+//! show two, and which of them is chance.
+
+use glam::DVec2;
+use polyptych_protocol::wall::warp::WarpMesh;
+
+use super::super::error::BakeError;
+
+/// How far outside the picture a place may lie: rounding in foreign programs.
+const PLACE_TOLERANCE: f32 = 1e-3;
+
+/// Points across and down at which overlaps are looked for: what is narrower than a 512th of the
+/// mesh is a measured seam, not a fold.
+const SAMPLES: usize = 512;
+
+/// Share of a step that both ends of a triangle's row of samples are shortened by, so that
+/// rounding gives no sample on a common edge to both of its triangles.
+const EDGE: f64 = 1e-6;
+
+/// The mesh without triangles that cover nothing, if no place has two values.
+///
+/// # Errors
+/// What is folded; `place_of` says how to call the triangle of an index.
+pub(super) fn check(
+    mut mesh: WarpMesh,
+    place_of: impl Fn(usize) -> String,
+) -> Result<WarpMesh, BakeError> {
+    let right = "places of a picture, 0 to 1 both ways, each covered once, would be right";
+    let at = |index: u32| mesh.vertices[index as usize].place.as_dvec2();
+    let mut kept = Vec::with_capacity(mesh.triangles.len());
+    let mut first = None;
+    for (i, triangle) in mesh.triangles.iter().enumerate() {
+        let corners = triangle.map(at);
+        let is_inside = |p: &DVec2| {
+            let end = f64::from(1.0 + PLACE_TOLERANCE);
+            p.min_element() >= 1.0 - end && p.max_element() <= end
+        };
+        if let Some(place) = corners.iter().find(|place| !is_inside(place)) {
+            let what = format!("the UV ({}, {}) lies outside the picture", place.x, 1.0 - place.y);
+            return Err(BakeError::at(place_of(i), what, right));
+        }
+        let area = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]);
+        if area == 0.0 {
+            continue;
+        }
+        let (known, is_left) = *first.get_or_insert((i, area > 0.0));
+        if is_left != (area > 0.0) {
+            let what = format!("its UV are turned over against those of {}", place_of(known));
+            return Err(BakeError::at(place_of(i), what, right));
+        }
+        kept.push((i, corners));
+    }
+    if kept.is_empty() {
+        let what = "no triangle covers any of the picture: all UV are the same, or in a line";
+        return Err(BakeError::at("file", what, right));
+    }
+    if let Some((one, other)) = overlap(&kept) {
+        let what = format!("its UV lie over those of {}", place_of(other));
+        return Err(BakeError::at(place_of(one), what, right));
+    }
+    if kept.len() < mesh.triangles.len() {
+        mesh.triangles = kept.iter().map(|(i, _)| mesh.triangles[*i]).collect();
+    }
+    Ok(mesh)
+}
+
+/// Two triangles that hold the same sample.
+fn overlap(triangles: &[(usize, [DVec2; 3])]) -> Option<(usize, usize)> {
+    let mut owners = vec![u32::MAX; SAMPLES * SAMPLES];
+    let corners = || triangles.iter().flat_map(|(_, corners)| corners);
+    let min = corners().fold(DVec2::MAX, |a, b| a.min(*b));
+    let max = corners().fold(DVec2::MIN, |a, b| a.max(*b));
+    let step = (max - min).max(DVec2::splat(f64::MIN_POSITIVE)) / SAMPLES as f64;
+    for (n, (_, corners)) in triangles.iter().enumerate() {
+        let [a, b, c] = corners.map(|corner| (corner - min) / step);
+        let last = SAMPLES as f64 - 1.0;
+        // Samples lie at halves; rows beside the triangle are not looked at.
+        let top = (a.y.min(b.y).min(c.y) - 0.5).ceil().clamp(0.0, last);
+        let bottom = (a.y.max(b.y).max(c.y) - 0.5).floor().clamp(0.0, last);
+        for row in top as usize..=bottom as usize {
+            let Some((from, to)) = span([a, b, c], row as f64 + 0.5) else { continue };
+            let from = (from + EDGE - 0.5).ceil().max(0.0);
+            let to = (to - EDGE - 0.5).floor().min(last);
+            if from > to {
+                continue;
+            }
+            for owner in &mut owners[row * SAMPLES..][from as usize..=to as usize] {
+                if *owner != u32::MAX {
+                    return Some((triangles[n].0, triangles[*owner as usize].0));
+                }
+                *owner = n as u32;
+            }
+        }
+    }
+    None
+}
+
+/// Where a level line enters and leaves a triangle.
+fn span(corners: [DVec2; 3], y: f64) -> Option<(f64, f64)> {
+    let mut span: Option<(f64, f64)> = None;
+    for i in 0..3 {
+        let (p, q) = (corners[i], corners[(i + 1) % 3]);
+        // Half-open, so that a corner belongs to one edge; ordered, so that an edge gives the
+        // same number for both of its triangles.
+        let (p, q) = if p.y <= q.y { (p, q) } else { (q, p) };
+        if !(p.y <= y && y < q.y) {
+            continue;
+        }
+        let x = p.x + (q.x - p.x) * ((y - p.y) / (q.y - p.y));
+        span = Some(span.map_or((x, x), |(from, to)| (from.min(x), to.max(x))));
+    }
+    span
+}

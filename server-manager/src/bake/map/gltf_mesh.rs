@@ -1,0 +1,102 @@
+//! glTF meshes: POSITION and TEXCOORD_0 of all nodes that are shown.
+//!
+//! Positions, through the nodes' transforms, are metres of display space. TEXCOORD_0 is a place on
+//! the channel's picture (a screen mesh: on the screen's canvas), u to the right and v down, as
+//! glTF means it.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use glam::{DAffine3, Vec2, Vec3};
+use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::scene::{Scene, Topology};
+use polyptych_protocol::wall::warp::{
+    MAP_TRIANGLES_MAX, MAP_VERTICES_MAX, MapSpace, WARP_REACH_M_MAX, WarpMap, WarpMesh, WarpShape,
+    WarpVertex,
+};
+
+use super::super::error::BakeError;
+use super::super::source::Source;
+use super::super::{Job, document, geometry, node, topology};
+use super::fold;
+
+/// Reads a mesh whose TEXCOORD_0 are places. Nothing is written to `blobs`.
+pub(super) fn read(
+    path: &Path,
+    blobs: &BlobFolder,
+    cancel: &AtomicBool,
+) -> Result<WarpMap, BakeError> {
+    let source = Source::open(path, cancel)?;
+    let (warnings, written) = (Vec::new(), std::collections::BTreeMap::new());
+    let mut progress = |_| {};
+    let mut job =
+        Job { source: &source, blobs, progress: &mut progress, cancel, warnings, written };
+    let nodes = node::read(&mut job)?;
+    let scene = Scene { nodes, ..Scene::default() };
+    let mut mesh = WarpMesh { vertices: Vec::new(), triangles: Vec::new() };
+    let mut origins = Vec::new();
+    for (node, world) in scene.nodes.iter().zip(scene.world_from_nodes()) {
+        let Some(index) = node.mesh else { continue };
+        let primitives = &source.document.meshes.at(index, "nodes")?.primitives;
+        for (i, primitive) in primitives.iter().enumerate() {
+            let place = format!("meshes[{index}].primitives[{i}]");
+            let before = mesh.triangles.len();
+            append(&mut job, primitive, world, &mut mesh, &place)?;
+            origins.push((before, place));
+        }
+    }
+    if mesh.triangles.is_empty() {
+        let right = "a mesh of triangles would be right";
+        return Err(BakeError::at("scenes", "no node shows a triangle", right));
+    }
+    let place_of = |triangle: usize| {
+        let part = origins.partition_point(|(first, _)| *first <= triangle);
+        let (first, place) = &origins[part.saturating_sub(1)];
+        format!("{place} triangle {}", triangle - first)
+    };
+    let mesh = fold::check(mesh, place_of)?;
+    Ok(WarpMap { space: MapSpace::Display, shape: WarpShape::Mesh(mesh) })
+}
+
+fn append(
+    job: &mut Job<'_>,
+    primitive: &document::Primitive,
+    world: DAffine3,
+    mesh: &mut WarpMesh,
+    place: &str,
+) -> Result<(), BakeError> {
+    if topology::of_mode(primitive.mode) != Some(Topology::Triangles) {
+        let what = format!("mode {} draws no triangles", primitive.mode);
+        return Err(BakeError::at(place, what, "4, 5 or 6 would be right"));
+    }
+    let positions = geometry::attribute::<3>(job, primitive, "POSITION", None, place)?;
+    let count = positions.as_ref().map(Vec::len);
+    let places = geometry::attribute::<2>(job, primitive, "TEXCOORD_0", count, place)?;
+    let (Some(positions), Some(places)) = (positions, places) else {
+        let what = "it has no POSITION or no TEXCOORD_0";
+        return Err(BakeError::at(place, what, "both would be right"));
+    };
+    let indices = geometry::indices(job, primitive, positions.len(), place)?;
+    let vertices = mesh.vertices.len() + positions.len();
+    let triangles = mesh.triangles.len() + indices.len() / 3;
+    if vertices > MAP_VERTICES_MAX as usize || triangles > MAP_TRIANGLES_MAX as usize {
+        let what = format!("{vertices} vertices and {triangles} triangles are too many");
+        let right = format!("{MAP_VERTICES_MAX} and {MAP_TRIANGLES_MAX} would be right");
+        return Err(BakeError::at(place, what, right));
+    }
+    let base = mesh.vertices.len() as u32;
+    for (i, (position, uv)) in positions.iter().zip(&places).enumerate() {
+        let value = world.transform_point3(Vec3::from(*position).as_dvec3());
+        let is_near = value.abs().max_element() <= f64::from(WARP_REACH_M_MAX);
+        let at = Vec2::from(*uv);
+        if !is_near || !value.is_finite() || !at.is_finite() {
+            let what = format!("vertex {i} is at {value} with UV {at}");
+            let right = format!("finite metres, at most {WARP_REACH_M_MAX}, would be right");
+            return Err(BakeError::at(place, what, right));
+        }
+        mesh.vertices.push(WarpVertex { place: at, value: value.as_vec3(), light: 1.0 });
+    }
+    let corners = indices.chunks_exact(3).map(|c| [base + c[0], base + c[1], base + c[2]]);
+    mesh.triangles.extend(corners);
+    Ok(())
+}

@@ -1,0 +1,152 @@
+//! MPCDI, VESA's format for the calibration of several projectors: profiles 2d and 3d.
+//!
+//! An archive has regions, one for each projector, each with a warp map and masks. As the
+//! standard, its reference library and the programs that read it have it:
+//!
+//! - a region is a part of the buffer, `x y xsize ysize` from 0 to 1 and from its lower left;
+//! - the warp of profile 2d says for every pixel of a projector the place in its region, u to the
+//!   right and v up; the third number of a pixel is not used, and often NaN;
+//! - profile 3d has a frustum for each region, and the warp is a place in the frustum's picture;
+//!   where it has three numbers and a unit of length, they are points on the surface;
+//! - alpha (how much light) and beta (how much black) are PNG whose gamma the XML says.
+//!
+//! Display space has its axes as MPCDI has them: +X right, +Y up, −Z ahead. Angles are in degrees;
+//! yaw turns to the right, pitch up and roll clockwise.
+
+mod archive;
+mod document;
+mod region;
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use glam::{DVec3, UVec2};
+use polyptych_protocol::wall::warp::{MapSpace, WarpShape};
+
+use super::super::check;
+use super::super::error::BakeError;
+use super::{pfm, picture};
+use archive::Archive;
+
+pub use region::Pyramid;
+
+/// What an archive holds, after its files were written.
+#[derive(Clone, Debug)]
+pub struct Imported {
+    /// Which profile.
+    pub profile: Profile,
+    /// Pixels of the buffer.
+    pub buffer: UVec2,
+    /// The projectors, in the order of the archive.
+    pub regions: Vec<ImportedRegion>,
+    /// What was assumed, for a person to check.
+    pub notes: Vec<String>,
+}
+
+/// The profiles that can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Profile {
+    /// Pictures of one plane.
+    TwoD,
+    /// A frustum for each projector.
+    ThreeD,
+}
+
+/// A projector of an archive.
+#[derive(Clone, Debug)]
+pub struct ImportedRegion {
+    /// Its id, in the letters that names of channels have; unique.
+    pub name: String,
+    /// Its own pixels.
+    pub size: UVec2,
+    /// Its part of the buffer in pixels, from the upper left: origin and size.
+    pub part: (UVec2, UVec2),
+    /// The frustum of profile 3d.
+    pub pyramid: Option<Pyramid>,
+    /// What the warp's numbers are.
+    pub space: MapSpace,
+    /// The warp map, a PFM, by its name in the folder.
+    pub warp: String,
+    /// The mask of light, a PNG, by its name in the folder.
+    pub alpha: Option<String>,
+    /// The light that is there anyway, a PNG, by its name in the folder.
+    pub beta: Option<String>,
+}
+
+/// Reads an archive and writes its maps into a folder, which must be there.
+///
+/// # Errors
+/// [`BakeError`], which names the archive, the entry, what is wrong and what would be right. Files
+/// that were written before stay.
+pub fn import(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Imported, BakeError> {
+    import_file(path, folder, cancel).map_err(|error| error.about(path))
+}
+
+fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Imported, BakeError> {
+    let mut archive = Archive::open(path)?;
+    let text = archive.xml()?;
+    let document = document::parse(&text)?;
+    let mut notes = Vec::new();
+    let mut regions: Vec<ImportedRegion> = Vec::new();
+    for region in &document.regions {
+        check(cancel)?;
+        let maps = region::read(&mut archive, &document, region, &mut notes)?;
+        let name = name_of(&region.id, |name| regions.iter().any(|known| known.name == name));
+        let write = |ending: &str, bytes: &[u8]| {
+            let file = format!("{name}{ending}");
+            let at: PathBuf = folder.join(&file);
+            std::fs::write(&at, bytes).map_err(|error| BakeError::io(&at, error))?;
+            Ok::<_, BakeError>(file)
+        };
+        let mask = |mask: &Option<polyptych_protocol::wall::warp::Mask>, ending: &str| {
+            let Some(mask) = mask else { return Ok(None) };
+            let png = picture::encode_linear(mask.size, mask.components, &mask.texels)?;
+            write(ending, &png).map(Some)
+        };
+        let WarpShape::Grid(grid) = &maps.warp.shape else { continue };
+        regions.push(ImportedRegion {
+            size: region.size,
+            part: document.part(region),
+            pyramid: region.pyramid,
+            space: maps.warp.space,
+            warp: write(".pfm", &pfm::write(maps.warp.space, grid))?,
+            alpha: mask(&maps.alpha, "-alpha.png")?,
+            beta: mask(&maps.beta, "-beta.png")?,
+            name,
+        });
+    }
+    notes.sort();
+    notes.dedup();
+    let Document { profile, buffer, .. } = document;
+    Ok(Imported { profile, buffer, regions, notes })
+}
+
+use document::Document;
+
+/// A name of a channel that is like the region's id.
+fn name_of(id: &str, is_taken: impl Fn(&str) -> bool) -> String {
+    const BYTES_MAX: usize = 48;
+    let letter = |c: char| match c.to_ascii_lowercase() {
+        c if c.is_ascii_alphanumeric() || "-_".contains(c) => c,
+        _ => '-',
+    };
+    let name: String = id.chars().take(BYTES_MAX).map(letter).collect();
+    let name = name.trim_matches('-');
+    let name = if name.is_empty() { "region" } else { name };
+    let mut unique = name.to_owned();
+    for number in 2.. {
+        if !is_taken(&unique) {
+            break;
+        }
+        unique = format!("{name}-{number}");
+    }
+    unique
+}
+
+/// The corners of the plane that a frustum of profile 3d looks through, `distance` metres from
+/// `eye`: lower left, lower right and upper left.
+pub fn corners(pyramid: &Pyramid, eye: DVec3, distance: f64) -> [DVec3; 3] {
+    let turn = pyramid.display_from_view();
+    let [left, right, down, up] = pyramid.angles.map(|angle| angle.to_radians().tan() * distance);
+    [(left, down), (right, down), (left, up)].map(|(x, y)| eye + turn * DVec3::new(x, y, -distance))
+}

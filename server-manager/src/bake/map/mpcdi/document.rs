@@ -1,0 +1,298 @@
+//! `mpcdi.xml`: which regions there are, and which files belong to them.
+//!
+//! Programs disagree on capitals (`xResolution`, `Xresolution`, `XResolution`), so names are
+//! compared without them.
+
+use glam::{DVec2, UVec2};
+use polyptych_protocol::limits::{CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX};
+use roxmltree::{Node, ParsingOptions};
+
+use super::super::super::error::BakeError;
+use super::super::super::uri::{shorten, shorten_middle};
+use super::{Profile, Pyramid};
+
+/// Most nodes of the text: a region has fifty.
+const NODES_MAX: u32 = 1 << 18;
+
+/// Most projectors of an archive.
+const REGIONS_MAX: usize = 256;
+
+/// How far a region may reach out of its buffer: rounding in foreign programs.
+const PART_TOLERANCE: f64 = 1e-6;
+
+/// What the text says.
+pub(super) struct Document {
+    pub profile: Profile,
+    /// Pixels of the buffer; where the text has none, what the regions make of it.
+    pub buffer: UVec2,
+    pub regions: Vec<Region>,
+}
+
+/// A projector.
+pub(super) struct Region {
+    pub id: String,
+    pub size: UVec2,
+    /// Of the buffer, 0 to 1, from its lower left.
+    pub origin: DVec2,
+    pub extent: DVec2,
+    pub pyramid: Option<Pyramid>,
+    pub files: Files,
+}
+
+/// The files of a projector.
+#[derive(Default)]
+pub(super) struct Files {
+    pub warp: Option<WarpFile>,
+    pub alpha: Option<MaskFile>,
+    pub beta: Option<MaskFile>,
+}
+
+/// A warp map, and what is said of it.
+pub(super) struct WarpFile {
+    pub path: String,
+    pub interpolation: String,
+    pub unit: String,
+    pub origin: String,
+}
+
+/// A mask, and what is said of it.
+pub(super) struct MaskFile {
+    pub path: String,
+    pub components: Option<f64>,
+    pub bits: Option<f64>,
+    pub gamma: Option<f64>,
+}
+
+fn bad(place: impl Into<String>, what: impl Into<String>, right: &str) -> BakeError {
+    BakeError::at(format!("mpcdi.xml {}", place.into()), what, format!("{right} would be right"))
+}
+
+/// Reads the text.
+pub(super) fn parse(text: &str) -> Result<Document, BakeError> {
+    let options = ParsingOptions { nodes_limit: NODES_MAX, ..ParsingOptions::default() };
+    let tree = roxmltree::Document::parse_with_options(text, options).map_err(|error| {
+        let what = format!("it is not XML: {}", shorten_middle(&error.to_string()));
+        bad("", what, "XML without a DTD")
+    })?;
+    let root = tree.root_element();
+    if !is_named(root, "MPCDI") {
+        let what = format!("its first element is '{}'", shorten(root.tag_name().name()));
+        return Err(bad("", what, "MPCDI"));
+    }
+    let profile = profile(root)?;
+    let display = child(root, "display").ok_or_else(|| bad("", "it has no display", "one"))?;
+    let mut buffers = children(display, "buffer");
+    let (Some(buffer), None) = (buffers.next(), buffers.next()) else {
+        let count = children(display, "buffer").count();
+        return Err(bad("display", format!("it has {count} buffers"), "one"));
+    };
+    let mut regions: Vec<Region> = Vec::new();
+    for node in children(buffer, "region") {
+        let region = region(node, profile)?;
+        if regions.iter().any(|known| known.id == region.id) {
+            return Err(bad(place(&region.id), "it is there twice", "each id once"));
+        }
+        if regions.len() >= REGIONS_MAX {
+            return Err(bad("buffer", "there are more regions", "at most 256 of them"));
+        }
+        regions.push(region);
+    }
+    if regions.is_empty() {
+        return Err(bad("buffer", "it has no region", "one for each projector"));
+    }
+    add_files(root, &mut regions)?;
+    let buffer = buffer_size(buffer, &regions)?;
+    Ok(Document { profile, buffer, regions })
+}
+
+fn profile(root: Node<'_, '_>) -> Result<Profile, BakeError> {
+    let version = attribute(root, "version").unwrap_or("1.0").trim();
+    if !["1", "2"].contains(&version.split('.').next().unwrap_or_default()) {
+        return Err(bad("MPCDI.version", format!("it is '{}'", shorten(version)), "1.0 or 2.0"));
+    }
+    let profile = attribute(root, "profile").unwrap_or_default().trim().to_ascii_lowercase();
+    let known = match profile.as_str() {
+        "2d" => return Ok(Profile::TwoD),
+        "3d" => return Ok(Profile::ThreeD),
+        "a3" => "it is a3, advanced 3D, which is not supported".to_owned(),
+        "sl" => "it is sl, shader lamps, which is not supported".to_owned(),
+        other => format!("it is '{}'", shorten(other)),
+    };
+    Err(bad("MPCDI.profile", known, "2d or 3d"))
+}
+
+fn region(node: Node<'_, '_>, profile: Profile) -> Result<Region, BakeError> {
+    let id = attribute(node, "id").unwrap_or_default().trim();
+    if id.is_empty() {
+        return Err(bad("region", "it has no id", "one"));
+    }
+    let number = |name: &str| {
+        let text = attribute(node, name).unwrap_or_default();
+        finite(text).ok_or_else(|| {
+            let place = format!("{}.{name}", place(id));
+            bad(place, format!("it is '{}'", shorten(text)), "a number")
+        })
+    };
+    let origin = DVec2::new(number("x")?, number("y")?);
+    let extent = DVec2::new(number("xsize")?, number("ysize")?);
+    let end = (origin + extent).max_element();
+    if origin.min_element() < -PART_TOLERANCE
+        || extent.min_element() <= 0.0
+        || end > 1.0 + PART_TOLERANCE
+    {
+        let what = format!("its part of the buffer, {origin} and {extent}, leaves it");
+        return Err(bad(place(id), what, "x, y, xsize and ysize within 0 and 1"));
+    }
+    let side = |name: &str| {
+        let side = number(name)?;
+        if side.fract() == 0.0 && (1.0..=f64::from(CHANNEL_SIDE_MAX)).contains(&side) {
+            return Ok(side as u32);
+        }
+        let place = format!("{}.{name}", place(id));
+        Err(bad(place, format!("it is {side}"), "a whole number from 1 to 8192"))
+    };
+    let size = UVec2::new(side("xResolution")?, side("yResolution")?);
+    let pyramid = match (child(node, "frustum"), profile) {
+        (Some(frustum), Profile::ThreeD) => Some(pyramid(frustum, id)?),
+        (None, Profile::ThreeD) => {
+            return Err(bad(place(id), "it has no frustum", "one, as profile 3d has it,"));
+        }
+        (_, Profile::TwoD) => None,
+    };
+    let id = id.to_owned();
+    Ok(Region { id, size, origin, extent, pyramid, files: Files::default() })
+}
+
+fn pyramid(node: Node<'_, '_>, id: &str) -> Result<Pyramid, BakeError> {
+    let number = |name: &str| {
+        let text = child(node, name).and_then(|child| child.text()).unwrap_or_default();
+        finite(text).ok_or_else(|| {
+            let place = format!("{} frustum.{name}", place(id));
+            bad(place, format!("it is '{}'", shorten(text)), "an angle in degrees")
+        })
+    };
+    let angles =
+        [number("leftAngle")?, number("rightAngle")?, number("downAngle")?, number("upAngle")?];
+    let [left, right, down, up] = angles;
+    let is_open = left < right && down < up;
+    if !is_open || angles.iter().any(|angle| angle.abs() >= 89.0) {
+        let what = format!("its angles are {angles:?}: left, right, down, up");
+        let right = "left below right, down below up, each within ±89 degrees,";
+        return Err(bad(format!("{} frustum", place(id)), what, right));
+    }
+    let turn = [number("yaw")?, number("pitch")?, number("roll")?];
+    Ok(Pyramid { turn, angles })
+}
+
+fn add_files(root: Node<'_, '_>, regions: &mut [Region]) -> Result<(), BakeError> {
+    let sets = child(root, "files").into_iter().flat_map(|files| children(files, "fileset"));
+    for set in sets {
+        let id = attribute(set, "region").unwrap_or_default().trim();
+        let Some(region) = regions.iter_mut().find(|region| region.id == id) else {
+            let what = format!("it belongs to region '{}', which is not there", shorten(id));
+            return Err(bad("fileset", what, "the id of a region"));
+        };
+        if child(set, "distortionMap").is_some() {
+            let what = "it has a distortionMap, which profile sl has";
+            return Err(bad(format!("fileset of {}", place(id)), what, "none"));
+        }
+        let files = &mut region.files;
+        let name = |kind: &str| format!("fileset of {} {kind}", place(id));
+        for node in set.children().filter(Node::is_element) {
+            let kind = node.tag_name().name().to_ascii_lowercase();
+            let is_again = match kind.as_str() {
+                "geometrywarpfile" => files.warp.replace(warp_file(node)).is_some(),
+                "alphamap" => files.alpha.replace(mask_file(node, &name(&kind))?).is_some(),
+                "betamap" => files.beta.replace(mask_file(node, &name(&kind))?).is_some(),
+                _ => false,
+            };
+            if is_again {
+                return Err(bad(name(&kind), "it is there twice", "one"));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn warp_file(node: Node<'_, '_>) -> WarpFile {
+    let text = |name: &str| text_of(node, name).unwrap_or_default();
+    WarpFile {
+        path: text("path"),
+        interpolation: text("interpolation").to_ascii_lowercase(),
+        unit: text("geometricUnit").to_ascii_lowercase(),
+        origin: text("originOf3DData"),
+    }
+}
+
+fn mask_file(node: Node<'_, '_>, place: &str) -> Result<MaskFile, BakeError> {
+    let number = |name: &str| {
+        let Some(text) = text_of(node, name) else { return Ok(None) };
+        let positive = finite(&text).filter(|number| (0.01..=100.0).contains(number));
+        let what = || bad(format!("{place}.{name}"), format!("it is '{}'", shorten(&text)), "1");
+        positive.map(Some).ok_or_else(what)
+    };
+    Ok(MaskFile {
+        path: text_of(node, "path").unwrap_or_default(),
+        components: number("componentDepth")?,
+        bits: number("bitDepth")?,
+        gamma: number("gammaEmbedded")?,
+    })
+}
+
+/// What the text says of the buffer, or what the regions make of it.
+fn buffer_size(node: Node<'_, '_>, regions: &[Region]) -> Result<UVec2, BakeError> {
+    let given = |name: &str| finite(attribute(node, name)?).filter(|side| *side >= 1.0);
+    let whole = |region: &Region| region.size.as_dvec2() / region.extent;
+    let made = regions.iter().map(whole).fold(DVec2::ONE, DVec2::max);
+    let size = DVec2::new(
+        given("xResolution").unwrap_or(made.x).round(),
+        given("yResolution").unwrap_or(made.y).round(),
+    );
+    if size.max_element() > f64::from(CANVAS_SIDE_MAX) {
+        return Err(bad("buffer", format!("it has {size} pixels"), "131072 at most"));
+    }
+    Ok(size.as_uvec2())
+}
+
+impl Document {
+    /// A region's part of the buffer in whole pixels, from the upper left: origin and size.
+    pub fn part(&self, region: &Region) -> (UVec2, UVec2) {
+        let buffer = self.buffer.as_dvec2();
+        let top = DVec2::new(region.origin.x, 1.0 - region.origin.y - region.extent.y);
+        let last = self.buffer - UVec2::ONE;
+        let from = (top * buffer).round().max(DVec2::ZERO).as_uvec2().min(last);
+        let size = (region.extent * buffer).round().as_uvec2().max(UVec2::ONE);
+        (from, size.min(self.buffer - from))
+    }
+}
+
+/// How a message calls a region.
+pub(super) fn place(id: &str) -> String {
+    format!("region '{}'", shorten(id))
+}
+
+fn is_named(node: Node<'_, '_>, name: &str) -> bool {
+    node.is_element() && node.tag_name().name().eq_ignore_ascii_case(name)
+}
+
+fn child<'a, 'i>(node: Node<'a, 'i>, name: &str) -> Option<Node<'a, 'i>> {
+    node.children().find(|child| is_named(*child, name))
+}
+
+fn children<'a, 'i>(node: Node<'a, 'i>, name: &str) -> impl Iterator<Item = Node<'a, 'i>> {
+    node.children().filter(move |child| is_named(*child, name))
+}
+
+fn attribute<'a>(node: Node<'a, '_>, name: &str) -> Option<&'a str> {
+    let mut attributes = node.attributes();
+    let found = attributes.find(|attribute| attribute.name().eq_ignore_ascii_case(name));
+    found.map(|attribute| attribute.value())
+}
+
+fn text_of(node: Node<'_, '_>, name: &str) -> Option<String> {
+    Some(child(node, name)?.text()?.trim().to_owned())
+}
+
+fn finite(text: &str) -> Option<f64> {
+    text.trim().parse().ok().filter(|number: &f64| number.is_finite())
+}

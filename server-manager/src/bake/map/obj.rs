@@ -1,0 +1,139 @@
+//! OBJ meshes: `v`, `vt` and `f`; all else is left alone.
+//!
+//! Positions are metres of display space. `vt` is a place on the channel's picture (a screen mesh:
+//! on the screen's canvas), u to the right and v up, as OBJ means it. Polygons become fans.
+//!
+//! Read here and not by a crate, because the known ones keep no lines, and a message about a mesh
+//! of a million faces that names none helps nobody.
+
+use std::collections::HashMap;
+
+use glam::{Vec2, Vec3};
+use polyptych_protocol::wall::warp::{
+    MAP_TRIANGLES_MAX, MAP_VERTICES_MAX, MapSpace, WARP_REACH_M_MAX, WarpMap, WarpMesh, WarpShape,
+    WarpVertex,
+};
+
+use super::super::error::BakeError;
+use super::super::uri::shorten;
+use super::{fold, text};
+
+/// What is read so far.
+#[derive(Default)]
+struct Reader {
+    positions: Vec<Vec3>,
+    places: Vec<Vec2>,
+    vertices: Vec<WarpVertex>,
+    /// By position and place, both as counted in the file.
+    known: HashMap<(u32, u32), u32>,
+    triangles: Vec<[u32; 3]>,
+    /// The line of each triangle.
+    lines: Vec<usize>,
+}
+
+/// Reads a mesh whose UV are places.
+pub(super) fn read(bytes: &[u8]) -> Result<WarpMap, BakeError> {
+    let mut reader = Reader::default();
+    for (line, content) in text::lines(bytes) {
+        let mut words = content.split_ascii_whitespace();
+        match words.next() {
+            Some("v") => {
+                let [x, y, z] = text::numbers(&mut words, line, "v X Y Z")?;
+                reader.positions.push(point([x, y, z], line)?);
+            }
+            Some("vt") => {
+                let [u, v] = text::numbers(&mut words, line, "vt U V")?;
+                reader.places.push(Vec2::new(u as f32, (1.0 - v) as f32));
+            }
+            Some("f") => reader.face(words, line)?,
+            _ => {}
+        }
+    }
+    if reader.triangles.is_empty() {
+        let right = "lines of v, vt and f would be right";
+        return Err(BakeError::at("file", "it has no faces", right));
+    }
+    let lines = reader.lines;
+    let mesh = WarpMesh { vertices: reader.vertices, triangles: reader.triangles };
+    let mesh = fold::check(mesh, |triangle| text::place(lines[triangle]))?;
+    Ok(WarpMap { space: MapSpace::Display, shape: WarpShape::Mesh(mesh) })
+}
+
+fn point(point: [f64; 3], line: usize) -> Result<Vec3, BakeError> {
+    if point.iter().all(|number| number.abs() <= f64::from(WARP_REACH_M_MAX)) {
+        return Ok(Vec3::from_array(point.map(|number| number as f32)));
+    }
+    let what = format!("the point {point:?} is too far away");
+    let right = format!("metres, at most {WARP_REACH_M_MAX} of them, would be right");
+    Err(BakeError::at(text::place(line), what, right))
+}
+
+impl Reader {
+    fn face<'a>(
+        &mut self,
+        words: impl Iterator<Item = &'a str>,
+        line: usize,
+    ) -> Result<(), BakeError> {
+        let mut corners = [0u32; 2];
+        let mut count = 0;
+        for word in words {
+            let corner = self.corner(word, line)?;
+            match count {
+                0 | 1 => corners[count] = corner,
+                _ => {
+                    if self.triangles.len() >= MAP_TRIANGLES_MAX as usize {
+                        let right = format!("{MAP_TRIANGLES_MAX} triangles would be right");
+                        return Err(BakeError::at(text::place(line), "there are more", right));
+                    }
+                    self.triangles.push([corners[0], corners[1], corner]);
+                    self.lines.push(line);
+                    corners[1] = corner;
+                }
+            }
+            count += 1;
+        }
+        if count < 3 {
+            let what = format!("the face has {count} corners");
+            return Err(BakeError::at(text::place(line), what, "three or more would be right"));
+        }
+        Ok(())
+    }
+
+    fn corner(&mut self, word: &str, line: usize) -> Result<u32, BakeError> {
+        let bad = |what: String| {
+            let right = "POSITION/UV, counted from 1, would be right";
+            BakeError::at(text::place(line), what, right)
+        };
+        let mut parts = word.split('/');
+        let position = parts.next().unwrap_or_default();
+        let place = parts.next().unwrap_or_default();
+        if place.is_empty() {
+            return Err(bad(format!("the corner '{}' has no UV", shorten(word))));
+        }
+        let index = |text: &str, count: usize| {
+            let number: i64 = text.parse().ok()?;
+            // Negative numbers count back from the last one.
+            let index = if number < 0 { count as i64 + number } else { number - 1 };
+            u32::try_from(index).ok().filter(|&index| (index as usize) < count)
+        };
+        let missing = |list: &str, count: usize| {
+            bad(format!("the corner '{}' names a {list} of {count}", shorten(word)))
+        };
+        let position = index(position, self.positions.len())
+            .ok_or_else(|| missing("position", self.positions.len()))?;
+        let place =
+            index(place, self.places.len()).ok_or_else(|| missing("UV", self.places.len()))?;
+        if let Some(&known) = self.known.get(&(position, place)) {
+            return Ok(known);
+        }
+        if self.vertices.len() >= MAP_VERTICES_MAX as usize {
+            let right = format!("{MAP_VERTICES_MAX} vertices would be right");
+            return Err(BakeError::at(text::place(line), "there are more", right));
+        }
+        let index = self.vertices.len() as u32;
+        let (at, shown) = (self.places[place as usize], self.positions[position as usize]);
+        self.vertices.push(WarpVertex { place: at, value: shown, light: 1.0 });
+        self.known.insert((position, place), index);
+        Ok(index)
+    }
+}
