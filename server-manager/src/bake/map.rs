@@ -40,11 +40,11 @@ const MAP_FILE_BYTES_MAX: u64 = 1 << 30;
 /// What a file of a wall is for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MapUse {
-    /// Where the pixels of a channel lie. `aspect` is the channel's width by its height, which
-    /// Bourke meshes are measured in.
+    /// Where the pixels of a channel lie.
     Warp {
-        /// Width by height.
-        aspect: f64,
+        /// The channel's width by its height, which Bourke meshes are measured in; `None` where
+        /// channels of several shapes use the file.
+        aspect: Option<f64>,
     },
     /// The shape of a screen: points in display space, with places on its canvas as UV.
     ScreenMesh,
@@ -104,7 +104,7 @@ fn read(
     }
 }
 
-fn read_warp(path: &Path, bytes: &[u8], aspect: f64) -> Result<WarpMap, BakeError> {
+fn read_warp(path: &Path, bytes: &[u8], aspect: Option<f64>) -> Result<WarpMap, BakeError> {
     match bytes {
         [b'P', b'F' | b'f', ..] | [b'p', b'f', ..] => pfm::read(bytes)?.into_warp(),
         [0x89, b'P', b'N', b'G', ..] => uv_image::read(bytes),

@@ -1,7 +1,7 @@
 //! Whole bakes: of scenes made in code, of broken ones, and of the assets that may lie beside.
 
 mod broken;
-mod builder;
+pub(in crate::bake) mod builder;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -22,7 +22,11 @@ use super::text;
 const GAMMA: f64 = 2.2;
 
 /// Reads a mesh for a channel whose width by its height is `aspect`.
-pub(super) fn read(bytes: &[u8], aspect: f64) -> Result<WarpMap, BakeError> {
+pub(super) fn read(bytes: &[u8], aspect: Option<f64>) -> Result<WarpMap, BakeError> {
+    let Some(aspect) = aspect else {
+        let what = "channels of several shapes use it, and x is measured in the height of one";
+        return Err(BakeError::at("file", what, "a file for each shape would be right"));
+    };
     let mut lines = text::lines(bytes).filter(|(_, content)| !content.is_empty());
     let mut next = |right: &str| {
         let line = lines.next();

@@ -6,8 +6,7 @@
 //! -1.0\n          negative: little-endian, positive: big-endian; the amount means nothing here
 //! ```
 //!
-//! Maps of two components are `pf2c`, as Panda3D writes them, or `PF` with as many bytes as two
-//! take. Two components are u and v of the screen's canvas, u to the right, v up, as MPCDI has it;
+//! Maps of two components are `pf2c`, as Panda3D writes them. Two components are u and v of the screen's canvas, u to the right, v up, as MPCDI has it;
 //! three are a point in display space, in metres. As `PF` has no other way to hold u and v, its
 //! third component decides: where it is NaN in every pixel that has the other two, they are u and
 //! v; also where it is 0 throughout and the others lie within 0 and 1. A screen whose points all
@@ -39,9 +38,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Pfm, BakeError> {
     let bad = |what: String| BakeError::at("head", what, format!("{RIGHT} would be right"));
     let mut rest = bytes;
     let kind = word(&mut rest).unwrap_or_default();
-    let given = match kind {
-        "PF" => None,
-        "pf2c" => Some(2),
+    let components = match kind {
+        "PF" => 3,
+        "pf2c" => 2,
         "Pf" => return Err(bad("it is a map of one component, Pf".to_owned())),
         "pf4c" => return Err(bad("it is a map of four components, pf4c".to_owned())),
         _ => return Err(bad("it does not begin with PF".to_owned())),
@@ -61,16 +60,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Pfm, BakeError> {
     // A line that ends in two bytes leaves the second one behind.
     let is_two_ends = rest.len() % 4 == 1 && rest.first() == Some(&b'\n');
     rest = if is_two_ends { &rest[1..] } else { rest };
-    let components = match (given, rest.len()) {
-        (None | Some(3), len) if len == pixels * 12 => 3,
-        (None | Some(2), len) if len == pixels * 8 => 2,
-        (_, len) => {
-            let three = pixels * 4 * given.unwrap_or(3);
-            let what = if len < three { "it is truncated" } else { "bytes follow its last pixel" };
-            let what = format!("{what}: {len} bytes of {} × {} pixels", size.x, size.y);
-            return Err(BakeError::at("pixels", what, format!("{three} would be right")));
-        }
-    };
+    let due = pixels * components * 4;
+    if rest.len() != due {
+        let what = if rest.len() < due { "it is truncated" } else { "bytes follow its last pixel" };
+        let what = format!("{what}: {} bytes of {} × {} pixels", rest.len(), size.x, size.y);
+        return Err(BakeError::at("pixels", what, format!("{due} would be right")));
+    }
     let float = |four: &[u8]| {
         let four = [four[0], four[1], four[2], four[3]];
         if scale < 0.0 { f32::from_le_bytes(four) } else { f32::from_be_bytes(four) }
@@ -124,6 +119,7 @@ impl Pfm {
             MapSpace::Canvas => (PLACE_REACH_MAX, "as u and v, which are 0 to 1 on the canvas"),
             MapSpace::Display => (WARP_REACH_M_MAX, "as a point in metres"),
         };
+        let used = if space == MapSpace::Canvas { 2 } else { 3 };
         let mut values = self.values;
         let mut is_lit = false;
         for (at, value) in values.iter_mut().enumerate() {
@@ -132,11 +128,16 @@ impl Pfm {
                 *value = Vec3::NAN;
                 continue;
             }
+            let (x, y) = (at % self.size.x as usize, at / self.size.x as usize);
+            let place = || format!("pixel ({x}, {y}) from the upper left");
+            if let Some(odd) = value.to_array()[..used].iter().find(|number| is_swapped(**number)) {
+                let what = format!("it holds {odd:e}: its bytes seem to be in the other order");
+                let right = "a scale below 0 for little-endian floats, above 0 for big-endian ones";
+                return Err(BakeError::at(place(), what, format!("{right}, would be right")));
+            }
             if converted.abs().max_element() > reach {
-                let (x, y) = (at % self.size.x as usize, at / self.size.x as usize);
-                let place = format!("pixel ({x}, {y}) from the upper left");
                 let right = format!("at most {reach} either way would be right");
-                return Err(BakeError::at(place, format!("it is {value} {what}"), right));
+                return Err(BakeError::at(place(), format!("it is {value} {what}"), right));
             }
             *value = converted;
             is_lit = true;
@@ -148,6 +149,12 @@ impl Pfm {
         let grid = WarpGrid { size: self.size, values };
         Ok(WarpMap { space, shape: WarpShape::Grid(grid) })
     }
+}
+
+/// Whether no one measured this: usual numbers have such exponents when their bytes are swapped.
+fn is_swapped(number: f32) -> bool {
+    let size = number.abs();
+    size != 0.0 && !(1e-25..1e25).contains(&size)
 }
 
 /// The file that reads back as this grid.

@@ -6,14 +6,14 @@ use serde_json::{Value, json};
 
 /// A glTF whose buffer grows as things are added.
 #[derive(Clone)]
-pub(super) struct Builder {
+pub(in crate::bake) struct Builder {
     pub json: Value,
     pub bin: Vec<u8>,
 }
 
 impl Builder {
     /// A scene without nodes.
-    pub(super) fn empty() -> Self {
+    pub(in crate::bake) fn empty() -> Self {
         let json = json!({
             "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [] }],
             "nodes": [], "meshes": [], "accessors": [], "bufferViews": [],
@@ -23,7 +23,7 @@ impl Builder {
     }
 
     /// One triangle of one metre, without normals or indices.
-    pub(super) fn triangle() -> Self {
+    pub(in crate::bake) fn triangle() -> Self {
         let mut builder = Self::empty();
         let positions = builder.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
         builder.mesh(&json!({ "attributes": { "POSITION": positions } }));
@@ -31,7 +31,7 @@ impl Builder {
     }
 
     /// A square in the plane of x and y that faces +z, with an image upright on it.
-    pub(super) fn quad() -> Self {
+    pub(in crate::bake) fn quad() -> Self {
         let mut builder = Self::empty();
         let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
         let positions: Vec<f32> = corners.iter().flat_map(|[x, y]| [*x, *y, 0.0]).collect();
@@ -51,7 +51,7 @@ impl Builder {
         list.len() - 1
     }
 
-    pub(super) fn view(&mut self, bytes: &[u8], stride: Option<u64>) -> usize {
+    pub(in crate::bake) fn view(&mut self, bytes: &[u8], stride: Option<u64>) -> usize {
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);
         let mut view =
             json!({ "buffer": 0, "byteOffset": self.bin.len(), "byteLength": bytes.len() });
@@ -62,7 +62,7 @@ impl Builder {
         self.push("bufferViews", view)
     }
 
-    pub(super) fn accessor(
+    pub(in crate::bake) fn accessor(
         &mut self,
         kind: &str,
         component: u32,
@@ -76,7 +76,7 @@ impl Builder {
         self.push("accessors", accessor)
     }
 
-    pub(super) fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
+    pub(in crate::bake) fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
         let width = match kind {
             "VEC2" => 2,
             "VEC3" => 3,
@@ -86,20 +86,20 @@ impl Builder {
         self.accessor(kind, 5126, values.len() / width, &bytes, None)
     }
 
-    pub(super) fn indices(&mut self, values: &[u32]) -> usize {
+    pub(in crate::bake) fn indices(&mut self, values: &[u32]) -> usize {
         let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         self.accessor("SCALAR", 5125, values.len(), &bytes, None)
     }
 
     /// A mesh of this primitive, and a root node that shows it.
-    pub(super) fn mesh(&mut self, primitive: &Value) {
+    pub(in crate::bake) fn mesh(&mut self, primitive: &Value) {
         let mesh = self.push("meshes", json!({ "primitives": [primitive] }));
         let node = self.push("nodes", json!({ "mesh": mesh }));
         self.json["scenes"][0]["nodes"].as_array_mut().expect("a list").push(json!(node));
     }
 
     /// An image in the buffer, and a texture of it.
-    pub(super) fn image(&mut self, encoded: &[u8]) {
+    pub(in crate::bake) fn image(&mut self, encoded: &[u8]) {
         let view = self.view(encoded, None);
         let image = self.push("images", json!({ "bufferView": view, "mimeType": "image/png" }));
         self.push("textures", json!({ "source": image }));
@@ -118,18 +118,18 @@ impl Builder {
     }
 
     /// As JSON, with the buffer in a file.
-    pub(super) fn gltf(&self, uri: &str) -> Vec<u8> {
+    pub(in crate::bake) fn gltf(&self, uri: &str) -> Vec<u8> {
         self.text(Some(uri)).into_bytes()
     }
 
     /// As one binary file.
-    pub(super) fn glb(&self) -> Vec<u8> {
+    pub(in crate::bake) fn glb(&self) -> Vec<u8> {
         glb(&self.text(None), &self.bin)
     }
 }
 
 /// A GLB of this JSON and these bytes.
-pub(super) fn glb(json: &str, bin: &[u8]) -> Vec<u8> {
+pub(in crate::bake) fn glb(json: &str, bin: &[u8]) -> Vec<u8> {
     let mut json = json.as_bytes().to_vec();
     json.resize(json.len().next_multiple_of(4), b' ');
     let mut bin = bin.to_vec();
@@ -148,7 +148,11 @@ pub(super) fn glb(json: &str, bin: &[u8]) -> Vec<u8> {
 }
 
 /// A PNG of these pixels.
-pub(super) fn png(width: u32, height: u32, pixel: impl Fn(u32, u32) -> [u8; 4]) -> Vec<u8> {
+pub(in crate::bake) fn png(
+    width: u32,
+    height: u32,
+    pixel: impl Fn(u32, u32) -> [u8; 4],
+) -> Vec<u8> {
     let picture = image::RgbaImage::from_fn(width, height, |x, y| image::Rgba(pixel(x, y)));
     let mut bytes = Cursor::new(Vec::new());
     picture.write_to(&mut bytes, image::ImageFormat::Png).expect("encoded");
