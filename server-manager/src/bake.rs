@@ -53,7 +53,7 @@ use material::Palette;
 use source::Source;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 1;
+const BAKER_VERSION: u32 = 2;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.

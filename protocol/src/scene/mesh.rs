@@ -34,8 +34,8 @@ pub struct Primitive {
     pub topology: Topology,
     /// An index into the scene's materials; `None` is glTF's default material.
     pub material: Option<u32>,
-    /// Where the vertices' zero stands in the mesh's space: the baker recentres, so that the f32
-    /// remainder stays small.
+    /// Where the vertices' zero stands in the mesh's space. 0 for vertices that stay as their file
+    /// has them, which is exact.
     pub origin: DVec3,
     /// The least corner of the vertices, relative to `origin`.
     pub min: Vec3,

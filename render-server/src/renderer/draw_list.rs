@@ -5,11 +5,11 @@
 
 use std::collections::BTreeSet;
 
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat4, DVec3};
 
 use super::cull::Planes;
 use super::pipeline::{Cull, InstanceRecord};
-use super::scene::{Bounds, Scene};
+use super::scene::{Bounds, Relative, Scene};
 use super::view::ViewDesc;
 
 /// Beyond so many visible items it costs more to find what of the target they touch than it
@@ -76,10 +76,12 @@ impl DrawList {
             ..Self::default()
         };
         sort(scene, view.eye_in_world, scratch);
+        let clip_from_eye = view.scaled_clip_from_eye();
+        let seen_from = (view.eye_in_world, &clip_from_eye);
         for &(_, _, index) in &scratch.opaque {
             let batch = scene.items[index as usize].batch;
             let pipeline = scene.batches[batch as usize].pipeline;
-            let first = push(scene, index, view.eye_in_world, instances);
+            let first = push(scene, index, seen_from, instances);
             let whole = Draw { batch, pipeline, first, count: 1, part: None };
             if scene.clusters_of(batch).is_empty() {
                 list.triangles += scene.batches[batch as usize].triangles;
@@ -91,7 +93,7 @@ impl DrawList {
         for &(_, index) in &scratch.blended {
             let batch_index = scene.items[index as usize].batch;
             let batch = &scene.batches[batch_index as usize];
-            let first = push(scene, index, view.eye_in_world, instances);
+            let first = push(scene, index, seen_from, instances);
             let draw =
                 Draw { batch: batch_index, pipeline: batch.pipeline, first, count: 1, part: None };
             if let Some(pipeline) = batch.back_pipeline {
@@ -148,7 +150,7 @@ fn draw_parts(
     draws: &mut Vec<Draw>,
 ) -> u64 {
     let item = &scene.items[index as usize];
-    let linear = DMat3::from_cols_array_2d(&item.rows.map(|row| row.map(f64::from))).transpose();
+    let linear = item.linear;
     let local = planes.in_space_of(&linear, item.origin);
     let culls_back = scene.keys[whole.pipeline as usize].cull == Cull::Back;
     // A flat item has no side that an eye could be on.
@@ -181,17 +183,21 @@ fn draw_parts(
 }
 
 /// Writes an item's record, relative to the eye; returns its index.
-fn push(scene: &Scene, index: u32, eye: DVec3, instances: &mut Vec<InstanceRecord>) -> u32 {
+fn push(
+    scene: &Scene,
+    index: u32,
+    (eye, clip_from_eye): (DVec3, &DMat4),
+    instances: &mut Vec<InstanceRecord>,
+) -> u32 {
     let item = &scene.items[index as usize];
-    let origin = (item.origin - eye).as_vec3().to_array();
-    let row = |i: usize| {
-        let [x, y, z] = item.rows[i];
-        [x, y, z, origin[i]]
-    };
+    let Relative { near, rows, offset } =
+        item.relative_to(eye, &scene.mesh_boxes[item.mesh_box as usize]);
     instances.push(InstanceRecord {
-        rows: [row(0), row(1), row(2)],
+        rows,
         normal_rows: item.normal_rows,
         lamps: item.lamps,
+        near,
+        clip_offset: (*clip_from_eye * offset.extend(1.0)).as_vec4().to_array(),
     });
     instances.len() as u32 - 1
 }

@@ -110,12 +110,16 @@ impl PipelineKey {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
 pub(in crate::renderer) struct InstanceRecord {
-    /// Rows of the affine matrix to eye-relative world axes.
+    /// Rows of the affine matrix from `position - near` to eye-relative world axes.
     pub rows: [[f32; 4]; 3],
     /// Rows of the matrix for normals.
     pub normal_rows: [[f32; 3]; 3],
     /// Start and count in the list of lamp indices.
     pub lamps: [u32; 2],
+    /// Subtracted from positions first; see `Item::relative_to`.
+    pub near: [f32; 3],
+    /// Where `near` stands in clip space.
+    pub clip_offset: [f32; 4],
 }
 
 /// The pipelines of a renderer, made on demand.
@@ -270,6 +274,8 @@ fn instance_attributes(interface: Interface) -> Vec<wgpu::VertexAttribute> {
     let row = |i: u32| attribute(wgpu::VertexFormat::Float32x4, u64::from(i) * 16, 6 + i);
     let normal = |i: u32| attribute(wgpu::VertexFormat::Float32x3, 48 + u64::from(i) * 12, 9 + i);
     let mut attributes: Vec<_> = (0..3).map(row).collect();
+    attributes.push(attribute(wgpu::VertexFormat::Float32x3, 92, 13));
+    attributes.push(attribute(wgpu::VertexFormat::Float32x4, 104, 14));
     if interface.lit {
         attributes.extend((0..3).map(normal));
     }

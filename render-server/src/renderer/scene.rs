@@ -22,7 +22,7 @@ pub use description::{
 pub(in crate::renderer) use geometry::Geometry;
 pub(in crate::renderer) use light::{Lamp, Lights};
 pub(in crate::renderer) use material::MaterialUniform;
-pub(in crate::renderer) use placement::{Bounds, Item};
+pub(in crate::renderer) use placement::{Bounds, Item, Relative};
 pub(in crate::renderer) use tree::Tree;
 
 use super::pipeline::PipelineKey;
@@ -51,6 +51,8 @@ pub struct Scene {
     pub(in crate::renderer) items: Vec<Item>,
     /// In the order of the items.
     pub(in crate::renderer) bounds: Vec<Bounds>,
+    /// One for each described primitive: its mesh, in the primitive's space.
+    pub(in crate::renderer) mesh_boxes: Vec<Bounds>,
     pub(in crate::renderer) tree: Tree,
     pub(in crate::renderer) batches: Vec<Batch>,
     pub(in crate::renderer) keys: Vec<PipelineKey>,

@@ -92,6 +92,16 @@ impl ViewDesc {
         self.clip_from_view * DMat4::from_mat3(self.view_from_world)
     }
 
+    /// The same as the shaders have it: times a factor, which changes no picture, that makes the
+    /// numerator of depth, near over distance, a power of two. Then only the division rounds
+    /// depth, and no product.
+    pub(in crate::renderer) fn scaled_clip_from_eye(&self) -> DMat4 {
+        let near = self.clip_from_view.w_axis.z;
+        let is_scaled = near.is_normal() && near > 0.0;
+        let scale = if is_scaled { near.log2().round().exp2() / near } else { 1.0 };
+        self.clip_from_eye() * scale
+    }
+
     /// The uniforms of this view.
     pub(in crate::renderer) fn uniform(&self, sky: Vec3, lights: &Lights) -> FrameUniform {
         let mut suns = [SunRecord::default(); SUNS_MAX];
@@ -99,7 +109,7 @@ impl ViewDesc {
             record.toward = sun.toward.to_array();
             record.irradiance = sun.irradiance.to_array();
         }
-        let clip_from_eye: Mat4 = self.clip_from_eye().as_mat4();
+        let clip_from_eye: Mat4 = self.scaled_clip_from_eye().as_mat4();
         FrameUniform {
             clip_from_eye: clip_from_eye.to_cols_array_2d(),
             sky: sky.to_array(),

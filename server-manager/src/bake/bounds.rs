@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use polyptych_protocol::scene::{Bounds, Instance, Mesh, Node, Scene};
 
 use super::error::BakeError;
@@ -19,13 +19,28 @@ pub(super) fn scales(nodes: &[Node], world: &[DAffine3]) -> BTreeMap<u32, f64> {
         let instance = |i: &Instance| i.scale.abs().max_element() as f64;
         let copies = node.instances.iter().map(instance).fold(0.0, f64::max);
         let copies = if node.instances.is_empty() { 1.0 } else { copies };
-        let matrix = world.matrix3;
-        let longest = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::length);
-        let scale = longest.into_iter().fold(0.0, f64::max) * copies;
+        let scale = stretch(world.matrix3) * copies;
         let known = scales.entry(mesh).or_insert(scale);
         *known = f64::max(*known, scale);
     }
     scales
+}
+
+/// The most that a matrix lengthens any vector, or a little more: exact for rotations, scales and
+/// what they make together, at most 1.7 times too large where it shears.
+///
+/// The square of the largest singular value is the largest eigenvalue of MᵀM, which no sum of the
+/// sizes of a row is below (Gershgorin, 1931).
+fn stretch(matrix: DMat3) -> f64 {
+    // The largest element is taken out, so that squares stay in range.
+    let largest = matrix.to_cols_array().into_iter().fold(0.0, |m: f64, e| m.max(e.abs()));
+    if largest == 0.0 || !largest.is_finite() {
+        return largest;
+    }
+    let matrix = matrix * largest.recip();
+    let gram = matrix.transpose() * matrix;
+    let row = |axis: DVec3| axis.abs().element_sum();
+    row(gram.x_axis).max(row(gram.y_axis)).max(row(gram.z_axis)).sqrt() * largest
 }
 
 /// The box around everything drawn.
@@ -91,5 +106,24 @@ impl Sum {
             + matrix.y_axis.abs() * half.y
             + matrix.z_axis.abs() * half.z;
         (self.min, self.max) = (self.min.min(center - reach), self.max.max(center + reach));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_stretch_of_rotated_scales_is_exact_and_of_shears_enough() {
+        let turn = DMat3::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 1.1);
+        let scaled = turn * DMat3::from_diagonal(DVec3::new(3.0, -7.0, 0.0));
+        assert!((stretch(scaled) - 7.0).abs() < 1e-12);
+        // Every column is 1 long, but the sum of the first two lengthens by almost 2.
+        let close = DVec3::new(1.0, 0.01, 0.0).normalize();
+        let shear = DMat3::from_cols(DVec3::X, close, DVec3::Z);
+        let most = (shear * DVec3::new(1.0, 1.0, 0.0).normalize()).length();
+        assert!(most > 1.41 && stretch(shear) >= most && stretch(shear) <= 1.7 * most);
+        assert_eq!(stretch(DMat3::ZERO), 0.0);
+        assert!(stretch(DMat3::from_diagonal(DVec3::splat(1e200))).is_finite());
     }
 }

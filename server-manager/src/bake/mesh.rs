@@ -159,7 +159,7 @@ impl Writer {
         let is_short = vertices.len() <= U16_VERTICES_MAX;
         let bytes_max = vertices.len() * self.layout.stride() as usize + indices.len() * 4;
         let mut bytes = Vec::with_capacity(bytes_max);
-        let (origin, min, max) = self.interleave(&vertices, &mut bytes);
+        let (min, max) = self.interleave(&vertices, &mut bytes);
         for &index in &indices {
             let index = index.to_le_bytes();
             bytes.extend_from_slice(if is_short { &index[..2] } else { &index });
@@ -172,7 +172,7 @@ impl Writer {
             index_format: if is_short { IndexFormat::U16 } else { IndexFormat::U32 },
             topology,
             material: None,
-            origin,
+            origin: DVec3::ZERO,
             min,
             max,
         })
@@ -245,26 +245,24 @@ impl Writer {
         }
     }
 
-    /// Appends the vertices relative to the middle of their box; gives that and the box.
-    fn interleave(&self, vertices: &[Vertex], bytes: &mut Vec<u8>) -> (DVec3, Vec3, Vec3) {
+    /// Appends the vertices as the file has them; gives the box around them.
+    ///
+    /// They are not moved to the middle of the piece: that would round each, and differently in
+    /// every piece. As they are, they are exact, and pieces meet in equal bits; the renderer takes
+    /// what is large from them before anything is rounded.
+    fn interleave(&self, vertices: &[Vertex], bytes: &mut Vec<u8>) -> (Vec3, Vec3) {
         let geometry = &self.geometry;
-        let position = |v: &Vertex| Vec3::from(geometry.positions[v.source as usize]).as_dvec3();
-        let (least, greatest) = vertices
-            .iter()
-            .map(position)
-            .fold((DVec3::MAX, DVec3::MIN), |(min, max), p| (min.min(p), max.max(p)));
-        let origin = least + (greatest - least) * 0.5;
         let (mut min, mut max) = (Vec3::MAX, Vec3::MIN);
         for vertex in vertices {
             let source = vertex.source as usize;
-            let relative = (position(vertex) - origin).as_vec3();
-            (min, max) = (min.min(relative), max.max(relative));
+            let position = Vec3::from(geometry.positions[source]);
+            (min, max) = (min.min(position), max.max(position));
             let mut put = |values: &[f32]| {
                 for value in values {
                     bytes.extend_from_slice(&value.to_le_bytes());
                 }
             };
-            put(&relative.to_array());
+            put(&position.to_array());
             put(&self.normal(*vertex));
             if self.layout.tangent {
                 put(&self.tangent(*vertex));
@@ -274,6 +272,6 @@ impl Writer {
                 put(&colors[source]);
             }
         }
-        (origin, min, max)
+        (min, max)
     }
 }

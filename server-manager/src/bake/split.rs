@@ -1,10 +1,10 @@
-//! Large primitives in pieces, so that what is left to f32 is small.
+//! Large primitives in pieces, so that a channel draws only what it may see of them, and lights
+//! reach only the pieces that are near them.
 //!
-//! A vertex of f32 that is `h` metres from its piece's origin is rounded by up to `h` · 2⁻²⁴. At
-//! [`HALF_EXTENT_MAX`] that is a hundredth of a wall pixel for an eye two metres away
-//! (`walls.md`, camera-relative). Pieces come from median splits of the elements' centroids
-//! along the longest axis. Every primitive that is too large *as its nodes scale it* is split,
-//! wherever it stands: the wall's camera may go anywhere.
+//! Pieces come from median splits of the elements' centroids along the longest axis. Every
+//! primitive that is too large *as its nodes scale it* is split, wherever it stands: the wall's
+//! camera may go anywhere. Accuracy does not ask for it: the vertices stay as they are, and the
+//! renderer measures them from the point of the mesh that is nearest to the eye.
 
 use std::collections::VecDeque;
 use std::ops::Range;

@@ -15,6 +15,8 @@ struct VertexIn {
     @location(10) normal_row1: vec3<f32>, //? lit
     @location(11) normal_row2: vec3<f32>, //? lit
     @location(12) lamps: vec2<u32>, //? lamps
+    @location(13) near: vec3<f32>,
+    @location(14) clip_offset: vec4<f32>,
 }
 
 struct Varyings {
@@ -38,11 +40,13 @@ fn unit(v: vec3<f32>) -> vec3<f32> {
 
 @vertex
 fn vertex(in: VertexIn) -> Varyings {
-    let local = vec4<f32>(in.position, 1.0);
-    let position = vec3<f32>(dot(in.row0, local), dot(in.row1, local), dot(in.row2, local));
+    // Exact for what is near the eye: see Item::relative_to.
+    let l = in.position - in.near;
+    let away = vec3<f32>(dot(in.row0.xyz, l), dot(in.row1.xyz, l), dot(in.row2.xyz, l));
     var out: Varyings;
-    out.clip = frame.clip_from_eye * vec4<f32>(position, 1.0);
-    out.position = position; //? lit
+    // The offset was brought to clip space in f64, so that what is far is rounded once.
+    out.clip = frame.clip_from_eye * vec4<f32>(away, 0.0) + in.clip_offset;
+    out.position = away + vec3<f32>(in.row0.w, in.row1.w, in.row2.w); //? lit
     let n = in.normal; //? lit
     let n0 = dot(in.normal_row0, n); //? lit
     let n1 = dot(in.normal_row1, n); //? lit

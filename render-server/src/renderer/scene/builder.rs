@@ -181,7 +181,9 @@ impl SceneBuilder {
         let mut items = Vec::with_capacity(placements.len());
         for placement in &placements {
             let lamps = lights.reaching(placement);
-            items.push(placement.item(sorter.batch_of(&self, placement), lamps));
+            let mesh_box =
+                self.first_primitive[placement.mesh as usize] as u32 + placement.primitive;
+            items.push(placement.item(sorter.batch_of(&self, placement), mesh_box, lamps));
         }
         let bounds: Vec<Bounds> = placements.iter().map(|placement| placement.bounds).collect();
         let (batches, keys, blends) = (sorter.batches, sorter.keys, sorter.template.linear);
@@ -191,6 +193,7 @@ impl SceneBuilder {
             tree: Tree::new(&bounds),
             items,
             bounds,
+            mesh_boxes: placement::mesh_boxes(&self.desc),
             batches,
             keys,
             geometries: self.geometries.filled.into_iter().flatten().collect(),
