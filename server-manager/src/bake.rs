@@ -23,6 +23,7 @@ mod material;
 mod mesh;
 mod mip;
 mod node;
+mod numbers;
 mod order;
 mod source;
 mod split;

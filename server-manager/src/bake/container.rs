@@ -99,7 +99,11 @@ fn parse_json(bytes: &[u8]) -> Result<Document, BakeError> {
         let error = uri::shorten_middle(&error.to_string());
         BakeError::at("JSON", format!("{what}{error}"), "glTF 2.0 would be right")
     };
-    let head: Head = serde_json::from_slice(text).map_err(malformed)?;
+    let head: Head = serde_json::from_slice(text).map_err(|error| {
+        // Text that is no JSON, such as `NaN`: the document's own error says in which key.
+        let of_document = serde_json::from_slice::<Document>(text).err();
+        malformed(of_document.filter(|_| error.is_syntax()).unwrap_or(error))
+    })?;
     check_head(&head)?;
     serde_json::from_slice(text).map_err(malformed)
 }

@@ -14,6 +14,7 @@ use serde::Deserialize;
 use serde::de::{self, Deserializer, SeqAccess, Visitor};
 
 use super::error::BakeError;
+use super::numbers;
 
 /// What must be understood before anything else is looked at.
 #[derive(Debug, Deserialize)]
@@ -86,9 +87,13 @@ pub(super) struct Node {
     pub children: Vec<u32>,
     pub mesh: Option<u32>,
     pub skin: Option<u32>,
+    #[serde(deserialize_with = "numbers::matrix")]
     pub matrix: Option<[f64; 16]>,
+    #[serde(deserialize_with = "numbers::translation")]
     pub translation: Option<[f64; 3]>,
+    #[serde(deserialize_with = "numbers::rotation")]
     pub rotation: Option<[f64; 4]>,
+    #[serde(deserialize_with = "numbers::scale")]
     pub scale: Option<[f64; 3]>,
     pub extensions: NodeExtensions,
 }

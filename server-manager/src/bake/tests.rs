@@ -2,6 +2,7 @@
 
 mod broken;
 pub(in crate::bake) mod builder;
+mod numbers;
 
 use std::fs;
 use std::path::{Path, PathBuf};
