@@ -9,6 +9,7 @@
 //! - `reconnecting`: a program goes on when its manager is killed and started again
 //! - `client_library`: the same program drives one channel and four
 //! - `seams`: a wall of tiles shows what one channel shows
+//! - `exact`: what is drawn against a renderer in f64, in all cases that are hard for numbers
 //! - `twins`: the same commands give the same bytes, whoever draws
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
 //! - `trust`: walls of several machines: keys, and who is refused for want of the right ones
@@ -22,6 +23,7 @@
 mod back_pressure;
 mod client_library;
 mod displays;
+mod exact;
 mod failures;
 #[path = "../harness/harness.rs"]
 mod harness;
@@ -29,6 +31,8 @@ mod manager_kills;
 mod observation;
 mod one_process;
 mod reconnecting;
+#[path = "../reference/reference.rs"]
+mod reference;
 mod refusals;
 mod replay;
 mod report;

@@ -1,25 +1,18 @@
 //! A wall of tiles shows what one channel shows.
 
-use glam::{DVec3, UVec2};
+use glam::DVec3;
 use image::{RgbaImage, imageops};
+use polyptych_client::Camera;
 use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, DisplayMode, Wall};
-use polyptych_manager::bake::{Store, bake};
-use polyptych_protocol::codec;
-use polyptych_protocol::command::{Area, Frame, View};
-use polyptych_protocol::head::Head;
-use polyptych_protocol::ids::{ChannelId, Epoch, FrameId, Revision};
-use polyptych_protocol::scene;
+use polyptych_protocol::ids::ChannelId;
 use polyptych_render::apply;
-use polyptych_render::renderer::{Renderer, Scene, SceneBuilder, Target, ViewDesc, read_pixels};
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
-use crate::harness::adapter::gpu;
 use crate::harness::local_wall::{LocalWall, of_repository, screen_of, shot};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
 use crate::harness::place::Place;
 use crate::harness::scenes::{asset, poses, town};
+use crate::harness::stage::{Stage, frame};
 
 /// Colours below which a picture shows too little to say anything about seams.
 const COLORS_MIN: usize = 100;
@@ -59,63 +52,6 @@ fn check_tiles(name: &str, client: &Client, camera: Camera, expected: &RgbaImage
     let capture = shot(client, camera);
     let difference = check(name, &screen_of(&capture), expected, &SEAMS);
     println!("{name}: {difference}");
-}
-
-/// What the renderer needs to draw a channel of a wall, without any process or socket.
-struct Stage {
-    renderer: Renderer,
-    scene: Scene,
-    bounds: polyptych_client::Bounds,
-}
-
-impl Stage {
-    fn new(path: &Path) -> Self {
-        let place = Place::new();
-        let store = Store::open(place.path("store")).expect("a store");
-        let baked = bake(path, &store, &mut |_| {}, &AtomicBool::new(false)).expect("baked");
-        let blob = |hash| store.blobs().read(hash).expect("readable").expect("there");
-        let manifest: scene::Scene =
-            codec::decode_manifest(&blob(baked.manifest)).expect("a manifest");
-        let gpu = gpu();
-        let mut builder = SceneBuilder::new(gpu, apply::scene(&manifest)).expect("described");
-        for (index, texture) in manifest.textures.iter().enumerate() {
-            builder.upload_texture(gpu, index, &blob(texture.blob)).expect("a texture");
-        }
-        for (mesh, described) in manifest.meshes.iter().enumerate() {
-            for (index, primitive) in described.primitives.iter().enumerate() {
-                let bytes = blob(primitive.blob);
-                builder.upload_primitive(gpu, mesh, index, &bytes).expect("a primitive");
-            }
-        }
-        let scene = builder.finish(gpu).expect("a scene");
-        let mut renderer = Renderer::new(gpu, 1).expect("a renderer");
-        renderer.prepare(gpu, &scene);
-        Self { renderer, scene, bounds: manifest.bounds.expect("something to see") }
-    }
-
-    fn draw(&mut self, size: UVec2, views: &[ViewDesc]) -> RgbaImage {
-        let gpu = gpu();
-        let blends = self.scene.blends();
-        let mut target = Target::new(gpu, size.to_array(), 1, blends).expect("a target");
-        self.renderer.draw(gpu, &self.scene, &mut target, views).expect("drawn");
-        let pixels = read_pixels(gpu, &target).expect("read back");
-        RgbaImage::from_raw(size.x, size.y, pixels).expect("as many bytes as pixels")
-    }
-}
-
-fn frame(wall: &Wall, camera: Camera) -> Frame {
-    Frame {
-        epoch: Epoch(1),
-        frame: FrameId(1),
-        time_s: 0.0,
-        revision: Revision(1),
-        views: vec![View { camera, scene_root: None, area: Area::Wall }],
-        head: Head::at(wall.eye, wall.eye_separation_m),
-        exposure: 1.0,
-        error_bound_px: 0.0,
-        capture: false,
-        display: DisplayMode::Normal,
-    }
 }
 
 /// Each tile with its own culling and matrix, but rasterised on the whole canvas: what is left of

@@ -91,6 +91,52 @@ fn infinite_light_stays_within_the_target() {
 }
 
 #[test]
+fn a_sun_straight_above_lights_as_one_aslant_does() {
+    // A frame of reference for light must not need an "up" that the sun is not parallel to.
+    let lit = |turn: DAffine3| {
+        let mut stage = Stage::new();
+        let material = stage.material(matt(0.5, 0.5, 0.5));
+        let mesh = stage.mesh(&Shape::rectangle(2.0, 2.0), Some(material));
+        stage.node(mesh, turn);
+        let sun = LightDesc {
+            kind: LightKind::Directional,
+            color: Vec3::ONE,
+            intensity: 2.0,
+            range: None,
+        };
+        stage.light(sun, turn);
+        stage.desc.sky = Vec3::ZERO;
+        let eye = turn.transform_point3(DVec3::Z * 3.0);
+        pixel(&draw(&stage.build(), SIZE, &look(eye, DVec3::ZERO, SIZE)), SIZE, 48, 48)
+    };
+    let aslant = lit(DAffine3::from_rotation_x(-0.4));
+    assert!(aslant[0] > 60, "{aslant:?}");
+    for up in [-1.0, 1.0] {
+        let along_up = lit(DAffine3::from_rotation_x(up * std::f64::consts::FRAC_PI_2));
+        let most = along_up.iter().zip(aslant).map(|(a, b)| a.abs_diff(b)).max();
+        assert!(most <= Some(1), "{along_up:?} instead of {aslant:?}");
+    }
+}
+
+#[test]
+fn a_black_frame_stays_black_under_any_exposure() {
+    let mut stage = Stage::new();
+    stage.desc.sky = Vec3::ZERO;
+    let black = MaterialDesc { unlit: true, ..matt(0.0, 0.0, 0.0) };
+    for alpha_mode in [AlphaMode::Opaque, AlphaMode::Blend] {
+        let material = stage.material(MaterialDesc { alpha_mode, ..black.clone() });
+        let sphere = stage.mesh(&Shape::sphere(12), Some(material));
+        stage.node(sphere, DAffine3::IDENTITY);
+        let scene = stage.build();
+        for exposure in [0.0, 1.0, 1e30, f32::MAX] {
+            let view = ViewDesc { exposure, ..look(DVec3::Z * 3.0, DVec3::ZERO, SIZE) };
+            let pixels = draw(&scene, SIZE, &view);
+            assert!(pixels.iter().all(|p| p[..3] == [0; 3]), "{alpha_mode:?} at {exposure}");
+        }
+    }
+}
+
+#[test]
 fn up_parallel_to_the_view_is_a_view() {
     let mut stage = Stage::new();
     let material = stage.material(matt(0.9, 0.8, 0.7));

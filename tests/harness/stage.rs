@@ -1,0 +1,118 @@
+//! What a channel of a wall draws, without any process or socket: baked, applied and rendered by
+//! the program's own code.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use glam::UVec2;
+use image::RgbaImage;
+use polyptych_client::{Bounds, Camera, DisplayMode, Wall};
+use polyptych_manager::bake::{Store, bake};
+use polyptych_protocol::codec;
+use polyptych_protocol::command::{Area, Frame, View};
+use polyptych_protocol::head::Head;
+use polyptych_protocol::ids::{ChannelId, Epoch, FrameId, Revision};
+use polyptych_protocol::scene;
+use polyptych_render::apply;
+use polyptych_render::renderer::{Renderer, Scene, SceneBuilder, Target, ViewDesc, read_pixels};
+
+use super::adapter::gpu;
+use super::place::Place;
+use crate::reference;
+
+/// What the renderer needs to draw a channel of a wall.
+pub struct Stage {
+    renderer: Renderer,
+    scene: Scene,
+    pub bounds: Bounds,
+}
+
+impl Stage {
+    pub fn new(path: &Path) -> Self {
+        let place = Place::new();
+        let store = Store::open(place.path("store")).expect("a store");
+        let baked = bake(path, &store, &mut |_| {}, &AtomicBool::new(false)).expect("baked");
+        let blob = |hash| store.blobs().read(hash).expect("readable").expect("there");
+        let manifest: scene::Scene =
+            codec::decode_manifest(&blob(baked.manifest)).expect("a manifest");
+        let gpu = gpu();
+        let mut builder = SceneBuilder::new(gpu, apply::scene(&manifest)).expect("described");
+        for (index, texture) in manifest.textures.iter().enumerate() {
+            builder.upload_texture(gpu, index, &blob(texture.blob)).expect("a texture");
+        }
+        for (mesh, described) in manifest.meshes.iter().enumerate() {
+            for (index, primitive) in described.primitives.iter().enumerate() {
+                let bytes = blob(primitive.blob);
+                builder.upload_primitive(gpu, mesh, index, &bytes).expect("a primitive");
+            }
+        }
+        let scene = builder.finish(gpu).expect("a scene");
+        let mut renderer = Renderer::new(gpu, 1).expect("a renderer");
+        renderer.prepare(gpu, &scene);
+        Self { renderer, scene, bounds: manifest.bounds.expect("something to see") }
+    }
+
+    /// Of a glTF made in code.
+    pub fn of(gltf: &super::scenes::Gltf) -> Self {
+        let place = Place::new();
+        Self::new(&place.write("scene.glb", gltf.glb()))
+    }
+
+    pub fn draw(&mut self, size: UVec2, views: &[ViewDesc]) -> RgbaImage {
+        let gpu = gpu();
+        let blends = self.scene.blends();
+        let mut target = Target::new(gpu, size.to_array(), 1, blends).expect("a target");
+        self.renderer.draw(gpu, &self.scene, &mut target, views).expect("drawn");
+        let pixels = read_pixels(gpu, &target).expect("read back");
+        RgbaImage::from_raw(size.x, size.y, pixels).expect("as many bytes as pixels")
+    }
+
+    /// What a channel shows.
+    pub fn channel(&mut self, wall: &Wall, id: ChannelId, camera: Camera) -> RgbaImage {
+        let size = wall.channel(id).expect("a channel").size;
+        let views = apply::views(wall, id, &frame(wall, camera)).expect("views");
+        self.draw(size, &views)
+    }
+}
+
+/// A frame as a manager would order it.
+pub fn frame(wall: &Wall, camera: Camera) -> Frame {
+    Frame {
+        epoch: Epoch(1),
+        frame: FrameId(1),
+        time_s: 0.0,
+        revision: Revision(1),
+        views: vec![View { camera, scene_root: None, area: Area::Wall }],
+        head: Head::at(wall.eye, wall.eye_separation_m),
+        exposure: 1.0,
+        error_bound_px: 0.0,
+        capture: false,
+        display: DisplayMode::Normal,
+    }
+}
+
+/// What the reference needs to know of a channel: the numbers of the wall file.
+pub fn seat(wall: &Wall, id: ChannelId) -> reference::view::Seat {
+    let channel = wall.channel(id).expect("a channel");
+    let screen = wall.screen_of(channel);
+    let plane = screen.plane().expect("a planar screen");
+    reference::view::Seat {
+        corners: [plane.lower_left, plane.lower_right, plane.upper_left],
+        canvas: screen.canvas.to_array(),
+        origin: channel.origin.to_array(),
+        size: channel.size.to_array(),
+        eye: Head::at(wall.eye, wall.eye_separation_m).eye(channel.adjustment.eye),
+        near_m: wall.near_m,
+    }
+}
+
+/// The reference's view of a channel.
+pub fn reference_view(
+    wall: &Wall,
+    id: ChannelId,
+    camera: Camera,
+) -> Result<reference::view::View, String> {
+    let Camera { position, rotation, scale } = camera;
+    let pose = reference::view::Pose { position, rotation, scale };
+    reference::view::View::new(&seat(wall, id), &pose)
+}
