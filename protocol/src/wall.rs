@@ -18,8 +18,8 @@ pub mod source;
 pub mod surface;
 pub mod table;
 mod tiling;
-pub mod warp_mesh;
 pub mod warp;
+pub mod warp_mesh;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

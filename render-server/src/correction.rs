@@ -9,17 +9,18 @@ pub(crate) mod shots;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use glam::DMat3;
+use glam::{DMat3, DVec3};
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::blend::{self, Masks};
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
 use polyptych_protocol::wall::{self, Adjustment, Cover, EyeOf, Wall};
 
 use crate::output::Output;
 use crate::renderer::{
-    self, Content, Correction, CorrectionDesc, Curve, DrawStats, Gpu, Packing, Renderer, Scene,
-    Target, Turn, ViewDesc, WarpVertex,
+    self, Content, Correction, CorrectionDesc, Curve, DrawStats, Gpu, LightMap, Packing, Renderer,
+    Scene, Target, Turn, ViewDesc, WarpVertex,
 };
 use shots::Shots;
 
@@ -62,7 +63,8 @@ impl Plan {
         let channel = wall.channel(id).ok_or("the wall has no such channel")?;
         let adjustment = &channel.adjustment;
         let is_tile = channel.cover == Cover::Tile && wall.screen_of(channel).plane().is_some();
-        if is_tile && adjustment.is_plain() {
+        let light_map = blend::light_map(wall, id, &Masks::default());
+        if is_tile && adjustment.is_plain() && light_map.is_none() {
             return Ok(None);
         }
         let bent = Adjustment {
@@ -93,8 +95,7 @@ impl Plan {
             is_mirrored: adjustment.mirror,
             packing: packing(adjustment.packing),
             warp: warp.as_ref().map(renderer_mesh),
-            // Blend weights and masks join the plan here, as a `LightMap`.
-            light_map: None,
+            light_map: light_map.map(renderer_light),
             color: DMat3::from_diagonal(color.gain) * color.matrix,
             curve: curve(&color.curve),
             dither: wall.dither.then_some(u32::from(id.0)),
@@ -112,6 +113,10 @@ fn renderer_mesh(mesh: &WarpMesh) -> renderer::WarpMesh {
         vertices: mesh.vertices.iter().map(vertex).collect(),
         triangles: mesh.triangles.clone(),
     }
+}
+
+fn renderer_light(map: blend::LightMap) -> LightMap {
+    LightMap { texels: map.texels, multiply: map.multiply, add: DVec3::splat(map.add) }
 }
 
 fn turn(turn: wall::Turn) -> Turn {

@@ -72,15 +72,17 @@ pub(super) fn is_seen_by(channel: &Channel, eye: EyeOf) -> bool {
 /// The eyes for which a screen with these channels is covered.
 pub(super) fn eyes<'a>(channels: impl IntoIterator<Item = &'a Channel>) -> &'static [EyeOf] {
     let is_for_one = |channel: &Channel| channel.adjustment.eye != EyeOf::Center;
-    if channels.into_iter().any(is_for_one) { &[EyeOf::Left, EyeOf::Right] } else { &[EyeOf::Center] }
+    if channels.into_iter().any(is_for_one) {
+        &[EyeOf::Left, EyeOf::Right]
+    } else {
+        &[EyeOf::Center]
+    }
 }
 
 /// A tile whose pixels lie where its rectangle says.
 pub(super) fn is_plain(channel: &Channel) -> bool {
     let adjustment = &channel.adjustment;
-    channel.cover == Cover::Tile
-        && adjustment.pin == [DVec2::ZERO; 4]
-        && adjustment.bend.is_none()
+    channel.cover == Cover::Tile && adjustment.pin == [DVec2::ZERO; 4] && adjustment.bend.is_none()
 }
 
 /// What a channel covers.
@@ -262,7 +264,8 @@ fn sampled(canvas: UVec2, prints: &[Footprint<'_>]) -> (Cells, Pairs) {
             let cell = Patch { origin, size: step_px, area: step_px.x * step_px.y };
             for (at, second) in there.iter().enumerate() {
                 for first in &there[..at] {
-                    let patch = pairs.entry((*first, *second)).or_insert(Patch { area: 0.0, ..cell });
+                    let patch =
+                        pairs.entry((*first, *second)).or_insert(Patch { area: 0.0, ..cell });
                     *patch = patch.with(cell);
                 }
             }

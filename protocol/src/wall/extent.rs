@@ -94,7 +94,8 @@ impl Source {
 
     /// How the place changes with a pixel across and one down.
     fn step(&self, map: &PixelMap<'_>, pixel: DVec2) -> Option<DMat2> {
-        let along = |half: DVec2| Some(self.place(map, pixel + half)? - self.place(map, pixel - half)?);
+        let along =
+            |half: DVec2| Some(self.place(map, pixel + half)? - self.place(map, pixel - half)?);
         Some(DMat2::from_cols(along(DVec2::X / 2.0)?, along(DVec2::Y / 2.0)?))
     }
 }

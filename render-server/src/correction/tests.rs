@@ -250,6 +250,41 @@ fn tiles_that_are_shown_as_they_are_drawn_have_no_plan() {
 }
 
 #[test]
+fn tiles_that_overlap_share_their_light() {
+    let plane = Surface::Plane(Plane::upright(DVec3::NEG_Z, DVec2::new(3.2, 1.8)));
+    let mut shared = wall(plane, [96, 36]);
+    shared.channels = [("left", 0), ("right", 32)]
+        .map(|(name, x)| Channel::tile(name, 0, UVec2::new(x, 0), UVec2::new(64, 36)))
+        .into();
+    let mut stage = Stage::new();
+    stage.desc.sky = Vec3::splat(0.5);
+    let scene = stage.build();
+    let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
+    renderer.prepare_for(gpu(), &scene, Content::Light);
+    let pictures = [0, 1].map(|id| {
+        let plan = Plan::new(&shared, ChannelId(id)).expect("a plan").expect("a correction");
+        let mut corrector = Corrector::new(gpu(), plan, &shared).expect("a corrector");
+        let mut output = Output::new("curve".into(), None);
+        let frame = frame(Head::at(DVec3::ZERO, 0.0));
+        let drawing = (&mut renderer, &scene);
+        corrector.draw(gpu(), drawing, &shared, &frame, &mut output).expect("drawn");
+        let bytes = read_picture(gpu(), output.picture().expect("a picture")).expect("read");
+        bytes.chunks(4).map(|code| linear_from_srgb(code[0])).collect::<Vec<f64>>()
+    });
+    // Of a sky of one light, two projectors together show as much as one alone.
+    let alone = pictures[0][0];
+    for x in 0..96usize {
+        let light = |channel: usize, x: Option<usize>| {
+            x.filter(|x| *x < 64).map_or(0.0, |x| pictures[channel][64 * 10 + x])
+        };
+        let both = light(0, Some(x)) + light(1, x.checked_sub(32));
+        // Half a code of each, at most, where codes are steepest.
+        assert!((both - alone).abs() <= 0.005, "column {x}: {both}, where alone {alone}");
+        assert!(light(0, Some(x)) < alone || x <= 32, "column {x} has a ramp");
+    }
+}
+
+#[test]
 fn an_eye_behind_a_curve_is_refused_by_name() {
     let ring = wall(cylinder(1.0, DQuat::IDENTITY), [64, 36]);
     let plan = Plan::new(&ring, ChannelId(0)).expect("a plan").expect("a correction");

@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 
 pub(super) use adjust::{AdjustSection, BendSection, EdgesSection};
 pub(super) use curved::{CylinderSection, ProjectorSection, SphereSection};
-use lists::{exact, some_exact};
 pub(super) use lists::{Light, Pair, Rotation, Row};
+use lists::{exact, some_exact};
 
 use crate::limits::{
     DEADLINE_FACTOR_DEFAULT, DEADLINE_MAX_DEFAULT, DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT,

@@ -245,7 +245,11 @@ impl<'a> Source<'a> {
 /// A name as a step of a key: with quotes where it would be taken for several.
 pub(super) fn quoted(name: &str) -> String {
     let is_bare = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-    if name.chars().all(is_bare) && !name.is_empty() { name.to_owned() } else { format!("{name:?}") }
+    if name.chars().all(is_bare) && !name.is_empty() {
+        name.to_owned()
+    } else {
+        format!("{name:?}")
+    }
 }
 
 /// The steps of a key, which dots between them and not within quotes part.

@@ -5,9 +5,9 @@ mod adjustment;
 use glam::{DVec3, UVec2};
 
 use super::document::{
-    AdjustSection, BlendSection, ChannelSection, CylinderSection, DeadlineSection, Document, HiddenSection,
-    NetworkSection, ProjectionChoice, ProjectorSection, Rotation, ScreenSection, SphereSection,
-    StorageSection, TilesSection, WallSection,
+    AdjustSection, BlendSection, ChannelSection, CylinderSection, DeadlineSection, Document,
+    HiddenSection, NetworkSection, ProjectionChoice, ProjectorSection, Rotation, ScreenSection,
+    SphereSection, StorageSection, TilesSection, WallSection,
 };
 use super::rotation::{degrees, written};
 use crate::limits::SHARED_CANVAS_SIDE_MAX;

@@ -16,27 +16,29 @@ pub(super) fn section(wall: &Wall, adjustment: &Adjustment) -> Option<AdjustSect
         Curve::Gamma(gamma) => (Some(light(*gamma)), None),
         Curve::Measured(points) => (None, Some(points.iter().copied().map(light).collect())),
     };
-    let section = AdjustSection {
-        turn: changed(adjustment.turn),
-        mirror: changed(adjustment.mirror),
-        eye: changed(adjustment.eye),
-        stereo: changed(adjustment.packing),
-        pin: changed(adjustment.pin).map(|pin| pin.map(pair)),
-        bend: adjustment.bend.as_ref().map(|bend| BendSection {
-            points: bend.points.to_array(),
-            moves: bend.moves.iter().copied().map(pair).collect(),
-        }),
-        edges: changed(adjustment.edges)
-            .map(|Edges { left, right, top, bottom }| EdgesSection { left, right, top, bottom }),
-        gain: (color.gain != DVec3::ONE).then(|| light(color.gain)),
-        matrix: (color.matrix != DMat3::IDENTITY)
-            .then(|| color.matrix.transpose().to_cols_array_2d().map(Row)),
-        gamma,
-        curve,
-        warp: path(adjustment.warp),
-        alpha: path(adjustment.alpha),
-        beta: path(adjustment.beta),
-    };
+    let section =
+        AdjustSection {
+            turn: changed(adjustment.turn),
+            mirror: changed(adjustment.mirror),
+            eye: changed(adjustment.eye),
+            stereo: changed(adjustment.packing),
+            pin: changed(adjustment.pin).map(|pin| pin.map(pair)),
+            bend: adjustment.bend.as_ref().map(|bend| BendSection {
+                points: bend.points.to_array(),
+                moves: bend.moves.iter().copied().map(pair).collect(),
+            }),
+            edges: changed(adjustment.edges).map(|Edges { left, right, top, bottom }| {
+                EdgesSection { left, right, top, bottom }
+            }),
+            gain: (color.gain != DVec3::ONE).then(|| light(color.gain)),
+            matrix: (color.matrix != DMat3::IDENTITY)
+                .then(|| color.matrix.transpose().to_cols_array_2d().map(Row)),
+            gamma,
+            curve,
+            warp: path(adjustment.warp),
+            alpha: path(adjustment.alpha),
+            beta: path(adjustment.beta),
+        };
     changed(section)
 }
 
