@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions};
-use polyptych_manager::import::Baker;
+use polyptych_manager::import::{Baker, bake_wall_files};
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::token;
@@ -87,6 +87,7 @@ impl LocalWall {
     /// What did not start, and why; [`Interrupted`] where it was ended meanwhile.
     pub fn start(options: LocalWallOptions) -> anyhow::Result<Self> {
         let LocalWallOptions { mut wall, scene_roots, baker, windows, recorder, needs } = options;
+        bake_wall_files(&mut wall, &baker).map_err(anyhow::Error::msg)?;
         let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
         let token_file = folder.path().join("token");
         let mut secret = [0; 16];

@@ -11,6 +11,7 @@ pub mod coverage;
 mod extent;
 pub mod file;
 pub mod frustum;
+pub mod maps;
 pub mod pixels;
 pub mod projector;
 pub mod screen;

@@ -4,6 +4,7 @@
 //! looked for in the wall's store folders, then in this machine's cache, then asked for over the
 //! bulk connection. Hashes are checked wherever the bytes come from.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -19,6 +20,8 @@ use polyptych_protocol::log::{Replica, SceneRef};
 use polyptych_protocol::scene::{Scene, SceneFeatures};
 use polyptych_protocol::status::{Prepared, Status};
 use polyptych_protocol::wall::Wall;
+use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::warp::WallMap;
 use tokio::sync::mpsc;
 
 use crate::apply;
@@ -90,6 +93,8 @@ pub(crate) struct Loader {
     ready: Option<(Epoch, Replica)>,
     ready_plans: Option<(Wall, Arc<Plans>)>,
     ready_scene: Option<(BlobHash, SceneFeatures, Camera)>,
+    /// The decoded files of the last wall: it changes in small things while it is adjusted.
+    ready_maps: BTreeMap<BlobHash, Arc<WallMap>>,
     /// Whether the cache's last write failed: said once, not for each of ten thousand blobs.
     is_cacheless: AtomicBool,
 }
@@ -103,6 +108,7 @@ impl Loader {
             ready: None,
             ready_plans: None,
             ready_scene: None,
+            ready_maps: BTreeMap::new(),
             is_cacheless: AtomicBool::new(false),
         }
     }
@@ -138,6 +144,10 @@ impl Loader {
         if let Some(fault) = replica.wall.as_ref().and_then(|wall| wall.fault()) {
             return Err(fault);
         }
+        let maps = match replica.wall.as_deref() {
+            Some(wall) => self.load_maps(wall, line)?,
+            None => Maps::default(),
+        };
         let (features, warm_up) = match &replica.scene {
             None => (SceneFeatures::default(), Camera::IDENTITY),
             Some(scene) => self.load_scene(scene, &replica, line)?,
@@ -145,7 +155,7 @@ impl Loader {
         let digest = replica.digest();
         let scene = replica.scene.as_ref().map(|scene| scene.manifest);
         let revision = replica.revision;
-        let plans = self.plans(replica.wall.as_deref())?;
+        let plans = self.plans(replica.wall.as_deref(), &maps)?;
         let state = LoadedState { epoch, replica: replica.clone(), digest, scene, warm_up, plans };
         let (answer, finished) = sync_channel(1);
         self.upload(Upload::Finish { state: Arc::new(state), answer })?;
@@ -156,12 +166,12 @@ impl Loader {
         Ok(Prepared { epoch, revision, digest, features, scene_bytes })
     }
 
-    fn plans(&mut self, wall: Option<&Wall>) -> Result<Arc<Plans>, String> {
+    fn plans(&mut self, wall: Option<&Wall>, maps: &Maps) -> Result<Arc<Plans>, String> {
         let Some(wall) = wall else { return Ok(Arc::default()) };
         if let Some((_, plans)) = self.ready_plans.as_ref().filter(|(known, _)| known == wall) {
             return Ok(Arc::clone(plans));
         }
-        let plans = Arc::new(correction::plans(wall, &self.channels)?);
+        let plans = Arc::new(correction::plans(wall, maps, &self.channels)?);
         self.ready_plans = Some((wall.clone(), Arc::clone(&plans)));
         Ok(plans)
     }
@@ -183,6 +193,24 @@ impl Loader {
         Ok(replica)
     }
 
+    /// The files of a wall, decoded here and not between frames.
+    fn load_maps(&mut self, wall: &Wall, line: &Line) -> Result<Maps, String> {
+        let stores = stores(Some(wall));
+        let mut maps = BTreeMap::new();
+        let loaded = Maps::load(wall, |hash| {
+            if let Some(known) = maps.get(&hash).or_else(|| self.ready_maps.get(&hash)) {
+                let known = Arc::clone(known);
+                maps.insert(hash, Arc::clone(&known));
+                return Ok(known);
+            }
+            let map = Arc::new(WallMap::decode(&self.blob(hash, &stores, line)?)?);
+            maps.insert(hash, Arc::clone(&map));
+            Ok(map)
+        })?;
+        self.ready_maps = maps;
+        Ok(loaded)
+    }
+
     fn load_scene(
         &self,
         scene: &SceneRef,
@@ -194,8 +222,7 @@ impl Loader {
         {
             return Ok((features, warm_up));
         }
-        let stores = replica.wall.as_ref().map_or(&[][..], |wall| &wall.stores);
-        let stores: Vec<_> = stores.iter().map(|s| BlobFolder::new(s.as_str())).collect();
+        let stores = stores(replica.wall.as_deref());
         let bytes = self.blob(scene.manifest, &stores, line)?;
         let manifest: Scene =
             codec::decode_manifest(&bytes).map_err(|error| format!("manifest: {error}"))?;
@@ -249,4 +276,10 @@ impl Loader {
     fn upload(&self, upload: Upload) -> Result<(), String> {
         self.uploads.send(upload).map_err(|_| "the render thread has ended".to_owned())
     }
+}
+
+/// Where a wall's servers look for blobs before they ask the manager.
+fn stores(wall: Option<&Wall>) -> Vec<BlobFolder> {
+    let stores = wall.map_or(&[][..], |wall| &wall.stores);
+    stores.iter().map(|store| BlobFolder::new(store.as_str())).collect()
 }

@@ -18,7 +18,7 @@ use crate::cluster::SessionId;
 use crate::session::Event;
 use crate::traffic::Traffic;
 
-/// The blobs of scenes that servers were sent: a hash is a name, not a permission.
+/// The blobs of the wall and of scenes that servers were sent: a hash is a name, not a permission.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AllowedBlobs(Arc<Mutex<HashSet<BlobHash>>>);
 
@@ -116,7 +116,7 @@ async fn send_blob(
         let folder = store.folder.clone();
         off_thread(move || begin(&folder, hash)).await
     } else {
-        Err("it belongs to no scene that this server was sent".to_owned())
+        Err("it belongs to no wall or scene that this server was sent".to_owned())
     };
     loop {
         match next {
@@ -148,7 +148,8 @@ async fn off_thread(
 
 fn begin(folder: &BlobFolder, hash: BlobHash) -> Result<Option<Piece>, String> {
     let reader = folder.open(hash).map_err(|error| error.to_string())?;
-    let reader = reader.ok_or("the manager has lost it; open the scene again")?;
+    let reader =
+        reader.ok_or("the manager has lost it; open the scene again, or start the manager")?;
     match go_on(reader)? {
         None => Err("it is empty, which no blob is".to_owned()),
         piece => Ok(piece),

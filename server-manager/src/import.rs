@@ -1,4 +1,9 @@
-//! Opens a scene: finds the file, has it baked by a child process, reads the manifest.
+//! Opens a scene: finds the file, has it baked by a child process, reads the manifest. The files of
+//! a wall go the same way: [`bake_wall_files`].
+
+mod wall_files;
+
+pub use wall_files::bake_wall_files;
 
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -77,7 +82,7 @@ pub fn resolve(path: &str, roots: &[PathBuf]) -> Result<PathBuf, String> {
 /// Bakes a file and reads what came of it.
 pub(crate) async fn import(path: &str, roots: &[PathBuf], baker: &Baker) -> Result<Import, String> {
     let file = resolve(path, roots)?;
-    let baked = bake(&file, baker).await?;
+    let baked = bake(&file, baker, &[]).await?;
     let hash = baked.pointer("/manifest").and_then(|hash| hash.as_str());
     let hash = hash.and_then(BlobHash::from_hex);
     let hash = hash.ok_or_else(|| format!("{path}: the baker named no manifest"))?;
@@ -105,7 +110,8 @@ pub(crate) fn read_manifest(folder: &BlobFolder, hash: BlobHash) -> Result<Impor
     Ok(Import { scene: ImportedScene { scene, summary }, blobs })
 }
 
-async fn bake(file: &Path, baker: &Baker) -> Result<serde_json::Value, String> {
+/// What the baker says of a file, which is a scene unless `options` say else.
+async fn bake(file: &Path, baker: &Baker, options: &[&str]) -> Result<serde_json::Value, String> {
     let mut command = Command::new(&baker.program);
     command
         .arg("bake")
@@ -113,6 +119,7 @@ async fn bake(file: &Path, baker: &Baker) -> Result<serde_json::Value, String> {
         .arg("-o")
         .arg(&baker.store)
         .arg("--json")
+        .args(options)
         .args(["--memory-mib", &baker.memory_mib.to_string()])
         .arg("--with-parent")
         // Its last line is read below, whatever form this process's own log has.

@@ -57,7 +57,7 @@ const CLIENTS_MAX: usize = 256;
 /// What a manager needs.
 #[derive(Debug)]
 pub struct ManagerOptions {
-    /// The wall that it drives.
+    /// The wall that it drives; its files are baked: [`import::bake_wall_files`].
     pub wall: Wall,
     /// What every peer must know that comes in the clear.
     pub token: String,
@@ -86,6 +86,9 @@ pub enum ManagerError {
     /// Its keys are not to be used.
     #[error(transparent)]
     Keys(#[from] KeysError),
+    /// A file of its wall was not baked.
+    #[error("the wall's file {0} was not baked")]
+    WallFile(String),
     /// What it would remember in is another's.
     #[error("{0}")]
     State(String),
@@ -108,6 +111,9 @@ pub async fn run(
 ) -> Result<(), ManagerError> {
     if let Some(path) = &options.memory {
         memory::check(path).map_err(ManagerError::State)?;
+    }
+    if let Some(file) = options.wall.files.iter().find(|file| file.blob.is_none()) {
+        return Err(ManagerError::WallFile(file.path.clone()));
     }
     let keys = options.keys.as_deref().map(load_keys).transpose()?;
     let mut epoch = [0; 8];
@@ -173,6 +179,7 @@ struct Imported {
 impl Hub {
     fn new(mut options: ManagerOptions, epoch: Epoch, events: mpsc::Sender<Event>) -> Self {
         let allowed = AllowedBlobs::default();
+        allowed.allow(&options.wall.blobs().collect::<Vec<_>>());
         Self {
             cluster: beginning::begin(&mut options, epoch, &allowed),
             options,

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
+use polyptych_manager::bake::map::{MapUse, bake_map};
 use polyptych_manager::bake::{Progress, Store, bake};
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
@@ -20,11 +21,17 @@ const CANCEL_TIME_MAX: Duration = Duration::from_millis(500);
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The .gltf or .glb file
+    /// The .gltf or .glb file, or with --as a file of a wall
     file: PathBuf,
     /// The folder to write to; bakes of several files can share one
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
+    /// The file is not a scene, but one that a wall file names
+    #[arg(long = "as", value_name = "USE")]
+    used_as: Option<Use>,
+    /// With --as warp: the channel's width by its height, which Bourke meshes are measured in
+    #[arg(long, value_name = "NUMBER", requires = "used_as")]
+    aspect: Option<f64>,
     /// Print what was baked as one line of JSON
     #[arg(long)]
     json: bool,
@@ -34,6 +41,17 @@ pub(super) struct Arguments {
     /// End rather than use more address space than this
     #[arg(long, value_name = "MIB")]
     memory_mib: Option<u64>,
+}
+
+/// What a wall file names a file for.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Use {
+    /// Where the pixels of a channel lie: PFM, OBJ, glTF, a PNG of UV, or a Bourke mesh
+    Warp,
+    /// The surface of a screen: OBJ or glTF
+    ScreenMesh,
+    /// Light of the pixels of a channel: PNG
+    Mask,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -48,6 +66,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     cancel_on_interrupt(Arc::clone(&cancel), arguments.with_parent)?;
     let store = Store::open(&arguments.output)
         .with_context(|| format!("cannot use {}", arguments.output.display()))?;
+    if let Some(used_as) = arguments.used_as {
+        return run_map(arguments, used_as, &store, &cancel);
+    }
     let bar = ProgressBar::no_length();
     if let Ok(style) = ProgressStyle::with_template("{msg:>10} {wide_bar} {pos}/{len}") {
         bar.set_style(style);
@@ -74,6 +95,29 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     say(format_args!("manifest {} in {}", baked.manifest, arguments.output.display()))?;
     Ok(())
+}
+
+fn run_map(
+    arguments: &Arguments,
+    used_as: Use,
+    store: &Store,
+    cancel: &AtomicBool,
+) -> anyhow::Result<()> {
+    let is_shape = |aspect: &f64| aspect.is_finite() && *aspect > 0.0;
+    if let Some(aspect) = arguments.aspect.filter(|aspect| !is_shape(aspect)) {
+        bail!("--aspect {aspect}: a width by a height, such as 1.778, would be right");
+    }
+    let used_as = match used_as {
+        Use::Warp => MapUse::Warp { aspect: arguments.aspect },
+        Use::ScreenMesh => MapUse::ScreenMesh,
+        Use::Mask => MapUse::Mask,
+    };
+    let baked = bake_map(&arguments.file, used_as, store, cancel)?;
+    if arguments.json {
+        return say(serde_json::to_string(&baked)?);
+    }
+    say(&baked.what)?;
+    say(format_args!("blob {} in {}", baked.blob, arguments.output.display()))
 }
 
 fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Result<()> {

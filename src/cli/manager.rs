@@ -3,8 +3,8 @@
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
-use polyptych_manager::import::Baker;
+use anyhow::{Context, anyhow, bail};
+use polyptych_manager::import::{Baker, bake_wall_files};
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::identity::Identity;
@@ -58,7 +58,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
-    let wall = load_wall(&arguments.wall)?;
+    let mut wall = load_wall(&arguments.wall)?;
     let listen = arguments.listen.unwrap_or_else(|| wall.listen.clone());
     if let Some(folder) = &arguments.keys {
         Keys::load(folder)?.require(&Identity::Manager)?;
@@ -80,6 +80,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         Some(store) => store,
         None => cache_folder()?.join("store"),
     };
+    let baker = baker(store, arguments.bake_memory_mib)?;
+    let file = arguments.wall.display();
+    bake_wall_files(&mut wall, &baker).map_err(|reason| anyhow!("{file}: {reason}"))?;
     let memory = match (arguments.state, arguments.afresh) {
         (Some(state), _) => Some(state),
         (None, true) => None,
@@ -96,7 +99,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         token: if arguments.keys.is_some() { String::new() } else { make_token(&token)? },
         keys: arguments.keys,
         scene_roots,
-        baker: baker(store, arguments.bake_memory_mib)?,
+        baker,
         memory,
         recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
         metrics,

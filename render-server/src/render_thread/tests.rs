@@ -8,6 +8,7 @@ use polyptych_protocol::camera::Camera;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::status::{Drawn, Shown, Status};
+use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::surface::{Cylinder, Plane};
 use polyptych_protocol::wall::{Channel, Screen, Surface, Turn};
 
@@ -64,7 +65,7 @@ impl Stage {
 
     /// A state whose pictures are as bright as the exposure says.
     fn prepare(&mut self, wall: Wall) {
-        let plans = correction::plans(&wall, &["front-1-1".to_owned()]).expect("plans");
+        let plans = correction::plans(&wall, &Maps::default(), &["front-1-1".to_owned()]).expect("plans");
         let mut replica = Replica::default();
         replica.revision = Revision(self.thread.states.len() as u64);
         replica.apply(Operation::SetWall(Box::new(wall)));

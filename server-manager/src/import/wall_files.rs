@@ -1,0 +1,90 @@
+//! The files of a wall: baked before anything uses the wall, which then names their blobs.
+
+use std::path::Path;
+
+use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::wall::{FileKind, Wall};
+
+use super::{Baker, bake};
+
+/// How far apart shapes of channels may be that one Bourke mesh serves.
+const ASPECT_TOLERANCE: f64 = 1e-3;
+
+/// Has every file of a wall read by the baker, one after the other, and notes their blobs in the
+/// wall. Whether a file has changed since another start is not asked: its blob has the name of
+/// what is in it now.
+///
+/// # Errors
+/// One line: the key that names the file in the wall file, the file, what is wrong with it and
+/// what would be right.
+pub fn bake_wall_files(wall: &mut Wall, baker: &Baker) -> Result<(), String> {
+    if wall.files.is_empty() {
+        return Ok(());
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.map_err(|error| format!("the baker could not be awaited: {error}"))?;
+    for index in 0..wall.files.len() {
+        let (file, options) = (&wall.files[index], options(wall, index));
+        let options: Vec<&str> = options.iter().map(String::as_str).collect();
+        let about = |what: String| format!("{}: {what}", wall.key_of_file(index));
+        let baked = runtime.block_on(bake(Path::new(&file.path), baker, &options));
+        let baked = baked.map_err(about)?;
+        let hash = baked.pointer("/blob").and_then(|hash| hash.as_str());
+        let hash = hash.and_then(BlobHash::from_hex);
+        let about = |what: &str| format!("{}: {}: {what}", wall.key_of_file(index), file.path);
+        let hash = hash.ok_or_else(|| about("the baker named no blob"))?;
+        tracing::debug!(file = file.path, what = %baked["what"], "a file of the wall was read");
+        wall.files[index].blob = Some(hash);
+    }
+    Ok(())
+}
+
+/// How the baker is told what a file is.
+fn options(wall: &Wall, index: usize) -> Vec<String> {
+    let used_as = match wall.files[index].kind {
+        FileKind::Warp => "warp",
+        FileKind::ScreenMesh => "screen-mesh",
+        FileKind::Alpha | FileKind::Beta => "mask",
+    };
+    let mut options = vec!["--as".to_owned(), used_as.to_owned()];
+    if let Some(aspect) = aspect(wall, index) {
+        options.extend(["--aspect".to_owned(), aspect.to_string()]);
+    }
+    options
+}
+
+/// Width by height of the channels that a warp file is for, where they have one shape.
+fn aspect(wall: &Wall, index: usize) -> Option<f64> {
+    let uses = |file: Option<u16>| file.is_some_and(|file| usize::from(file) == index);
+    let channels = wall.channels.iter().filter(|channel| uses(channel.adjustment.warp));
+    let mut shapes = channels.map(|channel| f64::from(channel.size.x) / f64::from(channel.size.y));
+    let first = shapes.next()?;
+    shapes.all(|shape| (shape - first).abs() < ASPECT_TOLERANCE).then_some(first)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::UVec2;
+    use polyptych_protocol::wall::{Channel, MapFile};
+
+    use super::*;
+
+    #[test]
+    fn the_baker_hears_what_a_file_is_and_for_which_shape() {
+        let mut wall = Wall::new("w", Vec::new(), Vec::new());
+        for (name, size) in [("a", [1920, 1080]), ("b", [1280, 720]), ("c", [1024, 768])] {
+            let mut channel = Channel::tile(name, 0, UVec2::ZERO, UVec2::from(size));
+            channel.adjustment.warp = Some(u16::from(name == "c"));
+            channel.adjustment.alpha = Some(2);
+            wall.channels.push(channel);
+        }
+        for kind in [FileKind::Warp, FileKind::Warp, FileKind::Alpha, FileKind::ScreenMesh] {
+            wall.files.push(MapFile { path: "x".into(), kind, blob: None });
+        }
+        assert_eq!(options(&wall, 0), ["--as", "warp", "--aspect", "1.7777777777777777"]);
+        assert_eq!(options(&wall, 2), ["--as", "mask"]);
+        assert_eq!(options(&wall, 3), ["--as", "screen-mesh"]);
+        wall.channels[2].adjustment.warp = Some(0);
+        assert_eq!(options(&wall, 0), ["--as", "warp"], "of several shapes");
+    }
+}
