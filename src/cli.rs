@@ -13,6 +13,7 @@ mod scene;
 mod server;
 mod simulate;
 mod status;
+mod wall;
 mod watch;
 
 use std::fmt::Display;
@@ -74,6 +75,9 @@ enum Command {
     Keys(keys::Arguments),
     /// Say what a wall file describes, or what is wrong with it
     Check(check::Arguments),
+    /// Make a wall file
+    #[command(subcommand)]
+    Wall(wall::Wall),
     /// Decide again what a recorded manager decided, and say what happened
     Replay(replay::Arguments),
     /// Generate a scene
@@ -149,6 +153,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Stop(arguments) => drive::stop(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),
         Command::Check(arguments) => return check::run(&arguments),
+        Command::Wall(wall) => return wall::run(&wall),
         Command::Replay(arguments) => return replay::run(&arguments),
         Command::Scene(scene) => scene::run(&scene),
         Command::Bake(arguments) => bake::run(&arguments),

@@ -55,13 +55,7 @@ enum Use {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    if let Some(mib) = arguments.memory_mib {
-        let maximum = getrlimit(Resource::As).maximum;
-        let limit = Rlimit { current: Some(mib << 20), maximum };
-        setrlimit(Resource::As, limit).context("the memory limit can't be set")?;
-        // Frames come first on a machine that also draws; without the right to it, so be it.
-        let _ = nice(NICENESS);
-    }
+    arguments.memory_mib.map_or(Ok(()), limit_memory)?;
     let cancel = Arc::new(AtomicBool::new(false));
     cancel_on_interrupt(Arc::clone(&cancel), arguments.with_parent)?;
     let store = Store::open(&arguments.output)
@@ -94,6 +88,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         say(format_args!("note: {warning}"))?;
     }
     say(format_args!("manifest {} in {}", baked.manifest, arguments.output.display()))?;
+    Ok(())
+}
+
+/// Makes this process one that may read foreign files: it ends rather than take more memory.
+pub(super) fn limit_memory(mib: u64) -> anyhow::Result<()> {
+    let maximum = getrlimit(Resource::As).maximum;
+    let limit = Rlimit { current: Some(mib << 20), maximum };
+    setrlimit(Resource::As, limit).context("the memory limit can't be set")?;
+    // Frames come first on a machine that also draws; without the right to it, so be it.
+    let _ = nice(NICENESS);
     Ok(())
 }
 

@@ -8,7 +8,7 @@ use polyptych_protocol::codec;
 use polyptych_protocol::handshake::{Preamble, Role};
 
 use crate::message::{KINDS, Kind};
-use crate::seeds::{messages, scenes, walls};
+use crate::seeds::{maps, messages, scenes, walls};
 
 #[test]
 fn every_target_has_something_to_begin_from() {
@@ -35,6 +35,9 @@ fn every_target_has_something_to_begin_from() {
     }
     for (i, bytes) in scenes::files().iter().enumerate() {
         write(&folder, "scene_import", i, bytes);
+    }
+    for (i, bytes) in maps::all().iter().enumerate() {
+        write(&folder, "wall_map", i, &[&[i as u8], &bytes[..]].concat());
     }
 }
 

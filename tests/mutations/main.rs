@@ -6,6 +6,7 @@
 //! - `handshake`: strangers on the manager's port, while a good wall goes on
 //! - `wall_file`: damaged wall files
 //! - `scene_import`: damaged scenes through the baker
+//! - `wall_map`: damaged warp maps, meshes, masks and MPCDI archives
 //! - `findings`: what was found once, so that it stays mended
 //! - `corpus`: what the coverage-guided targets of `tests/fuzz` begin from
 
@@ -13,6 +14,7 @@ mod corpus;
 mod decoder;
 mod findings;
 mod handshake;
+mod map_file;
 mod message;
 mod mutation;
 mod receiver;
@@ -21,6 +23,7 @@ mod scene_import;
 mod seeds;
 mod server;
 mod wall_file;
+mod wall_map;
 mod wall_text;
 
 /// What the tests of this run begin from: the same each time, unless `POLYPTYCH_SEED` says else.

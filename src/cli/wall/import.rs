@@ -1,0 +1,139 @@
+//! `polyptych wall import`: an MPCDI archive becomes a wall file, with its maps beside it.
+//!
+//! The archive is foreign, so this process limits itself as the baker does.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use anyhow::{Context, bail};
+use glam::{DVec2, DVec3};
+use polyptych_manager::bake::map::mpcdi::{self, Imported, ImportedRegion, Profile};
+
+use super::super::{bake, counted, manager, say};
+
+/// How far from the eye the planes of frusta stand, in metres: for one eye any distance is right.
+const FRUSTUM_DISTANCE_M: f64 = 2.0;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// The MPCDI archive, of profile 2d or 3d
+    file: PathBuf,
+    /// The folder for wall.toml and the maps; made if it is not there
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Width of the screen in metres, of which profile 2d says nothing
+    #[arg(long, value_name = "METRES", default_value_t = 4.0)]
+    width: f64,
+    /// From the eye to the screen in metres, of which profile 2d says nothing
+    #[arg(long, value_name = "METRES", default_value_t = 4.0)]
+    distance: f64,
+    /// Replace a wall.toml that is there
+    #[arg(long)]
+    force: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    for (name, metres) in [("--width", arguments.width), ("--distance", arguments.distance)] {
+        if !(0.01..=1000.0).contains(&metres) {
+            bail!("{name} {metres}: 0.01 to 1000 metres would be right");
+        }
+    }
+    let folder = &arguments.output;
+    let wall_file = folder.join("wall.toml");
+    if !arguments.force && wall_file.exists() {
+        bail!("{} is there already; say --force to replace it", wall_file.display());
+    }
+    bake::limit_memory(manager::BAKE_MEMORY_MIB_DEFAULT)?;
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let imported = mpcdi::import(&arguments.file, folder, &AtomicBool::new(false))?;
+    let text = wall_text(arguments, &imported);
+    std::fs::write(&wall_file, text)
+        .with_context(|| format!("cannot write {}", wall_file.display()))?;
+    say(format_args!(
+        "{}: {} of a buffer of {} × {} pixels",
+        wall_file.display(),
+        counted(imported.regions.len(), "channel"),
+        imported.buffer.x,
+        imported.buffer.y
+    ))?;
+    imported.notes.iter().try_for_each(|note| say(format_args!("note: {note}")))
+}
+
+/// The wall file; every name in it is one that such a file may have.
+fn wall_text(arguments: &Arguments, imported: &Imported) -> String {
+    let mut text = String::from("#:schema ./wall.schema.json\n#\n");
+    let from = arguments.file.file_name().unwrap_or_default().to_string_lossy();
+    let from: String = from.chars().filter(|c| !c.is_control()).collect();
+    let (profile, about) = match imported.profile {
+        Profile::TwoD => {
+            ("2d", "It says nothing of metres: put the screen and the eye where they are.")
+        }
+        Profile::ThreeD => ("3d", "Each screen is the plane of its projector's frustum."),
+    };
+    let _ = write!(text, "# Made of {from}, MPCDI of profile {profile}.\n# {about}\n");
+    for note in &imported.notes {
+        let _ = writeln!(text, "# Note: {note}.");
+    }
+    let name = wall_name(&arguments.file);
+    let _ = write!(text, "\n[wall]\nname = \"{name}\"\neye = [0.0, 0.0, 0.0]           # metres\n");
+    match imported.profile {
+        Profile::TwoD => screen_of_buffer(&mut text, arguments, imported),
+        Profile::ThreeD => imported.regions.iter().for_each(|region| frustum(&mut text, region)),
+    }
+    for region in &imported.regions {
+        let _ = write!(text, "\n[channel.\"{}\"]\nwarp = \"{}\"\n", region.name, region.warp);
+        for (key, file) in [("alpha", &region.alpha), ("beta", &region.beta)] {
+            if let Some(file) = file {
+                let _ = writeln!(text, "{key} = \"{file}\"");
+            }
+        }
+    }
+    text
+}
+
+/// One plane whose canvas is the buffer.
+fn screen_of_buffer(text: &mut String, arguments: &Arguments, imported: &Imported) {
+    let buffer = imported.buffer;
+    let size = DVec2::new(1.0, f64::from(buffer.y) / f64::from(buffer.x)) * arguments.width;
+    let _ = write!(
+        text,
+        "\n[[screen]]\nname = \"screen\"\nsize = [{:?}, {:?}]            # metres\n\
+         center = [0.0, 0.0, {:?}]\npixels = [{}, {}]\n",
+        size.x, size.y, -arguments.distance, buffer.x, buffer.y
+    );
+    for region in &imported.regions {
+        let (origin, _) = region.part;
+        channel(text, region, [origin.x, origin.y]);
+    }
+}
+
+/// The plane of one region's frustum.
+fn frustum(text: &mut String, region: &ImportedRegion) {
+    let Some(pyramid) = &region.pyramid else { return };
+    let corners = mpcdi::corners(pyramid, DVec3::ZERO, FRUSTUM_DISTANCE_M);
+    let _ = write!(text, "\n[[screen]]\nname = \"{}\"\n", region.name);
+    for (key, corner) in ["lower_left", "lower_right", "upper_left"].iter().zip(corners) {
+        let _ = writeln!(text, "{key} = [{:?}, {:?}, {:?}]", corner.x, corner.y, corner.z);
+    }
+    let _ = writeln!(text, "pixels = [{}, {}]", region.size.x, region.size.y);
+    channel(text, region, [0, 0]);
+}
+
+fn channel(text: &mut String, region: &ImportedRegion, origin: [u32; 2]) {
+    let (name, size) = (&region.name, region.size);
+    let _ = write!(
+        text,
+        "[[screen.channel]]\nname = \"{name}\"\norigin = {origin:?}\npixels = [{}, {}]\n",
+        size.x, size.y
+    );
+}
+
+/// The archive's name in the letters that a wall's may have.
+fn wall_name(file: &Path) -> String {
+    const BYTES_MAX: usize = 64;
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let letter = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };
+    let name: String = stem.chars().take(BYTES_MAX).map(letter).collect();
+    if name.is_empty() { "wall".to_owned() } else { name }
+}
