@@ -18,7 +18,7 @@ mod watch;
 
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -26,6 +26,7 @@ use anyhow::{Context, anyhow};
 use clap::{Parser, Subcommand};
 use polyptych_client::DisplayMode;
 use polyptych_client::blocking::Client;
+use polyptych_manager::import::{Baker, bake_wall_files};
 use polyptych_protocol::limits::PORT_DEFAULT;
 use polyptych_protocol::wall::{Wall, file};
 
@@ -199,7 +200,14 @@ pub(crate) fn one_line(error: &anyhow::Error) -> String {
     line.chars().map(escape).collect()
 }
 
-fn load_wall(path: &std::path::Path) -> anyhow::Result<Wall> {
+/// Has the files that a wall names read, before anything begins.
+fn bake_files(wall: &mut Wall, path: &Path, baker: &Baker) -> anyhow::Result<()> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let baked = bake_wall_files(wall, folder, baker);
+    baked.map_err(|reason| anyhow!("{}: {reason}", path.display()))
+}
+
+fn load_wall(path: &Path) -> anyhow::Result<Wall> {
     // The error begins with the file, line and key.
     file::load(path).map_err(|error| anyhow!("{error}"))
 }

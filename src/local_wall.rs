@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions};
-use polyptych_manager::import::{Baker, bake_wall_files};
+use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::token;
@@ -36,6 +36,7 @@ const OPEN_TIME_MAX: Duration = Duration::from_mins(30);
 /// What a local wall is made of.
 #[derive(Debug)]
 pub(crate) struct LocalWallOptions {
+    /// Its files are baked.
     pub wall: Wall,
     pub scene_roots: Vec<PathBuf>,
     pub baker: Baker,
@@ -87,7 +88,6 @@ impl LocalWall {
     /// What did not start, and why; [`Interrupted`] where it was ended meanwhile.
     pub fn start(options: LocalWallOptions) -> anyhow::Result<Self> {
         let LocalWallOptions { mut wall, scene_roots, baker, windows, recorder, needs } = options;
-        bake_wall_files(&mut wall, &baker).map_err(anyhow::Error::msg)?;
         let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
         let token_file = folder.path().join("token");
         let mut secret = [0; 16];

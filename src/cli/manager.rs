@@ -3,15 +3,15 @@
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::PathBuf;
 
-use anyhow::{Context, anyhow, bail};
-use polyptych_manager::import::{Baker, bake_wall_files};
+use anyhow::{Context, bail};
+use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::keys::Keys;
 use polyptych_protocol::token;
 
-use super::{asked_to_end, cache_folder, load_wall};
+use super::{asked_to_end, bake_files, cache_folder, load_wall};
 
 /// Address space of one bake, in MiB: enough for scenes of several gigabytes, not for a bomb.
 pub(super) const BAKE_MEMORY_MIB_DEFAULT: u64 = 8192;
@@ -81,8 +81,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         None => cache_folder()?.join("store"),
     };
     let baker = baker(store, arguments.bake_memory_mib)?;
-    let file = arguments.wall.display();
-    bake_wall_files(&mut wall, &baker).map_err(|reason| anyhow!("{file}: {reason}"))?;
+    bake_files(&mut wall, &arguments.wall, &baker)?;
     let memory = match (arguments.state, arguments.afresh) {
         (Some(state), _) => Some(state),
         (None, true) => None,

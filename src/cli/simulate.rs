@@ -8,10 +8,11 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use polyptych_client::{Bounds, Camera, overview};
+use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_protocol::wall::Wall;
 
-use super::{cache_folder, counted, exposure, load_wall, manager, rate, say, seconds};
+use super::{bake_files, cache_folder, counted, exposure, load_wall, manager, rate, say, seconds};
 use crate::faults::{self, Fault, Faults, Needs};
 use crate::local_wall::{Interrupted, LocalWall, LocalWallOptions};
 use crate::log;
@@ -83,8 +84,13 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let wall = load_wall(&arguments.wall)?;
+    let mut wall = load_wall(&arguments.wall)?;
+    bake_files(&mut wall, &arguments.wall, &baker()?)?;
     simulate(&wall, arguments)
+}
+
+fn baker() -> anyhow::Result<Baker> {
+    manager::baker(cache_folder()?.join("store"), manager::BAKE_MEMORY_MIB_DEFAULT)
 }
 
 pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -105,7 +111,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         None => generated_town()?,
     };
     let root = shown.file.parent().unwrap_or(Path::new("/")).to_owned();
-    let baker = manager::baker(cache_folder()?.join("store"), manager::BAKE_MEMORY_MIB_DEFAULT)?;
+    let baker = baker()?;
     let count = wall.channels.len();
     let (channels, screens) = (counted(count, "channel"), counted(wall.screens.len(), "screen"));
     say(format_args!("wall {}: {channels} on {screens}", wall.name))?;

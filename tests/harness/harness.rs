@@ -5,6 +5,7 @@ pub mod display;
 pub mod keys;
 pub mod local_wall;
 pub mod model;
+pub mod maps;
 pub mod pictures;
 pub mod place;
 pub mod process;

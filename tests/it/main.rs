@@ -8,6 +8,7 @@
 //! - `replay`: what a manager was told is recorded, and decided again in the same way
 //! - `reconnecting`: a program goes on when its manager is killed and started again
 //! - `client_library`: the same program drives one channel and four
+//! - `wall_files`: warp maps, masks and archives that others wrote
 //! - `seams`: a wall of tiles shows what one channel shows
 //! - `exact`: what is drawn against a renderer in f64, in all cases that are hard for numbers
 //! - `twins`: the same commands give the same bytes, whoever draws
@@ -41,5 +42,6 @@ mod soak;
 mod tidy;
 mod trust;
 mod twins;
+mod wall_files;
 mod wall_of_processes;
 mod windows;

@@ -15,10 +15,10 @@ use crate::harness::local_wall::small;
 use crate::harness::place::Place;
 use crate::harness::{scenes, wait};
 
-const TOKEN: &str = "0123456789abcdef";
+pub(super) const TOKEN: &str = "0123456789abcdef";
 
 /// A manager on a thread, ended by the notice that is given back.
-fn start_manager(wall: Wall, place: &Place) -> (String, Arc<Notify>, JoinHandle<()>) {
+pub(super) fn start_manager(wall: Wall, place: &Place) -> (String, Arc<Notify>, JoinHandle<()>) {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port");
     let address = listener.local_addr().expect("an address").to_string();
     let baker = Baker {
@@ -52,7 +52,7 @@ fn start_manager(wall: Wall, place: &Place) -> (String, Arc<Notify>, JoinHandle<
 }
 
 /// A render server on a thread.
-fn start_server(
+pub(super) fn start_server(
     address: &str,
     channel: &str,
     place: &Place,

@@ -11,13 +11,13 @@ use super::{Baker, bake};
 const ASPECT_TOLERANCE: f64 = 1e-3;
 
 /// Has every file of a wall read by the baker, one after the other, and notes their blobs in the
-/// wall. Whether a file has changed since another start is not asked: its blob has the name of
+/// wall. `folder` is the wall file's, from which paths begin. Whether a file has changed since another start is not asked: its blob has the name of
 /// what is in it now.
 ///
 /// # Errors
 /// One line: the key that names the file in the wall file, the file, what is wrong with it and
 /// what would be right.
-pub fn bake_wall_files(wall: &mut Wall, baker: &Baker) -> Result<(), String> {
+pub fn bake_wall_files(wall: &mut Wall, folder: &Path, baker: &Baker) -> Result<(), String> {
     if wall.files.is_empty() {
         return Ok(());
     }
@@ -27,7 +27,7 @@ pub fn bake_wall_files(wall: &mut Wall, baker: &Baker) -> Result<(), String> {
         let (file, options) = (&wall.files[index], options(wall, index));
         let options: Vec<&str> = options.iter().map(String::as_str).collect();
         let about = |what: String| format!("{}: {what}", wall.key_of_file(index));
-        let baked = runtime.block_on(bake(Path::new(&file.path), baker, &options));
+        let baked = runtime.block_on(bake(&folder.join(&file.path), baker, &options));
         let baked = baked.map_err(about)?;
         let hash = baked.pointer("/blob").and_then(|hash| hash.as_str());
         let hash = hash.and_then(BlobHash::from_hex);

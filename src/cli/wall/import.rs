@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, bail};
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, UVec2};
 use polyptych_manager::bake::map::mpcdi::{self, Imported, ImportedRegion, Profile};
 
 use super::super::{bake, counted, manager, say};
@@ -103,8 +103,7 @@ fn screen_of_buffer(text: &mut String, arguments: &Arguments, imported: &Importe
         size.x, size.y, -arguments.distance, buffer.x, buffer.y
     );
     for region in &imported.regions {
-        let (origin, _) = region.part;
-        channel(text, region, [origin.x, origin.y]);
+        channel(text, region, buffer);
     }
 }
 
@@ -117,16 +116,19 @@ fn frustum(text: &mut String, region: &ImportedRegion) {
         let _ = writeln!(text, "{key} = [{:?}, {:?}, {:?}]", corner.x, corner.y, corner.z);
     }
     let _ = writeln!(text, "pixels = [{}, {}]", region.size.x, region.size.y);
-    channel(text, region, [0, 0]);
+    channel(text, region, region.size);
 }
 
-fn channel(text: &mut String, region: &ImportedRegion, origin: [u32; 2]) {
+/// A channel on a canvas: its warp says what it shows, so its origin is only its window's, and is
+/// left out where so many pixels have no room there.
+fn channel(text: &mut String, region: &ImportedRegion, canvas: UVec2) {
     let (name, size) = (&region.name, region.size);
-    let _ = write!(
-        text,
-        "[[screen.channel]]\nname = \"{name}\"\norigin = {origin:?}\npixels = [{}, {}]\n",
-        size.x, size.y
-    );
+    let _ = write!(text, "[[screen.channel]]\nname = \"{name}\"\n");
+    let origin = if canvas == size { UVec2::ZERO } else { region.part.0 };
+    if (origin + size).cmple(canvas).all() {
+        let _ = writeln!(text, "origin = [{}, {}]", origin.x, origin.y);
+    }
+    let _ = writeln!(text, "pixels = [{}, {}]", size.x, size.y);
 }
 
 /// The archive's name in the letters that a wall's may have.

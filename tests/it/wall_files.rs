@@ -1,0 +1,174 @@
+//! Files of others that a wall names: read by the baker, a process of its own, before the wall
+//! starts; fetched and decoded by its servers; refused by key and file where they are broken.
+
+use std::path::PathBuf;
+
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, ConnectOptions, Wall};
+use polyptych_manager::import::{Baker, bake_wall_files};
+use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::wall::warp::WallMap;
+use polyptych_protocol::wall::{FileKind, MapFile};
+
+use crate::harness::local_wall::small;
+use crate::harness::maps::{self, Png, Region, png};
+use crate::harness::place::Place;
+use crate::harness::wait;
+use crate::one_process::{TOKEN, start_manager, start_server};
+
+/// A wall of one channel with a warp map and a mask beside its wall file.
+fn wall_with_files(place: &Place) -> Wall {
+    let mut wall = small(1, 1);
+    let value = |x: u32, y: u32| [x as f32 * 0.24 - 0.84, 0.4 - y as f32 * 0.27, -1.304];
+    place.write("front.pfm", maps::pfm([8, 4], 3, true, value));
+    let texels = [0, 128, 255, 64];
+    let mask = Png { size: [2, 2], color: 0, bits: 8, gamma: Some(45_455), texels: &texels };
+    place.write("front.png", png(&mask));
+    for (path, kind) in [("front.pfm", FileKind::Warp), ("front.png", FileKind::Alpha)] {
+        wall.files.push(MapFile { path: path.to_owned(), kind, blob: None });
+    }
+    wall.channels[0].adjustment.warp = Some(0);
+    wall.channels[0].adjustment.alpha = Some(1);
+    wall
+}
+
+fn baker(place: &Place) -> Baker {
+    let program = PathBuf::from(env!("CARGO_BIN_EXE_polyptych"));
+    Baker { program, memory_mib: 4096, store: place.path("store") }
+}
+
+#[test]
+fn a_wall_with_files_comes_up_and_its_servers_hold_them() {
+    let place = Place::new();
+    let mut wall = wall_with_files(&place);
+    bake_wall_files(&mut wall, place.folder(), &baker(&place)).expect("baked");
+    let blobs: Vec<BlobHash> = wall.blobs().collect();
+    assert_eq!(blobs.len(), 2);
+
+    let (address, end_manager, manager) = start_manager(wall.clone(), &place);
+    let (end, server) = start_server(&address, &wall.channels[0].name, &place);
+    let mut connect = ConnectOptions::new(address);
+    connect.token = Some(TOKEN.into());
+    let client = Client::connect_with(connect).expect("connected");
+    wait::until("the channel is ready", || {
+        let status = client.status().expect("a status");
+        status.channels.iter().all(|channel| channel.state == ChannelState::Ready).then_some(())
+    });
+    let capture = client.capture().expect("captured");
+    assert!(capture.missing.is_empty(), "{:?}", capture.missing);
+    // They came over the bulk connection: the server knows no other folder.
+    let cache = BlobFolder::new(place.path("blobs"));
+    for blob in blobs {
+        let bytes = cache.read(blob).expect("read").expect("the server fetched it");
+        WallMap::decode(&bytes).expect("a map");
+    }
+    end.notify_one();
+    server.join().expect("no panic").expect("ended in order");
+    end_manager.notify_one();
+    manager.join().expect("no panic");
+}
+
+/// What a server gets is checked again: by its kind, and by whether it is to be had at all.
+#[test]
+fn a_server_refuses_a_file_that_is_none_by_its_key() {
+    let place = Place::new();
+    let mut wall = wall_with_files(&place);
+    bake_wall_files(&mut wall, place.folder(), &baker(&place)).expect("baked");
+    wall.files[0].blob = wall.files[1].blob;
+    let key = format!("channel.{}.warp", wall.channels[0].name);
+    let (address, end_manager, manager) = start_manager(wall.clone(), &place);
+    let (end, server) = start_server(&address, &wall.channels[0].name, &place);
+    let mut connect = ConnectOptions::new(address);
+    connect.token = Some(TOKEN.into());
+    let client = Client::connect_with(connect).expect("connected");
+    let reason = wait::until("the channel says why it is not ready", || {
+        let status = client.status().expect("a status");
+        status.channels[0].reason.clone()
+    });
+    assert!(reason.contains(&key) && reason.contains("it is a mask"), "{reason}");
+    end.notify_one();
+    server.join().expect("no panic").expect("ended in order");
+    end_manager.notify_one();
+    manager.join().expect("no panic");
+}
+
+/// The baker child's reason, behind the key and the file; and a file that has changed is another.
+#[test]
+fn files_of_a_wall_are_refused_before_it_starts() {
+    let place = Place::new();
+    let mut wall = wall_with_files(&place);
+    let baker = baker(&place);
+    bake_wall_files(&mut wall, place.folder(), &baker).expect("baked");
+    let before = wall.files[0].blob;
+    place.write("front.pfm", maps::pfm([8, 4], 3, true, |x, y| [x as f32, y as f32, -2.0]));
+    bake_wall_files(&mut wall, place.folder(), &baker).expect("baked again");
+    assert_ne!(wall.files[0].blob, before, "it has changed");
+
+    let name = wall.channels[0].name.clone();
+    let mut refused = |bytes: &[u8]| {
+        place.write("front.pfm", bytes);
+        let line = bake_wall_files(&mut wall, place.folder(), &baker).expect_err("refused");
+        let begins = format!("channel.{name}.warp: ");
+        assert!(line.starts_with(&begins) && line.contains("front.pfm"), "{line}");
+        line
+    };
+    let line = refused(b"PF\n8 4\n-1.0\n");
+    assert!(line.contains("truncated") && line.contains("384 would be right"), "{line}");
+    let line = refused(b"GIF89a");
+    assert!(line.contains("no kind of warp map"), "{line}");
+    std::fs::remove_file(place.path("front.pfm")).expect("removed");
+    let line = bake_wall_files(&mut wall, place.folder(), &baker).expect_err("refused");
+    assert!(line.contains("front.pfm") && line.contains("No such file"), "{line}");
+}
+
+/// The command makes a folder with a wall file and all that it names, and refuses by entry.
+#[test]
+fn an_mpcdi_archive_becomes_a_wall_file() {
+    let place = Place::new();
+    let texels: Vec<u16> = (0..5000).map(|i| i % 256).collect();
+    let size = [100, 50];
+    let mask = png(&Png { size, color: 0, bits: 8, gamma: None, texels: &texels });
+    let warp = |x: u32, y: u32| [(x as f32 + 0.5) / 100.0, 1.0 - (y as f32 + 0.5) / 50.0, 0.0];
+    let region = |id: &str, x: f64| Region {
+        id: id.to_owned(),
+        size,
+        part: [x, 0.0, 0.5, 1.0],
+        frustum: None,
+        warp: maps::pfm(size, 3, true, warp),
+        unit: None,
+        origin: None,
+        alpha: Some((mask.clone(), 2.2)),
+        beta: Some((mask.clone(), 1.8)),
+    };
+    let mut regions = [region("Left", 0.0), region("Right", 0.5)];
+    let archive = |regions: &[Region]| {
+        place.write("hall.mpcdi", maps::zip(&maps::mpcdi_entries("2d", [200, 50], regions)))
+    };
+    let file = archive(&regions).display().to_string();
+    let out = place.path("hall").display().to_string();
+    let printed = place.run(["wall", "import", &file, "-o", &out]).succeeded();
+    assert!(printed.contains("2 channels of a buffer of 200 × 50 pixels"), "{printed}");
+    let text = std::fs::read_to_string(place.path("hall/wall.toml")).expect("a wall file");
+    for part in [
+        "name = \"hall\"",
+        "pixels = [200, 50]",
+        "origin = [100, 0]",
+        "[channel.\"left\"]\nwarp = \"left.pfm\"\nalpha = \"left-alpha.png\"\nbeta = \"left-beta.png\"",
+    ] {
+        assert!(text.contains(part), "no {part} in\n{text}");
+    }
+    let is_there = |name: &str| place.path("hall").join(name).is_file();
+    assert!(
+        ["left.pfm", "right.pfm", "right-alpha.png", "right-beta.png"].into_iter().all(is_there)
+    );
+    let line = place.run(["wall", "import", &file, "-o", &out]).failed(&["--force"]);
+    assert!(line.contains("wall.toml is there already"), "{line}");
+    regions[1].warp.truncate(999);
+    archive(&regions);
+    place.run(["wall", "import", &file, "-o", &out, "--force"]).failed(&[
+        "hall.mpcdi",
+        "entry 'Right/warp.pfm'",
+        "truncated",
+    ]);
+}
