@@ -2,8 +2,6 @@
 //! MPCDI archives. Written from the formats alone, without any of the code that reads them, and
 //! without the libraries that it uses.
 
-#![allow(dead_code, reason = "each test takes what it needs")]
-
 use std::fmt::Write;
 
 /// A float map: values by column and row from the upper left; 2 or 3 of them are written.
@@ -126,11 +124,6 @@ impl Entry {
     pub fn deflated(name: &str, bytes: &[u8]) -> Self {
         Self { packed: stored(bytes), method: 8, ..Self::new(name, bytes) }
     }
-
-    /// So many zeros in a 158th of the bytes.
-    pub fn bomb(name: &str, bytes: u32) -> Self {
-        Self { packed: packed_zeros(bytes), method: 8, bytes, ..Self::new(name, &[]) }
-    }
 }
 
 /// A zip archive.
@@ -243,23 +236,6 @@ fn stored(bytes: &[u8]) -> Vec<u8> {
         out.extend(block);
     }
     if bytes.is_empty() { vec![1, 0, 0, 0xff, 0xff] } else { out }
-}
-
-/// RFC 1951, 3.2.6: a zero, then runs of 258 from one byte before.
-fn packed_zeros(bytes: u32) -> Vec<u8> {
-    // From the lowest bit of each byte on: last block, fixed codes, the literal 0.
-    let mut bits: Vec<bool> = vec![true, true, false];
-    let code = |bits: &mut Vec<bool>, value: u32, count: u32| {
-        bits.extend((0..count).rev().map(|i| value >> i & 1 == 1));
-    };
-    code(&mut bits, 0b0011_0000, 8);
-    for _ in 0..(bytes - 1) / 258 {
-        code(&mut bits, 0b1100_0101, 8);
-        code(&mut bits, 0, 5);
-    }
-    code(&mut bits, 0, 7);
-    let byte = |bits: &[bool]| bits.iter().rev().fold(0u8, |sum, &bit| sum << 1 | u8::from(bit));
-    bits.chunks(8).map(byte).collect()
 }
 
 /// ISO 3309, as in PNG and zip.

@@ -172,3 +172,29 @@ fn an_mpcdi_archive_becomes_a_wall_file() {
         "truncated",
     ]);
 }
+
+/// Every kind of file by the command, which says what it is.
+#[test]
+fn the_baker_says_what_a_file_of_a_wall_is() {
+    let place = Place::new();
+    let obj = maps::obj([3, 2], |u, v| ([u, v, -1.0], [u, v]));
+    let node = |x: u32, y: u32| [f64::from(x) - 1.0, f64::from(y) - 0.5, 0.5, 0.5, 1.0];
+    let bourke = maps::bourke([3, 2], node);
+    let pfm = maps::pfm([5, 4], 3, false, |x, y| [x as f32, y as f32, -2.0]);
+    let files: [(&str, &[u8], &str, &str); 4] = [
+        ("a.obj", obj.as_bytes(), "screen-mesh", "warp mesh of 12 triangles in display space"),
+        ("a.obj", obj.as_bytes(), "warp", "warp mesh of 12 triangles in display space"),
+        ("a.data", bourke.as_bytes(), "warp", "warp mesh of 4 triangles on the canvas"),
+        ("a.pfm", &pfm, "warp", "warp grid of 5 × 4 points in display space"),
+    ];
+    let store = place.path("store").display().to_string();
+    for (name, bytes, used_as, what) in files {
+        let file = place.write(name, bytes).display().to_string();
+        let arguments = ["bake", &file, "-o", &store, "--as", used_as, "--aspect", "2"];
+        let printed = place.run(arguments).succeeded();
+        assert!(printed.starts_with(what) && printed.contains("blob "), "{printed}");
+    }
+    let file = place.path("a.data").display().to_string();
+    let arguments = ["bake", &file, "-o", &store, "--as", "mask"];
+    place.run(arguments).failed(&["a.data", "PNG", "can't be decoded"]);
+}
