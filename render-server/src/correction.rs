@@ -13,7 +13,8 @@ use glam::{DMat3, DVec3};
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::blend::{self, Masks};
+use polyptych_protocol::wall::blend;
+use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
 use polyptych_protocol::wall::{self, Adjustment, Cover, EyeOf, Wall};
 
@@ -42,11 +43,12 @@ pub(crate) struct Plan {
 ///
 /// # Errors
 /// Which channel cannot be shown, and why.
-pub(crate) fn plans(wall: &Wall, channels: &[String]) -> Result<Plans, String> {
+pub(crate) fn plans(wall: &Wall, maps: &Maps, channels: &[String]) -> Result<Plans, String> {
     let mut plans = Plans::new();
     for name in channels {
         let Some((id, _)) = wall.channel_named(name) else { continue };
-        let plan = Plan::new(wall, id).map_err(|reason| format!("channel {name}: {reason}"))?;
+        let plan = Plan::new(wall, maps, id);
+        let plan = plan.map_err(|reason| format!("channel {name}: {reason}"))?;
         if let Some(plan) = plan {
             plans.insert(name.clone(), plan);
         }
@@ -59,11 +61,11 @@ impl Plan {
     ///
     /// # Errors
     /// Nothing of its picture lies on its screen.
-    pub fn new(wall: &Wall, id: ChannelId) -> Result<Option<Self>, String> {
+    pub fn new(wall: &Wall, maps: &Maps, id: ChannelId) -> Result<Option<Self>, String> {
         let channel = wall.channel(id).ok_or("the wall has no such channel")?;
         let adjustment = &channel.adjustment;
         let is_tile = channel.cover == Cover::Tile && wall.screen_of(channel).plane().is_some();
-        let light_map = blend::light_map(wall, id, &Masks::default());
+        let light_map = blend::light_map(wall, id, &maps.masks(adjustment));
         if is_tile && adjustment.is_plain() && light_map.is_none() {
             return Ok(None);
         }
@@ -76,9 +78,15 @@ impl Plan {
             None
         } else {
             let map = wall.pixel_map(id).ok_or("its corner pins leave no picture")?;
-            let mesh = WarpMesh::new(channel.size, MeshRule::default(), |pixel| {
-                map.display_from_pixel(pixel)
-            });
+            let mesh = match adjustment.warp {
+                None => WarpMesh::new(channel.size, MeshRule::default(), |pixel| {
+                    map.display_from_pixel(pixel)
+                }),
+                Some(file) => {
+                    let warp = maps.warp(file).ok_or("its warp file is not there")?;
+                    warp.channel_mesh(channel, wall.screen_of(channel), &map)
+                }
+            };
             if mesh.triangles.is_empty() {
                 return Err("none of its pixels lies on its screen".to_owned());
             }

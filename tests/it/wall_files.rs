@@ -13,8 +13,9 @@ use polyptych_protocol::wall::{FileKind, MapFile};
 
 use crate::harness::local_wall::small;
 use crate::harness::maps::{self, Png, Region, png};
+use crate::harness::pictures::{self, Policy};
 use crate::harness::place::Place;
-use crate::harness::wait;
+use crate::harness::{scenes, wait};
 use crate::one_process::{TOKEN, start_manager, start_server};
 
 /// A wall of one channel with a warp map and a mask beside its wall file.
@@ -197,4 +198,98 @@ fn the_baker_says_what_a_file_of_a_wall_is() {
     let file = place.path("a.data").display().to_string();
     let arguments = ["bake", &file, "-o", &store, "--as", "mask"];
     place.run(arguments).failed(&["a.data", "PNG", "can't be decoded"]);
+}
+
+/// What is compared was resampled alike, at points that a file gives in f32: what is left is
+/// rounding at edges. A map that is off by a tenth of a pixel fails by far.
+const RESAMPLED: Policy =
+    Policy { identical_share_min: 0.97, within_1_share_min: 0.995, above_8_ppm_max: 500.0 };
+
+/// A wall of two channels on one plane; pins that move nothing that can be seen send its picture
+/// the way of warped ones.
+const BY_GEOMETRY: &str = r#"
+[wall]
+name = "geometry"
+[[screen]]
+name = "screen"
+size = [4.0, 2.0]
+center = [0.0, 0.0, -4.0]
+pixels = [200, 100]
+[[screen.channel]]
+name = "left"
+origin = [0, 0]
+pixels = [100, 100]
+[[screen.channel]]
+name = "right"
+origin = [100, 0]
+pixels = [100, 100]
+[channel.left]
+pin = [[0.000001, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]
+[channel.right]
+pin = [[0.000001, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]
+"#;
+
+/// The same wall as an archive: by places of the buffer, or by points in millimetres.
+fn archive_of_geometry(profile: &str) -> Vec<u8> {
+    let region = |id: &str, side: f64| {
+        let place = |x: u32, y: u32| [(f64::from(x) + 0.5) / 100.0, (f64::from(y) + 0.5) / 100.0];
+        let value = |x: u32, y: u32| {
+            let [u, v] = place(x, y);
+            let in_room = [(u * 2.0 + (side - 1.0) * 2.0) * 1e3, (1.0 - v * 2.0) * 1e3, -4e3];
+            let on_canvas = [u, 1.0 - v, 0.0];
+            (if profile == "3d" { in_room } else { on_canvas }).map(|number| number as f32)
+        };
+        let across = (0.5f64).atan().to_degrees();
+        let up = (0.25f64).atan().to_degrees();
+        let [left, right] = if side == 0.0 { [-across, 0.0] } else { [0.0, across] };
+        Region {
+            id: id.to_owned(),
+            size: [100, 100],
+            part: [side * 0.5, 0.0, 0.5, 1.0],
+            frustum: (profile == "3d").then_some([0.0, 0.0, 0.0, right, left, up, -up]),
+            warp: maps::pfm([100, 100], 3, true, value),
+            unit: (profile == "3d").then(|| "mm".to_owned()),
+            origin: (profile == "3d").then(|| "idealEyePoint".to_owned()),
+            alpha: None,
+            beta: None,
+        }
+    };
+    let regions = [region("left", 0.0), region("right", 1.0)];
+    maps::zip(&maps::mpcdi_entries(profile, [200, 100], &regions))
+}
+
+/// Archives of both profiles, imported and shown by real processes, against the same wall by its
+/// geometry.
+#[test]
+fn an_imported_wall_shows_what_its_geometry_would() {
+    let place = Place::new();
+    let town = scenes::town().display().to_string();
+    let show = |wall: &str, name: &str| {
+        let out = place.path(&format!("out-{name}")).display().to_string();
+        place.run(["simulate", wall, &town, "--frames", "2", "--out", &out]).succeeded();
+        ["left", "right"].map(|channel| {
+            pictures::read(
+                &place.path(&format!("out-{name}")).join(format!("channel-{channel}.png")),
+            )
+        })
+    };
+    let wall = place.write("geometry.toml", BY_GEOMETRY).display().to_string();
+    let due = show(&wall, "geometry");
+    assert!(pictures::color_count(&due[0]) > 100, "no town");
+    for profile in ["2d", "3d"] {
+        let file = place.write("hall.mpcdi", archive_of_geometry(profile)).display().to_string();
+        let folder = place.path(&format!("hall-{profile}"));
+        let out = folder.display().to_string();
+        place.run(["wall", "import", &file, "-o", &out]).succeeded();
+        let wall = folder.join("wall.toml").display().to_string();
+        for (shown, due) in show(&wall, profile).iter().zip(&due) {
+            let difference = pictures::check(&format!("mpcdi-{profile}"), shown, due, &RESAMPLED);
+            println!("{profile}: {difference}");
+        }
+    }
+    std::fs::write(place.path("hall-2d/left.pfm"), b"PF\n100 100\n-1.0\n").expect("written");
+    let wall = place.path("hall-2d/wall.toml").display().to_string();
+    let parts = ["wall.toml: channel.left.warp: ", "left.pfm: pixels: it is truncated"];
+    place.run(["simulate", &wall, &town]).failed(&parts);
+    place.run(["manager", &wall, "--listen", "127.0.0.1:0", "--afresh"]).failed(&parts);
 }

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
+use super::blend::{MaskTexels, Masks};
 use super::warp::{MapSpace, WallMap, WarpMap, WarpShape};
-use super::{FileKind, MapFile, Surface, Wall};
+use super::{Adjustment, FileKind, MapFile, Surface, Wall};
 use crate::ids::BlobHash;
 
 /// What the files of a wall became: each is there, sound, and of the kind that the wall says.
@@ -47,6 +48,17 @@ impl Maps {
             WallMap::Warp(warp) => Some(warp),
             WallMap::Mask(_) => None,
         }
+    }
+
+    /// The masks of a channel.
+    pub fn masks(&self, adjustment: &Adjustment) -> Masks<'_> {
+        let mask = |file: Option<u16>| match self.get(file?)?.as_ref() {
+            WallMap::Mask(mask) => {
+                MaskTexels::new(mask.size, usize::from(mask.components), &mask.texels)
+            }
+            WallMap::Warp(_) => None,
+        };
+        Masks { alpha: mask(adjustment.alpha), beta: mask(adjustment.beta) }
     }
 
     /// How many there are.
@@ -141,7 +153,10 @@ mod tests {
         let load = |kind, map: WallMap| Maps::load(&wall(kind), |_| Ok(Arc::new(map.clone())));
         let maps = load(FileKind::Warp, warp()).expect("a warp");
         assert_eq!((maps.len(), maps.warp(0), maps.warp(1)), (1, maps.warp(0), None));
-        assert!(maps.warp(0).is_some() && load(FileKind::Beta, mask()).is_ok());
+        assert!(maps.warp(0).is_some());
+        let maps = load(FileKind::Beta, mask()).expect("a mask");
+        let masks = maps.masks(&wall(FileKind::Beta).channels[0].adjustment);
+        assert!(masks.beta.is_some() && masks.alpha.is_none());
         let refused = |kind, map| load(kind, map).expect_err("refused");
         assert_eq!(refused(FileKind::Warp, mask()), "channel.left.warp: x: it is a mask");
         assert_eq!(refused(FileKind::Alpha, warp()), "channel.left.alpha: x: it is no mask");

@@ -87,7 +87,7 @@ impl<'a> PixelMap<'a> {
     }
 
     /// The pixel whose light was meant to be where this one's is.
-    fn meant_from_pixel(&self, pixel: DVec2) -> Option<DVec2> {
+    pub fn meant_from_pixel(&self, pixel: DVec2) -> Option<DVec2> {
         let unbent = match &self.channel.adjustment.bend {
             Some(bend) => bend.undo(pixel, self.channel.size.as_dvec2())?,
             None => pixel,
@@ -95,7 +95,8 @@ impl<'a> PixelMap<'a> {
         self.pin.map_or(Some(unbent), |(_, back)| project(back, unbent))
     }
 
-    fn pixel_from_meant(&self, meant: DVec2) -> Option<DVec2> {
+    /// The pixel that a place of the picture, before pins and bends, is moved to.
+    pub fn pixel_from_meant(&self, meant: DVec2) -> Option<DVec2> {
         let pinned = self.pin.map_or(Some(meant), |(forth, _)| project(forth, meant))?;
         Some(match &self.channel.adjustment.bend {
             Some(bend) => pinned + bend.offset(pinned / self.channel.size.as_dvec2()),

@@ -15,6 +15,8 @@
 //! most 0.03 mm there and by 0.5 µm in a room of 10 m, a hundredth of the smallest pixels. Where
 //! the scene lies in the world plays no part: the eye is subtracted in display space.
 
+mod sample;
+
 use glam::{UVec2, Vec2, Vec3};
 
 use crate::limits::CHANNEL_SIDE_MAX;

@@ -8,6 +8,7 @@ use polyptych_protocol::camera::Camera;
 use polyptych_protocol::command::{Area, View};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
+use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::surface::{Cylinder, Plane, Sphere};
 use polyptych_protocol::wall::{Channel, Screen, Surface};
 
@@ -103,7 +104,8 @@ fn frame(head: Head) -> Frame {
 
 /// The channel's picture as linear light of its red.
 fn drawn(wall: &Wall, scene: &Scene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
-    let plan = Plan::new(wall, ChannelId(0)).expect("a plan").expect("a correction");
+    let plan =
+        Plan::new(wall, &Maps::default(), ChannelId(0)).expect("a plan").expect("a correction");
     let mut corrector = Corrector::new(gpu(), plan, wall).expect("a corrector");
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
     renderer.prepare_for(gpu(), scene, Content::Light);
@@ -237,15 +239,15 @@ fn tiles_that_are_shown_as_they_are_drawn_have_no_plan() {
     let mut flat = wall(plane(), [64, 36]);
     flat.dither = true;
     let names = ["curve".to_owned(), "elsewhere".to_owned()];
-    assert!(plans(&flat, &names).expect("plans").is_empty());
+    assert!(plans(&flat, &Maps::default(), &names).expect("plans").is_empty());
     flat.channels[0].adjustment.color.gain.x = 0.9;
-    let planned = plans(&flat, &names).expect("plans");
+    let planned = plans(&flat, &Maps::default(), &names).expect("plans");
     let plan = &planned["curve"];
     assert!(plan.warp.is_none(), "its pixels stay where they are");
     assert_eq!(plan.desc.dither, Some(0));
     // A warp whose file is not there lights nothing.
     flat.channels[0].cover = Cover::Map;
-    let said = plans(&flat, &names).expect_err("refused");
+    let said = plans(&flat, &Maps::default(), &names).expect_err("refused");
     assert_eq!(said, "channel curve: none of its pixels lies on its screen");
 }
 
@@ -287,7 +289,8 @@ fn tiles_that_overlap_share_their_light() {
 #[test]
 fn an_eye_behind_a_curve_is_refused_by_name() {
     let ring = wall(cylinder(1.0, DQuat::IDENTITY), [64, 36]);
-    let plan = Plan::new(&ring, ChannelId(0)).expect("a plan").expect("a correction");
+    let plan =
+        Plan::new(&ring, &Maps::default(), ChannelId(0)).expect("a plan").expect("a correction");
     let mut corrector = Corrector::new(gpu(), plan, &ring).expect("a corrector");
     // In the surface's tangent plane beside it: one half shows its front, the other its back.
     let behind = frame(Head::at(DVec3::new(4.0, 0.0, -3.2), 0.0));

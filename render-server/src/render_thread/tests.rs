@@ -65,7 +65,8 @@ impl Stage {
 
     /// A state whose pictures are as bright as the exposure says.
     fn prepare(&mut self, wall: Wall) {
-        let plans = correction::plans(&wall, &Maps::default(), &["front-1-1".to_owned()]).expect("plans");
+        let plans =
+            correction::plans(&wall, &Maps::default(), &["front-1-1".to_owned()]).expect("plans");
         let mut replica = Replica::default();
         replica.revision = Revision(self.thread.states.len() as u64);
         replica.apply(Operation::SetWall(Box::new(wall)));

@@ -1,0 +1,164 @@
+//! From a decoded map to the mesh that a channel is drawn through.
+
+use glam::{DVec2, DVec3};
+
+use super::{MapSpace, WarpGrid, WarpMap, WarpMesh, WarpShape};
+use crate::wall::pixels::PixelMap;
+use crate::wall::warp_mesh::{MeshRule, WarpMesh as ChannelMesh, WarpVertex};
+use crate::wall::{Channel, Screen};
+
+impl WarpMap {
+    /// The mesh of a channel whose pixels lie where this map says; `pixels` has its corner pins
+    /// and bends. Cells of a grid with an unlit corner are unlit.
+    pub fn channel_mesh(
+        &self,
+        channel: &Channel,
+        screen: &Screen,
+        pixels: &PixelMap<'_>,
+    ) -> ChannelMesh {
+        let size = channel.size.as_dvec2();
+        match &self.shape {
+            WarpShape::Grid(grid) => ChannelMesh::new(channel.size, MeshRule::default(), |pixel| {
+                let value = grid.value_at(pixels.meant_from_pixel(pixel)? / size)?;
+                self.display_from_value(value, screen)
+            }),
+            WarpShape::Mesh(mesh) => {
+                self.mesh_of_vertices(mesh, screen, |place| pixels.pixel_from_meant(place * size))
+            }
+        }
+    }
+
+    fn mesh_of_vertices(
+        &self,
+        mesh: &WarpMesh,
+        screen: &Screen,
+        pixel_of: impl Fn(DVec2) -> Option<DVec2>,
+    ) -> ChannelMesh {
+        let vertex = |vertex: &super::WarpVertex| {
+            let pixel = pixel_of(vertex.place.as_dvec2())?;
+            let point = self.display_from_value(vertex.value.as_dvec3(), screen)?;
+            Some(WarpVertex { pixel, point })
+        };
+        let found: Vec<Option<WarpVertex>> = mesh.vertices.iter().map(vertex).collect();
+        let mut index_of = vec![0; found.len()];
+        let mut out = ChannelMesh::default();
+        for (index, vertex) in index_of.iter_mut().zip(&found) {
+            *index = out.vertices.len() as u32;
+            out.vertices.extend(vertex);
+        }
+        let is_there = |corners: &&[u32; 3]| corners.iter().all(|&i| found[i as usize].is_some());
+        let kept = mesh.triangles.iter().filter(is_there);
+        out.triangles = kept.map(|corners| corners.map(|i| index_of[i as usize])).collect();
+        out
+    }
+
+    fn display_from_value(&self, value: DVec3, screen: &Screen) -> Option<DVec3> {
+        match self.space {
+            MapSpace::Display => Some(value),
+            MapSpace::Canvas => {
+                screen.display_from_canvas(value.truncate() * screen.canvas.as_dvec2())
+            }
+        }
+    }
+}
+
+impl WarpGrid {
+    /// The value at a place of the picture, linear between the centres of cells, and going on
+    /// beyond the outermost ones. `None` where one of those around is unlit.
+    pub fn value_at(&self, place: DVec2) -> Option<DVec3> {
+        let at = place * self.size.as_dvec2() - 0.5;
+        let last = self.size.saturating_sub(glam::UVec2::splat(2)).as_dvec2();
+        let from = at.floor().clamp(DVec2::ZERO, last);
+        let part = (at - from) * self.size.cmpgt(glam::UVec2::ONE).select(DVec2::ONE, DVec2::ZERO);
+        let from = from.as_uvec2();
+        let to = (from + 1).min(self.size - 1);
+        let value = |x: u32, y: u32| {
+            let value = self.values[y as usize * self.size.x as usize + x as usize];
+            (!value.is_nan()).then(|| value.as_dvec3())
+        };
+        let row = |y: u32| {
+            let (a, b) = (value(from.x, y)?, value(to.x, y)?);
+            Some(a + (b - a) * part.x)
+        };
+        let (a, b) = (row(from.y)?, row(to.y)?);
+        Some(a + (b - a) * part.y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{UVec2, Vec2, Vec3};
+
+    use super::*;
+    use crate::wall::Surface;
+    use crate::wall::surface::Plane;
+
+    fn stage() -> (Channel, Screen) {
+        let plane = Plane {
+            lower_left: DVec3::new(-2.0, -1.0, -3.0),
+            lower_right: DVec3::new(2.0, -1.0, -3.0),
+            upper_left: DVec3::new(-2.0, 1.0, -3.0),
+        };
+        let screen = Screen::new("s", Surface::Plane(plane), UVec2::new(400, 200));
+        (Channel::tile("c", 0, UVec2::ZERO, UVec2::new(80, 40)), screen)
+    }
+
+    /// A grid of values at cells' centres, by place.
+    fn grid(size: UVec2, value: impl Fn(Vec2) -> Vec3) -> WarpShape {
+        let place = |i: u32| Vec2::new((i % size.x) as f32 + 0.5, (i / size.x) as f32 + 0.5);
+        let values = (0..size.x * size.y).map(|i| value(place(i) / size.as_vec2())).collect();
+        WarpShape::Grid(WarpGrid { size, values })
+    }
+
+    /// The whole canvas by u and v is the screen itself, to its corners, of any grid.
+    #[test]
+    fn places_of_the_canvas_are_points_of_the_screen() {
+        let (channel, screen) = stage();
+        let pixels = PixelMap::new(&channel, &screen).expect("no pins");
+        for size in [[2, 2], [5, 3], [80, 40]] {
+            let shape = grid(UVec2::from(size), |place| place.extend(0.0));
+            let warp = WarpMap { space: MapSpace::Canvas, shape };
+            let mesh = warp.channel_mesh(&channel, &screen, &pixels);
+            for at in [[0.0, 0.0], [80.0, 40.0], [13.0, 37.5], [79.5, 0.5]] {
+                let at = DVec2::from(at);
+                let due = screen.display_from_canvas(at * 5.0).expect("a plane");
+                let found = mesh.point_at(at).expect("lit");
+                assert!(found.distance(due) < 1e-6, "{size:?} at {at}: {found}, {due}");
+            }
+        }
+    }
+
+    #[test]
+    fn points_are_linear_between_cells_and_unlit_beside_unlit_ones() {
+        let (channel, screen) = stage();
+        let pixels = PixelMap::new(&channel, &screen).expect("no pins");
+        let shape = grid(UVec2::new(8, 4), |place| {
+            if place.x > 0.5 { Vec3::NAN } else { Vec3::new(place.x, place.y * 2.0, -1.0) }
+        });
+        let warp = WarpMap { space: MapSpace::Display, shape };
+        let mesh = warp.channel_mesh(&channel, &screen, &pixels);
+        let found = mesh.point_at(DVec2::new(20.0, 20.0)).expect("lit");
+        assert!(found.distance(DVec3::new(0.25, 1.0, -1.0)) < 1e-6, "{found}");
+        assert_eq!(mesh.point_at(DVec2::new(45.0, 20.0)), None);
+        let WarpShape::Grid(grid) = &warp.shape else { panic!("a grid") };
+        assert_eq!(grid.value_at(DVec2::new(0.47, 0.5)), None, "beside an unlit cell");
+    }
+
+    #[test]
+    fn a_mesh_keeps_its_triangles_at_its_pixels() {
+        let (channel, screen) = stage();
+        let pixels = PixelMap::new(&channel, &screen).expect("no pins");
+        let vertex = |u: f32, v: f32| {
+            let (place, value) = (Vec2::new(u, v), Vec3::new(u, v, 0.0));
+            super::super::WarpVertex { place, value, light: 1.0 }
+        };
+        let vertices = vec![vertex(0.0, 0.0), vertex(1.0, 0.0), vertex(0.0, 1.0)];
+        let mesh = WarpMesh { vertices, triangles: vec![[0, 1, 2]] };
+        let warp = WarpMap { space: MapSpace::Canvas, shape: WarpShape::Mesh(mesh) };
+        let mesh = warp.channel_mesh(&channel, &screen, &pixels);
+        let found = mesh.point_at(DVec2::new(20.0, 10.0)).expect("lit");
+        let due = screen.display_from_canvas(DVec2::new(100.0, 50.0)).expect("a plane");
+        assert!(found.distance(due) < 1e-9, "{found} {due}");
+        assert_eq!(mesh.point_at(DVec2::new(70.0, 30.0)), None, "a hole");
+    }
+}
