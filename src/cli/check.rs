@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use polyptych_protocol::wall::{file, table::WallTable};
 
-use super::say;
+use super::{bake_files, manager, say};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -18,7 +18,10 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     match file::load(&arguments.wall) {
-        Ok(wall) => {
+        Ok(mut wall) => {
+            if !wall.files.is_empty() {
+                bake_files(&mut wall, &arguments.wall, &manager::default_baker()?)?;
+            }
             let table = WallTable::of(&wall);
             if arguments.json {
                 say(serde_json::to_string_pretty(&table)?)?;

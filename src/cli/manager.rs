@@ -128,6 +128,11 @@ pub(super) fn baker(store: PathBuf, memory_mib: u64) -> anyhow::Result<Baker> {
     Ok(Baker { program, memory_mib, store })
 }
 
+/// The baker of commands that ask for no store or memory of their own.
+pub(super) fn default_baker() -> anyhow::Result<Baker> {
+    baker(cache_folder()?.join("store"), BAKE_MEMORY_MIB_DEFAULT)
+}
+
 /// The token in this file, which is made where it is not there.
 pub(super) fn make_token(path: &std::path::Path) -> anyhow::Result<String> {
     let mut secret = [0; 16];

@@ -8,7 +8,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use polyptych_client::{Bounds, Camera, overview};
-use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_protocol::wall::Wall;
 
@@ -85,12 +84,8 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut wall = load_wall(&arguments.wall)?;
-    bake_files(&mut wall, &arguments.wall, &baker()?)?;
+    bake_files(&mut wall, &arguments.wall, &manager::default_baker()?)?;
     simulate(&wall, arguments)
-}
-
-fn baker() -> anyhow::Result<Baker> {
-    manager::baker(cache_folder()?.join("store"), manager::BAKE_MEMORY_MIB_DEFAULT)
 }
 
 pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -111,7 +106,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         None => generated_town()?,
     };
     let root = shown.file.parent().unwrap_or(Path::new("/")).to_owned();
-    let baker = baker()?;
+    let baker = manager::default_baker()?;
     let count = wall.channels.len();
     let (channels, screens) = (counted(count, "channel"), counted(wall.screens.len(), "screen"));
     say(format_args!("wall {}: {channels} on {screens}", wall.name))?;

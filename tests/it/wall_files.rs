@@ -291,5 +291,6 @@ fn an_imported_wall_shows_what_its_geometry_would() {
     let wall = place.path("hall-2d/wall.toml").display().to_string();
     let parts = ["wall.toml: channel.left.warp: ", "left.pfm: pixels: it is truncated"];
     place.run(["simulate", &wall, &town]).failed(&parts);
+    place.run(["check", &wall]).failed(&parts);
     place.run(["manager", &wall, "--listen", "127.0.0.1:0", "--afresh"]).failed(&parts);
 }
