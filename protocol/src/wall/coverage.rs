@@ -116,6 +116,14 @@ impl<'a> Footprint<'a> {
         pixel.is_some_and(|pixel| pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all())
     }
 
+    /// Whether the light of a place of the channel's picture, (0, 0) to (1, 1), meets the canvas.
+    pub fn lands(&self, place: DVec2) -> bool {
+        let pixel = place * self.channel.size.as_dvec2();
+        let canvas = self.map.as_ref().and_then(|map| map.canvas_from_pixel(pixel));
+        let end = self.screen.canvas.as_dvec2();
+        canvas.is_some_and(|at| at.cmpge(DVec2::ZERO).all() && at.cmple(end).all())
+    }
+
     /// The side at which this channel ends in a ramp without width, though another is there.
     pub fn hard_side(&self, other: &Self) -> Option<&'static str> {
         let size = self.channel.size.as_dvec2();

@@ -1,14 +1,17 @@
 //! What `polyptych check` says about a wall: who shows what, how large, how sharp.
 
-use std::fmt;
+mod text;
+mod warnings;
 
 use glam::{DVec2, DVec3, UVec2};
 use serde::Serialize;
 
-use super::{Channel, Projection, Screen, Wall};
+use super::coverage::{self, Coverage, Footprint, Patch, is_plain};
+use super::pixels::PixelMap;
+use super::{Channel, Cover, EyeOf, Projection, Screen, Surface, Wall, extent};
 
-/// Pixels whose sides differ by more than this show circles as ellipses that one can see.
-const ANISOTROPY_MAX: f64 = 0.01;
+/// Places of a channel, across and down, of which it is counted how many miss the screen.
+const SPILL_SIDE: u32 = 64;
 
 /// A wall in numbers. Displays as text with units; serialises for `--json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -36,14 +39,61 @@ pub struct WallTable {
 pub struct ScreenRow {
     /// The screen's name.
     pub name: String,
-    /// Width and height in metres, bezels included.
+    /// `plane`, `cylinder`, `sphere` or `mesh`.
+    pub surface: &'static str,
+    /// Width and height in metres along the surface, bezels included; 0 for a mesh.
     pub size_m: [f64; 2],
     /// Width and height of the canvas in pixels, bezels included.
     pub pixels: [u32; 2],
-    /// From the eye to the screen's plane in metres.
+    /// From the eye to the screen's plane in metres; to the nearest place of a curved screen.
     pub eye_distance_m: f64,
     /// The gaps between tiles, where the wall file asks for such.
     pub bezel: Option<BezelRow>,
+    /// What channels cover, for each eye; nothing where only files know.
+    pub coverage: Vec<CoverageRow>,
+}
+
+/// How the channels of a screen cover it, for one eye.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CoverageRow {
+    /// `center`, `left` or `right`.
+    pub eye: EyeOf,
+    /// The share of the canvas that a channel shows.
+    pub covered: f64,
+    /// Most channels that show one place.
+    pub layers_max: u32,
+    /// Whether light is shared: then what is not covered was not hidden on purpose.
+    pub blends: bool,
+    /// Parts that no channel shows, the largest first.
+    pub uncovered: Vec<PatchRow>,
+    /// Channels that show the same.
+    pub overlaps: Vec<OverlapRow>,
+    /// How far apart the places are that were looked at, in pixels; 0 where all were counted.
+    pub step_px: [f64; 2],
+}
+
+/// A part of a canvas.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PatchRow {
+    /// The upper left of the rectangle around it, in pixels of the canvas.
+    pub origin: [f64; 2],
+    /// That rectangle's width and height in pixels.
+    pub pixels: [f64; 2],
+    /// The same in metres along the surface.
+    pub size_m: [f64; 2],
+    /// How many pixels the part has.
+    pub area: f64,
+}
+
+/// Two channels that show the same.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OverlapRow {
+    /// Their names.
+    pub channels: [String; 2],
+    /// What both show.
+    pub patch: PatchRow,
+    /// Whether they share their light there.
+    pub is_blended: bool,
 }
 
 /// How a bezel was rounded.
@@ -77,22 +127,36 @@ pub struct ChannelRow {
     /// At the channel's centre, across or down, whichever is fewer. An eye with full sight tells
     /// about 60 apart.
     pub pixels_per_degree: f64,
-    /// How it gets its frustum: `shared` or `own`.
+    /// How it gets its frustum: `shared` or `own`; `warp` where its pixels are no even grid on a
+    /// plane.
     pub projection: &'static str,
+    /// `tile`, `projector` or `map`.
+    pub cover: &'static str,
+    /// For whose eye it is: `center`, `left` or `right`.
+    pub eye: EyeOf,
+    /// How many pixels of the flat picture that is drawn go into one of the display, at least and
+    /// at most; drawn just so fine that it is 1 at least. Of a tile of a plane, 1 and 1.
+    pub sampling: [f64; 2],
+    /// The share of its pixels that miss the screen.
+    pub spill: f64,
 }
 
 impl WallTable {
     /// The numbers of a wall, from its own eye.
     pub fn of(wall: &Wall) -> Self {
+        let screens: Vec<ScreenRow> =
+            (0..wall.screens.len()).map(|index| screen_row(wall, index)).collect();
+        let channels: Vec<ChannelRow> =
+            wall.channels.iter().map(|channel| channel_row(wall, channel)).collect();
         Self {
             name: wall.name.clone(),
             pixels_total: wall.channels.iter().map(|c| area(c.size)).sum(),
             samples: wall.samples,
             eye_m: wall.eye.to_array(),
             near_m: wall.near_m,
-            screens: wall.screens.iter().map(|screen| screen_row(screen, wall.eye)).collect(),
-            channels: wall.channels.iter().map(|channel| channel_row(wall, channel)).collect(),
-            warnings: warnings(wall),
+            warnings: warnings::warnings(wall, &screens, &channels),
+            screens,
+            channels,
         }
     }
 }
@@ -105,267 +169,133 @@ fn pitch_m(screen: &Screen) -> DVec2 {
     screen.size_m() / screen.canvas.as_dvec2()
 }
 
-fn screen_row(screen: &Screen, eye: DVec3) -> ScreenRow {
+fn screen_row(wall: &Wall, index: usize) -> ScreenRow {
+    let screen = &wall.screens[index];
+    let surface = match screen.surface {
+        Surface::Plane(_) => "plane",
+        Surface::Cylinder(_) => "cylinder",
+        Surface::Sphere(_) => "sphere",
+        Surface::Mesh(_) => "mesh",
+    };
+    let coverage = coverage::coverage(wall, index);
     ScreenRow {
         name: screen.name.clone(),
+        surface,
         size_m: screen.size_m().to_array(),
         pixels: screen.canvas.to_array(),
-        eye_distance_m: screen.frustum(eye).map_or(f64::NAN, |seen| seen.distance_m),
+        eye_distance_m: match screen.frustum(wall.eye) {
+            Some(seen) => seen.distance_m,
+            None => nearest_m(screen, wall.eye),
+        },
         bezel: screen.bezel.map(|bezel| BezelRow {
             asked_m: bezel.asked_m.to_array(),
             pixels: bezel.pixels.to_array(),
             in_force_m: (bezel.pixels.as_dvec2() * pitch_m(screen)).to_array(),
         }),
+        coverage: coverage.iter().map(|of_eye| coverage_row(wall, index, of_eye)).collect(),
+    }
+}
+
+/// The least distance to a curved screen, at a grid of its places.
+fn nearest_m(screen: &Screen, eye: DVec3) -> f64 {
+    let at = |step: u32| f64::from(step) / f64::from(SPILL_SIDE);
+    let places =
+        (0..=SPILL_SIDE).flat_map(|y| (0..=SPILL_SIDE).map(move |x| DVec2::new(at(x), at(y))));
+    let points = places.filter_map(|place| screen.surface.display_from_uv(place));
+    points.map(|point| point.distance(eye)).min_by(f64::total_cmp).unwrap_or(f64::NAN)
+}
+
+fn coverage_row(wall: &Wall, index: usize, coverage: &Coverage) -> CoverageRow {
+    let screen = &wall.screens[index];
+    let open: f64 = coverage.holes.iter().map(|hole| hole.area).sum();
+    let on_screen = |channel: &&Channel| usize::from(channel.screen) == index;
+    let is_tiled =
+        coverage.overlaps.is_empty() && wall.channels.iter().filter(on_screen).all(is_plain);
+    let name = |index: usize| wall.channels[index].name.clone();
+    CoverageRow {
+        eye: coverage.eye,
+        covered: 1.0 - open / area(screen.canvas) as f64,
+        layers_max: coverage.layers_max,
+        blends: !is_tiled,
+        uncovered: coverage.holes.iter().map(|hole| patch_row(screen, wall.eye, *hole)).collect(),
+        overlaps: coverage
+            .overlaps
+            .iter()
+            .map(|overlap| OverlapRow {
+                channels: overlap.channels.map(name),
+                patch: patch_row(screen, wall.eye, overlap.patch),
+                is_blended: overlap.is_blended,
+            })
+            .collect(),
+        step_px: coverage.step_px.to_array(),
+    }
+}
+
+fn patch_row(screen: &Screen, eye: DVec3, patch: Patch) -> PatchRow {
+    let Patch { origin, size, area } = patch;
+    let middle = origin + size / 2.0;
+    let along = |axis: DVec2| {
+        let place = |t: f64| screen.display_from_canvas(middle + axis * size * (t - 0.5));
+        extent::of_line(eye, place)[0]
+    };
+    PatchRow {
+        origin: origin.to_array(),
+        pixels: size.to_array(),
+        size_m: [along(DVec2::X), along(DVec2::Y)],
+        area,
     }
 }
 
 fn channel_row(wall: &Wall, channel: &Channel) -> ChannelRow {
     let screen = wall.screen_of(channel);
     let size = channel.size.as_dvec2();
-    let center = channel.origin.as_dvec2() + size / 2.0;
-    let degrees_over = |step: DVec2| {
-        let point = |at: DVec2| screen.display_from_canvas(at).map(|point| point - wall.eye);
-        let ends = point(center - step / 2.0).zip(point(center + step / 2.0));
-        ends.map_or(f64::NAN, |(from, to)| angle(from, to).to_degrees())
+    let map = PixelMap::new(channel, screen);
+    let over = |step: DVec2| {
+        let place = |t: f64| map.as_ref()?.display_from_pixel(size / 2.0 + step * (t - 0.5));
+        extent::of_line(wall.eye, place)
     };
-    let degrees = [degrees_over(DVec2::X * size), degrees_over(DVec2::Y * size)];
-    let degrees_per_pixel = degrees_over(DVec2::X).max(degrees_over(DVec2::Y));
+    let (across, down) = (over(DVec2::X * size), over(DVec2::Y * size));
+    let degrees_per_pixel = over(DVec2::X)[1].max(over(DVec2::Y)[1]);
+    let is_even = is_plain(channel) && screen.plane().is_some();
     ChannelRow {
         name: channel.name.clone(),
         screen: screen.name.clone(),
         server: channel.server.clone(),
         pixels: channel.size.to_array(),
         origin: channel.origin.to_array(),
-        size_m: (size * pitch_m(screen)).to_array(),
-        degrees,
+        size_m: [across[0], down[0]],
+        degrees: [across[1], down[1]],
         pixels_per_degree: 1.0 / degrees_per_pixel,
         projection: match channel.projection {
+            _ if !is_even => "warp",
             Projection::Shared => "shared",
             Projection::Own => "own",
         },
+        cover: match channel.cover {
+            Cover::Tile => "tile",
+            Cover::Projector(_) => "projector",
+            Cover::Map => "map",
+        },
+        eye: channel.adjustment.eye,
+        sampling: if is_even { [1.0; 2] } else { extent::sampling(channel, screen, wall.eye) },
+        spill: spill(channel, screen),
     }
 }
 
-/// The angle between two directions in radians, exact for the tiny angles of one pixel, where the
-/// arc cosine is not: W. Kahan, *How Futile are Mindless Assessments of Roundoff*, 2006, §12.
-fn angle(a: DVec3, b: DVec3) -> f64 {
-    let (scaled_a, scaled_b) = (a * b.length(), b * a.length());
-    2.0 * (scaled_a - scaled_b).length().atan2((scaled_a + scaled_b).length())
-}
-
-fn warnings(wall: &Wall) -> Vec<String> {
-    let mut warnings = Vec::new();
-    for screen in &wall.screens {
-        let pitch = pitch_m(screen);
-        let ratio = pitch.max_element() / pitch.min_element();
-        if ratio > 1.0 + ANISOTROPY_MAX {
-            let [x, y] = (pitch * 1e3).to_array();
-            warnings.push(format!(
-                "screen {}: its pixels are {x:.4} mm wide and {y:.4} mm high, {:.1} % apart; \
-                 check its metres and pixels",
-                screen.name,
-                (ratio - 1.0) * 100.0
-            ));
-        }
+/// The share of a projector's pixels that miss the screen; of others, whose pixels lie on it by
+/// what they are, none.
+fn spill(channel: &Channel, screen: &Screen) -> f64 {
+    let is_file = screen.display_from_canvas(DVec2::ZERO).is_none();
+    if !matches!(channel.cover, Cover::Projector(_)) || is_file {
+        return 0.0;
     }
-    for channel in &wall.channels {
-        if channel.origin % 2 != UVec2::ZERO {
-            warnings.push(format!(
-                "channel {}: its origin [{}, {}] is odd, so that textures may differ from its \
-                 neighbours'; even numbers are best",
-                channel.name, channel.origin.x, channel.origin.y
-            ));
-        }
-    }
-    warnings
-}
-
-impl fmt::Display for WallTable {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [x, y, z] = self.eye_m;
-        let (channels, screens) = (self.channels.len(), self.screens.len());
-        let plural = |count: usize| if count == 1 { "" } else { "s" };
-        writeln!(
-            f,
-            "wall {}: {channels} channel{} on {screens} screen{}, {} pixels, {} sample{} per pixel",
-            self.name,
-            plural(channels),
-            plural(screens),
-            thousands(self.pixels_total),
-            self.samples,
-            plural(self.samples as usize)
-        )?;
-        writeln!(f, "eye at [{x}, {y}, {z}] m, near plane {} m from it\n", self.near_m)?;
-        self.screens.iter().try_for_each(|screen| write!(f, "{screen}"))?;
-        writeln!(f)?;
-        write_aligned(f, &self.rows())?;
-        if !self.warnings.is_empty() {
-            writeln!(f)?;
-        }
-        self.warnings.iter().try_for_each(|warning| writeln!(f, "warning: {warning}"))
-    }
-}
-
-impl fmt::Display for ScreenRow {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let ([w, h], [columns, rows]) = (self.size_m, self.pixels);
-        writeln!(
-            f,
-            "screen {}: {w:.3} × {h:.3} m, {columns} × {rows} pixels, {:.3} m from the eye",
-            self.name, self.eye_distance_m
-        )?;
-        let Some(BezelRow { asked_m, pixels, in_force_m }) = self.bezel else { return Ok(()) };
-        writeln!(
-            f,
-            "  bezel: {:.2} × {:.2} mm asked, {} × {} pixels in force, which are {:.2} × {:.2} mm",
-            asked_m[0] * 1e3,
-            asked_m[1] * 1e3,
-            pixels[0],
-            pixels[1],
-            in_force_m[0] * 1e3,
-            in_force_m[1] * 1e3
-        )
-    }
-}
-
-impl WallTable {
-    /// The channels as cells, under a row of heads.
-    fn rows(&self) -> Vec<[String; 9]> {
-        let heads = [
-            "channel", "screen", "server", "pixels", "origin", "metres", "degrees", "px/°",
-            "frustum",
-        ];
-        let mut rows = vec![heads.map(str::to_owned)];
-        rows.extend(self.channels.iter().map(|c| {
-            [
-                c.name.clone(),
-                c.screen.clone(),
-                c.server.clone(),
-                format!("{} × {}", c.pixels[0], c.pixels[1]),
-                format!("{}, {}", c.origin[0], c.origin[1]),
-                format!("{:.3} × {:.3}", c.size_m[0], c.size_m[1]),
-                format!("{:.2} × {:.2}", c.degrees[0], c.degrees[1]),
-                format!("{:.1}", c.pixels_per_degree),
-                c.projection.to_owned(),
-            ]
-        }));
-        rows
-    }
-}
-
-/// Columns as wide as their widest cell; numbers, which are columns 3 to 7, to the right.
-fn write_aligned<const N: usize>(f: &mut fmt::Formatter<'_>, rows: &[[String; N]]) -> fmt::Result {
-    let widths: [usize; N] = std::array::from_fn(|column| {
-        rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0)
-    });
-    for row in rows {
-        let mut line = String::new();
-        for (column, (cell, width)) in row.iter().zip(widths).enumerate() {
-            let padding = " ".repeat(width - cell.chars().count());
-            let (before, after) = if (3..8).contains(&column) {
-                (padding, String::new())
-            } else {
-                (String::new(), padding)
-            };
-            line.extend([before.as_str(), cell, &after, "  "]);
-        }
-        writeln!(f, "{}", line.trim_end())?;
-    }
-    Ok(())
-}
-
-/// 2073600 as 2,073,600.
-fn thousands(number: u64) -> String {
-    let digits = number.to_string();
-    let mut text = String::new();
-    for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
+    let print = Footprint::new(channel, screen);
+    let at = |step: u32| (f64::from(step) + 0.5) / f64::from(SPILL_SIDE);
+    let places =
+        (0..SPILL_SIDE).flat_map(|y| (0..SPILL_SIDE).map(move |x| DVec2::new(at(x), at(y))));
+    let missed = places.filter(|place| !print.lands(*place)).count();
+    missed as f64 / f64::from(SPILL_SIDE * SPILL_SIDE)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::wall::file;
-
-    fn table(text: &str) -> WallTable {
-        WallTable::of(&file::parse(text, "wall.toml".as_ref()).unwrap())
-    }
-
-    const TWO_BY_TWO: &str = r#"
-        [wall]
-        name = "wall"
-        [[screen]]
-        name = "front"
-        size = [1.92, 1.08]
-        center = [0.0, 0.0, -0.96]
-        [screen.tiles]
-        columns = 2
-        rows = 2
-        pixels = [960, 540]
-    "#;
-
-    #[test]
-    fn a_wall_in_numbers() {
-        let table = table(TWO_BY_TWO);
-        assert_eq!(table.pixels_total, 1920 * 1080);
-        let channel = &table.channels[3];
-        assert_eq!((channel.name.as_str(), channel.origin), ("front-2-2", [960, 540]));
-        assert!((channel.size_m[0] - 0.96).abs() < 1e-12);
-        // The middle of the tile is 0.27 m below the eye: its edges 0.96 m apart at 0.9973 m.
-        let half = (0.96_f64 * 0.96 + 0.27 * 0.27).sqrt();
-        assert!((channel.degrees[0] - (0.96 / half).atan().to_degrees()).abs() < 1e-9);
-        assert_eq!(table.screens[0].eye_distance_m, 0.96);
-        assert_eq!(table.warnings, [] as [String; 0]);
-    }
-
-    #[test]
-    fn a_pixel_at_the_foot_of_the_eye_has_the_angle_of_its_pitch() {
-        let table = table(&TWO_BY_TWO.replace("columns = 2", "").replace("rows = 2", ""));
-        // One tile of 960 × 540 on 1.92 × 1.08 m: 2 mm at 0.96 m.
-        let expected = 1.0 / (2.0 * (0.001_f64 / 0.96).atan()).to_degrees();
-        assert!((table.channels[0].pixels_per_degree / expected - 1.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn bezels_are_reported_with_their_rounding() {
-        let text = format!("{TWO_BY_TWO}\nbezel = [0.0137, 0.0]");
-        let table = table(&text);
-        let bezel = table.screens[0].bezel.unwrap();
-        assert_eq!((bezel.asked_m, bezel.pixels), ([0.0137, 0.0], [14, 0]));
-        assert!((bezel.in_force_m[0] - 14.0 * 1.92 / 1934.0).abs() < 1e-12);
-        assert!(table.to_string().contains("13.70 × 0.00 mm asked, 14 × 0 pixels in force"));
-    }
-
-    #[test]
-    fn odd_origins_and_uneven_pixels_are_warned_of() {
-        let odd = table(&TWO_BY_TWO.replace("960, 540", "961, 540"));
-        assert_eq!(odd.warnings.len(), 2, "{:?}", odd.warnings);
-        assert!(odd.warnings[0].starts_with("channel front-2-1: its origin [961, 0] is odd"));
-        let uneven = table(&TWO_BY_TWO.replace("960, 540", "960, 560"));
-        assert!(uneven.warnings[0].contains("1.0000 mm wide and 0.9643 mm high, 3.7 % apart"));
-    }
-
-    #[test]
-    fn the_text_is_aligned() {
-        let text = table(TWO_BY_TWO).to_string();
-        let expected = "wall wall: 4 channels on 1 screen, 2,073,600 pixels, 1 sample per pixel\n";
-        assert!(text.starts_with(expected), "{text}");
-        let ends: Vec<usize> = text
-            .lines()
-            .filter(|line| line.ends_with("shared"))
-            .map(|line| line.chars().count())
-            .collect();
-        assert!(ends.len() == 4 && ends.iter().all(|end| *end == ends[0]), "{text}");
-        assert!(serde_json::to_string(&table(TWO_BY_TWO)).unwrap().contains("\"degrees\":["));
-    }
-
-    #[test]
-    fn thousands_are_grouped() {
-        assert_eq!([0, 999, 1000, 2_073_600].map(thousands), ["0", "999", "1,000", "2,073,600"]);
-    }
-}
+mod tests;

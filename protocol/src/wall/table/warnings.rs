@@ -1,0 +1,135 @@
+//! What works, but will not look its best.
+
+use glam::UVec2;
+
+use super::{ChannelRow, CoverageRow, ScreenRow, pitch_m};
+use crate::wall::coverage::is_plain;
+use crate::wall::{Channel, EyeOf, Surface, Wall};
+
+/// Pixels whose sides differ by more than this show circles as ellipses that one can see.
+const ANISOTROPY_MAX: f64 = 0.01;
+
+/// An overlap that is narrower than this many pixels is seen as a line, however it is blended.
+const OVERLAP_PX_MIN: f64 = 8.0;
+
+/// A projector that loses more of its picture than this was not aimed.
+const SPILL_MAX: f64 = 0.5;
+
+/// Most warnings of one kind about one screen.
+const OF_A_KIND_MAX: usize = 4;
+
+/// Everything that is to be said of the wall and of its rows.
+pub(super) fn warnings(wall: &Wall, screens: &[ScreenRow], channels: &[ChannelRow]) -> Vec<String> {
+    let mut warnings = uneven_pixels(wall);
+    for channel in wall.channels.iter().filter(|channel| is_plain(channel)) {
+        if channel.origin % 2 != UVec2::ZERO {
+            warnings.push(format!(
+                "channel {}: its origin [{}, {}] is odd, so that textures may differ from its \
+                 neighbours'; even numbers are best",
+                channel.name, channel.origin.x, channel.origin.y
+            ));
+        }
+    }
+    for (index, screen) in screens.iter().enumerate() {
+        for coverage in &screen.coverage {
+            warnings.extend(hole(screen, coverage));
+            warnings.extend(overlaps(wall, index, screen, coverage));
+        }
+    }
+    for channel in channels.iter().filter(|channel| channel.spill > SPILL_MAX) {
+        warnings.push(format!(
+            "channel {}: {:.0} % of its pixels miss screen {}; aim its projector, or narrow its \
+             picture",
+            channel.name,
+            channel.spill * 100.0,
+            channel.screen
+        ));
+    }
+    warnings
+}
+
+fn uneven_pixels(wall: &Wall) -> Vec<String> {
+    // A dome's pixels are uneven by what it is, and a mesh's only its file knows.
+    let is_even = |surface: &Surface| matches!(surface, Surface::Plane(_) | Surface::Cylinder(_));
+    let screens = wall.screens.iter().filter(|screen| is_even(&screen.surface));
+    let uneven = screens.filter_map(|screen| {
+        let pitch = pitch_m(screen);
+        let ratio = pitch.max_element() / pitch.min_element();
+        let [x, y] = (pitch * 1e3).to_array();
+        (ratio > 1.0 + ANISOTROPY_MAX).then(|| {
+            format!(
+                "screen {}: its pixels are {x:.4} mm wide and {y:.4} mm high, {:.1} % apart; \
+                 check its metres and pixels",
+                screen.name,
+                (ratio - 1.0) * 100.0
+            )
+        })
+    });
+    uneven.collect()
+}
+
+/// What is not covered where channels blend; elsewhere the wall file hid it.
+fn hole(screen: &ScreenRow, coverage: &CoverageRow) -> Option<String> {
+    let largest = coverage.uncovered.first().filter(|_| coverage.blends)?;
+    Some(format!(
+        "screen {}: {}no channel shows {:.2} % of it, the largest part {largest}",
+        screen.name,
+        of_eye(coverage.eye),
+        (1.0 - coverage.covered) * 100.0
+    ))
+}
+
+fn of_eye(eye: EyeOf) -> &'static str {
+    match eye {
+        EyeOf::Center => "",
+        EyeOf::Left => "for the left eye ",
+        EyeOf::Right => "for the right eye ",
+    }
+}
+
+/// Overlaps that look like slips: tiles that are no grid, slivers, ramps without width.
+fn overlaps(wall: &Wall, index: usize, screen: &ScreenRow, coverage: &CoverageRow) -> Vec<String> {
+    let on_screen = |channel: &&Channel| usize::from(channel.screen) == index;
+    let channels: Vec<&Channel> = wall.channels.iter().filter(on_screen).collect();
+    let is_by_hand = channels.iter().all(|c| is_plain(c)) && !is_grid(&channels);
+    let said = coverage.overlaps.iter().filter_map(|overlap| {
+        let [first, second] = &overlap.channels;
+        let [width, height] = overlap.patch.pixels;
+        // Corners of a grid meet in small squares, which is as it should be.
+        let is_sliver = width.min(height) < OVERLAP_PX_MIN && width.max(height) > OVERLAP_PX_MIN;
+        let what = if !overlap.is_blended {
+            "a ramp has no width there, so that the overlap is twice as bright"
+        } else if is_sliver && coverage.step_px == [0.0; 2] {
+            "too narrow to be blended without a line"
+        } else if is_by_hand {
+            "they are blended there"
+        } else {
+            return None;
+        };
+        Some(format!(
+            "screen {}: channels {first} and {second} overlap, {}: {what}",
+            screen.name, overlap.patch
+        ))
+    });
+    let mut said: Vec<String> = said.collect();
+    if said.len() > OF_A_KIND_MAX {
+        let more = said.len() - OF_A_KIND_MAX;
+        said.truncate(OF_A_KIND_MAX);
+        said.push(format!("screen {}: {more} more overlaps like these", screen.name));
+    }
+    said
+}
+
+/// Whether tiles of one size stand evenly in columns and rows, for each eye alike.
+fn is_grid(channels: &[&Channel]) -> bool {
+    let even = |axis: usize| {
+        let mut at: Vec<u32> = channels.iter().map(|channel| channel.origin[axis]).collect();
+        at.sort_unstable();
+        at.dedup();
+        let is_even = at.windows(3).all(|of| of[1] - of[0] == of[2] - of[1]);
+        is_even.then_some(at.len())
+    };
+    let is_one_size = channels.iter().all(|channel| channel.size == channels[0].size);
+    let per_place = |cells: usize| cells > 0 && channels.len().is_multiple_of(cells);
+    is_one_size && even(0).zip(even(1)).is_some_and(|(x, y)| per_place(x * y))
+}
