@@ -264,7 +264,9 @@ fn tiles_that_overlap_share_their_light() {
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
     renderer.prepare_for(gpu(), &scene, Content::Light);
     let pictures = [0, 1].map(|id| {
-        let plan = Plan::new(&shared, ChannelId(id)).expect("a plan").expect("a correction");
+        let plan = Plan::new(&shared, &Maps::default(), ChannelId(id))
+            .expect("a plan")
+            .expect("a correction");
         let mut corrector = Corrector::new(gpu(), plan, &shared).expect("a corrector");
         let mut output = Output::new("curve".into(), None);
         let frame = frame(Head::at(DVec3::ZERO, 0.0));

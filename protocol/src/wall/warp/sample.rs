@@ -1,6 +1,6 @@
 //! From a decoded map to the mesh that a channel is drawn through.
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, UVec2};
 
 use super::{MapSpace, WarpGrid, WarpMap, WarpMesh, WarpShape};
 use crate::wall::pixels::PixelMap;
@@ -67,9 +67,10 @@ impl WarpGrid {
     /// beyond the outermost ones. `None` where one of those around is unlit.
     pub fn value_at(&self, place: DVec2) -> Option<DVec3> {
         let at = place * self.size.as_dvec2() - 0.5;
-        let last = self.size.saturating_sub(glam::UVec2::splat(2)).as_dvec2();
+        let last = self.size.saturating_sub(UVec2::splat(2)).as_dvec2();
         let from = at.floor().clamp(DVec2::ZERO, last);
-        let part = (at - from) * self.size.cmpgt(glam::UVec2::ONE).select(DVec2::ONE, DVec2::ZERO);
+        let is_line = self.size.cmpgt(UVec2::ONE);
+        let part = DVec2::select(is_line, at - from, DVec2::ZERO);
         let from = from.as_uvec2();
         let to = (from + 1).min(self.size - 1);
         let value = |x: u32, y: u32| {
@@ -87,7 +88,7 @@ impl WarpGrid {
 
 #[cfg(test)]
 mod tests {
-    use glam::{UVec2, Vec2, Vec3};
+    use glam::{Vec2, Vec3};
 
     use super::*;
     use crate::wall::Surface;
