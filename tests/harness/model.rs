@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use glam::{DMat4, DVec2, DVec3, Vec3};
+use glam::{DMat4, DVec2, DVec3, Quat, Vec3};
 use serde_json::{Value, json};
 
 use super::scenes::Gltf;
@@ -30,6 +30,26 @@ pub struct Part {
     pub uvs: Vec<[f32; 2]>,
     pub indices: Vec<u32>,
     pub is_double_sided: bool,
+    /// Where not empty, it stands at each of these in the last node's space, and not there.
+    pub copies: Vec<Instance>,
+}
+
+/// Translation, rotation and scale, as `EXT_mesh_gpu_instancing` has them.
+#[derive(Clone, Copy, Debug)]
+pub struct Instance {
+    pub translation: Vec3,
+    pub rotation: Quat,
+    pub scale: Vec3,
+}
+
+impl Instance {
+    fn matrix(&self) -> DMat4 {
+        DMat4::from_scale_rotation_translation(
+            self.scale.as_dvec3(),
+            self.rotation.as_dquat().normalize(),
+            self.translation.as_dvec3(),
+        )
+    }
 }
 
 impl Part {
@@ -42,6 +62,7 @@ impl Part {
             uvs: Vec::new(),
             indices: (0..positions.len() as u32).collect(),
             is_double_sided: false,
+            copies: Vec::new(),
         }
     }
 
@@ -79,8 +100,13 @@ impl Model {
             Arc::new(Texels { width: *side, linear })
         });
         let mut facets = Vec::new();
-        for part in &self.parts {
+        let places = self.parts.iter().flat_map(|part| {
             let world = part.chain.iter().fold(DMat4::IDENTITY, |world, node| world * *node);
+            let whole = part.copies.is_empty().then_some(world);
+            let copies = part.copies.iter().map(move |copy| world * copy.matrix());
+            copies.chain(whole).map(move |place| (part, place))
+        });
+        for (part, world) in places {
             let corner = |&index: &u32| {
                 let index = index as usize;
                 let uv = part.uvs.get(index).copied().unwrap_or_default();
@@ -124,7 +150,7 @@ impl Model {
             (0..4).map(|i| material(i & 1 == 1, i & 2 == 2 && self.picture.is_some())).collect();
         let mut json = json!({
             "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": file.roots }],
-            "extensionsUsed": ["KHR_materials_unlit"], "materials": materials,
+            "extensionsUsed": ["KHR_materials_unlit", "EXT_mesh_gpu_instancing"], "materials": materials,
             "meshes": file.meshes, "nodes": file.nodes, "accessors": file.accessors,
         });
         if let Some((side, codes)) = &self.picture {
@@ -177,6 +203,16 @@ impl Writer {
         self.accessor(kind, 5126, count, &bytes)
     }
 
+    fn copies(&mut self, copies: &[Instance]) -> Value {
+        let count = copies.len();
+        let each = |floats: fn(&Instance) -> Vec<f32>| copies.iter().flat_map(floats);
+        let translations = each(|copy| copy.translation.to_array().to_vec());
+        let translations = self.floats("VEC3", count, translations);
+        let rotations = self.floats("VEC4", count, each(|copy| copy.rotation.to_array().to_vec()));
+        let scales = self.floats("VEC3", count, each(|copy| copy.scale.to_array().to_vec()));
+        json!({ "TRANSLATION": translations, "ROTATION": rotations, "SCALE": scales })
+    }
+
     fn part(&mut self, part: &Part) {
         let count = part.positions.len();
         let vectors = |list: &[Vec3]| list.iter().flat_map(Vec3::to_array).collect::<Vec<f32>>();
@@ -200,6 +236,11 @@ impl Writer {
                 node["children"] = json!([self.nodes.len() + 1]);
             } else {
                 node["mesh"] = json!(self.meshes.len() - 1);
+                if !part.copies.is_empty() {
+                    let attributes = self.copies(&part.copies);
+                    node["extensions"] =
+                        json!({ "EXT_mesh_gpu_instancing": { "attributes": attributes } });
+                }
             }
             self.nodes.push(node);
         }

@@ -4,7 +4,7 @@
 //! they are rounded to 8 bits, and how they change as the marker moves; so the least squares of
 //! what was drawn against that give the marker's displacement, to about 0.002 pixels.
 
-use glam::{DMat4, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec3};
+use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec3};
 use polyptych_client::{Camera, Wall};
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::file;
@@ -12,7 +12,7 @@ use polyptych_protocol::wall::file;
 use super::channels;
 use super::hard_cases::all_planar;
 use crate::harness::local_wall::small;
-use crate::harness::model::{Model, Part};
+use crate::harness::model::{Instance, Model, Part};
 use crate::harness::stage::{Stage, reference_view};
 use crate::reference::raster::Projected;
 use crate::reference::tone;
@@ -53,6 +53,8 @@ enum Form {
     Nodes,
     /// All are one mesh, which is as large as the scene.
     OneMesh,
+    /// All are copies of one mesh below one node, in numbers of f32 as their extension has them.
+    Copies,
 }
 
 /// Markers all over a wall's channels, at distances from where the eye nearly is to far away.
@@ -71,6 +73,11 @@ fn markers(wall: &Wall, camera: Camera, form: Form, random: &mut fastrand::Rng) 
             let w = 2.0 * 1000f64.powf(random.f64());
             parts.push(marker(&view, pixel, w, camera.position, form));
         }
+    }
+    if form == Form::Copies {
+        let copies = parts.iter().flat_map(|part| part.copies.clone()).collect();
+        parts.truncate(1);
+        parts[0].copies = copies;
     }
     if form == Form::OneMesh {
         let mut whole = parts.remove(0);
@@ -92,13 +99,21 @@ fn marker(view: &View, pixel: DVec2, w: f64, scene: DVec3, form: Form) -> Part {
         return Part::rectangle(root, f32s[0], f32s[1], f32s[2], Vec3::ONE);
     }
     let back = right.cross(up).normalize();
+    let square = || Part::rectangle(root, Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE);
+    if form == Form::Copies {
+        let turned = DMat3::from_cols(right.normalize(), up.normalize(), back);
+        let scale = DVec3::new(right.length(), up.length(), 1.0).as_vec3();
+        let rotation = DQuat::from_mat3(&turned).as_quat();
+        let copy = Instance { translation: from_scene.as_vec3(), rotation, scale };
+        return Part { copies: vec![copy], ..square() };
+    }
     let node = DMat4::from_cols(
         right.extend(0.0),
         up.extend(0.0),
         back.extend(0.0),
         from_scene.extend(1.0),
     );
-    let mut part = Part::rectangle(root, Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE);
+    let mut part = square();
     part.chain.push(node);
     part
 }
@@ -175,7 +190,7 @@ fn worst(wall: &Wall, place: DVec3, form: Form) -> (f64, usize) {
 }
 
 fn check(name: &str, wall: &Wall) {
-    for form in [Form::Nodes, Form::OneMesh] {
+    for form in [Form::Nodes, Form::OneMesh, Form::Copies] {
         let mut line = format!("{name}, {form:?}:");
         let mut most: f64 = 0.0;
         for (at, place) in places() {
