@@ -27,6 +27,7 @@ use super::super::check;
 use super::super::error::BakeError;
 use super::{pfm, picture};
 use archive::Archive;
+use document::Document;
 
 pub use region::Pyramid;
 
@@ -120,8 +121,6 @@ fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Import
     let Document { profile, buffer, .. } = document;
     Ok(Imported { profile, buffer, regions, notes })
 }
-
-use document::Document;
 
 /// A name of a channel that is like the region's id.
 fn name_of(id: &str, is_taken: impl Fn(&str) -> bool) -> String {
