@@ -41,10 +41,10 @@ pub struct MeshRule {
 }
 
 impl Default for MeshRule {
-    /// A fifth of what a curved screen may be off by; measured on a cylinder of 3 m radius with
-    /// pixels of 1 mm, cells of 16 pixels are off by 0.011 pixels.
+    /// A fifth of what a curved screen may be off by. On a cylinder of 3 m radius with pixels of
+    /// 1.4 mm, cells of 16 pixels are off by 0.015 pixels, those of 32 by 0.06.
     fn default() -> Self {
-        Self { step_px: 32, error_px: 0.02 }
+        Self { step_px: 64, error_px: 0.02 }
     }
 }
 
@@ -131,14 +131,26 @@ impl<F: FnMut(DVec2) -> Option<DVec3>> Maker<F> {
         if found == 0 || (is_pixel && points[4].is_none()) {
             return;
         }
+        let [across, down, between] = match found {
+            9 => errors_px(&points, span),
+            _ => [f64::INFINITY; 3],
+        };
+        let is_right = across.max(down).max(between) <= self.error_px;
         if let [Some(a), Some(b), Some(c), Some(d)] = corners
-            && (is_pixel || (found == 9 && error_px(&points, span) <= self.error_px))
+            && (is_pixel || is_right)
         {
             self.cover(cell, [a, b, c, d]);
         } else if is_pixel {
             self.cover_pixel(low + 0.5);
         } else {
-            let first = cell.size.map(|side| side.div_ceil(2));
+            // A cylinder is divided around its axis only.
+            let by_row = down > self.error_px || across <= self.error_px;
+            let by_column = across > self.error_px || down <= self.error_px;
+            let halved = UVec2::new(cell.size.x.div_ceil(2), cell.size.y.div_ceil(2));
+            let first = UVec2::new(
+                if by_column || cell.size.y == 1 { halved.x } else { cell.size.x },
+                if by_row || cell.size.x == 1 { halved.y } else { cell.size.y },
+            );
             let second = cell.size - first;
             for (y, height) in [(0, first.y), (first.y, second.y)] {
                 for (x, width) in [(0, first.x), (first.x, second.x)] {
@@ -191,18 +203,17 @@ impl<F: FnMut(DVec2) -> Option<DVec3>> Maker<F> {
     }
 }
 
-/// How far the middles of a cell's sides and of its diagonal are from lines between its corners,
-/// in pixels as they lie there: what linear interpolation of a smooth place is off by at most.
-fn error_px(points: &[Option<DVec3>; 9], span: DVec2) -> f64 {
+/// How far the middles of a cell's sides across, of those down, and of its diagonal are from lines
+/// between its corners, in pixels as they lie there. A smooth place is off by no more anywhere: of
+/// a right triangle's linear interpolation, the middle of the longest side is off most.
+fn errors_px(points: &[Option<DVec3>; 9], span: DVec2) -> [f64; 3] {
     let at = |slot: usize| points[slot].unwrap_or(DVec3::NAN);
-    let off = |middle: usize, a: usize, b: usize| at(middle).distance((at(a) + at(b)) / 2.0);
-    let most = [off(1, 0, 2), off(7, 6, 8), off(3, 0, 6), off(5, 2, 8), off(4, 2, 6)]
-        .into_iter()
-        .fold(0.0, f64::max);
     let across = at(0).distance(at(2)).min(at(6).distance(at(8))) / span.x;
     let down = at(0).distance(at(6)).min(at(2).distance(at(8))) / span.y;
-    // The largest error of a triangle lies up to a third beyond those of its sides.
-    most * 4.0 / 3.0 / across.min(down)
+    let pitch = across.min(down);
+    let off =
+        |middle: usize, a: usize, b: usize| at(middle).distance((at(a) + at(b)) / 2.0) / pitch;
+    [off(1, 0, 2).max(off(7, 6, 8)), off(3, 0, 6).max(off(5, 2, 8)), off(4, 2, 6)]
 }
 
 #[cfg(test)]
