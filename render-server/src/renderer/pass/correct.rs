@@ -352,7 +352,7 @@ impl Correction {
             ("WEIGHTED", flag(self.desc.light_map.is_some())),
             ("CURVE", curve),
             ("DITHERED", flag(self.desc.dither.is_some())),
-            ("CHANNEL", f64::from(self.desc.dither.unwrap_or(0))),
+            ("CHANNEL", f64::from(self.desc.dither.map_or(0, |id| id.wrapping_add(1)))),
             ("ENCODES", flag(!gpu.views_other_formats())),
         ]
     }

@@ -37,7 +37,7 @@ struct Correction {
 struct Corner {
     @builtin(position) clip: vec4<f32>,
     // From the eye; with one plane, already in its texels times w, which costs less here.
-    @location(0) ray: vec3<f32>,
+    @location(0) @interpolate(linear) ray: vec3<f32>,
     @location(1) @interpolate(flat) eye: u32,
 }
 
@@ -146,18 +146,16 @@ fn encode(light: vec3<f32>) -> vec3<f32> {
     return mix(below, above, at - vec3<f32>(low));
 }
 
-// Three numbers from −½ to ½ that depend on the pixel and the channel: PCG3D of M. Jarzynski and
-// M. Olano, Hash Functions for GPU Rendering, JCGT 9(3), 2020.
+// Three numbers from −½ to ½ that depend on the pixel and the channel: ten bits each of a hash
+// with two multiplications, C. Wellons, Prospecting for Hash Functions, 2018 (lowbias32).
 fn noise(pixel: vec2<u32>) -> vec3<f32> {
-    var v = vec3<u32>(pixel, CHANNEL) * 1664525u + 1013904223u;
-    v.x += v.y * v.z;
-    v.y += v.z * v.x;
-    v.z += v.x * v.y;
-    v = v ^ (v >> vec3<u32>(16u));
-    v.x += v.y * v.z;
-    v.y += v.z * v.x;
-    v.z += v.x * v.y;
-    return (vec3<f32>(v >> vec3<u32>(8u)) + 0.5) / 16777216.0 - 0.5;
+    var v = (pixel.x | (pixel.y << 16u)) ^ (CHANNEL * 0x9e3779b9u);
+    v = (v ^ (v >> 16u)) * 0x7feb352du;
+    v = (v ^ (v >> 15u)) * 0x846ca68bu;
+    v = v ^ (v >> 16u);
+    // Signed, which is quicker to convert.
+    let parts = vec3<i32>(vec3<u32>(v, v >> 10u, v >> 20u) & vec3<u32>(1023u));
+    return (vec3<f32>(parts) + 0.5) / 1024.0 - 0.5;
 }
 
 @fragment
