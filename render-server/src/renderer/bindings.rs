@@ -76,21 +76,13 @@ pub(in crate::renderer) fn correction_layout(device: &wgpu::Device) -> wgpu::Bin
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let storage = wgpu::BufferBindingType::Storage { read_only: true };
     let uniform = wgpu::BufferBindingType::Uniform;
-    let weights = wgpu::BindGroupLayoutEntry {
-        ty: wgpu::BindingType::Texture {
-            sample_type: wgpu::TextureSampleType::Uint,
-            view_dimension: wgpu::TextureViewDimension::D2,
-            multisampled: false,
-        },
-        ..texture(3, false)
-    };
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("correction/layout"),
         entries: &[
             texture(0, true),
             sampler(1),
             buffer(2, both, uniform, false, size_of::<CorrectionUniform>()),
-            weights,
+            buffer(3, fragment, storage, false, size_of::<u32>()),
             buffer(4, fragment, storage, false, 2 * size_of::<[f32; 4]>()),
         ],
     })

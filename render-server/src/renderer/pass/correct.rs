@@ -11,8 +11,8 @@ use wgpu::util::DeviceExt;
 
 use crate::renderer::bindings;
 use crate::renderer::correction::{
-    CorrectionDesc, CorrectionError, Curve, LightMap, Packing, SOURCE_GUARD, SOURCE_PLANES_MAX,
-    SourceEye, SourcePlane, WarpMesh, WarpVertex,
+    CorrectionDesc, CorrectionError, Curve, Packing, SOURCE_GUARD, SOURCE_PLANES_MAX, SourceEye,
+    SourcePlane, WarpMesh, WarpVertex,
 };
 use crate::renderer::frame::wait;
 use crate::renderer::gpu::Gpu;
@@ -95,13 +95,13 @@ pub struct Correction {
     indices: wgpu::Buffer,
     index_count: u32,
     uniform: wgpu::Buffer,
-    light_map: wgpu::TextureView,
+    light_map: wgpu::Buffer,
     codes: wgpu::Buffer,
     sampler: wgpu::Sampler,
     group_layout: wgpu::BindGroupLayout,
     layout: wgpu::PipelineLayout,
     module: wgpu::ShaderModule,
-    /// By the eyes they draw: one for all, or one for each where they share pixels.
+    /// By the eye that they draw.
     pipelines: BTreeMap<(Sampling, usize), wgpu::RenderPipeline>,
 }
 
@@ -138,7 +138,17 @@ impl Correction {
         .collect();
         let bytes = bytemuck::cast_slice(&codes);
         let codes = buffer("correct/codes", bytes, wgpu::BufferUsages::STORAGE);
-        let light_map = light_map(gpu, desc.light_map.as_ref(), desc.upright);
+        // Where there is no map, one texel that nobody reads.
+        let texels = desc.light_map.as_ref().map_or([[0; 2]].as_slice(), |map| &map.texels);
+        let bytes: &[u8] = bytemuck::cast_slice(texels);
+        let most = gpu.device.limits().max_storage_buffer_binding_size;
+        if bytes.len() as u64 > most {
+            return Err(CorrectionError::LightMap {
+                found: most as usize / 4,
+                wanted: texels.len(),
+            });
+        }
+        let light_map = buffer("correct/light_map", bytes, wgpu::BufferUsages::STORAGE);
         // What has gone to the GPU is not kept twice, but whether it was there is.
         if let Some(map) = &mut desc.light_map {
             map.texels = Vec::new();
@@ -216,8 +226,8 @@ impl Correction {
         let sampling = Sampling { planes, taps: taps.map(|count| count.clamp(1, TAPS_MAX)) };
         let uniform = self.uniform(source.size(), eyes);
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
-        let passes = if self.desc.packing == Packing::Anaglyph { 2 } else { 1 };
-        for eye in 0..passes {
+        let count = self.desc.packing.eyes();
+        for eye in 0..count {
             if !self.pipelines.contains_key(&(sampling, eye)) {
                 let pipeline = self.build(gpu, sampling, eye);
                 self.pipelines.insert((sampling, eye), pipeline);
@@ -233,13 +243,10 @@ impl Correction {
             pass.set_bind_group(1, &group, &[]);
             pass.set_vertex_buffer(0, self.corners.slice(..));
             pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
-            for eye in 0..self.desc.packing.eyes() {
-                let Some(pipeline) = self.pipelines.get(&(sampling, eye.min(passes - 1))) else {
-                    continue;
-                };
+            for eye in 0..count {
+                let Some(pipeline) = self.pipelines.get(&(sampling, eye)) else { continue };
                 pass.set_pipeline(pipeline);
-                let eye = eye as u32;
-                pass.draw_indexed(0..self.index_count, 0, eye..eye + 1);
+                pass.draw_indexed(0..self.index_count, 0, 0..1);
             }
         }
         let index = gpu.queue.submit([encoder.finish()]);
@@ -309,7 +316,7 @@ impl Correction {
         [uniform.red, uniform.green, uniform.blue] =
             [0, 1, 2].map(|at| row(color.row(at).extend(0.0)));
         if let Some(map) = &self.desc.light_map {
-            uniform.light_scale = row(map.add.extend(map.multiply) / 65535.0);
+            uniform.light_scale = row(map.add.extend(map.multiply));
         }
         if let Curve::Gamma(gamma) = &self.desc.curve {
             uniform.inverse_gamma = row(gamma.recip().extend(0.0));
@@ -322,7 +329,7 @@ impl Correction {
             wgpu::BindingResource::TextureView(source.display_view()),
             wgpu::BindingResource::Sampler(&self.sampler),
             self.uniform.as_entire_binding(),
-            wgpu::BindingResource::TextureView(&self.light_map),
+            self.light_map.as_entire_binding(),
             self.codes.as_entire_binding(),
         ];
         let entries: Vec<_> = (0..)
@@ -336,7 +343,7 @@ impl Correction {
         })
     }
 
-    fn constants(&self, gpu: &Gpu, sampling: Sampling) -> [(&'static str, f64); 10] {
+    fn constants(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> [(&'static str, f64); 12] {
         let flag = |on: bool| f64::from(u8::from(on));
         let curve = match self.desc.curve {
             Curve::Srgb => 0.0,
@@ -344,6 +351,8 @@ impl Correction {
             Curve::Measured(_) => 2.0,
         };
         [
+            ("EYE", eye as f64),
+            ("WIDTH", f64::from(self.desc.upright[0])),
             ("EXACT", flag(self.desc.warp.is_none())),
             ("PLANES", f64::from(sampling.planes)),
             ("TAPS_ACROSS", f64::from(sampling.taps[0])),
@@ -358,7 +367,7 @@ impl Correction {
     }
 
     fn build(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> wgpu::RenderPipeline {
-        let constants = self.constants(gpu, sampling);
+        let constants = self.constants(gpu, sampling, eye);
         let options =
             || wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
         let attributes = wgpu::vertex_attr_array![0 => Float32x2, 1 => Float32x3];
@@ -432,26 +441,4 @@ fn mesh(desc: &CorrectionDesc) -> (Vec<CornerRecord>, Vec<u32>, DVec3) {
     };
     let corners = warp.vertices.iter().map(corner).collect();
     (corners, warp.triangles.iter().flatten().copied().collect(), origin)
-}
-
-/// The light map's texture; where there is none, one texel that nobody reads.
-fn light_map(gpu: &Gpu, map: Option<&LightMap>, upright: [u32; 2]) -> wgpu::TextureView {
-    let (texels, [width, height]) = match map {
-        Some(map) => (map.texels.as_slice(), upright),
-        None => ([[0; 2]].as_slice(), [1, 1]),
-    };
-    let descriptor = wgpu::TextureDescriptor {
-        label: Some("correct/light_map"),
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rg16Uint,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING,
-        view_formats: &[],
-    };
-    let order = wgpu::util::TextureDataOrder::LayerMajor;
-    let bytes = bytemuck::cast_slice(texels);
-    let texture = gpu.device.create_texture_with_data(&gpu.queue, &descriptor, order, bytes);
-    texture.create_view(&wgpu::TextureViewDescriptor::default())
 }

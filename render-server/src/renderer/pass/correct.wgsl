@@ -38,15 +38,17 @@ struct Corner {
     @builtin(position) clip: vec4<f32>,
     // From the eye; with one plane, already in its texels times w, which costs less here.
     @location(0) @interpolate(linear) ray: vec3<f32>,
-    @location(1) @interpolate(flat) eye: u32,
 }
 
 @group(1) @binding(0) var source: texture_2d<f32>;
 @group(1) @binding(1) var source_sampler: sampler;
 @group(1) @binding(2) var<uniform> correction: Correction;
-@group(1) @binding(3) var light_map: texture_2d<u32>;
+// Factor and addend, 16 bits each: a buffer, which software drivers read faster than a texture.
+@group(1) @binding(3) var<storage, read> light_map: array<u32>;
 @group(1) @binding(4) var<storage, read> codes: array<vec4<f32>>;
 
+// The eye that is drawn; a constant, since uniforms at a place that varies are read slowly.
+override EYE: u32 = 0u;
 // There is no mesh: pixels are the source's.
 override EXACT: bool = false;
 override PLANES: u32 = 1u;
@@ -55,6 +57,8 @@ override TAPS_ACROSS: u32 = 1u;
 override TAPS_DOWN: u32 = 1u;
 override COLORED: bool = false;
 override WEIGHTED: bool = false;
+// Of the upright picture, in pixels.
+override WIDTH: i32 = 1;
 // 0 sRGB, 1 a power, 2 measured.
 override CURVE: u32 = 0u;
 override DITHERED: bool = false;
@@ -66,17 +70,15 @@ override ENCODES: bool = false;
 fn corner(
     @location(0) pixel: vec2<f32>,
     @location(1) point: vec3<f32>,
-    @builtin(instance_index) index: u32,
 ) -> Corner {
-    let eye = correction.eyes[index];
+    let eye = correction.eyes[EYE];
     let at = vec3<f32>(pixel, 1.0);
     var out: Corner;
     out.clip = vec4<f32>(dot(eye.clip_x.xyz, at), dot(eye.clip_y.xyz, at), 0.0, 1.0);
     out.ray = point - eye.position.xyz;
     if PLANES == 1u {
-        out.ray = texels(correction.planes[index * 6u], out.ray);
+        out.ray = texels(correction.planes[EYE * 6u], out.ray);
     }
-    out.eye = index;
     return out;
 }
 
@@ -87,18 +89,18 @@ fn texels(plane: SourcePlane, ray: vec3<f32>) -> vec3<f32> {
 
 // The light that a ray from the eye sees; `right` and `below` are how it differs in the next
 // pixels.
-fn light_along(eye: u32, ray: vec3<f32>, right: vec3<f32>, below: vec3<f32>) -> vec3<f32> {
+fn light_along(ray: vec3<f32>, right: vec3<f32>, below: vec3<f32>) -> vec3<f32> {
     var at = ray;
     var step_right = right;
     var step_below = below;
     if PLANES > 1u {
-        var chosen = eye * 6u;
+        var chosen = EYE * 6u;
         for (var i = 0u; i < PLANES; i++) {
-            let plane = correction.planes[eye * 6u + i];
+            let plane = correction.planes[EYE * 6u + i];
             let h = texels(plane, ray);
             let is_inside = all(h.xy >= plane.inner.xy * h.z) && all(h.xy <= plane.inner.zw * h.z);
             if h.z > 0.0 && is_inside {
-                chosen = eye * 6u + i;
+                chosen = EYE * 6u + i;
                 break;
             }
         }
@@ -160,15 +162,15 @@ fn noise(pixel: vec2<u32>) -> vec3<f32> {
 
 @fragment
 fn correct(in: Corner) -> @location(0) vec4<f32> {
-    let eye = correction.eyes[in.eye];
+    let eye = correction.eyes[EYE];
     let frame = vec3<f32>(in.clip.xy, 1.0);
     let pixel = vec2<i32>(vec2<f32>(dot(eye.upright_x.xyz, frame), dot(eye.upright_y.xyz, frame)));
     var light = vec3<f32>(0.0);
     if EXACT {
-        let corner = vec2<i32>(correction.planes[in.eye * 6u].inner.xy);
+        let corner = vec2<i32>(correction.planes[EYE * 6u].inner.xy);
         light = textureLoad(source, corner + pixel, 0).rgb;
     } else {
-        light = light_along(in.eye, in.ray, dpdx(in.ray), dpdy(in.ray));
+        light = light_along(in.ray, dpdx(in.ray), dpdy(in.ray));
     }
     if COLORED {
         let red = dot(correction.red.xyz, light);
@@ -177,7 +179,7 @@ fn correct(in: Corner) -> @location(0) vec4<f32> {
     }
     light = clamp(light, vec3<f32>(0.0), vec3<f32>(1.0));
     if WEIGHTED {
-        let weight = vec2<f32>(textureLoad(light_map, pixel, 0).rg);
+        let weight = unpack2x16unorm(light_map[pixel.y * WIDTH + pixel.x]);
         light = light * (weight.x * correction.light_scale.w)
             + weight.y * correction.light_scale.xyz;
     }
