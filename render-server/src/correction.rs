@@ -227,12 +227,11 @@ impl Corrector {
         let known = self.shots.take().filter(|shots| {
             shots.eyes.iter().map(|eye| eye.eye_in_display).eq(eyes.iter().copied())
         });
-        let shots = match known {
-            Some(shots) => shots,
-            None => {
-                let side_max = gpu.facts().texture_side_max;
-                Shots::new(wall, self.plan.channel, self.plan.warp.as_ref(), &eyes, side_max)?
-            }
+        let shots = if let Some(shots) = known {
+            shots
+        } else {
+            let side_max = gpu.facts().texture_side_max;
+            Shots::new(wall, self.plan.channel, self.plan.warp.as_ref(), &eyes, side_max)?
         };
         Ok(self.shots.insert(shots))
     }

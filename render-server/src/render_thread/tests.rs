@@ -67,8 +67,8 @@ impl Stage {
     fn prepare(&mut self, wall: Wall) {
         let plans =
             correction::plans(&wall, &Maps::default(), &["front-1-1".to_owned()]).expect("plans");
-        let mut replica = Replica::default();
-        replica.revision = Revision(self.thread.states.len() as u64);
+        let revision = Revision(self.thread.states.len() as u64);
+        let mut replica = Replica { revision, ..Replica::default() };
         replica.apply(Operation::SetWall(Box::new(wall)));
         let digest = replica.digest();
         let (scene, warm_up, plans) = (None, Camera::IDENTITY, Arc::new(plans));

@@ -228,7 +228,7 @@ fn tangent(view: DVec3) -> Option<DVec2> {
 fn singular(a: DVec2, b: DVec2) -> [f64; 2] {
     let (sum, product) = (a.length_squared() + b.length_squared(), a.perp_dot(b).abs());
     let root = (sum * sum - 4.0 * product * product).max(0.0).sqrt();
-    let most = ((sum + root) / 2.0).sqrt();
+    let most = f64::midpoint(sum, root).sqrt();
     // Without the cancellation that the difference would have.
     [if most > 0.0 { product / most } else { 0.0 }, most]
 }

@@ -111,14 +111,7 @@ impl Correction {
     /// # Errors
     /// What is wrong with the description.
     pub fn new(gpu: &Gpu, mut desc: CorrectionDesc) -> Result<Self, CorrectionError> {
-        let [width, height] = desc.display_size();
-        let side_max = gpu.device.limits().max_texture_dimension_2d;
-        if [width, height].iter().any(|side| !(1..=side_max).contains(side)) {
-            return Err(TargetError::Size { width, height, side_max }.into());
-        }
-        if let Some(error) = desc.fault() {
-            return Err(error);
-        }
+        check(gpu, &desc)?;
         let (corners, indices, origin_in_display) = mesh(&desc);
         let buffer = |label, contents: &[u8], usage| {
             let descriptor =
@@ -441,4 +434,14 @@ fn mesh(desc: &CorrectionDesc) -> (Vec<CornerRecord>, Vec<u32>, DVec3) {
     };
     let corners = warp.vertices.iter().map(corner).collect();
     (corners, warp.triangles.iter().flatten().copied().collect(), origin)
+}
+
+/// What is wrong with a description on this adapter, if anything.
+fn check(gpu: &Gpu, desc: &CorrectionDesc) -> Result<(), CorrectionError> {
+    let [width, height] = desc.display_size();
+    let side_max = gpu.device.limits().max_texture_dimension_2d;
+    if [width, height].iter().any(|side| !(1..=side_max).contains(side)) {
+        return Err(TargetError::Size { width, height, side_max }.into());
+    }
+    desc.fault().map_or(Ok(()), Err)
 }
