@@ -16,6 +16,7 @@ pub mod pixels;
 pub mod projector;
 pub mod screen;
 pub mod source;
+pub mod superposition;
 pub mod surface;
 pub mod table;
 mod tiling;

@@ -1,4 +1,5 @@
-//! Stitches the pictures that the channels of one frame sent, as they hang on the wall.
+//! Stitches the pictures that the channels of one frame sent, as they hang on the wall: plain tiles
+//! byte for byte; where channels overlap, lie askew or correct their light, the sum of their light.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -6,7 +7,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use polyptych_protocol::blob::PictureChunk;
 use polyptych_protocol::ids::{ChannelId, FrameId};
 use polyptych_protocol::request::PictureInfo;
+use polyptych_protocol::wall::color::SrgbCodes;
+use polyptych_protocol::wall::superposition::{DisplayPicture, Side, Superposition, is_superposed};
 use polyptych_protocol::wall::{Channel, Wall};
+use rayon::prelude::*;
 
 use crate::cluster::RequestOf;
 
@@ -36,8 +40,11 @@ impl PictureMemory {
     /// Where the wall is too large to be captured at once, or others take the room.
     pub fn room_for(&self, wall: &Wall) -> Result<Room, String> {
         let pixels = |x: u32, y: u32| u64::from(x) * u64::from(y);
-        let screens: u64 = wall.screens.iter().map(|s| pixels(s.canvas.x, s.canvas.y)).sum();
-        let all: u64 = wall.channels.iter().map(|c| pixels(c.size.x, c.size.y)).sum();
+        let screens = (0..).zip(&wall.screens);
+        let sides = screens.map(|(index, screen)| (Side::of(wall, index).len() as u64, screen));
+        let screens: u64 = sides.map(|(n, s)| n * pixels(s.canvas.x, s.canvas.y)).sum();
+        let displays = wall.channels.iter().map(Channel::display_size);
+        let all: u64 = displays.map(|size| pixels(size.x, size.y)).sum();
         let bytes = 4 * (screens + all);
         let (takes, most) = (bytes >> 20, CAPTURE_BYTES_MAX >> 20);
         if bytes > CAPTURE_BYTES_MAX {
@@ -109,7 +116,7 @@ impl Collection {
     ) -> Self {
         let part = |&id: &ChannelId| {
             let channel = wall.channel(id)?;
-            let (width, height) = (channel.size.x, channel.size.y);
+            let (width, height) = channel.display_size().into();
             Some(Part {
                 channel: id,
                 has_drawn: false,
@@ -185,32 +192,63 @@ impl Collection {
         self.give_up_on(&all, "its picture did not come in time");
     }
 
-    /// A picture for each screen, then one for each channel that sent its own; and the room that
-    /// they take.
+    /// A picture for each screen and eye, then one for each channel that sent its own, as its
+    /// display gets it; and the room that they take. What the right eye sees of a screen, where
+    /// that is something else, has the screen's name and `-right`.
     pub fn stitch(self, wall: &Wall) -> (Vec<Picture>, Room) {
-        let mut screens: Vec<Picture> = wall
-            .screens
-            .iter()
-            .map(|s| dark_picture(&s.name, true, s.canvas.x, s.canvas.y))
-            .collect();
-        let mut channels = Vec::new();
-        for part in self.parts {
-            let Some(channel) = wall.channel(part.channel) else { continue };
-            if let Some(screen) = screens.get_mut(usize::from(channel.screen)) {
-                paste(screen, channel, &part.bytes);
-            }
-            let (width, height) = part.size;
-            let info = PictureInfo { name: part.name, is_screen: false, width, height };
-            channels.push(Picture { info, rgba: part.bytes });
+        let mut pictures = Vec::new();
+        for index in 0..u16::try_from(wall.screens.len()).unwrap_or(u16::MAX) {
+            let sides = Side::of(wall, index).iter();
+            pictures.extend(sides.map(|side| screen_picture(wall, index, *side, &self.parts)));
         }
-        screens.extend(channels);
-        (screens, self.room)
+        for Part { name, size: (width, height), bytes, .. } in self.parts {
+            let info = PictureInfo { name, is_screen: false, width, height };
+            pictures.push(Picture { info, rgba: bytes });
+        }
+        (pictures, self.room)
     }
 }
 
-fn dark_picture(name: &str, is_screen: bool, width: u32, height: u32) -> Picture {
+/// What one eye sees of a screen.
+fn screen_picture(wall: &Wall, index: u16, side: Side, parts: &[Part]) -> Picture {
+    let screen = &wall.screens[usize::from(index)];
+    let name = match side {
+        Side::Left => screen.name.clone(),
+        Side::Right => format!("{}-right", screen.name),
+    };
+    let (width, height) = screen.canvas.into();
     let rgba = DARK.repeat(width as usize * height as usize);
-    Picture { info: PictureInfo { name: name.to_owned(), is_screen, width, height }, rgba }
+    let info = PictureInfo { name, is_screen: true, width, height };
+    let mut picture = Picture { info, rgba };
+    if is_superposed(wall, index, side) {
+        superpose(&mut picture, wall, index, side, parts);
+        return picture;
+    }
+    for part in parts {
+        let Some(channel) = wall.channel(part.channel) else { continue };
+        if channel.screen == index && side.sees(channel) {
+            paste(&mut picture, channel, &part.bytes);
+        }
+    }
+    picture
+}
+
+/// The sum of the channels' light, sRGB again. Row by row, so that it needs no room of its own.
+fn superpose(picture: &mut Picture, wall: &Wall, index: u16, side: Side, parts: &[Part]) {
+    let pictures: Vec<_> = parts
+        .iter()
+        .map(|part| DisplayPicture { channel: part.channel, rgba: &part.bytes })
+        .collect();
+    let shown = Superposition::new(wall, index, side, &pictures);
+    let codes = SrgbCodes::default();
+    let row_bytes = 4 * picture.info.width.max(1) as usize;
+    picture.rgba.par_chunks_exact_mut(row_bytes).enumerate().for_each(|(y, row)| {
+        for (pixel, light) in row.chunks_exact_mut(4).zip(shown.row(y as u32)) {
+            let Some(light) = light else { continue };
+            let [r, g, b] = light.to_array().map(|light| codes.code(light));
+            pixel.copy_from_slice(&[r, g, b, u8::MAX]);
+        }
+    });
 }
 
 fn paste(screen: &mut Picture, channel: &Channel, rgba: &[u8]) {
@@ -226,23 +264,4 @@ fn paste(screen: &mut Picture, channel: &Channel, rgba: &[u8]) {
 }
 
 #[cfg(test)]
-mod tests {
-    use polyptych_protocol::wall::file;
-
-    use super::*;
-
-    #[test]
-    fn captures_share_their_room_and_give_it_back() {
-        let text = "[wall]\nname = \"w\"\n[[screen]]\nname = \"front\"\nsize = [2.0, 1.0]\n\
-                    center = [0.0, 0.0, -1.0]\n[screen.tiles]\ncolumns = 4\nrows = 2\n\
-                    pixels = [2048, 2048]\n";
-        let wall = file::parse(text, "w.toml".as_ref()).expect("a wall");
-        let memory = PictureMemory::default();
-        // 32 Mi pixels as a screen, and again as channels: 256 MiB.
-        let mut rooms: Vec<_> = (0..4).map(|_| memory.room_for(&wall).expect("room")).collect();
-        let reason = memory.room_for(&wall).expect_err("no more");
-        assert!(reason.contains("1024 MiB of 1024 MiB") && reason.contains("256 MiB"), "{reason}");
-        rooms.pop();
-        memory.room_for(&wall).expect("given back");
-    }
-}
+mod tests;

@@ -17,7 +17,7 @@
 //! Channels whose pixels lie where a file says ([`Cover::Map`](super::Cover::Map)) have weight 1;
 //! their masks come with that file.
 
-mod lamp;
+pub(super) mod lamp;
 mod mask;
 mod overlap;
 mod raster;
@@ -191,4 +191,4 @@ impl<'a> Blend<'a> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -1,6 +1,6 @@
 //! One channel as a source of light: what it lights, and how its light fades towards its edges.
 
-use std::cell::OnceCell;
+use std::sync::OnceLock;
 
 use glam::{DVec2, DVec3};
 
@@ -16,7 +16,7 @@ const REACH_STEPS: u32 = 8;
 
 /// A channel as a source of light.
 #[derive(Clone, Debug)]
-pub(super) struct Lamp<'a> {
+pub(in crate::wall) struct Lamp<'a> {
     pub channel: &'a Channel,
     screen: &'a Screen,
     map: Option<PixelMap<'a>>,
@@ -27,7 +27,7 @@ pub(super) struct Lamp<'a> {
     /// Those that may light what it lights.
     pub neighbours: Vec<ChannelId>,
     /// How wide its ramps are; found when somebody asks.
-    pub widths: OnceCell<[Option<f64>; 4]>,
+    pub widths: OnceLock<[Option<f64>; 4]>,
 }
 
 impl<'a> Lamp<'a> {
@@ -45,7 +45,7 @@ impl<'a> Lamp<'a> {
             size,
             reach: None,
             neighbours: Vec::new(),
-            widths: OnceCell::new(),
+            widths: OnceLock::new(),
         };
         lamp.reach = lamp.find_reach();
         lamp
@@ -60,7 +60,8 @@ impl<'a> Lamp<'a> {
         is_seen && self.channel.screen == other.channel.screen
     }
 
-    fn eye(&self) -> EyeOf {
+    /// Whose eye it is for.
+    pub fn eye(&self) -> EyeOf {
         match self.channel.adjustment {
             Adjustment { packing: Packing::None, eye, .. } => eye,
             _ => EyeOf::Center,
@@ -83,7 +84,8 @@ impl<'a> Lamp<'a> {
         }
     }
 
-    fn is_rect(&self) -> bool {
+    /// Whether its pixels are the canvas's, from its origin.
+    pub fn is_rect(&self) -> bool {
         let adjustment = &self.channel.adjustment;
         let is_formed = adjustment.pin != [DVec2::ZERO; 4] || adjustment.bend.is_some();
         self.channel.cover == Cover::Tile && !is_formed

@@ -87,7 +87,8 @@ pub(super) fn widths(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> [Option<f64>; 4] {
 }
 
 /// The depth to which others reach over an edge, where they do: the median along the edge, so that
-/// a neighbour above or below, which lies beside the edge too, does not count.
+/// a neighbour above or below, which lies beside the edge too, does not count. No more than the
+/// length along which they do: a strip along another edge asks for no ramp as long as itself.
 fn width_of(lamp: &Lamp<'_>, edge: Edge, lamps: &[Lamp<'_>]) -> Option<f64> {
     let mut depths = Vec::new();
     for (at, stands_for) in walk(edge.length) {
@@ -116,7 +117,8 @@ fn width_of(lamp: &Lamp<'_>, edge: Edge, lamps: &[Lamp<'_>]) -> Option<f64> {
             depths.push((depth, stands_for));
         }
     }
-    median(depths)
+    let length: f64 = depths.iter().map(|(_, stands_for)| stands_for).sum();
+    median(depths).map(|depth| depth.min(length))
 }
 
 /// The value below which half of the weights lie.

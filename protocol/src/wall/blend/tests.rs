@@ -1,6 +1,6 @@
 //! Weights and black, against what the formulas promise.
 
-mod walls;
+pub(in crate::wall) mod walls;
 
 use glam::{DVec2, UVec2};
 use proptest::prelude::*;

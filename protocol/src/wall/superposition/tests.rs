@@ -1,0 +1,225 @@
+//! The light of walls, against the single picture that they should show.
+
+use super::super::blend::tests::walls::{askew, grid, tiles};
+use super::super::blend::{Blend, LightMap, Masks, light_map};
+use super::*;
+
+/// Beside the rounding of codes there is that of weights to 16 bits: this share of a level.
+const MAP_LEVELS: f64 = 0.002;
+
+fn of_gamma(mut wall: Wall, gamma: f64, leak: f64) -> Wall {
+    wall.blend.leak = leak;
+    for channel in &mut wall.channels {
+        channel.adjustment.color.curve = Curve::Gamma(DVec3::splat(gamma));
+    }
+    wall
+}
+
+/// The codes of a channel that is to show `light` at each of its pixels, as its renderer makes
+/// them.
+fn codes(
+    channel: &Channel,
+    map: Option<&LightMap>,
+    light: impl Fn(UVec2) -> Option<f64>,
+) -> Vec<u8> {
+    let pixels = (0..channel.size.y).flat_map(|y| (0..channel.size.x).map(move |x| (x, y)));
+    let code = |(x, y)| {
+        let [multiply, add] = map.map_or([1.0, 0.0], |map| map.at(x, y));
+        let light = light(UVec2::new(x, y)).unwrap_or(0.0);
+        let code = channel.adjustment.color.codes(DVec3::splat(light), multiply, add);
+        let [r, g, b] = (code * 255.0).round().to_array();
+        [r as u8, g as u8, b as u8, 255]
+    };
+    pixels.flat_map(code).collect()
+}
+
+fn superposition<'a>(wall: &'a Wall, codes: &'a [Vec<u8>]) -> Superposition<'a> {
+    let pictures: Vec<_> = wall
+        .channel_ids()
+        .zip(codes)
+        .map(|(channel, rgba)| DisplayPicture { channel, rgba })
+        .collect();
+    Superposition::new(wall, 0, Side::Left, &pictures)
+}
+
+/// Levels from the single picture, by how many channels light a place: the worst ones of all
+/// pixels and of lights from black to white.
+fn worst_levels(wall: &Wall, gamma: f64) -> Vec<f64> {
+    let maps: Vec<_> =
+        wall.channel_ids().map(|id| light_map(wall, id, &Masks::default())).collect();
+    let (leak, most) = (wall.blend.leak, Blend::new(wall).most());
+    let mut worst = vec![0.0_f64; most + 1];
+    let counts = |at: UVec2| {
+        let has = |c: &&Channel| at.cmpge(c.origin).all() && at.cmplt(c.origin + c.size).all();
+        wall.channels.iter().filter(has).count()
+    };
+    for step in 0..=128 {
+        let light = (f64::from(step) / 128.0).powf(gamma);
+        let all: Vec<_> = wall
+            .channels
+            .iter()
+            .zip(&maps)
+            .map(|(channel, map)| codes(channel, map.as_ref(), |_| Some(light)))
+            .collect();
+        let shown = superposition(wall, &all);
+        let due = most as f64 * leak + (1.0 - most as f64 * leak) * light;
+        let level = |light: f64| 255.0 * light.powf(1.0 / gamma);
+        for y in 0..wall.screens[0].canvas.y {
+            for (x, found) in (0..).zip(shown.row(y)) {
+                let count = counts(UVec2::new(x, y));
+                assert_eq!(found.is_some(), count > 0);
+                let Some(found) = found else { continue };
+                worst[count] = worst[count].max((level(found.x) - level(due)).abs());
+            }
+        }
+    }
+    worst
+}
+
+#[test]
+fn codes_of_tiles_add_up_to_the_single_picture() {
+    let walls = [
+        grid(UVec2::new(2, 2), UVec2::new(22, 20), UVec2::new(9, 8)),
+        tiles([34, 26], &[([0, 0], [24, 16]), ([10, 0], [24, 16]), ([5, 6], [24, 20])]),
+        tiles([9, 9], &[([0, 0], [9, 9]); 3]),
+    ];
+    for gamma in [1.8, 2.2, 2.6] {
+        for leak in [0.0, 0.003] {
+            for wall in &walls {
+                let wall = of_gamma(wall.clone(), gamma, leak);
+                for (count, levels) in worst_levels(&wall, gamma).into_iter().enumerate().skip(1) {
+                    let limit = 0.5 * (count as f64).powf(1.0 / gamma);
+                    println!("γ {gamma}, leak {leak}, k {count}: {levels:.3} of {limit:.3} levels");
+                    assert!(levels <= limit + MAP_LEVELS, "{levels} levels");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn codes_of_projectors_add_up_to_the_single_picture() {
+    let gamma = 2.2;
+    for (is_round, leak) in [(false, 0.0), (true, 0.0), (false, 0.003), (true, 0.003)] {
+        let wall = of_gamma(askew(is_round, UVec2::new(240, 150), 0.06), gamma, leak);
+        let blend = Blend::new(&wall);
+        let most = blend.most() as f64;
+        let level = |light: f64| 255.0 * light.powf(1.0 / gamma);
+        let picture = |at: DVec2| 0.5 + 0.3 * (at.x / 13.0).sin() * (at.y / 17.0).cos();
+        let due = |at: DVec2| most * leak + (1.0 - most * leak) * picture(at);
+        let codes = |id: ChannelId| {
+            let (channel, map) = (wall.channel(id)?, wall.pixel_map(id)?);
+            let light =
+                |pixel: UVec2| Some(picture(map.canvas_from_pixel(pixel.as_dvec2() + 0.5)?));
+            Some(codes(channel, light_map(&wall, id, &Masks::default()).as_ref(), light))
+        };
+        let all: Vec<_> = wall.channel_ids().filter_map(codes).collect();
+        let shown = superposition(&wall, &all);
+        let mut off = Vec::new();
+        for y in 0..wall.screens[0].canvas.y {
+            for (x, found) in (0..).zip(shown.row(y)) {
+                let at = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+                assert_eq!(shown.light(at), found);
+                let count = |at: DVec2| blend.weights(ChannelId(0), at).len();
+                let around = [DVec2::X, DVec2::Y, DVec2::NEG_X, DVec2::NEG_Y];
+                // At an edge of a picture that leaks, half of a pixel counts as a whole one.
+                let is_even = || around.iter().all(|d| count(at + *d * 1.5) == count(at));
+                let Some(found) = found.filter(|_| leak == 0.0 || is_even()) else { continue };
+                off.push((level(found.x) - level(due(at))).abs());
+            }
+        }
+        off.sort_unstable_by(f64::total_cmp);
+        // Where outer edges of two pictures cross, weights change within a pixel, and no picture
+        // of pixels is exact: a few places of thousands.
+        let (most_off, largest) = (off[off.len() * 999 / 1000], off[off.len() - 1]);
+        let above = off.iter().filter(|levels| **levels > 1.0).count();
+        println!(
+            "round {is_round}, leak {leak}: 99.9 % of {} pixels within {most_off:.3} levels, \
+             {above} above 1, at most {largest:.1}",
+            off.len()
+        );
+        assert!(off.len() > 50_000 && most_off < 1.0, "{most_off} levels");
+    }
+}
+
+/// The upright code of each pixel, in red.
+fn upright_codes(channel: &Channel, rgba: &[u8], side: Side, wall: &Wall) -> Vec<u8> {
+    let picture = [DisplayPicture { channel: ChannelId(0), rgba }];
+    let shown = Superposition::new(wall, 0, side, &picture);
+    let codes = super::super::color::SrgbCodes::default();
+    let rows = (0..channel.size.y).flat_map(|y| shown.row(y));
+    rows.map(|light| codes.code(light.expect("lit").x)).collect()
+}
+
+#[test]
+fn displays_that_hang_otherwise_are_put_upright() {
+    let (none, left) = (Packing::None, Side::Left);
+    let (sbs, tb, right) = (Packing::SideBySide, Packing::TopBottom, Side::Right);
+    let a = [1, 2, 3, 4, 5, 6];
+    let b = [11, 12, 13, 14, 15, 16];
+    // A picture of 3 × 2, as displays get it.
+    let cases: [(Turn, bool, Packing, Side, &[u8], [u8; 6]); 11] = [
+        (Turn::None, false, none, left, &[1, 2, 3, 4, 5, 6], a),
+        (Turn::None, true, none, left, &[3, 2, 1, 6, 5, 4], a),
+        (Turn::Half, false, none, left, &[6, 5, 4, 3, 2, 1], a),
+        (Turn::Left, false, none, left, &[4, 1, 5, 2, 6, 3], a),
+        (Turn::Right, false, none, left, &[3, 6, 2, 5, 1, 4], a),
+        (Turn::Left, true, none, left, &[6, 3, 5, 2, 4, 1], a),
+        (Turn::None, false, sbs, left, &[1, 2, 3, 11, 12, 13, 4, 5, 6, 14, 15, 16], a),
+        (Turn::None, false, sbs, right, &[1, 2, 3, 11, 12, 13, 4, 5, 6, 14, 15, 16], b),
+        (Turn::None, true, tb, right, &[3, 2, 1, 6, 5, 4, 13, 12, 11, 16, 15, 14], b),
+        (Turn::Half, false, sbs, right, &[16, 15, 14, 6, 5, 4, 13, 12, 11, 3, 2, 1], b),
+        (Turn::Left, false, tb, left, &[14, 11, 4, 1, 15, 12, 5, 2, 16, 13, 6, 3], a),
+    ];
+    for (turn, mirror, packing, side, display, expected) in cases {
+        let mut wall = tiles([3, 2], &[([0, 0], [3, 2])]);
+        let adjustment = Adjustment { turn, mirror, packing, ..Adjustment::default() };
+        wall.channels[0].adjustment = adjustment;
+        let rgba: Vec<u8> = display.iter().flat_map(|code| [*code, 0, 0, 255]).collect();
+        let found = upright_codes(&wall.channels[0], &rgba, side, &wall);
+        assert_eq!(found, expected, "{turn:?}, {mirror}, {packing:?}, {side:?}");
+        let is_plain = turn == Turn::None && !mirror && packing == Packing::None;
+        assert_eq!(is_superposed(&wall, 0, side), !is_plain);
+    }
+}
+
+#[test]
+fn each_eye_sees_its_own_channels() {
+    let mut wall = tiles([2, 1], &[([0, 0], [2, 1]), ([0, 0], [2, 1])]);
+    assert_eq!(Side::of(&wall, 0), [Side::Left]);
+    assert!(is_superposed(&wall, 0, Side::Left));
+    wall.channels[0].adjustment.eye = EyeOf::Left;
+    wall.channels[1].adjustment.eye = EyeOf::Right;
+    assert_eq!(Side::of(&wall, 0), [Side::Left, Side::Right]);
+    assert!(!is_superposed(&wall, 0, Side::Left) && !is_superposed(&wall, 0, Side::Right));
+    let pictures = [[255; 8], [0; 8]];
+    let pictures: Vec<_> = wall
+        .channel_ids()
+        .zip(&pictures)
+        .map(|(channel, rgba)| DisplayPicture { channel, rgba })
+        .collect();
+    let seen = |side| Superposition::new(&wall, 0, side, &pictures).light(DVec2::splat(0.5));
+    assert_eq!(seen(Side::Left), Some(DVec3::ONE));
+    assert_eq!(seen(Side::Right), Some(DVec3::ZERO));
+    // Coloured glasses let through what is theirs.
+    let mut wall = tiles([2, 1], &[([0, 0], [2, 1])]);
+    wall.channels[0].adjustment.packing = Packing::Anaglyph;
+    let picture = [DisplayPicture { channel: ChannelId(0), rgba: &[255; 8] }];
+    let seen = |side| Superposition::new(&wall, 0, side, &picture).light(DVec2::splat(0.5));
+    assert_eq!(seen(Side::Left), Some(DVec3::X));
+    assert_eq!(seen(Side::Right), Some(DVec3::new(0.0, 1.0, 1.0)));
+}
+
+#[test]
+fn pictures_that_do_not_fit_give_no_light() {
+    let wall = tiles([4, 1], &[([0, 0], [2, 1]), ([2, 0], [2, 1])]);
+    let pictures = [
+        DisplayPicture { channel: ChannelId(0), rgba: &[255; 7] },
+        DisplayPicture { channel: ChannelId(1), rgba: &[255; 8] },
+        DisplayPicture { channel: ChannelId(7), rgba: &[255; 8] },
+    ];
+    let shown = Superposition::new(&wall, 0, Side::Left, &pictures);
+    assert_eq!(shown.row(0), [None, None, Some(DVec3::ONE), Some(DVec3::ONE)]);
+    assert_eq!(shown.row(1), [None; 4]);
+    assert_eq!(Superposition::new(&wall, 9, Side::Left, &pictures).row(0), []);
+}

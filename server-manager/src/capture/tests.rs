@@ -1,0 +1,141 @@
+//! Pictures of walls, from those of their channels.
+
+use glam::{DVec2, DVec3, UVec2};
+use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::wall::blend::{Masks, light_map};
+use polyptych_protocol::wall::surface::{Plane, Surface};
+use polyptych_protocol::wall::{EyeOf, Packing, Screen, Turn, file};
+
+use super::*;
+use crate::cluster::SessionId;
+
+/// A wall of two tiles of 6 × 4 pixels, the second one `apart` pixels behind the first one's
+/// begin.
+fn two_tiles(apart: u32) -> Wall {
+    let (size, canvas) = (UVec2::new(6, 4), UVec2::new(6 + apart, 4));
+    let plane = Plane::upright(DVec3::NEG_Z, DVec2::new(2.0, 1.0));
+    let channels = [0, apart]
+        .map(|x| Channel::tile(&format!("front-{x}"), 0, UVec2::new(x, 0), size))
+        .to_vec();
+    Wall::new("w", vec![Screen::new("front", Surface::Plane(plane), canvas)], channels)
+}
+
+/// Stitches pictures that came in whole, one for each channel; `None` is one that did not come.
+fn stitched(wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<Picture> {
+    let room = PictureMemory::default().room_for(wall).expect("room");
+    let ids: Vec<_> = wall.channel_ids().collect();
+    let job = RequestOf { client: SessionId(1), id: RequestId(1) };
+    let mut collection = Collection::new(job, FrameId(7), &ids, Vec::new(), wall, room);
+    for ((channel, of), picture) in wall.channel_ids().zip(&wall.channels).zip(pictures) {
+        let Some(bytes) = picture else { continue };
+        let (width, height) = of.display_size().into();
+        let bytes = bytes.clone().into();
+        let chunk = PictureChunk { channel, frame: FrameId(7), width, height, offset: 0, bytes };
+        collection.add(&chunk).expect("a piece that fits");
+    }
+    collection.expire();
+    collection.stitch(wall).0
+}
+
+/// Pixels that all differ.
+fn mixed(count: usize, seed: u8) -> Vec<u8> {
+    let byte = |at: usize| if at % 4 == 3 { 255 } else { (at as u8).wrapping_mul(37) ^ seed };
+    (0..4 * count).map(byte).collect()
+}
+
+#[test]
+fn captures_share_their_room_and_give_it_back() {
+    let text = "[wall]\nname = \"w\"\n[[screen]]\nname = \"front\"\nsize = [2.0, 1.0]\n\
+                center = [0.0, 0.0, -1.0]\n[screen.tiles]\ncolumns = 4\nrows = 2\n\
+                pixels = [2048, 2048]\n";
+    let mut wall = file::parse(text, "w.toml".as_ref()).expect("a wall");
+    let memory = PictureMemory::default();
+    // 32 Mi pixels as a screen, and again as channels: 256 MiB.
+    let mut rooms: Vec<_> = (0..4).map(|_| memory.room_for(&wall).expect("room")).collect();
+    let reason = memory.room_for(&wall).expect_err("no more");
+    assert!(reason.contains("1024 MiB of 1024 MiB") && reason.contains("256 MiB"), "{reason}");
+    rooms.pop();
+    memory.room_for(&wall).expect("given back");
+    drop(rooms);
+    // Two pictures of the screen, and twice as many pixels on one of eight displays.
+    wall.channels[0].adjustment.packing = Packing::SideBySide;
+    let room = memory.room_for(&wall).expect("room");
+    assert_eq!(room.bytes >> 20, 128 * 2 + 128 + 16);
+}
+
+#[test]
+fn plain_tiles_are_pasted_byte_for_byte() {
+    let wall = two_tiles(6);
+    let [left, right] = [mixed(24, 1), mixed(24, 99)];
+    let pictures = stitched(&wall, &[Some(left.clone()), Some(right.clone())]);
+    assert_eq!(pictures.len(), 3);
+    assert_eq!((pictures[0].info.width, pictures[0].info.height), (12, 4));
+    for y in 0..4 {
+        let row = &pictures[0].rgba[y * 48..][..48];
+        assert_eq!(row[..24], left[y * 24..][..24]);
+        assert_eq!(row[24..], right[y * 24..][..24]);
+    }
+    assert_eq!((&pictures[1].rgba, &pictures[2].rgba), (&left, &right));
+    // What is turned is stitched by its light, and comes out the same.
+    let mut turned = two_tiles(6);
+    turned.channels[1].adjustment.turn = Turn::Half;
+    let half: Vec<u8> = right.chunks_exact(4).rev().flatten().copied().collect();
+    let also = stitched(&turned, &[Some(left), Some(half.clone())]);
+    assert_eq!(also[0], pictures[0]);
+    assert_eq!(also[2].rgba, half);
+    assert!(also[2].info.name == "front-6" && !also[2].info.is_screen);
+}
+
+#[test]
+fn overlaps_are_the_sum_of_their_light() {
+    for leak in [0.0, 0.01] {
+        let mut wall = two_tiles(4);
+        wall.blend.leak = leak;
+        let codes = |(id, channel): (ChannelId, &Channel)| {
+            let map = light_map(&wall, id, &Masks::default()).expect("a map");
+            let code = |at: u32| {
+                let [multiply, add] = map.at(at % 6, at / 6);
+                let light = DVec3::splat(0.2 + 0.1 * f64::from(at / 6));
+                let codes = channel.adjustment.color.codes(light, multiply, add) * 255.0;
+                codes.round().extend(255.0).to_array().map(|code| code as u8)
+            };
+            Some((0..24).flat_map(code).collect::<Vec<u8>>())
+        };
+        let all: Vec<_> = wall.channel_ids().zip(&wall.channels).map(codes).collect();
+        assert_ne!(all[0], all[1], "a ramp falls on one side and rises on the other");
+        let shown = stitched(&wall, &all);
+        for (at, pixel) in shown[0].rgba.chunks_exact(4).enumerate() {
+            let light = 2.0 * leak + (1.0 - 2.0 * leak) * (0.2 + 0.1 * (at / 10) as f64);
+            let due = wall.channels[0].adjustment.color.codes(DVec3::splat(light), 1.0, 0.0);
+            let off = (f64::from(pixel[1]) - due.y * 255.0).abs();
+            assert!(off <= 1.2 && pixel[3] == 255, "leak {leak}, pixel {at}: {off} levels");
+        }
+        // A channel that is missing leaves its own part dark, and its share of the overlap.
+        let one = stitched(&wall, &[all[0].clone(), None]);
+        assert_eq!(one[0].rgba[4 * 9..][..4], DARK);
+        let (alone, both) = (&one[0].rgba[4 * 5..][..3], &shown[0].rgba[4 * 5..][..3]);
+        assert!(alone[0] > DARK[0] && alone[0] < both[0], "{alone:?} of {both:?}");
+    }
+}
+
+#[test]
+fn each_eye_has_its_picture() {
+    let mut wall = two_tiles(0);
+    wall.channels[0].adjustment.eye = EyeOf::Left;
+    wall.channels[1].adjustment.eye = EyeOf::Right;
+    let [left, right] = [mixed(24, 1), mixed(24, 99)];
+    let pictures = stitched(&wall, &[Some(left.clone()), Some(right.clone())]);
+    let shown: Vec<_> = pictures.iter().map(|p| (p.info.name.as_str(), &p.rgba)).collect();
+    let due = [("front", &left), ("front-right", &right), ("front-0", &left), ("front-0", &right)];
+    assert_eq!(shown, due);
+    // Both on one display, beside each other.
+    let mut wall = two_tiles(0);
+    wall.channels.truncate(1);
+    wall.channels[0].adjustment.packing = Packing::SideBySide;
+    let rows = left.chunks_exact(24).zip(right.chunks_exact(24));
+    let packed: Vec<u8> = rows.flat_map(|(l, r)| [l, r].concat()).collect();
+    let pictures = stitched(&wall, &[Some(packed.clone())]);
+    let shown: Vec<_> = pictures.iter().map(|p| (p.info.name.as_str(), &p.rgba)).collect();
+    assert_eq!(shown, [("front", &left), ("front-right", &right), ("front-0", &packed)]);
+    assert_eq!((pictures[2].info.width, pictures[2].info.height), (12, 4));
+}
