@@ -1,18 +1,142 @@
-//! `polyptych wall`: makes wall files.
+//! `polyptych wall`: writes wall files.
 
+mod arch;
+mod cave;
+mod cylinder;
+mod dome;
+mod grid;
 mod import;
 
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+
+use anyhow::{Context, anyhow, bail};
+use polyptych_protocol::wall::file;
+
+use super::say;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Wall {
+    /// Displays in columns and rows on one plane, with bezels or overlaps between them
+    Grid(grid::Arguments),
+    /// Flat screens in an arch around the viewer
+    Arch(arch::Arguments),
+    /// Displays side by side on a cylinder around the viewer
+    Cylinder(cylinder::Arguments),
+    /// Walls of a room: left, front, right, floor, ceiling, back
+    Cave(cave::Arguments),
+    /// Projectors in the middle of a dome
+    Dome(dome::Arguments),
     /// Make a wall file of an MPCDI archive
     Import(import::Arguments),
 }
 
+/// What every kind of wall has.
+#[derive(Debug, clap::Args)]
+pub(super) struct Common {
+    /// What to call the wall
+    #[arg(long)]
+    name: Option<String>,
+    /// How high the viewer's eye is above the floor, in metres
+    #[arg(long, value_name = "METRES", value_parser = metres, default_value = "1.6")]
+    eye_height: f64,
+    /// The wall file to write [default: standard output]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Write over a file that is there
+    #[arg(long, requires = "output")]
+    force: bool,
+}
+
 pub(super) fn run(wall: &Wall) -> anyhow::Result<ExitCode> {
     match wall {
+        Wall::Grid(arguments) => write(&arguments.text()?, &arguments.common)?,
+        Wall::Arch(arguments) => write(&arguments.text()?, &arguments.common)?,
+        Wall::Cylinder(arguments) => write(&arguments.text()?, &arguments.common)?,
+        Wall::Cave(arguments) => write(&arguments.text()?, &arguments.common)?,
+        Wall::Dome(arguments) => write(&arguments.text()?, &arguments.common)?,
         Wall::Import(arguments) => import::run(arguments)?,
     }
     Ok(ExitCode::SUCCESS)
 }
+
+/// Writes a wall file that passes its own check.
+fn write(text: &str, common: &Common) -> anyhow::Result<()> {
+    let path = common.output.as_deref().unwrap_or(Path::new("wall.toml"));
+    file::parse(text, path).map_err(|error| {
+        anyhow!("these numbers make no wall: {}: {}; {}", error.key(), error.what(), error.remedy())
+    })?;
+    let Some(path) = &common.output else { return say(text.trim_end()) };
+    if path.exists() && !common.force {
+        bail!("{} is there already; --force writes over it", path.display());
+    }
+    crate::pictures::write_whole(path, text.as_bytes())
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    say(format_args!("{0}: polyptych check {0} prints it", path.display()))
+}
+
+/// The beginning of every wall file: comments, and what holds for the whole wall.
+fn head(common: &Common, kind: &str, comments: &[String], eye: [f64; 3]) -> String {
+    let name = common.name.as_deref().unwrap_or(kind);
+    let mut text = String::new();
+    for line in comments {
+        let _ = writeln!(text, "{}", format!("# {line}").trim_end());
+    }
+    let [x, y, z] = eye.map(round);
+    let _ = writeln!(
+        text,
+        "\n[wall]\nname = {name:?}\n\
+         eye = [{x:?}, {y:?}, {z:?}]   # metres: x right, y up, the viewer looks along -z\n"
+    );
+    text
+}
+
+/// A square pattern of displays, for people: at most a few are drawn.
+fn drawing(columns: u32, rows: u32) -> Vec<String> {
+    let (columns, rows) = (columns.min(8) as usize, rows.min(4) as usize);
+    let line = format!("  {}+", "+-------".repeat(columns));
+    let mut lines = vec![line.clone()];
+    for row in 1..=rows {
+        let cells: String = (1..=columns).map(|column| format!("|  {column}-{row}  ")).collect();
+        lines.push(format!("  {cells}|"));
+        lines.push(line.clone());
+    }
+    lines
+}
+
+/// To a ten-millionth of a metre, which no wall is measured to.
+fn round(number: f64) -> f64 {
+    // Adding zero takes the sign from a zero.
+    (number * 1e7).round() / 1e7 + 0.0
+}
+
+/// A length in metres, as an argument.
+fn metres(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of metres"))?;
+    let fits = (1e-3..=1e5).contains(&number);
+    fits.then_some(number).ok_or_else(|| format!("{text} metres are not within 0.001 to 100000"))
+}
+
+/// An angle in degrees, as an argument.
+fn degrees(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of degrees"))?;
+    let fits = (1.0..=360.0).contains(&number);
+    fits.then_some(number).ok_or_else(|| format!("{text} degrees are not within 1 to 360"))
+}
+
+/// Width and height in pixels, as an argument: `1920x1080`.
+fn pixels(text: &str) -> Result<[u32; 2], String> {
+    let pair = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    pair.ok_or_else(|| format!("{text:?} is no size in pixels; write WIDTHxHEIGHT"))
+}
+
+/// Lengths across and down in metres, as an argument: `0.02x0.03`.
+fn gaps(text: &str) -> Result<[f64; 2], String> {
+    let pair = text.split_once('x').and_then(|(x, y)| Some([x.parse().ok()?, y.parse().ok()?]));
+    let fits = |pair: &[f64; 2]| pair.iter().all(|gap| (0.0..=1e3).contains(gap));
+    pair.filter(fits).ok_or_else(|| format!("{text:?} are no gaps; write ACROSSxDOWN in metres"))
+}
+
+#[cfg(test)]
+mod tests;

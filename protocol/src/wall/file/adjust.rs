@@ -14,7 +14,7 @@ use super::source::{Source, quoted};
 use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX};
 use crate::wall::adjustment::{Bend, Curve, Edges};
 use crate::wall::pixels::PixelMap;
-use crate::wall::{Cover, EyeOf, FileKind, Packing, Screen};
+use crate::wall::{Cover, EyeOf, FileKind, Packing, Projection, Screen};
 
 /// Farthest that a pin or a point of a bend moves anything: some channels' widths.
 const MOVE_MAX_PX: f64 = 65_536.0;
@@ -121,7 +121,8 @@ impl Table<'_> {
             let what = "where its pixels lie is given twice, by a warp file and by a projector";
             return Err(self.error("warp", what, "keep one of the two"));
         }
-        draft.channel.cover = Cover::Map;
+        // No canvas is shared with it.
+        (draft.channel.cover, draft.channel.projection) = (Cover::Map, Projection::Own);
         Ok(())
     }
 

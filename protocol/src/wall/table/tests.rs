@@ -80,3 +80,114 @@ fn the_text_is_aligned() {
 fn thousands_are_grouped() {
     assert_eq!([0, 999, 1000, 2_073_600].map(thousands), ["0", "999", "1,000", "2,073,600"]);
 }
+
+fn config(name: &str) -> WallTable {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs").join(name);
+    WallTable::of(&file::load(&path).unwrap())
+}
+
+#[test]
+fn overlaps_are_in_the_table() {
+    let table = config("powerwall-overlap.toml");
+    let coverage = &table.screens[0].coverage[0];
+    assert_eq!((coverage.covered, coverage.layers_max, coverage.blends), (1.0, 4, true));
+    let overlap = &coverage.overlaps[0];
+    assert_eq!(overlap.patch.pixels, [288.0, 1080.0]);
+    assert!((overlap.patch.size_m[0] - 0.288).abs() < 1e-9, "{overlap:?}");
+    assert_eq!(table.warnings, [] as [String; 0]);
+    let text = table.to_string();
+    assert!(text.contains("coverage: 100.00 %, 4 channels at most over one place, 11 overlaps"));
+    assert!(
+        text.contains("overlap: front-1-1 and front-2-1, blended, 288 × 1080 pixels at [1632, 0]"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_cylinder_in_numbers() {
+    let table = config("cylinder-360.toml");
+    assert_eq!((table.screens[0].surface, table.warnings.len()), ("cylinder", 0));
+    for channel in &table.channels {
+        assert!((channel.degrees[0] - 360.0 / 14.0).abs() < 1e-9, "{channel:?}");
+        // A chord of each 32nd part of the strip.
+        assert!((channel.size_m[0] - 6.0 * std::f64::consts::PI / 14.0).abs() < 1e-4);
+        assert_eq!((channel.projection, channel.cover, channel.spill), ("warp", "tile", 0.0));
+        let [fewest, most] = channel.sampling;
+        assert!(fewest == 1.0 && (1.0..1.3).contains(&most), "{channel:?}");
+    }
+    let expected = 16_800.0 / 360.0;
+    assert!((table.channels[6].pixels_per_degree / expected - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn five_projectors_cover_a_dome() {
+    let table = config("dome-5.toml");
+    let coverage = &table.screens[0].coverage[0];
+    assert_eq!((coverage.covered, coverage.uncovered.len()), (1.0, 0), "{table}");
+    assert_eq!(table.warnings, [] as [String; 0]);
+    assert!(coverage.layers_max >= 3, "{coverage:?}");
+    let spill: Vec<f64> = table.channels.iter().map(|channel| channel.spill).collect();
+    // Below the springline there is no dome: 0.48 - tan 25° of 1.52.
+    assert!((spill[0] - (0.48 - 25_f64.to_radians().tan()) / 1.52).abs() < 0.02, "{spill:?}");
+    assert_eq!(spill[4], 0.0);
+}
+
+#[test]
+fn what_does_not_look_its_best_is_warned_of() {
+    let by_hand = |second: &str| {
+        table(&format!(
+            "[wall]\nname = \"w\"\n[[screen]]\nname = \"front\"\nsize = [2.0, 1.0]\n\
+             center = [0.0, 0.0, -1.0]\npixels = [200, 100]\n\
+             [[screen.channel]]\nname = \"a\"\norigin = [0, 0]\npixels = [100, 100]\n\
+             [[screen.channel]]\nname = \"b\"\n{second}\n"
+        ))
+        .warnings
+    };
+    assert_eq!(
+        by_hand("origin = [90, 0]\npixels = [110, 100]"),
+        ["screen front: channels a and b overlap, 10 × 100 pixels at [90, 0], 0.100 × 1.000 m: \
+          they are blended there"]
+    );
+    let slip = by_hand("origin = [90, 0]\npixels = [100, 100]");
+    assert_eq!(
+        slip[0],
+        "screen front: no channel shows 5.00 % of it, the largest part 10 × 100 pixels at \
+         [190, 0], 0.100 × 1.000 m"
+    );
+    let sliver = by_hand("origin = [98, 0]\npixels = [102, 100]");
+    assert!(sliver[0].ends_with("too narrow to be blended without a line"), "{sliver:?}");
+    let beam = "pixels = [640, 480]\nprojector = { position = [0, 0, 2], look_at = [0, 0, -1], \
+                degrees = [90, 90] }";
+    let spilled = by_hand(beam);
+    assert!(
+        spilled.last().unwrap().starts_with("channel b: 94 % of its pixels miss screen front"),
+        "{spilled:?}"
+    );
+}
+
+#[test]
+fn both_eyes_are_told_apart_and_files_not_guessed() {
+    let eyes = TWO_BY_TWO.replace("columns = 2\n        rows = 2", "");
+    let mut wall = file::parse(&eyes, "wall.toml".as_ref()).unwrap();
+    let mut right = wall.channels[0].clone();
+    (right.name, right.adjustment.eye) = ("right".into(), EyeOf::Right);
+    wall.channels[0].adjustment.eye = EyeOf::Left;
+    wall.channels.push(right);
+    let text = WallTable::of(&wall).to_string();
+    assert!(text.contains("coverage, left eye: 100.00 %, 1 channel at most"), "{text}");
+    assert!(text.contains("coverage, right eye: 100.00 %"), "{text}");
+    wall.files.push(crate::wall::MapFile {
+        path: "hull.obj".into(),
+        kind: crate::wall::FileKind::ScreenMesh,
+        blob: None,
+    });
+    wall.screens[0].surface = Surface::Mesh(0);
+    let table = WallTable::of(&wall);
+    assert!(table.channels[0].degrees[0].is_nan() && table.warnings.is_empty(), "{table}");
+    let text = table.to_string();
+    assert!(
+        text.contains("screen front: mesh, 960 × 540 pixels\n") && text.contains("–"),
+        "{text}"
+    );
+    assert!(serde_json::to_string(&table).unwrap().contains("\"sampling\":[null,null]"));
+}

@@ -3,14 +3,40 @@
 use super::{BY_HAND, SMALLEST, check, check_changed, read};
 
 #[test]
-fn overlapping_channels_name_both_and_the_rectangle() {
-    check_changed(
-        BY_HAND,
-        "[100, 0]",
-        "[90, 0]",
-        "14:1: screen[0].channel[1].origin: channels \"a\" and \"b\" overlap: \
-         both show 10×100 pixels at [90, 0]; move one, or make it smaller",
+fn channels_may_overlap_and_then_need_not_cover_the_canvas() {
+    let wall = read(&BY_HAND.replace("[100, 0]", "[90, 0]"));
+    assert_eq!(wall.channels[1].origin.x, 90);
+    let hard = |side: &str| {
+        let edges = format!("[channel.b]\nedges.{side} = 0\n");
+        format!("{}{edges}", BY_HAND.replace("[100, 0]", "[90, 0]"))
+    };
+    check(
+        &hard("left"),
+        "18:7: channel.b.edges.left: the ramp has no width, though channel \"a\" is there too; \
+         write its width in pixels, or leave it out",
     );
+    // At its other edges it is alone.
+    read(&hard("right"));
+}
+
+#[test]
+fn each_eye_is_covered_by_channels_of_its_own() {
+    let eyes = |a: &str, b: &str| format!("[channel.a]\neye = {a:?}\n[channel.b]\neye = {b:?}\n");
+    let twice = BY_HAND.replace("[100, 0]", "[0, 0]").replace("[200, 100]", "[100, 100]");
+    let wall = read(&format!("{twice}{}", eyes("left", "right")));
+    assert_eq!(wall.channels[1].adjustment.eye, crate::wall::EyeOf::Right);
+    check(
+        &format!("{BY_HAND}{}", eyes("left", "right")),
+        "8:10: screen[0].channel: 1 channels for the left eye leave a hole: none shows 100×100 \
+         pixels at [100, 0]",
+    );
+    check(
+        &format!("{BY_HAND}{}", eyes("left", "center")),
+        "8:10: screen[0].channel: 1 channels for the right eye leave a hole: none shows 100×100 \
+         pixels at [0, 0]",
+    );
+    let tiles = format!("{SMALLEST}columns = 2\n[channel.front-1-1]\neye = \"left\"\n");
+    check(&tiles, "7:9: screen[0].tiles: 1 channels for the right eye leave a hole");
 }
 
 #[test]

@@ -24,20 +24,20 @@ fn unknown_keys_are_named_with_the_nearest_known_one() {
         "pixels",
         "pixel",
         "8:1: screen[0].tiles.pixel: there is no key \"pixel\" here; did you mean \"pixels\"? \
-         keys here: columns, rows, pixels, bezel, names, servers",
+         keys here: columns, rows, pixels, bezel, overlap, names, servers",
     );
     check_changed(
         SMALLEST,
         "[wall]",
         "[walls]",
         "1:2: walls: there is no key \"walls\" here; did you mean \"wall\"? \
-         keys here: wall, deadline, network, storage, screen",
+         keys here: wall, deadline, network, storage, blend, screen, channel",
     );
     check_changed(
         SMALLEST,
         "name = \"w\"",
         "name = \"w\"\nzzzzzz = 1",
-        "3:1: wall.zzzzzz: there is no key \"zzzzzz\" here; keys here: name, eye, near, samples",
+        "3:1: wall.zzzzzz: there is no key \"zzzzzz\" here; keys here: name, eye, near, samples, ",
     );
     check_changed(
         SMALLEST,
@@ -60,7 +60,7 @@ fn missing_keys_are_named_at_their_table() {
         BY_HAND,
         "origin = [100, 0]",
         "",
-        "12:1: screen[0].channel[1].origin: the key is missing",
+        "12:1: screen[0].channel[1].origin: nobody knows what channel \"b\" shows; give origin",
     );
     check("", "1:1: wall: the key is missing; add [wall]");
 }
@@ -198,4 +198,76 @@ fn nesting_without_end_is_an_error() {
     check(&format!("a = {deep}"), "1:");
     check(&format!("{}.x = 1", vec!["a"; 100_000].join(".")), "1:");
     check(&format!("a = {}", "{a=".repeat(100_000)), "1:");
+}
+
+#[test]
+fn tables_of_a_channel_are_tables() {
+    let with = |text: &str| format!("{SMALLEST}{text}\n");
+    check(
+        &with("[[channel]]\nname = \"front\""),
+        "9:3: channel: found a list of tables where one belongs; write [channel.NAME] on",
+    );
+    check(
+        &with("[channel]\nfront = 1"),
+        "10:1: channel.front: found a number where a table belongs; write [channel.front] on",
+    );
+    check(
+        &with("[channel.front]\nedges = [1, 2]"),
+        "10:1: channel.front.edges: found a list where a table belongs",
+    );
+    check(
+        &with("[channel.front]\nbend = 1"),
+        "10:1: channel.front.bend: found a number where a table belongs",
+    );
+    check(&with("[[blend]]\nleak = 0"), "9:3: blend: found a list of tables where one belongs");
+    check(
+        &with("[channel.front]\ngain = 1\n[channel.front]"),
+        "11:10: channel.front: the key is given twice; keep one of the two",
+    );
+    check(
+        &with("[channel.front]\nblur = 1"),
+        "10:1: channel.front.blur: there is no key \"blur\" here; ",
+    );
+    check(
+        &with("[channel.front]\nturn = \"lefft\""),
+        "10:8: channel.front.turn: \"lefft\" is none of the values possible; \
+         did you mean \"left\"? values here: none, left, right, half",
+    );
+    check_changed(
+        BY_HAND,
+        "origin = [0, 0]",
+        "projector = [1]",
+        "10:1: screen[0].channel[0].projector: found a list where a table belongs",
+    );
+    check_changed(
+        SMALLEST,
+        "size = [2.0, 1.0]\ncenter = [0.0, 0.0, -1.0]",
+        "cylinder = 3.0",
+        "5:1: screen[0].cylinder: found a number where a table belongs",
+    );
+}
+
+#[test]
+fn one_number_or_three() {
+    let with = |text: &str| format!("{SMALLEST}[channel.front]\n{text}\n");
+    check(
+        &with("gamma = \"2.2\""),
+        "10:9: channel.front.gamma: found the text \"2.2\"; write a number, or a list of 3 numbers",
+    );
+    check(
+        &with("gamma = [2.2, 2.2]"),
+        "10:9: channel.front.gamma: found 2 of them; write a list of 3 numbers",
+    );
+    check(
+        &with("pin = [[0, 0]]"),
+        "10:7: channel.front.pin: found 1 of them; write a list of 4 points, [[x, y], ",
+    );
+    check(
+        &with("matrix = [1, 0, 0]"),
+        "10:11: channel.front.matrix[0]: found the number 1; write a list of 3 numbers",
+    );
+    check(
+        &with("mirror = 1"),
+        "10:10: channel.front.mirror: found the number 1; write true or false",
+    );
 }
