@@ -58,7 +58,10 @@ impl Arguments {
         let quarter = (pixels_per_degree * 90.0).round().max(2.0) as u32;
         let eye = self.common.eye_height;
         let comments = [
-            format!("A dome of {} m radius, lit from its middle by {around} projectors", self.radius),
+            format!(
+                "A dome of {} m radius, lit from its middle by {around} projectors",
+                self.radius
+            ),
             "all around and one straight up, which overlap and blend.".to_owned(),
             String::new(),
             "         . zenith .".to_owned(),

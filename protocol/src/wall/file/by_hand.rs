@@ -3,7 +3,6 @@
 use glam::{DVec2, UVec2};
 
 use super::check::check_name;
-use super::cover::rect_words;
 use super::document::ChannelSection;
 use super::error::WallFileError;
 use super::projector::projector;
@@ -63,17 +62,6 @@ impl Place<'_> {
             _ => UVec2::ZERO,
         });
         let rect = Rect { origin, size };
-        if cover == Cover::Tile && !rect.lies_on(screen.canvas) {
-            let canvas = screen.canvas;
-            let what = format!(
-                "channel {name:?}, {}, leaves the canvas of {}×{} pixels",
-                rect_words(rect),
-                canvas.x,
-                canvas.y
-            );
-            let remedy = "move it, make it smaller, or the screen's pixels larger";
-            return Err(self.error(&format!("{key}.origin"), what, remedy));
-        }
         let mut draft = self.draft(name.clone(), server.clone(), rect, name_key, self.key(&key));
         draft.channel.cover = cover;
         Ok(draft)

@@ -8,7 +8,7 @@ use super::screen::{Draft, Place};
 use super::source::quoted;
 use crate::wall::coverage::{Footprint, eyes, is_plain, is_seen_by};
 use crate::wall::tiling::{self, Rect};
-use crate::wall::{EyeOf, Screen};
+use crate::wall::{Cover, EyeOf, Screen};
 
 /// Most hidden rectangles of one screen: more than a grid of 1,024 tiles has gaps.
 const HIDDEN_MAX: usize = 4096;
@@ -20,6 +20,7 @@ impl Place<'_> {
     pub fn check_cover(&self, screen: &Screen, drafts: &[Draft]) -> Result<(), WallFileError> {
         let on_screen: Vec<&Draft> =
             drafts.iter().filter(|draft| draft.channel.screen == self.index).collect();
+        self.check_inside(screen.canvas, &on_screen)?;
         let hidden = self.hidden(screen.canvas, &on_screen)?;
         for eye in eyes(on_screen.iter().map(|draft| &draft.channel)) {
             let seen: Vec<&Draft> =
@@ -33,6 +34,21 @@ impl Place<'_> {
             }
         }
         Ok(())
+    }
+
+    fn check_inside(&self, canvas: UVec2, drafts: &[&Draft]) -> Result<(), WallFileError> {
+        let is_outside =
+            |draft: &&&Draft| draft.channel.cover == Cover::Tile && !draft.rect().lies_on(canvas);
+        let Some(draft) = drafts.iter().find(is_outside) else { return Ok(()) };
+        let what = format!(
+            "channel {:?}, {}, leaves the canvas of {}×{} pixels",
+            draft.channel.name,
+            rect_words(draft.rect()),
+            canvas.x,
+            canvas.y
+        );
+        let remedy = "move it, make it smaller, or the screen's pixels larger";
+        Err(self.source.error(format!("{}.origin", draft.key), what, remedy))
     }
 
     fn check_holes(
@@ -124,7 +140,7 @@ impl Place<'_> {
 }
 
 /// A rectangle for people.
-pub(super) fn rect_words(rect: Rect) -> String {
+fn rect_words(rect: Rect) -> String {
     let Rect { origin, size } = rect;
     format!("{}×{} pixels at [{}, {}]", size.x, size.y, origin.x, origin.y)
 }

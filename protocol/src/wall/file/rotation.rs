@@ -63,7 +63,8 @@ pub(super) fn written(rotation: DQuat) -> Option<Rotation> {
 
 /// To a billionth of a degree, which no wall is measured to.
 fn rounded(degrees: f64) -> f64 {
-    (degrees * 1e9).round() / 1e9
+    // Adding zero takes the sign from a zero.
+    (degrees * 1e9).round() / 1e9 + 0.0
 }
 
 /// The degrees that are read as these radians; the nearest ones where there are none, which no

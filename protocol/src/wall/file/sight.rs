@@ -29,8 +29,12 @@ pub(super) fn check(
             check_distance(source, eye, screen, first, distance_m)?;
         }
         for draft in drafts {
-            let lit: Vec<DVec2> = places(&draft.channel, screen);
-            if matches!(draft.channel.cover, Cover::Projector(_)) && lit.is_empty() {
+            let is_thrown = matches!(draft.channel.cover, Cover::Projector(_));
+            if screen.plane().is_some() && !is_thrown {
+                continue;
+            }
+            let lit = places(&draft.channel, screen);
+            if is_thrown && lit.is_empty() {
                 check_lit(source, screen, draft)?;
             }
             if screen.plane().is_none()

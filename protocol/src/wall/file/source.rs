@@ -221,17 +221,15 @@ impl<'a> Source<'a> {
         let mut offset = 0;
         let mut table = self.root.get_ref();
         for step in steps(key) {
-            let (name, index) = match step.trim_end_matches(']').split_once('[') {
-                Some((name, index)) => (name, index.parse::<usize>().ok()),
-                None => (step.trim_matches('"'), None),
-            };
+            let mut parts = step.split('[');
+            let name = parts.next().unwrap_or_default().trim_matches('"');
             let Some((found, value)) = table.get_key_value(name) else { return offset };
             offset = found.span().start;
             let mut value = value.get_ref();
-            if let Some(index) = index {
-                let Some(item) = value.as_array().and_then(|items| items.get(index)) else {
-                    return offset;
-                };
+            for index in parts {
+                let index = index.trim_end_matches(']').parse::<usize>().ok();
+                let item = index.and_then(|index| value.as_array()?.get(index));
+                let Some(item) = item else { return offset };
                 offset = item.span().start;
                 value = item.get_ref();
             }

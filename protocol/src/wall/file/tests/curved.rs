@@ -83,7 +83,7 @@ fn numbers_that_are_no_curved_screen() {
     at("[-45, 45]", "[45, 45]", "7:1: screen[0].cylinder.degrees: from 45° to 45° are 0°; write");
     at("[-45, 45]", "[-200, 200]", "7:1: screen[0].cylinder.degrees: from -200° to 200° are 400°");
     at("[-1.0, 1.0]", "[1.0, -1.0]", "8:1: screen[0].cylinder.height: a cylinder from 1 to -1");
-    at("[-1.0, 1.0]", "[-1.0, nan]", "8:16: screen[0].cylinder.height[1]: NaN is no number of");
+    at("[-1.0, 1.0]", "[-1.0, nan]", "8:17: screen[0].cylinder.height[1]: NaN is no number of");
     at(
         "height",
         "rotation = [0, 0, 0, 2]\nheight",
@@ -119,11 +119,11 @@ fn an_eye_behind_a_curved_screen_or_in_it() {
     let eye = |good: &str, eye: &str| {
         good.replacen("name = \"w\"", &format!("name = \"w\"\neye = {eye}"), 1)
     };
-    // A little nearer than the left edge's own plane, which channel 1 ends in.
+    // The first of three, 3 m - 4 m · cos 15° at its right edge.
     check(
         &eye(ROUND, "[0.0, 0.0, -4.0]"),
-        "3:1: wall.eye: the eye [0, 0, -4] m is 1.000000 m behind screen \"round\", so that its \
-         channel \"round-2-1\" has no view; move the eye or the screen; left and right are as",
+        "3:1: wall.eye: the eye [0, 0, -4] m is 0.863703 m behind screen \"round\", so that its \
+         channel \"round-1-1\" has no view; move the eye or the screen; left and right are as",
     );
     check(
         &eye(DOME, "[0.0, 4.0, 0.0]"),
@@ -180,10 +180,10 @@ fn projectors_that_cannot_be() {
         check_changed(BEAM, from, to, &format!("{place}: {key}{rest}"));
     };
     at("position = [0.0,", "position = [nan,", "12:13|.position[0]: NaN is no number of metres");
-    at("look_at", "# ", "11:9|.look_at: nobody knows where the projector looks; give look_at");
+    at("look_at", "# ", "11:17|.look_at: nobody knows where the projector looks; give look_at");
     at("look_at", "rotation = [0, 0, 0]\nlook_at", "13:1|.rotation: where it looks is given twice");
     at("[0.5, 0.0, -1.0]", "[0, 0, 1]", "13:1|.look_at: it looks at its own position; write");
-    at("degrees", "# ", "11:9|.degrees: nobody knows how wide the projector's picture is; give");
+    at("degrees", "# ", "11:17|.degrees: nobody knows how wide the projector's picture is; give");
     at(
         "degrees",
         "tangents = [-1, 1, -1, 1]\ndegrees",
@@ -204,7 +204,7 @@ fn projectors_that_cannot_be() {
     at(
         "[0.5, 0.0, -1.0]",
         "[0, 0, 9]",
-        "11:9|: the projector of channel \"beam\" lights nothing of the front of screen \"front\"; \
+        "11:17|: the projector of channel \"beam\" lights nothing of the front of screen \"front\"; \
          check position, look_at or rotation, and degrees",
     );
     // A beam far wider than the screen lights it still.
