@@ -134,8 +134,8 @@ pub struct ChannelRow {
     pub cover: &'static str,
     /// For whose eye it is: `center`, `left` or `right`.
     pub eye: EyeOf,
-    /// How many pixels of the flat picture that is drawn go into one of the display, at least and
-    /// at most; drawn just so fine that it is 1 at least. Of a tile of a plane, 1 and 1.
+    /// How many pixels of the flat pictures that are drawn go into one of the display, at least
+    /// and at most, as this eye sees it. Of a tile of a plane, 1 and 1.
     pub sampling: [f64; 2],
     /// The share of its pixels that miss the screen.
     pub spill: f64,
@@ -277,7 +277,7 @@ fn channel_row(wall: &Wall, channel: &Channel) -> ChannelRow {
             Cover::Map => "map",
         },
         eye: channel.adjustment.eye,
-        sampling: if is_even { [1.0; 2] } else { extent::sampling(channel, screen, wall.eye) },
+        sampling: if is_even { [1.0; 2] } else { extent::sampling(wall, channel) },
         spill: spill(channel, screen),
     }
 }

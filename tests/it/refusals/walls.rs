@@ -27,11 +27,38 @@ pixels = [100, 100]
 /// What is wrong, a change to the wall file, and what the error must say, line and key first.
 type Case = (&'static str, [&'static str; 2], &'static [&'static str]);
 
+/// The end of the wall, after which tables of channels may stand.
+const LAST: &str = "origin = [100, 0]\npixels = [100, 100]\n";
+
+const HARD_EDGE: &str = "origin = [90, 0]\npixels = [110, 100]\n[channel.right]\nedges.left = 0\n";
+
+const NO_GAMMA: &str = "origin = [100, 0]\npixels = [100, 100]\n[channel.right]\ngamma = 0\n";
+
+const MISSPELT: &str = "origin = [100, 0]\npixels = [100, 100]\n[channel.rihgt]\n";
+
+const FOLDED: &str = "origin = [100, 0]\npixels = [100, 100]\n[channel.right]\n\
+                      pin = [[0, 0], [-110, 0], [0, 0], [0, 0]]\n";
+
+/// Seen from outside, though the eye is inside.
+const BEHIND: &str = "cylinder = { radius = 1.0, degrees = [30, -30], height = [-0.5, 0.5] }";
+
 const CASES: &[Case] = &[
     ("unknown key", ["size = ", "sice = "], &["wall.toml:7:1", "screen[0].sice", "size"]),
     ("wrong type", ["pixels = [200, 100]", "pixels = \"many\""], &[":9:", "screen[0].pixels"]),
     ("no TOML", ["name = \"good\"", "name = good"], &["wall.toml:2:"]),
-    ("overlap", ["origin = [100, 0]", "origin = [90, 0]"], &["left", "right", "overlap"]),
+    (
+        "blend without width",
+        [LAST, HARD_EDGE],
+        &["wall.toml:21:7", "channel.right.edges.left", "no width", "left"],
+    ),
+    ("gamma", [LAST, NO_GAMMA], &["gamma", ":21:"]),
+    ("no channel", [LAST, MISSPELT], &["rihgt", "\"right\"?"]),
+    ("folded pins", [LAST, FOLDED], &["channel.right.pin", "fold", ":21:"]),
+    (
+        "eye behind a curved screen",
+        ["size = [2.0, 1.0]\ncenter = [0.0, 0.0, -1.0]", BEHIND],
+        &[":3:", "wall.eye", "1.000000 m behind screen", "channel \"left\""],
+    ),
     ("hole", ["origin = [100, 0]\npixels = [100,", "origin = [100, 0]\npixels = [90,"], &["190"]),
     ("no pixels", ["[100, 100]", "[0, 100]"], &[":14:", "screen[0].channel[0].pixels"]),
     ("many pixels", ["pixels = [100, 100]", "pixels = [100000, 100]"], &[":14:", "channel"]),
@@ -55,10 +82,28 @@ fn a_wall_file_that_is_wrong_is_refused_with_its_place() {
         let error: serde_json::Value = serde_json::from_str(&json.output).expect("JSON");
         assert!(error["error"]["line"].as_u64() > Some(0), "{what}: {error}");
     }
+    // Overlaps blend, and holes beside them are shown.
+    place.write("wall.toml", WALL.replacen("[100, 0]", "[90, 0]", 1));
+    let table = place.run(["check", "wall.toml"]).succeeded();
+    assert!(table.contains("left and right overlap, 10 × 100 pixels at [90, 0]"), "{table}");
+    assert!(table.contains("not covered: 10 × 100 pixels at [190, 0], 0.100 × 1.000 m"), "{table}");
     place.write("wall.toml", WALL);
     let table = place.run(["check", "wall.toml"]).succeeded();
     assert!(table.contains("left") && table.contains("right"), "{table}");
     place.run(["check", "gone.toml"]).failed(&["gone.toml", "cannot be read"]);
+}
+
+#[test]
+fn a_wall_file_is_written_checked_and_not_written_over() {
+    let place = Place::new();
+    let line = ["wall", "cylinder", "--channels", "6", "--degrees", "180", "-o", "round.toml"];
+    place.run(line).succeeded();
+    let table = place.run(["check", "round.toml"]).succeeded();
+    assert!(table.contains("screen round: cylinder") && !table.contains("warning"), "{table}");
+    place.run(line).failed(&["round.toml is there already", "--force"]);
+    place.run(line.iter().chain(&["--force"])).succeeded();
+    place.run(["wall", "arch", "--channels", "1", "--degrees", "200"]).failed(&["200°", "150"]);
+    place.run(["wall", "grid", "--columns", "0"]).failed(&["--columns"]);
 }
 
 #[test]

@@ -113,7 +113,7 @@ fn a_cylinder_in_numbers() {
         assert!((channel.size_m[0] - 6.0 * std::f64::consts::PI / 14.0).abs() < 1e-4);
         assert_eq!((channel.projection, channel.cover, channel.spill), ("warp", "tile", 0.0));
         let [fewest, most] = channel.sampling;
-        assert!(fewest == 1.0 && (1.0..1.3).contains(&most), "{channel:?}");
+        assert!(fewest >= 0.999 && (1.0..1.5).contains(&most), "{channel:?}");
     }
     let expected = 16_800.0 / 360.0;
     assert!((table.channels[6].pixels_per_degree / expected - 1.0).abs() < 1e-3);
