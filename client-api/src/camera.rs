@@ -92,6 +92,25 @@ mod tests {
     }
 
     #[test]
+    fn a_scene_stands_in_the_middle_of_screens_of_every_shape() {
+        let bounds = Bounds { min: DVec3::splat(-2.0), max: DVec3::splat(3.0) };
+        let configs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
+        for (name, middle) in [
+            ("cylinder-360.toml", DVec3::new(0.0, 1.6, -3.0)),
+            ("panoramic-3.toml", DVec3::new(0.0, 1.4, -3.0)),
+            ("powerwall-overlap.toml", DVec3::new(0.0, 0.0, -3.0)),
+            // Half way up to the zenith.
+            ("dome-5.toml", DVec3::new(0.0, 1.6 + 8.0_f64.sqrt(), -8.0_f64.sqrt())),
+        ] {
+            let wall = file::load(&configs.join(name)).expect("a wall");
+            let camera = overview(&wall, &bounds, 0.3);
+            assert_eq!(camera.fault(), None, "{name}");
+            let shown = camera.world_from_display(middle);
+            assert!((shown - bounds.center()).length() < 1e-9, "{name}: {shown}");
+        }
+    }
+
+    #[test]
     fn no_screen_and_no_extent_give_a_camera_still() {
         let bare = Wall { screens: Vec::new(), ..wall() };
         let point = Bounds { min: DVec3::ONE, max: DVec3::ONE };

@@ -12,7 +12,7 @@ use crate::wall::{Channel, Cover, Screen};
 
 /// Places of a channel, across and down, at which it is looked at: corners and middles, and some
 /// between them, because a dome is nearest anywhere.
-const SIDE: u32 = 17;
+const SIDE: u32 = 9;
 
 /// The eye must see the front of every screen, and every projector light its own.
 pub(super) fn check(
