@@ -74,6 +74,33 @@ pub struct View {
     pub scene_root: Option<u32>,
     /// The part of the wall.
     pub area: Area,
+    /// How the part shows what the camera sees.
+    pub projection: ViewProjection,
+}
+
+/// How a part of the wall shows what a view's camera sees.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ViewProjection {
+    /// As a window: what the viewer's eyes see through it.
+    Wall,
+    /// As a camera's picture, whoever looks at it: the camera stands at the origin of display
+    /// space and looks along its −Z through the middle of the part.
+    Perspective {
+        /// From the lower to the upper edge of the part, in radians.
+        fov_y_rad: f64,
+    },
+    /// The same in parallel rays: a plan.
+    Orthographic {
+        /// What the part shows from its lower to its upper edge, in metres of display space.
+        height_m: f64,
+    },
+}
+
+impl View {
+    /// A camera's picture on the whole wall, as through a window.
+    pub fn of_wall(camera: Camera) -> Self {
+        Self { camera, scene_root: None, area: Area::Wall, projection: ViewProjection::Wall }
+    }
 }
 
 /// A part of the wall.

@@ -63,6 +63,10 @@ pub const PATH_BYTES_MAX: usize = 4096;
 /// Most views of one frame.
 pub const VIEWS_MAX: usize = 64;
 
+/// Most rectangles into which views that lie over each other divide a channel: each is culled and
+/// drawn on its own.
+pub const VIEW_PARTS_MAX: usize = 256;
+
 /// Silence after which a peer is lost, where the wall file says nothing else.
 pub const HEARTBEAT_DEFAULT: Duration = Duration::from_secs(2);
 

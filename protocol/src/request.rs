@@ -7,8 +7,10 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
+use crate::command::View;
 use crate::display::DisplayMode;
 use crate::feedback::{Feedback, Statistics, WallStatus};
+use crate::head::Head;
 use crate::ids::{FrameId, RequestId, Revision};
 use crate::scene::{Bounds, SceneFeatures};
 use crate::wall::Wall;
@@ -34,7 +36,8 @@ pub enum Request {
     CloseScene,
     /// Places display space in the scene, from the next frame on.
     SetCamera(Camera),
-    /// Moves the viewer's eye, in metres of display space, from the next frame on.
+    /// Moves the viewer's head, in metres of display space, from the next frame on, and neither
+    /// turns it nor moves its eyes apart.
     SetEye(DVec3),
     /// Multiplies light before tone mapping, from the next frame on.
     SetExposure(f32),
@@ -67,6 +70,14 @@ pub enum Request {
     /// Changes what all displays show; answered once a frame that carries it was swapped. A wall
     /// that is paused makes one for it.
     SetDisplays(DisplayMode),
+    /// Moves the viewer's head, from the next frame on; refused where one of its eyes would not
+    /// see the front of a screen.
+    SetHead(Head),
+    /// Lays these views over the wall's own picture, later ones over earlier ones, from the next
+    /// frame on; none: takes them away.
+    SetViews(Vec<View>),
+    /// Sends where the camera, the head and the views are.
+    DescribeSight,
 }
 
 /// How fast the wall draws by itself.
@@ -116,6 +127,19 @@ pub enum Reply {
     Wall(Box<Wall>),
     /// To [`Request::Statistics`].
     Statistics(Box<Statistics>),
+    /// To [`Request::DescribeSight`].
+    Sight(Box<Sight>),
+}
+
+/// What the wall looks at, and from where.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sight {
+    /// Where display space stands in the scene, for the wall's own picture.
+    pub camera: Camera,
+    /// Where the viewer's eyes are.
+    pub head: Head,
+    /// What lies over the wall's own picture, later ones over earlier ones.
+    pub views: Vec<View>,
 }
 
 /// Why a request was not done; the wall is as it was before.

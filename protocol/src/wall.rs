@@ -9,6 +9,7 @@ pub mod channel;
 pub mod color;
 pub mod coverage;
 mod extent;
+pub mod eyes;
 pub mod file;
 pub mod frustum;
 pub mod maps;
@@ -22,6 +23,7 @@ pub mod table;
 mod tiling;
 pub mod warp;
 pub mod warp_mesh;
+pub mod view;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

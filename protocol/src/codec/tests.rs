@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::blob::{BlobChunk, BulkDown, BulkUp, PictureChunk};
 use crate::camera::Camera;
-use crate::command::{Area, Command, Frame, Pong, Prepare, Swap, View};
+use crate::command::{Area, Command, Frame, Pong, Prepare, Swap, View, ViewProjection};
 use crate::display::DisplayMode;
 use crate::handshake::{Adapter, Answer, ClientHello, Hello, Refused, Secret, ServerHello};
 use crate::head::Head;
@@ -29,7 +29,7 @@ fn frame() -> Frame {
         frame: FrameId(300),
         time_s: 1.5,
         revision: Revision(2),
-        views: vec![View { camera: camera(), scene_root: None, area: Area::Wall }],
+        views: vec![View::of_wall(camera())],
         head: Head::at(DVec3::new(0.0, 1.6, 0.0), 0.064),
         exposure: 1.0,
         error_bound_px: 0.0,
@@ -104,6 +104,13 @@ fn golden() -> Vec<(Bytes, &'static str)> {
     let run = Call { id: RequestId(5), request: Request::Run(Pace::Rate(60.0)) };
     let freeze = Call { id: RequestId(7), request: Request::SetDisplays(DisplayMode::Freeze) };
     let open = Call { id: RequestId(6), request: Request::OpenScene { path: "a.glb".into() } };
+    let head = Call { id: RequestId(8), request: Request::SetHead(frame().head) };
+    let plan = View {
+        area: Area::Screen { screen: 1, rect: [0, 2, 300, 4] },
+        projection: ViewProjection::Orthographic { height_m: 1.5 },
+        ..View::of_wall(Camera::IDENTITY)
+    };
+    let views = Call { id: RequestId(9), request: Request::SetViews(vec![plan]) };
     vec![
         (encode(&Hello::Client(client)), "0003616e6e06736563726574"),
         (encode(&Hello::Server(server)), "010161017301046c656674fb921000000000"),
@@ -116,9 +123,9 @@ fn golden() -> Vec<(Bytes, &'static str)> {
             encode(&Command::Frame(frame())),
             "01fd0807060504030201fb2c01000000000000f83f0201000000000000f03f00000000000000c000\
              000000d0126341000000000000000000000000000000000000000000000000000000000000f03f00\
-             0000000000e03f000000000000000000009a9999999999f93f000000000000000000000000000000\
-             0000000000000000000000000000000000000000000000f03ffca9f1d24d62b03f0000803f000000\
-             000102",
+             0000000000e03f00000000000000000000009a9999999999f93f0000000000000000000000000000\
+             000000000000000000000000000000000000000000000000f03ffca9f1d24d62b03f0000803f0000\
+             00000102",
         ),
         (
             encode(&Command::Swap(Swap { epoch: Epoch(1), frame: FrameId(300), not_after_us: 9 })),
@@ -138,6 +145,17 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&run), "0506010000000000004e40"),
         (encode(&open), "060005612e676c62"),
         (encode(&freeze), "070e03"),
+        (
+            encode(&head),
+            "080f00000000000000009a9999999999f93f00000000000000000000000000000000000000000000\
+             00000000000000000000000000000000f03ffca9f1d24d62b03f",
+        ),
+        (
+            encode(&views),
+            "09100100000000000000000000000000000000000000000000000000000000000000000000000000\
+             0000000000000000000000000000000000f03f000000000000f03f0001010002fb2c010402000000\
+             000000f83f",
+        ),
         (encode(&failure), "000501026e6f"),
         (encode(&done), "00050000"),
     ]
@@ -176,6 +194,7 @@ fn what_goes_out_comes_back() {
         camera: camera(),
         scene_root: Some(7),
         area: Area::Screen { screen: 2, rect },
+        projection: ViewProjection::Perspective { fov_y_rad: 0.5 },
     });
 }
 

@@ -116,7 +116,7 @@ impl ScreenFrustum {
 
     /// The part of the screen from `begin` to `end`, as fractions of the canvas from its upper
     /// left, with the same axes and distance.
-    fn part(&self, begin: DVec2, end: DVec2) -> Self {
+    pub(super) fn part(&self, begin: DVec2, end: DVec2) -> Self {
         let [left, right, bottom, top] = self.edges_m;
         let x = |t: f64| left + (right - left) * t;
         let y = |t: f64| top + (bottom - top) * t;
@@ -125,7 +125,7 @@ impl ScreenFrustum {
 
     /// The off-axis matrix, reversed and without a far plane. Written with the plane's metres
     /// instead of the near plane's, which cancels `near / d` from the first two rows.
-    fn clip_from_view(&self, near_m: f64) -> DMat4 {
+    pub(super) fn clip_from_view(&self, near_m: f64) -> DMat4 {
         let [left, right, bottom, top] = self.edges_m;
         let (width, height) = (right - left, top - bottom);
         DMat4::from_cols(
@@ -225,7 +225,7 @@ impl Wall {
 }
 
 /// The channel's screen, once it is sure that the eye stands in front of it.
-fn seen_from_front(
+pub(super) fn seen_from_front(
     channel: &Channel,
     screen: &Screen,
     eye: DVec3,

@@ -1,0 +1,151 @@
+//! Whether the viewer's head can be where a tracker says: each eye of it must stand in front of
+//! all that is drawn for it.
+
+use glam::DVec3;
+
+use super::frustum::{EYE_DISTANCE_MIN_M, FrustumError, seen_from_front};
+use super::{Channel, EyeOf, Packing, Wall};
+use crate::head::Head;
+
+/// Why a head cannot be where someone wants it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum HeadError {
+    /// Its numbers are none.
+    #[error("{0}")]
+    Numbers(String),
+    /// An eye does not see the front of a screen.
+    #[error("the {} does not see its screen: {error}", name(*.of))]
+    Eye {
+        /// Which of the eyes.
+        of: EyeOf,
+        /// Channel, eye and distance.
+        error: FrustumError,
+    },
+}
+
+fn name(of: EyeOf) -> &'static str {
+    match of {
+        EyeOf::Center => "middle of the eyes",
+        EyeOf::Left => "left eye",
+        EyeOf::Right => "right eye",
+    }
+}
+
+impl Channel {
+    /// Whose eyes it is drawn for: both where their pictures share its display.
+    pub fn eyes(&self) -> &'static [EyeOf] {
+        match (self.adjustment.packing, self.adjustment.eye) {
+            (Packing::None, EyeOf::Center) => &[EyeOf::Center],
+            (Packing::None, EyeOf::Left) => &[EyeOf::Left],
+            (Packing::None, EyeOf::Right) => &[EyeOf::Right],
+            _ => &[EyeOf::Left, EyeOf::Right],
+        }
+    }
+}
+
+impl Wall {
+    /// The viewer's head as the wall file has it, until a client moves it.
+    pub fn head(&self) -> Head {
+        Head::at(self.eye, self.eye_separation_m)
+    }
+
+    /// Whether every channel can be drawn for its eyes of this head.
+    ///
+    /// # Errors
+    /// The first channel that cannot, by name, with the eye and its distance from the screen.
+    pub fn check_head(&self, head: &Head) -> Result<(), HeadError> {
+        if let Some(fault) = head.fault() {
+            return Err(HeadError::Numbers(fault));
+        }
+        for channel in &self.channels {
+            for &of in channel.eyes() {
+                let seen = self.check_eye(channel, head.eye(of));
+                seen.map_err(|error| HeadError::Eye { of, error })?;
+            }
+        }
+        Ok(())
+    }
+
+    fn check_eye(&self, channel: &Channel, eye: DVec3) -> Result<(), FrustumError> {
+        let screen = self.screen_of(channel);
+        if screen.plane().is_some() {
+            return seen_from_front(channel, screen, eye).map(|_| ());
+        }
+        // Points of a mesh are known to who has its file: servers refuse to draw it then.
+        let Some(distance_m) = screen.surface.distance_m(eye) else { return Ok(()) };
+        let (channel, screen) = (channel.name.clone(), screen.name.clone());
+        if distance_m.abs() <= EYE_DISTANCE_MIN_M {
+            return Err(FrustumError::EyeInPlane { channel, screen, eye, distance_m });
+        }
+        if distance_m < 0.0 {
+            return Err(FrustumError::EyeBehind { channel, screen, eye, distance_m });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DQuat, DVec2, UVec2};
+
+    use super::*;
+    use crate::wall::surface::{Cylinder, Plane};
+    use crate::wall::{Screen, Surface};
+
+    fn wall(surface: Surface) -> Wall {
+        let screen = Screen::new("front", surface, UVec2::new(64, 32));
+        let channel = Channel::tile("c0", 0, UVec2::ZERO, UVec2::new(64, 32));
+        Wall::new("test", vec![screen], vec![channel])
+    }
+
+    fn plane() -> Wall {
+        wall(Surface::Plane(Plane::upright(DVec3::NEG_Z, DVec2::new(2.0, 1.0))))
+    }
+
+    #[test]
+    fn an_eye_behind_a_screen_is_named_with_channel_and_distance() {
+        let wall = plane();
+        assert_eq!(wall.check_head(&wall.head()), Ok(()));
+        let behind = Head::at(DVec3::new(0.25, 0.0, -1.5), 0.06);
+        let error = wall.check_head(&behind).expect_err("behind").to_string();
+        for part in ["c0", "front", "0.25", "-1.5", "0.500000 m behind", "middle"] {
+            assert!(error.contains(part), "{part} is not in {error}");
+        }
+        let within = Head::at(DVec3::NEG_Z, 0.06);
+        let error = wall.check_head(&within).expect_err("in the plane").to_string();
+        assert!(error.contains("in the plane of screen front"), "{error}");
+    }
+
+    #[test]
+    fn each_eye_of_a_separated_pair_is_looked_at() {
+        // Turned by a quarter to the left, the right eye is ahead: through the screen.
+        let rotation = DQuat::from_rotation_y(90_f64.to_radians());
+        let head = Head { position: DVec3::Z * -0.99, rotation, eye_separation_m: 0.06 };
+        let of = |eye: EyeOf, packing: Packing| {
+            let mut wall = plane();
+            wall.channels[0].adjustment.eye = eye;
+            wall.channels[0].adjustment.packing = packing;
+            wall.check_head(&head)
+        };
+        assert_eq!(of(EyeOf::Center, Packing::None), Ok(()));
+        assert_eq!(of(EyeOf::Left, Packing::None), Ok(()));
+        for error in [of(EyeOf::Right, Packing::None), of(EyeOf::Center, Packing::TopBottom)] {
+            let error = error.expect_err("the right eye is behind").to_string();
+            assert!(error.contains("right eye") && error.contains("0.020000 m behind"), "{error}");
+        }
+    }
+
+    #[test]
+    fn an_eye_outside_a_cylinder_is_refused_and_one_within_moves_freely() {
+        let (center, rotation) = (DVec3::ZERO, DQuat::IDENTITY);
+        let (azimuth_rad, height_m) = ([-3.0, 3.0], [0.0, 2.0]);
+        let cylinder = Cylinder { center, rotation, radius_m: 3.0, azimuth_rad, height_m };
+        let wall = wall(Surface::Cylinder(cylinder));
+        assert_eq!(wall.check_head(&Head::at(DVec3::new(2.0, 1.0, -2.0), 0.06)), Ok(()));
+        let outside = wall.check_head(&Head::at(DVec3::X * 3.5, 0.06));
+        let error = outside.expect_err("outside").to_string();
+        assert!(error.contains("c0") && error.contains("0.500000 m behind"), "{error}");
+        let numbers = wall.check_head(&Head::at(DVec3::NAN, 0.06)).expect_err("no numbers");
+        assert!(matches!(numbers, HeadError::Numbers(_)), "{numbers}");
+    }
+}
