@@ -11,6 +11,7 @@ mod manager;
 mod replay;
 mod scene;
 mod server;
+mod sight;
 mod simulate;
 mod status;
 mod wall;
@@ -60,6 +61,10 @@ enum Command {
     Open(drive::OpenArguments),
     /// Move the camera of a running wall
     Camera(drive::CameraArguments),
+    /// Say where the viewer's eyes are, or move them
+    Eye(sight::EyeArguments),
+    /// Lay other cameras' pictures and plans over parts of a running wall
+    View(sight::ViewArguments),
     /// Save the picture of a running wall
     Shot(drive::ShotArguments),
     /// Let every display say over its picture which one it is
@@ -146,6 +151,8 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Server(arguments) => server::run(arguments),
         Command::Open(arguments) => drive::open(&arguments),
         Command::Camera(arguments) => drive::camera(&arguments),
+        Command::Eye(arguments) => sight::eye(&arguments),
+        Command::View(arguments) => sight::view(&arguments),
         Command::Shot(arguments) => drive::shot(&arguments),
         Command::Identify(arguments) => displays::run(DisplayMode::Identify, &arguments),
         Command::Blank(arguments) => displays::run(DisplayMode::Blank, &arguments),

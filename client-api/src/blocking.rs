@@ -23,10 +23,12 @@ use std::thread::{self, Thread};
 
 use glam::DVec3;
 use polyptych_protocol::camera::Camera;
+use polyptych_protocol::command::View;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{Epoch, RequestId};
-use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};
+use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
 use polyptych_protocol::wall::Wall;
 
 use crate::client::Client as AsyncClient;
@@ -195,6 +197,38 @@ impl Client {
     /// [`ClientError`].
     pub fn set_eye(&self, eye_in_display: DVec3) -> Result<(), ClientError> {
         wait(self.inner.set_eye(eye_in_display))
+    }
+
+    /// As [`crate::Client::set_head`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_head(&self, head: Head) -> Result<(), ClientError> {
+        wait(self.inner.set_head(head))
+    }
+
+    /// As [`crate::Client::set_views`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_views(&self, views: Vec<View>) -> Result<(), ClientError> {
+        wait(self.inner.set_views(views))
+    }
+
+    /// As [`crate::Client::clear_views`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn clear_views(&self) -> Result<(), ClientError> {
+        wait(self.inner.clear_views())
+    }
+
+    /// As [`crate::Client::sight`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn sight(&self) -> Result<Sight, ClientError> {
+        wait(self.inner.sight())
     }
 
     /// As [`crate::Client::set_exposure`].

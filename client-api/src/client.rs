@@ -4,10 +4,12 @@ use std::pin::pin;
 
 use glam::DVec3;
 use polyptych_protocol::camera::Camera;
+use polyptych_protocol::command::View;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::Epoch;
-use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};
+use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
 use polyptych_protocol::wall::Wall;
 use tokio::io::{AsyncRead, AsyncWrite};
 
@@ -197,12 +199,50 @@ impl Client {
         self.set_camera(Camera::look_at(position, target, up)).await
     }
 
-    /// Moves the viewer's eye, in metres of display space, from the next frame on.
+    /// Moves the viewer's head, from the next frame on: all channels draw it for their eye of it.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] where one of the eyes would not see the front of a
+    /// screen.
+    pub async fn set_head(&self, head: Head) -> Result<(), ClientError> {
+        self.done("set the head", Request::SetHead(head)).await
+    }
+
+    /// As [`Client::set_head`], to a point between the eyes in metres of display space. The head
+    /// stays turned as it is, and its eyes as far apart.
+    ///
+    /// # Errors
+    /// As of [`Client::set_head`].
+    pub async fn set_eye(&self, eye_in_display: DVec3) -> Result<(), ClientError> {
+        self.done("set the eye", Request::SetEye(eye_in_display)).await
+    }
+
+    /// Lays views over the wall's own picture, from the next frame on, later ones over earlier
+    /// ones: at most 63. They stay when the camera moves, until [`Client::clear_views`].
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] where one of them cannot be.
+    pub async fn set_views(&self, views: Vec<View>) -> Result<(), ClientError> {
+        self.done("set the views", Request::SetViews(views)).await
+    }
+
+    /// Takes all views away, from the next frame on.
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn set_eye(&self, eye_in_display: DVec3) -> Result<(), ClientError> {
-        self.done("set the eye", Request::SetEye(eye_in_display)).await
+    pub async fn clear_views(&self) -> Result<(), ClientError> {
+        self.set_views(Vec::new()).await
+    }
+
+    /// Where camera, head and views are.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn sight(&self) -> Result<Sight, ClientError> {
+        match self.call(Request::DescribeSight).await? {
+            Reply::Sight(sight) => Ok(*sight),
+            other => Err(wrong_answer("read what the wall looks at", &other)),
+        }
     }
 
     /// Multiplies light by `exposure` before tone mapping, from the next frame on.

@@ -56,12 +56,14 @@ pub use reconnect::Reconnect;
 
 pub use glam;
 pub use polyptych_protocol::camera::Camera;
+pub use polyptych_protocol::command::{Area, View, ViewProjection};
 pub use polyptych_protocol::display::DisplayMode;
 pub use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Skew, Spread,
     Statistics, WallStatus,
 };
+pub use polyptych_protocol::head::Head;
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
-pub use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary};
+pub use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
 pub use polyptych_protocol::scene::{Bounds, SceneFeatures};
 pub use polyptych_protocol::wall::{Channel, Screen, Wall};

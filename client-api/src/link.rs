@@ -429,6 +429,9 @@ fn name(request: &Request) -> &'static str {
         Request::CloseScene => "close the scene",
         Request::SetCamera(_) => "set the camera",
         Request::SetEye(_) => "set the eye",
+        Request::SetHead(_) => "set the head",
+        Request::SetViews(_) => "set the views",
+        Request::DescribeSight => "read what the wall looks at",
         Request::SetExposure(_) => "set the exposure",
         Request::RenderFrame { .. } => "render a frame",
         Request::Run(_) => "run",
@@ -454,6 +457,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Reply) -> ClientError 
         Reply::Status(_) => "the status",
         Reply::Wall(_) => "the wall's description",
         Reply::Statistics(_) => "statistics",
+        Reply::Sight(_) => "what the wall looks at",
     };
     ClientError::WrongAnswer { request, answer }
 }

@@ -2,12 +2,13 @@
 
 use glam::{DMat3, DMat4, DVec3};
 use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::{Area, Frame, View};
+use polyptych_protocol::command::{Frame, View, ViewProjection};
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::limits::VIEWS_MAX;
 use polyptych_protocol::scene::{
     self, Filter, IndexFormat, Scene, Texture, TextureFormat, TextureRef,
 };
+use polyptych_protocol::wall::view::ViewPart;
 use polyptych_protocol::wall::{EyeOf, Wall};
 
 use crate::renderer::{
@@ -158,28 +159,35 @@ pub(crate) struct Sight {
 }
 
 impl Sight {
-    /// A camera's view from here.
-    pub fn view(&self, camera: &Camera, scissor: Option<[u32; 4]>, exposure: f32) -> ViewDesc {
+    /// What this view of a frame is from here, on all of the pixels.
+    pub fn view(&self, view: &View, frame: &Frame) -> ViewDesc {
+        let camera = &view.camera;
         // World to display space, the eye being the origin of both, then to the screen's axes;
         // a view is in metres, whatever the world's unit.
         let display_from_world =
             DMat3::from_quat(camera.rotation).transpose() * camera.scale.recip();
+        // A camera's own picture is the same for both eyes.
+        let middle_eye = match view.projection {
+            ViewProjection::Wall => frame.head.position,
+            _ => self.eye_in_display,
+        };
         ViewDesc {
             eye_in_world: camera.world_from_display(self.eye_in_display),
+            middle_eye_in_world: camera.world_from_display(middle_eye),
             view_from_world: self.view_from_display * display_from_world,
             clip_from_view: self.clip_from_view,
             viewport: self.viewport,
-            scissor,
-            exposure,
+            scissor: None,
+            exposure: frame.exposure,
         }
     }
 }
 
-/// Says why a frame's views cannot be drawn, if they cannot.
+/// What a channel shows of a frame: which view where, none over another.
 ///
 /// # Errors
 /// Too many of them, or what this server cannot draw.
-pub(crate) fn drawable(frame: &Frame) -> Result<(), String> {
+pub(crate) fn parts(wall: &Wall, id: ChannelId, frame: &Frame) -> Result<Vec<ViewPart>, String> {
     if frame.views.len() > VIEWS_MAX {
         return Err(format!("{} views, where {VIEWS_MAX} can be", frame.views.len()));
     }
@@ -187,47 +195,43 @@ pub(crate) fn drawable(frame: &Frame) -> Result<(), String> {
         // Said, rather than showing more than was asked for.
         return Err("this server draws whole scenes only, not the part under a node".to_owned());
     }
-    Ok(())
+    wall.view_parts(id, &frame.views).map_err(|error| error.to_string())
 }
 
-/// The views of a frame that a channel shows, as it sees them.
+/// From where a channel sees a view, for an eye in metres of display space.
 ///
 /// # Errors
-/// An eye that no frustum can be made for.
-pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewDesc>, String> {
-    drawable(frame)?;
-    let eye_of = wall.channel(channel).map_or_else(EyeOf::default, |c| c.adjustment.eye);
-    let eye = frame.head.eye(eye_of);
-    let frustum = wall.frustum(channel, eye).map_err(|error| error.to_string())?;
-    let sight = Sight {
+/// A view that cannot be shown, an eye that no frustum can be made for.
+pub(crate) fn sight(
+    wall: &Wall,
+    id: ChannelId,
+    view: &View,
+    eye_in_display: DVec3,
+) -> Result<Sight, String> {
+    let frustum = wall.view_frustum(id, view, eye_in_display).map_err(|error| error.to_string())?;
+    Ok(Sight {
         eye_in_display: frustum.eye,
         view_from_display: frustum.view_from_display,
         clip_from_view: frustum.clip_from_view,
         viewport: frustum.viewport,
-    };
-    let views = frame.views.iter().filter_map(|view| {
-        let scissor = scissor(wall, channel, view)?;
-        Some(sight.view(&view.camera, scissor, frame.exposure))
-    });
-    Ok(views.collect())
+    })
 }
 
-/// The rectangle of a channel that a view covers: `None` where it covers nothing, `Some(None)`
-/// where all of it.
-#[expect(clippy::option_option, reason = "nothing, everything and a part are three things")]
-pub(crate) fn scissor(wall: &Wall, id: ChannelId, view: &View) -> Option<Option<[u32; 4]>> {
-    let Area::Screen { screen, rect: [x, y, width, height] } = view.area else {
-        return Some(None);
-    };
-    let channel = wall.channel(id).filter(|channel| channel.screen == screen)?;
-    let from = |start: u32, origin: u32| start.max(origin);
-    let (left, top) = (from(x, channel.origin.x), from(y, channel.origin.y));
-    let right = x.saturating_add(width).min(channel.origin.x + channel.size.x);
-    let bottom = y.saturating_add(height).min(channel.origin.y + channel.size.y);
-    let is_covered = left < right && top < bottom;
-    is_covered.then(|| {
-        Some([left - channel.origin.x, top - channel.origin.y, right - left, bottom - top])
-    })
+/// The views of a frame that a channel shows, as the eye sees them that it is for. They do not lie
+/// over each other: of each pixel only the last view is drawn that covers it.
+///
+/// # Errors
+/// A view that cannot be shown, an eye that no frustum can be made for.
+pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewDesc>, String> {
+    let eye = wall.channel(channel).map_or_else(EyeOf::default, |c| c.adjustment.eye);
+    let size = wall.channel(channel).map_or([0; 2], |channel| channel.size.to_array());
+    let described = parts(wall, channel, frame)?.into_iter().map(|part| {
+        let view = &frame.views[part.view];
+        let seen = sight(wall, channel, view, frame.head.eye(eye))?.view(view, frame);
+        let scissor = (part.rect != [0, 0, size[0], size[1]]).then_some(part.rect);
+        Ok(ViewDesc { scissor, ..seen })
+    });
+    described.collect()
 }
 
 /// The view with which a new scene is drawn once before anyone sees it: from its edge, so that

@@ -172,7 +172,7 @@ impl Corrector {
         let correction =
             Correction::new(gpu, plan.desc.clone()).map_err(|error| error.to_string())?;
         let mut corrector = Self { plan, correction, shots: None };
-        let head = Head::at(wall.eye, wall.eye_separation_m);
+        let head = wall.head();
         let shots = corrector.shots(gpu, wall, &head)?.clone();
         let source = Target::of(gpu, shots.size, 1, false, Content::Light);
         let source = source.map_err(|error| error.to_string())?;

@@ -7,9 +7,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, select};
-use polyptych_protocol::command::{Area, Frame, Swap, View};
+use polyptych_protocol::command::{Frame, Swap, View};
 use polyptych_protocol::display::DisplayMode;
-use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{ChannelId, Epoch, FrameId, Revision};
 use polyptych_protocol::wall::Wall;
 use tokio::sync::mpsc;
@@ -452,14 +451,13 @@ impl RenderThread {
         else {
             return Ok(());
         };
-        let view = View { camera: state.warm_up, scene_root: None, area: Area::Wall };
         let frame = Frame {
             epoch: state.epoch,
             frame: FrameId(0),
             time_s: 0.0,
             revision: state.replica.revision,
-            views: vec![view],
-            head: Head::at(wall.eye, wall.eye_separation_m),
+            views: vec![View::of_wall(state.warm_up)],
+            head: wall.head(),
             exposure: 1.0,
             error_bound_px: 0.0,
             capture: false,

@@ -14,6 +14,7 @@ mod membership;
 mod memory;
 mod pace;
 mod registry;
+mod sight;
 mod skew;
 mod snapshot;
 mod span;
@@ -26,11 +27,11 @@ mod translate;
 use std::collections::{BTreeMap, VecDeque};
 
 use bytes::Bytes;
-use glam::DVec3;
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec;
-use polyptych_protocol::command::{Command, Pong};
+use polyptych_protocol::command::{Command, Pong, View};
 use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{ChannelId, Digest, Epoch, FrameId, RequestId};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::request::{Answer, Failure, Pace, Reply, SceneSummary};
@@ -161,7 +162,9 @@ pub struct Cluster {
     /// The last frame that was swapped.
     swapped: FrameId,
     camera: Camera,
-    eye: DVec3,
+    head: Head,
+    /// They lie over the wall's own picture.
+    views: Vec<View>,
     exposure: f32,
     displays: DisplayMode,
     /// Whether the wall has gone on from what another manager remembered, and no client has
@@ -208,7 +211,8 @@ impl Cluster {
             frame: FrameId(0),
             swapped: FrameId(0),
             camera: Camera::IDENTITY,
-            eye: wall.eye,
+            head: wall.head(),
+            views: Vec::new(),
             exposure: 1.0,
             displays: DisplayMode::Normal,
             is_going_on: false,

@@ -1,16 +1,25 @@
 //! What a manager remembers over a restart: a small file that is there whole or not at all.
 //!
 //! ```text
-//! PLYPSTAT | BLAKE3 of what follows, 32 bytes | encoded Memory
+//! PLYPSTA2 | BLAKE3 of what follows, 32 bytes | encoded Memory
 //! ```
+//!
+//! The last letter is the form: files of 0.1 and 0.2 end their name with T, and hold less.
 
 use std::fs;
 use std::io::{self, Read, Write};
 use std::path::Path;
 
+use glam::DVec3;
+use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec;
 use polyptych_protocol::display::DisplayMode;
-use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::head::Head;
+use polyptych_protocol::ids::{BlobHash, Revision};
+use polyptych_protocol::log::SceneRef;
+use polyptych_protocol::request::Pace;
+use polyptych_protocol::wall::EYE_SEPARATION_DEFAULT_M;
+use serde::{Deserialize, Serialize};
 
 use crate::cluster::Memory;
 
@@ -18,7 +27,23 @@ use crate::cluster::Memory;
 const MEMORY_BYTES_MAX: u64 = 64 << 10;
 
 /// How the file begins: one that begins otherwise is another program's, and is not written over.
-const MAGIC: [u8; 8] = *b"PLYPSTAT";
+const MAGIC: [u8; 8] = *b"PLYPSTA2";
+
+/// How files of the first form begin.
+const MAGIC_FIRST: [u8; 8] = *b"PLYPSTAT";
+
+/// What the first managers remembered.
+#[derive(Debug, Serialize, Deserialize)]
+struct First {
+    wall: BlobHash,
+    revision: Revision,
+    scene: Option<SceneRef>,
+    camera: Camera,
+    eye: DVec3,
+    exposure: f32,
+    pace: Option<Pace>,
+    displays: DisplayMode,
+}
 
 /// Whether this may be the file of a manager, or become it.
 ///
@@ -35,7 +60,8 @@ pub(crate) fn check(path: &Path) -> Result<(), String> {
     let mut begin = Vec::new();
     let read = fs::File::open(path).and_then(|file| file.take(8).read_to_end(&mut begin));
     // What is not there, or was torn before it was whole, is made anew.
-    if read.is_ok() && !MAGIC.starts_with(&begin) {
+    let is_ours = [MAGIC, MAGIC_FIRST].iter().any(|magic| magic.starts_with(&begin));
+    if read.is_ok() && !is_ours {
         return foreign("another file");
     }
     Ok(())
@@ -60,7 +86,9 @@ pub(crate) fn load(path: &Path) -> Option<Memory> {
         Ok(_) => {}
     }
     let bytes = fs::read(path).map_err(|error| warn(&error)).ok()?;
-    let whole = bytes.strip_prefix(&MAGIC).and_then(|rest| rest.split_at_checked(32));
+    let is_first = bytes.starts_with(&MAGIC_FIRST);
+    let magic = if is_first { MAGIC_FIRST } else { MAGIC };
+    let whole = bytes.strip_prefix(&magic).and_then(|rest| rest.split_at_checked(32));
     let Some((hash, memory)) = whole else {
         warn(&"it is cut short");
         return None;
@@ -69,15 +97,27 @@ pub(crate) fn load(path: &Path) -> Option<Memory> {
         warn(&"it was damaged");
         return None;
     }
-    decode(memory).map_err(|error| warn(&error)).ok()
+    let memory = if is_first { decode_first(memory) } else { codec::decode(memory) };
+    memory.map_err(|error| warn(&error)).ok()
 }
 
-/// What the bytes say, which are known to be whole.
-fn decode(memory: &[u8]) -> Result<Memory, codec::DecodeError> {
-    codec::decode(memory).or_else(|error| {
-        // The first managers remembered no display mode, which stands last.
+/// What bytes of the first form say, which are known to be whole.
+fn decode_first(memory: &[u8]) -> Result<Memory, codec::DecodeError> {
+    let first = codec::decode::<First>(memory).or_else(|error| {
+        // The very first managers remembered no display mode, which stands last.
         let normal = codec::encode(&DisplayMode::Normal);
         codec::decode(&[memory, &normal].concat()).map_err(|_| error)
+    })?;
+    Ok(Memory {
+        wall: first.wall,
+        revision: first.revision,
+        scene: first.scene,
+        camera: first.camera,
+        head: Head::at(first.eye, EYE_SEPARATION_DEFAULT_M),
+        views: Vec::new(),
+        exposure: first.exposure,
+        pace: first.pace,
+        displays: first.displays,
     })
 }
 
@@ -100,9 +140,7 @@ pub(crate) fn save(path: &Path, memory: &Memory) -> io::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use polyptych_protocol::camera::Camera;
-    use polyptych_protocol::ids::Revision;
-    use polyptych_protocol::request::Pace;
+    use polyptych_protocol::command::View;
 
     use super::*;
 
@@ -116,7 +154,8 @@ mod tests {
             revision: Revision(9),
             scene: None,
             camera: Camera { scale: 0.1, ..Camera::IDENTITY },
-            eye: glam::DVec3::new(0.1, 1.6, 0.3),
+            head: Head::at(DVec3::new(0.1, 1.6, 0.3), 0.06),
+            views: vec![View::of_wall(Camera::IDENTITY)],
             exposure: 1.5,
             pace: Some(Pace::Rate(60.0)),
             displays: DisplayMode::Blank,
@@ -139,23 +178,30 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_a_manager_that_knew_no_display_modes_is_read() {
+    fn files_of_the_first_managers_are_read() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("wall");
-        let memory = Memory {
+        let first = First {
             wall: BlobHash([7; 32]),
             revision: Revision(9),
             scene: None,
             camera: Camera::IDENTITY,
-            eye: glam::DVec3::ZERO,
+            eye: DVec3::Y,
             exposure: 1.0,
             pace: None,
-            displays: DisplayMode::Normal,
+            displays: DisplayMode::Blank,
         };
-        let now = codec::encode(&memory);
-        let before = &now[..now.len() - 1];
-        let hash = BlobHash::of(before).0;
-        fs::write(&path, [&MAGIC[..], &hash, before].concat()).expect("written");
-        assert_eq!(load(&path), Some(memory));
+        let whole = codec::encode(&first);
+        // The very first had no display mode.
+        for (bytes, displays) in
+            [(&whole[..], DisplayMode::Blank), (&whole[..whole.len() - 1], DisplayMode::Normal)]
+        {
+            let hash = BlobHash::of(bytes).0;
+            fs::write(&path, [&MAGIC_FIRST[..], &hash, bytes].concat()).expect("written");
+            assert_eq!(check(&path), Ok(()), "it may be written over");
+            let memory = load(&path).expect("remembered");
+            assert_eq!((memory.revision, memory.displays), (Revision(9), displays));
+            assert_eq!((memory.head.position, memory.views.len()), (DVec3::Y, 0));
+        }
     }
 }

@@ -51,7 +51,7 @@ pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<()> {
 }
 
 /// Says which channels a frame went on without: it was shown, but not there.
-fn warn_of_absent(feedback: &Feedback) {
+pub(super) fn warn_of_absent(feedback: &Feedback) {
     for channel in feedback.channels.iter().filter(|channel| channel.draw_us.is_none()) {
         let state = format!("{:?}", channel.state).to_lowercase();
         eprintln!("warning: channel {} did not draw it in time: it is {state}", channel.name);
@@ -165,7 +165,7 @@ pub(super) fn stop(arguments: &StopArguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let parsed: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
     let parsed = parsed.map_err(|error| format!("{text:?}: {error}"))?;
     parsed.try_into().map_err(|list: Vec<f64>| {
@@ -173,7 +173,7 @@ fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     })
 }
 
-fn point(text: &str) -> Result<DVec3, String> {
+pub(super) fn point(text: &str) -> Result<DVec3, String> {
     numbers::<3>(text).map(DVec3::from_array)
 }
 

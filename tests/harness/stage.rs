@@ -9,8 +9,7 @@ use image::RgbaImage;
 use polyptych_client::{Bounds, Camera, DisplayMode, Wall};
 use polyptych_manager::bake::{Store, bake};
 use polyptych_protocol::codec;
-use polyptych_protocol::command::{Area, Frame, View};
-use polyptych_protocol::head::Head;
+use polyptych_protocol::command::{Frame, View};
 use polyptych_protocol::ids::{ChannelId, Epoch, FrameId, Revision};
 use polyptych_protocol::scene;
 use polyptych_render::apply;
@@ -82,8 +81,8 @@ pub fn frame(wall: &Wall, camera: Camera) -> Frame {
         frame: FrameId(1),
         time_s: 0.0,
         revision: Revision(1),
-        views: vec![View { camera, scene_root: None, area: Area::Wall }],
-        head: Head::at(wall.eye, wall.eye_separation_m),
+        views: vec![View::of_wall(camera)],
+        head: wall.head(),
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: false,
@@ -101,7 +100,7 @@ pub fn seat(wall: &Wall, id: ChannelId) -> reference::view::Seat {
         canvas: screen.canvas.to_array(),
         origin: channel.origin.to_array(),
         size: channel.size.to_array(),
-        eye: Head::at(wall.eye, wall.eye_separation_m).eye(channel.adjustment.eye),
+        eye: wall.head().eye(channel.adjustment.eye),
         near_m: wall.near_m,
     }
 }

@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
-    Camera, ClientError, Digest, DisplayMode, Epoch, FrameId, OPEN_REQUESTS_MAX, Pace, Reply,
-    Request, Revision, SceneFeatures, SceneSummary, Spread, Statistics, Wall, WallStatus,
+    Camera, ClientError, Digest, DisplayMode, Epoch, FrameId, Head, OPEN_REQUESTS_MAX, Pace, Reply,
+    Request, Revision, SceneFeatures, SceneSummary, Sight, Spread, Statistics, View, Wall,
+    WallStatus,
 };
 use polyptych_protocol::wall::file;
 
@@ -69,6 +70,11 @@ pub fn wall() -> Wall {
     file::parse(text, "lab.toml".as_ref()).expect("a wall")
 }
 
+fn sight() -> Sight {
+    let head = Head::at(DVec3::X, 0.05);
+    Sight { camera: Camera::IDENTITY, head, views: Vec::new() }
+}
+
 /// Answers every request but a capture as a manager would.
 pub fn answer(request: &Request) -> Reply {
     match request {
@@ -77,6 +83,7 @@ pub fn answer(request: &Request) -> Reply {
         Request::Status => Reply::Status(Box::new(status())),
         Request::DescribeWall => Reply::Wall(Box::new(wall())),
         Request::Statistics { .. } => Reply::Statistics(Box::new(statistics())),
+        Request::DescribeSight => Reply::Sight(Box::new(sight())),
         _ => Reply::Done,
     }
 }
@@ -101,6 +108,12 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     client.set_camera(camera).await.expect("set");
     client.look_at(DVec3::X, DVec3::ZERO, DVec3::Y).await.expect("set");
     client.set_eye(DVec3::Z).await.expect("set");
+    let head = Head::at(DVec3::Z, 0.06);
+    client.set_head(head).await.expect("set");
+    let view = View::of_wall(camera);
+    client.set_views(vec![view.clone()]).await.expect("set");
+    client.clear_views().await.expect("cleared");
+    assert_eq!(client.sight().await.expect("sight"), sight());
     client.set_exposure(0.5).await.expect("set");
     assert_eq!(client.render_frame().await.expect("drawn"), feedback(9));
     let drawn = client.render_frame_at(Some(camera), Some(4.0)).await.expect("drawn");
@@ -119,6 +132,10 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
         Request::SetCamera(camera),
         Request::SetCamera(looking),
         Request::SetEye(DVec3::Z),
+        Request::SetHead(head),
+        Request::SetViews(vec![view]),
+        Request::SetViews(Vec::new()),
+        Request::DescribeSight,
         Request::SetExposure(0.5),
         Request::RenderFrame { camera: None, time_s: None },
         Request::RenderFrame { camera: Some(camera), time_s: Some(4.0) },

@@ -136,6 +136,22 @@ mod tests {
     }
 
     #[test]
+    fn what_is_near_is_farther_to_the_right_for_the_left_eye() {
+        let mut wall = plane();
+        wall.eye_separation_m = 0.06;
+        let head = wall.head();
+        let x = |of: EyeOf, point: DVec3| {
+            let seen = wall.pixel_from_display(crate::ids::ChannelId(0), head.eye(of), point);
+            seen.expect("ahead").x
+        };
+        let apart = |z: f64| x(EyeOf::Left, DVec3::Z * z) - x(EyeOf::Right, DVec3::Z * z);
+        // Of 64 pixels over 2 m, at half the distance both pictures are one separation apart.
+        assert!((apart(-0.5) - 0.06 * 32.0).abs() < 1e-9, "{}", apart(-0.5));
+        assert!(apart(-1.0).abs() < 1e-9, "on the screen they are one");
+        assert!((apart(-2.0) + 0.03 * 32.0).abs() < 1e-9, "{}", apart(-2.0));
+    }
+
+    #[test]
     fn an_eye_outside_a_cylinder_is_refused_and_one_within_moves_freely() {
         let (center, rotation) = (DVec3::ZERO, DQuat::IDENTITY);
         let (azimuth_rad, height_m) = ([-3.0, 3.0], [0.0, 2.0]);

@@ -79,7 +79,9 @@ pub enum ViewError {
         what: &'static str,
     },
     /// A camera's own picture over screens that stand at an angle.
-    #[error("screens {first} and {second} do not lie in one plane, in one size of pixels: name one")]
+    #[error(
+        "screens {first} and {second} do not lie in one plane, in one size of pixels: name one"
+    )]
     NotOnePlane {
         /// A screen's name.
         first: String,

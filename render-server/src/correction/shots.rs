@@ -1,7 +1,7 @@
 //! The planar pictures that a corrected channel's source is made of, for the eyes of one frame.
 
 use glam::{DMat4, DVec3};
-use polyptych_protocol::command::Frame;
+use polyptych_protocol::command::{Frame, ViewProjection};
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::Wall;
 use polyptych_protocol::wall::source::SourcePlan;
@@ -115,21 +115,26 @@ impl Shots {
         frame: &Frame,
         is_warped: bool,
     ) -> Result<Vec<ViewDesc>, String> {
-        apply::drawable(frame)?;
+        let size = wall.channel(id).map_or([0; 2], |channel| channel.size.to_array());
         let mut views = Vec::new();
-        for view in &frame.views {
-            let Some(part) = apply::scissor(wall, id, view) else { continue };
-            let size = wall.channel(id).map_or([0; 2], |channel| channel.size.to_array());
-            let part = part.filter(|part| *part != [0, 0, size[0], size[1]]);
-            if is_warped && part.is_some() {
-                return Err("a view that covers a part of a warped channel cannot be drawn".into());
+        for part in apply::parts(wall, id, frame)? {
+            let view = &frame.views[part.view];
+            let is_whole = part.rect == [0, 0, size[0], size[1]];
+            if is_warped && !(is_whole && view.projection == ViewProjection::Wall) {
+                return Err("a view on a part of a warped channel, or of a camera of its own, \
+                            cannot be drawn"
+                    .into());
             }
-            for (sight, rect) in &self.planes {
-                let scissor = match part {
-                    None => *rect,
-                    Some([x, y, width, height]) => [rect[0] + x, rect[1] + y, width, height],
-                };
-                views.push(sight.view(&view.camera, Some(scissor), frame.exposure));
+            for (seen, rect) in &self.planes {
+                if is_warped {
+                    views.push(ViewDesc { scissor: Some(*rect), ..seen.view(view, frame) });
+                    continue;
+                }
+                let [x, y, width, height] = part.rect;
+                let mut own = apply::sight(wall, id, view, seen.eye_in_display)?;
+                own.viewport[0] += f64::from(rect[0]);
+                let scissor = Some([rect[0] + x, rect[1] + y, width, height]);
+                views.push(ViewDesc { scissor, ..own.view(view, frame) });
             }
         }
         Ok(views)

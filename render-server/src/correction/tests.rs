@@ -93,7 +93,7 @@ fn frame(head: Head) -> Frame {
         frame: FrameId(1),
         time_s: 0.0,
         revision: Revision(1),
-        views: vec![View { camera: Camera::IDENTITY, scene_root: None, area: Area::Wall }],
+        views: vec![View::of_wall(Camera::IDENTITY)],
         head,
         exposure: 1.0,
         error_bound_px: 0.0,

@@ -84,13 +84,12 @@ impl Stage {
     fn draw(&mut self, exposure: f32, display: DisplayMode) {
         self.frame += 1;
         let revision = self.thread.states.back().expect("a state").state.replica.revision;
-        let view = View { camera: Camera::IDENTITY, scene_root: None, area: Area::Wall };
         let frame = Frame {
             epoch: EPOCH,
             frame: FrameId(self.frame),
             time_s: 0.0,
             revision,
-            views: vec![view],
+            views: vec![View::of_wall(Camera::IDENTITY)],
             head: Head::at(DVec3::ZERO, 0.0),
             exposure,
             error_bound_px: 0.0,

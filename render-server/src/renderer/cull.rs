@@ -14,6 +14,8 @@ const SLACK: f64 = 1e-9;
 #[derive(Clone, Debug)]
 pub(in crate::renderer) struct Planes {
     eye: DVec3,
+    /// Along all rays, where they do not meet in the eye.
+    rays: Option<DVec3>,
     /// Left, right, bottom, top, near, far.
     planes: [DVec4; 6],
 }
@@ -34,7 +36,14 @@ impl Planes {
             // An infinite far plane has no normal: it lets everything through.
             if length > 0.0 { plane / length } else { DVec4::W }
         };
-        Self { eye, planes: planes.map(unit) }
+        // The row of w is the direction in which it grows: none has no eye that rays meet in.
+        let rays = (w.truncate() == DVec3::ZERO).then(|| -z.truncate().normalize_or_zero());
+        Self { eye, rays, planes: planes.map(unit) }
+    }
+
+    /// The direction of all rays, where they are parallel.
+    pub fn rays(&self) -> Option<DVec3> {
+        self.rays
     }
 
     /// The eye, in the space of the planes.
@@ -51,7 +60,7 @@ impl Planes {
             let normal = plane.truncate();
             (transposed * normal).extend(plane.w + normal.dot(offset))
         });
-        Self { eye: DVec3::ZERO, planes }
+        Self { eye: DVec3::ZERO, rays: None, planes }
     }
 
     /// `None` where the box is outside; else the planes of `mask` that cut it.

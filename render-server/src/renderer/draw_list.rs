@@ -9,7 +9,7 @@ use glam::{DMat4, DVec3};
 
 use super::cull::Planes;
 use super::pipeline::{Cull, InstanceRecord};
-use super::scene::{Bounds, Relative, Scene};
+use super::scene::{Bounds, Cluster, Relative, Scene};
 use super::view::ViewDesc;
 
 /// Beyond so many visible items it costs more to find what of the target they touch than it
@@ -51,8 +51,8 @@ pub(in crate::renderer) struct DrawList {
 #[derive(Debug, Default)]
 pub(in crate::renderer) struct Scratch {
     visible: Vec<u32>,
-    /// Rank of the batch, bits of the squared distance, item.
-    opaque: Vec<(u32, u32, u32)>,
+    /// Rank of the batch, bits of the distance, item.
+    opaque: Vec<(u32, u64, u32)>,
     blended: Vec<(u64, u32)>,
     ranks: Vec<u32>,
 }
@@ -75,7 +75,7 @@ impl DrawList {
             touched: touched(scene, view, rectangle, &scratch.visible),
             ..Self::default()
         };
-        sort(scene, view.eye_in_world, scratch);
+        sort(scene, view, scratch);
         let clip_from_eye = view.scaled_clip_from_eye();
         let seen_from = (view.eye_in_world, &clip_from_eye);
         for &(_, _, index) in &scratch.opaque {
@@ -140,6 +140,23 @@ fn extend(draws: &mut Vec<Draw>, draw: Draw) {
     }
 }
 
+/// From where, or along what, an item is seen, in its own space.
+#[derive(Clone, Copy, Debug)]
+enum Sight {
+    From(DVec3),
+    Along(DVec3),
+}
+
+impl Sight {
+    /// Whether only backs of the cluster are seen.
+    fn misses(self, cluster: &Cluster) -> bool {
+        match self {
+            Self::From(eye) => eye.is_finite() && cluster.faces_away_from(eye),
+            Self::Along(rays) => rays.is_finite() && cluster.faces_along(rays),
+        }
+    }
+}
+
 /// Draws the clusters of an item that the rectangle may show and that may face the eye, joined
 /// where they follow each other. Gives the triangles within the rectangle.
 fn draw_parts(
@@ -155,9 +172,10 @@ fn draw_parts(
     let culls_back = scene.keys[whole.pipeline as usize].cull == Cull::Back;
     // A flat item has no side that an eye could be on.
     let is_solid = linear.determinant().abs() > f64::MIN_POSITIVE;
-    let eye = (culls_back && is_solid)
-        .then(|| linear.inverse() * (planes.eye() - item.origin))
-        .filter(|eye| eye.is_finite());
+    let sight = (culls_back && is_solid).then(|| match planes.rays() {
+        Some(rays) => Sight::Along((linear.inverse() * rays).normalize_or_zero()),
+        None => Sight::From(linear.inverse() * (planes.eye() - item.origin)),
+    });
     let mut triangles = 0;
     let mut part: Option<[u32; 2]> = None;
     for cluster in scene.clusters_of(whole.batch) {
@@ -165,7 +183,7 @@ fn draw_parts(
             continue;
         }
         triangles += u64::from(cluster.index_count / 3);
-        if eye.is_some_and(|eye| cluster.faces_away_from(eye)) {
+        if sight.is_some_and(|sight| sight.misses(cluster)) {
             continue;
         }
         match &mut part {
@@ -204,10 +222,10 @@ fn push(
 
 /// Opaque: by batch, nearest batch first, and within it the nearest item first. Blended: the
 /// farthest item first. Ties go by index, that is by node, instance, primitive.
-fn sort(scene: &Scene, eye: DVec3, scratch: &mut Scratch) {
+fn sort(scene: &Scene, view: &ViewDesc, scratch: &mut Scratch) {
     let mut batches: Vec<(f64, u32)> = (0u32..)
         .zip(&scene.batches)
-        .map(|(index, batch)| (batch.bounds.distance_squared(eye), index))
+        .map(|(index, batch)| (view.remoteness(&batch.bounds, true), index))
         .collect();
     batches.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     scratch.ranks.clear();
@@ -219,17 +237,24 @@ fn sort(scene: &Scene, eye: DVec3, scratch: &mut Scratch) {
     scratch.blended.clear();
     for &index in &scratch.visible {
         let item = &scene.items[index as usize];
-        let distance = scene.bounds[index as usize].center().distance_squared(eye);
-        // The bits of numbers that are not negative are in the order of the numbers.
+        let distance = view.remoteness(&scene.bounds[index as usize], false);
         if scene.batches[item.batch as usize].blended {
-            scratch.blended.push((!distance.to_bits(), index));
+            scratch.blended.push((!rising(distance), index));
         } else {
-            let near = (distance as f32).to_bits();
+            let near = rising(f64::from(distance as f32));
             scratch.opaque.push((scratch.ranks[item.batch as usize], near, index));
         }
     }
     scratch.opaque.sort_unstable();
     scratch.blended.sort_unstable();
+}
+
+/// Bits in the order of the numbers: those of negative ones turned around, below all others. A
+/// box without bounds counts as farthest.
+fn rising(number: f64) -> u64 {
+    let number = if number.is_nan() { f64::INFINITY } else { number };
+    let bits = number.to_bits();
+    if number.is_sign_negative() { !bits } else { bits | 1 << 63 }
 }
 
 /// The rectangle around the corners of all visible boxes, or all that the view may touch where

@@ -137,16 +137,18 @@ impl Frames {
     ) -> Result<DrawStats, DrawError> {
         let start = Instant::now();
         self.records.clear();
+        let extent = scene.extent();
+        let views: Vec<ViewDesc> = views.iter().map(|view| view.fitted(&extent)).collect();
         let mut lists = Vec::with_capacity(views.len());
         let mut seen = Vec::with_capacity(views.len());
-        for view in views {
+        for view in &views {
             let Some(rectangle) = view.rectangle(target.size()) else { continue };
             let (scratch, records) = (&mut self.scratch, &mut self.records);
             lists.push(DrawList::new(scene, view, rectangle, scratch, records));
             seen.push(view);
         }
         let culled = start.elapsed();
-        let sky = sky(scene, views);
+        let sky = sky(scene, &views);
         let clear_display = if scene.blends {
             self.tonemap.sky_color(gpu, sky, target.content())?
         } else {
@@ -194,6 +196,7 @@ impl Frames {
     ) -> Result<(), DrawError> {
         let view = ViewDesc {
             eye_in_world: DVec3::ZERO,
+            middle_eye_in_world: DVec3::ZERO,
             view_from_world: DMat3::IDENTITY,
             clip_from_view: DMat4::IDENTITY,
             viewport: [0.0, 0.0, 1.0, 1.0],

@@ -70,6 +70,11 @@ impl Scene {
         self.blends
     }
 
+    /// Around everything in it.
+    pub(in crate::renderer) fn extent(&self) -> Bounds {
+        self.batches.iter().fold(Bounds::EMPTY, |all, batch| all.union(batch.bounds))
+    }
+
     /// Primitives in all their places.
     pub fn item_count(&self) -> usize {
         self.items.len()

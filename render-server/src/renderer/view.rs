@@ -1,10 +1,10 @@
 //! What one picture is seen through, and what of it the shaders read.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{DMat3, DMat4, DVec3, Mat4, Vec3};
+use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
 
 use super::cull::Planes;
-use super::scene::{Lamp, Lights};
+use super::scene::{Bounds, Lamp, Lights};
 
 /// Directional lights in the uniforms; further ones are looked up like lamps.
 pub(in crate::renderer) const SUNS_MAX: usize = 4;
@@ -15,15 +15,30 @@ const GROUND: Vec3 = Vec3::new(0.36, 0.32, 0.28);
 /// Pixels by which the culled rectangle is wider than the drawn one, for points and lines.
 const CULL_MARGIN: f64 = 1.0;
 
+/// Share of a scene's extent by which the depth of parallel rays reaches beyond it: more than f32
+/// rounds, nothing that one would miss.
+const DEPTH_MARGIN: f64 = 1e-5;
+
+/// The least depth of parallel rays, in metres of the view: a flat scene has none of its own.
+const DEPTH_MIN_M: f64 = 1e-3;
+
+/// The depth of a scene without known bounds, in units of the world.
+const DEPTH_UNKNOWN: f64 = 1e6;
+
 /// One view of a scene onto a target.
 #[derive(Clone, Debug)]
 pub struct ViewDesc {
     /// In world space.
     pub eye_in_world: DVec3,
+    /// What is sorted is sorted by the distance to this point: the middle of both eyes, so that
+    /// they agree on what lies over what.
+    pub middle_eye_in_world: DVec3,
     /// Applied to `p − eye`; a rotation, or one with a uniform scale.
     pub view_from_world: DMat3,
     /// Reversed and infinite depth: z/w is 1 at the near plane and 0 at infinity. Of the whole
-    /// canvas, whatever part of it the target shows.
+    /// canvas, whatever part of it the target shows. Where its last row is (0, 0, 0, 1) all rays
+    /// are parallel, and only the near plane of its depth counts: the far one is fitted to the
+    /// scene.
     pub clip_from_view: DMat4,
     /// The canvas, x, y, width, height in pixels of the target, y down. The tiles of one screen
     /// have one matrix, and canvases shifted by whole pixels.
@@ -43,6 +58,7 @@ pub(in crate::renderer) struct FrameUniform {
     pub exposure: f32,
     pub ground: [f32; 3],
     pub pad: f32,
+    pub eye: [f32; 4],
     pub suns: [SunRecord; SUNS_MAX],
 }
 
@@ -102,6 +118,59 @@ impl ViewDesc {
         self.clip_from_eye() * scale
     }
 
+    /// Whether all rays are parallel, instead of meeting in the eye.
+    pub(in crate::renderer) fn is_parallel(&self) -> bool {
+        self.clip_from_view.row(3) == DVec4::W
+    }
+
+    /// The unit vector in world space along which the middle ray looks.
+    pub(in crate::renderer) fn forward(&self) -> DVec3 {
+        -self.view_from_world.row(2).normalize_or(DVec3::Z)
+    }
+
+    /// How far a box is, for the order of drawing: by its centre, or by its nearest point. Squared
+    /// where rays meet in an eye; of parallel rays the depth, which may be negative.
+    pub(in crate::renderer) fn remoteness(&self, of: &Bounds, by_nearest: bool) -> f64 {
+        if self.is_parallel() {
+            let forward = self.forward();
+            let depth = forward.dot(of.center() - self.eye_in_world);
+            return depth - if by_nearest { forward.abs().dot(of.half()) } else { 0.0 };
+        }
+        if by_nearest {
+            of.distance_squared(self.middle_eye_in_world)
+        } else {
+            of.center().distance_squared(self.middle_eye_in_world)
+        }
+    }
+
+    /// The same view with a depth that holds all of the scene behind the near plane, where rays
+    /// are parallel: the eye moves along them to where the scene begins, so that f32 has the
+    /// scene's own size to resolve and not its distance. The smallest step in depth is then the
+    /// scene's extent along the rays × 2⁻²⁴, 0.6 mm of 10 km, and finer towards the far end.
+    pub(in crate::renderer) fn fitted(&self, scene: &Bounds) -> Self {
+        if !self.is_parallel() {
+            return self.clone();
+        }
+        let forward = self.forward();
+        let world_per_metre = self.view_from_world.row(2).length().recip();
+        let (slope, at_eye) = (self.clip_from_view.z_axis.z, self.clip_from_view.w_axis.z);
+        let near = (at_eye - 1.0) / slope * world_per_metre;
+        let middle = forward.dot(scene.center() - self.eye_in_world);
+        let half = forward.abs().dot(scene.half());
+        let is_known = middle.is_finite() && half.is_finite();
+        let (begin, end) = if is_known { (middle - half, middle + half) } else { (near, near) };
+        // Beyond what f32 rounds away from a box that is flat along the rays.
+        let margin = (half + middle.abs() * f64::EPSILON) * DEPTH_MARGIN;
+        let begin = if is_known { near.max(begin - margin) } else { near };
+        let least = world_per_metre * DEPTH_MIN_M;
+        let depth = if is_known { (end + margin - begin).max(least) } else { DEPTH_UNKNOWN };
+        let mut clip_from_view = self.clip_from_view;
+        clip_from_view.z_axis.z = world_per_metre / depth;
+        clip_from_view.w_axis.z = 1.0;
+        let eye_in_world = self.eye_in_world + forward * begin;
+        Self { eye_in_world, clip_from_view, ..self.clone() }
+    }
+
     /// The uniforms of this view.
     pub(in crate::renderer) fn uniform(&self, sky: Vec3, lights: &Lights) -> FrameUniform {
         let mut suns = [SunRecord::default(); SUNS_MAX];
@@ -109,6 +178,8 @@ impl ViewDesc {
             record.toward = sun.toward.to_array();
             record.irradiance = sun.irradiance.to_array();
         }
+        let eye =
+            if self.is_parallel() { (-self.forward()).as_vec3().extend(0.0) } else { Vec4::W };
         let clip_from_eye: Mat4 = self.scaled_clip_from_eye().as_mat4();
         FrameUniform {
             clip_from_eye: clip_from_eye.to_cols_array_2d(),
@@ -116,6 +187,7 @@ impl ViewDesc {
             exposure: self.exposure,
             ground: (sky * GROUND).to_array(),
             pad: 0.0,
+            eye: eye.to_array(),
             suns,
         }
     }

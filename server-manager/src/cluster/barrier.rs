@@ -3,10 +3,9 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::{Area, Command, Frame, Swap, View};
+use polyptych_protocol::command::{Command, Frame, Swap};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{ChannelId, Digest, FrameId, Revision};
 use polyptych_protocol::request::Reply;
 use polyptych_protocol::status::Drawn;
@@ -225,14 +224,13 @@ impl Cluster {
     }
 
     fn describe_frame(&self, time_s: f64, capture: bool) -> Frame {
-        let view = View { camera: self.camera, scene_root: None, area: Area::Wall };
         Frame {
             epoch: self.epoch,
             frame: self.frame,
             time_s,
             revision: self.shown.revision,
-            views: vec![view],
-            head: Head::at(self.eye, self.wall.eye_separation_m),
+            views: self.all_views(),
+            head: self.head,
             exposure: self.exposure,
             error_bound_px: 0.0,
             capture,

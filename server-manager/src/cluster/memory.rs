@@ -1,9 +1,10 @@
 //! What outlives a manager: remembered before a client is told that it was done.
 
-use glam::DVec3;
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec;
+use polyptych_protocol::command::View;
 use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{BlobHash, Epoch, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
 use polyptych_protocol::request::Pace;
@@ -27,14 +28,15 @@ pub struct Memory {
     pub scene: Option<SceneRef>,
     /// Where display space stands.
     pub camera: Camera,
-    /// Where the viewer's eye stands, in metres of display space.
-    pub eye: DVec3,
+    /// Where the viewer's eyes are.
+    pub head: Head,
+    /// What lies over the wall's own picture.
+    pub views: Vec<View>,
     /// Multiplies light.
     pub exposure: f32,
     /// How fast the wall draws by itself.
     pub pace: Option<Pace>,
-    /// What displays show: a wall that was made black does not light up with a new manager. Last:
-    /// files of version 0.1.0 end before it.
+    /// What displays show: a wall that was made black does not light up with a new manager.
     pub displays: DisplayMode,
 }
 
@@ -51,9 +53,11 @@ impl Cluster {
             if memory.camera.fault().is_none() {
                 cluster.camera = memory.camera;
             }
-            let can_stand = cluster.wall.channel_ids();
-            if can_stand.map(|id| cluster.wall.frustum(id, memory.eye)).all(|f| f.is_ok()) {
-                cluster.eye = memory.eye;
+            if let Err(reason) = cluster.set_head(memory.head) {
+                tracing::warn!(reason, "the head that was remembered cannot be");
+            }
+            if let Err(reason) = cluster.set_views(memory.views.clone()) {
+                tracing::warn!(reason, "the views that were remembered cannot be");
             }
             if memory.exposure.is_finite() && memory.exposure >= 0.0 {
                 cluster.exposure = memory.exposure;
@@ -77,7 +81,8 @@ impl Cluster {
             revision: self.shown.revision,
             scene: self.shown.scene.clone(),
             camera: self.camera,
-            eye: self.eye,
+            head: self.head,
+            views: self.views.clone(),
             exposure: self.exposure,
             pace: self.pacer.pace(),
             displays: self.displays,

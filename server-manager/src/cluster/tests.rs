@@ -4,6 +4,7 @@ mod displays;
 mod failures;
 mod found;
 mod random;
+mod sight;
 mod simulated;
 
 use std::collections::BTreeMap;

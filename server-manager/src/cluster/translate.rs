@@ -1,12 +1,13 @@
 //! Requests of clients: what each of them sets in motion.
 
-use polyptych_protocol::camera::Camera;
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::limits::PATH_BYTES_MAX;
 use polyptych_protocol::log::Operation;
 use polyptych_protocol::request::{Failure, Pace, Reply, Request};
 use tracing::Level;
 
+use super::sight::checked_camera;
 use super::{Change, Cluster, FRAME_ORDERS_MAX, FrameOrder, Micros, Output, RequestOf, SessionId};
 
 /// Slowest and fastest rate that a client may ask for, in frames per second.
@@ -62,15 +63,10 @@ impl Cluster {
                 self.request_change(now, Change { operations, job, summary: None });
                 return Ok(None);
             }
-            Request::SetCamera(camera) => {
-                self.camera = checked_camera(camera)?;
-            }
-            Request::SetEye(eye) => {
-                for channel in self.wall.channel_ids() {
-                    self.wall.frustum(channel, eye).map_err(|error| error.to_string())?;
-                }
-                self.eye = eye;
-            }
+            Request::SetCamera(camera) => self.camera = checked_camera(camera)?,
+            Request::SetEye(position) => self.set_head(Head { position, ..self.head })?,
+            Request::SetHead(head) => self.set_head(head)?,
+            Request::SetViews(views) => self.set_views(views)?,
             Request::SetExposure(exposure) => {
                 if !(exposure.is_finite() && exposure >= 0.0) {
                     return Err(format!("an exposure is 0 or more, not {exposure}"));
@@ -102,6 +98,7 @@ impl Cluster {
             Request::Pause => self.set_pace(None, now),
             Request::Status => return Ok(Some(Reply::Status(Box::new(self.status(now))))),
             Request::DescribeWall => return Ok(Some(Reply::Wall(Box::new(self.wall.clone())))),
+            Request::DescribeSight => return Ok(Some(Reply::Sight(Box::new(self.sight())))),
             Request::Statistics { reset } => {
                 return Ok(Some(Reply::Statistics(Box::new(self.statistics(reset)))));
             }
@@ -147,12 +144,5 @@ impl Cluster {
         }
         self.orders.push_back(order);
         Ok(None)
-    }
-}
-
-fn checked_camera(camera: Camera) -> Result<Camera, String> {
-    match camera.fault() {
-        Some(fault) => Err(fault),
-        None => Ok(Camera { rotation: camera.rotation.normalize(), ..camera }),
     }
 }

@@ -228,6 +228,8 @@ fn is_everyday(request: &Request) -> bool {
         Request::RenderFrame { .. }
             | Request::SetCamera(_)
             | Request::SetEye(_)
+            | Request::SetHead(_)
+            | Request::DescribeSight
             | Request::Status
             | Request::DescribeWall
             | Request::Statistics { .. }

@@ -5,7 +5,9 @@ use glam::{DAffine3, DQuat, DVec3, Quat, Vec3};
 use polyptych_protocol::blob::{BlobChunk, BulkDown, BulkUp, PictureChunk};
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec::encode;
-use polyptych_protocol::command::{Area, Command, Frame, Pong, Prepare, Swap, View};
+use polyptych_protocol::command::{
+    Area, Command, Frame, Pong, Prepare, Swap, View, ViewProjection,
+};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Skew, Spread,
@@ -106,7 +108,8 @@ fn commands() -> Vec<Command> {
         Operation::CloseScene,
     ];
     let part = Area::Screen { screen: 0, rect: [10, 20, 100, 200] };
-    let view = |area| View { camera: camera(), scene_root: None, area };
+    let projection = ViewProjection::Orthographic { height_m: 50.0 };
+    let view = |area| View { area, projection, ..View::of_wall(camera()) };
     let frame = Frame {
         epoch: EPOCH,
         frame: FrameId(1),
@@ -156,6 +159,12 @@ fn statuses() -> Vec<Status> {
     ]
 }
 
+fn plan() -> View {
+    let area = Area::Screen { screen: 0, rect: [10, 20, 100, 200] };
+    let projection = ViewProjection::Perspective { fov_y_rad: 0.8 };
+    View { area, projection, ..View::of_wall(camera()) }
+}
+
 fn calls() -> Vec<Call> {
     let requests = [
         Request::OpenScene { path: "town.glb".into() },
@@ -175,6 +184,9 @@ fn calls() -> Vec<Call> {
         Request::Subscribe(true),
         Request::Stop,
         Request::SetDisplays(DisplayMode::Blank),
+        Request::SetHead(Head::at(DVec3::Y, 0.06)),
+        Request::SetViews(vec![View::of_wall(camera()), plan()]),
+        Request::DescribeSight,
     ];
     let call = |(request, id)| Call { id: RequestId(id), request };
     requests.into_iter().zip(1..).map(call).collect()

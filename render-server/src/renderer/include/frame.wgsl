@@ -13,6 +13,8 @@ struct Frame {
     exposure: f32,
     ground: vec3<f32>,
     pad: f32,
+    // Homogeneous: the origin, or with w = 0 the direction to it where all rays are parallel.
+    eye: vec4<f32>,
     suns: array<Sun, 4>,
 }
 

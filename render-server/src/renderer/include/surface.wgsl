@@ -120,7 +120,7 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     let position = position_of(v);
     var s: Surface;
     s.normal = shading_normal(v, front);
-    s.toward_eye = unit(-position);
+    s.toward_eye = unit(frame.eye.xyz - position * frame.eye.w);
     s.n_dot_v = max(abs(dot(s.normal, s.toward_eye)), 1e-4);
     let alpha = max(roughness * roughness, ALPHA_MIN);
     s.alpha_squared = alpha * alpha;

@@ -42,6 +42,13 @@ impl Cluster {
         let distance = away.length();
         away.dot(axis) >= (sine + MARGIN) * distance + self.half.length()
     }
+
+    /// The same for rays in one direction, of unit length: from infinitely far the cluster has no
+    /// extent.
+    pub fn faces_along(&self, rays: DVec3) -> bool {
+        const MARGIN: f64 = 1e-3;
+        self.cone.is_some_and(|(axis, sine)| rays.dot(axis) >= sine + MARGIN)
+    }
 }
 
 /// The clusters of a primitive's checked bytes; none where it is small, or not of triangles.

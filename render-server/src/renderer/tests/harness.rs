@@ -213,6 +213,7 @@ pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
     let aspect = f64::from(canvas[0]) / f64::from(canvas[1]);
     ViewDesc {
         eye_in_world: eye,
+        middle_eye_in_world: eye,
         view_from_world: DMat3::from_cols(x, z.cross(x), z).transpose(),
         clip_from_view: DMat4::from_cols(
             DVec4::X * f / aspect,

@@ -80,7 +80,7 @@ fn uniforms_match_their_twins() {
         inverse_gamma,
         texel
     );
-    twin!("Frame", FrameUniform, clip_from_eye, sky, exposure, ground, suns);
+    twin!("Frame", FrameUniform, clip_from_eye, sky, exposure, ground, eye, suns);
     twin!("Sun", SunRecord, toward, irradiance);
     twin!("Lamp", LampRecord, position, inverse_range, intensity, directional, direction, cone);
     twin!(

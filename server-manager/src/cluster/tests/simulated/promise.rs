@@ -3,9 +3,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::DVec3;
 use polyptych_protocol::camera::Camera;
+use polyptych_protocol::command::View;
 use polyptych_protocol::feedback::Feedback;
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{FrameId, RequestId, Revision};
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::{Answer, Pace, Reply, Request};
@@ -33,7 +34,8 @@ pub struct Promises {
 struct Told {
     scene: Option<(Revision, Option<String>)>,
     camera: Option<Camera>,
-    eye: Option<DVec3>,
+    head: Option<Head>,
+    views: Option<Vec<View>>,
     exposure: Option<f32>,
     #[expect(clippy::option_option, reason = "told nothing, told to stand, told to run")]
     pace: Option<Option<Pace>>,
@@ -74,7 +76,8 @@ impl Watch {
         }
         let Some(memory) = memory else { return Ok(()) };
         let is_kept = told.camera.is_none_or(|camera| cluster.camera == camera)
-            && told.eye.is_none_or(|eye| cluster.eye == eye)
+            && told.head.is_none_or(|head| cluster.head == head)
+            && told.views.as_ref().is_none_or(|views| cluster.views == *views)
             && told.exposure.is_none_or(|exposure| cluster.exposure == exposure)
             && told.pace.is_none_or(|pace| cluster.pacer.pace() == pace)
             && cluster.shown.scene == memory.scene
@@ -216,8 +219,16 @@ impl Watch {
                 told.camera = camera.filter(|_| !self.promises.open.values().any(places));
             }
             (Request::SetEye(eye), Reply::Done) => {
-                told.eye = Some(*eye);
-                is_kept(|memory, asked| *asked == Request::SetEye(memory.eye))?;
+                told.head = memory.map(|memory| memory.head);
+                is_kept(|memory, _| memory.head.position == *eye)?;
+            }
+            (Request::SetHead(head), Reply::Done) => {
+                told.head = Some(*head);
+                is_kept(|memory, asked| *asked == Request::SetHead(memory.head))?;
+            }
+            (Request::SetViews(views), Reply::Done) => {
+                told.views = Some(views.clone());
+                is_kept(|memory, _| memory.views == *views)?;
             }
             (Request::SetExposure(exposure), Reply::Done) => {
                 told.exposure = Some(*exposure);
@@ -257,6 +268,13 @@ impl Watch {
                 }
                 if *reset {
                     self.promises.frames = 0;
+                }
+            }
+            (Request::DescribeSight, Reply::Sight(sight)) => {
+                let is_it = told.head.is_none_or(|head| sight.head == head)
+                    && told.views.as_ref().is_none_or(|views| sight.views == *views);
+                if !is_it {
+                    return Err(format!("told {told:?}, but asked it is {sight:?}"));
                 }
             }
             (Request::DescribeWall, Reply::Wall(_)) | (Request::Stop, Reply::Done) => {}

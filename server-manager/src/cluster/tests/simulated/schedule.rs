@@ -3,7 +3,9 @@
 
 use glam::DVec3;
 use polyptych_protocol::camera::Camera;
+use polyptych_protocol::command::View;
 use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::request::{Pace, Request};
 use polyptych_protocol::wall::DeadlineRule;
@@ -147,7 +149,9 @@ fn request(world: &mut World, dice: &mut Dice) -> Check {
             request
         }
         25..35 => Request::SetCamera(spot(dice)),
-        35..38 => Request::SetEye(DVec3::new(dice.below(9) as f64 * 0.1, 0.0, 0.5)),
+        35 => Request::SetEye(DVec3::new(dice.below(9) as f64 * 0.1, 0.0, 0.5)),
+        36 => Request::SetHead(Head::at(DVec3::Z * dice.below(9) as f64 * 0.1, 0.06)),
+        37 => Request::SetViews(vec![View::of_wall(spot(dice)); dice.below(3) as usize]),
         38..41 => Request::SetExposure(dice.below(5) as f32),
         41..50 => {
             let request = Request::OpenScene { path: "town.glb".into() };
@@ -169,7 +173,8 @@ fn request(world: &mut World, dice: &mut Dice) -> Check {
         68..74 => Request::Capture,
         74..80 => Request::Status,
         80..86 => Request::Statistics { reset: dice.is_hit(300) },
-        86..88 => Request::DescribeWall,
+        86 => Request::DescribeWall,
+        87 => Request::DescribeSight,
         88..94 => Request::Subscribe(dice.is_hit(700)),
         94..97 => Request::SetExposure(f32::NAN),
         97 if dice.is_hit(200) => Request::Stop,

@@ -1,0 +1,53 @@
+//! What the wall looks at, and from where: the camera, the viewer's head, and the views that lie
+//! over the wall's own picture.
+
+use polyptych_protocol::camera::Camera;
+use polyptych_protocol::command::View;
+use polyptych_protocol::head::Head;
+use polyptych_protocol::request::Sight;
+
+use super::Cluster;
+
+impl Cluster {
+    pub(super) fn set_head(&mut self, head: Head) -> Result<(), String> {
+        self.wall.check_head(&head).map_err(|error| error.to_string())?;
+        self.head = Head { rotation: head.rotation.normalize(), ..head };
+        Ok(())
+    }
+
+    pub(super) fn set_views(&mut self, views: Vec<View>) -> Result<(), String> {
+        let mut all = vec![View::of_wall(Camera::IDENTITY)];
+        all.extend(views.into_iter().map(|view| View { camera: normal(view.camera), ..view }));
+        self.wall.check_views(&all).map_err(|error| error.to_string())?;
+        all.remove(0);
+        self.views = all;
+        Ok(())
+    }
+
+    /// What a frame shows: the wall's own picture, and what lies over it.
+    pub(super) fn all_views(&self) -> Vec<View> {
+        let own = View::of_wall(self.camera);
+        std::iter::once(own).chain(self.views.iter().cloned()).collect()
+    }
+
+    pub(super) fn sight(&self) -> Sight {
+        Sight { camera: self.camera, head: self.head, views: self.views.clone() }
+    }
+}
+
+pub(super) fn checked_camera(camera: Camera) -> Result<Camera, String> {
+    match camera.fault() {
+        Some(fault) => Err(fault),
+        None => Ok(normal(camera)),
+    }
+}
+
+/// Numbers of others are units only nearly.
+fn normal(camera: Camera) -> Camera {
+    let length = camera.rotation.length();
+    if length > 0.0 && length.is_finite() {
+        Camera { rotation: camera.rotation.normalize(), ..camera }
+    } else {
+        camera
+    }
+}
