@@ -173,6 +173,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
     let plane = corrected.plan.planes[0][0];
     let view = |viewport: [u32; 4]| ViewDesc {
         eye_in_world: camera.world_from_display(DVec3::ZERO),
+        middle_eye_in_world: camera.world_from_display(DVec3::ZERO),
         view_from_world: plane.view_from_display
             * DMat3::from_quat(camera.rotation).transpose()
             * camera.scale.recip(),

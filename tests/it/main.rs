@@ -11,6 +11,7 @@
 //! - `wall_files`: warp maps, masks and archives that others wrote
 //! - `seams`: a wall of tiles shows what one channel shows
 //! - `exact`: what is drawn against a renderer in f64, in all cases that are hard for numbers
+//! - `views`: both eyes, and other cameras on parts of the wall
 //! - `twins`: the same commands give the same bytes, whoever draws
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
 //! - `trust`: walls of several machines: keys, and who is refused for want of the right ones
@@ -43,5 +44,6 @@ mod tidy;
 mod trust;
 mod twins;
 mod wall_files;
+mod views;
 mod wall_of_processes;
 mod windows;

@@ -4,6 +4,7 @@ mod correction;
 pub(crate) mod harness;
 mod labels;
 mod order;
+mod parallel;
 mod robustness;
 mod shaders;
 mod shading;
