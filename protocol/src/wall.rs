@@ -21,9 +21,9 @@ pub mod superposition;
 pub mod surface;
 pub mod table;
 mod tiling;
+pub mod view;
 pub mod warp;
 pub mod warp_mesh;
-pub mod view;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

@@ -43,7 +43,7 @@ mod soak;
 mod tidy;
 mod trust;
 mod twins;
-mod wall_files;
 mod views;
+mod wall_files;
 mod wall_of_processes;
 mod windows;
