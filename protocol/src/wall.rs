@@ -111,6 +111,9 @@ pub struct MapFile {
     pub kind: FileKind,
     /// What it was baked to; `None` until that was done, never in a wall that servers get.
     pub blob: Option<BlobHash>,
+    /// Whether it is right for the eye of the wall file only, as maps on a canvas are: then no
+    /// head moves. Known once it was baked.
+    pub is_for_one_eye: bool,
 }
 
 /// What a wall's file is.

@@ -27,7 +27,7 @@ fn wall_with_files(place: &Place) -> Wall {
     let mask = Png { size: [2, 2], color: 0, bits: 8, gamma: Some(45_455), texels: &texels };
     place.write("front.png", png(&mask));
     for (path, kind) in [("front.pfm", FileKind::Warp), ("front.png", FileKind::Alpha)] {
-        wall.files.push(MapFile { path: path.to_owned(), kind, blob: None });
+        wall.files.push(MapFile { path: path.to_owned(), kind, blob: None, is_for_one_eye: false });
     }
     wall.channels[0].adjustment.warp = Some(0);
     wall.channels[0].adjustment.alpha = Some(1);

@@ -13,6 +13,17 @@ pub enum HeadError {
     /// Its numbers are none.
     #[error("{0}")]
     Numbers(String),
+    /// A channel's pixels are known for the eye of the wall file only.
+    #[error(
+        "channel {channel} is warped by {path}, which is right for the eye of the wall file only; \
+         maps of points in metres follow a head"
+    )]
+    OneEye {
+        /// The channel's name.
+        channel: String,
+        /// Of its warp.
+        path: String,
+    },
     /// An eye does not see the front of a screen.
     #[error("the {} does not see its screen: {error}", name(*.of))]
     Eye {
@@ -59,11 +70,23 @@ impl Wall {
         }
         for channel in &self.channels {
             for &of in channel.eyes() {
+                self.check_warp(channel, head.eye(of) == self.head().eye(of))?;
                 let seen = self.check_eye(channel, head.eye(of));
                 seen.map_err(|error| HeadError::Eye { of, error })?;
             }
         }
         Ok(())
+    }
+
+    fn check_warp(&self, channel: &Channel, is_at_rest: bool) -> Result<(), HeadError> {
+        let file = channel.adjustment.warp.and_then(|file| self.files.get(usize::from(file)));
+        match file.filter(|file| file.is_for_one_eye && !is_at_rest) {
+            None => Ok(()),
+            Some(file) => {
+                let (channel, path) = (channel.name.clone(), file.path.clone());
+                Err(HeadError::OneEye { channel, path })
+            }
+        }
     }
 
     fn check_eye(&self, channel: &Channel, eye: DVec3) -> Result<(), FrustumError> {
@@ -90,7 +113,7 @@ mod tests {
 
     use super::*;
     use crate::wall::surface::{Cylinder, Plane};
-    use crate::wall::{Screen, Surface};
+    use crate::wall::{FileKind, MapFile, Screen, Surface};
 
     fn wall(surface: Surface) -> Wall {
         let screen = Screen::new("front", surface, UVec2::new(64, 32));
@@ -149,6 +172,20 @@ mod tests {
         assert!((apart(-0.5) - 0.06 * 32.0).abs() < 1e-9, "{}", apart(-0.5));
         assert!(apart(-1.0).abs() < 1e-9, "on the screen they are one");
         assert!((apart(-2.0) + 0.03 * 32.0).abs() < 1e-9, "{}", apart(-2.0));
+    }
+
+    #[test]
+    fn a_warp_for_one_eye_refuses_to_follow_a_head() {
+        let mut wall = plane();
+        let (path, kind) = ("left.png".to_owned(), FileKind::Warp);
+        wall.files.push(MapFile { path, kind, blob: None, is_for_one_eye: true });
+        wall.channels[0].adjustment.warp = Some(0);
+        assert_eq!(wall.check_head(&wall.head()), Ok(()), "where the wall file has it");
+        let moved = Head::at(DVec3::X * 0.1, wall.eye_separation_m);
+        let error = wall.check_head(&moved).expect_err("moved").to_string();
+        assert!(error.contains("c0") && error.contains("left.png"), "{error}");
+        wall.files[0].is_for_one_eye = false;
+        assert_eq!(wall.check_head(&moved), Ok(()));
     }
 
     #[test]

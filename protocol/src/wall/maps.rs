@@ -144,7 +144,12 @@ mod tests {
         }
         wall.screens.push(Screen::new("hill", surface, UVec2::ONE));
         wall.channels.push(channel);
-        wall.files.push(MapFile { path: "x".into(), kind, blob: Some(BlobHash([3; 32])) });
+        wall.files.push(MapFile {
+            path: "x".into(),
+            kind,
+            blob: Some(BlobHash([3; 32])),
+            is_for_one_eye: false,
+        });
         wall
     }
 

@@ -60,6 +60,8 @@ pub struct BakedMap {
     pub blob: BlobHash,
     /// What it is, for people: "warp grid of 64 × 36 points in display space".
     pub what: String,
+    /// Whether its points lie on a canvas, and so are right for one eye only.
+    pub is_for_one_eye: bool,
 }
 
 /// Reads a file of a wall and writes its blob into the store.
@@ -74,7 +76,8 @@ pub fn bake_map(
 ) -> Result<BakedMap, BakeError> {
     let map = read(path, used_as, store, cancel).map_err(|error| error.about(path))?;
     let blob = store.blobs().write(&map.encode())?;
-    Ok(BakedMap { blob, what: describe(&map) })
+    let is_for_one_eye = matches!(&map, WallMap::Warp(warp) if warp.space == MapSpace::Canvas);
+    Ok(BakedMap { blob, what: describe(&map), is_for_one_eye })
 }
 
 fn read(

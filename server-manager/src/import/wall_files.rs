@@ -35,6 +35,8 @@ pub fn bake_wall_files(wall: &mut Wall, folder: &Path, baker: &Baker) -> Result<
         let hash = hash.ok_or_else(|| about("the baker named no blob"))?;
         tracing::debug!(file = file.path, what = %baked["what"], "a file of the wall was read");
         wall.files[index].blob = Some(hash);
+        let is_for_one_eye = baked.pointer("/is_for_one_eye").and_then(|is| is.as_bool());
+        wall.files[index].is_for_one_eye = is_for_one_eye == Some(true);
     }
     Ok(())
 }
@@ -79,7 +81,7 @@ mod tests {
             wall.channels.push(channel);
         }
         for kind in [FileKind::Warp, FileKind::Warp, FileKind::Alpha, FileKind::ScreenMesh] {
-            wall.files.push(MapFile { path: "x".into(), kind, blob: None });
+            wall.files.push(MapFile { path: "x".into(), kind, blob: None, is_for_one_eye: false });
         }
         assert_eq!(options(&wall, 0), ["--as", "warp", "--aspect", "1.7777777777777777"]);
         assert_eq!(options(&wall, 2), ["--as", "mask"]);
