@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DQuat, DVec2, DVec3, UVec2, Vec3};
 use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::{Area, View};
+use polyptych_protocol::command::View;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
 use polyptych_protocol::wall::maps::Maps;

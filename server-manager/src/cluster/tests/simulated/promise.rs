@@ -218,9 +218,9 @@ impl Watch {
                     |r: &Request| matches!(r, Request::RenderFrame { camera: Some(_), .. });
                 told.camera = camera.filter(|_| !self.promises.open.values().any(places));
             }
-            (Request::SetEye(eye), Reply::Done) => {
+            (Request::SetEye(_), Reply::Done) => {
                 told.head = memory.map(|memory| memory.head);
-                is_kept(|memory, _| memory.head.position == *eye)?;
+                is_kept(|memory, asked| *asked == Request::SetEye(memory.head.position))?;
             }
             (Request::SetHead(head), Reply::Done) => {
                 told.head = Some(*head);
@@ -228,7 +228,7 @@ impl Watch {
             }
             (Request::SetViews(views), Reply::Done) => {
                 told.views = Some(views.clone());
-                is_kept(|memory, _| memory.views == *views)?;
+                is_kept(|memory, asked| *asked == Request::SetViews(memory.views.clone()))?;
             }
             (Request::SetExposure(exposure), Reply::Done) => {
                 told.exposure = Some(*exposure);
