@@ -180,6 +180,7 @@ fn both_eyes_are_told_apart_and_files_not_guessed() {
         path: "hull.obj".into(),
         kind: crate::wall::FileKind::ScreenMesh,
         blob: None,
+        is_for_one_eye: false,
     });
     wall.screens[0].surface = Surface::Mesh(0);
     let table = WallTable::of(&wall);
