@@ -98,8 +98,8 @@ fn drawing(columns: u32, rows: u32) -> Vec<String> {
     let line = format!("  {}+", "+-------".repeat(columns));
     let mut lines = vec![line.clone()];
     for row in 1..=rows {
-        let cells: String = (1..=columns).map(|column| format!("|  {column}-{row}  ")).collect();
-        lines.push(format!("  {cells}|"));
+        let cells: Vec<String> = (1..=columns).map(|c| format!("|  {c}-{row}  ")).collect();
+        lines.push(format!("  {}|", cells.concat()));
         lines.push(line.clone());
     }
     lines

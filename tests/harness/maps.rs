@@ -187,8 +187,8 @@ pub fn mpcdi_entries(profile: &str, buffer: [u32; 2], regions: &[Region]) -> Vec
         if let Some(numbers) = region.frustum {
             let names = ["yaw", "pitch", "roll", "rightAngle", "leftAngle", "upAngle", "downAngle"];
             let tags = names.iter().zip(numbers);
-            let tags: String = tags.map(|(name, n)| format!("<{name}>{n}</{name}>")).collect();
-            let _ = write!(display, "<frustum>{tags}</frustum>");
+            let tags: Vec<_> = tags.map(|(name, n)| format!("<{name}>{n}</{name}>")).collect();
+            let _ = write!(display, "<frustum>{}</frustum>", tags.concat());
         }
         display.push_str("</region>");
         let _ = write!(sets, "<fileset region=\"{id}\">");

@@ -40,7 +40,7 @@ pub enum Side {
 pub struct Superposition<'a> {
     canvas: UVec2,
     leak: f64,
-    shown: Vec<Shown<'a>>,
+    shown: Vec<ChannelLight<'a>>,
 }
 
 impl Side {
@@ -92,7 +92,7 @@ impl<'a> Superposition<'a> {
             let channel = wall.channel(picture.channel)?;
             let is_seen = channel.screen == screen && side.sees(channel);
             (is_seen && channel.cover != Cover::Map)
-                .then(|| Shown::new(wall, channel, side, picture.rgba))?
+                .then(|| ChannelLight::new(wall, picture.channel, side, picture.rgba))?
         });
         Self { canvas, leak: wall.blend.leak, shown: shown.collect() }
     }
@@ -139,7 +139,7 @@ impl<'a> Superposition<'a> {
 
 /// A channel's picture, and the light of its codes.
 #[derive(Clone, Debug)]
-struct Shown<'a> {
+pub struct ChannelLight<'a> {
     lamp: Lamp<'a>,
     rgba: &'a [u8],
     /// From upright pixels to those of the display.
@@ -148,8 +148,11 @@ struct Shown<'a> {
     light: Vec<DVec3>,
 }
 
-impl<'a> Shown<'a> {
-    fn new(wall: &'a Wall, channel: &'a Channel, side: Side, rgba: &'a [u8]) -> Option<Self> {
+impl<'a> ChannelLight<'a> {
+    /// The picture of a channel, RGBA8 as its display gets it, as an eye sees it; `None` where
+    /// it is not of the display's size.
+    pub fn new(wall: &'a Wall, id: ChannelId, side: Side, rgba: &'a [u8]) -> Option<Self> {
+        let channel = wall.channel(id)?;
         let display = channel.display_size();
         if rgba.len() != 4 * display.x as usize * display.y as usize {
             return None;
@@ -170,8 +173,8 @@ impl<'a> Shown<'a> {
         })
     }
 
-    /// The light of an upright pixel.
-    fn pixel(&self, upright: UVec2) -> DVec3 {
+    /// The light of an upright pixel, which must be one of the channel's, without what leaks.
+    pub fn pixel(&self, upright: UVec2) -> DVec3 {
         let at = 4 * self.hang.index(upright);
         let light = |axis: usize| self.light[usize::from(self.rgba[at + axis])][axis];
         DVec3::new(light(0), light(1), light(2))

@@ -127,7 +127,9 @@ impl WallMap {
         out.extend_from_slice(&a.to_le_bytes());
         out.extend_from_slice(&b.to_le_bytes());
         let mut put = |numbers: &[f32]| {
-            numbers.iter().for_each(|number| out.extend_from_slice(&number.to_le_bytes()));
+            for number in numbers {
+                out.extend_from_slice(&number.to_le_bytes());
+            }
         };
         match self {
             Self::Warp(WarpMap { shape: WarpShape::Grid(grid), .. }) => {

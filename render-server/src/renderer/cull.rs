@@ -17,7 +17,7 @@ pub(in crate::renderer) struct Planes {
     /// Along all rays, where they do not meet in the eye.
     rays: Option<DVec3>,
     /// Left, right, bottom, top, near, far.
-    planes: [DVec4; 6],
+    sides: [DVec4; 6],
 }
 
 impl Planes {
@@ -38,7 +38,7 @@ impl Planes {
         };
         // The row of w is the direction in which it grows: none has no eye that rays meet in.
         let rays = (w.truncate() == DVec3::ZERO).then(|| -z.truncate().normalize_or_zero());
-        Self { eye, rays, planes: planes.map(unit) }
+        Self { eye, rays, sides: planes.map(unit) }
     }
 
     /// The direction of all rays, where they are parallel.
@@ -56,11 +56,11 @@ impl Planes {
     pub fn in_space_of(&self, linear: &DMat3, origin: DVec3) -> Self {
         let offset = origin - self.eye;
         let transposed = linear.transpose();
-        let planes = self.planes.map(|plane| {
+        let sides = self.sides.map(|plane| {
             let normal = plane.truncate();
             (transposed * normal).extend(plane.w + normal.dot(offset))
         });
-        Self { eye: DVec3::ZERO, rays: None, planes }
+        Self { eye: DVec3::ZERO, rays: None, sides }
     }
 
     /// `None` where the box is outside; else the planes of `mask` that cut it.
@@ -68,7 +68,7 @@ impl Planes {
         let center = center - self.eye;
         let slack = SLACK * (center.abs().element_sum() + self.eye.abs().element_sum());
         let mut cutting = mask;
-        for (index, plane) in self.planes.iter().enumerate() {
+        for (index, plane) in self.sides.iter().enumerate() {
             let bit = 1 << index;
             if mask & bit == 0 {
                 continue;

@@ -90,14 +90,13 @@ fn read(
     let gltf = || gltf_mesh::read(path, store.blobs(), cancel);
     let map = match used_as {
         MapUse::Mask => WallMap::Mask(mask::read(&bytes, None)?),
-        MapUse::ScreenMesh if is_gltf(&bytes) => WallMap::Warp(gltf()?),
+        _ if is_gltf(&bytes) => WallMap::Warp(gltf()?),
         MapUse::ScreenMesh if has_ending(path, "obj") => WallMap::Warp(obj::read(&bytes)?),
         MapUse::ScreenMesh => {
             let what = "it is neither OBJ nor glTF";
             let right = "a mesh with positions in metres and UV on the screen would be right";
             return Err(BakeError::at("file", what, right));
         }
-        MapUse::Warp { .. } if is_gltf(&bytes) => WallMap::Warp(gltf()?),
         MapUse::Warp { aspect } => WallMap::Warp(read_warp(path, &bytes, aspect)?),
     };
     // A reader's last word: what it made is as sound as what a server will decode.

@@ -35,7 +35,7 @@ pub fn bake_wall_files(wall: &mut Wall, folder: &Path, baker: &Baker) -> Result<
         let hash = hash.ok_or_else(|| about("the baker named no blob"))?;
         tracing::debug!(file = file.path, what = %baked["what"], "a file of the wall was read");
         wall.files[index].blob = Some(hash);
-        let is_for_one_eye = baked.pointer("/is_for_one_eye").and_then(|is| is.as_bool());
+        let is_for_one_eye = baked.pointer("/is_for_one_eye").and_then(serde_json::Value::as_bool);
         wall.files[index].is_for_one_eye = is_for_one_eye == Some(true);
     }
     Ok(())

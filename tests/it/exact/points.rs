@@ -81,7 +81,9 @@ fn markers(wall: &Wall, camera: Camera, form: Form, random: &mut fastrand::Rng) 
     }
     if form == Form::OneMesh {
         let mut whole = parts.remove(0);
-        parts.iter().for_each(|part| whole.join(part));
+        for part in &parts {
+            whole.join(part);
+        }
         parts = vec![whole];
     }
     Model { parts, picture: Some(bell()) }
@@ -95,7 +97,7 @@ fn marker(view: &View, pixel: DVec2, w: f64, scene: DVec3, form: Form) -> Part {
     let root = DMat4::from_translation(scene);
     let from_scene = middle - scene;
     if form == Form::OneMesh {
-        let f32s = [from_scene, right, up].map(|v| v.as_vec3());
+        let f32s = [from_scene, right, up].map(DVec3::as_vec3);
         return Part::rectangle(root, f32s[0], f32s[1], f32s[2], Vec3::ONE);
     }
     let back = right.cross(up).normalize();
@@ -196,7 +198,7 @@ fn check(name: &str, wall: &Wall) {
         for (at, place) in places() {
             let (error, count) = worst(wall, place, form);
             assert!(count >= wall.channels.len(), "{name}: only {count} markers were seen");
-            line += &format!(" {at} {error:.4} px of {count}");
+            line.extend([" ", &at.to_string(), &format!(" {error:.4} px of {count}")]);
             most = most.max(error);
         }
         println!("{line}");

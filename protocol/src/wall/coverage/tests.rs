@@ -15,14 +15,14 @@ fn tiles(lines: &str) -> String {
 }
 
 fn by_hand(channels: &[[u32; 4]], more: &str) -> String {
-    let mut text = tiles("pixels = [200, 100]");
-    for (index, [x, y, width, height]) in channels.iter().enumerate() {
-        text.push_str(&format!(
+    let channel = |(index, [x, y, width, height]): (usize, &[u32; 4])| {
+        format!(
             "[[screen.channel]]\nname = \"c{index}\"\norigin = [{x}, {y}]\n\
              pixels = [{width}, {height}]\n"
-        ));
-    }
-    text + more
+        )
+    };
+    let channels: Vec<String> = channels.iter().enumerate().map(channel).collect();
+    tiles("pixels = [200, 100]") + &channels.concat() + more
 }
 
 fn patch(x: f64, y: f64, width: f64, height: f64) -> Patch {

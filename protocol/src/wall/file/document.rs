@@ -296,6 +296,7 @@ fn is_zero(bezel: &[f64; 2]) -> bool {
     *bezel == [0.0, 0.0]
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks in this form")]
 fn is_none(overlap: &[u32; 2]) -> bool {
     *overlap == [0, 0]
 }

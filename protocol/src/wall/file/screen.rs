@@ -56,14 +56,13 @@ pub(super) fn screen(
 ) -> Result<(Screen, Vec<Draft>), WallFileError> {
     let place = Place { source, index, section };
     check_name(source, &place.key("name"), &section.name)?;
-    let surface = match place.curved(files)? {
-        Some(surface) => surface,
-        None => {
-            let [lower_left, lower_right, upper_left] = place.corners()?;
-            let plane = Plane { lower_left, lower_right, upper_left };
-            place.check_rectangle(&plane)?;
-            Surface::Plane(plane)
-        }
+    let surface = if let Some(surface) = place.curved(files)? {
+        surface
+    } else {
+        let [lower_left, lower_right, upper_left] = place.corners()?;
+        let plane = Plane { lower_left, lower_right, upper_left };
+        place.check_rectangle(&plane)?;
+        Surface::Plane(plane)
     };
     let mut screen =
         Screen { name: section.name.clone(), surface, canvas: UVec2::ZERO, bezel: None };

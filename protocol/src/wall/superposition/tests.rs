@@ -158,7 +158,8 @@ fn displays_that_hang_otherwise_are_put_upright() {
     let a = [1, 2, 3, 4, 5, 6];
     let b = [11, 12, 13, 14, 15, 16];
     // A picture of 3 × 2, as displays get it.
-    let cases: [(Turn, bool, Packing, Side, &[u8], [u8; 6]); 11] = [
+    type Case<'a> = (Turn, bool, Packing, Side, &'a [u8], [u8; 6]);
+    let cases: [Case<'_>; 11] = [
         (Turn::None, false, none, left, &[1, 2, 3, 4, 5, 6], a),
         (Turn::None, true, none, left, &[3, 2, 1, 6, 5, 4], a),
         (Turn::Half, false, none, left, &[6, 5, 4, 3, 2, 1], a),

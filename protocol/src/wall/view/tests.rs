@@ -131,7 +131,7 @@ fn screens_of_one_plane_are_one_window() {
     }
     for projection in lenses() {
         let view = View { projection, ..View::of_wall(Camera::IDENTITY) };
-        assert_eq!(wall.check_views(&[view.clone()]), Ok(()));
+        assert_eq!(wall.check_views(std::slice::from_ref(&view)), Ok(()));
         for id in wall.channel_ids() {
             let [one, two] = [&whole, &wall]
                 .map(|wall| wall.view_frustum(id, &view, DVec3::ZERO).expect("a frustum"));

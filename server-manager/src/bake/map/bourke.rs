@@ -84,7 +84,7 @@ fn node(content: &str, line: usize, aspect: f64) -> Result<(WarpVertex, bool), B
         let right = format!("x within ±{aspect:.3}, y within ±1, u, v and i of 0 to 1 are right");
         return Err(BakeError::at(text::place(line), what, right));
     }
-    let place = Vec2::new(((x / aspect + 1.0) / 2.0) as f32, ((1.0 - y) / 2.0) as f32);
+    let place = Vec2::new(f64::midpoint(x / aspect, 1.0) as f32, ((1.0 - y) / 2.0) as f32);
     let value = Vec3::new(u as f32, (1.0 - v) as f32, 0.0);
     let light = intensity.max(0.0).powf(GAMMA) as f32;
     Ok((WarpVertex { place, value, light }, intensity >= 0.0))

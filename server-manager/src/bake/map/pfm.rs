@@ -166,7 +166,9 @@ pub(super) fn write(space: MapSpace, grid: &WarpGrid) -> Vec<u8> {
                 MapSpace::Canvas => [value.x, 1.0 - value.y, f32::NAN],
                 MapSpace::Display => value.to_array(),
             };
-            [x, y, z].iter().for_each(|number| out.extend_from_slice(&number.to_le_bytes()));
+            for number in [x, y, z] {
+                out.extend_from_slice(&number.to_le_bytes());
+            }
         }
     }
     out

@@ -290,7 +290,9 @@ pub(super) fn wall() -> impl Strategy<Value = Wall> {
                 scenes: vec![format!("/x{}", folder.replace(['/', '.'], ""))],
                 ..Wall::new("random-wall", vec![], vec![])
             };
-            seeds.iter_mut().for_each(|seed| add_screen(&mut wall, seed));
+            for seed in &mut seeds {
+                add_screen(&mut wall, seed);
+            }
             for (index, seed) in seeds.iter().enumerate() {
                 add_channels(&mut wall, seed, index);
             }
