@@ -8,12 +8,14 @@ mod displays;
 mod drive;
 mod keys;
 mod manager;
+mod pattern;
 mod replay;
 mod scene;
 mod server;
 mod sight;
 mod simulate;
 mod status;
+mod tune;
 mod wall;
 mod watch;
 
@@ -73,6 +75,10 @@ enum Command {
     Blank(displays::Arguments),
     /// Let every display keep what it shows
     Freeze(displays::Arguments),
+    /// Let every channel draw a test pattern
+    Pattern(pattern::Arguments),
+    /// Adjust a channel of a running wall: corners, bend, light, blends
+    Tune(tune::Arguments),
     /// Say how a running wall stands
     Status(status::Arguments),
     /// End the manager of a running wall
@@ -157,6 +163,8 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Identify(arguments) => displays::run(DisplayMode::Identify, &arguments),
         Command::Blank(arguments) => displays::run(DisplayMode::Blank, &arguments),
         Command::Freeze(arguments) => displays::run(DisplayMode::Freeze, &arguments),
+        Command::Pattern(arguments) => pattern::run(&arguments),
+        Command::Tune(arguments) => tune::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => drive::stop(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),

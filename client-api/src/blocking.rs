@@ -28,7 +28,9 @@ use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{Epoch, RequestId};
+use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
+use polyptych_protocol::tuning::{Change, Tuned};
 use polyptych_protocol::wall::Wall;
 
 use crate::client::Client as AsyncClient;
@@ -281,6 +283,26 @@ impl Client {
     /// [`ClientError`].
     pub fn set_displays(&self, mode: DisplayMode) -> Result<(), ClientError> {
         wait(self.inner.set_displays(mode))
+    }
+
+    /// As [`crate::Client::set_pattern`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_pattern(&self, pattern: Option<Pattern>) -> Result<(), ClientError> {
+        wait(self.inner.set_pattern(pattern))
+    }
+
+    /// As [`crate::Client::tune`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn tune(
+        &self,
+        channel: impl Into<String>,
+        changes: Vec<Change>,
+    ) -> Result<Tuned, ClientError> {
+        wait(self.inner.tune(channel, changes))
     }
 
     /// As [`crate::Client::capture`].

@@ -9,7 +9,9 @@ use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::Epoch;
+use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
+use polyptych_protocol::tuning::{Change, Tuned};
 use polyptych_protocol::wall::Wall;
 use tokio::io::{AsyncRead, AsyncWrite};
 
@@ -301,6 +303,32 @@ impl Client {
     /// [`ClientError`].
     pub async fn set_displays(&self, mode: DisplayMode) -> Result<(), ClientError> {
         self.done("change the displays", Request::SetDisplays(mode)).await
+    }
+
+    /// Lets all channels draw a test pattern instead of the scene, or the scene again. Returns once
+    /// a frame with it was shown; captures have it too.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn set_pattern(&self, pattern: Option<Pattern>) -> Result<(), ClientError> {
+        self.done("change the pattern", Request::SetPattern(pattern)).await
+    }
+
+    /// Changes a channel's adjustment, all of it or nothing. Returns once a frame with it was
+    /// shown; a paused wall draws one for it. The manager remembers it; the wall file says it once
+    /// it is written there. Tunings that come faster than frames are shown together.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] names the key that is wrong.
+    pub async fn tune(
+        &self,
+        channel: impl Into<String>,
+        changes: Vec<Change>,
+    ) -> Result<Tuned, ClientError> {
+        match self.call(Request::Tune { channel: channel.into(), changes }).await? {
+            Reply::Tuned(tuned) => Ok(tuned),
+            other => Err(wrong_answer("tune the channel", &other)),
+        }
     }
 
     /// Draws and shows one frame, and returns its pictures: each screen as it hangs on the wall,

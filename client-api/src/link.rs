@@ -444,6 +444,8 @@ fn name(request: &Request) -> &'static str {
         Request::Subscribe(false) => "end the subscription",
         Request::Stop => "stop the manager",
         Request::SetDisplays(_) => "change the displays",
+        Request::SetPattern(_) => "change the pattern",
+        Request::Tune { .. } => "tune the channel",
     }
 }
 
@@ -458,6 +460,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Reply) -> ClientError 
         Reply::Wall(_) => "the wall's description",
         Reply::Statistics(_) => "statistics",
         Reply::Sight(_) => "what the wall looks at",
+        Reply::Tuned(_) => "a tuning",
     };
     ClientError::WrongAnswer { request, answer }
 }

@@ -7,6 +7,7 @@ use crate::display::DisplayMode;
 use crate::head::Head;
 use crate::ids::{Epoch, FrameId, Revision};
 use crate::log::Operation;
+use crate::pattern::Pattern;
 
 /// One message from the manager to a render server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,6 +64,8 @@ pub struct Frame {
     pub capture: bool,
     /// What displays show once the frame is swapped.
     pub display: DisplayMode,
+    /// What channels draw instead of the scene.
+    pub pattern: Option<Pattern>,
 }
 
 /// A camera's picture on a part of the wall.

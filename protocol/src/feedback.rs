@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::display::DisplayMode;
 use crate::ids::{Digest, Epoch, FrameId, Revision};
+use crate::pattern::Pattern;
 
 /// Where a channel stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -103,6 +104,8 @@ pub struct WallStatus {
     pub deadline_ms: f64,
     /// What all displays show.
     pub displays: DisplayMode,
+    /// What channels draw instead of the scene.
+    pub pattern: Option<Pattern>,
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelStatus>,
     /// Connected clients, by name.

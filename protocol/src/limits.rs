@@ -42,6 +42,9 @@ pub const WALL_FILES_MAX: usize = 3 * CHANNELS_MAX + SCREENS_MAX;
 /// maps come as files.
 pub const BEND_POINTS_MAX: usize = 1024;
 
+/// Most changes of one tuning: a whole grid of points, and all else that a channel has.
+pub const TUNE_CHANGES_MAX: usize = BEND_POINTS_MAX + 16;
+
 /// Most points of a measured curve: one for each code of 10 bits.
 pub const CURVE_POINTS_MAX: usize = 1024;
 

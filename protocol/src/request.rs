@@ -12,7 +12,9 @@ use crate::display::DisplayMode;
 use crate::feedback::{Feedback, Statistics, WallStatus};
 use crate::head::Head;
 use crate::ids::{FrameId, RequestId, Revision};
+use crate::pattern::Pattern;
 use crate::scene::{Bounds, SceneFeatures};
+use crate::tuning::{Change, Tuned};
 use crate::wall::Wall;
 
 /// A message from a client.
@@ -78,6 +80,17 @@ pub enum Request {
     SetViews(Vec<View>),
     /// Sends where the camera, the head and the views are.
     DescribeSight,
+    /// Lets all channels draw a test pattern instead of the scene, or the scene again; answered
+    /// as [`Request::SetDisplays`] is.
+    SetPattern(Option<Pattern>),
+    /// Changes a channel's adjustment, all of it or nothing; answered once a frame with it was
+    /// swapped. A wall that is paused makes one for it.
+    Tune {
+        /// The channel's name.
+        channel: String,
+        /// What to change, in order.
+        changes: Vec<Change>,
+    },
 }
 
 /// How fast the wall draws by itself.
@@ -129,6 +142,8 @@ pub enum Reply {
     Statistics(Box<Statistics>),
     /// To [`Request::DescribeSight`].
     Sight(Box<Sight>),
+    /// To [`Request::Tune`].
+    Tuned(Tuned),
 }
 
 /// What the wall looks at, and from where.

@@ -13,6 +13,7 @@ mod loader;
 mod network;
 pub mod notice;
 mod output;
+mod pattern;
 pub mod playback;
 mod render_thread;
 pub mod renderer;

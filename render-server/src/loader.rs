@@ -50,6 +50,15 @@ pub(crate) struct LoadedState {
     pub warm_up: Camera,
     /// Of the channels of this server; the same as before where the wall is.
     pub plans: Arc<Plans>,
+    /// The decoded files of its wall.
+    pub maps: Maps,
+}
+
+impl LoadedState {
+    /// Samples per pixel of its wall.
+    pub fn samples(&self) -> Option<u32> {
+        self.replica.wall.as_ref().map(|wall| wall.samples)
+    }
 }
 
 /// Work for the render thread, done between frames.
@@ -156,7 +165,8 @@ impl Loader {
         let scene = replica.scene.as_ref().map(|scene| scene.manifest);
         let revision = replica.revision;
         let plans = self.plans(replica.wall.as_deref(), &maps)?;
-        let state = LoadedState { epoch, replica: replica.clone(), digest, scene, warm_up, plans };
+        let ready = replica.clone();
+        let state = LoadedState { epoch, replica: ready, digest, scene, warm_up, plans, maps };
         let (answer, finished) = sync_channel(1);
         self.upload(Upload::Finish { state: Arc::new(state), answer })?;
         let scene_bytes = finished.recv().map_err(|_| "the render thread has ended")??;

@@ -131,6 +131,7 @@ mod tests {
             error_bound_px: 0.0,
             capture: false,
             display: DisplayMode::Normal,
+            pattern: None,
         }
     }
 

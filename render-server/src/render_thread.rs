@@ -1,5 +1,7 @@
 //! The thread that owns the GPU. It empties its queues between frames and never waits for a socket.
 
+mod patterns;
+
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
@@ -27,6 +29,7 @@ use crate::renderer::{
 use crate::report::{self, PictureReport, Report};
 use crate::showing::Showing;
 use crate::slowness::Slowness;
+use patterns::PatternPicture;
 
 /// States that are held at once: the one shown, and those that the next frames may name.
 const STATES_MAX: usize = 4;
@@ -96,6 +99,8 @@ pub(crate) struct RenderThread {
     states: VecDeque<Drawable>,
     building: Option<(SceneBuilder, u64)>,
     showing: Showing,
+    /// The test patterns of channels, by their names, while there are any.
+    patterns: BTreeMap<String, PatternPicture>,
     identity: Identity,
     present_delay: Duration,
     is_stopping: bool,
@@ -123,6 +128,7 @@ impl RenderThread {
             states: VecDeque::new(),
             building: None,
             showing: Showing::default(),
+            patterns: BTreeMap::new(),
             identity,
             present_delay,
             is_stopping: false,
@@ -217,6 +223,9 @@ impl RenderThread {
         if !self.promote(frame.epoch, frame.revision) {
             return;
         }
+        if frame.pattern.is_none() {
+            self.patterns.clear();
+        }
         let began = Instant::now();
         let mut is_drawn = true;
         for index in 0..self.outputs.len() {
@@ -265,6 +274,9 @@ impl RenderThread {
         scene: &Scene,
         correctors: &Correctors,
     ) -> Result<DrawStats, String> {
+        if let Some(pattern) = frame.pattern {
+            return self.draw_pattern(index, (wall, id), frame, pattern, scene.blends());
+        }
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         self.use_samples(wall.samples)?;
         let output = &mut self.outputs[index];
@@ -390,6 +402,8 @@ impl RenderThread {
     /// Makes a state drawable. Gives the bytes of its scene.
     fn finish(&mut self, state: Arc<LoadedState>) -> Result<u64, String> {
         let latest = self.states.back().filter(|latest| latest.state.scene == state.scene);
+        let is_known = self.building.is_none()
+            && latest.is_some_and(|latest| latest.state.plans.keys().eq(state.plans.keys()));
         let (scene, scene_bytes) = if let Some((builder, bytes)) = self.building.take() {
             let scene = builder.finish(&self.gpu).map_err(|error| error.to_string())?;
             (Rc::new(scene), bytes)
@@ -403,7 +417,10 @@ impl RenderThread {
             return Err("the scene could not be built; the server's log says why".to_owned());
         };
         let correctors = self.correctors(&state)?;
-        self.warm_up(&state, &scene, &correctors)?;
+        // Another wall around the same scene, as tunings bring it many times a second.
+        if !is_known || state.samples() != Some(self.renderer.samples()) {
+            self.warm_up(&state, &scene, &correctors)?;
+        }
         if self.states.len() == STATES_MAX {
             self.states.remove(1);
         }
@@ -462,6 +479,7 @@ impl RenderThread {
             error_bound_px: 0.0,
             capture: false,
             display: DisplayMode::Normal,
+            pattern: None,
         };
         let (mut views, content) = match correctors.borrow_mut().get_mut(&channel.name) {
             Some(corrector) => (corrector.views(&self.gpu, wall, &frame)?, Content::Light),

@@ -44,6 +44,7 @@ pub use scene::{
     TextureUse, Topology, VertexLayout, Wrap,
 };
 pub use target::{Target, TargetError};
+pub use text::ink;
 pub use view::ViewDesc;
 
 /// Why a frame was not drawn.

@@ -23,6 +23,7 @@ mod statistics;
 mod tests;
 mod totals;
 mod translate;
+mod tune;
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -34,17 +35,18 @@ use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{ChannelId, Digest, Epoch, FrameId, RequestId};
 use polyptych_protocol::log::{Operation, Replica};
+use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::{Answer, Failure, Pace, Reply, SceneSummary};
 use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
 use serde::{Deserialize, Serialize};
 
 use crate::repetition::Repetitions;
-use barrier::{Barrier, FrameOrder};
+use barrier::{Barrier, FrameOrder, Wish};
 use change::{Change, Changes};
 pub use checkpoint::{Checkpoint, CheckpointOf};
 pub use input::Input;
-pub use memory::Memory;
+pub use memory::{Further, Memory};
 use pace::Pacer;
 use registry::Registry;
 use skew::PresentCalls;
@@ -144,12 +146,16 @@ struct ClientState {
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Cluster {
     epoch: Epoch,
+    /// As the wall file describes it.
+    file: Wall,
+    /// As it is tuned, in the state that frames name.
     wall: Wall,
     /// What frames name: the state that live channels can draw.
     shown: Replica,
     shown_digest: Digest,
     features: Vec<String>,
     changes: Changes,
+    tuners: tune::Tuners,
     /// Scenes that are being baked.
     imports: Vec<RequestOf>,
     registry: Registry,
@@ -167,6 +173,7 @@ pub struct Cluster {
     views: Vec<View>,
     exposure: f32,
     displays: DisplayMode,
+    pattern: Option<Pattern>,
     /// Whether the wall has gone on from what another manager remembered, and no client has
     /// asked for a frame yet.
     is_going_on: bool,
@@ -202,6 +209,7 @@ impl Cluster {
             shown,
             features: Vec::new(),
             changes: Changes::default(),
+            tuners: tune::Tuners::default(),
             imports: Vec::new(),
             registry: Registry::new(&wall, heartbeat_us),
             clients: BTreeMap::new(),
@@ -215,6 +223,7 @@ impl Cluster {
             views: Vec::new(),
             exposure: 1.0,
             displays: DisplayMode::Normal,
+            pattern: None,
             is_going_on: false,
             wants_frame: false,
             time_s: 0.0,
@@ -226,6 +235,7 @@ impl Cluster {
             remembered_at: 0,
             repetitions: Repetitions::default(),
             outputs: VecDeque::new(),
+            file: wall.clone(),
             wall,
         }
     }

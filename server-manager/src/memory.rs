@@ -16,15 +16,17 @@ use polyptych_protocol::codec;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{BlobHash, Revision};
+use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::Pace;
 use polyptych_protocol::wall::EYE_SEPARATION_DEFAULT_M;
 use serde::{Deserialize, Serialize};
 
-use crate::cluster::Memory;
+use crate::cluster::{Further, Memory};
 
-/// Largest file that is read; ours have a few hundred bytes.
-const MEMORY_BYTES_MAX: u64 = 64 << 10;
+/// Largest file that is read: ours have a few hundred bytes, and what was tuned of the wall, whose
+/// description fits into a message.
+const MEMORY_BYTES_MAX: u64 = MESSAGE_BYTES_MAX as u64;
 
 /// How the file begins: one that begins otherwise is another program's, and is not written over.
 const MAGIC: [u8; 8] = *b"PLYPSTA2";
@@ -118,6 +120,7 @@ fn decode_first(memory: &[u8]) -> Result<Memory, codec::DecodeError> {
         exposure: first.exposure,
         pace: first.pace,
         displays: first.displays,
+        further: Further::default(),
     })
 }
 
@@ -141,6 +144,8 @@ pub(crate) fn save(path: &Path, memory: &Memory) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use polyptych_protocol::command::View;
+    use polyptych_protocol::pattern::Pattern;
+    use polyptych_protocol::wall::Adjustment;
 
     use super::*;
 
@@ -159,6 +164,11 @@ mod tests {
             exposure: 1.5,
             pace: Some(Pace::Rate(60.0)),
             displays: DisplayMode::Blank,
+            further: Further {
+                pattern: Some(Pattern::Grid),
+                tunings: vec![("a".into(), Adjustment { mirror: true, ..Adjustment::default() })],
+                tuned_wall: Some(BlobHash([8; 32])),
+            },
         };
         save(&path, &memory).expect("saved");
         assert_eq!(load(&path).as_ref(), Some(&memory));

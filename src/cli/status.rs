@@ -50,6 +50,9 @@ fn table(status: &WallStatus) -> String {
         let mode = status.displays.name();
         text += &["displays: ", mode, ", until: polyptych ", mode, " --off\n"].concat();
     }
+    if let Some(pattern) = status.pattern {
+        text += &format!("pattern: {}, until: polyptych pattern --off\n", pattern.name());
+    }
     let header = ["CHANNEL", "STATE", "FOR", "FRAME", "LATE", SKEW, "PID", "ADDRESS", "REASON"];
     let mut rows = vec![header.map(String::from)];
     rows.extend(status.channels.iter().map(|channel| {

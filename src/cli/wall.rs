@@ -1,4 +1,4 @@
-//! `polyptych wall`: writes wall files.
+//! `polyptych wall`: makes wall files, and writes to them.
 
 mod arch;
 mod cave;
@@ -6,6 +6,7 @@ mod cylinder;
 mod dome;
 mod grid;
 mod import;
+mod save;
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -30,6 +31,8 @@ pub(super) enum Wall {
     Dome(dome::Arguments),
     /// Make a wall file of an MPCDI archive
     Import(import::Arguments),
+    /// Write what was tuned on the running wall into its wall file
+    Save(save::Arguments),
 }
 
 /// What every kind of wall has.
@@ -57,6 +60,7 @@ pub(super) fn run(wall: &Wall) -> anyhow::Result<ExitCode> {
         Wall::Cave(arguments) => write(&arguments.text()?, &arguments.common)?,
         Wall::Dome(arguments) => write(&arguments.text()?, &arguments.common)?,
         Wall::Import(arguments) => import::run(arguments)?,
+        Wall::Save(arguments) => save::run(arguments)?,
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -87,6 +87,7 @@ pub fn frame(wall: &Wall, camera: Camera) -> Frame {
         error_bound_px: 0.0,
         capture: false,
         display: DisplayMode::Normal,
+        pattern: None,
     }
 }
 

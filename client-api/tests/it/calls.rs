@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
-    Camera, ClientError, Digest, DisplayMode, Epoch, FrameId, Head, OPEN_REQUESTS_MAX, Pace, Reply,
-    Request, Revision, SceneFeatures, SceneSummary, Sight, Spread, Statistics, View, Wall,
-    WallStatus,
+    Camera, ClientError, Digest, DisplayMode, Epoch, FrameId, Head, OPEN_REQUESTS_MAX, Pace,
+    Pattern, Reply, Request, Revision, SceneFeatures, SceneSummary, Sight, Spread, Statistics,
+    Tuned, View, Wall, WallStatus, tuning::Change,
 };
 use polyptych_protocol::wall::file;
 
@@ -32,6 +32,7 @@ fn status() -> WallStatus {
         scene: None,
         deadline_ms: 50.0,
         displays: DisplayMode::Normal,
+        pattern: None,
         channels: Vec::new(),
         clients: vec!["test".into()],
         warnings: Vec::new(),
@@ -75,6 +76,10 @@ fn sight() -> Sight {
     Sight { camera: Camera::IDENTITY, head, views: Vec::new() }
 }
 
+fn tuned() -> Tuned {
+    Tuned { revision: Revision(3), frame: FrameId(9), frames: 1 }
+}
+
 /// Answers every request but a capture as a manager would.
 pub fn answer(request: &Request) -> Reply {
     match request {
@@ -84,6 +89,7 @@ pub fn answer(request: &Request) -> Reply {
         Request::DescribeWall => Reply::Wall(Box::new(wall())),
         Request::Statistics { .. } => Reply::Statistics(Box::new(statistics())),
         Request::DescribeSight => Reply::Sight(Box::new(sight())),
+        Request::Tune { .. } => Reply::Tuned(tuned()),
         _ => Reply::Done,
     }
 }
@@ -121,6 +127,9 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     client.run(Pace::Rate(30.0)).await.expect("running");
     client.pause().await.expect("paused");
     client.set_displays(DisplayMode::Blank).await.expect("blank");
+    client.set_pattern(Some(Pattern::Grid)).await.expect("a pattern");
+    let change = Change::Gain(DVec3::splat(0.9));
+    assert_eq!(client.tune("left", vec![change.clone()]).await.expect("tuned"), tuned());
     assert_eq!(client.status().await.expect("status"), status());
     assert_eq!(client.wall().await.expect("wall"), wall());
     assert_eq!(client.statistics(true).await.expect("statistics"), statistics());
@@ -142,6 +151,8 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
         Request::Run(Pace::Rate(30.0)),
         Request::Pause,
         Request::SetDisplays(DisplayMode::Blank),
+        Request::SetPattern(Some(Pattern::Grid)),
+        Request::Tune { channel: "left".into(), changes: vec![change] },
         Request::Status,
         Request::DescribeWall,
         Request::Statistics { reset: true },

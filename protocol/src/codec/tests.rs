@@ -15,9 +15,11 @@ use crate::handshake::{Adapter, Answer, ClientHello, Hello, Refused, Secret, Ser
 use crate::head::Head;
 use crate::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
 use crate::log::{Operation, SceneRef};
+use crate::pattern::Pattern;
 use crate::request::{self, Call, Failure, Pace, Reply, Request};
 use crate::scene::Scene;
 use crate::status::{Drawn, Ping, Prepared, Shown, Status};
+use crate::tuning::{Change, Corner, Move};
 
 fn camera() -> Camera {
     Camera { position: DVec3::new(1.0, -2.0, 1e7), rotation: DQuat::IDENTITY, scale: 0.5 }
@@ -35,6 +37,7 @@ fn frame() -> Frame {
         error_bound_px: 0.0,
         capture: true,
         display: DisplayMode::Blank,
+        pattern: Some(Pattern::Density),
     }
 }
 
@@ -103,6 +106,11 @@ fn golden() -> Vec<(Bytes, &'static str)> {
     let done = request::Answer::Reply { id: RequestId(5), reply: Ok(Reply::Done) };
     let run = Call { id: RequestId(5), request: Request::Run(Pace::Rate(60.0)) };
     let freeze = Call { id: RequestId(7), request: Request::SetDisplays(DisplayMode::Freeze) };
+    let pattern = Call { id: RequestId(8), request: Request::SetPattern(Some(Pattern::Weights)) };
+    let to = Move::By(glam::DVec2::new(1.5, -0.5));
+    let changes = vec![Change::Pin { corner: Corner::UpperRight, to }];
+    let tune = Request::Tune { channel: "a".into(), changes };
+    let tune = Call { id: RequestId(9), request: tune };
     let open = Call { id: RequestId(6), request: Request::OpenScene { path: "a.glb".into() } };
     let head = Call { id: RequestId(8), request: Request::SetHead(frame().head) };
     let plan = View {
@@ -125,7 +133,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
              000000d0126341000000000000000000000000000000000000000000000000000000000000f03f00\
              0000000000e03f00000000000000000000009a9999999999f93f0000000000000000000000000000\
              000000000000000000000000000000000000000000000000f03ffca9f1d24d62b03f0000803f0000\
-             00000102",
+             00000102 0105",
         ),
         (
             encode(&Command::Swap(Swap { epoch: Epoch(1), frame: FrameId(300), not_after_us: 9 })),
@@ -156,6 +164,8 @@ fn golden() -> Vec<(Bytes, &'static str)> {
              0000000000000000000000000000000000f03f000000000000f03f0001010002fb2c010402000000\
              000000f83f",
         ),
+        (encode(&pattern), "08120103"),
+        (encode(&tune), "0913016101000101000000000000f83f000000000000e0bf"),
         (encode(&failure), "000501026e6f"),
         (encode(&done), "00050000"),
     ]

@@ -86,12 +86,17 @@ impl<'a> PixelMap<'a> {
         self.screen.display_from_canvas(self.canvas_from_pixel(pixel)?)
     }
 
+    /// The place that the bend has moved to this one; `None` where the search does not settle.
+    pub(crate) fn unbent(&self, pixel: DVec2) -> Option<DVec2> {
+        match &self.channel.adjustment.bend {
+            Some(bend) => bend.undo(pixel, self.channel.size.as_dvec2()),
+            None => Some(pixel),
+        }
+    }
+
     /// The pixel whose light was meant to be where this one's is.
     pub fn meant_from_pixel(&self, pixel: DVec2) -> Option<DVec2> {
-        let unbent = match &self.channel.adjustment.bend {
-            Some(bend) => bend.undo(pixel, self.channel.size.as_dvec2())?,
-            None => pixel,
-        };
+        let unbent = self.unbent(pixel)?;
         self.pin.map_or(Some(unbent), |(_, back)| project(back, unbent))
     }
 
@@ -107,7 +112,7 @@ impl<'a> PixelMap<'a> {
 
 impl super::adjustment::Bend {
     /// By how many pixels a place, (0, 0) to (1, 1), is moved; beside the grid as at its edge.
-    fn offset(&self, place: DVec2) -> DVec2 {
+    pub(crate) fn offset(&self, place: DVec2) -> DVec2 {
         let last = (self.points - 1).as_ivec2();
         let at = place.clamp(DVec2::ZERO, DVec2::ONE) * last.as_dvec2();
         let cell = at.floor().as_ivec2().min(last - 1);

@@ -99,6 +99,7 @@ fn frame(head: Head) -> Frame {
         error_bound_px: 0.0,
         capture: false,
         display: DisplayMode::Normal,
+        pattern: None,
     }
 }
 

@@ -9,6 +9,7 @@ use polyptych_protocol::head::Head;
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::status::{Drawn, Shown, Status};
 use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::surface::{Cylinder, Plane};
 use polyptych_protocol::wall::{Channel, Screen, Surface, Turn};
 
@@ -72,7 +73,15 @@ impl Stage {
         replica.apply(Operation::SetWall(Box::new(wall)));
         let digest = replica.digest();
         let (scene, warm_up, plans) = (None, Camera::IDENTITY, Arc::new(plans));
-        let state = LoadedState { epoch: EPOCH, replica, digest, scene, warm_up, plans };
+        let state = LoadedState {
+            epoch: EPOCH,
+            replica,
+            digest,
+            scene,
+            warm_up,
+            plans,
+            maps: Maps::default(),
+        };
         let desc = SceneDesc { sky: Vec3::new(0.2, 0.3, 0.4), ..SceneDesc::default() };
         let builder = SceneBuilder::new(&self.thread.gpu, desc).expect("a scene");
         self.thread.building = Some((builder, 0));
@@ -95,6 +104,7 @@ impl Stage {
             error_bound_px: 0.0,
             capture: true,
             display,
+            pattern: None,
         };
         self.thread.handle(Job::Frame(Box::new(frame)));
         self.turn();

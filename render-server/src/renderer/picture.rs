@@ -66,7 +66,7 @@ impl Picture {
     }
 
     /// The picture of these pixels: RGBA8 as sRGB, rows from the top, as many as `size` says.
-    pub(in crate::renderer) fn of_pixels(gpu: &Gpu, size: [u32; 2], rgba: &[u8]) -> Self {
+    pub(crate) fn of_pixels(gpu: &Gpu, size: [u32; 2], rgba: &[u8]) -> Self {
         let picture = Self::new(gpu, size, Content::Srgb);
         let [width, height] = size;
         gpu.queue.write_texture(

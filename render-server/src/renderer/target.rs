@@ -122,6 +122,19 @@ impl Target {
         std::mem::replace(&mut self.display, next)
     }
 
+    /// Makes a picture of the target's size its finished one, once the GPU is at it.
+    pub fn copy_from(&self, gpu: &Gpu, picture: &Picture) {
+        let [width, height] = self.size;
+        let descriptor = wgpu::CommandEncoderDescriptor { label: Some("target/copy") };
+        let mut encoder = gpu.device.create_command_encoder(&descriptor);
+        encoder.copy_texture_to_texture(
+            picture.texture().as_image_copy(),
+            self.display.texture().as_image_copy(),
+            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        );
+        gpu.queue.submit([encoder.finish()]);
+    }
+
     /// What its finished picture holds.
     pub fn content(&self) -> Content {
         self.display.content()

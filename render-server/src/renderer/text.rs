@@ -1,6 +1,6 @@
 //! Letters in a picture in main memory.
 
-use image::{Rgba, RgbaImage};
+use image::{GrayImage, Luma, Rgba, RgbaImage};
 use noto_sans_mono_bitmap::{
     FontWeight, RasterHeight, RasterizedChar, get_raster, get_raster_width,
 };
@@ -84,6 +84,24 @@ impl Text {
             }
         }
     }
+}
+
+/// A line by itself: the ink of each pixel, 0 to 255, in the smallest letters. Letters outside of
+/// ASCII become "?".
+pub fn ink(line: &str) -> GrayImage {
+    let size = RasterHeight::Size16;
+    let width = get_raster_width(FontWeight::Regular, size) as u32;
+    let mut image = GrayImage::new(line.chars().count() as u32 * width, size.val() as u32);
+    for (at, letter) in (0u32..).zip(line.chars()) {
+        let raster = get_raster(letter, FontWeight::Regular, size)
+            .or_else(|| get_raster('?', FontWeight::Regular, size));
+        for (y, pixels) in (0u32..).zip(raster.iter().flat_map(RasterizedChar::rows)) {
+            for (x, &ink) in (0u32..).zip(pixels) {
+                image.put_pixel(at * width + x, y, Luma([ink]));
+            }
+        }
+    }
+    image
 }
 
 /// A square of ink, 0 to 255, over the background.

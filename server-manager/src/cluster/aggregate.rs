@@ -79,6 +79,7 @@ impl Cluster {
             scene: self.shown.scene.as_ref().map(|scene| scene.name.clone()),
             deadline_ms: self.deadline.length() as f64 / 1000.0,
             displays: self.displays,
+            pattern: self.pattern,
             channels: channels.collect(),
             clients: self.clients.values().map(|client| client.name.clone()).collect(),
             warnings: self.warnings(),

@@ -7,6 +7,7 @@ use polyptych_protocol::command::{Command, Frame, Swap};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{ChannelId, Digest, FrameId, Revision};
+use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::Reply;
 use polyptych_protocol::status::Drawn;
 use serde::{Deserialize, Serialize};
@@ -48,14 +49,21 @@ pub(super) struct FrameOrder {
     pub camera: Option<Camera>,
     pub time_s: Option<f64>,
     pub capture: bool,
-    /// What displays show from this frame on, where it changes that: answered without feedback.
-    pub displays: Option<DisplayMode>,
+    /// What holds from this frame on, where it is ordered for that: answered without feedback.
+    pub wish: Option<Wish>,
+}
+
+/// What a client wants to be seen from a frame on.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(super) enum Wish {
+    Displays(DisplayMode),
+    Pattern(Option<Pattern>),
 }
 
 impl FrameOrder {
     /// A frame of the wall as it stands.
     pub fn plain(job: RequestOf) -> Self {
-        Self { job, camera: None, time_s: None, capture: false, displays: None }
+        Self { job, camera: None, time_s: None, capture: false, wish: None }
     }
 }
 
@@ -216,8 +224,10 @@ impl Cluster {
         if let Some(camera) = order.and_then(|order| order.camera) {
             self.camera = camera;
         }
-        if let Some(displays) = order.and_then(|order| order.displays) {
-            self.displays = displays;
+        match order.and_then(|order| order.wish) {
+            Some(Wish::Displays(displays)) => self.displays = displays,
+            Some(Wish::Pattern(pattern)) => self.pattern = pattern,
+            None => {}
         }
         self.is_going_on &= order.is_none();
         self.wants_frame = false;
@@ -235,6 +245,7 @@ impl Cluster {
             error_bound_px: 0.0,
             capture,
             display: self.displays,
+            pattern: self.pattern,
         }
     }
 
@@ -333,8 +344,9 @@ impl Cluster {
         }
         self.publish(&feedback);
         self.remember_frame(now);
+        self.tell_tuners(barrier.frame, barrier.revision);
         match barrier.order {
-            Some(FrameOrder { job, displays: Some(_), .. }) => {
+            Some(FrameOrder { job, wish: Some(_), .. }) => {
                 self.remember();
                 self.reply(job, Ok(Reply::Done));
             }

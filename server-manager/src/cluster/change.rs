@@ -10,8 +10,10 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, Revision};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::request::{Failure, Reply, SceneSummary};
+use polyptych_protocol::wall::Wall;
 use serde::{Deserialize, Serialize};
 
+use super::tune::Tuner;
 use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId};
 
 /// How long a change waits for a server: enough for a large scene on a slow link; after this the
@@ -25,8 +27,40 @@ pub(super) const CHANGES_MAX: usize = 64;
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Change {
     pub operations: Vec<Operation>,
-    pub job: RequestOf,
-    pub summary: Option<SceneSummary>,
+    pub purpose: Purpose,
+}
+
+/// Who waits for a change, and for what.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) enum Purpose {
+    /// Another scene, or none.
+    Scene { job: RequestOf, summary: Option<SceneSummary> },
+    /// The same scene on a wall that is adjusted otherwise.
+    Tuning(Vec<Tuner>),
+}
+
+impl Change {
+    /// The wall that it leads to, where it is a tuning, and who waits for that.
+    fn tuning(&mut self) -> Option<(&mut Box<Wall>, &mut Vec<Tuner>)> {
+        match (&mut self.operations[..], &mut self.purpose) {
+            ([Operation::SetWall(wall)], Purpose::Tuning(tuners)) => Some((wall, tuners)),
+            _ => None,
+        }
+    }
+
+    fn wall(&self) -> Option<&Wall> {
+        match &self.operations[..] {
+            [Operation::SetWall(wall)] => Some(wall),
+            _ => None,
+        }
+    }
+
+    fn tuners(&self) -> &[Tuner] {
+        match &self.purpose {
+            Purpose::Tuning(tuners) => tuners,
+            Purpose::Scene { .. } => &[],
+        }
+    }
 }
 
 /// The change on its way and those behind it.
@@ -67,6 +101,37 @@ impl Changes {
         self.queue.len()
     }
 
+    /// The wall as it will be once all is done that waits.
+    pub fn latest_wall(&self) -> Option<&Wall> {
+        let current = self.current.as_ref().map(|underway| &underway.change);
+        self.queue.iter().rev().chain(current).find_map(Change::wall)
+    }
+
+    /// Who waits for a tuning.
+    pub fn tuners(&self) -> impl Iterator<Item = &Tuner> {
+        let current = self.current.as_ref().map(|underway| &underway.change);
+        self.queue.iter().chain(current).flat_map(Change::tuners)
+    }
+
+    /// Puts the wall in the place of the one that waits for its turn, if there is one: tunings
+    /// come faster than they are shown, and only the last one is to be seen.
+    pub fn replace_waiting_wall(&mut self, wall: &Wall, tuner: Tuner) -> bool {
+        let Some((waiting, tuners)) = self.queue.iter_mut().find_map(Change::tuning) else {
+            return false;
+        };
+        wall.clone_into(waiting);
+        tuners.push(tuner);
+        true
+    }
+
+    /// Takes the tunings out that wait for their turn, and gives who waits for them.
+    fn take_waiting_tuners(&mut self) -> Vec<Tuner> {
+        let (tunings, others) =
+            self.queue.drain(..).partition::<VecDeque<_>, _>(|change| change.wall().is_some());
+        self.queue = others;
+        tunings.iter().flat_map(Change::tuners).copied().collect()
+    }
+
     pub fn digest_of(&self, revision: Revision) -> Option<Digest> {
         let underway = self.current.as_ref();
         underway.filter(|u| u.replica.revision == revision).map(|u| u.digest)
@@ -93,7 +158,8 @@ impl Cluster {
             }
             Ok(ImportedScene { scene, summary }) => {
                 let operations = vec![Operation::OpenScene(scene)];
-                self.request_change(now, Change { operations, job, summary: Some(summary) });
+                let purpose = Purpose::Scene { job, summary: Some(summary) };
+                self.request_change(now, Change { operations, purpose });
             }
         }
     }
@@ -101,7 +167,7 @@ impl Cluster {
     pub(super) fn request_change(&mut self, now: Micros, change: Change) {
         if self.changes.queue.len() >= CHANGES_MAX {
             let reason = format!("{CHANGES_MAX} changes are waiting already; ask again later");
-            self.reply(change.job, Err(Failure::new(reason)));
+            self.refuse(&change.purpose, &reason);
             return;
         }
         self.changes.queue.push_back(change);
@@ -202,20 +268,39 @@ impl Cluster {
         let has_one = self.registry.servers().any(|(_, s)| s.prepared == Some(replica.revision));
         if !failed.is_empty() && !has_one {
             let reasons: Vec<_> = failed.into_iter().map(|(_, reason)| reason).collect();
-            self.reply(change.job, Err(Failure::new(reasons.join("; "))));
+            let reason = reasons.join("; ");
+            self.refuse(&change.purpose, &reason);
+            if matches!(change.purpose, Purpose::Tuning(_)) {
+                // They were made of the one that failed.
+                let behind = self.changes.take_waiting_tuners();
+                self.refuse(&Purpose::Tuning(behind), &reason);
+            }
             self.take_back(now);
             return;
         }
         self.shown = replica;
         self.shown_digest = digest;
+        match change.purpose {
+            Purpose::Scene { job, summary } => self.settle_scene(now, job, summary, &failed),
+            Purpose::Tuning(tuners) => self.settle_tuning(now, tuners, &failed),
+        }
+    }
+
+    fn settle_scene(
+        &mut self,
+        now: Micros,
+        job: RequestOf,
+        summary: Option<SceneSummary>,
+        failed: &[(SessionId, String)],
+    ) {
         self.deadline.restart();
         self.registry.restart_warm_up();
-        self.demote_unprepared(now, &failed);
+        self.demote_unprepared(now, failed);
         let revision = self.shown.revision;
         let tell = || tracing::info!(%revision, "the wall shows a new revision");
-        self.span_of_request(change.job).in_scope(tell);
+        self.span_of_request(job).in_scope(tell);
         self.features.clear();
-        let reply = if let Some(mut summary) = change.summary {
+        let reply = if let Some(mut summary) = summary {
             summary.revision = self.shown.revision;
             self.features.extend(summary.features.names().into_iter().map(String::from));
             Reply::SceneOpened(summary)
@@ -223,7 +308,18 @@ impl Cluster {
             Reply::Done
         };
         self.remember();
-        self.reply(change.job, Ok(reply));
+        self.reply(job, Ok(reply));
+    }
+
+    /// Tells all who wait for a change that it is not done.
+    fn refuse(&mut self, purpose: &Purpose, reason: &str) {
+        let jobs: Vec<_> = match purpose {
+            Purpose::Scene { job, .. } => vec![*job],
+            Purpose::Tuning(tuners) => tuners.iter().map(|tuner| tuner.job).collect(),
+        };
+        for job in jobs {
+            self.reply(job, Err(Failure::new(reason)));
+        }
     }
 
     /// Servers hold a state that will never be shown: they get the shown one again, under a new
@@ -238,7 +334,7 @@ impl Cluster {
     }
 
     /// Channels that cannot draw the shown revision yet are not waited for.
-    fn demote_unprepared(&mut self, now: Micros, failed: &[(SessionId, String)]) {
+    pub(super) fn demote_unprepared(&mut self, now: Micros, failed: &[(SessionId, String)]) {
         let unprepared: Vec<_> = self
             .registry
             .servers()

@@ -111,6 +111,7 @@ impl Cluster {
     pub fn handle_client_gone(&mut self, session: SessionId) {
         self.clients.remove(&session);
         self.orders.retain(|order| order.job.client != session);
+        self.tuners.forget(session);
     }
 
     /// A replica that disagrees is given the state anew, not believed; what it has drawn of the
@@ -186,6 +187,7 @@ impl Cluster {
     fn must_see_a_frame(&self) -> bool {
         let has_pace = self.pacer.pace().is_some();
         let has_shown = self.swapped.0 > 0;
-        !has_pace && (self.is_going_on || has_shown || self.displays != DisplayMode::Normal)
+        let is_other = self.displays != DisplayMode::Normal || self.pattern.is_some();
+        !has_pace && (self.is_going_on || has_shown || is_other)
     }
 }

@@ -7,8 +7,10 @@ use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{BlobHash, Epoch, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
+use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::Pace;
-use polyptych_protocol::wall::Wall;
+use polyptych_protocol::tuning;
+use polyptych_protocol::wall::{Adjustment, Wall};
 use serde::{Deserialize, Serialize};
 
 use super::{Cluster, Micros, Output};
@@ -38,6 +40,19 @@ pub struct Memory {
     pub pace: Option<Pace>,
     /// What displays show: a wall that was made black does not light up with a new manager.
     pub displays: DisplayMode,
+    /// What is beyond the first managers' memory, which stands last.
+    pub further: Further,
+}
+
+/// What the first managers did not remember.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Further {
+    /// What channels draw instead of the scene.
+    pub pattern: Option<Pattern>,
+    /// The adjustments of channels that were tuned, by name.
+    pub tunings: Vec<(String, Adjustment)>,
+    /// The hash of the wall's description with these: a wall file that has them is no other wall.
+    pub tuned_wall: Option<BlobHash>,
 }
 
 impl Cluster {
@@ -48,7 +63,7 @@ impl Cluster {
             cluster.shown.apply(Operation::OpenScene(scene.clone()));
         }
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
-        if memory.wall == hash_of(&cluster.wall) {
+        if cluster.is_wall_of(memory) {
             // Numbers from a file are looked at as those of a client are.
             if memory.camera.fault().is_none() {
                 cluster.camera = memory.camera;
@@ -69,15 +84,47 @@ impl Cluster {
         cluster.shown_digest = cluster.shown.digest();
         cluster.set_pace(memory.pace, 0);
         cluster.displays = memory.displays;
+        cluster.pattern = memory.further.pattern;
         // Frames of another life were shown; its displays say that their manager is lost.
         cluster.is_going_on = true;
         cluster.remembered = Some(cluster.memory());
         cluster
     }
 
+    /// Whether this is the wall that was remembered, tuned as it was.
+    fn is_wall_of(&mut self, memory: &Memory) -> bool {
+        let Further { tunings, tuned_wall, .. } = &memory.further;
+        let file = hash_of(&self.file);
+        if *tuned_wall == Some(file) {
+            // The tunings were written into the wall file.
+            return true;
+        }
+        if memory.wall != file {
+            if !tunings.is_empty() {
+                let names: Vec<_> = tunings.iter().map(|(name, _)| name.as_str()).collect();
+                let channels = names.join(", ");
+                tracing::warn!(channels, "the wall file has changed: what was tuned is forgotten");
+            }
+            return false;
+        }
+        match tuning::restored(&self.file, tunings) {
+            Ok(wall) => {
+                self.shown.wall = Some(Box::new(wall.clone()));
+                self.wall = wall;
+                true
+            }
+            Err(reason) => {
+                tracing::warn!(reason, "what was tuned is of no use");
+                false
+            }
+        }
+    }
+
     fn memory(&self) -> Memory {
+        let tunings = tuning::differences(&self.file, &self.wall);
+        let tuned_wall = (!tunings.is_empty()).then(|| hash_of(&self.wall));
         Memory {
-            wall: hash_of(&self.wall),
+            wall: hash_of(&self.file),
             revision: self.shown.revision,
             scene: self.shown.scene.clone(),
             camera: self.camera,
@@ -86,6 +133,7 @@ impl Cluster {
             exposure: self.exposure,
             pace: self.pacer.pace(),
             displays: self.displays,
+            further: Further { pattern: self.pattern, tunings, tuned_wall },
         }
     }
 

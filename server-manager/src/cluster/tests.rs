@@ -6,6 +6,7 @@ mod found;
 mod random;
 mod sight;
 mod simulated;
+mod tuning;
 
 use std::collections::BTreeMap;
 

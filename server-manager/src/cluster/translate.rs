@@ -7,8 +7,11 @@ use polyptych_protocol::log::Operation;
 use polyptych_protocol::request::{Failure, Pace, Reply, Request};
 use tracing::Level;
 
+use super::change::Purpose;
 use super::sight::checked_camera;
-use super::{Change, Cluster, FRAME_ORDERS_MAX, FrameOrder, Micros, Output, RequestOf, SessionId};
+use super::{
+    Change, Cluster, FRAME_ORDERS_MAX, FrameOrder, Micros, Output, RequestOf, SessionId, Wish,
+};
 
 /// Slowest and fastest rate that a client may ask for, in frames per second.
 const RATES: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
@@ -60,7 +63,8 @@ impl Cluster {
             Request::OpenScene { path } => return self.import(job, path),
             Request::CloseScene => {
                 let operations = vec![Operation::CloseScene];
-                self.request_change(now, Change { operations, job, summary: None });
+                let purpose = Purpose::Scene { job, summary: None };
+                self.request_change(now, Change { operations, purpose });
                 return Ok(None);
             }
             Request::SetCamera(camera) => self.camera = checked_camera(camera)?,
@@ -84,7 +88,15 @@ impl Cluster {
                 return self.order(FrameOrder { capture: true, ..FrameOrder::plain(job) });
             }
             Request::SetDisplays(mode) => {
-                return self.order(FrameOrder { displays: Some(mode), ..FrameOrder::plain(job) });
+                let wish = Some(Wish::Displays(mode));
+                return self.order(FrameOrder { wish, ..FrameOrder::plain(job) });
+            }
+            Request::SetPattern(pattern) => {
+                let wish = Some(Wish::Pattern(pattern));
+                return self.order(FrameOrder { wish, ..FrameOrder::plain(job) });
+            }
+            Request::Tune { channel, changes } => {
+                return self.tune(now, job, &channel, &changes);
             }
             Request::Run(pace) => {
                 if let Pace::Rate(rate) = pace

@@ -1,7 +1,7 @@
 //! A valid message of every variant, as it stands on the wire.
 
 use bytes::Bytes;
-use glam::{DAffine3, DQuat, DVec3, Quat, Vec3};
+use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, Quat, UVec2, Vec3};
 use polyptych_protocol::blob::{BlobChunk, BulkDown, BulkUp, PictureChunk};
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec::encode;
@@ -19,6 +19,7 @@ use polyptych_protocol::handshake::{
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
+use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::{
     self, Call, Captured, Failure, Pace, PictureInfo, PicturePart, Reply, Request, SceneSummary,
 };
@@ -27,6 +28,7 @@ use polyptych_protocol::scene::{
     Sampler, Scene, SceneFeatures, Texture, TextureFormat, TextureRef, Topology, VertexLayout,
 };
 use polyptych_protocol::status::{Drawn, Ping, Prepared, Shown, Status};
+use polyptych_protocol::tuning::{Change, Corner, Move, Side, Tuned};
 use polyptych_protocol::wall::{Wall, file};
 
 use crate::message::Kind;
@@ -121,6 +123,7 @@ fn commands() -> Vec<Command> {
         error_bound_px: 0.0,
         capture: true,
         display: DisplayMode::Identify,
+        pattern: Some(Pattern::Overlap),
     };
     let (base, revision) = (Some(Revision(1)), Revision(2));
     vec![
@@ -165,6 +168,19 @@ fn plan() -> View {
     View { area, projection, ..View::of_wall(camera()) }
 }
 
+fn tuning() -> Vec<Change> {
+    let (to, by) = (Move::To(DVec2::new(1.0, -2.0)), Move::By(DVec2::new(0.5, 0.25)));
+    vec![
+        Change::Pin { corner: Corner::LowerRight, to: by },
+        Change::Grid(Some(UVec2::new(3, 2))),
+        Change::Bend { column: 1, row: 1, to },
+        Change::Gain(DVec3::new(1.0, 0.9, 1.0)),
+        Change::Matrix(DMat3::IDENTITY),
+        Change::Gamma(Some(DVec3::splat(2.2))),
+        Change::Edge { side: Side::Left, width: Some(12.0) },
+    ]
+}
+
 fn calls() -> Vec<Call> {
     let requests = [
         Request::OpenScene { path: "town.glb".into() },
@@ -187,6 +203,8 @@ fn calls() -> Vec<Call> {
         Request::SetHead(Head::at(DVec3::Y, 0.06)),
         Request::SetViews(vec![View::of_wall(camera()), plan()]),
         Request::DescribeSight,
+        Request::SetPattern(Some(Pattern::Focus)),
+        Request::Tune { channel: "a-1-1".into(), changes: tuning() },
     ];
     let call = |(request, id)| Call { id: RequestId(id), request };
     requests.into_iter().zip(1..).map(call).collect()
@@ -246,6 +264,7 @@ fn status() -> WallStatus {
         clients: vec!["ann".into()],
         warnings: vec!["mixed".into()],
         displays: DisplayMode::Freeze,
+        pattern: Some(Pattern::Grid),
     }
 }
 
@@ -305,6 +324,7 @@ fn answers() -> Vec<request::Answer> {
         Ok(Reply::Status(Box::new(status()))),
         Ok(Reply::Wall(Box::new(wall()))),
         Ok(Reply::Statistics(Box::new(statistics()))),
+        Ok(Reply::Tuned(Tuned { revision: Revision(3), frame: FrameId(9), frames: 1 })),
         Err(Failure::new("no such scene")),
     ];
     let part = PicturePart { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };

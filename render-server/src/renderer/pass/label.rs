@@ -29,10 +29,7 @@ pub struct Label {
 impl Label {
     /// The panel with the words, and its upper left on a display of this size in pixels; `None`
     /// where there is no room for a letter.
-    pub(in crate::renderer) fn image(
-        &self,
-        [width, height]: [u32; 2],
-    ) -> Option<(RgbaImage, [u32; 2])> {
+    pub(crate) fn image(&self, [width, height]: [u32; 2]) -> Option<(RgbaImage, [u32; 2])> {
         let line_share = match self.place {
             Place::Middle => 10,
             Place::Corner => 45,

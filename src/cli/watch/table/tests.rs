@@ -35,6 +35,7 @@ pub fn wall(channels: usize) -> WallStatus {
         clients: vec!["orbit".into()],
         warnings: Vec::new(),
         displays: DisplayMode::Normal,
+        pattern: None,
     }
 }
 

@@ -1,0 +1,100 @@
+//! Test patterns: pictures by which a wall is set up.
+
+use serde::{Deserialize, Serialize};
+
+/// What every channel shows instead of the scene. A frame carries it, so that all channels change
+/// with the same frame, captures show it, and a server that joins has it with its first one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pattern {
+    /// Lines along the screen, with the numbers of the canvas's pixels and the channel's name:
+    /// where channels overlap, their lines fall together.
+    Grid,
+    /// Squares along the screen.
+    Checker,
+    /// All codes, dark to light: of all colours together, then of each.
+    Ramp,
+    /// The share of the light that the channel gives: white where it is alone.
+    Weights,
+    /// How many channels light a place.
+    Overlap,
+    /// How many pixels of the display the viewer has for a degree.
+    Density,
+    /// Lines and squares of one and two pixels: they are even grey to an eye that is too far away,
+    /// and to a lens that is not in focus.
+    Focus,
+    /// White, yellow, cyan, green, magenta, red, blue, black; below them steps of grey.
+    ColorBars,
+    /// Lines through the point of the screen that is nearest to the viewer's eye.
+    Crosshair,
+    /// The outermost pixels of the display.
+    Border,
+}
+
+impl Pattern {
+    /// All there are.
+    pub const ALL: [Self; 10] = [
+        Self::Grid,
+        Self::Checker,
+        Self::Ramp,
+        Self::Weights,
+        Self::Overlap,
+        Self::Density,
+        Self::Focus,
+        Self::ColorBars,
+        Self::Crosshair,
+        Self::Border,
+    ];
+
+    /// As commands and JSON call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Grid => "grid",
+            Self::Checker => "checker",
+            Self::Ramp => "ramp",
+            Self::Weights => "weights",
+            Self::Overlap => "overlap",
+            Self::Density => "density",
+            Self::Focus => "focus",
+            Self::ColorBars => "color-bars",
+            Self::Crosshair => "crosshair",
+            Self::Border => "border",
+        }
+    }
+
+    /// The pattern of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|pattern| pattern.name() == name)
+    }
+
+    /// Whether it shows the light itself, or the edge of the display: neither blend nor colour is
+    /// applied to it, which it would else hide.
+    pub fn is_of_light(self) -> bool {
+        matches!(self, Self::Weights | Self::Overlap | Self::Density | Self::Border)
+    }
+
+    /// Whether it depends on where the viewer's eye stands.
+    pub fn follows_eye(self) -> bool {
+        matches!(self, Self::Density | Self::Crosshair)
+    }
+
+    /// Whether other channels of the wall matter to it only by their number of pixels.
+    pub fn is_of_own_channel(self) -> bool {
+        // The light that is left to a channel depends on all that are beside it.
+        matches!(self, Self::Density | Self::Border)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_those_of_json_and_come_back() {
+        for pattern in Pattern::ALL {
+            assert_eq!(Pattern::named(pattern.name()), Some(pattern));
+            assert_eq!(serde_json::to_value(pattern).expect("JSON"), pattern.name());
+        }
+        assert_eq!(Pattern::named("plasma"), None);
+    }
+}

@@ -1,0 +1,323 @@
+//! Patterns to the pixel: where lines lie, what adds up, what is counted.
+
+use glam::{DQuat, DVec2, DVec3, UVec2};
+use polyptych_protocol::wall::adjustment::Bend;
+use polyptych_protocol::wall::projector::Projector;
+use polyptych_protocol::wall::surface::{Cylinder, Plane};
+use polyptych_protocol::wall::{Curve, Projection, Screen};
+
+use super::*;
+
+const SIZE: UVec2 = UVec2::new(320, 180);
+
+/// IEC 61966-2-1.
+fn light(code: u8) -> f64 {
+    let value = f64::from(code) / 255.0;
+    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+}
+
+fn plane() -> Surface {
+    Surface::Plane(Plane::upright(DVec3::new(0.0, 0.0, -2.0), DVec2::new(3.2, 1.8)))
+}
+
+fn tiles(screen: Screen, origins: &[UVec2]) -> Wall {
+    let channel =
+        |(index, origin): (usize, &UVec2)| Channel::tile(&format!("c{index}"), 0, *origin, SIZE);
+    Wall::new("test", vec![screen], origins.iter().enumerate().map(channel).collect())
+}
+
+/// A wall of one tile.
+fn single() -> Wall {
+    tiles(Screen::new("front", plane(), SIZE), &[UVec2::ZERO])
+}
+
+/// Two projectors askew, which overlap on a cylinder; one has a bend and pins.
+fn projectors() -> Wall {
+    let cylinder = Cylinder {
+        center: DVec3::ZERO,
+        rotation: DQuat::IDENTITY,
+        radius_m: 3.0,
+        azimuth_rad: [-0.9, 0.9],
+        height_m: [-1.2, 1.2],
+    };
+    let screen = Screen::new("front", Surface::Cylinder(cylinder), UVec2::new(960, 420));
+    let channel = |name: &str, yaw: f64, roll: f64| {
+        let rotation = DQuat::from_rotation_y(yaw) * DQuat::from_rotation_z(roll);
+        let position = DVec3::new(0.1, 0.05, 0.3);
+        let projector = Projector { position, rotation, tangents: [-0.5, 0.5, -0.3, 0.3] };
+        Channel {
+            cover: Cover::Projector(Box::new(projector)),
+            projection: Projection::Own,
+            ..Channel::tile(name, 0, UVec2::ZERO, SIZE)
+        }
+    };
+    let mut wall =
+        Wall::new("test", vec![screen], vec![channel("a", 0.3, 0.02), channel("b", -0.25, -0.03)]);
+    let adjustment = &mut wall.channels[1].adjustment;
+    adjustment.pin[1] = DVec2::new(-4.0, 3.0);
+    let moves = (0..9).map(|i| DVec2::new(f64::from(i * 5 % 4), f64::from(i * 7 % 3)) * 0.7);
+    adjustment.bend = Some(Bend { points: UVec2::splat(3), moves: moves.collect() });
+    wall
+}
+
+fn draw(wall: &Wall, channel: u16, pattern: Pattern) -> RgbaImage {
+    let image = picture(wall, ChannelId(channel), pattern, wall.eye).expect("a picture");
+    assert_eq!(image.dimensions(), SIZE.into());
+    image
+}
+
+fn rgb(image: &RgbaImage, x: u32, y: u32) -> [u8; 3] {
+    let [red, green, blue, alpha] = image.get_pixel(x, y).0;
+    assert_eq!(alpha, 255);
+    [red, green, blue]
+}
+
+#[test]
+fn the_border_is_one_pixel_and_nothing_else() {
+    let image = draw(&single(), 0, Pattern::Border);
+    for (x, y, _) in image.enumerate_pixels() {
+        let is_edge = x == 0 || y == 0 || x == SIZE.x - 1 || y == SIZE.y - 1;
+        assert_eq!(rgb(&image, x, y), if is_edge { [255; 3] } else { [0; 3] }, "{x} {y}");
+    }
+}
+
+#[test]
+fn the_ramp_has_every_code_in_order_and_each_colour() {
+    let image = draw(&single(), 0, Pattern::Ramp);
+    let row: Vec<u8> = (0..SIZE.x).map(|x| rgb(&image, x, 0)[1]).collect();
+    assert!(row.is_sorted() && row[0] == 0 && row[319] == 255);
+    assert!((0..=255).all(|code| row.contains(&code)), "{row:?}");
+    for (row, [red, green, blue]) in [(1, [255, 0, 0]), (2, [0, 255, 0]), (3, [0, 0, 255])] {
+        assert_eq!(rgb(&image, 319, row * 45), [red, green, blue]);
+    }
+}
+
+#[test]
+fn bars_fall_in_luminance_and_end_in_steps() {
+    let image = draw(&single(), 0, Pattern::ColorBars);
+    let luminance = |[r, g, b]: [u8; 3]| 0.2126 * light(r) + 0.7152 * light(g) + 0.0722 * light(b);
+    let bars: Vec<f64> = (0..8).map(|bar| luminance(rgb(&image, bar * 40 + 20, 10))).collect();
+    assert!(bars.windows(2).all(|pair| pair[0] > pair[1]), "{bars:?}");
+    let steps: Vec<u8> = (0..16).map(|step| rgb(&image, step * 20 + 10, 170)[0]).collect();
+    assert_eq!(steps, (0..16).map(|step| step * 17).collect::<Vec<u8>>());
+}
+
+#[test]
+fn focus_is_half_lit_everywhere() {
+    let image = draw(&single(), 0, Pattern::Focus);
+    for (left, top) in [(0, 0), (32, 0), (0, 32), (32, 32), (288, 96)] {
+        let lit = (0..32 * 32).filter(|i| rgb(&image, left + i % 32, top + i / 32)[0] == 255);
+        assert_eq!(lit.count(), 512, "{left} {top}");
+    }
+    assert_ne!(rgb(&image, 0, 0), rgb(&image, 1, 0), "lines of one pixel");
+}
+
+#[test]
+fn lines_of_a_plain_tile_are_two_whole_pixels_around_their_number() {
+    let wall = single();
+    let (step, image) =
+        (canvas::line_spacing(&wall, &wall.screens[0]), draw(&wall, 0, Pattern::Grid));
+    assert_eq!(step, 8.0);
+    // A row between lines, above the numbers, and beside the name.
+    for x in 0..SIZE.x {
+        let is_minor = [0, 7].contains(&(x % 8));
+        let is_major = [0, 31].contains(&(x % 32));
+        let expected = if is_major {
+            255
+        } else if is_minor {
+            code(0.2)
+        } else {
+            0
+        };
+        assert_eq!(rgb(&image, x, 34 + 16 * 7), [expected; 3], "{x}");
+    }
+}
+
+#[test]
+fn a_checker_is_even_and_sharp() {
+    let image = draw(&single(), 0, Pattern::Checker);
+    for (x, y, _) in image.enumerate_pixels() {
+        let is_lit = (x / 16 + y / 16) % 2 == 0;
+        assert_eq!(rgb(&image, x, y), if is_lit { [255; 3] } else { [0; 3] }, "{x} {y}");
+    }
+}
+
+/// Where bright lines cross a row, found by their light, as places of the canvas.
+fn crossings(wall: &Wall, channel: u16, y: u32) -> Vec<f64> {
+    let image = draw(wall, channel, Pattern::Grid);
+    let map = wall.pixel_map(ChannelId(channel)).expect("a map");
+    // Blue has no numbers in it.
+    let row: Vec<f64> = (0..SIZE.x).map(|x| light(rgb(&image, x, y)[2])).collect();
+    let mut found = Vec::new();
+    for x in 4..SIZE.x as usize - 4 {
+        let near = &row[x - 4..=x + 4];
+        let is_peak = row[x] > 0.9 && row[x] >= row[x + 1] && row[x] > row[x - 1];
+        // Alone, on black: neither another line nor the name is beside it.
+        if is_peak && near[0].max(near[1]).max(near[7]).max(near[8]) == 0.0 {
+            let sum: f64 = near.iter().sum();
+            let offset: f64 = near.iter().zip(-4..).map(|(l, i)| l * f64::from(i)).sum();
+            let middle = x as f64 + 0.5 + offset / sum;
+            let place = map.canvas_from_pixel(DVec2::new(middle, f64::from(y) + 0.5));
+            found.push(place.expect("on the screen").x);
+        }
+    }
+    found
+}
+
+#[test]
+fn lines_of_overlapping_projectors_fall_together() {
+    let mut wall = projectors();
+    // A spacing at which lines stand alone.
+    for channel in &mut wall.channels {
+        channel.size = SIZE;
+    }
+    let major = canvas::line_spacing(&wall, &wall.screens[0]) * 4.0;
+    let (mut count, mut worst) = (0, 0.0_f64);
+    for channel in [0, 1] {
+        for y in (3..SIZE.y).step_by(7) {
+            for x in crossings(&wall, channel, y) {
+                let error = (x - (x / major).round() * major).abs();
+                (count, worst) = (count + 1, worst.max(error));
+            }
+        }
+    }
+    assert!(count > 60, "only {count} lines were found");
+    assert!(worst <= 0.01, "{worst} pixels of the canvas from their number");
+}
+
+#[test]
+fn the_crosshair_is_at_the_foot_of_the_eye() {
+    let mut wall = single();
+    // 0.4 m right and 0.3 m up of the middle, 100 pixels a metre.
+    wall.eye = DVec3::new(0.4, 0.3, 1.0);
+    let image = draw(&wall, 0, Pattern::Crosshair);
+    let lit: Vec<u32> = (0..SIZE.x).filter(|&x| rgb(&image, x, 3)[0] == 255).collect();
+    assert_eq!(lit, [199, 200]);
+    let lit: Vec<u32> = (0..SIZE.y).filter(|&y| rgb(&image, 3, y)[0] == 255).collect();
+    assert_eq!(lit, [59, 60]);
+}
+
+#[test]
+fn overlaps_are_counted_as_brute_force_counts_them() {
+    let mut wall = projectors();
+    wall.channels.push(Channel { name: "c".into(), ..wall.channels[0].clone() });
+    wall.channels[2].adjustment.pin[0] = DVec2::new(40.0, 30.0);
+    for channel in 0..3 {
+        let image = draw(&wall, channel, Pattern::Overlap);
+        let map = wall.pixel_map(ChannelId(channel)).expect("a map");
+        let mut seen = [0; 4];
+        // Not where the words are.
+        for (x, y) in (0..SIZE.x).step_by(3).flat_map(|x| (0..120).step_by(3).map(move |y| (x, y)))
+        {
+            let place = map.canvas_from_pixel(DVec2::new(f64::from(x), f64::from(y)) + 0.5);
+            let Some(place) = place else { continue };
+            let lights = |id: ChannelId| {
+                let at = wall.pixel_map(id).and_then(|map| map.pixel_from_canvas(place));
+                let size = SIZE.as_dvec2();
+                id.0 == channel
+                    || at.is_some_and(|at| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all())
+            };
+            let count = wall.channel_ids().filter(|id| lights(*id)).count();
+            let expected = [[0, 40, 120], [0, 160, 0], [230, 200, 0], [255, 0, 0]][count - 1];
+            assert_eq!(rgb(&image, x, y), expected, "channel {channel} at {x} {y}");
+            seen[count] += 1;
+        }
+        assert!(seen[1] > 50 && seen[2] > 50, "{seen:?}");
+    }
+}
+
+#[test]
+fn weights_of_all_channels_are_white_together() {
+    let mut wall = projectors();
+    wall.blend.leak = 0.003;
+    let images = [0, 1].map(|channel| draw(&wall, channel, Pattern::Weights));
+    let map = |channel| wall.pixel_map(ChannelId(channel)).expect("a map");
+    let (from, to) = (map(0), map(1));
+    let mut shared = 0;
+    for (x, y, pixel) in images[0].enumerate_pixels() {
+        let own = light(pixel.0[0]);
+        let at = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+        let place = from.canvas_from_pixel(at).and_then(|place| to.pixel_from_canvas(place));
+        let Some(place) = place.filter(|place| {
+            place.cmpge(DVec2::ONE).all() && place.cmple(SIZE.as_dvec2() - 1.0).all()
+        }) else {
+            continue;
+        };
+        let other = bilinear_light(&images[1], place);
+        // Codes are rounded, and the other's pixels lie askew.
+        assert!((own + other - 1.0).abs() < 0.02, "{own} + {other} at {x} {y}");
+        shared += usize::from(own < 0.9 && own > 0.1);
+    }
+    assert!(shared > 500, "only {shared} pixels share their light");
+    assert_eq!(rgb(&draw(&single(), 0, Pattern::Weights), 7, 7), [255; 3], "alone");
+}
+
+fn bilinear_light(image: &RgbaImage, place: DVec2) -> f64 {
+    let from = place - 0.5;
+    let (low, t) = (from.floor().as_uvec2(), from - from.floor());
+    let of = |x: u32, y: u32| light(rgb(image, (low.x + x).min(319), (low.y + y).min(179))[0]);
+    let upper = of(0, 0) * (1.0 - t.x) + of(1, 0) * t.x;
+    upper * (1.0 - t.y) + (of(0, 1) * (1.0 - t.x) + of(1, 1) * t.x) * t.y
+}
+
+#[test]
+fn patterns_of_light_are_not_corrected_and_others_are() {
+    let mut wall = single();
+    let color = &mut wall.channels[0].adjustment.color;
+    color.gain = DVec3::new(1.0, 0.25, 1.0);
+    color.curve = Curve::Gamma(DVec3::splat(2.0));
+    let see = |pattern| display(&wall, &Maps::default(), ChannelId(0), pattern, DVec3::ZERO);
+    let [bars, border] = [Pattern::ColorBars, Pattern::Border].map(|p| see(p).expect("drawn"));
+    assert_eq!(rgb(&bars, 20, 10), [255, 128, 255], "√0.25 of 255");
+    assert_eq!(rgb(&border, 0, 0), [255; 3]);
+}
+
+#[test]
+fn sampling_is_that_of_a_flat_screen() {
+    let wall = single();
+    let map = wall.pixel_map(ChannelId(0)).expect("a map");
+    // 100 pixels a metre, 2 m away: a metre at the foot of the eye is a half in radians.
+    let middle = light::density_at(&map, DVec3::ZERO, SIZE.as_dvec2() / 2.0).expect("seen");
+    let expected = (0.01_f64 / 2.0).to_degrees().recip();
+    assert!((middle / expected - 1.0).abs() < 1e-4, "{middle}, not {expected}");
+    // 45° to the side pixels are √2 further away along their rows; down, they look as long.
+    let right = light::density_at(&map, DVec3::ZERO, DVec2::new(319.0, 90.0)).expect("seen");
+    let (x, z) = (159.5 * 0.01, 2.0_f64);
+    let expected = (0.01 / (x * x + z * z).sqrt()).to_degrees().recip();
+    assert!((right / expected - 1.0).abs() < 1e-3, "{right}, not {expected}");
+    assert_eq!(light::density_at(&map, DVec3::new(0.0, 0.0, -2.0), SIZE.as_dvec2() / 2.0), None);
+    let image = draw(&wall, 0, Pattern::Density);
+    // 11.5 pixels a degree: the third half-octave after 8.
+    assert_eq!(rgb(&image, 160, 90), [220, 100, 0]);
+}
+
+#[test]
+fn displays_get_it_as_they_hang() {
+    let mut wall = single();
+    let upright = draw(&wall, 0, Pattern::Ramp);
+    for turn in [Turn::None, Turn::Left, Turn::Right, Turn::Half] {
+        for packing in [Packing::None, Packing::SideBySide, Packing::TopBottom, Packing::Anaglyph] {
+            let adjustment = &mut wall.channels[0].adjustment;
+            (adjustment.turn, adjustment.packing) = (turn, packing);
+            let image = display(&wall, &Maps::default(), ChannelId(0), Pattern::Ramp, DVec3::ZERO)
+                .expect("drawn");
+            assert_eq!(image.dimensions(), wall.channels[0].display_size().into(), "{turn:?}");
+        }
+    }
+    let adjustment = &mut wall.channels[0].adjustment;
+    *adjustment = Adjustment { turn: Turn::Left, mirror: true, ..Adjustment::default() };
+    let image =
+        display(&wall, &Maps::default(), ChannelId(0), Pattern::Ramp, DVec3::ZERO).expect("drawn");
+    // The viewer's upper left is mirrored to the upper right, which is the display's lower right.
+    assert_eq!(image.get_pixel(SIZE.y - 1, SIZE.x - 1), upright.get_pixel(0, 0));
+    assert_eq!(image.get_pixel(0, 0), upright.get_pixel(SIZE.x - 1, SIZE.y - 1));
+}
+
+#[test]
+fn a_channel_that_a_file_maps_says_so() {
+    let mut wall = single();
+    wall.channels[0].cover = Cover::Map;
+    let image = draw(&wall, 0, Pattern::Grid);
+    assert!(image.pixels().filter(|pixel| pixel.0[0] > 100).count() > 100, "there are words");
+    assert_eq!(draw(&wall, 0, Pattern::Border), draw(&single(), 0, Pattern::Border));
+}

@@ -1,0 +1,81 @@
+//! Test patterns instead of the scene.
+
+use glam::DVec3;
+use polyptych_protocol::command::Frame;
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::{EyeOf, Wall};
+
+use super::RenderThread;
+use crate::pattern;
+use crate::renderer::{DrawStats, Gpu, Picture};
+
+/// A pattern that was drawn, on the GPU, and what it depends on.
+#[derive(Debug)]
+pub(super) struct PatternPicture {
+    pattern: Pattern,
+    eye: DVec3,
+    wall: Wall,
+    picture: Picture,
+}
+
+impl PatternPicture {
+    fn new(
+        gpu: &Gpu,
+        (wall, maps): (&Wall, &Maps),
+        id: ChannelId,
+        pattern: Pattern,
+        eye: DVec3,
+    ) -> Result<Self, String> {
+        let image = pattern::display(wall, maps, id, pattern, eye)?;
+        let picture = Picture::of_pixels(gpu, [image.width(), image.height()], &image);
+        Ok(Self { pattern, eye, wall: wall.clone(), picture })
+    }
+
+    /// Whether it would be drawn the same. Tunings of other channels matter to few patterns.
+    fn is_of(&self, wall: &Wall, id: ChannelId, pattern: Pattern, eye: DVec3) -> bool {
+        let is_same_wall = || {
+            let (old, new) = (self.wall.channel(id), wall.channel(id));
+            let is_near = old == new
+                && new.is_some_and(|new| {
+                    self.wall.screens.get(usize::from(new.screen)) == Some(wall.screen_of(new))
+                });
+            is_near && (pattern.is_of_own_channel() || self.wall == *wall)
+        };
+        self.pattern == pattern && (!pattern.follows_eye() || self.eye == eye) && is_same_wall()
+    }
+}
+
+impl RenderThread {
+    /// Draws a pattern on a channel; `is_linear` is the scene's, so that targets stay as they are.
+    pub(super) fn draw_pattern(
+        &mut self,
+        index: usize,
+        (wall, id): (&Wall, ChannelId),
+        frame: &Frame,
+        pattern: Pattern,
+        is_linear: bool,
+    ) -> Result<DrawStats, String> {
+        let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
+        let eye = frame.head.eye(EyeOf::Center);
+        let known = self.patterns.remove(&channel.name);
+        let drawn = match known.filter(|known| known.is_of(wall, id, pattern, eye)) {
+            Some(known) => known,
+            None => {
+                let maps = self.states.front().map(|drawable| drawable.state.maps.clone());
+                let maps = maps.unwrap_or_default();
+                PatternPicture::new(&self.gpu, (wall, &maps), id, pattern, eye)?
+            }
+        };
+        let (size, output) = (drawn.picture.size(), &mut self.outputs[index]);
+        let canvas = wall.screen_of(channel).canvas.to_array();
+        output.arrange(channel.origin.to_array(), size, canvas);
+        let target = output.target_of(&self.gpu, size, (wall.samples, is_linear))?;
+        target.copy_from(&self.gpu, &drawn.picture);
+        self.patterns.insert(channel.name.clone(), drawn);
+        let waited = self.gpu.device.poll(wgpu::PollType::wait_indefinitely());
+        waited.map_err(|error| self.gpu.fault().unwrap_or_else(|| error.to_string()))?;
+        Ok(DrawStats::default())
+    }
+}

@@ -1,0 +1,257 @@
+//! Tunings and patterns: when they are seen, who is told, what is remembered.
+
+use glam::DVec2;
+use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::tuning::{Change, Corner, Move, Tuned};
+
+use super::super::tune::TUNERS_MAX;
+use super::*;
+
+fn pin(x: f64) -> Change {
+    Change::Pin { corner: Corner::UpperLeft, to: Move::To(DVec2::new(x, 0.0)) }
+}
+
+fn nudge(x: f64) -> Change {
+    Change::Pin { corner: Corner::UpperLeft, to: Move::By(DVec2::new(x, 0.0)) }
+}
+
+impl Stage {
+    fn tune(&mut self, change: Change) -> RequestId {
+        self.request(Request::Tune { channel: "c1".into(), changes: vec![change] })
+    }
+
+    fn pin_of(&self, session: u64) -> f64 {
+        let wall = self.replicas[&SessionId(session)].wall.as_ref().expect("a wall");
+        wall.channels[1].adjustment.pin[0].x
+    }
+
+    fn pinned(&self) -> f64 {
+        self.cluster.wall.channels[1].adjustment.pin[0].x
+    }
+
+    fn tuned(&self, id: RequestId) -> Vec<Tuned> {
+        let of_id = self.replies.iter().filter(|(of, _)| *of == id);
+        let tuned = of_id.map(|(_, reply)| match reply {
+            Ok(Reply::Tuned(tuned)) => *tuned,
+            other => panic!("{other:?}"),
+        });
+        tuned.collect()
+    }
+
+    fn failure(&self, id: RequestId) -> &str {
+        let found = self.replies.iter().find(|(of, _)| *of == id);
+        let Some((_, Err(failure))) = found else { panic!("{id:?} has not failed") };
+        &failure.reason
+    }
+}
+
+#[test]
+fn a_paused_wall_draws_one_frame_for_a_tuning_and_answers_when_it_is_swapped() {
+    let mut stage = Stage::new(2);
+    stage.memories.clear();
+    let before = stage.cluster.frame;
+    let id = stage.tune(pin(1.5));
+    assert_eq!((stage.prepares.len(), stage.frames.len()), (2, 0), "nothing is drawn yet");
+    stage.prepare_all();
+    assert_eq!((stage.pin_of(0), stage.pin_of(1), stage.frames.len()), (1.5, 1.5, 2));
+    stage.draw(&[0], 1_000);
+    assert!(stage.replies.is_empty(), "not all have drawn it");
+    stage.draw(&[1], 1_000);
+    let (frame, revision) = (stage.cluster.frame, stage.cluster.shown.revision);
+    assert_eq!(frame.0, before.0 + 1);
+    assert_eq!(stage.tuned(id), [Tuned { revision, frame, frames: 1 }]);
+    assert_eq!(stage.memories.len(), 1, "remembered before anybody is told");
+    stage.wait(1_500_000);
+    assert_eq!(stage.swaps.len(), 1, "and no frame more");
+}
+
+#[test]
+fn a_wall_that_runs_shows_a_tuning_with_the_second_frame_at_most() {
+    let mut stage = Stage::new(2);
+    stage.request(Request::Run(Pace::Free));
+    stage.wait(0);
+    // A frame is being drawn; the servers prepare while the next one is.
+    let id = stage.tune(pin(2.0));
+    stage.draw(&[0, 1], 5_000);
+    stage.wait(0);
+    let ongoing = stage.frames.last().expect("a frame").1.clone();
+    assert_ne!(ongoing.revision, Revision(2));
+    stage.prepare_all();
+    assert!(stage.tuned(id).is_empty(), "the frame on its way is of the state before");
+    for session in [0, 1] {
+        let digest = stage.cluster.barrier.as_ref().map(|_| Digest(0));
+        assert!(digest.is_some());
+        let before = Stage::new(2).replicas[&SessionId(session)].digest();
+        let mut drawn = stage.drawn(session as u32);
+        (drawn.revision, drawn.digest) = (ongoing.revision, before);
+        stage.say(SessionId(session), Status::Drawn(drawn));
+    }
+    assert!(stage.tuned(id).is_empty(), "nor does its swap tell of the tuning");
+    stage.wait(0);
+    stage.draw(&[0, 1], 5_000);
+    let [tuned] = stage.tuned(id)[..] else { panic!("one answer: {:?}", stage.replies) };
+    assert_eq!(tuned.frames, 2);
+    assert_eq!(stage.state(0), ChannelState::Live);
+    assert_eq!(stage.cluster.status(stage.now).channels[1].late, 0);
+}
+
+#[test]
+fn tunings_that_come_faster_than_servers_prepare_are_one() {
+    let mut stage = Stage::new(2);
+    let ids: Vec<_> = (1..=50).map(|step| stage.tune(pin(f64::from(step) * 0.1))).collect();
+    assert_eq!(stage.cluster.changes.waiting(), 1, "one is on its way, one behind it");
+    stage.prepare_all();
+    // Both revisions were prepared; the last one is what is seen.
+    for _ in 0..3 {
+        stage.draw(&[0, 1], 1_000);
+        stage.wait(0);
+    }
+    assert_eq!((stage.pinned(), stage.pin_of(0)), (5.0, 5.0));
+    for id in &ids {
+        assert_eq!(stage.tuned(*id).len(), 1, "{id:?} has one answer");
+    }
+    assert_eq!(stage.replies.len(), ids.len());
+    assert!(stage.swaps.len() <= 2, "{} frames for 50 tunings", stage.swaps.len());
+}
+
+#[test]
+fn steps_add_up_however_many_are_shown_together() {
+    let mut stage = Stage::new(2);
+    for _ in 0..10 {
+        stage.tune(nudge(0.5));
+    }
+    stage.prepare_all();
+    assert_eq!(stage.pinned(), 5.0);
+}
+
+#[test]
+fn a_client_that_tunes_without_end_is_told_so_and_others_are_not() {
+    let mut stage = Stage::new(2);
+    for _ in 0..TUNERS_MAX {
+        stage.tune(nudge(0.01));
+    }
+    assert!(stage.replies.is_empty());
+    let id = stage.tune(nudge(0.01));
+    assert!(stage.failure(id).contains("256 tunings of this client"), "{:?}", stage.replies);
+    let other = SessionId(1001);
+    stage.cluster.handle_client(other, "other".into());
+    let tune = Request::Tune { channel: "c0".into(), changes: vec![pin(1.0)] };
+    stage.cluster.handle_request(stage.now, other, RequestId(9), tune);
+    stage.read();
+    assert_eq!(stage.replies.len(), 1);
+    assert_eq!(stage.cluster.changes.waiting(), 1);
+    stage.prepare_all();
+    stage.draw(&[0, 1], 1_000);
+    stage.wait(0);
+    stage.draw(&[0, 1], 1_000);
+    assert_eq!(stage.replies.len(), 1 + TUNERS_MAX + 1);
+}
+
+#[test]
+fn what_cannot_be_is_refused_and_changes_nothing() {
+    let mut stage = Stage::new(2);
+    let id = stage.tune(pin(1e6));
+    assert!(stage.failure(id).starts_with("c1: pin.upper-left: "));
+    let tune = Request::Tune { channel: "c7".into(), changes: Vec::new() };
+    let id = stage.request(tune);
+    assert!(stage.failure(id).contains("no channel \"c7\""));
+    assert_eq!((stage.prepares.len(), stage.cluster.wall.clone()), (0, wall(2)));
+}
+
+#[test]
+fn a_tuning_that_no_server_takes_fails_with_all_that_were_made_of_it() {
+    let mut stage = Stage::new(1);
+    let revision = stage.cluster.shown.revision;
+    let ids = [0, 1]
+        .map(|_| stage.request(Request::Tune { channel: "c0".into(), changes: vec![nudge(1.0)] }));
+    let epoch = stage.cluster.epoch();
+    let (revision, reason) = (Revision(revision.0 + 1), "no room".to_owned());
+    stage.say(SessionId(0), Status::PrepareFailed { epoch, revision, reason });
+    for id in ids {
+        assert!(stage.failure(id).contains("no room"));
+    }
+    assert_eq!((stage.cluster.changes.waiting(), stage.pinned_of(0)), (0, 0.0));
+    stage.prepare_all();
+    let id = stage.request(Request::Tune { channel: "c0".into(), changes: vec![nudge(1.0)] });
+    stage.prepare_all();
+    stage.draw(&[0], 1_000);
+    assert_eq!((stage.tuned(id).len(), stage.pinned_of(0)), (1, 1.0), "the wall goes on");
+}
+
+impl Stage {
+    fn pinned_of(&self, channel: usize) -> f64 {
+        self.cluster.wall.channels[channel].adjustment.pin[0].x
+    }
+}
+
+#[test]
+fn the_scene_and_its_features_stay_and_so_does_the_deadline() {
+    let mut stage = Stage::new(1);
+    let job = RequestOf { client: CLIENT, id: RequestId(77) };
+    stage.cluster.handle_import(stage.now, job, Ok(Stage::imported()));
+    stage.read();
+    stage.prepare_all();
+    for _ in 0..4 {
+        stage.order_frame();
+        stage.draw(&[0], 10_000);
+    }
+    let before = stage.cluster.status(stage.now);
+    stage.request(Request::Tune { channel: "c0".into(), changes: vec![pin(1.0)] });
+    let [(_, prepare)] = &stage.prepares[..] else { panic!("one prepare") };
+    let [Operation::SetWall(_)] = &prepare.operations[..] else { panic!("the wall alone") };
+    stage.prepare_all();
+    let after = stage.cluster.status(stage.now);
+    assert_eq!((after.scene.as_deref(), after.deadline_ms), (Some("town"), before.deadline_ms));
+}
+
+#[test]
+fn a_restarted_manager_has_the_tuned_wall_unless_its_file_has_changed() {
+    let mut stage = Stage::new(2);
+    stage.tune(pin(2.5));
+    stage.prepare_all();
+    stage.draw(&[0, 1], 1_000);
+    stage.request(Request::SetPattern(Some(Pattern::Grid)));
+    stage.draw(&[0, 1], 1_000);
+    let memory = stage.memories.pop().expect("remembered");
+    let tuned = stage.cluster.wall.clone();
+    let pattern_of = |cluster: &Cluster| cluster.status(0).pattern;
+
+    let again = Cluster::restored(wall(2), Epoch(8), &memory);
+    assert_eq!((&again.wall, again.shown.wall.as_deref()), (&tuned, Some(&tuned)));
+    assert_eq!((again.shown.revision, pattern_of(&again)), (memory.revision, Some(Pattern::Grid)));
+    assert_eq!(again.shown_digest, again.shown.digest());
+    assert_eq!(again.memory(), memory, "and the next one too");
+
+    // The file says it now: nothing is tuned any more, and it is no other wall.
+    let saved = Cluster::restored(tuned.clone(), Epoch(8), &memory);
+    assert_eq!((&saved.wall, saved.shown.revision), (&tuned, memory.revision));
+    assert_eq!(saved.memory().further.tunings, []);
+
+    let mut other = wall(2);
+    other.eye.y = 0.5;
+    let other = Cluster::restored(other.clone(), Epoch(8), &memory);
+    assert_eq!(other.wall.channels, wall(2).channels, "tunings of another file are forgotten");
+    assert_eq!(other.shown.revision.0, memory.revision.0 + 1);
+}
+
+#[test]
+fn all_channels_change_their_pattern_with_one_frame_and_joiners_have_it() {
+    let mut stage = Stage::new(2);
+    stage.memories.clear();
+    let id = stage.request(Request::SetPattern(Some(Pattern::Checker)));
+    let patterns: Vec<_> = stage.frames.iter().map(|(_, frame)| frame.pattern).collect();
+    assert_eq!(patterns, [Some(Pattern::Checker); 2]);
+    stage.draw(&[0, 1], 1_000);
+    assert_eq!(stage.replies, [(id, Ok(Reply::Done))]);
+    let memory = stage.memories.pop().expect("remembered");
+    assert_eq!(memory.further.pattern, Some(Pattern::Checker));
+    stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
+    stage.clear();
+    stage.join(SessionId(1), 1).expect("joined");
+    stage.prepare_all();
+    let (to, frame) = stage.frames.last().expect("a frame for the joiner");
+    assert_eq!((*to, frame.pattern), (SessionId(1), Some(Pattern::Checker)));
+    stage.draw(&[0, 1], 1_000);
+    stage.request(Request::SetPattern(None));
+    assert_eq!(stage.frames.last().expect("a frame").1.pattern, None);
+}

@@ -1,0 +1,88 @@
+//! Tuning of the running wall: a change as others are, but many may come for one frame.
+
+use polyptych_protocol::ids::{FrameId, Revision};
+use polyptych_protocol::log::Operation;
+use polyptych_protocol::request::Reply;
+use polyptych_protocol::tuning::{self, Tuned};
+use serde::{Deserialize, Serialize};
+
+use super::change::Purpose;
+use super::{Change, Cluster, Micros, RequestOf, SessionId};
+
+/// Most tunings of one client that wait for their frame: a slider's, 50 a second, of a wall that
+/// stands still for five seconds.
+pub(super) const TUNERS_MAX: usize = 256;
+
+/// One who waits until a tuning is seen.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(super) struct Tuner {
+    pub job: RequestOf,
+    /// The last frame that was begun when it asked.
+    pub asked_at: FrameId,
+}
+
+/// Those whose tuning is in the state that frames name.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Tuners(Vec<(Revision, Tuner)>);
+
+impl Tuners {
+    pub fn forget(&mut self, client: SessionId) {
+        self.0.retain(|(_, tuner)| tuner.job.client != client);
+    }
+}
+
+impl Cluster {
+    /// A client adjusts a channel.
+    pub(super) fn tune(
+        &mut self,
+        now: Micros,
+        job: RequestOf,
+        channel: &str,
+        changes: &[tuning::Change],
+    ) -> Result<Option<Reply>, String> {
+        let settled = self.tuners.0.iter().map(|(_, tuner)| tuner);
+        let waiting = self.changes.tuners().chain(settled);
+        if waiting.filter(|tuner| tuner.job.client == job.client).count() >= TUNERS_MAX {
+            return Err(format!(
+                "{TUNERS_MAX} tunings of this client are waiting already; await some first"
+            ));
+        }
+        let present = self.changes.latest_wall().unwrap_or(&self.wall);
+        let wall = tuning::tuned(present, channel, changes)?;
+        let tuner = Tuner { job, asked_at: self.frame };
+        if !self.changes.replace_waiting_wall(&wall, tuner) {
+            let operations = vec![Operation::SetWall(Box::new(wall))];
+            let purpose = Purpose::Tuning(vec![tuner]);
+            self.request_change(now, Change { operations, purpose });
+        }
+        Ok(None)
+    }
+
+    /// The state that is shown from the next frame on has a tuned wall. Nothing is loaded for it,
+    /// so neither deadline nor warm-up begin anew.
+    pub(super) fn settle_tuning(
+        &mut self,
+        now: Micros,
+        tuners: Vec<Tuner>,
+        failed: &[(SessionId, String)],
+    ) {
+        let revision = self.shown.revision;
+        if let Some(wall) = &self.shown.wall {
+            self.wall.clone_from(wall);
+        }
+        self.tuners.0.extend(tuners.into_iter().map(|tuner| (revision, tuner)));
+        self.wants_frame |= self.pacer.pace().is_none();
+        self.demote_unprepared(now, failed);
+        self.remember();
+        tracing::debug!(%revision, "the wall is tuned");
+    }
+
+    /// A frame of this state was swapped: who waits for it, or for one before, is told.
+    pub(super) fn tell_tuners(&mut self, frame: FrameId, revision: Revision) {
+        let seen: Vec<_> = self.tuners.0.extract_if(.., |(of, _)| *of <= revision).collect();
+        for (revision, tuner) in seen {
+            let frames = frame.0.saturating_sub(tuner.asked_at.0);
+            self.reply(tuner.job, Ok(Reply::Tuned(Tuned { revision, frame, frames })));
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! `polyptych pattern`: test patterns on a running wall.
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use polyptych_client::Pattern;
+
+use super::{ManagerAddress, say};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// What every channel draws instead of the scene
+    #[arg(required_unless_present = "off", conflicts_with = "off", value_parser = pattern())]
+    name: Option<Pattern>,
+    /// End it: channels draw the scene again
+    #[arg(long)]
+    off: bool,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+fn pattern() -> impl TypedValueParser<Value = Pattern> {
+    PossibleValuesParser::new(Pattern::ALL.map(Pattern::name))
+        .try_map(|name| Pattern::named(&name).ok_or("there is no such pattern"))
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    arguments.manager.connect()?.set_pattern(arguments.name)?;
+    match arguments.name {
+        Some(pattern) => {
+            let name = pattern.name();
+            say(format_args!("every channel draws {name}; end it with: polyptych pattern --off"))
+        }
+        None => say("every channel draws the scene"),
+    }
+}

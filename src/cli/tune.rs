@@ -1,0 +1,87 @@
+//! `polyptych tune`: adjusts a channel of a running wall.
+
+mod key;
+
+use anyhow::bail;
+use polyptych_client::Wall;
+use polyptych_client::tuning::{Change, Corner, Side};
+use polyptych_protocol::wall::Curve;
+
+use super::{ManagerAddress, counted, say};
+
+/// A sign makes a move relative to where the point is; without one, or with "@" before the
+/// numbers, it is from where the point was drawn.
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// Its name in the wall file
+    channel: String,
+    /// pin.upper-left=+1.5,-0.5 (a sign: further; none, or "@-3,2": from where it was drawn; in
+    /// pixels, right and down), bend=5x5, bend.COLUMN.ROW=+0.5,0, bend=off, gain=1,0.9,1,
+    /// gamma=2.2 or srgb, matrix=1,0,0,0,1,0,0,0,1, edge.left=120 or auto
+    #[arg(
+        value_name = "KEY=VALUE",
+        required_unless_present = "show",
+        conflicts_with = "show",
+        value_parser = key::change
+    )]
+    changes: Vec<Change>,
+    /// Print what the channel's adjustment is now, as changes that lead to it
+    #[arg(long)]
+    show: bool,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let client = arguments.manager.connect()?;
+    if arguments.show {
+        return show(&client.wall()?, &arguments.channel);
+    }
+    let tuned = client.tune(arguments.channel.as_str(), arguments.changes.clone())?;
+    say(format_args!(
+        "{} is tuned: revision {}, on all live channels with frame {}, {} after the request",
+        arguments.channel,
+        tuned.revision,
+        tuned.frame,
+        counted(usize::try_from(tuned.frames).unwrap_or(usize::MAX), "frame")
+    ))
+}
+
+fn show(wall: &Wall, name: &str) -> anyhow::Result<()> {
+    let Some((_, channel)) = wall.channel_named(name) else {
+        let names: Vec<_> = wall.channels.iter().map(|channel| channel.name.as_str()).collect();
+        bail!("this wall has no channel {name:?}; it has {}", names.join(", "));
+    };
+    let adjustment = &channel.adjustment;
+    for (corner, pin) in Corner::ALL.iter().zip(adjustment.pin) {
+        say(format_args!("pin.{}=@{},{}", corner.name(), pin.x, pin.y))?;
+    }
+    match &adjustment.bend {
+        None => say("bend=off")?,
+        Some(bend) => {
+            say(format_args!("bend={}x{}", bend.points.x, bend.points.y))?;
+            for (at, to) in (0..).zip(&bend.moves) {
+                let (column, row) = (at % bend.points.x, at / bend.points.x);
+                say(format_args!("bend.{column}.{row}=@{},{}", to.x, to.y))?;
+            }
+        }
+    }
+    let list =
+        |numbers: &[f64]| numbers.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
+    let color = &adjustment.color;
+    say(format_args!("matrix={}", list(&color.matrix.transpose().to_cols_array())))?;
+    say(format_args!("gain={}", list(&color.gain.to_array())))?;
+    match &color.curve {
+        Curve::Srgb => say("gamma=srgb")?,
+        Curve::Gamma(gamma) => say(format_args!("gamma={}", list(&gamma.to_array())))?,
+        Curve::Measured(points) => {
+            say(format_args!("# a measured curve of {} points; gamma= replaces it", points.len()))?;
+        }
+    }
+    let edges = &adjustment.edges;
+    for (side, width) in Side::ALL.iter().zip([edges.left, edges.right, edges.top, edges.bottom]) {
+        let width = width.map_or_else(|| "auto".into(), |width| width.to_string());
+        say(format_args!("edge.{}={width}", side.name()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,144 @@
+//! `KEY=VALUE` as a change of a channel.
+
+use polyptych_client::glam::{DMat3, DVec2, DVec3, UVec2};
+use polyptych_client::tuning::{Change, Corner, Move, Side};
+
+/// The keys there are.
+const KEYS: &str = "pin.CORNER, bend, bend.COLUMN.ROW, gain, gamma, matrix and edge.SIDE";
+
+/// The change that an argument asks for.
+///
+/// # Errors
+/// What is wrong with it, and what would be right.
+pub(super) fn change(text: &str) -> Result<Change, String> {
+    let (key, value) = text.split_once('=').ok_or("a change is KEY=VALUE, such as gamma=2.2")?;
+    let parts: Vec<_> = key.split('.').collect();
+    let made = match parts[..] {
+        ["pin", name] => {
+            let corner = Corner::ALL.into_iter().find(|corner| corner.name() == name);
+            let names = || format!("the corners are {}", Corner::ALL.map(Corner::name).join(", "));
+            corner
+                .ok_or_else(names)
+                .and_then(|corner| Ok(Change::Pin { corner, to: moved(value)? }))
+        }
+        ["bend"] => grid(value),
+        ["bend", column, row] => {
+            let index = |text: &str| text.parse::<u32>();
+            match (index(column), index(row)) {
+                (Ok(column), Ok(row)) => Ok(Change::Bend { column, row, to: moved(value)? }),
+                _ => Err("columns and rows count from 0, such as bend.2.3".into()),
+            }
+        }
+        ["gain"] => light(value).map(Change::Gain),
+        ["gamma"] if value == "srgb" => Ok(Change::Gamma(None)),
+        ["gamma"] => light(value)
+            .map(|gamma| Change::Gamma(Some(gamma)))
+            .map_err(|reason| format!("{reason}, or srgb")),
+        ["matrix"] => numbers::<9>(value)
+            .map(|rows| Change::Matrix(DMat3::from_cols_array(&rows).transpose()))
+            .ok_or_else(|| "write three rows of three numbers: 1,0,0,0,1,0,0,0,1".into()),
+        ["edge", name] => {
+            let side = Side::ALL.into_iter().find(|side| side.name() == name);
+            let names = || format!("the edges are {}", Side::ALL.map(Side::name).join(", "));
+            side.ok_or_else(names).and_then(|side| Ok(Change::Edge { side, width: width(value)? }))
+        }
+        _ => Err(format!("there is no such key; there are {KEYS}")),
+    };
+    made.map_err(|reason| format!("{key}: {reason}"))
+}
+
+/// Two numbers: relative where one has a sign, absolute where none has or "@" stands before them.
+fn moved(text: &str) -> Result<Move, String> {
+    let (absolute, rest) = text.strip_prefix('@').map_or((false, text), |rest| (true, rest));
+    let [x, y] = numbers::<2>(rest)
+        .ok_or("write two numbers of pixels, right and down: +1.5,-0.5 further, @-3,2 in all")?;
+    let is_signed = rest.split(',').any(|number| number.trim().starts_with(['+', '-']));
+    let to = DVec2::new(x, y);
+    Ok(if is_signed && !absolute { Move::By(to) } else { Move::To(to) })
+}
+
+fn grid(text: &str) -> Result<Change, String> {
+    if text == "off" {
+        return Ok(Change::Grid(None));
+    }
+    let sides = text.split_once('x').and_then(|(x, y)| Some((x.parse().ok()?, y.parse().ok()?)));
+    let points = sides.map(|(x, y)| Change::Grid(Some(UVec2::new(x, y))));
+    points.ok_or_else(|| "write the points across and down, such as 5x5, or off".into())
+}
+
+fn light(text: &str) -> Result<DVec3, String> {
+    numbers::<3>(text)
+        .map(DVec3::from_array)
+        .or_else(|| numbers::<1>(text).map(|[gray]| DVec3::splat(gray)))
+        .ok_or_else(|| "write a number, or three of red, green and blue".into())
+}
+
+fn width(text: &str) -> Result<Option<f64>, String> {
+    if text == "auto" {
+        return Ok(None);
+    }
+    let [width] = numbers::<1>(text).ok_or("write a number of pixels, or auto")?;
+    Ok(Some(width))
+}
+
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let numbers: Option<Vec<f64>> = text
+        .split(',')
+        .map(|number| number.trim().parse().ok().filter(|number: &f64| number.is_finite()))
+        .collect();
+    numbers?.try_into().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn signs_make_moves_relative() {
+        let pin = |to| Ok(Change::Pin { corner: Corner::UpperLeft, to });
+        let (by, to) = (DVec2::new(1.5, -0.5), DVec2::new(-3.0, 2.0));
+        assert_eq!(change("pin.upper-left=+1.5,-0.5"), pin(Move::By(by)));
+        assert_eq!(change("pin.upper-left=0,+2"), pin(Move::By(DVec2::new(0.0, 2.0))));
+        assert_eq!(change("pin.upper-left=3,2"), pin(Move::To(DVec2::new(3.0, 2.0))));
+        assert_eq!(change("pin.upper-left=@-3,2"), pin(Move::To(to)));
+        let to = Move::By(DVec2::new(0.5, 0.0));
+        assert_eq!(change("bend.2.3=+0.5,0"), Ok(Change::Bend { column: 2, row: 3, to }));
+    }
+
+    #[test]
+    fn every_key_has_its_values() {
+        let rows = DMat3::from_cols_array(&[1.0, 0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 1.0]);
+        for (text, meant) in [
+            ("bend=5x4", Change::Grid(Some(UVec2::new(5, 4)))),
+            ("bend=off", Change::Grid(None)),
+            ("gain=1,0.9,1", Change::Gain(DVec3::new(1.0, 0.9, 1.0))),
+            ("gamma=2.2", Change::Gamma(Some(DVec3::splat(2.2)))),
+            ("gamma=srgb", Change::Gamma(None)),
+            ("matrix=1,0.5,0,0,1,0,0,0,1", Change::Matrix(rows)),
+            ("edge.left=120", Change::Edge { side: Side::Left, width: Some(120.0) }),
+            ("edge.bottom=auto", Change::Edge { side: Side::Bottom, width: None }),
+        ] {
+            assert_eq!(change(text), Ok(meant), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_what_would_be_right() {
+        for (text, said) in [
+            ("gamma", "a change is KEY=VALUE"),
+            ("tint=1", "tint: there is no such key; there are pin.CORNER"),
+            ("pin.top=1,1", "pin.top: the corners are upper-left"),
+            ("pin.upper-left=1", "pin.upper-left: write two numbers"),
+            ("pin.upper-left=1,nan", "pin.upper-left: write two numbers"),
+            ("bend=5", "bend: write the points across and down"),
+            ("bend.a.1=1,1", "bend.a.1: columns and rows"),
+            ("gamma=bright", "gamma: write a number, or three of red, green and blue, or srgb"),
+            ("matrix=1,2", "matrix: write three rows"),
+            ("edge.inner=3", "edge.inner: the edges are left"),
+            ("edge.left=wide", "edge.left: write a number of pixels, or auto"),
+        ] {
+            let refused = change(text).expect_err("refused");
+            assert!(refused.starts_with(said), "{text}: {refused}");
+        }
+    }
+}

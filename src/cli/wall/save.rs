@@ -1,0 +1,215 @@
+//! `polyptych wall save`: what was tuned on the running wall goes back into its file, which keeps
+//! its comments and its layout.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, anyhow, bail};
+use polyptych_client::Wall;
+use polyptych_client::glam::{DMat3, DVec2, DVec3};
+use polyptych_client::tuning;
+use polyptych_protocol::wall::adjustment::Bend;
+use polyptych_protocol::wall::{Adjustment, Channel, Curve, file};
+use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
+
+use super::super::{ManagerAddress, load_wall, say};
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// The wall file of the running wall
+    file: PathBuf,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+pub(in crate::cli) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let running = arguments.manager.connect()?.wall()?;
+    let name = arguments.file.display();
+    // A link stays a link: what it leads to is written.
+    let path = fs::canonicalize(&arguments.file).with_context(|| format!("cannot open {name}"))?;
+    // Size, coding and wall are looked at before anything is made of it.
+    load_wall(&path)?;
+    let before = fs::read_to_string(&path).with_context(|| format!("cannot read {name}"))?;
+    let (after, channels) = with_adjustments(&before, &path, &running)?;
+    if after == before {
+        return say(format_args!("{name} says already what the wall is"));
+    }
+    write(&path, &after).with_context(|| format!("cannot write {name}"))?;
+    say(format_args!("{name}: wrote the adjustment of {}", channels.join(", ")))
+}
+
+/// Whole or not at all, with the rights that the file had.
+fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    file.write_all(text.as_bytes())?;
+    file.as_file().set_permissions(fs::metadata(path)?.permissions())?;
+    file.as_file().sync_all()?;
+    file.persist(path)?;
+    Ok(())
+}
+
+/// The text of a wall file with the adjustments of the running wall, and the names of channels
+/// whose adjustment it did not have.
+fn with_adjustments(
+    text: &str,
+    path: &Path,
+    running: &Wall,
+) -> anyhow::Result<(String, Vec<String>)> {
+    let parse = |text: &str| file::parse(text, path).map_err(|error| anyhow!("{error}"));
+    let described = parse(text)?;
+    if let Some(difference) = difference(&described, running) {
+        bail!("{} describes another wall than the one that runs: {difference}", path.display());
+    }
+    let mut document: DocumentMut = text.parse()?;
+    let mut names = Vec::new();
+    for (before, now) in described.channels.iter().zip(&running.channels) {
+        if before.adjustment != now.adjustment {
+            let table = table_of(&mut document, &now.name)
+                .with_context(|| format!("{}: channel.{} is no table", path.display(), now.name))?;
+            adjust(table, &before.adjustment, &now.adjustment);
+            names.push(now.name.clone());
+        }
+    }
+    let text = document.to_string();
+    let written = parse(&text).context("what is tuned cannot be said in a wall file")?;
+    let is_same = |(a, b): (&Channel, &Channel)| a.adjustment == b.adjustment;
+    if !written.channels.iter().zip(&running.channels).all(is_same) {
+        bail!("what is tuned cannot be said in {}; nothing was written", path.display());
+    }
+    Ok((text, names))
+}
+
+/// In what two walls differ beside what can be tuned.
+fn difference(file: &Wall, running: &Wall) -> Option<String> {
+    if file.name != running.name {
+        return Some(format!("its name is {:?}, not {:?}", file.name, running.name));
+    }
+    if file.screens != running.screens {
+        return Some("its screens are others".to_owned());
+    }
+    if file.channels.len() != running.channels.len() {
+        let counts = (file.channels.len(), running.channels.len());
+        return Some(format!("it has {} channels, not {}", counts.0, counts.1));
+    }
+    let is_other = |(file, running): &(&Channel, &Channel)| {
+        let adjustment = file.adjustment.clone();
+        !tuning::is_tuning_of(&adjustment, &running.adjustment)
+            || **file != Channel { adjustment, ..(*running).clone() }
+    };
+    let (other, _) = file.channels.iter().zip(&running.channels).find(is_other)?;
+    Some(format!("its channel {} is another", other.name))
+}
+
+/// `[channel.NAME]`, at the end of the file where there is none.
+fn table_of<'a>(document: &'a mut DocumentMut, name: &str) -> Option<&'a mut dyn TableLike> {
+    let mut all = Table::new();
+    all.set_implicit(true);
+    let all = document.as_table_mut().entry("channel").or_insert(Item::Table(all));
+    let one = all.as_table_like_mut()?.entry(name).or_insert_with(|| Item::Table(Table::new()));
+    one.as_table_like_mut()
+}
+
+/// Writes what differs, and nothing else.
+fn adjust(table: &mut dyn TableLike, before: &Adjustment, now: &Adjustment) {
+    if before.pin != now.pin {
+        set(table, "pin", now.pin.into_iter().map(pair).collect::<Array>().into());
+    }
+    if before.bend != now.bend {
+        match &now.bend {
+            Some(bend) => set_bend(table, bend),
+            None => drop(table.remove("bend")),
+        }
+    }
+    let (old, new) = (&before.edges, &now.edges);
+    for (name, old, new) in [
+        ("left", old.left, new.left),
+        ("right", old.right, new.right),
+        ("top", old.top, new.top),
+        ("bottom", old.bottom, new.bottom),
+    ] {
+        if old != new {
+            set_edge(table, name, new);
+        }
+    }
+    let (old, new) = (&before.color, &now.color);
+    if old.gain != new.gain {
+        set(table, "gain", light(new.gain));
+    }
+    if old.matrix != new.matrix {
+        set(table, "matrix", matrix(new.matrix));
+    }
+    if old.curve != new.curve {
+        table.remove("curve");
+        match &new.curve {
+            Curve::Gamma(gamma) => set(table, "gamma", light(*gamma)),
+            Curve::Srgb | Curve::Measured(_) => drop(table.remove("gamma")),
+        }
+    }
+}
+
+/// A value, with the comment and the spaces of the one that was there.
+fn set(table: &mut dyn TableLike, key: &str, mut value: Value) {
+    match table.get_mut(key) {
+        Some(item) => {
+            if let Some(old) = item.as_value() {
+                value.decor_mut().clone_from(old.decor());
+            }
+            *item = Item::Value(value);
+        }
+        None => drop(table.insert(key, Item::Value(value))),
+    }
+}
+
+fn inner<'a>(table: &'a mut dyn TableLike, key: &str) -> Option<&'a mut dyn TableLike> {
+    let new = || Item::Value(Value::InlineTable(InlineTable::new()));
+    table.entry(key).or_insert_with(new).as_table_like_mut()
+}
+
+fn set_edge(table: &mut dyn TableLike, name: &str, width: Option<f64>) {
+    let Some(edges) = inner(table, "edges") else { return };
+    match width {
+        Some(width) => set(edges, name, width.into()),
+        None => drop(edges.remove(name)),
+    }
+    if edges.is_empty() {
+        table.remove("edges");
+    }
+}
+
+fn set_bend(table: &mut dyn TableLike, bend: &Bend) {
+    let Some(inner) = inner(table, "bend") else { return };
+    let points = bend.points.to_array().map(i64::from);
+    set(inner, "points", points.into_iter().collect::<Array>().into());
+    // A row of points to a line.
+    let moves = bend.moves.iter().enumerate().map(|(at, to)| {
+        let is_first = at % bend.points.x as usize == 0;
+        pair(*to).decorated(if is_first { "\n    " } else { " " }, "")
+    });
+    let mut moves: Array = moves.collect();
+    moves.set_trailing_comma(true);
+    moves.set_trailing("\n");
+    set(inner, "moves", moves.into());
+}
+
+fn pair(point: DVec2) -> Value {
+    point.to_array().into_iter().collect::<Array>().into()
+}
+
+fn light(light: DVec3) -> Value {
+    if light == DVec3::splat(light.x) {
+        light.x.into()
+    } else {
+        light.to_array().into_iter().collect::<Array>().into()
+    }
+}
+
+fn matrix(matrix: DMat3) -> Value {
+    let rows = matrix.transpose().to_cols_array_2d();
+    let row = |row: [f64; 3]| Value::from(row.into_iter().collect::<Array>());
+    rows.map(row).into_iter().collect::<Array>().into()
+}
+
+#[cfg(test)]
+mod tests;

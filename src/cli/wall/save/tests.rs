@@ -1,0 +1,110 @@
+//! A wall file that is written back: its comments stay, and it says what the wall is.
+
+use polyptych_client::glam::UVec2;
+use polyptych_client::tuning::{Change, Corner, Move, Side, tuned};
+
+use super::*;
+
+const TEXT: &str = r#"# The lab's wall.
+[wall]
+name = "lab"
+
+[[screen]]   # one for both
+name = "front"
+size = [3.2, 0.9]
+center = [0.0, 0.0, -2.0]
+[screen.tiles]
+columns = 2
+pixels = [1600, 900]   # each
+
+# The left one is older.
+[channel.front-1-1]
+gain = [1.0, 0.5, 1.0]   # measured on Monday
+edges = { left = 4.0, right = 60.0 }
+
+[network]
+listen = "127.0.0.1:0"  # at the end
+"#;
+
+fn path() -> &'static Path {
+    Path::new("lab.toml")
+}
+
+fn wall(text: &str) -> Wall {
+    file::parse(text, path()).unwrap_or_else(|error| panic!("{error}\n{text}"))
+}
+
+#[test]
+fn what_is_tuned_is_written_and_comments_stay() {
+    let changes = [
+        Change::Gain(DVec3::new(1.0, 0.9, 1.0)),
+        Change::Edge { side: Side::Right, width: Some(120.5) },
+        Change::Edge { side: Side::Left, width: None },
+    ];
+    let running = tuned(&wall(TEXT), "front-1-1", &changes).expect("tuned");
+    let changes = [
+        Change::Pin { corner: Corner::LowerLeft, to: Move::To(DVec2::new(-1.5, 0.1)) },
+        Change::Grid(Some(UVec2::new(3, 2))),
+        Change::Bend { column: 1, row: 0, to: Move::To(DVec2::new(0.3, -7.25)) },
+        Change::Gamma(Some(DVec3::splat(2.2))),
+        Change::Matrix(DMat3::from_cols_array(&[1.0, 0.1, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 1.0])),
+    ];
+    let running = tuned(&running, "front-2-1", &changes).expect("tuned");
+    let (text, names) = with_adjustments(TEXT, path(), &running).expect("written");
+    assert_eq!(names, ["front-1-1", "front-2-1"]);
+    let expected = TEXT
+        .replace("[1.0, 0.5, 1.0]   #", "[1.0, 0.9, 1.0]   #")
+        .replace("{ left = 4.0, right = 60.0 }", "{ right = 120.5 }");
+    assert!(text.starts_with(&expected[..expected.find("[network]").expect("there")]), "{text}");
+    for comment in TEXT.lines().filter_map(|line| line.split_once('#').map(|(_, what)| what)) {
+        assert!(text.contains(comment), "{comment:?} is lost:\n{text}");
+    }
+    assert_eq!(wall(&text).channels, running.channels);
+    let (again, names) = with_adjustments(&text, path(), &running).expect("written");
+    assert_eq!((again, names.len()), (text, 0), "nothing is left to write");
+}
+
+#[test]
+fn what_is_tuned_back_is_taken_out() {
+    let plain = wall(&TEXT.replace("gain = [1.0, 0.5, 1.0]   # measured on Monday\n", ""));
+    let changes = [
+        Change::Pin { corner: Corner::UpperLeft, to: Move::To(DVec2::ONE) },
+        Change::Grid(Some(UVec2::splat(2))),
+        Change::Gamma(Some(DVec3::new(2.0, 2.1, 2.2))),
+    ];
+    let running = tuned(&plain, "front-2-1", &changes).expect("tuned");
+    let before = TEXT.replace("gain = [1.0, 0.5, 1.0]   # measured on Monday\n", "");
+    let (text, _) = with_adjustments(&before, path(), &running).expect("written");
+    let back = [Change::Grid(None), Change::Gamma(None)];
+    let running = tuned(&running, "front-2-1", &back).expect("tuned");
+    let (text, _) = with_adjustments(&text, path(), &running).expect("written");
+    assert!(!text.contains("bend") && !text.contains("gamma"), "{text}");
+    assert_eq!(wall(&text).channels, running.channels);
+}
+
+#[test]
+fn a_file_of_another_wall_is_left_alone() {
+    let running = wall(TEXT);
+    for (text, said) in [
+        (TEXT.replace("\"lab\"", "\"attic\""), "its name is \"attic\", not \"lab\""),
+        (TEXT.replace("[3.2, 0.9]", "[3.2, 0.91]"), "its screens are others"),
+        (TEXT.replace("[channel.front-1-1]", "[channel.front-1-1]\nmirror = true"), "front-1-1"),
+    ] {
+        let refused = with_adjustments(&text, path(), &running).expect_err("refused").to_string();
+        assert!(refused.contains("another wall than the one that runs"), "{refused}");
+        assert!(refused.contains(said), "{refused}");
+    }
+}
+
+#[test]
+fn a_written_file_has_the_rights_that_it_had() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("wall.toml");
+    fs::write(&path, "old").expect("written");
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).expect("set");
+    write(&path, "new").expect("written");
+    let mode = fs::metadata(&path).expect("there").permissions().mode();
+    assert_eq!((fs::read_to_string(&path).expect("read").as_str(), mode & 0o777), ("new", 0o640));
+    assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1, "nothing is left over");
+}
