@@ -20,6 +20,7 @@
 //! - `windows`: pictures reach a display
 //! - `observation`: metrics, logs for programs, and a live status
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
+//! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
 //! - `report`: what a simulated wall writes
 
 mod back_pressure;
@@ -42,6 +43,7 @@ mod seams;
 mod soak;
 mod tidy;
 mod trust;
+mod tuning;
 mod twins;
 mod views;
 mod wall_files;

@@ -1,0 +1,115 @@
+//! Test patterns and tuning, by the command, on a wall of processes.
+
+use std::fs;
+
+use image::RgbaImage;
+use polyptych_client::glam::DVec2;
+use polyptych_client::tuning::{Change, Corner, Move};
+use polyptych_client::{ChannelState, Pace, Wall};
+use polyptych_protocol::wall::file;
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
+use crate::harness::pictures::{color_count, read};
+use crate::harness::place::Place;
+
+/// The picture of the whole wall, as the command saves it.
+fn shot(local: &LocalWall, name: &str) -> RgbaImage {
+    let path = local.place.path(name);
+    local.run(&["shot", path.to_str().expect("text")]).succeeded();
+    read(&path)
+}
+
+/// How many pixels of a part of two pictures differ.
+fn differing(a: &RgbaImage, b: &RgbaImage, columns: std::ops::Range<u32>) -> usize {
+    let pairs = a.enumerate_pixels().zip(b.pixels());
+    pairs.filter(|((x, _, a), b)| columns.contains(x) && a != b).count()
+}
+
+/// Another manager of this wall at the same place; the servers stay.
+fn restarted(mut local: LocalWall, wall: &Wall) -> LocalWall {
+    local.manager.kill();
+    let LocalWall { place, address, servers, .. } = local;
+    let mut local = LocalWall::manager(place, wall, &[], &address);
+    local.servers = servers;
+    await_states(&local.client(), &[ChannelState::Ready, ChannelState::Live]);
+    local
+}
+
+#[test]
+fn a_tuning_moves_the_picture_outlives_the_manager_and_is_saved() {
+    let wall = small(2, 1);
+    let [left, right] = [0, 1].map(|index: usize| wall.channels[index].name.clone());
+    let local = LocalWall::start_in(Place::new(), &wall, &[], ANY_PORT);
+    let path = local.place.path("wall.toml");
+    let before = shot(&local, "none.png");
+    local.run(&["pattern", "grid"]).succeeded();
+    let status = local.run(&["status"]).succeeded();
+    assert!(status.contains("pattern: grid, until: polyptych pattern --off"), "{status}");
+    let grid = shot(&local, "grid.png");
+    assert!(differing(&before, &grid, 0..480) > 10_000 && color_count(&grid) > 3);
+
+    let said = local.run(&["tune", &left, "pin.upper-left=+10,6", "gamma=2.2"]).succeeded();
+    assert!(said.contains("1 frame after the request"), "a paused wall: {said}");
+    let tuned = shot(&local, "tuned.png");
+    assert!(differing(&grid, &tuned, 0..240) > 1_000, "the lines have moved");
+    assert_eq!(differing(&grid, &tuned, 240..480), 0, "the neighbour is as it was");
+    let shown = local.run(&["tune", &left, "--show"]).succeeded();
+    assert!(shown.contains("pin.upper-left=@10,6\n") && shown.contains("gamma=2.2"), "{shown}");
+
+    let key = format!("{right}: pin.upper-left: the four corners");
+    local.run(&["tune", &right, "pin.upper-left=200,200"]).failed(&[&key]);
+    local.run(&["tune", "middle", "gamma=2"]).failed(&["no channel \"middle\"", &left]);
+
+    let local = restarted(local, &wall);
+    assert_eq!(shot(&local, "again.png"), tuned, "remembered, with the pattern");
+
+    let text = fs::read_to_string(&path).expect("a wall file");
+    fs::write(&path, format!("# The lab's wall.\n{text}")).expect("written");
+    let said = local.run(&["wall", "save", path.to_str().expect("text")]).succeeded();
+    assert!(said.contains(&left) && !said.contains(&right), "{said}");
+    let saved = fs::read_to_string(&path).expect("a wall file");
+    assert!(saved.starts_with("# The lab's wall.\n"), "{saved}");
+    let said = local.run(&["wall", "save", path.to_str().expect("text")]).succeeded();
+    assert!(said.contains("says already"), "{said}");
+    let other = local.place.write("other.toml", saved.replace("\"small\"", "\"other\""));
+    let other = other.to_str().expect("text").to_owned();
+    local.run(&["wall", "save", &other]).failed(&["another wall", "its name is \"other\""]);
+
+    let wall = file::load(&path).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(wall.channels[0].adjustment.pin[0], DVec2::new(10.0, 6.0));
+    let local = restarted(local, &wall);
+    assert_eq!(shot(&local, "saved.png"), tuned, "the file says it now");
+    local.run(&["pattern", "--off"]).succeeded();
+    assert!(differing(&shot(&local, "off.png"), &tuned, 0..480) > 10_000);
+}
+
+#[test]
+fn a_wall_that_runs_shows_tunings_on_all_channels_and_none_is_late() {
+    let wall = small(2, 1);
+    let local = LocalWall::start(&wall, &[]);
+    let client = local.client();
+    client.run(Pace::Rate(30.0)).expect("running");
+    let name = wall.channels[1].name.as_str();
+    let nudge = || {
+        let to = Move::By(DVec2::new(0.1, 0.0));
+        vec![Change::Pin { corner: Corner::LowerRight, to }]
+    };
+    let mut frames: Vec<u64> =
+        (0..50).map(|_| client.tune(name, nudge()).expect("tuned").frames).collect();
+    frames.sort_unstable();
+    println!("frames to a tuning: median {}, worst {}", frames[25], frames[49]);
+    // As a slider sends them: nobody waits for the answer of the one before.
+    let change = nudge();
+    let request = || polyptych_client::Request::Tune {
+        channel: name.to_owned(),
+        changes: change.clone(),
+    };
+    let pending: Vec<_> = (0..100).map(|_| client.post(request()).expect("posted")).collect();
+    for answer in pending {
+        answer.wait().expect("each has its answer");
+    }
+    let pinned = client.wall().expect("the wall").channels[1].adjustment.pin[3].x;
+    assert!((pinned - 15.0).abs() < 1e-9, "all steps add up: {pinned}");
+    let status = client.status().expect("status");
+    assert!(status.channels.iter().all(|channel| channel.late == 0), "{status:?}");
+}
