@@ -9,7 +9,6 @@ use polyptych_protocol::head::Head;
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::status::{Drawn, Shown, Status};
 use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::surface::{Cylinder, Plane};
 use polyptych_protocol::wall::{Channel, Screen, Surface, Turn};
 
