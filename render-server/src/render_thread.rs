@@ -1,6 +1,7 @@
 //! The thread that owns the GPU. It empties its queues between frames and never waits for a socket.
 
 mod patterns;
+mod pictures;
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
@@ -23,10 +24,8 @@ use crate::loader::{LoadedState, Upload};
 use crate::notice::{Identity, Notice};
 use crate::output::Output;
 use crate::playback::{Act, Playback};
-use crate::renderer::{
-    Content, DrawStats, Gpu, Renderer, Scene, SceneBuilder, SceneDesc, Target, read_picture,
-};
-use crate::report::{self, PictureReport, Report};
+use crate::renderer::{Content, DrawStats, Gpu, Renderer, Scene, SceneBuilder, SceneDesc, Target};
+use crate::report::{self, Report};
 use crate::showing::Showing;
 use crate::slowness::Slowness;
 use patterns::PatternPicture;
@@ -329,21 +328,6 @@ impl RenderThread {
                 Ok(()) => self.send(report::shown(epoch, frame, id, &self.clock)),
                 Err(reason) => self.send(report::draw_failed(frame, id, reason)),
             }
-        }
-    }
-
-    /// Sends the picture of a channel as it was drawn, whether or not it comes to be shown: a
-    /// picture that someone asked for may be late.
-    fn send_picture(&self, index: usize, frame: FrameId, channel: ChannelId) {
-        let Some(picture) = self.outputs[index].picture() else { return };
-        let [width, height] = picture.size();
-        match read_picture(&self.gpu, picture) {
-            Ok(pixels) => {
-                let bytes = pixels.into();
-                let picture = PictureReport { channel, frame, width, height, bytes };
-                self.send(Report::Picture(picture));
-            }
-            Err(error) => self.send(report::draw_failed(frame, channel, error.to_string())),
         }
     }
 

@@ -1,0 +1,24 @@
+//! Pictures that somebody asked for.
+
+use polyptych_protocol::ids::{ChannelId, FrameId};
+
+use super::RenderThread;
+use crate::renderer::read_picture;
+use crate::report::{self, PictureReport, Report};
+
+impl RenderThread {
+    /// Sends the picture of a channel as it was drawn, whether or not it comes to be shown: a
+    /// picture that someone asked for may be late.
+    pub(super) fn send_picture(&self, index: usize, frame: FrameId, channel: ChannelId) {
+        let Some(picture) = self.outputs[index].picture() else { return };
+        let [width, height] = picture.size();
+        match read_picture(&self.gpu, picture) {
+            Ok(pixels) => {
+                let bytes = pixels.into();
+                let picture = PictureReport { channel, frame, width, height, bytes };
+                self.send(Report::Picture(picture));
+            }
+            Err(error) => self.send(report::draw_failed(frame, channel, error.to_string())),
+        }
+    }
+}
