@@ -120,7 +120,7 @@ impl Cluster {
         }
     }
 
-    fn memory(&self) -> Memory {
+    pub(super) fn memory(&self) -> Memory {
         let tunings = tuning::differences(&self.file, &self.wall);
         let tuned_wall = (!tunings.is_empty()).then(|| hash_of(&self.wall));
         Memory {
