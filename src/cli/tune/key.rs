@@ -25,7 +25,7 @@ pub(super) fn change(text: &str) -> Result<Change, String> {
         ["bend", column, row] => {
             let index = |text: &str| text.parse::<u32>();
             match (index(column), index(row)) {
-                (Ok(column), Ok(row)) => Ok(Change::Bend { column, row, to: moved(value)? }),
+                (Ok(column), Ok(row)) => moved(value).map(|to| Change::Bend { column, row, to }),
                 _ => Err("columns and rows count from 0, such as bend.2.3".into()),
             }
         }
@@ -132,6 +132,7 @@ mod tests {
             ("pin.upper-left=1,nan", "pin.upper-left: write two numbers"),
             ("bend=5", "bend: write the points across and down"),
             ("bend.a.1=1,1", "bend.a.1: columns and rows"),
+            ("bend.1.1=1", "bend.1.1: write two numbers"),
             ("gamma=bright", "gamma: write a number, or three of red, green and blue, or srgb"),
             ("matrix=1,2", "matrix: write three rows"),
             ("edge.inner=3", "edge.inner: the edges are left"),
