@@ -9,6 +9,7 @@ mod drive;
 mod keys;
 mod manager;
 mod pattern;
+mod prove;
 mod replay;
 mod scene;
 mod server;
@@ -87,6 +88,8 @@ enum Command {
     Keys(keys::Arguments),
     /// Say what a wall file describes, or what is wrong with it
     Check(check::Arguments),
+    /// Prove in numbers that a wall shows every pixel in its place
+    Prove(prove::Arguments),
     /// Make a wall file
     #[command(subcommand)]
     Wall(wall::Wall),
@@ -169,6 +172,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Stop(arguments) => drive::stop(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),
         Command::Check(arguments) => return check::run(&arguments),
+        Command::Prove(arguments) => return prove::run(&arguments),
         Command::Wall(wall) => return wall::run(&wall),
         Command::Replay(arguments) => return replay::run(&arguments),
         Command::Scene(scene) => scene::run(&scene),

@@ -7,6 +7,7 @@ mod faults;
 mod local_wall;
 mod log;
 mod pictures;
+mod prove;
 mod report;
 mod supervise;
 mod town;

@@ -111,7 +111,7 @@ pub enum Output {
         reason: String,
     },
     /// Keep this for the next life of the manager, before anything that follows.
-    Remember(Memory),
+    Remember(Box<Memory>),
     /// End the manager.
     Stop,
 }

@@ -16,6 +16,7 @@ use crate::faults::{self, Fault, Faults, Needs};
 use crate::local_wall::{Interrupted, LocalWall, LocalWallOptions};
 use crate::log;
 use crate::pictures;
+use crate::prove::Shown;
 use crate::report::Report;
 
 /// Frames of a run, where nothing else is said.
@@ -35,14 +36,6 @@ const TIME_RATE: f64 = 30.0;
 
 /// What an interrupted process answers to its shell: 128 and the number of SIGINT.
 const INTERRUPTED: u8 = 130;
-
-/// The scene of a simulation.
-#[derive(Debug)]
-struct Shown {
-    file: PathBuf,
-    /// What to look at, where it is not the whole scene.
-    focus: Option<Bounds>,
-}
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -98,13 +91,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
     }
     let out = &arguments.out;
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
-    let shown = match &arguments.scene {
-        Some(scene) => {
-            let file = scene.canonicalize().with_context(|| scene.display().to_string())?;
-            Shown { file, focus: None }
-        }
-        None => generated_town()?,
-    };
+    let shown = shown(arguments.scene.as_deref())?;
     let root = shown.file.parent().unwrap_or(Path::new("/")).to_owned();
     let baker = manager::default_baker()?;
     let count = wall.channels.len();
@@ -273,6 +260,13 @@ fn step(what: &'static str) -> ProgressBar {
     let spinner = ProgressBar::with_draw_target(None, drawn_to()).with_message(what);
     spinner.enable_steady_tick(Duration::from_millis(100));
     spinner
+}
+
+/// The scene of a file, or the generated one.
+pub(super) fn shown(scene: Option<&Path>) -> anyhow::Result<Shown> {
+    let Some(scene) = scene else { return generated_town() };
+    let file = scene.canonicalize().with_context(|| scene.display().to_string())?;
+    Ok(Shown { file, focus: None })
 }
 
 /// The scene of the demo, kept in this user's cache folder once it was made.

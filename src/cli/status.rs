@@ -51,7 +51,7 @@ fn table(status: &WallStatus) -> String {
         text += &["displays: ", mode, ", until: polyptych ", mode, " --off\n"].concat();
     }
     if let Some(pattern) = status.pattern {
-        text += &format!("pattern: {}, until: polyptych pattern --off\n", pattern.name());
+        text += &["pattern: ", pattern.name(), ", until: polyptych pattern --off\n"].concat();
     }
     let header = ["CHANNEL", "STATE", "FOR", "FRAME", "LATE", SKEW, "PID", "ADDRESS", "REASON"];
     let mut rows = vec![header.map(String::from)];

@@ -100,10 +100,8 @@ fn a_wall_that_runs_shows_tunings_on_all_channels_and_none_is_late() {
     println!("frames to a tuning: median {}, worst {}", frames[25], frames[49]);
     // As a slider sends them: nobody waits for the answer of the one before.
     let change = nudge();
-    let request = || polyptych_client::Request::Tune {
-        channel: name.to_owned(),
-        changes: change.clone(),
-    };
+    let request =
+        || polyptych_client::Request::Tune { channel: name.to_owned(), changes: change.clone() };
     let pending: Vec<_> = (0..100).map(|_| client.post(request()).expect("posted")).collect();
     for answer in pending {
         answer.wait().expect("each has its answer");

@@ -171,10 +171,14 @@ fn a_client_moves_the_head_and_lays_views_over_a_wall_of_processes() {
         check("both walls", &shown, &expected, &SEAMS);
         shown
     };
-    clients.iter().for_each(|client| client.set_camera(poses(&bounds)[4]).expect("set"));
+    for client in &clients {
+        client.set_camera(poses(&bounds)[4]).expect("set");
+    }
     let at_rest = pictures();
     let head = Head::at(DVec3::new(0.4, 0.1, 0.2), 0.07);
-    clients.iter().for_each(|client| client.set_head(head).expect("set"));
+    for client in &clients {
+        client.set_head(head).expect("set");
+    }
     let moved = pictures();
     assert_ne!(moved, at_rest, "all frusta follow the head");
     assert_eq!(client.sight().expect("sight").head, head);
@@ -202,6 +206,8 @@ fn a_client_moves_the_head_and_lays_views_over_a_wall_of_processes() {
     assert!(said.contains("front 120,60,240,140") && said.contains("200.0000 m"), "{said}");
     let far = ["view", "add", "0,9,0", "0,0,0", "--rect", "400,0,100,10", "--fov", "40"];
     two.run(&far).failed(&["not on screen front", "480 × 272"]);
-    clients.iter().for_each(|client| client.clear_views().expect("cleared"));
+    for client in &clients {
+        client.clear_views().expect("cleared");
+    }
     assert_eq!(pictures(), at_rest, "no views, and a head at rest");
 }

@@ -96,7 +96,7 @@ impl View {
     ///
     /// The ray meets it at `v · distance / w`; all is multiplied by `w`, which may be 0.
     pub fn see(&self, world: DVec3) -> Seen {
-        let v = self.from_eye(world);
+        let v = self.seen_from_eye(world);
         let w = -self.toward.dot(v);
         let x = self.right.dot(v) * self.distance - self.left * w;
         let y = self.top * w - self.up.dot(v) * self.distance;
@@ -132,7 +132,7 @@ impl View {
         (x * x + y * y + self.distance * self.distance).sqrt() / self.distance
     }
 
-    fn from_eye(&self, world: DVec3) -> DVec3 {
+    fn seen_from_eye(&self, world: DVec3) -> DVec3 {
         let away = world - self.eye_in_world;
         DVec3::new(self.axes[0].dot(away), self.axes[1].dot(away), self.axes[2].dot(away))
     }

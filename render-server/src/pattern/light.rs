@@ -215,5 +215,5 @@ fn density_color(log: f64) -> [u8; 3] {
     let step = ((log - DENSITY_MIN.log2()) * 2.0).clamp(0.0, DENSITIES.len() as f64 * 2.0 - 1.0);
     let color = DENSITIES[step as usize / 2];
     // The upper half of each octave is brighter.
-    if step as usize % 2 == 0 { color.map(|code| code / 3 * 2) } else { color }
+    if (step as usize).is_multiple_of(2) { color.map(|code| code / 3 * 2) } else { color }
 }

@@ -60,13 +60,13 @@ impl RenderThread {
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         let eye = frame.head.eye(EyeOf::Center);
         let known = self.patterns.remove(&channel.name);
-        let drawn = match known.filter(|known| known.is_of(wall, id, pattern, eye)) {
-            Some(known) => known,
-            None => {
-                let maps = self.states.front().map(|drawable| drawable.state.maps.clone());
-                let maps = maps.unwrap_or_default();
-                PatternPicture::new(&self.gpu, (wall, &maps), id, pattern, eye)?
-            }
+        let known = known.filter(|known| known.is_of(wall, id, pattern, eye));
+        let drawn = if let Some(known) = known {
+            known
+        } else {
+            let maps = self.states.front().map(|drawable| drawable.state.maps.clone());
+            let maps = maps.unwrap_or_default();
+            PatternPicture::new(&self.gpu, (wall, &maps), id, pattern, eye)?
         };
         let (size, output) = (drawn.picture.size(), &mut self.outputs[index]);
         let canvas = wall.screen_of(channel).canvas.to_array();

@@ -143,7 +143,7 @@ impl Cluster {
         let memory = self.memory();
         if self.remembered.as_ref() != Some(&memory) {
             self.remembered = Some(memory.clone());
-            self.outputs.push_back(Output::Remember(memory));
+            self.outputs.push_back(Output::Remember(Box::new(memory)));
         }
     }
 

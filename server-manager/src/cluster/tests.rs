@@ -135,7 +135,7 @@ impl Stage {
                     self.replies.push((id, reply));
                 }
                 Output::Answer { .. } | Output::Stop => {}
-                Output::Remember(memory) => self.memories.push(memory),
+                Output::Remember(memory) => self.memories.push(*memory),
                 Output::Import { job, .. } => self.imports.push(job),
                 Output::Collect { channels, .. } => self.collects.push(channels),
                 Output::Close { session, .. } => self.closed.push(session),

@@ -91,7 +91,7 @@ fn describe(output: &Output) -> (char, Vec<u8>) {
             ('p', codec::encode(&(job, frame, channels, missing)).to_vec())
         }
         Output::Close { session, reason } => ('l', codec::encode(&(session, reason)).to_vec()),
-        Output::Remember(memory) => ('r', codec::encode(memory).to_vec()),
+        Output::Remember(memory) => ('r', codec::encode(&**memory).to_vec()),
         Output::Stop => ('s', Vec::new()),
     }
 }

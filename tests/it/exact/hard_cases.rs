@@ -39,7 +39,8 @@ pub fn all_planar() -> Vec<(String, Wall)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
     let files = std::fs::read_dir(folder).expect("the wall files");
     let names = files.map(|file| file.expect("a file").file_name().to_string_lossy().into_owned());
-    let mut names: Vec<String> = names.filter(|name| name.rsplit('.').next() == Some("toml")).collect();
+    let mut names: Vec<String> =
+        names.filter(|name| name.rsplit('.').next() == Some("toml")).collect();
     names.sort();
     let planar = |name: String| {
         let mut wall = of_repository(&name);

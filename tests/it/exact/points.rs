@@ -198,7 +198,7 @@ fn check(name: &str, wall: &Wall) {
         for (at, place) in places() {
             let (error, count) = worst(wall, place, form);
             assert!(count >= wall.channels.len(), "{name}: only {count} markers were seen");
-            line.extend([" ", &at.to_string(), &format!(" {error:.4} px of {count}")]);
+            line.extend([" ", at, &format!(" {error:.4} px of {count}")]);
             most = most.max(error);
         }
         println!("{line}");

@@ -123,7 +123,7 @@ fn broken_pictures() {
     let grey = Png { size: [4, 4], color: 0, bits: 8, gamma: None, texels: &texels };
     let bytes = png(&grey);
     let as_mask = |bytes: &[u8]| refusal("a.png", MapUse::Mask, bytes);
-    says(&as_mask(&bytes[..bytes.len() - 30]), &["PNG"]);
+    says(&as_mask(&bytes[..40]), &["PNG"]);
     says(&as_mask(b"\xff\xd8\xff"), &["can't be decoded", "PNG"]);
     says(&as_mask(&png(&Png { gamma: Some(0), ..grey.clone() })), &["gAMA is 0"]);
     let giant = png(&Png { size: [9000, 4], ..grey.clone() });

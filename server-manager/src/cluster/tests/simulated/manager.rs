@@ -349,7 +349,7 @@ impl World {
             }
             Output::Remember(memory) => {
                 self.watch.remembered(&memory)?;
-                self.manager.memory = Some(memory);
+                self.manager.memory = Some(*memory);
             }
             Output::Stop => {
                 self.coverage.count("manager stopped by a client");

@@ -1,0 +1,135 @@
+//! Proves a wall in numbers: real servers draw it, and every measure has a target.
+
+mod geometry;
+mod light;
+mod marker;
+mod oracle;
+mod table;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use polyptych_client::{Bounds, Capture, overview};
+use polyptych_manager::import::Baker;
+use polyptych_protocol::wall::Wall;
+
+use crate::faults::Needs;
+use crate::local_wall::{LocalWall, LocalWallOptions};
+use crate::pictures;
+use table::Table;
+
+/// Where the camera looks from when pictures are compared, in radians around the vertical.
+const HEADING_RAD: f64 = 0.52;
+
+/// Draws the wall on this machine, measures, and writes the pictures that it measured.
+///
+/// # Errors
+/// A wall or scene that cannot be drawn, or a folder that cannot be written. A target that is
+/// missed is no error: the table says so.
+pub(crate) fn prove(wall: &Wall, shown: Shown, baker: Baker, out: &Path) -> anyhow::Result<Table> {
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let mut table = Table::default();
+    light::prove(wall, &mut table)?;
+    let folder = tempfile::Builder::new().prefix("polyptych-prove-").tempdir()?;
+    let prover = Prover { shown, folder: folder.path().canonicalize()?, baker, out };
+    let capture = {
+        let local = prover.start(wall)?;
+        let keep = |capture: &Capture| prover.save_all("markers", capture);
+        geometry::prove(&local.client, wall, &prover.folder, &mut table, keep)?;
+        prover.show(&local, wall)?
+    };
+    prover.save_all("wall", &capture)?;
+    for index in 0..wall.screens.len() as u16 {
+        if oracle::can_judge(wall, index) {
+            prover.compare(wall, index, &capture, &mut table)?;
+        }
+    }
+    let json = serde_json::to_vec_pretty(&table)?;
+    let path = out.join("prove.json");
+    pictures::write_whole(&path, &json)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(table)
+}
+
+/// The scene whose pictures are compared.
+#[derive(Debug)]
+pub(crate) struct Shown {
+    /// An absolute path.
+    pub file: PathBuf,
+    /// What to look at, where it is not the whole scene.
+    pub focus: Option<Bounds>,
+}
+
+/// What all parts of a proof are made with.
+struct Prover<'a> {
+    shown: Shown,
+    /// For scenes that it makes itself.
+    folder: PathBuf,
+    baker: Baker,
+    out: &'a Path,
+}
+
+impl Prover<'_> {
+    fn start(&self, wall: &Wall) -> anyhow::Result<LocalWall> {
+        let root = self.shown.file.parent().unwrap_or(Path::new("/")).to_owned();
+        LocalWall::start(LocalWallOptions {
+            wall: wall.clone(),
+            scene_roots: vec![root, self.folder.clone()],
+            baker: self.baker.clone(),
+            windows: false,
+            recorder: None,
+            needs: Needs::default(),
+        })
+    }
+
+    /// The scene as a wall shows it.
+    fn show(&self, local: &LocalWall, wall: &Wall) -> anyhow::Result<Capture> {
+        let summary = local.client.open_scene(self.shown.file.display().to_string())?;
+        if let Some(focus) = self.shown.focus.or(summary.bounds) {
+            local.client.set_camera(overview(wall, &focus, HEADING_RAD))?;
+        }
+        local.client.render_frame_at(None, Some(0.0))?;
+        let capture = local.client.capture()?;
+        if let Some((channel, why)) = capture.missing.first() {
+            bail!("channel {channel} has no picture: {why}");
+        }
+        Ok(capture)
+    }
+
+    /// One channel shows the whole of a screen, seen from where the wall's camera stands.
+    fn compare(
+        &self,
+        wall: &Wall,
+        index: u16,
+        capture: &Capture,
+        table: &mut Table,
+    ) -> anyhow::Result<()> {
+        let single = oracle::single(wall, index);
+        let local = self.start(&single)?;
+        let summary = local.client.open_scene(self.shown.file.display().to_string())?;
+        if let Some(focus) = self.shown.focus.or(summary.bounds) {
+            // The camera of the whole wall, which the other screens have their part in.
+            local.client.set_camera(overview(wall, &focus, HEADING_RAD))?;
+        }
+        local.client.render_frame_at(None, Some(0.0))?;
+        let name = &wall.screens[usize::from(index)].name;
+        let expected = oracle::screen_of(&local.client.capture()?, name)?;
+        let stitched = oracle::screen_of(capture, name)?;
+        let difference = oracle::compare(wall, index, &stitched, &expected, table)?;
+        self.save(&format!("single-{name}.png"), &expected)?;
+        self.save(&format!("difference-{name}.png"), &difference)
+    }
+
+    fn save_all(&self, what: &str, capture: &Capture) -> anyhow::Result<()> {
+        for picture in &capture.channels {
+            let image = pictures::to_image(picture)?;
+            self.save(&format!("{what}-channel-{}.png", picture.name), &image)?;
+        }
+        self.save(&format!("{what}.png"), &pictures::side_by_side(&capture.screens)?)
+    }
+
+    fn save(&self, name: &str, image: &image::RgbaImage) -> anyhow::Result<()> {
+        let path = self.out.join(name);
+        pictures::save_png(&path, image).with_context(|| format!("cannot write {}", path.display()))
+    }
+}

@@ -1,0 +1,296 @@
+//! Where markers are found on all channels of a wall that runs, against where they must be.
+
+use std::path::Path;
+
+use anyhow::Context;
+use glam::{DVec2, DVec3};
+use polyptych_client::blocking::Client;
+use polyptych_client::{Camera, Capture};
+use polyptych_protocol::head::Head;
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::pixels::PixelMap;
+use polyptych_protocol::wall::{Channel, Cover, Wall};
+
+use super::light;
+use super::marker::{self, Light, Marker};
+use super::table::{Table, Target};
+use crate::pictures::write_whole;
+
+/// How far a point may be from where f64 says, in pixels.
+const ERROR_MAX_PX: f64 = 0.01;
+
+/// The same where a picture is resampled: by a warp, between the pixels of its source.
+const WARPED_ERROR_MAX_PX: f64 = 0.1;
+
+/// How far apart two channels may show one point, in pixels.
+const SEAM_MAX_PX: f64 = 0.05;
+
+/// By how much more a point may be off in one frame than in the one before, in pixels.
+const JITTER_MAX_PX: f64 = 0.01;
+
+/// Half side of a marker in pixels, where the channel has room.
+const HALF_PX: f64 = 32.0;
+
+/// The smallest of which a place can be told.
+const HALF_MIN_PX: f64 = 4.0;
+
+/// How far from the origin scenes are put, in metres.
+const OFFSETS_M: [f64; 3] = [0.0, 1e4, 1e7];
+
+/// Frames of a slow move, and how far each is from the one before, in metres.
+const STEPS: u32 = 4;
+const STEP_M: DVec3 = DVec3::new(0.000_37, 0.000_21, -0.000_11);
+
+/// Depths of markers, in distances from the eye to the screen.
+const DEPTHS: [f64; 3] = [1.0, 1.7, 5.0];
+
+/// A channel, and where its pixels and its eye are.
+struct Seen<'a> {
+    id: ChannelId,
+    name: &'a str,
+    map: PixelMap<'a>,
+    eye: DVec3,
+    half: f64,
+    is_warped: bool,
+}
+
+/// Where one channel showed a marker, in pixels from where it must be.
+struct Found {
+    channel: usize,
+    marker: usize,
+    error_px: DVec2,
+    /// The same as a way along the screen, in pixels of the channel and display space's axes.
+    error_in_display: DVec3,
+}
+
+/// Proves where channels show points, for scenes near and far from the origin.
+///
+/// # Errors
+/// What could not be drawn or written.
+pub(super) fn prove(
+    client: &Client,
+    wall: &Wall,
+    folder: &Path,
+    table: &mut Table,
+    mut keep: impl FnMut(&Capture) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    let seen = channels(wall);
+    let markers = markers(wall, &seen);
+    let rest: Vec<&str> = wall
+        .channels
+        .iter()
+        .map(|channel| channel.name.as_str())
+        .filter(|name| seen.iter().all(|channel| channel.name != *name))
+        .collect();
+    if !rest.is_empty() {
+        let why = "too small for markers, or where their pixels lie is in a file";
+        let note = format!("{}: {why}", rest.join(", "));
+        table.add("channels without markers", rest.len() as f64, "", None, note);
+    }
+    if markers.is_empty() {
+        return Ok(());
+    }
+    for offset_m in OFFSETS_M {
+        let offset = DVec3::new(offset_m, -0.5 * offset_m, 0.25 * offset_m);
+        let place = folder.join(format!("markers-{offset_m}"));
+        std::fs::create_dir_all(&place).with_context(|| place.display().to_string())?;
+        for (name, bytes) in marker::files(&markers, offset)? {
+            write_whole(&place.join(name), &bytes)?;
+        }
+        client.open_scene(place.join(marker::SCENE_NAME).display().to_string())?;
+        let mut frames = Vec::new();
+        for step in 0..STEPS {
+            let shift = STEP_M * f64::from(step);
+            client.set_camera(Camera { position: offset + shift, ..Camera::IDENTITY })?;
+            client.render_frame_at(None, Some(0.0))?;
+            let capture = client.capture()?;
+            if offset_m == 0.0 && step == 0 {
+                keep(&capture)?;
+            }
+            frames.push(find(wall, &seen, &markers, &capture, -shift)?);
+        }
+        let at = if offset_m == 0.0 { String::new() } else { format!(", {offset_m:e} m away") };
+        report(table, &seen, &frames, markers.len(), &at);
+    }
+    Ok(())
+}
+
+fn channels(wall: &Wall) -> Vec<Seen<'_>> {
+    let head = Head::at(wall.eye, wall.eye_separation_m);
+    let seen = |id| {
+        let channel = wall.channel(id)?;
+        let map = wall.pixel_map(id)?;
+        let eye = head.eye(light::eye_of(&channel.adjustment));
+        let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
+        let is_warped = is_warped(wall, channel);
+        // Nothing but its file knows where the others' pixels lie.
+        map.display_from_pixel(channel.size.as_dvec2() / 2.0)?;
+        Some(Seen { id, name: &channel.name, map, eye, half, is_warped })
+    };
+    wall.channel_ids().filter_map(seen).filter(|seen| seen.half >= HALF_MIN_PX).collect()
+}
+
+/// Whether a channel's picture is resampled on its way to the display.
+pub(super) fn is_warped(wall: &Wall, channel: &Channel) -> bool {
+    let adjustment = &channel.adjustment;
+    wall.screen_of(channel).plane().is_none()
+        || channel.cover != Cover::Tile
+        || adjustment.pin != [DVec2::ZERO; 4]
+        || adjustment.bend.is_some()
+        || adjustment.warp.is_some()
+}
+
+/// Nine for each channel, but for those that would lie over others.
+fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
+    // Both eyes see a marker at one place only where it lies on the screen.
+    let is_mono = seen.iter().all(|s| s.eye == wall.eye);
+    let mut markers: Vec<(Marker, DVec3, f64)> = Vec::new();
+    for (index, channel) in seen.iter().enumerate() {
+        let size = wall.channels[usize::from(channel.id.0)].size.as_dvec2();
+        let inset = DVec2::splat(channel.half * 1.25);
+        for place in 0..9 {
+            let share = DVec2::new(f64::from(place % 3), f64::from(place / 3)) / 2.0;
+            let pixel = inset + (size - inset * 2.0) * share;
+            let depth = if is_mono { DEPTHS[(index + place as usize) % DEPTHS.len()] } else { 1.0 };
+            let of = (channel.id, &channel.map);
+            let Some(marker) = Marker::at(of, channel.eye, pixel, channel.half, depth) else {
+                continue;
+            };
+            let (toward, radius) = marker.cone(channel.eye);
+            let is_free = |(_, other, other_radius): &(_, DVec3, f64)| {
+                toward.distance(*other) > radius + other_radius
+            };
+            if markers.iter().all(is_free) {
+                markers.push((marker, toward, radius));
+            }
+        }
+    }
+    markers.into_iter().map(|(marker, _, _)| marker).collect()
+}
+
+/// Looks for every marker in the picture of every channel that must show all of it.
+fn find(
+    wall: &Wall,
+    seen: &[Seen<'_>],
+    markers: &[Marker],
+    capture: &Capture,
+    offset: DVec3,
+) -> anyhow::Result<Vec<Found>> {
+    let mut all = Vec::new();
+    for (at, channel) in seen.iter().enumerate() {
+        let picture = capture.channels.iter().find(|picture| picture.name == channel.name);
+        let picture = picture.with_context(|| {
+            let why = capture.missing.iter().find(|(name, _)| name == channel.name);
+            let why = why.map_or("it sent none", |(_, why)| why);
+            format!("channel {} has no picture: {why}", channel.name)
+        })?;
+        let light: Light = light::of(wall, channel.id, picture)?;
+        for (index, marker) in markers.iter().enumerate() {
+            let is_own = marker.channel == channel.id;
+            let pixel = marker.seen_at(&channel.map, channel.eye, offset, light.size);
+            // Another channel's marker counts where all of it is seen.
+            let inset = DVec2::splat(if is_own { 0.0 } else { channel.half * 1.5 });
+            let is_whole = |pixel: &DVec2| {
+                pixel.cmpge(inset).all() && pixel.cmple(light.size.as_dvec2() - inset).all()
+            };
+            let found = pixel.filter(is_whole).and_then(|pixel| {
+                let sum = marker.error(&channel.map, &light, channel.eye, offset, channel.half)?;
+                Some(Found::new((at, index), &channel.map, pixel, sum))
+            });
+            match found {
+                Some(found) => all.push(found),
+                // Where its weight ends a channel says little, and another one shows the marker.
+                None if is_own && !light.is_faint(pixel) => all.push(Found::nothing(at, index)),
+                None => {}
+            }
+        }
+    }
+    Ok(all)
+}
+
+impl Found {
+    fn nothing(channel: usize, marker: usize) -> Self {
+        Self { channel, marker, error_px: DVec2::NAN, error_in_display: DVec3::NAN }
+    }
+
+    fn new(
+        (channel, marker): (usize, usize),
+        map: &PixelMap<'_>,
+        pixel: DVec2,
+        error_px: DVec2,
+    ) -> Self {
+        let along = |step: DVec2| {
+            let (ahead, behind) =
+                (map.display_from_pixel(pixel + step)?, map.display_from_pixel(pixel - step)?);
+            Some((ahead - behind) / 2.0)
+        };
+        let (x, y) = (along(DVec2::X), along(DVec2::Y));
+        let error_in_display = x.zip(y).map_or(DVec3::NAN, |(x, y)| {
+            (x * error_px.x + y * error_px.y) / x.length().min(y.length())
+        });
+        Self { channel, marker, error_px, error_in_display }
+    }
+}
+
+/// The largest of these numbers and where it is; a number that is none is the largest.
+fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, String) {
+    let mut worst = (0.0, String::new());
+    for (number, place) in numbers {
+        if number.is_nan() {
+            return (number, place);
+        }
+        if number > worst.0 {
+            worst = (number, place);
+        }
+    }
+    worst
+}
+
+fn report(table: &mut Table, seen: &[Seen<'_>], frames: &[Vec<Found>], count: usize, at: &str) {
+    let all = || frames.iter().flatten();
+    for is_warped in [false, true] {
+        if !seen.iter().any(|channel| channel.is_warped == is_warped) {
+            continue;
+        }
+        let errors = all()
+            .filter(|found| seen[found.channel].is_warped == is_warped)
+            .map(|found| (found.error_px.length(), seen[found.channel].name.to_owned()));
+        let (error, place) = worst(errors);
+        let (kind, most) =
+            if is_warped { ("warped ", WARPED_ERROR_MAX_PX) } else { ("", ERROR_MAX_PX) };
+        let note = if error.is_nan() { format!("{place}: a marker is not found") } else { place };
+        table.add(format!("{kind}points{at}"), error, "px", Some(Target::AtMost(most)), note);
+    }
+    let mut seams = Vec::new();
+    for frame in frames {
+        for (index, one) in frame.iter().enumerate() {
+            let others = frame[index + 1..].iter().filter(|other| other.marker == one.marker);
+            for other in others {
+                let apart = one.error_in_display.distance(other.error_in_display);
+                let names = [seen[one.channel].name, seen[other.channel].name].join(" and ");
+                seams.push((apart, names));
+            }
+        }
+    }
+    if !seams.is_empty() {
+        let note = |place: String| place;
+        let (apart, place) = worst(seams.into_iter());
+        let most = Some(Target::AtMost(SEAM_MAX_PX));
+        table.add(format!("one point on two channels{at}"), apart, "px", most, note(place));
+    }
+    let mut jitter = Vec::new();
+    for pair in frames.windows(2) {
+        for found in &pair[1] {
+            let is_same =
+                |before: &&Found| (before.channel, before.marker) == (found.channel, found.marker);
+            let Some(before) = pair[0].iter().find(is_same) else { continue };
+            let step = found.error_px.distance(before.error_px);
+            jitter.push((step, seen[found.channel].name.to_owned()));
+        }
+    }
+    let (step, place) = worst(jitter.into_iter());
+    let is_warped = seen.iter().any(|channel| channel.is_warped);
+    let most = if is_warped { WARPED_ERROR_MAX_PX } else { JITTER_MAX_PX };
+    let note = format!("{place} ({count} markers)");
+    table.add(format!("jitter{at}"), step, "px", Some(Target::AtMost(most)), note);
+}

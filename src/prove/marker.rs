@@ -1,0 +1,295 @@
+//! Markers: soft spots of light whose place a picture tells to a hundredth of a pixel.
+//!
+//! A marker is a quad that lies along the screen, so that a right wall shows it undistorted: its
+//! light falls off as a Gaussian. Where it is found is compared with where it must be by the same
+//! sum over the same pixels, one of what was drawn, one of what f64 says: both see the same
+//! pixels, the same distortion and the same edge of the picture.
+
+use glam::{DVec2, DVec3, UVec2};
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::pixels::PixelMap;
+use serde_json::{Value, json};
+
+/// Standard deviation of a marker's light, its half side being 1: at the edge of what is summed
+/// it has fallen to a thousandth.
+const SIGMA: f64 = 0.22;
+
+/// Steps to the pixel that shows a point: four are enough for a plane.
+const NEWTON_STEPS: usize = 24;
+
+/// What of a marker is summed, its half side being 1.
+const RADIUS: f64 = 0.8;
+
+/// Pixels of the marker's image.
+const IMAGE_SIDE: u32 = 128;
+
+/// Least share of a marker's light that must be found: less, and something lies over it.
+const FOUND_MIN: f64 = 0.5;
+
+/// A quad that faces the viewer along the screen, in metres of display space.
+#[derive(Clone, Debug)]
+pub(crate) struct Marker {
+    /// The channel that it was made for.
+    pub channel: ChannelId,
+    center: DVec3,
+    /// From the middle to the right edge, and to the upper one.
+    right: DVec3,
+    up: DVec3,
+}
+
+/// Light of a channel's picture, upright and before blends: one number a pixel, NaN where it
+/// cannot be told.
+#[derive(Debug)]
+pub(crate) struct Light {
+    pub size: UVec2,
+    pub grey: Vec<f32>,
+}
+
+impl Light {
+    /// Whether the light around a place cannot be told.
+    pub fn is_faint(&self, pixel: Option<DVec2>) -> bool {
+        let Some(pixel) = pixel else { return false };
+        let around = [DVec2::ZERO, DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y];
+        around.iter().any(|step| {
+            let at = (pixel + step * 32.0).clamp(DVec2::ZERO, self.size.as_dvec2() - 1.0);
+            let at = at.as_uvec2();
+            self.grey[(at.y * self.size.x + at.x) as usize].is_nan()
+        })
+    }
+}
+
+impl Marker {
+    /// A marker of a half side of `half` pixels around a pixel of a channel, `depth` times as far
+    /// from the eye as the screen is. `None` where the channel's pixels there lie nowhere.
+    pub fn at(
+        (channel, map): (ChannelId, &PixelMap<'_>),
+        eye: DVec3,
+        pixel: DVec2,
+        half: f64,
+        depth: f64,
+    ) -> Option<Self> {
+        let center = map.display_from_pixel(pixel)?;
+        // Both ways, and their mean: on a curved screen neither alone is tangential.
+        let side = |step: DVec2| {
+            let (ahead, behind) =
+                (map.display_from_pixel(pixel + step)?, map.display_from_pixel(pixel - step)?);
+            Some((ahead - behind) / 2.0 * depth)
+        };
+        let (right, down) = (side(DVec2::X * half)?, side(DVec2::Y * half)?);
+        let center = eye + (center - eye) * depth;
+        Some(Self { channel, center, right, up: -down })
+    }
+
+    /// How far the marker is from where it must be, in pixels, in the picture of a channel whose
+    /// eye is there while the marker has moved by `offset` metres. `None` where it is not found.
+    pub fn error(
+        &self,
+        map: &PixelMap<'_>,
+        light: &Light,
+        eye: DVec3,
+        offset: DVec3,
+        half: f64,
+    ) -> Option<DVec2> {
+        let around = self.seen_at(map, eye, offset, light.size)?;
+        let reach = DVec2::splat(half * 1.5);
+        let first = (around - reach).floor().max(DVec2::ZERO).as_uvec2();
+        let end = (around + reach).ceil().max(DVec2::ZERO).as_uvec2().min(light.size);
+        let (mut drawn, mut expected) = (Sum::default(), Sum::default());
+        for y in first.y..end.y {
+            for x in first.x..end.x {
+                let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+                let Some(point) = map.display_from_pixel(pixel) else { continue };
+                let Some(place) = self.place(eye, point, offset) else { continue };
+                if place.length() > RADIUS {
+                    continue;
+                }
+                let grey = f64::from(light.grey[(y * light.size.x + x) as usize]);
+                if grey.is_nan() {
+                    return None;
+                }
+                drawn.add(pixel, grey);
+                expected.add(pixel, shown(gauss(place)));
+            }
+        }
+        let is_found = drawn.weight > expected.weight * FOUND_MIN && expected.weight > 0.0;
+        is_found.then(|| drawn.mean() - expected.mean())
+    }
+
+    /// The pixel at which a channel must show the marker, found by Newton's method from the
+    /// channel's middle; `None` where it does not show its middle.
+    pub fn seen_at(
+        &self,
+        map: &PixelMap<'_>,
+        eye: DVec3,
+        offset: DVec3,
+        size: UVec2,
+    ) -> Option<DVec2> {
+        let size = size.as_dvec2();
+        let mut pixel = size / 2.0;
+        for _ in 0..NEWTON_STEPS {
+            let here = self.place(eye, map.display_from_pixel(pixel)?, offset)?;
+            let slope = |by: DVec2| {
+                let ahead = self.place(eye, map.display_from_pixel(pixel + by)?, offset)?;
+                let behind = self.place(eye, map.display_from_pixel(pixel - by)?, offset)?;
+                Some((ahead - behind) / 2.0)
+            };
+            let step = glam::DMat2::from_cols(slope(DVec2::X)?, slope(DVec2::Y)?).inverse() * here;
+            // Not beyond where the picture could lie: far out a curved screen may have no points.
+            pixel = (pixel - step).clamp(-size * 0.02, size * 1.02);
+            if !pixel.is_finite() {
+                return None;
+            }
+        }
+        let is_there = self.place(eye, map.display_from_pixel(pixel)?, offset)?.length() < 1e-6;
+        let is_inside = pixel.cmpgt(DVec2::ZERO).all() && pixel.cmplt(size).all();
+        (is_there && is_inside).then_some(pixel)
+    }
+
+    /// The direction from an eye to its middle, and how far around that its corners reach, as a
+    /// length between unit vectors.
+    pub fn cone(&self, eye: DVec3) -> (DVec3, f64) {
+        let toward = (self.center - eye).normalize();
+        let corner = (self.center + self.right + self.up - eye).normalize();
+        (toward, toward.distance(corner))
+    }
+
+    /// Where the ray from the eye through a point meets the marker: (±1, ±1) are its corners.
+    fn place(&self, eye: DVec3, point: DVec3, offset: DVec3) -> Option<DVec2> {
+        let normal = self.right.cross(self.up);
+        let center = self.center + offset;
+        let direction = point - eye;
+        let t = normal.dot(center - eye) / normal.dot(direction);
+        let from = eye + direction * t - center;
+        let place = DVec2::new(
+            from.dot(self.right) / self.right.length_squared(),
+            from.dot(self.up) / self.up.length_squared(),
+        );
+        (t > 0.0 && place.is_finite()).then_some(place)
+    }
+
+    /// Its node: the quad (±1, ±1, 0) turned, stretched and moved.
+    fn node(&self) -> Value {
+        let normal = self.right.cross(self.up).normalize() * self.right.length();
+        let mut matrix = Vec::with_capacity(16);
+        for (axis, w) in [(self.right, 0.0), (self.up, 0.0), (normal, 0.0), (self.center, 1.0)] {
+            matrix.extend([axis.x, axis.y, axis.z, w]);
+        }
+        json!({ "mesh": 0, "matrix": matrix })
+    }
+}
+
+/// Light, and where it is.
+#[derive(Default)]
+struct Sum {
+    weight: f64,
+    moment: DVec2,
+}
+
+impl Sum {
+    fn add(&mut self, pixel: DVec2, light: f64) {
+        self.weight += light;
+        self.moment += pixel * light;
+    }
+
+    fn mean(&self) -> DVec2 {
+        self.moment / self.weight
+    }
+}
+
+fn gauss(place: DVec2) -> f64 {
+    (-place.length_squared() / (2.0 * SIGMA * SIGMA)).exp() * PEAK
+}
+
+/// Light of a marker's middle: below the knee of the tone mapping.
+const PEAK: f64 = 0.7;
+
+/// What a wall shows of grey light below the knee: the Khronos PBR Neutral tone mapping,
+/// <https://github.com/KhronosGroup/ToneMapping>.
+fn shown(light: f64) -> f64 {
+    if light < 0.08 { 6.25 * light * light } else { light - 0.04 }
+}
+
+/// The file that opens, among those of [`files`].
+pub(crate) const SCENE_NAME: &str = "markers.gltf";
+
+/// A scene of these markers as files of one folder, names and bytes. All of it is moved by
+/// `offset` metres, as a scene far from its origin is.
+///
+/// # Errors
+/// An image that could not be written.
+pub(crate) fn files(
+    markers: &[Marker],
+    offset: DVec3,
+) -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
+    let mut image = std::io::Cursor::new(Vec::new());
+    picture().write_to(&mut image, image::ImageFormat::Png)?;
+    Ok(vec![
+        (SCENE_NAME, document(markers, offset).to_string().into_bytes()),
+        ("marker.bin", quad()),
+        ("marker.png", image.into_inner()),
+    ])
+}
+
+/// A square of ±1, places and texture coordinates of four corners, and two triangles.
+fn quad() -> Vec<u8> {
+    let corners: [[f32; 5]; 4] = [
+        [-1.0, -1.0, 0.0, 0.0, 1.0],
+        [1.0, -1.0, 0.0, 1.0, 1.0],
+        [-1.0, 1.0, 0.0, 0.0, 0.0],
+        [1.0, 1.0, 0.0, 1.0, 0.0],
+    ];
+    let mut bytes: Vec<u8> = corners.iter().flatten().flat_map(|n| n.to_le_bytes()).collect();
+    bytes.extend([0u16, 1, 2, 2, 1, 3].iter().flat_map(|index| index.to_le_bytes()));
+    bytes
+}
+
+fn document(markers: &[Marker], offset: DVec3) -> Value {
+    let mut nodes: Vec<Value> = markers.iter().map(Marker::node).collect();
+    let children: Vec<usize> = (0..nodes.len()).collect();
+    nodes.push(json!({ "translation": offset.to_array(), "children": children }));
+    json!({
+        "asset": { "version": "2.0" },
+        "scene": 0,
+        "scenes": [{ "nodes": [nodes.len() - 1] }],
+        "nodes": nodes,
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "meshes": [{ "primitives": [{
+            "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "indices": 2, "material": 0
+        }] }],
+        "materials": [{
+            "doubleSided": true,
+            "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } },
+            "extensions": { "KHR_materials_unlit": {} }
+        }],
+        "textures": [{ "source": 0, "sampler": 0 }],
+        "samplers": [{ "magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071 }],
+        "images": [{ "uri": "marker.png" }],
+        "buffers": [{ "uri": "marker.bin", "byteLength": 92 }],
+        "bufferViews": [
+            { "buffer": 0, "byteOffset": 0, "byteLength": 80, "byteStride": 20 },
+            { "buffer": 0, "byteOffset": 80, "byteLength": 12 }
+        ],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3",
+              "min": [-1, -1, 0], "max": [1, 1, 0] },
+            { "bufferView": 0, "byteOffset": 12, "componentType": 5126, "count": 4,
+              "type": "VEC2" },
+            { "bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR" }
+        ]
+    })
+}
+
+/// The picture of a marker's light.
+fn picture() -> image::GrayImage {
+    image::GrayImage::from_fn(IMAGE_SIDE, IMAGE_SIDE, |x, y| {
+        let place = (DVec2::new(f64::from(x), f64::from(y)) + 0.5) / f64::from(IMAGE_SIDE);
+        let light = gauss(place * 2.0 - 1.0);
+        // IEC 61966-2-1.
+        let code = if light <= 0.003_130_8 {
+            12.92 * light
+        } else {
+            1.055 * light.powf(1.0 / 2.4) - 0.055
+        };
+        image::Luma([(code * 255.0).round() as u8])
+    })
+}
