@@ -150,7 +150,8 @@ impl Model {
             (0..4).map(|i| material(i & 1 == 1, i & 2 == 2 && self.picture.is_some())).collect();
         let mut json = json!({
             "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": file.roots }],
-            "extensionsUsed": ["KHR_materials_unlit", "EXT_mesh_gpu_instancing"], "materials": materials,
+            "extensionsUsed": ["KHR_materials_unlit", "EXT_mesh_gpu_instancing"],
+            "materials": materials,
             "meshes": file.meshes, "nodes": file.nodes, "accessors": file.accessors,
         });
         if let Some((side, codes)) = &self.picture {

@@ -10,11 +10,19 @@
 //! and of pinned or bent pictures, light is linear. Channels whose pixels lie where a file says
 //! ([`Cover::Map`](super::Cover::Map)) are not among them.
 
+use std::ops::Range;
+
 use glam::{DVec2, DVec3, UVec2};
 
 use super::blend::lamp::Lamp;
 use super::{Adjustment, Channel, Cover, Curve, EyeOf, Packing, Turn, Wall};
 use crate::ids::ChannelId;
+
+/// Pixels of a row whose places are found at its ends and its middle only, where that is as good.
+const SPAN: u32 = 16;
+
+/// How far such a place may be from the exact one, in pixels of the picture.
+const PLACE_ERROR_MAX: f64 = 1e-3;
 
 /// The picture of a channel as its display gets it.
 #[derive(Clone, Copy, Debug)]
@@ -122,11 +130,9 @@ impl<'a> Superposition<'a> {
                 (0..size.x).for_each(|x| add(origin.x + x, shown.pixel(UVec2::new(x, y))));
                 continue;
             }
-            for x in 0..self.canvas.x {
-                let place = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
-                if let Some(pixel) = shown.lamp.lit(place) {
-                    add(x, shown.between(pixel));
-                }
+            for begin in (0..self.canvas.x).step_by(SPAN as usize) {
+                let end = (begin + SPAN).min(self.canvas.x);
+                shown.span(y, begin..end, |x, pixel| add(x, shown.between(pixel)));
             }
         }
         row
@@ -178,6 +184,35 @@ impl<'a> ChannelLight<'a> {
         let at = 4 * self.hang.index(upright);
         let light = |axis: usize| self.light[usize::from(self.rgba[at + axis])][axis];
         DVec3::new(light(0), light(1), light(2))
+    }
+
+    /// Calls `put` with each pixel of a row of the canvas that it lights, and the place of its
+    /// picture that does: exact where the span is bent, else between both ends.
+    fn span(&self, y: u32, columns: Range<u32>, mut put: impl FnMut(u32, DVec2)) {
+        let place = |x: f64| self.lamp.pixel(DVec2::new(x, f64::from(y) + 0.5));
+        let (first, last) = (f64::from(columns.start) + 0.5, f64::from(columns.end) - 0.5);
+        let found = (place(first), place(f64::midpoint(first, last)), place(last));
+        let (a, middle, b) = match found {
+            (None, None, None) => return,
+            (Some(a), Some(middle), Some(b)) => (a, middle, b),
+            _ => (DVec2::NAN, DVec2::ZERO, DVec2::ZERO),
+        };
+        let is_straight = ((a + b) / 2.0).distance(middle) <= PLACE_ERROR_MAX;
+        let (low, high) = (a.min(b) - PLACE_ERROR_MAX, a.max(b) + PLACE_ERROR_MAX);
+        if is_straight && (high.cmplt(DVec2::ZERO).any() || low.cmpgt(self.lamp.size).any()) {
+            return;
+        }
+        for x in columns {
+            let at = f64::from(x) + 0.5;
+            let pixel = if is_straight {
+                Some(a.lerp(b, (at - first) / (last - first).max(1.0)))
+            } else {
+                place(at)
+            };
+            if let Some(pixel) = pixel.filter(|pixel| self.lamp.has(*pixel)) {
+                put(x, pixel);
+            }
+        }
     }
 
     /// The light of a place of the upright picture; beyond the middles of its outermost pixels as

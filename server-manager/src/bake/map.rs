@@ -5,7 +5,7 @@
 //! | file | is | what its numbers are |
 //! |---|---|---|
 //! | PFM | warp | points in metres, or u and v of the canvas: [`pfm`] |
-//! | OBJ, glTF | warp or screen | positions in metres at places of a picture: [`obj`], [`gltf_mesh`] |
+//! | OBJ, glTF | warp or screen | metres at places of a picture: [`obj`], [`gltf_mesh`] |
 //! | PNG | warp | u and v of the canvas in red and green: [`uv_image`] |
 //! | text of five columns | warp | Paul Bourke's mesh: [`bourke`] |
 //! | PNG | mask | light: [`mask`] |

@@ -274,27 +274,3 @@ proptest! {
         prop_assert!(error <= SUM_ERROR_MAX, "{error:e}");
     }
 }
-
-/// How long a map takes: `cargo test --release -p polyptych-protocol speed -- --ignored`.
-#[test]
-#[ignore = "a measurement"]
-fn speed_of_a_map() {
-    let size = UVec2::new(1920, 1080);
-    let mut bent = askew(false, size, 0.05);
-    walls::bend(&mut bent);
-    let walls = [
-        ("3 × 2 tiles with 15 %", grid(UVec2::new(3, 2), size, size * 15 / 100)),
-        ("projectors on a plane", askew(false, size, 0.05)),
-        ("projectors on a cylinder", askew(true, size, 0.05)),
-        ("bent and pinned projectors", bent),
-    ];
-    for (name, mut wall) in walls {
-        for leak in [0.0, 0.003] {
-            wall.blend.leak = leak;
-            let begin = std::time::Instant::now();
-            let map = light_map(&wall, ChannelId(1), &Masks::default()).expect("a map");
-            let ms = begin.elapsed().as_secs_f64() * 1e3;
-            println!("{name}, leak {leak}: {ms:.1} ms, {} texels", map.texels.len());
-        }
-    }
-}

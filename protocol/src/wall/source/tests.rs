@@ -1,3 +1,5 @@
+//! Planes that cover what an eye sees: their fit, their number and their density.
+
 use std::f64::consts::{PI, TAU};
 
 use glam::DQuat;

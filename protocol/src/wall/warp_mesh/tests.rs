@@ -1,3 +1,5 @@
+//! Meshes of pixels: their error, their borders and their holes.
+
 use super::*;
 
 const SIZE: UVec2 = UVec2::new(640, 360);

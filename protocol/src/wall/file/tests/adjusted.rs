@@ -171,7 +171,8 @@ fn eyes_edges_and_maps_that_contradict_each_other() {
     );
     check(
         &EVERY_KEY.replace("warp = ", "# "),
-        "25:1: screen[1].channel[1].origin: nobody knows what channel \"mapped\" shows; give origin",
+        "25:1: screen[1].channel[1].origin: nobody knows what channel \"mapped\" shows; give \
+         origin",
     );
     let head = SMALLEST.replacen("name = \"w\"", "name = \"w\"\neye_separation = -0.1", 1);
     check(&head, "3:1: wall.eye_separation: eyes cannot be -0.1 metres apart; write a number from");
