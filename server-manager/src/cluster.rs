@@ -375,6 +375,9 @@ impl Cluster {
     fn set_pace(&mut self, pace: Option<Pace>, now: Micros) {
         self.is_going_on = false;
         self.pacer.set(pace, now);
+        // The frame that a tuning waits for would have come by itself.
+        let drawing = self.barrier.as_ref().map(|barrier| barrier.revision);
+        self.wants_frame |= pace.is_none() && self.tuners.wait_beyond(drawing);
     }
 }
 

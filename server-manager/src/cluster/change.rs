@@ -107,6 +107,12 @@ impl Changes {
         self.queue.iter().rev().chain(current).find_map(Change::wall)
     }
 
+    /// The walls that are on their way.
+    pub fn walls(&self) -> impl Iterator<Item = &Wall> {
+        let current = self.current.as_ref().map(|underway| &underway.change);
+        self.queue.iter().chain(current).filter_map(Change::wall)
+    }
+
     /// Who waits for a tuning.
     pub fn tuners(&self) -> impl Iterator<Item = &Tuner> {
         let current = self.current.as_ref().map(|underway| &underway.change);

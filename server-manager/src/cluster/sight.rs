@@ -5,12 +5,13 @@ use polyptych_protocol::camera::Camera;
 use polyptych_protocol::command::View;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::request::Sight;
+use polyptych_protocol::wall::Wall;
 
 use super::Cluster;
 
 impl Cluster {
     pub(super) fn set_head(&mut self, head: Head) -> Result<(), String> {
-        self.wall.check_head(&head).map_err(|error| error.to_string())?;
+        self.walls().try_for_each(|wall| wall.check_head(&head)).map_err(|e| e.to_string())?;
         self.head = Head { rotation: head.rotation.normalize(), ..head };
         Ok(())
     }
@@ -18,10 +19,27 @@ impl Cluster {
     pub(super) fn set_views(&mut self, views: Vec<View>) -> Result<(), String> {
         let mut all = vec![View::of_wall(Camera::IDENTITY)];
         all.extend(views.into_iter().map(|view| View { camera: normal(view.camera), ..view }));
-        self.wall.check_views(&all).map_err(|error| error.to_string())?;
+        self.walls().try_for_each(|wall| wall.check_views(&all)).map_err(|e| e.to_string())?;
         all.remove(0);
         self.views = all;
         Ok(())
+    }
+
+    /// The wall that frames show, and those that tunings on their way lead to: who sets a view
+    /// meanwhile is to see it on these too.
+    fn walls(&self) -> impl Iterator<Item = &Wall> {
+        std::iter::once(&self.wall).chain(self.changes.walls())
+    }
+
+    /// Whether what is looked at, and from where, can be shown on this wall too.
+    ///
+    /// # Errors
+    /// What cannot, why, and what would be right.
+    pub(super) fn check_sight_on(&self, wall: &Wall) -> Result<(), String> {
+        wall.check_head(&self.head)
+            .map_err(|error| format!("the head as it stands: {error}; move it first"))?;
+        wall.check_views(&self.all_views())
+            .map_err(|error| format!("the views as they lie: {error}; take them away first"))
     }
 
     /// What a frame shows: the wall's own picture, and what lies over it.

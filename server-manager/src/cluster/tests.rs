@@ -42,6 +42,10 @@ struct Stage {
     now: Micros,
     next_id: u64,
     replicas: BTreeMap<SessionId, Replica>,
+    /// Of all states that a server has prepared.
+    digests: BTreeMap<(SessionId, Revision), Digest>,
+    /// The state that the last frame named, by server.
+    asked: BTreeMap<SessionId, Revision>,
     prepares: Vec<(SessionId, Prepare)>,
     frames: Vec<(SessionId, Frame)>,
     swaps: Vec<FrameId>,
@@ -76,6 +80,8 @@ impl Stage {
             now: 1_000_000,
             next_id: 0,
             replicas: BTreeMap::new(),
+            digests: BTreeMap::new(),
+            asked: BTreeMap::new(),
             prepares: Vec::new(),
             frames: Vec::new(),
             swaps: Vec::new(),
@@ -122,6 +128,7 @@ impl Stage {
                             Command::Prepare(p) => self.prepares.push((session, p.clone())),
                             Command::Frame(frame) => {
                                 assert!(bytes.len() < 1024, "{} bytes", bytes.len());
+                                self.asked.insert(session, frame.revision);
                                 self.frames.push((session, frame.clone()));
                             }
                             _ => {}
@@ -180,6 +187,7 @@ impl Stage {
             features: Vec::new(),
             scene_bytes: 0,
         };
+        self.digests.insert((session, replica.revision), prepared.digest);
         self.replicas.insert(session, replica);
         self.say(session, Status::Prepared(prepared));
     }
@@ -190,14 +198,20 @@ impl Stage {
         }
     }
 
+    /// As a server reports it: of the state that its frame names, though a change may have gone
+    /// on since.
     fn drawn(&self, channel: u32) -> Drawn {
-        let session = SessionId(u64::from(channel));
+        let id = ChannelId(channel as u16);
+        let server = self.cluster.registry.channel(id).and_then(|channel| channel.server);
+        let session = server.unwrap_or(SessionId(u64::from(channel)));
+        let revision = self.asked.get(&session).copied();
+        let revision = revision.unwrap_or(self.cluster.shown.revision);
         Drawn {
             epoch: Epoch(7),
             frame: self.cluster.frame,
-            channel: ChannelId(channel as u16),
-            revision: self.cluster.shown.revision,
-            digest: self.replicas.get(&session).map_or(Digest(0), Replica::digest),
+            channel: id,
+            revision,
+            digest: self.digests.get(&(session, revision)).copied().unwrap_or(Digest(0)),
             draw_us: 20_000,
             triangles: 1,
             draw_calls: 1,

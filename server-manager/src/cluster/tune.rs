@@ -26,6 +26,11 @@ pub(super) struct Tuner {
 pub(super) struct Tuners(Vec<(Revision, Tuner)>);
 
 impl Tuners {
+    /// Whether any waits for a state that a frame of this one does not show.
+    pub fn wait_beyond(&self, drawing: Option<Revision>) -> bool {
+        self.0.iter().any(|(of, _)| Some(*of) > drawing)
+    }
+
     pub fn forget(&mut self, client: SessionId) {
         self.0.retain(|(_, tuner)| tuner.job.client != client);
     }
@@ -49,6 +54,7 @@ impl Cluster {
         }
         let present = self.changes.latest_wall().unwrap_or(&self.wall);
         let wall = tuning::tuned(present, channel, changes)?;
+        self.check_sight_on(&wall).map_err(|reason| format!("{channel}: {reason}"))?;
         let tuner = Tuner { job, asked_at: self.frame };
         if !self.changes.replace_waiting_wall(&wall, tuner) {
             let operations = vec![Operation::SetWall(Box::new(wall))];

@@ -5,6 +5,9 @@ use std::collections::btree_map::Entry;
 
 use proptest::prelude::*;
 
+use polyptych_protocol::command::Area;
+use polyptych_protocol::tuning::{Change, Corner, Move};
+
 use super::*;
 
 #[derive(Clone, Debug)]
@@ -15,9 +18,15 @@ enum Step {
     Kill(u32),
     Join(u32),
     Prepare(u32),
+    FailToPrepare(u32),
     Open,
     Import(bool),
     Close,
+    Tune(bool),
+    Pattern,
+    View(bool),
+    Run,
+    Pause,
 }
 
 fn step() -> impl Strategy<Value = Step> {
@@ -28,10 +37,38 @@ fn step() -> impl Strategy<Value = Step> {
         1 => (0..3u32).prop_map(Step::Kill),
         2 => (0..3u32).prop_map(Step::Join),
         4 => (0..3u32).prop_map(Step::Prepare),
+        1 => (0..3u32).prop_map(Step::FailToPrepare),
         1 => Just(Step::Open),
         2 => any::<bool>().prop_map(Step::Import),
         1 => Just(Step::Close),
+        4 => any::<bool>().prop_map(Step::Tune),
+        1 => Just(Step::Pattern),
+        2 => any::<bool>().prop_map(Step::View),
+        1 => Just(Step::Run),
+        1 => Just(Step::Pause),
     ]
+}
+
+impl Stage {
+    /// A pin, with which no view of its own can be; or a gain, with which all can.
+    fn tune_one(&mut self, is_pin: bool) -> RequestId {
+        let to = Move::By(DVec2::new(0.1, 0.0));
+        let pin = Change::Pin { corner: Corner::UpperLeft, to };
+        let change = if is_pin { pin } else { Change::Gain(DVec3::splat(0.5)) };
+        self.request(Request::Tune { channel: "c1".into(), changes: vec![change] })
+    }
+
+    fn view(&mut self, is_one: bool) -> RequestId {
+        let area = Area::Screen { screen: 0, rect: [0, 0, 32, 32] };
+        let view = View { area, ..View::of_wall(Camera::IDENTITY) };
+        self.request(Request::SetViews(is_one.then_some(view).into_iter().collect()))
+    }
+
+    fn fail_to_prepare(&mut self, session: SessionId) {
+        let Some(at) = self.prepares.iter().position(|(to, _)| *to == session) else { return };
+        let (_, Prepare { epoch, revision, .. }) = self.prepares.remove(at);
+        self.say(session, Status::PrepareFailed { epoch, revision, reason: "no room".into() });
+    }
 }
 
 proptest! {
@@ -49,8 +86,7 @@ proptest! {
             match step {
                 Step::Order => asked.push(stage.order_frame()),
                 Step::Draw(c) => if let Some(&session) = sessions.get(&c) {
-                    let digest = stage.replicas.get(&session).map_or(Digest(0), Replica::digest);
-                    let drawn = Drawn { digest, ..stage.drawn(c) };
+                    let drawn = stage.drawn(c);
                     if stage.frames.iter().any(|(to, f)| *to == session && f.frame == drawn.frame) {
                         stage.say(session, Status::Drawn(drawn));
                     }
@@ -70,6 +106,9 @@ proptest! {
                 Step::Prepare(c) => if let Some(&session) = sessions.get(&c) {
                     stage.prepare(session);
                 },
+                Step::FailToPrepare(c) => if let Some(&session) = sessions.get(&c) {
+                    stage.fail_to_prepare(session);
+                },
                 Step::Open => asked.push(stage.request(Request::OpenScene { path: "a".into() })),
                 Step::Import(is_good) => if let Some(job) = stage.imports.pop() {
                     let imported = Stage::imported();
@@ -78,7 +117,18 @@ proptest! {
                     stage.read();
                 },
                 Step::Close => asked.push(stage.request(Request::CloseScene)),
+                Step::Tune(is_pin) => asked.push(stage.tune_one(is_pin)),
+                Step::Pattern => {
+                    asked.push(stage.request(Request::SetPattern(Some(Pattern::Grid))));
+                },
+                Step::View(is_one) => asked.push(stage.view(is_one)),
+                Step::Run => asked.push(stage.request(Request::Run(Pace::Rate(20.0)))),
+                Step::Pause => asked.push(stage.request(Request::Pause)),
             }
+            // What frames show fits the wall that they name, whatever came in between.
+            let cluster = &stage.cluster;
+            prop_assert_eq!(cluster.shown.wall.as_deref(), Some(&cluster.wall));
+            prop_assert_eq!(cluster.check_sight_on(&cluster.wall), Ok(()));
             // A server that the brain has let go of is gone for the test as well.
             for session in std::mem::take(&mut stage.closed) {
                 sessions.retain(|_, s| *s != session);
@@ -90,6 +140,8 @@ proptest! {
             stage.cluster.handle_import(stage.now, job, Err("the end".into()));
             stage.read();
         }
+        // No frame comes by itself any more, for which a tuning could wait.
+        asked.push(stage.request(Request::Pause));
         // Nobody draws or prepares any more: the wall still comes to an end with everything.
         for _ in 0..asked.len() + 2 {
             stage.wait(130_000_000);

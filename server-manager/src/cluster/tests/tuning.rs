@@ -1,6 +1,8 @@
 //! Tunings and patterns: when they are seen, who is told, what is remembered.
 
 use glam::DVec2;
+use polyptych_protocol::command::{Area, View};
+use polyptych_protocol::head::Head;
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::tuning::{Change, Corner, Move, Tuned};
 
@@ -172,6 +174,9 @@ fn a_tuning_that_no_server_takes_fails_with_all_that_were_made_of_it() {
     stage.prepare_all();
     let id = stage.request(Request::Tune { channel: "c0".into(), changes: vec![nudge(1.0)] });
     stage.prepare_all();
+    // The channel was given a frame of the old state as it came back.
+    stage.draw(&[0], 1_000);
+    assert_eq!(stage.tuned(id), [], "it does not show the tuning");
     stage.draw(&[0], 1_000);
     assert_eq!((stage.tuned(id).len(), stage.pinned_of(0)), (1, 1.0), "the wall goes on");
 }
@@ -252,4 +257,70 @@ fn all_channels_change_their_pattern_with_one_frame_and_joiners_have_it() {
     stage.draw(&[0, 1], 1_000);
     stage.request(Request::SetPattern(None));
     assert_eq!(stage.frames.last().expect("a frame").1.pattern, None);
+}
+
+fn window() -> View {
+    let area = Area::Screen { screen: 0, rect: [100, 0, 28, 64] };
+    View { area, ..View::of_wall(Camera::IDENTITY) }
+}
+
+#[test]
+fn a_tuning_under_views_that_it_leaves_no_place_for_is_refused() {
+    let mut stage = Stage::new(2);
+    stage.request(Request::SetViews(vec![window()]));
+    let id = stage.tune(pin(1.0));
+    for part in ["c1: the views", "has moved corners", "take them away first"] {
+        assert!(stage.failure(id).contains(part), "{part} is not in {}", stage.failure(id));
+    }
+    assert_eq!((stage.prepares.len(), stage.cluster.wall.clone()), (0, wall(2)));
+    stage.tune(Change::Gain(DVec3::splat(0.5)));
+    assert_eq!(stage.prepares.len(), 2, "light lies where it lay");
+    stage.request(Request::SetViews(Vec::new()));
+    stage.tune(pin(1.0));
+    stage.prepare_all();
+    assert_eq!(stage.pinned(), 1.0);
+}
+
+#[test]
+fn views_are_refused_that_a_tuning_on_its_way_leaves_no_place_for() {
+    let mut stage = Stage::new(2);
+    let refused = |stage: &mut Stage| {
+        let id = stage.request(Request::SetViews(vec![window()]));
+        assert!(stage.failure(id).contains("has moved corners"), "{}", stage.failure(id));
+    };
+    stage.tune(Change::Gain(DVec3::splat(0.5)));
+    stage.tune(pin(1.0));
+    refused(&mut stage);
+    stage.prepare_all();
+    refused(&mut stage);
+    assert!(stage.cluster.views.is_empty());
+}
+
+#[test]
+fn a_tuning_under_a_head_that_cannot_be_there_is_refused() {
+    let mut stage = Stage::new(2);
+    // No request leads to this head; a wall is not tuned under it all the same.
+    stage.cluster.head = Head::at(DVec3::Z * -1.25, 0.06);
+    let id = stage.tune(pin(1.0));
+    for part in ["c1: the head", "behind screen front", "move it first"] {
+        assert!(stage.failure(id).contains(part), "{part} is not in {}", stage.failure(id));
+    }
+    assert_eq!((stage.prepares.len(), stage.cluster.wall.clone()), (0, wall(2)));
+}
+
+#[test]
+fn a_wall_that_is_paused_before_it_showed_a_tuning_shows_it() {
+    let mut stage = Stage::new(2);
+    stage.request(Request::Run(Pace::Rate(1.0)));
+    let id = stage.tune(pin(1.0));
+    stage.prepare_all();
+    // The frame that is being drawn is of the state before.
+    stage.request(Request::Pause);
+    stage.draw(&[0, 1], 1_000);
+    assert_eq!(stage.tuned(id), []);
+    stage.draw(&[0, 1], 1_000);
+    assert_eq!(stage.tuned(id).len(), 1);
+    let swaps = stage.swaps.len();
+    stage.wait(1_500_000);
+    assert_eq!(stage.swaps.len(), swaps, "and no frame more");
 }
