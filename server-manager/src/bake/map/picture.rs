@@ -56,7 +56,9 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Picture, BakeError> {
     }
     let bits = info.bit_depth as u8;
     // An sRGB chunk outranks a gamma that stands beside it: PNG, third edition, 4.3.
-    let gamma = info.gama_chunk.filter(|_| info.srgb.is_none()).map(|g| f64::from(g.into_value()));
+    let gamma = info.gama_chunk.map(|gamma| f64::from(gamma.into_value()));
+    let gamma = gamma.or_else(|| has_zero_gamma(bytes).then_some(0.0));
+    let gamma = gamma.filter(|_| info.srgb.is_none());
     if let Some(gamma) = gamma.filter(|gamma| !(0.01..=10.0).contains(gamma)) {
         return Err(bad(format!("its gAMA is {gamma}, where 0.45 is usual")));
     }
@@ -82,6 +84,26 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Picture, BakeError> {
         return Err(bad("it ends before its last pixel".to_owned()));
     }
     Ok(Picture { size, components, bits, texels, gamma })
+}
+
+/// Whether there is a `gAMA` chunk of 0 before the pixels: the decoder passes over it, and the
+/// picture would be taken for sRGB.
+fn has_zero_gamma(bytes: &[u8]) -> bool {
+    const SIGNATURE_BYTES: usize = 8;
+    const CHECKSUM_BYTES: usize = 4;
+    let mut rest = bytes.get(SIGNATURE_BYTES..).unwrap_or_default();
+    // Each chunk is a length, a kind, so many bytes, and a checksum.
+    while let Some((length, after)) = rest.split_first_chunk::<4>()
+        && let Some((kind, data)) = after.split_first_chunk::<4>()
+        && kind != b"IDAT"
+    {
+        if kind == b"gAMA" {
+            return data.first_chunk() == Some(&[0; 4]);
+        }
+        let length = u32::from_be_bytes(*length) as usize;
+        rest = data.get(length.saturating_add(CHECKSUM_BYTES)..).unwrap_or_default();
+    }
+    false
 }
 
 impl Picture {
