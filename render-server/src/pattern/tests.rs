@@ -2,6 +2,7 @@
 
 use glam::{DQuat, DVec2, DVec3, UVec2};
 use polyptych_protocol::wall::adjustment::Bend;
+use polyptych_protocol::wall::blend::Blend;
 use polyptych_protocol::wall::projector::Projector;
 use polyptych_protocol::wall::surface::{Cylinder, Plane};
 use polyptych_protocol::wall::{Curve, Projection, Screen};
@@ -118,8 +119,8 @@ fn lines_of_a_plain_tile_are_two_whole_pixels_around_their_number() {
     let (step, image) =
         (canvas::line_spacing(&wall, &wall.screens[0]), draw(&wall, 0, Pattern::Grid));
     assert_eq!(step, 8.0);
-    // A row between lines, above the numbers, and beside the name.
-    for x in 0..SIZE.x {
+    // Rows between lines, below numbers of 16 pixels at 4 and 132, and beside the name.
+    for (x, y) in (0..SIZE.x).flat_map(|x| [26, 36, 156, 163].map(|y| (x, y))) {
         let is_minor = [0, 7].contains(&(x % 8));
         let is_major = [0, 31].contains(&(x % 32));
         let expected = if is_major {
@@ -129,7 +130,7 @@ fn lines_of_a_plain_tile_are_two_whole_pixels_around_their_number() {
         } else {
             0
         };
-        assert_eq!(rgb(&image, x, 34 + 16 * 7), [expected; 3], "{x}");
+        assert_eq!(rgb(&image, x, y), [expected; 3], "{x} {y}");
     }
 }
 
@@ -154,9 +155,12 @@ fn crossings(wall: &Wall, channel: u16, y: u32) -> Vec<f64> {
         let is_peak = row[x] > 0.9 && row[x] >= row[x + 1] && row[x] > row[x - 1];
         // Alone, on black: neither another line nor the name is beside it.
         if is_peak && near[0].max(near[1]).max(near[7]).max(near[8]) == 0.0 {
-            let sum: f64 = near.iter().sum();
-            let offset: f64 = near.iter().zip(-4..).map(|(l, i)| l * f64::from(i)).sum();
-            let middle = x as f64 + 0.5 + offset / sum;
+            // Midway between its edges: each is in the pixel that is lit in part, by that much. The
+            // mean of lit pixels is not that: light is not in the middle of these.
+            let lit: Vec<usize> = (0..9).filter(|&at| near[at] > 0.0).collect();
+            let (first, last) = (lit[0], lit[lit.len() - 1]);
+            let edges = [(first + 1) as f64 - near[first], last as f64 + near[last]];
+            let middle = (x - 4) as f64 + f64::midpoint(edges[0], edges[1]);
             let place = map.canvas_from_pixel(DVec2::new(middle, f64::from(y) + 0.5));
             found.push(place.expect("on the screen").x);
         }
@@ -167,10 +171,8 @@ fn crossings(wall: &Wall, channel: u16, y: u32) -> Vec<f64> {
 #[test]
 fn lines_of_overlapping_projectors_fall_together() {
     let mut wall = projectors();
-    // A spacing at which lines stand alone.
-    for channel in &mut wall.channels {
-        channel.size = SIZE;
-    }
+    // A coarse canvas, so that lines stand alone: they are 10 pixels of a projector apart.
+    wall.screens[0].canvas = UVec2::new(480, 210);
     let major = canvas::line_spacing(&wall, &wall.screens[0]) * 4.0;
     let (mut count, mut worst) = (0, 0.0_f64);
     for channel in [0, 1] {
@@ -201,7 +203,8 @@ fn the_crosshair_is_at_the_foot_of_the_eye() {
 fn overlaps_are_counted_as_brute_force_counts_them() {
     let mut wall = projectors();
     wall.channels.push(Channel { name: "c".into(), ..wall.channels[0].clone() });
-    wall.channels[2].adjustment.pin[0] = DVec2::new(40.0, 30.0);
+    // To the right and up, so that either of the two lights what the other does not.
+    wall.channels[2].adjustment.pin[0] = DVec2::new(40.0, -30.0);
     for channel in 0..3 {
         let image = draw(&wall, channel, Pattern::Overlap);
         let map = wall.pixel_map(ChannelId(channel)).expect("a map");
@@ -233,31 +236,47 @@ fn weights_of_all_channels_are_white_together() {
     let images = [0, 1].map(|channel| draw(&wall, channel, Pattern::Weights));
     let map = |channel| wall.pixel_map(ChannelId(channel)).expect("a map");
     let (from, to) = (map(0), map(1));
-    let mut shared = 0;
+    let blend = Blend::new(&wall);
+    let (mut shared, mut seen_together) = (0, 0);
     for (x, y, pixel) in images[0].enumerate_pixels() {
-        let own = light(pixel.0[0]);
         let at = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
-        let place = from.canvas_from_pixel(at).and_then(|place| to.pixel_from_canvas(place));
-        let Some(place) = place.filter(|place| {
+        let Some(canvas) = from.canvas_from_pixel(at) else { continue };
+        let weights = blend.weights(ChannelId(0), canvas);
+        let sum: f64 = weights.iter().map(|(_, weight)| weight).sum();
+        let (_, exact) = weights.iter().find(|(id, _)| id.0 == 0).expect("it lights its place");
+        assert!((sum - 1.0).abs() < 1e-9, "{sum} at {x} {y}");
+        // In blocks a weight is off by less than a thousandth, with the steepest ramp.
+        let [least, most] = [exact - 1e-3, exact + 1e-3].map(code);
+        let own = pixel.0[0];
+        assert!((least..=most).contains(&own), "{own}, not {least} to {most}, at {x} {y}");
+        shared += usize::from(*exact < 0.9 && *exact > 0.1);
+        let is_within = |place: &DVec2| {
             place.cmpge(DVec2::ONE).all() && place.cmple(SIZE.as_dvec2() - 1.0).all()
-        }) else {
-            continue;
         };
-        let other = bilinear_light(&images[1], place);
-        // Codes are rounded, and the other's pixels lie askew.
+        let Some(place) = to.pixel_from_canvas(canvas).filter(is_within) else { continue };
+        // The other's pixels lie askew. Between them light is a line only where it changes slowly:
+        // at the corners of what both light, a ramp is a few pixels wide.
+        let Some(other) = bilinear_light(&images[1], place) else { continue };
+        let own = light(own);
         assert!((own + other - 1.0).abs() < 0.02, "{own} + {other} at {x} {y}");
-        shared += usize::from(own < 0.9 && own > 0.1);
+        seen_together += usize::from(*exact < 0.9 && *exact > 0.1);
     }
     assert!(shared > 500, "only {shared} pixels share their light");
+    assert!(seen_together * 10 > shared * 8, "{seen_together} of {shared}");
     assert_eq!(rgb(&draw(&single(), 0, Pattern::Weights), 7, 7), [255; 3], "alone");
 }
 
-fn bilinear_light(image: &RgbaImage, place: DVec2) -> f64 {
+/// `None` where four pixels differ by more than a twentieth of all light.
+fn bilinear_light(image: &RgbaImage, place: DVec2) -> Option<f64> {
     let from = place - 0.5;
     let (low, t) = (from.floor().as_uvec2(), from - from.floor());
     let of = |x: u32, y: u32| light(rgb(image, (low.x + x).min(319), (low.y + y).min(179))[0]);
     let upper = of(0, 0) * (1.0 - t.x) + of(1, 0) * t.x;
-    upper * (1.0 - t.y) + (of(0, 1) * (1.0 - t.x) + of(1, 1) * t.x) * t.y
+    let four = [of(0, 0), of(1, 0), of(0, 1), of(1, 1)];
+    let (least, most) =
+        (four.into_iter().fold(1.0, f64::min), four.into_iter().fold(0.0, f64::max));
+    let between = upper * (1.0 - t.y) + (of(0, 1) * (1.0 - t.x) + of(1, 1) * t.x) * t.y;
+    (most - least < 0.05).then_some(between)
 }
 
 #[test]
@@ -280,15 +299,21 @@ fn sampling_is_that_of_a_flat_screen() {
     let middle = light::density_at(&map, DVec3::ZERO, SIZE.as_dvec2() / 2.0).expect("seen");
     let expected = (0.01_f64 / 2.0).to_degrees().recip();
     assert!((middle / expected - 1.0).abs() < 1e-4, "{middle}, not {expected}");
-    // 45° to the side pixels are √2 further away along their rows; down, they look as long.
+    // To the side pixels are seen askew along their rows, but only further away along columns,
+    // where they look longer.
     let right = light::density_at(&map, DVec3::ZERO, DVec2::new(319.0, 90.0)).expect("seen");
-    let (x, z) = (159.5 * 0.01, 2.0_f64);
-    let expected = (0.01 / (x * x + z * z).sqrt()).to_degrees().recip();
-    assert!((right / expected - 1.0).abs() < 1e-3, "{right}, not {expected}");
+    let (x, z) = (159.0 * 0.01_f64, 2.0);
+    let expected = (0.01 / x.hypot(z)).to_degrees().recip();
+    assert!((right / expected - 1.0).abs() < 1e-4, "{right}, not {expected}");
     assert_eq!(light::density_at(&map, DVec3::new(0.0, 0.0, -2.0), SIZE.as_dvec2() / 2.0), None);
-    let image = draw(&wall, 0, Pattern::Density);
-    // 11.5 pixels a degree: the third half-octave after 8.
-    assert_eq!(rgb(&image, 160, 90), [220, 100, 0]);
+    // So many pixels a degree: below the first octave, in its upper half, and in both of the next.
+    for (density, color) in
+        [(3.5, [106, 0, 0]), (7.0, [160, 0, 0]), (10.0, [146, 66, 0]), (11.5, [220, 100, 0])]
+    {
+        let mut wall = wall.clone();
+        wall.eye.z = 0.01 / 1.0_f64.to_radians() * density - 2.0;
+        assert_eq!(rgb(&draw(&wall, 0, Pattern::Density), 160, 90), color, "{density}");
+    }
 }
 
 #[test]
