@@ -50,18 +50,30 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 impl Stage {
-    /// A pin, with which no view of its own can be; or a gain, with which all can.
-    fn tune_one(&mut self, is_pin: bool) -> RequestId {
-        let to = Move::By(DVec2::new(0.1, 0.0));
-        let pin = Change::Pin { corner: Corner::UpperLeft, to };
-        let change = if is_pin { pin } else { Change::Gain(DVec3::splat(0.5)) };
-        self.request(Request::Tune { channel: "c1".into(), changes: vec![change] })
-    }
-
-    fn view(&mut self, is_one: bool) -> RequestId {
-        let area = Area::Screen { screen: 0, rect: [0, 0, 32, 32] };
-        let view = View { area, ..View::of_wall(Camera::IDENTITY) };
-        self.request(Request::SetViews(is_one.then_some(view).into_iter().collect()))
+    /// Asks for what a step is, where that is a request.
+    fn ask(&mut self, step: &Step) -> Option<RequestId> {
+        let request = match step {
+            Step::Order => Request::RenderFrame { camera: None, time_s: None },
+            Step::Open => Request::OpenScene { path: "a".into() },
+            Step::Close => Request::CloseScene,
+            // A pin, with which no view of its own can be; or a gain, with which all can.
+            Step::Tune(is_pin) => {
+                let to = Move::By(DVec2::new(0.1, 0.0));
+                let pin = Change::Pin { corner: Corner::UpperLeft, to };
+                let change = if *is_pin { pin } else { Change::Gain(DVec3::splat(0.5)) };
+                Request::Tune { channel: "c1".into(), changes: vec![change] }
+            }
+            Step::Pattern => Request::SetPattern(Some(Pattern::Grid)),
+            Step::View(is_one) => {
+                let area = Area::Screen { screen: 0, rect: [0, 0, 32, 32] };
+                let view = View { area, ..View::of_wall(Camera::IDENTITY) };
+                Request::SetViews(is_one.then_some(view).into_iter().collect())
+            }
+            Step::Run => Request::Run(Pace::Rate(20.0)),
+            Step::Pause => Request::Pause,
+            _ => return None,
+        };
+        Some(self.request(request))
     }
 
     fn fail_to_prepare(&mut self, session: SessionId) {
@@ -84,7 +96,6 @@ proptest! {
         let mut asked = Vec::new();
         for step in steps {
             match step {
-                Step::Order => asked.push(stage.order_frame()),
                 Step::Draw(c) => if let Some(&session) = sessions.get(&c) {
                     let drawn = stage.drawn(c);
                     if stage.frames.iter().any(|(to, f)| *to == session && f.frame == drawn.frame) {
@@ -109,21 +120,13 @@ proptest! {
                 Step::FailToPrepare(c) => if let Some(&session) = sessions.get(&c) {
                     stage.fail_to_prepare(session);
                 },
-                Step::Open => asked.push(stage.request(Request::OpenScene { path: "a".into() })),
                 Step::Import(is_good) => if let Some(job) = stage.imports.pop() {
                     let imported = Stage::imported();
                     let result = is_good.then_some(imported).ok_or("broken".to_owned());
                     stage.cluster.handle_import(stage.now, job, result);
                     stage.read();
                 },
-                Step::Close => asked.push(stage.request(Request::CloseScene)),
-                Step::Tune(is_pin) => asked.push(stage.tune_one(is_pin)),
-                Step::Pattern => {
-                    asked.push(stage.request(Request::SetPattern(Some(Pattern::Grid))));
-                },
-                Step::View(is_one) => asked.push(stage.view(is_one)),
-                Step::Run => asked.push(stage.request(Request::Run(Pace::Rate(20.0)))),
-                Step::Pause => asked.push(stage.request(Request::Pause)),
+                step => asked.extend(stage.ask(&step)),
             }
             // What frames show fits the wall that they name, whatever came in between.
             let cluster = &stage.cluster;
