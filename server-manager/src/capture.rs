@@ -81,6 +81,8 @@ pub struct Collection {
     /// Channels that will send none, with the reason.
     pub missing: Vec<(String, String)>,
     parts: Vec<Part>,
+    /// As the frame shows it.
+    wall: Wall,
     room: Room,
 }
 
@@ -127,7 +129,7 @@ impl Collection {
             })
         };
         let parts = channels.iter().filter_map(part).collect();
-        Self { job, frame, missing, parts, room }
+        Self { job, frame, missing, parts, wall: wall.clone(), room }
     }
 
     /// A piece has come. Pieces of other frames and pieces that don't fit are not taken.
@@ -195,7 +197,8 @@ impl Collection {
     /// A picture for each screen and eye, then one for each channel that sent its own, as its
     /// display gets it; and the room that they take. What the right eye sees of a screen, where
     /// that is something else, has the screen's name and `-right`.
-    pub fn stitch(self, wall: &Wall) -> (Vec<Picture>, Room) {
+    pub fn stitch(self) -> (Vec<Picture>, Room) {
+        let wall = &self.wall;
         let mut pictures = Vec::new();
         for index in 0..u16::try_from(wall.screens.len()).unwrap_or(u16::MAX) {
             let sides = Side::of(wall, index).iter();

@@ -3,17 +3,16 @@
 use polyptych_protocol::codec;
 use polyptych_protocol::limits::CHUNK_BYTES_MAX;
 use polyptych_protocol::request::{Answer, Captured, Failure, PicturePart, Reply};
-use polyptych_protocol::wall::Wall;
 
 use crate::capture::Collection;
 use crate::session::Link;
 
 /// Stitches off the brain's thread, and waits for the client where it reads slowly: few pieces
 /// are copied for it at a time, and its other answers overtake them.
-pub(crate) async fn send_pictures(collection: Collection, wall: Wall, link: Link) {
+pub(crate) async fn send_pictures(collection: Collection, link: Link) {
     let (id, frame) = (collection.job.id, collection.frame);
     let missing = collection.missing.clone();
-    let stitched = tokio::task::spawn_blocking(move || collection.stitch(&wall)).await;
+    let stitched = tokio::task::spawn_blocking(move || collection.stitch()).await;
     let reply = match stitched {
         Err(error) => Err(Failure::new(format!("the pictures could not be stitched: {error}"))),
         Ok((pictures, _room)) => {

@@ -412,7 +412,8 @@ impl Hub {
                 Output::Answer { to, answer } => self.answer(to, &answer),
                 Output::Import { job, path } => self.import(job, path),
                 Output::Collect { job, frame, channels, missing } => {
-                    let wall = &self.options.wall;
+                    // As it is tuned now: that is what the frame shows.
+                    let wall = self.cluster.wall();
                     let room = self.pictures.room_for(wall);
                     match room {
                         Ok(room) => {
@@ -486,8 +487,7 @@ impl Hub {
         let finished = self.collections.extract_if(.., |(_, collection)| collection.is_complete());
         for (_, collection) in finished {
             let Some(link) = self.clients.get(&collection.job.client) else { continue };
-            let wall = self.options.wall.clone();
-            tokio::spawn(delivery::send_pictures(collection, wall, link.clone()));
+            tokio::spawn(delivery::send_pictures(collection, link.clone()));
         }
     }
 }

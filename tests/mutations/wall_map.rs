@@ -72,7 +72,13 @@ fn damaged_files_of_walls_are_maps_or_one_line() {
             whole += u64::from(is_map);
         }
         println!("{name}: {whole} of {FILES} are maps");
-        assert!(whole < FILES && (whole > FILES / 100 || name == "a.glb"), "{name}: {whole}");
+        let least = match name {
+            "a.glb" => 0,
+            // The archive's checksums find nearly all damage.
+            "a.mpcdi" => 1,
+            _ => FILES / 100,
+        };
+        assert!((least..FILES).contains(&whole), "{name}: {whole}");
     }
 }
 

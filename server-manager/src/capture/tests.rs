@@ -34,7 +34,7 @@ fn stitched(wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<Picture> {
         collection.add(&chunk).expect("a piece that fits");
     }
     collection.expire();
-    collection.stitch(wall).0
+    collection.stitch().0
 }
 
 /// Pixels that all differ.

@@ -83,7 +83,8 @@ fn projectors_are_sampled() {
     let beam = |index: u32, x: f64| {
         format!(
             "[[screen.channel]]\nname = \"p{index}\"\npixels = [640, 640]\n\
-             [screen.channel.projector]\nposition = [{x}, 0, 1]\nrotation = [0, 0, 0]\ntangents = [-0.25, 0.25, -0.25, 0.25]\n"
+             [screen.channel.projector]\nposition = [{x}, 0, 1]\nrotation = [0, 0, 0]\n\
+             tangents = [-0.25, 0.25, -0.25, 0.25]\n"
         )
     };
     let text = tiles("pixels = [2000, 1000]") + &beam(0, -0.45) + &beam(1, 0.45);

@@ -7,11 +7,11 @@
 //! ```
 //!
 //! Maps of two components are `pf2c`, as Panda3D writes them. Two components are u and v of the
-//! screen's canvas, u to the right, v up, as MPCDI has it; three are a point in display space, in metres. As `PF` has no other way to hold u and v, its
-//! third component decides: where it is NaN in every pixel that has the other two, they are u and
-//! v; also where it is 0 throughout and the others lie within 0 and 1. A screen whose points all
-//! lie in that square metre of z = 0 has to be given by 1 nm of z. Pixels with NaN or infinity are
-//! unlit.
+//! screen's canvas, u to the right, v up, as MPCDI has it; three are a point in display space, in
+//! metres. As `PF` has no other way to hold u and v, its third component decides: where it is NaN
+//! in every pixel that has the other two, they are u and v; also where it is 0 throughout and the
+//! others lie within 0 and 1. A screen whose points all lie in that square metre of z = 0 has to be
+//! given by 1 nm of z. Pixels with NaN or infinity are unlit.
 
 use glam::{UVec2, Vec3};
 use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
