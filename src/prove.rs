@@ -29,13 +29,14 @@ const HEADING_RAD: f64 = 0.52;
 pub(crate) fn prove(wall: &Wall, shown: Shown, baker: Baker, out: &Path) -> anyhow::Result<Table> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let mut table = Table::default();
-    light::prove(wall, &mut table)?;
+    let maps = light::maps(wall);
+    light::prove(wall, &maps, &mut table)?;
     let folder = tempfile::Builder::new().prefix("polyptych-prove-").tempdir()?;
     let prover = Prover { shown, folder: folder.path().canonicalize()?, baker, out };
     let capture = {
         let local = prover.start(wall)?;
         let keep = |capture: &Capture| prover.save_all("markers", capture);
-        geometry::prove(&local.client, wall, &prover.folder, &mut table, keep)?;
+        geometry::prove(&local.client, (wall, &maps), &prover.folder, &mut table, keep)?;
         prover.show(&local, wall)?
     };
     prover.save_all("wall", &capture)?;

@@ -16,7 +16,7 @@ use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::blend;
 use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
-use polyptych_protocol::wall::{self, Adjustment, Cover, EyeOf, Wall};
+use polyptych_protocol::wall::{self, Adjustment, Cover, EyeOf, Surface, Wall};
 
 use crate::output::Output;
 use crate::renderer::{
@@ -78,14 +78,19 @@ impl Plan {
             None
         } else {
             let map = wall.pixel_map(id).ok_or("its corner pins leave no picture")?;
-            let mesh = match adjustment.warp {
-                None => WarpMesh::new(channel.size, MeshRule::default(), |pixel| {
+            let screen = wall.screen_of(channel);
+            let mesh = match (adjustment.warp, &screen.surface) {
+                (Some(file), _) => {
+                    let warp = maps.warp(file).ok_or("its warp file is not there")?;
+                    warp.channel_mesh(channel, screen, &map)
+                }
+                (None, Surface::Mesh(file)) if channel.cover == Cover::Tile => {
+                    let surface = maps.warp(*file).ok_or("its screen's file is not there")?;
+                    surface.screen_mesh(channel, screen, &map)
+                }
+                _ => WarpMesh::new(channel.size, MeshRule::default(), |pixel| {
                     map.display_from_pixel(pixel)
                 }),
-                Some(file) => {
-                    let warp = maps.warp(file).ok_or("its warp file is not there")?;
-                    warp.channel_mesh(channel, wall.screen_of(channel), &map)
-                }
             };
             if mesh.triangles.is_empty() {
                 return Err("none of its pixels lies on its screen".to_owned());

@@ -8,6 +8,7 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, Capture};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::blend::LightMap;
 use polyptych_protocol::wall::pixels::PixelMap;
 use polyptych_protocol::wall::{Channel, Cover, Wall};
 
@@ -69,7 +70,7 @@ struct Found {
 /// What could not be drawn or written.
 pub(super) fn prove(
     client: &Client,
-    wall: &Wall,
+    (wall, maps): (&Wall, &[Option<LightMap>]),
     folder: &Path,
     table: &mut Table,
     mut keep: impl FnMut(&Capture) -> anyhow::Result<()>,
@@ -107,7 +108,7 @@ pub(super) fn prove(
             if offset_m == 0.0 && step == 0 {
                 keep(&capture)?;
             }
-            frames.push(find(wall, &seen, &markers, &capture, -shift)?);
+            frames.push(find((wall, maps), &seen, &markers, &capture, -shift)?);
         }
         let at = if offset_m == 0.0 { String::new() } else { format!(", {offset_m:e} m away") };
         report(table, &seen, &frames, markers.len(), &at);
@@ -170,7 +171,7 @@ fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
 
 /// Looks for every marker in the picture of every channel that must show all of it.
 fn find(
-    wall: &Wall,
+    (wall, maps): (&Wall, &[Option<LightMap>]),
     seen: &[Seen<'_>],
     markers: &[Marker],
     capture: &Capture,
@@ -184,7 +185,7 @@ fn find(
             let why = why.map_or("it sent none", |(_, why)| why);
             format!("channel {} has no picture: {why}", channel.name)
         })?;
-        let light: Light = light::of(wall, channel.id, picture)?;
+        let light: Light = light::of(wall, maps, channel.id, picture)?;
         for (index, marker) in markers.iter().enumerate() {
             let is_own = marker.channel == channel.id;
             let pixel = marker.seen_at(&channel.map, channel.eye, offset, light.size);

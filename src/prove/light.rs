@@ -37,16 +37,26 @@ pub(super) fn eye_of(adjustment: &Adjustment) -> EyeOf {
     if adjustment.packing == Packing::None { adjustment.eye } else { EyeOf::Left }
 }
 
+/// What each channel has of the light, without masks from files; made once, as it takes a while.
+pub(super) fn maps(wall: &Wall) -> Vec<Option<LightMap>> {
+    wall.channel_ids().map(|id| light_map(wall, id, &Masks::default())).collect()
+}
+
 /// The light of a channel's picture, upright and before it was shared.
 ///
 /// # Errors
 /// A picture that is not of the display's size.
-pub(super) fn of(wall: &Wall, id: ChannelId, picture: &Picture) -> anyhow::Result<Light> {
+pub(super) fn of(
+    wall: &Wall,
+    maps: &[Option<LightMap>],
+    id: ChannelId,
+    picture: &Picture,
+) -> anyhow::Result<Light> {
     let channel = wall.channel(id).context("the wall has no such channel")?;
     let side = if channel.adjustment.eye == EyeOf::Right { Side::Right } else { Side::Left };
     let shown = ChannelLight::new(wall, id, side, &picture.rgba);
     let shown = shown.with_context(|| format!("the picture of {} has no size", channel.name))?;
-    let map = light_map(wall, id, &Masks::default());
+    let map = maps.get(usize::from(id.0)).and_then(Option::as_ref);
     let color = &channel.adjustment.color;
     let white = color.matrix * DVec3::ONE * color.gain;
     // Of an anaglyph's left eye only red is there.
@@ -56,7 +66,7 @@ pub(super) fn of(wall: &Wall, id: ChannelId, picture: &Picture) -> anyhow::Resul
     for y in 0..size.y {
         for x in 0..size.x {
             let light = shown.pixel(UVec2::new(x, y))[axis];
-            let [multiply, add] = map.as_ref().map_or([1.0, 0.0], |map| map.at(x, y));
+            let [multiply, add] = map.map_or([1.0, 0.0], |map| map.at(x, y));
             let own = (light - add) / multiply / white[axis];
             grey.push(if multiply < WEIGHT_MIN { f32::NAN } else { own as f32 });
         }
@@ -68,10 +78,12 @@ pub(super) fn of(wall: &Wall, id: ChannelId, picture: &Picture) -> anyhow::Resul
 ///
 /// # Errors
 /// A channel that cannot be drawn at all.
-pub(super) fn prove(wall: &Wall, table: &mut Table) -> anyhow::Result<()> {
+pub(super) fn prove(
+    wall: &Wall,
+    maps: &[Option<LightMap>],
+    table: &mut Table,
+) -> anyhow::Result<()> {
     prove_sampling(wall, table)?;
-    let maps: Vec<Option<LightMap>> =
-        wall.channel_ids().map(|id| light_map(wall, id, &Masks::default())).collect();
     if maps.iter().all(Option::is_none) {
         return Ok(());
     }
@@ -80,7 +92,7 @@ pub(super) fn prove(wall: &Wall, table: &mut Table) -> anyhow::Result<()> {
     let mut worst = Worst::default();
     for index in 0..wall.screens.len() {
         for side in Side::of(wall, index as u16) {
-            let lamps = lamps(wall, &maps, index as u16, *side);
+            let lamps = lamps(wall, maps, index as u16, *side);
             worst.look(wall, wall.screens[index].canvas, &lamps, most, black.multiply);
         }
     }

@@ -7,6 +7,9 @@ use crate::wall::pixels::PixelMap;
 use crate::wall::warp_mesh::{MeshRule, WarpMesh as ChannelMesh, WarpVertex};
 use crate::wall::{Channel, Screen};
 
+/// What of a pixel at a tile's edge is no part of it.
+const EDGE_PX: f64 = 1e-2;
+
 impl WarpMap {
     /// The mesh of a channel whose pixels lie where this map says; `pixels` has its corner pins
     /// and bends. Cells of a grid with an unlit corner are unlit.
@@ -26,6 +29,31 @@ impl WarpMap {
                 self.mesh_of_vertices(mesh, screen, |place| pixels.pixel_from_meant(place * size))
             }
         }
+    }
+
+    /// The mesh of a tile of a screen whose surface this is: its places are those of the canvas.
+    /// Triangles beside the tile are left out, but one that reaches into it is whole, so that
+    /// servers draw more than they show where triangles are much larger than tiles.
+    pub fn screen_mesh(
+        &self,
+        channel: &Channel,
+        screen: &Screen,
+        pixels: &PixelMap<'_>,
+    ) -> ChannelMesh {
+        let WarpShape::Mesh(mesh) = &self.shape else { return ChannelMesh::default() };
+        let (canvas, origin) = (screen.canvas.as_dvec2(), channel.origin.as_dvec2());
+        let mut tile = self.mesh_of_vertices(mesh, screen, |place| {
+            pixels.pixel_from_meant(place * canvas - origin)
+        });
+        let size = channel.size.as_dvec2();
+        let vertices = &tile.vertices;
+        tile.triangles.retain(|corners| {
+            let [a, b, c] = corners.map(|corner| vertices[corner as usize].pixel);
+            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+            // Places are f32: a triangle that ends at the tile's edge is beside it.
+            low.cmplt(size - EDGE_PX).all() && high.cmpgt(DVec2::splat(EDGE_PX)).all()
+        });
+        tile.without_loose_vertices()
     }
 
     fn mesh_of_vertices(
@@ -59,6 +87,22 @@ impl WarpMap {
                 screen.display_from_canvas(value.truncate() * screen.canvas.as_dvec2())
             }
         }
+    }
+}
+
+impl ChannelMesh {
+    /// Only the vertices that a triangle has: planes are fitted around all that there are.
+    fn without_loose_vertices(mut self) -> Self {
+        let mut index_of: Vec<Option<u32>> = vec![None; self.vertices.len()];
+        let mut kept = Vec::new();
+        for corner in self.triangles.iter_mut().flatten() {
+            let old = *corner as usize;
+            *corner = *index_of[old].get_or_insert_with(|| {
+                kept.push(self.vertices[old]);
+                kept.len() as u32 - 1
+            });
+        }
+        Self { vertices: kept, triangles: self.triangles }
     }
 }
 
@@ -143,6 +187,34 @@ mod tests {
         assert_eq!(mesh.point_at(DVec2::new(45.0, 20.0)), None);
         let WarpShape::Grid(grid) = &warp.shape else { panic!("a grid") };
         assert_eq!(grid.value_at(DVec2::new(0.47, 0.5)), None, "beside an unlit cell");
+    }
+
+    #[test]
+    fn a_tile_of_a_mesh_has_the_triangles_that_reach_into_it() {
+        let (mut channel, screen) = stage();
+        channel.origin = UVec2::new(200, 100);
+        let pixels = PixelMap::new(&channel, &screen).expect("no pins");
+        // 10 × 10 cells of 40 × 20 pixels of the canvas.
+        let vertex = |i: u32| {
+            let place = Vec2::new((i % 11) as f32, (i / 11) as f32) / 10.0;
+            super::super::WarpVertex { place, value: place.extend(-2.0), light: 1.0 }
+        };
+        let cell = |i: u32| {
+            let at = i / 10 * 11 + i % 10;
+            [[at, at + 1, at + 11], [at + 11, at + 1, at + 12]]
+        };
+        let (vertices, triangles) = ((0..121).map(vertex).collect(), (0..100).flat_map(cell));
+        let mesh = WarpMesh { vertices, triangles: triangles.collect() };
+        let warp = WarpMap { space: MapSpace::Display, shape: WarpShape::Mesh(mesh) };
+        let mesh = warp.screen_mesh(&channel, &screen, &pixels);
+        // 80 × 40 pixels from (200, 100): two by two cells and no other.
+        assert_eq!((mesh.triangles.len(), mesh.vertices.len()), (8, 9));
+        for at in [[0.0, 0.0], [80.0, 40.0], [13.0, 37.5]] {
+            let at = DVec2::from(at);
+            let due = ((at + DVec2::new(200.0, 100.0)) / DVec2::new(400.0, 200.0)).extend(-2.0);
+            let found = mesh.point_at(at).expect("lit");
+            assert!(found.distance(due) < 1e-6, "{found}, {due}");
+        }
     }
 
     #[test]
