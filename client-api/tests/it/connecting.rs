@@ -100,13 +100,13 @@ async fn other_programs_are_not_taken_for_a_manager() {
     };
     let error = say(b"SSH-2.0-OpenSSH_9.6\r\n").await;
     assert!(error.contains("does not speak the Polyptych protocol"), "{error}");
-    let error = say(b"PLYP\x02\x00\x02\x00").await;
+    let error = say(b"PLYP\x03\x00\x02\x00").await;
     assert!(error.contains("a render server answered where a manager"), "{error}");
     let error = say(b"PL").await;
     assert!(error.contains("closed the connection during the handshake"), "{error}");
-    let error = say(b"PLYP\x02\x00\x00\x00\x04\x00\x00\x00\xff\xff\xff\xff").await;
+    let error = say(b"PLYP\x03\x00\x00\x00\x04\x00\x00\x00\xff\xff\xff\xff").await;
     assert!(error.contains("are not a Answer"), "{error}");
-    let error = say(b"PLYP\x02\x00\x00\x00\xff\xff\xff\x7f").await;
+    let error = say(b"PLYP\x03\x00\x00\x00\xff\xff\xff\x7f").await;
     assert!(error.contains("frame size too big"), "{error}");
 }
 
