@@ -209,7 +209,7 @@ mod tests {
         let mesh = warp.screen_mesh(&channel, &screen, &pixels);
         // 80 × 40 pixels from (200, 100): two by two cells and no other.
         assert_eq!((mesh.triangles.len(), mesh.vertices.len()), (8, 9));
-        for at in [[0.0, 0.0], [80.0, 40.0], [13.0, 37.5]] {
+        for at in [[0.5, 0.5], [79.5, 39.5], [13.0, 37.5]] {
             let at = DVec2::from(at);
             let due = ((at + DVec2::new(200.0, 100.0)) / DVec2::new(400.0, 200.0)).extend(-2.0);
             let found = mesh.point_at(at).expect("lit");
