@@ -29,8 +29,9 @@ const PLACES_MAX: u32 = 512;
 /// Light of which the superposition is judged.
 const GREYS: [f64; 6] = [0.0, 0.002, 0.05, 0.2, 0.6, 1.0];
 
-/// A weight below this says too little of the light that was weighted.
-const WEIGHT_MIN: f64 = 0.02;
+/// A weight below this says too little of the light that was weighted: half a level becomes two.
+/// The neighbour, whose weight is the rest, tells more.
+const WEIGHT_MIN: f64 = 0.25;
 
 /// The eye for which a channel's picture, or the first one of its two, is drawn.
 pub(super) fn eye_of(adjustment: &Adjustment) -> EyeOf {
