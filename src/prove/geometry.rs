@@ -13,7 +13,7 @@ use polyptych_protocol::wall::pixels::PixelMap;
 use polyptych_protocol::wall::{Channel, Cover, Wall};
 
 use super::light;
-use super::marker::{self, Light, Marker};
+use super::marker::{self, Light, Marker, Reading};
 use super::table::{Table, Target};
 use crate::pictures::write_whole;
 
@@ -84,7 +84,7 @@ pub(super) fn prove(
         .filter(|name| seen.iter().all(|channel| channel.name != *name))
         .collect();
     if !rest.is_empty() {
-        let why = "too small for markers, or where their pixels lie is in a file";
+        let why = "too small for markers, or a file says where their pixels lie or masks them";
         let note = format!("{}: {why}", rest.join(", "));
         table.add("channels without markers", rest.len() as f64, "", None, note);
     }
@@ -124,8 +124,9 @@ fn channels(wall: &Wall) -> Vec<Seen<'_>> {
         let eye = head.eye(light::eye_of(&channel.adjustment));
         let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
         let is_warped = is_warped(wall, channel);
-        // Nothing but its file knows where the others' pixels lie.
-        map.display_from_pixel(channel.size.as_dvec2() / 2.0)?;
+        // Nothing but its files knows where the others' pixels lie, and what is left of their light.
+        let is_masked = channel.adjustment.alpha.or(channel.adjustment.beta).is_some();
+        map.display_from_pixel(channel.size.as_dvec2() / 2.0).filter(|_| !is_masked)?;
         Some(Seen { id, name: &channel.name, map, eye, half, is_warped })
     };
     wall.channel_ids().filter_map(seen).filter(|seen| seen.half >= HALF_MIN_PX).collect()
@@ -194,15 +195,17 @@ fn find(
             let is_whole = |pixel: &DVec2| {
                 pixel.cmpge(inset).all() && pixel.cmple(light.size.as_dvec2() - inset).all()
             };
-            let found = pixel.filter(is_whole).and_then(|pixel| {
-                let sum = marker.error(&channel.map, &light, channel.eye, offset, channel.half)?;
-                Some(Found::new((at, index), &channel.map, pixel, sum))
+            let reading = pixel.filter(is_whole).map_or(Reading::Missing, |pixel| {
+                let around = (pixel, channel.half);
+                marker.read(&channel.map, &light, channel.eye, offset, around)
             });
-            match found {
-                Some(found) => all.push(found),
+            match (pixel, reading) {
+                (Some(pixel), Reading::Off(error_px)) => {
+                    all.push(Found::new((at, index), &channel.map, pixel, error_px));
+                }
+                (_, Reading::Missing) if is_own => all.push(Found::nothing(at, index)),
                 // Where its weight ends a channel says little, and another one shows the marker.
-                None if is_own && !light.is_faint(pixel) => all.push(Found::nothing(at, index)),
-                None => {}
+                _ => {}
             }
         }
     }
@@ -233,8 +236,13 @@ impl Found {
     }
 }
 
-/// The largest of these numbers and where it is; a number that is none is the largest.
+/// The largest of these numbers and where it is; a number that is none is the largest, and none at
+/// all are no number: nothing is proved by what could not be read.
 fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, String) {
+    let mut numbers = numbers.peekable();
+    if numbers.peek().is_none() {
+        return (f64::NAN, "nowhere".to_owned());
+    }
     let mut worst = (0.0, String::new());
     for (number, place) in numbers {
         if number.is_nan() {
@@ -259,7 +267,11 @@ fn report(table: &mut Table, seen: &[Seen<'_>], frames: &[Vec<Found>], count: us
         let (error, place) = worst(errors);
         let (kind, most) =
             if is_warped { ("warped ", WARPED_ERROR_MAX_PX) } else { ("", ERROR_MAX_PX) };
-        let note = if error.is_nan() { format!("{place}: a marker is not found") } else { place };
+        let note = if error.is_nan() {
+            format!("{place}: a marker is not found, or none can be read")
+        } else {
+            place
+        };
         table.add(format!("{kind}points{at}"), error, "px", Some(Target::AtMost(most)), note);
     }
     let mut seams = Vec::new();
@@ -274,10 +286,9 @@ fn report(table: &mut Table, seen: &[Seen<'_>], frames: &[Vec<Found>], count: us
         }
     }
     if !seams.is_empty() {
-        let note = |place: String| place;
         let (apart, place) = worst(seams.into_iter());
         let most = Some(Target::AtMost(SEAM_MAX_PX));
-        table.add(format!("one point on two channels{at}"), apart, "px", most, note(place));
+        table.add(format!("one point on two channels{at}"), apart, "px", most, place);
     }
     let mut jitter = Vec::new();
     for pair in frames.windows(2) {

@@ -45,17 +45,15 @@ pub(crate) struct Light {
     pub grey: Vec<f32>,
 }
 
-impl Light {
-    /// Whether the light around a place cannot be told.
-    pub fn is_faint(&self, pixel: Option<DVec2>) -> bool {
-        let Some(pixel) = pixel else { return false };
-        let around = [DVec2::ZERO, DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y];
-        around.iter().any(|step| {
-            let at = (pixel + step * 32.0).clamp(DVec2::ZERO, self.size.as_dvec2() - 1.0);
-            let at = at.as_uvec2();
-            self.grey[(at.y * self.size.x + at.x) as usize].is_nan()
-        })
-    }
+/// What a channel's picture tells of a marker.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Reading {
+    /// By how many pixels it is from where it must be.
+    Off(DVec2),
+    /// The channel has too little of the light there to tell.
+    Faint,
+    /// It is not there.
+    Missing,
 }
 
 impl Marker {
@@ -80,17 +78,16 @@ impl Marker {
         Some(Self { channel, center, right, up: -down })
     }
 
-    /// How far the marker is from where it must be, in pixels, in the picture of a channel whose
-    /// eye is there while the marker has moved by `offset` metres. `None` where it is not found.
-    pub fn error(
+    /// How far the marker is from `around`, where it must be, in the picture of a channel whose eye
+    /// is there while the marker has moved by `offset` metres.
+    pub fn read(
         &self,
         map: &PixelMap<'_>,
         light: &Light,
         eye: DVec3,
         offset: DVec3,
-        half: f64,
-    ) -> Option<DVec2> {
-        let around = self.seen_at(map, eye, offset, light.size)?;
+        (around, half): (DVec2, f64),
+    ) -> Reading {
         let reach = DVec2::splat(half * 1.5);
         let first = (around - reach).floor().max(DVec2::ZERO).as_uvec2();
         let end = (around + reach).ceil().max(DVec2::ZERO).as_uvec2().min(light.size);
@@ -105,14 +102,17 @@ impl Marker {
                 }
                 let grey = f64::from(light.grey[(y * light.size.x + x) as usize]);
                 if grey.is_nan() {
-                    return None;
+                    return Reading::Faint;
                 }
                 drawn.add(pixel, grey);
                 expected.add(pixel, shown(gauss(place)));
             }
         }
-        let is_found = drawn.weight > expected.weight * FOUND_MIN && expected.weight > 0.0;
-        is_found.then(|| drawn.mean() - expected.mean())
+        if drawn.weight > expected.weight * FOUND_MIN && expected.weight > 0.0 {
+            Reading::Off(drawn.mean() - expected.mean())
+        } else {
+            Reading::Missing
+        }
     }
 
     /// The pixel at which a channel must show the marker, found by Newton's method from the
@@ -293,3 +293,6 @@ fn picture() -> image::GrayImage {
         image::Luma([(code * 255.0).round() as u8])
     })
 }
+
+#[cfg(test)]
+mod tests;

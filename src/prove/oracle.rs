@@ -4,7 +4,7 @@ use anyhow::Context;
 use image::RgbaImage;
 use polyptych_protocol::wall::blend::Blend;
 use polyptych_protocol::wall::color::{linear_from_srgb, srgb_from_linear};
-use polyptych_protocol::wall::{Channel, Cover, Screen, Wall};
+use polyptych_protocol::wall::{Channel, Color, Cover, Screen, Wall};
 
 use super::table::{Table, Target};
 
@@ -40,7 +40,7 @@ pub(super) fn can_judge(wall: &Wall, index: u16) -> bool {
             // What is undone before pictures are laid together.
             turn: channel.adjustment.turn,
             mirror: channel.adjustment.mirror,
-            color: channel.adjustment.color.clone(),
+            color: Color { curve: channel.adjustment.color.curve.clone(), ..Color::default() },
             edges: channel.adjustment.edges,
             ..Default::default()
         };

@@ -59,56 +59,7 @@ pixels = [90, 100]
 origin = [90, 0]
 pixels = [20, 100]
 "#,
-    r#"[wall]
-name = "w"
-eye_separation = 0.065
-dither = true
-[blend]
-exponent = 1.5
-leak = 0.003
-[[screen]]
-name = "round"
-cylinder = { radius = 3.0, degrees = [-45, 45], height = [-1.2, 1.2], rotation = [10, 0, 0] }
-tiles = { columns = 2, pixels = [400, 320], overlap = [40, 0] }
-[[screen]]
-name = "dome"
-pixels = [800, 400]
-[screen.sphere]
-center = [0.0, 0.1, 0.0]
-radius = 4.0
-azimuth = [-60, 60]
-elevation = [0, 60]
-[[screen.channel]]
-name = "beam"
-pixels = [640, 480]
-server = "pc"
-projector = { position = [0, 0, 0], look_at = [0, 2, -3], degrees = [40, 30], shift = [0, 0.1] }
-[[screen.channel]]
-name = "mapped"
-pixels = [640, 480]
-[[screen]]
-name = "hull"
-mesh = "hull.obj"
-tiles.pixels = [64, 64]
-[channel.round-1-1]
-turn = "left"
-mirror = true
-stereo = "side-by-side"
-pin = [[1, 2], [0, 0], [-3.5, 0], [0, 1]]
-bend = { points = [2, 3], moves = [[0, 0], [1, 0], [0, 0], [0, 2], [0, 0], [0, 0]] }
-edges = { left = 0, right = 30.5 }
-gain = [1.0, 0.9, 0.8]
-matrix = [[1, 0.1, 0], [0, 1, 0], [0.05, 0, 0.95]]
-gamma = 2.2
-alpha = "masks/a.png"
-beta = "masks/b.png"
-[channel.round-2-1]
-curve = [0, [0.2, 0.25, 0.3], 1]
-edges.right = 0
-[channel.mapped]
-warp = "maps/mapped.pfm"
-alpha = "masks/a.png"
-"#,
+    include_str!("../../../protocol/src/wall/file/tests/every-key.toml"),
     include_str!("../../../configs/bezel-2x2.toml"),
     include_str!("../../../configs/cave-4.toml"),
     include_str!("../../../configs/wall-3x1.toml"),
