@@ -124,7 +124,7 @@ fn channels(wall: &Wall) -> Vec<Seen<'_>> {
         let eye = head.eye(light::eye_of(&channel.adjustment));
         let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
         let is_warped = is_warped(wall, channel);
-        // Nothing but its files knows where the others' pixels lie, and what is left of their light.
+        // Only their files know where the others' pixels lie, and what is left of their light.
         let is_masked = channel.adjustment.alpha.or(channel.adjustment.beta).is_some();
         map.display_from_pixel(channel.size.as_dvec2() / 2.0).filter(|_| !is_masked)?;
         Some(Seen { id, name: &channel.name, map, eye, half, is_warped })

@@ -11,6 +11,7 @@
 //! - `wall_files`: warp maps, masks and archives that others wrote
 //! - `seams`: a wall of tiles shows what one channel shows
 //! - `exact`: what is drawn against a renderer in f64, in all cases that are hard for numbers
+//! - `prove`: a wall that is right keeps its targets, one that is not does not
 //! - `views`: both eyes, and other cameras on parts of the wall
 //! - `twins`: the same commands give the same bytes, whoever draws
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
@@ -33,6 +34,7 @@ mod harness;
 mod manager_kills;
 mod observation;
 mod one_process;
+mod prove;
 mod reconnecting;
 #[path = "../reference/reference.rs"]
 mod reference;
