@@ -82,8 +82,9 @@ pub(in crate::renderer) fn correction_layout(device: &wgpu::Device) -> wgpu::Bin
             texture(0, true),
             sampler(1),
             buffer(2, both, uniform, false, size_of::<CorrectionUniform>()),
-            buffer(3, fragment, storage, false, size_of::<u32>()),
+            texture(3, true),
             buffer(4, fragment, storage, false, 2 * size_of::<[f32; 4]>()),
+            sampler(5),
         ],
     })
 }

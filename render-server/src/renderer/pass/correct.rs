@@ -95,9 +95,10 @@ pub struct Correction {
     indices: wgpu::Buffer,
     index_count: u32,
     uniform: wgpu::Buffer,
-    light_map: wgpu::Buffer,
+    light_map: wgpu::TextureView,
     codes: wgpu::Buffer,
     sampler: wgpu::Sampler,
+    map_sampler: wgpu::Sampler,
     group_layout: wgpu::BindGroupLayout,
     layout: wgpu::PipelineLayout,
     module: wgpu::ShaderModule,
@@ -131,17 +132,7 @@ impl Correction {
         .collect();
         let bytes = bytemuck::cast_slice(&codes);
         let codes = buffer("correct/codes", bytes, wgpu::BufferUsages::STORAGE);
-        // Where there is no map, one texel that nobody reads.
-        let texels = desc.light_map.as_ref().map_or([[0; 2]].as_slice(), |map| &map.texels);
-        let bytes: &[u8] = bytemuck::cast_slice(texels);
-        let most = gpu.device.limits().max_storage_buffer_binding_size;
-        if bytes.len() as u64 > most {
-            return Err(CorrectionError::LightMap {
-                found: most as usize / 4,
-                wanted: texels.len(),
-            });
-        }
-        let light_map = buffer("correct/light_map", bytes, wgpu::BufferUsages::STORAGE);
+        let light_map = light_map(gpu, &desc);
         // What has gone to the GPU is not kept twice, but whether it was there is.
         if let Some(map) = &mut desc.light_map {
             map.texels = Vec::new();
@@ -167,6 +158,10 @@ impl Correction {
                 label: Some("correct/sampler"),
                 mag_filter: wgpu::FilterMode::Linear,
                 min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            map_sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("correct/map_sampler"),
                 ..Default::default()
             }),
             layout: gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -322,8 +317,9 @@ impl Correction {
             wgpu::BindingResource::TextureView(source.display_view()),
             wgpu::BindingResource::Sampler(&self.sampler),
             self.uniform.as_entire_binding(),
-            self.light_map.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&self.light_map),
             self.codes.as_entire_binding(),
+            wgpu::BindingResource::Sampler(&self.map_sampler),
         ];
         let entries: Vec<_> = (0..)
             .zip(resources)
@@ -336,7 +332,7 @@ impl Correction {
         })
     }
 
-    fn constants(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> [(&'static str, f64); 12] {
+    fn constants(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> [(&'static str, f64); 13] {
         let flag = |on: bool| f64::from(u8::from(on));
         let curve = match self.desc.curve {
             Curve::Srgb => 0.0,
@@ -346,6 +342,7 @@ impl Correction {
         [
             ("EYE", eye as f64),
             ("WIDTH", f64::from(self.desc.upright[0])),
+            ("HEIGHT", f64::from(self.desc.upright[1])),
             ("EXACT", flag(self.desc.warp.is_none())),
             ("PLANES", f64::from(sampling.planes)),
             ("TAPS_ACROSS", f64::from(sampling.taps[0])),
@@ -434,6 +431,29 @@ fn mesh(desc: &CorrectionDesc) -> (Vec<CornerRecord>, Vec<u32>, DVec3) {
     };
     let corners = warp.vertices.iter().map(corner).collect();
     (corners, warp.triangles.iter().flatten().copied().collect(), origin)
+}
+
+/// The light map of an upright picture; where there is none, one texel that nobody reads.
+fn light_map(gpu: &Gpu, desc: &CorrectionDesc) -> wgpu::TextureView {
+    let ([width, height], texels) = match &desc.light_map {
+        Some(map) => (desc.upright, map.texels.as_slice()),
+        None => ([1, 1], [[0; 2]].as_slice()),
+    };
+    // The shader takes the lower byte first, whatever the machine does.
+    let bytes: Vec<u8> = texels.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
+    let descriptor = wgpu::TextureDescriptor {
+        label: Some("correct/light_map"),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba8Unorm,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    };
+    let order = wgpu::util::TextureDataOrder::default();
+    let texture = gpu.device.create_texture_with_data(&gpu.queue, &descriptor, order, &bytes);
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
 /// What is wrong with a description on this adapter, if anything.
