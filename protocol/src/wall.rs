@@ -28,7 +28,7 @@ pub mod warp_mesh;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-pub use adjustment::{Adjustment, Color, Curve, Edges, EyeOf, Packing, Turn};
+pub use adjustment::{Adjustment, Bits, Color, Curve, Edges, EyeOf, Packing, Turn};
 pub use channel::{Channel, Cover, Projection};
 pub use screen::{Bezel, Screen};
 pub use surface::Surface;

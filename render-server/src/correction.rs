@@ -16,7 +16,7 @@ use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::blend;
 use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
-use polyptych_protocol::wall::{self, Adjustment, Cover, EyeOf, Surface, Wall};
+use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, Surface, Wall};
 
 use crate::output::Output;
 use crate::renderer::{
@@ -112,8 +112,21 @@ impl Plan {
             color: DMat3::from_diagonal(color.gain) * color.matrix,
             curve: curve(&color.curve),
             dither: wall.dither.then_some(u32::from(id.0)),
+            is_fine: adjustment.bits == Bits::Ten,
         };
         Ok(Some(Self { channel: id, desc, warp, eyes }))
+    }
+}
+
+impl Plan {
+    /// The plan as the display of the channel of this name can show it.
+    pub fn shown_by(&self, name: &str, takes_fine_codes: bool) -> Self {
+        let mut plan = self.clone();
+        if plan.desc.is_fine && !takes_fine_codes {
+            tracing::warn!(channel = name, "the display takes no codes of 10 bits: it is given 8");
+            plan.desc.is_fine = false;
+        }
+        plan
     }
 }
 

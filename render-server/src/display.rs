@@ -5,7 +5,7 @@ use std::sync::Arc;
 use winit::dpi::{PhysicalPosition, PhysicalSize};
 use winit::window::Window;
 
-use crate::renderer::{Gpu, Label, Output, Picture};
+use crate::renderer::{Content, FINE_FORMAT, Gpu, Label, Output, Picture};
 
 /// A window and its surface.
 #[derive(Debug)]
@@ -14,11 +14,13 @@ pub struct WindowDisplay {
     surface: wgpu::Surface<'static>,
     configuration: Option<wgpu::SurfaceConfiguration>,
     output: Option<Output>,
+    /// It shows codes of ten bits.
+    is_fine: bool,
 }
 
 impl WindowDisplay {
     pub(crate) fn new(window: Arc<Window>, surface: wgpu::Surface<'static>) -> Self {
-        Self { window, surface, configuration: None, output: None }
+        Self { window, surface, configuration: None, output: None, is_fine: false }
     }
 
     pub(crate) fn surface(&self) -> &wgpu::Surface<'static> {
@@ -35,12 +37,20 @@ impl WindowDisplay {
         };
         // Two frames in flight would show each frame one refresh later than it was swapped.
         configuration.desired_maximum_frame_latency = 1;
+        if self.is_fine && self.takes_fine_codes(gpu) {
+            configuration.format = FINE_FORMAT;
+        }
         self.surface.configure(&gpu.device, &configuration);
         let format = configuration.format;
         if self.configuration.as_ref().map(|c| c.format) != Some(format) {
             self.output = Some(Output::new(gpu, format));
         }
         self.configuration = Some(configuration);
+    }
+
+    /// Whether it can show codes of ten bits.
+    pub(crate) fn takes_fine_codes(&self, gpu: &Gpu) -> bool {
+        self.surface.get_capabilities(&gpu.adapter).formats.contains(&FINE_FORMAT)
     }
 
     /// Places the window as its channel hangs on the wall, the screen's canvas being scaled down
@@ -79,7 +89,11 @@ impl WindowDisplay {
         labels: &[Label],
     ) -> Result<(), String> {
         use wgpu::CurrentSurfaceTexture as Current;
-        if self.configuration.is_none() {
+        let is_fine = picture.is_some_and(|it| it.content() == Content::FineCodes);
+        // Black is shown as what was there.
+        let is_other = picture.is_some() && self.is_fine != is_fine;
+        if self.configuration.is_none() || is_other {
+            self.is_fine = is_fine;
             self.resize(gpu, self.window.inner_size());
         }
         let Some(output) = &mut self.output else {

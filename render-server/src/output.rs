@@ -90,7 +90,8 @@ impl Output {
         correction: &Correction,
     ) -> Result<(&Target, &Picture), String> {
         let size = correction.display_size();
-        let known = self.corrected.take().filter(|picture| picture.size() == size);
+        let fits = |it: &Picture| it.size() == size && it.content() == correction.content();
+        let known = self.corrected.take().filter(fits);
         let picture = self.corrected.insert(known.unwrap_or_else(|| correction.picture(gpu)));
         let source = self.target.as_ref().ok_or("there is no target")?;
         Ok((source, picture))
@@ -123,6 +124,14 @@ impl Output {
             && let Surface::Window(display) = &self.surface
         {
             display.arrange(origin, size, canvas);
+        }
+    }
+
+    /// Whether codes of ten bits can be shown; where nobody looks, they can.
+    pub fn takes_fine_codes(&self, gpu: &Gpu) -> bool {
+        match &self.surface {
+            Surface::Window(display) => display.takes_fine_codes(gpu),
+            _ => true,
         }
     }
 

@@ -421,7 +421,9 @@ impl RenderThread {
         let mut correctors = BTreeMap::new();
         for (name, plan) in state.plans.iter() {
             let Some(wall) = state.replica.wall.as_deref() else { break };
-            let corrector = Corrector::new(&self.gpu, plan.clone(), wall)?;
+            let mut outputs = self.outputs.iter().filter(|output| output.name == *name);
+            let plan = plan.shown_by(name, outputs.any(|it| it.takes_fine_codes(&self.gpu)));
+            let corrector = Corrector::new(&self.gpu, plan, wall)?;
             correctors.insert(name.clone(), corrector);
         }
         Ok(Rc::new(RefCell::new(correctors)))

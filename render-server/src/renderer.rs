@@ -36,6 +36,7 @@ pub use pass::idle;
 pub use pass::label::{Label, Place};
 pub use pass::output::Output;
 pub use pass::tonemap::SkyError;
+pub(crate) use picture::FINE_FORMAT;
 pub use picture::{Content, Picture};
 pub use readback::{ReadError, read_picture, read_pixels};
 pub use scene::{

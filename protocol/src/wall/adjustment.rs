@@ -36,6 +36,8 @@ pub struct Adjustment {
     pub alpha: Option<u16>,
     /// An index into [`Wall::files`](super::Wall::files): added to its light.
     pub beta: Option<u16>,
+    /// How fine its display's codes are.
+    pub bits: Bits,
 }
 
 /// How a display hangs: by which turn its upper side went.
@@ -51,6 +53,16 @@ pub enum Turn {
     Right,
     /// It hangs upside down.
     Half,
+}
+
+/// Bits of each of a display's red, green and blue codes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Bits {
+    /// 256 codes.
+    #[default]
+    Eight,
+    /// 1,024 codes, where the display takes them; 256 where not.
+    Ten,
 }
 
 /// Whose eye a channel is for.

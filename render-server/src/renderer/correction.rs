@@ -39,6 +39,8 @@ pub struct CorrectionDesc {
     /// A number of the channel's own: noise of ± half a code, another on every channel, goes onto
     /// the codes before they are rounded.
     pub dither: Option<u32>,
+    /// Whether the display has 1,024 codes and not 256.
+    pub is_fine: bool,
 }
 
 /// How a display hangs: where its own upper side is, as the viewer sees it.
@@ -195,6 +197,7 @@ impl CorrectionDesc {
             color: DMat3::IDENTITY,
             curve: Curve::Srgb,
             dither: None,
+            is_fine: false,
         }
     }
 

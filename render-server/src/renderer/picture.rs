@@ -6,6 +6,9 @@ use super::target::{DISPLAY_FORMAT, LINEAR_FORMAT};
 /// Bytes as they are written.
 pub(in crate::renderer) const CODES_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
+/// Codes of ten bits.
+pub(crate) const FINE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgb10a2Unorm;
+
 /// What the pixels of a picture hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
@@ -13,6 +16,8 @@ pub enum Content {
     Srgb,
     /// RGBA8 for a display with a curve of its own: codes that are written as they stand.
     Codes,
+    /// RGB10A2, for a display with 1,024 codes and a curve of its own.
+    FineCodes,
     /// Display light from 0 to 1, linear, RGBA16F: what is still to be corrected.
     Light,
 }
@@ -22,12 +27,13 @@ impl Content {
     pub(in crate::renderer) fn format(self) -> wgpu::TextureFormat {
         match self {
             Self::Srgb | Self::Codes => DISPLAY_FORMAT,
+            Self::FineCodes => FINE_FORMAT,
             Self::Light => LINEAR_FORMAT,
         }
     }
 }
 
-/// A picture as displays get it: RGBA8 as sRGB, drawn in linear light.
+/// A picture as displays get it: RGBA8 as sRGB, drawn in linear light, or as its content says.
 #[derive(Debug)]
 pub struct Picture {
     size: [u32; 2],
@@ -88,7 +94,7 @@ impl Picture {
     }
 
     /// What its pixels hold.
-    pub(in crate::renderer) fn content(&self) -> Content {
+    pub(crate) fn content(&self) -> Content {
         self.content
     }
 

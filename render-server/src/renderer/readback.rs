@@ -1,7 +1,7 @@
 //! Pictures back from the GPU.
 
 use super::gpu::Gpu;
-use super::picture::Picture;
+use super::picture::{Content, Picture};
 use super::target::Target;
 
 /// Why a picture did not come back.
@@ -18,11 +18,20 @@ pub fn read_pixels(gpu: &Gpu, target: &Target) -> Result<Vec<u8>, ReadError> {
     read_picture(gpu, target.picture())
 }
 
-/// As [`read_pixels`], of any picture.
+/// As [`read_pixels`], of any picture; codes of ten bits are rounded to eight.
 ///
 /// # Errors
 /// The GPU is lost or out of memory.
 pub fn read_picture(gpu: &Gpu, picture: &Picture) -> Result<Vec<u8>, ReadError> {
+    let mut pixels = read_raw(gpu, picture)?;
+    if picture.content() == Content::FineCodes {
+        pixels.chunks_exact_mut(4).for_each(round_fine);
+    }
+    Ok(pixels)
+}
+
+/// The bytes of a picture, rows from the top, without padding.
+pub(in crate::renderer) fn read_raw(gpu: &Gpu, picture: &Picture) -> Result<Vec<u8>, ReadError> {
     let [width, height] = picture.size();
     let pixel_bytes = picture.texture().format().block_copy_size(None).unwrap_or(4);
     let row_bytes = width as usize * pixel_bytes as usize;
@@ -66,4 +75,13 @@ pub fn read_picture(gpu: &Gpu, picture: &Picture) -> Result<Vec<u8>, ReadError> 
         pixels.extend_from_slice(&row[..row_bytes]);
     }
     Ok(pixels)
+}
+
+/// RGB10A2 to RGBA8, each code to the nearest.
+fn round_fine(pixel: &mut [u8]) {
+    let bits = pixel.iter().rev().fold(0, |bits, byte| bits << 8 | u32::from(*byte));
+    for (at, byte) in pixel.iter_mut().enumerate() {
+        let code = bits >> (10 * at) & 1023;
+        *byte = if at == 3 { 255 } else { ((code * 255 + 511) / 1023) as u8 };
+    }
 }

@@ -12,7 +12,7 @@ use super::files::Files;
 use super::screen::Draft;
 use super::source::{Source, quoted};
 use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX};
-use crate::wall::adjustment::{Bend, Curve, Edges};
+use crate::wall::adjustment::{Bend, Bits, Curve, Edges};
 use crate::wall::pixels::PixelMap;
 use crate::wall::{Cover, EyeOf, FileKind, Packing, Projection, Screen};
 
@@ -91,6 +91,14 @@ impl Table<'_> {
         if let Some(edges) = &s.edges {
             adjustment.edges = self.edges(edges, size)?;
         }
+        adjustment.bits = match s.bits {
+            None | Some(8) => Bits::Eight,
+            Some(10) => Bits::Ten,
+            Some(other) => {
+                let what = format!("codes of {other} bits are not possible");
+                return Err(self.error("bits", what, "write 8 or 10"));
+            }
+        };
         adjustment.color.matrix = self.matrix()?;
         if let Some(gain) = s.gain {
             adjustment.color.gain = self.light("gain", gain)?;

@@ -17,7 +17,7 @@ use crate::renderer::correction::{
 use crate::renderer::frame::wait;
 use crate::renderer::gpu::Gpu;
 use crate::renderer::pass::tonemap::clear;
-use crate::renderer::picture::{CODES_FORMAT, Content, Picture};
+use crate::renderer::picture::{CODES_FORMAT, Content, FINE_FORMAT, Picture};
 use crate::renderer::target::{DISPLAY_FORMAT, Target, TargetError};
 
 const SOURCE: &str = include_str!("correct.wgsl");
@@ -184,9 +184,14 @@ impl Correction {
         self.desc.display_size()
     }
 
+    /// What its pictures hold.
+    pub fn content(&self) -> Content {
+        if self.desc.is_fine { Content::FineCodes } else { Content::Codes }
+    }
+
     /// A picture that [`Self::draw`] can draw onto, in pixels of the display.
     pub fn picture(&self, gpu: &Gpu) -> Picture {
-        Picture::new(gpu, self.display_size(), Content::Codes)
+        Picture::new(gpu, self.display_size(), self.content())
     }
 
     /// Draws what the eyes see of the source and waits until it is there: one eye, or the left and
@@ -207,7 +212,7 @@ impl Correction {
         if source.content() != Content::Light {
             return Err(CorrectionError::Source("the source does not hold light"));
         }
-        if onto.content() != Content::Codes || onto.size() != self.display_size() {
+        if onto.content() != self.content() || onto.size() != self.display_size() {
             return Err(CorrectionError::Source("the picture is not this display's"));
         }
         let planes = self.planes_of(source.size(), eyes)?;
@@ -332,7 +337,7 @@ impl Correction {
         })
     }
 
-    fn constants(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> [(&'static str, f64); 13] {
+    fn constants(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> [(&'static str, f64); 14] {
         let flag = |on: bool| f64::from(u8::from(on));
         let curve = match self.desc.curve {
             Curve::Srgb => 0.0,
@@ -352,7 +357,8 @@ impl Correction {
             ("CURVE", curve),
             ("DITHERED", flag(self.desc.dither.is_some())),
             ("CHANNEL", f64::from(self.desc.dither.map_or(0, |id| id.wrapping_add(1)))),
-            ("ENCODES", flag(!gpu.views_other_formats())),
+            ("CODES", if self.desc.is_fine { 1023.0 } else { 255.0 }),
+            ("ENCODES", flag(!self.desc.is_fine && !gpu.views_other_formats())),
         ]
     }
 
@@ -366,7 +372,11 @@ impl Correction {
             (Packing::Anaglyph, _) => wgpu::ColorWrites::GREEN | wgpu::ColorWrites::BLUE,
             _ => wgpu::ColorWrites::ALL,
         };
-        let format = if gpu.views_other_formats() { CODES_FORMAT } else { DISPLAY_FORMAT };
+        let format = match (self.desc.is_fine, gpu.views_other_formats()) {
+            (true, _) => FINE_FORMAT,
+            (false, true) => CODES_FORMAT,
+            (false, false) => DISPLAY_FORMAT,
+        };
         gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some("correct/pipeline"),
             layout: Some(&self.layout),

@@ -67,6 +67,8 @@ override HEIGHT: f32 = 1.0;
 override CURVE: u32 = 0u;
 override DITHERED: bool = false;
 override CHANNEL: u32 = 0u;
+// The display's largest code.
+override CODES: f32 = 255.0;
 // The target encodes what it is given as sRGB.
 override ENCODES: bool = false;
 
@@ -194,7 +196,11 @@ fn correct(in: Corner) -> @location(0) vec4<f32> {
     }
     var code = encode(light);
     if DITHERED {
-        code += noise(vec2<u32>(in.clip.xy)) / 255.0;
+        code += noise(vec2<u32>(in.clip.xy)) / CODES;
+    }
+    if CODES > 255.0 {
+        // Some drivers round codes of ten bits down: a quarter more is no other code to any.
+        code = (floor(code * CODES + 0.5) + 0.25) / CODES;
     }
     if ENCODES {
         let code = clamp(code, vec3<f32>(0.0), vec3<f32>(1.0));

@@ -4,7 +4,7 @@ use super::label::Label;
 use super::tonemap::{clear, screen_pipeline};
 use crate::renderer::bindings;
 use crate::renderer::gpu::Gpu;
-use crate::renderer::picture::Picture;
+use crate::renderer::picture::{Content, FINE_FORMAT, Picture};
 use crate::renderer::shader;
 
 const SOURCE: &str = include_str!("output.wgsl");
@@ -28,6 +28,8 @@ struct Layout {
     surface: [u32; 2],
     /// Of the picture on the surface.
     origin: [u32; 2],
+    /// What is read of it are codes, and not light.
+    coded: bool,
 }
 
 /// A label on the GPU, for surfaces of one size.
@@ -48,7 +50,8 @@ struct DrawnPanel {
 }
 
 impl Output {
-    /// For surfaces of this format: `Bgra8Unorm`, `Rgba8Unorm`, or either with `Srgb`.
+    /// For surfaces of this format: `Bgra8Unorm`, `Rgba8Unorm`, either with `Srgb`, or
+    /// `Rgb10a2Unorm`.
     pub fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
         let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("output/sampler"),
@@ -72,7 +75,8 @@ impl Output {
     ) {
         if let Some(picture) = picture {
             let exact = picture.size() == surface_size;
-            let layout = Layout { exact, surface: surface_size, origin: [0, 0] };
+            let coded = picture.content() == Content::FineCodes;
+            let layout = Layout { exact, surface: surface_size, origin: [0, 0], coded };
             if self.pipeline.as_ref().is_none_or(|(known, _)| *known != layout) {
                 self.pipeline = Some((layout, self.build(gpu, "output", layout)));
             }
@@ -115,7 +119,7 @@ impl Output {
     fn panel(&self, gpu: &Gpu, label: &Label, surface: [u32; 2]) -> Panel {
         let drawn = label.image(surface).map(|(image, [left, top])| {
             let picture = Picture::of_pixels(gpu, [image.width(), image.height()], &image);
-            let layout = Layout { exact: true, surface, origin: [left, top] };
+            let layout = Layout { exact: true, surface, origin: [left, top], coded: false };
             DrawnPanel {
                 rectangle: [left, top, image.width(), image.height()],
                 group: self.group(gpu, &picture),
@@ -148,7 +152,9 @@ impl Output {
             ("LEFT", f64::from(layout.origin[0])),
             ("TOP", f64::from(layout.origin[1])),
             ("EXACT", flag(layout.exact)),
-            ("ENCODED", flag(!self.format.is_srgb())),
+            ("ENCODED", flag(!self.format.is_srgb() && !layout.coded)),
+            ("DECODED", flag(self.format.is_srgb() && layout.coded)),
+            ("KEPT", flag(self.format == FINE_FORMAT && layout.coded)),
             ("WIDTH", f64::from(layout.surface[0])),
             ("HEIGHT", f64::from(layout.surface[1])),
         ];

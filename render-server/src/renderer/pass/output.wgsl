@@ -8,8 +8,12 @@ override LEFT: i32 = 0;
 override TOP: i32 = 0;
 // The sizes are equal: pixels go over unchanged.
 override EXACT: bool = true;
-// The surface stores what it is given, so sRGB is encoded here.
+// The picture is light as sRGB, and the surface stores what it is given: it is encoded here.
 override ENCODED: bool = false;
+// The picture is codes, and the surface encodes what it is given: what gives them is stored.
+override DECODED: bool = false;
+// Codes of ten bits go onto a surface of ten.
+override KEPT: bool = false;
 // Of the surface, in pixels.
 override WIDTH: u32 = 1u;
 override HEIGHT: u32 = 1u;
@@ -27,6 +31,14 @@ fn output(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         // IEC 61966-2-1.
         let curved = 1.055 * pow(max(color, vec3<f32>(1e-8)), vec3<f32>(1.0 / 2.4)) - 0.055;
         color = select(curved, color * 12.92, color <= vec3<f32>(0.0031308));
+    }
+    if DECODED {
+        let curved = pow((color + 0.055) / 1.055, vec3<f32>(2.4));
+        color = select(curved, color / 12.92, color <= vec3<f32>(0.04045));
+    }
+    if KEPT {
+        // As in `correct.wgsl`: no driver makes another code of it.
+        color += 0.25 / 1023.0;
     }
     return vec4<f32>(color, 1.0);
 }

@@ -75,7 +75,7 @@ impl Tonemap {
         let pixel = read_pixels(gpu, &target)?;
         let byte = |i: usize| pixel.get(i).copied().unwrap_or(0);
         let channel = |i: usize| match content {
-            Content::Srgb | Content::Codes => linear_from_srgb(byte(i)),
+            Content::Srgb | Content::Codes | Content::FineCodes => linear_from_srgb(byte(i)),
             Content::Light => f16_from_bits(u16::from_le_bytes([byte(2 * i), byte(2 * i + 1)])),
         };
         let color = wgpu::Color { r: channel(0), g: channel(1), b: channel(2), a: 1.0 };

@@ -3,11 +3,12 @@
 use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
 
 use super::harness::{Shape, Stage, differences, draw_sampled, gpu, look, matt};
+use crate::renderer::readback::read_raw;
 use crate::renderer::tone::f16_from_bits;
 use crate::renderer::{
     AlphaMode, Content, Correction, CorrectionDesc, CorrectionError, Curve, LightMap, MaterialDesc,
-    Packing, Renderer, Scene, SourceEye, SourcePlane, Target, Turn, ViewDesc, WarpMesh, WarpVertex,
-    read_picture, read_pixels,
+    Output, Packing, Picture, Renderer, Scene, SourceEye, SourcePlane, Target, Turn, ViewDesc,
+    WarpMesh, WarpVertex, read_picture, read_pixels,
 };
 
 const SIZE: [u32; 2] = [96, 64];
@@ -267,6 +268,59 @@ fn dither_has_the_right_mean_and_is_another_on_every_channel() {
     for correlation in [product / variance, shifted / variance] {
         assert!(correlation.abs() < 4.0 / count.sqrt(), "{correlation}");
     }
+}
+
+#[test]
+fn fine_codes_are_four_times_as_fine_and_keep_their_mean() {
+    let source = grey(0.2);
+    let light = linear(&source)[0];
+    let exact = reference(&identity(), light, 0) / 255.0;
+    let draw = |dither| {
+        let desc = CorrectionDesc { is_fine: true, dither, ..identity() };
+        let mut correction = Correction::new(gpu(), desc).unwrap();
+        let picture = correction.picture(gpu());
+        correction.draw(gpu(), &source, &eyes(1), [1, 1], &picture).unwrap();
+        picture
+    };
+    let exact_pixel = draw(None);
+    // As a surface of ten bits takes it, and one of eight that encodes what it is given.
+    let shown = |picture: &Picture, content: Content| {
+        let surface = Picture::new(gpu(), SIZE, content);
+        let mut output = Output::new(gpu(), surface.texture().format());
+        output.draw(gpu(), Some(picture), &[], surface.view(), SIZE);
+        read_raw(gpu(), &surface).unwrap()
+    };
+    let fine = |pixel: &[u8]| {
+        let bits = u32::from_le_bytes(pixel.try_into().unwrap());
+        DVec3::from([0, 10, 20].map(|at| f64::from(bits >> at & 1023)))
+    };
+    for pixel in shown(&exact_pixel, Content::FineCodes).chunks(4) {
+        assert!(
+            (fine(pixel) - exact * 1023.0).abs().max_element() <= 0.51,
+            "{} of {}",
+            fine(pixel),
+            exact * 1023.0
+        );
+    }
+    for pixel in shown(&exact_pixel, Content::Srgb).chunks(4) {
+        let code = DVec3::from([0, 1, 2].map(|at| f64::from(pixel[at])));
+        assert!((code - exact * 255.0).abs().max_element() <= 0.64, "{code}");
+    }
+    let rounded = read_picture(gpu(), &exact_pixel).unwrap();
+    for pixel in rounded.chunks(4) {
+        let code = DVec3::from([0, 1, 2].map(|at| f64::from(pixel[at])));
+        assert!((code - exact * 255.0).abs().max_element() <= 0.64 && pixel[3] == 255, "{code}");
+    }
+    let dithered = shown(&draw(Some(3)), Content::FineCodes);
+    let count = dithered.len() as f64 / 4.0;
+    let codes: Vec<DVec3> = dithered.chunks(4).map(fine).collect();
+    let mean = codes.iter().sum::<DVec3>() / count;
+    assert!((mean - exact * 1023.0).abs().max_element() <= 4.0 * 0.5 / count.sqrt(), "{mean}");
+    let spread = |at: usize| {
+        let of = codes.iter().map(|code| code[at]);
+        of.clone().fold(0.0, f64::max) - of.fold(1023.0, f64::min)
+    };
+    assert!((0..3).all(|at| spread(at) == 1.0), "the noise is one fine code wide");
 }
 
 #[test]

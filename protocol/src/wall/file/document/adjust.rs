@@ -55,6 +55,10 @@ pub struct AdjustSection {
     /// A picture that is added to the channel's light.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beta: Option<String>,
+    /// Bits of the display's red, green and blue, 8 or 10. A display that takes no 10 is given 8,
+    /// which its server says. Default: 8.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bits: Option<u32>,
 }
 
 /// A grid of control points over the channel's picture.

@@ -6,7 +6,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3, UVec2};
 use proptest::prelude::*;
 
 use crate::camera::Camera;
-use crate::wall::adjustment::{Adjustment, Bend, Color, Curve, Edges};
+use crate::wall::adjustment::{Adjustment, Bend, Bits, Color, Curve, Edges};
 use crate::wall::projector::Projector;
 use crate::wall::surface::{Cylinder, Plane, Sphere, Surface};
 use crate::wall::{
@@ -223,6 +223,7 @@ fn adjust(wall: &mut Wall, channel: &mut Channel, adjust: &Adjust, eye: EyeOf) {
     if asks(7) {
         found.color.matrix = DMat3::from_cols_array(&adjust.shares.map(|share| share * 2.0 - 0.5));
     }
+    found.bits = if asks(12) { Bits::Ten } else { Bits::Eight };
     found.color = Color {
         gain: if asks(8) { DVec3::new(a, b, if asks(9) { a } else { c }) } else { DVec3::ONE },
         curve: match (asks(10), asks(11)) {

@@ -267,6 +267,10 @@ fn one_number_or_three() {
         "10:11: channel.front.matrix[0]: found the number 1; write a list of 3 numbers",
     );
     check(
+        &with("bits = 12"),
+        "10:1: channel.front.bits: codes of 12 bits are not possible; write 8 or 10",
+    );
+    check(
         &with("mirror = 1"),
         "10:10: channel.front.mirror: found the number 1; write true or false",
     );

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::wall::adjustment::{Adjustment, Curve};
+use crate::wall::adjustment::{Adjustment, Bits, Curve};
 use crate::wall::file::document::{AdjustSection, BendSection, EdgesSection, Light, Pair, Row};
 use crate::wall::{Edges, Wall};
 
@@ -38,6 +38,7 @@ pub(super) fn section(wall: &Wall, adjustment: &Adjustment) -> Option<AdjustSect
             warp: path(adjustment.warp),
             alpha: path(adjustment.alpha),
             beta: path(adjustment.beta),
+            bits: (adjustment.bits == Bits::Ten).then_some(10),
         };
     changed(section)
 }
