@@ -13,6 +13,16 @@ use super::{
 /// of account: it has as good as no picture.
 const OBLIQUE_MAX: f64 = 64.0;
 
+/// A plane that takes more than this many pixels for each of its part of the channel is divided:
+/// one that spans [`SOURCE_SPAN_MAX`] of a cylinder from its axis takes 2.6.
+const WASTE_MAX: f64 = 3.0;
+
+/// Halves that take more than this share of the whole's pixels are not worth a second picture.
+const HALVES_SHARE_MAX: f64 = 0.75;
+
+/// A ray whose cosine with the axis of a view is less than this is not in its picture.
+const FRONT_MIN: f64 = 1e-3;
+
 /// A triangle as the eye sees it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Facet {
@@ -88,13 +98,14 @@ pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<Facet>, SourceEr
     Ok(facets)
 }
 
-/// All facets in groups of one plane each.
+/// All facets in groups of one plane each, divided further where a plane takes many more pixels
+/// than the channel has there.
 pub(super) fn groups(facets: &[Facet]) -> Result<Vec<Group>, SourceError> {
     let mut waiting = vec![facets.to_vec()];
     let mut done = Vec::new();
     while let Some(part) = waiting.pop() {
         if let Some(group) = Group::around(&part) {
-            done.push(group);
+            done.push((part, group));
         } else {
             let (first, second) = halves(part)?;
             waiting.extend([second, first]);
@@ -103,7 +114,28 @@ pub(super) fn groups(facets: &[Facet]) -> Result<Vec<Group>, SourceError> {
             return Ok(cube(facets));
         }
     }
-    Ok(done)
+    let mut at = 0;
+    while at < done.len() && done.len() < SOURCE_PLANES_MAX {
+        match cheaper_halves(&done[at]) {
+            Some(both) => drop(done.splice(at..=at, both)),
+            None => at += 1,
+        }
+    }
+    Ok(done.into_iter().map(|(_, group)| group).collect())
+}
+
+/// Both halves of a group that takes too many pixels, where they take fewer.
+fn cheaper_halves((facets, group): &(Vec<Facet>, Group)) -> Option<[(Vec<Facet>, Group); 2]> {
+    let own = facets.iter().map(|facet| facet.area).sum::<f64>();
+    let pixels = group.sides().element_product();
+    if pixels <= WASTE_MAX * own {
+        return None;
+    }
+    let (first, second) = halves(facets.clone()).ok()?;
+    let both = [Group::around(&first)?, Group::around(&second)?];
+    let halved = both.iter().map(|half| half.sides().element_product()).sum::<f64>();
+    let [a, b] = both;
+    (halved < HALVES_SHARE_MAX * pixels).then_some([(first, a), (second, b)])
 }
 
 /// Divides facets by the side of the channel along which they span more.
@@ -130,18 +162,55 @@ fn halves(facets: Vec<Facet>) -> Result<(Vec<Facet>, Vec<Facet>), SourceError> {
 
 /// Axes of a view that looks along the middle of the rays, with the channel's rows across.
 fn axes(facets: &[Facet]) -> Option<DMat3> {
-    let (mut forward, mut right, mut below) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
+    let mut forward = DVec3::ZERO;
     let mut area = 0.0;
     for facet in facets {
-        let ray = facet.rays.iter().sum::<DVec3>() / 3.0;
-        let distance = ray.length();
-        forward += ray / distance * facet.area;
-        right += facet.slope[0] / distance * facet.area;
-        below += facet.slope[1] / distance * facet.area;
+        forward += facet.middle_ray().normalize() * facet.area;
         area += facet.area;
     }
-    if forward.length() < 0.1 * area {
-        return None;
+    (forward.length() >= 0.1 * area).then(|| {
+        let slope = |facet: &Facet| facet.slope.map(|s| s / facet.middle_ray().length());
+        view_along(forward, facets, slope)
+    })
+}
+
+/// Axes of the view that the channel's pixels fill most evenly. A plane whose axis is n has
+/// 1/(n·r)³ of its area in the solid angle around a ray r of length 1, so that all pixels are as
+/// dense where n·r is as the cube root of what a pixel spans. Least squares over all pixels find
+/// that n: for a projector at the eye, the axis of the projector.
+fn even_axes(facets: &[Facet]) -> Option<DMat3> {
+    let (mut normal, mut sum) = (DMat3::ZERO, DVec3::ZERO);
+    for facet in facets {
+        let ray = facet.middle_ray();
+        let toward = ray.normalize();
+        let [right, below] = facet.slope;
+        let solid_angle = right.cross(below).dot(toward).abs() / ray.length_squared();
+        let weighted = toward * facet.area;
+        normal += DMat3::from_cols(weighted * toward.x, weighted * toward.y, weighted * toward.z);
+        sum += weighted * solid_angle.cbrt();
+    }
+    let forward = (normal.inverse() * sum).try_normalize()?;
+    let is_in_front =
+        |facet: &Facet| facet.rays.iter().all(|ray| ray.dot(forward) > FRONT_MIN * ray.length());
+    facets.iter().all(is_in_front).then(|| {
+        // By what a point on the plane moves from pixel to pixel.
+        let slope = |facet: &Facet| {
+            let ray = facet.middle_ray();
+            let depth = ray.dot(forward);
+            facet.slope.map(|s| (s - ray * (s.dot(forward) / depth)) / depth)
+        };
+        view_along(forward, facets, slope)
+    })
+}
+
+/// A view along a direction whose rows run as the channel's do, or as its columns say, by what a
+/// place moves from pixel to pixel.
+fn view_along(forward: DVec3, facets: &[Facet], slope: impl Fn(&Facet) -> [DVec3; 2]) -> DMat3 {
+    let (mut right, mut below) = (DVec3::ZERO, DVec3::ZERO);
+    for facet in facets {
+        let [across, down] = slope(facet);
+        right += across * facet.area;
+        below += down * facet.area;
     }
     let back = -forward.normalize();
     let across = |v: DVec3| v - back * v.dot(back);
@@ -154,13 +223,32 @@ fn axes(facets: &[Facet]) -> Option<DMat3> {
         below.cross(back) * -sign
     };
     let x = x.normalize_or(back.any_orthonormal_vector());
-    Some(DMat3::from_cols(x, back.cross(x), back).transpose())
+    DMat3::from_cols(x, back.cross(x), back).transpose()
+}
+
+impl Facet {
+    /// From the eye to its middle, in metres.
+    fn middle_ray(&self) -> DVec3 {
+        self.rays.iter().sum::<DVec3>() / 3.0
+    }
 }
 
 impl Group {
-    /// The plane around all facets, where one suffices.
+    /// The plane around all facets, where one suffices: the one that takes fewer pixels of the
+    /// one along their middle and the one that they fill most evenly.
     fn around(facets: &[Facet]) -> Option<Self> {
-        let view_from_display = axes(facets)?;
+        let along = |axes: Option<DMat3>| Self::along(axes?, facets);
+        match (along(axes(facets)), along(even_axes(facets))) {
+            (Some(middle), Some(even)) => {
+                let [a, b] = [&middle, &even].map(|group| group.sides().element_product());
+                Some(if b < a { even } else { middle })
+            }
+            (middle, even) => middle.or(even),
+        }
+    }
+
+    /// The plane with these axes around all facets, where it is narrow enough.
+    fn along(view_from_display: DMat3, facets: &[Facet]) -> Option<Self> {
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for ray in facets.iter().flat_map(|facet| facet.rays) {
             let tangent = tangent(view_from_display * ray)?;
@@ -221,7 +309,7 @@ impl Group {
 
 /// x/−z and y/−z of a point in view space; `None` where it is not well in front of the eye.
 fn tangent(view: DVec3) -> Option<DVec2> {
-    (view.z < -1e-3 * view.length()).then(|| view.truncate() / -view.z)
+    (view.z < -FRONT_MIN * view.length()).then(|| view.truncate() / -view.z)
 }
 
 /// Least and largest singular value of a matrix with these columns.
