@@ -3,9 +3,11 @@
 //! A marker is a quad that lies along the screen, so that a right wall shows it undistorted: its
 //! light falls off as a Gaussian. Where it is found is compared with where it must be by the same
 //! sum over the same pixels, one of what was drawn, one of what f64 says: both see the same
-//! pixels, the same distortion and the same edge of the picture.
+//! pixels, the same distortion and the same edge of the picture. The sum is one over the marker,
+//! not over the picture: a texture's filter blurs evenly there, and moves nothing, also where
+//! perspective makes one half of the marker larger.
 
-use glam::{DVec2, DVec3, UVec2};
+use glam::{DMat2, DVec2, DVec3, UVec2};
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::pixels::PixelMap;
 use serde_json::{Value, json};
@@ -22,6 +24,10 @@ const RADIUS: f64 = 0.8;
 
 /// Pixels of the marker's image.
 const IMAGE_SIDE: u32 = 128;
+
+/// A marker whose picture is narrower than this share of the one on its own channel is drawn from
+/// so few of its texels that it is no Gaussian any more.
+const NARROW_MIN: f64 = 0.25;
 
 /// Least share of a marker's light that must be found: less, and something lies over it.
 const FOUND_MIN: f64 = 0.5;
@@ -50,8 +56,8 @@ pub(crate) struct Light {
 pub(crate) enum Reading {
     /// By how many pixels it is from where it must be.
     Off(DVec2),
-    /// The channel has too little of the light there to tell.
-    Faint,
+    /// The channel has too little of the light there to tell, or sees it too much from the side.
+    Unclear,
     /// It is not there.
     Missing,
 }
@@ -88,6 +94,18 @@ impl Marker {
         offset: DVec3,
         (around, half): (DVec2, f64),
     ) -> Reading {
+        let place_at = |pixel: DVec2| self.place(eye, map.display_from_pixel(pixel)?, offset);
+        let slope_at = |pixel: DVec2, at: DVec2| {
+            let (across, down) =
+                (place_at(pixel + DVec2::X)? - at, place_at(pixel + DVec2::Y)? - at);
+            Some(DMat2::from_cols(across, down))
+        };
+        let Some(slope) = place_at(around).and_then(|at| slope_at(around, at)) else {
+            return Reading::Missing;
+        };
+        if narrowness(slope) * half * NARROW_MIN > 1.0 {
+            return Reading::Unclear;
+        }
         let reach = DVec2::splat(half * 1.5);
         let first = (around - reach).floor().max(DVec2::ZERO).as_uvec2();
         let end = (around + reach).ceil().max(DVec2::ZERO).as_uvec2().min(light.size);
@@ -95,21 +113,22 @@ impl Marker {
         for y in first.y..end.y {
             for x in first.x..end.x {
                 let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
-                let Some(point) = map.display_from_pixel(pixel) else { continue };
-                let Some(place) = self.place(eye, point, offset) else { continue };
+                let Some(place) = place_at(pixel) else { continue };
                 if place.length() > RADIUS {
                     continue;
                 }
                 let grey = f64::from(light.grey[(y * light.size.x + x) as usize]);
                 if grey.is_nan() {
-                    return Reading::Faint;
+                    return Reading::Unclear;
                 }
-                drawn.add(pixel, grey);
-                expected.add(pixel, shown(gauss(place)));
+                let Some(slope) = slope_at(pixel, place) else { continue };
+                let area = slope.determinant().abs();
+                drawn.add(place, grey * area);
+                expected.add(place, shown(gauss(place)) * area);
             }
         }
         if drawn.weight > expected.weight * FOUND_MIN && expected.weight > 0.0 {
-            Reading::Off(drawn.mean() - expected.mean())
+            Reading::Off(slope.inverse() * (drawn.mean() - expected.mean()))
         } else {
             Reading::Missing
         }
@@ -133,7 +152,7 @@ impl Marker {
                 let behind = self.place(eye, map.display_from_pixel(pixel - by)?, offset)?;
                 Some((ahead - behind) / 2.0)
             };
-            let step = glam::DMat2::from_cols(slope(DVec2::X)?, slope(DVec2::Y)?).inverse() * here;
+            let step = DMat2::from_cols(slope(DVec2::X)?, slope(DVec2::Y)?).inverse() * here;
             // Not beyond where the picture could lie: far out a curved screen may have no points.
             pixel = (pixel - step).clamp(-size * 0.02, size * 1.02);
             if !pixel.is_finite() {
@@ -186,14 +205,22 @@ struct Sum {
 }
 
 impl Sum {
-    fn add(&mut self, pixel: DVec2, light: f64) {
+    fn add(&mut self, place: DVec2, light: f64) {
         self.weight += light;
-        self.moment += pixel * light;
+        self.moment += place * light;
     }
 
     fn mean(&self) -> DVec2 {
         self.moment / self.weight
     }
+}
+
+/// How many half sides of a marker a pixel spans where its picture is narrowest: the largest
+/// singular value of this matrix.
+fn narrowness(place_from_pixel: DMat2) -> f64 {
+    let (a, b) = (place_from_pixel.x_axis, place_from_pixel.y_axis);
+    let (sum, product) = (a.length_squared() + b.length_squared(), a.perp_dot(b));
+    f64::midpoint(sum, (sum * sum - 4.0 * product * product).max(0.0).sqrt()).sqrt()
 }
 
 fn gauss(place: DVec2) -> f64 {

@@ -12,6 +12,9 @@
 //! wall. A projector shows b + (1 − b)·light, so that k of them show
 //! k·b + (K − k)·b + (1 − K·b)·I = K·b + (1 − K·b)·I, whatever k is.
 //!
+//! Where an edge of a picture runs through a pixel of another one, k is its mean over the pixel's
+//! area: no pixel can end its black where the edge is, but all of it has the right sum.
+//!
 //! A weight depends on the place and not on the pixel that shows it, so that channels whose
 //! pixels lie askew agree. Channels for different eyes share nothing: glasses hide the others'.
 //! Channels whose pixels lie where a file says ([`Cover::Map`](super::Cover::Map)) have weight 1;
@@ -61,7 +64,7 @@ pub fn light_map(wall: &Wall, id: ChannelId, masks: &Masks<'_>) -> Option<LightM
     // Without a leak, nobody needs to know.
     let most = if leak > 0.0 { blend.most() } else { 1 };
     let rule = BlackRule::new(leak, most);
-    let [multiply, most_added] = [rule.multiply, rule.add(1)];
+    let [multiply, most_added] = [rule.multiply, rule.add(1.0)];
     let add = most_added + masks.most_added();
     if masks.is_empty() && blend.neighbours(id).is_empty() && multiply == 1.0 && add == 0.0 {
         return None;
@@ -72,12 +75,12 @@ pub fn light_map(wall: &Wall, id: ChannelId, masks: &Masks<'_>) -> Option<LightM
     let size = channel.size;
     let mut texels = vec![[0; 2]; size.x as usize * size.y as usize];
     // Everything is a multiple of few numbers where there is no mask: most of the picture.
-    let alone = [parts(multiply, multiply), parts(rule.add(1), add)];
+    let alone = [parts(multiply, multiply), parts(rule.add(1.0), add)];
     blend.raster(id, |x, y, share| {
         let [factor, addend] = [multiply, rule.add(share.count)].map(|light| share.weight * light);
         let at = y as usize * size.x as usize + x as usize;
         texels[at] = if masks.is_empty() {
-            let is_alone = share.weight == 1.0 && share.count == 1;
+            let is_alone = share == Share::ALONE;
             if is_alone { alone } else { [parts(factor, multiply), parts(addend, add)] }
         } else {
             let (alpha, beta) = masks.at(x, y, size);
@@ -114,9 +117,10 @@ impl BlackRule {
         Self { leak, most, multiply }
     }
 
-    /// What is added, before the weight, where `count` projectors light the place.
-    pub fn add(&self, count: usize) -> f64 {
-        self.most.saturating_sub(count) as f64 * self.leak / (1.0 - self.leak)
+    /// What is added, before the weight, where `count` projectors light the place; of a pixel
+    /// that another one lights in part, the mean.
+    pub fn add(&self, count: f64) -> f64 {
+        (self.most as f64 - count).max(0.0) * self.leak / (1.0 - self.leak)
     }
 }
 
@@ -125,8 +129,13 @@ impl BlackRule {
 pub struct Share {
     /// Of the picture's light; all channels' together 1. Zero where the channel lights nothing.
     pub weight: f64,
-    /// How many channels light the place: k.
-    pub count: usize,
+    /// How many channels light the place: k; of a pixel, the mean over its area.
+    pub count: f64,
+}
+
+impl Share {
+    /// Of a channel that alone lights a place.
+    const ALONE: Self = Self { weight: 1.0, count: 1.0 };
 }
 
 /// Who lights what on a wall.

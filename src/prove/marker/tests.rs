@@ -73,7 +73,7 @@ fn what_is_not_there_is_missing_and_what_cannot_be_told_is_faint() {
     let read = |light: &Light| marker.read(&map, light, EYE, DVec3::ZERO, (pixel, HALF));
     let mut light = drawn(&marker, &map, DVec2::ZERO);
     light.grey[120 * SIZE.x as usize + 165] = f32::NAN;
-    assert_eq!(read(&light), Reading::Faint);
+    assert_eq!(read(&light), Reading::Unclear);
     light.grey.fill(0.0);
     assert_eq!(read(&light), Reading::Missing);
 }

@@ -141,9 +141,32 @@ impl<'a> Lamp<'a> {
 
     /// How far a place of its picture is from its edges, as a step from 0 to 1.
     pub fn step(&self, pixel: DVec2, widths: [Option<f64>; 4]) -> f64 {
+        let edges = self.distances(pixel).into_iter().zip(widths);
+        edges.map(|(distance, width)| step(distance, width)).product()
+    }
+
+    /// By what share of it that step may change within a pixel.
+    pub fn steepness(&self, pixel: DVec2, widths: [Option<f64>; 4]) -> f64 {
+        let edges = self.distances(pixel).into_iter().zip(widths);
+        edges.map(|(distance, width)| steepness(distance, width)).sum()
+    }
+
+    /// From its left, right, upper and lower edge.
+    fn distances(&self, pixel: DVec2) -> [f64; 4] {
         let from_end = self.size - pixel;
-        let distances = [pixel.x, from_end.x, pixel.y, from_end.y];
-        distances.into_iter().zip(widths).map(|(distance, width)| step(distance, width)).product()
+        [pixel.x, from_end.x, pixel.y, from_end.y]
+    }
+}
+
+/// The slope of [`step`] as a share of it, for each pixel: 2/distance next to the edge. Nearer
+/// than a hundredth of a pixel as there.
+fn steepness(distance: f64, width: Option<f64>) -> f64 {
+    match width {
+        Some(width) if distance < width => {
+            let t = (distance.max(0.01) / width).min(1.0);
+            6.0 * (1.0 - t) / (t * (3.0 - 2.0 * t) * width)
+        }
+        _ => 0.0,
     }
 }
 

@@ -1,5 +1,6 @@
 //! Weights and black, against what the formulas promise.
 
+mod random;
 pub(in crate::wall) mod walls;
 
 use glam::{DVec2, UVec2};

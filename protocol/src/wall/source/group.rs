@@ -5,8 +5,8 @@ use std::f64::consts::FRAC_PI_2;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::{
-    BACK_SHARE_MAX, SOURCE_DISTANCE_MIN_M, SOURCE_PLANES_MAX, SOURCE_SPAN_MAX, SourceError,
-    WarpMesh,
+    BACK_SHARE_MAX, SOURCE_DISTANCE_MIN_M, SOURCE_PLANES_MAX, SOURCE_SHARE_MAX, SOURCE_SPAN_MAX,
+    SourceError, WarpMesh,
 };
 
 /// Of a triangle seen more obliquely than this, the direction along the line of sight is left out
@@ -14,8 +14,9 @@ use super::{
 const OBLIQUE_MAX: f64 = 64.0;
 
 /// A plane that takes more than this many pixels for each of its part of the channel is divided:
-/// one that spans [`SOURCE_SPAN_MAX`] of a cylinder from its axis takes 2.6.
-const WASTE_MAX: f64 = 3.0;
+/// before all of them are cut. One that spans [`SOURCE_SPAN_MAX`] of a cylinder from its axis takes
+/// 2.6, and a picture more costs a pass over the scene.
+const WASTE_MAX: f64 = 0.75 * SOURCE_SHARE_MAX;
 
 /// Halves that take more than this share of the whole's pixels are not worth a second picture.
 const HALVES_SHARE_MAX: f64 = 0.75;

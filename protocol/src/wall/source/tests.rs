@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::DQuat;
+use glam::{DQuat, Vec3Swizzles};
 
 use super::*;
 use crate::wall::warp_mesh::MeshRule;
@@ -99,6 +99,61 @@ fn wide_surfaces_have_several_planes() {
     assert_eq!(check("a half dome", &half, DVec3::ZERO).planes[0].len(), 4);
     let most = mesh([300, 300], dome(4.5));
     assert_eq!(check("nearly a sphere", &most, DVec3::ZERO).planes[0].len(), 6);
+}
+
+/// What a projector in a sphere of 3 m radius lights.
+fn thrown(size: [u32; 2], position: DVec3, rotation: DQuat, tangents: [f64; 4]) -> WarpMesh {
+    let [left, right, bottom, top] = tangents;
+    mesh(size, |uv| {
+        let (x, y) = (left + (right - left) * uv.x, top + (bottom - top) * uv.y);
+        let toward = (rotation * DVec3::new(x, y, -1.0)).normalize();
+        let along = position.dot(toward);
+        let reach = (along * along - position.length_squared() + 9.0).sqrt() - along;
+        Some(position + toward * reach)
+    })
+}
+
+/// Seen from where it stands, a projector's own picture is what to draw: with a lens shift too,
+/// which a picture along the middle of its rays had eight times as many pixels for, in two planes.
+#[test]
+fn a_projector_is_drawn_as_it_throws() {
+    // The front channel of dome-5, a steeper shift to both sides, and a turned one.
+    let shifted: [([f64; 4], f64, f64, DVec3); 3] = [
+        ([-1.35, 1.35, -0.48, 1.04], 25.0, 0.0, DVec3::ZERO),
+        ([-0.3, 1.5, -0.2, 1.2], 40.0, 0.6, DVec3::ZERO),
+        ([-0.9, 0.5, -1.3, 0.3], -20.0, -1.2, DVec3::new(0.4, -0.2, 0.5)),
+    ];
+    for (tangents, pitch, roll, position) in shifted {
+        let rotation = DQuat::from_rotation_x(pitch.to_radians()) * DQuat::from_rotation_z(roll);
+        let [left, right, bottom, top] = tangents;
+        let height = (480.0 * (top - bottom) / (right - left)).round();
+        let mesh = thrown([480, height as u32], position, rotation, tangents);
+        let plan = check("a projector", &mesh, position);
+        let [plane] = plan.planes[0].as_slice() else { panic!("{} planes", plan.planes[0].len()) };
+        let own = DMat3::from_quat(rotation).transpose();
+        let apart = (0..3).map(|row| own.row(row).distance(plane.view_from_display.row(row)));
+        assert!(apart.fold(0.0, f64::max) < 0.01, "{own}, {}", plane.view_from_display);
+        assert!(plan.density_max < 1.15 && plan.taps == UVec2::ONE, "{plan:?}");
+    }
+}
+
+/// Whatever eye looks at whatever projector, no pixel is undersampled, and the pictures together
+/// are not many times the channel's.
+#[test]
+fn no_eye_asks_for_more_than_it_gets() {
+    for step in 0..24 {
+        let turn = f64::from(step);
+        let place = DVec3::new((turn * 1.7).sin(), (turn * 2.3).sin(), (turn * 3.1).sin());
+        let rotation = DQuat::from_rotation_y(turn) * DQuat::from_rotation_x(0.7 * turn.sin());
+        let shift = 0.4 * (turn * 0.9).sin();
+        let tangents = [-1.1 + shift, 1.1 + shift, -0.7 - shift, 0.7 - shift];
+        let mesh = thrown([320, 200], place.zyx(), rotation, tangents);
+        let plan = check("anyhow", &mesh, place * 0.8);
+        let own = f64::from(320 * 200);
+        let pixels: f64 =
+            plan.planes[0].iter().map(|plane| f64::from(plane.rect[2] * plane.rect[3])).sum();
+        assert!(pixels < 7.0 * own, "{} times as many", pixels / own);
+    }
 }
 
 #[test]

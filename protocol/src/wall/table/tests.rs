@@ -126,10 +126,25 @@ fn five_projectors_cover_a_dome() {
     assert_eq!((coverage.covered, coverage.uncovered.len()), (1.0, 0), "{table}");
     assert_eq!(table.warnings, [] as [String; 0]);
     assert!(coverage.layers_max >= 3, "{coverage:?}");
+    for channel in &table.channels {
+        let [fewest, most] = channel.sampling;
+        assert!(fewest >= 1.0 && most < 1.1, "{channel:?}");
+    }
     let spill: Vec<f64> = table.channels.iter().map(|channel| channel.spill).collect();
     // Below the springline there is no dome: 0.48 - tan 25° of 1.52.
     assert!((spill[0] - (0.48 - 25_f64.to_radians().tan()) / 1.52).abs() < 0.02, "{spill:?}");
     assert_eq!(spill[4], 0.0);
+}
+
+#[test]
+fn what_textures_cannot_hold_is_warned_of() {
+    let wall = file::parse(TWO_BY_TWO, "wall.toml".as_ref()).unwrap();
+    let mut table = WallTable::of(&wall);
+    table.channels[1].sampling = [0.4, 3.0];
+    let said = warnings::warnings(&wall, &table.screens, &table.channels);
+    let expected = "channel front-2-1: with textures of 8192 pixels it is drawn from 0.40 pixels \
+                    for one of its own where they are fewest";
+    assert!(said.len() == 1 && said[0].starts_with(expected), "{said:?}");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use glam::UVec2;
 
 use super::{ChannelRow, CoverageRow, ScreenRow, pitch_m};
+use crate::limits::TEXTURE_SIDE_MAX;
 use crate::wall::coverage::is_plain;
 use crate::wall::{Channel, EyeOf, Surface, Wall};
 
@@ -17,6 +18,9 @@ const SPILL_MAX: f64 = 0.5;
 
 /// Most warnings of one kind about one screen.
 const OF_A_KIND_MAX: usize = 4;
+
+/// A channel that is drawn from fewer pixels for each of its own is blurred there.
+const SAMPLING_MIN: f64 = 0.999;
 
 /// Everything that is to be said of the wall and of its rows.
 pub(super) fn warnings(wall: &Wall, screens: &[ScreenRow], channels: &[ChannelRow]) -> Vec<String> {
@@ -35,6 +39,14 @@ pub(super) fn warnings(wall: &Wall, screens: &[ScreenRow], channels: &[ChannelRo
             warnings.extend(hole(screen, coverage));
             warnings.extend(overlaps(wall, index, screen, coverage));
         }
+    }
+    for channel in channels.iter().filter(|channel| channel.sampling[0] < SAMPLING_MIN) {
+        warnings.push(format!(
+            "channel {}: with textures of {TEXTURE_SIDE_MAX} pixels it is drawn from {:.2} pixels \
+             for one of its own where they are fewest; divide it, or move the eye away from its \
+             screen",
+            channel.name, channel.sampling[0]
+        ));
     }
     for channel in channels.iter().filter(|channel| channel.spill > SPILL_MAX) {
         warnings.push(format!(
