@@ -26,7 +26,7 @@ fn numbers(seed: u64) -> impl FnMut() -> f64 {
 
 /// Projectors on a plane, around in a cylinder, or around in a dome: rolled, tilted, aside of the
 /// middle, and overlapping by little or much.
-fn wall(seed: u64) -> Wall {
+fn wall(seed: u64, size: [u32; 2]) -> Wall {
     let mut next = numbers(seed);
     let rotation = DQuat::from_euler(glam::EulerRot::XYZ, next() * 0.2, next(), next() * 0.2);
     let count = 2 + (seed % 6) as usize;
@@ -45,7 +45,6 @@ fn wall(seed: u64) -> Wall {
             (Surface::Sphere(dome), 2.0 * PI)
         }
     };
-    let size = [150, 100];
     let mut wall = tiles([900, 400], &vec![([0, 0], size); count]);
     wall.screens[0].surface = surface;
     wall.blend.exponent = 1.0 + 0.7 * next();
@@ -63,12 +62,13 @@ fn wall(seed: u64) -> Wall {
     wall
 }
 
-fn for_pixels(wall: &Wall, mut look: impl FnMut(ChannelId, &LightMap, UVec2, DVec2)) {
+/// Looks at each `step`th pixel of each row and column.
+fn for_pixels(wall: &Wall, step: usize, mut look: impl FnMut(ChannelId, &LightMap, UVec2, DVec2)) {
     for id in wall.channel_ids() {
         let Some(map) = light_map(wall, id, &Masks::default()) else { continue };
         let pixels = wall.pixel_map(id).expect("a projector");
-        for at in 0..map.size.x * map.size.y {
-            let at = UVec2::new(at % map.size.x, at / map.size.x);
+        let rows = (0..map.size.y).step_by(step);
+        for at in rows.flat_map(|y| (0..map.size.x).step_by(step).map(move |x| UVec2::new(x, y))) {
             if let Some(canvas) = pixels.canvas_from_pixel(at.as_dvec2() + 0.5) {
                 look(id, &map, at, canvas);
             }
@@ -79,20 +79,32 @@ fn for_pixels(wall: &Wall, mut look: impl FnMut(ChannelId, &LightMap, UVec2, DVe
 #[test]
 fn weights_are_exact_in_every_pixel_also_where_outer_edges_cross() {
     let (mut worst, mut count) = (0.0_f64, 0);
-    for seed in 1..=18 {
-        let wall = wall(seed);
+    for seed in [3, 4, 5, 9] {
+        // Places are nearly linear from pixel to pixel, and some ramps as steep as may be.
+        let mut wall = wall(seed, [480, 320]);
+        if seed % 3 == 0 {
+            for (at, channel) in wall.channels.iter_mut().enumerate() {
+                let (turn, at) = (DQuat::from_rotation_y(0.02 * (at as f64 - 1.0)), at as f64);
+                channel.cover = Cover::Projector(Box::new(Projector {
+                    position: DVec3::new(0.9 * at - 1.5, 0.07 * at, 0.0),
+                    rotation: turn * DQuat::from_rotation_z(0.03 * at),
+                    tangents: [-0.4, 0.4, -0.25, 0.25],
+                }));
+            }
+        }
+        wall.channels[0].adjustment.edges.left = Some(3.0);
+        wall.channels[1].adjustment.edges.right = Some(2.0);
         let blend = Blend::new(&wall);
-        for_pixels(&wall, |id, map, at, canvas| {
+        for_pixels(&wall, 3, |id, map, at, canvas| {
             let weights = blend.weights(id, canvas);
             let (_, due) = weights.iter().find(|(own, _)| *own == id).expect("its own");
             let off = (map.at(at.x, at.y)[0] - due).abs();
-            assert!(off <= WEIGHT_ERROR_MAX, "seed {seed}, {id:?} at {at}: off by {off:e}");
             worst = worst.max(off);
             count += usize::from(weights.len() > 1);
         });
     }
     println!("{count} shared pixels are off by {worst:.2e} at most");
-    assert!(count > 100_000, "{count} shared pixels");
+    assert!(count > 20_000 && worst <= WEIGHT_ERROR_MAX, "{worst:e}, {count} shared pixels");
 }
 
 /// Where an edge of another picture runs through a pixel, the pixel raises the other's black by
@@ -102,11 +114,11 @@ fn black_is_right_in_the_mean_of_each_pixel() {
     const PARTS: u32 = 12;
     let (mut worst, mut count) = (0.0_f64, 0);
     for seed in 1..=6 {
-        let mut wall = wall(seed);
+        let mut wall = wall(seed, [150, 100]);
         wall.blend.leak = 0.01;
         let blend = Blend::new(&wall);
         let rule = BlackRule::new(wall.blend.leak, blend.most());
-        for_pixels(&wall, |id, map, at, canvas| {
+        for_pixels(&wall, 1, |id, map, at, canvas| {
             let pixels = wall.pixel_map(id).expect("a projector");
             let lit = |place: DVec2| {
                 let canvas = pixels.canvas_from_pixel(at.as_dvec2() + place)?;
@@ -129,6 +141,7 @@ fn black_is_right_in_the_mean_of_each_pixel() {
             worst = worst.max(off / wall.blend.leak);
         });
     }
+    // Eighths of a pixel in the map, twelfths here: 1/16 + 1/24.
     println!("{count} pixels at edges are off by {worst:.3} of a projector's black at most");
-    assert!(count > 1000 && worst < 0.05, "{count} pixels, {worst}");
+    assert!(count > 1000 && worst < 0.12, "{count} pixels, {worst}");
 }
