@@ -188,6 +188,15 @@ impl Sight {
 /// # Errors
 /// Too many of them, or what this server cannot draw.
 pub(crate) fn parts(wall: &Wall, id: ChannelId, frame: &Frame) -> Result<Vec<ViewPart>, String> {
+    check(frame)?;
+    wall.view_parts(id, &frame.views).map_err(|error| error.to_string())
+}
+
+/// Whether this server can draw the views of a frame.
+///
+/// # Errors
+/// Too many of them, or more than it can.
+pub(crate) fn check(frame: &Frame) -> Result<(), String> {
     if frame.views.len() > VIEWS_MAX {
         return Err(format!("{} views, where {VIEWS_MAX} can be", frame.views.len()));
     }
@@ -195,7 +204,7 @@ pub(crate) fn parts(wall: &Wall, id: ChannelId, frame: &Frame) -> Result<Vec<Vie
         // Said, rather than showing more than was asked for.
         return Err("this server draws whole scenes only, not the part under a node".to_owned());
     }
-    wall.view_parts(id, &frame.views).map_err(|error| error.to_string())
+    Ok(())
 }
 
 /// From where a channel sees a view, for an eye in metres of display space.

@@ -4,13 +4,14 @@
 //! A plan is made by the loader, being pure and slow; the render thread takes it to the GPU, and
 //! brings to each frame only where the eyes are.
 
+mod lay;
 pub(crate) mod shots;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
 
 use glam::{DMat3, DVec3};
-use polyptych_protocol::command::Frame;
+use polyptych_protocol::command::{Area, Frame, View, ViewProjection};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::blend;
@@ -18,11 +19,13 @@ use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
 use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, Surface, Wall};
 
+use crate::apply;
 use crate::output::Output;
 use crate::renderer::{
     self, Content, Correction, CorrectionDesc, Curve, DrawStats, Gpu, LightMap, Packing, Renderer,
     Scene, Target, Turn, ViewDesc, WarpVertex,
 };
+use lay::{Ground, Lay};
 use shots::Shots;
 
 /// The plans of a server's channels, by name; those that need none are not there.
@@ -37,6 +40,8 @@ pub(crate) struct Plan {
     warp: Option<WarpMesh>,
     /// Whose pictures it shows.
     eyes: Vec<EyeOf>,
+    /// Where views of their own find what lies where.
+    maps: Maps,
 }
 
 /// The plans of these channels.
@@ -114,7 +119,7 @@ impl Plan {
             dither: wall.dither.then_some(u32::from(id.0)),
             is_fine: adjustment.bits == Bits::Ten,
         };
-        Ok(Some(Self { channel: id, desc, warp, eyes }))
+        Ok(Some(Self { channel: id, desc, warp, eyes, maps: maps.clone() }))
     }
 }
 
@@ -171,6 +176,22 @@ fn curve(curve: &wall::Curve) -> Curve {
     }
 }
 
+/// The last view that a warped channel shows through its own frusta on all of its pixels: those
+/// before it are not seen.
+fn beneath(frame: &Frame) -> Option<usize> {
+    let is_whole = |view: &View| view.area == Area::Wall && view.projection == ViewProjection::Wall;
+    frame.views.iter().rposition(is_whole)
+}
+
+/// What is drawn and corrected in one go.
+#[derive(Debug)]
+struct Layer {
+    shots: Shots,
+    views: Vec<ViewDesc>,
+    /// Whose pixels it has; `None` for all of the channel's.
+    lay: Option<usize>,
+}
+
 /// A plan on the GPU.
 #[derive(Debug)]
 pub(crate) struct Corrector {
@@ -178,6 +199,8 @@ pub(crate) struct Corrector {
     correction: Correction,
     /// What the last eyes see; a tracked eye costs a fit for each frame, others none.
     shots: Option<Shots>,
+    /// Of the last frame's views; made where a view is new or was moved.
+    lays: Vec<Lay>,
 }
 
 impl Corrector {
@@ -189,7 +212,7 @@ impl Corrector {
     pub fn new(gpu: &Gpu, plan: Plan, wall: &Wall) -> Result<Self, String> {
         let correction =
             Correction::new(gpu, plan.desc.clone()).map_err(|error| error.to_string())?;
-        let mut corrector = Self { plan, correction, shots: None };
+        let mut corrector = Self { plan, correction, shots: None, lays: Vec::new() };
         let head = wall.head();
         let shots = corrector.shots(gpu, wall, &head)?.clone();
         let source = Target::of(gpu, shots.size, 1, false, Content::Light);
@@ -212,21 +235,61 @@ impl Corrector {
         frame: &Frame,
         output: &mut Output,
     ) -> Result<DrawStats, String> {
-        let views = self.views(gpu, wall, frame)?;
-        let shots = self.shots(gpu, wall, &frame.head)?.clone();
-        let samples = (renderer.samples(), scene.blends());
-        let source = output.source_of(gpu, shots.size, samples)?;
-        let mut stats =
-            renderer.draw(gpu, scene, source, &views).map_err(|error| error.to_string())?;
-        let start = Instant::now();
-        let (source, picture) = output.corrected_of(gpu, &self.correction)?;
-        let drawn = self.correction.draw(gpu, source, &shots.eyes, shots.taps, picture);
-        drawn.map_err(|error| error.to_string())?;
-        stats.gpu_us += start.elapsed().as_micros() as u64;
+        apply::check(frame)?;
+        let layers = self.layers(gpu, wall, frame)?;
+        let sides = layers.iter().map(|layer| layer.shots.size);
+        let size = sides.fold([0, 0], |[w, h], side| [w.max(side[0]), h.max(side[1])]);
+        let mut stats = DrawStats::default();
+        for layer in layers {
+            // One after the other: the memory of one source is enough.
+            let source = output.source_of(gpu, size, (renderer.samples(), scene.blends()))?;
+            let drawn = renderer.draw(gpu, scene, source, &layer.views);
+            stats = stats.and(drawn.map_err(|error| error.to_string())?);
+            let start = Instant::now();
+            let (source, picture) = output.corrected_of(gpu, &self.correction)?;
+            let Shots { eyes, taps, .. } = &layer.shots;
+            let sheet = layer.lay.and_then(|index| self.lays[index].sheet());
+            let drawn = match sheet {
+                None => self.correction.draw(gpu, source, eyes, *taps, picture),
+                Some(sheet) => {
+                    let shape = &sheet.shape;
+                    self.correction.draw_over(gpu, shape, source, (eyes, *taps), picture)
+                }
+            };
+            drawn.map_err(|error| error.to_string())?;
+            stats.gpu_us += start.elapsed().as_micros() as u64;
+        }
         Ok(stats)
     }
 
-    /// What the renderer draws of a frame, into the source.
+    /// What a frame is drawn from: the channel's own picture first, then what lies over it.
+    fn layers(&mut self, gpu: &Gpu, wall: &Wall, frame: &Frame) -> Result<Vec<Layer>, String> {
+        let views = self.views(gpu, wall, frame)?;
+        let shots = self.shots(gpu, wall, &frame.head)?.clone();
+        let mut layers = vec![Layer { shots, views, lay: None }];
+        if self.plan.warp.is_none() {
+            return Ok(layers);
+        }
+        let eyes: Vec<_> = self.plan.eyes.iter().map(|eye| frame.head.eye(*eye)).collect();
+        let maps = self.plan.maps.clone();
+        let ground = Ground { gpu, wall, maps: &maps, channel: self.plan.channel };
+        let mut known = std::mem::take(&mut self.lays);
+        for view in &frame.views[beneath(frame).map_or(0, |beneath| beneath + 1)..] {
+            let mut lay = match known.iter().position(|lay| lay.is_of(view)) {
+                Some(index) => known.swap_remove(index),
+                None => Lay::new(ground, view, &self.correction)?,
+            };
+            if let Some(sheet) = lay.sheet() {
+                let shots = sheet.shots(ground, view, &eyes)?;
+                let views = shots.of_view(view, frame);
+                layers.push(Layer { shots, views, lay: Some(self.lays.len()) });
+            }
+            self.lays.push(lay);
+        }
+        Ok(layers)
+    }
+
+    /// What the renderer draws of a frame into the source of the channel's own picture.
     ///
     /// # Errors
     /// An eye that sees no picture, or a view that cannot be shown.
@@ -237,14 +300,17 @@ impl Corrector {
         frame: &Frame,
     ) -> Result<Vec<ViewDesc>, String> {
         let (channel, is_warped) = (self.plan.channel, self.plan.warp.is_some());
-        self.shots(gpu, wall, &frame.head)?.views(wall, channel, frame, is_warped)
+        let shots = self.shots(gpu, wall, &frame.head)?;
+        if !is_warped {
+            return shots.exact_views(wall, channel, frame);
+        }
+        let beneath = beneath(frame).map(|index| &frame.views[index]);
+        Ok(beneath.map_or_else(Vec::new, |view| shots.of_view(view, frame)))
     }
 
     fn shots(&mut self, gpu: &Gpu, wall: &Wall, head: &Head) -> Result<&Shots, String> {
         let eyes: Vec<_> = self.plan.eyes.iter().map(|eye| head.eye(*eye)).collect();
-        let known = self.shots.take().filter(|shots| {
-            shots.eyes.iter().map(|eye| eye.eye_in_display).eq(eyes.iter().copied())
-        });
+        let known = self.shots.take().filter(|shots| shots.is_for(&eyes));
         let shots = if let Some(shots) = known {
             shots
         } else {

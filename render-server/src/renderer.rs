@@ -31,7 +31,7 @@ pub use correction::{
     SOURCE_PLANES_MAX, SourceEye, SourcePlane, Turn, WarpMesh, WarpVertex,
 };
 pub use gpu::{AdapterFacts, Gpu, GpuError};
-pub use pass::correct::{Correction, TAPS_MAX};
+pub use pass::correct::{Correction, Shape, TAPS_MAX};
 pub use pass::idle;
 pub use pass::label::{Label, Place};
 pub use pass::output::Output;
@@ -90,6 +90,22 @@ pub struct DrawStats {
     pub encode_us: u64,
     /// Microseconds from there until the GPU was done.
     pub gpu_us: u64,
+}
+
+impl DrawStats {
+    /// Those of both, one after the other.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            triangles: self.triangles + other.triangles,
+            draw_calls: self.draw_calls + other.draw_calls,
+            visible: self.visible + other.visible,
+            culled: self.culled + other.culled,
+            cull_us: self.cull_us + other.cull_us,
+            encode_us: self.encode_us + other.encode_us,
+            gpu_us: self.gpu_us + other.gpu_us,
+        }
+    }
 }
 
 /// Draws scenes with a fixed number of samples per pixel.

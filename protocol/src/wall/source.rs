@@ -7,6 +7,7 @@
 
 mod group;
 mod layout;
+pub mod window;
 
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, UVec2};
 

@@ -4,14 +4,22 @@
 //! would fill a display of that size: its frustum is centred on the window, wherever the viewer
 //! is, and both eyes see the same. Tiles that the window spans share its matrix, and shift its
 //! viewport by whole pixels.
+//!
+//! On screens that are curved, and on channels that are bent, the window is a rectangle of the
+//! screen's canvas, and its picture lies on it as a sheet of paper would: of a cylinder, arc by
+//! height; of a dome, azimuth by elevation, with the sides that it has in its middle.
+
+mod part_mesh;
 
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, UVec2};
 
 use super::frustum::{ChannelFrustum, FrustumError, ScreenFrustum};
-use super::{Channel, Cover, Projection, Screen, Wall};
+use super::{Channel, Cover, Projection, Screen, Surface, Wall};
 use crate::command::{Area, View, ViewProjection};
 use crate::ids::ChannelId;
 use crate::limits::{SHARED_CANVAS_SIDE_MAX, VIEW_PARTS_MAX, VIEWS_MAX};
+
+pub use part_mesh::{CanvasPart, PointOf};
 
 /// Where the depth of parallel rays ends, in metres behind the near plane, until who draws has
 /// fitted it to the scene.
@@ -65,18 +73,17 @@ pub enum ViewError {
         /// The screen's.
         canvas: UVec2,
     },
-    /// A window on pixels that do not lie in a plane, side by side.
+    /// A window on pixels whose places on the canvas nothing says.
     #[error(
-        "channel {channel} of screen {screen} {what}: rectangles and cameras of their own are for \
-         plane screens of tiles that are neither warped nor bent"
+        "channel {channel}: nothing says which pixels of screen {screen} it shows, since its warp \
+         and that screen are both points of files; rectangles and cameras of their own need a \
+         warp of u, v, or a screen that is a plane, a cylinder or a sphere"
     )]
-    NotPlain {
+    NoCanvas {
         /// The screen's name.
         screen: String,
         /// The channel's name.
         channel: String,
-        /// Why not.
-        what: &'static str,
     },
     /// A camera's own picture over screens that stand at an angle.
     #[error(
@@ -121,7 +128,9 @@ impl Wall {
             return Err(ViewError::TooMany(views.len()));
         }
         views.iter().try_for_each(|view| self.check_view(view))?;
-        self.channel_ids().try_for_each(|id| self.view_parts(id, views).map(|_| ()))
+        let ids = self.channel_ids().zip(&self.channels);
+        let mut tiles = ids.filter(|(_, channel)| !self.is_warped(channel));
+        tiles.try_for_each(|(id, _)| self.view_parts(id, views).map(|_| ()))
     }
 
     fn check_view(&self, view: &View) -> Result<(), ViewError> {
@@ -147,10 +156,10 @@ impl Wall {
                     let screen = screen.name.clone();
                     return Err(ViewError::Rectangle { screen, rect, canvas });
                 }
-                self.check_plain(index)
+                self.check_canvas(index)
             }
             Area::Wall if is_own => {
-                (0u16..).zip(&self.screens).try_for_each(|(index, _)| self.check_plain(index))?;
+                (0u16..).zip(&self.screens).try_for_each(|(index, _)| self.check_canvas(index))?;
                 let mut pairs = self.screens.windows(2);
                 pairs.try_for_each(|pair| in_one_plane(&pair[0], &pair[1]))
             }
@@ -158,18 +167,26 @@ impl Wall {
         }
     }
 
-    /// Whether the screen's pixels are those of its channels, one to one.
-    fn check_plain(&self, index: u16) -> Result<(), ViewError> {
+    /// Whether it is known which pixels of the screen's canvas its channels show.
+    fn check_canvas(&self, index: u16) -> Result<(), ViewError> {
         let screen = &self.screens[usize::from(index)];
-        let mut channels = self.channels.iter().filter(|channel| channel.screen == index);
-        channels.try_for_each(|channel| match channel.bent() {
-            None if screen.plane().is_some() => Ok(()),
-            reason => Err(ViewError::NotPlain {
-                screen: screen.name.clone(),
-                channel: channel.name.clone(),
-                what: reason.unwrap_or("is on a curved screen"),
-            }),
+        if !matches!(screen.surface, Surface::Mesh(_)) {
+            return Ok(());
+        }
+        let has_no_canvas = |channel: &&Channel| {
+            channel.screen == index
+                && (channel.cover != Cover::Tile || channel.adjustment.warp.is_some())
+        };
+        self.channels.iter().find(has_no_canvas).map_or(Ok(()), |channel| {
+            let (screen, channel) = (screen.name.clone(), channel.name.clone());
+            Err(ViewError::NoCanvas { screen, channel })
         })
+    }
+
+    /// Whether a channel's pixels are not those of its screen's canvas, one to one, so that views
+    /// are resampled for it ([`Wall::part_mesh`]).
+    pub fn is_warped(&self, channel: &Channel) -> bool {
+        channel.is_bent() || self.screen_of(channel).plane().is_none()
     }
 
     /// What a channel shows of a frame's views: rectangles that do not lie over each other, those
@@ -234,11 +251,12 @@ impl Wall {
         })
     }
 
-    /// Where the window of an area lies in a channel's pixels. It was checked.
-    fn window(&self, channel: &Channel, area: &Area) -> Result<Window, ViewError> {
+    /// The part of its screen's canvas that an area covers on a channel. It was checked.
+    ///
+    /// # Errors
+    /// Screens that do not lie in one plane.
+    pub fn canvas_part(&self, channel: &Channel, area: &Area) -> Result<CanvasPart, ViewError> {
         let screen = self.screen_of(channel);
-        let (canvas, size_m) = (screen.canvas.as_dvec2(), screen.size_m());
-        let origin = channel.origin.as_dvec2();
         let (begin, end) = match *area {
             Area::Screen { rect: [x, y, width, height], .. } => {
                 let begin = UVec2::new(x, y).as_dvec2();
@@ -256,10 +274,51 @@ impl Wall {
                 let name = || screen.name.clone();
                 around.ok_or_else(|| ViewError::NotOnePlane { first: name(), second: name() })?
             }
-            Area::Wall => (DVec2::ZERO, canvas),
+            Area::Wall => (DVec2::ZERO, screen.canvas.as_dvec2()),
         };
-        let (at, size) = (begin - origin, end - begin);
-        Ok(Window { size_m: size * size_m / canvas, viewport: [at.x, at.y, size.x, size.y] })
+        Ok(CanvasPart { begin, end })
+    }
+
+    /// Where the window of an area lies in a channel's pixels. It was checked.
+    fn window(&self, channel: &Channel, area: &Area) -> Result<Window, ViewError> {
+        let part = self.canvas_part(channel, area)?;
+        let (at, size) = (part.begin - channel.origin.as_dvec2(), part.end - part.begin);
+        let size_m = self.screen_of(channel).part_size_m(&part);
+        Ok(Window { size_m, viewport: [at.x, at.y, size.x, size.y] })
+    }
+
+    /// The matrix with which a part of a camera's own picture is drawn, reversed in depth: from
+    /// its upper left to its lower right, in pixels of the canvas from those of the picture's.
+    pub fn window_matrix(
+        &self,
+        channel: &Channel,
+        view: &View,
+        whole: &CanvasPart,
+        part: [DVec2; 2],
+    ) -> DMat4 {
+        let size_m = self.screen_of(channel).part_size_m(whole);
+        let share = part.map(|at| at / (whole.end - whole.begin));
+        view.projection.clip_from_view(size_m, share, self.near_m)
+    }
+}
+
+impl Screen {
+    /// Width and height in metres of a part of the canvas as it lies on the surface, measured
+    /// across and down its middle; those of pixels where the surface stands in a file, whose
+    /// pixels count as square.
+    fn part_size_m(&self, part: &CanvasPart) -> DVec2 {
+        let (canvas, size) = (self.canvas.as_dvec2(), part.end - part.begin);
+        let size_m = match &self.surface {
+            Surface::Mesh(_) => return size,
+            Surface::Sphere(sphere) => {
+                let [bottom, top] = sphere.elevation_rad;
+                let v = f64::midpoint(part.begin.y, part.end.y) / canvas.y;
+                // Circles of latitude are shorter towards the pole.
+                DVec2::new((top + (bottom - top) * v).cos(), 1.0) * self.size_m()
+            }
+            _ => self.size_m(),
+        };
+        size_m * size / canvas
     }
 }
 
@@ -320,19 +379,6 @@ impl ViewProjection {
 }
 
 impl Channel {
-    /// Why its pixels are not those of its screen's canvas, if they are not.
-    fn bent(&self) -> Option<&'static str> {
-        let adjustment = &self.adjustment;
-        match self.cover {
-            Cover::Tile if adjustment.warp.is_some() => Some("has a warp"),
-            Cover::Tile if adjustment.pin != [DVec2::ZERO; 4] => Some("has moved corners"),
-            Cover::Tile if adjustment.bend.is_some() => Some("is bent"),
-            Cover::Tile => None,
-            Cover::Projector(_) => Some("is a projector's"),
-            Cover::Map => Some("has a map"),
-        }
-    }
-
     /// The rectangle of the channel that an area covers, if any.
     fn covered_by(&self, area: &Area) -> Option<[u32; 4]> {
         let Area::Screen { screen, rect: [x, y, width, height] } = *area else {

@@ -1,7 +1,7 @@
 //! The planar pictures that a corrected channel's source is made of, for the eyes of one frame.
 
 use glam::{DMat4, DVec3};
-use polyptych_protocol::command::{Frame, ViewProjection};
+use polyptych_protocol::command::{Frame, View};
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::Wall;
 use polyptych_protocol::wall::source::SourcePlan;
@@ -103,33 +103,44 @@ impl Shots {
         Ok(shots)
     }
 
-    /// What the renderer draws for a frame.
+    /// Pictures of this size that hold one plane.
+    pub fn of_one(
+        size: [u32; 2],
+        eyes: Vec<SourceEye>,
+        taps: [u32; 2],
+        plane: (Sight, [u32; 4]),
+    ) -> Self {
+        Self { size, eyes, taps, planes: vec![plane] }
+    }
+
+    /// Whether these are the eyes that see it.
+    pub fn is_for(&self, eyes: &[DVec3]) -> bool {
+        self.eyes.iter().map(|eye| &eye.eye_in_display).eq(eyes)
+    }
+
+    /// What the renderer draws of one view, into all planes.
+    pub fn of_view(&self, view: &View, frame: &Frame) -> Vec<ViewDesc> {
+        let drawn = |(seen, rect): &(Sight, [u32; 4])| ViewDesc {
+            scissor: Some(*rect),
+            ..seen.view(view, frame)
+        };
+        self.planes.iter().map(drawn).collect()
+    }
+
+    /// What the renderer draws for a frame of a channel whose pixels are the source's.
     ///
     /// # Errors
-    /// As [`apply::views`]; and a view that covers a part of a warped channel, whose border is no
-    /// rectangle of the source.
-    pub fn views(
+    /// As [`apply::views`].
+    pub fn exact_views(
         &self,
         wall: &Wall,
         id: ChannelId,
         frame: &Frame,
-        is_warped: bool,
     ) -> Result<Vec<ViewDesc>, String> {
-        let size = wall.channel(id).map_or([0; 2], |channel| channel.size.to_array());
         let mut views = Vec::new();
         for part in apply::parts(wall, id, frame)? {
             let view = &frame.views[part.view];
-            let is_whole = part.rect == [0, 0, size[0], size[1]];
-            if is_warped && !(is_whole && view.projection == ViewProjection::Wall) {
-                return Err("a view on a part of a warped channel, or of a camera of its own, \
-                            cannot be drawn"
-                    .into());
-            }
             for (seen, rect) in &self.planes {
-                if is_warped {
-                    views.push(ViewDesc { scissor: Some(*rect), ..seen.view(view, frame) });
-                    continue;
-                }
                 let [x, y, width, height] = part.rect;
                 let mut own = apply::sight(wall, id, view, seen.eye_in_display)?;
                 own.viewport[0] += f64::from(rect[0]);

@@ -12,6 +12,8 @@ use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::surface::{Cylinder, Plane, Sphere};
 use polyptych_protocol::wall::{Channel, Screen, Surface};
 
+mod lays;
+
 use super::*;
 use crate::renderer::tests::harness::{Shape, Stage, gpu};
 use crate::renderer::tone::linear_from_srgb;

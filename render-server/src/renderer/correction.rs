@@ -260,7 +260,8 @@ impl CorrectionDesc {
 }
 
 impl WarpMesh {
-    fn fault(&self, [width, height]: [u32; 2]) -> Option<String> {
+    /// What is wrong with it for an upright picture of this size, if anything.
+    pub(in crate::renderer) fn fault(&self, [width, height]: [u32; 2]) -> Option<String> {
         if self.triangles.is_empty() {
             return Some("there is no triangle".to_owned());
         }

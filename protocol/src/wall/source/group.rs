@@ -261,7 +261,8 @@ impl Group {
         is_narrow.then(|| Self::new(view_from_display, low, high, facets))
     }
 
-    fn new(view_from_display: DMat3, low: DVec2, high: DVec2, facets: &[Facet]) -> Self {
+    /// The plane of these edges around facets, seen along its −Z.
+    pub fn new(view_from_display: DMat3, low: DVec2, high: DVec2, facets: &[Facet]) -> Self {
         let mut steps = Vec::with_capacity(facets.len() * 3);
         for facet in facets {
             let slope = facet.slope.map(|slope| view_from_display * slope);

@@ -207,13 +207,41 @@ fn views_that_cannot_be_are_refused_with_what_would_be_right() {
     refused(&wall, View { camera, ..own(WHOLE, plan) }, &["scale"]);
     let mut pinned = tiled();
     pinned.channels[2].adjustment.pin[1] = DVec2::X;
-    refused(&pinned, own(WHOLE, plan), &["t01", "moved corners"]);
-    assert_eq!(pinned.check_views(&[View::of_wall(Camera::IDENTITY)]), Ok(()));
+    assert_eq!(pinned.check_views(&[own(WHOLE, plan)]), Ok(()), "it lies on the canvas");
+    let mut hidden = tiled();
+    hidden.screens[0].surface = Surface::Mesh(0);
+    assert_eq!(hidden.check_views(&[own(WHOLE, plan)]), Ok(()), "its file has a canvas");
+    hidden.channels[2].cover = Cover::Map;
+    refused(&hidden, own(WHOLE, plan), &["channel t01", "screen front", "a warp of u, v"]);
+    assert_eq!(hidden.check_views(&[View::of_wall(Camera::IDENTITY)]), Ok(()));
     let mut packed = tiled();
     packed.channels[2].adjustment.packing = Packing::SideBySide;
     assert_eq!(packed.check_views(&[own(WHOLE, plan)]), Ok(()), "both eyes see the same");
     let many = vec![own(WHOLE, plan); VIEWS_MAX + 1];
     assert_eq!(wall.check_views(&many), Err(ViewError::TooMany(VIEWS_MAX + 1)));
+}
+
+/// A rectangle high up on a dome is narrower than one at its foot, and as high.
+#[test]
+fn a_window_on_a_dome_has_the_sides_of_its_middle() {
+    use crate::wall::surface::Sphere;
+    let sphere = Sphere {
+        center: DVec3::ZERO,
+        rotation: glam::DQuat::IDENTITY,
+        radius_m: 2.0,
+        azimuth_rad: [-1.0, 1.0],
+        elevation_rad: [0.0, 1.2],
+    };
+    let screen = Screen::new("dome", Surface::Sphere(sphere), UVec2::new(200, 120));
+    for (y, elevation) in [(0, 1.1f64), (100, 0.1)] {
+        let part = CanvasPart {
+            begin: DVec2::new(50.0, f64::from(y)),
+            end: DVec2::new(70.0, f64::from(y) + 20.0),
+        };
+        let due = DVec2::new(0.2 * elevation.cos(), 0.2) * 2.0;
+        let found = screen.part_size_m(&part);
+        assert!(found.distance(due) < 1e-12, "{found} {due}");
+    }
 }
 
 #[test]
@@ -229,6 +257,9 @@ fn a_channel_in_too_many_pieces_is_refused() {
     assert!(views.len() <= VIEWS_MAX);
     let error = wall.check_views(&views).expect_err("too many").to_string();
     assert!(error.contains("t00") && error.contains("256"), "{error}");
+    let mut bent = wall.clone();
+    bent.channels[0].adjustment.pin[0] = DVec2::X;
+    assert_eq!(bent.check_views(&views), Ok(()), "each has a picture of its own there");
     views.truncate(12);
     assert_eq!(wall.check_views(&views), Ok(()));
 }

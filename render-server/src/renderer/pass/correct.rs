@@ -3,6 +3,8 @@
 //! The warp mesh itself is drawn, so that its points are interpolated by the rasteriser and no map
 //! is read; mesh and maps go to the GPU once, and a frame brings two kilobytes.
 
+mod shape;
+
 use std::collections::BTreeMap;
 
 use bytemuck::{Pod, Zeroable};
@@ -12,13 +14,16 @@ use wgpu::util::DeviceExt;
 use crate::renderer::bindings;
 use crate::renderer::correction::{
     CorrectionDesc, CorrectionError, Curve, Packing, SOURCE_GUARD, SOURCE_PLANES_MAX, SourceEye,
-    SourcePlane, WarpMesh, WarpVertex,
+    SourcePlane, WarpMesh,
 };
 use crate::renderer::frame::wait;
 use crate::renderer::gpu::Gpu;
-use crate::renderer::pass::tonemap::clear;
+use crate::renderer::pass::tonemap::{clear, resume};
 use crate::renderer::picture::{CODES_FORMAT, Content, FINE_FORMAT, Picture};
 use crate::renderer::target::{DISPLAY_FORMAT, Target, TargetError};
+
+use shape::CornerRecord;
+pub use shape::Shape;
 
 const SOURCE: &str = include_str!("correct.wgsl");
 
@@ -69,15 +74,6 @@ pub(in crate::renderer) struct CorrectionUniform {
     pub pad: [f32; 2],
 }
 
-/// A corner of the warp mesh as the vertex stage reads it.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-struct CornerRecord {
-    pixel: [f32; 2],
-    /// From the mesh's origin.
-    point: [f32; 3],
-}
-
 /// What pipelines are specialised for from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Sampling {
@@ -89,12 +85,7 @@ struct Sampling {
 #[derive(Debug)]
 pub struct Correction {
     desc: CorrectionDesc,
-    /// Near the mesh, so that f32 suffices from there.
-    origin_in_display: DVec3,
-    corners: wgpu::Buffer,
-    indices: wgpu::Buffer,
-    index_count: u32,
-    uniform: wgpu::Buffer,
+    shape: Shape,
     light_map: wgpu::TextureView,
     codes: wgpu::Buffer,
     sampler: wgpu::Sampler,
@@ -113,16 +104,12 @@ impl Correction {
     /// What is wrong with the description.
     pub fn new(gpu: &Gpu, mut desc: CorrectionDesc) -> Result<Self, CorrectionError> {
         check(gpu, &desc)?;
-        let (corners, indices, origin_in_display) = mesh(&desc);
+        let shape = Shape::new(gpu, desc.upright, desc.warp.as_ref());
         let buffer = |label, contents: &[u8], usage| {
             let descriptor =
                 wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage };
             gpu.device.create_buffer_init(&descriptor)
         };
-        let bytes = bytemuck::cast_slice(&corners);
-        let corners = buffer("correct/corners", bytes, wgpu::BufferUsages::VERTEX);
-        let bytes = bytemuck::cast_slice(&indices);
-        let index_buffer = buffer("correct/indices", bytes, wgpu::BufferUsages::INDEX);
         let codes: Vec<[f32; 4]> = match desc.curve {
             Curve::Measured(_) => desc.curve.codes(CODE_COUNT),
             _ => vec![DVec3::ZERO; 2],
@@ -142,16 +129,7 @@ impl Correction {
         }
         let group_layout = bindings::correction_layout(&gpu.device);
         Ok(Self {
-            origin_in_display,
-            corners,
-            index_count: indices.len() as u32,
-            indices: index_buffer,
-            uniform: gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("correct/uniform"),
-                size: size_of::<CorrectionUniform>() as u64,
-                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            }),
+            shape,
             light_map,
             codes,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
@@ -194,6 +172,20 @@ impl Correction {
         Picture::new(gpu, self.display_size(), self.content())
     }
 
+    /// The pixels of a mesh, to be drawn over others of this correction ([`Self::draw_over`]).
+    ///
+    /// # Errors
+    /// What is wrong with the mesh, or that the correction resamples nothing.
+    pub fn shape(&self, gpu: &Gpu, warp: &WarpMesh) -> Result<Shape, CorrectionError> {
+        if self.desc.warp.is_none() {
+            return Err(CorrectionError::Source("a correction without a warp has one shape"));
+        }
+        match warp.fault(self.desc.upright) {
+            Some(reason) => Err(CorrectionError::Mesh(reason)),
+            None => Ok(Shape::new(gpu, self.desc.upright, Some(warp))),
+        }
+    }
+
     /// Draws what the eyes see of the source and waits until it is there: one eye, or the left and
     /// the right one. `taps` are the samples across and down that one display pixel takes, 1 to 4
     /// each.
@@ -209,6 +201,32 @@ impl Correction {
         taps: [u32; 2],
         onto: &Picture,
     ) -> Result<(), CorrectionError> {
+        self.draw_shape(gpu, None, source, (eyes, taps), onto)
+    }
+
+    /// As [`Self::draw`], of the pixels of a shape of this correction only: the others stay.
+    ///
+    /// # Errors
+    /// As of [`Self::draw`].
+    pub fn draw_over(
+        &mut self,
+        gpu: &Gpu,
+        shape: &Shape,
+        source: &Target,
+        eyes_and_taps: (&[SourceEye], [u32; 2]),
+        onto: &Picture,
+    ) -> Result<(), CorrectionError> {
+        self.draw_shape(gpu, Some(shape), source, eyes_and_taps, onto)
+    }
+
+    fn draw_shape(
+        &mut self,
+        gpu: &Gpu,
+        over: Option<&Shape>,
+        source: &Target,
+        (eyes, taps): (&[SourceEye], [u32; 2]),
+        onto: &Picture,
+    ) -> Result<(), CorrectionError> {
         if source.content() != Content::Light {
             return Err(CorrectionError::Source("the source does not hold light"));
         }
@@ -217,8 +235,6 @@ impl Correction {
         }
         let planes = self.planes_of(source.size(), eyes)?;
         let sampling = Sampling { planes, taps: taps.map(|count| count.clamp(1, TAPS_MAX)) };
-        let uniform = self.uniform(source.size(), eyes);
-        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
         let count = self.desc.packing.eyes();
         for eye in 0..count {
             if !self.pipelines.contains_key(&(sampling, eye)) {
@@ -226,20 +242,26 @@ impl Correction {
                 self.pipelines.insert((sampling, eye), pipeline);
             }
         }
-        let group = self.group(gpu, source);
+        let shape = over.unwrap_or(&self.shape);
+        let uniform = self.uniform(shape.origin_in_display, source.size(), eyes);
+        gpu.queue.write_buffer(&shape.uniform, 0, bytemuck::bytes_of(&uniform));
+        let group = self.group(gpu, source, &shape.uniform);
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("correct") });
         {
             let view = onto.codes_view(gpu);
-            let mut pass = clear(&mut encoder, "correct/pass", &view, wgpu::Color::BLACK);
+            let mut pass = match over {
+                None => clear(&mut encoder, "correct/pass", &view, wgpu::Color::BLACK),
+                Some(_) => resume(&mut encoder, "correct/pass", &view),
+            };
             pass.set_bind_group(1, &group, &[]);
-            pass.set_vertex_buffer(0, self.corners.slice(..));
-            pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.set_vertex_buffer(0, shape.corners.slice(..));
+            pass.set_index_buffer(shape.indices.slice(..), wgpu::IndexFormat::Uint32);
             for eye in 0..count {
                 let Some(pipeline) = self.pipelines.get(&(sampling, eye)) else { continue };
                 pass.set_pipeline(pipeline);
-                pass.draw_indexed(0..self.index_count, 0, 0..1);
+                pass.draw_indexed(0..shape.index_count, 0, 0..1);
             }
         }
         let index = gpu.queue.submit([encoder.finish()]);
@@ -277,7 +299,12 @@ impl Correction {
         Ok(count as u32)
     }
 
-    fn uniform(&self, source: [u32; 2], eyes: &[SourceEye]) -> CorrectionUniform {
+    fn uniform(
+        &self,
+        origin_in_display: DVec3,
+        source: [u32; 2],
+        eyes: &[SourceEye],
+    ) -> CorrectionUniform {
         let [width, height] = self.display_size().map(f64::from);
         let mut uniform = CorrectionUniform {
             texel: source.map(|side| (1.0 / f64::from(side)) as f32),
@@ -290,7 +317,7 @@ impl Correction {
             let clip_y = [-y[0] * 2.0 / height, -y[1] * 2.0 / height, 1.0 - y[2] * 2.0 / height];
             let back = DMat3::from_cols_array(&[x[0], y[0], 0.0, x[1], y[1], 0.0, x[2], y[2], 1.0])
                 .inverse();
-            let position = eye.eye_in_display - self.origin_in_display;
+            let position = eye.eye_in_display - origin_in_display;
             uniform.eyes[index] = EyeRecord {
                 position: row(position.extend(0.0)),
                 clip_x: row(DVec3::from(clip_x).extend(0.0)),
@@ -317,11 +344,11 @@ impl Correction {
         uniform
     }
 
-    fn group(&self, gpu: &Gpu, source: &Target) -> wgpu::BindGroup {
+    fn group(&self, gpu: &Gpu, source: &Target, uniform: &wgpu::Buffer) -> wgpu::BindGroup {
         let resources = [
             wgpu::BindingResource::TextureView(source.display_view()),
             wgpu::BindingResource::Sampler(&self.sampler),
-            self.uniform.as_entire_binding(),
+            uniform.as_entire_binding(),
             wgpu::BindingResource::TextureView(&self.light_map),
             self.codes.as_entire_binding(),
             wgpu::BindingResource::Sampler(&self.map_sampler),
@@ -423,24 +450,6 @@ impl SourcePlane {
 
 fn row(row: DVec4) -> [f32; 4] {
     row.as_vec4().to_array()
-}
-
-/// Corners, indices and origin of the mesh; without one, two triangles over the picture.
-fn mesh(desc: &CorrectionDesc) -> (Vec<CornerRecord>, Vec<u32>, DVec3) {
-    let Some(warp) = &desc.warp else {
-        let [width, height] = desc.upright.map(|side| side as f32);
-        let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
-        let corners = corners.map(|pixel| CornerRecord { pixel, point: [0.0, 0.0, -1.0] });
-        return (corners.to_vec(), vec![0, 1, 2, 2, 1, 3], DVec3::ZERO);
-    };
-    let count = warp.vertices.len().max(1) as f64;
-    let origin: DVec3 = warp.vertices.iter().map(|vertex| vertex.point / count).sum();
-    let corner = |vertex: &WarpVertex| CornerRecord {
-        pixel: vertex.pixel.map(|at| at as f32),
-        point: (vertex.point - origin).as_vec3().to_array(),
-    };
-    let corners = warp.vertices.iter().map(corner).collect();
-    (corners, warp.triangles.iter().flatten().copied().collect(), origin)
 }
 
 /// The light map of an upright picture; where there is none, one texel that nobody reads.

@@ -130,13 +130,31 @@ pub(in crate::renderer) fn clear<'encoder>(
     view: &wgpu::TextureView,
     color: wgpu::Color,
 ) -> wgpu::RenderPass<'encoder> {
+    begin(encoder, label, view, wgpu::LoadOp::Clear(color))
+}
+
+/// Begins a pass over what a colour target holds.
+pub(in crate::renderer) fn resume<'encoder>(
+    encoder: &'encoder mut wgpu::CommandEncoder,
+    label: &str,
+    view: &wgpu::TextureView,
+) -> wgpu::RenderPass<'encoder> {
+    begin(encoder, label, view, wgpu::LoadOp::Load)
+}
+
+fn begin<'encoder>(
+    encoder: &'encoder mut wgpu::CommandEncoder,
+    label: &str,
+    view: &wgpu::TextureView,
+    load: wgpu::LoadOp<wgpu::Color>,
+) -> wgpu::RenderPass<'encoder> {
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some(label),
         color_attachments: &[Some(wgpu::RenderPassColorAttachment {
             view,
             depth_slice: None,
             resolve_target: None,
-            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(color), store: wgpu::StoreOp::Store },
+            ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
         })],
         ..Default::default()
     })

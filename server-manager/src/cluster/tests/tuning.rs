@@ -259,37 +259,49 @@ fn all_channels_change_their_pattern_with_one_frame_and_joiners_have_it() {
     assert_eq!(stage.frames.last().expect("a frame").1.pattern, None);
 }
 
-fn window() -> View {
-    let area = Area::Screen { screen: 0, rect: [100, 0, 28, 64] };
-    View { area, ..View::of_wall(Camera::IDENTITY) }
+/// Views in rows and columns, which divide the second channel into more parts than a tile may
+/// have; while it is pinned, each has a picture of its own.
+fn net() -> Vec<View> {
+    let strips = (0..16u32).flat_map(|n| [[64 + n * 4, 0, 1, 64], [64, n * 4, 64, 1]]);
+    let view =
+        |rect| View { area: Area::Screen { screen: 0, rect }, ..View::of_wall(Camera::IDENTITY) };
+    strips.map(view).collect()
 }
 
 #[test]
 fn a_tuning_under_views_that_it_leaves_no_place_for_is_refused() {
     let mut stage = Stage::new(2);
-    stage.request(Request::SetViews(vec![window()]));
-    let id = stage.tune(pin(1.0));
-    for part in ["c1: the views", "has moved corners", "take them away first"] {
-        assert!(stage.failure(id).contains(part), "{part} is not in {}", stage.failure(id));
-    }
-    assert_eq!((stage.prepares.len(), stage.cluster.wall.clone()), (0, wall(2)));
-    stage.tune(Change::Gain(DVec3::splat(0.5)));
-    assert_eq!(stage.prepares.len(), 2, "light lies where it lay");
-    stage.request(Request::SetViews(Vec::new()));
     stage.tune(pin(1.0));
     stage.prepare_all();
-    assert_eq!(stage.pinned(), 1.0);
+    stage.draw(&[0, 1], 1_000);
+    stage.request(Request::SetViews(net()));
+    assert_eq!(stage.cluster.views.len(), 32);
+    let pinned = stage.cluster.wall.clone();
+    let id = stage.tune(pin(0.0));
+    for part in ["c1: the views", "256 rectangles", "take them away first"] {
+        assert!(stage.failure(id).contains(part), "{part} is not in {}", stage.failure(id));
+    }
+    assert_eq!((stage.prepares.len(), stage.cluster.wall.clone()), (0, pinned));
+    stage.tune(pin(2.0));
+    assert_eq!(stage.prepares.len(), 2, "views move with the corners");
+    stage.prepare_all();
+    stage.request(Request::SetViews(Vec::new()));
+    stage.tune(pin(0.0));
+    stage.prepare_all();
+    assert_eq!(stage.pinned(), 0.0);
 }
 
 #[test]
 fn views_are_refused_that_a_tuning_on_its_way_leaves_no_place_for() {
     let mut stage = Stage::new(2);
     let refused = |stage: &mut Stage| {
-        let id = stage.request(Request::SetViews(vec![window()]));
-        assert!(stage.failure(id).contains("has moved corners"), "{}", stage.failure(id));
+        let id = stage.request(Request::SetViews(net()));
+        assert!(stage.failure(id).contains("256 rectangles"), "{}", stage.failure(id));
     };
-    stage.tune(Change::Gain(DVec3::splat(0.5)));
     stage.tune(pin(1.0));
+    stage.prepare_all();
+    stage.tune(Change::Gain(DVec3::splat(0.5)));
+    stage.tune(pin(0.0));
     refused(&mut stage);
     stage.prepare_all();
     refused(&mut stage);

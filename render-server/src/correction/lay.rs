@@ -1,0 +1,128 @@
+//! Views that lie on a warped channel as on a sheet of paper: rectangles of its screen's canvas,
+//! with a camera of their own or the wall's frusta. Each has a source of its own, and is drawn
+//! over the channel's picture by the pixels that show it.
+
+use glam::{DMat3, DVec3};
+use polyptych_protocol::command::{Area, View, ViewProjection};
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::Wall;
+use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::source::window::WindowPlan;
+use polyptych_protocol::wall::view::{CanvasPart, PointOf};
+use polyptych_protocol::wall::warp_mesh::WarpMesh;
+
+use super::renderer_mesh;
+use super::shots::Shots;
+use crate::apply::Sight;
+use crate::renderer::{Correction, Gpu, Shape, SourceEye, SourcePlane};
+
+/// A view's pixels on one channel. It stays while the view stays where it is, whatever its camera
+/// sees.
+#[derive(Debug)]
+pub(super) struct Lay {
+    area: Area,
+    is_own: bool,
+    /// `None` where no pixel of the channel shows it.
+    sheet: Option<Sheet>,
+}
+
+/// What is there of a view.
+#[derive(Debug)]
+pub(super) struct Sheet {
+    /// Its pixels.
+    pub shape: Shape,
+    part: CanvasPart,
+    mesh: WarpMesh,
+    /// For a camera's own picture.
+    plan: Option<WindowPlan>,
+    /// As the eyes saw it last, for the wall's frusta.
+    shots: Option<Shots>,
+}
+
+/// Where lays are made.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ground<'a> {
+    pub gpu: &'a Gpu,
+    pub wall: &'a Wall,
+    pub maps: &'a Maps,
+    pub channel: ChannelId,
+}
+
+impl Lay {
+    /// The pixels of a view on a channel with this correction.
+    ///
+    /// # Errors
+    /// The channel's pixels have no place on its canvas, or fold there.
+    pub fn new(ground: Ground<'_>, view: &View, correction: &Correction) -> Result<Self, String> {
+        let Ground { gpu, wall, maps, channel: id } = ground;
+        let is_own = view.projection != ViewProjection::Wall;
+        let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
+        let named = |what: String| format!("channel {}: {what}", channel.name);
+        let lay = |sheet| Self { area: view.area, is_own, sheet };
+        if matches!(view.area, Area::Screen { screen, .. } if screen != channel.screen) {
+            return Ok(lay(None));
+        }
+        let part = wall.canvas_part(channel, &view.area).map_err(|error| error.to_string())?;
+        let of = if is_own { PointOf::Canvas } else { PointOf::Surface };
+        let mesh = wall.part_mesh(maps, id, part, of).map_err(named)?;
+        if mesh.triangles.is_empty() {
+            return Ok(lay(None));
+        }
+        let side_max = gpu.facts().texture_side_max;
+        let plan = is_own.then(|| WindowPlan::new(&mesh, side_max)).transpose();
+        let plan = plan.map_err(|error| named(error.to_string()))?;
+        let shape = correction
+            .shape(gpu, &renderer_mesh(&mesh))
+            .map_err(|error| named(error.to_string()))?;
+        Ok(lay(Some(Sheet { shape, part, mesh, plan, shots: None })))
+    }
+
+    /// Whether it is that view's, wherever its camera stands.
+    pub fn is_of(&self, view: &View) -> bool {
+        self.area == view.area && self.is_own == (view.projection != ViewProjection::Wall)
+    }
+
+    /// What is there of it.
+    pub fn sheet(&mut self) -> Option<&mut Sheet> {
+        self.sheet.as_mut()
+    }
+}
+
+impl Sheet {
+    /// What is drawn into its source for these eyes, in metres of display space.
+    ///
+    /// # Errors
+    /// An eye that sees no picture.
+    pub fn shots(
+        &mut self,
+        ground: Ground<'_>,
+        view: &View,
+        eyes: &[DVec3],
+    ) -> Result<Shots, String> {
+        let Ground { gpu, wall, channel: id, .. } = ground;
+        let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
+        let Some(plan) = &self.plan else {
+            let known = self.shots.take().filter(|shots| shots.is_for(eyes));
+            let shots = match known {
+                Some(shots) => shots,
+                None => {
+                    let side_max = gpu.facts().texture_side_max;
+                    Shots::new(wall, id, Some(&self.mesh), eyes, side_max)?
+                }
+            };
+            return Ok(self.shots.insert(shots).clone());
+        };
+        let rect = plan.plane.rect;
+        let sight = Sight {
+            eye_in_display: DVec3::ZERO,
+            view_from_display: DMat3::IDENTITY,
+            clip_from_view: wall.window_matrix(channel, view, &self.part, plan.part),
+            viewport: rect.map(f64::from),
+        };
+        // Both eyes see the same, in the plane of the screen.
+        let plane = SourcePlane { clip_from_eye: plan.plane.clip_from_eye(), rect };
+        let eye = SourceEye { eye_in_display: DVec3::ZERO, planes: vec![plane] };
+        let eyes = vec![eye; eyes.len()];
+        Ok(Shots::of_one(plan.size.to_array(), eyes, plan.taps.to_array(), (sight, rect)))
+    }
+}
