@@ -17,18 +17,23 @@
 //!
 //! A weight depends on the place and not on the pixel that shows it, so that channels whose
 //! pixels lie askew agree. Channels for different eyes share nothing: glasses hide the others'.
+//! What is for both eyes has the light that keeps both sums (`eyes.rs`).
 //! Channels whose pixels lie where a file says ([`Cover::Map`](super::Cover::Map)) have weight 1;
 //! their masks come with that file.
 
+mod eyes;
 pub(super) mod lamp;
 mod mask;
 mod overlap;
 mod raster;
 
+use std::collections::BTreeSet;
+
 use glam::{DVec2, UVec2};
 
-use super::Wall;
+use super::{EyeOf, Wall};
 use crate::ids::ChannelId;
+use eyes::Light;
 use lamp::Lamp;
 
 pub use mask::{MaskTexels, Masks};
@@ -129,7 +134,8 @@ impl BlackRule {
 pub struct Share {
     /// Of the picture's light; all channels' together 1. Zero where the channel lights nothing.
     pub weight: f64,
-    /// How many channels light the place: k; of a pixel, the mean over its area.
+    /// How many channels light the place: k; of a pixel, the mean over its area. Less than 1 where
+    /// channels of one eye make up for much that channels of both cannot add.
     pub count: f64,
 }
 
@@ -158,15 +164,22 @@ impl<'a> Blend<'a> {
     /// their weights: in pixels from the canvas's upper left.
     pub fn weights(&self, id: ChannelId, canvas: DVec2) -> Vec<(ChannelId, f64)> {
         let Some(lamp) = self.lamps.get(usize::from(id.0)) else { return Vec::new() };
-        let group = self.wall.channel_ids().zip(&self.lamps).filter(|(_, o)| o.is_beside(lamp));
-        let lit: Vec<_> = group.filter_map(|(id, o)| Some((id, o, o.lit(canvas)?))).collect();
-        let steps: Vec<_> =
-            lit.iter().map(|(id, lamp, pixel)| lamp.step(*pixel, self.widths(*id))).collect();
-        let shared = (0..lit.len()).map(|at| {
-            let others = steps.iter().enumerate().filter(|(other, _)| *other != at);
-            let before = at > 0;
-            let others = others.map(|(_, step)| *step);
-            (lit[at].0, lamp::weight(steps[at], others, before, self.wall.blend.exponent))
+        let side = if lamp.eye() == EyeOf::Right { EyeOf::Right } else { EyeOf::Left };
+        let screen = lamp.channel.screen;
+        let on_screen = self.wall.channel_ids().zip(&self.lamps);
+        let on_screen = on_screen.filter(|(_, other)| other.channel.screen == screen);
+        let lit: Vec<_> = on_screen
+            .filter_map(|(id, lamp)| {
+                let step = lamp.step(lamp.lit(canvas)?, self.widths(id));
+                Some((id, Light::whole(lamp.eye(), step)))
+            })
+            .collect();
+        let seen = lit.iter().filter(|(_, light)| [EyeOf::Center, side].contains(&light.eye));
+        let shared = seen.map(|(id, own)| {
+            let others = lit.iter().filter(|(other, _)| other != id);
+            let others: Vec<_> =
+                others.map(|(other, light)| Light { is_before: other < id, ..*light }).collect();
+            (*id, eyes::share(*own, &others, self.wall.blend.exponent).weight)
         });
         shared.collect()
     }
@@ -178,6 +191,17 @@ impl<'a> Blend<'a> {
         self.lamps.get(at).map_or([None; 4], |lamp| {
             *lamp.widths.get_or_init(|| overlap::widths(lamp, &self.lamps))
         })
+    }
+
+    /// The channels on which the weights of this one depend, in their order: its neighbours, and
+    /// those of the other eye where some of them are for both.
+    fn family(&self, id: ChannelId) -> Vec<ChannelId> {
+        let lamp = |id: &ChannelId| &self.lamps[usize::from(id.0)];
+        let own = self.neighbours(id);
+        let of_both = own.iter().map(lamp).filter(|lamp| lamp.eye() == EyeOf::Center);
+        let further = of_both.flat_map(|lamp| &lamp.neighbours).filter(|other| **other != id);
+        let family: BTreeSet<_> = own.iter().chain(further).copied().collect();
+        family.into_iter().collect()
     }
 
     /// The channels that may light what this one lights.

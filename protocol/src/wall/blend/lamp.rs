@@ -51,12 +51,10 @@ impl<'a> Lamp<'a> {
         lamp
     }
 
-    /// Whether the other one is on the same screen, and seen together with this one: by the same
-    /// eye. What is for both eyes is seen by each; of the others' weights it follows the left
-    /// eye's, whose channels are where the right eye's are.
+    /// Whether the other one is on the same screen, and seen together with this one by some eye.
     pub fn is_beside(&self, other: &Self) -> bool {
-        let side = if self.eye() == EyeOf::Right { EyeOf::Right } else { EyeOf::Left };
-        let is_seen = other.eye() == EyeOf::Center || other.eye() == side;
+        let (own, others) = (self.eye(), other.eye());
+        let is_seen = own == others || own == EyeOf::Center || others == EyeOf::Center;
         is_seen && self.channel.screen == other.channel.screen
     }
 

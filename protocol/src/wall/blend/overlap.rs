@@ -8,6 +8,7 @@ use glam::DVec2;
 
 use super::Lamp;
 use crate::ids::ChannelId;
+use crate::wall::EyeOf;
 
 /// How far inside and outside of an edge one looks, in pixels: less than half a pixel, so that an
 /// overlap of one is seen.
@@ -148,8 +149,14 @@ pub(super) fn most(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> usize {
     most
 }
 
-/// How many neighbours that one eye sees together light a place.
+/// How many neighbours that one eye sees together light a place: the eye that sees more.
 fn lit_by(lamp: &Lamp<'_>, lamps: &[Lamp<'_>], canvas: DVec2) -> usize {
     let others = lamp.neighbours.iter().map(|id| &lamps[usize::from(id.0)]);
-    others.filter(|other| other.lit(canvas).is_some()).count()
+    let lit: Vec<_> =
+        others.filter(|other| other.lit(canvas).is_some()).map(|other| other.eye()).collect();
+    let seen = |eye| lit.iter().filter(|of| **of == EyeOf::Center || **of == eye).count();
+    match lamp.eye() {
+        EyeOf::Center => seen(EyeOf::Left).max(seen(EyeOf::Right)),
+        eye => seen(eye),
+    }
 }

@@ -5,7 +5,8 @@
 
 use glam::{DVec2, UVec2};
 
-use super::lamp::{self, Lamp};
+use super::eyes::{self, Light};
+use super::lamp::Lamp;
 use super::{Blend, Share};
 use crate::ids::ChannelId;
 
@@ -55,7 +56,7 @@ impl Blend<'_> {
         let size = lamp.channel.size;
         let nodes = UVec2::new(size.x.div_ceil(BLOCK), size.y.div_ceil(BLOCK)) + 1;
         let node = |x: u32, y: u32| (UVec2::new(x, y) * BLOCK).min(size).as_dvec2();
-        let others: Vec<_> = lamp.neighbours.iter().map(|other| self.other(id, *other)).collect();
+        let others: Vec<_> = self.family(id).iter().map(|other| self.other(id, *other)).collect();
         let row = |y: u32| -> Vec<Node> {
             (0..nodes.x).map(|x| Node::new(lamp, &others, node(x, y))).collect()
         };
@@ -179,9 +180,9 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
         let lit: Vec<_> = seen.iter().filter(|seen| seen.other.lamp.has(seen.place)).collect();
         let steps: Vec<_> =
             lit.iter().map(|seen| seen.other.lamp.step(seen.place, seen.other.widths)).collect();
-        let is_later = lit.iter().any(|seen| seen.other.is_before);
         let own = self.lamp.step(pixel, self.blend.widths(self.id));
-        let weight = lamp::weight(own, steps.iter().copied(), is_later, exponent);
+        let lights: Vec<_> = seen.iter().map(Seen::light).collect();
+        let share = eyes::share(Light::whole(self.lamp.eye(), own), &lights, exponent);
         // ∂w/∂r of another, times what its error makes of r.
         let most = steps.iter().copied().fold(own, f64::max);
         let error: f64 = (lit.iter().zip(&steps))
@@ -191,15 +192,18 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
                 (step / most).powf(exponent) * exponent * relative * seen.error_px
             })
             .sum();
-        if weight * error > WEIGHT_ERROR_MAX {
-            return None;
-        }
-        let count = 1.0 + seen.iter().map(Seen::lit_part).sum::<f64>();
-        Some(Share { weight, count })
+        (share.weight * error <= WEIGHT_ERROR_MAX).then_some(share)
     }
 }
 
 impl Seen<'_, '_, '_> {
+    fn light(&self) -> Light {
+        let other = self.other;
+        let step = other.lamp.has(self.place).then(|| other.lamp.step(self.place, other.widths));
+        let (eye, is_before) = (other.lamp.eye(), other.is_before);
+        Light { eye, step, is_before, part: self.lit_part() }
+    }
+
     /// How much of the pixel the other one lights: an edge of a picture that runs askew through a
     /// pixel ends its black within it.
     fn lit_part(&self) -> f64 {

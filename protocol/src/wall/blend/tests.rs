@@ -1,5 +1,6 @@
 //! Weights and black, against what the formulas promise.
 
+mod eyes;
 mod random;
 pub(in crate::wall) mod walls;
 
