@@ -3,7 +3,6 @@
 //! What can be changed is what leaves the display's size, the scene and all other channels as they
 //! are. The result is checked as a wall file is: a picture that is folded is refused.
 
-pub mod fold;
 #[cfg(test)]
 mod tests;
 
@@ -13,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::codec;
 use crate::limits::{BEND_POINTS_MAX, MESSAGE_BYTES_MAX, TUNE_CHANGES_MAX};
 use crate::wall::adjustment::Bend;
-use crate::wall::{Adjustment, Channel, Curve, Wall};
+use crate::wall::{Adjustment, Channel, Curve, Wall, fold};
 
 /// Largest description of a wall, encoded, that a tuning may lead to: it travels in one message,
 /// beside a scene's name.
@@ -250,7 +249,7 @@ fn curve(gamma: Option<DVec3>) -> Result<Curve, String> {
     let Some(gamma) = gamma else { return Ok(Curve::Srgb) };
     let fits = gamma.cmpgt(DVec3::splat(0.1)).all() && gamma.cmple(DVec3::splat(FACTOR_MAX)).all();
     fits.then_some(Curve::Gamma(gamma))
-        .ok_or_else(|| "numbers above 0.1 to 16 can be, or srgb".into())
+        .ok_or_else(|| "numbers above 0.1, up to 16, can be, or srgb".into())
 }
 
 /// The wall with these changes made to a channel, all or none.
@@ -277,7 +276,7 @@ pub fn tuned(wall: &Wall, channel: &str, changes: &[Change]) -> Result<Wall, Str
         // The key that was turned last is what a person wants to hear of.
         let key = changes.iter().rev().map(Change::key).find(|key| key.starts_with(fault.key));
         let key = key.unwrap_or_else(|| fault.key.to_owned());
-        return Err(format!("{channel}: {key}: {}", fault.what));
+        return Err(format!("{channel}: {key}: {fault}"));
     }
     check(&wall)?;
     Ok(wall)
@@ -304,14 +303,15 @@ pub fn restored(file: &Wall, tunings: &[(String, Adjustment)]) -> Result<Wall, S
             return Err(format!("channel {name} hangs otherwise"));
         }
         channel.adjustment = adjustment.clone();
-        fold_or(channel)?;
     }
+    // First: a bend of no points is none that could be folded.
     check(&wall)?;
+    wall.channels.iter().try_for_each(fold_or)?;
     Ok(wall)
 }
 
 fn fold_or(channel: &Channel) -> Result<(), String> {
-    fold::fault(channel).map_or(Ok(()), |fault| Err(format!("{}: {}", channel.name, fault.what)))
+    fold::fault(channel).map_or(Ok(()), |fault| Err(format!("{}: {fault}", channel.name)))
 }
 
 fn check(wall: &Wall) -> Result<(), String> {

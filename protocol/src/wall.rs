@@ -11,6 +11,7 @@ pub mod coverage;
 mod extent;
 pub mod eyes;
 pub mod file;
+pub mod fold;
 pub mod frustum;
 pub mod maps;
 pub mod pixels;

@@ -56,7 +56,7 @@ fn a_tuning_moves_the_picture_outlives_the_manager_and_is_saved() {
     let shown = local.run(&["tune", &left, "--show"]).succeeded();
     assert!(shown.contains("pin.upper-left=@10,6\n") && shown.contains("gamma=2.2"), "{shown}");
 
-    let key = format!("{right}: pin.upper-left: the four corners");
+    let key = format!("{right}: pin.upper-left: the pins fold the picture");
     local.run(&["tune", &right, "pin.upper-left=200,200"]).failed(&[&key]);
     local.run(&["tune", "middle", "gamma=2"]).failed(&["no channel \"middle\"", &left]);
 

@@ -77,13 +77,19 @@ fn what_cannot_be_is_refused_by_its_key() {
     let bend = |x: f64| Change::Bend { column: 1, row: 0, to: Move::To(DVec2::new(x, 0.0)) };
     let far = DVec2::new(300.0, 200.0);
     for (change, said) in [
-        (vec![pin(Corner::UpperLeft, Move::To(far))], "left: pin.upper-left: the four corners"),
+        (
+            vec![pin(Corner::UpperLeft, Move::To(far))],
+            "left: pin.upper-left: the pins fold the picture",
+        ),
         (vec![pin(Corner::LowerLeft, Move::By(DVec2::NAN))], "left: pin.lower-left: a point"),
         (vec![pin(Corner::LowerLeft, Move::By(DVec2::X * 321.0))], "left: pin.lower-left: a point"),
         (vec![bend(1.0)], "left: bend.1.0: there is no bend yet"),
         (vec![grid(1, 5)], "left: bend: 2x2 to 1024"),
         (vec![grid(u32::MAX, u32::MAX)], "left: bend: 2x2 to 1024"),
-        (vec![grid(4, 2), bend(150.0)], "left: bend.1.0: the picture would be folded"),
+        (
+            vec![grid(4, 2), bend(150.0)],
+            "left: bend.1.0: the bend folds the picture, or nearly; move its points by less",
+        ),
         (vec![Change::Gain(DVec3::NEG_ONE)], "left: gain: 0 to 16"),
         (vec![Change::Gamma(Some(DVec3::ZERO))], "left: gamma: numbers above"),
         (vec![Change::Matrix(DMat3::from_diagonal(DVec3::NAN))], "left: matrix: −16 to 16"),
@@ -103,7 +109,7 @@ fn what_cannot_be_is_refused_by_its_key() {
         across(Corner::LowerRight, -200.0),
     ];
     let refused = tuned(&wall(), "left", &turned_over).expect_err("refused");
-    assert!(refused.starts_with("left: pin.lower-right: the four corners"), "{refused}");
+    assert!(refused.starts_with("left: pin.lower-right: the pins fold"), "{refused}");
     let refused = tuned(&wall(), "middle", &[]).expect_err("refused");
     assert_eq!(refused, "this wall has no channel \"middle\"; it has left, right");
     assert!(tuned(&wall(), "left", &[grid(4, 2), bend(30.0)]).is_ok(), "a fair bend");

@@ -13,17 +13,13 @@ use super::screen::Draft;
 use super::source::{Source, quoted};
 use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX};
 use crate::wall::adjustment::{Bend, Bits, Curve, Edges};
-use crate::wall::pixels::PixelMap;
-use crate::wall::{Cover, EyeOf, FileKind, Packing, Projection, Screen};
+use crate::wall::{Cover, EyeOf, FileKind, Packing, Projection, fold};
 
 /// Farthest that a pin or a point of a bend moves anything: some channels' widths.
 const MOVE_MAX_PX: f64 = 65_536.0;
 
 /// Most that light is multiplied by.
 const LIGHT_FACTOR_MAX: f64 = 1e3;
-
-/// Steps of a bend's cells at which it is checked for folds.
-const STEPS_OF_CELL: u32 = 4;
 
 /// Most names that an error lists: the line is for people.
 const NAMES_LISTED_MAX: usize = 12;
@@ -32,7 +28,6 @@ const NAMES_LISTED_MAX: usize = 12;
 pub(super) fn channels(
     source: &Source<'_>,
     sections: &BTreeMap<String, AdjustSection>,
-    screens: &[Screen],
     drafts: &mut [Draft],
     files: &mut Files,
 ) -> Result<(), WallFileError> {
@@ -46,9 +41,8 @@ pub(super) fn channels(
     }
     for draft in drafts {
         let key = format!("channel.{}", quoted(&draft.channel.name));
-        let screen = &screens[usize::from(draft.channel.screen)];
         if let Some(section) = sections.get(&draft.channel.name) {
-            Table { source, key, section }.apply(screen, draft, files)?;
+            Table { source, key, section }.apply(draft, files)?;
         }
         if draft.channel.cover == Cover::Map && draft.channel.adjustment.warp.is_none() {
             let what = format!("nobody knows what channel {:?} shows", draft.channel.name);
@@ -71,12 +65,7 @@ impl Table<'_> {
         self.source.error(format!("{}.{name}", self.key), what, remedy)
     }
 
-    fn apply(
-        &self,
-        screen: &Screen,
-        draft: &mut Draft,
-        files: &mut Files,
-    ) -> Result<(), WallFileError> {
+    fn apply(&self, draft: &mut Draft, files: &mut Files) -> Result<(), WallFileError> {
         let s = self.section;
         let size = draft.channel.size;
         let adjustment = &mut draft.channel.adjustment;
@@ -121,7 +110,9 @@ impl Table<'_> {
         if let Some(bend) = &s.bend {
             adjustment.bend = Some(self.bend(bend)?);
         }
-        self.check_form(screen, draft)?;
+        if let Some(fault) = fold::fault(&draft.channel) {
+            return Err(self.error(fault.key, fault.what, fault.remedy));
+        }
         if s.warp.is_none() {
             return Ok(());
         }
@@ -230,57 +221,6 @@ impl Table<'_> {
         let moves = bend.moves.iter().map(|pair| DVec2::from_array(pair.0)).collect();
         Ok(Bend { points, moves })
     }
-
-    /// Refuses pins and bends that fold the picture.
-    fn check_form(&self, screen: &Screen, draft: &Draft) -> Result<(), WallFileError> {
-        if self.section.pin.is_none() && self.section.bend.is_none() {
-            return Ok(());
-        }
-        // As a tile, whatever it is: where its pixels lie on its own picture.
-        let mut tile = draft.channel.clone();
-        (tile.cover, tile.origin) = (Cover::Tile, UVec2::ZERO);
-        let bend = tile.adjustment.bend.take();
-        let is_upright = tile.adjustment.pin == [DVec2::ZERO; 4]
-            || PixelMap::new(&tile, screen).is_some_and(|map| is_flat(&map, tile.size, UVec2::ONE));
-        if !is_upright {
-            let what = "the pins fold the picture, or mirror it";
-            let remedy = "move corners by less than they are apart; to mirror, see mirror";
-            return Err(self.error("pin", what, remedy));
-        }
-        let Some(bend) = bend else { return Ok(()) };
-        let steps = (bend.points - 1) * STEPS_OF_CELL;
-        tile.adjustment.bend = Some(bend);
-        let map = PixelMap::new(&tile, screen);
-        if map.is_some_and(|map| is_flat(&map, tile.size, steps)) {
-            return Ok(());
-        }
-        let what = "the bend folds the picture, or nearly";
-        let remedy = "move its points by less than they are apart, and neighbours alike";
-        Err(self.error("bend", what, remedy))
-    }
-}
-
-/// Whether the picture keeps its side everywhere, and all its pixels are found again.
-fn is_flat(map: &PixelMap<'_>, size: UVec2, steps: UVec2) -> bool {
-    let place = |x: u32, y: u32| {
-        let at = UVec2::new(x, y).as_dvec2() / steps.as_dvec2() * size.as_dvec2();
-        let pixel = map.pixel_from_canvas(at)?;
-        map.canvas_from_pixel(pixel).filter(|back| back.distance(at) < 1e-3).map(|_| pixel)
-    };
-    let row = |y: u32| (0..=steps.x).map(|x| place(x, y)).collect::<Option<Vec<DVec2>>>();
-    let Some(mut above) = row(0) else { return false };
-    for y in 1..=steps.y {
-        let Some(below) = row(y) else { return false };
-        for (upper, lower) in above.windows(2).zip(below.windows(2)) {
-            let (right, down) = (upper[1] - upper[0], lower[0] - upper[0]);
-            let (left, up) = (lower[0] - lower[1], upper[1] - lower[1]);
-            if right.perp_dot(down) <= 0.0 || left.perp_dot(up) <= 0.0 {
-                return false;
-            }
-        }
-        above = below;
-    }
-    true
 }
 
 fn rgb(light: Light) -> DVec3 {

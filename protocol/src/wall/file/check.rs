@@ -50,7 +50,7 @@ pub(super) fn wall(source: &Source<'_>, document: &Document) -> Result<Wall, Wal
     let mut files = Files::default();
     let (screens, mut channels) = screens(source, &document.screen, &mut files)?;
     check_names(source, &document.screen, &channels)?;
-    adjust::channels(source, &document.channel, &screens, &mut channels, &mut files)?;
+    adjust::channels(source, &document.channel, &mut channels, &mut files)?;
     for ((index, section), screen) in (0u16..).zip(&document.screen).zip(&screens) {
         Place { source, index, section }.check_cover(screen, &channels)?;
     }
