@@ -208,8 +208,17 @@ impl Corrector {
     /// there, so that no frame waits for a compiler.
     ///
     /// # Errors
-    /// The plan or the head leave no picture, or the GPU failed.
+    /// The plan or the head leave no picture, or the GPU failed; the channel's name is said.
     pub fn new(gpu: &Gpu, plan: Plan, wall: &Wall) -> Result<Self, String> {
+        let name = wall.channel(plan.channel).map_or("", |channel| &channel.name);
+        // Who tunes wants to know which, where its reason does not say.
+        Self::warmed(gpu, plan, wall).map_err(|reason| match reason.strip_prefix("channel ") {
+            Some(_) => reason,
+            None => format!("channel {name}: {reason}"),
+        })
+    }
+
+    fn warmed(gpu: &Gpu, plan: Plan, wall: &Wall) -> Result<Self, String> {
         let correction =
             Correction::new(gpu, plan.desc.clone()).map_err(|error| error.to_string())?;
         let mut corrector = Self { plan, correction, shots: None, lays: Vec::new() };

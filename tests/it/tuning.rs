@@ -111,3 +111,59 @@ fn a_wall_that_runs_shows_tunings_on_all_channels_and_none_is_late() {
     let status = client.status().expect("status");
     assert!(status.channels.iter().all(|channel| channel.late == 0), "{status:?}");
 }
+
+/// Two projectors on a round screen; one is tuned so far aside that it lights nothing. Its server
+/// cannot have that, the other's could: nothing changes, nobody goes dark.
+#[test]
+fn a_tuning_that_one_server_cannot_show_is_refused_and_all_stay_live() {
+    let text = r#"
+        [wall]
+        name = "round"
+        [[screen]]
+        name = "arc"
+        pixels = [720, 240]
+        [screen.cylinder]
+        center = [0.0, 0.0, 0.0]
+        radius = 3.0
+        degrees = [-36.0, 36.0]
+        height = [-0.8, 0.8]
+        [[screen.channel]]
+        name = "left"
+        pixels = [160, 90]
+        [screen.channel.projector]
+        position = [0.0, 0.0, 0.0]
+        rotation = [22, 0, 0]
+        tangents = [-0.325, 0.325, -0.25, 0.25]
+        [[screen.channel]]
+        name = "right"
+        pixels = [160, 90]
+        [screen.channel.projector]
+        position = [0.0, 0.0, 0.0]
+        rotation = [-22, 0, 0]
+        tangents = [-0.325, 0.325, -0.25, 0.25]
+        "#;
+    let wall = file::parse(text, "round.toml".as_ref()).unwrap_or_else(|error| panic!("{error}"));
+    let local = LocalWall::start(&wall, &[]);
+    let client = local.client();
+    client.run(Pace::Rate(30.0)).expect("running");
+    await_states(&client, &[ChannelState::Live]);
+    local.run(&["tune", "left", "gain=0.9"]).succeeded();
+    let aside: Vec<_> = ["upper-left", "upper-right", "lower-left", "lower-right"]
+        .map(|corner| format!("pin.{corner}=160,0"))
+        .into();
+    for _ in 0..3 {
+        let mut tune = vec!["tune", "left"];
+        tune.extend(aside.iter().map(String::as_str));
+        let said = local.run(&tune).failed(&["nothing has changed", "channel left: none of its"]);
+        assert_eq!(said.trim().lines().count(), 1, "{said}");
+        let states: Vec<_> = client.status().expect("status").channels;
+        assert!(states.iter().all(|channel| channel.state == ChannelState::Live), "{states:?}");
+    }
+    let said = local.run(&["tune", "left", "gain=0.8"]).succeeded();
+    assert!(said.contains("after the request"), "{said}");
+    let tuned = client.wall().expect("the wall");
+    assert_eq!(tuned.channels[0].adjustment.color.gain.x, 0.8);
+    assert_eq!(tuned.channels[0].adjustment.pin, [DVec2::ZERO; 4], "as before");
+    let channels = client.status().expect("status").channels;
+    assert!(channels.iter().all(|it| it.state == ChannelState::Live), "{channels:?}");
+}

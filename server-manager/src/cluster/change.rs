@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 
 use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::ids::{Digest, Revision};
+use polyptych_protocol::ids::{ChannelId, Digest, Revision};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::request::{Failure, Reply, SceneSummary};
 use polyptych_protocol::wall::Wall;
@@ -22,6 +22,9 @@ const PREPARE_TIME_MAX: Micros = 120_000_000;
 
 /// Most changes that wait for their turn.
 pub(super) const CHANGES_MAX: usize = 64;
+
+/// Why a server is given the shown state anew.
+pub(super) const HOLDS_REFUSED: &str = "it has prepared a change that was refused";
 
 /// A change that was asked for.
 #[derive(Debug, Serialize, Deserialize)]
@@ -68,6 +71,13 @@ impl Change {
 pub(super) struct Changes {
     current: Option<Underway>,
     queue: VecDeque<Change>,
+    /// The last revision that was refused. Its number is not given again: a server may still be at
+    /// work on it.
+    #[serde(default)]
+    refused: Option<Revision>,
+    /// Whether no frame was swapped since a change was refused that some server had prepared.
+    #[serde(default)]
+    is_refused_unseen: bool,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -130,6 +140,16 @@ impl Changes {
         true
     }
 
+    /// Whether this revision was refused, and is no state of the wall.
+    fn is_refused(&self, shown: Revision, revision: Revision) -> bool {
+        shown < revision && self.refused.is_some_and(|refused| revision <= refused)
+    }
+
+    /// A frame of the shown state was swapped: servers hold it before all that comes.
+    pub fn has_swapped(&mut self) {
+        self.is_refused_unseen = false;
+    }
+
     /// Takes the tunings out that wait for their turn, and gives who waits for them.
     fn take_waiting_tuners(&mut self) -> Vec<Tuner> {
         let (tunings, others) =
@@ -182,11 +202,18 @@ impl Cluster {
 
     pub(super) fn send_change_to(&mut self, to: Vec<SessionId>) {
         let Some(underway) = &self.changes.current else { return };
+        let revision = underway.replica.revision;
+        // Behind a change that was refused servers differ in what they built last.
+        let is_whole = revision.0 > self.shown.revision.0 + underway.change.operations.len() as u64;
         let prepare = Prepare {
             epoch: self.epoch,
-            base: Some(self.shown.revision),
-            revision: underway.replica.revision,
-            operations: underway.change.operations.clone(),
+            base: (!is_whole).then_some(self.shown.revision),
+            revision,
+            operations: if is_whole {
+                underway.replica.snapshot()
+            } else {
+                underway.change.operations.clone()
+            },
         };
         self.command(to, &Command::Prepare(prepare));
     }
@@ -247,6 +274,9 @@ impl Cluster {
             for operation in change.operations.clone() {
                 replica.apply(operation);
             }
+            if let Some(refused) = self.changes.refused.filter(|r| *r > self.shown.revision) {
+                replica.revision.0 += refused.0 - self.shown.revision.0;
+            }
             let digest = replica.digest();
             let expires = now + PREPARE_TIME_MAX;
             let failed = Vec::new();
@@ -266,22 +296,24 @@ impl Cluster {
         })
     }
 
-    /// Ends the change on its way: it is shown from the next frame on, or taken back where no
-    /// server could prepare it.
+    /// Ends the change on its way: it is shown from the next frame on, or refused: a scene where no
+    /// server could prepare it, a tuning where one could not.
     fn settle_change(&mut self, now: Micros) {
         let Some(underway) = self.changes.current.take() else { return };
         let Underway { change, replica, digest, failed, .. } = underway;
         let has_one = self.registry.servers().any(|(_, s)| s.prepared == Some(replica.revision));
-        if !failed.is_empty() && !has_one {
+        // A scene is worth more than a channel that cannot draw it; a tuning is not.
+        let is_tuning = matches!(change.purpose, Purpose::Tuning(_));
+        if !failed.is_empty() && (!has_one || is_tuning) {
             let reasons: Vec<_> = failed.into_iter().map(|(_, reason)| reason).collect();
-            let reason = reasons.join("; ");
+            let reason = format!("nothing has changed, since {}", reasons.join("; "));
             self.refuse(&change.purpose, &reason);
-            if matches!(change.purpose, Purpose::Tuning(_)) {
+            if is_tuning {
                 // They were made of the one that failed.
                 let behind = self.changes.take_waiting_tuners();
                 self.refuse(&Purpose::Tuning(behind), &reason);
             }
-            self.take_back(now);
+            self.stay(now, replica.revision);
             return;
         }
         self.shown = replica;
@@ -328,15 +360,44 @@ impl Cluster {
         }
     }
 
-    /// Servers hold a state that will never be shown: they get the shown one again, under a new
-    /// number, so that revisions stay unique.
-    fn take_back(&mut self, now: Micros) {
-        let mut replica = self.shown.clone();
-        replica.revision.0 += 2;
-        self.shown_digest = replica.digest();
-        self.shown = replica;
-        let everyone: Vec<_> = self.registry.servers().map(|(id, _)| id).collect();
-        self.resynchronise(now, &everyone, "a change was taken back");
+    /// The wall goes on with what it shows. Servers that have prepared the refused revision hold
+    /// the shown state beside it, and are live as before; but who may not have drawn that yet, or
+    /// holds more than one that was refused, is given it anew: servers keep few states.
+    fn stay(&mut self, now: Micros, refused: Revision) {
+        self.changes.refused = Some(refused);
+        let shown = self.shown.revision;
+        let holders = self.registry.servers().filter(|(_, s)| s.prepared == Some(refused));
+        let holders: Vec<_> = holders.map(|(id, server)| (id, server.channels.clone())).collect();
+        let is_first = !std::mem::replace(&mut self.changes.is_refused_unseen, true);
+        // Drawn once more, it stands before all that comes, on a wall that is paused too.
+        self.wants_frame |= self.pacer.pace().is_none();
+        let mut anew = Vec::new();
+        for (session, channels) in holders {
+            let state = |id: &ChannelId| self.registry.channel(*id).map(|channel| channel.state);
+            let is_live = channels.iter().all(|id| state(id) == Some(ChannelState::Live));
+            if is_live && is_first {
+                if let Some(server) = self.registry.server_mut(session) {
+                    server.prepared = Some(shown);
+                }
+            } else {
+                anew.push(session);
+            }
+        }
+        if !anew.is_empty() {
+            self.resynchronise(now, &anew, HOLDS_REFUSED);
+        }
+    }
+
+    /// A server has prepared what was refused meanwhile.
+    ///
+    /// Whether that is so: then it is given the shown state anew.
+    pub(super) fn sends_back(&mut self, now: Micros, from: SessionId, revision: Revision) -> bool {
+        let is_refused = self.changes.is_refused(self.shown.revision, revision)
+            && self.changes.digest_of(revision).is_none();
+        if is_refused {
+            self.resynchronise(now, &[from], HOLDS_REFUSED);
+        }
+        is_refused
     }
 
     /// Channels that cannot draw the shown revision yet are not waited for.

@@ -151,6 +151,9 @@ impl Cluster {
         if !server.is_some_and(|server| server.answered(prepared.revision)) {
             return;
         }
+        if self.sends_back(now, from, prepared.revision) {
+            return;
+        }
         let expected = if prepared.revision == self.shown.revision {
             Some(self.shown_digest)
         } else {

@@ -85,6 +85,9 @@ impl Cluster {
 
     /// A frame of this state was swapped: who waits for it, or for one before, is told.
     pub(super) fn tell_tuners(&mut self, frame: FrameId, revision: Revision) {
+        if revision == self.shown.revision {
+            self.changes.has_swapped();
+        }
         let seen: Vec<_> = self.tuners.0.extract_if(.., |(of, _)| *of <= revision).collect();
         for (revision, tuner) in seen {
             let frames = frame.0.saturating_sub(tuner.asked_at.0);

@@ -181,6 +181,83 @@ fn a_tuning_that_no_server_takes_fails_with_all_that_were_made_of_it() {
     assert_eq!((stage.tuned(id).len(), stage.pinned_of(0)), (1, 1.0), "the wall goes on");
 }
 
+/// One server cannot have it: nobody does, all stay live, and the next tuning is taken, though
+/// servers differ in what they have built.
+#[test]
+fn a_tuning_that_one_server_does_not_take_changes_nothing_and_all_stay_live() {
+    let mut stage = Stage::new(2);
+    stage.request(Request::Run(Pace::Free));
+    stage.wait(0);
+    stage.draw(&[0, 1], 5_000);
+    let first = stage.tune(pin(1.0));
+    stage.prepare_all();
+    for _ in 0..2 {
+        stage.wait(0);
+        stage.draw(&[0, 1], 5_000);
+    }
+    assert_eq!(stage.tuned(first).len(), 1, "one is shown");
+    let shown = stage.cluster.shown.revision;
+    for times in 1..=5 {
+        stage.clear();
+        let id = stage.tune(pin(2.0));
+        stage.prepare(SessionId(0));
+        let (_, prepare) = stage.prepares.remove(0);
+        assert_eq!(prepare.revision.0, shown.0 + times, "a number of its own");
+        let epoch = stage.cluster.epoch();
+        let reason = "channel c1: none of its pixels lies on its screen".to_owned();
+        let failed = Status::PrepareFailed { epoch, revision: prepare.revision, reason };
+        stage.say(SessionId(1), failed);
+        let said = stage.failure(id);
+        assert!(said.starts_with("nothing has changed, since server "), "{said}");
+        assert!(said.contains("c1: none of its pixels") && !said.contains('\n'), "{said}");
+        for _ in 0..2 {
+            stage.wait(0);
+            stage.draw(&[0, 1], 5_000);
+            assert_eq!([0, 1].map(|c| stage.state(c)), [ChannelState::Live; 2]);
+        }
+        assert_eq!((stage.cluster.shown.revision, stage.pinned()), (shown, 1.0));
+        assert!(stage.prepares.is_empty(), "nothing is given anew");
+    }
+    let id = stage.tune(pin(3.0));
+    stage.prepare_all();
+    for _ in 0..2 {
+        stage.wait(0);
+        stage.draw(&[0, 1], 5_000);
+    }
+    assert_eq!((stage.tuned(id).len(), stage.pin_of(0), stage.pin_of(1)), (1, 3.0, 3.0));
+    assert_eq!(stage.cluster.shown.revision.0, shown.0 + 6);
+}
+
+/// Two refusals without a frame between them: who holds both is given the shown state anew,
+/// before it has to let that go.
+#[test]
+fn who_holds_two_refused_states_is_given_the_shown_one_anew() {
+    let mut stage = Stage::new(2);
+    let refuse = |stage: &mut Stage| {
+        stage.tune(pin(2.0));
+        stage.prepare(SessionId(0));
+        let (_, prepare) = stage.prepares.remove(0);
+        let epoch = stage.cluster.epoch();
+        let reason = "no room".to_owned();
+        let failed = Status::PrepareFailed { epoch, revision: prepare.revision, reason };
+        stage.say(SessionId(1), failed);
+    };
+    stage.order_frame();
+    refuse(&mut stage);
+    assert_eq!([0, 1].map(|c| stage.state(c)), [ChannelState::Live; 2]);
+    refuse(&mut stage);
+    assert_eq!([0, 1].map(|c| stage.state(c)), [ChannelState::Preparing, ChannelState::Live]);
+    let shown = stage.cluster.shown.revision;
+    let [(to, prepare)] = &stage.prepares[..] else { panic!("one: {:?}", stage.prepares) };
+    assert_eq!((*to, prepare.base, prepare.revision), (SessionId(0), None, shown));
+    stage.prepare_all();
+    for _ in 0..3 {
+        stage.draw(&[0, 1], 1_000);
+        stage.wait(0);
+    }
+    assert_eq!([0, 1].map(|c| stage.state(c)), [ChannelState::Live; 2]);
+}
+
 impl Stage {
     fn pinned_of(&self, channel: usize) -> f64 {
         self.cluster.wall.channels[channel].adjustment.pin[0].x

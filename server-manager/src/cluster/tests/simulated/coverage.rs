@@ -73,7 +73,7 @@ impl Coverage {
 }
 
 /// What ten thousand schedules must have gone through.
-const WHAT_MUST_HAPPEN: [&str; 26] = [
+const WHAT_MUST_HAPPEN: [&str; 27] = [
     "client disconnected",
     "connection cut",
     "connection half open",
@@ -100,4 +100,5 @@ const WHAT_MUST_HAPPEN: [&str; 26] = [
     "server stopped",
     "session closed by the brain",
     "taken over by the same process",
+    "tuning refused by a server",
 ];

@@ -9,6 +9,7 @@ use polyptych_protocol::ids::{ChannelId, Digest, Epoch, FrameId, Revision};
 use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
 
+use super::super::change::HOLDS_REFUSED;
 use super::super::{Cluster, FRAME_ORDERS_MAX, Micros, SessionId};
 use super::coverage::Coverage;
 use super::manager::Manager;
@@ -308,13 +309,33 @@ impl Watch {
         self.check_progress(now, manager, cluster)
     }
 
-    fn check_states(&self, manager: &Manager, cluster: &Cluster, coverage: &mut Coverage) -> Check {
+    fn check_states(
+        &mut self,
+        manager: &Manager,
+        cluster: &Cluster,
+        coverage: &mut Coverage,
+    ) -> Check {
+        let is_refused = std::mem::take(&mut self.promises.is_tuning_refused);
+        if is_refused {
+            coverage.count("tuning refused by a server");
+        }
         for ((id, channel), &before) in cluster.registry.channels().zip(&manager.before) {
             if channel.state == before {
                 continue;
             }
             coverage.changes[before as usize][channel.state as usize] += 1;
             let record = manager.frame_before.and_then(|frame| self.frames.get(&frame));
+            if is_refused
+                && (before, channel.state) == (ChannelState::Live, ChannelState::Preparing)
+            {
+                coverage.count("given the state anew for a refusal");
+                if channel.reason.as_deref() != Some(HOLDS_REFUSED) {
+                    return Err(format!(
+                        "channel {id} is dark for a refusal: {:?}",
+                        channel.reason
+                    ));
+                }
+            }
             if (before, channel.state) == (ChannelState::Live, ChannelState::Late)
                 && record.is_some_and(|r| r.drawn.contains(&id) && !r.failed.contains(&id))
             {

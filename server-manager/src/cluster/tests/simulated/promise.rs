@@ -27,6 +27,8 @@ pub struct Promises {
     told: Told,
     pub answers: u64,
     pub refusals: u64,
+    /// Within the input that is being answered.
+    pub is_tuning_refused: bool,
 }
 
 /// What clients believe of the wall; `None` where they were told nothing.
@@ -155,10 +157,13 @@ impl Watch {
                     return Err(format!("{to:?} is answered {id} again, or did not ask"));
                 };
                 self.promises.answers += 1;
-                if let Ok(reply) = reply {
-                    return self.check_reply(to, &request, reply, memory);
-                }
+                let failure = match reply {
+                    Ok(reply) => return self.check_reply(to, &request, reply, memory),
+                    Err(failure) => failure,
+                };
                 self.promises.refusals += 1;
+                self.promises.is_tuning_refused |= matches!(request, Request::Tune { .. })
+                    && failure.reason.starts_with("nothing has changed");
                 Ok(())
             }
             Answer::Picture(_) | Answer::Goodbye { .. } => Ok(()),
@@ -275,6 +280,15 @@ impl Watch {
                     && told.views.as_ref().is_none_or(|views| sight.views == *views);
                 if !is_it {
                     return Err(format!("told {told:?}, but asked it is {sight:?}"));
+                }
+            }
+            (Request::Tune { .. }, Reply::Tuned(tuned)) => {
+                let of = self.revision_of(tuned.frame);
+                let is_shown = of.is_some() && !self.was_drawn_wrong(tuned.frame);
+                let is_late = tuned.frame < self.swapped;
+                let is_early = is_shown && tuned.frame != self.swapped;
+                if is_late || is_early || of.is_some_and(|of| of < tuned.revision) {
+                    return Err(format!("{tuned:?}, but frame {} was swapped last", self.swapped));
                 }
             }
             (Request::DescribeWall, Reply::Wall(_)) | (Request::Stop, Reply::Done) => {}

@@ -8,6 +8,7 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::request::{Pace, Request};
+use polyptych_protocol::tuning;
 use polyptych_protocol::wall::DeadlineRule;
 
 use super::super::{Micros, wall};
@@ -176,7 +177,17 @@ fn request(world: &mut World, dice: &mut Dice) -> Check {
         86 => Request::DescribeWall,
         87 => Request::DescribeSight,
         88..94 => Request::Subscribe(dice.is_hit(700)),
-        94..97 => Request::SetExposure(f32::NAN),
+        94 => Request::SetExposure(f32::NAN),
+        95..97 => {
+            // Now and then beyond what can be, and in bursts as a slider's.
+            let channel = format!("c{}", dice.below(world.wall.channels.len() as u64));
+            let gain = tuning::Change::Gain(DVec3::splat(dice.below(2_000) as f64));
+            let request = Request::Tune { channel, changes: vec![gain] };
+            for _ in 1..dice.pick(&[1, 1, 1, 4, 20]) {
+                world.ask(client, request.clone());
+            }
+            request
+        }
         97 if dice.is_hit(200) => Request::Stop,
         _ => {
             world.coverage.count("client disconnected");
