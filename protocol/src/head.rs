@@ -5,6 +5,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::wall::EyeOf;
 
+/// Farthest from the origin of display space that a head may be: a thousand kilometres are a slip
+/// of the unit, and larger numbers would overflow when they are squared and multiplied.
+pub const HEAD_REACH_MAX_M: f64 = 1e6;
+
+/// Widest eyes: walls of models have large viewers, but a thousand metres are a slip of the unit.
+pub const EYE_SEPARATION_MAX_M: f64 = 1e3;
+
 /// The pose of the viewer's head in display space. All frusta of a frame follow from it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Head {
@@ -37,12 +44,17 @@ impl Head {
         if !self.position.is_finite() {
             return Some(format!("head position {} is not finite", self.position));
         }
+        if self.position.abs().max_element() > HEAD_REACH_MAX_M {
+            let reach = HEAD_REACH_MAX_M;
+            return Some(format!("head position {} is beyond {reach} metres", self.position));
+        }
         if !self.rotation.is_finite() || (self.rotation.length() - 1.0).abs() > 1e-3 {
             return Some(format!("head rotation {} is not a unit quaternion", self.rotation));
         }
         let separation = self.eye_separation_m;
-        (!(separation.is_finite() && separation >= 0.0))
-            .then(|| format!("an eye separation of {separation} m, where 0 or more can be"))
+        (!(0.0..=EYE_SEPARATION_MAX_M).contains(&separation)).then(|| {
+            format!("an eye separation of {separation} m, where 0 to {EYE_SEPARATION_MAX_M} can be")
+        })
     }
 }
 
@@ -67,6 +79,8 @@ mod tests {
         assert_eq!(head.fault(), None);
         for bad in [
             Head { position: DVec3::NAN, ..head },
+            Head { position: DVec3::Y * 1e7, ..head },
+            Head { eye_separation_m: 1e9, ..head },
             Head { rotation: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.5), ..head },
             Head { eye_separation_m: -0.06, ..head },
             Head { eye_separation_m: f64::NAN, ..head },

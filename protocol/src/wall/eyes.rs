@@ -1,11 +1,20 @@
 //! Whether the viewer's head can be where a tracker says: each eye of it must stand in front of
 //! all that is drawn for it.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3, UVec2};
 
 use super::frustum::{EYE_DISTANCE_MIN_M, FrustumError, seen_from_front};
-use super::{Channel, EyeOf, Packing, Wall};
+use super::source::SOURCE_DISTANCE_MIN_M;
+use super::{Channel, Cover, EyeOf, Packing, Screen, Wall};
 use crate::head::Head;
+
+/// By how much the rounding of directions from the eye to f32 may move anything on a display, in
+/// pixels.
+///
+/// A pixel of side p, as far as r from an eye that is d before the plane, spans an angle of p·d/r²
+/// there, and f32 rounds directions by 2⁻²⁴: the eye must be at least 2⁻²⁴·r² / (p·this) away. Of
+/// displays of 4K and two metres that is three millimetres, nearer than any head gets.
+pub const EYE_ROUNDING_MAX_PX: f64 = 0.25;
 
 /// Why a head cannot be where someone wants it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -32,6 +41,26 @@ pub enum HeadError {
         /// Channel, eye and distance.
         error: FrustumError,
     },
+    /// So near to a screen's plane that its pixels are not told apart.
+    #[error(
+        "channel {channel}: the {} at {eye} m is {distance_m:.6} m before screen {screen}, too \
+         near for its pixels to be right; {least_m:.6} m is enough",
+        name(*.of)
+    )]
+    TooNear {
+        /// The channel's name.
+        channel: String,
+        /// The screen's name.
+        screen: String,
+        /// Which of the eyes.
+        of: EyeOf,
+        /// In metres of display space.
+        eye: DVec3,
+        /// From the screen's plane, in metres.
+        distance_m: f64,
+        /// What would be enough there.
+        least_m: f64,
+    },
 }
 
 fn name(of: EyeOf) -> &'static str {
@@ -54,6 +83,26 @@ impl Channel {
     }
 }
 
+impl Screen {
+    /// How far from this plane an eye must be that is about there, for a channel's pixels on it to
+    /// be right, in metres ([`EYE_ROUNDING_MAX_PX`]); `None` where the screen
+    /// is no plane.
+    pub fn eye_distance_least_m(&self, channel: &Channel, eye: DVec3) -> Option<f64> {
+        const F32_ROUNDING: f64 = 0.5 * f32::EPSILON as f64;
+        self.plane()?;
+        let (begin, end) = match channel.cover {
+            Cover::Tile => (channel.origin, channel.origin + channel.size),
+            Cover::Projector(_) | Cover::Map => (UVec2::ZERO, self.canvas),
+        };
+        let (begin, end) = (begin.as_dvec2(), end.as_dvec2());
+        let corners = [begin, end, DVec2::new(begin.x, end.y), DVec2::new(end.x, begin.y)];
+        let corners = corners.into_iter().filter_map(|at| self.display_from_canvas(at));
+        let farthest = corners.map(|corner| corner.distance_squared(eye)).fold(0.0, f64::max);
+        let pitch_m = (self.size_m() / self.canvas.as_dvec2()).min_element();
+        Some(F32_ROUNDING * farthest / (pitch_m * EYE_ROUNDING_MAX_PX))
+    }
+}
+
 impl Wall {
     /// The viewer's head as the wall file has it, until a client moves it.
     pub fn head(&self) -> Head {
@@ -73,6 +122,7 @@ impl Wall {
                 self.check_warp(channel, head.eye(of) == self.head().eye(of))?;
                 let seen = self.check_eye(channel, head.eye(of));
                 seen.map_err(|error| HeadError::Eye { of, error })?;
+                self.check_nearness(channel, of, head.eye(of))?;
             }
         }
         Ok(())
@@ -87,6 +137,21 @@ impl Wall {
                 Err(HeadError::OneEye { channel, path })
             }
         }
+    }
+
+    fn check_nearness(&self, channel: &Channel, of: EyeOf, eye: DVec3) -> Result<(), HeadError> {
+        let screen = self.screen_of(channel);
+        let distances = match screen.eye_distance_least_m(channel, eye) {
+            Some(least_m) => screen.frustum(eye).map(|seen| (seen.distance_m, least_m)),
+            // Nearer, it is on the curve for who draws.
+            None => screen.surface.distance_m(eye).map(|of| (of, 2.0 * SOURCE_DISTANCE_MIN_M)),
+        };
+        let Some((distance_m, least_m)) = distances else { return Ok(()) };
+        if distance_m >= least_m {
+            return Ok(());
+        }
+        let (channel, screen) = (channel.name.clone(), screen.name.clone());
+        Err(HeadError::TooNear { channel, screen, of, eye, distance_m, least_m })
     }
 
     fn check_eye(&self, channel: &Channel, eye: DVec3) -> Result<(), FrustumError> {
@@ -137,6 +202,37 @@ mod tests {
         let within = Head::at(DVec3::NEG_Z, 0.06);
         let error = wall.check_head(&within).expect_err("in the plane").to_string();
         assert!(error.contains("in the plane of screen front"), "{error}");
+    }
+
+    #[test]
+    fn an_eye_so_near_that_pixels_are_one_is_told_how_near_it_may_be() {
+        let wall = plane();
+        let at = |distance_m: f64| Head::at(DVec3::new(0.9, 0.0, -1.0 + distance_m), 0.06);
+        let error = wall.check_head(&at(1e-6)).expect_err("too near");
+        let HeadError::TooNear { least_m, .. } = error else { panic!("{error}") };
+        // Two metres with pixels of 31 mm.
+        assert!((2.5e-5..3.5e-5).contains(&least_m), "{least_m}");
+        for part in ["channel c0", "0.000001 m before screen front", "is enough"] {
+            assert!(error.to_string().contains(part), "{part} is not in {error}");
+        }
+        assert_eq!(wall.check_head(&at(least_m * 1.01)), Ok(()));
+        assert!(wall.check_head(&at(least_m * 0.99)).is_err());
+    }
+
+    #[test]
+    fn an_eye_almost_on_a_curve_is_refused_before_a_server_must() {
+        let cylinder = Cylinder {
+            center: DVec3::ZERO,
+            rotation: DQuat::IDENTITY,
+            radius_m: 3.0,
+            azimuth_rad: [-0.5, 0.5],
+            height_m: [-0.5, 0.5],
+        };
+        let wall = wall(Surface::Cylinder(cylinder));
+        let at = |distance_m: f64| Head::at(DVec3::NEG_Z * (3.0 - distance_m), 0.0);
+        let error = wall.check_head(&at(1e-7)).expect_err("too near").to_string();
+        assert!(error.contains("channel c0") && error.contains("is enough"), "{error}");
+        assert_eq!(wall.check_head(&at(2.0)), Ok(()));
     }
 
     #[test]

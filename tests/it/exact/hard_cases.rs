@@ -131,6 +131,17 @@ fn eye_nearly_in_a_screen_plane() {
         let before = DVec3::new(0.3, 0.1, -1.0 + distance_m);
         check_none_wrong(&format!("{distance_m} m before it"), &one_screen(PLAIN, before));
     }
+    // As near as it may be; nearer, f32 tells no pixels apart, and no head is let there.
+    let mut wall = one_screen(PLAIN, DVec3::new(0.3, 0.1, 0.0));
+    wall.near_m = 1e-6;
+    let least = |channel| wall.screens[0].eye_distance_least_m(channel, wall.eye - DVec3::Z);
+    let least_m = wall.channels.iter().filter_map(least).fold(0.0, f64::max);
+    wall.eye.z = -1.0 + least_m;
+    assert_eq!(wall.check_head(&wall.head()), Ok(()));
+    check_none_wrong(&format!("{least_m} m before it"), &wall);
+    wall.eye.z = -1.0 + least_m * 0.9;
+    let refused = wall.check_head(&wall.head()).expect_err("too near").to_string();
+    assert!(refused.contains("before screen front"), "{refused}");
     // Beside the screen, where the frustum is all slant.
     for distance_m in [0.2, 0.05] {
         let beside = DVec3::new(2.0, 0.1, -1.0 + distance_m);

@@ -13,18 +13,16 @@ use super::files::Files;
 use super::screen::{self, Draft, Place};
 use super::source::Source;
 use super::{adjust, sight};
+use crate::head::{EYE_SEPARATION_MAX_M, HEAD_REACH_MAX_M};
 use crate::limits::{CHANNELS_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PORT_DEFAULT, SCREENS_MAX};
 use crate::wall::{BlendRule, DeadlineRule, Screen, Wall};
 
 /// Farthest coordinate of display space: a thousand kilometres is a slip of the unit, and larger
 /// numbers would overflow when they are squared and multiplied.
-pub(super) const COORDINATE_MAX_M: f64 = 1e6;
+pub(super) const COORDINATE_MAX_M: f64 = HEAD_REACH_MAX_M;
 
 /// The near plane's bounds: a micrometre, a kilometre.
 const NEAR_RANGE_M: (f64, f64) = (1e-6, 1e3);
-
-/// Widest eyes: walls of models have large viewers, but a thousand metres are a slip of the unit.
-const EYE_SEPARATION_MAX_M: f64 = 1e3;
 
 /// Ramps beyond these are steps.
 const EXPONENT_RANGE: (f64, f64) = (0.05, 20.0);

@@ -30,6 +30,7 @@ pub(super) fn check(
         }
         for draft in drafts {
             let is_thrown = matches!(draft.channel.cover, Cover::Projector(_));
+            check_nearness(source, eye, screen, &draft.channel)?;
             if screen.plane().is_some() && !is_thrown {
                 continue;
             }
@@ -72,6 +73,27 @@ fn check_distance(
         "move the eye or the screen; left and right are as the viewer sees them"
     };
     Err(source.error("wall.eye", what, remedy))
+}
+
+fn check_nearness(
+    source: &Source<'_>,
+    eye: DVec3,
+    screen: &Screen,
+    channel: &Channel,
+) -> Result<(), WallFileError> {
+    let distance_m = screen.frustum(eye).map_or(f64::INFINITY, |seen| seen.distance_m);
+    match screen.eye_distance_least_m(channel, eye) {
+        Some(least_m) if distance_m < least_m => {
+            let what = format!(
+                "the eye {eye} m is {distance_m:.6} m before screen {:?}, so near that pixels of \
+                 its channel {:?} would be wrong",
+                screen.name, channel.name
+            );
+            let remedy = format!("move the eye or the screen: {least_m:.6} m is enough");
+            Err(source.error("wall.eye", what, &remedy))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// A projector whose pixels all miss may still light a screen that is small in its picture.

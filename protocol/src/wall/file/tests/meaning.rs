@@ -105,7 +105,14 @@ fn an_eye_in_the_plane_of_a_screen_or_behind_it() {
         "0.5]",
         "1:2: wall.eye: the eye [0, 0, 0] m is 0.500000 m behind screen \"front\", so that",
     );
-    read(&SMALLEST.replace("-1.0]", "-1e-6]"));
+    read(&SMALLEST.replace("-1.0]", "-1e-4]"));
+    check_changed(
+        SMALLEST,
+        "-1.0]",
+        "-1e-6]",
+        "1:2: wall.eye: the eye [0, 0, 0] m is 0.000001 m before screen \"front\", so near that \
+         pixels of its channel \"front\" would be wrong; move the eye or the screen: 0.00003",
+    );
 }
 
 #[test]
