@@ -167,10 +167,28 @@ pub(super) fn stop(arguments: &StopArguments) -> anyhow::Result<()> {
 
 pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let parsed: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
-    let parsed = parsed.map_err(|error| format!("{text:?}: {error}"))?;
+    let is_finite = |list: &Vec<f64>| list.iter().all(|number| number.is_finite());
+    let Some(parsed) = parsed.ok().filter(is_finite) else {
+        return Err(format!("{text:?}: write {N} finite numbers, with commas between"));
+    };
     parsed.try_into().map_err(|list: Vec<f64>| {
         format!("{text:?} has {} numbers, where {N} are needed, with commas between", list.len())
     })
+}
+
+/// A number above 0.
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    let [number] = numbers::<1>(text)?;
+    if number > 0.0 { Ok(number) } else { Err(format!("{text:?}: write a number above 0")) }
+}
+
+/// The angle of a picture, in degrees.
+pub(super) fn field_of_view(text: &str) -> Result<f64, String> {
+    let [degrees] = numbers::<1>(text)?;
+    if degrees > 0.0 && degrees < 180.0 {
+        return Ok(degrees);
+    }
+    Err(format!("{text:?}: write an angle between 0 and 180 degrees"))
 }
 
 pub(super) fn point(text: &str) -> Result<DVec3, String> {

@@ -5,7 +5,7 @@ use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{Area, Camera, Head, View, ViewProjection, Wall};
 
-use super::drive::{numbers, point, warn_of_absent};
+use super::drive::{field_of_view, numbers, point, positive, warn_of_absent};
 use super::{ManagerAddress, say};
 
 #[derive(Debug, clap::Args)]
@@ -18,7 +18,7 @@ pub(super) struct EyeArguments {
     #[arg(requires = "position")]
     look: Option<DVec3>,
     /// From the left eye to the right one, in metres [default: as the wall file says]
-    #[arg(long, value_name = "METRES", requires = "position")]
+    #[arg(long, value_name = "METRES", requires = "position", allow_hyphen_values = true)]
     separation: Option<f64>,
     /// Put it back to where the wall file has it
     #[arg(long, conflicts_with = "position")]
@@ -88,20 +88,22 @@ struct AddArguments {
     #[arg(long, value_parser = point, allow_hyphen_values = true, default_value = "0,1,0")]
     up: DVec3,
     /// World units per metre of display space
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, value_parser = positive, allow_hyphen_values = true)]
     scale: f64,
     /// The screen that it is on [default: the wall's only one, or all]
     #[arg(long, value_name = "NAME")]
     screen: Option<String>,
     /// Its pixels on that screen, from the upper left: X,Y,WIDTH,HEIGHT [default: all]
-    #[arg(long, value_parser = rectangle)]
+    #[arg(long, value_parser = rectangle, allow_hyphen_values = true)]
     rect: Option<[u32; 4]>,
     /// A plan in parallel rays, that shows so many metres from its lower to its upper edge
     #[arg(long, value_name = "METRES", conflicts_with = "fov")]
+    #[arg(value_parser = positive, allow_hyphen_values = true)]
     ortho: Option<f64>,
     /// A camera's own picture, with this angle from its lower to its upper edge [default: what
     /// the viewer sees through the wall]
     #[arg(long, value_name = "DEGREES")]
+    #[arg(value_parser = field_of_view, allow_hyphen_values = true)]
     fov: Option<f64>,
     #[command(flatten)]
     manager: ManagerAddress,
@@ -136,6 +138,9 @@ impl AddArguments {
     fn view(&self, wall: &Wall) -> anyhow::Result<View> {
         if self.position == self.target {
             bail!("the camera stands at {} and cannot look at itself", self.position);
+        }
+        if self.up == DVec3::ZERO {
+            bail!("--up 0,0,0 is no direction: name one, such as 0,1,0");
         }
         let projection = match (self.ortho, self.fov) {
             (Some(height_m), _) => ViewProjection::Orthographic { height_m },

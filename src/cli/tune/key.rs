@@ -44,7 +44,8 @@ pub(super) fn change(text: &str) -> Result<Change, String> {
         }
         _ => Err(format!("there is no such key; there are {KEYS}")),
     };
-    made.map_err(|reason| format!("{key}: {reason}"))
+    let name = if key.is_empty() { "KEY" } else { key };
+    made.map_err(|reason| format!("{name}: {reason}"))
 }
 
 /// Two numbers: relative where one has a sign, absolute where none has or "@" stands before them.
@@ -126,6 +127,7 @@ mod tests {
     fn what_is_wrong_is_named_with_what_would_be_right() {
         for (text, said) in [
             ("gamma", "a change is KEY=VALUE"),
+            ("=", "KEY: there is no such key"),
             ("tint=1", "tint: there is no such key; there are pin.CORNER"),
             ("pin.top=1,1", "pin.top: the corners are upper-left"),
             ("pin.upper-left=1", "pin.upper-left: write two numbers"),

@@ -27,7 +27,8 @@ pub(in crate::cli) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let running = arguments.manager.connect()?.wall()?;
     let name = arguments.file.display();
     // A link stays a link: what it leads to is written.
-    let path = fs::canonicalize(&arguments.file).with_context(|| format!("cannot open {name}"))?;
+    let path = fs::canonicalize(&arguments.file)
+        .with_context(|| format!("cannot open {name}; give the file of the wall that runs"))?;
     // Size, coding and wall are looked at before anything is made of it.
     load_wall(&path)?;
     let before = fs::read_to_string(&path).with_context(|| format!("cannot read {name}"))?;
