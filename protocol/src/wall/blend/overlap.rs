@@ -152,8 +152,7 @@ pub(super) fn most(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> usize {
 /// How many neighbours that one eye sees together light a place: the eye that sees more.
 fn lit_by(lamp: &Lamp<'_>, lamps: &[Lamp<'_>], canvas: DVec2) -> usize {
     let others = lamp.neighbours.iter().map(|id| &lamps[usize::from(id.0)]);
-    let lit: Vec<_> =
-        others.filter(|other| other.lit(canvas).is_some()).map(|other| other.eye()).collect();
+    let lit: Vec<_> = others.filter(|other| other.lit(canvas).is_some()).map(Lamp::eye).collect();
     let seen = |eye| lit.iter().filter(|of| **of == EyeOf::Center || **of == eye).count();
     match lamp.eye() {
         EyeOf::Center => seen(EyeOf::Left).max(seen(EyeOf::Right)),

@@ -226,7 +226,7 @@ impl Seen<'_, '_, '_> {
 
 /// Places at the corners of a block, if those between them are linear, and how far they are off at
 /// most: at the block's middle, and at those of its upper and left side, where a saddle is off
-/// whose middle is right.
+/// whose middle is right; twice as much, since the worst place may be another.
 fn linear(corners: [Option<DVec2>; 4], exact: [Option<DVec2>; 3]) -> Option<([DVec2; 4], f64)> {
     let ([Some(a), Some(b), Some(c), Some(d)], [Some(middle), Some(above), Some(left)]) =
         (corners, exact)
@@ -238,7 +238,7 @@ fn linear(corners: [Option<DVec2>; 4], exact: [Option<DVec2>; 3]) -> Option<([DV
         ((a + b) / 2.0).distance(above),
         ((a + c) / 2.0).distance(left),
     ];
-    Some(([a, b, c, d], errors.into_iter().fold(0.0, f64::max)))
+    Some(([a, b, c, d], 2.0 * errors.into_iter().fold(0.0, f64::max)))
 }
 
 /// Whether a block that is seen there has no place in the picture: all of it lies beyond one side.
