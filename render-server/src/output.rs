@@ -131,7 +131,9 @@ impl Output {
     pub fn takes_fine_codes(&self, gpu: &Gpu) -> bool {
         match &self.surface {
             Surface::Window(display) => display.takes_fine_codes(gpu),
-            _ => true,
+            Surface::Nowhere => true,
+            #[cfg(test)]
+            Surface::Offscreen(_) => true,
         }
     }
 

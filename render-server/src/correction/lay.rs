@@ -103,12 +103,11 @@ impl Sheet {
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         let Some(plan) = &self.plan else {
             let known = self.shots.take().filter(|shots| shots.is_for(eyes));
-            let shots = match known {
-                Some(shots) => shots,
-                None => {
-                    let side_max = gpu.facts().texture_side_max;
-                    Shots::new(wall, id, Some(&self.mesh), eyes, side_max)?
-                }
+            let shots = if let Some(shots) = known {
+                shots
+            } else {
+                let side_max = gpu.facts().texture_side_max;
+                Shots::new(wall, id, Some(&self.mesh), eyes, side_max)?
             };
             return Ok(self.shots.insert(shots).clone());
         };
@@ -123,6 +122,7 @@ impl Sheet {
         let plane = SourcePlane { clip_from_eye: plan.plane.clip_from_eye(), rect };
         let eye = SourceEye { eye_in_display: DVec3::ZERO, planes: vec![plane] };
         let eyes = vec![eye; eyes.len()];
-        Ok(Shots::of_one(plan.size.to_array(), eyes, plan.taps.to_array(), (sight, rect)))
+        let planes = vec![(sight, rect)];
+        Ok(Shots::of(plan.size.to_array(), eyes, plan.taps.to_array(), planes))
     }
 }

@@ -103,14 +103,14 @@ impl Shots {
         Ok(shots)
     }
 
-    /// Pictures of this size that hold one plane.
-    pub fn of_one(
+    /// Pictures of this size that hold these planes.
+    pub fn of(
         size: [u32; 2],
         eyes: Vec<SourceEye>,
         taps: [u32; 2],
-        plane: (Sight, [u32; 4]),
+        planes: Vec<(Sight, [u32; 4])>,
     ) -> Self {
-        Self { size, eyes, taps, planes: vec![plane] }
+        Self { size, eyes, taps, planes }
     }
 
     /// Whether these are the eyes that see it.
