@@ -147,6 +147,7 @@ fn a_tuning_that_one_server_cannot_show_is_refused_and_all_stay_live() {
     let client = local.client();
     client.run(Pace::Rate(30.0)).expect("running");
     await_states(&client, &[ChannelState::Live]);
+    client.pause().expect("pausing");
     local.run(&["tune", "left", "gain=0.9"]).succeeded();
     let aside: Vec<_> = ["upper-left", "upper-right", "lower-left", "lower-right"]
         .map(|corner| format!("pin.{corner}=160,0"))
@@ -158,6 +159,9 @@ fn a_tuning_that_one_server_cannot_show_is_refused_and_all_stay_live() {
         assert_eq!(said.trim().lines().count(), 1, "{said}");
         let states: Vec<_> = client.status().expect("status").channels;
         assert!(states.iter().all(|channel| channel.state == ChannelState::Live), "{states:?}");
+        // Of two refusals without a frame between them the second one sends who holds both the
+        // state anew.
+        client.render_frame().expect("a frame");
     }
     let said = local.run(&["tune", "left", "gain=0.8"]).succeeded();
     assert!(said.contains("after the request"), "{said}");
