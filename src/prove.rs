@@ -10,8 +10,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use polyptych_client::{Bounds, Capture, overview};
-use polyptych_manager::import::Baker;
+use polyptych_manager::import::{Baker, read_wall_files};
+use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::wall::Wall;
+use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 
 use crate::faults::Needs;
 use crate::local_wall::{LocalWall, LocalWallOptions};
@@ -29,14 +31,18 @@ const HEADING_RAD: f64 = 0.52;
 pub(crate) fn prove(wall: &Wall, shown: Shown, baker: Baker, out: &Path) -> anyhow::Result<Table> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let mut table = Table::default();
-    let maps = light::maps(wall);
-    light::prove(wall, &maps, &mut table)?;
+    let files = read_wall_files(wall, &BlobFolder::new(baker.store.join("blobs")));
+    let files = files.map_err(anyhow::Error::msg)?;
+    let shapes = Shapes::new(wall, &files);
+    let shaped = Shaped { wall, shapes: &shapes };
+    light::prove(shaped, &mut table)?;
+    let maps = light::maps(shaped, &files);
     let folder = tempfile::Builder::new().prefix("polyptych-prove-").tempdir()?;
     let prover = Prover { shown, folder: folder.path().canonicalize()?, baker, out };
     let capture = {
         let local = prover.start(wall)?;
         let keep = |capture: &Capture| prover.save_all("markers", capture);
-        geometry::prove(&local.client, (wall, &maps), &prover.folder, &mut table, keep)?;
+        geometry::prove(&local.client, (shaped, &maps), &prover.folder, &mut table, keep)?;
         prover.show(&local, wall)?
     };
     prover.save_all("wall", &capture)?;

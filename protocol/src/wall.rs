@@ -10,13 +10,16 @@ pub mod color;
 pub mod coverage;
 mod extent;
 pub mod eyes;
+pub mod facets;
 pub mod file;
 pub mod fold;
+pub mod front;
 pub mod frustum;
 pub mod maps;
 pub mod pixels;
 pub mod projector;
 pub mod screen;
+pub mod shapes;
 pub mod source;
 pub mod superposition;
 pub mod surface;
@@ -104,7 +107,7 @@ pub struct BlendRule {
 }
 
 /// A file that somebody else wrote: a map of pixels, a mesh of a screen, a mask.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MapFile {
     /// Where it is, as the wall file says.
     pub path: String,
@@ -115,6 +118,9 @@ pub struct MapFile {
     /// Whether it is right for the eye of the wall file only, as maps on a canvas are: then no
     /// head moves. Known once it was baked.
     pub is_for_one_eye: bool,
+    /// Some places of its surface, if it has any, by which it is known where no eye can be. Known
+    /// once it was baked.
+    pub front: Vec<front::FrontPlace>,
 }
 
 /// What a wall's file is.
@@ -186,6 +192,12 @@ impl Wall {
         }
         if self.files.len() > WALL_FILES_MAX {
             return Some(format!("the wall has more than {WALL_FILES_MAX} files"));
+        }
+        let is_odd = |file: &MapFile| {
+            file.front.len() > front::FRONT_PLACES_MAX || !file.front.iter().all(|at| at.is_sound())
+        };
+        if self.files.iter().any(is_odd) {
+            return Some("a file has more places than it may have, or no numbers".into());
         }
         self.screens
             .iter()

@@ -15,7 +15,9 @@ use polyptych_protocol::command::{Area, Frame, View, ViewProjection};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::blend;
+use polyptych_protocol::wall::blend::Masks;
 use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
 use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, Surface, Wall};
 
@@ -48,11 +50,17 @@ pub(crate) struct Plan {
 ///
 /// # Errors
 /// Which channel cannot be shown, and why.
-pub(crate) fn plans(wall: &Wall, maps: &Maps, channels: &[String]) -> Result<Plans, String> {
+pub(crate) fn plans<'a>(
+    of: impl Into<Shaped<'a>>,
+    maps: &Maps,
+    channels: &[String],
+) -> Result<Plans, String> {
+    let shaped = of.into();
+    let wall = shaped.wall;
     let mut plans = Plans::new();
     for name in channels {
         let Some((id, _)) = wall.channel_named(name) else { continue };
-        let plan = Plan::new(wall, maps, id);
+        let plan = Plan::new(shaped, maps, id);
         let plan = plan.map_err(|reason| format!("channel {name}: {reason}"))?;
         if let Some(plan) = plan {
             plans.insert(name.clone(), plan);
@@ -66,11 +74,17 @@ impl Plan {
     ///
     /// # Errors
     /// Nothing of its picture lies on its screen.
-    pub fn new(wall: &Wall, maps: &Maps, id: ChannelId) -> Result<Option<Self>, String> {
+    pub fn new<'a>(
+        of: impl Into<Shaped<'a>>,
+        maps: &Maps,
+        id: ChannelId,
+    ) -> Result<Option<Self>, String> {
+        let shaped = of.into();
+        let wall = shaped.wall;
         let channel = wall.channel(id).ok_or("the wall has no such channel")?;
         let adjustment = &channel.adjustment;
         let is_tile = channel.cover == Cover::Tile && wall.screen_of(channel).plane().is_some();
-        let light_map = blend::light_map(wall, id, &maps.masks(adjustment));
+        let light_map = light_map(shaped, maps, id);
         if is_tile && adjustment.is_plain() && light_map.is_none() {
             return Ok(None);
         }
@@ -82,25 +96,7 @@ impl Plan {
         let warp = if is_tile && bent.is_plain() && adjustment.warp.is_none() {
             None
         } else {
-            let map = wall.pixel_map(id).ok_or("its corner pins leave no picture")?;
-            let screen = wall.screen_of(channel);
-            let mesh = match (adjustment.warp, &screen.surface) {
-                (Some(file), _) => {
-                    let warp = maps.warp(file).ok_or("its warp file is not there")?;
-                    warp.channel_mesh(channel, screen, &map)
-                }
-                (None, Surface::Mesh(file)) if channel.cover == Cover::Tile => {
-                    let surface = maps.warp(*file).ok_or("its screen's file is not there")?;
-                    surface.screen_mesh(channel, screen, &map)
-                }
-                _ => WarpMesh::new(channel.size, MeshRule::default(), |pixel| {
-                    map.display_from_pixel(pixel)
-                }),
-            };
-            if mesh.triangles.is_empty() {
-                return Err("none of its pixels lies on its screen".to_owned());
-            }
-            Some(mesh)
+            Some(warp(shaped, maps, id)?)
         };
         let eyes = match adjustment.packing {
             wall::Packing::None => vec![adjustment.eye],
@@ -133,6 +129,48 @@ impl Plan {
         }
         plan
     }
+}
+
+/// Where the pixels of a channel lie.
+fn warp(shaped: Shaped<'_>, maps: &Maps, id: ChannelId) -> Result<WarpMesh, String> {
+    let map = shaped.pixel_map(id).ok_or("its corner pins leave no picture")?;
+    let channel = shaped.wall.channel(id).ok_or("the wall has no such channel")?;
+    let screen = shaped.wall.screen_of(channel);
+    let ground = shaped.shapes.ground(screen);
+    let mesh = match (channel.adjustment.warp, &screen.surface) {
+        (Some(file), _) => {
+            let warp = maps.warp(file).ok_or("its warp file is not there")?;
+            warp.channel_mesh(channel, &ground, &map)
+        }
+        (None, Surface::Mesh(file)) if channel.cover == Cover::Tile => {
+            let surface = maps.warp(*file).ok_or("its screen's file is not there")?;
+            surface.screen_mesh(channel, &ground, &map)
+        }
+        _ => {
+            WarpMesh::new(channel.size, MeshRule::default(), |pixel| map.display_from_pixel(pixel))
+        }
+    };
+    if mesh.triangles.is_empty() {
+        return Err("none of its pixels lies on its screen".to_owned());
+    }
+    let has_area = |corners: &[u32; 3]| {
+        let [a, b, c] = corners.map(|corner| mesh.vertices[corner as usize].point);
+        (b - a).cross(c - a) != DVec3::ZERO
+    };
+    if !mesh.triangles.iter().any(has_area) {
+        return Err("its pixels lie on a point or a line".to_owned());
+    }
+    Ok(mesh)
+}
+
+/// What a channel's light is multiplied by and what is added: its part in blends, its masks, and
+/// the light of its warp's corners.
+pub(crate) fn light_map(shaped: Shaped<'_>, maps: &Maps, id: ChannelId) -> Option<blend::LightMap> {
+    let channel = shaped.wall.channel(id)?;
+    let light = shaped.pixel_map(id).and_then(|map| maps.light(channel, &map));
+    let light = light.as_ref().and_then(|light| light.texels());
+    let masks = Masks { light, ..maps.masks(&channel.adjustment) };
+    blend::light_map(shaped, id, &masks)
 }
 
 fn renderer_mesh(mesh: &WarpMesh) -> renderer::WarpMesh {

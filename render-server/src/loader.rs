@@ -19,9 +19,10 @@ use polyptych_protocol::ids::{BlobHash, Digest, Epoch};
 use polyptych_protocol::log::{Replica, SceneRef};
 use polyptych_protocol::scene::{Scene, SceneFeatures};
 use polyptych_protocol::status::{Prepared, Status};
-use polyptych_protocol::wall::Wall;
 use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 use polyptych_protocol::wall::warp::WallMap;
+use polyptych_protocol::wall::{Adjustment, Wall};
 use tokio::sync::mpsc;
 
 use crate::apply;
@@ -52,6 +53,8 @@ pub(crate) struct LoadedState {
     pub plans: Arc<Plans>,
     /// The decoded files of its wall.
     pub maps: Maps,
+    /// What they make of it, on the screens of this server's channels.
+    pub shapes: Arc<Shapes>,
 }
 
 impl LoadedState {
@@ -104,6 +107,8 @@ pub(crate) struct Loader {
     ready_scene: Option<(BlobHash, SceneFeatures, Camera)>,
     /// The decoded files of the last wall: it changes in small things while it is adjusted.
     ready_maps: BTreeMap<BlobHash, Arc<WallMap>>,
+    /// What these make of a wall, which is kept as it was before it was adjusted.
+    ready_shapes: Option<(Wall, Arc<Shapes>)>,
     /// Whether the cache's last write failed: said once, not for each of ten thousand blobs.
     is_cacheless: AtomicBool,
 }
@@ -118,6 +123,7 @@ impl Loader {
             ready_plans: None,
             ready_scene: None,
             ready_maps: BTreeMap::new(),
+            ready_shapes: None,
             is_cacheless: AtomicBool::new(false),
         }
     }
@@ -164,9 +170,11 @@ impl Loader {
         let digest = replica.digest();
         let scene = replica.scene.as_ref().map(|scene| scene.manifest);
         let revision = replica.revision;
-        let plans = self.plans(replica.wall.as_deref(), &maps)?;
+        let shapes = self.shapes(replica.wall.as_deref(), &maps);
+        let plans = self.plans(replica.wall.as_deref(), &maps, &shapes)?;
         let ready = replica.clone();
-        let state = LoadedState { epoch, replica: ready, digest, scene, warm_up, plans, maps };
+        let state =
+            LoadedState { epoch, replica: ready, digest, scene, warm_up, plans, maps, shapes };
         let (answer, finished) = sync_channel(1);
         self.upload(Upload::Finish { state: Arc::new(state), answer })?;
         let scene_bytes = finished.recv().map_err(|_| "the render thread has ended")??;
@@ -176,12 +184,37 @@ impl Loader {
         Ok(Prepared { epoch, revision, digest, features, scene_bytes })
     }
 
-    fn plans(&mut self, wall: Option<&Wall>, maps: &Maps) -> Result<Arc<Plans>, String> {
+    /// The same as before where only what does not move its shapes was adjusted.
+    fn shapes(&mut self, wall: Option<&Wall>, maps: &Maps) -> Arc<Shapes> {
+        let Some(wall) = wall.filter(|wall| !wall.files.is_empty()) else {
+            return Arc::default();
+        };
+        let mut bare = wall.clone();
+        for channel in &mut bare.channels {
+            let warp = channel.adjustment.warp;
+            channel.adjustment = Adjustment { warp, ..Adjustment::default() };
+        }
+        if let Some((_, shapes)) = self.ready_shapes.as_ref().filter(|(known, _)| *known == bare) {
+            return Arc::clone(shapes);
+        }
+        let own = |name: &String| wall.channel_named(name).map(|(_, channel)| channel.screen);
+        let screens: Vec<u16> = self.channels.iter().filter_map(own).collect();
+        let shapes = Arc::new(Shapes::of(wall, maps, |screen| screens.contains(&screen)));
+        self.ready_shapes = Some((bare, Arc::clone(&shapes)));
+        shapes
+    }
+
+    fn plans(
+        &mut self,
+        wall: Option<&Wall>,
+        maps: &Maps,
+        shapes: &Shapes,
+    ) -> Result<Arc<Plans>, String> {
         let Some(wall) = wall else { return Ok(Arc::default()) };
         if let Some((_, plans)) = self.ready_plans.as_ref().filter(|(known, _)| known == wall) {
             return Ok(Arc::clone(plans));
         }
-        let plans = Arc::new(correction::plans(wall, maps, &self.channels)?);
+        let plans = Arc::new(correction::plans(Shaped { wall, shapes }, maps, &self.channels)?);
         self.ready_plans = Some((wall.clone(), Arc::clone(&plans)));
         Ok(plans)
     }

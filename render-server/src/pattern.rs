@@ -18,7 +18,8 @@ use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::wall::color::srgb_from_linear;
 use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::{Adjustment, Channel, Cover, Packing, Surface, Turn, Wall};
+use polyptych_protocol::wall::shapes::Shaped;
+use polyptych_protocol::wall::{Adjustment, Channel, Packing, Turn};
 
 use crate::renderer::{Label, Place};
 use places::Places;
@@ -32,19 +33,25 @@ const BLACK: [u8; 3] = [0; 3];
 ///
 /// # Errors
 /// There is no such channel, or its pins leave no picture.
-fn picture(wall: &Wall, id: ChannelId, pattern: Pattern, eye: DVec3) -> Result<RgbaImage, String> {
+fn picture(
+    shaped: Shaped<'_>,
+    id: ChannelId,
+    pattern: Pattern,
+    eye: DVec3,
+) -> Result<RgbaImage, String> {
+    let wall = shaped.wall;
     let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
     let screen = wall.screen_of(channel);
     let no_picture = || format!("the pins of channel {} leave no picture", channel.name);
-    let map = wall.pixel_map(id).ok_or_else(no_picture)?;
+    let map = shaped.pixel_map(id).ok_or_else(no_picture)?;
     let places = Places::new(&map, channel.size);
     let follows_canvas = matches!(
         pattern,
         Pattern::Grid | Pattern::Checker | Pattern::Crosshair | Pattern::Overlap | Pattern::Density
     );
-    if follows_canvas && is_mapped_by_file(wall, channel) {
+    if follows_canvas && !map.is_known() {
         // Said on the display: a channel that fails would keep its last picture.
-        return Ok(words(channel, "where its pixels lie stands in a file"));
+        return Ok(words(channel, "where its pixels lie stands in a file that is not there"));
     }
     Ok(match pattern {
         Pattern::Grid => {
@@ -55,9 +62,9 @@ fn picture(wall: &Wall, id: ChannelId, pattern: Pattern, eye: DVec3) -> Result<R
         }
         Pattern::Checker => canvas::checker(wall, screen, &places),
         Pattern::Crosshair => canvas::crosshair(wall, screen, &places, eye),
-        Pattern::Overlap => light::overlap(wall, id, &places),
+        Pattern::Overlap => light::overlap(shaped, id, &places),
         Pattern::Density => light::density(channel, &map, eye),
-        Pattern::Weights => light::weights(wall, id),
+        Pattern::Weights => light::weights(shaped, id),
         Pattern::Ramp => own::ramp(channel.size),
         Pattern::ColorBars => own::color_bars(channel.size),
         Pattern::Focus => own::focus(channel.size),
@@ -70,17 +77,18 @@ fn picture(wall: &Wall, id: ChannelId, pattern: Pattern, eye: DVec3) -> Result<R
 ///
 /// # Errors
 /// As [`picture`].
-pub(crate) fn display(
-    wall: &Wall,
+pub(crate) fn display<'a>(
+    of: impl Into<Shaped<'a>>,
     maps: &Maps,
     id: ChannelId,
     pattern: Pattern,
     eye: DVec3,
 ) -> Result<RgbaImage, String> {
-    let mut upright = picture(wall, id, pattern, eye)?;
-    let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
+    let shaped = of.into();
+    let mut upright = picture(shaped, id, pattern, eye)?;
+    let channel = shaped.wall.channel(id).ok_or("the channel is not on the wall any more")?;
     if !pattern.is_of_light() {
-        light::share(&mut upright, wall, maps, id);
+        light::share(&mut upright, shaped, maps, id);
     }
     Ok(hung(&channel.adjustment, &upright))
 }
@@ -110,12 +118,6 @@ fn hung(adjustment: &Adjustment, upright: &RgbaImage) -> RgbaImage {
         Turn::Right => imageops::rotate270(&packed),
         Turn::Half => imageops::rotate180(&packed),
     }
-}
-
-/// Whether only a file says where its pixels lie.
-fn is_mapped_by_file(wall: &Wall, channel: &Channel) -> bool {
-    let is_mesh = matches!(wall.screen_of(channel).surface, Surface::Mesh(_));
-    channel.cover == Cover::Map || (is_mesh && channel.cover != Cover::Tile)
 }
 
 fn words(channel: &Channel, what: &str) -> RgbaImage {

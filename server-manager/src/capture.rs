@@ -1,5 +1,8 @@
 //! Stitches the pictures that the channels of one frame sent, as they hang on the wall: plain tiles
-//! byte for byte; where channels overlap, lie askew or correct their light, the sum of their light.
+//! byte for byte; where channels overlap, lie askew, lie where a file says or correct their light,
+//! the sum of their light.
+
+mod wall_shapes;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -8,11 +11,14 @@ use polyptych_protocol::blob::PictureChunk;
 use polyptych_protocol::ids::{ChannelId, FrameId};
 use polyptych_protocol::request::PictureInfo;
 use polyptych_protocol::wall::color::SrgbCodes;
+use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::superposition::{DisplayPicture, Side, Superposition, is_superposed};
 use polyptych_protocol::wall::{Channel, Wall};
 use rayon::prelude::*;
 
 use crate::cluster::RequestOf;
+
+pub use wall_shapes::WallShapes;
 
 /// What stands where no channel shows anything: bezels, and channels that sent no picture.
 const DARK: [u8; 4] = [12, 12, 12, 255];
@@ -83,6 +89,7 @@ pub struct Collection {
     parts: Vec<Part>,
     /// As the frame shows it.
     wall: Wall,
+    shapes: WallShapes,
     room: Room,
 }
 
@@ -113,7 +120,7 @@ impl Collection {
         frame: FrameId,
         channels: &[ChannelId],
         missing: Vec<(String, String)>,
-        wall: &Wall,
+        (wall, shapes): (&Wall, &WallShapes),
         room: Room,
     ) -> Self {
         let part = |&id: &ChannelId| {
@@ -129,7 +136,7 @@ impl Collection {
             })
         };
         let parts = channels.iter().filter_map(part).collect();
-        Self { job, frame, missing, parts, wall: wall.clone(), room }
+        Self { job, frame, missing, parts, wall: wall.clone(), shapes: shapes.clone(), room }
     }
 
     /// A piece has come. Pieces of other frames and pieces that don't fit are not taken.
@@ -199,10 +206,12 @@ impl Collection {
     /// that is something else, has the screen's name and `-right`.
     pub fn stitch(self) -> (Vec<Picture>, Room) {
         let wall = &self.wall;
+        let shapes = self.shapes.of(wall);
+        let of = Shaped { wall, shapes: &shapes };
         let mut pictures = Vec::new();
         for index in 0..u16::try_from(wall.screens.len()).unwrap_or(u16::MAX) {
             let sides = Side::of(wall, index).iter();
-            pictures.extend(sides.map(|side| screen_picture(wall, index, *side, &self.parts)));
+            pictures.extend(sides.map(|side| screen_picture(of, index, *side, &self.parts)));
         }
         for Part { name, size: (width, height), bytes, .. } in self.parts {
             let info = PictureInfo { name, is_screen: false, width, height };
@@ -213,7 +222,8 @@ impl Collection {
 }
 
 /// What one eye sees of a screen.
-fn screen_picture(wall: &Wall, index: u16, side: Side, parts: &[Part]) -> Picture {
+fn screen_picture(of: Shaped<'_>, index: u16, side: Side, parts: &[Part]) -> Picture {
+    let wall = of.wall;
     let screen = &wall.screens[usize::from(index)];
     let name = match side {
         Side::Left => screen.name.clone(),
@@ -224,7 +234,7 @@ fn screen_picture(wall: &Wall, index: u16, side: Side, parts: &[Part]) -> Pictur
     let info = PictureInfo { name, is_screen: true, width, height };
     let mut picture = Picture { info, rgba };
     if is_superposed(wall, index, side) {
-        superpose(&mut picture, wall, index, side, parts);
+        superpose(&mut picture, of, index, side, parts);
         return picture;
     }
     for part in parts {
@@ -237,12 +247,12 @@ fn screen_picture(wall: &Wall, index: u16, side: Side, parts: &[Part]) -> Pictur
 }
 
 /// The sum of the channels' light, sRGB again. Row by row, so that it needs no room of its own.
-fn superpose(picture: &mut Picture, wall: &Wall, index: u16, side: Side, parts: &[Part]) {
+fn superpose(picture: &mut Picture, of: Shaped<'_>, index: u16, side: Side, parts: &[Part]) {
     let pictures: Vec<_> = parts
         .iter()
         .map(|part| DisplayPicture { channel: part.channel, rgba: &part.bytes })
         .collect();
-    let shown = Superposition::new(wall, index, side, &pictures);
+    let shown = Superposition::new(of, index, side, &pictures);
     let codes = SrgbCodes::default();
     let row_bytes = 4 * picture.info.width.max(1) as usize;
     picture.rgba.par_chunks_exact_mut(row_bytes).enumerate().for_each(|(y, row)| {

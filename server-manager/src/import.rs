@@ -3,7 +3,7 @@
 
 mod wall_files;
 
-pub use wall_files::bake_wall_files;
+pub use wall_files::{bake_wall_files, read_wall_files};
 
 use std::path::{Path, PathBuf};
 use std::process::Stdio;

@@ -27,7 +27,7 @@ use tracing::Instrument;
 
 use crate::brain::Brain;
 use crate::bulk::AllowedBlobs;
-use crate::capture::{Collection, PictureMemory};
+use crate::capture::{Collection, PictureMemory, WallShapes};
 use crate::cluster::{self, Input, Micros, Output, RequestOf, SessionId};
 use crate::delivery;
 use crate::door;
@@ -167,6 +167,7 @@ struct Hub {
     clients: BTreeMap<SessionId, Link>,
     collections: Vec<(Instant, Collection)>,
     pictures: PictureMemory,
+    shapes: WallShapes,
     bakes: Arc<Semaphore>,
     is_stopping: bool,
 }
@@ -180,6 +181,7 @@ impl Hub {
     fn new(mut options: ManagerOptions, epoch: Epoch, events: mpsc::Sender<Event>) -> Self {
         let allowed = AllowedBlobs::default();
         allowed.allow(&options.wall.blobs().collect::<Vec<_>>());
+        let blobs = BlobFolder::new(options.baker.store.join("blobs"));
         Self {
             cluster: beginning::begin(&mut options, epoch, &allowed),
             options,
@@ -194,6 +196,7 @@ impl Hub {
             clients: BTreeMap::new(),
             collections: Vec::new(),
             pictures: PictureMemory::default(),
+            shapes: WallShapes::new(blobs),
             bakes: Arc::new(Semaphore::new(BAKES_MAX)),
             is_stopping: false,
         }
@@ -417,6 +420,7 @@ impl Hub {
                     let room = self.pictures.room_for(wall);
                     match room {
                         Ok(room) => {
+                            let wall = (wall, &self.shapes);
                             let collection =
                                 Collection::new(job, frame, &channels, missing, wall, room);
                             let expires = Instant::now() + CAPTURE_TIME_MAX;

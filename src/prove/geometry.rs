@@ -10,6 +10,7 @@ use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::blend::LightMap;
 use polyptych_protocol::wall::pixels::PixelMap;
+use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::{Channel, Cover, Wall};
 
 use super::light;
@@ -70,12 +71,13 @@ struct Found {
 /// What could not be drawn or written.
 pub(super) fn prove(
     client: &Client,
-    (wall, maps): (&Wall, &[Option<LightMap>]),
+    (shaped, maps): (Shaped<'_>, &[Option<LightMap>]),
     folder: &Path,
     table: &mut Table,
     mut keep: impl FnMut(&Capture) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
-    let seen = channels(wall);
+    let wall = shaped.wall;
+    let seen = channels(shaped);
     let markers = markers(wall, &seen);
     let rest: Vec<&str> = wall
         .channels
@@ -84,7 +86,7 @@ pub(super) fn prove(
         .filter(|name| seen.iter().all(|channel| channel.name != *name))
         .collect();
     if !rest.is_empty() {
-        let why = "too small for markers, or a file says where their pixels lie or masks them";
+        let why = "too small for markers, or nothing is lit in their middle";
         let note = format!("{}: {why}", rest.join(", "));
         table.add("channels without markers", rest.len() as f64, "", None, note);
     }
@@ -116,17 +118,16 @@ pub(super) fn prove(
     Ok(())
 }
 
-fn channels(wall: &Wall) -> Vec<Seen<'_>> {
+fn channels(shaped: Shaped<'_>) -> Vec<Seen<'_>> {
+    let wall = shaped.wall;
     let head = Head::at(wall.eye, wall.eye_separation_m);
     let seen = |id| {
         let channel = wall.channel(id)?;
-        let map = wall.pixel_map(id)?;
+        let map = shaped.pixel_map(id)?;
         let eye = head.eye(light::eye_of(&channel.adjustment));
         let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
         let is_warped = is_warped(wall, channel);
-        // Only their files know where the others' pixels lie, and what is left of their light.
-        let is_masked = channel.adjustment.alpha.or(channel.adjustment.beta).is_some();
-        map.display_from_pixel(channel.size.as_dvec2() / 2.0).filter(|_| !is_masked)?;
+        map.display_from_pixel(channel.size.as_dvec2() / 2.0)?;
         Some(Seen { id, name: &channel.name, map, eye, half, is_warped })
     };
     wall.channel_ids().filter_map(seen).filter(|seen| seen.half >= HALF_MIN_PX).collect()

@@ -10,6 +10,8 @@ use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
 use polyptych_protocol::wall::blend::{LightMap, Masks, light_map};
+use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::source::SourcePlan;
 use polyptych_protocol::wall::superposition::{ChannelLight, Side};
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
@@ -30,9 +32,15 @@ pub(super) fn eye_of(adjustment: &Adjustment) -> EyeOf {
     if adjustment.packing == Packing::None { adjustment.eye } else { EyeOf::Left }
 }
 
-/// What each channel has of the light, without masks from files; made once, as it takes a while.
-pub(super) fn maps(wall: &Wall) -> Vec<Option<LightMap>> {
-    wall.channel_ids().map(|id| light_map(wall, id, &Masks::default())).collect()
+/// What each channel has of the light, by blends and by its files; made once, as it takes a while.
+pub(super) fn maps(shaped: Shaped<'_>, files: &Maps) -> Vec<Option<LightMap>> {
+    let map = |id| {
+        let channel = shaped.wall.channel(id)?;
+        let light = shaped.pixel_map(id).and_then(|pixels| files.light(channel, &pixels));
+        let light = light.as_ref().and_then(|light| light.texels());
+        light_map(shaped, id, &Masks { light, ..files.masks(&channel.adjustment) })
+    };
+    shaped.wall.channel_ids().map(map).collect()
 }
 
 /// The light of a channel's picture, upright and before it was shared.
@@ -71,25 +79,26 @@ pub(super) fn of(
 ///
 /// # Errors
 /// A channel that cannot be drawn at all.
-pub(super) fn prove(
-    wall: &Wall,
-    maps: &[Option<LightMap>],
-    table: &mut Table,
-) -> anyhow::Result<()> {
-    prove_sampling(wall, table)?;
+pub(super) fn prove(shaped: Shaped<'_>, table: &mut Table) -> anyhow::Result<()> {
+    let wall = shaped.wall;
+    prove_sampling(shaped, table)?;
+    // Blends alone: what masks of files add up to, only who made them knows.
+    let maps: Vec<_> =
+        wall.channel_ids().map(|id| light_map(shaped, id, &Masks::default())).collect();
     if maps.iter().all(Option::is_none) {
         return Ok(());
     }
-    shares::prove(wall, maps, table);
+    shares::prove(shaped, &maps, table);
     Ok(())
 }
 
 /// From how many pixels channels are drawn that are warped.
-fn prove_sampling(wall: &Wall, table: &mut Table) -> anyhow::Result<()> {
+fn prove_sampling(shaped: Shaped<'_>, table: &mut Table) -> anyhow::Result<()> {
+    let wall = shaped.wall;
     let head = Head::at(wall.eye, wall.eye_separation_m);
     let mut densities: Vec<(f64, f64, &str)> = Vec::new();
     for id in wall.channel_ids() {
-        let (Some(channel), Some(map)) = (wall.channel(id), wall.pixel_map(id)) else { continue };
+        let (Some(channel), Some(map)) = (wall.channel(id), shaped.pixel_map(id)) else { continue };
         if !super::geometry::is_warped(wall, channel) {
             continue;
         }

@@ -9,6 +9,7 @@ use polyptych_client::{ChannelState, ConnectOptions, Wall, overview};
 use polyptych_manager::import::{Baker, bake_wall_files};
 use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::wall::color::{linear_from_srgb, srgb_from_linear};
 use polyptych_protocol::wall::warp::WallMap;
 use polyptych_protocol::wall::{FileKind, MapFile, file};
 
@@ -28,7 +29,13 @@ fn wall_with_files(place: &Place) -> Wall {
     let mask = Png { size: [2, 2], color: 0, bits: 8, gamma: Some(45_455), texels: &texels };
     place.write("front.png", png(&mask));
     for (path, kind) in [("front.pfm", FileKind::Warp), ("front.png", FileKind::Alpha)] {
-        wall.files.push(MapFile { path: path.to_owned(), kind, blob: None, is_for_one_eye: false });
+        wall.files.push(MapFile {
+            path: path.to_owned(),
+            kind,
+            blob: None,
+            is_for_one_eye: false,
+            front: Vec::new(),
+        });
     }
     wall.channels[0].adjustment.warp = Some(0);
     wall.channels[0].adjustment.alpha = Some(1);
@@ -264,9 +271,17 @@ fn archive_of_geometry(profile: &str) -> Vec<u8> {
     maps::zip(&maps::mpcdi_entries(profile, [200, 100], &regions))
 }
 
-/// What both channels of a wall file show of the town, by real processes: from one place, whatever
-/// the screens are.
-fn show(path: &Path) -> [RgbaImage; 2] {
+/// What a wall shows of the town.
+struct Shown {
+    /// Of the channels `left` and `right`.
+    channels: [RgbaImage; 2],
+    /// Of all channels together, on the first screen.
+    screen: RgbaImage,
+}
+
+/// What a wall file shows of the town, by real processes: from one place, whatever the screens
+/// are.
+fn show(path: &Path) -> Shown {
     let mut wall = file::load(path).unwrap_or_else(|error| panic!("{error}"));
     let folder = path.parent().expect("a folder");
     for file in &mut wall.files {
@@ -279,10 +294,11 @@ fn show(path: &Path) -> [RgbaImage; 2] {
     client.set_camera(overview(&geometry, &bounds, 0.52)).expect("set");
     let capture = client.capture().expect("captured");
     assert_eq!(capture.missing, []);
-    ["left", "right"].map(|name| {
+    let channels = ["left", "right"].map(|name| {
         let picture = capture.channels.iter().find(|picture| picture.name == name);
         pictures::image_of(picture.expect("a picture"))
-    })
+    });
+    Shown { channels, screen: pictures::image_of(&capture.screens[0]) }
 }
 
 /// A screen that stands in a file as a mesh shows what a plane in the same place does.
@@ -306,10 +322,102 @@ fn a_screen_of_a_mesh_shows_what_its_points_say() {
         .replace("0.000001", "0.0");
     let [due, shown] = [("geometry.toml", BY_GEOMETRY.to_owned()), ("mesh.toml", by_mesh)]
         .map(|(name, text)| show(&place.write(name, text)));
-    assert!(pictures::color_count(&due[0]) > 100, "no town");
-    for (shown, due) in shown.iter().zip(&due) {
+    assert!(pictures::color_count(&due.channels[0]) > 100, "no town");
+    for (shown, due) in shown.channels.iter().zip(&due.channels) {
         println!("mesh: {}", pictures::check("mesh-screen", shown, due, &SAMPLED_OTHERWISE));
     }
+}
+
+/// Two projectors that stand side by side before the screen and overlap by half.
+fn projectors(text: &str) -> String {
+    let of = |name: &str, x: f64| {
+        format!(
+            "[[screen.channel]]\nname = \"{name}\"\npixels = [120, 100]\n\
+             [screen.channel.projector]\nposition = [{x}, 0.1, 0.0]\n\
+             look_at = [{x}, 0.0, -4.0]\ndegrees = [36.0, 30.0]\n"
+        )
+    };
+    let head = text.split("[[screen.channel]]").next().expect("a head");
+    [head, &of("left", -0.6), &of("right", 0.6)].concat()
+}
+
+/// A plane of the screen's size as a mesh of cells.
+fn board() -> String {
+    maps::obj([4, 4], |u, v| ([u * 4.0 - 2.0, 1.0 - v * 2.0, -4.0], [u, 1.0 - v]))
+}
+
+/// Projectors whose light falls on a mesh, and the same ones as maps that somebody measured: they
+/// show, share and add up to what they do on a plane.
+#[test]
+fn projectors_on_a_mesh_and_their_maps_show_what_they_do_on_a_plane() {
+    let place = Place::new();
+    place.write("screen.obj", board());
+    let by_plane = projectors(BY_GEOMETRY);
+    let plane = "size = [4.0, 2.0]\ncenter = [0.0, 0.0, -4.0]\n";
+    let by_mesh = by_plane.replace(plane, "mesh = \"screen.obj\"\n");
+    let wall = file::parse(&by_plane, "plane.toml".as_ref()).expect("a wall");
+    for (id, name) in wall.channel_ids().zip(["left", "right"]) {
+        let map = wall.pixel_map(id).expect("a picture");
+        let point = |x: u32, y: u32| {
+            let pixel = glam::DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+            map.display_from_pixel(pixel).expect("lit").as_vec3().to_array()
+        };
+        place.write(&format!("{name}.pfm"), maps::pfm([120, 100], 3, true, point));
+    }
+    let head = by_plane.split("[[screen.channel]]").next().expect("a head");
+    let channel =
+        |name: &str| format!("[[screen.channel]]\nname = \"{name}\"\npixels = [120, 100]\n");
+    let warp = |name: &str| format!("[channel.{name}]\nwarp = \"{name}.pfm\"\n");
+    let by_maps =
+        [head, &channel("left"), &channel("right"), &warp("left"), &warp("right")].concat();
+    let [due, mesh, maps] = [("plane", by_plane), ("mesh", by_mesh), ("maps", by_maps)]
+        .map(|(name, text)| show(&place.write(&format!("{name}.toml"), text)));
+    assert!(pictures::color_count(&due.screen) > 100, "no town");
+    for (name, shown) in [("mesh", mesh), ("maps", maps)] {
+        for (shown, due) in shown.channels.iter().zip(&due.channels) {
+            let name = format!("projector-{name}");
+            println!("{name}: {}", pictures::check(&name, shown, due, &SAMPLED_OTHERWISE));
+        }
+        let name = format!("projectors-screen-{name}");
+        let (shown, due) = (&shown.screen, &due.screen);
+        println!("{name}: {}", pictures::check(&name, shown, due, &SAMPLED_OTHERWISE));
+    }
+}
+
+/// A Bourke mesh dims its picture where it says so: codes are those of as much light.
+#[test]
+fn the_light_of_a_mesh_is_drawn() {
+    let place = Place::new();
+    let mesh = |light: [f64; 3]| {
+        maps::bourke([3, 2], move |x, y| {
+            let (x, y) = (x as usize, f64::from(y));
+            [x as f64 - 1.0, y * 2.0 - 1.0, x as f64 / 4.0, y, light[x]]
+        })
+    };
+    let wall = |name: &str| {
+        let warp = format!("[channel.left]\nwarp = \"{name}.data\"\n[channel.right]");
+        BY_GEOMETRY.replace(
+            "[channel.left]\npin = [[0.000001, 0.0], [0.0, 0.0], [0.0, 0.0], \
+                             [0.0, 0.0]]\n[channel.right]",
+            &warp,
+        )
+    };
+    place.write("light.data", mesh([1.0, 1.0, 1.0]));
+    place.write("dim.data", mesh([1.0, 0.5, 1.0]));
+    let [due, dim] =
+        ["light", "dim"].map(|name| show(&place.write(&format!("{name}.toml"), wall(name))));
+    let mut worst = 0.0_f64;
+    for (x, y, code) in dim.channels[0].enumerate_pixels() {
+        // Linear in the picture between corners, of stored colours of gamma 2.2.
+        let middle = 1.0 - ((f64::from(x) + 0.5) / 50.0 - 1.0).abs();
+        let factor = 1.0 + (0.5_f64.powf(2.2) - 1.0) * middle;
+        let light = linear_from_srgb(f64::from(due.channels[0].get_pixel(x, y)[1]) / 255.0);
+        let expected = srgb_from_linear(light * factor) * 255.0;
+        worst = worst.max((f64::from(code[1]) - expected).abs());
+    }
+    println!("dimmed by a mesh: at most {worst:.2} levels off");
+    assert!(pictures::color_count(&dim.channels[0]) > 100, "no town");
+    assert!(worst <= 1.1, "{worst}: half a level of both, the brighter one dimmed");
 }
 
 /// Archives of both profiles, imported and shown by real processes, against the same wall by its
@@ -319,15 +427,20 @@ fn an_imported_wall_shows_what_its_geometry_would() {
     let place = Place::new();
     let town = scenes::town().display().to_string();
     let due = show(&place.write("geometry.toml", BY_GEOMETRY));
-    assert!(pictures::color_count(&due[0]) > 100, "no town");
+    assert!(pictures::color_count(&due.channels[0]) > 100, "no town");
     for profile in ["2d", "3d"] {
         let file = place.write("hall.mpcdi", archive_of_geometry(profile)).display().to_string();
         let folder = place.path(&format!("hall-{profile}"));
         let out = folder.display().to_string();
         place.run(["wall", "import", &file, "-o", &out]).succeeded();
-        for (shown, due) in show(&folder.join("wall.toml")).iter().zip(&due) {
+        let shown = show(&folder.join("wall.toml"));
+        for (shown, due) in shown.channels.iter().zip(&due.channels) {
             let difference = pictures::check(&format!("mpcdi-{profile}"), shown, due, &RESAMPLED);
             println!("{profile}: {difference}");
+        }
+        if profile == "2d" {
+            let (shown, due) = (&shown.screen, &due.screen);
+            println!("{}", pictures::check("mpcdi-screen", shown, due, &SAMPLED_OTHERWISE));
         }
     }
     std::fs::write(place.path("hall-2d/left.pfm"), b"PF\n100 100\n-1.0\n").expect("written");

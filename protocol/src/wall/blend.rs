@@ -18,8 +18,8 @@
 //! A weight depends on the place and not on the pixel that shows it, so that channels whose
 //! pixels lie askew agree. Channels for different eyes share nothing: glasses hide the others'.
 //! What is for both eyes has the light that keeps both sums (`eyes.rs`).
-//! Channels whose pixels lie where a file says ([`Cover::Map`](super::Cover::Map)) have weight 1;
-//! their masks come with that file.
+//! Channels whose pixels lie where a file says ([`Cover::Map`](super::Cover::Map)) have weight 1
+//! where that file brings its own shares of light: an alpha mask, or light at a mesh's corners.
 
 mod eyes;
 pub(super) mod lamp;
@@ -31,7 +31,8 @@ use std::collections::BTreeSet;
 
 use glam::{DVec2, UVec2};
 
-use super::{EyeOf, Wall};
+use super::EyeOf;
+use super::shapes::Shaped;
 use crate::ids::ChannelId;
 use eyes::Light;
 use lamp::Lamp;
@@ -59,13 +60,19 @@ pub struct LightMap {
 
 /// The light map of a channel, or `None` where it changes nothing: its light is its own, nothing
 /// leaks and nothing is masked.
-pub fn light_map(wall: &Wall, id: ChannelId, masks: &Masks<'_>) -> Option<LightMap> {
+pub fn light_map<'a>(
+    of: impl Into<Shaped<'a>>,
+    id: ChannelId,
+    masks: &Masks<'_>,
+) -> Option<LightMap> {
+    let shaped = of.into();
+    let wall = shaped.wall;
     let channel = wall.channel(id)?;
     let leak = wall.blend.leak;
-    if masks.is_empty() && !Blend::overlaps_any(wall, id) && leak == 0.0 {
+    if masks.is_empty() && !Blend::overlaps_any(shaped, id) && leak == 0.0 {
         return None;
     }
-    let blend = Blend::new(wall);
+    let blend = Blend::new(shaped);
     // Without a leak, nobody needs to know.
     let most = if leak > 0.0 { blend.most() } else { 1 };
     let rule = BlackRule::new(leak, most);
@@ -147,15 +154,17 @@ impl Share {
 /// Who lights what on a wall.
 #[derive(Clone, Debug)]
 pub struct Blend<'a> {
-    wall: &'a Wall,
+    wall: &'a super::Wall,
     /// One for each channel.
     lamps: Vec<Lamp<'a>>,
 }
 
 impl<'a> Blend<'a> {
-    /// The blends of a wall.
-    pub fn new(wall: &'a Wall) -> Self {
-        let mut lamps: Vec<_> = wall.channels.iter().map(|c| Lamp::new(wall, c)).collect();
+    /// The blends of a wall; without its shapes, channels that files place share nothing.
+    pub fn new(of: impl Into<Shaped<'a>>) -> Self {
+        let shaped = of.into();
+        let wall = shaped.wall;
+        let mut lamps: Vec<_> = wall.channels.iter().map(|c| Lamp::new(shaped, c)).collect();
         overlap::find_neighbours(&mut lamps);
         Self { wall, lamps }
     }
@@ -215,11 +224,12 @@ impl<'a> Blend<'a> {
     }
 
     /// Whether anything could light what this channel lights; without a map of the whole wall.
-    fn overlaps_any(wall: &Wall, id: ChannelId) -> bool {
+    fn overlaps_any(shaped: Shaped<'_>, id: ChannelId) -> bool {
+        let wall = shaped.wall;
         let Some(channel) = wall.channel(id) else { return false };
-        let lamp = Lamp::new(wall, channel);
+        let lamp = Lamp::new(shaped, channel);
         let mut others = wall.channel_ids().zip(&wall.channels).filter(|(other, _)| *other != id);
-        others.any(|(_, other)| lamp.may_meet(&Lamp::new(wall, other)))
+        others.any(|(_, other)| lamp.may_meet(&Lamp::new(shaped, other)))
     }
 }
 

@@ -157,10 +157,17 @@ impl Wall {
 
     fn check_eye(&self, channel: &Channel, eye: DVec3) -> Result<(), FrustumError> {
         let screen = self.screen_of(channel);
+        if let Some(distance_m) = self.behind_file_m(channel, eye) {
+            let (channel, screen) = (channel.name.clone(), screen.name.clone());
+            return Err(FrustumError::EyeBehind { channel, screen, eye, distance_m });
+        }
+        if channel.cover == Cover::Map {
+            // Its own points count, wherever its screen is.
+            return Ok(());
+        }
         if screen.plane().is_some() {
             return seen_from_front(channel, screen, eye).map(|_| ());
         }
-        // Points of a mesh are known to who has its file: servers refuse to draw it then.
         let Some(distance_m) = screen.surface.distance_m(eye) else { return Ok(()) };
         let (channel, screen) = (channel.name.clone(), screen.name.clone());
         if distance_m.abs() <= EYE_DISTANCE_MIN_M {
@@ -275,7 +282,13 @@ mod tests {
     fn a_warp_for_one_eye_refuses_to_follow_a_head() {
         let mut wall = plane();
         let (path, kind) = ("left.png".to_owned(), FileKind::Warp);
-        wall.files.push(MapFile { path, kind, blob: None, is_for_one_eye: true });
+        wall.files.push(MapFile {
+            path,
+            kind,
+            blob: None,
+            is_for_one_eye: true,
+            front: Vec::new(),
+        });
         wall.channels[0].adjustment.warp = Some(0);
         assert_eq!(wall.check_head(&wall.head()), Ok(()), "where the wall file has it");
         let moved = Head::at(DVec3::X * 0.1, wall.eye_separation_m);

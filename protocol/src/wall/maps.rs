@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use super::blend::{MaskTexels, Masks};
-use super::warp::{MapSpace, WallMap, WarpMap, WarpShape};
-use super::{Adjustment, FileKind, MapFile, Surface, Wall};
+use super::blend::Masks;
+use super::pixels::PixelMap;
+use super::warp::{MapSpace, Mask, WallMap, WarpMap, WarpShape};
+use super::{Adjustment, Channel, FileKind, MapFile, Surface, Wall};
 use crate::ids::BlobHash;
 
 /// What the files of a wall became: each is there, sound, and of the kind that the wall says.
@@ -53,12 +54,16 @@ impl Maps {
     /// The masks of a channel.
     pub fn masks(&self, adjustment: &Adjustment) -> Masks<'_> {
         let mask = |file: Option<u16>| match self.get(file?)?.as_ref() {
-            WallMap::Mask(mask) => {
-                MaskTexels::new(mask.size, usize::from(mask.components), &mask.texels)
-            }
+            WallMap::Mask(mask) => mask.texels(),
             WallMap::Warp(_) => None,
         };
-        Masks { alpha: mask(adjustment.alpha), beta: mask(adjustment.beta) }
+        Masks { alpha: mask(adjustment.alpha), beta: mask(adjustment.beta), light: None }
+    }
+
+    /// The light that a channel's warp mesh says at its corners, for each of its pixels; `None`
+    /// where it is all of it. It belongs to the channel's [`masks`](Self::masks).
+    pub fn light(&self, channel: &Channel, pixels: &PixelMap<'_>) -> Option<Mask> {
+        self.warp(channel.adjustment.warp?)?.light_mask(channel.size, pixels)
     }
 
     /// How many there are.
@@ -116,8 +121,8 @@ impl Wall {
 mod tests {
     use glam::{UVec2, Vec3};
 
-    use super::super::warp::{Mask, WarpGrid};
-    use super::super::{Channel, Screen};
+    use super::super::Screen;
+    use super::super::warp::WarpGrid;
     use super::*;
 
     fn warp() -> WallMap {
@@ -149,6 +154,7 @@ mod tests {
             kind,
             blob: Some(BlobHash([3; 32])),
             is_for_one_eye: false,
+            front: Vec::new(),
         });
         wall
     }

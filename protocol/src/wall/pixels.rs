@@ -3,6 +3,7 @@
 //! ```text
 //! channel pixel --bend, pin--> tile's pixel --origin--> canvas --surface--> display space
 //!                         or   projector's ray ------------------^
+//!                         or   its warp file ------> display space --wall's eye--> canvas
 //! ```
 //!
 //! Pixels are counted from the upper left corner of the upper left one: a pixel's middle is at
@@ -10,33 +11,45 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::{Channel, Cover, Screen, Wall};
+use super::facets::Facets;
+use super::shapes::{Ground, Shaped, Shapes};
+use super::{Channel, Cover, Screen, Surface, Wall};
 use crate::ids::ChannelId;
 
 /// Steps of the search for the pixel that a bend moves to a place; each at least halves the error.
 const UNBEND_STEPS: usize = 32;
 
+/// How far a place of a mesh's canvas may be from where the pixel lies that shows it, in pixels of
+/// the canvas: more, and another layer of the mesh stands before it.
+const LAYER_PX: f64 = 1.0;
+
 /// The places of one channel's pixels.
 #[derive(Clone, Debug)]
 pub struct PixelMap<'a> {
     channel: &'a Channel,
-    screen: &'a Screen,
+    ground: Ground<'a>,
+    /// Its warp, and the eye that sees it on the canvas.
+    warp: Option<(&'a Facets, DVec3)>,
     /// From where a pixel is meant to be to where the pins move it, and back.
     pin: Option<(DMat3, DMat3)>,
 }
 
 impl Wall {
-    /// Where the pixels of a channel lie; `None` where there is no such channel, or where its pins
-    /// leave no picture.
+    /// Where the pixels of a channel lie, as far as no file has to say it ([`Shaped::pixel_map`]);
+    /// `None` where there is no such channel, or where its pins leave no picture.
     pub fn pixel_map(&self, id: ChannelId) -> Option<PixelMap<'_>> {
-        let channel = self.channel(id)?;
-        PixelMap::new(channel, self.screens.get(usize::from(channel.screen))?)
+        Shaped::from(self).pixel_map(id)
     }
 }
 
 impl<'a> PixelMap<'a> {
-    /// The map of a channel on its screen; `None` where its pins leave no picture.
+    /// The map of a channel on its screen, without files; `None` where its pins leave no picture.
     pub fn new(channel: &'a Channel, screen: &'a Screen) -> Option<Self> {
+        Self::shaped(channel, screen, Shapes::none())
+    }
+
+    /// The map of a channel on its screen; `None` where its pins leave no picture.
+    pub fn shaped(channel: &'a Channel, screen: &'a Screen, shapes: &'a Shapes) -> Option<Self> {
         let pin = match channel.adjustment.pin {
             moves if moves == [DVec2::ZERO; 4] => None,
             moves => {
@@ -48,7 +61,7 @@ impl<'a> PixelMap<'a> {
                 Some((forth, homography(pinned, corners)?))
             }
         };
-        Some(Self { channel, screen, pin })
+        Some(Self { channel, ground: shapes.ground(screen), warp: shapes.warp_of(channel), pin })
     }
 
     /// The place of the screen's canvas, in pixels, that a place of the channel's picture shows.
@@ -56,11 +69,11 @@ impl<'a> PixelMap<'a> {
         let meant = self.meant_from_pixel(pixel)?;
         match &self.channel.cover {
             Cover::Tile => Some(self.channel.origin.as_dvec2() + meant),
-            Cover::Projector(projector) => {
-                let place = meant / self.channel.size.as_dvec2();
-                self.screen.canvas_from_display(projector.lit(&self.screen.surface, place)?)
+            Cover::Projector(_) => self.lit(meant).map(|(_, canvas)| canvas),
+            Cover::Map => {
+                let (facets, eye) = self.warp?;
+                self.ground.canvas_seen(eye, facets.point_at(meant)?)
             }
-            Cover::Map => None,
         }
     }
 
@@ -69,21 +82,63 @@ impl<'a> PixelMap<'a> {
         let meant = match &self.channel.cover {
             Cover::Tile => canvas - self.channel.origin.as_dvec2(),
             Cover::Projector(projector) => {
-                let point = self.screen.display_from_canvas(canvas)?;
+                let point = self.ground.display_from_canvas(canvas)?;
                 projector.place(point)? * self.channel.size.as_dvec2()
             }
-            Cover::Map => return None,
+            Cover::Map => self.warped_to(canvas)?,
         };
         self.pixel_from_meant(meant)
     }
 
     /// The point of display space, in metres, that a place of the channel's picture shows.
     pub fn display_from_pixel(&self, pixel: DVec2) -> Option<DVec3> {
-        if let Cover::Projector(projector) = &self.channel.cover {
-            let place = self.meant_from_pixel(pixel)? / self.channel.size.as_dvec2();
-            return projector.lit(&self.screen.surface, place);
+        match (&self.channel.cover, self.warp) {
+            (Cover::Projector(_), _) => {
+                self.lit(self.meant_from_pixel(pixel)?).map(|(point, _)| point)
+            }
+            (Cover::Map, Some((facets, _))) => facets.point_at(self.meant_from_pixel(pixel)?),
+            _ => self.ground.display_from_canvas(self.canvas_from_pixel(pixel)?),
         }
-        self.screen.display_from_canvas(self.canvas_from_pixel(pixel)?)
+    }
+
+    /// Whether all is there that says where its pixels lie; else a file is wanted.
+    pub fn is_known(&self) -> bool {
+        match self.channel.cover {
+            Cover::Tile => true,
+            Cover::Projector(_) => {
+                !matches!(self.ground.screen.surface, Surface::Mesh(_)) || self.ground.is_mesh()
+            }
+            Cover::Map => self.warp.is_some(),
+        }
+    }
+
+    /// The screen that it lies on.
+    pub(crate) fn ground(&self) -> Ground<'a> {
+        self.ground
+    }
+
+    /// The smallest and the largest pixel that a file gives a place, before pins and bends.
+    pub(crate) fn warp_bounds(&self) -> Option<(DVec2, DVec2)> {
+        self.warp.map(|(facets, _)| facets.bounds())
+    }
+
+    /// What a projector lights with this place of its picture, and where on the canvas that is.
+    fn lit(&self, meant: DVec2) -> Option<(DVec3, DVec2)> {
+        let Cover::Projector(projector) = &self.channel.cover else { return None };
+        let direction = projector.direction(meant / self.channel.size.as_dvec2());
+        self.ground.hit(projector.position, direction)
+    }
+
+    /// The place that a warp shows at a place of the canvas.
+    fn warped_to(&self, canvas: DVec2) -> Option<DVec2> {
+        let (facets, eye) = self.warp?;
+        let ray = self.ground.display_from_canvas(canvas)? - eye;
+        let hit = facets.hit(eye, ray, 1.0)?;
+        if self.ground.is_mesh() {
+            let back = self.ground.canvas_seen(eye, hit.point)?;
+            return (back.distance(canvas) <= LAYER_PX).then_some(hit.place);
+        }
+        Some(hit.place)
     }
 
     /// The place that the bend has moved to this one; `None` where the search does not settle.

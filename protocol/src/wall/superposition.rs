@@ -7,14 +7,15 @@
 //! ```
 //!
 //! Tiles are the canvas's pixels, so that nothing is resampled; between the pixels of projectors
-//! and of pinned or bent pictures, light is linear. Channels whose pixels lie where a file says
-//! ([`Cover::Map`](super::Cover::Map)) are not among them.
+//! and of pinned, bent or warped pictures, light is linear. Of a map that is folded, one of the
+//! pixels that show a place is among them.
 
 use std::ops::Range;
 
 use glam::{DVec2, DVec3, UVec2};
 
 use super::blend::lamp::Lamp;
+use super::shapes::Shaped;
 use super::{Adjustment, Channel, Cover, Curve, EyeOf, Packing, Turn, Wall};
 use crate::ids::ChannelId;
 
@@ -94,14 +95,22 @@ pub fn is_superposed(wall: &Wall, screen: u16, side: Side) -> bool {
 impl<'a> Superposition<'a> {
     /// Of the pictures that belong to this screen and are seen from this side; what is not there,
     /// or not of its channel's size, gives no light.
-    pub fn new(wall: &'a Wall, screen: u16, side: Side, pictures: &[DisplayPicture<'a>]) -> Self {
+    pub fn new(
+        of: impl Into<Shaped<'a>>,
+        screen: u16,
+        side: Side,
+        pictures: &[DisplayPicture<'a>],
+    ) -> Self {
+        let shaped = of.into();
+        let wall = shaped.wall;
         let canvas = wall.screens.get(usize::from(screen)).map_or(UVec2::ZERO, |s| s.canvas);
         let shown = pictures.iter().filter_map(|picture| {
             let channel = wall.channel(picture.channel)?;
             let is_seen = channel.screen == screen && side.sees(channel);
-            (is_seen && channel.cover != Cover::Map)
-                .then(|| ChannelLight::new(wall, picture.channel, side, picture.rgba))?
+            is_seen.then(|| ChannelLight::new(shaped, picture.channel, side, picture.rgba))?
         });
+        // Where only a file knows that nobody has read, nothing is seen.
+        let shown = shown.filter(|shown| shown.lamp.is_known());
         Self { canvas, leak: wall.blend.leak, shown: shown.collect() }
     }
 
@@ -157,8 +166,14 @@ pub struct ChannelLight<'a> {
 impl<'a> ChannelLight<'a> {
     /// The picture of a channel, RGBA8 as its display gets it, as an eye sees it; `None` where
     /// it is not of the display's size.
-    pub fn new(wall: &'a Wall, id: ChannelId, side: Side, rgba: &'a [u8]) -> Option<Self> {
-        let channel = wall.channel(id)?;
+    pub fn new(
+        of: impl Into<Shaped<'a>>,
+        id: ChannelId,
+        side: Side,
+        rgba: &'a [u8],
+    ) -> Option<Self> {
+        let shaped = of.into();
+        let channel = shaped.wall.channel(id)?;
         let display = channel.display_size();
         if rgba.len() != 4 * display.x as usize * display.y as usize {
             return None;
@@ -172,7 +187,7 @@ impl<'a> ChannelLight<'a> {
         let curve = &adjustment.color.curve;
         let light = |code: u8| curve.decode(DVec3::splat(f64::from(code) / 255.0)) * glass;
         Some(Self {
-            lamp: Lamp::new(wall, channel),
+            lamp: Lamp::new(shaped, channel),
             rgba,
             hang: Hang::new(adjustment, channel.size, side),
             light: (0..=u8::MAX).map(light).collect(),
@@ -190,6 +205,12 @@ impl<'a> ChannelLight<'a> {
     /// picture that does: exact where the span is bent, else between both ends.
     fn span(&self, y: u32, columns: Range<u32>, mut put: impl FnMut(u32, DVec2)) {
         let place = |x: f64| self.lamp.pixel(DVec2::new(x, f64::from(y) + 0.5));
+        if self.lamp.channel.cover == Cover::Map {
+            // Between the ends of a span a map may have holes, and ends.
+            let places = columns.map(|x| (x, place(f64::from(x) + 0.5)));
+            let lit = places.filter_map(|(x, pixel)| Some((x, pixel?)));
+            return lit.filter(|(_, pixel)| self.lamp.has(*pixel)).for_each(|(x, p)| put(x, p));
+        }
         let (first, last) = (f64::from(columns.start) + 0.5, f64::from(columns.end) - 0.5);
         let found = (place(first), place(f64::midpoint(first, last)), place(last));
         let (a, middle, b) = match found {

@@ -15,10 +15,12 @@
 //! most 0.03 mm there and by 0.5 µm in a room of 10 m, a hundredth of the smallest pixels. Where
 //! the scene lies in the world plays no part: the eye is subtracted in display space.
 
+mod light;
 mod sample;
 
 use glam::{UVec2, Vec2, Vec3};
 
+use super::blend::MaskTexels;
 use crate::limits::CHANNEL_SIDE_MAX;
 
 /// Farthest that a point of a map lies from the origin of display space, in metres: no room is
@@ -307,6 +309,11 @@ impl WarpMesh {
 }
 
 impl Mask {
+    /// Its texels, as blends take them.
+    pub fn texels(&self) -> Option<MaskTexels<'_>> {
+        MaskTexels::new(self.size, usize::from(self.components), &self.texels)
+    }
+
     /// Red, green and blue of a pixel, which must lie in it.
     pub fn at(&self, x: u32, y: u32) -> [u16; 3] {
         let pixel = y as usize * self.size.x as usize + x as usize;

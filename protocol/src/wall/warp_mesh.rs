@@ -144,8 +144,8 @@ impl<F: FnMut(DVec2) -> Option<DVec3>> Maker<F> {
             self.cover_pixel(low + 0.5);
         } else {
             // A cylinder is divided around its axis only.
-            let by_row = down > self.error_px || across <= self.error_px;
-            let by_column = across > self.error_px || down <= self.error_px;
+            let (is_down, is_across) = (down > self.error_px, across > self.error_px);
+            let (by_row, by_column) = (is_down || !is_across, is_across || !is_down);
             let halved = UVec2::new(cell.size.x.div_ceil(2), cell.size.y.div_ceil(2));
             let first = UVec2::new(
                 if by_column || cell.size.y == 1 { halved.x } else { cell.size.x },
@@ -211,8 +211,11 @@ fn errors_px(points: &[Option<DVec3>; 9], span: DVec2) -> [f64; 3] {
     let across = at(0).distance(at(2)).min(at(6).distance(at(8))) / span.x;
     let down = at(0).distance(at(6)).min(at(2).distance(at(8))) / span.y;
     let pitch = across.min(down);
-    let off =
-        |middle: usize, a: usize, b: usize| at(middle).distance((at(a) + at(b)) / 2.0) / pitch;
+    let off = |middle: usize, a: usize, b: usize| {
+        let off = at(middle).distance((at(a) + at(b)) / 2.0);
+        // All of a picture may show one point.
+        if off == 0.0 { 0.0 } else { off / pitch }
+    };
     [off(1, 0, 2).max(off(7, 6, 8)), off(3, 0, 6).max(off(5, 2, 8)), off(4, 2, 6)]
 }
 

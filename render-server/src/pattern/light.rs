@@ -3,15 +3,17 @@
 use glam::{DVec2, DVec3, UVec2};
 use image::{Rgba, RgbaImage};
 use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::blend::{Masks, light_map};
+use polyptych_protocol::wall::blend::{self, Masks};
 use polyptych_protocol::wall::color::linear_from_srgb;
 use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::pixels::PixelMap;
-use polyptych_protocol::wall::{Channel, Color, Wall};
+use polyptych_protocol::wall::shapes::Shaped;
+use polyptych_protocol::wall::{Channel, Color};
 use rayon::prelude::*;
 
 use super::places::{BLOCK, Block, Places};
 use super::{BLACK, blank, label, opaque};
+use crate::correction::light_map;
 use crate::renderer::{Label, Place};
 
 /// Where one channel lights, and two, three, four or more.
@@ -66,7 +68,8 @@ impl Neighbour<'_> {
 }
 
 /// How many channels of the screen light each pixel, for the eye that the channel is for.
-pub(super) fn overlap(wall: &Wall, id: ChannelId, places: &Places<'_>) -> RgbaImage {
+pub(super) fn overlap(shaped: Shaped<'_>, id: ChannelId, places: &Places<'_>) -> RgbaImage {
+    let wall = shaped.wall;
     let Some(own) = wall.channel(id) else { return RgbaImage::default() };
     let is_beside =
         |other: &Channel| other.screen == own.screen && other.adjustment.eye == own.adjustment.eye;
@@ -74,7 +77,8 @@ pub(super) fn overlap(wall: &Wall, id: ChannelId, places: &Places<'_>) -> RgbaIm
     let others = others.filter(|(other, channel)| *other != id && is_beside(channel));
     let neighbours: Vec<_> = others
         .filter_map(|(other, channel)| {
-            Some(Neighbour { map: wall.pixel_map(other)?, size: channel.size.as_dvec2() })
+            let map = shaped.pixel_map(other).filter(PixelMap::is_known)?;
+            Some(Neighbour { map, size: channel.size.as_dvec2() })
         })
         .collect();
     let prepare = |block: &Block<'_>| {
@@ -100,12 +104,13 @@ pub(super) fn overlap(wall: &Wall, id: ChannelId, places: &Places<'_>) -> RgbaIm
 
 /// The channel's share of the light, as its display shows it: on a wall that is right, all of them
 /// together are white.
-pub(super) fn weights(wall: &Wall, id: ChannelId) -> RgbaImage {
-    let Some(channel) = wall.channel(id) else { return RgbaImage::default() };
+pub(super) fn weights(shaped: Shaped<'_>, id: ChannelId) -> RgbaImage {
+    let Some(channel) = shaped.wall.channel(id) else { return RgbaImage::default() };
     // The weights alone, whatever else the light is changed by.
-    let mut wall = wall.clone();
+    let mut wall = shaped.wall.clone();
     wall.blend.leak = 0.0;
-    let map = light_map(&wall, id, &Masks::default());
+    let unleaking = Shaped { wall: &wall, shapes: shaped.shapes };
+    let map = blend::light_map(unleaking, id, &Masks::default());
     let curve = &channel.adjustment.color.curve;
     let mut last = (f64::NAN, opaque(BLACK));
     RgbaImage::from_fn(channel.size.x, channel.size.y, |x, y| {
@@ -119,10 +124,10 @@ pub(super) fn weights(wall: &Wall, id: ChannelId) -> RgbaImage {
 
 /// Does to a picture what is done to the scene's: its light is shared with other channels, masked,
 /// coloured and encoded for the display.
-pub(super) fn share(image: &mut RgbaImage, wall: &Wall, maps: &Maps, id: ChannelId) {
-    let Some(channel) = wall.channel(id) else { return };
+pub(super) fn share(image: &mut RgbaImage, shaped: Shaped<'_>, maps: &Maps, id: ChannelId) {
+    let Some(channel) = shaped.wall.channel(id) else { return };
     let adjustment = &channel.adjustment;
-    let map = light_map(wall, id, &maps.masks(adjustment));
+    let map = light_map(shaped, maps, id);
     if map.is_none() && adjustment.color == Color::default() {
         return;
     }

@@ -1,10 +1,13 @@
 //! Test patterns instead of the scene.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::{EyeOf, Wall};
 
 use super::RenderThread;
@@ -23,14 +26,14 @@ pub(super) struct PatternPicture {
 impl PatternPicture {
     fn new(
         gpu: &Gpu,
-        (wall, maps): (&Wall, &Maps),
+        (shaped, maps): (Shaped<'_>, &Maps),
         id: ChannelId,
         pattern: Pattern,
         eye: DVec3,
     ) -> Result<Self, String> {
-        let image = pattern::display(wall, maps, id, pattern, eye)?;
+        let image = pattern::display(shaped, maps, id, pattern, eye)?;
         let picture = Picture::of_pixels(gpu, [image.width(), image.height()], &image);
-        Ok(Self { pattern, eye, wall: wall.clone(), picture })
+        Ok(Self { pattern, eye, wall: shaped.wall.clone(), picture })
     }
 
     /// Whether it would be drawn the same. Tunings of other channels matter to few patterns.
@@ -64,9 +67,11 @@ impl RenderThread {
         let drawn = if let Some(known) = known {
             known
         } else {
-            let maps = self.states.front().map(|drawable| drawable.state.maps.clone());
-            let maps = maps.unwrap_or_default();
-            PatternPicture::new(&self.gpu, (wall, &maps), id, pattern, eye)?
+            let state = self.states.front().map(|drawable| &drawable.state);
+            let maps = state.map(|state| state.maps.clone()).unwrap_or_default();
+            let shapes = state.map(|state| Arc::clone(&state.shapes)).unwrap_or_default();
+            let shaped = Shaped { wall, shapes: &shapes };
+            PatternPicture::new(&self.gpu, (shaped, &maps), id, pattern, eye)?
         };
         let (size, output) = (drawn.picture.size(), &mut self.outputs[index]);
         let canvas = wall.screen_of(channel).canvas.to_array();

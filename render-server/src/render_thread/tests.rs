@@ -80,6 +80,7 @@ impl Stage {
             warm_up,
             plans,
             maps: Maps::default(),
+            shapes: Arc::default(),
         };
         let desc = SceneDesc { sky: Vec3::new(0.2, 0.3, 0.4), ..SceneDesc::default() };
         let builder = SceneBuilder::new(&self.thread.gpu, desc).expect("a scene");

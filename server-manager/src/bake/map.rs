@@ -28,6 +28,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::wall::front::FrontPlace;
 use polyptych_protocol::wall::warp::{MapSpace, WallMap, WarpMap, WarpShape};
 use serde::{Deserialize, Serialize};
 
@@ -53,7 +54,7 @@ pub enum MapUse {
 }
 
 /// What a file of a wall became.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BakedMap {
     /// Its blob; 64 hexadecimal digits in JSON.
     #[serde(with = "hex")]
@@ -62,6 +63,8 @@ pub struct BakedMap {
     pub what: String,
     /// Whether its points lie on a canvas, and so are right for one eye only.
     pub is_for_one_eye: bool,
+    /// Some places of its surface, if it has any.
+    pub front: Vec<FrontPlace>,
 }
 
 /// Reads a file of a wall and writes its blob into the store.
@@ -77,7 +80,11 @@ pub fn bake_map(
     let map = read(path, used_as, store, cancel).map_err(|error| error.about(path))?;
     let blob = store.blobs().write(&map.encode())?;
     let is_for_one_eye = matches!(&map, WallMap::Warp(warp) if warp.space == MapSpace::Canvas);
-    Ok(BakedMap { blob, what: describe(&map), is_for_one_eye })
+    let front = match &map {
+        WallMap::Warp(warp) => warp.front(),
+        WallMap::Mask(_) => Vec::new(),
+    };
+    Ok(BakedMap { blob, what: describe(&map), is_for_one_eye, front })
 }
 
 fn read(

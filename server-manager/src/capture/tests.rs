@@ -1,6 +1,7 @@
 //! Pictures of walls, from those of their channels.
 
 use glam::{DVec2, DVec3, UVec2};
+use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::wall::blend::{Masks, light_map};
 use polyptych_protocol::wall::surface::{Plane, Surface};
@@ -24,8 +25,9 @@ fn two_tiles(apart: u32) -> Wall {
 fn stitched(wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<Picture> {
     let room = PictureMemory::default().room_for(wall).expect("room");
     let ids: Vec<_> = wall.channel_ids().collect();
+    let shapes = WallShapes::new(BlobFolder::new("/nonexistent"));
     let job = RequestOf { client: SessionId(1), id: RequestId(1) };
-    let mut collection = Collection::new(job, FrameId(7), &ids, Vec::new(), wall, room);
+    let mut collection = Collection::new(job, FrameId(7), &ids, Vec::new(), (wall, &shapes), room);
     for ((channel, of), picture) in wall.channel_ids().zip(&wall.channels).zip(pictures) {
         let Some(bytes) = picture else { continue };
         let (width, height) = of.display_size().into();

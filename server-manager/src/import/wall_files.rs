@@ -1,8 +1,12 @@
 //! The files of a wall: baked before anything uses the wall, which then names their blobs.
 
 use std::path::Path;
+use std::sync::Arc;
 
+use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::warp::WallMap;
 use polyptych_protocol::wall::{FileKind, Wall};
 
 use super::{Baker, bake};
@@ -34,11 +38,27 @@ pub fn bake_wall_files(wall: &mut Wall, folder: &Path, baker: &Baker) -> Result<
         let about = |what: &str| format!("{}: {}: {what}", wall.key_of_file(index), file.path);
         let hash = hash.ok_or_else(|| about("the baker named no blob"))?;
         tracing::debug!(file = file.path, what = %baked["what"], "a file of the wall was read");
-        wall.files[index].blob = Some(hash);
         let is_for_one_eye = baked.pointer("/is_for_one_eye").and_then(serde_json::Value::as_bool);
-        wall.files[index].is_for_one_eye = is_for_one_eye == Some(true);
+        let front = baked.get("front").cloned().unwrap_or_default();
+        let front =
+            serde_json::from_value(front).map_err(|_| about("the baker named no places"))?;
+        let file = &mut wall.files[index];
+        (file.blob, file.front) = (Some(hash), front);
+        file.is_for_one_eye = is_for_one_eye == Some(true);
     }
     Ok(())
+}
+
+/// The files of a wall as the baker left them in a folder of blobs.
+///
+/// # Errors
+/// The key and the file whose blob is gone or damaged.
+pub fn read_wall_files(wall: &Wall, blobs: &BlobFolder) -> Result<Maps, String> {
+    Maps::load(wall, |hash| {
+        let bytes = blobs.read(hash).map_err(|error| error.to_string())?;
+        let bytes = bytes.ok_or_else(|| "its blob is not in the store any more".to_owned())?;
+        WallMap::decode(&bytes).map(Arc::new)
+    })
 }
 
 /// How the baker is told what a file is.
@@ -81,7 +101,13 @@ mod tests {
             wall.channels.push(channel);
         }
         for kind in [FileKind::Warp, FileKind::Warp, FileKind::Alpha, FileKind::ScreenMesh] {
-            wall.files.push(MapFile { path: "x".into(), kind, blob: None, is_for_one_eye: false });
+            wall.files.push(MapFile {
+                path: "x".into(),
+                kind,
+                blob: None,
+                is_for_one_eye: false,
+                front: Vec::new(),
+            });
         }
         assert_eq!(options(&wall, 0), ["--as", "warp", "--aspect", "1.7777777777777777"]);
         assert_eq!(options(&wall, 2), ["--as", "mask"]);

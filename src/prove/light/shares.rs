@@ -10,8 +10,9 @@ use glam::{DVec2, DVec3, UVec2};
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::blend::{BlackRule, Blend, LightMap};
 use polyptych_protocol::wall::pixels::PixelMap;
+use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::superposition::Side;
-use polyptych_protocol::wall::{Channel, Curve, Wall};
+use polyptych_protocol::wall::{Channel, Curve};
 
 use crate::prove::table::{Table, Target};
 
@@ -33,20 +34,25 @@ const WINDOWS_MIN: f64 = 0.995;
 const GREYS: [f64; 6] = [0.0, 0.002, 0.05, 0.2, 0.6, 1.0];
 
 /// Judges the light maps of all channels.
-pub(super) fn prove(wall: &Wall, maps: &[Option<LightMap>], table: &mut Table) {
-    let blend = Blend::new(wall);
+pub(super) fn prove(shaped: Shaped<'_>, maps: &[Option<LightMap>], table: &mut Table) {
+    let wall = shaped.wall;
+    let blend = Blend::new(shaped);
     let most = if wall.blend.leak > 0.0 { blend.most() } else { 1 };
-    let shares = Shares { wall, blend, most, black: BlackRule::new(wall.blend.leak, most) };
+    let shares = Shares { shaped, blend, most, black: BlackRule::new(wall.blend.leak, most) };
     let mut worst = Worst::default();
     for (id, map) in wall.channel_ids().zip(maps) {
-        if let (Some(channel), Some(map)) = (wall.channel(id), map) {
+        if let (Some(channel), Some(map)) = (wall.channel(id), map)
+            && !shaped.shapes.is_blended_by_file(channel)
+        {
             shares.look(id, channel, map, &mut worst);
         }
     }
     let mut windows = Windows::default();
     for index in 0..wall.screens.len() as u16 {
         for side in Side::of(wall, index) {
-            shares.look_between(index, &lamps(wall, maps, index, *side), &mut windows);
+            let mut lamps = lamps(shaped, maps, index, *side);
+            lamps.retain(|lamp| !shaped.shapes.is_blended_by_file(lamp.channel));
+            shares.look_between(index, &lamps, &mut windows);
         }
     }
     let note =
@@ -73,18 +79,18 @@ struct Lamp<'a> {
 }
 
 fn lamps<'a>(
-    wall: &'a Wall,
+    shaped: Shaped<'a>,
     maps: &'a [Option<LightMap>],
     screen: u16,
     side: Side,
 ) -> Vec<Lamp<'a>> {
     let lamp = |(id, map): (ChannelId, &'a Option<LightMap>)| {
-        let channel = wall.channel(id)?;
+        let channel = shaped.wall.channel(id)?;
         let is_seen = channel.screen == screen && side.sees(channel);
-        let pixels = is_seen.then(|| wall.pixel_map(id))??;
+        let pixels = is_seen.then(|| shaped.pixel_map(id))??;
         Some(Lamp { channel, pixels, map: map.as_ref() })
     };
-    wall.channel_ids().zip(maps).filter_map(lamp).collect()
+    shaped.wall.channel_ids().zip(maps).filter_map(lamp).collect()
 }
 
 impl Lamp<'_> {
@@ -128,7 +134,7 @@ struct Windows {
 
 /// What channels of a wall should share.
 struct Shares<'a> {
-    wall: &'a Wall,
+    shaped: Shaped<'a>,
     blend: Blend<'a>,
     most: usize,
     black: BlackRule,
@@ -144,7 +150,7 @@ fn spread(count: u32) -> impl Iterator<Item = u32> + Clone {
 impl Shares<'_> {
     /// At the middles of a channel's pixels.
     fn look(&self, id: ChannelId, channel: &Channel, map: &LightMap, worst: &mut Worst) {
-        let Some(pixels) = self.wall.pixel_map(id) else { return };
+        let Some(pixels) = self.shaped.pixel_map(id) else { return };
         let corners = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE];
         let rows = spread(channel.size.y);
         for (x, y) in rows.flat_map(|y| spread(channel.size.x).map(move |x| (x, y))) {
@@ -154,7 +160,7 @@ impl Shares<'_> {
             let add = self.black.add(weights.len() as f64);
             let lit = weights.iter().filter_map(|(other, weight)| {
                 let own = [weight * self.black.multiply, weight * add];
-                let curve = &self.wall.channel(*other)?.adjustment.color.curve;
+                let curve = &self.shaped.wall.channel(*other)?.adjustment.color.curve;
                 Some((curve, if *other == id { map.at(x, y) } else { own }))
             });
             let lit: Vec<(&Curve, [f64; 2])> = lit.collect();
@@ -182,7 +188,7 @@ impl Shares<'_> {
 
     /// Over some pixels of a canvas each.
     fn look_between(&self, screen: u16, lamps: &[Lamp<'_>], windows: &mut Windows) {
-        let canvas = self.wall.screens[usize::from(screen)].canvas;
+        let canvas = self.shaped.wall.screens[usize::from(screen)].canvas;
         let starts = (canvas - WINDOW.min(canvas.min_element())) + 1;
         for (x, y) in spread(starts.y).flat_map(|y| spread(starts.x).map(move |x| (x, y))) {
             let mut shown = [0.0; GREYS.len()];
@@ -218,7 +224,7 @@ impl Shares<'_> {
 
     /// The light of rounded codes.
     fn shown(&self, lit: &[(&Curve, [f64; 2])], grey: f64) -> f64 {
-        let leak = self.wall.blend.leak;
+        let leak = self.shaped.wall.blend.leak;
         let light = |(curve, [multiply, add]): &(&Curve, [f64; 2])| {
             let code = curve.encode(DVec3::splat(grey * multiply + add)).y;
             let code = (code * 255.0).round() / 255.0;
@@ -231,7 +237,7 @@ impl Shares<'_> {
     /// 0.5·k^(1/γ) levels, or what half a level of each share comes to. Both are the same but
     /// near black, where half a level is no small part of a code, and where sRGB is linear.
     fn off(&self, shown: f64, lit: &[(&Curve, [f64; 2])], grey: f64) -> f64 {
-        let leak = self.wall.blend.leak;
+        let leak = self.shaped.wall.blend.leak;
         let all = self.most as f64 * leak;
         let right = all + (1.0 - all) * grey;
         let (curve, _) = lit[0];

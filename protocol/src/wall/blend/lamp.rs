@@ -5,7 +5,8 @@ use std::sync::OnceLock;
 use glam::{DVec2, DVec3};
 
 use super::super::pixels::PixelMap;
-use super::super::{Adjustment, Channel, Cover, EyeOf, Packing, Screen, Surface, Wall};
+use super::super::shapes::Shaped;
+use super::super::{Adjustment, Channel, Cover, EyeOf, Packing, Surface};
 use crate::ids::ChannelId;
 
 /// A ray of a projector that ends within this of a point has lit it, in shares of the distance.
@@ -18,9 +19,12 @@ const REACH_STEPS: u32 = 8;
 #[derive(Clone, Debug)]
 pub(in crate::wall) struct Lamp<'a> {
     pub channel: &'a Channel,
-    screen: &'a Screen,
     map: Option<PixelMap<'a>>,
     pub size: DVec2,
+    /// What of its picture is lit at most: all of it, unless a file says less.
+    pub area: (DVec2, DVec2),
+    /// Whether its own files share its light with others.
+    is_blended_by_file: bool,
     /// A ball around all that it lights, in metres of display space; `None` for none, or where
     /// no one knows.
     reach: Option<(DVec3, f64)>,
@@ -31,16 +35,15 @@ pub(in crate::wall) struct Lamp<'a> {
 }
 
 impl<'a> Lamp<'a> {
-    pub fn new(wall: &'a Wall, channel: &'a Channel) -> Self {
-        let screen = wall.screen_of(channel);
-        let map = match channel.cover {
-            Cover::Map => None,
-            Cover::Tile | Cover::Projector(_) => PixelMap::new(channel, screen),
-        };
+    pub fn new(of: impl Into<Shaped<'a>>, channel: &'a Channel) -> Self {
+        let Shaped { wall, shapes } = of.into();
+        let map = PixelMap::shaped(channel, wall.screen_of(channel), shapes);
+        let map = map.filter(PixelMap::is_known);
         let size = channel.size.as_dvec2();
         let mut lamp = Self {
             channel,
-            screen,
+            area: lit_area(map.as_ref(), size),
+            is_blended_by_file: shapes.is_blended_by_file(channel),
             map,
             size,
             reach: None,
@@ -69,7 +72,8 @@ impl<'a> Lamp<'a> {
     /// Whether both may light one place. Certain where both are tiles without a correction of
     /// their form.
     pub fn may_meet(&self, other: &Self) -> bool {
-        if !self.is_beside(other) || self.map.is_none() || other.map.is_none() {
+        let lights = |lamp: &Self| lamp.map.is_some() && !lamp.is_blended_by_file;
+        if !self.is_beside(other) || !lights(self) || !lights(other) {
             return false;
         }
         if self.is_rect() && other.is_rect() {
@@ -87,6 +91,11 @@ impl<'a> Lamp<'a> {
         let adjustment = &self.channel.adjustment;
         let is_formed = adjustment.pin != [DVec2::ZERO; 4] || adjustment.bend.is_some();
         self.channel.cover == Cover::Tile && !is_formed
+    }
+
+    /// Whether anyone knows where its pixels lie.
+    pub fn is_known(&self) -> bool {
+        self.map.is_some()
     }
 
     /// Where on the canvas a place of the picture lies.
@@ -112,21 +121,23 @@ impl<'a> Lamp<'a> {
 
     /// Whether nothing of a curved screen stands between it and a place.
     fn faces(&self, canvas: DVec2) -> bool {
-        let (Cover::Projector(projector), surface) = (&self.channel.cover, &self.screen.surface)
-        else {
+        let (Cover::Projector(projector), Some(map)) = (&self.channel.cover, &self.map) else {
             return true;
         };
-        if matches!(surface, Surface::Plane(_)) {
+        let ground = map.ground();
+        if matches!(ground.screen.surface, Surface::Plane(_)) {
             return true;
         }
-        let Some(point) = self.screen.display_from_canvas(canvas) else { return false };
+        let Some(point) = ground.display_from_canvas(canvas) else { return false };
         let ray = point - projector.position;
-        let hit = surface.hit(projector.position, ray);
-        hit.is_some_and(|hit| hit.distance(point) <= HIT_SHARE * ray.length())
+        let hit = ground.hit(projector.position, ray);
+        hit.is_some_and(|(hit, _)| hit.distance(point) <= HIT_SHARE * ray.length())
     }
 
     fn find_reach(&self) -> Option<(DVec3, f64)> {
-        let map = self.map.as_ref().filter(|_| !self.is_rect())?;
+        // A warp's points may lie before or behind those of the screen that they show.
+        let is_on_screen = self.channel.cover != Cover::Map && !self.is_rect();
+        let map = self.map.as_ref().filter(|_| is_on_screen)?;
         let places = (0..=REACH_STEPS).flat_map(|y| (0..=REACH_STEPS).map(move |x| (x, y)));
         let place = |(x, y)| DVec2::new(f64::from(x), f64::from(y)) / f64::from(REACH_STEPS);
         let lit: Vec<_> =
@@ -149,10 +160,10 @@ impl<'a> Lamp<'a> {
         edges.map(|(distance, width)| steepness(distance, width)).sum()
     }
 
-    /// From its left, right, upper and lower edge.
+    /// From the left, right, upper and lower edge of what is lit of it.
     fn distances(&self, pixel: DVec2) -> [f64; 4] {
-        let from_end = self.size - pixel;
-        [pixel.x, from_end.x, pixel.y, from_end.y]
+        let (from_begin, from_end) = (pixel - self.area.0, self.area.1 - pixel);
+        [from_begin.x, from_end.x, from_begin.y, from_end.y]
     }
 }
 
@@ -165,6 +176,15 @@ fn steepness(distance: f64, width: Option<f64>) -> f64 {
             6.0 * (1.0 - t) / (t * (3.0 - 2.0 * t) * width)
         }
         _ => 0.0,
+    }
+}
+
+/// The rectangle around what a channel's file lights. Pins and bends move its edges with the
+/// picture's, nearly: a ramp may begin elsewhere, the sum of weights stays what it is.
+fn lit_area(map: Option<&PixelMap<'_>>, size: DVec2) -> (DVec2, DVec2) {
+    match map.and_then(PixelMap::warp_bounds) {
+        Some((low, high)) => (low.clamp(DVec2::ZERO, size), high.clamp(DVec2::ZERO, size)),
+        None => (DVec2::ZERO, size),
     }
 }
 

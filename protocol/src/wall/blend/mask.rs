@@ -17,6 +17,8 @@ pub struct Masks<'a> {
     pub alpha: Option<MaskTexels<'a>>,
     /// Is added to its light.
     pub beta: Option<MaskTexels<'a>>,
+    /// Multiplies its light, too: what a warp mesh says at its corners.
+    pub light: Option<MaskTexels<'a>>,
 }
 
 impl<'a> MaskTexels<'a> {
@@ -70,7 +72,7 @@ impl<'a> MaskTexels<'a> {
 
 impl Masks<'_> {
     pub(super) fn is_empty(&self) -> bool {
-        self.alpha.is_none() && self.beta.is_none()
+        self.alpha.is_none() && self.beta.is_none() && self.light.is_none()
     }
 
     /// No pixel gets more light than this.
@@ -80,7 +82,8 @@ impl Masks<'_> {
 
     /// Factor and addend of a pixel of a picture of this size.
     pub(super) fn at(&self, x: u32, y: u32, picture: UVec2) -> (f64, f64) {
-        let alpha = self.alpha.map_or(1.0, |alpha| alpha.at(x, y, picture));
+        let factor = |mask: Option<MaskTexels<'_>>| mask.map_or(1.0, |m| m.at(x, y, picture));
+        let alpha = factor(self.alpha) * factor(self.light);
         (alpha, self.beta.map_or(0.0, |beta| beta.at(x, y, picture)))
     }
 }

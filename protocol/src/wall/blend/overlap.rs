@@ -62,14 +62,15 @@ struct Edge {
     across: f64,
 }
 
-/// Left, right, top and bottom.
-fn edges(size: DVec2) -> [Edge; 4] {
+/// Left, right, top and bottom of a rectangle from `low` to `high`.
+fn edges((low, high): (DVec2, DVec2)) -> [Edge; 4] {
+    let size = high - low;
     let edge = |begin, along, inward, length, across| Edge { begin, along, inward, length, across };
     [
-        edge(DVec2::ZERO, DVec2::Y, DVec2::X, size.y, size.x),
-        edge(DVec2::new(size.x, 0.0), DVec2::Y, DVec2::NEG_X, size.y, size.x),
-        edge(DVec2::ZERO, DVec2::X, DVec2::Y, size.x, size.y),
-        edge(DVec2::new(0.0, size.y), DVec2::X, DVec2::NEG_Y, size.x, size.y),
+        edge(low, DVec2::Y, DVec2::X, size.y, size.x),
+        edge(DVec2::new(high.x, low.y), DVec2::Y, DVec2::NEG_X, size.y, size.x),
+        edge(low, DVec2::X, DVec2::Y, size.x, size.y),
+        edge(DVec2::new(low.x, high.y), DVec2::X, DVec2::NEG_Y, size.x, size.y),
     ]
 }
 
@@ -81,7 +82,7 @@ pub(super) fn widths(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> [Option<f64>; 4] {
     if lamp.neighbours.is_empty() {
         return widths;
     }
-    for ((width, said), edge) in widths.iter_mut().zip(said).zip(edges(lamp.size)) {
+    for ((width, said), edge) in widths.iter_mut().zip(said).zip(edges(lamp.area)) {
         *width = said.or_else(|| width_of(lamp, edge, lamps));
     }
     widths
@@ -95,7 +96,10 @@ fn width_of(lamp: &Lamp<'_>, edge: Edge, lamps: &[Lamp<'_>]) -> Option<f64> {
     for (at, stands_for) in walk(edge.length) {
         let from = edge.begin + edge.along * at;
         let canvas = |depth: f64| lamp.canvas(from + edge.inward * depth);
-        let (Some(outside), Some(inside)) = (canvas(-BESIDE), canvas(BESIDE)) else { continue };
+        // A file ends at the edge; beyond it goes on as it came.
+        let ahead = || Some(canvas(BESIDE)? * 2.0 - canvas(3.0 * BESIDE)?);
+        let outside = canvas(-BESIDE).or_else(ahead);
+        let (Some(outside), Some(inside)) = (outside, canvas(BESIDE)) else { continue };
         let reaches =
             |other: &&Lamp<'_>| other.lit(inside).is_some() && other.lit(outside).is_some();
         let others = lamp.neighbours.iter().map(|id| &lamps[usize::from(id.0)]);
@@ -139,7 +143,7 @@ pub(super) fn most(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> usize {
     if lamp.neighbours.is_empty() {
         return most;
     }
-    for edge in edges(lamp.size) {
+    for edge in edges(lamp.area) {
         for (at, _) in walk(edge.length) {
             let pixel = edge.begin + edge.along * at + edge.inward * BESIDE;
             let Some(canvas) = lamp.canvas(pixel) else { continue };

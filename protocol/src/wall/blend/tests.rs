@@ -222,6 +222,7 @@ fn masks_multiply_and_add() {
     let masks = Masks {
         alpha: MaskTexels::new(UVec2::new(60, 40), 1, &texels),
         beta: MaskTexels::new(UVec2::ONE, 3, &beta),
+        light: None,
     };
     let map = light_map(&wall, ChannelId(0), &masks).expect("a map");
     for (x, y) in [(0, 0), (17, 30), (59, 39), (45, 3)] {

@@ -25,7 +25,13 @@ impl Files {
         }
         let known = self.0.iter().position(|file| file.path == path && file.kind == kind);
         let index = known.unwrap_or_else(|| {
-            self.0.push(MapFile { path: path.to_owned(), kind, blob: None, is_for_one_eye: false });
+            self.0.push(MapFile {
+                path: path.to_owned(),
+                kind,
+                blob: None,
+                is_for_one_eye: false,
+                front: Vec::new(),
+            });
             self.0.len() - 1
         });
         // Screens and channels are counted, and each names three at most.

@@ -196,6 +196,7 @@ fn both_eyes_are_told_apart_and_files_not_guessed() {
         kind: crate::wall::FileKind::ScreenMesh,
         blob: None,
         is_for_one_eye: false,
+        front: Vec::new(),
     });
     wall.screens[0].surface = Surface::Mesh(0);
     let table = WallTable::of(&wall);

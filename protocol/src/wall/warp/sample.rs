@@ -3,9 +3,10 @@
 use glam::{DVec2, DVec3, UVec2};
 
 use super::{MapSpace, WarpGrid, WarpMap, WarpMesh, WarpShape};
+use crate::wall::Channel;
 use crate::wall::pixels::PixelMap;
+use crate::wall::shapes::Ground;
 use crate::wall::warp_mesh::{MeshRule, WarpMesh as ChannelMesh, WarpVertex};
-use crate::wall::{Channel, Screen};
 
 /// What of a pixel at a tile's edge is no part of it.
 const EDGE_PX: f64 = 1e-2;
@@ -16,17 +17,17 @@ impl WarpMap {
     pub fn channel_mesh(
         &self,
         channel: &Channel,
-        screen: &Screen,
+        ground: &Ground<'_>,
         pixels: &PixelMap<'_>,
     ) -> ChannelMesh {
         let size = channel.size.as_dvec2();
         match &self.shape {
             WarpShape::Grid(grid) => ChannelMesh::new(channel.size, MeshRule::default(), |pixel| {
                 let value = grid.value_at(pixels.meant_from_pixel(pixel)? / size)?;
-                self.display_from_value(value, screen)
+                self.display_from_value(value, ground)
             }),
             WarpShape::Mesh(mesh) => {
-                self.mesh_of_vertices(mesh, screen, |place| pixels.pixel_from_meant(place * size))
+                self.mesh_of_vertices(mesh, ground, |place| pixels.pixel_from_meant(place * size))
             }
         }
     }
@@ -37,12 +38,12 @@ impl WarpMap {
     pub fn screen_mesh(
         &self,
         channel: &Channel,
-        screen: &Screen,
+        ground: &Ground<'_>,
         pixels: &PixelMap<'_>,
     ) -> ChannelMesh {
         let WarpShape::Mesh(mesh) = &self.shape else { return ChannelMesh::default() };
-        let (canvas, origin) = (screen.canvas.as_dvec2(), channel.origin.as_dvec2());
-        let mut tile = self.mesh_of_vertices(mesh, screen, |place| {
+        let (canvas, origin) = (ground.screen.canvas.as_dvec2(), channel.origin.as_dvec2());
+        let mut tile = self.mesh_of_vertices(mesh, ground, |place| {
             pixels.pixel_from_meant(place * canvas - origin)
         });
         let size = channel.size.as_dvec2();
@@ -56,15 +57,28 @@ impl WarpMap {
         tile.without_loose_vertices()
     }
 
+    /// The mesh of the whole screen whose surface this is: its places are u and v. `None` where it
+    /// is no mesh of points in metres.
+    pub fn surface(&self) -> Option<ChannelMesh> {
+        let WarpShape::Mesh(mesh) = &self.shape else { return None };
+        let vertex = |vertex: &super::WarpVertex| WarpVertex {
+            pixel: vertex.place.as_dvec2(),
+            point: vertex.value.as_dvec3(),
+        };
+        let vertices = mesh.vertices.iter().map(vertex).collect();
+        let is_in_room = self.space == MapSpace::Display;
+        is_in_room.then(|| ChannelMesh { vertices, triangles: mesh.triangles.clone() })
+    }
+
     fn mesh_of_vertices(
         &self,
         mesh: &WarpMesh,
-        screen: &Screen,
+        ground: &Ground<'_>,
         pixel_of: impl Fn(DVec2) -> Option<DVec2>,
     ) -> ChannelMesh {
         let vertex = |vertex: &super::WarpVertex| {
             let pixel = pixel_of(vertex.place.as_dvec2())?;
-            let point = self.display_from_value(vertex.value.as_dvec3(), screen)?;
+            let point = self.display_from_value(vertex.value.as_dvec3(), ground)?;
             Some(WarpVertex { pixel, point })
         };
         let found: Vec<Option<WarpVertex>> = mesh.vertices.iter().map(vertex).collect();
@@ -80,11 +94,11 @@ impl WarpMap {
         out
     }
 
-    fn display_from_value(&self, value: DVec3, screen: &Screen) -> Option<DVec3> {
+    fn display_from_value(&self, value: DVec3, ground: &Ground<'_>) -> Option<DVec3> {
         match self.space {
             MapSpace::Display => Some(value),
             MapSpace::Canvas => {
-                screen.display_from_canvas(value.truncate() * screen.canvas.as_dvec2())
+                ground.display_from_canvas(value.truncate() * ground.screen.canvas.as_dvec2())
             }
         }
     }
@@ -135,8 +149,9 @@ mod tests {
     use glam::{Vec2, Vec3};
 
     use super::*;
-    use crate::wall::Surface;
+    use crate::wall::shapes::Shapes;
     use crate::wall::surface::Plane;
+    use crate::wall::{Screen, Surface};
 
     fn stage() -> (Channel, Screen) {
         let plane = Plane {
@@ -163,7 +178,7 @@ mod tests {
         for size in [[2, 2], [5, 3], [80, 40]] {
             let shape = grid(UVec2::from(size), |place| place.extend(0.0));
             let warp = WarpMap { space: MapSpace::Canvas, shape };
-            let mesh = warp.channel_mesh(&channel, &screen, &pixels);
+            let mesh = warp.channel_mesh(&channel, &Shapes::none().ground(&screen), &pixels);
             for at in [[0.0, 0.0], [80.0, 40.0], [13.0, 37.5], [79.5, 0.5]] {
                 let at = DVec2::from(at);
                 let due = screen.display_from_canvas(at * 5.0).expect("a plane");
@@ -181,7 +196,7 @@ mod tests {
             if place.x > 0.5 { Vec3::NAN } else { Vec3::new(place.x, place.y * 2.0, -1.0) }
         });
         let warp = WarpMap { space: MapSpace::Display, shape };
-        let mesh = warp.channel_mesh(&channel, &screen, &pixels);
+        let mesh = warp.channel_mesh(&channel, &Shapes::none().ground(&screen), &pixels);
         let found = mesh.point_at(DVec2::new(20.0, 20.0)).expect("lit");
         assert!(found.distance(DVec3::new(0.25, 1.0, -1.0)) < 1e-6, "{found}");
         assert_eq!(mesh.point_at(DVec2::new(45.0, 20.0)), None);
@@ -206,7 +221,7 @@ mod tests {
         let (vertices, triangles) = ((0..121).map(vertex).collect(), (0..100).flat_map(cell));
         let mesh = WarpMesh { vertices, triangles: triangles.collect() };
         let warp = WarpMap { space: MapSpace::Display, shape: WarpShape::Mesh(mesh) };
-        let mesh = warp.screen_mesh(&channel, &screen, &pixels);
+        let mesh = warp.screen_mesh(&channel, &Shapes::none().ground(&screen), &pixels);
         // 80 × 40 pixels from (200, 100): two by two cells and no other.
         assert_eq!((mesh.triangles.len(), mesh.vertices.len()), (8, 9));
         for at in [[0.5, 0.5], [79.5, 39.5], [13.0, 37.5]] {
@@ -228,7 +243,7 @@ mod tests {
         let vertices = vec![vertex(0.0, 0.0), vertex(1.0, 0.0), vertex(0.0, 1.0)];
         let mesh = WarpMesh { vertices, triangles: vec![[0, 1, 2]] };
         let warp = WarpMap { space: MapSpace::Canvas, shape: WarpShape::Mesh(mesh) };
-        let mesh = warp.channel_mesh(&channel, &screen, &pixels);
+        let mesh = warp.channel_mesh(&channel, &Shapes::none().ground(&screen), &pixels);
         let found = mesh.point_at(DVec2::new(20.0, 10.0)).expect("lit");
         let due = screen.display_from_canvas(DVec2::new(100.0, 50.0)).expect("a plane");
         assert!(found.distance(due) < 1e-9, "{found} {due}");

@@ -136,7 +136,13 @@ fn file(wall: &mut Wall, kind: FileKind, number: usize) -> u16 {
     let path = format!("maps/{}.file", number % 3);
     let known = wall.files.iter().position(|file| file.path == path && file.kind == kind);
     known.unwrap_or_else(|| {
-        wall.files.push(MapFile { path, kind, blob: None, is_for_one_eye: false });
+        wall.files.push(MapFile {
+            path,
+            kind,
+            blob: None,
+            is_for_one_eye: false,
+            front: Vec::new(),
+        });
         wall.files.len() - 1
     }) as u16
 }

@@ -1,0 +1,42 @@
+//! What the files of the manager's wall make of it, read when a capture needs it first.
+
+use std::sync::{Arc, OnceLock};
+
+use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::wall::Wall;
+use polyptych_protocol::wall::shapes::Shapes;
+
+use crate::import::read_wall_files;
+
+/// The shapes of one wall: tuning changes none of them, and its files are baked once.
+#[derive(Clone, Debug)]
+pub struct WallShapes {
+    folder: BlobFolder,
+    known: Arc<OnceLock<Arc<Shapes>>>,
+}
+
+impl WallShapes {
+    /// Those of a wall whose blobs lie in this folder.
+    pub fn new(folder: BlobFolder) -> Self {
+        Self { folder, known: Arc::default() }
+    }
+
+    /// The shapes of this wall; slow at the first time. Where a blob is gone the log says so,
+    /// and the wall is shown as if nobody had its files.
+    pub fn of(&self, wall: &Wall) -> Arc<Shapes> {
+        if wall.files.is_empty() {
+            return Arc::default();
+        }
+        if let Some(known) = self.known.get() {
+            return Arc::clone(known);
+        }
+        match read_wall_files(wall, &self.folder) {
+            // Maps are let go: of millions of points, a mesh keeps some thousand.
+            Ok(maps) => Arc::clone(self.known.get_or_init(|| Shapes::new(wall, &maps).into())),
+            Err(reason) => {
+                tracing::warn!(reason, "channels that files place are not in the picture");
+                Arc::default()
+            }
+        }
+    }
+}
