@@ -16,6 +16,7 @@ pub mod fold;
 pub mod front;
 pub mod frustum;
 pub mod maps;
+mod outline;
 pub mod pixels;
 pub mod projector;
 pub mod screen;

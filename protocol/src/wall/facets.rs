@@ -86,15 +86,6 @@ impl Facets {
         })
     }
 
-    /// The rectangle around all places that have a point: its upper left and its lower right.
-    pub fn bounds(&self) -> (DVec2, DVec2) {
-        let places = self.mesh.triangles.iter().flatten();
-        let places = places.map(|corner| self.mesh.vertices[*corner as usize].pixel);
-        places.fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), place| {
-            (low.min(place), high.max(place))
-        })
-    }
-
     fn corners<T>(
         &self,
         triangle: usize,

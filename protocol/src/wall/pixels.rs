@@ -117,11 +117,6 @@ impl<'a> PixelMap<'a> {
         self.ground
     }
 
-    /// The smallest and the largest pixel that a file gives a place, before pins and bends.
-    pub(crate) fn warp_bounds(&self) -> Option<(DVec2, DVec2)> {
-        self.warp.map(|(facets, _)| facets.bounds())
-    }
-
     /// What a projector lights with this place of its picture, and where on the canvas that is.
     fn lit(&self, meant: DVec2) -> Option<(DVec3, DVec2)> {
         let Cover::Projector(projector) = &self.channel.cover else { return None };

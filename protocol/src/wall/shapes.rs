@@ -16,6 +16,7 @@ use glam::{DVec2, DVec3};
 
 use super::facets::{Facets, Hit};
 use super::maps::Maps;
+use super::outline::Outline;
 use super::pixels::PixelMap;
 use super::warp::WarpShape;
 use super::warp_mesh::WarpMesh;
@@ -35,6 +36,7 @@ pub struct Shapes {
 #[derive(Clone, Debug)]
 struct ChannelShape {
     facets: Arc<Facets>,
+    outline: Arc<Outline>,
     /// Whether the file says how light its corners are, too.
     has_light: bool,
 }
@@ -121,8 +123,11 @@ impl Shapes {
             WarpShape::Grid(_) => false,
             WarpShape::Mesh(mesh) => mesh.vertices.iter().any(|vertex| vertex.light < 1.0),
         };
-        let is_any = !mesh.triangles.is_empty();
-        is_any.then(|| ChannelShape { facets: Arc::new(Facets::new(mesh)), has_light })
+        if mesh.triangles.is_empty() {
+            return None;
+        }
+        let outline = Arc::new(Outline::new(&mesh));
+        Some(ChannelShape { facets: Arc::new(Facets::new(mesh)), outline, has_light })
     }
 
     /// A screen, with its mesh where it is one.
@@ -138,6 +143,11 @@ impl Shapes {
     pub(super) fn warp_of(&self, channel: &Channel) -> Option<(&Facets, DVec3)> {
         let shape = self.channels.get(&channel.name)?;
         Some((shape.facets.as_ref(), self.eye))
+    }
+
+    /// What of a channel's picture its warp lights.
+    pub(super) fn outline_of(&self, channel: &Channel) -> Option<&Outline> {
+        self.channels.get(&channel.name).map(|shape| shape.outline.as_ref())
     }
 
     /// Whether a channel's own files share its light with others, so that nothing is computed: an

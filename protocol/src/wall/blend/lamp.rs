@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 
 use glam::{DVec2, DVec3};
 
+use super::super::outline::Outline;
 use super::super::pixels::PixelMap;
 use super::super::shapes::Shaped;
 use super::super::{Adjustment, Channel, Cover, EyeOf, Packing, Surface};
@@ -21,8 +22,8 @@ pub(in crate::wall) struct Lamp<'a> {
     pub channel: &'a Channel,
     map: Option<PixelMap<'a>>,
     pub size: DVec2,
-    /// What of its picture is lit at most: all of it, unless a file says less.
-    pub area: (DVec2, DVec2),
+    /// What of its picture is lit, where a file may leave some of it dark.
+    pub outline: Option<&'a Outline>,
     /// Whether its own files share its light with others.
     is_blended_by_file: bool,
     /// A ball around all that it lights, in metres of display space; `None` for none, or where
@@ -42,7 +43,7 @@ impl<'a> Lamp<'a> {
         let size = channel.size.as_dvec2();
         let mut lamp = Self {
             channel,
-            area: lit_area(map.as_ref(), size),
+            outline: shapes.outline_of(channel),
             is_blended_by_file: shapes.is_blended_by_file(channel),
             map,
             size,
@@ -101,6 +102,15 @@ impl<'a> Lamp<'a> {
     /// Where on the canvas a place of the picture lies.
     pub fn canvas(&self, pixel: DVec2) -> Option<DVec2> {
         self.map.as_ref()?.canvas_from_pixel(pixel)
+    }
+
+    /// Where on the canvas a place lies that is as far from an edge as a walk along edges says:
+    /// where a file places the picture, before pins and bends.
+    pub fn canvas_of_walk(&self, place: DVec2) -> Option<DVec2> {
+        match (&self.map, self.outline) {
+            (Some(map), Some(_)) => self.canvas(map.pixel_from_meant(place)?),
+            _ => self.canvas(place),
+        }
     }
 
     /// The place of its picture, or of the plane beside it, that lights a place of the canvas.
@@ -162,8 +172,11 @@ impl<'a> Lamp<'a> {
 
     /// From the left, right, upper and lower edge of what is lit of it.
     fn distances(&self, pixel: DVec2) -> [f64; 4] {
-        let (from_begin, from_end) = (pixel - self.area.0, self.area.1 - pixel);
-        [from_begin.x, from_end.x, from_begin.y, from_end.y]
+        if let (Some(outline), Some(map)) = (self.outline, &self.map) {
+            return map.meant_from_pixel(pixel).map_or([0.0; 4], |meant| outline.distances(meant));
+        }
+        let from_end = self.size - pixel;
+        [pixel.x, from_end.x, pixel.y, from_end.y]
     }
 }
 
@@ -176,15 +189,6 @@ fn steepness(distance: f64, width: Option<f64>) -> f64 {
             6.0 * (1.0 - t) / (t * (3.0 - 2.0 * t) * width)
         }
         _ => 0.0,
-    }
-}
-
-/// The rectangle around what a channel's file lights. Pins and bends move its edges with the
-/// picture's, nearly: a ramp may begin elsewhere, the sum of weights stays what it is.
-fn lit_area(map: Option<&PixelMap<'_>>, size: DVec2) -> (DVec2, DVec2) {
-    match map.and_then(PixelMap::warp_bounds) {
-        Some((low, high)) => (low.clamp(DVec2::ZERO, size), high.clamp(DVec2::ZERO, size)),
-        None => (DVec2::ZERO, size),
     }
 }
 

@@ -6,6 +6,7 @@
 
 use glam::DVec2;
 
+use super::super::outline::Side;
 use super::Lamp;
 use crate::ids::ChannelId;
 use crate::wall::EyeOf;
@@ -54,6 +55,7 @@ fn walk(length: f64) -> Vec<(f64, f64)> {
 /// A side of a picture.
 #[derive(Clone, Copy)]
 struct Edge {
+    side: Side,
     begin: DVec2,
     along: DVec2,
     inward: DVec2,
@@ -62,16 +64,33 @@ struct Edge {
     across: f64,
 }
 
-/// Left, right, top and bottom of a rectangle from `low` to `high`.
-fn edges((low, high): (DVec2, DVec2)) -> [Edge; 4] {
+/// Left, right, top and bottom of what is lit.
+fn edges(lamp: &Lamp<'_>) -> [Edge; 4] {
+    let (low, high) = lamp.outline.map_or((DVec2::ZERO, lamp.size), |lit| (lit.low, lit.high));
     let size = high - low;
-    let edge = |begin, along, inward, length, across| Edge { begin, along, inward, length, across };
+    let edge = |side, begin, along, inward, length, across| Edge {
+        side,
+        begin,
+        along,
+        inward,
+        length,
+        across,
+    };
+    let (right, lower) = (DVec2::new(high.x, low.y), DVec2::new(low.x, high.y));
     [
-        edge(low, DVec2::Y, DVec2::X, size.y, size.x),
-        edge(DVec2::new(high.x, low.y), DVec2::Y, DVec2::NEG_X, size.y, size.x),
-        edge(low, DVec2::X, DVec2::Y, size.x, size.y),
-        edge(DVec2::new(low.x, high.y), DVec2::X, DVec2::NEG_Y, size.x, size.y),
+        edge(Side::Left, low, DVec2::Y, DVec2::X, size.y, size.x),
+        edge(Side::Right, right, DVec2::Y, DVec2::NEG_X, size.y, size.x),
+        edge(Side::Top, low, DVec2::X, DVec2::Y, size.x, size.y),
+        edge(Side::Bottom, lower, DVec2::X, DVec2::NEG_Y, size.x, size.y),
     ]
+}
+
+impl Edge {
+    /// The place of the edge so far along it.
+    fn place(&self, lamp: &Lamp<'_>, at: f64) -> DVec2 {
+        let straight = self.begin + self.along * at;
+        lamp.outline.map_or(straight, |outline| outline.moved_to(self.side, straight))
+    }
 }
 
 /// How wide a channel's ramps are: as the wall says, or else as wide as the overlap.
@@ -82,7 +101,7 @@ pub(super) fn widths(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> [Option<f64>; 4] {
     if lamp.neighbours.is_empty() {
         return widths;
     }
-    for ((width, said), edge) in widths.iter_mut().zip(said).zip(edges(lamp.area)) {
+    for ((width, said), edge) in widths.iter_mut().zip(said).zip(edges(lamp)) {
         *width = said.or_else(|| width_of(lamp, edge, lamps));
     }
     widths
@@ -94,8 +113,8 @@ pub(super) fn widths(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> [Option<f64>; 4] {
 fn width_of(lamp: &Lamp<'_>, edge: Edge, lamps: &[Lamp<'_>]) -> Option<f64> {
     let mut depths = Vec::new();
     for (at, stands_for) in walk(edge.length) {
-        let from = edge.begin + edge.along * at;
-        let canvas = |depth: f64| lamp.canvas(from + edge.inward * depth);
+        let from = edge.place(lamp, at);
+        let canvas = |depth: f64| lamp.canvas_of_walk(from + edge.inward * depth);
         // A file ends at the edge; beyond it goes on as it came.
         let ahead = || Some(canvas(BESIDE)? * 2.0 - canvas(3.0 * BESIDE)?);
         let outside = canvas(-BESIDE).or_else(ahead);
@@ -143,10 +162,10 @@ pub(super) fn most(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> usize {
     if lamp.neighbours.is_empty() {
         return most;
     }
-    for edge in edges(lamp.area) {
+    for edge in edges(lamp) {
         for (at, _) in walk(edge.length) {
-            let pixel = edge.begin + edge.along * at + edge.inward * BESIDE;
-            let Some(canvas) = lamp.canvas(pixel) else { continue };
+            let place = edge.place(lamp, at) + edge.inward * BESIDE;
+            let Some(canvas) = lamp.canvas_of_walk(place) else { continue };
             most = most.max(1 + lit_by(lamp, lamps, canvas));
         }
     }
