@@ -24,6 +24,7 @@ mod seeds;
 mod server;
 mod wall_file;
 mod wall_map;
+mod wall_shape;
 mod wall_text;
 
 /// What the tests of this run begin from: the same each time, unless `POLYPTYCH_SEED` says else.

@@ -9,12 +9,16 @@ use polyptych_protocol::wall::warp::WallMap;
 use crate::map_file::{KINDS, check};
 use crate::mutation::mutate;
 use crate::seeds::maps;
+use crate::wall_shape::lit;
 
 /// Of each kind.
 const FILES: u64 = 1500;
 
 /// Blobs, which need no disk.
 const BLOBS: u64 = 50_000;
+
+/// Of so many sound blobs one is shown.
+const SHOWN_SHARE: u64 = 20;
 
 /// Most that one such small file may hold at once: a picture of 4 million pixels, of 16 bits and
 /// four components, and the map that it becomes; meshes of as many zeros.
@@ -121,7 +125,7 @@ fn damaged_blobs_of_maps_are_maps_or_one_line() {
         })
         .collect();
     assert_eq!(seeds.len(), 5);
-    let mut whole = 0;
+    let (mut whole, mut shown) = (0, 0);
     for number in 0..BLOBS {
         let seed = crate::seed().wrapping_add(number);
         let mut rng = Rng::with_seed(seed);
@@ -132,10 +136,19 @@ fn damaged_blobs_of_maps_are_maps_or_one_line() {
         let allowed = 4096 + 8 * bytes.len() as u64;
         assert!(info.bytes_max < allowed, "POLYPTYCH_SEED={seed}: {info:?}");
         match decoded.expect("decoded") {
-            Ok(map) => whole += u64::from(map.fault().is_none()),
+            Ok(map) => {
+                whole += u64::from(map.fault().is_none());
+                if whole % SHOWN_SHARE == 0 {
+                    let begin = Instant::now();
+                    shown += u64::from(lit(&map).is_some_and(|pixels| pixels > 0));
+                    assert!(begin.elapsed() < FILE_TIME_MAX, "POLYPTYCH_SEED={seed}");
+                }
+            }
             Err(line) => assert!(!line.contains('\n') && line.len() < 300, "{line}"),
         }
     }
+    println!("{shown} of {} sound blobs light something", whole / SHOWN_SHARE);
+    assert!(shown > 0, "nothing was lit");
     let share = whole as f64 / BLOBS as f64;
     assert!((0.05..0.95).contains(&share), "{share} of the blobs are maps");
 }

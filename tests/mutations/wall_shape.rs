@@ -1,0 +1,58 @@
+//! What damaged but sound maps of walls make of screens and channels: places, or none.
+
+use std::sync::Arc;
+
+use polyptych_protocol::ids::{BlobHash, ChannelId};
+use polyptych_protocol::wall::blend::{Masks, light_map};
+use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::shapes::{Shaped, Shapes};
+use polyptych_protocol::wall::superposition::{DisplayPicture, Side, Superposition};
+use polyptych_protocol::wall::warp::WallMap;
+use polyptych_protocol::wall::{Cover, FileKind, MapFile, file};
+
+const WALL: &str = r#"
+[wall]
+name = "w"
+[[screen]]
+name = "s"
+size = [4.0, 2.0]
+center = [0.0, 0.0, -2.0]
+pixels = [64, 32]
+[[screen.channel]]
+name = "a"
+origin = [0, 0]
+pixels = [40, 32]
+[[screen.channel]]
+name = "b"
+origin = [24, 0]
+pixels = [40, 32]
+"#;
+
+/// Lets one of two channels lie where the map says, and counts the pixels of the screen that it
+/// lights; `None` of a mask.
+pub fn lit(map: &WallMap) -> Option<usize> {
+    let mut wall = file::parse(WALL, "w.toml".as_ref()).expect("a wall");
+    let WallMap::Warp(warp) = map else { return None };
+    let (path, blob, front) = ("x".to_owned(), Some(BlobHash([0; 32])), warp.front());
+    wall.files.push(MapFile { path, kind: FileKind::Warp, blob, is_for_one_eye: false, front });
+    wall.channels[1].cover = Cover::Map;
+    wall.channels[1].adjustment.warp = Some(0);
+    assert_eq!(wall.fault(), None, "what its file says of its front is sound");
+    let maps = Maps::load(&wall, |_| Ok(Arc::new(map.clone()))).expect("a warp");
+    let shapes = Shapes::new(&wall, &maps);
+    let shaped = Shaped { wall: &wall, shapes: &shapes };
+    let pixels = shaped.pixel_map(ChannelId(1)).expect("no pins");
+    let light = maps.light(&wall.channels[1], &pixels);
+    let masks = Masks { light: light.as_ref().and_then(|l| l.texels()), ..Masks::default() };
+    for (id, masks) in [(ChannelId(0), Masks::default()), (ChannelId(1), masks)] {
+        let Some(map) = light_map(shaped, id, &masks) else { continue };
+        let all = (0..32).flat_map(|y| (0..40).map(move |x| (x, y)));
+        let is_share = |light: f64| (0.0..=1.0).contains(&light);
+        assert!(all.into_iter().all(|(x, y)| is_share(map.at(x, y)[0])));
+    }
+    let rgba = vec![255; 4 * 40 * 32];
+    let picture = [DisplayPicture { channel: ChannelId(1), rgba: &rgba }];
+    let shown = Superposition::new(shaped, 0, Side::Left, &picture);
+    let rows = (0..32).flat_map(|y| shown.row(y));
+    Some(rows.flatten().filter(|light| light.is_finite()).count())
+}
