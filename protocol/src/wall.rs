@@ -195,7 +195,8 @@ impl Wall {
             return Some(format!("the wall has more than {WALL_FILES_MAX} files"));
         }
         let is_odd = |file: &MapFile| {
-            file.front.len() > front::FRONT_PLACES_MAX || !file.front.iter().all(|at| at.is_sound())
+            file.front.len() > front::FRONT_PLACES_MAX
+                || !file.front.iter().all(front::FrontPlace::is_sound)
         };
         if self.files.iter().any(is_odd) {
             return Some("a file has more places than it may have, or no numbers".into());

@@ -18,6 +18,7 @@ use polyptych_protocol::wall::blend;
 use polyptych_protocol::wall::blend::Masks;
 use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::shapes::Shaped;
+use polyptych_protocol::wall::warp::Mask;
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
 use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, Surface, Wall};
 
@@ -168,7 +169,7 @@ fn warp(shaped: Shaped<'_>, maps: &Maps, id: ChannelId) -> Result<WarpMesh, Stri
 pub(crate) fn light_map(shaped: Shaped<'_>, maps: &Maps, id: ChannelId) -> Option<blend::LightMap> {
     let channel = shaped.wall.channel(id)?;
     let light = shaped.pixel_map(id).and_then(|map| maps.light(channel, &map));
-    let light = light.as_ref().and_then(|light| light.texels());
+    let light = light.as_ref().and_then(Mask::texels);
     let masks = Masks { light, ..maps.masks(&channel.adjustment) };
     blend::light_map(shaped, id, &masks)
 }

@@ -43,6 +43,9 @@ const OFFSETS_M: [f64; 3] = [0.0, 1e4, 1e7];
 const STEPS: u32 = 4;
 const STEP_M: DVec3 = DVec3::new(0.000_37, 0.000_21, -0.000_11);
 
+/// Steps to the middle of a channel in which a place is looked for that is lit.
+const PULLS: u32 = 8;
+
 /// Depths of markers, in distances from the eye to the screen.
 const DEPTHS: [f64; 3] = [1.0, 1.7, 5.0];
 
@@ -156,9 +159,12 @@ fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
             let pixel = inset + (size - inset * 2.0) * share;
             let depth = if is_mono { DEPTHS[(index + place as usize) % DEPTHS.len()] } else { 1.0 };
             let of = (channel.id, &channel.map);
-            let Some(marker) = Marker::at(of, channel.eye, pixel, channel.half, depth) else {
-                continue;
+            // Where a file leaves margins dark, nearer to the middle.
+            let nearer = |pull: u32| {
+                let pixel = pixel.lerp(size / 2.0, f64::from(pull) / f64::from(PULLS));
+                Marker::at(of, channel.eye, pixel, channel.half, depth)
             };
+            let Some(marker) = (0..PULLS).find_map(nearer) else { continue };
             let (toward, radius) = marker.cone(channel.eye);
             let is_free = |(_, other, other_radius): &(_, DVec3, f64)| {
                 toward.distance(*other) > radius + other_radius

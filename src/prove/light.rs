@@ -14,6 +14,7 @@ use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::source::SourcePlan;
 use polyptych_protocol::wall::superposition::{ChannelLight, Side};
+use polyptych_protocol::wall::warp::Mask;
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
 use polyptych_protocol::wall::{Adjustment, EyeOf, Packing, Wall};
 
@@ -37,7 +38,7 @@ pub(super) fn maps(shaped: Shaped<'_>, files: &Maps) -> Vec<Option<LightMap>> {
     let map = |id| {
         let channel = shaped.wall.channel(id)?;
         let light = shaped.pixel_map(id).and_then(|pixels| files.light(channel, &pixels));
-        let light = light.as_ref().and_then(|light| light.texels());
+        let light = light.as_ref().and_then(Mask::texels);
         light_map(shaped, id, &Masks { light, ..files.masks(&channel.adjustment) })
     };
     shaped.wall.channel_ids().map(map).collect()

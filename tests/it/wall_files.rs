@@ -334,7 +334,7 @@ fn projectors(text: &str) -> String {
         format!(
             "[[screen.channel]]\nname = \"{name}\"\npixels = [120, 100]\n\
              [screen.channel.projector]\nposition = [{x}, 0.1, 0.0]\n\
-             look_at = [{x}, 0.0, -4.0]\ndegrees = [36.0, 30.0]\n"
+             look_at = [{x}, 0.0, -4.0]\ndegrees = [36.0, 24.0]\n"
         )
     };
     let head = text.split("[[screen.channel]]").next().expect("a head");

@@ -138,7 +138,7 @@ fn damaged_blobs_of_maps_are_maps_or_one_line() {
         match decoded.expect("decoded") {
             Ok(map) => {
                 whole += u64::from(map.fault().is_none());
-                if whole % SHOWN_SHARE == 0 {
+                if whole.is_multiple_of(SHOWN_SHARE) {
                     let begin = Instant::now();
                     shown += u64::from(lit(&map).is_some_and(|pixels| pixels > 0));
                     assert!(begin.elapsed() < FILE_TIME_MAX, "POLYPTYCH_SEED={seed}");

@@ -7,7 +7,7 @@ use polyptych_protocol::wall::blend::{Masks, light_map};
 use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 use polyptych_protocol::wall::superposition::{DisplayPicture, Side, Superposition};
-use polyptych_protocol::wall::warp::WallMap;
+use polyptych_protocol::wall::warp::{Mask, WallMap};
 use polyptych_protocol::wall::{Cover, FileKind, MapFile, file};
 
 const WALL: &str = r#"
@@ -43,7 +43,7 @@ pub fn lit(map: &WallMap) -> Option<usize> {
     let shaped = Shaped { wall: &wall, shapes: &shapes };
     let pixels = shaped.pixel_map(ChannelId(1)).expect("no pins");
     let light = maps.light(&wall.channels[1], &pixels);
-    let masks = Masks { light: light.as_ref().and_then(|l| l.texels()), ..Masks::default() };
+    let masks = Masks { light: light.as_ref().and_then(Mask::texels), ..Masks::default() };
     for (id, masks) in [(ChannelId(0), Masks::default()), (ChannelId(1), masks)] {
         let Some(map) = light_map(shaped, id, &masks) else { continue };
         let all = (0..32).flat_map(|y| (0..40).map(move |x| (x, y)));

@@ -18,7 +18,7 @@ use super::facets::{Facets, Hit};
 use super::maps::Maps;
 use super::outline::Outline;
 use super::pixels::PixelMap;
-use super::warp::WarpShape;
+use super::warp::{WarpMap, WarpShape};
 use super::warp_mesh::WarpMesh;
 use super::{Adjustment, Channel, Screen, Surface, Wall};
 
@@ -86,7 +86,7 @@ impl Shapes {
         for (_, screen) in wanted {
             if let Surface::Mesh(file) = screen.surface
                 && !shapes.screens.contains_key(&file)
-                && let Some(facets) = maps.warp(file).and_then(|warp| warp.surface())
+                && let Some(facets) = maps.warp(file).and_then(WarpMap::surface)
             {
                 shapes.screens.insert(file, Arc::new(Facets::new(facets)));
             }

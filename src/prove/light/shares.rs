@@ -12,7 +12,7 @@ use polyptych_protocol::wall::blend::{BlackRule, Blend, LightMap};
 use polyptych_protocol::wall::pixels::PixelMap;
 use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::superposition::Side;
-use polyptych_protocol::wall::{Channel, Curve};
+use polyptych_protocol::wall::{Channel, Cover, Curve};
 
 use crate::prove::table::{Table, Target};
 
@@ -94,6 +94,19 @@ fn lamps<'a>(
 }
 
 impl Lamp<'_> {
+    /// Whether a place lies between pixels of which some are dark by what a file says: there is
+    /// nothing to interpolate between.
+    fn ends_at(&self, canvas: DVec2) -> bool {
+        if self.channel.cover != Cover::Map {
+            return false;
+        }
+        let Some(pixel) = self.pixels.pixel_from_canvas(canvas) else { return false };
+        let (low, last) = ((pixel - 0.5).floor() + 0.5, self.channel.size.as_dvec2() - 0.5);
+        let around = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE];
+        let mut around = around.map(|by| (low + by).clamp(DVec2::splat(0.5), last)).into_iter();
+        around.any(|middle| self.pixels.display_from_pixel(middle).is_none())
+    }
+
     /// Factor and addend at a place of the canvas, linear between pixels.
     fn at(&self, canvas: DVec2) -> Option<[f64; 2]> {
         let pixel = self.pixels.pixel_from_canvas(canvas)?;
@@ -199,7 +212,7 @@ impl Shares<'_> {
                     .iter()
                     .filter_map(|l| Some((&l.channel.adjustment.color.curve, l.at(at)?)));
                 let lit: Vec<(&Curve, [f64; 2])> = lit.collect();
-                if lit.is_empty() {
+                if lit.is_empty() || lamps.iter().any(|lamp| lamp.ends_at(at)) {
                     continue;
                 }
                 for (sum, grey) in shown.iter_mut().zip(GREYS) {

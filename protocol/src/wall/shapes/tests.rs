@@ -8,7 +8,7 @@ use glam::{UVec2, Vec3};
 use super::super::blend::tests::walls::{askew, bend};
 use super::super::blend::{Blend, Masks, light_map};
 use super::super::superposition::{DisplayPicture, Side, Superposition};
-use super::super::warp::{MapSpace, WallMap, WarpGrid, WarpMap};
+use super::super::warp::{MapSpace, WallMap, WarpGrid};
 use super::super::{Cover, FileKind, MapFile};
 use super::*;
 use crate::ids::{BlobHash, ChannelId};
