@@ -12,7 +12,7 @@ use polyptych_protocol::wall::blend::{BlackRule, Blend, LightMap};
 use polyptych_protocol::wall::pixels::PixelMap;
 use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::superposition::Side;
-use polyptych_protocol::wall::{Channel, Cover, Curve};
+use polyptych_protocol::wall::{Channel, Cover, Curve, Surface};
 
 use crate::prove::table::{Table, Target};
 
@@ -29,6 +29,10 @@ const WINDOW: u32 = 4;
 /// line of half-right pixels, and where outer edges cross a weight is 1 on one side and 0 on the
 /// other: both are lines and points, and less of a picture of more pixels.
 const WINDOWS_MIN: f64 = 0.995;
+
+/// How far from a place of a mesh the light may come down that was thrown at it, in pixels of the
+/// canvas: further, and it falls on what stands before it.
+const LAYER_PX: f64 = 1.0;
 
 /// Light of which the superposition is judged.
 const GREYS: [f64; 6] = [0.0, 0.002, 0.05, 0.2, 0.6, 1.0];
@@ -74,6 +78,7 @@ pub(super) fn prove(shaped: Shaped<'_>, maps: &[Option<LightMap>], table: &mut T
 /// A channel that lights a screen for one eye.
 struct Lamp<'a> {
     channel: &'a Channel,
+    surface: &'a Surface,
     pixels: PixelMap<'a>,
     map: Option<&'a LightMap>,
 }
@@ -88,7 +93,8 @@ fn lamps<'a>(
         let channel = shaped.wall.channel(id)?;
         let is_seen = channel.screen == screen && side.sees(channel);
         let pixels = is_seen.then(|| shaped.pixel_map(id))??;
-        Some(Lamp { channel, pixels, map: map.as_ref() })
+        let surface = &shaped.wall.screen_of(channel).surface;
+        Some(Lamp { channel, surface, pixels, map: map.as_ref() })
     };
     shaped.wall.channel_ids().zip(maps).filter_map(lamp).collect()
 }
@@ -97,7 +103,7 @@ impl Lamp<'_> {
     /// Whether a place lies between pixels of which some are dark by what a file says: there is
     /// nothing to interpolate between.
     fn ends_at(&self, canvas: DVec2) -> bool {
-        if self.channel.cover != Cover::Map {
+        if self.channel.cover == Cover::Tile {
             return false;
         }
         let Some(pixel) = self.pixels.pixel_from_canvas(canvas) else { return false };
@@ -112,6 +118,11 @@ impl Lamp<'_> {
         let pixel = self.pixels.pixel_from_canvas(canvas)?;
         let size = self.channel.size.as_dvec2();
         if !(pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all()) {
+            return None;
+        }
+        // A mesh may stand before itself.
+        let is_mesh = matches!(self.surface, Surface::Mesh(_));
+        if is_mesh && self.pixels.canvas_from_pixel(pixel)?.distance(canvas) > LAYER_PX {
             return None;
         }
         let Some(map) = self.map else { return Some([1.0, 0.0]) };
