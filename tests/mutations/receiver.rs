@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use polyptych_manager::capture::{Collection, PictureMemory};
+use polyptych_manager::capture::{Collection, PictureMemory, WallShapes};
 use polyptych_manager::cluster::{Cluster, ImportedScene, Output, RequestOf, SessionId};
-use polyptych_protocol::blob::BulkUp;
+use polyptych_protocol::blob::{BlobFolder, BulkUp};
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Frame};
 use polyptych_protocol::handshake::Hello;
@@ -106,8 +106,10 @@ impl Receiver {
                 let job = RequestOf { client: CLIENT, id: RequestId(1) };
                 let ids: Vec<_> = self.wall.channel_ids().collect();
                 let room = PictureMemory::default().room_for(&self.wall).expect("a small wall");
-                let mut collection =
-                    Collection::new(job, FrameId(1), &ids, Vec::new(), &self.wall, room);
+                // A wall without files asks for none of its blobs.
+                let shapes = WallShapes::new(BlobFolder::new("nowhere"));
+                let wall = (&self.wall, &shapes);
+                let mut collection = Collection::new(job, FrameId(1), &ids, Vec::new(), wall, room);
                 let _ = collection.add(&chunk);
             }
             _ => {}
