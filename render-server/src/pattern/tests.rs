@@ -5,7 +5,7 @@ use polyptych_protocol::wall::adjustment::Bend;
 use polyptych_protocol::wall::blend::Blend;
 use polyptych_protocol::wall::projector::Projector;
 use polyptych_protocol::wall::surface::{Cylinder, Plane};
-use polyptych_protocol::wall::{Curve, Projection, Screen};
+use polyptych_protocol::wall::{Cover, Curve, Projection, Screen, Surface, Wall};
 
 use super::*;
 
