@@ -17,7 +17,7 @@ use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::blend;
 use polyptych_protocol::wall::blend::Masks;
 use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::shapes::Shaped;
+use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 use polyptych_protocol::wall::warp::Mask;
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
 use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, Surface, Wall};
@@ -45,6 +45,7 @@ pub(crate) struct Plan {
     eyes: Vec<EyeOf>,
     /// Where views of their own find what lies where.
     maps: Maps,
+    shapes: Shapes,
 }
 
 /// The plans of these channels.
@@ -116,7 +117,14 @@ impl Plan {
             dither: wall.dither.then_some(u32::from(id.0)),
             is_fine: adjustment.bits == Bits::Ten,
         };
-        Ok(Some(Self { channel: id, desc, warp, eyes, maps: maps.clone() }))
+        Ok(Some(Self {
+            channel: id,
+            desc,
+            warp,
+            eyes,
+            maps: maps.clone(),
+            shapes: shaped.shapes.clone(),
+        }))
     }
 }
 
@@ -319,8 +327,9 @@ impl Corrector {
             return Ok(layers);
         }
         let eyes: Vec<_> = self.plan.eyes.iter().map(|eye| frame.head.eye(*eye)).collect();
-        let maps = self.plan.maps.clone();
-        let ground = Ground { gpu, wall, maps: &maps, channel: self.plan.channel };
+        let (maps, shapes) = (self.plan.maps.clone(), self.plan.shapes.clone());
+        let shaped = Shaped { wall, shapes: &shapes };
+        let ground = Ground { gpu, shaped, maps: &maps, channel: self.plan.channel };
         let mut known = std::mem::take(&mut self.lays);
         for view in &frame.views[beneath(frame).map_or(0, |beneath| beneath + 1)..] {
             let mut lay = match known.iter().position(|lay| lay.is_of(view)) {

@@ -85,7 +85,7 @@ fn of_grid(grid: &WarpGrid) -> Vec<FrontPlace> {
     let step = lit.div_ceil(FRONT_PLACES_MAX).max(1);
     let chosen = cells.filter_map(corners).skip(step / 2).step_by(step);
     let place = |(place, values): (Vec2, [Vec3; 4])| {
-        let [a, b, c, d] = values.map(|value| value.as_dvec3());
+        let [a, b, c, d] = values.map(Vec3::as_dvec3);
         let (right, below) = (b + d - a - c, c + d - a - b);
         front_place(place, (a + b + c + d) / 4.0, below.cross(right))
     };
@@ -121,7 +121,9 @@ impl Wall {
             // Of a picture from behind all is mirrored, which is as it should be.
             let backs = distances.iter().filter(|distance| **distance < 0.0).count();
             if backs * 2 > places.len() {
-                distances.iter_mut().for_each(|distance| *distance = -*distance);
+                for distance in &mut distances {
+                    *distance = -*distance;
+                }
             }
             return worst(&distances);
         }

@@ -5,8 +5,8 @@
 use glam::{DMat3, DVec3};
 use polyptych_protocol::command::{Area, View, ViewProjection};
 use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::Wall;
 use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::source::window::WindowPlan;
 use polyptych_protocol::wall::view::{CanvasPart, PointOf};
 use polyptych_protocol::wall::warp_mesh::WarpMesh;
@@ -43,7 +43,7 @@ pub(super) struct Sheet {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ground<'a> {
     pub gpu: &'a Gpu,
-    pub wall: &'a Wall,
+    pub shaped: Shaped<'a>,
     pub maps: &'a Maps,
     pub channel: ChannelId,
 }
@@ -54,7 +54,8 @@ impl Lay {
     /// # Errors
     /// The channel's pixels have no place on its canvas, or fold there.
     pub fn new(ground: Ground<'_>, view: &View, correction: &Correction) -> Result<Self, String> {
-        let Ground { gpu, wall, maps, channel: id } = ground;
+        let Ground { gpu, shaped, maps, channel: id } = ground;
+        let wall = shaped.wall;
         let is_own = view.projection != ViewProjection::Wall;
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         let named = |what: String| format!("channel {}: {what}", channel.name);
@@ -64,7 +65,7 @@ impl Lay {
         }
         let part = wall.canvas_part(channel, &view.area).map_err(|error| error.to_string())?;
         let of = if is_own { PointOf::Canvas } else { PointOf::Surface };
-        let mesh = wall.part_mesh(maps, id, part, of).map_err(named)?;
+        let mesh = shaped.part_mesh(maps, id, part, of).map_err(named)?;
         if mesh.triangles.is_empty() {
             return Ok(lay(None));
         }
@@ -99,7 +100,8 @@ impl Sheet {
         view: &View,
         eyes: &[DVec3],
     ) -> Result<Shots, String> {
-        let Ground { gpu, wall, channel: id, .. } = ground;
+        let Ground { gpu, shaped, channel: id, .. } = ground;
+        let wall = shaped.wall;
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         let Some(plan) = &self.plan else {
             let known = self.shots.take().filter(|shots| shots.is_for(eyes));

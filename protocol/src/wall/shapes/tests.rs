@@ -18,7 +18,7 @@ use crate::ids::{BlobHash, ChannelId};
 const PLACE_ERROR_MAX: f64 = 0.03;
 
 /// Makes these the files of a wall, all of one kind.
-fn with_files(wall: &mut Wall, kind: FileKind, files: Vec<WallMap>) -> Maps {
+fn with_files(wall: &mut Wall, kind: FileKind, files: &[WallMap]) -> Maps {
     for index in 0..files.len() as u8 {
         let blob = Some(BlobHash([index; 32]));
         wall.files.push(MapFile {
@@ -35,7 +35,7 @@ fn with_files(wall: &mut Wall, kind: FileKind, files: Vec<WallMap>) -> Maps {
 /// Values at the middles of cells, by their places in a picture; NaN where there are none.
 fn grid(size: UVec2, value: impl Fn(DVec2) -> Option<DVec3>) -> WarpShape {
     let place = |i: u32| UVec2::new(i % size.x, i / size.x).as_dvec2() + 0.5;
-    let value = |i| value(place(i) / size.as_dvec2()).map_or(Vec3::NAN, |value| value.as_vec3());
+    let value = |i| value(place(i) / size.as_dvec2()).map_or(Vec3::NAN, DVec3::as_vec3);
     WarpShape::Grid(WarpGrid { size, values: (0..size.x * size.y).map(value).collect() })
 }
 
@@ -58,7 +58,7 @@ fn measured(wall: &Wall, space: MapSpace) -> (Wall, Maps) {
         channel.cover = Cover::Map;
         channel.adjustment = Adjustment { warp: Some(index as u16), ..Adjustment::default() };
     }
-    let maps = with_files(&mut by_files, FileKind::Warp, files);
+    let maps = with_files(&mut by_files, FileKind::Warp, &files);
     (by_files, maps)
 }
 

@@ -10,9 +10,10 @@ use glam::{DVec2, DVec3};
 use crate::ids::ChannelId;
 use crate::wall::maps::Maps;
 use crate::wall::pixels::PixelMap;
+use crate::wall::shapes::{Ground, Shaped};
 use crate::wall::warp::{MapSpace, WarpMap, WarpShape};
 use crate::wall::warp_mesh::{MeshRule, WarpMesh, WarpVertex};
-use crate::wall::{Channel, Cover, Screen, Surface, Wall};
+use crate::wall::{Channel, Cover, Surface};
 
 /// What the points of a mesh are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +41,7 @@ struct Place {
     surface: DVec3,
 }
 
-impl Wall {
+impl Shaped<'_> {
     /// The pixels of a warped channel that show a part of its screen's canvas; of nothing where
     /// none does.
     ///
@@ -53,8 +54,9 @@ impl Wall {
         part: CanvasPart,
         of: PointOf,
     ) -> Result<WarpMesh, String> {
-        let channel = self.channel(id).ok_or("the wall has no such channel")?;
-        let screen = self.screen_of(channel);
+        let channel = self.wall.channel(id).ok_or("the wall has no such channel")?;
+        let screen = self.wall.screen_of(channel);
+        let ground = self.shapes.ground(screen);
         let pixels = self.pixel_map(id).ok_or("its corner pins leave no picture")?;
         let around = screen.surface.u_of_turn().map(|turn| turn * f64::from(screen.canvas.x));
         let file = match (channel.adjustment.warp, &screen.surface) {
@@ -69,7 +71,7 @@ impl Wall {
         let mut mesh = WarpMesh::default();
         for part in part.halves(around) {
             let slice = Slice { part: part.1, middle: part.0, around, origin: part.2, of };
-            slice.add(&mut mesh, (channel, screen), &pixels, map);
+            slice.add(&mut mesh, (channel, &ground), &pixels, map);
         }
         Ok(mesh)
     }
@@ -128,10 +130,11 @@ impl Slice {
     fn add(
         &self,
         onto: &mut WarpMesh,
-        (channel, screen): (&Channel, &Screen),
+        (channel, ground): (&Channel, &Ground<'_>),
         pixels: &PixelMap<'_>,
         map: Option<&WarpMap>,
     ) {
+        let screen = ground.screen;
         let place_of = |pixel: DVec2| match map {
             None => {
                 let canvas = pixels.canvas_from_pixel(pixel)?;
@@ -157,9 +160,9 @@ impl Slice {
         let mesh = match map {
             Some(map) if matches!(map.shape, WarpShape::Mesh(_)) => {
                 let whole = if is_tile_of_mesh {
-                    map.screen_mesh(channel, screen, pixels)
+                    map.screen_mesh(channel, ground, pixels)
                 } else {
-                    map.channel_mesh(channel, screen, pixels)
+                    map.channel_mesh(channel, ground, pixels)
                 };
                 self.cut(&whole, |vertex| {
                     if is_tile_of_mesh {

@@ -223,7 +223,8 @@ fn a_projector_has_the_picture_where_the_screen_has_it() {
 
 fn with_file(wall: &mut Wall, kind: FileKind, map: WarpMap) -> Maps {
     let blob = Some(BlobHash([7; 32]));
-    wall.files.push(MapFile { path: "f".into(), kind, blob, is_for_one_eye: false });
+    let front = Vec::new();
+    wall.files.push(MapFile { path: "f".into(), kind, blob, is_for_one_eye: false, front });
     let map = Arc::new(WallMap::Warp(map));
     Maps::load(wall, |_| Ok(Arc::clone(&map))).expect("maps")
 }

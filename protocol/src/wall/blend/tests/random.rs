@@ -6,9 +6,9 @@ use glam::{DQuat, DVec2, DVec3, UVec2};
 
 use super::super::*;
 use super::walls::tiles;
-use crate::wall::Cover;
 use crate::wall::projector::Projector;
 use crate::wall::surface::{Cylinder, Plane, Sphere, Surface};
+use crate::wall::{Cover, Wall};
 
 /// What a light map's weight may be off by: the sum of four keeps 1/4096 twice over.
 const WEIGHT_ERROR_MAX: f64 = 1.0 / 32768.0 + 1.0 / 65535.0;

@@ -20,8 +20,8 @@ fn wall(maps: Vec<WarpShape>) -> (Wall, Maps) {
     let channels = (0..maps.len()).map(channel).collect();
     let mut wall = Wall::new("w", vec![screen], channels);
     let file = |shape| WallMap::Warp(WarpMap { space: MapSpace::Canvas, shape });
-    let files = maps.into_iter().map(file).collect();
-    let maps = with_files(&mut wall, FileKind::Warp, files);
+    let files: Vec<_> = maps.into_iter().map(file).collect();
+    let maps = with_files(&mut wall, FileKind::Warp, &files);
     (wall, maps)
 }
 

@@ -28,7 +28,7 @@ fn mesh(cells: [u32; 2], point: impl Fn(DVec2) -> DVec3) -> WallMap {
 fn meshed(wall: &Wall, file: WallMap) -> (Wall, Maps) {
     let mut meshed = wall.clone();
     meshed.screens[0].surface = Surface::Mesh(0);
-    let maps = with_files(&mut meshed, FileKind::ScreenMesh, vec![file]);
+    let maps = with_files(&mut meshed, FileKind::ScreenMesh, &[file]);
     (meshed, maps)
 }
 
