@@ -27,7 +27,7 @@ const IMAGE_SIDE: u32 = 128;
 
 /// A marker whose picture is narrower than this share of the one on its own channel is drawn from
 /// so few of its texels that it is no Gaussian any more.
-const NARROW_MIN: f64 = 0.25;
+const NARROW_MIN: f64 = 0.4;
 
 /// Least share of a marker's light that must be found: less, and something lies over it.
 const FOUND_MIN: f64 = 0.5;
