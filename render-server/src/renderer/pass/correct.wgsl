@@ -43,8 +43,8 @@ struct Corner {
 @group(1) @binding(0) var source: texture_2d<f32>;
 @group(1) @binding(1) var source_sampler: sampler;
 @group(1) @binding(2) var<uniform> correction: Correction;
-// Factor and addend, each as its lower and its upper byte: texels of 32 bits are what software
-// drivers read fastest.
+// Factor and addend, each as its lower and its upper byte: every driver reads such texels, and
+// mixes none.
 @group(1) @binding(3) var light_map: texture_2d<f32>;
 @group(1) @binding(4) var<storage, read> codes: array<vec4<f32>>;
 // Gives the texel that it is asked for, unmixed.
@@ -138,7 +138,7 @@ fn light_along(ray: vec3<f32>, right: vec3<f32>, below: vec3<f32>) -> vec3<f32> 
 fn encode(light: vec3<f32>) -> vec3<f32> {
     if CURVE == 0u {
         // IEC 61966-2-1, 1.055 x^(1/2.4) - 0.055, as a polynomial of x^(1/4) that is off by
-        // 0.0017 codes of 255 at most: roots cost a third of a power.
+        // 0.0017 codes of 255 at most; two roots cost a software driver less than a power.
         let t = sqrt(sqrt(light));
         let high = (-0.06814659 * t + 0.28953081) * t - 0.57748017;
         let curved = ((high * t + 1.255403) * t + 0.16202663) * t - 0.06134025;
