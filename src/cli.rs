@@ -215,8 +215,13 @@ pub(crate) fn one_line(error: &anyhow::Error) -> String {
             line.push_str(&cause);
         }
     }
+    printable(&line)
+}
+
+/// Returns the text with its control characters escaped.
+fn printable(text: &str) -> String {
     let escape = |c: char| if c.is_control() { c.escape_debug().to_string() } else { c.into() };
-    line.chars().map(escape).collect()
+    text.chars().map(escape).collect()
 }
 
 /// Has the files that a wall names read, before anything begins.

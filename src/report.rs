@@ -1,6 +1,6 @@
 //! `report.json`: what a simulated wall did.
 
-use polyptych_client::Statistics;
+use polyptych_client::{SceneSummary, Statistics};
 use serde::Serialize;
 
 use crate::faults::FaultRecord;
@@ -15,6 +15,8 @@ pub(crate) struct Report {
     pub wall: String,
     /// The scene's name.
     pub scene: String,
+    /// What of the scene is not drawn as its file has it.
+    pub notes: Vec<String>,
     /// What the channels were drawn with, each adapter once.
     pub adapter: String,
     /// Times that a server was started again.
@@ -31,7 +33,7 @@ pub(crate) struct Report {
 }
 
 impl Report {
-    pub fn new(wall: &str, scene: &str, statistics: Statistics) -> Self {
+    pub fn new(wall: &str, scene: &SceneSummary, statistics: Statistics) -> Self {
         let mut adapters: Vec<String> = Vec::new();
         for adapter in statistics.channels.iter().filter_map(|c| c.adapter.clone()) {
             if !adapters.contains(&adapter) {
@@ -40,7 +42,8 @@ impl Report {
         }
         Self {
             wall: wall.to_owned(),
-            scene: scene.to_owned(),
+            scene: scene.name.clone(),
+            notes: scene.notes.clone(),
             adapter: adapters.join(", "),
             restarts: 0,
             missing: Vec::new(),

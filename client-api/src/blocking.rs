@@ -29,6 +29,7 @@ use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{Epoch, RequestId};
 use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
 use polyptych_protocol::tuning::{Change, Tuned};
 use polyptych_protocol::wall::Wall;
@@ -169,6 +170,19 @@ impl Client {
         wait(self.inner.open_scene(path))
     }
 
+    /// Blocking version of [`crate::Client::open_scene_with`]: `on_progress` is called on the
+    /// caller's thread.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn open_scene_with(
+        &self,
+        path: impl Into<String>,
+        on_progress: impl FnMut(OpenProgress),
+    ) -> Result<SceneSummary, ClientError> {
+        wait(self.inner.open_scene_with(path, on_progress))
+    }
+
     /// As [`crate::Client::close_scene`].
     ///
     /// # Errors
@@ -281,7 +295,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn set_displays(&self, mode: DisplayMode) -> Result<(), ClientError> {
+    pub fn set_displays(&self, mode: DisplayMode) -> Result<Feedback, ClientError> {
         wait(self.inner.set_displays(mode))
     }
 
@@ -289,7 +303,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn set_pattern(&self, pattern: Option<Pattern>) -> Result<(), ClientError> {
+    pub fn set_pattern(&self, pattern: Option<Pattern>) -> Result<Feedback, ClientError> {
         wait(self.inner.set_pattern(pattern))
     }
 

@@ -10,15 +10,17 @@ use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
 use polyptych_protocol::tuning::{Change, Tuned};
 use polyptych_protocol::wall::Wall;
 use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::sync::watch;
 
 use crate::connect::{ConnectOptions, connect_over, connect_tcp};
 use crate::error::ClientError;
 use crate::feedback::Feedbacks;
-use crate::link::{Link, wrong_answer};
+use crate::link::{Link, Wanted, wrong_answer};
 use crate::pending::Pending;
 use crate::picture::Capture;
 
@@ -145,7 +147,7 @@ impl Client {
     /// [`ClientError::Closed`], [`ClientError::TooManyOpen`], [`ClientError::RequestTooLarge`]:
     /// nothing was sent.
     pub fn post(&self, request: Request) -> Result<Pending, ClientError> {
-        self.link.post(request, false)
+        self.link.post(request, Wanted::default())
     }
 
     /// Sends any request and waits for its reply; the other methods are this, typed.
@@ -164,7 +166,35 @@ impl Client {
     /// # Errors
     /// [`ClientError`]; where the scene can't be opened, the wall shows what it showed before.
     pub async fn open_scene(&self, path: impl Into<String>) -> Result<SceneSummary, ClientError> {
-        match self.call(Request::OpenScene { path: path.into() }).await? {
+        self.open_scene_with(path, |_| {}).await
+    }
+
+    /// As [`Client::open_scene`], and calls `on_progress` whenever the manager says how far it has
+    /// come: a few times a second at most, and only while this future is polled. Progress that
+    /// came meanwhile is left out but for the newest.
+    ///
+    /// The request may take [`crate::Timeouts::open_scene`] from each message about its progress
+    /// on, so a large file may take longer than that.
+    ///
+    /// # Errors
+    /// As of [`Client::open_scene`].
+    pub async fn open_scene_with(
+        &self,
+        path: impl Into<String>,
+        mut on_progress: impl FnMut(OpenProgress),
+    ) -> Result<SceneSummary, ClientError> {
+        let (sender, mut progress) = watch::channel(OpenProgress::NONE);
+        let wanted = Wanted { pictures: false, progress: Some(sender) };
+        let request = Request::OpenScene { path: path.into() };
+        let mut pending = self.link.post(request, wanted)?;
+        let reply = loop {
+            tokio::select! {
+                biased;
+                reply = &mut pending => break reply?,
+                Ok(()) = progress.changed() => on_progress(*progress.borrow_and_update()),
+            }
+        };
+        match reply {
             Reply::SceneOpened(summary) => Ok(summary),
             other => Err(wrong_answer("open the scene", &other)),
         }
@@ -257,6 +287,9 @@ impl Client {
 
     /// Draws and shows one frame on all channels; returns what it became.
     ///
+    /// A frame that no display showed is no error: a wall may have no servers yet, and goes on
+    /// without those that it loses. [`Feedback::shown`] says who saw it.
+    ///
     /// # Errors
     /// [`ClientError`].
     pub async fn render_frame(&self) -> Result<Feedback, ClientError> {
@@ -273,10 +306,7 @@ impl Client {
         camera: Option<Camera>,
         time_s: Option<f64>,
     ) -> Result<Feedback, ClientError> {
-        match self.call(Request::RenderFrame { camera, time_s }).await? {
-            Reply::Frame(feedback) => Ok(feedback),
-            other => Err(wrong_answer("render a frame", &other)),
-        }
+        self.frame("render a frame", Request::RenderFrame { camera, time_s }).await
     }
 
     /// Lets the wall draw frames by itself at this pace, until [`Client::pause`].
@@ -296,26 +326,27 @@ impl Client {
     }
 
     /// Changes what all displays show: the picture, their names over it, black, or for ever what
-    /// they show now. Returns once a frame with it was shown; a paused wall draws one for it.
-    /// Frames go on and captures are as before, whatever displays show.
+    /// they show now. Returns what the first frame with it became, which says on which displays it
+    /// is seen; a paused wall draws one for it. Frames go on and captures are as before, whatever
+    /// displays show.
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn set_displays(&self, mode: DisplayMode) -> Result<(), ClientError> {
-        self.done("change the displays", Request::SetDisplays(mode)).await
+    pub async fn set_displays(&self, mode: DisplayMode) -> Result<Feedback, ClientError> {
+        self.frame("change the displays", Request::SetDisplays(mode)).await
     }
 
-    /// Lets all channels draw a test pattern instead of the scene, or the scene again. Returns once
-    /// a frame with it was shown; captures have it too.
+    /// Lets all channels draw a test pattern instead of the scene, or the scene again. Returns
+    /// what the first frame with it became; captures have it too.
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn set_pattern(&self, pattern: Option<Pattern>) -> Result<(), ClientError> {
-        self.done("change the pattern", Request::SetPattern(pattern)).await
+    pub async fn set_pattern(&self, pattern: Option<Pattern>) -> Result<Feedback, ClientError> {
+        self.frame("change the pattern", Request::SetPattern(pattern)).await
     }
 
-    /// Changes a channel's adjustment, all of it or nothing. Returns once a frame with it was
-    /// shown; a paused wall draws one for it. The manager remembers it; the wall file says it once
+    /// Changes a channel's adjustment, all of it or nothing. Returns what the first frame with it
+    /// became; a paused wall draws one for it. The manager remembers it; the wall file says it once
     /// it is written there. Tunings that come faster than frames are shown together.
     ///
     /// # Errors
@@ -338,7 +369,8 @@ impl Client {
     /// [`ClientError`]; [`ClientError::CaptureTooLarge`] where the pictures take more than
     /// [`ConnectOptions::capture_bytes_max`].
     pub async fn capture(&self) -> Result<Capture, ClientError> {
-        let mut pending = self.link.post(Request::Capture, true)?;
+        let mut pending =
+            self.link.post(Request::Capture, Wanted { pictures: true, progress: None })?;
         let answered = std::future::poll_fn(|context| pending.poll_answered(context)).await?;
         match (answered.reply, answered.parts) {
             (Reply::Captured(captured), Some(parts)) => parts.assemble(captured),
@@ -396,6 +428,13 @@ impl Client {
         match self.done("stop the manager", Request::Stop).await {
             Err(ClientError::ManagerEnded { .. }) => Ok(()),
             other => other,
+        }
+    }
+
+    async fn frame(&self, name: &'static str, request: Request) -> Result<Feedback, ClientError> {
+        match self.call(request).await? {
+            Reply::Frame(feedback) => Ok(feedback),
+            other => Err(wrong_answer(name, &other)),
         }
     }
 

@@ -88,6 +88,13 @@ impl<W> InFlight<W> {
         }
     }
 
+    /// Gives a request that was sent all of its time again.
+    pub fn renew(&mut self, now: Instant, id: RequestId) {
+        if let Some(after) = self.open.get(&id).filter(|open| open.is_sent).map(|open| open.after) {
+            self.set_deadline(now, id, after);
+        }
+    }
+
     fn set_deadline(&mut self, now: Instant, id: RequestId, after: Duration) {
         let Some(open) = self.open.get_mut(&id) else { return };
         self.deadlines.remove(&(open.deadline, id));
@@ -177,6 +184,20 @@ mod tests {
         let names: Vec<_> = expired.iter().map(|open| (open.request, open.after)).collect();
         assert_eq!(names, [("quick", SECOND), ("middling", 2 * SECOND)]);
         assert_eq!(table.next_deadline(), Some(now + 3 * SECOND));
+    }
+
+    #[test]
+    fn progress_of_a_request_that_was_sent_renews_its_time() {
+        let now = Instant::now();
+        let mut table = InFlight::new();
+        let [sent, unsent] = [(); 2].map(|()| table.insert(now, "x", SECOND, ()).expect("room"));
+        assert!(table.send(now, sent, SECOND));
+        for id in [sent, unsent, RequestId(99)] {
+            table.renew(now + SECOND / 2, id);
+        }
+        assert!(table.expire(now + SECOND).is_some_and(|open| !open.is_sent));
+        assert!(table.expire(now + SECOND).is_none());
+        assert!(table.expire(now + SECOND * 3 / 2).is_some_and(|open| open.is_sent));
     }
 
     #[test]

@@ -59,12 +59,13 @@ pub use polyptych_protocol::camera::Camera;
 pub use polyptych_protocol::command::{Area, View, ViewProjection};
 pub use polyptych_protocol::display::DisplayMode;
 pub use polyptych_protocol::feedback::{
-    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Skew, Spread,
+    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Shown, Skew, Spread,
     Statistics, WallStatus,
 };
 pub use polyptych_protocol::head::Head;
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 pub use polyptych_protocol::pattern::Pattern;
+pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 pub use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
 pub use polyptych_protocol::scene::{Bounds, SceneFeatures};
 pub use polyptych_protocol::tuning::{self, Tuned};

@@ -10,8 +10,9 @@ use polyptych_protocol::feedback::Feedback;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::{Epoch, RequestId};
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
+use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Call, Failure, PicturePart, Reply, Request};
-use tokio::sync::{Notify, broadcast, mpsc, oneshot};
+use tokio::sync::{Notify, broadcast, mpsc, oneshot, watch};
 
 use crate::connect::ConnectOptions;
 use crate::error::ClientError;
@@ -98,6 +99,17 @@ impl End {
 struct Waiter {
     answer: oneshot::Sender<Result<Answered, ClientError>>,
     parts: Option<PictureParts>,
+    /// Holds the newest progress, for requests that tell theirs.
+    progress: Option<watch::Sender<OpenProgress>>,
+}
+
+/// What of the messages that come before a reply is wanted.
+#[derive(Debug, Default)]
+pub(crate) struct Wanted {
+    /// Pieces of pictures are kept.
+    pub pictures: bool,
+    /// The newest progress goes here.
+    pub progress: Option<watch::Sender<OpenProgress>>,
 }
 
 /// A reply, and the pieces of pictures that came before it.
@@ -134,9 +146,9 @@ impl Link {
         (Self { shared: Arc::new(shared), outgoing }, messages)
     }
 
-    /// Sends a request without waiting; pieces of pictures are kept where `with_pictures`.
-    pub fn post(&self, request: Request, with_pictures: bool) -> Result<Pending, ClientError> {
-        self.post_in(&mut self.shared.lock(), request, with_pictures)
+    /// Sends a request without waiting for its answer.
+    pub fn post(&self, request: Request, wanted: Wanted) -> Result<Pending, ClientError> {
+        self.post_in(&mut self.shared.lock(), request, wanted)
     }
 
     /// Under the caller's lock, so that requests leave in the order of their numbers.
@@ -144,7 +156,7 @@ impl Link {
         &self,
         state: &mut State,
         request: Request,
-        with_pictures: bool,
+        wanted: Wanted,
     ) -> Result<Pending, ClientError> {
         let name = name(&request);
         let shared = &self.shared;
@@ -153,12 +165,12 @@ impl Link {
             return Err(ClientError::Closed { request: name, address, reason });
         }
         let (answer, receiver) = oneshot::channel();
-        let parts = with_pictures.then(|| PictureParts::new(shared.options.capture_bytes_max));
+        let parts = wanted.pictures.then(|| PictureParts::new(shared.options.capture_bytes_max));
         let after = shared.options.timeouts.of(&request);
         // tokio's clock, which tests own.
         let now = tokio::time::Instant::now().into_std();
         let full = || ClientError::TooManyOpen { request: name, limit: OPEN_REQUESTS_MAX };
-        let waiter = Waiter { answer, parts };
+        let waiter = Waiter { answer, parts, progress: wanted.progress };
         // Without a connection it waits for one first.
         let first_after = if state.lost.is_some() { shared.wait() } else { after };
         let id = state.open.insert(now, name, first_after, waiter).ok_or_else(full)?;
@@ -192,7 +204,7 @@ impl Link {
             };
             state.subscribers += 1;
             let (connection, epoch) = (state.connection, state.epoch);
-            let posted = self.post_in(state, Request::Subscribe(true), false);
+            let posted = self.post_in(state, Request::Subscribe(true), Wanted::default());
             (receiver, connection, epoch, posted)
         };
         let feedbacks = Feedbacks::new(receiver, connection, epoch, self.clone());
@@ -210,7 +222,7 @@ impl Link {
             if state.subscribers > 0 || state.end.is_some() {
                 return;
             }
-            self.post_in(state, Request::Subscribe(false), false)
+            self.post_in(state, Request::Subscribe(false), Wanted::default())
         };
         if let Err(error) = posted {
             tracing::debug!(%error, "feedback goes on coming and is ignored");
@@ -329,6 +341,19 @@ impl Shared {
             Err(Failure { reason }) => Err(ClientError::Failed { request, reason }),
         };
         deliver(waiter.answer, answer);
+    }
+
+    /// A request has come further: it has its time from now on.
+    pub fn handle_progress(&self, id: RequestId, progress: OpenProgress) {
+        let now = tokio::time::Instant::now().into_std();
+        let mut state = self.lock();
+        state.open.renew(now, id);
+        let waiter = state.open.waiter_mut(id);
+        if let Some(sender) = waiter.and_then(|waiter| waiter.progress.as_ref()) {
+            sender.send_replace(progress);
+        }
+        drop(state);
+        self.deadline_moved.notify_one();
     }
 
     /// A piece of a picture came.

@@ -1,10 +1,13 @@
 //! What clients learn of frames and channels.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 use crate::display::DisplayMode;
 use crate::ids::{Digest, Epoch, FrameId, Revision};
 use crate::pattern::Pattern;
+use crate::progress::Opening;
 
 /// Where a channel stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -24,6 +27,38 @@ pub enum ChannelState {
     Late,
 }
 
+impl ChannelState {
+    /// The state's name, in lower case, as it stands in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Lost => "lost",
+            Self::Joining => "joining",
+            Self::Preparing => "preparing",
+            Self::Ready => "ready",
+            Self::Live => "live",
+            Self::Late => "late",
+        }
+    }
+}
+
+impl fmt::Display for ChannelState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Which displays showed a frame; see [`Feedback::shown`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shown {
+    /// Every channel of the wall.
+    ByAll,
+    /// At least one channel, but not every one.
+    BySome,
+    /// No channel: nobody saw the frame.
+    ByNone,
+}
+
 /// What a frame became.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Feedback {
@@ -39,6 +74,34 @@ pub struct Feedback {
     pub barrier_us: u64,
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelFeedback>,
+}
+
+impl Feedback {
+    /// Returns which displays showed the frame. A frame is done whether or not anybody saw it: a
+    /// wall without servers makes frames too, which are [`Shown::ByNone`].
+    pub fn shown(&self) -> Shown {
+        match (self.shown_channels().next(), self.missing_channels().next()) {
+            (None, _) => Shown::ByNone,
+            (Some(_), None) => Shown::ByAll,
+            (Some(_), Some(_)) => Shown::BySome,
+        }
+    }
+
+    /// Returns whether every channel of the wall showed the frame.
+    pub fn is_complete(&self) -> bool {
+        self.shown() == Shown::ByAll
+    }
+
+    /// Returns the channels that showed the frame, in the wall's order.
+    pub fn shown_channels(&self) -> impl Iterator<Item = &ChannelFeedback> {
+        self.channels.iter().filter(|channel| channel.has_shown())
+    }
+
+    /// Returns the channels that did not show the frame, in the wall's order. Their state and
+    /// reason say why.
+    pub fn missing_channels(&self) -> impl Iterator<Item = &ChannelFeedback> {
+        self.channels.iter().filter(|channel| !channel.has_shown())
+    }
 }
 
 /// What a channel did for a frame.
@@ -63,6 +126,15 @@ pub struct ChannelFeedback {
     pub draw_calls: u32,
     /// Of its present calls, as it was about a second ago at most.
     pub skew: Skew,
+}
+
+impl ChannelFeedback {
+    /// Returns whether the channel had drawn the frame when it was swapped, and so was among those
+    /// that were told to show it. A channel that is lost, joining or preparing cannot; one that is
+    /// late may show the frame after the others.
+    pub fn has_shown(&self) -> bool {
+        self.draw_us.is_some() && matches!(self.state, ChannelState::Live | ChannelState::Late)
+    }
 }
 
 /// How far the present calls of a channel lie behind those of the first channel of the same
@@ -112,6 +184,11 @@ pub struct WallStatus {
     pub clients: Vec<String>,
     /// What a person should know, such as adapters that differ.
     pub warnings: Vec<String>,
+    /// What of the open scene is not drawn, or not as its file has it; see
+    /// [`crate::scene::Scene::notes`].
+    pub notes: Vec<String>,
+    /// Scenes that are being opened, the oldest request first.
+    pub opening: Vec<Opening>,
 }
 
 /// A channel as it stands.
@@ -237,6 +314,52 @@ impl Spread {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn feedback(channels: &[(ChannelState, Option<u32>)]) -> Feedback {
+        let channel = |(state, draw_us): &(ChannelState, Option<u32>)| ChannelFeedback {
+            name: format!("{state}-{}", draw_us.is_some()),
+            state: *state,
+            since_ms: 1,
+            reason: None,
+            shown_at_us: None,
+            draw_us: *draw_us,
+            triangles: 0,
+            draw_calls: 0,
+            skew: Skew::default(),
+        };
+        Feedback {
+            frame: FrameId(1),
+            time_s: 0.0,
+            revision: Revision(1),
+            frame_us: 1,
+            barrier_us: 0,
+            channels: channels.iter().map(channel).collect(),
+        }
+    }
+
+    #[test]
+    fn a_frame_counts_as_shown_only_where_it_was_drawn_by_a_channel_that_takes_part() {
+        use ChannelState::{Joining, Late, Live, Lost, Preparing};
+        for (channels, shown) in [
+            (&[(Live, Some(1)), (Live, Some(2))][..], Shown::ByAll),
+            // Drawn in time by one that is catching up.
+            (&[(Live, Some(1)), (Late, Some(2))], Shown::ByAll),
+            (&[(Live, Some(1)), (Late, None)], Shown::BySome),
+            (&[(Live, Some(1)), (Lost, None)], Shown::BySome),
+            // It had drawn, and was gone before the swap.
+            (&[(Live, Some(1)), (Lost, Some(1))], Shown::BySome),
+            (&[(Joining, None), (Preparing, Some(1))], Shown::ByNone),
+            (&[], Shown::ByNone),
+        ] {
+            let feedback = feedback(channels);
+            assert_eq!(feedback.shown(), shown, "{channels:?}");
+            assert_eq!(feedback.is_complete(), shown == Shown::ByAll, "{channels:?}");
+            let split = (feedback.shown_channels().count(), feedback.missing_channels().count());
+            assert_eq!(split.0 + split.1, channels.len(), "{channels:?}");
+        }
+        let some = feedback(&[(Live, Some(1)), (Lost, None)]);
+        assert_eq!(some.missing_channels().map(|c| c.name.as_str()).next(), Some("lost-false"));
+    }
 
     #[test]
     fn quantiles_are_values_that_were_measured() {

@@ -29,6 +29,7 @@ pub mod limits;
 pub mod log;
 pub mod pattern;
 pub mod process;
+pub mod progress;
 pub mod request;
 pub mod scene;
 pub mod status;

@@ -63,6 +63,13 @@ pub const NAME_BYTES_MAX: usize = 64;
 /// Longest path of a scene in a request, in bytes.
 pub const PATH_BYTES_MAX: usize = 4096;
 
+/// Maximum number of notes of a scene; a broken exporter repeats itself.
+pub const NOTES_MAX: usize = 64;
+
+/// Maximum length of a note in bytes: a line of a terminal and a half. All notes of a scene take
+/// 16 KiB of every status.
+pub const NOTE_BYTES_MAX: usize = 256;
+
 /// Most views of one frame.
 pub const VIEWS_MAX: usize = 64;
 

@@ -13,6 +13,7 @@ use crate::feedback::{Feedback, Statistics, WallStatus};
 use crate::head::Head;
 use crate::ids::{FrameId, RequestId, Revision};
 use crate::pattern::Pattern;
+use crate::progress::OpenProgress;
 use crate::scene::{Bounds, SceneFeatures};
 use crate::tuning::{Change, Tuned};
 use crate::wall::Wall;
@@ -69,8 +70,8 @@ pub enum Request {
     Subscribe(bool),
     /// Ends the manager.
     Stop,
-    /// Changes what all displays show; answered once a frame that carries it was swapped. A wall
-    /// that is paused makes one for it.
+    /// Changes what all displays show; answered by the feedback of the frame that carries it. A
+    /// wall that is paused makes one for it.
     SetDisplays(DisplayMode),
     /// Moves the viewer's head, from the next frame on; refused where one of its eyes would not
     /// see the front of a screen.
@@ -121,6 +122,14 @@ pub enum Answer {
         /// For the person in front of the client.
         reason: String,
     },
+    /// How far a request to open a scene has come: with every percent at most, and at least every
+    /// few seconds while it is baked. May be left out for a client that reads slowly.
+    Progress {
+        /// The client's number of the request.
+        id: RequestId,
+        /// How far it has come.
+        progress: OpenProgress,
+    },
 }
 
 /// What came of a request that succeeded.
@@ -130,7 +139,8 @@ pub enum Reply {
     Done,
     /// To [`Request::OpenScene`].
     SceneOpened(SceneSummary),
-    /// To [`Request::RenderFrame`].
+    /// To [`Request::RenderFrame`], [`Request::SetDisplays`] and [`Request::SetPattern`]: the frame
+    /// from which on it holds.
     Frame(Feedback),
     /// To [`Request::Capture`]: which frame, and the pictures that were sent before this.
     Captured(Captured),
@@ -185,6 +195,9 @@ pub struct SceneSummary {
     pub triangles: u64,
     /// What it needs of the renderer.
     pub features: SceneFeatures,
+    /// What of the file is not drawn, or not as it is there; see [`crate::scene::Scene::notes`].
+    #[serde(default)]
+    pub notes: Vec<String>,
 }
 
 /// The pictures of one frame.

@@ -18,6 +18,7 @@ pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 
 use crate::ids::BlobHash;
+use crate::limits::{NOTE_BYTES_MAX, NOTES_MAX};
 
 /// A whole scene: nodes, and the lists that they point into.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -38,6 +39,9 @@ pub struct Scene {
     pub sky: Vec3,
     /// The box around everything drawn, in world space; `None` where nothing is drawn.
     pub bounds: Option<Bounds>,
+    /// What of the source is not drawn, or not as it is there: lines for people, without control
+    /// characters. At most [`NOTES_MAX`] of at most [`NOTE_BYTES_MAX`] bytes each.
+    pub notes: Vec<String>,
 }
 
 /// One place in the scene.
@@ -154,6 +158,13 @@ impl Scene {
     /// behind its child, a size that contradicts itself.
     pub fn fault(&self) -> Option<String> {
         let beyond = |index: Option<u32>, len: usize| index.is_some_and(|i| i as usize >= len);
+        let is_note =
+            |n: &String| n.len() <= NOTE_BYTES_MAX && !n.contains(|c: char| c.is_control());
+        if self.notes.len() > NOTES_MAX || !self.notes.iter().all(is_note) {
+            return Some(format!(
+                "notes: at most {NOTES_MAX} lines of at most {NOTE_BYTES_MAX} bytes can be kept"
+            ));
+        }
         for (i, node) in self.nodes.iter().enumerate() {
             if beyond(node.parent, i) {
                 return Some(format!("node {i} stands before its parent"));

@@ -97,14 +97,14 @@ pub enum Move {
 }
 
 /// What a tuning has become.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tuned {
     /// The state that has it.
     pub revision: crate::ids::Revision,
-    /// The first frame that all live channels showed with it.
-    pub frame: crate::ids::FrameId,
-    /// Frames that were begun from the request to this one, itself among them.
+    /// Frames that were begun from the request to the first one with it, that one among them.
     pub frames: u64,
+    /// What the first frame with it became: which displays show it, and which do not.
+    pub feedback: crate::feedback::Feedback,
 }
 
 impl Corner {

@@ -23,6 +23,7 @@ mod material;
 mod mesh;
 mod mip;
 mod node;
+mod notes;
 mod numbers;
 mod order;
 mod source;
@@ -51,17 +52,15 @@ pub use error::BakeError;
 pub use store::Store;
 
 use material::Palette;
+use notes::Notes;
 use source::Source;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 2;
+const BAKER_VERSION: u32 = 3;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
 pub const SKY_DEFAULT: Vec3 = Vec3::new(0.20, 0.32, 0.50);
-
-/// Most warnings that a bake keeps; a broken exporter repeats itself.
-const WARNINGS_MAX: usize = 64;
 
 /// How far a bake has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,6 +71,22 @@ pub struct Progress {
     pub done: u64,
     /// How many parts the stage has.
     pub total: u64,
+}
+
+impl Progress {
+    /// Returns the share of the whole bake that is done, in percent: 0 to 100. Meshes and images
+    /// take nearly all of the time; how they share it differs from file to file, so this is rough.
+    pub fn percent(&self) -> u8 {
+        let (from, to) = match self.stage {
+            "reading" => (0, 5),
+            "nodes" => (5, 10),
+            "meshes" => (10, 45),
+            "textures" => (45, 98),
+            _ => (98, 100),
+        };
+        let done = self.done.min(self.total) * (to - from) / self.total.max(1);
+        u8::try_from(from + done).unwrap_or(100)
+    }
 }
 
 /// What a bake gave.
@@ -95,7 +110,7 @@ pub struct Baked {
     pub triangles: u64,
     /// Bytes of all blobs, the manifest among them; one that is used twice counts once.
     pub bytes: u64,
-    /// What was left out or mended, each kind once.
+    /// What is not drawn, or not as it is there; see [`Scene::notes`].
     #[serde(default)]
     pub warnings: Vec<String>,
 }
@@ -143,8 +158,8 @@ fn bake_file(
         return Ok(baked);
     }
     let blobs = store.blobs();
-    let (warnings, written) = (Vec::new(), BTreeMap::new());
-    let mut job = Job { source: &source, blobs, progress, cancel, warnings, written };
+    let (notes, written) = (Notes::default(), BTreeMap::new());
+    let mut job = Job { source: &source, blobs, progress, cancel, notes, written };
     let scene = job.scene(name)?;
     let baked = job.finish(&scene)?;
     store.record(key, &baked)?;
@@ -170,7 +185,7 @@ struct Job<'a> {
     blobs: &'a BlobFolder,
     progress: &'a mut dyn FnMut(Progress),
     cancel: &'a AtomicBool,
-    warnings: Vec<String>,
+    notes: Notes,
     written: BTreeMap<BlobHash, u64>,
 }
 
@@ -185,11 +200,9 @@ impl Job<'_> {
         self.check()
     }
 
-    fn warn(&mut self, warning: &str) {
-        let is_new = !self.warnings.iter().any(|known| known == warning);
-        if is_new && self.warnings.len() < WARNINGS_MAX {
-            self.warnings.push(warning.to_owned());
-        }
+    /// Keeps a note, `PLACE: WHAT`; see [`Notes::add`].
+    fn warn(&mut self, note: &str) {
+        self.notes.add(note);
     }
 
     fn write(&mut self, bytes: &[u8], place: &str) -> Result<BlobHash, BakeError> {
@@ -223,6 +236,7 @@ impl Job<'_> {
         scene.bounds = bounds::of_scene(&scene)?;
         scene.textures = texture::write_all(self, &palette.textures)?;
         scene.materials = palette.materials;
+        scene.notes = std::mem::take(&mut self.notes).into_lines();
         Ok(scene)
     }
 
@@ -261,7 +275,7 @@ impl Job<'_> {
             textures: scene.textures.len() as u64,
             triangles: scene.triangles(),
             bytes: self.written.values().sum(),
-            warnings: self.warnings,
+            warnings: scene.notes.clone(),
         })
     }
 }

@@ -13,6 +13,7 @@ mod input;
 mod membership;
 mod memory;
 mod pace;
+mod progress;
 mod registry;
 mod sight;
 mod skew;
@@ -36,6 +37,7 @@ use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{ChannelId, Digest, Epoch, FrameId, RequestId};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Answer, Failure, Pace, Reply, SceneSummary};
 use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
@@ -134,6 +136,14 @@ pub struct ImportedScene {
     pub summary: SceneSummary,
 }
 
+/// A scene that is being baked.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Importing {
+    job: RequestOf,
+    scene: String,
+    progress: OpenProgress,
+}
+
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct ClientState {
     name: String,
@@ -154,10 +164,13 @@ pub struct Cluster {
     shown: Replica,
     shown_digest: Digest,
     features: Vec<String>,
+    /// What of the shown scene is not drawn.
+    #[serde(default)]
+    notes: Vec<String>,
     changes: Changes,
     tuners: tune::Tuners,
     /// Scenes that are being baked.
-    imports: Vec<RequestOf>,
+    imports: Vec<Importing>,
     registry: Registry,
     clients: BTreeMap<SessionId, ClientState>,
     orders: VecDeque<FrameOrder>,
@@ -208,6 +221,7 @@ impl Cluster {
             shown_digest: shown.digest(),
             shown,
             features: Vec::new(),
+            notes: Vec::new(),
             changes: Changes::default(),
             tuners: tune::Tuners::default(),
             imports: Vec::new(),

@@ -15,7 +15,7 @@ use polyptych_protocol::ids::{BlobHash, Revision};
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::SceneSummary;
 use polyptych_protocol::scene::{Scene, SceneFeatures};
-use tokio::io::AsyncReadExt;
+use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
 use tokio::process::Command;
 
 use crate::cluster::ImportedScene;
@@ -23,7 +23,11 @@ use crate::cluster::ImportedScene;
 /// Longest bake; a scene of ten gigabytes takes a few minutes.
 const BAKE_TIME_MAX: Duration = Duration::from_mins(30);
 
-/// Most of a baker's output that is read: its last line, or its reason for failing.
+/// Maximum time between two reports of a bake's progress: who waits can tell a long step from a
+/// manager that hangs.
+const SILENCE_MAX: Duration = Duration::from_secs(5);
+
+/// Most of a baker's output that is read: a line, or its reason for failing.
 const BAKE_OUTPUT_BYTES_MAX: u64 = 64 << 10;
 
 /// How the manager starts the baker.
@@ -80,9 +84,17 @@ pub fn resolve(path: &str, roots: &[PathBuf]) -> Result<PathBuf, String> {
 }
 
 /// Bakes a file and reads what came of it.
-pub(crate) async fn import(path: &str, roots: &[PathBuf], baker: &Baker) -> Result<Import, String> {
+///
+/// `tell` is given the percentage of the bake that is done, at least every [`SILENCE_MAX`].
+pub(crate) async fn import(
+    path: &str,
+    roots: &[PathBuf],
+    baker: &Baker,
+    tell: impl Fn(u8),
+) -> Result<Import, String> {
     let file = resolve(path, roots)?;
-    let baked = bake(&file, baker, &[]).await?;
+    tell(0);
+    let baked = bake(&file, baker, &["--progress"], tell).await?;
     let hash = baked.pointer("/manifest").and_then(|hash| hash.as_str());
     let hash = hash.and_then(BlobHash::from_hex);
     let hash = hash.ok_or_else(|| format!("{path}: the baker named no manifest"))?;
@@ -104,6 +116,7 @@ pub(crate) fn read_manifest(folder: &BlobFolder, hash: BlobHash) -> Result<Impor
         bounds: scene.bounds,
         triangles: scene.triangles(),
         features: SceneFeatures::of(&scene),
+        notes: scene.notes.clone(),
     };
     let blobs = std::iter::once(hash).chain(scene.blobs()).collect();
     let scene = SceneRef { name: scene.name, manifest: hash };
@@ -111,7 +124,12 @@ pub(crate) fn read_manifest(folder: &BlobFolder, hash: BlobHash) -> Result<Impor
 }
 
 /// What the baker says of a file, which is a scene unless `options` say else.
-async fn bake(file: &Path, baker: &Baker, options: &[&str]) -> Result<serde_json::Value, String> {
+async fn bake(
+    file: &Path,
+    baker: &Baker,
+    options: &[&str],
+    tell: impl Fn(u8),
+) -> Result<serde_json::Value, String> {
     let mut command = Command::new(&baker.program);
     command
         .arg("bake")
@@ -138,10 +156,10 @@ async fn bake(file: &Path, baker: &Baker, options: &[&str]) -> Result<serde_json
     let stdout = child.stdout.take();
     let stderr = child.stderr.take();
     let work = async {
-        let (out, err) = tokio::join!(read_some(stdout), read_some(stderr));
-        (out, err, child.wait().await)
+        let (last, err) = tokio::join!(read_lines(stdout, tell), read_some(stderr));
+        (last, err, child.wait().await)
     };
-    let (out, err, status) = tokio::time::timeout(BAKE_TIME_MAX, work).await.map_err(|_| {
+    let (last, err, status) = tokio::time::timeout(BAKE_TIME_MAX, work).await.map_err(|_| {
         format!("{}: not baked within {} s", file.display(), BAKE_TIME_MAX.as_secs())
     })?;
     let status = status.map_err(cannot)?;
@@ -158,8 +176,46 @@ async fn bake(file: &Path, baker: &Baker, options: &[&str]) -> Result<serde_json
         );
         return Err(reason);
     }
-    let last = out.lines().rev().find(|line| line.starts_with('{')).unwrap_or_default();
-    serde_json::from_str(last).map_err(|error| format!("{}: {error}", file.display()))
+    serde_json::from_str(&last).map_err(|error| format!("{}: {error}", file.display()))
+}
+
+/// Reads what a baker writes to its standard output, and returns its last line of JSON that is
+/// not about its progress. Passes on the percentage of each of those, again where it is silent.
+async fn read_lines<R: tokio::io::AsyncRead + Unpin>(
+    stream: Option<R>,
+    tell: impl Fn(u8),
+) -> String {
+    let mut last = String::new();
+    let Some(stream) = stream else { return last };
+    let mut stream = BufReader::new(stream);
+    let (mut line, mut percent) = (Vec::new(), 0);
+    loop {
+        let room = BAKE_OUTPUT_BYTES_MAX.saturating_sub(line.len() as u64);
+        // What was read before a silence stays in `line`.
+        let mut limited = (&mut stream).take(room);
+        let read = tokio::time::timeout(SILENCE_MAX, limited.read_until(b'\n', &mut line)).await;
+        match read {
+            Err(_) => tell(percent),
+            // A stream that breaks off has said all that it will say.
+            Ok(Ok(0) | Err(_)) => return last,
+            Ok(Ok(_)) => {
+                let text = String::from_utf8_lossy(&line).into_owned();
+                line.clear();
+                if let Some(done) = percent_of(&text) {
+                    percent = done;
+                    tell(percent);
+                } else if text.starts_with('{') {
+                    last = text;
+                }
+            }
+        }
+    }
+}
+
+/// The percentage of a line such as `{"percent":40}`.
+fn percent_of(line: &str) -> Option<u8> {
+    let number = line.trim_end().strip_prefix("{\"percent\":")?.strip_suffix('}')?;
+    number.parse().ok().filter(|percent| *percent <= 100)
 }
 
 /// The beginning of what a child writes; the rest is read and dropped, so that it never blocks.

@@ -168,6 +168,7 @@ mod tests {
                 pattern: Some(Pattern::Grid),
                 tunings: vec![("a".into(), Adjustment { mirror: true, ..Adjustment::default() })],
                 tuned_wall: Some(BlobHash([8; 32])),
+                notes: vec!["animations: 1 is not played".into()],
             },
         };
         save(&path, &memory).expect("saved");

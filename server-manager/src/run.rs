@@ -2,6 +2,7 @@
 
 mod beginning;
 mod ending;
+mod importing;
 mod sample;
 
 use std::collections::BTreeMap;
@@ -23,16 +24,15 @@ use polyptych_protocol::wall::Wall;
 use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, mpsc};
 use tokio::time::Instant;
-use tracing::Instrument;
 
 use crate::brain::Brain;
 use crate::bulk::AllowedBlobs;
 use crate::capture::{Collection, PictureMemory, WallShapes};
-use crate::cluster::{self, Input, Micros, Output, RequestOf, SessionId};
+use crate::cluster::{self, Input, Micros, Output, SessionId};
 use crate::delivery;
 use crate::door;
 use crate::gate::Gate;
-use crate::import::{self, Baker, Import};
+use crate::import::Baker;
 use crate::memory;
 use crate::metrics;
 use crate::record::Recorder;
@@ -40,6 +40,7 @@ use crate::repetition::Repetitions;
 use crate::server_session::ServerLink;
 use crate::session::{EVENTS_MAX, Event, Link};
 use crate::traffic::Traffic;
+use importing::{Baking, Imported};
 
 /// Events that are handled in one turn, before timers are looked at again.
 const EVENTS_PER_TURN: usize = 64;
@@ -57,7 +58,7 @@ const CLIENTS_MAX: usize = 256;
 /// What a manager needs.
 #[derive(Debug)]
 pub struct ManagerOptions {
-    /// The wall that it drives; its files are baked: [`import::bake_wall_files`].
+    /// The wall that it drives; its files are baked: [`crate::import::bake_wall_files`].
     pub wall: Wall,
     /// What every peer must know that comes in the clear.
     pub token: String,
@@ -158,6 +159,8 @@ struct Hub {
     cluster: Brain,
     events: mpsc::Sender<Event>,
     imported: (mpsc::Sender<Imported>, mpsc::Receiver<Imported>),
+    /// What bakers say of their progress.
+    progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),
     allowed: AllowedBlobs,
     traffic: Traffic,
     repetitions: Repetitions,
@@ -172,11 +175,6 @@ struct Hub {
     is_stopping: bool,
 }
 
-struct Imported {
-    job: RequestOf,
-    result: Result<Import, String>,
-}
-
 impl Hub {
     fn new(mut options: ManagerOptions, epoch: Epoch, events: mpsc::Sender<Event>) -> Self {
         let allowed = AllowedBlobs::default();
@@ -187,6 +185,7 @@ impl Hub {
             options,
             events,
             imported: mpsc::channel(16),
+            progress: mpsc::channel(16),
             allowed,
             traffic: Traffic::default(),
             repetitions: Repetitions::default(),
@@ -231,6 +230,9 @@ impl Hub {
                     }
                 }
                 Some(imported) = self.imported.1.recv() => self.handle_imported(imported),
+                Some((job, progress)) = self.progress.1.recv() => {
+                    self.tell(self.now(), Input::Progress { job, progress });
+                }
                 () = &mut timer => {}
             }
             // Events come first above; however many there are, a bake that has ended is heard.
@@ -389,15 +391,6 @@ impl Hub {
         }
     }
 
-    fn handle_imported(&mut self, imported: Imported) {
-        let job = imported.job;
-        let scene = imported.result.map(|import| {
-            self.allowed.allow(&import.blobs);
-            import.scene
-        });
-        self.tell(self.now(), Input::Import { job, imported: scene });
-    }
-
     /// Does what the brain wants done.
     fn carry_out(&mut self) {
         while let Some(output) = self.cluster.poll_output() {
@@ -455,8 +448,8 @@ impl Hub {
     fn answer(&mut self, to: SessionId, answer: &Answer) {
         let Some(link) = self.clients.get(&to) else { return };
         if link.outbox.try_send(codec::encode(answer)).is_err() {
-            // Feedback that nobody reads may be lost; an answer may not.
-            if !matches!(answer, Answer::Feedback(_)) {
+            // Feedback and progress that nobody reads may be lost; an answer may not.
+            if !matches!(answer, Answer::Feedback(_) | Answer::Progress { .. }) {
                 let reason = "it does not read its answers";
                 // Behind them, for one that reads on after all.
                 let goodbye = codec::encode(&Answer::Goodbye { reason: reason.to_owned() });
@@ -464,21 +457,6 @@ impl Hub {
                 self.forget(to, reason);
             }
         }
-    }
-
-    fn import(&self, job: RequestOf, path: String) {
-        let roots = self.options.scene_roots.clone();
-        let baker = self.options.baker.clone();
-        let done = self.imported.0.clone();
-        let turns = Arc::clone(&self.bakes);
-        let work = async move {
-            // Nobody closes it, so there is always a turn.
-            let _turn = turns.acquire().await;
-            let result = import::import(&path, &roots, &baker).await;
-            // The manager may have ended meanwhile.
-            let _ = done.send(Imported { job, result }).await;
-        };
-        tokio::spawn(work.instrument(self.cluster.span_of_request(job)));
     }
 
     fn finish_collections(&mut self) {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -11,10 +11,14 @@ use polyptych_manager::bake::map::{MapUse, bake_map};
 use polyptych_manager::bake::{Progress, Store, bake};
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
+use super::drive::say_notes;
 use super::say;
 
 /// How much less important than a frame a bake is, on the scale of nice(1).
 const NICENESS: i32 = 10;
+
+/// Minimum time between two lines of progress.
+const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
 
 /// How long a bake that was interrupted may go on to end in order.
 const CANCEL_TIME_MAX: Duration = Duration::from_millis(500);
@@ -35,6 +39,9 @@ pub(super) struct Arguments {
     /// Print what was baked as one line of JSON
     #[arg(long)]
     json: bool,
+    /// Print the percentage that is done as lines of JSON before the result
+    #[arg(long, hide = true, requires = "json")]
+    progress: bool,
     /// End when standard input ends, as it does when the parent process does
     #[arg(long, hide = true)]
     with_parent: bool,
@@ -67,7 +74,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Ok(style) = ProgressStyle::with_template("{msg:>10} {wide_bar} {pos}/{len}") {
         bar.set_style(style);
     }
+    let mut percents = Percents::default();
     let mut progress = |progress: Progress| {
+        if arguments.progress {
+            percents.print(progress.percent());
+        }
         bar.set_message(progress.stage);
         bar.set_length(progress.total);
         bar.set_position(progress.done);
@@ -84,11 +95,29 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "{} {how}: {} nodes, {} meshes, {} textures, {} triangles, {} bytes of blobs",
         baked.name, baked.nodes, baked.meshes, baked.textures, baked.triangles, baked.bytes
     ))?;
-    for warning in &baked.warnings {
-        say(format_args!("note: {warning}"))?;
-    }
+    say_notes(&baked.warnings)?;
     say(format_args!("manifest {} in {}", baked.manifest, arguments.output.display()))?;
     Ok(())
+}
+
+/// Lines that tell a parent process how much is done.
+#[derive(Debug, Default)]
+struct Percents {
+    printed: Option<(u8, Instant)>,
+}
+
+impl Percents {
+    /// Prints the percentage, unless it is as before or the last one was printed just now.
+    fn print(&mut self, percent: u8) {
+        let is_due = |(before, at): (u8, Instant)| {
+            percent > before && (at.elapsed() >= PROGRESS_PERIOD || percent == 100)
+        };
+        if self.printed.is_none_or(is_due) {
+            self.printed = Some((percent, Instant::now()));
+            // A parent that does not listen any more ends this process in another way.
+            let _ = say(format_args!("{{\"percent\":{percent}}}"));
+        }
+    }
 }
 
 /// Makes this process one that may read foreign files: it ends rather than take more memory.

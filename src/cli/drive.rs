@@ -6,7 +6,7 @@ use anyhow::{Context, bail};
 use polyptych_client::glam::{DQuat, DVec3};
 use polyptych_client::{Camera, Feedback, overview};
 
-use super::{ManagerAddress, exposure, say};
+use super::{ManagerAddress, exposure, printable, say};
 use crate::pictures;
 
 #[derive(Debug, clap::Args)]
@@ -47,7 +47,13 @@ pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<()> {
         "{}: {} triangles, revision {}, shown at frame {}",
         scene.name, scene.triangles, scene.revision, feedback.frame
     ))?;
+    say_notes(&scene.notes)?;
     Ok(())
+}
+
+/// Says what of a scene is not drawn as its file has it.
+pub(super) fn say_notes(notes: &[String]) -> anyhow::Result<()> {
+    notes.iter().try_for_each(|note| say(format_args!("note: {}", printable(note))))
 }
 
 /// Says which channels a frame went on without: it was shown, but not there.

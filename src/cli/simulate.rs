@@ -11,6 +11,7 @@ use polyptych_client::{Bounds, Camera, overview};
 use polyptych_manager::record::Recorder;
 use polyptych_protocol::wall::Wall;
 
+use super::drive::say_notes;
 use super::{bake_files, cache_folder, counted, exposure, load_wall, manager, rate, say, seconds};
 use crate::faults::{self, Fault, Faults, Needs};
 use crate::local_wall::{Interrupted, LocalWall, LocalWallOptions};
@@ -141,6 +142,7 @@ fn drive(
         "scene {}: {} triangles; needs: {features}",
         summary.name, summary.triangles
     ))?;
+    say_notes(&summary.notes)?;
     client.set_exposure(arguments.exposure)?;
     let focus = shown.focus.or(summary.bounds);
     let camera = |n: u64| camera_of_frame(wall, focus.as_ref(), arguments, n);
@@ -164,7 +166,7 @@ fn drive(
         }
     }
     save(&arguments.out.join("wall.png"), &pictures::side_by_side(&capture.screens)?)?;
-    let mut report = Report::new(&wall.name, &summary.name, statistics);
+    let mut report = Report::new(&wall.name, &summary, statistics);
     report.restarts = local.restarts();
     report.missing = capture.missing;
     report.faults = faults;

@@ -2,7 +2,7 @@
 
 use polyptych_client::{DisplayMode, Skew, WallStatus};
 
-use super::{ManagerAddress, say, watch};
+use super::{ManagerAddress, printable, say, watch};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -76,10 +76,9 @@ fn table(status: &WallStatus) -> String {
         text.push_str(line.trim_end());
         text.push('\n');
     }
-    for warning in &status.warnings {
-        text.push_str("warning: ");
-        text.push_str(warning);
-        text.push('\n');
-    }
+    let warnings =
+        status.warnings.iter().map(|warning| ["warning: ", &printable(warning), "\n"].concat());
+    let notes = status.notes.iter().map(|note| ["note: ", &printable(note), "\n"].concat());
+    text.extend(warnings.chain(notes));
     text
 }

@@ -42,7 +42,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "{} is tuned: revision {}, on all live channels with frame {}, {} after the request",
         arguments.channel,
         tuned.revision,
-        tuned.frame,
+        tuned.feedback.frame,
         counted(usize::try_from(tuned.frames).unwrap_or(usize::MAX), "frame")
     ))
 }

@@ -22,6 +22,7 @@
 //! - `observation`: metrics, logs for programs, and a live status
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
 //! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
+//! - `notes`: what of a scene is not drawn is said
 //! - `report`: what a simulated wall writes
 
 mod back_pressure;
@@ -32,6 +33,7 @@ mod failures;
 #[path = "../harness/harness.rs"]
 mod harness;
 mod manager_kills;
+mod notes;
 mod observation;
 mod one_process;
 mod prove;

@@ -252,6 +252,7 @@ fn imported() -> ImportedScene {
         bounds: None,
         triangles: 0,
         features: SceneFeatures::default(),
+        notes: Vec::new(),
     };
     ImportedScene { scene, summary }
 }

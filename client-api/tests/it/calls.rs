@@ -19,6 +19,7 @@ pub fn summary() -> SceneSummary {
         bounds: None,
         triangles: 12,
         features: SceneFeatures::default(),
+        notes: Vec::new(),
     }
 }
 
@@ -36,6 +37,8 @@ fn status() -> WallStatus {
         channels: Vec::new(),
         clients: vec!["test".into()],
         warnings: Vec::new(),
+        notes: Vec::new(),
+        opening: Vec::new(),
     }
 }
 
@@ -77,7 +80,7 @@ fn sight() -> Sight {
 }
 
 fn tuned() -> Tuned {
-    Tuned { revision: Revision(3), frame: FrameId(9), frames: 1 }
+    Tuned { revision: Revision(3), frames: 1, feedback: feedback(9) }
 }
 
 /// Answers every request but a capture as a manager would.
@@ -85,6 +88,7 @@ pub fn answer(request: &Request) -> Reply {
     match request {
         Request::OpenScene { .. } => Reply::SceneOpened(summary()),
         Request::RenderFrame { time_s, .. } => Reply::Frame(feedback(time_s.map_or(9, |t| t as _))),
+        Request::SetDisplays(_) | Request::SetPattern(_) => Reply::Frame(feedback(9)),
         Request::Status => Reply::Status(Box::new(status())),
         Request::DescribeWall => Reply::Wall(Box::new(wall())),
         Request::Statistics { .. } => Reply::Statistics(Box::new(statistics())),
@@ -126,8 +130,9 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     assert_eq!(drawn, feedback(4));
     client.run(Pace::Rate(30.0)).await.expect("running");
     client.pause().await.expect("paused");
-    client.set_displays(DisplayMode::Blank).await.expect("blank");
-    client.set_pattern(Some(Pattern::Grid)).await.expect("a pattern");
+    assert_eq!(client.set_displays(DisplayMode::Blank).await.expect("blank"), feedback(9));
+    let drawn = client.set_pattern(Some(Pattern::Grid)).await.expect("a pattern");
+    assert_eq!(drawn, feedback(9));
     let change = Change::Gain(DVec3::splat(0.9));
     assert_eq!(client.tune("left", vec![change.clone()]).await.expect("tuned"), tuned());
     assert_eq!(client.status().await.expect("status"), status());

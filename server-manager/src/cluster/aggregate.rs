@@ -83,6 +83,8 @@ impl Cluster {
             channels: channels.collect(),
             clients: self.clients.values().map(|client| client.name.clone()).collect(),
             warnings: self.warnings(),
+            notes: self.notes.clone(),
+            opening: self.openings(),
         }
     }
 

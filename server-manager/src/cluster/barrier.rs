@@ -49,7 +49,7 @@ pub(super) struct FrameOrder {
     pub camera: Option<Camera>,
     pub time_s: Option<f64>,
     pub capture: bool,
-    /// What holds from this frame on, where it is ordered for that: answered without feedback.
+    /// What holds from this frame on, where it is ordered for that.
     pub wish: Option<Wish>,
 }
 
@@ -344,11 +344,11 @@ impl Cluster {
         }
         self.publish(&feedback);
         self.remember_frame(now);
-        self.tell_tuners(barrier.frame, barrier.revision);
+        self.tell_tuners(&feedback);
         match barrier.order {
             Some(FrameOrder { job, wish: Some(_), .. }) => {
                 self.remember();
-                self.reply(job, Ok(Reply::Done));
+                self.reply(job, Ok(Reply::Frame(feedback)));
             }
             Some(FrameOrder { job, capture: false, .. }) => {
                 self.reply(job, Ok(Reply::Frame(feedback)));

@@ -9,12 +9,13 @@ use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{ChannelId, Digest, Revision};
 use polyptych_protocol::log::{Operation, Replica};
+use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 use polyptych_protocol::request::{Failure, Reply, SceneSummary};
 use polyptych_protocol::wall::Wall;
 use serde::{Deserialize, Serialize};
 
 use super::tune::Tuner;
-use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId};
+use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId, progress};
 
 /// How long a change waits for a server: enough for a large scene on a slow link; after this the
 /// wall goes on without its channels until they are ready.
@@ -48,6 +49,16 @@ impl Change {
         match (&mut self.operations[..], &mut self.purpose) {
             ([Operation::SetWall(wall)], Purpose::Tuning(tuners)) => Some((wall, tuners)),
             _ => None,
+        }
+    }
+
+    /// Who opens a scene by it, and the scene's name.
+    fn opened(&self) -> Option<(RequestOf, String)> {
+        match &self.purpose {
+            Purpose::Scene { job, summary: Some(summary) } => {
+                Some((*job, progress::name_of(&summary.name)))
+            }
+            Purpose::Scene { summary: None, .. } | Purpose::Tuning(_) => None,
         }
     }
 
@@ -88,6 +99,9 @@ struct Underway {
     expires: Micros,
     /// Servers that cannot draw it, with the reason.
     failed: Vec<(SessionId, String)>,
+    /// How far its client was last told that it is, in percent.
+    #[serde(default)]
+    told_percent: Option<u8>,
 }
 
 impl Changes {
@@ -127,6 +141,17 @@ impl Changes {
     pub fn tuners(&self) -> impl Iterator<Item = &Tuner> {
         let current = self.current.as_ref().map(|underway| &underway.change);
         self.queue.iter().chain(current).flat_map(Change::tuners)
+    }
+
+    /// The scenes that wait for their turn, by name.
+    pub fn waiting_scenes(&self) -> impl Iterator<Item = String> {
+        self.queue.iter().filter_map(Change::opened).map(|(_, scene)| scene)
+    }
+
+    /// Returns whether this share of the change on its way is news to its client.
+    pub fn is_news(&mut self, percent: u8) -> bool {
+        let told = self.current.as_mut().map(|underway| underway.told_percent.replace(percent));
+        told.is_some_and(|told| told != Some(percent))
     }
 
     /// Puts the wall in the place of the one that waits for its turn, if there is one: tunings
@@ -173,8 +198,8 @@ impl Cluster {
         imported: Result<ImportedScene, String>,
     ) {
         // One of them, where a client gives several the same number.
-        if let Some(at) = self.imports.iter().position(|of| *of == job) {
-            self.imports.swap_remove(at);
+        if let Some(at) = self.imports.iter().position(|of| of.job == job) {
+            self.imports.remove(at);
         }
         match imported {
             Err(reason) => {
@@ -279,21 +304,43 @@ impl Cluster {
             }
             let digest = replica.digest();
             let expires = now + PREPARE_TIME_MAX;
-            let failed = Vec::new();
-            self.changes.current = Some(Underway { change, replica, digest, expires, failed });
+            let (failed, told_percent) = (Vec::new(), None);
+            let underway = Underway { change, replica, digest, expires, failed, told_percent };
+            self.changes.current = Some(underway);
             let everyone = self.registry.servers().map(|(id, _)| id).collect();
             self.prompt(everyone);
+            self.tell_preparing();
         }
     }
 
     /// Whether every server with a channel that is live, or about to be, has answered.
     fn is_settled(&self, underway: &Underway) -> bool {
+        let (answered, asked) = self.answered(underway);
+        answered == asked
+    }
+
+    /// How many channels that are live, or about to be, have a server that has answered, and how
+    /// many there are.
+    fn answered(&self, underway: &Underway) -> (usize, usize) {
         let counts = |state| matches!(state, ChannelState::Live | ChannelState::Ready);
-        self.registry.channels().filter(|(_, c)| counts(c.state)).all(|(_, c)| {
-            let Some(session) = c.server else { return true };
+        let has_answered = |session: SessionId| {
             let prepared = self.registry.server(session).and_then(|server| server.prepared);
             prepared == Some(underway.replica.revision) || self.changes.has_failed_on(session)
+        };
+        let asked = self.registry.channels().filter(|(_, c)| counts(c.state));
+        asked.fold((0, 0), |(answered, asked), (_, c)| {
+            (answered + usize::from(c.server.is_none_or(has_answered)), asked + 1)
         })
+    }
+
+    /// Returns the scene whose change is on its way with the share of channels that are ready for
+    /// it, and who opens it.
+    pub(super) fn preparing(&self) -> Option<(RequestOf, Opening)> {
+        let underway = self.changes.current.as_ref()?;
+        let (answered, asked) = self.answered(underway);
+        let (job, scene) = underway.change.opened()?;
+        let progress = OpenProgress::of_parts(OpenStage::Preparing, answered, asked);
+        Some((job, Opening { scene, progress }))
     }
 
     /// Ends the change on its way: it is shown from the next frame on, or refused: a scene where no
@@ -338,8 +385,15 @@ impl Cluster {
         let tell = || tracing::info!(%revision, "the wall shows a new revision");
         self.span_of_request(job).in_scope(tell);
         self.features.clear();
+        self.notes.clear();
         let reply = if let Some(mut summary) = summary {
             summary.revision = self.shown.revision;
+            self.notes.clone_from(&summary.notes);
+            let scene = &summary.name;
+            for note in &summary.notes {
+                let tell = || tracing::warn!(scene, note, "not drawn as the file has it");
+                self.span_of_request(job).in_scope(tell);
+            }
             self.features.extend(summary.features.names().into_iter().map(String::from));
             Reply::SceneOpened(summary)
         } else {

@@ -2,6 +2,7 @@
 
 use polyptych_protocol::handshake::{Secret, ServerHello};
 use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::status::Status;
 use serde::{Deserialize, Serialize};
@@ -68,6 +69,13 @@ pub enum Input {
         /// What came of the bake.
         imported: Result<ImportedScene, String>,
     },
+    /// [`Cluster::handle_progress`].
+    Progress {
+        /// Who asked.
+        job: RequestOf,
+        /// How far the baker has come.
+        progress: OpenProgress,
+    },
 }
 
 impl Input {
@@ -100,6 +108,7 @@ impl Cluster {
             Input::Request { client, id, request } => {
                 self.handle_request(now, client, id, request);
             }
+            Input::Progress { job, progress } => self.handle_progress(job, progress),
             Input::Import { job, imported } => self.handle_import(now, job, imported),
         }
         Ok(())

@@ -179,6 +179,7 @@ impl Cluster {
                 }
             }
         }
+        self.tell_preparing();
         self.advance_change(now);
         self.prompt(vec![from]);
         self.advance_frame(now);

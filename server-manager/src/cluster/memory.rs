@@ -53,6 +53,9 @@ pub struct Further {
     pub tunings: Vec<(String, Adjustment)>,
     /// The hash of the wall's description with these: a wall file that has them is no other wall.
     pub tuned_wall: Option<BlobHash>,
+    /// What of the open scene is not drawn, as its manifest says.
+    #[serde(default)]
+    pub notes: Vec<String>,
 }
 
 impl Cluster {
@@ -61,6 +64,7 @@ impl Cluster {
         let mut cluster = Self::new(wall, epoch);
         if let Some(scene) = &memory.scene {
             cluster.shown.apply(Operation::OpenScene(scene.clone()));
+            cluster.notes.clone_from(&memory.further.notes);
         }
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
         if cluster.is_wall_of(memory) {
@@ -133,7 +137,12 @@ impl Cluster {
             exposure: self.exposure,
             pace: self.pacer.pace(),
             displays: self.displays,
-            further: Further { pattern: self.pattern, tunings, tuned_wall },
+            further: Further {
+                pattern: self.pattern,
+                tunings,
+                tuned_wall,
+                notes: self.notes.clone(),
+            },
         }
     }
 

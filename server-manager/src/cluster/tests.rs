@@ -247,6 +247,12 @@ impl Stage {
         self.cluster.status(self.now).channels[channel].state
     }
 
+    /// Whether the last answer is to this request, with a frame that every channel showed.
+    fn is_answered_by_a_whole_frame(&self, id: RequestId) -> bool {
+        let Some((of, Ok(Reply::Frame(feedback)))) = self.replies.last() else { return false };
+        *of == id && feedback.is_complete() && feedback.frame == self.cluster.swapped
+    }
+
     fn imported() -> ImportedScene {
         let scene = SceneRef { name: "town".into(), manifest: BlobHash::of(b"town") };
         let summary = SceneSummary {
@@ -255,6 +261,7 @@ impl Stage {
             bounds: None,
             triangles: 3,
             features: SceneFeatures::default(),
+            notes: Vec::new(),
         };
         ImportedScene { scene, summary }
     }

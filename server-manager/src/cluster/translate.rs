@@ -4,13 +4,15 @@ use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::limits::PATH_BYTES_MAX;
 use polyptych_protocol::log::Operation;
+use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Failure, Pace, Reply, Request};
 use tracing::Level;
 
 use super::change::Purpose;
 use super::sight::checked_camera;
 use super::{
-    Change, Cluster, FRAME_ORDERS_MAX, FrameOrder, Micros, Output, RequestOf, SessionId, Wish,
+    Change, Cluster, FRAME_ORDERS_MAX, FrameOrder, Importing, Micros, Output, RequestOf, SessionId,
+    Wish, progress,
 };
 
 /// Slowest and fastest rate that a client may ask for, in frames per second.
@@ -132,7 +134,7 @@ impl Cluster {
         if path.is_empty() || path.len() > PATH_BYTES_MAX {
             return Err(format!("a scene's path has 1 to {PATH_BYTES_MAX} bytes"));
         }
-        if self.imports.iter().filter(|of| of.client == job.client).count() >= IMPORTS_MAX {
+        if self.imports.iter().filter(|of| of.job.client == job.client).count() >= IMPORTS_MAX {
             return Err(format!(
                 "{IMPORTS_MAX} scenes are being opened for this client already; await some first"
             ));
@@ -142,7 +144,8 @@ impl Cluster {
                 "{IMPORTS_OF_ALL_MAX} scenes are being opened already; ask again later"
             ));
         }
-        self.imports.push(job);
+        let scene = progress::name_of(&path);
+        self.imports.push(Importing { job, scene, progress: OpenProgress::NONE });
         self.outputs.push_back(Output::Import { job, path });
         Ok(None)
     }

@@ -1,5 +1,6 @@
 //! Tuning of the running wall: a change as others are, but many may come for one frame.
 
+use polyptych_protocol::feedback::Feedback;
 use polyptych_protocol::ids::{FrameId, Revision};
 use polyptych_protocol::log::Operation;
 use polyptych_protocol::request::Reply;
@@ -84,14 +85,16 @@ impl Cluster {
     }
 
     /// A frame of this state was swapped: who waits for it, or for one before, is told.
-    pub(super) fn tell_tuners(&mut self, frame: FrameId, revision: Revision) {
+    pub(super) fn tell_tuners(&mut self, feedback: &Feedback) {
+        let (frame, revision) = (feedback.frame, feedback.revision);
         if revision == self.shown.revision {
             self.changes.has_swapped();
         }
         let seen: Vec<_> = self.tuners.0.extract_if(.., |(of, _)| *of <= revision).collect();
         for (revision, tuner) in seen {
             let frames = frame.0.saturating_sub(tuner.asked_at.0);
-            self.reply(tuner.job, Ok(Reply::Tuned(Tuned { revision, frame, frames })));
+            let tuned = Tuned { revision, frames, feedback: feedback.clone() };
+            self.reply(tuner.job, Ok(Reply::Tuned(tuned)));
         }
     }
 }

@@ -31,7 +31,7 @@ pub fn bake_wall_files(wall: &mut Wall, folder: &Path, baker: &Baker) -> Result<
         let (file, options) = (&wall.files[index], options(wall, index));
         let options: Vec<&str> = options.iter().map(String::as_str).collect();
         let about = |what: String| format!("{}: {what}", wall.key_of_file(index));
-        let baked = runtime.block_on(bake(&folder.join(&file.path), baker, &options));
+        let baked = runtime.block_on(bake(&folder.join(&file.path), baker, &options, |_| {}));
         let baked = baked.map_err(about)?;
         let hash = baked.pointer("/blob").and_then(|hash| hash.as_str());
         let hash = hash.and_then(BlobHash::from_hex);

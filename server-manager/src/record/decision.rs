@@ -80,6 +80,9 @@ fn describe(output: &Output) -> (char, Vec<u8>) {
                 Ok(Reply::Status(status)) => {
                     codec::encode(&(status.revision, status.digest, status.frame))
                 }
+                Ok(Reply::Tuned(tuned)) => {
+                    codec::encode(&(tuned.revision, tuned.frames, frame(&tuned.feedback)))
+                }
                 Ok(Reply::Statistics(_)) => codec::encode(&"statistics"),
                 other => codec::encode(other),
             };

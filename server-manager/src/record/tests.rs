@@ -199,6 +199,7 @@ fn imported() -> ImportedScene {
         bounds: None,
         triangles: 9,
         features: SceneFeatures::default(),
+        notes: Vec::new(),
     };
     ImportedScene { scene, summary }
 }

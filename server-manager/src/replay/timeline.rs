@@ -156,7 +156,7 @@ impl Timeline {
                 };
                 self.event("import", text);
             }
-            Input::Timeout | Input::Status { .. } => {}
+            Input::Timeout | Input::Status { .. } | Input::Progress { .. } => {}
         }
     }
 

@@ -20,7 +20,10 @@ pub(super) fn begin(options: &mut ManagerOptions, epoch: Epoch, allowed: &Allowe
     if let Some(scene) = &memory.scene {
         let folder = BlobFolder::new(options.baker.store.join("blobs"));
         match import::read_manifest(&folder, scene.manifest) {
-            Ok(import) => allowed.allow(&import.blobs),
+            Ok(import) => {
+                allowed.allow(&import.blobs);
+                memory.further.notes = import.scene.summary.notes;
+            }
             Err(reason) => {
                 tracing::warn!(scene = scene.name, reason, "the last scene is not there any more");
                 memory.scene = None;

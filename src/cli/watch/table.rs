@@ -14,8 +14,8 @@ const REASON_WIDTH_MIN: usize = 24;
 /// Longest name that is shown whole.
 const NAME_WIDTH_MAX: usize = 24;
 
-/// Warnings that are shown; the rest is counted.
-const WARNINGS_MAX: usize = 2;
+/// Warnings that are shown, and notes; the rest is counted.
+const TEXTS_MAX: usize = 2;
 
 /// All that is known.
 #[derive(Debug)]
@@ -109,14 +109,8 @@ pub(super) fn lines(view: &View, width: usize, height: usize) -> Vec<Line> {
         Some(status) => {
             lines.push(vec![piece(wall_in_words(status, view.rates), Tone::Head)]);
             lines.push(vec![piece(counts_in_words(&status.channels), Tone::Plain)]);
-            let warnings = &status.warnings;
-            for warning in warnings.iter().take(WARNINGS_MAX) {
-                lines.push(vec![piece(format!("warning: {warning}"), Tone::Warning)]);
-            }
-            if let Some(more) = warnings.len().checked_sub(WARNINGS_MAX + 1) {
-                let text = format!("and {} more warnings", more + 1);
-                lines.push(vec![piece(text, Tone::Warning)]);
-            }
+            lines.extend(first_of(&status.warnings, "warning", Tone::Warning));
+            lines.extend(first_of(&status.notes, "note", Tone::Quiet));
             // The last line is for the key that ends it.
             let room = height.saturating_sub(lines.len() + 1);
             lines.extend(channel_lines(status, view, width, room));
@@ -127,6 +121,18 @@ pub(super) fn lines(view: &View, width: usize, height: usize) -> Vec<Line> {
     }
     lines.truncate(height);
     lines.into_iter().map(|line| fitted(line, width)).collect()
+}
+
+/// The first [`TEXTS_MAX`] of these texts, a line each, and a line that counts the rest.
+fn first_of<'a>(texts: &'a [String], kind: &'a str, tone: Tone) -> impl Iterator<Item = Line> + 'a {
+    let more = texts.len().saturating_sub(TEXTS_MAX);
+    let more = match more {
+        0 => None,
+        1 => Some(format!("and 1 more {kind}")),
+        more => Some(format!("and {more} more {kind}s")),
+    };
+    let first = texts.iter().take(TEXTS_MAX).map(move |text| format!("{kind}: {text}"));
+    first.chain(more).map(move |text| vec![piece(text, tone)])
 }
 
 /// The wall in one line, for a log.
@@ -142,6 +148,11 @@ pub(super) fn summary(view: &View) -> String {
     let troubled = by_importance(&status.channels).filter(|c| c.state != ChannelState::Live);
     let mut parts = vec![wall_in_words(status, view.rates), counts_in_words(&status.channels)];
     parts.extend(troubled.map(of_channel));
+    if let [first, rest @ ..] = &status.notes[..] {
+        let more =
+            if rest.is_empty() { String::new() } else { format!(" (and {} more)", rest.len()) };
+        parts.push(format!("note: {first}{more}"));
+    }
     plain(&parts.join("; "))
 }
 

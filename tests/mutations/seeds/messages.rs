@@ -20,6 +20,7 @@ use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
 use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::progress::{OpenProgress, Opening};
 use polyptych_protocol::request::{
     self, Call, Captured, Failure, Pace, PictureInfo, PicturePart, Reply, Request, SceneSummary,
 };
@@ -263,6 +264,8 @@ fn status() -> WallStatus {
         channels: vec![channel; 3],
         clients: vec!["ann".into()],
         warnings: vec!["mixed".into()],
+        notes: vec!["animations: 1 is not played".into()],
+        opening: vec![Opening { scene: "town".into(), progress: OpenProgress::NONE }],
         displays: DisplayMode::Freeze,
         pattern: Some(Pattern::Grid),
     }
@@ -308,6 +311,7 @@ fn answers() -> Vec<request::Answer> {
         bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
         triangles: 100_000,
         features: SceneFeatures::of(&scene()),
+        notes: vec!["animations: 1 is not played".into()],
     };
     let info = PictureInfo { name: "front".into(), is_screen: true, width: 1920, height: 1080 };
     let captured = Captured {
@@ -324,13 +328,14 @@ fn answers() -> Vec<request::Answer> {
         Ok(Reply::Status(Box::new(status()))),
         Ok(Reply::Wall(Box::new(wall()))),
         Ok(Reply::Statistics(Box::new(statistics()))),
-        Ok(Reply::Tuned(Tuned { revision: Revision(3), frame: FrameId(9), frames: 1 })),
+        Ok(Reply::Tuned(Tuned { revision: Revision(3), frames: 1, feedback: feedback() })),
         Err(Failure::new("no such scene")),
     ];
     let part = PicturePart { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };
     let others = [
         request::Answer::Feedback(feedback()),
         request::Answer::Picture(part),
+        request::Answer::Progress { id, progress: OpenProgress::NONE },
         request::Answer::Goodbye { reason: "the end".into() },
     ];
     let replies = replies.into_iter().map(|reply| request::Answer::Reply { id, reply });
@@ -405,5 +410,6 @@ fn scene() -> Scene {
         lights: vec![light],
         sky: Vec3::ONE,
         bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
+        notes: vec!["animations: 1 is not played".into()],
     }
 }

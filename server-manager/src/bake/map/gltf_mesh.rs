@@ -16,6 +16,7 @@ use polyptych_protocol::wall::warp::{
 };
 
 use super::super::error::BakeError;
+use super::super::notes::Notes;
 use super::super::source::Source;
 use super::super::{Job, document, geometry, node, topology};
 use super::fold;
@@ -27,10 +28,9 @@ pub(super) fn read(
     cancel: &AtomicBool,
 ) -> Result<WarpMap, BakeError> {
     let source = Source::open(path, cancel)?;
-    let (warnings, written) = (Vec::new(), std::collections::BTreeMap::new());
+    let (notes, written) = (Notes::default(), std::collections::BTreeMap::new());
     let mut progress = |_| {};
-    let mut job =
-        Job { source: &source, blobs, progress: &mut progress, cancel, warnings, written };
+    let mut job = Job { source: &source, blobs, progress: &mut progress, cancel, notes, written };
     let nodes = node::read(&mut job)?;
     let scene = Scene { nodes, ..Scene::default() };
     let mut mesh = WarpMesh { vertices: Vec::new(), triangles: Vec::new() };

@@ -34,6 +34,8 @@ pub fn wall(channels: usize) -> WallStatus {
         channels: (0..channels).map(channel).collect(),
         clients: vec!["orbit".into()],
         warnings: Vec::new(),
+        notes: Vec::new(),
+        opening: Vec::new(),
         displays: DisplayMode::Normal,
         pattern: None,
     }

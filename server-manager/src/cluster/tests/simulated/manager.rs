@@ -264,6 +264,7 @@ impl World {
             bounds: None,
             triangles: 3,
             features: SceneFeatures::default(),
+            notes: Vec::new(),
         };
         let scene = ImportedScene { scene: SceneRef { name, manifest }, summary };
         let imported = if is_good { Ok(scene) } else { Err("not glTF".to_owned()) };

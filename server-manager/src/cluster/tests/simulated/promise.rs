@@ -166,7 +166,7 @@ impl Watch {
                     && failure.reason.starts_with("nothing has changed");
                 Ok(())
             }
-            Answer::Picture(_) | Answer::Goodbye { .. } => Ok(()),
+            Answer::Picture(_) | Answer::Goodbye { .. } | Answer::Progress { .. } => Ok(()),
         }
     }
 
@@ -283,10 +283,10 @@ impl Watch {
                 }
             }
             (Request::Tune { .. }, Reply::Tuned(tuned)) => {
-                let of = self.revision_of(tuned.frame);
-                let is_shown = of.is_some() && !self.was_drawn_wrong(tuned.frame);
-                let is_late = tuned.frame < self.swapped;
-                let is_early = is_shown && tuned.frame != self.swapped;
+                let of = self.revision_of(tuned.feedback.frame);
+                let is_shown = of.is_some() && !self.was_drawn_wrong(tuned.feedback.frame);
+                let is_late = tuned.feedback.frame < self.swapped;
+                let is_early = is_shown && tuned.feedback.frame != self.swapped;
                 if is_late || is_early || of.is_some_and(|of| of < tuned.revision) {
                     return Err(format!("{tuned:?}, but frame {} was swapped last", self.swapped));
                 }

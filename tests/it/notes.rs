@@ -1,0 +1,79 @@
+//! What of a scene is not drawn reaches everybody who should know: the answer of `open`, the
+//! status, the log, the report of `simulate`, and a client.
+
+use serde_json::{Value, json};
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
+use crate::harness::place::Place;
+use crate::harness::scenes::Gltf;
+use crate::harness::simulation::Simulation;
+use crate::harness::wait;
+
+/// A triangle with an animation that is not played and an extension whose name would move a
+/// cursor.
+fn scene() -> Gltf {
+    Gltf::triangle().with(|file| {
+        file.json["extensionsUsed"] = json!(["ACME_shimmer\u{1b}[2J"]);
+        file.json["animations"] = json!([{ "channels": [], "samplers": [] }]);
+    })
+}
+
+/// That these lines say both things that are not drawn, and move no cursor.
+#[track_caller]
+fn check_notes(notes: &[String]) {
+    for part in ["animation", "ACME_shimmer\\u{1b}[2J"] {
+        assert!(notes.iter().any(|note| note.contains(part)), "{part}: {notes:?}");
+    }
+    assert!(!notes.iter().any(|note| note.contains('\u{1b}')), "{notes:?}");
+}
+
+/// The lines of a text that are notes.
+fn noted(text: &str) -> Vec<String> {
+    text.lines().filter_map(|line| line.strip_prefix("note: ")).map(str::to_owned).collect()
+}
+
+fn listed(json: &Value) -> Vec<String> {
+    serde_json::from_value(json["notes"].clone()).expect("a list of texts")
+}
+
+#[test]
+fn notes_reach_open_status_log_and_client_and_outlive_a_manager() {
+    let place = Place::new();
+    let wall = small(1, 1);
+    let file = place.write("scenes/shimmer.glb", scene().glb());
+    let folder = file.parent().expect("a folder").to_owned();
+    let mut local = LocalWall::manager(place, &wall, &[&folder], ANY_PORT);
+    let client = local.client();
+    // Twice: a bake that is there already has its notes too.
+    for _ in 0..2 {
+        check_notes(&client.open_scene("shimmer.glb").expect("opened").notes);
+    }
+    check_notes(&client.status().expect("a status").notes);
+    local.manager.await_line(&["WARN", "animation"]);
+    check_notes(&noted(&local.run(&["open", "shimmer.glb"]).output));
+    local.manager.kill();
+    let LocalWall { place, address, .. } = local;
+    let local = LocalWall::manager(place, &wall, &[&folder], &address);
+    check_notes(&noted(&local.run(&["status"]).succeeded()));
+    let json = local.run(&["status", "--json"]).succeeded();
+    check_notes(&listed(&serde_json::from_str(&json).expect("JSON")));
+    let mut arguments = vec!["status", "--watch", "--manager", &local.address];
+    let mut watch = local.place.start("watch", &arguments);
+    assert!(!watch.await_line(&["note: ", "ACME_shimmer"]).contains('\u{1b}'));
+    arguments.push("--json");
+    let line = local.place.start("watch", &arguments).await_line(&["\"notes\":"]);
+    check_notes(&listed(&serde_json::from_str(&line).expect("JSON")));
+    local.client().close_scene().expect("closed");
+    assert_eq!(local.client().status().expect("a status").notes, [] as [String; 0]);
+}
+
+#[test]
+fn a_simulation_says_its_notes_and_reports_them() {
+    let place = Place::new();
+    let file = place.write("shimmer.glb", scene().glb());
+    let mut simulation = Simulation::start(place, &small(1, 1), &file, &["--frames", "2"]);
+    check_notes(&noted(&simulation.process.finish(wait::LIMIT).succeeded()));
+    let report = std::fs::read(simulation.place.path("out/report.json"));
+    let report: Value = serde_json::from_slice(&report.expect("a report")).expect("JSON");
+    check_notes(&listed(&report));
+}
