@@ -124,7 +124,7 @@ impl Marker {
                 let Some(slope) = slope_at(pixel, place) else { continue };
                 let area = slope.determinant().abs();
                 drawn.add(place, grey * area);
-                expected.add(place, shown(gauss(place)) * area);
+                expected.add(place, gauss(place) * area);
             }
         }
         if drawn.weight > expected.weight * FOUND_MIN && expected.weight > 0.0 {
@@ -227,14 +227,8 @@ fn gauss(place: DVec2) -> f64 {
     (-place.length_squared() / (2.0 * SIGMA * SIGMA)).exp() * PEAK
 }
 
-/// Light of a marker's middle: below the knee of the tone mapping.
+/// Light of a marker's middle, from 0 to 1: unlit surfaces are not tone-mapped.
 const PEAK: f64 = 0.7;
-
-/// What a wall shows of grey light below the knee: the Khronos PBR Neutral tone mapping,
-/// <https://github.com/KhronosGroup/ToneMapping>.
-fn shown(light: f64) -> f64 {
-    if light < 0.08 { 6.25 * light * light } else { light - 0.04 }
-}
 
 /// The file that opens, among those of [`files`].
 pub(crate) const SCENE_NAME: &str = "markers.gltf";

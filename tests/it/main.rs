@@ -13,6 +13,7 @@
 //! - `exact`: what is drawn against a renderer in f64, in all cases that are hard for numbers
 //! - `prove`: a wall that is right keeps its targets, one that is not does not
 //! - `views`: both eyes, and other cameras on parts of the wall
+//! - `unlit`: unlit colours are shown as their files say, on every kind of channel
 //! - `twins`: the same commands give the same bytes, whoever draws
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
 //! - `trust`: walls of several machines: keys, and who is refused for want of the right ones
@@ -49,6 +50,7 @@ mod tidy;
 mod trust;
 mod tuning;
 mod twins;
+mod unlit;
 mod views;
 mod wall_files;
 mod wall_of_processes;

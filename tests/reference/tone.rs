@@ -1,4 +1,5 @@
 //! From linear light to the codes of a display: Khronos PBR Neutral, then the curve of sRGB.
+//! Unlit surfaces skip the tone mapper.
 
 use glam::DVec3;
 
@@ -7,6 +8,13 @@ pub fn codes(light: DVec3, exposure: f64) -> DVec3 {
     let light = (light * exposure).max(DVec3::ZERO);
     let shown = neutral(light).clamp(DVec3::ZERO, DVec3::ONE);
     DVec3::from_array(shown.to_array().map(|v| srgb(v) * 255.0))
+}
+
+/// Codes from 0 to 255, not yet rounded, of an unlit surface's linear colour, which is display
+/// light as it stands (`KHR_materials_unlit`).
+pub fn unlit_codes(color: DVec3) -> DVec3 {
+    let color = color.clamp(DVec3::ZERO, DVec3::ONE);
+    DVec3::from_array(color.to_array().map(|v| srgb(v) * 255.0))
 }
 
 /// Linear light of an 8-bit code; IEC 61966-2-1.

@@ -15,9 +15,9 @@ use polyptych_protocol::wall::{Channel, Screen, Surface};
 mod lays;
 
 use super::*;
-use crate::renderer::tests::harness::{Shape, Stage, gpu};
+use crate::renderer::tests::harness::{Shape, Stage, gpu, matt};
 use crate::renderer::tone::linear_from_srgb;
-use crate::renderer::{MaterialDesc, TextureUse, read_picture};
+use crate::renderer::{LightDesc, LightKind, MaterialDesc, TextureUse, read_picture};
 
 /// A bright spot that faces the origin: where it is, and its half side, in metres.
 #[derive(Clone, Copy)]
@@ -67,10 +67,14 @@ fn scene(spots: &[Spot]) -> Scene {
     let texture = stage.grey(128, |u, v| gauss(DVec2::new(u, v) * 2.0 - 1.0));
     let used = TextureUse { texture, uv_set: 0, uv_transform: glam::Affine2::IDENTITY };
     let material = stage.material(MaterialDesc {
-        base_color_texture: Some(used),
-        unlit: true,
-        ..MaterialDesc::default()
+        emissive: Vec3::ONE,
+        emissive_texture: Some(used),
+        ..matt(0.0, 0.0, 0.0)
     });
+    // Without any light there would be the default sun.
+    let dark =
+        LightDesc { kind: LightKind::Directional, color: Vec3::ZERO, intensity: 0.0, range: None };
+    stage.light(dark, DAffine3::IDENTITY);
     let mesh = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(material));
     for spot in spots {
         let place = DAffine3::from_scale_rotation_translation(

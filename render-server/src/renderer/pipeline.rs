@@ -187,7 +187,7 @@ impl Pipelines {
             || wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
         let target = wgpu::ColorTargetState {
             format: if is_float { LINEAR_FORMAT } else { DISPLAY_FORMAT },
-            blend: blended.then_some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
+            blend: blended.then(|| blend_state(key.material.lit)),
             write_mask: wgpu::ColorWrites::ALL,
         };
         gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
@@ -224,6 +224,17 @@ impl Pipelines {
 /// Whether the scene is drawn into a float texture: what is tone-mapped later always is.
 fn is_float(key: &PipelineKey, content: Content) -> bool {
     key.linear || content.format() == LINEAR_FORMAT
+}
+
+/// Blending of premultiplied colours. The target's alpha is the part of its colour that is scene
+/// light, see `include/tone.wgsl`: lit surfaces add their coverage to it, unlit ones take theirs.
+fn blend_state(lit: bool) -> wgpu::BlendState {
+    let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
+    if lit {
+        return over;
+    }
+    let alpha = wgpu::BlendComponent { src_factor: wgpu::BlendFactor::Zero, ..over.alpha };
+    wgpu::BlendState { alpha, ..over }
 }
 
 fn primitive_state(key: &PipelineKey) -> wgpu::PrimitiveState {

@@ -6,7 +6,7 @@ use super::picture::{Content, Picture};
 /// Bytes are sRGB; blending and resolving happen in linear light.
 pub(in crate::renderer) const DISPLAY_FORMAT: wgpu::TextureFormat =
     wgpu::TextureFormat::Rgba8UnormSrgb;
-/// Exposed light before tone mapping.
+/// Exposed light before tone mapping; its alpha is said in `include/tone.wgsl`.
 pub(in crate::renderer) const LINEAR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 /// Reversed: 0 is infinitely far.
 pub(in crate::renderer) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;

@@ -9,3 +9,4 @@ mod robustness;
 mod shaders;
 mod shading;
 mod tiles;
+mod unlit;

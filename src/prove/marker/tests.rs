@@ -28,7 +28,7 @@ fn drawn(marker: &Marker, map: &PixelMap<'_>, moved: DVec2) -> Light {
         let pixel = DVec2::new(f64::from(i % SIZE.x), f64::from(i / SIZE.x)) + 0.5 - moved;
         let place = map.display_from_pixel(pixel).and_then(|p| marker.place(EYE, p, DVec3::ZERO));
         let light = place.filter(|place| place.abs().max_element() < 1.0).map_or(0.0, gauss);
-        let code = (linear_code(shown(light)) * 255.0).round() / 255.0;
+        let code = (linear_code(light) * 255.0).round() / 255.0;
         linear_light(code) as f32
     };
     Light { size: SIZE, grey: (0..SIZE.x * SIZE.y).map(at).collect() }

@@ -190,4 +190,8 @@ fn codes_of_the_tone_curve() {
     assert!(near(tone::codes(DVec3::splat(0.25), 2.0).x, tone::codes(DVec3::splat(0.5), 1.0).x));
     assert!(tone::codes(DVec3::splat(1e9), 1.0).x <= 255.0);
     assert!(near(tone::linear(255), 1.0) && near(tone::linear(0), 0.0));
+    for code in 0..=255 {
+        let shown = tone::unlit_codes(DVec3::splat(tone::linear(code)));
+        assert!((shown.x - f64::from(code)).abs() < 0.01, "{shown} instead of {code}");
+    }
 }

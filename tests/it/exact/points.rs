@@ -142,7 +142,7 @@ fn displacements(
             let most = UVec2::from(spans[0][1]).max(UVec2::from(spans[1][1]));
             let is_whole =
                 least.min_element() > 1 && (UVec2::from(view.size) - most).min_element() > 2;
-            let code = |point: DVec2| tone::codes(first.at(point).1, 1.0).y;
+            let code = |point: DVec2| tone::unlit_codes(first.at(point).1).y;
             let (mut normal, mut right) = ([0.0; 3], DVec2::ZERO);
             for (x, y) in (least.y..=most.y).flat_map(|y| (least.x..=most.x).map(move |x| (x, y))) {
                 let center = DVec2::new(f64::from(x), f64::from(y)) + 0.5;

@@ -97,9 +97,6 @@ fn ambient(s: Surface, roughness: f32) -> vec3<f32> {
 
 // Radiance before exposure, from a base colour whose alpha has been dealt with.
 fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
-    if !LIT {
-        return base;
-    }
     var metallic = material.metallic;
     var roughness = material.roughness;
     var occlusion = 1.0;
@@ -148,4 +145,14 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
         light += glow;
     }
     return light;
+}
+
+// Exposed light of a surface; of an unlit one its colour, which displays show as it is
+// (`KHR_materials_unlit`), whatever the exposure.
+fn outgoing(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
+    if !LIT {
+        return clamp(base, vec3<f32>(0.0), vec3<f32>(1.0));
+    }
+    let light = radiance(v, base, front) * frame.exposure;
+    return clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX));
 }

@@ -18,3 +18,13 @@ fn tone_map(light: vec3<f32>) -> vec3<f32> {
     let compressed = mix(vec3<f32>(new_peak), shifted * (new_peak / max(peak, start)), g);
     return select(compressed, shifted, peak < start);
 }
+
+// Display light of one pixel of the float target. Its alpha is the part of its colour that is
+// exposed scene light; the rest, of unlit surfaces, is display light already. A flag, and not the
+// inverse of the tone mapper for what is unlit: the mapper never shows a saturated, bright colour
+// such as pure red, and at an exposure of 0 there is no inverse either. The part is exact for
+// whole pixels (1 and 0), is resolved like any colour, and adds where surfaces are blended.
+fn display_light(pixel: vec4<f32>) -> vec3<f32> {
+    let unlit = clamp(pixel.rgb, vec3<f32>(0.0), vec3<f32>(1.0));
+    return unlit * (1.0 - pixel.a) + tone_map(pixel.rgb) * pixel.a;
+}

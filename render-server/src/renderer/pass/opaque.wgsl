@@ -6,15 +6,16 @@ override TONE_MAPPED: bool = true;
 @fragment
 fn opaque(v: Varyings, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
     let base = base_color(v);
-    let light = radiance(v, base.rgb, front) * frame.exposure;
+    let light = outgoing(v, base.rgb, front);
     // After the samples, whose derivatives need all four pixels of a quad.
     if MASKED {
         if base.a < material.alpha_cutoff {
             discard;
         }
     }
-    if TONE_MAPPED {
+    if TONE_MAPPED && LIT {
         return vec4<f32>(tone_map(light), 1.0);
     }
-    return vec4<f32>(clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX)), 1.0);
+    // In the float target alpha is the part that is still to be mapped; see `display_light`.
+    return vec4<f32>(light, select(0.0, 1.0, TONE_MAPPED || LIT));
 }

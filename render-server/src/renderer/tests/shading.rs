@@ -56,9 +56,11 @@ fn brdf_head_on(base: f32, roughness: f32) -> f32 {
 }
 
 #[test]
-fn unlit_greys_go_through_the_curve() {
-    for light in [0.02, 0.2, 0.5, 1.0] {
-        assert_grey(middle(&wall(flat(Vec4::new(light, light, light, 1.0)), &[])), light);
+fn emitted_greys_go_through_the_curve() {
+    for light in [0.02, 0.2, 0.5, 1.0, 4.0] {
+        let glowing = MaterialDesc { emissive: Vec3::splat(light), ..matt(0.0, 0.0, 0.0) };
+        let dark = lamp(LightKind::Directional, 0.0, None);
+        assert_grey(middle(&wall(glowing, &[(dark, DVec3::ZERO)])), light);
     }
 }
 
