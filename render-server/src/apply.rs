@@ -26,6 +26,7 @@ pub fn scene(scene: &Scene) -> SceneDesc {
         textures: scene.textures.iter().map(texture).collect(),
         lights: scene.lights.iter().map(light).collect(),
         sky: scene.sky,
+        ground: None,
     }
 }
 

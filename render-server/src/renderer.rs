@@ -7,6 +7,7 @@
 //! Light: lux and candela are taken as they are, so that a white matt surface under π lux has the
 //! radiance 1, and exposure scales radiance before the tone mapping.
 
+mod albedo;
 mod bindings;
 mod correction;
 mod cull;

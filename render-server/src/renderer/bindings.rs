@@ -46,7 +46,8 @@ fn sampler(binding: u32) -> wgpu::BindGroupLayoutEntry {
     }
 }
 
-/// Group 0: the view's uniforms and lamps, each at an offset, and the lists of lamps.
+/// Group 0: the view's uniforms and lamps, each at an offset, the lists of lamps, and the table of
+/// [`albedo`](super::albedo) with its sampler.
 pub(in crate::renderer) fn frame_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
     let fragment = wgpu::ShaderStages::FRAGMENT;
@@ -58,6 +59,8 @@ pub(in crate::renderer) fn frame_layout(device: &wgpu::Device) -> wgpu::BindGrou
             buffer(0, both, uniform, true, size_of::<FrameUniform>()),
             buffer(1, fragment, storage, true, size_of::<LampRecord>()),
             buffer(2, fragment, storage, false, size_of::<u32>()),
+            texture(3, true),
+            sampler(4),
         ],
     })
 }

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
 
+use super::albedo;
 use super::bindings::uniform_stride;
 use super::draw_list::{Draw, DrawList, Scratch, samples_of};
 use super::gpu::Gpu;
@@ -57,6 +58,9 @@ pub(in crate::renderer) struct Frames {
     lamps: FrameBuffer,
     instances: FrameBuffer,
     group_layout: wgpu::BindGroupLayout,
+    /// See [`albedo`].
+    albedo: wgpu::TextureView,
+    albedo_sampler: wgpu::Sampler,
     tonemap: Tonemap,
     scratch: Scratch,
     records: Vec<InstanceRecord>,
@@ -120,6 +124,8 @@ impl Frames {
             lamps: FrameBuffer::new("frame/lamps", wgpu::BufferUsages::STORAGE),
             instances: FrameBuffer::new("frame/instances", vertex),
             group_layout: super::bindings::frame_layout(&gpu.device),
+            albedo: albedo::texture(gpu),
+            albedo_sampler: albedo::sampler(gpu),
             tonemap: Tonemap::new(gpu),
             scratch: Scratch::default(),
             records: Vec::new(),
@@ -235,7 +241,7 @@ impl Frames {
         let mut uniforms = vec![0; uniform_size * views.len().max(1)];
         let mut lamps = vec![0; lamp_stride * views.len().max(1)];
         for (index, view) in views.iter().enumerate() {
-            let uniform = view.uniform(scene.sky, &scene.lights);
+            let uniform = view.uniform(scene);
             let bytes = bytemuck::bytes_of(&uniform);
             uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
             let eye = view.eye_in_world;
@@ -262,6 +268,14 @@ impl Frames {
                 wgpu::BindGroupEntry {
                     binding: 2,
                     resource: scene.lamp_indices.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 3,
+                    resource: wgpu::BindingResource::TextureView(&self.albedo),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 4,
+                    resource: wgpu::BindingResource::Sampler(&self.albedo_sampler),
                 },
             ],
         });

@@ -61,6 +61,7 @@ pub struct Scene {
     pub(in crate::renderer) lights: Lights,
     pub(in crate::renderer) lamp_indices: wgpu::Buffer,
     pub(in crate::renderer) sky: Vec3,
+    pub(in crate::renderer) ground: Vec3,
     pub(in crate::renderer) blends: bool,
 }
 

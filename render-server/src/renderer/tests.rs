@@ -1,6 +1,7 @@
 //! Tests that draw. They need a Vulkan or GL driver, software ones included, and fail without.
 
 mod correction;
+mod furnace;
 pub(crate) mod harness;
 mod labels;
 mod order;

@@ -41,9 +41,25 @@ pub(in crate::renderer) fn f16_from_bits(bits: u16) -> f64 {
     if bits >> 15 == 1 { -size } else { size }
 }
 
+/// Bits of the IEEE 754 binary16 that is nearest to a number from 0 to 65504.
+pub(in crate::renderer) fn f16_bits(number: f64) -> u16 {
+    let exponent = number.max((-14f64).exp2()).log2().floor();
+    // One that is rounded up to the next power of two carries into the exponent, as it should.
+    let fraction = (number / exponent.exp2() * 1024.0).round() as u16;
+    ((exponent as i32 + 14) as u16) * 1024 + fraction
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_half_float_is_written_as_it_is_read() {
+        for bits in 0..0x7c00 {
+            assert_eq!(f16_bits(f16_from_bits(bits)), bits);
+        }
+        assert_eq!(f16_bits(1.0 / 3.0), 0x3555);
+    }
 
     #[test]
     fn half_floats_are_read() {

@@ -1,16 +1,13 @@
 //! What one picture is seen through, and what of it the shaders read.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
+use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec4};
 
 use super::cull::Planes;
-use super::scene::{Bounds, Lamp, Lights};
+use super::scene::{Bounds, Lamp, Scene};
 
 /// Directional lights in the uniforms; further ones are looked up like lamps.
 pub(in crate::renderer) const SUNS_MAX: usize = 4;
-
-/// What light from below is of light from above: a matt, warm ground.
-const GROUND: Vec3 = Vec3::new(0.36, 0.32, 0.28);
 
 /// Pixels by which the culled rectangle is wider than the drawn one, for points and lines.
 const CULL_MARGIN: f64 = 1.0;
@@ -172,9 +169,9 @@ impl ViewDesc {
     }
 
     /// The uniforms of this view.
-    pub(in crate::renderer) fn uniform(&self, sky: Vec3, lights: &Lights) -> FrameUniform {
+    pub(in crate::renderer) fn uniform(&self, scene: &Scene) -> FrameUniform {
         let mut suns = [SunRecord::default(); SUNS_MAX];
-        for (record, sun) in suns.iter_mut().zip(&lights.suns) {
+        for (record, sun) in suns.iter_mut().zip(&scene.lights.suns) {
             record.toward = sun.toward.to_array();
             record.irradiance = sun.irradiance.to_array();
         }
@@ -183,9 +180,9 @@ impl ViewDesc {
         let clip_from_eye: Mat4 = self.scaled_clip_from_eye().as_mat4();
         FrameUniform {
             clip_from_eye: clip_from_eye.to_cols_array_2d(),
-            sky: sky.to_array(),
+            sky: scene.sky.to_array(),
             exposure: self.exposure,
-            ground: (sky * GROUND).to_array(),
+            ground: scene.ground.to_array(),
             pad: 0.0,
             eye: eye.to_array(),
             suns,

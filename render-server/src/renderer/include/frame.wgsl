@@ -32,3 +32,6 @@ struct Lamp {
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> lamps: array<Lamp>;
 @group(0) @binding(2) var<storage, read> lamp_indices: array<u32>;
+// See `albedo.rs`.
+@group(0) @binding(3) var albedo_table: texture_2d<f32>;
+@group(0) @binding(4) var albedo_sampler: sampler;

@@ -7,7 +7,7 @@ use super::description::{
     Topology,
 };
 use super::geometry::{self, Geometry};
-use super::light::Lights;
+use super::light::{GROUND, Lights};
 use super::placement::{self, Bounds, Placement};
 use super::tree::Tree;
 use super::{Batch, Scene, material, texture};
@@ -201,6 +201,7 @@ impl SceneBuilder {
             lights,
             lamp_indices,
             sky: self.desc.sky,
+            ground: self.desc.ground.unwrap_or(self.desc.sky * GROUND),
             blends,
         })
     }

@@ -21,6 +21,8 @@ pub struct SceneDesc {
     pub lights: Vec<LightDesc>,
     /// Linear RGB radiance behind everything; also the ambient light from above.
     pub sky: Vec3,
+    /// Linear RGB radiance from below. `None`: what a matt, warm ground makes of the sky's.
+    pub ground: Option<Vec3>,
 }
 
 /// One place in the scene.

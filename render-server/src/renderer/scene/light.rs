@@ -13,6 +13,9 @@ use crate::renderer::view::SUNS_MAX;
 const DEFAULT_SUN: Sun =
     Sun { toward: Vec3::new(0.453, 0.754, 0.476), irradiance: Vec3::new(3.1, 2.95, 2.7) };
 
+/// Radiance from below as a factor of the sky's, where a scene does not say: a matt, warm ground.
+pub(in crate::renderer) const GROUND: Vec3 = Vec3::new(0.36, 0.32, 0.28);
+
 /// Widens the reach of a lamp by more than the shader's rounding.
 const REACH_SLACK: f64 = 1.0 + 1e-5;
 
