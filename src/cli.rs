@@ -9,9 +9,11 @@ mod drive;
 mod keys;
 mod manager;
 mod pattern;
+mod progress;
 mod prove;
 mod replay;
 mod scene;
+mod seen;
 mod server;
 mod sight;
 mod simulate;
@@ -38,7 +40,7 @@ use crate::log::{self, LogWish};
 
 /// One scene, many displays, one frame.
 #[derive(Debug, Parser)]
-#[command(version, propagate_version = true)]
+#[command(version, propagate_version = true, after_help = seen::EXIT_CODES)]
 pub(crate) struct Cli {
     /// How and what to log: "json" or "text", a filter such as "info" or
     /// "polyptych_render=debug", or both with a comma [default: text, and info for manager and
@@ -158,16 +160,16 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Simulate(arguments) => return simulate::run(&arguments),
         Command::Manager(arguments) => manager::run(arguments),
         Command::Server(arguments) => server::run(arguments),
-        Command::Open(arguments) => drive::open(&arguments),
-        Command::Camera(arguments) => drive::camera(&arguments),
-        Command::Eye(arguments) => sight::eye(&arguments),
-        Command::View(arguments) => sight::view(&arguments),
-        Command::Shot(arguments) => drive::shot(&arguments),
-        Command::Identify(arguments) => displays::run(DisplayMode::Identify, &arguments),
-        Command::Blank(arguments) => displays::run(DisplayMode::Blank, &arguments),
-        Command::Freeze(arguments) => displays::run(DisplayMode::Freeze, &arguments),
-        Command::Pattern(arguments) => pattern::run(&arguments),
-        Command::Tune(arguments) => tune::run(&arguments),
+        Command::Open(arguments) => return drive::open(&arguments),
+        Command::Camera(arguments) => return drive::camera(&arguments),
+        Command::Eye(arguments) => return sight::eye(&arguments),
+        Command::View(arguments) => return sight::view(&arguments),
+        Command::Shot(arguments) => return drive::shot(&arguments),
+        Command::Identify(arguments) => return displays::run(DisplayMode::Identify, &arguments),
+        Command::Blank(arguments) => return displays::run(DisplayMode::Blank, &arguments),
+        Command::Freeze(arguments) => return displays::run(DisplayMode::Freeze, &arguments),
+        Command::Pattern(arguments) => return pattern::run(&arguments),
+        Command::Tune(arguments) => return tune::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => drive::stop(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),

@@ -35,6 +35,9 @@ pub(crate) struct LogWish {
 /// What was chosen at the start; like the subscriber, one for the process.
 static CHOSEN: OnceLock<LogWish> = OnceLock::new();
 
+/// What this process is, as every line of JSON says.
+static PROCESS: OnceLock<&'static str> = OnceLock::new();
+
 impl LogWish {
     /// Reads `json`, `text`, a filter, or both with a comma between.
     ///
@@ -62,6 +65,7 @@ impl LogWish {
 /// Begins the log. `level` is the filter where none was asked for; `process` stands in every line
 /// of JSON.
 pub(crate) fn start(wish: Option<&LogWish>, level: &str, process: &'static str) {
+    let process = PROCESS.get_or_init(|| process);
     let wish = CHOSEN.get_or_init(|| wish.cloned().unwrap_or_default());
     // The driver libraries log what is of interest to their own developers.
     let quiet = format!("{level},wgpu_core=warn,wgpu_hal=error,naga=warn,winit=error");
@@ -107,10 +111,23 @@ pub(crate) fn say_failure(process: &'static str, text: &str) {
     }
 }
 
-/// Writes a line of JSON past all filters.
+/// What a command did, but not as a person would expect.
+pub(crate) fn say_warning(text: &str) {
+    if is_json() {
+        say_json_at("WARN", PROCESS.get().copied().unwrap_or("polyptych"), text);
+    } else {
+        eprintln!("warning: {text}");
+    }
+}
+
 fn say_json(process: &'static str, text: &str) {
+    say_json_at("ERROR", process, text);
+}
+
+/// Writes a line of JSON past all filters.
+fn say_json_at(level: &str, process: &'static str, text: &str) {
     let message = cut(text, CUT_BYTES_MAX);
-    let rest = json!({ "level": "ERROR", "fields": { "message": message }, "target": "polyptych" });
+    let rest = json!({ "level": level, "fields": { "message": message }, "target": "polyptych" });
     let line = Head::new(process).before(&rest.to_string());
     // Where standard error is closed, there is nobody to tell.
     let _ = std::io::stderr().write_all(line.as_bytes());

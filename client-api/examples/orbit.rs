@@ -8,7 +8,7 @@ use std::error::Error;
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-use polyptych_client::{Client, ClientError, Feedbacks, overview};
+use polyptych_client::{Client, ClientError, Feedbacks, Shown, overview};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
 /// One turn in this many seconds.
@@ -37,26 +37,31 @@ async fn run() -> Result<(), Box<dyn Error>> {
 
     let client = Client::connect(address).await?;
     let reader = tokio::spawn(print(client.feedback().await?));
-    orbit(&client, path, Duration::try_from_secs_f64(seconds)?, period).await?;
+    let unseen = orbit(&client, path, Duration::try_from_secs_f64(seconds)?, period).await?;
     let statistics = client.statistics(false).await?;
     println!("median frame {:.2} ms, {} late", statistics.frame_ms.p50, statistics.late);
+    if unseen > 0 {
+        println!("{unseen} frames were shown by no display");
+    }
     reader.abort();
     Ok(())
 }
 
 /// Draws frames for `length`, one each `period` if the wall is fast enough, else as they come.
+/// Returns how many of them were shown by no display.
 async fn orbit(
     client: &Client,
     path: &str,
     length: Duration,
     period: Duration,
-) -> Result<(), ClientError> {
+) -> Result<u64, ClientError> {
     let wall = client.wall().await?;
     let scene = client.open_scene(path).await?;
     let Some(bounds) = scene.bounds else {
         println!("{} is empty", scene.name);
-        return Ok(());
+        return Ok(0);
     };
+    let mut unseen = 0;
     let begin = Instant::now();
     let mut ticks = interval(period);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
@@ -67,10 +72,10 @@ async fn orbit(
         match client.render_frame_at(Some(camera), Some(time_s)).await {
             // The manager may be started again; the next frame waits for that.
             Err(error) if error.is_outcome_unknown() => eprintln!("{error}"),
-            drawn => drop(drawn?),
+            drawn => unseen += u64::from(drawn?.shown() == Shown::ByNone),
         }
     }
-    Ok(())
+    Ok(unseen)
 }
 
 /// Prints feedback until the client ends.

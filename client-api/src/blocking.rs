@@ -11,7 +11,7 @@
 //! # fn example() -> Result<(), polyptych_client::ClientError> {
 //! let wall = Client::connect("127.0.0.1:7878")?;
 //! wall.open_scene("town.glb")?;
-//! println!("{} us", wall.render_frame()?.frame_us);
+//! println!("{:?}", wall.render_frame()?.shown());
 //! # Ok(()) }
 //! ```
 

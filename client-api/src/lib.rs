@@ -15,6 +15,9 @@
 //! }
 //! let feedback = wall.render_frame().await?;
 //! println!("frame {} took {} us", feedback.frame, feedback.frame_us);
+//! for channel in feedback.missing_channels() {
+//!     println!("{} does not show it: it is {}", channel.name, channel.state);
+//! }
 //! for picture in wall.capture().await?.screens {
 //!     println!("{}: {} x {} pixels", picture.name, picture.width, picture.height);
 //! }

@@ -16,6 +16,7 @@ mod bounds;
 mod container;
 mod document;
 mod error;
+mod extensions;
 mod geometry;
 mod light;
 pub mod map;
@@ -242,14 +243,22 @@ impl Job<'_> {
 
     fn note_what_is_left_out(&mut self) {
         let document = &self.source.document;
-        for name in &document.extensions_used {
-            if !container::EXTENSIONS.contains(&name.as_str()) {
-                self.warn(&format!("extensionsUsed: {} is left out", uri::shorten(name)));
-            }
+        for note in document.extension_uses.notes(&document.extensions_used) {
+            self.warn(&note);
         }
-        if !document.animations.is_empty() {
-            let count = document.animations.len();
-            self.warn(&format!("animations: all {count} are left out"));
+        let counts = [
+            ("animations", document.animations.len(), "not played: the scene stands at rest"),
+            ("cameras", document.cameras.len(), "not used: the wall has a camera of its own"),
+            ("scenes", document.scenes.len().saturating_sub(1), "not shown beside the one that is"),
+            (
+                "variants",
+                document.extensions.variants(),
+                "not shown: parts have their own material",
+            ),
+            ("COLOR_1", document.further_colors(), "not drawn: a part has one set of colours"),
+        ];
+        for (what, count, why) in counts.into_iter().filter(|(_, count, _)| *count > 0) {
+            self.warn(&format!("{what}: {count}, {why}"));
         }
     }
 

@@ -1,8 +1,11 @@
 //! `polyptych identify`, `blank` and `freeze`: what all displays of a running wall show.
 
+use std::process::ExitCode;
+
 use anyhow::bail;
 use polyptych_client::DisplayMode;
 
+use super::seen::Seen;
 use super::{ManagerAddress, say};
 
 #[derive(Debug, clap::Args)]
@@ -14,18 +17,20 @@ pub(super) struct Arguments {
     manager: ManagerAddress,
 }
 
-pub(super) fn run(mode: DisplayMode, arguments: &Arguments) -> anyhow::Result<()> {
+pub(super) fn run(mode: DisplayMode, arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     let command = mode.name();
     if !arguments.off {
-        client.set_displays(mode)?;
+        let seen = Seen::of(&client, &client.set_displays(mode)?)?;
         let what = match mode {
             DisplayMode::Normal => "shows its picture",
             DisplayMode::Identify => "shows what it is",
             DisplayMode::Blank => "is black",
             DisplayMode::Freeze => "keeps what it shows",
         };
-        return say(format_args!("every display {what}; end it with: polyptych {command} --off"));
+        let who = seen.displays();
+        say(format_args!("{who} {what}; end it with: polyptych {command} --off"))?;
+        return Ok(seen.conclude());
     }
     // Someone may have asked for another mode since; that is not ours to end.
     let present = client.status()?.displays;
@@ -33,6 +38,7 @@ pub(super) fn run(mode: DisplayMode, arguments: &Arguments) -> anyhow::Result<()
         let present = present.name();
         bail!("displays are in {present}, not {command}; end it with: polyptych {present} --off");
     }
-    client.set_displays(DisplayMode::Normal)?;
-    say("every display shows its picture")
+    let seen = Seen::of(&client, &client.set_displays(DisplayMode::Normal)?)?;
+    say(format_args!("{} shows its picture", seen.displays()))?;
+    Ok(seen.conclude())
 }

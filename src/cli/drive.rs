@@ -1,12 +1,17 @@
 //! `polyptych open`, `camera`, `shot` and `stop`: one request to a running manager each.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::{Context, bail};
+use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DQuat, DVec3};
-use polyptych_client::{Camera, Feedback, overview};
+use polyptych_client::{Camera, ClientError, SceneSummary, overview};
 
-use super::{ManagerAddress, exposure, printable, say};
+use super::progress::ProgressReport;
+use super::seen::{Seen, await_displays, show};
+use super::{ManagerAddress, exposure, printable, say, seconds};
 use crate::pictures;
 
 #[derive(Debug, clap::Args)]
@@ -22,16 +27,21 @@ pub(super) struct OpenArguments {
     /// Multiply all light by this; scenes lit in real lux want about 0.0005
     #[arg(long, value_name = "FACTOR", value_parser = exposure)]
     exposure: Option<f32>,
+    /// Wait at most this long for displays that are not there or not ready [default: 60 for those
+    /// that get ready, 5 for servers that may be on their way]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    wait: Option<Duration>,
     #[command(flatten)]
     manager: ManagerAddress,
 }
 
-pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<()> {
+pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     // The manager resolves the path; one that is meant from here must say where here is.
     let from_here = std::path::absolute(&arguments.file).ok().filter(|path| path.is_file());
     let path = from_here.map_or_else(|| arguments.file.clone(), |p| p.display().to_string());
-    let scene = client.open_scene(path)?;
+    let progress = ProgressReport::start();
+    let scene = open_scene(&client, &path, &progress)?;
     if !arguments.keep_camera
         && let Some(bounds) = &scene.bounds
     {
@@ -41,27 +51,32 @@ pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<()> {
     if let Some(exposure) = arguments.exposure {
         client.set_exposure(exposure)?;
     }
-    let feedback = client.render_frame()?;
-    warn_of_absent(&feedback);
-    say(format_args!(
-        "{}: {} triangles, revision {}, shown at frame {}",
-        scene.name, scene.triangles, scene.revision, feedback.frame
-    ))?;
+    await_displays(&client, arguments.wait, &progress)?;
+    drop(progress);
+    let seen = Seen::of(&client, &client.render_frame()?)?;
+    let (name, triangles, revision) = (printable(&scene.name), scene.triangles, scene.revision);
+    say(format_args!("{name}: {triangles} triangles, revision {revision}, {}", seen.in_words()))?;
     say_notes(&scene.notes)?;
-    Ok(())
+    Ok(seen.conclude())
+}
+
+/// Opens a scene, and says how far it has come.
+pub(super) fn open_scene(
+    client: &Client,
+    path: &str,
+    progress: &ProgressReport,
+) -> Result<SceneSummary, ClientError> {
+    let stem = Path::new(path).file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    let name = printable(&stem.unwrap_or_default());
+    progress.say(&format!("opening {name}"), None);
+    client.open_scene_with(path, |come| {
+        progress.say(&format!("opening {name}: {come}"), Some(come.percent));
+    })
 }
 
 /// Says what of a scene is not drawn as its file has it.
 pub(super) fn say_notes(notes: &[String]) -> anyhow::Result<()> {
     notes.iter().try_for_each(|note| say(format_args!("note: {}", printable(note))))
-}
-
-/// Says which channels a frame went on without: it was shown, but not there.
-pub(super) fn warn_of_absent(feedback: &Feedback) {
-    for channel in feedback.channels.iter().filter(|channel| channel.draw_us.is_none()) {
-        let state = format!("{:?}", channel.state).to_lowercase();
-        eprintln!("warning: channel {} did not draw it in time: it is {state}", channel.name);
-    }
 }
 
 #[derive(Debug, clap::Args)]
@@ -105,7 +120,7 @@ enum Pose {
     },
 }
 
-pub(super) fn camera(arguments: &CameraArguments) -> anyhow::Result<()> {
+pub(super) fn camera(arguments: &CameraArguments) -> anyhow::Result<ExitCode> {
     let (camera, manager) = match &arguments.pose {
         Pose::LookAt { position, target, .. } if position == target => {
             bail!("the camera stands at {position} and cannot look at itself; look elsewhere");
@@ -120,10 +135,7 @@ pub(super) fn camera(arguments: &CameraArguments) -> anyhow::Result<()> {
     let client = manager.connect()?;
     // Set for good, and not for one frame only: a manager remembers it over a restart.
     client.set_camera(camera)?;
-    let feedback = client.render_frame()?;
-    warn_of_absent(&feedback);
-    say(format_args!("shown at frame {}", feedback.frame))?;
-    Ok(())
+    show(&client)
 }
 
 #[derive(Debug, clap::Args)]
@@ -134,16 +146,13 @@ pub(super) struct ShotArguments {
     manager: ManagerAddress,
 }
 
-pub(super) fn shot(arguments: &ShotArguments) -> anyhow::Result<()> {
+pub(super) fn shot(arguments: &ShotArguments) -> anyhow::Result<ExitCode> {
     let is_png = arguments.file.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
     if !is_png {
         bail!("{}: pictures are PNG; write a name that ends in .png", arguments.file.display());
     }
     let client = arguments.manager.connect()?;
     let capture = client.capture()?;
-    for (channel, reason) in &capture.missing {
-        eprintln!("warning: channel {channel} is missing in the picture: {reason}");
-    }
     let picture = pictures::side_by_side(&capture.screens)?;
     pictures::save_png(&arguments.file, &picture)
         .with_context(|| format!("cannot write {}", arguments.file.display()))?;
@@ -154,7 +163,7 @@ pub(super) fn shot(arguments: &ShotArguments) -> anyhow::Result<()> {
         picture.width(),
         picture.height()
     ))?;
-    Ok(())
+    Ok(Seen::in_pictures(&capture).conclude())
 }
 
 #[derive(Debug, clap::Args)]

@@ -1,8 +1,11 @@
 //! `polyptych pattern`: test patterns on a running wall.
 
+use std::process::ExitCode;
+
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use polyptych_client::Pattern;
 
+use super::seen::Seen;
 use super::{ManagerAddress, say};
 
 #[derive(Debug, clap::Args)]
@@ -22,13 +25,16 @@ fn pattern() -> impl TypedValueParser<Value = Pattern> {
         .try_map(|name| Pattern::named(&name).ok_or("there is no such pattern"))
 }
 
-pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    arguments.manager.connect()?.set_pattern(arguments.name)?;
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.manager.connect()?;
+    let seen = Seen::of(&client, &client.set_pattern(arguments.name)?)?;
+    let who = seen.displays();
     match arguments.name {
         Some(pattern) => {
             let name = pattern.name();
-            say(format_args!("every channel draws {name}; end it with: polyptych pattern --off"))
+            say(format_args!("{who} shows {name}; end it with: polyptych pattern --off"))?;
         }
-        None => say("every channel draws the scene"),
+        None => say(format_args!("{who} shows the scene"))?,
     }
+    Ok(seen.conclude())
 }

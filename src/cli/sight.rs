@@ -1,11 +1,13 @@
 //! `polyptych eye` and `view`: where the viewer's head is, and cameras on parts of the wall.
 
+use std::process::ExitCode;
+
 use anyhow::{Context, bail};
-use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{Area, Camera, Head, View, ViewProjection, Wall};
 
-use super::drive::{field_of_view, numbers, point, positive, warn_of_absent};
+use super::drive::{field_of_view, numbers, point, positive};
+use super::seen::show;
 use super::{ManagerAddress, say};
 
 #[derive(Debug, clap::Args)]
@@ -27,14 +29,15 @@ pub(super) struct EyeArguments {
     manager: ManagerAddress,
 }
 
-pub(super) fn eye(arguments: &EyeArguments) -> anyhow::Result<()> {
+pub(super) fn eye(arguments: &EyeArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     let Some(position) = arguments.position else {
         if arguments.reset {
             client.set_head(client.wall()?.head())?;
             return show(&client);
         }
-        return say(in_words(&client.sight()?.head));
+        say(in_words(&client.sight()?.head))?;
+        return Ok(ExitCode::SUCCESS);
     };
     let at_rest = client.wall()?.head();
     let rotation = match arguments.look {
@@ -109,7 +112,7 @@ struct AddArguments {
     manager: ManagerAddress,
 }
 
-pub(super) fn view(arguments: &ViewArguments) -> anyhow::Result<()> {
+pub(super) fn view(arguments: &ViewArguments) -> anyhow::Result<ExitCode> {
     match &arguments.what {
         What::Add(add) => {
             let client = add.manager.connect()?;
@@ -122,9 +125,10 @@ pub(super) fn view(arguments: &ViewArguments) -> anyhow::Result<()> {
             let client = manager.connect()?;
             let (wall, views) = (client.wall()?, client.sight()?.views);
             if views.is_empty() {
-                return say("there are no views: the wall shows its camera's picture");
+                say("there are no views: the wall shows its camera's picture")?;
             }
-            views.iter().try_for_each(|view| say(line(view, &wall)))
+            views.iter().try_for_each(|view| say(line(view, &wall)))?;
+            Ok(ExitCode::SUCCESS)
         }
         What::Clear(manager) => {
             let client = manager.connect()?;
@@ -185,13 +189,6 @@ fn line(view: &View, wall: &Wall) -> String {
     };
     let DVec3 { x, y, z } = view.camera.position;
     format!("{area}: from {x:.4},{y:.4},{z:.4}, {projection}")
-}
-
-/// Draws a frame with what was set.
-fn show(client: &Client) -> anyhow::Result<()> {
-    let feedback = client.render_frame()?;
-    warn_of_absent(&feedback);
-    say(format_args!("shown at frame {}", feedback.frame))
 }
 
 fn rectangle(text: &str) -> Result<[u32; 4], String> {

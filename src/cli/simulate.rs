@@ -11,7 +11,9 @@ use polyptych_client::{Bounds, Camera, overview};
 use polyptych_manager::record::Recorder;
 use polyptych_protocol::wall::Wall;
 
-use super::drive::say_notes;
+use super::drive::{open_scene, say_notes};
+use super::progress::ProgressReport;
+use super::seen::Seen;
 use super::{bake_files, cache_folder, counted, exposure, load_wall, manager, rate, say, seconds};
 use crate::faults::{self, Fault, Faults, Needs};
 use crate::local_wall::{Interrupted, LocalWall, LocalWallOptions};
@@ -118,7 +120,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
     if local.was_interrupted() {
         return Ok(interrupted());
     }
-    result.map(|()| ExitCode::SUCCESS)
+    result
 }
 
 fn interrupted() -> ExitCode {
@@ -132,11 +134,10 @@ fn drive(
     wall: &Wall,
     shown: &Shown,
     arguments: &Arguments,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<ExitCode> {
     let client = &local.client;
-    let spinner = step("opening the scene");
-    let summary = client.open_scene(shown.file.display().to_string())?;
-    spinner.finish_and_clear();
+    let path = shown.file.display().to_string();
+    let summary = open_scene(client, &path, &ProgressReport::start())?;
     let features = summary.features.names().join(", ");
     say(format_args!(
         "scene {}: {} triangles; needs: {features}",
@@ -166,6 +167,7 @@ fn drive(
         }
     }
     save(&arguments.out.join("wall.png"), &pictures::side_by_side(&capture.screens)?)?;
+    let seen = Seen::in_pictures(&capture).and_never_shown(&statistics);
     let mut report = Report::new(&wall.name, &summary, statistics);
     report.restarts = local.restarts();
     report.missing = capture.missing;
@@ -174,7 +176,8 @@ fn drive(
     let path = arguments.out.join("report.json");
     pictures::write_whole(&path, &serde_json::to_vec_pretty(&report)?)
         .with_context(|| format!("cannot write {}", path.display()))?;
-    print_summary(&report, &arguments.out)
+    print_summary(&report, &arguments.out)?;
+    Ok(seen.conclude())
 }
 
 fn camera_of_frame(

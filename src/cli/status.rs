@@ -1,6 +1,6 @@
 //! `polyptych status`: how a running wall stands.
 
-use polyptych_client::{DisplayMode, Skew, WallStatus};
+use polyptych_client::{DisplayMode, Opening, Skew, WallStatus};
 
 use super::{ManagerAddress, printable, say, watch};
 
@@ -49,6 +49,9 @@ fn table(status: &WallStatus) -> String {
     if status.displays != DisplayMode::Normal {
         let mode = status.displays.name();
         text += &["displays: ", mode, ", until: polyptych ", mode, " --off\n"].concat();
+    }
+    for Opening { scene, progress } in &status.opening {
+        text += &["opening ", &printable(scene), ": ", &progress.to_string(), "\n"].concat();
     }
     if let Some(pattern) = status.pattern {
         text += &["pattern: ", pattern.name(), ", until: polyptych pattern --off\n"].concat();

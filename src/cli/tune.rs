@@ -2,11 +2,14 @@
 
 mod key;
 
+use std::process::ExitCode;
+
 use anyhow::bail;
 use polyptych_client::Wall;
 use polyptych_client::tuning::{Change, Corner, Side};
 use polyptych_protocol::wall::Curve;
 
+use super::seen::Seen;
 use super::{ManagerAddress, counted, say};
 
 /// A sign makes a move relative to where the point is; without one, or with "@" before the
@@ -32,19 +35,22 @@ pub(super) struct Arguments {
     manager: ManagerAddress,
 }
 
-pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     if arguments.show {
-        return show(&client.wall()?, &arguments.channel);
+        show(&client.wall()?, &arguments.channel)?;
+        return Ok(ExitCode::SUCCESS);
     }
     let tuned = client.tune(arguments.channel.as_str(), arguments.changes.clone())?;
+    let seen = Seen::of(&client, &tuned.feedback)?;
     say(format_args!(
-        "{} is tuned: revision {}, on all live channels with frame {}, {} after the request",
+        "{} is tuned: revision {}, {}, {} after the request",
         arguments.channel,
         tuned.revision,
-        tuned.feedback.frame,
+        seen.in_words(),
         counted(usize::try_from(tuned.frames).unwrap_or(usize::MAX), "frame")
-    ))
+    ))?;
+    Ok(seen.conclude())
 }
 
 fn show(wall: &Wall, name: &str) -> anyhow::Result<()> {

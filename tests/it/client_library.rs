@@ -104,7 +104,7 @@ fn the_examples_run() {
     let local = start(2, 1);
     if let Some(hello_wall) = example("hello_wall") {
         let said = run_example(&local, &hello_wall, &["town.glb", &local.address]);
-        assert!(said.contains("town: frame") && said.contains("on 2 channels"), "{said}");
+        assert!(said.contains("town: frame") && said.contains("on 2 of 2 channels"), "{said}");
     }
     if let Some(orbit) = example("orbit") {
         let said = run_example(&local, &orbit, &["town.glb", "1", "20", &local.address]);

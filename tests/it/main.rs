@@ -24,6 +24,7 @@
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
 //! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
 //! - `notes`: what of a scene is not drawn is said
+//! - `seen`: exit codes say who sees what a command did, and long ones how far they are
 //! - `report`: what a simulated wall writes
 
 mod back_pressure;
@@ -45,6 +46,7 @@ mod refusals;
 mod replay;
 mod report;
 mod seams;
+mod seen;
 mod soak;
 mod tidy;
 mod trust;

@@ -7,6 +7,7 @@
 
 use super::document::{Document, Head};
 use super::error::BakeError;
+use super::extensions::ExtensionUses;
 use super::uri;
 
 /// Largest JSON: about a million nodes; text takes several times its size when parsed.
@@ -105,7 +106,9 @@ fn parse_json(bytes: &[u8]) -> Result<Document, BakeError> {
         malformed(of_document.filter(|_| error.is_syntax()).unwrap_or(error))
     })?;
     check_head(&head)?;
-    serde_json::from_slice(text).map_err(malformed)
+    let mut document: Document = serde_json::from_slice(text).map_err(malformed)?;
+    document.extension_uses = ExtensionUses::of_json(text);
+    Ok(document)
 }
 
 fn check_head(head: &Head) -> Result<(), BakeError> {

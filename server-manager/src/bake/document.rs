@@ -14,6 +14,7 @@ use serde::Deserialize;
 use serde::de::{self, Deserializer, SeqAccess, Visitor};
 
 use super::error::BakeError;
+use super::extensions::ExtensionUses;
 use super::numbers;
 
 /// What must be understood before anything else is looked at.
@@ -51,7 +52,19 @@ pub(super) struct Document {
     pub images: List<Image>,
     pub skins: List<Skin>,
     pub animations: List<Animation>,
+    pub cameras: List<Camera>,
     pub extensions: DocumentExtensions,
+    /// Counted in the JSON as a whole.
+    #[serde(skip)]
+    pub extension_uses: ExtensionUses,
+}
+
+impl Document {
+    /// How many primitives have more than one set of colours.
+    pub(super) fn further_colors(&self) -> usize {
+        let primitives = self.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        primitives.filter(|primitive| primitive.attributes.contains_key("COLOR_1")).count()
+    }
 }
 
 /// Extensions of the whole file.
@@ -60,6 +73,22 @@ pub(super) struct Document {
 pub(super) struct DocumentExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     pub lights: Lights,
+    #[serde(rename = "KHR_materials_variants")]
+    variants: Variants,
+}
+
+impl DocumentExtensions {
+    /// How many variants of materials there are.
+    pub(super) fn variants(&self) -> usize {
+        self.variants.variants.len()
+    }
+}
+
+/// `KHR_materials_variants`: only counted.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Variants {
+    variants: Vec<de::IgnoredAny>,
 }
 
 /// `KHR_lights_punctual`.
@@ -224,6 +253,10 @@ pub(super) struct Skin {}
 #[derive(Debug, Deserialize)]
 pub(super) struct Animation {}
 
+/// Only counted.
+#[derive(Debug, Deserialize)]
+pub(super) struct Camera {}
+
 /// One of the top-level lists, for messages.
 pub(super) trait Listed {
     /// Its key in the JSON.
@@ -241,7 +274,7 @@ listed! {
     Scene => "scenes", Node => "nodes", Mesh => "meshes", Accessor => "accessors",
     BufferView => "bufferViews", Buffer => "buffers", json::Material => "materials",
     json::Texture => "textures", json::texture::Sampler => "samplers", Image => "images",
-    Skin => "skins", Animation => "animations",
+    Skin => "skins", Animation => "animations", Camera => "cameras",
     JsonLight => "extensions.KHR_lights_punctual.lights",
 }
 

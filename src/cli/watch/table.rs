@@ -109,6 +109,7 @@ pub(super) fn lines(view: &View, width: usize, height: usize) -> Vec<Line> {
         Some(status) => {
             lines.push(vec![piece(wall_in_words(status, view.rates), Tone::Head)]);
             lines.push(vec![piece(counts_in_words(&status.channels), Tone::Plain)]);
+            lines.extend(openings(status).map(|text| vec![piece(text, Tone::Busy)]));
             lines.extend(first_of(&status.warnings, "warning", Tone::Warning));
             lines.extend(first_of(&status.notes, "note", Tone::Quiet));
             // The last line is for the key that ends it.
@@ -135,6 +136,12 @@ fn first_of<'a>(texts: &'a [String], kind: &'a str, tone: Tone) -> impl Iterator
     first.chain(more).map(move |text| vec![piece(text, tone)])
 }
 
+/// The first scenes that are being opened.
+fn openings(status: &WallStatus) -> impl Iterator<Item = String> {
+    let openings = status.opening.iter().take(TEXTS_MAX);
+    openings.map(|opening| format!("opening {}: {}", opening.scene, opening.progress))
+}
+
 /// The wall in one line, for a log.
 pub(super) fn summary(view: &View) -> String {
     let Some(status) = view.status.filter(|_| view.trouble.is_none()) else {
@@ -147,6 +154,7 @@ pub(super) fn summary(view: &View) -> String {
     };
     let troubled = by_importance(&status.channels).filter(|c| c.state != ChannelState::Live);
     let mut parts = vec![wall_in_words(status, view.rates), counts_in_words(&status.channels)];
+    parts.extend(openings(status));
     parts.extend(troubled.map(of_channel));
     if let [first, rest @ ..] = &status.notes[..] {
         let more =
