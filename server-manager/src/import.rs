@@ -156,7 +156,7 @@ async fn bake(
     let stdout = child.stdout.take();
     let stderr = child.stderr.take();
     let work = async {
-        let (last, err) = tokio::join!(read_lines(stdout, tell), read_some(stderr));
+        let (last, err) = tokio::join!(read_lines(stdout, SILENCE_MAX, tell), read_some(stderr));
         (last, err, child.wait().await)
     };
     let (last, err, status) = tokio::time::timeout(BAKE_TIME_MAX, work).await.map_err(|_| {
@@ -180,9 +180,10 @@ async fn bake(
 }
 
 /// Reads what a baker writes to its standard output, and returns its last line of JSON that is
-/// not about its progress. Passes on the percentage of each of those, again where it is silent.
+/// not about its progress. Passes on the percentage of each of those, again after each `silence`.
 async fn read_lines<R: tokio::io::AsyncRead + Unpin>(
     stream: Option<R>,
+    silence: Duration,
     tell: impl Fn(u8),
 ) -> String {
     let mut last = String::new();
@@ -193,7 +194,7 @@ async fn read_lines<R: tokio::io::AsyncRead + Unpin>(
         let room = BAKE_OUTPUT_BYTES_MAX.saturating_sub(line.len() as u64);
         // What was read before a silence stays in `line`.
         let mut limited = (&mut stream).take(room);
-        let read = tokio::time::timeout(SILENCE_MAX, limited.read_until(b'\n', &mut line)).await;
+        let read = tokio::time::timeout(silence, limited.read_until(b'\n', &mut line)).await;
         match read {
             Err(_) => tell(percent),
             // A stream that breaks off has said all that it will say.
@@ -226,4 +227,55 @@ async fn read_some<R: tokio::io::AsyncRead + Unpin>(stream: Option<R>) -> String
     let _ = (&mut stream).take(BAKE_OUTPUT_BYTES_MAX).read_to_end(&mut bytes).await;
     let _ = tokio::io::copy(&mut stream, &mut tokio::io::sink()).await;
     String::from_utf8_lossy(&bytes).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+
+    use tokio::io::AsyncWriteExt;
+
+    use super::*;
+
+    async fn read(text: &str) -> (String, Vec<u8>) {
+        let told = RefCell::new(Vec::new());
+        let tell = |percent| told.borrow_mut().push(percent);
+        let last = read_lines(Some(text.as_bytes()), SILENCE_MAX, tell);
+        (last.await, told.into_inner())
+    }
+
+    #[tokio::test]
+    async fn progress_of_a_baker_is_passed_on_and_its_result_is_the_last_line_of_json() {
+        let text = "{\"percent\":4}\nwords\n{\"percent\":101}\n{\"a\":1}\n{\"percent\":100}\n";
+        let (last, told) = read(text).await;
+        // What is no percentage is no progress either.
+        assert_eq!((last.trim_end(), told), ("{\"a\":1}", vec![4, 100]));
+        let (last, told) = read("{\"percent\":-1}").await;
+        assert_eq!((last.as_str(), told), ("{\"percent\":-1}", Vec::new()));
+    }
+
+    #[tokio::test]
+    async fn a_line_without_end_is_not_kept() {
+        let endless = "x".repeat(BAKE_OUTPUT_BYTES_MAX as usize * 3);
+        assert_eq!(read(&endless).await, (String::new(), Vec::new()));
+    }
+
+    #[tokio::test]
+    async fn a_silent_baker_is_said_to_be_where_it_was() {
+        let (mut write, stream) = tokio::io::duplex(64);
+        let told = RefCell::new(Vec::new());
+        let tell = |percent| told.borrow_mut().push(percent);
+        let reading = read_lines(Some(stream), Duration::from_millis(1), tell);
+        let writing = async {
+            write.write_all(b"{\"percent\":7}\n{\"perc").await.expect("written");
+            while told.borrow().len() < 3 {
+                tokio::task::yield_now().await;
+            }
+            write.write_all(b"ent\":8}\n").await.expect("written");
+            drop(write);
+        };
+        tokio::join!(reading, writing);
+        let told = told.into_inner();
+        assert_eq!((&told[..3], told.last()), (&[7, 7, 7][..], Some(&8)));
+    }
 }

@@ -4,10 +4,11 @@ use std::time::Duration;
 
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
-    Camera, ClientError, Digest, DisplayMode, Epoch, FrameId, Head, OPEN_REQUESTS_MAX, Pace,
-    Pattern, Reply, Request, Revision, SceneFeatures, SceneSummary, Sight, Spread, Statistics,
-    Tuned, View, Wall, WallStatus, tuning::Change,
+    Camera, ClientError, Digest, DisplayMode, Epoch, FrameId, Head, OPEN_REQUESTS_MAX,
+    OpenProgress, OpenStage, Pace, Pattern, Reply, Request, RequestId, Revision, SceneFeatures,
+    SceneSummary, Sight, Spread, Statistics, Tuned, View, Wall, WallStatus, tuning::Change,
 };
+use polyptych_protocol::request::Answer;
 use polyptych_protocol::wall::file;
 
 use crate::manager::{feedback, pair};
@@ -211,8 +212,8 @@ async fn a_wrong_answer_is_named_and_one_to_nobody_ignored() {
     let (client, mut manager) = pair().await;
     let script = async {
         let id = manager.expect(Request::Status).await;
-        manager.reply(polyptych_client::RequestId(u64::MAX), Reply::Done).await;
-        manager.piece(polyptych_client::RequestId(99), 0, &[1, 2, 3]).await;
+        manager.reply(RequestId(u64::MAX), Reply::Done).await;
+        manager.piece(RequestId(99), 0, &[1, 2, 3]).await;
         manager.reply(id, Reply::Done).await;
     };
     let (status, ()) = tokio::join!(client.status(), script);
@@ -299,4 +300,28 @@ async fn a_manager_that_never_answers_is_not_waited_for() {
     tokio::task::yield_now().await;
     assert!(pending.query().is_none());
     assert!(matches!(pending.await, Err(ClientError::TimedOut { .. })));
+}
+
+#[tokio::test(start_paused = true)]
+async fn progress_of_an_opening_is_heard_and_gives_it_its_time_again() {
+    let mut options = crate::manager::options("pipe");
+    options.timeouts.open_scene = Duration::from_secs(10);
+    let (client, mut manager) = crate::manager::pair_with(1 << 16, options).await;
+    let script = async {
+        let id = manager.expect(Request::OpenScene { path: "a.glb".into() }).await;
+        for percent in [10, 50, 90] {
+            tokio::time::sleep(Duration::from_secs(8)).await;
+            let progress = OpenProgress { stage: OpenStage::Baking, percent };
+            manager.send(Answer::Progress { id, progress }).await;
+            // Of a request that nobody waits for: nothing happens.
+            manager.send(Answer::Progress { id: RequestId(77), progress }).await;
+        }
+        tokio::time::sleep(Duration::from_secs(8)).await;
+        manager.reply(id, Reply::SceneOpened(summary())).await;
+    };
+    let mut heard = Vec::new();
+    let opening = client.open_scene_with("a.glb", |progress| heard.push(progress.percent));
+    let (opened, ()) = tokio::join!(opening, script);
+    assert_eq!(opened.expect("opened"), summary());
+    assert_eq!(heard, [10, 50, 90]);
 }

@@ -76,20 +76,18 @@ impl Host {
         }
     }
 
-    /// A number of these in words; `None` for those that have no name of their own.
-    fn counted(self, count: u64) -> Option<String> {
-        let noun = match self {
-            Self::Material => "material",
-            Self::Node => "node",
-            Self::Part => "part of meshes",
-            Self::Texture => "texture",
-            Self::Other => return None,
+    /// The note of so many of these that have an extension.
+    fn note(self, count: u64, name: &str) -> String {
+        let be = if count == 1 { "is" } else { "are" };
+        let (list, counted) = match self {
+            Self::Material => ("materials", format!("{count} {be}")),
+            Self::Node => ("nodes", format!("{count} {be}")),
+            Self::Texture => ("textures", format!("{count} {be}")),
+            Self::Part if count == 1 => ("meshes", "1 part is".into()),
+            Self::Part => ("meshes", format!("{count} parts are")),
+            Self::Other => return format!("extensions: {name} is not drawn"),
         };
-        Some(match (self, count) {
-            (_, 1) => format!("1 {noun} is"),
-            (Self::Part, _) => format!("{count} parts of meshes are"),
-            _ => format!("{count} {noun}s are"),
-        })
+        format!("{list}: {counted} drawn without {name}")
     }
 }
 
@@ -110,15 +108,14 @@ impl ExtensionUses {
         let used = self.0.iter().filter(|(name, _)| is_missing(name));
         let used = used.filter(|(_, hosts)| hosts.values().any(|&count| count > 0));
         let used = used.map(|(name, hosts)| {
-            let counted = hosts.iter().find_map(|(host, &count)| host.counted(count));
-            let name = uri::shorten(name);
-            counted.map_or_else(
-                || format!("{name}: not drawn"),
-                |counted| format!("{name}: {counted} drawn without it"),
-            )
+            // The first that has a list of its own; what the file as a whole has is beside it.
+            let host = hosts.iter().find(|(_, count)| **count > 0);
+            let (host, count) = host.map_or((Host::Other, 0), |(host, count)| (*host, *count));
+            host.note(count, &uri::shorten(name))
         });
         let unused = declared.iter().filter(|name| is_missing(name) && !self.0.contains_key(*name));
-        let unused = unused.map(|name| format!("{}: not supported", uri::shorten(name)));
+        let unused =
+            unused.map(|name| format!("extensionsUsed: {} is not supported", uri::shorten(name)));
         used.chain(unused).collect()
     }
 
@@ -262,11 +259,11 @@ mod tests {
         assert_eq!(
             notes(&json, &["KHR_materials_clearcoat", "ACME_smell", "EXT_mesh_features"]),
             [
-                "ACME_fog: 1 node is drawn without it",
-                "ACME_fur: 1 part of meshes is drawn without it",
-                "EXT_lights_image_based: not drawn",
-                "KHR_materials_clearcoat: 2 materials are drawn without it",
-                "ACME_smell: not supported",
+                "nodes: 1 is drawn without ACME_fog",
+                "meshes: 1 part is drawn without ACME_fur",
+                "extensions: EXT_lights_image_based is not drawn",
+                "materials: 2 are drawn without KHR_materials_clearcoat",
+                "extensionsUsed: ACME_smell is not supported",
             ]
         );
     }

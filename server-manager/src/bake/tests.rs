@@ -358,3 +358,15 @@ fn assets_bake_or_say_why_not() {
         }
     }
 }
+
+#[test]
+fn progress_rises_to_a_hundred_percent() {
+    let place = Place::new();
+    let path = place.write("town.glb", &Builder::triangle().glb());
+    let mut percents = Vec::new();
+    let cancel = AtomicBool::new(false);
+    bake(&path, &place.store, &mut |progress| percents.push(progress.percent()), &cancel)
+        .expect("baked");
+    assert!(percents.is_sorted(), "{percents:?}");
+    assert_eq!((percents.first(), percents.last()), (Some(&0), Some(&100)));
+}

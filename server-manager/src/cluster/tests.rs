@@ -3,6 +3,7 @@
 mod displays;
 mod failures;
 mod found;
+mod progress;
 mod random;
 mod sight;
 mod simulated;
@@ -50,6 +51,7 @@ struct Stage {
     frames: Vec<(SessionId, Frame)>,
     swaps: Vec<FrameId>,
     replies: Vec<(RequestId, Result<Reply, Failure>)>,
+    progress: Vec<(RequestId, String)>,
     imports: Vec<RequestOf>,
     collects: Vec<Vec<ChannelId>>,
     closed: Vec<SessionId>,
@@ -86,6 +88,7 @@ impl Stage {
             frames: Vec::new(),
             swaps: Vec::new(),
             replies: Vec::new(),
+            progress: Vec::new(),
             imports: Vec::new(),
             collects: Vec::new(),
             closed: Vec::new(),
@@ -141,6 +144,9 @@ impl Stage {
                 }
                 Output::Answer { answer: Answer::Reply { id, reply }, .. } => {
                     self.replies.push((id, reply));
+                }
+                Output::Answer { answer: Answer::Progress { id, progress }, .. } => {
+                    self.progress.push((id, progress.to_string()));
                 }
                 Output::Answer { .. } | Output::Stop => {}
                 Output::Remember(memory) => self.memories.push(*memory),
