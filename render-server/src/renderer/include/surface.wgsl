@@ -17,6 +17,10 @@ override LAMPS: bool = false;
 struct Surface {
     normal: vec3<f32>,
     toward_eye: vec3<f32>,
+    // Less than 0 where a bent or wrong normal turns away from the eye.
+    facing: f32,
+    // The same, but a normal that turns away counts as one that is seen at a grazing angle, as in
+    // three.js, Filament and Khronos' viewer.
     n_dot_v: f32,
     alpha_squared: f32,
     // The part of Smith's term that is the same for every light.
@@ -59,7 +63,7 @@ fn reflect_light(s: Surface, toward: vec3<f32>, irradiance: vec3<f32>) -> vec3<f
     // With h = l + v: |h|² = 2 + 2 l·v, so neither h nor its dot products need be formed.
     let l_dot_v = dot(toward, s.toward_eye);
     let inverse_length = inverseSqrt(max(2.0 + 2.0 * l_dot_v, 1e-12));
-    let n_dot_h = clamp((n_dot_l + s.n_dot_v) * inverse_length, 0.0, 1.0);
+    let n_dot_h = clamp((n_dot_l + s.facing) * inverse_length, 0.0, 1.0);
     let v_dot_h = clamp((1.0 + l_dot_v) * inverse_length, 0.0, 1.0);
     let a2 = s.alpha_squared;
     let f = (n_dot_h * a2 - n_dot_h) * n_dot_h + 1.0;
@@ -131,7 +135,7 @@ fn layered(seen: Surface, base: vec3<f32>, metallic: f32) -> Surface {
 // it is, was fitted to integrals over GGX: off by 0.03 on average, from 0 (ground) to 1 (sky).
 fn ambient(s: Surface) -> vec3<f32> {
     let alpha = sqrt(s.alpha_squared);
-    let mirrored_up = 2.0 * dot(s.normal, s.toward_eye) * s.normal.y - s.toward_eye.y;
+    let mirrored_up = 2.0 * s.facing * s.normal.y - s.toward_eye.y;
     let lean = 1.0 - 2.0 * alpha * (1.0 - alpha) * (1.0 - s.n_dot_v);
     let up = mix(mirrored_up, s.normal.y, alpha) * inverseSqrt(lean);
     let specular = s.f0 * s.albedo.x + s.rise * s.albedo.y;
@@ -162,7 +166,8 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     var s: Surface;
     s.normal = shading_normal(v, front);
     s.toward_eye = unit(frame.eye.xyz - position * frame.eye.w);
-    s.n_dot_v = max(abs(dot(s.normal, s.toward_eye)), 1e-4);
+    s.facing = dot(s.normal, s.toward_eye);
+    s.n_dot_v = clamp(s.facing, 1e-4, 1.0);
     s.alpha_squared = filtered_alpha_squared(roughness, unit(normal_of(v)));
     s = layered(s, base, metallic);
 

@@ -175,6 +175,29 @@ fn light_on_a_fraction_of_metal_is_a_mix_of_both_materials() {
 }
 
 #[test]
+fn a_normal_that_turns_away_from_the_eye_reflects_as_at_a_grazing_angle() {
+    let brightness = |away: f32| {
+        let mut stage = Stage::new();
+        stage.desc.sky = Vec3::splat(0.3);
+        stage.desc.ground = Some(stage.desc.sky);
+        let black = stage.material(material(0.0, 0.0, 0.0));
+        let corners = [Vec3::new(-9.0, -9.0, 0.0), Vec3::X * 9.0, Vec3::Y * 9.0];
+        let normal = Vec3::new((1.0 - away * away).sqrt(), 0.0, -away);
+        let mesh = stage.mesh(&Shape::triangle(corners, normal), Some(black));
+        stage.node(mesh, DAffine3::IDENTITY);
+        shine(&mut stage, DVec3::Z, 0.0);
+        let view = look(DVec3::Z * 3.0, DVec3::ZERO, [8, 8]);
+        pixel(&draw(&stage.build(), [8, 8], &view), [8, 8], 4, 4)[0]
+    };
+    let sky = brightness(0.0);
+    assert!(sky > 120, "{sky}");
+    for away in [0.1, 0.5, 0.9] {
+        assert!(brightness(away).abs_diff(sky) <= 1, "{} of {sky} at {away}", brightness(away));
+    }
+    assert!(brightness(-0.9) < sky / 2, "seen from the front it hardly reflects");
+}
+
+#[test]
 fn small_smooth_metal_has_its_highlight_wherever_it_stands() {
     let size = [32, 32];
     for shift in 0..16 {
