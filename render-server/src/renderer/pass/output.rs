@@ -23,11 +23,10 @@ pub struct Output {
 /// What a pipeline is specialised for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Layout {
-    /// The sizes are equal.
+    /// The picture has as many pixels as it covers of the surface.
     exact: bool,
-    surface: [u32; 2],
-    /// Of the picture on the surface.
-    origin: [u32; 2],
+    /// x, y, width, height of the picture on the surface, in pixels.
+    rectangle: [u32; 4],
     /// What is read of it are codes, and not light.
     coded: bool,
 }
@@ -63,8 +62,9 @@ impl Output {
         Self { format, group_layout, sampler, pipeline: None, labels: Vec::new() }
     }
 
-    /// Encodes and submits: the picture fills a view of this size in pixels, or black does, and
-    /// the labels stand over it. Equal sizes are copied pixel by pixel, others filtered.
+    /// Encodes and submits: the picture stands on a view of this size in pixels as [`letterbox`]
+    /// says, with black around it or instead of it, and the labels stand over it. Pictures of the
+    /// view's size are copied pixel by pixel, others filtered.
     pub fn draw(
         &mut self,
         gpu: &Gpu,
@@ -74,9 +74,10 @@ impl Output {
         surface_size: [u32; 2],
     ) {
         if let Some(picture) = picture {
+            let rectangle = letterbox(picture.size(), surface_size);
             let exact = picture.size() == surface_size;
             let coded = picture.content() == Content::FineCodes;
-            let layout = Layout { exact, surface: surface_size, origin: [0, 0], coded };
+            let layout = Layout { exact, rectangle, coded };
             if self.pipeline.as_ref().is_none_or(|(known, _)| *known != layout) {
                 self.pipeline = Some((layout, self.build(gpu, "output", layout)));
             }
@@ -87,9 +88,11 @@ impl Output {
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("output") });
         {
             let mut pass = clear(&mut encoder, "output/pass", surface, wgpu::Color::BLACK);
-            if let (Some(picture), Some((_, pipeline))) = (picture, &self.pipeline) {
+            if let (Some(picture), Some((layout, pipeline))) = (picture, &self.pipeline) {
+                let [x, y, width, height] = layout.rectangle;
                 pass.set_pipeline(pipeline);
                 pass.set_bind_group(1, &self.group(gpu, picture), &[]);
+                pass.set_scissor_rect(x, y, width, height);
                 pass.draw(0..3, 0..1);
             }
             for panel in self.labels.iter().filter_map(|panel| panel.drawn.as_ref()) {
@@ -119,9 +122,10 @@ impl Output {
     fn panel(&self, gpu: &Gpu, label: &Label, surface: [u32; 2]) -> Panel {
         let drawn = label.image(surface).map(|(image, [left, top])| {
             let picture = Picture::of_pixels(gpu, [image.width(), image.height()], &image);
-            let layout = Layout { exact: true, surface, origin: [left, top], coded: false };
+            let rectangle = [left, top, image.width(), image.height()];
+            let layout = Layout { exact: true, rectangle, coded: false };
             DrawnPanel {
-                rectangle: [left, top, image.width(), image.height()],
+                rectangle,
                 group: self.group(gpu, &picture),
                 pipeline: self.build(gpu, "label", layout),
             }
@@ -148,18 +152,45 @@ impl Output {
 
     fn build(&self, gpu: &Gpu, name: &str, layout: Layout) -> wgpu::RenderPipeline {
         let flag = |on: bool| f64::from(u8::from(on));
+        let [left, top, width, height] = layout.rectangle.map(f64::from);
         let constants = [
-            ("LEFT", f64::from(layout.origin[0])),
-            ("TOP", f64::from(layout.origin[1])),
+            ("LEFT", left),
+            ("TOP", top),
             ("EXACT", flag(layout.exact)),
             ("ENCODED", flag(!self.format.is_srgb() && !layout.coded)),
             ("DECODED", flag(self.format.is_srgb() && layout.coded)),
             ("KEPT", flag(self.format == FINE_FORMAT && layout.coded)),
-            ("WIDTH", f64::from(layout.surface[0])),
-            ("HEIGHT", f64::from(layout.surface[1])),
+            ("WIDTH", width),
+            ("HEIGHT", height),
         ];
         let text = shader::screen(SOURCE);
         let names = [name, "output"];
         screen_pipeline(gpu, names, &text, &self.group_layout, self.format, &constants)
     }
+}
+
+/// Returns x, y, width and height of a picture on a surface, all in pixels: centred, as large as
+/// it fits with its aspect ratio kept. A surface that rounding has made up to a pixel too wide or
+/// too high is filled: bars of a pixel would only look like gaps.
+pub fn letterbox(picture: [u32; 2], surface: [u32; 2]) -> [u32; 4] {
+    let [picture_width, picture_height] = picture.map(|side| u64::from(side.max(1)));
+    let [width, height] = surface.map(|side| u64::from(side.max(1)));
+    let scaled = |side: u64, by: u64, of: u64| ((side * by + of / 2) / of).max(1);
+    // What a pixel of one side comes to on the other.
+    let slack = |side: u64, of: u64| side.div_ceil(of);
+    let [mut fitted_width, mut fitted_height] = [width, height];
+    if picture_width * height > picture_height * width {
+        let fitted = scaled(picture_height, width, picture_width);
+        if height - fitted.min(height) > slack(picture_height, picture_width) {
+            fitted_height = fitted;
+        }
+    } else {
+        let fitted = scaled(picture_width, height, picture_height);
+        if width - fitted.min(width) > slack(picture_width, picture_height) {
+            fitted_width = fitted;
+        }
+    }
+    let [x, y] = [(width - fitted_width) / 2, (height - fitted_height) / 2];
+    // No larger than the surface.
+    [x, y, fitted_width, fitted_height].map(|pixels| pixels as u32)
 }

@@ -6,7 +6,7 @@
 // Where the picture's upper left stands on the surface, in pixels.
 override LEFT: i32 = 0;
 override TOP: i32 = 0;
-// The sizes are equal: pixels go over unchanged.
+// The picture has as many pixels as it covers: they go over unchanged.
 override EXACT: bool = true;
 // The picture is light as sRGB, and the surface stores what it is given: it is encoded here.
 override ENCODED: bool = false;
@@ -14,7 +14,7 @@ override ENCODED: bool = false;
 override DECODED: bool = false;
 // Codes of ten bits go onto a surface of ten.
 override KEPT: bool = false;
-// Of the surface, in pixels.
+// Of the picture on the surface, in pixels.
 override WIDTH: u32 = 1u;
 override HEIGHT: u32 = 1u;
 
@@ -24,8 +24,9 @@ fn output(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     if EXACT {
         color = textureLoad(picture, vec2<i32>(at.xy) - vec2<i32>(LEFT, TOP), 0).rgb;
     } else {
-        let surface_size = vec2<f32>(f32(WIDTH), f32(HEIGHT));
-        color = textureSampleLevel(picture, picture_sampler, at.xy / surface_size, 0.0).rgb;
+        let place = at.xy - vec2<f32>(f32(LEFT), f32(TOP));
+        let uv = place / vec2<f32>(f32(WIDTH), f32(HEIGHT));
+        color = textureSampleLevel(picture, picture_sampler, uv, 0.0).rgb;
     }
     if ENCODED {
         // IEC 61966-2-1.

@@ -2,7 +2,7 @@
 
 use super::harness::gpu;
 use crate::renderer::picture::{Content, Picture};
-use crate::renderer::{Label, Output, Place, read_picture};
+use crate::renderer::{Label, Output, Place, letterbox, read_picture};
 
 /// A picture in which every pixel has its own colour.
 fn picture(size: [u32; 2]) -> Picture {
@@ -97,5 +97,53 @@ fn a_label_is_as_sharp_on_a_display_that_scales_the_picture() {
     assert_eq!([left, top + image.height()], [0, 300], "lower left");
     for (x, y, pixel) in image.enumerate_pixels() {
         assert_eq!(pixels[((top + y) * size[0] + left + x) as usize], pixel.0, "{x}, {y}");
+    }
+}
+
+#[test]
+fn a_picture_of_another_size_keeps_its_aspect_ratio_between_black_bars() {
+    for (picture, surface, expected) in [
+        ([160, 90], [160, 90], [0, 0, 160, 90]),
+        ([160, 90], [1024, 768], [0, 96, 1024, 576]),
+        ([160, 90], [100, 90], [0, 17, 100, 56]),
+        ([90, 160], [1024, 768], [296, 0, 432, 768]),
+        ([1, 8192], [8192, 1], [4095, 0, 1, 1]),
+        // Rounded by less than a pixel: a preview that was scaled down has no bars.
+        ([4096, 512], [683, 85], [0, 0, 683, 85]),
+        ([320, 180], [213, 120], [0, 0, 213, 120]),
+        ([320, 180], [213, 123], [0, 1, 213, 120]),
+        ([0, 0], [0, 0], [0, 0, 1, 1]),
+    ] {
+        assert_eq!(letterbox(picture, surface), expected, "{picture:?} on {surface:?}");
+    }
+}
+
+#[test]
+fn all_sizes_of_windows_hold_the_whole_picture() {
+    for (picture, width, height) in [([1920, 1080], 97, 61), ([1080, 1920], 53, 89)] {
+        for surface in (1..40).flat_map(|x| (1..40).map(move |y| [x * width, y * height])) {
+            let [x, y, w, h] = letterbox(picture, surface);
+            assert!(x + w <= surface[0] && y + h <= surface[1], "{surface:?}");
+            assert!(w == surface[0] || h == surface[1], "as large as it fits: {surface:?}");
+            let [aspect, due] = [[w, h], picture].map(|[w, h]| f64::from(w) / f64::from(h));
+            let slack = 2.0 / f64::from(w.min(h));
+            assert!((aspect / due - 1.0).abs() <= slack, "{surface:?}: {aspect}, {due}");
+        }
+    }
+}
+
+#[test]
+fn bars_are_black_and_the_picture_fills_the_rest() {
+    let format = wgpu::TextureFormat::Rgba8UnormSrgb;
+    let mut output = Output::new(gpu(), format);
+    let white = Picture::of_pixels(gpu(), [32, 18], &[255; 32 * 18 * 4]);
+    for size in [[64, 64], [200, 30], [33, 19], [32, 18]] {
+        let pixels = shown(&mut output, format, Some(&white), &[], size);
+        let [x, y, width, height] = letterbox([32, 18], size);
+        for (n, pixel) in pixels.iter().enumerate() {
+            let at = [n as u32 % size[0], n as u32 / size[0]];
+            let is_lit = (x..x + width).contains(&at[0]) && (y..y + height).contains(&at[1]);
+            assert_eq!(pixel.map(|byte| byte > 0), [is_lit, is_lit, is_lit, true], "{at:?}");
+        }
     }
 }
