@@ -38,6 +38,13 @@ pub enum Status {
         /// For the log and the channel's status.
         reason: String,
     },
+    /// A channel's picture does not fit the monitor that it fills, or fits again.
+    Display {
+        /// The channel.
+        channel: ChannelId,
+        /// A sentence for the operator, which names sizes and remedy; `None` if all is well.
+        warning: Option<String>,
+    },
 }
 
 /// A revision is ready.

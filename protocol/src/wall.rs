@@ -217,6 +217,9 @@ impl Wall {
         if is_bad {
             return Some(format!("channel {} does not lie on its screen", channel.name));
         }
+        if channel.monitor.as_deref().is_some_and(|name| !channel::is_monitor_name(name)) {
+            return Some(format!("channel {} has an invalid monitor name", channel.name));
+        }
         let fault = channel.cover.fault().or_else(|| channel.adjustment.fault(self.files.len()));
         fault.map(|fault| format!("channel {}: {fault}", channel.name))
     }

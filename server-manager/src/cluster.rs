@@ -296,6 +296,11 @@ impl Cluster {
                     }
                 }
             }
+            Status::Display { channel, warning } => {
+                if self.registry.drives(from, channel) {
+                    self.registry.set_display_warning(channel, warning);
+                }
+            }
             Status::Goodbye { reason } => {
                 self.close(from, "goodbye".into());
                 self.handle_server_gone(now, from, &format!("it left: {reason}"));
@@ -399,6 +404,7 @@ impl Cluster {
 pub fn shortened(mut status: Status) -> Status {
     if let Status::PrepareFailed { reason, .. }
     | Status::DrawFailed { reason, .. }
+    | Status::Display { warning: Some(reason), .. }
     | Status::Goodbye { reason } = &mut status
     {
         reason.truncate(reason.floor_char_boundary(REASON_BYTES_MAX));

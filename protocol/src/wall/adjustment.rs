@@ -164,6 +164,21 @@ impl Adjustment {
         }
     }
 
+    /// Returns the size of the upright picture for a display of this width and height: the inverse
+    /// of [`Self::display_size`]. `None` if two pictures would have to share an odd side.
+    pub fn upright_size(&self, display: UVec2) -> Option<UVec2> {
+        let packed = match self.turn {
+            Turn::None | Turn::Half => display,
+            Turn::Left | Turn::Right => UVec2::new(display.y, display.x),
+        };
+        let parts = match self.packing {
+            Packing::None | Packing::Anaglyph => UVec2::ONE,
+            Packing::SideBySide => UVec2::new(2, 1),
+            Packing::TopBottom => UVec2::new(1, 2),
+        };
+        (packed % parts == UVec2::ZERO).then(|| packed / parts)
+    }
+
     /// What is wrong with numbers that came over the wire, if anything.
     pub(super) fn fault(&self, file_count: usize) -> Option<String> {
         let files = [self.warp, self.alpha, self.beta];

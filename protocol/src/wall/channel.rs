@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::adjustment::Adjustment;
 use super::projector::Projector;
+use crate::limits::NAME_BYTES_MAX;
 
 /// One output image, drawn upright as the viewer sees it; a display that is turned, mirrored or
 /// packed for two eyes gets it so ([`Adjustment`]).
@@ -21,6 +22,9 @@ pub struct Channel {
     pub size: UVec2,
     /// The server that drives it; several channels may name the same.
     pub server: String,
+    /// The monitor of the server's machine that it fills in full screen, by the X server's name
+    /// for it; `None`: the next one that no other channel of the server takes.
+    pub monitor: Option<String>,
     /// How it is projected; fixed by the wall file, never by what one server can do.
     pub projection: Projection,
     /// What part of the screen it covers.
@@ -59,6 +63,12 @@ impl Cover {
     }
 }
 
+/// Returns whether a text can be the name of a monitor: 1 to [`NAME_BYTES_MAX`] bytes, no control
+/// characters.
+pub fn is_monitor_name(text: &str) -> bool {
+    (1..=NAME_BYTES_MAX).contains(&text.len()) && !text.chars().any(char::is_control)
+}
+
 impl Channel {
     /// A plain tile of a screen, driven by a server of its own name.
     pub fn tile(name: &str, screen: u16, origin: UVec2, size: UVec2) -> Self {
@@ -68,6 +78,7 @@ impl Channel {
             origin,
             size,
             server: name.to_owned(),
+            monitor: None,
             projection: Projection::Shared,
             cover: Cover::Tile,
             adjustment: Adjustment::default(),

@@ -89,20 +89,26 @@ impl Cluster {
     }
 
     fn warnings(&self) -> Vec<String> {
+        let displays = self.registry.channels();
+        let displays = displays.filter_map(|(_, channel)| channel.display_warning.clone());
+        self.mixed_adapters().into_iter().chain(displays).collect()
+    }
+
+    fn mixed_adapters(&self) -> Option<String> {
         let drivers: BTreeSet<String> = self
             .registry
             .servers()
             .map(|(_, server)| format!("{} ({})", server.adapter.name, server.adapter.driver))
             .collect();
         if drivers.len() < 2 {
-            return Vec::new();
+            return None;
         }
         let list: Vec<_> = drivers.into_iter().collect();
-        vec![format!(
+        Some(format!(
             "the wall mixes adapters or drivers, so its channels may differ by more than the \
              tolerance of one driver: {}",
             list.join("; ")
-        )]
+        ))
     }
 
     pub(super) fn statistics(&mut self, reset: bool) -> Statistics {

@@ -61,6 +61,8 @@ pub(super) struct Channel {
     pub state: ChannelState,
     pub since: Micros,
     pub reason: Option<String>,
+    /// What its server says is wrong with its display.
+    pub display_warning: Option<String>,
     pub server: Option<SessionId>,
     /// The last frame that it showed.
     pub frame: FrameId,
@@ -97,6 +99,7 @@ impl Registry {
             state: ChannelState::Lost,
             since: 0,
             reason: Some("no server has claimed it yet".into()),
+            display_warning: None,
             server: None,
             frame: FrameId(0),
             shown_at_us: None,
@@ -190,6 +193,7 @@ impl Registry {
         for &id in &server.channels {
             let channel = &mut self.channels[usize::from(id.0)];
             channel.server = None;
+            channel.display_warning = None;
             channel.draw_us = None;
             channel.lost += 1;
         }
@@ -252,6 +256,13 @@ impl Registry {
     pub fn set_memory(&mut self, session: SessionId, bytes: u64) {
         if let Some(server) = self.servers.get_mut(&session) {
             server.memory_bytes = bytes;
+        }
+    }
+
+    /// Keeps what a server says of a channel's display.
+    pub fn set_display_warning(&mut self, id: ChannelId, warning: Option<String>) {
+        if let Some(channel) = self.channels.get_mut(usize::from(id.0)) {
+            channel.display_warning = warning;
         }
     }
 

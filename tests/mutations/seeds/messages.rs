@@ -159,6 +159,7 @@ fn statuses() -> Vec<Status> {
         Status::DrawFailed { channel, frame, reason: "no device".into() },
         Status::Shown(Shown { epoch: EPOCH, frame, channel, at_us: 70_000, clock_error_us: 40 }),
         Status::Ping(Ping { sent_us: 1, memory_bytes: 1 << 28 }),
+        Status::Display { channel, warning: Some("monitor A shows 512x768".into()) },
         Status::Goodbye { reason: "it sends nonsense".into() },
     ]
 }

@@ -11,8 +11,9 @@ use super::explain::suggest;
 use super::files::Files;
 use super::screen::Draft;
 use super::source::{Source, quoted};
-use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX};
+use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX, NAME_BYTES_MAX};
 use crate::wall::adjustment::{Bend, Bits, Curve, Edges};
+use crate::wall::channel::is_monitor_name;
 use crate::wall::{Cover, EyeOf, FileKind, Packing, Projection, fold};
 
 /// Farthest that a pin or a point of a bend moves anything: some channels' widths.
@@ -39,7 +40,7 @@ pub(super) fn channels(
         let remedy = suggest(unknown, listed, "channels");
         return Err(source.error(format!("channel.{}", quoted(unknown)), what, remedy));
     }
-    for draft in drafts {
+    for draft in &mut *drafts {
         let key = format!("channel.{}", quoted(&draft.channel.name));
         if let Some(section) = sections.get(&draft.channel.name) {
             Table { source, key, section }.apply(draft, files)?;
@@ -48,6 +49,20 @@ pub(super) fn channels(
             let what = format!("nobody knows what channel {:?} shows", draft.channel.name);
             let remedy = "give origin or projector, or a warp file in [channel.NAME]";
             return Err(source.error(format!("{}.origin", draft.key), what, remedy));
+        }
+    }
+    check_monitors(source, drafts)
+}
+
+/// Refuses two channels of one server on one monitor.
+fn check_monitors(source: &Source<'_>, drafts: &[Draft]) -> Result<(), WallFileError> {
+    let mut taken = BTreeMap::new();
+    for channel in drafts.iter().map(|draft| &draft.channel) {
+        let Some(monitor) = &channel.monitor else { continue };
+        if let Some(other) = taken.insert((&channel.server, monitor), &channel.name) {
+            let key = format!("channel.{}.monitor", quoted(&channel.name));
+            let what = format!("channel {other:?} of the same server fills monitor {monitor:?}");
+            return Err(source.error(key, what, "give each a monitor of its own"));
         }
     }
     Ok(())
@@ -67,6 +82,7 @@ impl Table<'_> {
 
     fn apply(&self, draft: &mut Draft, files: &mut Files) -> Result<(), WallFileError> {
         let s = self.section;
+        draft.channel.monitor = self.monitor()?;
         let size = draft.channel.size;
         let adjustment = &mut draft.channel.adjustment;
         adjustment.turn = s.turn.unwrap_or_default();
@@ -123,6 +139,20 @@ impl Table<'_> {
         // No canvas is shared with it.
         (draft.channel.cover, draft.channel.projection) = (Cover::Map, Projection::Own);
         Ok(())
+    }
+
+    fn monitor(&self) -> Result<Option<String>, WallFileError> {
+        let Some(monitor) = &self.section.monitor else { return Ok(None) };
+        if !is_monitor_name(monitor) {
+            let shown = monitor.chars().take(NAME_BYTES_MAX).collect::<String>();
+            let what = format!("{shown:?} is not the name of a monitor");
+            let remedy = format!(
+                "write 1 to {NAME_BYTES_MAX} bytes, as `polyptych server --list-monitors` prints \
+                 them"
+            );
+            return Err(self.error("monitor", what, &remedy));
+        }
+        Ok(Some(monitor.clone()))
     }
 
     fn edges(&self, edges: &EdgesSection, size: UVec2) -> Result<Edges, WallFileError> {

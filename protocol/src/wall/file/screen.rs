@@ -245,6 +245,7 @@ impl Place<'_> {
             origin: rect.origin,
             size: rect.size,
             server,
+            monitor: None,
             projection: Projection::Shared,
             cover: Cover::Tile,
             adjustment: Adjustment::default(),

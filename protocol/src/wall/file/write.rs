@@ -50,7 +50,7 @@ pub fn to_toml(wall: &Wall) -> String {
 }
 
 fn adjusted(wall: &Wall, channel: &Channel) -> Option<(String, AdjustSection)> {
-    Some((channel.name.clone(), adjustment::section(wall, &channel.adjustment)?))
+    Some((channel.name.clone(), adjustment::section(wall, channel)?))
 }
 
 fn section(wall: &Wall, at: u16, screen: &Screen) -> ScreenSection {

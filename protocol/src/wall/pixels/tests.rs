@@ -27,6 +27,7 @@ fn channel(cover: Cover, adjustment: Adjustment) -> Channel {
         origin: UVec2::new(500, 100),
         size: UVec2::new(640, 480),
         server: "front".into(),
+        monitor: None,
         projection: Projection::Own,
         cover,
         adjustment,

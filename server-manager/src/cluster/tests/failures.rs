@@ -97,6 +97,25 @@ fn a_server_that_says_goodbye_is_lost_for_its_own_reason() {
 }
 
 #[test]
+fn a_display_that_does_not_fit_is_warned_of_until_its_server_says_otherwise_or_goes() {
+    let mut stage = Stage::new(2);
+    let say = |stage: &mut Stage, from: u64, channel: u16, warning: Option<&str>| {
+        let warning = warning.map(str::to_owned);
+        stage.say(SessionId(from), Status::Display { channel: ChannelId(channel), warning });
+        stage.cluster.status(stage.now).warnings
+    };
+    assert_eq!(say(&mut stage, 1, 1, Some("too small")), ["too small"]);
+    assert_eq!(say(&mut stage, 0, 1, None), ["too small"], "the channel of another server");
+    assert_eq!(say(&mut stage, 0, 0, Some("too large")), ["too large", "too small"]);
+    assert_eq!(say(&mut stage, 0, 0, None), ["too small"]);
+    let long = "x".repeat(100_000);
+    assert!(say(&mut stage, 0, 0, Some(&long))[0].len() < 2_000);
+    stage.cluster.handle_server_gone(stage.now, SessionId(0), "killed");
+    stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
+    assert!(stage.cluster.status(stage.now).warnings.is_empty());
+}
+
+#[test]
 fn a_channel_that_never_came_back_has_a_gap_to_the_last_frame() {
     let mut stage = Stage::new(2);
     stage.request(Request::Statistics { reset: true });

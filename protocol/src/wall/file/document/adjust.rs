@@ -10,6 +10,11 @@ use crate::wall::{EyeOf, Packing, Turn};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AdjustSection {
+    /// The monitor that the channel fills in full screen, as `polyptych server --list-monitors`
+    /// names it on the server's machine. Default: the next one that no other channel of the
+    /// server takes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub monitor: Option<String>,
     /// How the display hangs: to which side of the viewer its upper side went, or half a turn.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turn: Option<Turn>,

@@ -180,6 +180,7 @@ fn add_channels(wall: &mut Wall, seed: &Seed, index: usize) {
                 let (origin, size) = (UVec2::new(*x, *y), UVec2::new(*column, *row));
                 let mut channel = Channel {
                     server: format!("server_{}", at / 3),
+                    monitor: (at % 4 == 1).then(|| format!("DP-{at}")),
                     projection: if seed.own { Projection::Own } else { Projection::Shared },
                     ..Channel::tile(&format!("c-{}.{at}", at % 2), index as u16, origin, size)
                 };

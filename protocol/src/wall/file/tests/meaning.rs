@@ -40,6 +40,29 @@ fn each_eye_is_covered_by_channels_of_its_own() {
 }
 
 #[test]
+fn monitors_are_named_once_for_each_server() {
+    let monitors = |a: &str, b: &str| {
+        format!("{BY_HAND}[channel.a]\nmonitor = {a:?}\n[channel.b]\nmonitor = {b:?}\n")
+    };
+    let wall = read(&monitors("HDMI-1", "HDMI-1"));
+    assert_eq!(wall.channels[1].monitor.as_deref(), Some("HDMI-1"), "another server's machine");
+    let text = monitors("HDMI-1", "HDMI-1");
+    let both = text.replace("name = \"a\"", "name = \"a\"\nserver = \"pc\"");
+    check(
+        &both,
+        "21:1: channel.b.monitor: channel \"a\" of the same server fills monitor \"HDMI-1\"; \
+         give each a monitor of its own",
+    );
+    read(&both.replacen("HDMI-1", "HDMI-2", 1));
+    let (long, shown) = ("x".repeat(65), "x".repeat(64));
+    for (name, shown) in [("", ""), ("a\nb", "a\\nb"), (long.as_str(), shown.as_str())] {
+        let key = "18:1: channel.a.monitor";
+        let expected = format!("{key}: \"{shown}\" is not the name of a monitor; write 1");
+        check(&monitors(name, "B"), &expected);
+    }
+}
+
+#[test]
 fn holes_say_where_and_how_large_they_are() {
     check_changed(
         BY_HAND,

@@ -2,12 +2,13 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::wall::adjustment::{Adjustment, Bits, Curve};
+use crate::wall::adjustment::{Bits, Curve};
 use crate::wall::file::document::{AdjustSection, BendSection, EdgesSection, Light, Pair, Row};
-use crate::wall::{Edges, Wall};
+use crate::wall::{Channel, Edges, Wall};
 
 /// What a channel's table says; `None` where it would say nothing.
-pub(super) fn section(wall: &Wall, adjustment: &Adjustment) -> Option<AdjustSection> {
+pub(super) fn section(wall: &Wall, channel: &Channel) -> Option<AdjustSection> {
+    let adjustment = &channel.adjustment;
     let path = |index: Option<u16>| Some(wall.files.get(usize::from(index?))?.path.clone());
     let pair = |point: DVec2| Pair(point.to_array());
     let color = &adjustment.color;
@@ -18,6 +19,7 @@ pub(super) fn section(wall: &Wall, adjustment: &Adjustment) -> Option<AdjustSect
     };
     let section =
         AdjustSection {
+            monitor: channel.monitor.clone(),
             turn: changed(adjustment.turn),
             mirror: changed(adjustment.mirror),
             eye: changed(adjustment.eye),
