@@ -56,9 +56,6 @@ impl WindowDisplay {
     /// Places the window as its channel hangs on the wall, the screen's canvas being scaled down
     /// to the monitor where it is larger. Windows of several servers so make one picture.
     pub(crate) fn arrange(&self, origin: [u32; 2], size: [u32; 2], canvas: [u32; 2]) {
-        if self.window.fullscreen().is_some() {
-            return;
-        }
         let monitor = self.window.current_monitor().map(|monitor| monitor.size());
         let scale = monitor.map_or(1.0, |monitor| {
             let fit = |pixels: u32, of: u32| f64::from(pixels) / f64::from(of.max(1));
@@ -67,7 +64,7 @@ impl WindowDisplay {
         let [x, y, width, height] = [origin[0], origin[1], size[0], size[1]]
             .map(|pixels| (f64::from(pixels) * scale).round());
         let size = PhysicalSize::new(width.max(1.0) as u32, height.max(1.0) as u32);
-        // A window manager may give another size; the picture is scaled then.
+        // A window manager may give another size; the picture is letterboxed then.
         let _ = self.window.request_inner_size(size);
         self.window.set_outer_position(PhysicalPosition::new(x as i32, y as i32));
     }

@@ -8,8 +8,13 @@ pub mod apply;
 mod bulk;
 pub mod clock;
 mod correction;
+mod desktop;
 mod display;
+mod ending;
+mod fullscreen;
 mod loader;
+mod mismatch;
+mod monitor;
 mod network;
 pub mod notice;
 mod output;
@@ -23,6 +28,7 @@ pub mod showing;
 mod slowness;
 mod window;
 
+pub use monitor::Monitor;
 pub use run::{
-    OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, Shutdown, TokenSource, run,
+    OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, Shutdown, TokenSource, monitors, run,
 };

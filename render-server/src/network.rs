@@ -1,6 +1,7 @@
 //! The network thread: connects, carries messages, tries again.
 
 use std::net::SocketAddr;
+use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -21,10 +22,11 @@ use polyptych_protocol::process;
 use polyptych_protocol::status::{Ping, Status};
 use polyptych_protocol::stream::{self, Stream};
 use tokio::net::UdpSocket;
-use tokio::sync::{Notify, mpsc};
+use tokio::sync::mpsc;
 
 use crate::bulk::{self, BULK_JOBS_MAX, BulkJob};
 use crate::clock::{Clock, ClockEstimate};
+use crate::ending::Ending;
 use crate::loader::{Line, LoadOrder};
 use crate::notice::{Notice, time_of_day};
 use crate::render_thread::Job;
@@ -52,38 +54,52 @@ pub(crate) struct Network {
     pub address: Option<SocketAddr>,
 }
 
-/// Connects and serves until told to end.
+/// Connects and serves until told to end, which the manager is told.
 pub(crate) fn run(
     mut network: Network,
     shutdown: Shutdown,
-    stop: &Notify,
+    ending: &Ending,
 ) -> Result<(), ServerError> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
+        let mut connected = pin!(network.keep_connected(ending));
         tokio::select! {
-            () = shutdown => Ok(()),
-            () = stop.notified() => Ok(()),
-            error = network.keep_connected() => Err(error),
+            ended = &mut connected => return ended,
+            () = shutdown => ending.end("it was told to end"),
         }
+        connected.await
     })
 }
 
 impl Network {
-    /// Serves one connection after the other. Returns only where it is to try once.
-    async fn keep_connected(&mut self) -> ServerError {
+    /// Serves one connection after the other until it is to end.
+    ///
+    /// # Errors
+    /// It is to try once, and has.
+    async fn keep_connected(&mut self, ending: &Ending) -> Result<(), ServerError> {
         let manager = self.options.manager.clone();
         let mut wait = RETRY_FIRST;
         let mut last_reason = String::new();
-        self.address = own_address(&manager).await;
+        tokio::select! {
+            () = ending.ended() => return Ok(()),
+            address = own_address(&manager) => self.address = address,
+        }
         self.notice(&format!("connecting to manager {manager}"), false);
         loop {
             let started = Instant::now();
-            let (was_connected, reason) = match self.connect().await {
-                Err(reason) => (false, reason),
-                Ok((frames, welcome)) => (true, self.serve(frames, welcome).await),
+            let connected = tokio::select! {
+                () = ending.ended() => return Ok(()),
+                connected = self.connect() => connected,
             };
+            let (was_connected, reason) = match connected {
+                Err(reason) => (false, reason),
+                Ok((frames, welcome)) => (true, self.serve(frames, welcome, ending).await),
+            };
+            if ending.reason().is_some() {
+                return Ok(());
+            }
             if self.options.once {
-                return ServerError::GaveUp { manager, reason };
+                return Err(ServerError::GaveUp { manager, reason });
             }
             // One line for each change; a manager that is away all night fills no disk.
             let is_news = reason != last_reason;
@@ -100,7 +116,10 @@ impl Network {
             if was_connected && (is_news || started.elapsed() > RETRY_LONGEST) {
                 wait = RETRY_FIRST;
             }
-            tokio::time::sleep(wait.mul_f64(0.75 + 0.5 * fastrand::f64())).await;
+            tokio::select! {
+                () = ending.ended() => return Ok(()),
+                () = tokio::time::sleep(wait.mul_f64(0.75 + 0.5 * fastrand::f64())) => {}
+            }
             wait = (wait * 2).min(RETRY_LONGEST);
         }
     }
@@ -150,8 +169,26 @@ impl Network {
         self.options.token.read().map(Secret).map_err(|error| error.to_string())
     }
 
-    /// Serves one connection until it ends, and says why it did.
-    async fn serve(&mut self, mut frames: Frames<Stream>, welcome: Welcome) -> String {
+    /// Serves one connection until it ends, and says why it did, to the manager too.
+    async fn serve(
+        &mut self,
+        mut frames: Frames<Stream>,
+        welcome: Welcome,
+        ending: &Ending,
+    ) -> String {
+        let reason = tokio::select! {
+            () = ending.ended() => ending.reason().unwrap_or_default().to_owned(),
+            reason = self.serve_both(&mut frames, &welcome) => reason,
+        };
+        // A manager that is gone, or reads nothing, is not waited for.
+        let goodbye = codec::encode(&Status::Goodbye { reason: reason.clone() });
+        let _ = tokio::time::timeout(GOODBYE_TIME_MAX, frames.send(goodbye)).await;
+        let _ = self.jobs.try_send(Job::Disconnected);
+        reason
+    }
+
+    /// Serves a control connection and its bulk connection until one of them ends; says why.
+    async fn serve_both(&mut self, frames: &mut Frames<Stream>, welcome: &Welcome) -> String {
         let manager = &self.options.manager;
         tracing::info!(manager, wall = welcome.wall, epoch = %welcome.epoch, "connected");
         self.address = frames.get_ref().local_addr().ok();
@@ -173,13 +210,9 @@ impl Network {
         let line = Line { bulk: bulk_jobs, reports: self.reports.clone(), is_cut: is_cut.clone() };
         let reason = tokio::select! {
             reason = bulk::serve(bulk_frames, waiting) => reason,
-            reason = self.converse(&mut frames, &welcome, line) => reason,
+            reason = self.converse(frames, welcome, line) => reason,
         };
-        // A manager that is gone, or reads nothing, is not waited for.
-        let goodbye = codec::encode(&Status::Goodbye { reason: reason.clone() });
-        let _ = tokio::time::timeout(GOODBYE_TIME_MAX, frames.send(goodbye)).await;
         is_cut.store(true, Ordering::Relaxed);
-        let _ = self.jobs.try_send(Job::Disconnected);
         reason
     }
 

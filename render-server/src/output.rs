@@ -1,8 +1,14 @@
 //! A channel of this server: what it is drawn into, what its display shows, and where.
 
+use std::time::Instant;
+
+use glam::UVec2;
+use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::{Adjustment, Wall};
 use winit::dpi::PhysicalSize;
 
 use crate::display::WindowDisplay;
+use crate::mismatch::{DisplayMismatch, MonitorAssignment, NOTE_TIME, NoteTime, Sizes, mismatch};
 use crate::notice::Identity;
 use crate::renderer::{Content, Correction, Gpu, Label, Picture, Place, Target, idle};
 use crate::showing::{Look, Showing};
@@ -20,6 +26,26 @@ pub(crate) struct Output {
     /// What the display took last. A frame is drawn while the one before is shown, and a display
     /// may have to show that again at any time: uncovered, frozen, or with words over it.
     shown: Option<Shown>,
+    /// The monitor in full screen; else `None`.
+    assignment: Option<MonitorAssignment>,
+    /// The channel on the wall that was prepared last, and the sizes that its picture should have.
+    expected: Option<Expected>,
+    /// What is wrong with the display now.
+    mismatch: Option<DisplayMismatch>,
+    /// When the display says so over its pictures.
+    note: NoteTime,
+    /// The warning that the manager knows.
+    pub reported: Option<String>,
+}
+
+/// What a wall says of a channel's display.
+#[derive(Debug)]
+struct Expected {
+    id: ChannelId,
+    /// Width and height of the display picture in pixels.
+    picture: [u32; 2],
+    /// By which an upright picture gets its display's size; nothing else is kept of it.
+    form: Adjustment,
 }
 
 /// Where pictures go.
@@ -41,10 +67,26 @@ struct Shown {
 }
 
 impl Output {
-    pub fn new(name: String, display: Option<WindowDisplay>) -> Self {
+    /// An output that shows in a window, which in full screen fills a monitor; or nowhere.
+    pub fn new(
+        name: String,
+        display: Option<WindowDisplay>,
+        assignment: Option<MonitorAssignment>,
+    ) -> Self {
         let window = |display| Surface::Window(Box::new(display));
-        let surface = display.map_or(Surface::Nowhere, window);
-        Self { name, surface, target: None, corrected: None, arranged: None, shown: None }
+        Self {
+            name,
+            surface: display.map_or(Surface::Nowhere, window),
+            target: None,
+            corrected: None,
+            arranged: None,
+            shown: None,
+            assignment,
+            expected: None,
+            mismatch: None,
+            note: NoteTime::default(),
+            reported: None,
+        }
     }
 
     /// What was drawn last, as a display gets it.
@@ -118,9 +160,10 @@ impl Output {
     }
 
     /// Places the window on its screen's `canvas`, where that was not done yet for pictures of
-    /// this size.
+    /// this size. In full screen it stays on its monitor.
     pub fn arrange(&mut self, origin: [u32; 2], size: [u32; 2], canvas: [u32; 2]) {
         if self.arranged.replace(size) != Some(size)
+            && self.assignment.is_none()
             && let Surface::Window(display) = &self.surface
         {
             display.arrange(origin, size, canvas);
@@ -142,6 +185,68 @@ impl Output {
         if let Surface::Window(display) = &mut self.surface {
             display.resize(gpu, size);
         }
+    }
+
+    /// Learns what the wall that was prepared says of this channel's display.
+    pub fn expect(&mut self, wall: &Wall) {
+        self.expected = wall.channel_named(&self.name).map(|(id, channel)| {
+            let Adjustment { turn, packing, .. } = channel.adjustment;
+            let form = Adjustment { turn, packing, ..Adjustment::default() };
+            Expected { id, picture: channel.display_size().to_array(), form }
+        });
+    }
+
+    /// The monitor that the window fills has changed, or the window was put on another one.
+    pub fn set_assignment(&mut self, assignment: MonitorAssignment) {
+        self.assignment = Some(assignment);
+    }
+
+    /// Looks whether the picture fits the monitor that the window fills. Returns the channel with
+    /// the present warning; `None` where nobody sees it, or it is a window that may have any size.
+    pub fn check_fit(&mut self) -> Option<(ChannelId, Option<String>)> {
+        let (assignment, Expected { id, picture, form }) =
+            (self.assignment.as_ref()?, self.expected.as_ref()?);
+        let pixels =
+            form.upright_size(UVec2::from(assignment.monitor.size)).map(|it| it.to_array());
+        let sizes = Sizes { picture: *picture, pixels, window: self.display_size()? };
+        let (id, found) = (*id, mismatch(&self.name, assignment, sizes));
+        if found != self.mismatch {
+            let channel = self.name.as_str();
+            if let Some(mismatch) = &found {
+                tracing::warn!("{}", mismatch.warning);
+            } else {
+                tracing::info!(channel, "the picture fits its monitor");
+            }
+            self.note = NoteTime::default();
+            self.mismatch = found;
+        }
+        Some((id, self.mismatch.as_ref().map(|mismatch| mismatch.warning.clone())))
+    }
+
+    /// Returns when the display must be shown again because a note over it ends.
+    pub fn note_end(&self) -> Option<Instant> {
+        match self.note {
+            NoteTime::Until(end) => Some(end),
+            NoteTime::NotYet | NoteTime::Over => None,
+        }
+    }
+
+    /// Ends a note whose time is over. Returns whether there was one.
+    pub fn end_note(&mut self, now: Instant) -> bool {
+        let is_over = self.note_end().is_some_and(|end| end <= now);
+        if is_over {
+            self.note = NoteTime::Over;
+        }
+        is_over
+    }
+
+    /// The note over a picture, if there is one now.
+    fn note(&mut self, is_named: bool) -> Option<String> {
+        let mismatch = self.mismatch.as_ref()?;
+        if self.note == NoteTime::NotYet {
+            self.note = NoteTime::Until(Instant::now() + NOTE_TIME);
+        }
+        (is_named || self.note != NoteTime::Over).then(|| mismatch.note.clone())
     }
 
     /// The display takes the picture that was drawn; the next one is drawn elsewhere.
@@ -179,7 +284,8 @@ impl Output {
             Look::Black => true,
             Look::Idle { notice: None, .. } => return Ok(()),
             Look::Idle { notice: Some(notice), is_frozen } => {
-                let lines = identity.idle(&self.name, &notice, is_frozen);
+                let mut lines = identity.idle(&self.name, &notice, is_frozen);
+                lines.extend(self.mismatch.as_ref().map(|mismatch| mismatch.note.clone()));
                 self.show_idle(gpu, display_size, lines);
                 false
             }
@@ -189,8 +295,9 @@ impl Output {
                     let lines = identity.label(&self.name, size, showing.notice());
                     labels.push(Label { lines, place: Place::Middle });
                 }
-                if let Some(since) = lost_since {
-                    let lines = vec![format!("manager lost since {since}")];
+                let lost = lost_since.map(|since| format!("manager lost since {since}"));
+                let lines: Vec<String> = lost.into_iter().chain(self.note(is_named)).collect();
+                if !lines.is_empty() {
                     labels.push(Label { lines, place: Place::Corner });
                 }
                 false
@@ -232,12 +339,17 @@ impl Output {
 #[cfg(test)]
 impl Output {
     /// A display that a test can look at, of this size in pixels.
-    pub fn offscreen(gpu: &Gpu, name: &str, size: [u32; 2]) -> Self {
+    pub fn offscreen(
+        gpu: &Gpu,
+        name: &str,
+        size: [u32; 2],
+        assignment: Option<MonitorAssignment>,
+    ) -> Self {
         let target = Target::new(gpu, size, 1, false);
         let surface = target.expect("a target").take_picture(gpu, None);
         let output = crate::renderer::Output::new(gpu, surface.texture().format());
         let surface = Surface::Offscreen(Box::new((output, surface)));
-        Self { surface, ..Self::new(name.into(), None) }
+        Self { surface, ..Self::new(name.into(), None, assignment) }
     }
 
     /// What the display shows, RGBA8 as sRGB.

@@ -1,5 +1,6 @@
 //! The thread that owns the GPU. It empties its queues between frames and never waits for a socket.
 
+mod displays;
 mod patterns;
 mod pictures;
 
@@ -21,6 +22,7 @@ use crate::apply;
 use crate::clock::Clock;
 use crate::correction::Corrector;
 use crate::loader::{LoadedState, Upload};
+use crate::mismatch::MonitorAssignment;
 use crate::notice::{Identity, Notice};
 use crate::output::Output;
 use crate::playback::{Act, Playback};
@@ -58,6 +60,13 @@ pub enum Job {
         /// In pixels.
         size: PhysicalSize<u32>,
     },
+    /// In full screen: the monitor that a channel's window fills is this one now.
+    MonitorAssigned {
+        /// The channel.
+        channel: String,
+        /// With its place and size.
+        assignment: MonitorAssignment,
+    },
     /// A window was uncovered.
     Redraw {
         /// Its channel.
@@ -72,7 +81,13 @@ pub(crate) struct Queues {
     pub jobs: Receiver<Job>,
     pub uploads: Receiver<Upload>,
     pub reports: mpsc::Sender<Report>,
+    /// Takes what a wall file says of the monitors of this server's channels; `None` where there
+    /// are no windows.
+    pub monitor_names: Option<SendMonitorNames>,
 }
+
+/// Sends the window system's thread the names of monitors, by channel.
+pub(crate) type SendMonitorNames = Box<dyn Fn(BTreeMap<String, String>) + Send>;
 
 /// A state whose scene is on the GPU.
 struct Drawable {
@@ -101,6 +116,8 @@ pub(crate) struct RenderThread {
     /// The test patterns of channels, by their names, while there are any.
     patterns: BTreeMap<String, PatternPicture>,
     identity: Identity,
+    /// The names of monitors that the window system's thread was told last.
+    names_sent: Option<BTreeMap<String, String>>,
     present_delay: Duration,
     is_stopping: bool,
 }
@@ -129,6 +146,7 @@ impl RenderThread {
             showing: Showing::default(),
             patterns: BTreeMap::new(),
             identity,
+            names_sent: None,
             present_delay,
             is_stopping: false,
         })
@@ -169,6 +187,7 @@ impl RenderThread {
                 Ok(upload) => self.upload(upload),
                 Err(_) => self.is_stopping = true,
             },
+            default(self.note_wait()) => self.end_notes(),
         }
     }
 
@@ -186,10 +205,21 @@ impl RenderThread {
                     self.show_again(index);
                 }
             }
-            Job::Disconnected => self.playback.restart(),
+            Job::Disconnected => {
+                self.playback.restart();
+                self.reset_reported();
+            }
             Job::Resized { channel, size } => {
                 if let Some(index) = self.index_of(&channel) {
                     self.outputs[index].resize(&self.gpu, size);
+                    self.check_displays();
+                    self.show_again(index);
+                }
+            }
+            Job::MonitorAssigned { channel, assignment } => {
+                if let Some(index) = self.index_of(&channel) {
+                    self.outputs[index].set_assignment(assignment);
+                    self.check_displays();
                     self.show_again(index);
                 }
             }
@@ -306,39 +336,6 @@ impl RenderThread {
         Ok(())
     }
 
-    fn show(&mut self, epoch: Epoch, frame: FrameId, mode: DisplayMode) {
-        let state = self.states.front().map(|drawable| Arc::clone(&drawable.state));
-        let Some(state) = state.filter(|state| state.epoch == epoch) else { return };
-        let Some(wall) = state.replica.wall.as_deref() else { return };
-        if !self.present_delay.is_zero() {
-            // Not scheduled beside other work: what is drawn next would lie where this does.
-            std::thread::sleep(self.present_delay);
-        }
-        let is_taken = self.showing.handle_show(mode);
-        for index in 0..self.outputs.len() {
-            let output = &mut self.outputs[index];
-            let Some((id, _)) = wall.channel_named(&output.name) else { continue };
-            if output.picture().is_none() {
-                continue;
-            }
-            if is_taken {
-                output.take_picture(&self.gpu);
-            }
-            match output.present(&self.gpu, &self.showing, &self.identity) {
-                Ok(()) => self.send(report::shown(epoch, frame, id, &self.clock)),
-                Err(reason) => self.send(report::draw_failed(frame, id, reason)),
-            }
-        }
-    }
-
-    /// What a display shows that has just been uncovered or resized, or has something to say.
-    fn show_again(&mut self, index: usize) {
-        let output = &mut self.outputs[index];
-        if let Err(reason) = output.present(&self.gpu, &self.showing, &self.identity) {
-            tracing::warn!(channel = output.name, reason, "the display was not redrawn");
-        }
-    }
-
     fn upload(&mut self, upload: Upload) {
         let uploaded = match upload {
             Upload::Begin(desc) => SceneBuilder::new(&self.gpu, *desc)
@@ -401,6 +398,7 @@ impl RenderThread {
             return Err("the scene could not be built; the server's log says why".to_owned());
         };
         let correctors = self.correctors(&state)?;
+        self.expect(&state);
         // Another wall around the same scene, as tunings bring it many times a second.
         if !is_known || state.samples() != Some(self.renderer.samples()) {
             self.warm_up(&state, &scene, &correctors)?;

@@ -35,7 +35,7 @@ pub use gpu::{AdapterFacts, Gpu, GpuError};
 pub use pass::correct::{Correction, Shape, TAPS_MAX};
 pub use pass::idle;
 pub use pass::label::{Label, Place};
-pub use pass::output::Output;
+pub use pass::output::{Output, letterbox};
 pub use pass::tonemap::SkyError;
 pub(crate) use picture::FINE_FORMAT;
 pub use picture::{Content, Picture};

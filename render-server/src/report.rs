@@ -58,3 +58,8 @@ pub(crate) fn shown(epoch: Epoch, frame: FrameId, channel: ChannelId, clock: &Cl
 pub(crate) fn draw_failed(frame: FrameId, channel: ChannelId, reason: String) -> Report {
     Report::Status(Status::DrawFailed { channel, frame, reason })
 }
+
+/// What is wrong with a channel's display, or that nothing is any more.
+pub(crate) fn display(channel: ChannelId, warning: Option<String>) -> Report {
+    Report::Status(Status::Display { channel, warning })
+}

@@ -1,5 +1,6 @@
 //! Starts the threads of a render server, and carries messages between the manager and them.
 
+use std::collections::BTreeMap;
 use std::future::Future;
 use std::path::PathBuf;
 use std::pin::Pin;
@@ -12,16 +13,21 @@ use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::handshake::Adapter;
 use polyptych_protocol::token::{self, TokenError};
 use tokio::sync::mpsc;
+use winit::event_loop::EventLoopProxy;
 
 use crate::clock::Clock;
+use crate::desktop;
+use crate::ending::Ending;
+use crate::fullscreen::Fullscreen;
 use crate::loader::{LoadOrder, Loader, ORDERS_MAX, UPLOADS_MAX};
+use crate::monitor::Monitor;
 use crate::network::{self, Network};
 use crate::notice::Identity;
 use crate::output::Output;
-use crate::render_thread::{JOBS_MAX, Job, Queues, RenderThread};
+use crate::render_thread::{JOBS_MAX, Job, Queues, RenderThread, SendMonitorNames};
 use crate::renderer::{Gpu, GpuError};
 use crate::slowness::Slowness;
-use crate::window::{self, Windows};
+use crate::window::{self, Ended, Message, Windows};
 
 /// Reports that wait for the network.
 const REPORTS_MAX: usize = 512;
@@ -57,6 +63,8 @@ pub struct ServerOptions {
     pub cache: PathBuf,
     /// Where the pictures go.
     pub output: OutputKind,
+    /// The monitors that channels fill in full screen, by channel; before those of the wall file.
+    pub monitors: BTreeMap<String, String>,
     /// Ends with the reason instead of trying again.
     pub once: bool,
     /// Every frame is shown this much later than the manager says: for displays whose scan-out
@@ -73,7 +81,7 @@ pub enum OutputKind {
     Headless,
     /// To a window for each channel.
     Window,
-    /// To a window without a frame that fills its monitor.
+    /// To a window for each channel that fills a monitor.
     Fullscreen,
 }
 
@@ -136,47 +144,95 @@ pub fn run(options: ServerOptions, shutdown: Shutdown) -> Result<(), ServerError
     match options.output {
         OutputKind::Headless => {
             let gpu = Gpu::headless()?;
-            let outputs = options.channels.iter().map(|name| Output::new(name.clone(), None));
-            let outputs = outputs.collect();
-            let threads = Threads::start(options, gpu, outputs, shutdown, Box::new(|| {}))?;
+            let output = |name: &String| Output::new(name.clone(), None, None);
+            let outputs = options.channels.iter().map(output).collect();
+            let own = OwnThread { on_end: Arc::new(|| {}), monitor_names: None };
+            let threads = Threads::start(options, gpu, outputs, shutdown, own)?;
             threads.join()
         }
         OutputKind::Window | OutputKind::Fullscreen => run_windows(options, shutdown),
     }
 }
 
-fn run_windows(options: ServerOptions, shutdown: Shutdown) -> Result<(), ServerError> {
+/// Returns the monitors of this machine's X display, in the order in which channels take them.
+///
+/// # Errors
+/// [`ServerError::Window`]: there is no X display, or it lists no monitors.
+pub fn monitors() -> Result<Vec<Monitor>, ServerError> {
+    desktop::monitors().map_err(|error| ServerError::Window(error.to_string()))
+}
+
+fn run_windows(mut options: ServerOptions, shutdown: Shutdown) -> Result<(), ServerError> {
     let (event_loop, proxy) = window::event_loop().map_err(ServerError::Window)?;
-    let is_fullscreen = options.output == OutputKind::Fullscreen;
     let channels = options.channels.clone();
+    let fullscreen = if options.output == OutputKind::Fullscreen {
+        let named = std::mem::take(&mut options.monitors);
+        let fullscreen = Fullscreen::open(&channels, named).map_err(ServerError::Window)?;
+        let changed = proxy.clone();
+        let watched = desktop::watch(move || {
+            // The loop may have ended.
+            let _ = changed.send_event(Message::MonitorsChanged);
+        });
+        if let Err(error) = watched {
+            tracing::warn!(%error, "changes of monitors will not be followed");
+        }
+        Some(fullscreen)
+    } else {
+        None
+    };
     let (started, threads) = bounded::<Threads>(1);
     let start = move |windows: Windows| {
         let Windows { instance, displays } = windows;
-        let surface = displays.first().map(|(_, display)| display.surface());
+        let surface = displays.first().map(|(_, display, _)| display.surface());
         let gpu = Gpu::open(instance, surface).map_err(|error| error.to_string())?;
-        let output = |(name, display)| Output::new(name, Some(display));
+        let output = |(name, display, assignment)| Output::new(name, Some(display), assignment);
         let outputs = displays.into_iter().map(output).collect();
-        let on_end = Box::new(move || {
-            // The loop may have ended by itself, by a closed window.
-            let _ = proxy.send_event(window::End);
-        });
-        let threads = Threads::start(options, gpu, outputs, shutdown, on_end)
+        let threads = Threads::start(options, gpu, outputs, shutdown, OwnThread::of(proxy))
             .map_err(|error| error.to_string())?;
         let jobs = threads.jobs.clone();
         // Its receiver stands below, and there is room for one.
         let _ = started.send(threads);
         Ok(jobs)
     };
-    let served = window::serve(event_loop, channels, is_fullscreen, Box::new(start));
-    let ended = threads.try_recv().map(Threads::end);
+    let served = window::serve(event_loop, channels, fullscreen, Box::new(start));
+    let reason = match &served {
+        Ok(Ended::Closed) => "its window was closed",
+        // Those who asked have said why, to the manager too.
+        Ok(Ended::Asked) => "it ends",
+        Err(fault) => fault,
+    };
+    if served == Ok(Ended::Closed) {
+        tracing::info!("a window was closed: the server ends");
+    }
+    let ended = threads.try_recv().map(|threads| threads.end(reason));
     served.map_err(ServerError::Window)?;
     ended.unwrap_or(Ok(()))
+}
+
+/// The other threads' messages to the main one.
+struct OwnThread {
+    on_end: Arc<dyn Fn() + Send + Sync>,
+    monitor_names: Option<SendMonitorNames>,
+}
+
+impl OwnThread {
+    /// The window system's thread, which may have ended by itself, by a closed window.
+    fn of(proxy: EventLoopProxy<Message>) -> Self {
+        let names = proxy.clone();
+        let send = move |named| {
+            let _ = names.send_event(Message::MonitorNames(named));
+        };
+        let on_end = move || {
+            let _ = proxy.send_event(Message::End);
+        };
+        Self { on_end: Arc::new(on_end), monitor_names: Some(Box::new(send)) }
+    }
 }
 
 /// The threads beside the main one.
 struct Threads {
     jobs: Sender<Job>,
-    stop_network: Arc<tokio::sync::Notify>,
+    ending: Arc<Ending>,
     network: JoinHandle<Result<(), ServerError>>,
     /// What the render thread ended with, once it has.
     rendered: Receiver<Result<(), String>>,
@@ -188,7 +244,7 @@ impl Threads {
         gpu: Gpu,
         outputs: Vec<Output>,
         shutdown: Shutdown,
-        on_end: Box<dyn Fn() + Send + Sync>,
+        own: OwnThread,
     ) -> Result<Self, ServerError> {
         let clock = Arc::new(Clock::default());
         let (jobs, waiting_jobs) = bounded(JOBS_MAX);
@@ -203,16 +259,20 @@ impl Threads {
             backend: facts.backend,
             texture_side_max: facts.texture_side_max,
         };
-        let on_end: Arc<dyn Fn() + Send + Sync> = Arc::from(on_end);
+        let OwnThread { on_end, monitor_names } = own;
         let span = tracing::Span::current();
         let identity = Identity { server: options.name.clone(), adapter: adapter.name.clone() };
         let delay = options.present_delay.min(PRESENT_DELAY_MAX);
 
-        let queues =
-            Queues { jobs: waiting_jobs, uploads: waiting_uploads, reports: reports.clone() };
-        let stop_network = Arc::new(tokio::sync::Notify::new());
+        let queues = Queues {
+            jobs: waiting_jobs,
+            uploads: waiting_uploads,
+            reports: reports.clone(),
+            monitor_names,
+        };
+        let ending = Arc::new(Ending::default());
         let slowness = Slowness::new(options.slow_draw.clone());
-        let (render_clock, stop, end) = (clock.clone(), stop_network.clone(), on_end.clone());
+        let (render_clock, stop, end) = (clock.clone(), ending.clone(), on_end.clone());
         let (render_result, rendered) = bounded(1);
         let server = span.clone();
         Builder::new().name("render".into()).spawn(move || {
@@ -220,9 +280,9 @@ impl Threads {
             let thread =
                 RenderThread::new(gpu, outputs, queues, render_clock, identity, delay, slowness);
             let result = thread.and_then(RenderThread::run);
+            stop.end(result.as_ref().err().map_or("it ends", String::as_str));
             // Nobody asks for it only where the process ends anyway.
             let _ = render_result.send(result);
-            stop.notify_one();
             end();
         })?;
 
@@ -231,7 +291,7 @@ impl Threads {
         let load = move || server.in_scope(|| loader.run(&waiting_orders));
         Builder::new().name("loader".into()).spawn(load)?;
 
-        let (render_jobs, stop) = (jobs.clone(), stop_network.clone());
+        let (render_jobs, stop) = (jobs.clone(), ending.clone());
         let network = Builder::new().name("network".into()).spawn(move || {
             let _server = span.entered();
             let network = Network {
@@ -250,12 +310,12 @@ impl Threads {
             on_end();
             result
         })?;
-        Ok(Self { jobs, stop_network, network, rendered })
+        Ok(Self { jobs, ending, network, rendered })
     }
 
-    /// Ends the threads and waits for them.
-    fn end(self) -> Result<(), ServerError> {
-        self.stop_network.notify_one();
+    /// Ends the threads, for a reason that the manager is told, and waits for them.
+    fn end(self, reason: &str) -> Result<(), ServerError> {
+        self.ending.end(reason);
         self.join()
     }
 

@@ -1,6 +1,7 @@
 //! Windows: events and surfaces on the main thread, which the window system insists on; drawing
 //! and presenting on the render thread.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crossbeam_channel::Sender;
@@ -8,23 +9,41 @@ use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, EventLoop, EventLoopProxy};
-use winit::window::{Fullscreen, Window, WindowId};
+use winit::window::{Window, WindowId};
 
 use crate::display::WindowDisplay;
+use crate::fullscreen::Fullscreen;
+use crate::mismatch::MonitorAssignment;
 use crate::render_thread::Job;
 use crate::renderer::Gpu;
 
 /// What a window has before the wall says more, in pixels.
 const FIRST_SIZE: PhysicalSize<u32> = PhysicalSize::new(640, 360);
 
-/// Another thread wants the window system to end.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct End;
+/// What another thread wants of the window system's.
+#[derive(Clone, Debug)]
+pub(crate) enum Message {
+    /// End.
+    End,
+    /// The wall file names these monitors, by channel.
+    MonitorNames(BTreeMap<String, String>),
+    /// Monitors may have come, gone, or changed.
+    MonitorsChanged,
+}
+
+/// Why the window system's thread ended without a fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Ended {
+    /// Another thread has asked for it.
+    Asked,
+    /// Somebody has closed a window.
+    Closed,
+}
 
 /// The windows, as the render thread takes them over.
 pub(crate) struct Windows {
     pub instance: wgpu::Instance,
-    pub displays: Vec<(String, WindowDisplay)>,
+    pub displays: Vec<(String, WindowDisplay, Option<MonitorAssignment>)>,
 }
 
 /// Starts the other threads once the windows are there; gives the render thread's queue.
@@ -34,8 +53,8 @@ type Start = Box<dyn FnOnce(Windows) -> Result<Sender<Job>, String>>;
 ///
 /// # Errors
 /// There is no display to open windows on.
-pub(crate) fn event_loop() -> Result<(EventLoop<End>, EventLoopProxy<End>), String> {
-    let event_loop = EventLoop::<End>::with_user_event().build().map_err(|error| {
+pub(crate) fn event_loop() -> Result<(EventLoop<Message>, EventLoopProxy<Message>), String> {
+    let event_loop = EventLoop::<Message>::with_user_event().build().map_err(|error| {
         let reason = error.to_string();
         // winit puts the place in its own sources before the system's reason.
         let reason = reason.rsplit(": ").next().unwrap_or_default().trim_end_matches('.');
@@ -48,13 +67,13 @@ pub(crate) fn event_loop() -> Result<(EventLoop<End>, EventLoopProxy<End>), Stri
 /// Opens a window for each channel, starts the other threads, and serves events until the end.
 ///
 /// # Errors
-/// Why a window could not be opened or the others not started.
+/// Why a window could not be opened, the others not started, or a monitor is not there.
 pub(crate) fn serve(
-    event_loop: EventLoop<End>,
+    event_loop: EventLoop<Message>,
     channels: Vec<String>,
-    is_fullscreen: bool,
+    fullscreen: Option<Fullscreen>,
     start: Start,
-) -> Result<(), String> {
+) -> Result<Ended, String> {
     let instance = Gpu::instance(|| {
         let display = Box::new(event_loop.owned_display_handle());
         wgpu::InstanceDescriptor::new_with_display_handle_from_env(display)
@@ -62,24 +81,24 @@ pub(crate) fn serve(
     let mut app = App {
         instance,
         channels,
-        is_fullscreen,
+        fullscreen,
         start: Some(start),
         jobs: None,
         windows: Vec::new(),
-        fault: None,
+        ended: Ok(Ended::Asked),
     };
     event_loop.run_app(&mut app).map_err(|error| error.to_string())?;
-    app.fault.map_or(Ok(()), Err)
+    app.ended
 }
 
 struct App {
     instance: wgpu::Instance,
     channels: Vec<String>,
-    is_fullscreen: bool,
+    fullscreen: Option<Fullscreen>,
     start: Option<Start>,
     jobs: Option<Sender<Job>>,
-    windows: Vec<(WindowId, String)>,
-    fault: Option<String>,
+    windows: Vec<(Arc<Window>, String)>,
+    ended: Result<Ended, String>,
 }
 
 impl App {
@@ -87,20 +106,45 @@ impl App {
         let Some(start) = self.start.take() else { return Ok(()) };
         let mut displays = Vec::new();
         for channel in &self.channels {
-            let attributes = Window::default_attributes()
+            let mut attributes = Window::default_attributes()
                 .with_title(format!("polyptych {channel}"))
-                .with_inner_size(FIRST_SIZE)
-                .with_fullscreen(self.is_fullscreen.then_some(Fullscreen::Borderless(None)));
+                .with_inner_size(FIRST_SIZE);
+            if let Some(fullscreen) = &self.fullscreen {
+                attributes = fullscreen.attributes(attributes);
+            }
             let window = event_loop.create_window(attributes).map_err(|e| e.to_string())?;
             let window = Arc::new(window);
-            self.windows.push((window.id(), channel.clone()));
+            self.windows.push((Arc::clone(&window), channel.clone()));
             let surface =
                 self.instance.create_surface(Arc::clone(&window)).map_err(|e| e.to_string())?;
-            displays.push((channel.clone(), WindowDisplay::new(window, surface)));
+            let assignment = match &mut self.fullscreen {
+                Some(fullscreen) => fullscreen.adopt(Arc::clone(&window))?,
+                None => None,
+            };
+            displays.push((channel.clone(), WindowDisplay::new(window, surface), assignment));
         }
         let instance = self.instance.clone();
         self.jobs = Some(start(Windows { instance, displays })?);
         Ok(())
+    }
+
+    fn end(&mut self, event_loop: &ActiveEventLoop, ended: Result<Ended, String>) {
+        self.ended = ended;
+        event_loop.exit();
+    }
+
+    /// Returns the size that a window is to keep, in pixels.
+    fn pixels_of(&self, id: WindowId) -> Option<PhysicalSize<u32>> {
+        let full = self.fullscreen.as_ref().and_then(|fullscreen| fullscreen.size_of(id));
+        let window = self.windows.iter().find(|(window, _)| window.id() == id);
+        full.or_else(|| window.map(|(window, _)| window.inner_size()))
+    }
+
+    /// Tells the render thread which monitors its displays are now.
+    fn send_assignments(&self, all: Vec<(String, MonitorAssignment)>) {
+        for (channel, assignment) in all {
+            self.send(Job::MonitorAssigned { channel, assignment });
+        }
     }
 
     fn send(&self, job: Job) {
@@ -111,27 +155,55 @@ impl App {
     }
 }
 
-impl ApplicationHandler<End> for App {
+impl ApplicationHandler<Message> for App {
     fn resumed(&mut self, event_loop: &ActiveEventLoop) {
         if let Err(fault) = self.open(event_loop) {
-            self.fault = Some(fault);
-            event_loop.exit();
+            self.end(event_loop, Err(fault));
         }
     }
 
-    fn user_event(&mut self, event_loop: &ActiveEventLoop, _: End) {
-        event_loop.exit();
+    fn user_event(&mut self, event_loop: &ActiveEventLoop, message: Message) {
+        let Some(fullscreen) = &mut self.fullscreen else {
+            if matches!(message, Message::End) {
+                event_loop.exit();
+            }
+            return;
+        };
+        match message {
+            Message::End => event_loop.exit(),
+            Message::MonitorNames(names) => match fullscreen.handle_names(names) {
+                Ok(assignment) => self.send_assignments(assignment),
+                Err(fault) => self.end(event_loop, Err(fault)),
+            },
+            Message::MonitorsChanged => {
+                let assignment = fullscreen.handle_change();
+                self.send_assignments(assignment);
+            }
+        }
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, id: WindowId, event: WindowEvent) {
-        let Some((_, channel)) = self.windows.iter().find(|(window, _)| *window == id) else {
+        let Some((_, channel)) = self.windows.iter().find(|(window, _)| window.id() == id) else {
             return;
         };
         let channel = channel.clone();
+        if let (WindowEvent::Resized(_) | WindowEvent::Moved(_), Some(fullscreen)) =
+            (&event, &mut self.fullscreen)
+        {
+            fullscreen.restore(id);
+        }
         match event {
             WindowEvent::Resized(size) => self.send(Job::Resized { channel, size }),
             WindowEvent::RedrawRequested => self.send(Job::Redraw { channel }),
-            WindowEvent::CloseRequested => event_loop.exit(),
+            WindowEvent::CloseRequested | WindowEvent::Destroyed => {
+                self.end(event_loop, Ok(Ended::Closed));
+            }
+            WindowEvent::ScaleFactorChanged { mut inner_size_writer, .. } => {
+                // Pixels stay pixels on monitors of any density. It fails only if it is too late.
+                if let Some(size) = self.pixels_of(id) {
+                    let _ = inner_size_writer.request_inner_size(size);
+                }
+            }
             _ => {}
         }
     }

@@ -1,34 +1,45 @@
 //! `polyptych server`: draws channels of a wall.
 
+use std::collections::BTreeMap;
 use std::net::ToSocketAddrs;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use anyhow::{anyhow, bail};
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::keys::Keys;
 use polyptych_protocol::stream::check_addresses;
 use polyptych_protocol::token;
 use polyptych_render::{
-    OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, TokenSource, run as run_server,
+    OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, TokenSource, monitors,
+    run as run_server,
 };
 use rustix::process::{Signal, getpid, kill_process};
 
-use super::{address, asked_to_end, cache_folder};
+use super::{address, asked_to_end, cache_folder, say};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// The manager's address, HOST:PORT
     #[arg(long, value_name = "ADDR", value_parser = address)]
-    manager: String,
+    #[arg(required_unless_present = "list_monitors")]
+    manager: Option<String>,
     /// The channel to draw; may be given again: one server can draw several
-    #[arg(long, value_name = "NAME", required = true)]
+    #[arg(long, value_name = "NAME", required_unless_present = "list_monitors")]
     channel: Vec<String>,
     /// Draw into a window for each channel
     #[arg(long, conflicts_with_all = ["headless", "fullscreen"])]
     window: bool,
-    /// Draw into a window that fills its monitor
+    /// Fill a monitor with each channel, with or without a window manager
     #[arg(long, conflicts_with = "headless")]
     fullscreen: bool,
+    /// The monitor that a channel fills, before the one that the wall file names; may be given
+    /// again, as CHANNEL=NAME [default: the next one, in the order of --list-monitors]
+    #[arg(long, value_name = "NAME", requires = "fullscreen")]
+    monitor: Vec<String>,
+    /// Print this machine's monitors, their sizes and places in pixels, and end
+    #[arg(long)]
+    list_monitors: bool,
     /// Draw without a display [default where there is none]
     #[arg(long)]
     headless: bool,
@@ -64,7 +75,13 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
-    let name = name(&arguments)?;
+    if arguments.list_monitors {
+        return list_monitors();
+    }
+    // The command line is refused without it.
+    let manager = arguments.manager.clone().ok_or_else(|| anyhow!("give --manager ADDR"))?;
+    let name = name(&arguments, &manager)?;
+    let monitors = monitor_names(&arguments.monitor, &arguments.channel)?;
     let output = if arguments.fullscreen {
         OutputKind::Fullscreen
     } else if arguments.window || (has_display() && !arguments.headless) {
@@ -81,7 +98,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         None => cache_folder()?.join("blobs"),
     };
     let options = ServerOptions {
-        manager: arguments.manager,
+        manager,
         name,
         keys: arguments.keys,
         insecure: arguments.insecure,
@@ -89,6 +106,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         token: TokenSource::File(token_file),
         cache,
         output,
+        monitors,
         once: arguments.once,
         present_delay: arguments.present_delay.unwrap_or_default(),
         slow_draw: arguments.slow_draw,
@@ -104,13 +122,51 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
 }
 
+fn list_monitors() -> anyhow::Result<()> {
+    let monitors = monitors()?;
+    if monitors.is_empty() {
+        bail!("the X display has no monitor; connect one, or draw with --headless");
+    }
+    for monitor in monitors {
+        let primary = if monitor.is_primary { " primary" } else { "" };
+        say(format_args!("{monitor}{primary}"))?;
+    }
+    Ok(())
+}
+
+/// Reads `CHANNEL=NAME`, or `NAME` for the only channel, into monitors by channel.
+fn monitor_names(
+    given: &[String],
+    channels: &[String],
+) -> anyhow::Result<BTreeMap<String, String>> {
+    let mut names = BTreeMap::new();
+    for text in given {
+        let (channel, name) = match (text.split_once('='), channels) {
+            (Some((channel, name)), _) => (channel, name),
+            (None, [channel]) => (channel.as_str(), text.as_str()),
+            (None, _) => bail!(
+                "--monitor {text}: this server draws {}; write CHANNEL={text} for one of them",
+                channels.join(", ")
+            ),
+        };
+        if !channels.iter().any(|known| known == channel) {
+            let known = channels.join(", ");
+            bail!("--monitor {text}: this server does not draw channel {channel:?}, but {known}");
+        }
+        if names.insert(channel.to_owned(), name.to_owned()).is_some() {
+            bail!("--monitor {text}: channel {channel} is given a monitor twice; keep one");
+        }
+    }
+    Ok(names)
+}
+
 /// What this server is called, by its keys where it has any.
-fn name(arguments: &Arguments) -> anyhow::Result<String> {
+fn name(arguments: &Arguments, manager: &str) -> anyhow::Result<String> {
     let given = arguments.name.as_ref();
     let Some(folder) = &arguments.keys else {
         // What the network would refuse again and again is said at once; a name that means nothing
         // yet may do so later.
-        let found: Vec<_> = arguments.manager.to_socket_addrs().into_iter().flatten().collect();
+        let found: Vec<_> = manager.to_socket_addrs().into_iter().flatten().collect();
         check_addresses(&found, arguments.insecure)?;
         return Ok(given.unwrap_or(&arguments.channel[0]).clone());
     };
@@ -141,6 +197,27 @@ pub(super) fn has_display() -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn monitors_are_named_by_channel_or_alone_for_the_only_one() {
+        let names = |given: &[&str], channels: &[&str]| {
+            let owned = |list: &[&str]| list.iter().map(|it| (*it).to_owned()).collect::<Vec<_>>();
+            let names = monitor_names(&owned(given), &owned(channels));
+            names.map(|it| it.into_iter().collect::<Vec<_>>()).map_err(|error| error.to_string())
+        };
+        let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
+        assert_eq!(names(&["HDMI-1"], &["l"]), Ok(vec![pair("l", "HDMI-1")]));
+        let both = names(&["r=DP-1", "l=A=B"], &["l", "r"]);
+        assert_eq!(both, Ok(vec![pair("l", "A=B"), pair("r", "DP-1")]));
+        for (given, channels, expected) in [
+            (&["DP-1"][..], &["l", "r"][..], "this server draws l, r; write CHANNEL=DP-1"),
+            (&["x=DP-1"], &["l", "r"], "this server does not draw channel \"x\", but l, r"),
+            (&["A", "l=B"], &["l"], "channel l is given a monitor twice"),
+        ] {
+            let error = names(given, channels).unwrap_err();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
 
     #[test]
     fn a_delay_has_its_unit_and_a_limit() {

@@ -20,6 +20,7 @@
 //! - `failures`: what fails is away, and the wall goes on: the table of failures, with its times
 //! - `soak`: a wall that is hurt all the time, for a long time, neither grows nor leaks
 //! - `windows`: pictures reach a display
+//! - `fullscreen`: monitors are filled without a window manager, and what does not fit is told
 //! - `observation`: metrics, logs for programs, and a live status
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
 //! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
@@ -32,6 +33,7 @@ mod client_library;
 mod displays;
 mod exact;
 mod failures;
+mod fullscreen;
 #[path = "../harness/harness.rs"]
 mod harness;
 mod manager_kills;

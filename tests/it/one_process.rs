@@ -1,5 +1,6 @@
 //! A wall in one process: manager, render servers and client as libraries, on threads.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -66,6 +67,7 @@ pub(super) fn start_server(
         insecure: false,
         cache: place.path("blobs"),
         output: OutputKind::Headless,
+        monitors: BTreeMap::new(),
         once: false,
         present_delay: std::time::Duration::ZERO,
         slow_draw: None,

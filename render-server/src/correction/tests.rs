@@ -116,7 +116,7 @@ fn drawn(wall: &Wall, scene: &Scene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
     let mut corrector = Corrector::new(gpu(), plan, wall).expect("a corrector");
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
     renderer.prepare_for(gpu(), scene, Content::Light);
-    let mut output = Output::new("curve".into(), None);
+    let mut output = Output::new("curve".into(), None, None);
     let mut draw = |eye: &DVec3| {
         let frame = frame(Head::at(*eye, 0.0));
         let drawing = (&mut renderer, scene);
@@ -275,7 +275,7 @@ fn tiles_that_overlap_share_their_light() {
             .expect("a plan")
             .expect("a correction");
         let mut corrector = Corrector::new(gpu(), plan, &shared).expect("a corrector");
-        let mut output = Output::new("curve".into(), None);
+        let mut output = Output::new("curve".into(), None, None);
         let frame = frame(Head::at(DVec3::ZERO, 0.0));
         let drawing = (&mut renderer, &scene);
         corrector.draw(gpu(), drawing, &shared, &frame, &mut output).expect("drawn");

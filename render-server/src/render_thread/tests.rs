@@ -14,6 +14,8 @@ use polyptych_protocol::wall::{Channel, Screen, Surface, Turn};
 
 use super::*;
 use crate::correction;
+use crate::mismatch::NOTE_TIME;
+use crate::monitor::Monitor;
 use crate::renderer::Picture;
 
 const SIZE: [u32; 2] = [160, 90];
@@ -43,12 +45,22 @@ fn notice(what: &str, is_lost: bool) -> Job {
 
 impl Stage {
     fn new() -> Self {
+        Self::in_full_screen(None)
+    }
+
+    /// With a display in full screen.
+    fn in_full_screen(assigned: Option<MonitorAssignment>) -> Self {
         let gpu = Gpu::headless().unwrap_or_else(|error| panic!("{error}"));
-        let outputs = vec![Output::offscreen(&gpu, "front-1-1", SIZE)];
+        let outputs = vec![Output::offscreen(&gpu, "front-1-1", SIZE, assigned)];
         let (jobs, waiting_jobs) = bounded(1);
         let (uploads, waiting_uploads) = bounded(1);
         let (reporter, reports) = mpsc::channel(100);
-        let queues = Queues { jobs: waiting_jobs, uploads: waiting_uploads, reports: reporter };
+        let queues = Queues {
+            jobs: waiting_jobs,
+            uploads: waiting_uploads,
+            reports: reporter,
+            monitor_names: None,
+        };
         let identity = Identity { server: "left".into(), adapter: "a pencil".into() };
         let clock = Arc::new(Clock::default());
         let (delay, slowness) = (Duration::ZERO, Slowness::new(None));
@@ -293,4 +305,48 @@ fn an_idle_picture_says_name_server_address_state_and_since_when() {
         identity.label("front-1-1", [1920, 1080], Some(&notice)),
         ["front-1-1", "server left", "127.0.0.1:5", "1920 x 1080 pixels", "a pencil"]
     );
+}
+
+#[test]
+fn a_picture_that_does_not_fit_its_monitor_is_told_for_a_while_on_it_and_to_each_manager() {
+    let (name, position) = ("HDMI-1".to_owned(), [0, 0]);
+    let monitor = Monitor { name, position, size: SIZE, is_primary: false, is_automatic: true };
+    let assigned =
+        |monitor: &Monitor| MonitorAssignment { monitor: monitor.clone(), is_connected: true };
+    let mut stage = Stage::in_full_screen(Some(assigned(&monitor)));
+    let told = |stage: &mut Stage| {
+        let reports = std::iter::from_fn(|| stage.reports.try_recv().ok());
+        let warnings = reports.filter_map(|report| match report {
+            Report::Status(Status::Display { warning, .. }) => Some(warning),
+            _ => None,
+        });
+        warnings.collect::<Vec<_>>()
+    };
+    assert_eq!(told(&mut stage), [], "it fits");
+    let plain = stage.show(0.5, DisplayMode::Normal);
+    assert_eq!(stage.seen(), plain);
+
+    let mut smaller = wall();
+    smaller.channels[0].size = UVec2::new(80, 45);
+    stage.prepare(smaller);
+    let warning = "channel front-1-1 has 80x45 pixels and its monitor HDMI-1 160x90, so that it \
+                   is scaled: set the monitor to 80x45, or write pixels = [160, 90] for it in the \
+                   wall file";
+    assert_eq!(told(&mut stage), [Some(warning.to_owned())]);
+    stage.show(0.5, DisplayMode::Normal);
+    let noted = stage.seen();
+    stage.thread.outputs[0].end_note(Instant::now() + 2 * NOTE_TIME);
+    stage.thread.show_again(0);
+    let clean = stage.seen();
+    let [left, _, _, bottom] = stage.differing(&noted).expect("the note has gone");
+    assert!(left < 16 && bottom == 89, "it stood in the lower left");
+    assert!(stage.thread.note_wait() > NOTE_TIME, "no other one is waited for");
+    stage.show(0.5, DisplayMode::Normal);
+    assert_eq!(stage.seen(), clean, "said once");
+
+    stage.thread.handle(Job::Disconnected);
+    stage.thread.check_displays();
+    assert_eq!(told(&mut stage), [Some(warning.to_owned())], "the next manager hears it too");
+    stage.prepare(wall());
+    assert_eq!(told(&mut stage), [None], "it fits again");
 }

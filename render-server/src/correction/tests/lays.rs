@@ -22,7 +22,7 @@ fn codes(wall: &Wall, maps: &Maps, scene: &Scene, views: &[View]) -> Vec<[u8; 4]
     let mut corrector = Corrector::new(gpu(), plan, wall).expect("a corrector");
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
     renderer.prepare_for(gpu(), scene, Content::Light);
-    let mut output = Output::new("curve".into(), None);
+    let mut output = Output::new("curve".into(), None, None);
     let frame = Frame { views: views.to_vec(), ..frame(wall.head()) };
     wall.check_views(views).expect("views that can be");
     let drawing = (&mut renderer, scene);

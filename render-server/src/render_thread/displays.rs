@@ -1,0 +1,111 @@
+//! What is presented, and whether it fits the monitors of a server in full screen.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::ids::{Epoch, FrameId};
+
+use super::RenderThread;
+use crate::loader::LoadedState;
+use crate::output::Output;
+use crate::report;
+
+/// Between two looks at notes where none is shown.
+const IDLE_WAIT: Duration = Duration::from_mins(10);
+
+impl RenderThread {
+    pub(super) fn show(&mut self, epoch: Epoch, frame: FrameId, mode: DisplayMode) {
+        let state = self.states.front().map(|drawable| Arc::clone(&drawable.state));
+        let Some(state) = state.filter(|state| state.epoch == epoch) else { return };
+        let Some(wall) = state.replica.wall.as_deref() else { return };
+        if !self.present_delay.is_zero() {
+            // Not scheduled beside other work: what is drawn next would lie where this does.
+            std::thread::sleep(self.present_delay);
+        }
+        let is_taken = self.showing.handle_show(mode);
+        for index in 0..self.outputs.len() {
+            let output = &mut self.outputs[index];
+            let Some((id, _)) = wall.channel_named(&output.name) else { continue };
+            if output.picture().is_none() {
+                continue;
+            }
+            if is_taken {
+                output.take_picture(&self.gpu);
+            }
+            match output.present(&self.gpu, &self.showing, &self.identity) {
+                Ok(()) => self.send(report::shown(epoch, frame, id, &self.clock)),
+                Err(reason) => self.send(report::draw_failed(frame, id, reason)),
+            }
+        }
+    }
+
+    /// What a display shows that has just been uncovered or resized, or has something to say.
+    pub(super) fn show_again(&mut self, index: usize) {
+        let output = &mut self.outputs[index];
+        if let Err(reason) = output.present(&self.gpu, &self.showing, &self.identity) {
+            tracing::warn!(channel = output.name, reason, "the display was not redrawn");
+        }
+    }
+
+    /// Learns what the wall of a state says of the displays.
+    pub(super) fn expect(&mut self, state: &LoadedState) {
+        let Some(wall) = state.replica.wall.as_deref() else { return };
+        for output in &mut self.outputs {
+            output.expect(wall);
+        }
+        let named = self.outputs.iter().filter_map(|output| {
+            let (_, channel) = wall.channel_named(&output.name)?;
+            Some((output.name.clone(), channel.monitor.clone()?))
+        });
+        let named: BTreeMap<_, _> = named.collect();
+        match &self.queues.monitor_names {
+            // It answers with the monitors, and their sizes are looked at then.
+            Some(send) if self.names_sent.as_ref() != Some(&named) => {
+                send(named.clone());
+                self.names_sent = Some(named);
+            }
+            _ => self.check_displays(),
+        }
+    }
+
+    /// Looks whether pictures fit their monitors, and tells the manager what it does not know.
+    pub(super) fn check_displays(&mut self) {
+        for index in 0..self.outputs.len() {
+            let Some((id, warning)) = self.outputs[index].check_fit() else { continue };
+            let output = &mut self.outputs[index];
+            if output.reported != warning {
+                let report = report::display(id, warning.clone());
+                // Where there is no room for it, the next look sends it.
+                if self.queues.reports.try_send(report).is_ok() {
+                    output.reported = warning;
+                }
+            }
+        }
+    }
+
+    /// The next manager, or the next connection to this one, knows nothing of displays.
+    pub(super) fn reset_reported(&mut self) {
+        for output in &mut self.outputs {
+            output.reported = None;
+        }
+    }
+
+    /// Returns the time until the next note over a picture ends.
+    pub(super) fn note_wait(&self) -> Duration {
+        let ends = self.outputs.iter().filter_map(Output::note_end);
+        let wait = |end: Instant| end.saturating_duration_since(Instant::now());
+        ends.min().map_or(IDLE_WAIT, wait)
+    }
+
+    /// Takes notes away whose time is over.
+    pub(super) fn end_notes(&mut self) {
+        let now = Instant::now();
+        for index in 0..self.outputs.len() {
+            if self.outputs[index].end_note(now) {
+                self.show_again(index);
+            }
+        }
+    }
+}
