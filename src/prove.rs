@@ -9,7 +9,7 @@ mod table;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use polyptych_client::{Bounds, Capture, overview};
+use polyptych_client::{Bounds, Capture, orbit};
 use polyptych_manager::import::{Baker, read_wall_files};
 use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::wall::Wall;
@@ -93,7 +93,7 @@ impl Prover<'_> {
     fn show(&self, local: &LocalWall, wall: &Wall) -> anyhow::Result<Capture> {
         let summary = local.client.open_scene(self.shown.file.display().to_string())?;
         if let Some(focus) = self.shown.focus.or(summary.bounds) {
-            local.client.set_camera(overview(wall, &focus, HEADING_RAD))?;
+            local.client.set_camera(orbit(wall, &focus, HEADING_RAD))?;
         }
         local.client.render_frame_at(None, Some(0.0))?;
         let capture = local.client.capture()?;
@@ -116,7 +116,7 @@ impl Prover<'_> {
         let summary = local.client.open_scene(self.shown.file.display().to_string())?;
         if let Some(focus) = self.shown.focus.or(summary.bounds) {
             // The camera of the whole wall, which the other screens have their part in.
-            local.client.set_camera(overview(wall, &focus, HEADING_RAD))?;
+            local.client.set_camera(orbit(wall, &focus, HEADING_RAD))?;
         }
         local.client.render_frame_at(None, Some(0.0))?;
         let name = &wall.screens[usize::from(index)].name;

@@ -8,7 +8,7 @@ use std::error::Error;
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-use polyptych_client::{Client, ClientError, Feedbacks, Shown, overview};
+use polyptych_client::{Client, ClientError, Feedbacks, Shown, orbit};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
 /// One turn in this many seconds.
@@ -37,7 +37,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
 
     let client = Client::connect(address).await?;
     let reader = tokio::spawn(print(client.feedback().await?));
-    let unseen = orbit(&client, path, Duration::try_from_secs_f64(seconds)?, period).await?;
+    let unseen = circle(&client, path, Duration::try_from_secs_f64(seconds)?, period).await?;
     let statistics = client.statistics(false).await?;
     println!("median frame {:.2} ms, {} late", statistics.frame_ms.p50, statistics.late);
     if unseen > 0 {
@@ -49,7 +49,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
 
 /// Draws frames for `length`, one each `period` if the wall is fast enough, else as they come.
 /// Returns how many of them were shown by no display.
-async fn orbit(
+async fn circle(
     client: &Client,
     path: &str,
     length: Duration,
@@ -68,7 +68,7 @@ async fn orbit(
     while begin.elapsed() < length {
         ticks.tick().await;
         let time_s = begin.elapsed().as_secs_f64();
-        let camera = overview(&wall, &bounds, time_s / TURN_S * TAU);
+        let camera = orbit(&wall, &bounds, time_s / TURN_S * TAU);
         match client.render_frame_at(Some(camera), Some(time_s)).await {
             // The manager may be started again; the next frame waits for that.
             Err(error) if error.is_outcome_unknown() => eprintln!("{error}"),

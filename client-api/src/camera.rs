@@ -1,27 +1,127 @@
-//! Where to stand to see a whole scene.
+//! Camera poses that show a whole scene.
 
-use glam::DVec3;
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::scene::Bounds;
 use polyptych_protocol::wall::Wall;
 
-/// How far above the horizon an overview stands: high enough to see behind the first row.
+use crate::window::{Window, front_screen, last};
+
+/// Angle above the horizon from which a scene is seen: high enough to see behind the first row.
 const ELEVATION_RAD: f64 = 0.35;
 
-/// A camera that shows all of `bounds` on the screen in front of the eye, from `heading_rad`
-/// around +Y (0 sees the scene from its +Z side, a quarter turn from +X) and a little above.
-///
-/// The centre of the scene comes to stand in the centre of that screen, and the scale is chosen
-/// so that its bounding sphere, as the wall's eye sees it, fits the screen's shorter side: what
-/// the wall shows then lies at the depth of the wall. Bounds without extent count as one unit.
-pub fn overview(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
-    let (sin_h, cos_h) = heading_rad.sin_cos();
-    let (sin_e, cos_e) = ELEVATION_RAD.sin_cos();
-    let outward = DVec3::new(sin_h * cos_e, sin_e, cos_h * cos_e);
-    let rotation = Camera::look_at(outward, DVec3::ZERO, DVec3::Y).rotation;
-    let radius = Some(bounds.radius()).filter(|r| r.is_finite() && *r > 0.0).unwrap_or(1.0);
+/// Depth of the nearest corner, at least, as a share of the depth of the box's middle. A rod that is
+/// seen from its end would fit at any size, with the eye at its end.
+const NEAREST_MIN: f64 = 0.15;
 
-    let (middle_in_display, half_side_m) = front_screen(wall);
+/// Distance of the nearest corner from the eye, at least, in near planes: nothing is cut off.
+const NEAR_PLANES_MIN: f64 = 1.05;
+
+/// A camera that shows all of `bounds`, as large as the wall can, from `heading_rad` around +Y
+/// (0 sees the scene from its +Z side, a quarter turn from +X) and 0.35 rad above the horizon.
+///
+/// The eight corners of the box, as the wall's eye sees them, fit the outline of the screen in
+/// front of the eye (towards −Z), and touch two opposite edges of it; across the other direction
+/// the box is centred. (A rod that points to the eye keeps its middle in the middle of the screen,
+/// and touches one edge.) Screens that continue that one in its plane count as one with it. Of curved
+/// screens a rectangle in front of the eye is used, 77° wide where they surround the eye. The
+/// centre of the box lies at the depth of the screen. Bounds without extent count as a cube with a
+/// half diagonal of one unit.
+pub fn overview(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
+    let rotation = rotation(heading_rad);
+    let window = Window::of_wall(wall);
+    let radius = radius(bounds);
+    let half = ((bounds.max - bounds.min) * (0.5 / radius)).max(DVec3::ZERO);
+    let half = if half == DVec3::ZERO { DVec3::splat(1.0 / 3.0_f64.sqrt()) } else { half };
+    let window_from_world = (DMat3::from_quat(rotation) * window.axes).transpose();
+    let corners: [DVec3; 8] = std::array::from_fn(|i| {
+        let sign = |bit: usize| if i & bit == 0 { -1.0 } else { 1.0 };
+        window_from_world * (half * DVec3::new(sign(1), sign(2), sign(4)))
+    });
+    let (center, metres) = fit(&window, &corners, wall.near_m);
+    let scale = radius / metres;
+    let middle = wall.eye + window.axes * center;
+    Camera { position: bounds.center() - rotation * (scale * middle), rotation, scale }
+}
+
+/// The centre of a box in the window's axes, in metres from the eye, and the metres that one unit
+/// of `corners` takes, such that all corners are seen within the window and as large as can be.
+fn fit(window: &Window, corners: &[DVec3; 8], near_m: f64) -> (DVec3, f64) {
+    let d = window.distance_m;
+    let sides = [0, 1].map(|axis| {
+        let corners = corners.map(|q| DVec2::new(q[axis], q.z));
+        Side { corners, min: window.min[axis], max: window.max[axis], d }
+    });
+    let nearest = corners.iter().map(|q| q.z).fold(f64::MIN, f64::max);
+    let metres = sides[0].metres(0.0).min(sides[1].metres(0.0));
+    if d - nearest * metres >= NEAREST_MIN * d {
+        return (DVec3::new(sides[0].middle(metres), sides[1].middle(metres), -d), metres);
+    }
+    let metres = sides[0].metres_around_middle().min(sides[1].metres_around_middle());
+    let uncut = (d - (near_m * NEAR_PLANES_MIN).min(d / 2.0)) / nearest;
+    let metres = if uncut > 0.0 { metres.min(uncut) } else { metres };
+    let middle = (window.min + window.max) * (d / 2.0);
+    (middle.extend(-d), metres)
+}
+
+/// Two opposite edges of a window, at the tangents `min` and `max`, and where the corners of a box
+/// lie between them: across, and towards the eye from the plane at distance `d`.
+struct Side {
+    corners: [DVec2; 8],
+    min: f64,
+    max: f64,
+    d: f64,
+}
+
+impl Side {
+    /// The most metres that a unit can take for the corners to stay `margin` within both edges.
+    ///
+    /// A corner q of a box at x that is drawn s times as large is right of the lower edge where
+    /// x + s·qx ≥ l·(d − s·qz), l being the edge's tangent. Both edges bound x by linear functions
+    /// of s, which meet at the largest s.
+    fn metres(&self, margin: f64) -> f64 {
+        let (low, high) = self.reach(margin);
+        let metres = (self.max - self.min - 2.0 * margin) * self.d / (low + high);
+        // Nothing reaches to either side: the box is a line towards the eye.
+        if metres.is_nan() { f64::MAX } else { metres }
+    }
+
+    /// The most metres that a unit can take, with the middle of the box between both edges.
+    fn metres_around_middle(&self) -> f64 {
+        let (low, high) = self.reach(0.0);
+        (self.max - self.min) / 2.0 * self.d / low.max(high)
+    }
+
+    /// How far the corners reach beyond both edges, for each metre of a unit.
+    fn reach(&self, margin: f64) -> (f64, f64) {
+        let (min, max) = (self.min + margin, self.max - margin);
+        let most = |of: &dyn Fn(DVec2) -> f64| self.corners.map(of).into_iter().fold(0.0, f64::max);
+        (most(&|q| -min * q.y - q.x), most(&|q| q.x + max * q.y))
+    }
+
+    /// Where the middle of the box stands, for its corners to be as far from one edge as from the
+    /// other.
+    fn middle(&self, metres: f64) -> f64 {
+        let half = (self.max - self.min) / 2.0;
+        let margin = last(0.0, half, |margin| self.metres(margin) >= metres);
+        let (low, high) = self.reach(margin);
+        ((self.min + self.max) * self.d + (low - high) * metres) / 2.0
+    }
+}
+
+/// A camera on a circle around `bounds`: seen from `heading_rad`, as for [`overview`], but always
+/// from the same distance, so that a scene that is turned does not change its size.
+///
+/// The centre of the box comes to stand in the centre of the screen in front of the eye, and its
+/// bounding sphere fits the screen's shorter side: what the wall shows then lies at the depth of
+/// the wall. Bounds without extent count as one unit.
+pub fn orbit(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
+    let rotation = rotation(heading_rad);
+    let radius = radius(bounds);
+    let (middle_in_display, half_side_m) = match front_screen(wall) {
+        Some((screen, middle)) => (middle, screen.size_m().min_element() * 0.5),
+        None => (wall.eye + DVec3::NEG_Z, 0.5),
+    };
     let distance_m = (middle_in_display - wall.eye).length();
     // The sphere touches the cone of half angle a where radius = distance * sin a.
     let half_angle = half_side_m.atan2(distance_m);
@@ -31,91 +131,17 @@ pub fn overview(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
     Camera { position, rotation, scale }
 }
 
-/// The centre of the screen that stands most in front of the eye (towards −Z; the first of equal
-/// ones), and half of its shorter side, in metres of display space.
-fn front_screen(wall: &Wall) -> (DVec3, f64) {
-    let mut front = (wall.eye + DVec3::NEG_Z, 0.5);
-    let mut most_ahead = f64::NEG_INFINITY;
-    for screen in &wall.screens {
-        let Some(middle) = screen.display_from_canvas(screen.canvas.as_dvec2() / 2.0) else {
-            continue;
-        };
-        let ahead = (middle - wall.eye).try_normalize().map_or(0.0, |toward| -toward.z);
-        // Two screens side by side are equally far ahead but for rounding.
-        if ahead > most_ahead + 1e-9 {
-            most_ahead = ahead;
-            front = (middle, screen.size_m().min_element() * 0.5);
-        }
-    }
-    front
+/// The world from display space, for a viewer who looks along −Z.
+fn rotation(heading_rad: f64) -> DQuat {
+    let (sin_h, cos_h) = heading_rad.sin_cos();
+    let (sin_e, cos_e) = ELEVATION_RAD.sin_cos();
+    let outward = DVec3::new(sin_h * cos_e, sin_e, cos_h * cos_e);
+    Camera::look_at(outward, DVec3::ZERO, DVec3::Y).rotation
+}
+
+fn radius(bounds: &Bounds) -> f64 {
+    Some(bounds.radius()).filter(|r| r.is_finite() && *r > 0.0).unwrap_or(1.0)
 }
 
 #[cfg(test)]
-mod tests {
-    use polyptych_protocol::wall::file;
-
-    use super::*;
-
-    /// A screen of 4 m by 2 m around (0, 1.5, -1).
-    fn wall() -> Wall {
-        let text = r#"
-            [wall]
-            name = "lab"
-            [[screen]]
-            name = "front"
-            size = [4.0, 2.0]
-            center = [0.0, 1.5, -1.0]
-            [screen.tiles]
-            pixels = [1920, 960]
-        "#;
-        let mut wall = file::parse(text, "lab.toml".as_ref()).expect("a wall");
-        wall.eye = DVec3::new(0.3, 1.6, 2.0);
-        wall
-    }
-
-    #[test]
-    fn the_scene_fills_the_front_screen_at_the_depth_of_the_wall() {
-        let wall = wall();
-        let bounds = Bounds { min: DVec3::splat(1e6), max: DVec3::splat(1e6 + 0.5) };
-        for heading in [0.0, 1.0, 4.0] {
-            let camera = overview(&wall, &bounds, heading);
-            assert_eq!(camera.fault(), None);
-            let shown = camera.world_from_display(DVec3::new(0.0, 1.5, -1.0));
-            assert!((shown - bounds.center()).length() < 1e-6);
-            // From the eye, the sphere takes the angle of the screen's shorter side.
-            let eye = camera.world_from_display(wall.eye);
-            let sine = bounds.radius() / (eye - bounds.center()).length();
-            let middle = DVec3::new(0.0, 1.5, -1.0) - wall.eye;
-            assert!((sine - 1.0_f64.atan2(middle.length()).sin()).abs() < 1e-6);
-            assert!(eye.y > bounds.center().y, "the eye stands above the scene");
-        }
-    }
-
-    #[test]
-    fn a_scene_stands_in_the_middle_of_screens_of_every_shape() {
-        let bounds = Bounds { min: DVec3::splat(-2.0), max: DVec3::splat(3.0) };
-        let configs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
-        for (name, middle) in [
-            ("cylinder-360.toml", DVec3::new(0.0, 1.6, -3.0)),
-            ("panoramic-3.toml", DVec3::new(0.0, 1.4, -3.0)),
-            ("powerwall-overlap.toml", DVec3::new(0.0, 0.0, -3.0)),
-            // Half way up to the zenith.
-            ("dome-5.toml", DVec3::new(0.0, 1.6 + 8.0_f64.sqrt(), -8.0_f64.sqrt())),
-        ] {
-            let wall = file::load(&configs.join(name)).expect("a wall");
-            let camera = overview(&wall, &bounds, 0.3);
-            assert_eq!(camera.fault(), None, "{name}");
-            let shown = camera.world_from_display(middle);
-            assert!((shown - bounds.center()).length() < 1e-9, "{name}: {shown}");
-        }
-    }
-
-    #[test]
-    fn no_screen_and_no_extent_give_a_camera_still() {
-        let bare = Wall { screens: Vec::new(), ..wall() };
-        let point = Bounds { min: DVec3::ONE, max: DVec3::ONE };
-        assert_eq!(overview(&bare, &point, 0.0).fault(), None);
-        let nothing = Bounds { min: DVec3::splat(f64::NAN), max: DVec3::ONE };
-        assert!(overview(&bare, &nothing, 0.0).fault().is_some());
-    }
-}
+mod tests;

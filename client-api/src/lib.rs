@@ -46,8 +46,9 @@ mod link;
 mod pending;
 mod picture;
 mod reconnect;
+mod window;
 
-pub use camera::overview;
+pub use camera::{orbit, overview};
 pub use client::Client;
 pub use connect::{ConnectOptions, Timeouts};
 pub use error::ClientError;
