@@ -8,6 +8,7 @@
 use super::document::{Document, Head};
 use super::error::BakeError;
 use super::extensions::ExtensionUses;
+use super::json::{self, JsonError};
 use super::uri;
 
 /// Largest JSON: about a million nodes; text takes several times its size when parsed.
@@ -95,18 +96,19 @@ fn parse_json(bytes: &[u8]) -> Result<Document, BakeError> {
         let what = "it is not glTF: neither JSON nor GLB";
         return Err(BakeError::at("file", what, "a .gltf or .glb file would be right"));
     }
-    let malformed = |error: serde_json::Error| {
+    let malformed = |JsonError { path, error }: JsonError| {
         let what = if error.is_eof() { "the file is truncated: " } else { "" };
+        let place = if path.is_empty() { "JSON".to_owned() } else { uri::shorten_middle(&path) };
         let error = uri::shorten_middle(&error.to_string());
-        BakeError::at("JSON", format!("{what}{error}"), "glTF 2.0 would be right")
+        BakeError::at(place, format!("{what}{error}"), "glTF 2.0 would be right")
     };
-    let head: Head = serde_json::from_slice(text).map_err(|error| {
+    let head: Head = json::from_slice(text).map_err(|error| {
         // Text that is no JSON, such as `NaN`: the document's own error says in which key.
-        let of_document = serde_json::from_slice::<Document>(text).err();
-        malformed(of_document.filter(|_| error.is_syntax()).unwrap_or(error))
+        let of_document = json::from_slice::<Document>(text).err();
+        malformed(of_document.filter(|_| error.error.is_syntax()).unwrap_or(error))
     })?;
     check_head(&head)?;
-    let mut document: Document = serde_json::from_slice(text).map_err(malformed)?;
+    let mut document: Document = json::from_slice(text).map_err(malformed)?;
     document.extension_uses = ExtensionUses::of_json(text);
     Ok(document)
 }

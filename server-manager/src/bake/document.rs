@@ -11,7 +11,7 @@ use std::ops::Deref;
 
 use gltf::json;
 use serde::Deserialize;
-use serde::de::{self, Deserializer, SeqAccess, Visitor};
+use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
 
 use super::error::BakeError;
 use super::extensions::ExtensionUses;
@@ -116,6 +116,7 @@ pub(super) struct Node {
     pub children: Vec<u32>,
     pub mesh: Option<u32>,
     pub skin: Option<u32>,
+    pub weights: Option<Vec<f64>>,
     #[serde(deserialize_with = "numbers::matrix")]
     pub matrix: Option<[f64; 16]>,
     #[serde(deserialize_with = "numbers::translation")]
@@ -155,6 +156,7 @@ pub(super) struct Instancing {
 pub(super) struct Mesh {
     pub name: String,
     pub primitives: Vec<Primitive>,
+    pub weights: Vec<f64>,
 }
 
 /// Geometry with one material.
@@ -167,7 +169,17 @@ pub(super) struct Primitive {
     #[serde(default = "triangles")]
     pub mode: u32,
     #[serde(default)]
-    pub targets: Vec<de::IgnoredAny>,
+    pub targets: Vec<BTreeMap<String, u32>>,
+    #[serde(default)]
+    pub extensions: PrimitiveExtensions,
+}
+
+/// Extensions of a primitive.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct PrimitiveExtensions {
+    #[serde(rename = "KHR_draco_mesh_compression")]
+    pub draco: Option<IgnoredAny>,
 }
 
 fn triangles() -> u32 {
@@ -234,20 +246,35 @@ pub(super) struct BufferView {
 pub(super) struct Buffer {
     pub uri: Option<String>,
     pub byte_length: u64,
+    #[serde(default)]
+    pub extensions: BufferExtensions,
+}
+
+/// Extensions of a buffer.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct BufferExtensions {
+    #[serde(rename = "EXT_meshopt_compression")]
+    pub meshopt: Option<IgnoredAny>,
 }
 
 /// A picture in a file, a `data:` URI or a view.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Image {
+    pub name: String,
     pub uri: Option<String>,
     pub mime_type: Option<String>,
     pub buffer_view: Option<u32>,
 }
 
-/// Only counted.
-#[derive(Debug, Deserialize)]
-pub(super) struct Skin {}
+/// What deforms a mesh: nodes, and what takes the mesh into the space of each.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub(super) struct Skin {
+    pub joints: Vec<u32>,
+    pub inverse_bind_matrices: Option<u32>,
+}
 
 /// Only counted.
 #[derive(Debug, Deserialize)]
@@ -278,7 +305,7 @@ listed! {
     JsonLight => "extensions.KHR_lights_punctual.lights",
 }
 
-/// A top-level list. A value of the wrong form is named by its place in it.
+/// A top-level list, of which messages know the key.
 #[derive(Debug)]
 pub(super) struct List<T>(Vec<T>);
 
@@ -321,15 +348,9 @@ impl<'de, T: Deserialize<'de> + Listed> Visitor<'de> for ListVisitor<T> {
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<List<T>, A::Error> {
         let mut list = Vec::new();
-        loop {
-            match seq.next_element() {
-                Ok(Some(element)) => list.push(element),
-                Ok(None) => return Ok(List(list)),
-                Err(error) => {
-                    let place = format_args!("{}[{}]: {error}", T::LIST, list.len()).to_string();
-                    return Err(de::Error::custom(place));
-                }
-            }
+        while let Some(element) = seq.next_element()? {
+            list.push(element);
         }
+        Ok(List(list))
     }
 }

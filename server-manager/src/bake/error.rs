@@ -55,7 +55,19 @@ impl BakeError {
     /// An index that points behind the end of a list.
     pub(super) fn beyond(place: impl Into<String>, list: &str, index: u64, len: usize) -> Self {
         let what = format!("{list}[{index}] is not there, the file has {len}");
-        Self::at(place, what, format!("an index below {len} would be right"))
+        let right = match len {
+            0 => format!("{list} with that many elements would be right"),
+            _ => format!("an index below {len} would be right"),
+        };
+        Self::at(place, what, right)
+    }
+
+    /// What is wrong and what would be right, without the place.
+    pub(super) fn reason(&self) -> String {
+        match self {
+            Self::Source { what, right, .. } => format!("{what}; {right}"),
+            other => one_line(other.to_string()),
+        }
     }
 
     /// A file or folder that can't be used.

@@ -54,22 +54,16 @@ impl<'de, const N: usize> Visitor<'de> for NumbersVisitor<N> {
         let key = self.key;
         let mut values = [0.0; N];
         for (i, value) in values.iter_mut().enumerate() {
-            match seq.next_element::<f64>() {
-                Ok(Some(number)) => *value = number,
-                Ok(None) => {
-                    let what = format_args!("{key} has {i} numbers, {N} would be right");
-                    return Err(Error::custom(what));
-                }
-                Err(error) => return Err(Error::custom(format_args!("{key}[{i}]: {error}"))),
-            }
+            let Some(number) = seq.next_element::<f64>()? else {
+                let what = format_args!("{key} has {i} numbers, {N} would be right");
+                return Err(Error::custom(what));
+            };
+            *value = number;
         }
-        match seq.next_element::<IgnoredAny>() {
-            Ok(None) => Ok(Some(values)),
-            Ok(Some(_)) => {
-                let what = format_args!("{key} has more than {N} numbers, {N} would be right");
-                Err(Error::custom(what))
-            }
-            Err(error) => Err(Error::custom(format_args!("{key}: {error}"))),
+        if seq.next_element::<IgnoredAny>()?.is_some() {
+            let what = format_args!("{key} has more than {N} numbers, {N} would be right");
+            return Err(Error::custom(what));
         }
+        Ok(Some(values))
     }
 }
