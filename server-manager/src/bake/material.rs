@@ -12,6 +12,7 @@ use polyptych_protocol::scene::{AlphaMode, Material, TextureRef};
 
 use super::Job;
 use super::error::BakeError;
+use super::json::JsonError;
 
 /// Brightest emission: what a half float can still hold.
 const EMISSIVE_MAX: f32 = 65504.0;
@@ -204,9 +205,9 @@ impl User<'_, '_, '_> {
         &self,
         json: Option<&serde_json::Value>,
     ) -> Result<Option<TextureTransform>, BakeError> {
-        let parsed = json.map(|json| serde_json::from_value(json.clone())).transpose();
-        parsed.map_err(|error| {
-            let what = format!("KHR_texture_transform: {error}");
+        let parsed = json.map(super::json::from_value).transpose();
+        parsed.map_err(|JsonError { path, error }| {
+            let what = format!("KHR_texture_transform.{path}: {error}");
             BakeError::at(&self.place, what, "offset, rotation, scale and texCoord can be given")
         })
     }
@@ -220,11 +221,7 @@ impl User<'_, '_, '_> {
     ) -> Result<Option<TextureRef>, BakeError> {
         let texture = u32::try_from(index).unwrap_or(u32::MAX);
         let document = &self.job.source.document;
-        let json = document.textures.at(texture, &self.place)?;
-        if json.source.value() == u32::MAX as usize {
-            self.job.warn(&format!("textures[{index}]: it has no PNG or JPEG and is left out"));
-            return Ok(None);
-        }
+        document.textures.at(texture, &self.place)?;
         let set = transform.and_then(|transform| transform.tex_coord).unwrap_or(set);
         let Some(uv_set) = self.slot(set) else {
             let place = &self.place;

@@ -50,9 +50,14 @@ pub(super) struct Source {
 
 #[derive(Debug)]
 enum Image {
-    File { path: PathBuf, hash: BlobHash },
+    File {
+        path: PathBuf,
+        hash: BlobHash,
+    },
     Data(Vec<u8>),
     View(u32),
+    /// Cannot be read, for this reason.
+    Absent(String),
 }
 
 impl Source {
@@ -100,6 +105,10 @@ impl Source {
                     }
                 },
                 None if i == 0 && chunk.is_some() => chunk.take().unwrap_or_default(),
+                None if buffer.extensions.meshopt.is_some() => {
+                    let what = "its data is compressed with EXT_meshopt_compression only";
+                    return Err(BakeError::at(place, what, "uncompressed data would be right"));
+                }
                 None => {
                     let what = "it has no uri, and the file no binary chunk for it";
                     return Err(BakeError::at(place, what, "a uri would be right"));
@@ -121,28 +130,57 @@ impl Source {
         digest: &mut blake3::Hasher,
         cancel: &AtomicBool,
     ) -> Result<(), BakeError> {
-        for (i, image) in self.document.images.iter().enumerate() {
-            let place = format!("images[{i}]");
-            let opened = match (&image.uri, image.buffer_view) {
-                (Some(uri), _) => match uri::parse(uri, &place)? {
-                    Target::Data(bytes) => Image::Data(bytes),
-                    Target::Path(path) => {
-                        let path = resolve(folder, &path, uri, &place)?;
-                        let (hash, length) = hash_file(&path, &place, cancel)?;
-                        self.bytes += length;
-                        digest.update(hash.0.as_slice());
-                        Image::File { path, hash }
-                    }
-                },
-                (None, Some(view)) => Image::View(view),
-                (None, None) => {
-                    let what = "it has neither uri nor bufferView";
-                    return Err(BakeError::at(place, what, "one of them would be right"));
-                }
-            };
-            self.images.push(opened);
+        for i in 0..self.document.images.len() {
+            let image = self.open_image(folder, i, digest, cancel)?;
+            if matches!(image, Image::Absent(_)) {
+                // Once the image is there, it is another scene.
+                digest.update(b"absent");
+            }
+            self.images.push(image);
         }
         Ok(())
+    }
+
+    /// Finds an image. One that is not there, or is no file, leaves a scene that can be shown; one
+    /// that leads out of the scene's folder is an error, as of buffers.
+    fn open_image(
+        &mut self,
+        folder: &Path,
+        index: usize,
+        digest: &mut blake3::Hasher,
+        cancel: &AtomicBool,
+    ) -> Result<Image, BakeError> {
+        let (place, image) = (format!("images[{index}]"), &self.document.images[index]);
+        let absent = |error: BakeError| match error {
+            BakeError::Cancelled => Err(error),
+            _ => Ok(Image::Absent(error.reason())),
+        };
+        let uri = match (&image.uri, image.buffer_view) {
+            (Some(uri), _) => uri,
+            (None, Some(view)) => return Ok(Image::View(view)),
+            (None, None) => {
+                let right = "one of them would be right";
+                return absent(BakeError::at(place, "it has neither uri nor bufferView", right));
+            }
+        };
+        let path = match uri::parse(uri, &place) {
+            Ok(Target::Data(bytes)) => return Ok(Image::Data(bytes)),
+            Ok(Target::Path(path)) => path,
+            Err(error) => return absent(error),
+        };
+        let path = match resolve(folder, &path, uri, &place) {
+            Ok(path) => path,
+            Err(Unresolved::Outside(error)) => return Err(error),
+            Err(Unresolved::Absent(error)) => return absent(error),
+        };
+        match hash_file(&path, &place, cancel) {
+            Ok((hash, length)) => {
+                self.bytes += length;
+                digest.update(hash.0.as_slice());
+                Ok(Image::File { path, hash })
+            }
+            Err(error) => absent(error),
+        }
     }
 
     /// Notes that so many elements will be read, unless that is more than such files can hold.
@@ -177,24 +215,31 @@ impl Source {
         Ok((view, bytes))
     }
 
-    /// The encoded bytes of `images[index]`.
+    /// The encoded bytes of `images[index]`, or why there are none.
+    ///
+    /// # Errors
+    /// An index beyond the list, and a file that changed meanwhile.
     pub(super) fn image(
         &self,
         index: usize,
         cancel: &AtomicBool,
-    ) -> Result<Cow<'_, [u8]>, BakeError> {
+    ) -> Result<Result<Cow<'_, [u8]>, String>, BakeError> {
         let place = format!("images[{index}]");
         match self.images.get(index) {
             None => Err(BakeError::beyond("textures", "images", index as u64, self.images.len())),
-            Some(Image::Data(bytes)) => Ok(Cow::Borrowed(bytes)),
-            Some(Image::View(view)) => Ok(Cow::Borrowed(self.view(*view, &place)?.1)),
+            Some(Image::Absent(reason)) => Ok(Err(reason.clone())),
+            Some(Image::Data(bytes)) => Ok(Ok(Cow::Borrowed(bytes))),
+            Some(Image::View(view)) => {
+                let view = self.view(*view, &place).map_err(|error| error.reason());
+                Ok(view.map(|(_, bytes)| Cow::Borrowed(bytes)))
+            }
             Some(Image::File { path, hash }) => {
                 let bytes = read(path, IMAGE_BYTES_MAX, &place, cancel)?;
                 if BlobHash::of(&bytes) != *hash {
                     let what = format!("{} changed while it was read", path.display());
                     return Err(BakeError::at(place, what, "a file that rests would be right"));
                 }
-                Ok(Cow::Owned(bytes))
+                Ok(Ok(Cow::Owned(bytes)))
             }
         }
     }
@@ -204,11 +249,28 @@ fn to_usize(value: u64) -> Option<usize> {
     usize::try_from(value).ok()
 }
 
+/// Why a path leads to no file that may be read.
+enum Unresolved {
+    /// It leads out of the scene's folder.
+    Outside(BakeError),
+    /// There is no such file.
+    Absent(BakeError),
+}
+
+impl From<Unresolved> for BakeError {
+    fn from(unresolved: Unresolved) -> Self {
+        match unresolved {
+            Unresolved::Outside(error) | Unresolved::Absent(error) => error,
+        }
+    }
+}
+
 /// Where a relative path leads, if it stays inside the folder.
-fn resolve(folder: &Path, path: &str, uri: &str, place: &str) -> Result<PathBuf, BakeError> {
+fn resolve(folder: &Path, path: &str, uri: &str, place: &str) -> Result<PathBuf, Unresolved> {
     let outside = || {
         let what = format!("'{}' leads out of the scene's folder", uri::shorten(uri));
-        BakeError::at(place, what, "a file in the scene's folder or below would be right")
+        let right = "a file in the scene's folder or below would be right";
+        Unresolved::Outside(BakeError::at(place, what, right))
     };
     // The path as written first: what lies outside is not even looked for.
     let mut depth = 0i64;
@@ -225,7 +287,8 @@ fn resolve(folder: &Path, path: &str, uri: &str, place: &str) -> Result<PathBuf,
     }
     let resolved = fs::canonicalize(folder.join(path)).map_err(|error| {
         let what = format!("'{}' can't be found: {error}", uri::shorten(uri));
-        BakeError::at(place, what, format!("it should lie in {}", folder.display()))
+        let right = format!("it should lie in {}", folder.display());
+        Unresolved::Absent(BakeError::at(place, what, right))
     })?;
     if resolved.starts_with(folder) { Ok(resolved) } else { Err(outside()) }
 }

@@ -2,7 +2,10 @@
 
 mod broken;
 pub(in crate::bake) mod builder;
+mod exposure;
+mod missing;
 mod numbers;
+mod pose;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -310,7 +313,8 @@ fn empty_and_absent_scenes_are_fine() {
     assert_eq!((baked.nodes, place.scene(&baked).bounds), (0, None));
     let text = br#"{"asset":{"version":"2.0"},"nodes":[{"children":[1]},{"name":"leaf"}]}"#;
     let baked = place.bake(&place.write("none.gltf", text)).expect("baked");
-    assert_eq!((baked.nodes, baked.warnings.len()), (2, 1));
+    assert_eq!((baked.nodes, baked.warnings.len()), (2, 2));
+    assert!(baked.warnings[1].contains("nothing is drawn"), "{:?}", baked.warnings);
 }
 
 #[test]

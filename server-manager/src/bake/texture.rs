@@ -1,12 +1,11 @@
 //! Textures: images decoded one at a time, fitted, and written with their mip levels.
 
-use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 
 use gltf::json::texture::{MagFilter, MinFilter, WrappingMode};
 use gltf::json::validation::Checked;
-use image::{ImageFormat, ImageReader};
+use image::{ImageDecoder, ImageFormat, ImageReader};
 use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::limits::TEXTURE_SIDE_MAX;
 use polyptych_protocol::scene::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
@@ -15,6 +14,7 @@ use super::Job;
 use super::error::BakeError;
 use super::material::{Content, TextureUse};
 use super::mip::{self, Picture};
+use super::{image_format, placeholder, uri};
 
 /// Longest side of an image that is decoded; it is halved until a driver can hold it.
 const IMAGE_SIDE_MAX: u32 = 16_384;
@@ -35,6 +35,9 @@ const PIXELS_TOGETHER_UNASKED: u64 = 1 << 26;
 /// Most pixels per byte of all files beyond that: a plain image of that size reaches 350.
 const PIXELS_TOGETHER_PER_BYTE_MAX: u64 = 512;
 
+/// The image of a texture that has none (`gltf` crate, feature `allow_empty_texture`).
+const NO_IMAGE: usize = u32::MAX as usize;
+
 /// Everything of a texture but its sampler.
 #[derive(Clone, Copy)]
 struct Stored {
@@ -42,12 +45,23 @@ struct Stored {
     width: u32,
     height: u32,
     mip_count: u32,
+    is_placeholder: bool,
 }
 
-/// Writes the textures that are used, in their order.
-pub(super) fn write_all(job: &mut Job<'_>, uses: &[TextureUse]) -> Result<Vec<Texture>, BakeError> {
-    let mut stored: BTreeMap<(usize, Content, bool), Stored> = BTreeMap::new();
-    let mut textures = Vec::with_capacity(uses.len());
+/// The textures of a scene.
+#[derive(Debug, Default)]
+pub(super) struct Textures {
+    /// In the order of their uses.
+    pub list: Vec<Texture>,
+    /// Those whose image is missing or cannot be read.
+    pub placeholders: BTreeSet<u32>,
+}
+
+/// Writes the textures that are used, in their order. Placeholders stand for images that cannot
+/// be read, each with a note.
+pub(super) fn write_all(job: &mut Job<'_>, uses: &[TextureUse]) -> Result<Textures, BakeError> {
+    let mut stored: BTreeMap<(Option<usize>, Content, bool), Stored> = BTreeMap::new();
+    let mut textures = Textures::default();
     let bytes = job.source.bytes;
     let mut pixels_left = PIXELS_TOGETHER_UNASKED + PIXELS_TOGETHER_PER_BYTE_MAX * bytes;
     for (i, used) in uses.iter().enumerate() {
@@ -58,21 +72,28 @@ pub(super) fn write_all(job: &mut Job<'_>, uses: &[TextureUse]) -> Result<Vec<Te
             None => Sampler::default(),
             Some(index) => sampler(job, index.value() as u32, &place)?,
         };
-        let image = json.source.value();
+        let image = Some(json.source.value()).filter(|&image| image != NO_IMAGE);
+        if image.is_none() {
+            note_no_image(job, used.texture, json);
+        }
         let has_mips = sampler.mip != MipFilter::None;
         let key = (image, used.content, has_mips);
-        let Stored { blob, width, height, mip_count } = if let Some(stored) = stored.get(&key) {
+        let made = if let Some(stored) = stored.get(&key) {
             *stored
         } else {
             let made = write(job, image, used.content, has_mips, &mut pixels_left)?;
             stored.insert(key, made);
             made
         };
+        if made.is_placeholder {
+            textures.placeholders.insert(i as u32);
+        }
         let format = match used.content {
             Content::Color | Content::ColorAlpha => TextureFormat::Rgba8Srgb,
             Content::Data | Content::Normal => TextureFormat::Rgba8Linear,
         };
-        textures.push(Texture { blob, format, width, height, mip_count, sampler });
+        let Stored { blob, width, height, mip_count, .. } = made;
+        textures.list.push(Texture { blob, format, width, height, mip_count, sampler });
     }
     job.step("textures", uses.len() as u64, uses.len() as u64)?;
     Ok(textures)
@@ -80,14 +101,18 @@ pub(super) fn write_all(job: &mut Job<'_>, uses: &[TextureUse]) -> Result<Vec<Te
 
 fn write(
     job: &mut Job<'_>,
-    index: usize,
+    image: Option<usize>,
     content: Content,
     has_mips: bool,
     pixels_left: &mut u64,
 ) -> Result<Stored, BakeError> {
-    let encoded = job.source.image(index, job.cancel)?;
-    let place = format!("images[{index}]");
-    let mut picture = decode(encoded, &place, pixels_left)?;
+    let read = match image {
+        Some(index) => read(job, index, pixels_left)?,
+        None => None,
+    };
+    let place = image.map_or_else(|| "textures".to_owned(), |index| format!("images[{index}]"));
+    let is_placeholder = read.is_none();
+    let mut picture = read.unwrap_or_else(|| placeholder::picture(content));
     let side = picture.width.max(picture.height);
     if side > TEXTURE_SIDE_MAX {
         let (width, height) = (picture.width, picture.height);
@@ -99,48 +124,119 @@ fn write(
     let mip_count = if has_mips { width.max(height).ilog2() + 1 } else { 1 };
     let bytes = mip::chain(picture, content, mip_count, job.cancel)?;
     let blob = job.write(&bytes, &place)?;
-    Ok(Stored { blob, width, height, mip_count })
+    Ok(Stored { blob, width, height, mip_count, is_placeholder })
 }
 
-fn decode(
-    encoded: Cow<'_, [u8]>,
-    place: &str,
+/// Reads an image. Notes why, and gives `None`, if it is missing or no image that can be read.
+fn read(
+    job: &mut Job<'_>,
+    index: usize,
     pixels_left: &mut u64,
-) -> Result<Picture, BakeError> {
-    let right = "a PNG or JPEG of at most 16384 × 16384 pixels would be right";
-    let bad = |what: String| BakeError::at(place, what, right);
-    let open = || {
-        let reader = ImageReader::new(Cursor::new(encoded.as_ref())).with_guessed_format();
-        reader.map_err(|error| bad(error.to_string()))
+) -> Result<Option<Picture>, BakeError> {
+    let place = format!("images[{index}]");
+    let json = job.source.document.images.at(u32::try_from(index).unwrap_or(u32::MAX), &place)?;
+    let read = match job.source.image(index, job.cancel)? {
+        Ok(encoded) => {
+            let named = || image_format::of_name(json.mime_type.as_deref(), json.uri.as_deref());
+            let pixels = pixels(&encoded, named);
+            // Time, not memory: each of these images alone could be read.
+            if let Ok(pixels) = &pixels {
+                *pixels_left = pixels_left.checked_sub(*pixels).ok_or_else(|| {
+                    let what = format!("with its {pixels} pixels there are too many in such files");
+                    BakeError::at(&place, what, "fewer or smaller images would be right")
+                })?;
+            }
+            pixels.and_then(|_| decode(&encoded))
+        }
+        Err(reason) => Err(reason),
     };
-    let format = open()?.format();
-    if !matches!(format, Some(ImageFormat::Png | ImageFormat::Jpeg)) {
-        return Err(bad("it is neither PNG nor JPEG".to_owned()));
+    match read {
+        Ok(picture) => Ok(Some(picture)),
+        Err(reason) => {
+            let names = [Some(json.name.as_str()), json.uri.as_deref()];
+            let is_name = |name: &&str| !name.is_empty() && !name.starts_with("data:");
+            let name = names.into_iter().flatten().find(is_name);
+            let name = name.map_or(String::new(), |name| format!(" '{}'", uri::shorten(name)));
+            // The reason last: long ones are cut.
+            job.warn(&format!("{place}{name}: a placeholder is shown, since {reason}"));
+            Ok(None)
+        }
     }
-    let cannot = |error: image::ImageError| bad(format!("it can't be decoded: {error}"));
-    let (width, height) = open()?.into_dimensions().map_err(cannot)?;
-    let pixels = u64::from(width) * u64::from(height);
+}
+
+/// Says of a texture that names no PNG or JPEG what it names instead.
+fn note_no_image(job: &mut Job<'_>, texture: u32, json: &gltf::json::Texture) {
+    let others = json.extensions.iter().flat_map(|extensions| extensions.others.keys());
+    let named = others.filter_map(|name| Some((image_format::of_extension(name)?, name)));
+    let what = named.map(|(format, name)| format!("{format} ({name})")).next();
+    let what = what.unwrap_or_else(|| "missing".to_owned());
+    job.warn(&format!(
+        "textures[{texture}]: a placeholder is shown, since its image is {what}; a PNG or JPEG \
+         would be right"
+    ));
+}
+
+/// Pixels of an encoded image that can be decoded within the limits, or why it cannot.
+fn pixels(encoded: &[u8], named: impl Fn() -> Option<String>) -> Result<u64, String> {
+    const RIGHT: &str = "a PNG or JPEG would be right";
+    if encoded.is_empty() {
+        return Err(format!("it is empty; {RIGHT}"));
+    }
+    let format = image::guess_format(encoded).ok();
+    if !matches!(format, Some(ImageFormat::Png | ImageFormat::Jpeg)) {
+        let known = image_format::of_bytes(encoded).map(|name| format!("it is {name}"));
+        let said = || named().map(|name| format!("it is no image, though it is called {name}"));
+        let what = known.or_else(said).unwrap_or_else(|| "it is no image".to_owned());
+        return Err(format!("{what}; {RIGHT}"));
+    }
+    let decoder = match reader(encoded).into_decoder() {
+        Ok(decoder) => decoder,
+        Err(error) => return Err(cannot(&error)),
+    };
+    let (width, height) = decoder.dimensions();
+    let (pixels, bytes) = (u64::from(width) * u64::from(height), decoder.total_bytes());
+    if pixels == 0 {
+        return Err(format!("it has no pixels; {RIGHT}"));
+    }
+    if width.max(height) > IMAGE_SIDE_MAX || bytes > DECODE_BYTES_MAX {
+        let side = (DECODE_BYTES_MAX / bytes.div_ceil(pixels)).isqrt();
+        let side = side.min(u64::from(IMAGE_SIDE_MAX));
+        return Err(format!(
+            "{width} × {height} pixels of {} bytes take {} MiB; at most {IMAGE_SIDE_MAX} pixels a \
+             side and {} MiB can be read, such as {side} × {side}",
+            bytes.div_ceil(pixels),
+            bytes.div_ceil(1 << 20),
+            DECODE_BYTES_MAX >> 20,
+        ));
+    }
     if pixels > PIXELS_UNASKED && pixels / PIXELS_PER_BYTE_MAX > encoded.len() as u64 {
         let bytes = encoded.len();
-        return Err(bad(format!("{bytes} bytes can't hold {width} × {height} pixels")));
+        return Err(format!("{bytes} bytes can't hold {width} × {height} pixels; {RIGHT}"));
     }
-    let Some(left) = pixels_left.checked_sub(pixels) else {
-        return Err(bad(format!("with {width} × {height} more, too many pixels for such files")));
-    };
-    *pixels_left = left;
-    let mut reader = open()?;
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(IMAGE_SIDE_MAX);
-    limits.max_image_height = Some(IMAGE_SIDE_MAX);
-    limits.max_alloc = Some(DECODE_BYTES_MAX);
-    reader.limits(limits);
-    let decoded = reader.decode().map_err(cannot)?;
-    if width == 0 || height == 0 {
-        return Err(bad("it has no pixels".to_owned()));
-    }
-    drop(encoded);
+    Ok(pixels)
+}
+
+fn decode(encoded: &[u8]) -> Result<Picture, String> {
+    let decoded = reader(encoded).decode().map_err(|error| cannot(&error))?;
     let rgba = decoded.into_rgba8();
     Ok(Picture { width: rgba.width(), height: rgba.height(), rgba: rgba.into_raw() })
+}
+
+fn cannot(error: &image::ImageError) -> String {
+    format!("it can't be decoded: {error}; a PNG or JPEG that is whole would be right")
+}
+
+fn reader(encoded: &[u8]) -> ImageReader<Cursor<&[u8]>> {
+    let mut reader = ImageReader::new(Cursor::new(encoded));
+    if let Ok(format) = image::guess_format(encoded) {
+        reader.set_format(format);
+    }
+    let mut limits = image::Limits::default();
+    limits.max_image_width = None;
+    limits.max_image_height = None;
+    limits.max_alloc = Some(DECODE_BYTES_MAX);
+    reader.limits(limits);
+    reader
 }
 
 fn sampler(job: &Job<'_>, index: u32, place: &str) -> Result<Sampler, BakeError> {

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use serde_json::{Value, json};
 
 use super::builder::{Builder, glb, png};
+use super::missing::textured;
 use super::{BakeError, Place};
 
 /// Bakes and gives the message.
@@ -119,10 +120,10 @@ fn indices_and_lengths_out_of_range() {
     refused(|b| b.json["bufferViews"][0]["byteStride"] = json!(4), &["byteStride 4"]);
     refused(
         |b| {
-            b.json["accessors"][0] =
+            b.json["accessors"][1] =
                 json!({ "componentType": 5126, "count": 1u64 << 40, "type": "VEC3" });
         },
-        &["accessors[0]", "without a bufferView"],
+        &["accessors[1]", "without a bufferView"],
     );
     refused(|b| b.json["buffers"] = json!([{ "byteLength": 9999 }]), &["buffers[0]", "truncated"]);
     refused(
@@ -175,26 +176,105 @@ fn broken_numbers_and_trees() {
 
 #[test]
 fn files_that_are_named() {
-    let uri = |uri: &str| {
-        let mut builder = Builder::quad();
-        builder.json["images"] = json!([{ "uri": uri }]);
-        refusal("folder/scene.glb", &builder.glb())
-    };
     for (name, part) in [
-        ("../outside.png", "folder"),
-        ("..%2foutside.png", "leads out"),
+        ("../outside.bin", "folder"),
+        ("..%2foutside.bin", "leads out"),
         ("/etc/hostname", "leads out"),
-        ("a/../../outside.png", "leads out"),
-        ("https://example.org/a.png", "https"),
+        ("a/../../outside.bin", "leads out"),
+        ("https://example.org/a.bin", "https"),
         ("file:///etc/hostname", "file"),
-        ("gone.png", "can't be found"),
-        ("data:image/png;base64,****", "base64"),
+        ("gone.bin", "can't be found"),
+        ("data:application/octet-stream;base64,****", "base64"),
     ] {
-        let message = uri(name);
-        assert!(message.contains("images[0]") && message.contains(part), "{name}: {message}");
+        let message = refusal("folder/scene.gltf", &Builder::quad().gltf(name));
+        assert!(message.contains("buffers[0]") && message.contains(part), "{name}: {message}");
     }
-    let message = refusal("scene.gltf", &Builder::quad().gltf("gone.bin"));
-    assert!(message.contains("buffers[0]") && message.contains("gone.bin"), "{message}");
+}
+
+#[test]
+fn whole_floats_are_integers_and_others_are_refused_with_their_path() {
+    let mut builder = textured(&png(2, 2, |_, _| [1, 2, 3, 255]));
+    builder.json["buffers"] = json!([{ "byteLength": builder.bin.len() as f64 }]);
+    builder.json["materials"][0]["normalTexture"]["extensions"] =
+        json!({ "KHR_texture_transform": { "texCoord": 0.0, "offset": [1, 0] } });
+    builder.json["samplers"] = json!([{ "magFilter": 9728.0, "wrapS": 33071.0 }]);
+    builder.json["textures"][0]["sampler"] = json!(0.0);
+    fn floats(json: &mut Value) {
+        match json {
+            Value::Number(number) => *json = json!(number.as_f64()),
+            Value::Array(values) => values.iter_mut().for_each(floats),
+            Value::Object(values) => values.values_mut().for_each(floats),
+            _ => {}
+        }
+    }
+    let integers = builder.glb();
+    floats(&mut builder.json);
+    let place = Place::new();
+    let bake = |bytes: &[u8]| {
+        let baked = place.bake(&place.write("scene.glb", bytes)).expect("baked");
+        (baked.manifest, baked.warnings)
+    };
+    assert_eq!(bake(&builder.glb()), bake(&integers));
+
+    let with = |path: &[&str], value: &str| {
+        let mut builder = textured(&png(2, 2, |_, _| [1, 2, 3, 255]));
+        let key = path.iter().fold(&mut builder.json, |json, key| match key.parse::<usize>() {
+            Ok(index) => &mut json[index],
+            Err(_) => &mut json[*key],
+        });
+        *key = json!("HERE");
+        let text = String::from_utf8(builder.gltf("a.bin")).expect("text");
+        refusal("scene.gltf", text.replace("\"HERE\"", value).as_bytes())
+    };
+    for (path, value, parts) in [
+        (&["accessors", "0", "count"][..], "1.5", ["accessors[0].count", "1.5 is not an integer"]),
+        (&["nodes", "0", "mesh"], "0.25", ["nodes[0].mesh", "0.25 is not an integer"]),
+        (&["scene"], "-1.0", ["scene", "-1"]),
+        (&["bufferViews", "1", "byteOffset"], "1e400", ["bufferViews[1].byteOffset", "range"]),
+        (
+            &["meshes", "0", "primitives", "0", "attributes", "POSITION"],
+            "true",
+            ["meshes[0].primitives[0].attributes.POSITION", "true"],
+        ),
+        (
+            &["materials", "0", "pbrMetallicRoughness", "baseColorTexture", "index"],
+            "7.5",
+            ["materials[0].pbrMetallicRoughness.baseColorTexture.index", "7.5 is not an integer"],
+        ),
+    ] {
+        let message = with(path, value);
+        for part in parts {
+            assert!(message.contains(part), "'{part}' is not in: {message}");
+        }
+    }
+}
+
+#[test]
+fn indices_into_empty_lists_are_not_told_to_be_below_zero() {
+    let without = |list: &str, parts: &[&str]| {
+        let mut builder = textured(&png(2, 2, |_, _| [1, 2, 3, 255]));
+        builder.json[list] = json!([]);
+        let message = refusal("scene.glb", &builder.glb());
+        assert!(!message.contains("below 0"), "{message}");
+        for part in parts {
+            assert!(message.contains(part), "'{part}' is not in: {message}");
+        }
+    };
+    without("meshes", &["nodes[0].mesh", "meshes[0] is not there", "the file has 0"]);
+    without("accessors", &["POSITION", "accessors[0]"]);
+    without("bufferViews", &["accessors[0]", "bufferViews[0]"]);
+    without("buffers", &["bufferViews[0]", "buffers[0]"]);
+    without("materials", &["materials[0]"]);
+    without("textures", &["textures[0]"]);
+    without("images", &["images[0]"]);
+    without("nodes", &["nodes[0]"]);
+    refused(
+        |b| {
+            b.json["accessors"][0]["count"] = json!(0);
+            b.json["meshes"][0]["primitives"][0]["attributes"] = json!({ "POSITION": 0 });
+        },
+        &["the primitive has 0 vertices", "a POSITION with vertices would be right"],
+    );
 }
 
 #[cfg(unix)]
@@ -207,33 +287,6 @@ fn links_out_of_the_folder_are_not_followed() {
     std::os::unix::fs::symlink(place.folder.path().join("secret.bin"), link).expect("linked");
     let message = place.bake(&path).expect_err("outside").to_string();
     assert!(message.contains("link.bin") && message.contains("leads out"), "{message}");
-}
-
-fn textured(encoded: &[u8]) -> Builder {
-    let mut builder = Builder::quad();
-    builder.json["materials"] = json!([{
-        "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } },
-        "normalTexture": { "index": 0 },
-    }]);
-    builder.json["meshes"][0]["primitives"][0]["material"] = json!(0);
-    builder.image(encoded);
-    builder
-}
-
-#[test]
-fn broken_images() {
-    let whole = png(8, 8, |x, y| [x as u8, y as u8, 0, 255]);
-    for encoded in [&b"not an image"[..], &whole[..whole.len() / 2], b""] {
-        let message = refusal("scene.glb", &textured(encoded).glb());
-        assert!(message.contains("images[0]"), "{message}");
-    }
-    // A head that promises 16,384 × 16,384 pixels; its check sum is made right again.
-    let mut large = whole.clone();
-    large[16..24].copy_from_slice(&[0, 0, 0x40, 0, 0, 0, 0x40, 0]);
-    let crc = crc32(&large[12..29]);
-    large[29..33].copy_from_slice(&crc.to_be_bytes());
-    let message = refusal("scene.glb", &textured(&large).glb());
-    assert!(message.contains("can't hold 16384 × 16384"), "{message}");
 }
 
 #[test]
@@ -251,11 +304,6 @@ fn many_vertices_in_one_place_take_no_time() {
     let place = Place::new();
     let baked = place.bake(&place.write("scene.glb", &builder.glb())).expect("baked");
     assert!(baked.warnings[0].contains("too many vertices in one place"));
-}
-
-fn crc32(bytes: &[u8]) -> u32 {
-    let step = |crc: u32, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 };
-    !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), step))
 }
 
 /// Replaces the `nth` number of the JSON, counted from the front and around.

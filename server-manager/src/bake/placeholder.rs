@@ -1,0 +1,47 @@
+//! Pictures that stand for images that are missing or cannot be read.
+//!
+//! A surface without its colours shows a checker of two greys. All other textures become neutral,
+//! so that lighting stays as it would be without them.
+
+use std::collections::BTreeSet;
+
+use glam::Vec3;
+use polyptych_protocol::scene::Material;
+
+use super::material::Content;
+use super::mip::Picture;
+
+/// Pixels of the placeholder's sides, and of the sides of its squares.
+const SIDE: u32 = 64;
+const SQUARE: u32 = 8;
+
+/// The greys of the checker, as sRGB: 18 % and 50 % of the light.
+const DARK: u8 = 118;
+const LIGHT: u8 = 188;
+
+/// The picture that stands for an image of this content.
+pub(super) fn picture(content: Content) -> Picture {
+    let pixel = |x: u32, y: u32| match content {
+        Content::Color | Content::ColorAlpha => {
+            let grey = if (x / SQUARE + y / SQUARE).is_multiple_of(2) { LIGHT } else { DARK };
+            [grey, grey, grey, 255]
+        }
+        // No occlusion, as rough as the factor says, no metal.
+        Content::Data => [255, 255, 0, 255],
+        Content::Normal => [128, 128, 255, 255],
+    };
+    let rows = (0..SIDE).flat_map(|y| (0..SIDE).flat_map(move |x| pixel(x, y)));
+    Picture { width: SIDE, height: SIDE, rgba: rows.collect() }
+}
+
+/// Takes the emission from materials whose emissive texture is one of these placeholders: a
+/// surface that glows all over would be worse than one that does not glow.
+pub(super) fn darken(materials: &mut [Material], placeholders: &BTreeSet<u32>) {
+    for material in materials {
+        let emissive = material.emissive_texture;
+        if emissive.is_some_and(|used| placeholders.contains(&used.texture)) {
+            material.emissive = Vec3::ZERO;
+            material.emissive_texture = None;
+        }
+    }
+}
