@@ -79,6 +79,13 @@ impl Component {
     }
 }
 
+/// Returns whether an accessor has values of its own: without, all are 0 by glTF's rules, which is
+/// what files have whose data only an extension holds.
+pub(super) fn has_data(source: &Source, index: u32) -> bool {
+    let json = source.document.accessors.get(index as usize);
+    json.is_none_or(|json| json.buffer_view.is_some() || json.sparse.is_some())
+}
+
 /// Bytes that elements lie in, one every `stride`; in bounds for as many as were asked for.
 #[derive(Clone, Copy, Debug)]
 struct Elements<'a> {
@@ -162,7 +169,7 @@ impl<'a> Accessor<'a> {
     pub(super) fn floats<const N: usize>(&self) -> Result<Vec<[f32; N]>, BakeError> {
         if self.width != N || self.component == Component::U32 {
             let names = ["SCALAR", "VEC2", "VEC3", "VEC4"];
-            let right = names.get(N - 1).copied().unwrap_or("a vector");
+            let right = names.get(N - 1).copied().unwrap_or("MAT4");
             let what = format!("{} components of {:?} in an element", self.width, self.component);
             let right = format!("{right} of float, or of 8- or 16-bit integers, would be right");
             return Err(BakeError::at(&self.place, what, right));
@@ -175,6 +182,21 @@ impl<'a> Accessor<'a> {
             })
         };
         Ok(self.elements([0.0; N], read))
+    }
+
+    /// All elements as unsigned integers.
+    pub(super) fn unsigned<const N: usize>(&self) -> Result<Vec<[u32; N]>, BakeError> {
+        let is_unsigned = [Component::U8, Component::U16, Component::U32].contains(&self.component);
+        if self.width != N || !is_unsigned {
+            let what = format!("{} components of {:?} in an element", self.width, self.component);
+            let right = format!("{N} unsigned 8- or 16-bit integers would be right");
+            return Err(BakeError::at(&self.place, what, right));
+        }
+        let size = self.component.size();
+        let read = |bytes: &[u8]| {
+            std::array::from_fn(|i| bytes.get(i * size..).map_or(0, |b| self.component.index(b)))
+        };
+        Ok(self.elements([0; N], read))
     }
 
     /// All elements as indices.

@@ -3,9 +3,10 @@
 use glam::{DVec3, Vec3};
 use polyptych_protocol::scene::Topology;
 
-use super::accessor::Accessor;
+use super::accessor::{self, Accessor};
 use super::error::BakeError;
 use super::material::Needs;
+use super::pose::{Pose, Vertices};
 use super::{Job, document, topology};
 
 /// A primitive before it is split and interleaved.
@@ -33,30 +34,48 @@ pub(super) enum Tangents {
     Corner(Vec<[f32; 4]>),
 }
 
-/// Reads a primitive; `None` where it draws nothing.
+/// Reads a primitive, shaped by a pose if it has one; `None` where it draws nothing.
 pub(super) fn read(
     job: &mut Job<'_>,
     json: &document::Primitive,
     needs: &Needs,
+    pose: Option<&Pose>,
     place: &str,
 ) -> Result<Option<Geometry>, BakeError> {
     let Some(topology) = topology::of_mode(json.mode) else {
         let what = format!("mode {} does not exist", json.mode);
         return Err(BakeError::at(place, what, "0 to 6 would be right"));
     };
-    let Some(positions) = attribute::<3>(job, json, "POSITION", None, place)? else {
-        job.warn(&format!("{place}: it has no POSITION and is left out"));
+    if lacks_data(job, json, place) {
+        return Ok(None);
+    }
+    let Some(mut positions) = attribute::<3>(job, json, "POSITION", None, place)? else {
+        job.leave_out(place, "it has no POSITION", "one would be right");
         return Ok(None);
     };
     check_finite(json, &positions)?;
-    let indices = indices(job, json, positions.len(), place)?;
+    let mut indices = indices(job, json, positions.len(), place)?;
     if indices.is_empty() {
-        job.warn(&format!("{place}: it draws nothing and is left out"));
+        job.leave_out(place, "it has no vertices to draw", "at least one element would be right");
         return Ok(None);
     }
     let count = Some(positions.len());
     let is_surface = topology == Topology::Triangles;
     let mut normals = attribute::<3>(job, json, "NORMAL", count, place)?;
+    let mut tangents = None;
+    // glTF: tangents without normals are to be ignored.
+    if needs.normal_map.is_some() && is_surface && normals.is_some() {
+        tangents = attribute::<4>(job, json, "TANGENT", count, place)?;
+    }
+    if let Some(pose) = pose {
+        let vertices = Vertices {
+            positions: &mut positions,
+            normals: normals.as_deref_mut(),
+            tangents: tangents.as_deref_mut(),
+        };
+        let mirrored = pose.apply(job, json, vertices, place)?;
+        turn(&mut indices, &mirrored, topology);
+    }
     if let Some(normals) = &mut normals {
         repair_normals(normals, &positions, &indices, is_surface);
     } else if !is_surface {
@@ -65,29 +84,87 @@ pub(super) fn read(
     let mut uvs = [None, None];
     for (slot, set) in uvs.iter_mut().zip(needs.uv_sets) {
         let Some(set) = set else { continue };
-        let mut uv = attribute::<2>(job, json, &format!("TEXCOORD_{set}"), count, place)?;
-        if uv.is_none() {
-            job.warn(&format!("{place}: its material uses TEXCOORD_{set}, which it has not"));
-        }
-        let values = uv.get_or_insert_with(|| vec![[0.0; 2]; positions.len()]);
-        for uv in values.iter_mut().filter(|uv| !finite(uv)) {
-            *uv = [0.0; 2];
-        }
-        *slot = uv;
+        *slot = Some(coordinates(job, json, set, pose, positions.len(), place)?);
     }
-    let mut tangents = Tangents::None;
-    // glTF: tangents without normals are to be ignored.
-    if needs.normal_map.is_some() && is_surface && json.attributes.contains_key("NORMAL") {
-        let given = attribute::<4>(job, json, "TANGENT", count, place)?;
-        tangents = given.map_or(Tangents::None, Tangents::Vertex);
-    }
-    if let (Tangents::Vertex(tangents), Some(normals)) = (&mut tangents, &normals) {
+    if let (Some(tangents), Some(normals)) = (&mut tangents, &normals) {
         for (tangent, normal) in tangents.iter_mut().zip(normals) {
             *tangent = clean_tangent(*tangent, *normal);
         }
     }
-    let colors = colors(job, json, count, place)?;
+    let tangents = tangents.map_or(Tangents::None, Tangents::Vertex);
+    let colors = colors(job, json, pose, count, place)?;
     Ok(Some(Geometry { topology, indices, positions, normals, tangents, uvs, colors }))
+}
+
+/// Leaves a primitive out whose positions or indices have no data: drawn as glTF says, all zeros,
+/// it would be one point.
+fn lacks_data(job: &mut Job<'_>, json: &document::Primitive, place: &str) -> bool {
+    let positions = json.attributes.get("POSITION").copied();
+    let has_data = |index: Option<u32>| index.is_none_or(|i| accessor::has_data(job.source, i));
+    let missing = match (has_data(positions), has_data(json.indices)) {
+        (true, true) => return false,
+        (false, _) => "POSITION",
+        _ => "indices",
+    };
+    let what = match json.extensions.draco {
+        Some(_) => "it is compressed with Draco (KHR_draco_mesh_compression)".to_owned(),
+        None => format!("the accessor of its {missing} has no data"),
+    };
+    job.leave_out(place, &what, "uncompressed data in a bufferView would be right");
+    true
+}
+
+/// Turns the triangles of which most corners were mirrored.
+pub(super) fn turn(indices: &mut [u32], mirrored: &[bool], topology: Topology) {
+    if topology != Topology::Triangles || !mirrored.contains(&true) {
+        return;
+    }
+    for corners in indices.chunks_exact_mut(3) {
+        let is_mirrored = |corner: &&u32| mirrored.get(**corner as usize) == Some(&true);
+        if corners.iter().filter(is_mirrored).count() >= 2 {
+            corners.swap(1, 2);
+        }
+    }
+}
+
+/// `TEXCOORD_set`, finite; zeros, with a note, where there are none.
+fn coordinates(
+    job: &mut Job<'_>,
+    json: &document::Primitive,
+    set: u32,
+    pose: Option<&Pose>,
+    count: usize,
+    place: &str,
+) -> Result<Vec<[f32; 2]>, BakeError> {
+    let name = format!("TEXCOORD_{set}");
+    let Some(mut values) = attribute::<2>(job, json, &name, Some(count), place)? else {
+        job.warn(&format!("{place}: its material uses {name}, which it has not"));
+        return Ok(vec![[0.0; 2]; count]);
+    };
+    morph(job, json, &name, pose, &mut values, place)?;
+    for uv in values.iter_mut().filter(|uv| !finite(uv)) {
+        *uv = [0.0; 2];
+    }
+    Ok(values)
+}
+
+/// Adds what morph targets change of an attribute that skins leave alone.
+fn morph<const N: usize>(
+    job: &Job<'_>,
+    json: &document::Primitive,
+    name: &str,
+    pose: Option<&Pose>,
+    values: &mut [[f32; N]],
+    place: &str,
+) -> Result<(), BakeError> {
+    let Some(pose) = pose else { return Ok(()) };
+    let deltas = pose.deltas::<N>(job, json, name, values.len(), place)?;
+    for (value, delta) in values.iter_mut().zip(deltas.into_iter().flatten()) {
+        for (value, delta) in value.iter_mut().zip(delta) {
+            *value = (f64::from(*value) + delta) as f32;
+        }
+    }
+    Ok(())
 }
 
 pub(super) fn attribute<const N: usize>(
@@ -110,15 +187,22 @@ pub(super) fn attribute<const N: usize>(
 fn colors(
     job: &Job<'_>,
     json: &document::Primitive,
+    pose: Option<&Pose>,
     count: Option<usize>,
     place: &str,
 ) -> Result<Option<Vec<[f32; 4]>>, BakeError> {
     let Some(&index) = json.attributes.get("COLOR_0") else { return Ok(None) };
     let place_of = format!("{place}.attributes.COLOR_0");
-    let mut colors = match Accessor::open(job.source, index, &place_of)?.width {
-        3 => attribute::<3>(job, json, "COLOR_0", count, place)?
-            .map(|colors| colors.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect()),
-        _ => attribute::<4>(job, json, "COLOR_0", count, place)?,
+    let mut colors = if Accessor::open(job.source, index, &place_of)?.width == 3 {
+        let mut colors = attribute::<3>(job, json, "COLOR_0", count, place)?;
+        let values = colors.as_deref_mut().unwrap_or_default();
+        morph(job, json, "COLOR_0", pose, values, place)?;
+        colors.map(|colors| colors.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect())
+    } else {
+        let mut colors = attribute::<4>(job, json, "COLOR_0", count, place)?;
+        let values = colors.as_deref_mut().unwrap_or_default();
+        morph(job, json, "COLOR_0", pose, values, place)?;
+        colors
     };
     for value in colors.iter_mut().flatten().flatten() {
         *value = if value.is_finite() { value.clamp(0.0, 1.0) } else { 1.0 };
@@ -146,7 +230,11 @@ pub(super) fn indices(
     let is_wrong = |&index: &u32| index >= count && Some(index) != restart;
     if let Some(at) = read.values.iter().position(is_wrong) {
         let what = format!("index {at} is {}, the primitive has {count} vertices", read.values[at]);
-        return Err(BakeError::at(accessor.place, what, format!("below {count} would be right")));
+        let right = match count {
+            0 => "a POSITION with vertices would be right".to_owned(),
+            _ => format!("below {count} would be right"),
+        };
+        return Err(BakeError::at(accessor.place, what, right));
     }
     let given = read.values.len();
     let list = topology::to_list(json.mode, read.values, restart);

@@ -9,6 +9,7 @@ use polyptych_protocol::scene::{IndexFormat, Mesh, Primitive, Topology, VertexLa
 use super::error::BakeError;
 use super::geometry::{self, Geometry, Tangents, flat_normal};
 use super::material::{Needs, Palette};
+use super::pose::{Meshes, Pose};
 use super::{Job, check, document, order, split, tangent, topology};
 
 /// Most vertices that 16-bit indices are used for: 65,535 is left free, as it restarts strips.
@@ -27,37 +28,42 @@ struct Key {
     normal_map: Option<(u8, [u32; 6])>,
     keeps_order: bool,
     scale: u64,
+    pose: Option<u32>,
 }
 
-/// Bakes the meshes named by the keys of `scales`, whose values are the most metres that one of
-/// their units is drawn as. Gives them in the order of the keys.
+/// Bakes the uses of meshes named by the keys of `scales`, whose values are the most metres that
+/// one of their units is drawn as. Gives them in the order of the keys.
 pub(super) fn write_all(
     job: &mut Job<'_>,
     palette: &mut Palette,
+    uses: &Meshes,
     scales: &BTreeMap<u32, f64>,
 ) -> Result<Vec<Mesh>, BakeError> {
     let mut shared: BTreeMap<Key, Vec<Primitive>> = BTreeMap::new();
     let json: &[document::Mesh] = &job.source.document.meshes;
-    let used = || scales.keys().filter_map(|&mesh| json.get(mesh as usize));
-    let total: usize = used().map(|mesh| mesh.primitives.len()).sum();
+    let used = || {
+        let uses =
+            scales.iter().filter_map(|(used, scale)| Some((uses.uses.get(*used as usize)?, scale)));
+        uses.filter_map(|(used, scale)| Some((*used, json.get(used.mesh as usize)?, *scale)))
+    };
+    let total: usize = used().map(|(_, mesh, _)| mesh.primitives.len()).sum();
     let (mut done, mut meshes) = (0u64, Vec::with_capacity(scales.len()));
-    for ((index, scale), json) in scales.iter().zip(used()) {
+    for (used, json, scale) in used() {
         let mut mesh = Mesh { name: json.name.clone(), primitives: Vec::new() };
         for (i, primitive) in json.primitives.iter().enumerate() {
             job.step("meshes", done, total as u64)?;
             done += 1;
-            let place = format!("meshes[{index}].primitives[{i}]");
+            let place = format!("meshes[{}].primitives[{i}]", used.mesh);
             let is_surface = topology::of_mode(primitive.mode) == Some(Topology::Triangles);
             let is_lit = is_surface || primitive.attributes.contains_key("NORMAL");
             let (material, needs) = palette.material(job, primitive.material, is_lit, &place)?;
-            if !primitive.targets.is_empty() {
-                job.warn("meshes.primitives.targets: morph targets are left out");
-            }
-            let key = key(primitive, &needs, *scale);
+            let pose = uses.pose(used, primitive);
+            let key = key(primitive, &needs, scale, pose.map(|(index, _)| index));
             let pieces = if let Some(pieces) = shared.get(&key) {
                 pieces.clone()
             } else {
-                let pieces = write(job, primitive, &needs, *scale, &place)?;
+                let pose = pose.map(|(_, pose)| pose);
+                let pieces = write(job, primitive, &needs, scale, pose, &place)?;
                 shared.insert(key, pieces.clone());
                 pieces
             };
@@ -70,7 +76,7 @@ pub(super) fn write_all(
     Ok(meshes)
 }
 
-fn key(primitive: &document::Primitive, needs: &Needs, scale: f64) -> Key {
+fn key(primitive: &document::Primitive, needs: &Needs, scale: f64, pose: Option<u32>) -> Key {
     let normal_map = needs.normal_map;
     Key {
         attributes: primitive.attributes.clone(),
@@ -80,6 +86,7 @@ fn key(primitive: &document::Primitive, needs: &Needs, scale: f64) -> Key {
         normal_map: normal_map.map(|(set, uv)| (set, uv.to_cols_array().map(f32::to_bits))),
         keeps_order: needs.keeps_order,
         scale: scale.to_bits(),
+        pose,
     }
 }
 
@@ -89,9 +96,10 @@ fn write(
     json: &document::Primitive,
     needs: &Needs,
     scale: f64,
+    pose: Option<&Pose>,
     place: &str,
 ) -> Result<Vec<Primitive>, BakeError> {
-    let Some(mut geometry) = geometry::read(job, json, needs, place)? else {
+    let Some(mut geometry) = geometry::read(job, json, needs, pose, place)? else {
         return Ok(Vec::new());
     };
     let is_surface = geometry.topology == Topology::Triangles;

@@ -9,6 +9,7 @@ use polyptych_protocol::scene::{Instance, Node};
 use super::accessor::Accessor;
 use super::document::{self, Instancing};
 use super::error::BakeError;
+use super::pose::Meshes;
 use super::{Job, uri};
 
 /// Most copies that all nodes together may draw: each takes 40 bytes of the manifest, and a file
@@ -18,19 +19,30 @@ const INSTANCES_MAX: usize = 4 << 20;
 /// How far the last row of a matrix may be from 0, 0, 0, 1.
 const AFFINE_TOLERANCE: f64 = 1e-5;
 
-/// The nodes of the shown scene. Meshes and lights are still the file's own indices.
-pub(super) fn read(job: &mut Job<'_>) -> Result<Vec<Node>, BakeError> {
+/// The nodes of the shown scene, and the meshes that they draw.
+#[derive(Debug, Default)]
+pub(super) struct Placed {
+    /// Their meshes are indices into [`Meshes::uses`], their lights the file's own.
+    pub nodes: Vec<Node>,
+    pub meshes: Meshes,
+}
+
+/// Reads the shown scene. A mesh that stands elsewhere than its node becomes a node of its own,
+/// behind all others.
+pub(super) fn read(job: &mut Job<'_>) -> Result<Placed, BakeError> {
     let json: &[document::Node] = &job.source.document.nodes;
     let parents = parents(json)?;
     check_cycles(json, &parents)?;
     let roots = roots(job, &parents)?;
+    let tree = Tree { nodes: json, parents: &parents };
     let mut is_seen = vec![false; json.len()];
-    let mut nodes: Vec<Node> = Vec::new();
+    let mut placed = Placed::default();
+    let mut apart = Vec::new();
     let mut instances_left = INSTANCES_MAX;
     let mut stack: Vec<(u32, Option<u32>)> = roots.iter().rev().map(|&r| (r, None)).collect();
     while let Some((index, parent)) = stack.pop() {
-        if nodes.len().is_multiple_of(1024) {
-            job.step("nodes", nodes.len() as u64, json.len() as u64)?;
+        if placed.nodes.len().is_multiple_of(1024) {
+            job.step("nodes", placed.nodes.len() as u64, json.len() as u64)?;
         }
         let Some(node) = json.get(index as usize) else {
             return Err(BakeError::beyond("scenes.nodes", "nodes", index.into(), json.len()));
@@ -39,13 +51,54 @@ pub(super) fn read(job: &mut Job<'_>) -> Result<Vec<Node>, BakeError> {
             let what = format!("it has {} twice, or below another root", title(json, index));
             return Err(BakeError::at("scenes.nodes", what, "each root once would be right"));
         }
-        let place = nodes.len() as u32;
-        let node_made = convert(job, node, index, parent, instances_left)?;
-        instances_left -= node_made.instances.len();
-        nodes.push(node_made);
+        let place = placed.nodes.len() as u32;
+        let mut made = convert(job, node, index, parent, instances_left)?;
+        instances_left -= made.instances.len();
+        if let Some(mesh) = made.mesh {
+            let (used, elsewhere) = placed.meshes.of_node(job, &tree, index, mesh)?;
+            made.mesh = Some(used).filter(|_| elsewhere.is_none());
+            if let Some(local) = elsewhere {
+                if !std::mem::take(&mut made.instances).is_empty() {
+                    job.warn(&format!("nodes[{index}]: a mesh with a skin is drawn once only"));
+                }
+                let name = node.name.clone();
+                let (mesh, light, instances) = (Some(used), None, Vec::new());
+                apart.push(Node { name, parent: None, local, mesh, light, instances });
+            }
+        }
+        placed.nodes.push(made);
         stack.extend(node.children.iter().rev().map(|&child| (child, Some(place))));
     }
-    Ok(nodes)
+    placed.nodes.append(&mut apart);
+    Ok(placed)
+}
+
+/// The file's nodes, a tree without cycles.
+pub(super) struct Tree<'a> {
+    pub nodes: &'a [document::Node],
+    parents: &'a [Option<u32>],
+}
+
+impl Tree<'_> {
+    /// The nodes from a root down to this one, which is the last.
+    pub(super) fn chain(&self, index: u32) -> Vec<u32> {
+        let parent = |&at: &u32| self.parents.get(at as usize).copied().flatten();
+        let mut chain: Vec<u32> = std::iter::successors(Some(index), parent).collect();
+        chain.reverse();
+        chain
+    }
+
+    /// The space of `top`, or the world, from the space of a node below it.
+    pub(super) fn below(&self, top: Option<u32>, index: u32) -> Result<DAffine3, BakeError> {
+        let chain = self.chain(index);
+        let first = top.and_then(|top| chain.iter().position(|&at| at == top)).map_or(0, |i| i + 1);
+        let mut product = DAffine3::IDENTITY;
+        for (i, &at) in chain[first..].iter().enumerate() {
+            let local = local(&self.nodes[at as usize], &format!("nodes[{at}]"))?;
+            product = if i == 0 { local } else { product * local };
+        }
+        Ok(product)
+    }
 }
 
 /// How a message calls a node.
@@ -126,16 +179,10 @@ fn convert(
 ) -> Result<Node, BakeError> {
     let place = format!("nodes[{index}]");
     let document = &job.source.document;
-    if let Some(mesh) = node.mesh {
-        document.meshes.at(mesh, &format!("{place}.mesh"))?;
-    }
     let light = node.extensions.light.as_ref().map(|light| light.light);
     if let Some(light) = light {
         let place = format!("{place}.extensions.KHR_lights_punctual");
         document.extensions.lights.lights.at(light, &place)?;
-    }
-    if node.mesh.is_some() && node.skin.is_some() {
-        job.warn("nodes.skin: meshes with skins are shown in their bind pose");
     }
     let mut mesh = node.mesh;
     let instances = match &node.extensions.instancing {

@@ -16,7 +16,7 @@ use polyptych_protocol::wall::warp::{
 };
 
 use super::super::error::BakeError;
-use super::super::notes::Notes;
+use super::super::pose::{Pose, Vertices};
 use super::super::source::Source;
 use super::super::{Job, document, geometry, node, topology};
 use super::fold;
@@ -28,20 +28,22 @@ pub(super) fn read(
     cancel: &AtomicBool,
 ) -> Result<WarpMap, BakeError> {
     let source = Source::open(path, cancel)?;
-    let (notes, written) = (Notes::default(), std::collections::BTreeMap::new());
     let mut progress = |_| {};
-    let mut job = Job { source: &source, blobs, progress: &mut progress, cancel, notes, written };
-    let nodes = node::read(&mut job)?;
+    let mut job = Job::new(&source, blobs, &mut progress, cancel);
+    let node::Placed { nodes, meshes } = node::read(&mut job)?;
     let scene = Scene { nodes, ..Scene::default() };
     let mut mesh = WarpMesh { vertices: Vec::new(), triangles: Vec::new() };
     let mut origins = Vec::new();
     for (node, world) in scene.nodes.iter().zip(scene.world_from_nodes()) {
-        let Some(index) = node.mesh else { continue };
+        let used = node.mesh.and_then(|used| meshes.uses.get(used as usize));
+        let Some(&used) = used else { continue };
+        let index = used.mesh;
         let primitives = &source.document.meshes.at(index, "nodes")?.primitives;
         for (i, primitive) in primitives.iter().enumerate() {
             let place = format!("meshes[{index}].primitives[{i}]");
             let before = mesh.triangles.len();
-            append(&mut job, primitive, world, &mut mesh, &place)?;
+            let pose = meshes.pose(used, primitive).map(|(_, pose)| pose);
+            append(&mut job, primitive, pose, world, &mut mesh, &place)?;
             origins.push((before, place));
         }
     }
@@ -61,6 +63,7 @@ pub(super) fn read(
 fn append(
     job: &mut Job<'_>,
     primitive: &document::Primitive,
+    pose: Option<&Pose>,
     world: DAffine3,
     mesh: &mut WarpMesh,
     place: &str,
@@ -72,11 +75,16 @@ fn append(
     let positions = geometry::attribute::<3>(job, primitive, "POSITION", None, place)?;
     let count = positions.as_ref().map(Vec::len);
     let places = geometry::attribute::<2>(job, primitive, "TEXCOORD_0", count, place)?;
-    let (Some(positions), Some(places)) = (positions, places) else {
+    let (Some(mut positions), Some(places)) = (positions, places) else {
         let what = "it has no POSITION or no TEXCOORD_0";
         return Err(BakeError::at(place, what, "both would be right"));
     };
-    let indices = geometry::indices(job, primitive, positions.len(), place)?;
+    let mut indices = geometry::indices(job, primitive, positions.len(), place)?;
+    if let Some(pose) = pose {
+        let vertices = Vertices { positions: &mut positions, normals: None, tangents: None };
+        let mirrored = pose.apply(job, primitive, vertices, place)?;
+        geometry::turn(&mut indices, &mirrored, Topology::Triangles);
+    }
     let vertices = mesh.vertices.len() + positions.len();
     let triangles = mesh.triangles.len() + indices.len() / 3;
     if vertices > MAP_VERTICES_MAX as usize || triangles > MAP_TRIANGLES_MAX as usize {
