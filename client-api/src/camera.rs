@@ -10,8 +10,8 @@ use crate::window::{Window, front_screen, last};
 /// Angle above the horizon from which a scene is seen: high enough to see behind the first row.
 const ELEVATION_RAD: f64 = 0.35;
 
-/// Depth of the nearest corner, at least, as a share of the depth of the box's middle. A rod that is
-/// seen from its end would fit at any size, with the eye at its end.
+/// Depth of the nearest corner, at least, as a share of the depth of the box's middle. A rod
+/// that is seen from its end would fit at any size, with the eye at its end.
 const NEAREST_MIN: f64 = 0.15;
 
 /// Distance of the nearest corner from the eye, at least, in near planes: nothing is cut off.
@@ -23,8 +23,8 @@ const NEAR_PLANES_MIN: f64 = 1.05;
 /// The eight corners of the box, as the wall's eye sees them, fit the outline of the screen in
 /// front of the eye (towards −Z), and touch two opposite edges of it; across the other direction
 /// the box is centred. (A rod that points to the eye keeps its middle in the middle of the screen,
-/// and touches one edge.) Screens that continue that one in its plane count as one with it. Of curved
-/// screens a rectangle in front of the eye is used, 77° wide where they surround the eye. The
+/// and touches one edge.) Screens that continue that one in its plane count as one with it. Of
+/// curved screens a rectangle in front of the eye is used, 77° wide where they surround the eye. The
 /// centre of the box lies at the depth of the screen. Bounds without extent count as a cube with a
 /// half diagonal of one unit.
 pub fn overview(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
@@ -105,7 +105,7 @@ impl Side {
         let half = (self.max - self.min) / 2.0;
         let margin = last(0.0, half, |margin| self.metres(margin) >= metres);
         let (low, high) = self.reach(margin);
-        ((self.min + self.max) * self.d + (low - high) * metres) / 2.0
+        f64::midpoint((self.min + self.max) * self.d, (low - high) * metres)
     }
 }
 

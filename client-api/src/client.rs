@@ -158,7 +158,8 @@ impl Client {
         self.post(request)?.await
     }
 
-    /// Shows a scene; returns once every live channel can draw it.
+    /// Shows a scene; returns once every live channel can draw it. The wall's exposure becomes
+    /// the one that suits the scene ([`SceneSummary::exposure`]).
     ///
     /// `path` names a file in one of the manager's scene folders, absolute or relative to one of
     /// them, on the manager's machine.
@@ -277,7 +278,8 @@ impl Client {
         }
     }
 
-    /// Multiplies light by `exposure` before tone mapping, from the next frame on.
+    /// Multiplies light by `exposure` before tone mapping, from the next frame on and until
+    /// another scene is opened: that sets the exposure that suits it, which is 1 for most.
     ///
     /// # Errors
     /// [`ClientError`].

@@ -57,7 +57,7 @@ impl Window {
         let distance_m = backward.dot(wall.eye - corners[0]);
         let axes = DMat3::from_cols(right, up, backward);
         let mut window = Self { axes, distance_m, min: DVec2::MAX, max: DVec2::MIN };
-        if !(distance_m > 0.0) {
+        if distance_m.is_nan() || distance_m <= 0.0 {
             return None;
         }
         window.include(&corners, wall.eye);

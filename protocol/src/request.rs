@@ -42,7 +42,8 @@ pub enum Request {
     /// Moves the viewer's head, in metres of display space, from the next frame on, and neither
     /// turns it nor moves its eyes apart.
     SetEye(DVec3),
-    /// Multiplies light before tone mapping, from the next frame on.
+    /// Multiplies light before tone mapping, from the next frame on and until another scene is
+    /// opened, which sets the exposure that suits it ([`SceneSummary::exposure`]).
     SetExposure(f32),
     /// Draws and shows one frame; answered by its feedback.
     RenderFrame {
@@ -198,6 +199,9 @@ pub struct SceneSummary {
     /// What of the file is not drawn, or not as it is there; see [`crate::scene::Scene::notes`].
     #[serde(default)]
     pub notes: Vec<String>,
+    /// The exposure that the wall has from now on: 1, or what suits a scene that is lit in real
+    /// units.
+    pub exposure: f32,
 }
 
 /// The pictures of one frame.

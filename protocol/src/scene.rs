@@ -42,6 +42,8 @@ pub struct Scene {
     /// What of the source is not drawn, or not as it is there: lines for people, without control
     /// characters. At most [`NOTES_MAX`] of at most [`NOTE_BYTES_MAX`] bytes each.
     pub notes: Vec<String>,
+    /// The exposure that suits its lights, above 0, if they are in real units; `None` for 1.
+    pub exposure: Option<f32>,
 }
 
 /// One place in the scene.
@@ -175,6 +177,9 @@ impl Scene {
             if !node.local.is_finite() {
                 return Some(format!("node {i} has a transform that is not finite"));
             }
+        }
+        if let Some(exposure) = self.exposure.filter(|e| !(e.is_finite() && *e > 0.0)) {
+            return Some(format!("its exposure is {exposure}, not a number above 0"));
         }
         for (i, mesh) in self.meshes.iter().enumerate() {
             if mesh.primitives.iter().any(|p| beyond(p.material, self.materials.len())) {

@@ -7,7 +7,7 @@
 //! One primitive or one image is in memory at a time, beside the source's buffers.
 //!
 //! ```text
-//! container -> document -> node -> mesh (geometry, tangent, split, order) -> texture (mip)
+//! container -> document -> node (pose) -> mesh (geometry, tangent, split, order) -> texture (mip)
 //!      \-> source, uri, accessor: bytes                    \-> material, light -> manifest
 //! ```
 
@@ -16,8 +16,11 @@ mod bounds;
 mod container;
 mod document;
 mod error;
+mod exposure;
 mod extensions;
 mod geometry;
+mod image_format;
+mod json;
 mod light;
 pub mod map;
 mod material;
@@ -27,6 +30,8 @@ mod node;
 mod notes;
 mod numbers;
 mod order;
+mod placeholder;
+mod pose;
 mod source;
 mod split;
 mod store;
@@ -46,7 +51,7 @@ use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::codec;
 use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::limits::{BLOB_BYTES_MAX, MANIFEST_BYTES_MAX};
-use polyptych_protocol::scene::{Node, Scene};
+use polyptych_protocol::scene::{Mesh, Node, Scene};
 use serde::{Deserialize, Serialize};
 
 pub use error::BakeError;
@@ -57,7 +62,7 @@ use notes::Notes;
 use source::Source;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 3;
+const BAKER_VERSION: u32 = 4;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -158,9 +163,7 @@ fn bake_file(
     if let Some(baked) = store.find(key) {
         return Ok(baked);
     }
-    let blobs = store.blobs();
-    let (notes, written) = (Notes::default(), BTreeMap::new());
-    let mut job = Job { source: &source, blobs, progress, cancel, notes, written };
+    let mut job = Job::new(&source, store.blobs(), progress, cancel);
     let scene = job.scene(name)?;
     let baked = job.finish(&scene)?;
     store.record(key, &baked)?;
@@ -187,7 +190,21 @@ struct Job<'a> {
     progress: &'a mut dyn FnMut(Progress),
     cancel: &'a AtomicBool,
     notes: Notes,
+    /// The first part that is not drawn, as a place, what is wrong, and what would be right.
+    left_out: Option<[String; 3]>,
     written: BTreeMap<BlobHash, u64>,
+}
+
+impl<'a> Job<'a> {
+    fn new(
+        source: &'a Source,
+        blobs: &'a BlobFolder,
+        progress: &'a mut dyn FnMut(Progress),
+        cancel: &'a AtomicBool,
+    ) -> Self {
+        let (notes, left_out, written) = (Notes::default(), None, BTreeMap::new());
+        Self { source, blobs, progress, cancel, notes, left_out, written }
+    }
 }
 
 impl Job<'_> {
@@ -206,6 +223,12 @@ impl Job<'_> {
         self.notes.add(note);
     }
 
+    /// Notes a part that is not drawn.
+    fn leave_out(&mut self, place: &str, what: &str, right: &str) {
+        self.warn(&format!("{place}: {what} and is not drawn"));
+        self.left_out.get_or_insert_with(|| [place, what, right].map(str::to_owned));
+    }
+
     fn write(&mut self, bytes: &[u8], place: &str) -> Result<BlobHash, BakeError> {
         let length = bytes.len() as u64;
         if length > BLOB_BYTES_MAX {
@@ -219,11 +242,12 @@ impl Job<'_> {
 
     fn scene(&mut self, name: String) -> Result<Scene, BakeError> {
         self.note_what_is_left_out();
-        let nodes = node::read(self)?;
+        let node::Placed { nodes, meshes } = node::read(self)?;
         let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, ..Scene::default() };
         let scales = bounds::scales(&scene.nodes, &scene.world_from_nodes());
         let mut palette = Palette::default();
-        scene.meshes = mesh::write_all(self, &mut palette, &scales)?;
+        scene.meshes = mesh::write_all(self, &mut palette, &meshes, &scales)?;
+        self.check_anything_is_drawn(&scene.meshes)?;
         let mesh_of: BTreeMap<u32, u32> = scales.keys().copied().zip(0..).collect();
         renumber(&mut scene.nodes, |node| &mut node.mesh, &mesh_of);
 
@@ -235,10 +259,32 @@ impl Job<'_> {
         renumber(&mut scene.nodes, |node| &mut node.light, &light_of);
 
         scene.bounds = bounds::of_scene(&scene)?;
-        scene.textures = texture::write_all(self, &palette.textures)?;
+        let textures = texture::write_all(self, &palette.textures)?;
+        scene.textures = textures.list;
         scene.materials = palette.materials;
+        placeholder::darken(&mut scene.materials, &textures.placeholders);
+        scene.exposure = exposure::suggest(&scene);
+        if let Some(exposure) = scene.exposure {
+            // The sky is ours, and stays as bright beside what it lights.
+            scene.sky /= exposure;
+            self.warn(&format!(
+                "lit in real units: exposure set to {exposure}; --exposure changes it"
+            ));
+        }
         scene.notes = std::mem::take(&mut self.notes).into_lines();
         Ok(scene)
+    }
+
+    /// A scene of which nothing is left is no success; one that is empty is shown, with a note.
+    fn check_anything_is_drawn(&mut self, meshes: &[Mesh]) -> Result<(), BakeError> {
+        if meshes.iter().any(|mesh| !mesh.primitives.is_empty()) {
+            return Ok(());
+        }
+        if let Some([place, what, right]) = self.left_out.take() {
+            return Err(BakeError::at(place, format!("{what}; nothing is left to draw"), right));
+        }
+        self.warn("scenes: the shown scene has no mesh, so nothing is drawn");
+        Ok(())
     }
 
     fn note_what_is_left_out(&mut self) {

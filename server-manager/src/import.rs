@@ -117,6 +117,7 @@ pub(crate) fn read_manifest(folder: &BlobFolder, hash: BlobHash) -> Result<Impor
         triangles: scene.triangles(),
         features: SceneFeatures::of(&scene),
         notes: scene.notes.clone(),
+        exposure: scene.exposure.unwrap_or(1.0),
     };
     let blobs = std::iter::once(hash).chain(scene.blobs()).collect();
     let scene = SceneRef { name: scene.name, manifest: hash };

@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         orbit: true,
         windows,
         record: None,
-        exposure: 1.0,
+        exposure: None,
         out: arguments.out.clone(),
         fault: Vec::new(),
         fault_seed: 0,

@@ -24,7 +24,7 @@ pub(super) struct OpenArguments {
     /// Where the camera looks from, in degrees around the vertical; 0 is the scene's +Z side
     #[arg(long, value_name = "DEGREES", default_value_t = 30.0, conflicts_with = "keep_camera")]
     heading: f64,
-    /// Multiply all light by this; scenes lit in real lux want about 0.0005
+    /// Multiply all light by this [default: 1, or what suits lights in real units]
     #[arg(long, value_name = "FACTOR", value_parser = exposure)]
     exposure: Option<f32>,
     /// Wait at most this long for displays that are not there or not ready [default: 60 for those

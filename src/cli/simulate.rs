@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use polyptych_client::{Bounds, Camera, overview};
+use polyptych_client::{Bounds, Camera, orbit, overview};
 use polyptych_manager::record::Recorder;
 use polyptych_protocol::wall::Wall;
 
@@ -55,15 +55,15 @@ pub(super) struct Arguments {
     /// Frames per second at most [default: as many as the wall can]
     #[arg(long, value_name = "FPS", value_parser = rate)]
     pub rate: Option<f64>,
-    /// Let the camera go round the scene
+    /// Let the camera go round the scene, always as far from its middle
     #[arg(long)]
     pub orbit: bool,
     /// Show a window for each channel
     #[arg(long)]
     pub windows: bool,
-    /// Multiply all light by this; scenes lit in real lux want about 0.0005
-    #[arg(long, value_name = "FACTOR", value_parser = exposure, default_value = "1")]
-    pub exposure: f32,
+    /// Multiply all light by this [default: 1, or what suits lights in real units]
+    #[arg(long, value_name = "FACTOR", value_parser = exposure)]
+    pub exposure: Option<f32>,
     /// Record what the manager is told, to be replayed
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
@@ -144,7 +144,9 @@ fn drive(
         summary.name, summary.triangles
     ))?;
     say_notes(&summary.notes)?;
-    client.set_exposure(arguments.exposure)?;
+    if let Some(exposure) = arguments.exposure {
+        client.set_exposure(exposure)?;
+    }
     let focus = shown.focus.or(summary.bounds);
     let camera = |n: u64| camera_of_frame(wall, focus.as_ref(), arguments, n);
     for _ in 0..WARM_UP_FRAMES {
@@ -187,8 +189,11 @@ fn camera_of_frame(
     n: u64,
 ) -> Option<Camera> {
     let time_s = n as f64 / arguments.rate.unwrap_or(TIME_RATE);
-    let turned = if arguments.orbit { TAU * time_s / ORBIT_SECONDS } else { 0.0 };
-    Some(overview(wall, focus?, HEADING_RAD + turned))
+    Some(if arguments.orbit {
+        orbit(wall, focus?, HEADING_RAD + TAU * time_s / ORBIT_SECONDS)
+    } else {
+        overview(wall, focus?, HEADING_RAD)
+    })
 }
 
 /// How many frames are drawn; `None` where it goes by time.

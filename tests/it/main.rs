@@ -9,6 +9,7 @@
 //! - `reconnecting`: a program goes on when its manager is killed and started again
 //! - `client_library`: the same program drives one channel and four
 //! - `wall_files`: warp maps, masks and archives that others wrote
+//! - `first_look`: a scene that was opened is seen whole, large, and neither white nor black
 //! - `seams`: a wall of tiles shows what one channel shows
 //! - `exact`: what is drawn against a renderer in f64, in all cases that are hard for numbers
 //! - `prove`: a wall that is right keeps its targets, one that is not does not
@@ -33,6 +34,7 @@ mod client_library;
 mod displays;
 mod exact;
 mod failures;
+mod first_look;
 mod fullscreen;
 #[path = "../harness/harness.rs"]
 mod harness;

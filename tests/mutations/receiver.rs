@@ -253,6 +253,7 @@ fn imported() -> ImportedScene {
         triangles: 0,
         features: SceneFeatures::default(),
         notes: Vec::new(),
+        exposure: 1.0,
     };
     ImportedScene { scene, summary }
 }

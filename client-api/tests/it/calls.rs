@@ -21,6 +21,7 @@ pub fn summary() -> SceneSummary {
         triangles: 12,
         features: SceneFeatures::default(),
         notes: Vec::new(),
+        exposure: 1.0,
     }
 }
 

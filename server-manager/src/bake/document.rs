@@ -88,7 +88,7 @@ impl DocumentExtensions {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct Variants {
-    variants: Vec<de::IgnoredAny>,
+    variants: Vec<IgnoredAny>,
 }
 
 /// `KHR_lights_punctual`.

@@ -386,6 +386,8 @@ impl Cluster {
         self.span_of_request(job).in_scope(tell);
         self.features.clear();
         self.notes.clear();
+        // What suited another scene may make this one black or white.
+        self.exposure = summary.as_ref().map_or(1.0, |summary| summary.exposure);
         let reply = if let Some(mut summary) = summary {
             summary.revision = self.shown.revision;
             self.notes.clone_from(&summary.notes);

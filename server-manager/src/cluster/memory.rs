@@ -22,7 +22,8 @@ const FRAME_CAMERA_PERIOD: Micros = 1_000_000;
 /// What a manager needs to go on where another one stopped.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Memory {
-    /// The hash of the wall's description: of another wall only the scene is taken over.
+    /// The hash of the wall's description: of another wall only the scene is taken over, with its
+    /// exposure.
     pub wall: BlobHash,
     /// Changes so far.
     pub revision: Revision,
@@ -66,6 +67,10 @@ impl Cluster {
             cluster.shown.apply(Operation::OpenScene(scene.clone()));
             cluster.notes.clone_from(&memory.further.notes);
         }
+        // It goes with the scene: lights in real units are white at any other.
+        if memory.exposure.is_finite() && memory.exposure >= 0.0 {
+            cluster.exposure = memory.exposure;
+        }
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
         if cluster.is_wall_of(memory) {
             // Numbers from a file are looked at as those of a client are.
@@ -77,9 +82,6 @@ impl Cluster {
             }
             if let Err(reason) = cluster.set_views(memory.views.clone()) {
                 tracing::warn!(reason, "the views that were remembered cannot be");
-            }
-            if memory.exposure.is_finite() && memory.exposure >= 0.0 {
-                cluster.exposure = memory.exposure;
             }
         } else {
             // Another wall is another state, which needs another number.

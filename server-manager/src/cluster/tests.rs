@@ -268,6 +268,7 @@ impl Stage {
             triangles: 3,
             features: SceneFeatures::default(),
             notes: Vec::new(),
+            exposure: 1.0,
         };
         ImportedScene { scene, summary }
     }

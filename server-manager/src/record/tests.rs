@@ -200,6 +200,7 @@ fn imported() -> ImportedScene {
         triangles: 9,
         features: SceneFeatures::default(),
         notes: Vec::new(),
+        exposure: 1.0,
     };
     ImportedScene { scene, summary }
 }

@@ -313,6 +313,7 @@ fn answers() -> Vec<request::Answer> {
         triangles: 100_000,
         features: SceneFeatures::of(&scene()),
         notes: vec!["animations: 1 is not played".into()],
+        exposure: 1.0,
     };
     let info = PictureInfo { name: "front".into(), is_screen: true, width: 1920, height: 1080 };
     let captured = Captured {
@@ -412,5 +413,6 @@ fn scene() -> Scene {
         sky: Vec3::ONE,
         bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
         notes: vec!["animations: 1 is not played".into()],
+        exposure: Some(0.5),
     }
 }

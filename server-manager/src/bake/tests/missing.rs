@@ -155,11 +155,12 @@ fn textures_of_an_extension_are_named_with_it() {
 
 /// The quad as a Draco mesh that need not be read: its accessors have no data.
 fn draco(builder: &mut Builder, primitive: usize) {
-    let empty = |kind: &str, component: u32, count: u32| json!({ "componentType": component, "count": count, "type": kind });
+    let positions = json!({ "componentType": 5126, "count": 24, "type": "VEC3" });
+    let indices = json!({ "componentType": 5123, "count": 36, "type": "SCALAR" });
     let accessors = builder.json["accessors"].as_array_mut().expect("a list");
     let first = accessors.len();
-    accessors.push(empty("VEC3", 5126, 24));
-    accessors.push(empty("SCALAR", 5123, 36));
+    accessors.push(positions);
+    accessors.push(indices);
     builder.json["meshes"][0]["primitives"][primitive] = json!({
         "attributes": { "POSITION": first }, "indices": first + 1,
         "extensions": { "KHR_draco_mesh_compression": {

@@ -252,7 +252,10 @@ fn copies_of_a_skeleton_in_one_pose_share_their_mesh_and_others_do_not() {
         nodes.extend(bones);
     }
     let matrices = builder.json["skins"][0]["inverseBindMatrices"].clone();
-    let skin = |first: usize| json!({ "joints": [first, first + 1, first + 2], "inverseBindMatrices": matrices });
+    let skin = |first: usize| {
+        let joints = [first, first + 1, first + 2];
+        json!({ "joints": joints, "inverseBindMatrices": matrices })
+    };
     builder.json["skins"] = json!([skin(2), skin(7), skin(12), skin(17)]);
     builder.json["scenes"] = json!([{ "nodes": [0, 1, 5, 6, 10, 11, 15, 16] }]);
     let (_place, baked, scene) = bake_builder(&builder);

@@ -265,6 +265,7 @@ impl World {
             triangles: 3,
             features: SceneFeatures::default(),
             notes: Vec::new(),
+            exposure: 1.0,
         };
         let scene = ImportedScene { scene: SceneRef { name, manifest }, summary };
         let imported = if is_good { Ok(scene) } else { Err("not glTF".to_owned()) };

@@ -38,7 +38,6 @@ struct Told {
     camera: Option<Camera>,
     head: Option<Head>,
     views: Option<Vec<View>>,
-    exposure: Option<f32>,
     #[expect(clippy::option_option, reason = "told nothing, told to stand, told to run")]
     pace: Option<Option<Pace>>,
 }
@@ -80,7 +79,7 @@ impl Watch {
         let is_kept = told.camera.is_none_or(|camera| cluster.camera == camera)
             && told.head.is_none_or(|head| cluster.head == head)
             && told.views.as_ref().is_none_or(|views| cluster.views == *views)
-            && told.exposure.is_none_or(|exposure| cluster.exposure == exposure)
+            && cluster.exposure == memory.exposure
             && told.pace.is_none_or(|pace| cluster.pacer.pace() == pace)
             && cluster.shown.scene == memory.scene
             && cluster.shown.revision == memory.revision;
@@ -235,8 +234,7 @@ impl Watch {
                 told.views = Some(views.clone());
                 is_kept(|memory, asked| *asked == Request::SetViews(memory.views.clone()))?;
             }
-            (Request::SetExposure(exposure), Reply::Done) => {
-                told.exposure = Some(*exposure);
+            (Request::SetExposure(_), Reply::Done) => {
                 is_kept(|memory, asked| *asked == Request::SetExposure(memory.exposure))?;
             }
             (Request::Run(pace), Reply::Done) => {
