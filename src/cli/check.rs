@@ -1,9 +1,13 @@
 //! `polyptych check`: what a wall file describes, or what is wrong with it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use polyptych_protocol::wall::{file, table::WallTable};
+use anyhow::anyhow;
+use polyptych_manager::import::read_wall_files;
+use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::wall::shapes::{Shaped, Shapes};
+use polyptych_protocol::wall::{Wall, file, table::WallTable};
 
 use super::{bake_files, manager, say};
 
@@ -11,7 +15,7 @@ use super::{bake_files, manager, say};
 pub(super) struct Arguments {
     /// The wall file
     wall: PathBuf,
-    /// Print JSON instead of a table
+    /// Print JSON instead of a table; what nobody knows is left out of it, never null
     #[arg(long)]
     json: bool,
 }
@@ -19,10 +23,8 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     match file::load(&arguments.wall) {
         Ok(mut wall) => {
-            if !wall.files.is_empty() {
-                bake_files(&mut wall, &arguments.wall, &manager::default_baker()?)?;
-            }
-            let table = WallTable::of(&wall);
+            let shapes = shapes(&mut wall, &arguments.wall)?;
+            let table = WallTable::of(Shaped { wall: &wall, shapes: &shapes });
             if arguments.json {
                 say(serde_json::to_string_pretty(&table)?)?;
             } else {
@@ -44,4 +46,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
         Err(error) => Err(anyhow::anyhow!("{error}")),
     }
+}
+
+/// The geometry that the wall's calibration files give it.
+fn shapes(wall: &mut Wall, path: &Path) -> anyhow::Result<Shapes> {
+    if wall.files.is_empty() {
+        return Ok(Shapes::default());
+    }
+    let baker = manager::default_baker()?;
+    bake_files(wall, path, &baker)?;
+    let files = read_wall_files(wall, &BlobFolder::new(baker.store.join("blobs")));
+    let files = files.map_err(|reason| anyhow!("{}: {reason}", path.display()))?;
+    Ok(Shapes::new(wall, &files))
 }

@@ -5,12 +5,13 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DVec2, UVec2};
+use glam::{DVec2, DVec3, UVec2};
 
 use super::adjustment::{EyeOf, Packing};
 use super::pixels::PixelMap;
+use super::shapes::{Ground, Shaped, Shapes};
 use super::tiling::Rect;
-use super::{Channel, Cover, Screen, Wall};
+use super::{Channel, Cover, Screen, Surface};
 
 /// Places at which channels are asked for, all channels of a screen together: a second of work.
 const SAMPLES_MAX: usize = 1 << 22;
@@ -23,6 +24,10 @@ const EDGE_SAMPLES: u32 = 33;
 
 /// How far a projector's ray may miss the point that it was aimed at, as a share of its distance.
 const MISS_MAX: f64 = 1e-6;
+
+/// Maximum distance beyond the canvas of a place that counts as on its edge, in pixels: what f32
+/// in calibration files rounds by.
+const EDGE_SLACK_PX: f64 = 0.01;
 
 /// A screen's canvas, as one eye sees it covered.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,40 +93,63 @@ pub(super) fn is_plain(channel: &Channel) -> bool {
 /// What a channel covers.
 pub(super) struct Footprint<'a> {
     channel: &'a Channel,
-    screen: &'a Screen,
+    ground: Ground<'a>,
     map: Option<PixelMap<'a>>,
 }
 
 impl<'a> Footprint<'a> {
+    /// The footprint of a channel without calibration files.
     pub fn new(channel: &'a Channel, screen: &'a Screen) -> Self {
-        Self { channel, screen, map: PixelMap::new(channel, screen) }
+        Self::shaped(channel, screen, Shapes::none())
     }
 
-    /// Whether the channel shows this place of the canvas.
+    /// The footprint of a channel with the geometry of its calibration files.
+    pub fn shaped(channel: &'a Channel, screen: &'a Screen, shapes: &'a Shapes) -> Self {
+        let map = PixelMap::shaped(channel, screen, shapes);
+        Self { channel, ground: shapes.ground(screen), map }
+    }
+
+    /// Returns whether the channel shows this place of the canvas.
     pub fn covers(&self, canvas: DVec2) -> bool {
+        self.pixel_at(canvas).is_some()
+    }
+
+    /// The place of the channel's picture, in pixels, that shows this place of the canvas.
+    pub fn pixel_at(&self, canvas: DVec2) -> Option<DVec2> {
         if let Cover::Projector(projector) = &self.channel.cover {
             // The far side of a curved screen lies in the same direction, but in the dark.
-            let lit = self.screen.display_from_canvas(canvas).is_some_and(|point| {
-                let hit = projector.place(point);
-                let hit = hit.and_then(|place| projector.lit(&self.screen.surface, place));
-                let slack = MISS_MAX * (1.0 + point.distance(projector.position));
-                hit.is_some_and(|hit| hit.distance(point) < slack)
-            });
-            if !lit {
-                return false;
-            }
+            let point = self.ground.display_from_canvas(canvas)?;
+            let hit = self.ground.hit(projector.position, point - projector.position);
+            let slack = MISS_MAX * (1.0 + point.distance(projector.position));
+            hit.filter(|(hit, _)| hit.distance(point) < slack)?;
         }
         let size = self.channel.size.as_dvec2();
-        let pixel = self.map.as_ref().and_then(|map| map.pixel_from_canvas(canvas));
-        pixel.is_some_and(|pixel| pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all())
+        let pixel = self.map.as_ref()?.pixel_from_canvas(canvas)?;
+        (pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all()).then_some(pixel)
     }
 
-    /// Whether the light of a place of the channel's picture, (0, 0) to (1, 1), meets the canvas.
-    pub fn lands(&self, place: DVec2) -> bool {
-        let pixel = place * self.channel.size.as_dvec2();
-        let canvas = self.map.as_ref().and_then(|map| map.canvas_from_pixel(pixel));
-        let end = self.screen.canvas.as_dvec2();
-        canvas.is_some_and(|at| at.cmpge(DVec2::ZERO).all() && at.cmple(end).all())
+    /// The point of display space, in metres, that a place of the channel's picture lights, in
+    /// pixels; `None` if its light misses the canvas.
+    pub fn lit_point(&self, pixel: DVec2) -> Option<DVec3> {
+        let map = self.map.as_ref()?;
+        let canvas = map.canvas_from_pixel(pixel)?;
+        let is_rounded = self.channel.cover == Cover::Map || self.ground.is_mesh();
+        let slack = DVec2::splat(if is_rounded { EDGE_SLACK_PX } else { 0.0 });
+        let high = self.ground.screen.canvas.as_dvec2() + slack;
+        let is_on = canvas.cmpge(-slack).all() && canvas.cmple(high).all();
+        map.display_from_pixel(pixel).filter(|point| is_on && point.is_finite())
+    }
+
+    /// The pixel map of the channel; `None` if its pins leave no picture.
+    pub fn map(&self) -> Option<&PixelMap<'a>> {
+        self.map.as_ref()
+    }
+
+    /// Returns whether everything that says where its pixels lie is known, calibration files too.
+    pub fn is_known(&self) -> bool {
+        let is_mesh = matches!(self.ground.screen.surface, Surface::Mesh(_));
+        let is_placed = !is_mesh || self.ground.is_mesh() || self.channel.cover == Cover::Map;
+        is_placed && self.map.as_ref().is_some_and(PixelMap::is_known)
     }
 
     /// The side at which this channel ends in a ramp without width, though another is there.
@@ -144,13 +172,15 @@ impl<'a> Footprint<'a> {
     }
 }
 
-/// How a screen is covered, for each eye; nothing where only files know.
-pub fn coverage(wall: &Wall, screen: usize) -> Vec<Coverage> {
+/// How a screen is covered, for each eye; empty if calibration files say it that are not read.
+pub fn coverage<'a>(of: impl Into<Shaped<'a>>, screen: usize) -> Vec<Coverage> {
+    let of: Shaped<'a> = of.into();
+    let wall = of.wall;
     let Some(surface) = wall.screens.get(screen) else { return Vec::new() };
     let on_screen = |channel: &&Channel| usize::from(channel.screen) == screen;
     let is_unknown = |channel: &Channel| {
-        let is_mesh = surface.display_from_canvas(DVec2::ZERO).is_none();
-        channel.cover == Cover::Map || (is_mesh && channel.cover != Cover::Tile)
+        let map = PixelMap::shaped(channel, surface, of.shapes);
+        !map.is_none_or(|map| map.is_known())
     };
     if wall.channels.iter().filter(on_screen).any(is_unknown) {
         return Vec::new();
@@ -160,14 +190,14 @@ pub fn coverage(wall: &Wall, screen: usize) -> Vec<Coverage> {
             .filter(|index| on_screen(&&wall.channels[*index]))
             .filter(|index| is_seen_by(&wall.channels[*index], *eye))
             .collect();
-        of_group(wall, surface, *eye, &indices)
+        of_group(of, surface, *eye, &indices)
     };
     eyes(wall.channels.iter().filter(on_screen)).iter().map(of_eye).collect()
 }
 
-fn of_group(wall: &Wall, screen: &Screen, eye: EyeOf, indices: &[usize]) -> Coverage {
-    let prints: Vec<Footprint<'_>> =
-        indices.iter().map(|index| Footprint::new(&wall.channels[*index], screen)).collect();
+fn of_group(of: Shaped<'_>, screen: &Screen, eye: EyeOf, indices: &[usize]) -> Coverage {
+    let print = |index: &usize| Footprint::shaped(&of.wall.channels[*index], screen, of.shapes);
+    let prints: Vec<Footprint<'_>> = indices.iter().map(print).collect();
     let (cells, pairs) = if prints.iter().all(|print| is_plain(print.channel)) {
         exact(screen.canvas, &prints)
     } else {

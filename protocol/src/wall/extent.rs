@@ -1,32 +1,61 @@
 //! How long a line on a screen is, in metres and in degrees as the eye sees it; and how densely
 //! what is drawn fills a channel's pixels.
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
+use super::Channel;
 use super::pixels::PixelMap;
-use super::source::SourcePlan;
+use super::shapes::Shaped;
+use super::source::{SourceError, SourcePlan};
 use super::warp_mesh::{MeshRule, WarpMesh};
-use super::{Channel, Cover, Wall};
 use crate::limits::TEXTURE_SIDE_MAX;
 
 /// Straight pieces that a line is measured in.
 const PIECES: u32 = 32;
 
-/// The metres and the degrees of the line through these places, which go from 0 to 1; NaN where a
-/// part of it is nowhere.
-pub(super) fn of_line(eye: DVec3, place: impl Fn(f64) -> Option<DVec3>) -> [f64; 2] {
-    let mut sums = [0.0; 2];
-    let mut before = None;
-    for step in 0..=PIECES {
-        let Some(point) = place(f64::from(step) / f64::from(PIECES)) else {
-            return [f64::NAN; 2];
+/// Bisections by which the end of what lies on a surface is found: a piece to its 2⁻³²nd part.
+const BISECTIONS: usize = 32;
+
+/// The length of a line, as far as it lies on a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Extent {
+    /// Along the surface, in metres.
+    pub metres: f64,
+    /// Seen from the eye, in degrees.
+    pub degrees: f64,
+}
+
+/// The extent of the line through these places, which go from 0 to 1: the sum of all parts that
+/// lie somewhere. `None` if none of 33 places does, the middle among them.
+pub(super) fn of_line(eye: DVec3, place: impl Fn(f64) -> Option<DVec3>) -> Option<Extent> {
+    let at = |step: u32| f64::from(step) / f64::from(PIECES);
+    let points: Vec<Option<DVec3>> = (0..=PIECES).map(|step| place(at(step))).collect();
+    points.iter().flatten().next()?;
+    let mut sum = Extent::default();
+    for (step, pair) in (0..PIECES).zip(points.windows(2)) {
+        let ends = match *pair {
+            [Some(a), Some(b)] => (a, b),
+            [Some(a), None] => (a, last_place(&place, at(step), at(step + 1)).unwrap_or(a)),
+            [None, Some(b)] => (last_place(&place, at(step + 1), at(step)).unwrap_or(b), b),
+            _ => continue,
         };
-        if let Some(before) = before.replace(point) {
-            sums[0] += point.distance(before);
-            sums[1] += angle(before - eye, point - eye).to_degrees();
+        sum.metres += ends.0.distance(ends.1);
+        sum.degrees += angle(ends.0 - eye, ends.1 - eye).to_degrees();
+    }
+    (sum.metres.is_finite() && sum.degrees.is_finite()).then_some(sum)
+}
+
+/// The last point on the way from a place that lies somewhere to one that lies nowhere.
+fn last_place(place: impl Fn(f64) -> Option<DVec3>, mut on: f64, mut off: f64) -> Option<DVec3> {
+    let mut last = None;
+    for _ in 0..BISECTIONS {
+        let middle = f64::midpoint(on, off);
+        match place(middle) {
+            Some(point) => (on, last) = (middle, Some(point)),
+            None => off = middle,
         }
     }
-    sums
+    last
 }
 
 /// The angle between two directions in radians, exact for the tiny angles of one pixel, where the
@@ -36,20 +65,22 @@ pub(super) fn angle(a: DVec3, b: DVec3) -> f64 {
     2.0 * (scaled_a - scaled_b).length().atan2((scaled_a + scaled_b).length())
 }
 
-/// How many pixels of the flat pictures that are drawn go into a pixel of the display: where and
-/// in which direction they are fewest, and where they are most. Of the very plan that a server
-/// draws by, with textures of the weakest supported driver; NaN where it has none, or where only
-/// files know.
-pub(super) fn sampling(wall: &Wall, channel: &Channel) -> [f64; 2] {
-    let unknown = [f64::NAN; 2];
-    let screen = wall.screen_of(channel);
-    let is_file = screen.display_from_canvas(DVec2::ZERO).is_none();
-    let map = PixelMap::new(channel, screen).filter(|_| channel.cover != Cover::Map && !is_file);
-    let Some(map) = map else { return unknown };
+/// The pixels of the flat pictures that are drawn for each pixel of the channel: where and in
+/// which direction they are fewest, and where they are most. They come from the very plan that a
+/// server draws by, with textures of the weakest supported driver.
+///
+/// # Errors
+/// Why a server cannot draw the channel: nothing of it is lit, or the eye is on or behind it.
+pub(super) fn sampling(
+    of: Shaped<'_>,
+    channel: &Channel,
+    map: &PixelMap<'_>,
+) -> Result<[f64; 2], SourceError> {
     let place = |pixel| map.display_from_pixel(pixel);
     let mesh = WarpMesh::new(channel.size, MeshRule::default(), place);
-    let plan = SourcePlan::new(&mesh, &[wall.eye], wall.near_m, TEXTURE_SIDE_MAX);
-    plan.map_or(unknown, |plan| [plan.density_min, plan.density_max])
+    let plan = SourcePlan::new(&mesh, &[of.wall.eye], of.wall.near_m, TEXTURE_SIDE_MAX)?;
+    let range = [plan.density_min, plan.density_max];
+    range.iter().all(|density| density.is_finite()).then_some(range).ok_or(SourceError::Nothing)
 }
 
 #[cfg(test)]
@@ -58,7 +89,7 @@ mod tests {
 
     use super::*;
     use crate::wall::surface::Cylinder;
-    use crate::wall::{Screen, Surface};
+    use crate::wall::{Screen, Surface, Wall};
 
     #[test]
     fn a_cylinder_is_drawn_finer_at_its_sides_than_it_needs() {
@@ -76,7 +107,8 @@ mod tests {
         let screen = Screen::new("round", Surface::Cylinder(cylinder), canvas);
         let channel = Channel::tile("round", 0, UVec2::ZERO, canvas);
         let wall = Wall::new("w", vec![screen], vec![channel]);
-        let [fewest, most] = sampling(&wall, &wall.channels[0]);
+        let map = wall.pixel_map(crate::ids::ChannelId(0)).unwrap();
+        let [fewest, most] = sampling(Shaped::from(&wall), &wall.channels[0], &map).unwrap();
         let expected = 1.0 / half.cos().powi(2);
         // Sides of what is drawn are rounded up to whole steps.
         assert!((1.0..1.1).contains(&fewest), "{fewest}");
@@ -89,9 +121,26 @@ mod tests {
             let (sin, cos) = (t * std::f64::consts::FRAC_PI_2).sin_cos();
             Some(DVec3::new(sin, 0.0, -cos) * 2.0)
         };
-        let [metres, degrees] = of_line(DVec3::ZERO, quarter);
+        let Extent { metres, degrees } = of_line(DVec3::ZERO, quarter).unwrap();
         assert!((degrees - 90.0).abs() < 1e-9, "{degrees}");
         assert!((metres / std::f64::consts::PI - 1.0).abs() < 2e-4, "{metres}");
-        assert!(of_line(DVec3::ZERO, |_| None)[0].is_nan());
+        assert_eq!(of_line(DVec3::ZERO, |_| None), None);
+    }
+
+    #[test]
+    fn a_line_that_leaves_its_surface_is_measured_up_to_the_edge() {
+        let piece = |low: f64, high: f64| {
+            let line = move |t: f64| {
+                (low..=high).contains(&t).then_some(DVec3::new(4.0 * t - 2.0, 0.0, -1.0))
+            };
+            of_line(DVec3::ZERO, line)
+        };
+        let Extent { metres, degrees } = piece(0.31, 0.735).unwrap();
+        assert!((metres - 4.0 * 0.425).abs() < 1e-8, "{metres}");
+        let expected = (0.94_f64.atan() + 0.76_f64.atan()).to_degrees();
+        assert!((degrees - expected).abs() < 1e-6, "{degrees}");
+        // Thinner than a piece, around the middle.
+        let thin = piece(0.4999, 0.5002).unwrap();
+        assert!((thin.metres - 0.0012).abs() < 1e-8, "{thin:?}");
     }
 }

@@ -117,4 +117,4 @@ pub fn schema() -> String {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

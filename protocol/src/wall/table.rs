@@ -1,29 +1,42 @@
 //! What `polyptych check` says about a wall: who shows what, how large, how sharp.
+//!
+//! No number in it is NaN or infinite. What nobody knows is `None`: the text has a dash there, and
+//! JSON leaves the key out.
 
+mod channel_row;
+mod crossing;
+mod lit_part;
+mod plausibility;
 mod text;
 mod warnings;
 
 use glam::{DVec2, DVec3, UVec2};
 use serde::Serialize;
 
-use super::coverage::{self, Coverage, Footprint, Patch, is_plain};
-use super::pixels::PixelMap;
-use super::{Channel, Cover, EyeOf, Projection, Screen, Surface, Wall, extent};
+use super::coverage::{self, Coverage, Patch, is_plain};
+use super::shapes::{Ground, Shaped};
+use super::{Channel, EyeOf, Packing, Screen, Surface, Wall, extent};
 
-/// Places of a channel, across and down, of which it is counted how many miss the screen.
-const SPILL_SIDE: u32 = 64;
+pub use channel_row::{ChannelRow, ProjectorRow};
+
+/// Places of a curved screen, across and down, of which the one nearest to the eye is taken.
+const NEAREST_SIDE: u32 = 64;
 
 /// A wall in numbers. Displays as text with units; serialises for `--json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WallTable {
     /// The wall's name.
     pub name: String,
-    /// Pixels of all channels together.
+    /// Pixels of all displays together, both eyes' where they are packed.
     pub pixels_total: u64,
     /// Samples per pixel.
     pub samples: u32,
     /// Where the eye stands, in metres of display space.
     pub eye_m: [f64; 3],
+    /// How the wall shows depth.
+    pub stereo: Stereo,
+    /// From the left eye to the right one, in metres.
+    pub eye_separation_m: f64,
     /// The near plane's distance from the eye in metres.
     pub near_m: f64,
     /// In the order of the wall file.
@@ -34,6 +47,20 @@ pub struct WallTable {
     pub warnings: Vec<String>,
 }
 
+/// How a wall shows depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stereo {
+    /// One picture for both eyes.
+    None,
+    /// Some channels are for the left eye, some for the right one.
+    Passive,
+    /// The pictures of both eyes share a display.
+    Packed,
+    /// Some channels are for one eye, others are packed.
+    Mixed,
+}
+
 /// A screen in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ScreenRow {
@@ -41,15 +68,22 @@ pub struct ScreenRow {
     pub name: String,
     /// `plane`, `cylinder`, `sphere` or `mesh`.
     pub surface: &'static str,
-    /// Width and height in metres along the surface, bezels included; 0 for a mesh.
-    pub size_m: [f64; 2],
+    /// Width and height in metres along the surface, bezels included; of a mesh, along the middle
+    /// of its canvas.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size_m: Option<[f64; 2]>,
     /// Width and height of the canvas in pixels, bezels included.
     pub pixels: [u32; 2],
+    /// Width and height of one pixel of the canvas in metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pitch_m: Option<[f64; 2]>,
     /// From the eye to the screen's plane in metres; to the nearest place of a curved screen.
-    pub eye_distance_m: f64,
-    /// The gaps between tiles, where the wall file asks for such.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub eye_distance_m: Option<f64>,
+    /// The gaps between tiles, if the wall file asks for such.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub bezel: Option<BezelRow>,
-    /// What channels cover, for each eye; nothing where only files know.
+    /// What channels cover, for each eye; empty if calibration files say it that were not read.
     pub coverage: Vec<CoverageRow>,
 }
 
@@ -60,10 +94,12 @@ pub struct CoverageRow {
     pub eye: EyeOf,
     /// The share of the canvas that a channel shows.
     pub covered: f64,
-    /// Most channels that show one place.
+    /// Maximum number of channels that show one place.
     pub layers_max: u32,
     /// Whether light is shared: then what is not covered was not hidden on purpose.
     pub blends: bool,
+    /// Number of pixels that no channel shows, all parts together.
+    pub uncovered_pixels: f64,
     /// Parts that no channel shows, the largest first.
     pub uncovered: Vec<PatchRow>,
     /// Channels that show the same.
@@ -80,9 +116,13 @@ pub struct PatchRow {
     /// That rectangle's width and height in pixels.
     pub pixels: [f64; 2],
     /// The same in metres along the surface.
-    pub size_m: [f64; 2],
-    /// How many pixels the part has.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size_m: Option<[f64; 2]>,
+    /// Number of pixels of the part itself, which may be fewer than the rectangle has.
     pub area: f64,
+    /// The part itself in square metres; only of planes and cylinders, whose pixels are equal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub area_m2: Option<f64>,
 }
 
 /// Two channels that show the same.
@@ -107,52 +147,22 @@ pub struct BezelRow {
     pub in_force_m: [f64; 2],
 }
 
-/// A channel in numbers.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ChannelRow {
-    /// The channel's name.
-    pub name: String,
-    /// The name of its screen.
-    pub screen: String,
-    /// The server that drives it.
-    pub server: String,
-    /// Width and height.
-    pub pixels: [u32; 2],
-    /// The upper left pixel on the screen's canvas.
-    pub origin: [u32; 2],
-    /// Width and height in metres.
-    pub size_m: [f64; 2],
-    /// The angles between the middles of opposite edges as seen from the eye, across and down.
-    pub degrees: [f64; 2],
-    /// At the channel's centre, across or down, whichever is fewer. An eye with full sight tells
-    /// about 60 apart.
-    pub pixels_per_degree: f64,
-    /// How it gets its frustum: `shared` or `own`; `warp` where its pixels are no even grid on a
-    /// plane.
-    pub projection: &'static str,
-    /// `tile`, `projector` or `map`.
-    pub cover: &'static str,
-    /// For whose eye it is: `center`, `left` or `right`.
-    pub eye: EyeOf,
-    /// How many pixels of the flat pictures that are drawn go into one of the display, at least
-    /// and at most, as this eye sees it. Of a tile of a plane, 1 and 1.
-    pub sampling: [f64; 2],
-    /// The share of its pixels that miss the screen.
-    pub spill: f64,
-}
-
 impl WallTable {
-    /// The numbers of a wall, from its own eye.
-    pub fn of(wall: &Wall) -> Self {
+    /// The numbers of a wall, from its own eye, with what its calibration files say.
+    pub fn of<'a>(of: impl Into<Shaped<'a>>) -> Self {
+        let of: Shaped<'a> = of.into();
+        let wall = of.wall;
         let screens: Vec<ScreenRow> =
-            (0..wall.screens.len()).map(|index| screen_row(wall, index)).collect();
+            (0..wall.screens.len()).map(|index| screen_row(of, index)).collect();
         let channels: Vec<ChannelRow> =
-            wall.channels.iter().map(|channel| channel_row(wall, channel)).collect();
+            wall.channels.iter().map(|channel| ChannelRow::new(of, channel)).collect();
         Self {
             name: wall.name.clone(),
-            pixels_total: wall.channels.iter().map(|c| area(c.size)).sum(),
+            pixels_total: wall.channels.iter().map(|c| area(c.display_size())).sum(),
             samples: wall.samples,
             eye_m: wall.eye.to_array(),
+            stereo: stereo(wall),
+            eye_separation_m: wall.eye_separation_m,
             near_m: wall.near_m,
             warnings: warnings::warnings(wall, &screens, &channels),
             screens,
@@ -165,11 +175,29 @@ fn area(size: UVec2) -> u64 {
     u64::from(size.x) * u64::from(size.y)
 }
 
+fn stereo(wall: &Wall) -> Stereo {
+    let adjustments = || wall.channels.iter().map(|channel| &channel.adjustment);
+    let is_packed = adjustments().any(|of| of.packing != Packing::None);
+    let is_passive = adjustments().any(|of| of.eye != EyeOf::Center);
+    match (is_passive, is_packed) {
+        (false, false) => Stereo::None,
+        (true, false) => Stereo::Passive,
+        (false, true) => Stereo::Packed,
+        (true, true) => Stereo::Mixed,
+    }
+}
+
 fn pitch_m(screen: &Screen) -> DVec2 {
     screen.size_m() / screen.canvas.as_dvec2()
 }
 
-fn screen_row(wall: &Wall, index: usize) -> ScreenRow {
+/// Both numbers, if they are finite.
+fn finite<const N: usize>(numbers: [f64; N]) -> Option<[f64; N]> {
+    numbers.iter().all(|number| number.is_finite()).then_some(numbers)
+}
+
+fn screen_row(of: Shaped<'_>, index: usize) -> ScreenRow {
+    let wall = of.wall;
     let screen = &wall.screens[index];
     let surface = match screen.surface {
         Surface::Plane(_) => "plane",
@@ -177,53 +205,75 @@ fn screen_row(wall: &Wall, index: usize) -> ScreenRow {
         Surface::Sphere(_) => "sphere",
         Surface::Mesh(_) => "mesh",
     };
-    let coverage = coverage::coverage(wall, index);
+    let ground = of.shapes.ground(screen);
+    let size_m = match screen.surface {
+        Surface::Mesh(_) => mesh_size_m(ground, wall.eye),
+        _ => finite(screen.size_m().to_array()),
+    };
+    let coverage = coverage::coverage(of, index);
     ScreenRow {
         name: screen.name.clone(),
         surface,
-        size_m: screen.size_m().to_array(),
+        size_m,
         pixels: screen.canvas.to_array(),
+        pitch_m: size_m
+            .and_then(|size| finite((DVec2::from(size) / screen.canvas.as_dvec2()).to_array())),
         eye_distance_m: match screen.frustum(wall.eye) {
-            Some(seen) => seen.distance_m,
-            None => nearest_m(screen, wall.eye),
+            Some(seen) => Some(seen.distance_m).filter(|distance| distance.is_finite()),
+            None => nearest_m(ground, wall.eye),
         },
         bezel: screen.bezel.map(|bezel| BezelRow {
             asked_m: bezel.asked_m.to_array(),
             pixels: bezel.pixels.to_array(),
             in_force_m: (bezel.pixels.as_dvec2() * pitch_m(screen)).to_array(),
         }),
-        coverage: coverage.iter().map(|of_eye| coverage_row(wall, index, of_eye)).collect(),
+        coverage: coverage.iter().map(|of_eye| coverage_row(of, index, of_eye)).collect(),
     }
 }
 
-/// The least distance to a curved screen, at a grid of its places.
-fn nearest_m(screen: &Screen, eye: DVec3) -> f64 {
-    let at = |step: u32| f64::from(step) / f64::from(SPILL_SIDE);
-    let places =
-        (0..=SPILL_SIDE).flat_map(|y| (0..=SPILL_SIDE).map(move |x| DVec2::new(at(x), at(y))));
-    let points = places.filter_map(|place| screen.surface.display_from_uv(place));
-    points.map(|point| point.distance(eye)).min_by(f64::total_cmp).unwrap_or(f64::NAN)
+/// Width and height of a mesh along the middle of its canvas.
+fn mesh_size_m(ground: Ground<'_>, eye: DVec3) -> Option<[f64; 2]> {
+    let canvas = ground.screen.canvas.as_dvec2();
+    let along = |axis: DVec2| {
+        let place = |t: f64| ground.display_from_canvas(canvas * (0.5 + axis * (t - 0.5)));
+        extent::of_line(eye, place).map(|line| line.metres)
+    };
+    Some([along(DVec2::X)?, along(DVec2::Y)?])
 }
 
-fn coverage_row(wall: &Wall, index: usize, coverage: &Coverage) -> CoverageRow {
+/// The least distance to a curved screen, at a grid of its places.
+fn nearest_m(ground: Ground<'_>, eye: DVec3) -> Option<f64> {
+    let at = |step: u32| f64::from(step) / f64::from(NEAREST_SIDE);
+    let places = (0..=NEAREST_SIDE)
+        .flat_map(|y| (0..=NEAREST_SIDE).map(move |x| DVec2::new(at(x), at(y))));
+    let canvas = ground.screen.canvas.as_dvec2();
+    let points = places.filter_map(|place| ground.display_from_canvas(place * canvas));
+    let distances = points.map(|point| point.distance(eye)).filter(|distance| distance.is_finite());
+    distances.min_by(f64::total_cmp)
+}
+
+fn coverage_row(of: Shaped<'_>, index: usize, coverage: &Coverage) -> CoverageRow {
+    let wall = of.wall;
     let screen = &wall.screens[index];
     let open: f64 = coverage.holes.iter().map(|hole| hole.area).sum();
     let on_screen = |channel: &&Channel| usize::from(channel.screen) == index;
     let is_tiled =
         coverage.overlaps.is_empty() && wall.channels.iter().filter(on_screen).all(is_plain);
     let name = |index: usize| wall.channels[index].name.clone();
+    let ground = of.shapes.ground(screen);
     CoverageRow {
         eye: coverage.eye,
         covered: 1.0 - open / area(screen.canvas) as f64,
         layers_max: coverage.layers_max,
         blends: !is_tiled,
-        uncovered: coverage.holes.iter().map(|hole| patch_row(screen, wall.eye, *hole)).collect(),
+        uncovered_pixels: open,
+        uncovered: coverage.holes.iter().map(|hole| patch_row(ground, wall.eye, *hole)).collect(),
         overlaps: coverage
             .overlaps
             .iter()
             .map(|overlap| OverlapRow {
                 channels: overlap.channels.map(name),
-                patch: patch_row(screen, wall.eye, overlap.patch),
+                patch: patch_row(ground, wall.eye, overlap.patch),
                 is_blended: overlap.is_blended,
             })
             .collect(),
@@ -231,70 +281,22 @@ fn coverage_row(wall: &Wall, index: usize, coverage: &Coverage) -> CoverageRow {
     }
 }
 
-fn patch_row(screen: &Screen, eye: DVec3, patch: Patch) -> PatchRow {
+fn patch_row(ground: Ground<'_>, eye: DVec3, patch: Patch) -> PatchRow {
     let Patch { origin, size, area } = patch;
     let middle = origin + size / 2.0;
     let along = |axis: DVec2| {
-        let place = |t: f64| screen.display_from_canvas(middle + axis * size * (t - 0.5));
-        extent::of_line(eye, place)[0]
+        let place = |t: f64| ground.display_from_canvas(middle + axis * size * (t - 0.5));
+        extent::of_line(eye, place).map(|line| line.metres)
     };
+    let is_even = matches!(ground.screen.surface, Surface::Plane(_) | Surface::Cylinder(_));
+    let pixel_m2 = pitch_m(ground.screen).element_product();
     PatchRow {
         origin: origin.to_array(),
         pixels: size.to_array(),
-        size_m: [along(DVec2::X), along(DVec2::Y)],
+        size_m: along(DVec2::X).zip(along(DVec2::Y)).map(|(across, down)| [across, down]),
         area,
+        area_m2: Some(area * pixel_m2).filter(|area| is_even && area.is_finite()),
     }
-}
-
-fn channel_row(wall: &Wall, channel: &Channel) -> ChannelRow {
-    let screen = wall.screen_of(channel);
-    let size = channel.size.as_dvec2();
-    let map = PixelMap::new(channel, screen);
-    let over = |step: DVec2| {
-        let place = |t: f64| map.as_ref()?.display_from_pixel(size / 2.0 + step * (t - 0.5));
-        extent::of_line(wall.eye, place)
-    };
-    let (across, down) = (over(DVec2::X * size), over(DVec2::Y * size));
-    let degrees_per_pixel = over(DVec2::X)[1].max(over(DVec2::Y)[1]);
-    let is_even = is_plain(channel) && screen.plane().is_some();
-    ChannelRow {
-        name: channel.name.clone(),
-        screen: screen.name.clone(),
-        server: channel.server.clone(),
-        pixels: channel.size.to_array(),
-        origin: channel.origin.to_array(),
-        size_m: [across[0], down[0]],
-        degrees: [across[1], down[1]],
-        pixels_per_degree: 1.0 / degrees_per_pixel,
-        projection: match channel.projection {
-            _ if !is_even => "warp",
-            Projection::Shared => "shared",
-            Projection::Own => "own",
-        },
-        cover: match channel.cover {
-            Cover::Tile => "tile",
-            Cover::Projector(_) => "projector",
-            Cover::Map => "map",
-        },
-        eye: channel.adjustment.eye,
-        sampling: if is_even { [1.0; 2] } else { extent::sampling(wall, channel) },
-        spill: spill(channel, screen),
-    }
-}
-
-/// The share of a projector's pixels that miss the screen; of others, whose pixels lie on it by
-/// what they are, none.
-fn spill(channel: &Channel, screen: &Screen) -> f64 {
-    let is_file = screen.display_from_canvas(DVec2::ZERO).is_none();
-    if !matches!(channel.cover, Cover::Projector(_)) || is_file {
-        return 0.0;
-    }
-    let print = Footprint::new(channel, screen);
-    let at = |step: u32| (f64::from(step) + 0.5) / f64::from(SPILL_SIDE);
-    let places =
-        (0..SPILL_SIDE).flat_map(|y| (0..SPILL_SIDE).map(move |x| DVec2::new(at(x), at(y))));
-    let missed = places.filter(|place| !print.lands(*place)).count();
-    missed as f64 / f64::from(SPILL_SIDE * SPILL_SIDE)
 }
 
 #[cfg(test)]

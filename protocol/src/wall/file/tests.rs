@@ -2,9 +2,9 @@
 
 mod adjusted;
 mod curved;
-mod generated;
+pub(in crate::wall) mod generated;
 mod meaning;
-mod random;
+pub(in crate::wall) mod random;
 mod shape;
 
 use std::path::{Path, PathBuf};

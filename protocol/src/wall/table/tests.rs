@@ -1,5 +1,8 @@
 //! Walls in numbers and in text.
 
+mod hard;
+mod random;
+
 use super::text::thousands;
 use super::*;
 use crate::wall::file;
@@ -27,11 +30,11 @@ fn a_wall_in_numbers() {
     assert_eq!(table.pixels_total, 1920 * 1080);
     let channel = &table.channels[3];
     assert_eq!((channel.name.as_str(), channel.origin), ("front-2-2", [960, 540]));
-    assert!((channel.size_m[0] - 0.96).abs() < 1e-12);
+    assert!((channel.size_m.unwrap()[0] - 0.96).abs() < 1e-12);
     // The middle of the tile is 0.27 m below the eye: its edges 0.96 m apart at 0.9973 m.
     let half = (0.96_f64 * 0.96 + 0.27 * 0.27).sqrt();
-    assert!((channel.degrees[0] - (0.96 / half).atan().to_degrees()).abs() < 1e-9);
-    assert_eq!(table.screens[0].eye_distance_m, 0.96);
+    assert!((channel.degrees.unwrap()[0] - (0.96 / half).atan().to_degrees()).abs() < 1e-9);
+    assert_eq!(table.screens[0].eye_distance_m, Some(0.96));
     assert_eq!(table.warnings, [] as [String; 0]);
 }
 
@@ -40,7 +43,7 @@ fn a_pixel_at_the_foot_of_the_eye_has_the_angle_of_its_pitch() {
     let table = table(&TWO_BY_TWO.replace("columns = 2", "").replace("rows = 2", ""));
     // One tile of 960 × 540 on 1.92 × 1.08 m: 2 mm at 0.96 m.
     let expected = 1.0 / (2.0 * (0.001_f64 / 0.96).atan()).to_degrees();
-    assert!((table.channels[0].pixels_per_degree / expected - 1.0).abs() < 1e-9);
+    assert!((table.channels[0].pixels_per_degree.unwrap() / expected - 1.0).abs() < 1e-9);
 }
 
 #[test]
@@ -93,7 +96,7 @@ fn overlaps_are_in_the_table() {
     assert_eq!((coverage.covered, coverage.layers_max, coverage.blends), (1.0, 4, true));
     let overlap = &coverage.overlaps[0];
     assert_eq!(overlap.patch.pixels, [288.0, 1080.0]);
-    assert!((overlap.patch.size_m[0] - 0.288).abs() < 1e-9, "{overlap:?}");
+    assert!((overlap.patch.size_m.unwrap()[0] - 0.288).abs() < 1e-9, "{overlap:?}");
     assert_eq!(table.warnings, [] as [String; 0]);
     let text = table.to_string();
     assert!(text.contains("coverage: 100.00 %, 4 channels at most over one place, 11 overlaps"));
@@ -108,15 +111,15 @@ fn a_cylinder_in_numbers() {
     let table = config("cylinder-360.toml");
     assert_eq!((table.screens[0].surface, table.warnings.len()), ("cylinder", 0));
     for channel in &table.channels {
-        assert!((channel.degrees[0] - 360.0 / 14.0).abs() < 1e-9, "{channel:?}");
+        assert!((channel.degrees.unwrap()[0] - 360.0 / 14.0).abs() < 1e-9, "{channel:?}");
         // A chord of each 32nd part of the strip.
-        assert!((channel.size_m[0] - 6.0 * std::f64::consts::PI / 14.0).abs() < 1e-4);
-        assert_eq!((channel.projection, channel.cover, channel.spill), ("warp", "tile", 0.0));
-        let [fewest, most] = channel.sampling;
+        assert!((channel.size_m.unwrap()[0] - 6.0 * std::f64::consts::PI / 14.0).abs() < 1e-4);
+        assert_eq!((channel.projection, channel.cover, channel.spill), ("warp", "tile", Some(0.0)));
+        let [fewest, most] = channel.sampling.unwrap();
         assert!(fewest >= 0.999 && (1.0..1.5).contains(&most), "{channel:?}");
     }
     let expected = 16_800.0 / 360.0;
-    assert!((table.channels[6].pixels_per_degree / expected - 1.0).abs() < 1e-3);
+    assert!((table.channels[6].pixels_per_degree.unwrap() / expected - 1.0).abs() < 1e-3);
 }
 
 #[test]
@@ -127,10 +130,10 @@ fn five_projectors_cover_a_dome() {
     assert_eq!(table.warnings, [] as [String; 0]);
     assert!(coverage.layers_max >= 3, "{coverage:?}");
     for channel in &table.channels {
-        let [fewest, most] = channel.sampling;
+        let [fewest, most] = channel.sampling.unwrap();
         assert!(fewest >= 1.0 && most < 1.1, "{channel:?}");
     }
-    let spill: Vec<f64> = table.channels.iter().map(|channel| channel.spill).collect();
+    let spill: Vec<f64> = table.channels.iter().map(|channel| channel.spill.unwrap()).collect();
     // Below the springline there is no dome: 0.48 - tan 25° of 1.52.
     assert!((spill[0] - (0.48 - 25_f64.to_radians().tan()) / 1.52).abs() < 0.02, "{spill:?}");
     assert_eq!(spill[4], 0.0);
@@ -140,7 +143,7 @@ fn five_projectors_cover_a_dome() {
 fn what_textures_cannot_hold_is_warned_of() {
     let wall = file::parse(TWO_BY_TWO, "wall.toml".as_ref()).unwrap();
     let mut table = WallTable::of(&wall);
-    table.channels[1].sampling = [0.4, 3.0];
+    table.channels[1].sampling = Some([0.4, 3.0]);
     let said = warnings::warnings(&wall, &table.screens, &table.channels);
     let expected = "channel front-2-1: with textures of 8192 pixels it is drawn from 0.40 pixels \
                     for one of its own where they are fewest";
@@ -200,11 +203,13 @@ fn both_eyes_are_told_apart_and_files_not_guessed() {
     });
     wall.screens[0].surface = Surface::Mesh(0);
     let table = WallTable::of(&wall);
-    assert!(table.channels[0].degrees[0].is_nan() && table.warnings.is_empty(), "{table}");
+    assert!(table.channels[0].degrees.is_none() && table.warnings.is_empty(), "{table}");
     let text = table.to_string();
     assert!(
         text.contains("screen front: mesh, 960 × 540 pixels\n") && text.contains("–"),
         "{text}"
     );
-    assert!(serde_json::to_string(&table).unwrap().contains("\"sampling\":[null,null]"));
+    let json = serde_json::to_string(&table).unwrap();
+    assert!(!json.contains("null") && !json.contains("sampling"), "{json}");
+    assert!(json.contains("\"unknown\":\"its calibration files were not read\""), "{json}");
 }

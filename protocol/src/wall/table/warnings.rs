@@ -2,7 +2,7 @@
 
 use glam::UVec2;
 
-use super::{ChannelRow, CoverageRow, ScreenRow, pitch_m};
+use super::{ChannelRow, CoverageRow, ScreenRow, crossing, pitch_m, plausibility};
 use crate::limits::TEXTURE_SIDE_MAX;
 use crate::wall::coverage::is_plain;
 use crate::wall::{Channel, EyeOf, Surface, Wall};
@@ -25,6 +25,8 @@ const SAMPLING_MIN: f64 = 0.999;
 /// Everything that is to be said of the wall and of its rows.
 pub(super) fn warnings(wall: &Wall, screens: &[ScreenRow], channels: &[ChannelRow]) -> Vec<String> {
     let mut warnings = uneven_pixels(wall);
+    warnings.extend(plausibility::warnings(wall, screens, channels));
+    warnings.extend(crossing::warnings(wall));
     for channel in wall.channels.iter().filter(|channel| is_plain(channel)) {
         if channel.origin % 2 != UVec2::ZERO {
             warnings.push(format!(
@@ -40,24 +42,46 @@ pub(super) fn warnings(wall: &Wall, screens: &[ScreenRow], channels: &[ChannelRo
             warnings.extend(overlaps(wall, index, screen, coverage));
         }
     }
-    for channel in channels.iter().filter(|channel| channel.sampling[0] < SAMPLING_MIN) {
-        warnings.push(format!(
-            "channel {}: with textures of {TEXTURE_SIDE_MAX} pixels it is drawn from {:.2} pixels \
-             for one of its own where they are fewest; divide it, or move the eye away from its \
-             screen",
-            channel.name, channel.sampling[0]
-        ));
-    }
-    for channel in channels.iter().filter(|channel| channel.spill > SPILL_MAX) {
-        warnings.push(format!(
-            "channel {}: {:.0} % of its pixels miss screen {}; aim its projector, or narrow its \
-             picture",
-            channel.name,
-            channel.spill * 100.0,
-            channel.screen
-        ));
-    }
+    warnings.extend(channels.iter().filter_map(sampling));
+    warnings.extend(channels.iter().filter_map(spill));
     warnings
+}
+
+fn sampling(channel: &ChannelRow) -> Option<String> {
+    let [fewest, _] = channel.sampling.filter(|[fewest, _]| *fewest < SAMPLING_MIN)?;
+    Some(format!(
+        "channel {}: with textures of {TEXTURE_SIDE_MAX} pixels it is drawn from {fewest:.2} \
+         pixels for one of its own where they are fewest; divide it, or move the eye away from \
+         its screen",
+        channel.name
+    ))
+}
+
+/// Light that is lost, and channels that cannot be drawn at all.
+fn spill(channel: &ChannelRow) -> Option<String> {
+    let ChannelRow { name, screen, .. } = channel;
+    let remedy = if channel.cover == "projector" {
+        "aim its projector, or narrow its picture"
+    } else {
+        "check its pins, or the units and the origin of its warp file"
+    };
+    match (channel.spill, &channel.unknown) {
+        (Some(1.0), _) => Some(format!("channel {name} lights nothing of screen {screen}; {remedy}")),
+        (Some(_), Some(why)) => {
+            Some(format!("channel {name} cannot be drawn: {why}; move the eye, or {remedy}"))
+        }
+        (Some(share), None) if share > SPILL_MAX => Some(format!(
+            "channel {name}: {} of its pixels miss screen {screen}; {remedy}",
+            percent(share)
+        )),
+        _ => None,
+    }
+}
+
+/// A share in percent that says neither 0 nor 100 unless it is so.
+fn percent(share: f64) -> String {
+    let percent = share * 100.0;
+    if percent > 99.0 { format!("{percent:.3} %") } else { format!("{percent:.0} %") }
 }
 
 fn uneven_pixels(wall: &Wall) -> Vec<String> {

@@ -273,7 +273,7 @@ fn cover(wall: &Wall, channel: &mut Channel, adjust: &Adjust) {
 }
 
 /// A wall that a file can say.
-pub(super) fn wall() -> impl Strategy<Value = Wall> {
+pub(in crate::wall) fn wall() -> impl Strategy<Value = Wall> {
     (
         prop::collection::vec(seed(), 1..4),
         prop::array::uniform3(-100.0..100.0),

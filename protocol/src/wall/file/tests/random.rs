@@ -45,7 +45,7 @@ const ODD: [&str; 16] = [
     "'''",
 ];
 
-fn mutated() -> impl Strategy<Value = String> {
+pub(in crate::wall) fn mutated() -> impl Strategy<Value = String> {
     let good = prop::sample::select(vec![
         SMALLEST,
         BY_HAND,
