@@ -6,6 +6,8 @@ mod cylinder;
 mod dome;
 mod grid;
 mod import;
+mod pose;
+mod projectors;
 mod save;
 
 use std::fmt::Write;
@@ -14,20 +16,21 @@ use std::process::ExitCode;
 
 use anyhow::{Context, anyhow, bail};
 use polyptych_protocol::wall::file;
+use polyptych_protocol::wall::table::WallTable;
 
 use super::say;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Wall {
-    /// Displays in columns and rows on one plane, with bezels or overlaps between them
+    /// Displays or projectors in columns and rows on one plane, with bezels or overlaps
     Grid(grid::Arguments),
-    /// Flat screens in an arch around the viewer
+    /// Flat screens in an arch around the viewer, displays or each with a projector
     Arch(arch::Arguments),
-    /// Displays side by side on a cylinder around the viewer
+    /// Displays or projectors side by side on a cylinder around the viewer
     Cylinder(cylinder::Arguments),
     /// Walls of a room: left, front, right, floor, ceiling, back
     Cave(cave::Arguments),
-    /// Projectors in the middle of a dome
+    /// Projectors at the rim of a dome
     Dome(dome::Arguments),
     /// Make a wall file of an MPCDI archive
     Import(import::Arguments),
@@ -68,7 +71,7 @@ pub(super) fn run(wall: &Wall) -> anyhow::Result<ExitCode> {
 /// Writes a wall file that passes its own check.
 fn write(text: &str, common: &Common) -> anyhow::Result<()> {
     let path = common.output.as_deref().unwrap_or(Path::new("wall.toml"));
-    file::parse(text, path).map_err(|error| {
+    let wall = file::parse(text, path).map_err(|error| {
         anyhow!("these numbers make no wall: {}: {}; {}", error.key(), error.what(), error.remedy())
     })?;
     let Some(path) = &common.output else { return say(text.trim_end()) };
@@ -77,7 +80,28 @@ fn write(text: &str, common: &Common) -> anyhow::Result<()> {
     }
     crate::pictures::write_whole(path, text.as_bytes())
         .with_context(|| format!("cannot write {}", path.display()))?;
-    say(format_args!("{0}: polyptych check {0} prints it", path.display()))
+    let table = WallTable::of(&wall);
+    say(format_args!("{}: {}", path.display(), kind(&table)))?;
+    table.warnings.iter().try_for_each(|warning| say(format_args!("warning: {warning}")))?;
+    say(format_args!("polyptych check {} prints it", path.display()))
+}
+
+/// What the channels of a wall are, in one line.
+fn kind(table: &WallTable) -> String {
+    let count = super::counted(table.channels.len(), "channel");
+    let projectors: Vec<_> = table.channels.iter().filter_map(|row| row.projector).collect();
+    let Some(first) = projectors.first() else {
+        return format!("{count} on the surface: panels, or projectors that something else warps");
+    };
+    let distances = projectors.iter().filter_map(|projector| projector.distance_m);
+    let near = distances.clone().fold(f64::INFINITY, f64::min);
+    let far = distances.fold(0.0, f64::max);
+    let low = projectors.iter().map(|of| of.position_m[1]).fold(f64::INFINITY, f64::min);
+    format!(
+        "{count} of projectors by pose, throw {:.2}:1, {near:.2} to {far:.2} m from what they \
+         light, lenses {low:.2} m above the floor or higher",
+        first.throw_ratio
+    )
 }
 
 /// The beginning of every wall file: comments, and what holds for the whole wall.

@@ -16,6 +16,7 @@
 //! - `views`: both eyes, and other cameras on parts of the wall
 //! - `unlit`: unlit colours are shown as their files say, on every kind of channel
 //! - `twins`: the same commands give the same bytes, whoever draws
+//! - `check`: what a wall file comes to, in numbers that are all there
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
 //! - `trust`: walls of several machines: keys, and who is refused for want of the right ones
 //! - `failures`: what fails is away, and the wall goes on: the table of failures, with its times
@@ -30,6 +31,7 @@
 //! - `report`: what a simulated wall writes
 
 mod back_pressure;
+mod check;
 mod client_library;
 mod displays;
 mod exact;

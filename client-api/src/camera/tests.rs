@@ -232,7 +232,7 @@ fn orbit_puts_a_scene_in_the_middle_of_screens_of_every_shape() {
         ("panoramic-3.toml", DVec3::new(0.0, 1.4, -3.0)),
         ("powerwall-overlap.toml", DVec3::new(0.0, 0.0, -3.0)),
         // Half way up to the zenith.
-        ("dome-5.toml", DVec3::new(0.0, 1.6 + 8.0_f64.sqrt(), -8.0_f64.sqrt())),
+        ("dome-5.toml", DVec3::new(0.0, 2.6 + 8.0_f64.sqrt(), -8.0_f64.sqrt())),
     ] {
         let camera = orbit(&config(name), &bounds, 0.3);
         assert_eq!(camera.fault(), None, "{name}");

@@ -244,8 +244,8 @@ fn mesh_size_m(ground: Ground<'_>, eye: DVec3) -> Option<[f64; 2]> {
 /// The least distance to a curved screen, at a grid of its places.
 fn nearest_m(ground: Ground<'_>, eye: DVec3) -> Option<f64> {
     let at = |step: u32| f64::from(step) / f64::from(NEAREST_SIDE);
-    let places = (0..=NEAREST_SIDE)
-        .flat_map(|y| (0..=NEAREST_SIDE).map(move |x| DVec2::new(at(x), at(y))));
+    let places =
+        (0..=NEAREST_SIDE).flat_map(|y| (0..=NEAREST_SIDE).map(move |x| DVec2::new(at(x), at(y))));
     let canvas = ground.screen.canvas.as_dvec2();
     let points = places.filter_map(|place| ground.display_from_canvas(place * canvas));
     let distances = points.map(|point| point.distance(eye)).filter(|distance| distance.is_finite());

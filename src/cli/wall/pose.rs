@@ -13,11 +13,15 @@ use polyptych_protocol::wall::projector::Projector;
 
 use super::round;
 
-/// Steps of turning a projector toward its target; each leaves a fraction of the error.
-const AIM_STEPS: usize = 60;
+/// Maximum number of steps of turning a projector toward its target; each leaves a fraction of the
+/// error.
+const AIM_STEPS: usize = 40;
+
+/// A target is in the middle of a picture when it is off by no more than this tangent.
+const AIM_ERROR: f64 = 1e-9;
 
 /// Places between the nearest and the farthest one that are tried.
-const DISTANCES: u32 = 240;
+const DISTANCES: u32 = 60;
 
 /// Bisections between a place that is too near and one that is not: 16 m to a millimetre.
 const BISECTIONS: usize = 14;
@@ -27,6 +31,9 @@ const FACTORS: [f64; 6] = [1.0, 1.08, 1.2, 1.35, 1.6, 2.0];
 
 /// By how much higher projectors are tried than where they were meant to hang, in metres.
 const RAISES_M: [f64; 4] = [0.0, 0.3, 0.7, 1.2];
+
+/// By how much each second projector hangs higher than its neighbours, in metres.
+const STAGGERS_M: [f64; 2] = [0.0, 0.35];
 
 /// Half the room that a projector takes, in metres: right, up and back.
 const BODY_M: DVec3 = DVec3::new(0.2, 0.12, 0.2);
@@ -135,17 +142,30 @@ impl Pose {
     }
 }
 
-/// Poses for all targets, each as near as it can be.
+/// Poses for all targets, each as near as it can be; farther away, and then higher, if they would
+/// stand in each other's light.
 pub(super) fn solve(lens: Lens, targets: &[Target], room: &Room) -> Result<Vec<Pose>, Trouble> {
     let mut first = None;
-    for raise_m in RAISES_M {
-        for factor in FACTORS {
-            match all(lens, targets, room, raise_m, factor) {
-                Ok(poses) => return Ok(poses),
-                Err(trouble) => first = first.or(Some(trouble)),
+    let raises = if room.may_raise { &RAISES_M[..] } else { &RAISES_M[..1] };
+    let staggers = if room.may_raise { &STAGGERS_M[..] } else { &STAGGERS_M[..1] };
+    for factor in FACTORS {
+        for raise_m in raises {
+            for stagger_m in staggers {
+                match all(lens, targets, room, (*raise_m, *stagger_m), factor) {
+                    Ok(poses) => return Ok(poses),
+                    Err(trouble) => {
+                        let is_too_far = matches!(trouble, Trouble::Reach { .. });
+                        first = first.or(Some(trouble));
+                        if is_too_far {
+                            break;
+                        }
+                    }
+                }
             }
         }
-        if !room.may_raise {
+        // Fixed places have no distance, and what cannot be reached cannot be from farther away.
+        let is_fixed = targets.iter().all(|target| matches!(target.stand, Stand::At(_)));
+        if is_fixed || matches!(first, Some(Trouble::Reach { .. })) {
             break;
         }
     }
@@ -157,11 +177,14 @@ fn all(
     lens: Lens,
     targets: &[Target],
     room: &Room,
-    raise_m: f64,
+    (raise_m, stagger_m): (f64, f64),
     factor: f64,
 ) -> Result<Vec<Pose>, Trouble> {
-    let pose = |target| one(lens, target, room, raise_m, factor);
-    let poses = targets.iter().map(pose).collect::<Result<Vec<Pose>, Trouble>>()?;
+    let pose = |(index, target): (usize, &Target)| {
+        let is_second = index % 2 == 1;
+        one(lens, target, room, raise_m + if is_second { stagger_m } else { 0.0 }, factor)
+    };
+    let poses = targets.iter().enumerate().map(pose).collect::<Result<Vec<Pose>, Trouble>>()?;
     let names = |a: &Pose, b: &Pose| [a.name.clone(), b.name.clone()];
     for (index, pose) in poses.iter().enumerate() {
         let (projector, surface) = (pose.projector(), &room.surfaces[index % room.surfaces.len()]);
@@ -197,9 +220,7 @@ fn takes_light(projector: &Projector, surface: &Surface, point: DVec3) -> bool {
     let place = projector.place(point);
     let is_in = |at: &DVec2| at.min_element() >= 0.0 && at.max_element() <= 1.0;
     let lit = place.filter(is_in).and_then(|place| projector.lit(surface, place));
-    lit.is_some_and(|lit| {
-        lit.distance(projector.position) > point.distance(projector.position)
-    })
+    lit.is_some_and(|lit| lit.distance(projector.position) > point.distance(projector.position))
 }
 
 /// The nearest pose that covers a target, then as many times as far away.
@@ -218,7 +239,8 @@ fn one(
     };
     let at = |distance: f64| {
         let place = point + inward * distance;
-        aim(lens, target, DVec3::new(place.x, height_m + raise_m, place.z).to_array().map(round).into())
+        let place = [place.x, height_m + raise_m, place.z].map(round);
+        aim(lens, target, place.into())
     };
     let ratio = (far / near).powf(1.0 / f64::from(DISTANCES));
     let distance = |step: u32| near * ratio.powf(f64::from(step));
@@ -249,9 +271,8 @@ fn aim(lens: Lens, target: &Target, place: DVec3) -> Option<Pose> {
         };
         let mut tangents = target.points.iter().map(tangent);
         let first = tangents.next()??;
-        tangents.try_fold((first, first), |(low, high), at| {
-            at.map(|at| (low.min(at), high.max(at)))
-        })
+        tangents
+            .try_fold((first, first), |(low, high), at| at.map(|at| (low.min(at), high.max(at))))
     };
     // Level first: as much shift as the lens has.
     let level = seen(yaw, 0.0).map(|(low, high)| (low.y + high.y) / (4.0 * half.y));
@@ -263,8 +284,10 @@ fn aim(lens: Lens, target: &Target, place: DVec3) -> Option<Pose> {
         let (low, high) = seen(yaw, pitch)?;
         let off = (low + high) / 2.0;
         yaw -= off.x.atan();
-        if !is_level {
-            pitch += off.y.atan() - (2.0 * half.y * shift).atan();
+        let up = if is_level { 0.0 } else { off.y.atan() - (2.0 * half.y * shift).atan() };
+        pitch += up;
+        if off.x.abs().max(up.abs()) < AIM_ERROR {
+            break;
         }
     }
     let turned = [yaw.to_degrees(), pitch.to_degrees()].map(round);

@@ -117,7 +117,7 @@ fn thrown(size: [u32; 2], position: DVec3, rotation: DQuat, tangents: [f64; 4]) 
 /// which a picture along the middle of its rays had eight times as many pixels for, in two planes.
 #[test]
 fn a_projector_is_drawn_as_it_throws() {
-    // The front channel of dome-5, a steeper shift to both sides, and a turned one.
+    // One in the middle of a dome, a steeper shift to both sides, and a turned one.
     let shifted: [([f64; 4], f64, f64, DVec3); 3] = [
         ([-1.35, 1.35, -0.48, 1.04], 25.0, 0.0, DVec3::ZERO),
         ([-0.3, 1.5, -0.2, 1.2], 40.0, 0.6, DVec3::ZERO),

@@ -125,7 +125,8 @@ fn meet_on(before: &[Option<f64>], is_on: impl Fn(&Option<f64>) -> bool) -> Meet
 /// How far a point is before a surface in metres, negative behind it; `None` beside it.
 fn before_m(surface: &Surface, point: DVec3) -> Option<f64> {
     let uv = surface.uv_from_display(point)?;
-    let is_inside = uv.cmpge(DVec2::splat(INSET)).all() && uv.cmple(DVec2::splat(1.0 - INSET)).all();
+    let is_inside =
+        uv.cmpge(DVec2::splat(INSET)).all() && uv.cmple(DVec2::splat(1.0 - INSET)).all();
     let foot = surface.display_from_uv(uv).filter(|_| is_inside)?;
     Some(surface.normal(uv)?.dot(point - foot)).filter(|distance| distance.is_finite())
 }

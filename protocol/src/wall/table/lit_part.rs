@@ -53,9 +53,10 @@ impl LitPart {
         }
         let (low, high) = look.bounds(size);
         let middle = (low + high) / 2.0;
-        let near = look.lit.iter().min_by(|a, b| {
-            a.distance_squared(middle).total_cmp(&b.distance_squared(middle))
-        })?;
+        let near = look
+            .lit
+            .iter()
+            .min_by(|a, b| a.distance_squared(middle).total_cmp(&b.distance_squared(middle)))?;
         let middle = print.lit_point(middle).map_or(*near, |_| middle);
         let looked = look.step * f64::from(SIDE) / size;
         let share = look.lit.len() as f64 / f64::from(SIDE * SIDE) * looked.element_product();
@@ -80,8 +81,7 @@ impl Look {
 
     /// A look at where places of the canvas are in the picture.
     fn around(print: &Footprint<'_>, size: DVec2, canvas: DVec2) -> Option<Self> {
-        let pixels: Vec<DVec2> =
-            middles().filter_map(|at| print.pixel_at(at * canvas)).collect();
+        let pixels: Vec<DVec2> = middles().filter_map(|at| print.pixel_at(at * canvas)).collect();
         let low = pixels.iter().copied().reduce(DVec2::min)?;
         let high = pixels.iter().copied().reduce(DVec2::max)?;
         let margin = (high - low) / 2.0 + 1.0;

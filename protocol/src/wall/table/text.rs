@@ -2,7 +2,9 @@
 
 use std::fmt;
 
-use super::{BezelRow, ChannelRow, CoverageRow, OverlapRow, PatchRow, ScreenRow, Stereo, WallTable};
+use super::{
+    BezelRow, ChannelRow, CoverageRow, OverlapRow, PatchRow, ScreenRow, Stereo, WallTable,
+};
 use crate::wall::{EyeOf, Packing, Turn};
 
 /// Maximum number of overlaps and holes of a screen that are printed: `--json` has all.

@@ -66,7 +66,9 @@ fn spill(channel: &ChannelRow) -> Option<String> {
         "check its pins, or the units and the origin of its warp file"
     };
     match (channel.spill, &channel.unknown) {
-        (Some(1.0), _) => Some(format!("channel {name} lights nothing of screen {screen}; {remedy}")),
+        (Some(1.0), _) => {
+            Some(format!("channel {name} lights nothing of screen {screen}; {remedy}"))
+        }
         (Some(_), Some(why)) => {
             Some(format!("channel {name} cannot be drawn: {why}; move the eye, or {remedy}"))
         }

@@ -104,9 +104,7 @@ fn what_an_eye_gets_and_what_a_display_gets_are_both_told() {
 #[test]
 fn turned_and_mirrored_displays_are_told() {
     let half = |name: &str, x: u32| {
-        format!(
-            "[[screen.channel]]\nname = \"{name}\"\norigin = [{x}, 0]\npixels = [90, 270]\n"
-        )
+        format!("[[screen.channel]]\nname = \"{name}\"\norigin = [{x}, 0]\npixels = [90, 270]\n")
     };
     let turns = "[channel.a]\nturn = \"left\"\n[channel.b]\nturn = \"right\"\nmirror = true\n\
                  [channel.c]\nturn = \"half\"\n";

@@ -8,11 +8,13 @@ use serde_json::Value;
 
 use super::*;
 use crate::ids::BlobHash;
+use crate::wall::FileKind;
 use crate::wall::file::tests::{generated, random};
 use crate::wall::maps::Maps;
 use crate::wall::shapes::Shapes;
-use crate::wall::warp::{MapSpace, Mask, WallMap, WarpGrid, WarpMap, WarpMesh, WarpShape, WarpVertex};
-use crate::wall::FileKind;
+use crate::wall::warp::{
+    MapSpace, Mask, WallMap, WarpGrid, WarpMap, WarpMesh, WarpShape, WarpVertex,
+};
 
 /// Refuses a table in which a number is none: in JSON it would be null, in text a word.
 fn check_finite(table: &WallTable) -> Result<(), TestCaseError> {
