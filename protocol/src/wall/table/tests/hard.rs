@@ -1,5 +1,7 @@
 //! Walls as integrators bring them: light beside the screen, stereo, turned panels, wrong units.
 
+use std::fmt::Write;
+
 use super::*;
 
 /// A cylinder of 120° and 3 m radius, lit by three projectors that overshoot it: they hang 2.6 m
@@ -12,7 +14,8 @@ fn overshoot(back_m: f64, degrees: [f64; 2], rest: &str) -> String {
     for (at, azimuth) in [-40.0_f64, 0.0, 40.0].iter().enumerate() {
         let (sin, cos) = azimuth.to_radians().sin_cos();
         let out = 3.0 - back_m;
-        text += &format!(
+        let _ = write!(
+            text,
             "[[screen.channel]]\nname = \"p{}\"\npixels = [960, 600]\n[screen.channel.projector]\n\
              position = [{:?}, 2.8, {:?}]\nlook_at = [{:?}, 1.5, {:?}]\ndegrees = {degrees:?}\n",
             at + 1,

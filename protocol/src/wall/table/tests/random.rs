@@ -1,5 +1,6 @@
 //! Every wall that a wall file can say, with and without its calibration files, has finite numbers.
 
+use std::fmt::Write;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
@@ -117,11 +118,11 @@ fn projected() -> impl Strategy<Value = String> {
         prop::array::uniform3(-0.8..0.8),
         (length(0.01, 170.0), length(0.01, 170.0)),
         prop::array::uniform2(-1.0..1.0),
-        prop::array::uniform2(1u32..3000),
+        prop::array::uniform2(1u32..500),
     );
     let screen = (0..3_u8, length(0.002, 5e5), length(0.05, 1.0), 5.0..180.0_f64);
     let channels = prop::collection::vec(projector, 1..4);
-    (screen, channels, prop::array::uniform2(1u32..9000)).prop_map(
+    (screen, channels, prop::array::uniform2(1u32..4000)).prop_map(
         |((form, side, flat, half), channels, pixels)| {
             let high = side * flat;
             let form = match form {
@@ -143,7 +144,8 @@ fn projected() -> impl Strategy<Value = String> {
             for (at, (position, toward, degrees, shift, size)) in channels.iter().enumerate() {
                 let position = position.map(|part: f64| part * side * 0.9);
                 let target = [toward[0] * side, toward[1] * high, -side];
-                text += &format!(
+                let _ = write!(
+                    text,
                     "[[screen.channel]]\nname = \"c{at}\"\npixels = {size:?}\nprojector = {{ \
                      position = {position:?}, look_at = {target:?}, degrees = {degrees:?}, shift \
                      = {shift:?} }}\n",
