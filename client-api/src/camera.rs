@@ -24,9 +24,9 @@ const NEAR_PLANES_MIN: f64 = 1.05;
 /// front of the eye (towards −Z), and touch two opposite edges of it; across the other direction
 /// the box is centred. (A rod that points to the eye keeps its middle in the middle of the screen,
 /// and touches one edge.) Screens that continue that one in its plane count as one with it. Of
-/// curved screens a rectangle in front of the eye is used, 77° wide where they surround the eye. The
-/// centre of the box lies at the depth of the screen. Bounds without extent count as a cube with a
-/// half diagonal of one unit.
+/// curved screens a rectangle in front of the eye is used, 77° wide where they surround the eye.
+/// The centre of the box lies at the depth of the screen. Bounds without extent count as a cube
+/// with a half diagonal of one unit.
 pub fn overview(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
     let rotation = rotation(heading_rad);
     let window = Window::of_wall(wall);

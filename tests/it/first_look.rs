@@ -26,13 +26,13 @@ fn plate(size: Vec3, at: DVec3) -> Gltf {
     Model::of(vec![sheet(top, Vec3::new(0.0, 0.0, -half.z)), front]).gltf()
 }
 
-fn is_red(pixel: &Rgba<u8>) -> bool {
+fn is_red(pixel: Rgba<u8>) -> bool {
     pixel[0] > 120 && pixel[1] < 80 && pixel[2] < 80
 }
 
 /// Shares of width and height that the red part of a picture takes, and of its pixels.
 fn red_part(picture: &RgbaImage) -> [f64; 3] {
-    let red = picture.enumerate_pixels().filter(|(_, _, pixel)| is_red(pixel));
+    let red = picture.enumerate_pixels().filter(|(_, _, pixel)| is_red(**pixel));
     let (mut min, mut max, mut count) = ([u32::MAX; 2], [0; 2], 0u32);
     for (x, y, _) in red {
         (min, max) = ([min[0].min(x), min[1].min(y)], [max[0].max(x), max[1].max(y)]);
@@ -103,7 +103,7 @@ fn an_opened_scene_touches_the_edges_of_the_wall_and_is_nowhere_cut_off() {
         // Seen from +z, nothing of it lies beyond an edge: both ends of the edge pixels' rows are
         // as far from the edge across the wall.
         let columns = (0..picture.width())
-            .filter(|&x| (0..picture.height()).any(|y| is_red(picture.get_pixel(x, y))));
+            .filter(|&x| (0..picture.height()).any(|y| is_red(*picture.get_pixel(x, y))));
         let columns: Vec<u32> = columns.collect();
         let left = columns.first().copied().unwrap_or(0);
         let right = picture.width() - 1 - columns.last().copied().unwrap_or(0);

@@ -1,9 +1,10 @@
 //! The exposure of scenes whose lights have real units: thousands of lux would all be white.
 //!
 //! Surfaces are sampled on a grid in the box of each primitive. The geometric mean of those that
-//! are lit is what a photographer would meter (E. Reinhard et al., *Photographic Tone Reproduction for
-//! Digital Images*, 2002); emission counts as the illuminance that makes a white surface as bright.
-//! At the suggested exposure a mid-grey surface in that light has middle brightness.
+//! are lit is what a photographer would meter (E. Reinhard et al., *Photographic Tone
+//! Reproduction for Digital Images*, 2002). Emission counts as the illuminance that makes a white
+//! surface as bright. At the suggested exposure a mid-grey surface in that light has middle
+//! brightness.
 
 use std::f64::consts::PI;
 

@@ -139,8 +139,8 @@ impl Options {
 /// Poses for this throw ratio and number of channels; else an error that names what works.
 ///
 /// # Errors
-/// What stands in the way, and the throw ratio nearest to that asked for with which there are poses;
-/// so too the number of channels, if `of` is the option for it.
+/// What stands in the way, and the throw ratio nearest to that asked for with which there are
+/// poses; so too the number of channels, if `of` is the option for it.
 pub(super) fn poses(
     (throw, channels): (f64, u32),
     of: Option<&str>,

@@ -122,8 +122,8 @@ fn skinned(origin: [f64; 3], form: Form) -> Builder {
     let bytes: Vec<u8> = columns.iter().flat_map(|value| value.to_le_bytes()).collect();
     let matrices = builder.accessor("MAT4", 5126, 3, &bytes, None);
     let mut nodes: Vec<Value> = skeleton(origin).iter().map(Trs::json).collect();
-    for i in 0..3 {
-        nodes[i]["children"] = json!([i + 2]);
+    for (i, node) in nodes.iter_mut().enumerate().take(3) {
+        node["children"] = json!([i + 2]);
     }
     let node = json!({ "mesh": 0, "skin": 0, "translation": [50, 60, 70], "scale": [3, 3, 3] });
     nodes.insert(0, node);

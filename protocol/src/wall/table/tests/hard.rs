@@ -229,8 +229,9 @@ fn screens_in_one_place_are_warned_of_and_screens_that_touch_are_not() {
 fn viewers_in_the_light_and_servers_in_two_ways_are_warned_of() {
     let beam = |position: [f64; 3], more: &str| {
         format!(
-            "[wall]\nname = \"w\"\n[[screen]]\nname = \"s\"\nsize = [2.0, 1.0]\npixels = [200, 100]\n\
-             center = [0, 0, -2]\n[[screen.channel]]\nname = \"c\"\npixels = [200, 100]\n{more}\
+            "[wall]\nname = \"w\"\n[[screen]]\nname = \"s\"\nsize = [2.0, 1.0]\n\
+             pixels = [200, 100]\ncenter = [0, 0, -2]\n\
+             [[screen.channel]]\nname = \"c\"\npixels = [200, 100]\n{more}\
              projector = {{ position = {position:?}, look_at = [0, 0, -2], tangents = [-0.27, \
              0.27, -0.15, 0.15] }}\n"
         )
@@ -239,7 +240,8 @@ fn viewers_in_the_light_and_servers_in_two_ways_are_warned_of() {
     warned(&beam([0.0, 0.1, 0.1], ""), &["0.14 m from the eye, where the viewer's", "no channel"]);
     let second = "server = \"Node\"\n";
     let two = beam([0.0, 1.2, 2.0], second)
-        + "[[screen.channel]]\nname = \"d\"\npixels = [20, 20]\norigin = [0, 0]\nserver = \"node\"\n";
+        + "[[screen.channel]]\nname = \"d\"\npixels = [20, 20]\norigin = [0, 0]\n\
+           server = \"node\"\n";
     let warnings = table(&two).warnings;
     assert!(warnings.iter().any(|line| line.contains("called \"node\", another")), "{warnings:?}");
 }
