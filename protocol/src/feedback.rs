@@ -72,6 +72,9 @@ pub struct Feedback {
     pub frame_us: u64,
     /// What of that the slowest channel did not draw: network, waiting, deciding.
     pub barrier_us: u64,
+    /// Times that the mouse over a window has moved the wall's camera since the manager started. A
+    /// client that sets a camera of its own with every frame stops doing so once this grows.
+    pub navigations: u64,
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelFeedback>,
 }
@@ -227,11 +230,16 @@ pub struct ChannelStatus {
 pub struct Statistics {
     /// Frames swapped.
     pub frames: u64,
-    /// From the first to the last swap.
+    /// Frames that every channel of the wall had drawn when they were swapped: those that all
+    /// displays show together.
+    pub complete: u64,
+    /// From the beginning of the first frame to the swap of the last one.
     pub seconds: f64,
-    /// From frame command to swap command, in milliseconds.
+    /// From frame command to swap command, in milliseconds; of frames whose deadline passed, that
+    /// long. Frames that waited for no channel are left out.
     pub frame_ms: Spread,
-    /// The slowest waited-for channel's own drawing time, in milliseconds.
+    /// The slowest waited-for channel's own drawing time, in milliseconds, of frames that at least
+    /// one of these had drawn when they were swapped.
     pub draw_ms: Spread,
     /// What of a frame the slowest channel did not draw, in microseconds.
     pub barrier_us: Spread,
@@ -260,7 +268,7 @@ pub struct ChannelStatistics {
     pub state: ChannelState,
     /// Frames shown.
     pub frames: u64,
-    /// From frame command to the arrival of its report, in milliseconds.
+    /// From frame command to the arrival of its report, in milliseconds; late reports too.
     pub frame_ms: Spread,
     /// Its own drawing time, in milliseconds.
     pub draw_ms: Spread,
@@ -333,6 +341,7 @@ mod tests {
             revision: Revision(1),
             frame_us: 1,
             barrier_us: 0,
+            navigations: 0,
             channels: channels.iter().map(channel).collect(),
         }
     }

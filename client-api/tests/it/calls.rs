@@ -48,6 +48,7 @@ fn statistics() -> Statistics {
     let spread = Spread::default();
     Statistics {
         frames: 3,
+        complete: 2,
         seconds: 0.1,
         frame_ms: spread,
         draw_ms: spread,

@@ -92,6 +92,7 @@ pub fn feedback(frame: u64) -> Feedback {
         revision: Revision(3),
         frame_us: 900,
         barrier_us: 100,
+        navigations: 0,
         channels: Vec::new(),
     }
 }

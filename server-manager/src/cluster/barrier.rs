@@ -13,6 +13,7 @@ use polyptych_protocol::status::Drawn;
 use serde::{Deserialize, Serialize};
 
 use super::span;
+use super::statistics::FrameFacts;
 use super::{Cluster, Micros, Output, RequestOf, SessionId};
 
 /// Frames after joining or a change in which a channel warms up: a first draw still compiles and
@@ -271,7 +272,12 @@ impl Cluster {
         let began = self.beginnings.of(drawn.frame, self.frame);
         self.registry.drew(drawn.channel, drawn.draw_us, now, began, allowed);
         let is_its = |b: &&mut Barrier| (b.frame, b.revision) == (drawn.frame, drawn.revision);
-        let Some(barrier) = self.barrier.as_mut().filter(is_its) else { return };
+        let Some(barrier) = self.barrier.as_mut().filter(is_its) else {
+            if let Some(began) = began {
+                self.gathered.add_drawn(drawn, now.saturating_sub(began));
+            }
+            return;
+        };
         barrier.waited.retain(|&id| id != drawn.channel);
         if barrier.awaits(drawn) {
             let busy_us = barrier.busy_us.entry(from).or_default();
@@ -337,7 +343,10 @@ impl Cluster {
             self.deadline.add(slowest_us);
         }
         let feedback = self.aggregate(&barrier, now);
-        self.gathered.add_frame(&feedback, slowest_us, now);
+        let is_awaited = !barrier.awaited.is_empty();
+        let is_complete = feedback.is_complete();
+        let facts = FrameFacts { is_awaited, is_complete, slowest_us };
+        self.gathered.add_frame(&feedback, facts, now);
         let (frame, sent) = (barrier.frame, barrier.sent_channels);
         if let Some(compared) = self.present_calls.swapped(frame, sent, now) {
             self.gathered.add_skews(&compared);

@@ -75,6 +75,18 @@ struct OfChannel {
     draw_calls: u64,
 }
 
+/// What is counted of a swapped frame beside its feedback.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct FrameFacts {
+    /// It waited for at least one channel.
+    pub is_awaited: bool,
+    /// Every channel of the wall had drawn it.
+    pub is_complete: bool,
+    /// The longest drawing time of a server for the channels that it waited for, in microseconds;
+    /// `None` if none of these had drawn.
+    pub slowest_us: Option<u32>,
+}
+
 /// All that was measured since the last reset.
 #[derive(Debug, Default)]
 pub(super) struct Gathered {
@@ -84,6 +96,8 @@ pub(super) struct Gathered {
     barrier: Samples,
     skew: Samples,
     frames: u64,
+    complete: u64,
+    /// When the first frame began.
     first: Option<Micros>,
     last: Micros,
     wire_bytes: u64,
@@ -118,6 +132,8 @@ impl Gathered {
         self.wire_bytes += bytes as u64;
     }
 
+    /// Counts a drawing, `frame_us` after its frame began: one that came after the swap too, since
+    /// a channel that is always late would otherwise have no times.
     pub fn add_drawn(&mut self, drawn: &Drawn, frame_us: Micros) {
         self.totals.add_drawn(usize::from(drawn.channel.0), drawn.draw_us);
         let Some(channel) = self.channels.get_mut(usize::from(drawn.channel.0)) else { return };
@@ -127,14 +143,20 @@ impl Gathered {
         channel.draw_calls = u64::from(drawn.draw_calls);
     }
 
-    pub fn add_frame(&mut self, feedback: &Feedback, slowest_us: Option<u32>, now: Micros) {
-        self.totals.add_frame(feedback.frame_us, feedback.barrier_us, slowest_us);
+    /// Counts a frame that is swapped at `now`.
+    pub fn add_frame(&mut self, feedback: &Feedback, facts: FrameFacts, now: Micros) {
+        self.totals.add_frame(feedback.frame_us, feedback.barrier_us, facts);
         self.frames += 1;
-        self.first.get_or_insert(now);
+        self.complete += u64::from(facts.is_complete);
+        self.first.get_or_insert(now.saturating_sub(feedback.frame_us));
         self.last = now;
-        // What nobody drew took no time, and says nothing of those who draw.
-        if let Some(slowest) = slowest_us {
+        // A frame that waits for no channel takes no time, and says nothing of those that do. One
+        // whose deadline passed took that long, even if no channel drew it.
+        if facts.is_awaited {
             self.frame.add_us(feedback.frame_us);
+        }
+        // Without a drawing there is nothing to divide the frame's time by.
+        if let Some(slowest) = facts.slowest_us {
             self.barrier.add_us(feedback.barrier_us);
             self.draw.add_us(u64::from(slowest));
         }
@@ -199,6 +221,7 @@ impl Gathered {
         let seconds = self.first.map_or(0.0, |first| (self.last - first) as f64 * 1e-6);
         Statistics {
             frames: self.frames,
+            complete: self.complete,
             seconds,
             frame_ms: self.frame.spread_ms(),
             draw_ms: self.draw.spread_ms(),

@@ -4,6 +4,8 @@
 //! The statistics of [`super::statistics`] are for one who measures: exact, and forgotten when a
 //! client says so. These are for one who watches, and cost a few additions a frame.
 
+use super::statistics::FrameFacts;
+
 /// Upper bounds of frame times and drawing times, in seconds: the periods of 120, 80, 60, 48, 40,
 /// 30, 24, 20 and 15 frames per second, a little above each, so that a wall that holds its rate
 /// stays below it; then what people see as a stall, up to the longest deadline of most walls.
@@ -59,7 +61,7 @@ impl Histogram {
 pub struct ChannelTotals {
     /// Frames shown.
     pub frames: u64,
-    /// Frames drawn in time to count for the wall.
+    /// Frames drawn, those that came after the swap too.
     pub drawn: u64,
     /// Spent on drawing those, in seconds.
     pub draw_s: f64,
@@ -74,6 +76,8 @@ pub struct ChannelTotals {
 pub struct Totals {
     /// Frames swapped.
     pub frames: u64,
+    /// Frames that every channel of the wall had drawn when they were swapped.
+    pub complete: u64,
     /// From frame command to swap command, in seconds.
     pub frame_s: Histogram,
     /// What of that the slowest channel did not draw, in seconds.
@@ -96,6 +100,7 @@ impl Totals {
     pub(super) fn new(channels: usize) -> Self {
         Self {
             frames: 0,
+            complete: 0,
             frame_s: Histogram::new(FRAME_BOUNDS_S),
             barrier_s: Histogram::new(BARRIER_BOUNDS_S),
             draw_s: Histogram::new(FRAME_BOUNDS_S),
@@ -104,11 +109,14 @@ impl Totals {
         }
     }
 
-    pub(super) fn add_frame(&mut self, frame_us: u64, barrier_us: u64, draw_us: Option<u32>) {
+    pub(super) fn add_frame(&mut self, frame_us: u64, barrier_us: u64, facts: FrameFacts) {
         self.frames += 1;
-        // As in the statistics: what nobody drew took no time.
-        if let Some(draw_us) = draw_us {
+        self.complete += u64::from(facts.is_complete);
+        // As in the statistics: a deadline that passed counts, a frame without channels does not.
+        if facts.is_awaited {
             self.frame_s.add(frame_us as f64 * 1e-6);
+        }
+        if let Some(draw_us) = facts.slowest_us {
             self.barrier_s.add(barrier_us as f64 * 1e-6);
             self.draw_s.add(f64::from(draw_us) * 1e-6);
         }

@@ -62,6 +62,11 @@ impl Exposition {
             ("epoch", &status.epoch.to_string()),
         ])?;
         page.counter("polyptych_frames", "Frames swapped.", totals.frames)?;
+        page.counter(
+            "polyptych_complete_frames",
+            "Frames that every channel of the wall had drawn when they were swapped.",
+            totals.complete,
+        )?;
         page.gauge(
             "polyptych_last_frame",
             "The last frame that was swapped.",

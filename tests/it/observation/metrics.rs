@@ -84,6 +84,8 @@ fn check_numbers(client: &Client, address: &str, names: &[&str]) {
     assert_eq!(metrics.value("polyptych_last_frame"), status.frame.0 as f64);
     assert_eq!(metrics.value("polyptych_revision"), status.revision.0 as f64);
     assert_eq!(metrics.value("polyptych_clients"), 1.0);
+    let complete = metrics.value("polyptych_complete_frames_total");
+    assert_eq!(complete, statistics.complete as f64);
     let close = |name: &str, expected: f64| {
         let value = metrics.value(name);
         assert!((value - expected).abs() <= expected * 1e-6, "{name}: {value}, not {expected}");

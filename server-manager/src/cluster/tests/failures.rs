@@ -155,3 +155,57 @@ fn a_late_channel_that_is_the_last_of_each_frame_rejoins() {
         assert_eq!(stage.state(1), ChannelState::Late);
     }
 }
+
+#[test]
+fn frames_that_end_at_their_deadline_count_their_time() {
+    let mut stage = Stage::new(2);
+    stage.request(Request::Statistics { reset: true });
+    let deadline = stage.cluster.deadline.length();
+    // Nobody draws: first the deadline passes, then, all being late, the longest wait.
+    let took: Vec<f64> = (0..3).map(|_| frame_time(&mut stage, &[]) as f64).collect();
+    assert!(took[0] >= deadline as f64 && took[2] >= took[0], "{took:?}");
+    let statistics = stage.cluster.statistics(false);
+    let frame_ms = statistics.frame_ms;
+    assert_eq!((statistics.frames, frame_ms.count, statistics.complete), (3, 3, 0));
+    assert!(frame_ms.p50 * 1000.0 >= took[1] * 0.99, "{frame_ms:?}, where {took:?} µs passed");
+    assert_eq!(statistics.draw_ms.count, 0, "nothing was drawn");
+    let seconds = took.iter().sum::<f64>() * 1e-6;
+    assert!((statistics.seconds - seconds).abs() < 0.01, "{} of {seconds} s", statistics.seconds);
+    let totals = stage.cluster.snapshot(stage.now).totals;
+    assert_eq!((totals.frame_s.count(), totals.complete), (7, 4), "four before the reset");
+}
+
+#[test]
+fn frames_that_one_channel_missed_are_not_counted_as_complete() {
+    let mut stage = Stage::new(2);
+    stage.request(Request::Statistics { reset: true });
+    frame_time(&mut stage, &[0, 1]);
+    // The first is waited for until its deadline, the others not any more.
+    for _ in 0..3 {
+        frame_time(&mut stage, &[0]);
+    }
+    let statistics = stage.cluster.statistics(false);
+    assert_eq!((statistics.frames, statistics.complete, statistics.late), (4, 1, 1));
+    assert!(statistics.frame_ms.max > 79.0, "{:?}", statistics.frame_ms);
+}
+
+#[test]
+fn a_channel_that_draws_late_has_the_times_of_what_it_drew() {
+    let mut stage = Stage::new(2);
+    stage.request(Request::Statistics { reset: true });
+    for _ in 0..3 {
+        frame_time(&mut stage, &[0]);
+        stage.draw(&[1], 400_000);
+    }
+    let late = &stage.cluster.statistics(false).channels[1];
+    assert_eq!((late.frame_ms.count, late.draw_ms.count), (3, 3));
+    assert!(late.frame_ms.p50 > 400.0 && late.draw_ms.p50 > 19.0, "{late:?}");
+}
+
+#[test]
+fn a_frame_that_waits_for_no_channel_adds_no_time() {
+    let mut stage = Stage::empty(2);
+    stage.order_frame();
+    let statistics = stage.cluster.statistics(false);
+    assert_eq!((statistics.frames, statistics.complete, statistics.frame_ms.count), (1, 0, 0));
+}
