@@ -26,6 +26,7 @@ pub mod superposition;
 pub mod surface;
 pub mod table;
 mod tiling;
+pub mod unfold;
 pub mod view;
 pub mod warp;
 pub mod warp_mesh;
