@@ -27,6 +27,7 @@ pub mod ids;
 pub mod keys;
 pub mod limits;
 pub mod log;
+pub mod navigation;
 pub mod pattern;
 pub mod process;
 pub mod progress;

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::ids::{ChannelId, Digest, Epoch, FrameId, Revision};
+use crate::navigation::Navigation;
 
 /// One message from a render server to the manager.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,6 +34,8 @@ pub enum Status {
     Shown(Shown),
     /// A sign of life, and the first timestamp of a clock estimate.
     Ping(Ping),
+    /// The mouse over a window moves the wall's camera.
+    Navigate(Navigation),
     /// The server ends the connection, and why.
     Goodbye {
         /// For the log and the channel's status.

@@ -3,9 +3,13 @@
 use std::sync::Arc;
 
 use winit::dpi::{PhysicalPosition, PhysicalSize};
+use winit::monitor::MonitorHandle;
 use winit::window::Window;
 
 use crate::renderer::{Content, FINE_FORMAT, Gpu, Label, Output, Picture};
+
+/// Side of a monitor that the window system does not describe, in pixels: windows are not scaled.
+const MONITOR_UNKNOWN_SIDE: u32 = 1 << 20;
 
 /// A window and its surface.
 #[derive(Debug)]
@@ -53,20 +57,34 @@ impl WindowDisplay {
         self.surface.get_capabilities(&gpu.adapter).formats.contains(&FINE_FORMAT)
     }
 
-    /// Places the window as its channel hangs on the wall, the screen's canvas being scaled down
-    /// to the monitor where it is larger. Windows of several servers so make one picture.
-    pub(crate) fn arrange(&self, origin: [u32; 2], size: [u32; 2], canvas: [u32; 2]) {
-        let monitor = self.window.current_monitor().map(|monitor| monitor.size());
-        let scale = monitor.map_or(1.0, |monitor| {
-            let fit = |pixels: u32, of: u32| f64::from(pixels) / f64::from(of.max(1));
-            fit(monitor.width, canvas[0]).min(fit(monitor.height, canvas[1])).min(1.0)
-        });
-        let [x, y, width, height] = [origin[0], origin[1], size[0], size[1]]
-            .map(|pixels| (f64::from(pixels) * scale).round());
-        let size = PhysicalSize::new(width.max(1.0) as u32, height.max(1.0) as u32);
+    /// The size in pixels of the monitor for windows: the primary one, else the first, so that
+    /// all servers of a machine choose the same.
+    pub(crate) fn monitor_size(&self) -> [u32; 2] {
+        let size = self.monitor().map(|monitor| monitor.size());
+        size.map_or([MONITOR_UNKNOWN_SIDE; 2], |size| [size.width, size.height])
+    }
+
+    fn monitor(&self) -> Option<MonitorHandle> {
+        self.window.primary_monitor().or_else(|| self.window.available_monitors().next())
+    }
+
+    /// Places the window on that monitor, its frame included, in pixels. A window manager may
+    /// place it elsewhere.
+    pub(crate) fn place(&self, origin: [u32; 2], size: [u32; 2]) {
+        let corner = self.monitor().map_or(PhysicalPosition::new(0, 0), |m| m.position());
+        let (outer, inner) = (self.window.outer_size(), self.window.inner_size());
+        // A frame takes its room from the picture, so that windows do not cover their neighbours'.
+        let within = |size: u32, outer: u32, inner: u32| {
+            let frame = outer.saturating_sub(inner);
+            if frame < size / 2 { size - frame } else { size }
+        };
+        let width = within(size[0], outer.width, inner.width);
+        let height = within(size[1], outer.height, inner.height);
         // A window manager may give another size; the picture is letterboxed then.
-        let _ = self.window.request_inner_size(size);
-        self.window.set_outer_position(PhysicalPosition::new(x as i32, y as i32));
+        let _ = self.window.request_inner_size(PhysicalSize::new(width.max(1), height.max(1)));
+        let at = |corner: i32, origin: u32| corner.saturating_add_unsigned(origin);
+        let position = PhysicalPosition::new(at(corner.x, origin[0]), at(corner.y, origin[1]));
+        self.window.set_outer_position(position);
     }
 
     /// Its pixels, for a picture that has no other size yet.

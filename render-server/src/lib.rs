@@ -15,6 +15,7 @@ mod fullscreen;
 mod loader;
 mod mismatch;
 mod monitor;
+mod mouse;
 mod network;
 pub mod notice;
 mod output;

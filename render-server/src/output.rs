@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use glam::UVec2;
 use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::unfold::{WindowLayout, WindowRect};
 use polyptych_protocol::wall::{Adjustment, Wall};
 use winit::dpi::PhysicalSize;
 
@@ -21,8 +22,8 @@ pub(crate) struct Output {
     target: Option<Target>,
     /// What was made of the target, where the channel is corrected; else `None`.
     corrected: Option<Picture>,
-    /// Width and height of the picture for which the window was placed.
-    arranged: Option<[u32; 2]>,
+    /// Where the window was placed last; a user may have moved it since.
+    arranged: Option<WindowRect>,
     /// What the display took last. A frame is drawn while the one before is shown, and a display
     /// may have to show that again at any time: uncovered, frozen, or with words over it.
     shown: Option<Shown>,
@@ -159,14 +160,17 @@ impl Output {
         self.target.as_mut().ok_or_else(|| "there is no target".to_owned())
     }
 
-    /// Places the window on its screen's `canvas`, where that was not done yet for pictures of
-    /// this size. In full screen it stays on its monitor.
-    pub fn arrange(&mut self, origin: [u32; 2], size: [u32; 2], canvas: [u32; 2]) {
-        if self.arranged.replace(size) != Some(size)
-            && self.assignment.is_none()
-            && let Surface::Window(display) = &self.surface
-        {
-            display.arrange(origin, size, canvas);
+    /// Places the window of this channel among those of the whole wall, unless it was placed
+    /// there already. In full screen it stays on its monitor.
+    pub fn arrange(&mut self, wall: &Wall, id: ChannelId) {
+        let Surface::Window(display) = &self.surface else { return };
+        if self.assignment.is_some() {
+            return;
+        }
+        let layout = WindowLayout::new(wall, display.monitor_size().into());
+        let Some(&window) = layout.windows.get(usize::from(id.0)) else { return };
+        if self.arranged.replace(window) != Some(window) {
+            display.place(window.origin.to_array(), window.size.to_array());
         }
     }
 

@@ -1,5 +1,6 @@
 //! The thread that owns the GPU. It empties its queues between frames and never waits for a socket.
 
+mod arrangement;
 mod displays;
 mod patterns;
 mod pictures;
@@ -309,8 +310,6 @@ impl RenderThread {
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         self.use_samples(wall.samples)?;
         let output = &mut self.outputs[index];
-        let canvas = wall.screen_of(channel).canvas.to_array();
-        output.arrange(channel.origin.to_array(), channel.display_size().to_array(), canvas);
         if let Some(corrector) = correctors.borrow_mut().get_mut(&channel.name) {
             let drawing = (&mut self.renderer, scene);
             return corrector.draw(&self.gpu, drawing, wall, frame, output);
@@ -397,6 +396,7 @@ impl RenderThread {
         } else {
             return Err("the scene could not be built; the server's log says why".to_owned());
         };
+        self.arrange_windows(&state);
         let correctors = self.correctors(&state)?;
         self.expect(&state);
         // Another wall around the same scene, as tunings bring it many times a second.

@@ -26,8 +26,9 @@ use crate::notice::Identity;
 use crate::output::Output;
 use crate::render_thread::{JOBS_MAX, Job, Queues, RenderThread, SendMonitorNames};
 use crate::renderer::{Gpu, GpuError};
+use crate::report::Report;
 use crate::slowness::Slowness;
-use crate::window::{self, Ended, Message, Windows};
+use crate::window::{self, Ended, Links, Message, WindowWish, Windows};
 
 /// Reports that wait for the network.
 const REPORTS_MAX: usize = 512;
@@ -70,6 +71,9 @@ pub struct ServerOptions {
     /// Every frame is shown this much later than the manager says: for displays whose scan-out
     /// is known to be early, and to test what is measured. At most [`PRESENT_DELAY_MAX`].
     pub present_delay: Duration,
+    /// Called with a channel's name when the user closes its window, in the place of the server's
+    /// end: for one whose parent decides what follows.
+    pub on_close: Option<fn(&str)>,
     /// The file with the milliseconds that every frame is to take longer, for tests of a wall.
     pub slow_draw: Option<PathBuf>,
 }
@@ -180,6 +184,7 @@ fn run_windows(mut options: ServerOptions, shutdown: Shutdown) -> Result<(), Ser
     } else {
         None
     };
+    let wish = WindowWish { channels, fullscreen, on_close: options.on_close };
     let (started, threads) = bounded::<Threads>(1);
     let start = move |windows: Windows| {
         let Windows { instance, displays } = windows;
@@ -189,12 +194,12 @@ fn run_windows(mut options: ServerOptions, shutdown: Shutdown) -> Result<(), Ser
         let outputs = displays.into_iter().map(output).collect();
         let threads = Threads::start(options, gpu, outputs, shutdown, OwnThread::of(proxy))
             .map_err(|error| error.to_string())?;
-        let jobs = threads.jobs.clone();
+        let links = Links { jobs: threads.jobs.clone(), reports: threads.reports.clone() };
         // Its receiver stands below, and there is room for one.
         let _ = started.send(threads);
-        Ok(jobs)
+        Ok(links)
     };
-    let served = window::serve(event_loop, channels, fullscreen, Box::new(start));
+    let served = window::serve(event_loop, wish, Box::new(start));
     let reason = match &served {
         Ok(Ended::Closed) => "its window was closed",
         // Those who asked have said why, to the manager too.
@@ -232,6 +237,7 @@ impl OwnThread {
 /// The threads beside the main one.
 struct Threads {
     jobs: Sender<Job>,
+    reports: mpsc::Sender<Report>,
     ending: Arc<Ending>,
     network: JoinHandle<Result<(), ServerError>>,
     /// What the render thread ended with, once it has.
@@ -292,6 +298,7 @@ impl Threads {
         Builder::new().name("loader".into()).spawn(load)?;
 
         let (render_jobs, stop) = (jobs.clone(), ending.clone());
+        let window_reports = reports.clone();
         let network = Builder::new().name("network".into()).spawn(move || {
             let _server = span.entered();
             let network = Network {
@@ -310,7 +317,7 @@ impl Threads {
             on_end();
             result
         })?;
-        Ok(Self { jobs, ending, network, rendered })
+        Ok(Self { jobs, reports: window_reports, ending, network, rendered })
     }
 
     /// Ends the threads, for a reason that the manager is told, and waits for them.

@@ -3,19 +3,24 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Instant;
 
 use crossbeam_channel::Sender;
+use polyptych_protocol::status::Status;
+use tokio::sync::mpsc;
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;
-use winit::event_loop::{ActiveEventLoop, EventLoop, EventLoopProxy};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
 use crate::display::WindowDisplay;
 use crate::fullscreen::Fullscreen;
 use crate::mismatch::MonitorAssignment;
+use crate::mouse::Mouse;
 use crate::render_thread::Job;
 use crate::renderer::Gpu;
+use crate::report::Report;
 
 /// What a window has before the wall says more, in pixels.
 const FIRST_SIZE: PhysicalSize<u32> = PhysicalSize::new(640, 360);
@@ -46,8 +51,23 @@ pub(crate) struct Windows {
     pub displays: Vec<(String, WindowDisplay, Option<MonitorAssignment>)>,
 }
 
-/// Starts the other threads once the windows are there; gives the render thread's queue.
-type Start = Box<dyn FnOnce(Windows) -> Result<Sender<Job>, String>>;
+/// The ways from the windows to the other threads.
+pub(crate) struct Links {
+    pub jobs: Sender<Job>,
+    pub reports: mpsc::Sender<Report>,
+}
+
+/// What windows are wanted.
+pub(crate) struct WindowWish {
+    /// A window for each of these channels.
+    pub channels: Vec<String>,
+    pub fullscreen: Option<Fullscreen>,
+    /// Called when the user closes a window; `None`: that ends the server.
+    pub on_close: Option<fn(&str)>,
+}
+
+/// Starts the other threads once the windows are there.
+type Start = Box<dyn FnOnce(Windows) -> Result<Links, String>>;
 
 /// The event loop, and a way to end it from another thread.
 ///
@@ -70,8 +90,7 @@ pub(crate) fn event_loop() -> Result<(EventLoop<Message>, EventLoopProxy<Message
 /// Why a window could not be opened, the others not started, or a monitor is not there.
 pub(crate) fn serve(
     event_loop: EventLoop<Message>,
-    channels: Vec<String>,
-    fullscreen: Option<Fullscreen>,
+    wish: WindowWish,
     start: Start,
 ) -> Result<Ended, String> {
     let instance = Gpu::instance(|| {
@@ -80,10 +99,13 @@ pub(crate) fn serve(
     });
     let mut app = App {
         instance,
-        channels,
-        fullscreen,
+        // In full screen nobody sits before the wall with its mouse.
+        mouse: wish.fullscreen.is_none().then(Mouse::default),
+        channels: wish.channels,
+        fullscreen: wish.fullscreen,
+        on_close: wish.on_close,
         start: Some(start),
-        jobs: None,
+        links: None,
         windows: Vec::new(),
         ended: Ok(Ended::Asked),
     };
@@ -95,8 +117,10 @@ struct App {
     instance: wgpu::Instance,
     channels: Vec<String>,
     fullscreen: Option<Fullscreen>,
+    on_close: Option<fn(&str)>,
+    mouse: Option<Mouse>,
     start: Option<Start>,
-    jobs: Option<Sender<Job>>,
+    links: Option<Links>,
     windows: Vec<(Arc<Window>, String)>,
     ended: Result<Ended, String>,
 }
@@ -124,7 +148,7 @@ impl App {
             displays.push((channel.clone(), WindowDisplay::new(window, surface), assignment));
         }
         let instance = self.instance.clone();
-        self.jobs = Some(start(Windows { instance, displays })?);
+        self.links = Some(start(Windows { instance, displays })?);
         Ok(())
     }
 
@@ -148,9 +172,20 @@ impl App {
     }
 
     fn send(&self, job: Job) {
-        if let Some(jobs) = &self.jobs {
+        if let Some(links) = &self.links {
             // A full queue is a render thread that has more important things to do.
-            let _ = jobs.try_send(job);
+            let _ = links.jobs.try_send(job);
+        }
+    }
+
+    /// Sends how the mouse has moved the camera, where that is due.
+    fn navigate(&mut self) {
+        let (Some(mouse), Some(links)) = (&mut self.mouse, &self.links) else { return };
+        // Without a place in the queue it waits, and goes on to be added up.
+        if let Ok(place) = links.reports.try_reserve()
+            && let Some(navigation) = mouse.take(Instant::now())
+        {
+            place.send(Report::Status(Status::Navigate(navigation)));
         }
     }
 }
@@ -183,9 +218,11 @@ impl ApplicationHandler<Message> for App {
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, id: WindowId, event: WindowEvent) {
-        let Some((_, channel)) = self.windows.iter().find(|(window, _)| window.id() == id) else {
-            return;
-        };
+        let found = self.windows.iter().find(|(window, _)| window.id() == id);
+        let Some((window, channel)) = found else { return };
+        if let Some(mouse) = &mut self.mouse {
+            mouse.handle(channel, window.inner_size(), &event);
+        }
         let channel = channel.clone();
         if let (WindowEvent::Resized(_) | WindowEvent::Moved(_), Some(fullscreen)) =
             (&event, &mut self.fullscreen)
@@ -195,9 +232,11 @@ impl ApplicationHandler<Message> for App {
         match event {
             WindowEvent::Resized(size) => self.send(Job::Resized { channel, size }),
             WindowEvent::RedrawRequested => self.send(Job::Redraw { channel }),
-            WindowEvent::CloseRequested | WindowEvent::Destroyed => {
-                self.end(event_loop, Ok(Ended::Closed));
-            }
+            WindowEvent::CloseRequested => match self.on_close {
+                Some(tell) => tell(&channel),
+                None => self.end(event_loop, Ok(Ended::Closed)),
+            },
+            WindowEvent::Destroyed => self.end(event_loop, Ok(Ended::Closed)),
             WindowEvent::ScaleFactorChanged { mut inner_size_writer, .. } => {
                 // Pixels stay pixels on monitors of any density. It fails only if it is too late.
                 if let Some(size) = self.pixels_of(id) {
@@ -206,5 +245,11 @@ impl ApplicationHandler<Message> for App {
             }
             _ => {}
         }
+    }
+
+    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        self.navigate();
+        let next = self.mouse.as_ref().and_then(|mouse| mouse.next(Instant::now()));
+        event_loop.set_control_flow(next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
 }

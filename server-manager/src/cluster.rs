@@ -12,6 +12,7 @@ mod deadline;
 mod input;
 mod membership;
 mod memory;
+mod navigate;
 mod pace;
 mod progress;
 mod registry;
@@ -187,6 +188,7 @@ pub struct Cluster {
     exposure: f32,
     displays: DisplayMode,
     pattern: Option<Pattern>,
+    navigator: navigate::Navigator,
     /// Whether the wall has gone on from what another manager remembered, and no client has
     /// asked for a frame yet.
     is_going_on: bool,
@@ -238,6 +240,7 @@ impl Cluster {
             exposure: 1.0,
             displays: DisplayMode::Normal,
             pattern: None,
+            navigator: navigate::Navigator::default(),
             is_going_on: false,
             wants_frame: false,
             time_s: 0.0,
@@ -301,6 +304,7 @@ impl Cluster {
                     self.registry.set_display_warning(channel, warning);
                 }
             }
+            Status::Navigate(navigation) => self.handle_navigation(now, from, &navigation),
             Status::Goodbye { reason } => {
                 self.close(from, "goodbye".into());
                 self.handle_server_gone(now, from, &format!("it left: {reason}"));
@@ -323,6 +327,7 @@ impl Cluster {
         let to_retry = self.registry.take_retries(now);
         self.prompt(to_retry);
         self.expire_change(now);
+        self.remember_navigation(now);
         self.advance_frame(now);
     }
 
@@ -338,6 +343,7 @@ impl Cluster {
             self.registry.next_silence(),
             self.registry.next_retry(),
             self.changes.next_expiry(),
+            self.navigator.remember_at,
         ]
         .into_iter()
         .flatten()

@@ -145,6 +145,7 @@ pub(crate) fn save(path: &Path, memory: &Memory) -> io::Result<()> {
 mod tests {
     use polyptych_protocol::command::View;
     use polyptych_protocol::pattern::Pattern;
+    use polyptych_protocol::scene::Bounds;
     use polyptych_protocol::wall::Adjustment;
 
     use super::*;
@@ -165,6 +166,7 @@ mod tests {
             pace: Some(Pace::Rate(60.0)),
             displays: DisplayMode::Blank,
             further: Further {
+                bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
                 pattern: Some(Pattern::Grid),
                 tunings: vec![("a".into(), Adjustment { mirror: true, ..Adjustment::default() })],
                 tuned_wall: Some(BlobHash([8; 32])),

@@ -84,15 +84,20 @@ pub struct Fresh {
     pub epoch: Epoch,
     /// What the life before had remembered.
     pub memory: Option<Memory>,
+    /// Whether the mouse over its windows moves the camera.
+    #[serde(default)]
+    pub is_navigable: bool,
 }
 
 impl Fresh {
     /// The brain.
     pub fn to_cluster(&self) -> Cluster {
-        match &self.memory {
+        let mut cluster = match &self.memory {
             Some(memory) => Cluster::restored(self.wall.clone(), self.epoch, memory),
             None => Cluster::new(self.wall.clone(), self.epoch),
-        }
+        };
+        cluster.set_navigable(self.is_navigable);
+        cluster
     }
 }
 

@@ -72,6 +72,8 @@ pub struct ManagerOptions {
     /// The file in which the open scene and the camera are remembered over a restart; `None` for
     /// a wall that begins afresh each time.
     pub memory: Option<PathBuf>,
+    /// Whether the mouse over a window of a server moves the wall's camera.
+    pub is_navigable: bool,
     /// Where all that the brain is told is recorded, if anywhere.
     pub recorder: Option<Recorder>,
     /// Where metrics are read over HTTP, if anywhere.

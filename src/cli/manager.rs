@@ -55,6 +55,11 @@ pub(super) struct Arguments {
     /// Listen on an address that other machines reach without keys, though nothing is encrypted
     #[arg(long)]
     insecure: bool,
+    /// Let the mouse over the windows of servers move the camera; never in full screen
+    /// [default: true on an address of this machine without keys, else false]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
+    #[arg(require_equals = true)]
+    navigate: Option<bool>,
 }
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
@@ -92,6 +97,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             Some(token.with_file_name(format!("{}-{port}.state", file_name(&wall.name))))
         }
     };
+    // Whoever sits before a display of another machine is not asked for the camera.
+    let is_own = listener.local_addr()?.ip().is_loopback() && arguments.keys.is_none();
+    let is_navigable = arguments.navigate.unwrap_or(is_own);
     let options = ManagerOptions {
         wall,
         // With keys nobody is asked for it.
@@ -100,6 +108,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         scene_roots,
         baker,
         memory,
+        is_navigable,
         recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
         metrics,
     };

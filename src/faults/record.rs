@@ -310,6 +310,7 @@ mod tests {
                 revision: Revision(0),
                 frame_us: 0,
                 barrier_us: 0,
+                navigations: 0,
                 channels: vec![channel(0), channel(1)],
             };
             let (now, restarts) = (self.at(ms), self.restarts);

@@ -35,6 +35,7 @@ pub(super) fn start_manager(wall: Wall, place: &Place) -> (String, Arc<Notify>, 
         scene_roots: roots,
         baker,
         memory: None,
+        is_navigable: false,
         recorder: None,
         metrics: None,
     };
@@ -71,6 +72,7 @@ pub(super) fn start_server(
         once: false,
         present_delay: std::time::Duration::ZERO,
         slow_draw: None,
+        on_close: None,
     };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);

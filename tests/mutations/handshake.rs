@@ -51,8 +51,17 @@ fn start_manager() -> (SocketAddr, Arc<Notify>, JoinHandle<()>) {
     let (wall, token) = (messages::wall(), messages::TOKEN.to_owned());
     let (scene_roots, memory, recorder) = (Vec::new(), None, None);
     let (keys, metrics) = (None, None);
-    let options =
-        ManagerOptions { wall, token, keys, scene_roots, baker, memory, recorder, metrics };
+    let options = ManagerOptions {
+        wall,
+        token,
+        keys,
+        scene_roots,
+        baker,
+        memory,
+        is_navigable: false,
+        recorder,
+        metrics,
+    };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);
     let manager = move || {

@@ -74,8 +74,6 @@ impl RenderThread {
             PatternPicture::new(&self.gpu, (shaped, &maps), id, pattern, eye)?
         };
         let (size, output) = (drawn.picture.size(), &mut self.outputs[index]);
-        let canvas = wall.screen_of(channel).canvas.to_array();
-        output.arrange(channel.origin.to_array(), size, canvas);
         let target = output.target_of(&self.gpu, size, (wall.samples, is_linear))?;
         target.copy_from(&self.gpu, &drawn.picture);
         self.patterns.insert(channel.name.clone(), drawn);

@@ -37,6 +37,7 @@ impl Cluster {
             revision: barrier.revision,
             frame_us,
             barrier_us: frame_us.saturating_sub(Micros::from(slowest_us)),
+            navigations: self.navigator.count,
             channels: channels.map(|(id, of)| channel(id, of)).collect(),
         }
     }

@@ -9,6 +9,7 @@ use polyptych_protocol::ids::{BlobHash, Epoch, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::Pace;
+use polyptych_protocol::scene::Bounds;
 use polyptych_protocol::tuning;
 use polyptych_protocol::wall::{Adjustment, Wall};
 use serde::{Deserialize, Serialize};
@@ -57,6 +58,9 @@ pub struct Further {
     /// What of the open scene is not drawn, as its manifest says.
     #[serde(default)]
     pub notes: Vec<String>,
+    /// Around everything that the open scene draws.
+    #[serde(default)]
+    pub bounds: Option<Bounds>,
 }
 
 impl Cluster {
@@ -66,6 +70,7 @@ impl Cluster {
         if let Some(scene) = &memory.scene {
             cluster.shown.apply(Operation::OpenScene(scene.clone()));
             cluster.notes.clone_from(&memory.further.notes);
+            cluster.navigator.bounds = memory.further.bounds;
         }
         // It goes with the scene: lights in real units are white at any other.
         if memory.exposure.is_finite() && memory.exposure >= 0.0 {
@@ -144,6 +149,7 @@ impl Cluster {
                 tunings,
                 tuned_wall,
                 notes: self.notes.clone(),
+                bounds: self.navigator.bounds,
             },
         }
     }

@@ -3,6 +3,7 @@
 mod displays;
 mod failures;
 mod found;
+mod navigation;
 mod progress;
 mod random;
 mod sight;
@@ -18,7 +19,7 @@ use polyptych_protocol::handshake::{Adapter, Secret, ServerHello};
 use polyptych_protocol::ids::{BlobHash, Revision};
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::Request;
-use polyptych_protocol::scene::SceneFeatures;
+use polyptych_protocol::scene::{Bounds, SceneFeatures};
 use polyptych_protocol::status::{Drawn, Ping, Prepared};
 use polyptych_protocol::wall::surface::Plane;
 use polyptych_protocol::wall::{Channel, Screen, Surface};
@@ -76,6 +77,7 @@ impl Stage {
 
     fn empty(channels: u32) -> Self {
         let mut cluster = Cluster::new(wall(channels), Epoch(7));
+        cluster.set_navigable(true);
         cluster.handle_client(CLIENT, "test".into());
         Self {
             cluster,
@@ -264,7 +266,7 @@ impl Stage {
         let summary = SceneSummary {
             name: "town".into(),
             revision: Revision(0),
-            bounds: None,
+            bounds: Some(Bounds { min: -DVec3::ONE, max: DVec3::ONE }),
             triangles: 3,
             features: SceneFeatures::default(),
             notes: Vec::new(),

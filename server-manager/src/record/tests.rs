@@ -54,7 +54,7 @@ struct Life {
 
 impl Life {
     fn new(recorder: Recorder, seed: u64) -> Self {
-        let fresh = Fresh { wall: wall(), epoch: Epoch(seed), memory: None };
+        let fresh = Fresh { wall: wall(), epoch: Epoch(seed), memory: None, is_navigable: true };
         let mut life = Self {
             brain: Brain::new(fresh, Some(recorder)),
             random: seed,

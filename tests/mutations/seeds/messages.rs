@@ -19,6 +19,7 @@ use polyptych_protocol::handshake::{
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
+use polyptych_protocol::navigation::Navigation;
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::progress::{OpenProgress, Opening};
 use polyptych_protocol::request::{
@@ -160,6 +161,12 @@ fn statuses() -> Vec<Status> {
         Status::Shown(Shown { epoch: EPOCH, frame, channel, at_us: 70_000, clock_error_us: 40 }),
         Status::Ping(Ping { sent_us: 1, memory_bytes: 1 << 28 }),
         Status::Display { channel, warning: Some("monitor A shows 512x768".into()) },
+        Status::Navigate(Navigation {
+            channel: "a-1-1".into(),
+            orbit_rad: DVec2::new(0.1, -0.2),
+            pan: DVec2::new(0.0, 0.5),
+            zoom: 1.2,
+        }),
         Status::Goodbye { reason: "it sends nonsense".into() },
     ]
 }
@@ -230,6 +237,7 @@ fn feedback() -> Feedback {
         revision: Revision(1),
         frame_us: 21_000,
         barrier_us: 1000,
+        navigations: 2,
         channels: vec![channel; 3],
     }
 }
@@ -291,6 +299,7 @@ fn statistics() -> Statistics {
     };
     Statistics {
         frames: 9,
+        complete: 8,
         seconds: 1.0,
         frame_ms: spread,
         draw_ms: spread,

@@ -6,6 +6,7 @@ use std::collections::btree_map::Entry;
 use proptest::prelude::*;
 
 use polyptych_protocol::command::Area;
+use polyptych_protocol::navigation::Navigation;
 use polyptych_protocol::tuning::{Change, Corner, Move};
 
 use super::*;
@@ -27,6 +28,7 @@ enum Step {
     View(bool),
     Run,
     Pause,
+    Navigate(u32, f64),
 }
 
 fn step() -> impl Strategy<Value = Step> {
@@ -46,6 +48,7 @@ fn step() -> impl Strategy<Value = Step> {
         2 => any::<bool>().prop_map(Step::View),
         1 => Just(Step::Run),
         1 => Just(Step::Pause),
+        2 => (0..3u32, -4.0..4.0f64).prop_map(|(c, by)| Step::Navigate(c, by)),
     ]
 }
 
@@ -103,6 +106,12 @@ proptest! {
                     }
                 },
                 Step::Wait(micros) => stage.wait(micros),
+                Step::Navigate(c, by) => if let Some(&session) = sessions.get(&c) {
+                    let (orbit_rad, pan) = (DVec2::new(by, -by), DVec2::new(0.1, by));
+                    let none = Navigation::none(&format!("c{c}"));
+                    let navigation = Navigation { orbit_rad, pan, zoom: by.exp(), ..none };
+                    stage.say(session, Status::Navigate(navigation));
+                },
                 Step::Kill(c) => if let Some(session) = sessions.remove(&c) {
                     stage.replicas.remove(&session);
                     stage.prepares.retain(|(to, _)| *to != session);
@@ -131,6 +140,7 @@ proptest! {
             // What frames show fits the wall that they name, whatever came in between.
             let cluster = &stage.cluster;
             prop_assert_eq!(cluster.shown.wall.as_deref(), Some(&cluster.wall));
+            prop_assert_eq!(cluster.camera.fault(), None);
             prop_assert_eq!(cluster.check_sight_on(&cluster.wall), Ok(()));
             // A server that the brain has let go of is gone for the test as well.
             for session in std::mem::take(&mut stage.closed) {

@@ -73,7 +73,8 @@ impl Coverage {
 }
 
 /// What ten thousand schedules must have gone through.
-const WHAT_MUST_HAPPEN: [&str; 27] = [
+const WHAT_MUST_HAPPEN: [&str; 28] = [
+    "camera moved by a mouse",
     "client disconnected",
     "connection cut",
     "connection half open",

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
+use glam::DVec3;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
@@ -10,7 +11,7 @@ use polyptych_protocol::handshake::{Adapter, Secret, ServerHello};
 use polyptych_protocol::ids::{BlobHash, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::{Request, SceneSummary};
-use polyptych_protocol::scene::SceneFeatures;
+use polyptych_protocol::scene::{Bounds, SceneFeatures};
 use polyptych_protocol::status::Status;
 
 use super::super::{Cluster, ImportedScene, Memory, Micros, Output, RequestOf, SessionId};
@@ -65,10 +66,11 @@ impl World {
         self.manager.dies_after = None;
         let epoch = Epoch(self.dice.next());
         let wall = self.wall.clone();
-        let cluster = match &self.manager.memory {
+        let mut cluster = match &self.manager.memory {
             None => Cluster::new(wall, epoch),
             Some(memory) => Cluster::restored(wall, epoch, memory),
         };
+        cluster.set_navigable(true);
         self.tell(|| format!("manager starts, memory {:?}", self.manager.memory.is_some()));
         let started = self.manager.started;
         self.watch.manager_starts(&cluster, started, self.manager.memory.as_ref())?;
@@ -166,7 +168,13 @@ impl World {
         if !matches!(status, Status::Ping(_) | Status::Shown(_)) {
             self.tell(|| format!("  {session:?} says {}", brief(&status)));
         }
+        let moves = |cluster: &Cluster| cluster.navigator.count;
+        let before = self.manager.cluster.as_ref().map(moves);
         self.brain(|cluster, now| cluster.handle_status(now, session, status, 40));
+        if self.manager.cluster.as_ref().map(moves) > before {
+            self.coverage.count("camera moved by a mouse");
+            self.watch.camera_moves();
+        }
         self.carry_out()
     }
 
@@ -261,7 +269,7 @@ impl World {
         let summary = SceneSummary {
             name: name.clone(),
             revision: Revision(0),
-            bounds: None,
+            bounds: Some(Bounds { min: -DVec3::ONE, max: DVec3::ONE }),
             triangles: 3,
             features: SceneFeatures::default(),
             notes: Vec::new(),

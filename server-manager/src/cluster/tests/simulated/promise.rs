@@ -113,6 +113,11 @@ impl Watch {
         self.promises.open.insert((client, id), request);
     }
 
+    /// The mouse over a window moves the camera away from where a client has set it.
+    pub fn camera_moves(&mut self) {
+        self.promises.told.camera = None;
+    }
+
     pub fn remembered(&mut self, memory: &Memory) -> Check {
         let last = self.promises.last.replace(memory.clone());
         if last.as_ref().is_some_and(|last| last.revision > memory.revision) {

@@ -3,10 +3,12 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use glam::DVec2;
 use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, Revision};
 use polyptych_protocol::limits::PINGS_PER_HEARTBEAT;
 use polyptych_protocol::log::Replica;
+use polyptych_protocol::navigation::Navigation;
 use polyptych_protocol::status::{Ping, Prepared, Status};
 
 use super::super::Micros;
@@ -344,6 +346,12 @@ impl World {
         }
         let sent_us = self.servers[index].local_us(self.now);
         self.report(index, Status::Ping(Ping { sent_us, memory_bytes: 1 << 20 }));
+        if self.is_navigated {
+            let channel = self.servers[index].names[0].clone();
+            let orbit_rad = DVec2::new(0.3, -0.2);
+            let navigation = Navigation { orbit_rad, ..Navigation::none(&channel) };
+            self.report(index, Status::Navigate(navigation));
+        }
         let period = heartbeat / Micros::from(PINGS_PER_HEARTBEAT);
         self.at(self.now + period, Happening::Tick(link));
     }

@@ -67,6 +67,9 @@ pub struct World {
     pub dice: Dice,
     pub watch: Watch,
     pub coverage: Coverage,
+    /// Whether mice move over its windows: on one wall of four, so that older seeds of the others
+    /// mean what they did.
+    pub is_navigated: bool,
     /// Whether what happens is printed.
     pub is_told: bool,
 }
@@ -83,6 +86,7 @@ impl World {
             asked: Vec::new(),
             weather: Weather::new(Dice::new(seed, 2), servers.len()),
             dice: Dice::new(seed, 3),
+            is_navigated: seed % 4 == 2,
             watch: Watch::new(&wall),
             coverage: Coverage::default(),
             is_told: false,

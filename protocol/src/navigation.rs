@@ -1,0 +1,34 @@
+//! How the mouse over a window moves the wall's camera.
+
+use glam::DVec2;
+use serde::{Deserialize, Serialize};
+
+/// A move of the wall's camera about the middle of the open scene, as the mouse over one of its
+/// windows asks for it; what came since the last message, added up.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Navigation {
+    /// The name of the channel in whose window the mouse is.
+    pub channel: String,
+    /// How far the scene turns to the right, about its vertical, and its near side downwards; in
+    /// radians.
+    pub orbit_rad: DVec2,
+    /// How far the scene goes to the right and downwards, in widths and heights of the channel's
+    /// picture.
+    pub pan: DVec2,
+    /// How many times larger the scene appears; above 0.
+    pub zoom: f64,
+}
+
+impl Navigation {
+    /// No move.
+    pub fn none(channel: &str) -> Self {
+        let (orbit_rad, pan) = (DVec2::ZERO, DVec2::ZERO);
+        Self { channel: channel.to_owned(), orbit_rad, pan, zoom: 1.0 }
+    }
+
+    /// Returns whether all numbers are finite and the zoom is above 0.
+    pub fn is_sound(&self) -> bool {
+        let is_finite = self.orbit_rad.is_finite() && self.pan.is_finite();
+        is_finite && self.zoom.is_finite() && self.zoom > 0.0
+    }
+}

@@ -1,0 +1,207 @@
+//! The mouse over windows: dragging turns the scene, dragging with another button or with Shift
+//! moves it, the wheel makes it larger or smaller.
+//!
+//! What the mouse does is added up and taken once in [`PERIOD`], however often the window system
+//! reports it.
+
+use std::time::{Duration, Instant};
+
+use glam::DVec2;
+use polyptych_protocol::navigation::Navigation;
+use winit::dpi::PhysicalSize;
+use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
+
+/// Shortest time between two messages: as often as most displays show a frame.
+const PERIOD: Duration = Duration::from_micros(16_667);
+
+/// How far a drag by one pixel turns the scene: half a turn for 500 pixels.
+const ORBIT_RAD_PER_PIXEL: f64 = 0.0063;
+
+/// How many times larger one click of the wheel makes the scene.
+const ZOOM_PER_LINE: f64 = 1.15;
+
+/// Pixels of a touchpad that count as one click.
+const PIXELS_PER_LINE: f64 = 40.0;
+
+/// Clicks that are added up at most, so that no wheel asks for more than a message may hold.
+const LINES_MAX: f64 = 100.0;
+
+/// What a held button does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Drag {
+    Orbit,
+    Pan,
+}
+
+/// The mouse over the windows of this server.
+#[derive(Debug, Default)]
+pub(crate) struct Mouse {
+    held: Option<(MouseButton, Drag)>,
+    position: Option<DVec2>,
+    has_shift: bool,
+    pending: Option<Navigation>,
+    sent: Option<Instant>,
+}
+
+impl Mouse {
+    /// Adds what the mouse does over the window of a channel, `size` being the window's in pixels.
+    pub fn handle(&mut self, channel: &str, size: PhysicalSize<u32>, event: &WindowEvent) {
+        match event {
+            WindowEvent::ModifiersChanged(keys) => self.has_shift = keys.state().shift_key(),
+            WindowEvent::MouseInput { state: ElementState::Pressed, button, .. } => {
+                self.press(*button);
+            }
+            WindowEvent::MouseInput { state: ElementState::Released, button, .. } => {
+                self.held = self.held.filter(|(held, _)| held != button);
+            }
+            WindowEvent::Focused(false) => self.held = None,
+            WindowEvent::CursorMoved { position, .. } => {
+                let now = DVec2::new(position.x, position.y);
+                let before = self.position.replace(now);
+                if let (Some((_, drag)), Some(before)) = (self.held, before) {
+                    let size = DVec2::new(f64::from(size.width), f64::from(size.height));
+                    self.drag(channel, drag, now - before, size.max(DVec2::ONE));
+                }
+            }
+            // Positions in another window are measured from another corner.
+            WindowEvent::CursorEntered { .. } if self.held.is_none() => self.position = None,
+            WindowEvent::MouseWheel { delta, .. } => {
+                let lines = match delta {
+                    MouseScrollDelta::LineDelta(_, lines) => f64::from(*lines),
+                    MouseScrollDelta::PixelDelta(pixels) => pixels.y / PIXELS_PER_LINE,
+                };
+                let zoom = ZOOM_PER_LINE.powf(lines.clamp(-LINES_MAX, LINES_MAX));
+                let limit = ZOOM_PER_LINE.powf(LINES_MAX);
+                let pending = self.pending(channel);
+                pending.zoom = (pending.zoom * zoom).clamp(1.0 / limit, limit);
+            }
+            _ => {}
+        }
+    }
+
+    fn press(&mut self, button: MouseButton) {
+        let drag = match button {
+            MouseButton::Left if self.has_shift => Drag::Pan,
+            MouseButton::Left => Drag::Orbit,
+            MouseButton::Right | MouseButton::Middle => Drag::Pan,
+            _ => return,
+        };
+        self.held = Some((button, drag));
+    }
+
+    fn drag(&mut self, channel: &str, drag: Drag, by: DVec2, size: DVec2) {
+        let pending = self.pending(channel);
+        match drag {
+            Drag::Orbit => pending.orbit_rad += by * ORBIT_RAD_PER_PIXEL,
+            Drag::Pan => pending.pan += by / size,
+        }
+    }
+
+    /// What is not sent yet. A drag goes on in the channel where it began.
+    fn pending(&mut self, channel: &str) -> &mut Navigation {
+        self.pending.get_or_insert_with(|| Navigation::none(channel))
+    }
+
+    /// What is to be sent at `now`, if anything is due.
+    pub fn take(&mut self, now: Instant) -> Option<Navigation> {
+        if self.pending.is_none() || self.sent.is_some_and(|sent| sent + PERIOD > now) {
+            return None;
+        }
+        self.sent = Some(now);
+        self.pending.take().filter(Navigation::is_sound)
+    }
+
+    /// When what was not taken at `now` is to be taken; `None` if there is nothing.
+    pub fn next(&self, now: Instant) -> Option<Instant> {
+        self.pending.as_ref()?;
+        let due = self.sent.map(|sent| sent + PERIOD).filter(|due| *due > now);
+        Some(due.unwrap_or(now + PERIOD))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use winit::dpi::PhysicalPosition;
+    use winit::event::{DeviceId, TouchPhase};
+
+    use super::*;
+
+    const SIZE: PhysicalSize<u32> = PhysicalSize::new(200, 100);
+
+    fn moved(mouse: &mut Mouse, x: f64, y: f64) {
+        let (device_id, position) = (DeviceId::dummy(), PhysicalPosition::new(x, y));
+        mouse.handle("a", SIZE, &WindowEvent::CursorMoved { device_id, position });
+    }
+
+    fn button(mouse: &mut Mouse, button: MouseButton, state: ElementState) {
+        let device_id = DeviceId::dummy();
+        mouse.handle("a", SIZE, &WindowEvent::MouseInput { device_id, state, button });
+    }
+
+    fn wheel(mouse: &mut Mouse, lines: f32) {
+        let delta = MouseScrollDelta::LineDelta(0.0, lines);
+        let (device_id, phase) = (DeviceId::dummy(), TouchPhase::Moved);
+        mouse.handle("a", SIZE, &WindowEvent::MouseWheel { device_id, delta, phase });
+    }
+
+    #[test]
+    fn a_drag_turns_the_scene_by_what_it_moved_in_all() {
+        let (mut mouse, now) = (Mouse::default(), Instant::now());
+        moved(&mut mouse, 10.0, 10.0);
+        assert_eq!(mouse.take(now), None, "no button is held");
+        button(&mut mouse, MouseButton::Left, ElementState::Pressed);
+        moved(&mut mouse, 30.0, 10.0);
+        moved(&mut mouse, 110.0, 20.0);
+        button(&mut mouse, MouseButton::Left, ElementState::Released);
+        moved(&mut mouse, 0.0, 0.0);
+        let all = mouse.take(Instant::now()).expect("a move");
+        let expected = DVec2::new(100.0, 10.0) * ORBIT_RAD_PER_PIXEL;
+        assert!((all.orbit_rad - expected).length() < 1e-12, "{all:?}");
+        assert_eq!((all.pan, all.zoom, all.channel.as_str()), (DVec2::ZERO, 1.0, "a"));
+        assert_eq!(mouse.take(now + Duration::from_secs(9)), None, "it is sent once");
+    }
+
+    #[test]
+    fn other_buttons_move_the_scene_by_parts_of_the_window() {
+        for held in [MouseButton::Right, MouseButton::Middle] {
+            let mut mouse = Mouse::default();
+            moved(&mut mouse, 0.0, 0.0);
+            button(&mut mouse, held, ElementState::Pressed);
+            moved(&mut mouse, 100.0, 25.0);
+            let all = mouse.take(Instant::now()).expect("a move");
+            assert_eq!((all.pan, all.orbit_rad), (DVec2::new(0.5, 0.25), DVec2::ZERO));
+        }
+    }
+
+    #[test]
+    fn the_wheel_zooms_and_comes_back() {
+        let mut mouse = Mouse::default();
+        wheel(&mut mouse, 2.0);
+        wheel(&mut mouse, -2.0);
+        wheel(&mut mouse, 1.0);
+        let zoom = mouse.take(Instant::now()).expect("a move").zoom;
+        assert!((zoom - ZOOM_PER_LINE).abs() < 1e-12, "{zoom}");
+        for lines in [f32::MAX, f32::MIN, f32::INFINITY] {
+            wheel(&mut mouse, lines);
+            assert!(mouse.pending("a").is_sound(), "{lines} lines");
+        }
+    }
+
+    #[test]
+    fn moves_are_sent_at_most_sixty_times_a_second_and_none_is_lost() {
+        let (mut mouse, start) = (Mouse::default(), Instant::now());
+        button(&mut mouse, MouseButton::Left, ElementState::Pressed);
+        moved(&mut mouse, 0.0, 0.0);
+        let (mut sent, mut turned) = (0, 0.0);
+        for ms in 1..=1000_u32 {
+            moved(&mut mouse, f64::from(ms), 0.0);
+            let at = start + Duration::from_millis(u64::from(ms));
+            if let Some(all) = mouse.take(at) {
+                (sent, turned) = (sent + 1, turned + all.orbit_rad.x);
+            }
+        }
+        assert!((50..=61).contains(&sent), "{sent} messages");
+        turned += mouse.take(start + Duration::from_secs(2)).map_or(0.0, |all| all.orbit_rad.x);
+        assert!((turned - 1000.0 * ORBIT_RAD_PER_PIXEL).abs() < 1e-9, "{turned}");
+    }
+}
