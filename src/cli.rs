@@ -292,7 +292,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// A number of things in words.
-fn counted(count: usize, thing: &str) -> String {
+pub(crate) fn counted(count: usize, thing: &str) -> String {
     if count == 1 { format!("1 {thing}") } else { format!("{count} {thing}s") }
 }
 

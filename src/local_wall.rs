@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -19,9 +18,10 @@ use polyptych_protocol::token;
 use polyptych_protocol::wall::Wall;
 use tokio_util::sync::CancellationToken;
 
+use crate::ending::{EndRequest, Ending};
 use crate::faults::{Needs, Relay};
 use crate::log;
-use crate::supervise::{ChildCommand, ChildState, Supervisor};
+use crate::supervise::{ChildCommand, ChildState, OnLine, Supervisor};
 
 /// How long all servers together may take to come: a machine with two cores opens sixteen
 /// software devices in about ten seconds.
@@ -32,6 +32,13 @@ const LOOK_PERIOD: Duration = Duration::from_millis(50);
 
 /// Longest wait for a scene: it is baked first.
 const OPEN_TIME_MAX: Duration = Duration::from_mins(30);
+
+/// How a server tells its parent, in a line of standard output, that the user has closed a window;
+/// the channel's name follows.
+pub(crate) const WINDOW_CLOSED: &str = "window closed:";
+
+/// What an interrupted process answers to its shell: 128 and the number of SIGINT.
+pub(crate) const INTERRUPTED: u8 = 130;
 
 /// What a local wall is made of.
 #[derive(Debug)]
@@ -54,18 +61,6 @@ struct Hurt {
     slow_file: Option<PathBuf>,
 }
 
-/// Ctrl-C or SIGTERM came before the wall was there.
-#[derive(Debug)]
-pub(crate) struct Interrupted;
-
-impl std::fmt::Display for Interrupted {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("interrupted")
-    }
-}
-
-impl std::error::Error for Interrupted {}
-
 /// A running wall; dropping it ends its manager and its children.
 #[derive(Debug)]
 pub(crate) struct LocalWall {
@@ -73,7 +68,7 @@ pub(crate) struct LocalWall {
     supervisor: Supervisor,
     stop: CancellationToken,
     manager: Option<JoinHandle<()>>,
-    was_interrupted: Arc<AtomicBool>,
+    pub end: Arc<EndRequest>,
     /// By server.
     hurts: BTreeMap<String, Hurt>,
     /// Holds the token, and what slows servers.
@@ -85,7 +80,7 @@ impl LocalWall {
     /// Starts manager and servers, and waits until all channels could draw.
     ///
     /// # Errors
-    /// What did not start, and why; [`Interrupted`] where it was ended meanwhile.
+    /// What did not start, and why; [`Ending`] if it was to end meanwhile.
     pub fn start(options: LocalWallOptions) -> anyhow::Result<Self> {
         let LocalWallOptions { mut wall, scene_roots, baker, windows, recorder, needs } = options;
         let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
@@ -109,13 +104,16 @@ impl LocalWall {
             scene_roots,
             baker,
             memory: None,
+            is_navigable: windows,
             recorder,
             metrics: None,
         };
         let manager = start_manager(listener, options, stop.clone())?;
-        let supervisor = Supervisor::start(commands)?;
-        let was_interrupted = Arc::new(AtomicBool::new(false));
-        end_on_interrupt(&was_interrupted, [stop.clone(), supervisor.stopper()])?;
+        let end = Arc::new(EndRequest::default());
+        let supervisor = Supervisor::start(commands, on_line(&end))?;
+        end.add_stop(stop.clone());
+        end.add_stop(supervisor.stopper());
+        end_on_interrupt(&end, folder.path())?;
         let mut connect = ConnectOptions::new(address);
         connect.token = Some(token);
         connect.keys = None;
@@ -123,21 +121,18 @@ impl LocalWall {
         // Its manager is in this process, and does not come back.
         connect.reconnect = None;
         connect.timeouts.open_scene = OPEN_TIME_MAX;
-        let is_interrupted = Arc::clone(&was_interrupted);
+        let asked = Arc::clone(&end);
         let started = Client::connect_with(connect).map_err(Into::into).and_then(|client| {
             let manager = Some(manager);
-            let wall = Self { client, supervisor, stop, manager, was_interrupted, hurts, folder };
+            let wall = Self { client, supervisor, stop, manager, end, hurts, folder };
             wall.await_channels()?;
             Ok(wall)
         });
         // What else failed then failed for that reason.
-        let is_interrupted = is_interrupted.load(Ordering::Relaxed);
-        if is_interrupted { Err(Interrupted.into()) } else { started }
-    }
-
-    /// Whether Ctrl-C or SIGTERM has ended it.
-    pub fn was_interrupted(&self) -> bool {
-        self.was_interrupted.load(Ordering::Relaxed)
+        match asked.ending() {
+            Some(ending) => Err(ending.into()),
+            None => started,
+        }
     }
 
     /// Times that a server was started again.
@@ -194,7 +189,9 @@ impl LocalWall {
                 let seconds = START_TIME_MAX.as_secs();
                 bail!("not ready after {seconds} s: {}", list.join(", "));
             }
-            std::thread::sleep(LOOK_PERIOD);
+            if let Some(ending) = self.end.wait_until(Instant::now() + LOOK_PERIOD) {
+                return Err(ending.into());
+            }
         }
     }
 }
@@ -228,7 +225,7 @@ fn start_manager(
 fn hurts(
     needs: &Needs,
     manager: SocketAddr,
-    folder: &std::path::Path,
+    folder: &Path,
 ) -> anyhow::Result<BTreeMap<String, Hurt>> {
     let mut hurts: BTreeMap<String, Hurt> = BTreeMap::new();
     for server in &needs.relayed {
@@ -246,7 +243,7 @@ fn hurts(
 fn server_commands(
     wall: &Wall,
     address: &str,
-    token_file: &std::path::Path,
+    token_file: &Path,
     windows: bool,
     hurts: &BTreeMap<String, Hurt>,
 ) -> anyhow::Result<Vec<ChildCommand>> {
@@ -283,16 +280,28 @@ fn server_commands(
     Ok(servers.into_iter().map(command).collect())
 }
 
-fn end_on_interrupt(
-    was_interrupted: &Arc<AtomicBool>,
-    stops: [CancellationToken; 2],
-) -> anyhow::Result<()> {
+/// Hears of windows that the user closes.
+fn on_line(end: &Arc<EndRequest>) -> OnLine {
+    let end = Arc::clone(end);
+    Arc::new(move |line| {
+        if line.starts_with(WINDOW_CLOSED) {
+            end.request(Ending::WindowClosed);
+        }
+    })
+}
+
+/// Asks the work to end at the first Ctrl-C or SIGTERM, and ends this process at the second.
+fn end_on_interrupt(end: &Arc<EndRequest>, folder: &Path) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let was_interrupted = Arc::clone(was_interrupted);
+    let (end, folder) = (Arc::clone(end), folder.to_owned());
     let work = move || {
         runtime.block_on(crate::cli::asked_to_end(false));
-        was_interrupted.store(true, Ordering::Relaxed);
-        stops.iter().for_each(CancellationToken::cancel);
+        end.request(Ending::Interrupted);
+        runtime.block_on(crate::cli::asked_to_end(false));
+        log::say_failure("simulate", "interrupted again: ending at once");
+        // The token is in it. Children end when their standard input does.
+        let _ = std::fs::remove_dir_all(folder);
+        std::process::exit(i32::from(INTERRUPTED));
     };
     std::thread::Builder::new().name("interrupt".into()).spawn(work)?;
     Ok(())

@@ -3,10 +3,12 @@
 mod authority;
 mod barrier;
 mod cli;
+mod ending;
 mod faults;
 mod local_wall;
 mod log;
 mod pictures;
+mod progress;
 mod prove;
 mod report;
 mod supervise;

@@ -15,9 +15,11 @@ use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::wall::Wall;
 use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 
+use crate::cli::counted;
 use crate::faults::Needs;
 use crate::local_wall::{LocalWall, LocalWallOptions};
 use crate::pictures;
+use crate::progress::Steps;
 use table::Table;
 
 /// Where the camera looks from when pictures are compared, in radians around the vertical.
@@ -35,21 +37,28 @@ pub(crate) fn prove(wall: &Wall, shown: Shown, baker: Baker, out: &Path) -> anyh
     let files = files.map_err(anyhow::Error::msg)?;
     let shapes = Shapes::new(wall, &files);
     let shaped = Shaped { wall, shapes: &shapes };
+    let judged: Vec<u16> =
+        (0..wall.screens.len() as u16).filter(|&index| oracle::can_judge(wall, index)).collect();
+    let mut steps = Steps::new((3 + geometry::SCENES + judged.len()) as u64);
+    steps.begin("computing blends and sampling of all channels");
     light::prove(shaped, &mut table)?;
     let maps = light::maps(shaped, &files);
     let folder = tempfile::Builder::new().prefix("polyptych-prove-").tempdir()?;
     let prover = Prover { shown, folder: folder.path().canonicalize()?, baker, out };
     let capture = {
+        steps.begin(format_args!("starting {}", counted(wall.channels.len(), "channel")));
         let local = prover.start(wall)?;
         let keep = |capture: &Capture| prover.save_all("markers", capture);
-        geometry::prove(&local.client, (shaped, &maps), &prover.folder, &mut table, keep)?;
+        let places = (prover.folder.as_path(), &mut steps);
+        geometry::prove(&local.client, (shaped, &maps), places, &mut table, keep)?;
+        steps.begin("drawing the scene on the wall");
         prover.show(&local, wall)?
     };
     prover.save_all("wall", &capture)?;
-    for index in 0..wall.screens.len() as u16 {
-        if oracle::can_judge(wall, index) {
-            prover.compare(wall, index, &capture, &mut table)?;
-        }
+    for index in judged {
+        let name = &wall.screens[usize::from(index)].name;
+        steps.begin(format_args!("drawing screen {name} by one channel, to compare with"));
+        prover.compare(wall, index, &capture, &mut table)?;
     }
     let json = serde_json::to_vec_pretty(&table)?;
     let path = out.join("prove.json");

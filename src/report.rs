@@ -3,10 +3,34 @@
 use polyptych_client::{SceneSummary, Statistics};
 use serde::Serialize;
 
+use crate::cli::counted;
+use crate::ending::Ending;
 use crate::faults::FaultRecord;
 
 /// Faults that a summary lists; the report has them all.
 const FAULTS_SAID_MAX: usize = 20;
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum EndOfRun {
+    /// All frames were drawn that were asked for.
+    Done,
+    /// By Ctrl-C or SIGTERM.
+    Interrupted,
+    /// The user closed a window.
+    WindowClosed,
+}
+
+impl From<Option<Ending>> for EndOfRun {
+    fn from(ending: Option<Ending>) -> Self {
+        match ending {
+            None => Self::Done,
+            Some(Ending::Interrupted) => Self::Interrupted,
+            Some(Ending::WindowClosed) => Self::WindowClosed,
+        }
+    }
+}
 
 /// The whole report. Times say their unit; spreads are over the frames of the run.
 #[derive(Debug, Serialize)]
@@ -19,6 +43,8 @@ pub(crate) struct Report {
     pub notes: Vec<String>,
     /// What the channels were drawn with, each adapter once.
     pub adapter: String,
+    /// Why the run ended.
+    pub ended: EndOfRun,
     /// Times that a server was started again.
     pub restarts: u64,
     /// Channels of which the last picture is missing, with the reason.
@@ -45,6 +71,7 @@ impl Report {
             scene: scene.name.clone(),
             notes: scene.notes.clone(),
             adapter: adapters.join(", "),
+            ended: EndOfRun::Done,
             restarts: 0,
             missing: Vec::new(),
             faults: Vec::new(),
@@ -52,6 +79,30 @@ impl Report {
             statistics,
         }
     }
+
+    /// What the frames took, for people. Times of what was never drawn are left out.
+    pub fn summary(&self) -> String {
+        let all = &self.statistics;
+        let times = if all.draw_ms.count == 0 {
+            "no channel drew in time".to_owned()
+        } else {
+            let (draw_ms, barrier_us) = (all.draw_ms.p50, all.barrier_us.p50);
+            let skew_us = all.swap_skew_us.p50;
+            format!("drawing {draw_ms:.1} ms, barrier {barrier_us:.0} µs, skew {skew_us:.0} µs")
+        };
+        let (frames, frame_ms) = (all.frames, all.frame_ms);
+        format!(
+            "{} in {:.1} s, shown by all channels: {} of {frames}; {:.1} ms a frame (p95 {:.1}), \
+             {times}, late {}",
+            counted(frames as usize, "frame"),
+            all.seconds,
+            all.complete,
+            frame_ms.p50,
+            frame_ms.p95,
+            all.late
+        )
+    }
+
     /// What faults did, for people: a line for each, then one for each channel.
     pub fn fault_lines(&self) -> impl Iterator<Item = String> {
         let faults = self.faults.iter().take(FAULTS_SAID_MAX).map(FaultRecord::line);

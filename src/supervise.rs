@@ -1,7 +1,8 @@
 //! Child processes: started, started again a second after they end, ended with their parent.
 //!
 //! A child reads its standard input, which ends when this process does, however it ends: no
-//! orphan is left even by SIGKILL.
+//! orphan is left even by SIGKILL. Children have process groups of their own: what is typed at a
+//! terminal reaches this process only, which decides when they end.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -10,7 +11,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use tokio::process::{Child, Command};
+use tokio::io::{AsyncBufReadExt, BufReader};
+use tokio::process::{Child, ChildStdout, Command};
 use tokio_util::sync::CancellationToken;
 
 /// Between the end of a child and its next start.
@@ -38,6 +40,9 @@ pub(crate) struct ChildState {
     pub last_end: Option<String>,
 }
 
+/// What is called with each line that a child writes to its standard output.
+pub(crate) type OnLine = Arc<dyn Fn(&str) + Send + Sync>;
+
 /// Children on a thread of their own; dropping it ends them.
 #[derive(Debug)]
 pub(crate) struct Supervisor {
@@ -51,7 +56,7 @@ impl Supervisor {
     ///
     /// # Errors
     /// The system gave no thread.
-    pub fn start(commands: Vec<ChildCommand>) -> std::io::Result<Self> {
+    pub fn start(commands: Vec<ChildCommand>, on_line: OnLine) -> std::io::Result<Self> {
         let state = |c: &ChildCommand| ChildState { name: c.name.clone(), ..Default::default() };
         let states = Arc::new(Mutex::new(commands.iter().map(state).collect::<Vec<_>>()));
         let stop = CancellationToken::new();
@@ -61,7 +66,8 @@ impl Supervisor {
             runtime.block_on(async {
                 let mut tasks = tokio::task::JoinSet::new();
                 for (index, command) in commands.into_iter().enumerate() {
-                    tasks.spawn(keep_alive(command, index, Arc::clone(&kept), until.clone()));
+                    let (states, on_line) = (Arc::clone(&kept), Arc::clone(&on_line));
+                    tasks.spawn(keep_alive(command, index, states, until.clone(), on_line));
                 }
                 while tasks.join_next().await.is_some() {}
             });
@@ -96,6 +102,7 @@ async fn keep_alive(
     index: usize,
     states: Arc<Mutex<Vec<ChildState>>>,
     stop: CancellationToken,
+    on_line: OnLine,
 ) {
     let note = |change: &dyn Fn(&mut ChildState)| {
         let mut states = states.lock().unwrap_or_else(PoisonError::into_inner);
@@ -110,6 +117,9 @@ async fn keep_alive(
                 note(&|state| state.pid = child.id());
                 // Held here: waiting for a child closes the input that it still has.
                 let input = child.stdin.take();
+                if let Some(output) = child.stdout.take() {
+                    tokio::spawn(read_lines(output, Arc::clone(&on_line)));
+                }
                 tokio::select! {
                     status = child.wait() => {
                         status.map_or_else(|error| error.to_string(), |status| status.to_string())
@@ -143,8 +153,18 @@ fn start(command: &ChildCommand) -> std::io::Result<Child> {
         .args(&command.arguments)
         .envs(command.environment.iter().cloned())
         .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .process_group(0)
         .kill_on_drop(true)
         .spawn()
+}
+
+/// Passes on what a child writes, until it closes its output.
+async fn read_lines(output: ChildStdout, on_line: OnLine) {
+    let mut lines = BufReader::new(output).lines();
+    while let Ok(Some(line)) = lines.next_line().await {
+        on_line(&line);
+    }
 }
 
 /// Waits for a child whose input has ended, and kills it where it does not end.

@@ -11,28 +11,45 @@ use super::{say, seconds, server, simulate};
 /// The wall of the demo, the same file that a user finds in the repository.
 const WALL: &str = include_str!("../../configs/wall-2x2.toml");
 
+/// How long the demo draws where nobody sees it.
+const LENGTH_UNSEEN: Duration = Duration::from_secs(10);
+
+/// Frames per second in windows: the town turns at the same speed on all machines that can.
+const RATE_SEEN: f64 = 30.0;
+
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// Where wall.png, channel-NAME.png and report.json go
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
-    /// How long to draw
-    #[arg(long, default_value = "10", value_parser = seconds)]
-    seconds: Duration,
+    /// How long to draw [default: in windows until one is closed, else 10]
+    #[arg(long, value_parser = seconds)]
+    seconds: Option<Duration>,
+    /// Show a window for each channel [default where there is a display]. The mouse turns the scene
+    /// (drag), moves it (drag with another button or Shift) and zooms (wheel)
+    #[arg(long, conflicts_with = "headless")]
+    windows: bool,
+    /// Draw into pictures only
+    #[arg(long)]
+    headless: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let path = Path::new("configs/wall-2x2.toml");
     let wall = file::parse(WALL, path).map_err(|error| anyhow::anyhow!("{error}"))?;
-    let windows = server::has_display();
-    let how = if windows { "in windows" } else { "without a display, into pictures" };
+    let windows = arguments.windows || (server::has_display() && !arguments.headless);
+    let how = match (windows, arguments.seconds) {
+        (true, None) => "in windows, until one is closed",
+        (true, Some(_)) => "in windows",
+        (false, _) => "without a display, into pictures",
+    };
     say(format_args!("a wall of four displays with a generated harbour town, {how}"))?;
     let simulation = simulate::Arguments {
         wall: path.to_owned(),
         scene: None,
         frames: None,
-        seconds: Some(arguments.seconds),
-        rate: None,
+        seconds: arguments.seconds.or((!windows).then_some(LENGTH_UNSEEN)),
+        rate: windows.then_some(RATE_SEEN),
         orbit: true,
         windows,
         record: None,

@@ -17,6 +17,7 @@ use polyptych_render::{
 use rustix::process::{Signal, getpid, kill_process};
 
 use super::{address, asked_to_end, cache_folder, say};
+use crate::local_wall::WINDOW_CLOSED;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -27,7 +28,8 @@ pub(super) struct Arguments {
     /// The channel to draw; may be given again: one server can draw several
     #[arg(long, value_name = "NAME", required_unless_present = "list_monitors")]
     channel: Vec<String>,
-    /// Draw into a window for each channel
+    /// Draw into a window for each channel. The mouse over it moves the camera where the manager
+    /// lets it (manager --navigate)
     #[arg(long, conflicts_with_all = ["headless", "fullscreen"])]
     window: bool,
     /// Fill a monitor with each channel, with or without a window manager
@@ -110,6 +112,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         once: arguments.once,
         present_delay: arguments.present_delay.unwrap_or_default(),
         slow_draw: arguments.slow_draw,
+        on_close: arguments.with_parent.then_some(tell_parent as fn(&str)),
     };
     let with_parent = arguments.with_parent;
     match run_server(options, Box::pin(asked_to_end(with_parent))) {
@@ -120,6 +123,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         }
         ended => Ok(ended?),
     }
+}
+
+/// Tells the parent that the user has closed a window; it ends its servers when it is done.
+fn tell_parent(channel: &str) {
+    // A parent that is gone ends this process too.
+    let _ = say(format_args!("{WINDOW_CLOSED} {channel}"));
 }
 
 fn list_monitors() -> anyhow::Result<()> {

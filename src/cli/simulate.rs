@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_client::{Bounds, Camera, orbit, overview};
 use polyptych_manager::record::Recorder;
 use polyptych_protocol::wall::Wall;
@@ -15,10 +15,12 @@ use super::drive::{open_scene, say_notes};
 use super::progress::ProgressReport;
 use super::seen::Seen;
 use super::{bake_files, cache_folder, counted, exposure, load_wall, manager, rate, say, seconds};
+use crate::ending::Ending;
 use crate::faults::{self, Fault, Faults, Needs};
-use crate::local_wall::{Interrupted, LocalWall, LocalWallOptions};
+use crate::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
 use crate::log;
 use crate::pictures;
+use crate::progress;
 use crate::prove::Shown;
 use crate::report::Report;
 
@@ -37,16 +39,13 @@ const HEADING_RAD: f64 = 0.52;
 /// Steps of scene time, where no rate is given.
 const TIME_RATE: f64 = 30.0;
 
-/// What an interrupted process answers to its shell: 128 and the number of SIGINT.
-const INTERRUPTED: u8 = 130;
-
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// The wall file
     pub wall: PathBuf,
     /// The .gltf or .glb file to show; without one, the generated town
     pub scene: Option<PathBuf>,
-    /// How many frames to draw [default: 60]
+    /// How many frames to draw [default: 60; with --windows, until a window is closed]
     #[arg(long, conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: Option<u64>,
     /// How long to draw
@@ -58,7 +57,8 @@ pub(super) struct Arguments {
     /// Let the camera go round the scene, always as far from its middle
     #[arg(long)]
     pub orbit: bool,
-    /// Show a window for each channel
+    /// Show a window for each channel. The mouse turns the scene (drag), moves it (drag with
+    /// another button or Shift) and zooms (wheel). Closing a window ends the run
     #[arg(long)]
     pub windows: bool,
     /// Multiply all light by this [default: 1, or what suits lights in real units]
@@ -113,19 +113,29 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
     spinner.finish_and_clear();
     let local = match started {
         Ok(local) => local,
-        Err(error) if error.is::<Interrupted>() => return Ok(interrupted()),
-        Err(error) => return Err(error),
+        Err(error) => return broken_off(error.downcast::<Ending>()?),
     };
-    let result = drive(&local, wall, &shown, arguments);
-    if local.was_interrupted() {
-        return Ok(interrupted());
+    let driven = drive(&local, wall, &shown, arguments);
+    match local.end.ending() {
+        // What failed then failed for that reason.
+        Some(ending) if !local.end.is_reported() => broken_off(ending),
+        Some(Ending::Interrupted) => driven.map(|_| {
+            log::say_failure("simulate", "interrupted");
+            ExitCode::from(INTERRUPTED)
+        }),
+        Some(Ending::WindowClosed) | None => driven,
     }
-    result
 }
 
-fn interrupted() -> ExitCode {
-    log::say_failure("simulate", "interrupted");
-    ExitCode::from(INTERRUPTED)
+/// The end of a run that has drawn no frame to report of.
+fn broken_off(ending: Ending) -> anyhow::Result<ExitCode> {
+    let text = format!("{ending} before the first frame was drawn: there is no report");
+    if ending == Ending::Interrupted {
+        log::say_failure("simulate", &text);
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    say(text)?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Opens the scene, draws the frames, and writes what came of them.
@@ -149,12 +159,15 @@ fn drive(
     }
     let focus = shown.focus.or(summary.bounds);
     let camera = |n: u64| camera_of_frame(wall, focus.as_ref(), arguments, n);
+    let mut navigations = 0;
     for _ in 0..WARM_UP_FRAMES {
-        client.render_frame_at(camera(0), Some(0.0))?;
+        let own = if navigations == 0 { camera(0) } else { None };
+        navigations = client.render_frame_at(own, Some(0.0))?.navigations;
     }
     client.statistics(true)?;
     let mut faults = Faults::new(&arguments.fault, arguments.fault_seed, wall, local)?;
-    draw_frames(local, arguments, &camera, &mut faults)?;
+    draw_frames(local, arguments, &camera, navigations, &mut faults)?;
+    let ending = local.end.ending();
     let statistics = client.statistics(false)?;
     let (faults, faults_unrecorded) = faults.finish();
     let capture = client.capture()?;
@@ -171,6 +184,7 @@ fn drive(
     save(&arguments.out.join("wall.png"), &pictures::side_by_side(&capture.screens)?)?;
     let seen = Seen::in_pictures(&capture).and_never_shown(&statistics);
     let mut report = Report::new(&wall.name, &summary, statistics);
+    report.ended = ending.into();
     report.restarts = local.restarts();
     report.missing = capture.missing;
     report.faults = faults;
@@ -196,12 +210,12 @@ fn camera_of_frame(
     })
 }
 
-/// How many frames are drawn; `None` where it goes by time.
+/// How many frames are drawn; `None` where it goes by time, or until a window is closed.
 fn frame_count(arguments: &Arguments) -> Option<u64> {
     match (arguments.frames, arguments.seconds) {
         (Some(frames), _) => Some(frames),
         (None, Some(_)) => None,
-        (None, None) => Some(FRAMES_DEFAULT),
+        (None, None) => (!arguments.windows).then_some(FRAMES_DEFAULT),
     }
 }
 
@@ -209,25 +223,34 @@ fn draw_frames(
     local: &LocalWall,
     arguments: &Arguments,
     camera: &dyn Fn(u64) -> Option<Camera>,
+    mut navigations: u64,
     faults: &mut Faults<'_>,
 ) -> anyhow::Result<()> {
     let count = frame_count(arguments);
-    let bar = ProgressBar::with_draw_target(count, drawn_to());
-    if let Ok(style) = ProgressStyle::with_template("drawing {wide_bar} frame {pos}, {per_sec}") {
+    let bar = ProgressBar::with_draw_target(count, progress::target());
+    let wide = if count.is_some() { "{wide_bar} " } else { "" };
+    let template = format!("drawing {wide}frame {{pos}}, {{per_sec}}");
+    if let Ok(style) = ProgressStyle::with_template(&template) {
         bar.set_style(style);
     }
     let start = Instant::now();
     for n in 0.. {
         let is_over = arguments.seconds.is_some_and(|length| start.elapsed() >= length);
-        if count.is_some_and(|count| n >= count) || is_over || local.was_interrupted() {
+        if count.is_some_and(|count| n >= count) || is_over {
             break;
         }
-        if let Some(rate) = arguments.rate {
-            let due = start + Duration::from_secs_f64(n as f64 / rate);
-            std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        let due = arguments.rate.map_or(Duration::ZERO, |rate| {
+            Duration::try_from_secs_f64(n as f64 / rate).unwrap_or(Duration::MAX)
+        });
+        if local.end.wait_until(start.checked_add(due).unwrap_or(start)).is_some() {
+            break;
         }
         let time_s = n as f64 / arguments.rate.unwrap_or(TIME_RATE);
-        let feedback = local.client.render_frame_at(camera(n), Some(time_s))?;
+        // Once the mouse has moved the camera, it is the user's.
+        let own = if navigations == 0 { camera(n) } else { None };
+        let feedback = local.client.render_frame_at(own, Some(time_s))?;
+        local.end.has_results();
+        navigations = feedback.navigations;
         faults.note(n + 1, &feedback)?;
         bar.inc(1);
     }
@@ -236,18 +259,7 @@ fn draw_frames(
 }
 
 fn print_summary(report: &Report, out: &Path) -> anyhow::Result<()> {
-    say(format_args!(
-        "{} frames in {:.1} s: {:.1} ms a frame (p95 {:.1}), drawing {:.1} ms, barrier {:.0} µs, \
-         skew {:.0} µs, late {}",
-        report.statistics.frames,
-        report.statistics.seconds,
-        report.statistics.frame_ms.p50,
-        report.statistics.frame_ms.p95,
-        report.statistics.draw_ms.p50,
-        report.statistics.barrier_us.p50,
-        report.statistics.swap_skew_us.p50,
-        report.statistics.late
-    ))?;
+    say(report.summary())?;
     if !report.faults.is_empty() {
         report.fault_lines().try_for_each(say)?;
     }
@@ -261,13 +273,8 @@ fn save(path: &Path, image: &image::RgbaImage) -> anyhow::Result<()> {
     pictures::save_png(path, image).with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Progress is for people: a log for programs has lines only.
-fn drawn_to() -> ProgressDrawTarget {
-    if log::is_json() { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() }
-}
-
 fn step(what: &'static str) -> ProgressBar {
-    let spinner = ProgressBar::with_draw_target(None, drawn_to()).with_message(what);
+    let spinner = ProgressBar::with_draw_target(None, progress::target()).with_message(what);
     spinner.enable_steady_tick(Duration::from_millis(100));
     spinner
 }

@@ -16,7 +16,9 @@ use polyptych_protocol::wall::{Channel, Cover, Wall};
 use super::light;
 use super::marker::{self, Light, Marker, Reading};
 use super::table::{Table, Target};
+use crate::cli::counted;
 use crate::pictures::write_whole;
+use crate::progress::Steps;
 
 /// How far a point may be from where f64 says, in pixels.
 const ERROR_MAX_PX: f64 = 0.01;
@@ -35,6 +37,9 @@ const HALF_PX: f64 = 32.0;
 
 /// The smallest of which a place can be told.
 const HALF_MIN_PX: f64 = 4.0;
+
+/// Scenes of markers that are drawn.
+pub(super) const SCENES: usize = OFFSETS_M.len();
 
 /// How far from the origin scenes are put, in metres.
 const OFFSETS_M: [f64; 3] = [0.0, 1e4, 1e7];
@@ -75,7 +80,7 @@ struct Found {
 pub(super) fn prove(
     client: &Client,
     (shaped, maps): (Shaped<'_>, &[Option<LightMap>]),
-    folder: &Path,
+    (folder, steps): (&Path, &mut Steps),
     table: &mut Table,
     mut keep: impl FnMut(&Capture) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
@@ -97,6 +102,10 @@ pub(super) fn prove(
         return Ok(());
     }
     for offset_m in OFFSETS_M {
+        let count = counted(markers.len(), "marker");
+        let is_near = offset_m == 0.0;
+        let away = if is_near { "at the origin" } else { &format!("{offset_m:e} m away") };
+        steps.begin(format_args!("looking for {count} on all channels, {away}"));
         let offset = DVec3::new(offset_m, -0.5 * offset_m, 0.25 * offset_m);
         let place = folder.join(format!("markers-{offset_m}"));
         std::fs::create_dir_all(&place).with_context(|| place.display().to_string())?;

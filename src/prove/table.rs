@@ -62,39 +62,88 @@ impl Table {
     }
 }
 
+/// Headings of the columns.
+const HEADINGS: [&str; 5] = ["what", "measured", "target", "kept", "where worst, or why"];
+
+/// The column of numbers, which end in line.
+const NUMBERS: usize = 1;
+
+impl Row {
+    fn cells(&self) -> [String; 5] {
+        let target = match self.target {
+            None => "none".to_owned(),
+            Some(Target::AtMost(most)) => format!("≤ {}", short(most)),
+            Some(Target::AtLeast(least)) => format!("≥ {}", short(least)),
+        };
+        let kept = match (self.target, self.is_kept) {
+            (None, _) => "-",
+            (_, true) => "yes",
+            (_, false) => "MISSED",
+        };
+        let measured = format!("{:.5} {}", self.measured, self.unit);
+        let measured = measured.trim_end().to_owned();
+        [self.what.clone(), measured, target, kept.to_owned(), self.note.clone()]
+    }
+}
+
+/// For people: a table with headings, whether the targets are kept, and what the rows mean.
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let cells = |row: &Row| {
-            let target = match row.target {
-                None => String::new(),
-                Some(Target::AtMost(most)) => format!("≤ {most}"),
-                Some(Target::AtLeast(least)) => format!("≥ {least}"),
-            };
-            let judged = match (row.target, row.is_kept) {
-                (None, _) => "",
-                (_, true) => "kept",
-                (_, false) => "MISSED",
-            };
-            [row.what.clone(), format!("{:.5} {}", row.measured, row.unit), target, judged.into()]
-        };
-        let rows: Vec<[String; 4]> = self.rows.iter().map(cells).collect();
+        let rows = self.rows.iter().map(Row::cells);
+        let lines: Vec<_> = std::iter::once(HEADINGS.map(str::to_owned)).chain(rows).collect();
         let width = |column: usize| {
-            rows.iter().map(|row| row[column].chars().count()).max().unwrap_or_default()
+            lines.iter().map(|line| line[column].chars().count()).max().unwrap_or_default()
         };
-        let widths = [width(0), width(1), width(2), width(3)];
-        for (row, Row { note, .. }) in rows.iter().zip(&self.rows) {
+        let widths = [0, 1, 2, 3].map(width);
+        for cells in &lines {
             let mut line = String::new();
-            for (index, (cell, width)) in row.iter().zip(widths).enumerate() {
+            for (index, (cell, width)) in cells.iter().zip(widths).enumerate() {
                 let padding = " ".repeat(width - cell.chars().count());
-                // Numbers end in line.
                 let (before, after) =
-                    if index == 1 { (padding.as_str(), "") } else { ("", padding.as_str()) };
+                    if index == NUMBERS { (padding.as_str(), "") } else { ("", padding.as_str()) };
                 line.extend([before, cell, after, "  "]);
             }
-            writeln!(f, "{}", format!("{line}{note}").trim_end())?;
+            writeln!(f, "{}", format!("{line}{}", cells[4]).trim_end())?;
+        }
+        let judged: Vec<_> = self.rows.iter().filter(|row| row.target.is_some()).collect();
+        let kept = judged.iter().filter(|row| row.is_kept).count();
+        writeln!(f, "\ntargets kept: {kept} of {}", judged.len())?;
+        let mut explained: Vec<&str> = Vec::new();
+        for (name, meaning) in self.rows.iter().filter_map(|row| meaning(&row.what)) {
+            if !explained.contains(&name) {
+                explained.push(name);
+                writeln!(f, "  {name}: {meaning}")?;
+            }
         }
         Ok(())
     }
+}
+
+/// A number with six decimals at most.
+fn short(number: f64) -> String {
+    format!("{number:.6}").trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// What the rows of this kind mean, for whoever reads the table for the first time; with the
+/// beginning of `what` that they share.
+fn meaning(what: &str) -> Option<(&'static str, &'static str)> {
+    const MEANINGS: [(&str, &str); 14] = [
+        ("source pixels per pixel", "how finely a warped channel is drawn before it is warped"),
+        ("sum of blend weights", "overlapping projectors together must be as bright as one"),
+        ("superposed codes", "error of rounding where projectors overlap, of what it may be"),
+        ("black", "the same for black, which is lifted to the leak of the most projectors"),
+        ("4 × 4 means that keep it", "the same for means over 4 × 4 pixels, which dither serves"),
+        ("channels without markers", "they are not measured"),
+        ("points", "how far points are drawn from where exact arithmetic has them"),
+        ("warped points", "the same where a warp resamples the picture"),
+        ("one point on two channels", "how far apart two channels show the same point"),
+        ("jitter", "how much the error of a point changes from frame to frame of a slow move"),
+        ("pixels within 2 levels", "share of the wall's pixels like those of one large display"),
+        ("pixels that are the same", "share of the wall's pixels as one large display shows them"),
+        ("pixels within one level", "the same, where a pixel may be one level of 255 off"),
+        ("pixels off by more than eight", "share of pixels that anybody might see"),
+    ];
+    MEANINGS.into_iter().find(|(name, _)| what.starts_with(name))
 }
 
 #[cfg(test)]
@@ -110,8 +159,23 @@ mod tests {
         table.add("identical", 0.98, "", Some(Target::AtLeast(0.995)), "");
         assert!(!table.is_kept());
         let text = table.to_string();
-        assert!(text.contains("markers     0.00400 px  ≤ 0.01   kept    front-1-1"), "{text}");
-        assert!(text.contains("MISSED"), "{text}");
+        let lines: Vec<&str> = text.lines().collect();
+        let headings = "what         measured  target   kept    where worst, or why";
+        assert_eq!(lines[..2], [headings, "markers    0.00400 px  ≤ 0.01   yes     front-1-1"]);
+        assert!(lines[2].contains("none") && lines[3].contains("MISSED"), "{text}");
+        assert!(text.contains("targets kept: 1 of 2"), "{text}");
+    }
+
+    #[test]
+    fn each_kind_of_row_is_explained_once() {
+        let mut table = Table::default();
+        for what in ["points", "points, 1e4 m away", "jitter", "warped points"] {
+            table.add(what, 0.0, "px", Some(Target::AtMost(0.01)), "");
+        }
+        let text = table.to_string();
+        for name in ["  points: ", "  jitter: ", "  warped points: "] {
+            assert_eq!(text.matches(name).count(), 1, "{text}");
+        }
     }
 
     #[test]

@@ -1,0 +1,58 @@
+//! Progress of long commands: a moving line on a terminal, and else a line for each step.
+
+use std::fmt::Display;
+use std::io::IsTerminal;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::log;
+
+/// Between two movements of a line.
+const TICK: Duration = Duration::from_millis(100);
+
+/// The steps of a command whose number is known.
+#[derive(Debug)]
+pub(crate) struct Steps {
+    bar: ProgressBar,
+    count: u64,
+    begun: u64,
+}
+
+/// Where progress is drawn: it is for people, and a log for programs has lines only.
+pub(crate) fn target() -> ProgressDrawTarget {
+    if log::is_json() { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() }
+}
+
+impl Steps {
+    /// So many steps, none of which has begun.
+    pub fn new(count: u64) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(count), target());
+        let style =
+            ProgressStyle::with_template("{spinner} step {prefix} of {len}: {msg} ({elapsed})");
+        if let Ok(style) = style {
+            bar.set_style(style);
+        }
+        bar.enable_steady_tick(TICK);
+        Self { bar, count, begun: 0 }
+    }
+
+    /// The next step begins.
+    pub fn begin(&mut self, what: impl Display) {
+        self.begun += 1;
+        let (step, count) = (self.begun, self.count);
+        self.bar.set_prefix(step.to_string());
+        self.bar.set_message(what.to_string());
+        if log::is_json() {
+            tracing::info!(step, count, "{what}");
+        } else if !std::io::stderr().is_terminal() {
+            eprintln!("step {step} of {count}: {what}");
+        }
+    }
+}
+
+impl Drop for Steps {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
