@@ -25,8 +25,8 @@ pub const SIZE: [u16; 2] = [1024, 768];
 pub struct Display {
     /// As `DISPLAY` names it.
     pub name: String,
-    connection: RustConnection,
-    root: Window,
+    pub(super) connection: RustConnection,
+    pub(super) root: Window,
     _server: Process,
 }
 

@@ -6,6 +6,7 @@ pub mod keys;
 pub mod local_wall;
 pub mod maps;
 pub mod model;
+pub mod mouse;
 pub mod pictures;
 pub mod place;
 pub mod process;

@@ -23,12 +23,13 @@
 //! - `soak`: a wall that is hurt all the time, for a long time, neither grows nor leaks
 //! - `windows`: pictures reach a display
 //! - `fullscreen`: monitors are filled without a window manager, and what does not fit is told
+//! - `window_use`: windows lie unfolded, follow the mouse, and end a run when they are closed
 //! - `observation`: metrics, logs for programs, and a live status
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
 //! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
 //! - `notes`: what of a scene is not drawn is said
 //! - `seen`: exit codes say who sees what a command did, and long ones how far they are
-//! - `report`: what a simulated wall writes
+//! - `report`: what a simulated wall writes, also where it ends early or is late
 
 mod back_pressure;
 mod check;
@@ -62,4 +63,5 @@ mod unlit;
 mod views;
 mod wall_files;
 mod wall_of_processes;
+mod window_use;
 mod windows;

@@ -28,12 +28,22 @@ fn a_wall_that_is_right_keeps_its_targets_and_one_that_is_not_does_not() {
         file::parse(text, "wall.toml".as_ref()).unwrap_or_else(|error| panic!("{error}"));
         let wall = place.write("wall.toml", text).display().to_string();
         let out = place.path("out").display().to_string();
-        let run = place.run(["prove", &wall, &town, "--json", "--out", &out]);
+        let run = place.run(["prove", &wall, &town, "--out", &out]);
         let json = std::fs::read(place.path("out").join("prove.json")).expect("a table");
         let table: serde_json::Value = serde_json::from_slice(&json).expect("JSON");
-        (run.code(), table["rows"].as_array().expect("rows").clone())
+        let rows = table["rows"].as_array().expect("rows").clone();
+        (run.code(), rows, run.output)
     };
-    let (code, rows) = prove(WALL);
+    let (code, rows, said) = prove(WALL);
+    // It says what it does before it prints what came of that.
+    let steps: Vec<_> = (1..=7).filter_map(|n| said.find(&format!("step {n} of 7: "))).collect();
+    assert_eq!(steps.len(), 7, "{said}");
+    let headings = said.lines().find(|line| line.starts_with("what ")).expect("headings");
+    for heading in ["measured", "target", "kept", "where"] {
+        assert!(headings.contains(heading), "{headings}");
+    }
+    let judged = rows.iter().filter(|row| !row["target"].is_null()).count();
+    assert!(said.contains(&format!("targets kept: {judged} of {judged}")), "{said}");
     let find = |rows: &[serde_json::Value], what: &str| {
         let row = rows.iter().find(|row| row["what"] == what);
         row.unwrap_or_else(|| panic!("no row {what} in {rows:?}")).clone()
@@ -50,6 +60,6 @@ fn a_wall_that_is_right_keeps_its_targets_and_one_that_is_not_does_not() {
 
     // Steps of 20 %, as coarse as nobody measured them: each code is far from its light.
     let curve = "[channel.front-1-1]\ncurve = [0, 0, 0, 0, 0, 1]\n";
-    let (code, rows) = prove(&[WALL, curve].concat());
+    let (code, rows, _) = prove(&[WALL, curve].concat());
     assert!(code == 1 && rows.iter().any(|row| row["is_kept"] == false), "{rows:?}");
 }

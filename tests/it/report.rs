@@ -1,12 +1,15 @@
 //! What a simulated wall writes: pictures and a report.
 
 use image::imageops;
-use serde_json::Value;
+use polyptych_client::Wall;
+use rustix::process::Signal;
+use serde_json::{Value, json};
 
 use crate::harness::local_wall::small;
 use crate::harness::pictures::{IDENTICAL, check, color_count, read};
 use crate::harness::place::Place;
 use crate::harness::scenes::town;
+use crate::harness::signals;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
 
@@ -18,6 +21,7 @@ fn simulated() -> (Simulation, Value) {
     let said = simulation.process.finish(wait::LIMIT).succeeded();
     assert!(said.contains("wall small: 4 channels on 1 screen"), "{said}");
     assert!(said.contains("pictures and report: "), "{said}");
+    assert!(said.contains("20 frames in") && said.contains("all channels: 20 of 20"), "{said}");
     let text = std::fs::read(simulation.place.path("out/report.json")).expect("a report");
     let report = serde_json::from_slice(&text).expect("JSON");
     (simulation, report)
@@ -39,6 +43,8 @@ fn a_report_says_what_was_drawn_and_how_long_it_took() {
     assert_eq!((&report["wall"], &report["scene"]), (&"small".into(), &"town".into()));
     assert_eq!(report["frames"], FRAMES);
     assert_eq!((&report["late"], &report["restarts"]), (&0.into(), &0.into()));
+    assert_eq!((&report["complete"], &report["ended"]), (&FRAMES.into(), &"done".into()));
+    assert_eq!(report["frame_ms"]["count"], FRAMES);
     let [frame_ms, ..] = spread(&report, "frame_ms");
     let [draw_ms, ..] = spread(&report, "draw_ms");
     let [barrier_us, ..] = spread(&report, "barrier_us");
@@ -71,6 +77,97 @@ fn a_report_says_what_was_drawn_and_how_long_it_took() {
     }
     assert_eq!(report["missing"], Value::Array(Vec::new()));
     check_pictures(&simulation, &names);
+}
+
+/// A run without an end.
+fn endless(wall: &Wall) -> Simulation {
+    let arguments = ["--orbit", "--seconds", "600"];
+    let mut simulation = Simulation::start(Place::new(), wall, town(), &arguments);
+    simulation.process.await_line(&["scene town"]);
+    simulation
+}
+
+/// Waits until at least one measured frame was drawn.
+fn await_frames(simulation: &Simulation) {
+    let client = simulation.client();
+    wait::until("frames", || (client.status().expect("status").frame.0 > 8).then_some(()));
+}
+
+fn read_report(simulation: &Simulation) -> Value {
+    let text = std::fs::read(simulation.place.path("out/report.json")).expect("a report");
+    serde_json::from_slice(&text).expect("JSON")
+}
+
+#[test]
+fn an_interrupted_run_writes_what_it_has_drawn() {
+    for signal in [Signal::INT, Signal::TERM] {
+        let mut simulation = endless(&small(2, 1));
+        await_frames(&simulation);
+        simulation.interrupt(signal, "while it draws");
+        let said = simulation.process.output();
+        assert!(said.contains("pictures and report: ") && said.contains("interrupted"), "{said}");
+        let report = read_report(&simulation);
+        assert_eq!(report["ended"], "interrupted");
+        let frames = report["frames"].as_u64().expect("a number");
+        assert!(frames > 0 && report["complete"].as_u64() > Some(0), "{report}");
+        assert_eq!((&report["missing"], &report["restarts"]), (&json!([]), &0.into()));
+        assert!(color_count(&read(&simulation.place.path("out/wall.png"))) > 100);
+    }
+}
+
+#[test]
+fn a_run_that_is_interrupted_before_its_first_frame_says_that_there_is_no_report() {
+    let arguments = ["--seconds", "600"];
+    let mut simulation = Simulation::start(Place::new(), &small(1, 1), town(), &arguments);
+    simulation.process.await_line(&["wall small"]);
+    wait::until("a server", || (!simulation.children("server").is_empty()).then_some(()));
+    simulation.interrupt(Signal::INT, "before the first frame");
+    let said = simulation.process.output();
+    assert!(said.contains("interrupted before the first frame"), "{said}");
+    assert!(!simulation.place.path("out/report.json").exists());
+}
+
+#[test]
+fn a_second_interrupt_ends_a_run_at_once() {
+    let mut simulation = endless(&small(1, 1));
+    await_frames(&simulation);
+    // The last picture is waited for, which a server that hangs never sends.
+    let server = simulation.children("server")[0];
+    signals::send(server, Signal::STOP);
+    let ended = wait::look_for(wait::SOON, || {
+        let has_ended = simulation.process.has_ended();
+        if !has_ended {
+            simulation.process.signal(Signal::INT);
+        }
+        has_ended.then_some(())
+    });
+    assert!(ended.is_some(), "{}", simulation.process.output());
+    signals::send(server, Signal::CONT);
+    let finished = simulation.process.finish(wait::SOON);
+    assert_eq!(finished.code(), 130, "{}", finished.output);
+    assert!(finished.output.contains("at once"), "{}", finished.output);
+    simulation.await_no_orphans("after two interrupts");
+}
+
+#[test]
+fn late_frames_are_told_as_they_were() {
+    let mut wall = small(2, 1);
+    (wall.deadline.min_ms, wall.deadline.max_ms) = (300, 300);
+    // Both are slowed behind the first frame; each frame from then on ends at its deadline.
+    let slow = ["at 1 slow 5s front-1-1", "at 1 slow 5s front-2-1"];
+    let arguments = ["--frames", "4", "--fault", slow[0], "--fault", slow[1]];
+    let mut simulation = Simulation::start(Place::new(), &wall, town(), &arguments);
+    let finished = simulation.process.finish(wait::LIMIT);
+    let said = finished.output;
+    let report = read_report(&simulation);
+    let frame_ms = spread(&report, "frame_ms");
+    assert!(frame_ms[0] >= 299.0, "three of four frames took 300 ms: {frame_ms:?}");
+    assert_eq!((&report["frames"], &report["frame_ms"]["count"]), (&4.into(), &4.into()));
+    assert!(report["complete"].as_u64() <= Some(1) && report["late"].as_u64() >= Some(2));
+    let seconds = report["seconds"].as_f64().expect("a number");
+    assert!(seconds >= 0.9, "{seconds}");
+    let complete = &report["complete"];
+    assert!(said.contains(&format!("shown by all channels: {complete} of 4")), "{said}");
 }
 
 /// The wall's picture is its channels', as they hang.
