@@ -3,9 +3,11 @@
 mod bake;
 mod bench;
 mod check;
+mod completions;
 mod demo;
 mod displays;
 mod drive;
+mod examples;
 mod keys;
 mod manager;
 mod pattern;
@@ -18,6 +20,7 @@ mod server;
 mod sight;
 mod simulate;
 mod status;
+mod stop;
 mod tune;
 mod wall;
 mod watch;
@@ -28,8 +31,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::{Context, anyhow};
-use clap::{Parser, Subcommand};
+use anyhow::{Context, anyhow, bail};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use polyptych_client::DisplayMode;
 use polyptych_client::blocking::Client;
 use polyptych_manager::import::{Baker, bake_wall_files};
@@ -46,6 +49,7 @@ pub(crate) struct Cli {
     /// "polyptych_render=debug", or both with a comma [default: text, and info for manager and
     /// server, else warn]
     #[arg(long, global = true, env = "POLYPTYCH_LOG", value_name = "LOG")]
+    #[arg(help_heading = "Options of every command", display_order = 1000)]
     #[arg(value_parser = LogWish::parse)]
     log: Option<LogWish>,
     #[command(subcommand)]
@@ -84,8 +88,8 @@ enum Command {
     Tune(tune::Arguments),
     /// Say how a running wall stands
     Status(status::Arguments),
-    /// End the manager of a running wall
-    Stop(drive::StopArguments),
+    /// End the manager of a running wall, and its servers if asked to
+    Stop(stop::Arguments),
     /// Make the keys of a wall: an authority, and a key for each node
     Keys(keys::Arguments),
     /// Say what a wall file describes, or what is wrong with it
@@ -105,7 +109,14 @@ enum Command {
     /// Measure what parts of the system cost
     #[command(subcommand)]
     Bench(bench::Bench),
+    /// Print a script with which a shell completes this command
+    Completions(completions::CompletionArguments),
+    /// Write manual pages of all commands
+    Man(completions::ManArguments),
 }
+
+/// The variable that names the manager's address, for clients and servers.
+const MANAGER_VARIABLE: &str = "POLYPTYCH_MANAGER";
 
 /// Where a running manager is.
 #[derive(Clone, Debug, clap::Args)]
@@ -114,6 +125,7 @@ pub(crate) struct ManagerAddress {
     #[arg(
         long,
         value_name = "ADDR",
+        env = MANAGER_VARIABLE,
         value_parser = address,
         default_value_t = format!("127.0.0.1:{PORT_DEFAULT}")
     )]
@@ -154,6 +166,27 @@ impl Cli {
     }
 }
 
+/// The command as its help, manual and completions describe it.
+fn command() -> clap::Command {
+    examples::with_examples(Cli::command())
+}
+
+/// The arguments of this process; ends it with a message if they are wrong.
+pub(crate) fn parse() -> Cli {
+    let parsed = Cli::from_arg_matches(&command().get_matches());
+    parsed.unwrap_or_else(|error| error.exit())
+}
+
+/// Refuses to write over a source, which a person may have edited. Pictures and reports are not
+/// sources: they are replaced.
+fn check_overwrite(path: &Path, force: bool) -> anyhow::Result<()> {
+    let is_there = std::fs::symlink_metadata(path).is_ok_and(|m| m.is_file() || m.is_symlink());
+    if is_there && !force {
+        bail!("{} is there already; --force writes over it", path.display());
+    }
+    Ok(())
+}
+
 pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     let done = match cli.command {
         Command::Demo(arguments) => return demo::run(&arguments),
@@ -171,7 +204,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Pattern(arguments) => return pattern::run(&arguments),
         Command::Tune(arguments) => return tune::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
-        Command::Stop(arguments) => drive::stop(&arguments),
+        Command::Stop(arguments) => stop::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),
         Command::Check(arguments) => return check::run(&arguments),
         Command::Prove(arguments) => return prove::run(&arguments),
@@ -180,6 +213,8 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Scene(scene) => scene::run(&scene),
         Command::Bake(arguments) => bake::run(&arguments),
         Command::Bench(bench) => bench::run(&bench),
+        Command::Completions(arguments) => completions::completions(&arguments),
+        Command::Man(arguments) => completions::man(&arguments),
     };
     done.map(|()| ExitCode::SUCCESS)
 }
@@ -289,11 +324,6 @@ fn seconds(text: &str) -> Result<Duration, String> {
         .ok()
         .filter(|duration| !duration.is_zero())
         .ok_or_else(|| format!("{text} is not a positive number of seconds"))
-}
-
-/// A number of things in words.
-pub(crate) fn counted(count: usize, thing: &str) -> String {
-    if count == 1 { format!("1 {thing}") } else { format!("{count} {thing}s") }
 }
 
 /// A manager's address, as an argument: `HOST:PORT`, or `HOST` with the usual port.

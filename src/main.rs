@@ -16,10 +16,8 @@ mod town;
 
 use std::process::ExitCode;
 
-use clap::Parser;
-
 fn main() -> ExitCode {
-    let cli = cli::Cli::parse();
+    let cli = cli::parse();
     let process = cli.process();
     cli::start_log(&cli);
     match cli::run(cli) {

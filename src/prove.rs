@@ -15,11 +15,11 @@ use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::wall::Wall;
 use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 
-use crate::cli::counted;
 use crate::faults::Needs;
 use crate::local_wall::{LocalWall, LocalWallOptions};
 use crate::pictures;
 use crate::progress::Steps;
+use polyptych_protocol::words::counted;
 use table::Table;
 
 /// Where the camera looks from when pictures are compared, in radians around the vertical.

@@ -1,9 +1,9 @@
 //! `report.json`: what a simulated wall did.
 
 use polyptych_client::{SceneSummary, Statistics};
+use polyptych_protocol::words::counted;
 use serde::Serialize;
 
-use crate::cli::counted;
 use crate::ending::Ending;
 use crate::faults::FaultRecord;
 
@@ -94,7 +94,7 @@ impl Report {
         format!(
             "{} in {:.1} s, shown by all channels: {} of {frames}; {:.1} ms a frame (p95 {:.1}), \
              {times}, late {}",
-            counted(frames as usize, "frame"),
+            counted(frames, "frame"),
             all.seconds,
             all.complete,
             frame_ms.p50,
@@ -107,7 +107,7 @@ impl Report {
     pub fn fault_lines(&self) -> impl Iterator<Item = String> {
         let faults = self.faults.iter().take(FAULTS_SAID_MAX).map(FaultRecord::line);
         let more = self.faults.len().saturating_sub(FAULTS_SAID_MAX);
-        let more = (more > 0).then(|| format!("{more} more faults stand in report.json"));
+        let more = (more > 0).then(|| format!("{} in report.json", counted(more, "more fault")));
         let channels = self.statistics.channels.iter().map(|channel| {
             format!(
                 "channel {}: {}, longest gap {:.0} ms, late {}",

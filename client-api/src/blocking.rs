@@ -30,7 +30,7 @@ use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{Epoch, RequestId};
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
+use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight, StoppedServers};
 use polyptych_protocol::tuning::{Change, Tuned};
 use polyptych_protocol::wall::Wall;
 
@@ -365,6 +365,14 @@ impl Client {
     /// [`ClientError`].
     pub fn stop(&self) -> Result<(), ClientError> {
         wait(self.inner.stop())
+    }
+
+    /// Blocking version of [`crate::Client::stop_with_servers`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn stop_with_servers(&self) -> Result<StoppedServers, ClientError> {
+        wait(self.inner.stop_with_servers())
     }
 }
 

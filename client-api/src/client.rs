@@ -11,7 +11,7 @@ use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
+use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight, StoppedServers};
 use polyptych_protocol::tuning::{Change, Tuned};
 use polyptych_protocol::wall::Wall;
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -437,6 +437,18 @@ impl Client {
         match self.call(request).await? {
             Reply::Frame(feedback) => Ok(feedback),
             other => Err(wrong_answer(name, &other)),
+        }
+    }
+
+    /// Ends all servers of the wall and then the manager, and this client with it. Returns what
+    /// became of the servers.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn stop_with_servers(&self) -> Result<StoppedServers, ClientError> {
+        match self.call(Request::StopServers).await? {
+            Reply::ServersStopped(stopped) => Ok(stopped),
+            other => Err(wrong_answer("stop the manager and its servers", &other)),
         }
     }
 

@@ -130,7 +130,9 @@ where
             Ok(Answer::Feedback(feedback)) => shared.handle_feedback(feedback),
             Ok(Answer::Picture(part)) => shared.handle_part(&part),
             Ok(Answer::Progress { id, progress }) => shared.handle_progress(id, progress),
-            Ok(Answer::Goodbye { reason }) => return End { reason, is_goodbye: true },
+            Ok(Answer::Goodbye(goodbye)) => {
+                return End { reason: goodbye.to_string(), is_goodbye: true };
+            }
             Err(error) => return End::lost(format!("a message made no sense: {error}")),
         }
     }

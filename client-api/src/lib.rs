@@ -70,7 +70,7 @@ pub use polyptych_protocol::head::Head;
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 pub use polyptych_protocol::pattern::Pattern;
 pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
-pub use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight};
+pub use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight, StoppedServers};
 pub use polyptych_protocol::scene::{Bounds, SceneFeatures};
 pub use polyptych_protocol::tuning::{self, Tuned};
 pub use polyptych_protocol::wall::{Channel, Screen, Wall};

@@ -158,7 +158,7 @@ impl Link {
         request: Request,
         wanted: Wanted,
     ) -> Result<Pending, ClientError> {
-        let name = name(&request);
+        let name = request.name();
         let shared = &self.shared;
         if let Some(end) = &state.end {
             let (address, reason) = (shared.address.clone(), end.reason.clone());
@@ -175,7 +175,7 @@ impl Link {
         let first_after = if state.lost.is_some() { shared.wait() } else { after };
         let id = state.open.insert(now, name, first_after, waiter).ok_or_else(full)?;
 
-        let is_stop = request == Request::Stop;
+        let is_stop = matches!(request, Request::Stop | Request::StopServers);
         let message = codec::encode(&Call { id, request });
         let (bytes, limit) = (message.len(), MESSAGE_BYTES_MAX);
         let sent = if bytes > limit {
@@ -333,7 +333,7 @@ impl Shared {
     /// An answer came.
     pub fn handle_reply(&self, id: RequestId, reply: Result<Reply, Failure>) {
         let Some(Open { request, waiter, .. }) = self.lock().open.remove(id) else {
-            tracing::debug!(request = %id, "an answer that nobody waits for");
+            tracing::debug!(request = id.0, "an answer that nobody waits for");
             return;
         };
         let answer = match reply {
@@ -361,7 +361,7 @@ impl Shared {
         let mut state = self.lock();
         let parts = state.open.waiter_mut(part.id).and_then(|waiter| waiter.parts.as_mut());
         let Some(parts) = parts else {
-            tracing::debug!(request = %part.id, "a piece of a picture that nobody waits for");
+            tracing::debug!(request = part.id.0, "a piece of a picture that nobody waits for");
             return;
         };
         let Err(error) = parts.add(part.index, &part.bytes) else { return };
@@ -447,33 +447,6 @@ fn deliver(
     let _unwanted = waiter.send(answer);
 }
 
-/// What a request does, as it stands behind "cannot".
-fn name(request: &Request) -> &'static str {
-    match request {
-        Request::OpenScene { .. } => "open the scene",
-        Request::CloseScene => "close the scene",
-        Request::SetCamera(_) => "set the camera",
-        Request::SetEye(_) => "set the eye",
-        Request::SetHead(_) => "set the head",
-        Request::SetViews(_) => "set the views",
-        Request::DescribeSight => "read what the wall looks at",
-        Request::SetExposure(_) => "set the exposure",
-        Request::RenderFrame { .. } => "render a frame",
-        Request::Run(_) => "run",
-        Request::Pause => "pause",
-        Request::Capture => "capture the wall",
-        Request::Status => "read the status",
-        Request::DescribeWall => "read the wall's description",
-        Request::Statistics { .. } => "read the statistics",
-        Request::Subscribe(true) => "subscribe to feedback",
-        Request::Subscribe(false) => "end the subscription",
-        Request::Stop => "stop the manager",
-        Request::SetDisplays(_) => "change the displays",
-        Request::SetPattern(_) => "change the pattern",
-        Request::Tune { .. } => "tune the channel",
-    }
-}
-
 /// The error of a reply that belongs to some other request.
 pub(crate) fn wrong_answer(request: &'static str, reply: &Reply) -> ClientError {
     let answer = match reply {
@@ -486,6 +459,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Reply) -> ClientError 
         Reply::Statistics(_) => "statistics",
         Reply::Sight(_) => "what the wall looks at",
         Reply::Tuned(_) => "a tuning",
+        Reply::ServersStopped(_) => "the stopped servers",
     };
     ClientError::WrongAnswer { request, answer }
 }

@@ -20,11 +20,36 @@ pub enum Command {
     Swap(Swap),
     /// The answer to a [`crate::status::Status::Ping`].
     Pong(Pong),
-    /// The manager ends, and why.
-    Goodbye {
-        /// For the log and the idle picture.
+    /// The manager ends the connection.
+    Goodbye(Goodbye),
+}
+
+/// The reason why a manager ends a connection.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+pub enum Goodbye {
+    /// A client stopped the wall. Servers show so on their displays and wait for another manager.
+    #[error("a client stopped the manager")]
+    Stopped,
+    /// A client stopped the wall and its servers: a server that is told so ends.
+    #[error("a client stopped the manager and its servers")]
+    StoppedWithServers,
+    /// The manager's process was asked to end, by Ctrl-C, SIGTERM or its parent. It is often started
+    /// again, so displays keep their last frame.
+    #[error("the manager was ended")]
+    Ended,
+    /// The manager goes on without this peer.
+    #[error("{reason}")]
+    Closed {
+        /// What the peer did, or who took its place.
         reason: String,
     },
+}
+
+impl Goodbye {
+    /// The goodbye to a single peer, for this reason.
+    pub fn closed(reason: impl Into<String>) -> Self {
+        Self::Closed { reason: reason.into() }
+    }
 }
 
 /// Operations to apply; the server answers [`crate::status::Status::Prepared`] once it could draw

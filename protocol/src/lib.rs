@@ -39,3 +39,4 @@ pub mod tls;
 pub mod token;
 pub mod tuning;
 pub mod wall;
+pub mod words;

@@ -7,7 +7,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
-use crate::command::View;
+use crate::command::{Goodbye, View};
 use crate::display::DisplayMode;
 use crate::feedback::{Feedback, Statistics, WallStatus};
 use crate::head::Head;
@@ -93,6 +93,38 @@ pub enum Request {
         /// What to change, in order.
         changes: Vec<Change>,
     },
+    /// Ends all servers and then the manager; answered with what became of the servers.
+    StopServers,
+}
+
+impl Request {
+    /// Returns what the request does, as it stands behind "cannot".
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::OpenScene { .. } => "open the scene",
+            Self::CloseScene => "close the scene",
+            Self::SetCamera(_) => "set the camera",
+            Self::SetEye(_) => "set the eye",
+            Self::SetHead(_) => "set the head",
+            Self::SetViews(_) => "set the views",
+            Self::DescribeSight => "read what the wall looks at",
+            Self::SetExposure(_) => "set the exposure",
+            Self::RenderFrame { .. } => "render a frame",
+            Self::Run(_) => "run",
+            Self::Pause => "pause",
+            Self::Capture => "capture the wall",
+            Self::Status => "read the status",
+            Self::DescribeWall => "read the wall's description",
+            Self::Statistics { .. } => "read the statistics",
+            Self::Subscribe(true) => "subscribe to feedback",
+            Self::Subscribe(false) => "end the subscription",
+            Self::Stop => "stop the manager",
+            Self::StopServers => "stop the manager and its servers",
+            Self::SetDisplays(_) => "change the displays",
+            Self::SetPattern(_) => "change the pattern",
+            Self::Tune { .. } => "tune the channel",
+        }
+    }
 }
 
 /// How fast the wall draws by itself.
@@ -118,11 +150,8 @@ pub enum Answer {
     Feedback(Feedback),
     /// A piece of a picture; all pieces come before the reply to the capture.
     Picture(PicturePart),
-    /// The manager ends, and why.
-    Goodbye {
-        /// For the person in front of the client.
-        reason: String,
-    },
+    /// The manager ends the connection.
+    Goodbye(Goodbye),
     /// How far a request to open a scene has come: with every percent at most, and at least every
     /// few seconds while it is baked. May be left out for a client that reads slowly.
     Progress {
@@ -155,6 +184,19 @@ pub enum Reply {
     Sight(Box<Sight>),
     /// To [`Request::Tune`].
     Tuned(Tuned),
+    /// To [`Request::StopServers`].
+    ServersStopped(StoppedServers),
+}
+
+/// What became of a wall's servers that were told to end, by name.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StoppedServers {
+    /// Servers that said goodbye.
+    pub ended: Vec<String>,
+    /// Servers that were told to end and did not say goodbye, with what they did instead.
+    pub silent: Vec<(String, String)>,
+    /// Servers of the wall file that were not connected, so they could not be told.
+    pub absent: Vec<String>,
 }
 
 /// What the wall looks at, and from where.

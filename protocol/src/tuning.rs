@@ -3,6 +3,7 @@
 //! What can be changed is what leaves the display's size, the scene and all other channels as they
 //! are. The result is checked as a wall file is: a picture that is folded is refused.
 
+pub mod carry_over;
 #[cfg(test)]
 mod tests;
 

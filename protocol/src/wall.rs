@@ -15,6 +15,7 @@ pub mod file;
 pub mod fold;
 pub mod front;
 pub mod frustum;
+pub mod identity;
 pub mod maps;
 mod outline;
 pub mod pixels;

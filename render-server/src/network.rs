@@ -10,8 +10,8 @@ use bytes::Bytes;
 use crossbeam_channel::Sender;
 use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::codec;
-use polyptych_protocol::command::Command;
-use polyptych_protocol::connection::{self, Frames};
+use polyptych_protocol::command::{Command, Goodbye};
+use polyptych_protocol::connection::{self, ConnectionError, Frames};
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, Hello, Role, Secret, ServerHello, Welcome,
 };
@@ -20,7 +20,7 @@ use polyptych_protocol::keys::Keys;
 use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
 use polyptych_protocol::process;
 use polyptych_protocol::status::{Ping, Status};
-use polyptych_protocol::stream::{self, Stream};
+use polyptych_protocol::stream::{self, DialError, Stream};
 use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
 
@@ -28,7 +28,7 @@ use crate::bulk::{self, BULK_JOBS_MAX, BulkJob};
 use crate::clock::{Clock, ClockEstimate};
 use crate::ending::Ending;
 use crate::loader::{Line, LoadOrder};
-use crate::notice::{Notice, time_of_day};
+use crate::notice::{ManagerState, Notice, time_of_day};
 use crate::render_thread::Job;
 use crate::report::Report;
 use crate::run::{ServerError, ServerOptions, Shutdown};
@@ -38,8 +38,60 @@ use crate::run::{ServerError, ServerOptions, Shutdown};
 const RETRY_FIRST: Duration = Duration::from_millis(50);
 const RETRY_LONGEST: Duration = Duration::from_secs(2);
 
+/// How long a manager whose bulk connection has ended may take to say why: both end together.
+const LAST_WORDS_TIME_MAX: Duration = Duration::from_millis(200);
+
 /// How long a goodbye may take: the next connection waits for it.
 const GOODBYE_TIME_MAX: Duration = Duration::from_millis(50);
+
+/// Why there is no connection.
+#[derive(Debug, thiserror::Error)]
+enum End {
+    /// No manager answers at the address.
+    #[error("{0}")]
+    Unreachable(String),
+    /// The manager refused this server, the connection failed, or this server cannot connect.
+    #[error("{0}")]
+    Failed(String),
+    /// The manager said goodbye.
+    #[error("{0}")]
+    Goodbye(Goodbye),
+}
+
+impl End {
+    fn failed(reason: impl std::fmt::Display) -> Self {
+        Self::Failed(reason.to_string())
+    }
+
+    /// Returns whether the manager's process ended as a person or a supervisor asked it to.
+    fn is_orderly(&self) -> bool {
+        use Goodbye::{Ended, Stopped, StoppedWithServers};
+        matches!(self, Self::Goodbye(Stopped | StoppedWithServers | Ended))
+    }
+}
+
+impl From<DialError> for End {
+    fn from(error: DialError) -> Self {
+        match error {
+            DialError::Unresolved(_) | DialError::Unreachable(_) => {
+                Self::Unreachable(error.to_string())
+            }
+            _ => Self::failed(error),
+        }
+    }
+}
+
+impl From<ConnectionError> for End {
+    fn from(error: ConnectionError) -> Self {
+        match error {
+            // A manager that is just ending, or not there yet behind a relay.
+            ConnectionError::Io(_) | ConnectionError::Closed => {
+                Self::Unreachable(error.to_string())
+            }
+            _ => Self::failed(error),
+        }
+    }
+}
 
 /// What the network thread works with.
 pub(crate) struct Network {
@@ -72,7 +124,7 @@ pub(crate) fn run(
 }
 
 impl Network {
-    /// Serves one connection after the other until it is to end.
+    /// Serves one connection after the other until it is to end, as the manager or this process says.
     ///
     /// # Errors
     /// It is to try once, and has.
@@ -80,37 +132,41 @@ impl Network {
         let manager = self.options.manager.clone();
         let mut wait = RETRY_FIRST;
         let mut last_reason = String::new();
+        // The last manager ended in order, and no other one has come.
+        let mut is_away = false;
         tokio::select! {
             () = ending.ended() => return Ok(()),
             address = own_address(&manager) => self.address = address,
         }
-        self.notice(&format!("connecting to manager {manager}"), false);
+        self.notice(&format!("connecting to manager {manager}"), ManagerState::Expected);
         loop {
             let started = Instant::now();
             let connected = tokio::select! {
                 () = ending.ended() => return Ok(()),
                 connected = self.connect() => connected,
             };
-            let (was_connected, reason) = match connected {
-                Err(reason) => (false, reason),
+            let (was_connected, end) = match connected {
+                Err(end) => (false, end),
                 Ok((frames, welcome)) => (true, self.serve(frames, welcome, ending).await),
             };
             if ending.reason().is_some() {
                 return Ok(());
             }
+            let reason = end.to_string();
+            if matches!(end, End::Goodbye(Goodbye::StoppedWithServers)) {
+                tracing::info!(manager, reason, "this server ends");
+                return Ok(());
+            }
             if self.options.once {
                 return Err(ServerError::GaveUp { manager, reason });
             }
-            // One line for each change; a manager that is away all night fills no disk.
-            let is_news = reason != last_reason;
+            let is_quiet = is_away && matches!(end, End::Unreachable(_));
+            let is_news = reason != last_reason && !is_quiet;
             if was_connected || is_news {
-                // The connection's port belongs to nobody any more.
-                self.address = self.address.map(|address| SocketAddr::new(address.ip(), 0));
-                tracing::warn!(manager, reason, "not connected; trying again for ever");
-                let what = if was_connected { "manager lost" } else { "no manager" };
-                self.notice(&format!("{what} at {manager}: {reason}"), was_connected);
+                self.tell(&manager, was_connected, &end);
+                last_reason = reason;
             }
-            last_reason = reason;
+            is_away = is_quiet || end.is_orderly();
             // A connection that ends again and again, for the same reason and at once, is as good
             // as none.
             if was_connected && (is_news || started.elapsed() > RETRY_LONGEST) {
@@ -124,10 +180,35 @@ impl Network {
         }
     }
 
-    async fn connect(&self) -> Result<(Frames<Stream>, Welcome), String> {
+    /// Says on displays and in the log that there is no connection. One line for each change; a
+    /// manager that is away all night fills no disk.
+    fn tell(&mut self, manager: &str, was_connected: bool, end: &End) {
+        // The connection's port belongs to nobody any more.
+        self.address = self.address.map(|address| SocketAddr::new(address.ip(), 0));
+        if end.is_orderly() {
+            tracing::info!(manager, reason = %end, "the manager has ended; waiting for the next");
+        } else {
+            tracing::warn!(manager, reason = %end, "not connected; trying again for ever");
+        }
+        match end {
+            End::Goodbye(Goodbye::Stopped | Goodbye::StoppedWithServers) => {
+                let what = format!("wall stopped at {}", time_of_day());
+                self.notice(&what, ManagerState::Stopped);
+            }
+            End::Goodbye(Goodbye::Ended) => {
+                self.notice(&format!("manager stopped at {manager}: {end}"), ManagerState::Ended);
+            }
+            _ if was_connected => {
+                self.notice(&format!("manager lost at {manager}: {end}"), ManagerState::Lost);
+            }
+            _ => self.notice(&format!("no manager at {manager}: {end}"), ManagerState::Expected),
+        }
+    }
+
+    async fn connect(&self) -> Result<(Frames<Stream>, Welcome), End> {
         let hello = Hello::Server(ServerHello {
             name: self.options.name.clone(),
-            token: self.token()?,
+            token: self.token().map_err(End::Failed)?,
             channels: self.options.channels.clone(),
             pid: std::process::id(),
             adapter: self.adapter.clone(),
@@ -135,21 +216,17 @@ impl Network {
         self.introduce(Role::Server, &hello).await
     }
 
-    async fn introduce(
-        &self,
-        role: Role,
-        hello: &Hello,
-    ) -> Result<(Frames<Stream>, Welcome), String> {
+    async fn introduce(&self, role: Role, hello: &Hello) -> Result<(Frames<Stream>, Welcome), End> {
         let introduce = async {
-            let keys = self.keys()?;
+            let keys = self.keys().map_err(End::Failed)?;
             let (manager, insecure) = (&self.options.manager, self.options.insecure);
-            let stream = stream::dial(manager, keys.as_ref(), insecure).await;
-            let stream = stream.map_err(|error| error.to_string())?;
-            connection::introduce(stream, role, hello).await.map_err(|error| error.to_string())
+            let stream = stream::dial(manager, keys.as_ref(), insecure).await?;
+            Ok(connection::introduce(stream, role, hello).await?)
         };
         let limit = HANDSHAKE_TIME_MAX;
         let introduced = tokio::time::timeout(limit, introduce).await;
-        introduced.map_err(|_| format!("no answer within {} s", limit.as_secs()))?
+        let silent = |_| End::Unreachable(format!("no answer within {} s", limit.as_secs()));
+        introduced.map_err(silent)?
     }
 
     /// This server's keys, where it has any, as they are now.
@@ -175,45 +252,55 @@ impl Network {
         mut frames: Frames<Stream>,
         welcome: Welcome,
         ending: &Ending,
-    ) -> String {
-        let reason = tokio::select! {
-            () = ending.ended() => ending.reason().unwrap_or_default().to_owned(),
-            reason = self.serve_both(&mut frames, &welcome) => reason,
+    ) -> End {
+        let end = tokio::select! {
+            () = ending.ended() => End::failed(ending.reason().unwrap_or_default()),
+            end = self.serve_both(&mut frames, &welcome) => end,
         };
         // A manager that is gone, or reads nothing, is not waited for.
-        let goodbye = codec::encode(&Status::Goodbye { reason: reason.clone() });
+        let goodbye = codec::encode(&Status::Goodbye { reason: end.to_string() });
         let _ = tokio::time::timeout(GOODBYE_TIME_MAX, frames.send(goodbye)).await;
         let _ = self.jobs.try_send(Job::Disconnected);
-        reason
+        end
     }
 
     /// Serves a control connection and its bulk connection until one of them ends; says why.
-    async fn serve_both(&mut self, frames: &mut Frames<Stream>, welcome: &Welcome) -> String {
+    async fn serve_both(&mut self, frames: &mut Frames<Stream>, welcome: &Welcome) -> End {
         let manager = &self.options.manager;
         tracing::info!(manager, wall = welcome.wall, epoch = %welcome.epoch, "connected");
         self.address = frames.get_ref().local_addr().ok();
-        self.notice(&format!("wall {}: getting the scene ready", welcome.wall), false);
+        self.notice(
+            &format!("wall {}: getting the scene ready", welcome.wall),
+            ManagerState::Expected,
+        );
         self.clock.set(None);
         // Reports for an older connection mean nothing on this one.
         while self.waiting_reports.try_recv().is_ok() {}
         let token = match self.token() {
             Ok(token) => token,
-            Err(reason) => return reason,
+            Err(reason) => return End::Failed(reason),
         };
         let hello = Hello::Bulk(BulkHello { token, session: welcome.session });
         let bulk_frames = match self.introduce(Role::Bulk, &hello).await {
             Ok((frames, _)) => frames,
-            Err(reason) => return format!("bulk connection: {reason}"),
+            Err(end) => return End::Failed(format!("bulk connection: {end}")),
         };
         let (bulk_jobs, waiting) = mpsc::channel(BULK_JOBS_MAX);
         let is_cut = Arc::new(AtomicBool::new(false));
         let line = Line { bulk: bulk_jobs, reports: self.reports.clone(), is_cut: is_cut.clone() };
-        let reason = tokio::select! {
-            reason = bulk::serve(bulk_frames, waiting) => reason,
-            reason = self.converse(frames, welcome, line) => reason,
+        let end = {
+            let mut conversation = pin!(self.converse(frames, welcome, line));
+            tokio::select! {
+                biased;
+                end = &mut conversation => end,
+                reason = bulk::serve(bulk_frames, waiting) => {
+                    let last = tokio::time::timeout(LAST_WORDS_TIME_MAX, conversation).await;
+                    last.unwrap_or(End::Failed(reason))
+                }
+            }
         };
         is_cut.store(true, Ordering::Relaxed);
-        reason
+        end
     }
 
     async fn converse(
@@ -221,7 +308,7 @@ impl Network {
         frames: &mut Frames<Stream>,
         welcome: &Welcome,
         line: Line,
-    ) -> String {
+    ) -> End {
         let heartbeat = Duration::from_millis(u64::from(welcome.heartbeat_ms.max(1)));
         let mut ping = tokio::time::interval(heartbeat / PINGS_PER_HEARTBEAT);
         let mut estimate = ClockEstimate::default();
@@ -231,11 +318,11 @@ impl Network {
                 message = frames.next() => {
                     last_heard = Instant::now();
                     match message {
-                        None => return "it closed the connection".to_owned(),
-                        Some(Err(error)) => return error.to_string(),
+                        None => return End::failed("it closed the connection"),
+                        Some(Err(error)) => return End::failed(error),
                         Some(Ok(bytes)) => {
-                            if let Err(reason) = self.obey(&bytes, &mut estimate, &line) {
-                                return reason;
+                            if let Err(end) = self.obey(&bytes, &mut estimate, &line) {
+                                return end;
                             }
                         }
                     }
@@ -245,7 +332,7 @@ impl Network {
                     Report::Status(status) => {
                         if matches!(status, Status::Prepared(_)) {
                             let what = format!("wall {}: ready, no frame yet", welcome.wall);
-                            self.notice(&what, false);
+                            self.notice(&what, ManagerState::Expected);
                         }
                         codec::encode(&status)
                     }
@@ -258,7 +345,8 @@ impl Network {
                 },
                 _ = ping.tick() => {
                     if last_heard.elapsed() > heartbeat {
-                        return format!("silent for more than {} ms", heartbeat.as_millis());
+                        let ms = heartbeat.as_millis();
+                        return End::failed(format_args!("silent for more than {ms} ms"));
                     }
                     let sent_us = self.clock.local_us();
                     let memory_bytes = process::resident_bytes().unwrap_or(0);
@@ -267,15 +355,15 @@ impl Network {
             };
             match tokio::time::timeout(heartbeat, frames.send(outgoing)).await {
                 Ok(Ok(())) => {}
-                Ok(Err(error)) => return error.to_string(),
-                Err(_) => return "it reads nothing any more".to_owned(),
+                Ok(Err(error)) => return End::failed(error),
+                Err(_) => return End::failed("it reads nothing any more"),
             }
         }
     }
 
-    fn obey(&self, bytes: &[u8], estimate: &mut ClockEstimate, line: &Line) -> Result<(), String> {
-        let command = codec::decode::<Command>(bytes)
-            .map_err(|error| format!("it sent something malformed: {error}"))?;
+    fn obey(&self, bytes: &[u8], estimate: &mut ClockEstimate, line: &Line) -> Result<(), End> {
+        let malformed = |error| End::failed(format_args!("it sent something malformed: {error}"));
+        let command = codec::decode::<Command>(bytes).map_err(malformed)?;
         match command {
             // A full queue is a render thread that stands still: what it misses, it is late with.
             Command::Frame(frame) => drop(self.jobs.try_send(Job::Frame(Box::new(frame)))),
@@ -283,7 +371,7 @@ impl Network {
             Command::Prepare(prepare) => {
                 let order = LoadOrder { prepare, line: line.clone() };
                 if self.orders.try_send(order).is_err() {
-                    return Err("it sends changes faster than they can be prepared".to_owned());
+                    return Err(End::failed("it sends changes faster than they can be prepared"));
                 }
             }
             Command::Pong(pong) => {
@@ -291,18 +379,18 @@ impl Network {
                 estimate.add(&pong, now_us);
                 self.clock.set(estimate.best(now_us));
             }
-            Command::Goodbye { reason } => return Err(reason),
+            Command::Goodbye(goodbye) => return Err(End::Goodbye(goodbye)),
         }
         Ok(())
     }
 
     /// What channels without a picture say, and since when; and those whose picture is old.
-    fn notice(&self, what: &str, is_lost: bool) {
+    fn notice(&self, what: &str, manager: ManagerState) {
         let address = self.address.map(|address| match address.port() {
             0 => address.ip().to_string(),
             _ => address.to_string(),
         });
-        let notice = Notice { what: what.to_owned(), since: time_of_day(), address, is_lost };
+        let notice = Notice { what: what.to_owned(), since: time_of_day(), address, manager };
         let _ = self.jobs.try_send(Job::Notice(notice));
     }
 }

@@ -11,8 +11,22 @@ pub struct Notice {
     pub since: String,
     /// This machine's, on its way to the manager; with the port once connected.
     pub address: Option<String>,
-    /// There was a manager, and it is gone.
-    pub is_lost: bool,
+    /// What has become of the manager.
+    pub manager: ManagerState,
+}
+
+/// What has become of the manager, as far as displays must say it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ManagerState {
+    /// It is there, or there was none.
+    #[default]
+    Expected,
+    /// The connection was lost: the last frame stays, with these words.
+    Lost,
+    /// Its process was asked to end, and may be started again: the last frame stays likewise.
+    Ended,
+    /// A person stopped the wall: displays say so instead of the last frame.
+    Stopped,
 }
 
 /// What a server is, beside its channels and its address.
@@ -42,7 +56,10 @@ impl Identity {
         } else {
             notice.what.clone()
         });
-        lines.push(format!("since {}", notice.since));
+        // A stop is an event, and its time is in the line above.
+        if notice.manager != ManagerState::Stopped || is_frozen {
+            lines.push(format!("since {}", notice.since));
+        }
         lines
     }
 

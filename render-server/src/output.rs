@@ -293,14 +293,13 @@ impl Output {
                 self.show_idle(gpu, display_size, lines);
                 false
             }
-            Look::Picture { is_named, lost_since } => {
+            Look::Picture { is_named, outdated } => {
                 let size = self.picture().map_or(display_size, Picture::size);
                 if is_named {
                     let lines = identity.label(&self.name, size, showing.notice());
                     labels.push(Label { lines, place: Place::Middle });
                 }
-                let lost = lost_since.map(|since| format!("manager lost since {since}"));
-                let lines: Vec<String> = lost.into_iter().chain(self.note(is_named)).collect();
+                let lines: Vec<String> = outdated.into_iter().chain(self.note(is_named)).collect();
                 if !lines.is_empty() {
                     labels.push(Label { lines, place: Place::Corner });
                 }

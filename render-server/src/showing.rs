@@ -2,7 +2,7 @@
 
 use polyptych_protocol::display::DisplayMode;
 
-use crate::notice::Notice;
+use crate::notice::{ManagerState, Notice};
 
 /// What the displays of this server show.
 #[derive(Debug, Default)]
@@ -10,7 +10,10 @@ pub struct Showing {
     mode: DisplayMode,
     face: Face,
     notice: Option<Notice>,
-    lost_since: Option<String>,
+    /// The words that the picture is old, and since when.
+    outdated: Option<String>,
+    /// The wall was stopped: pictures from before are not shown any more.
+    is_stopped: bool,
 }
 
 /// What was shown before displays froze goes on being shown.
@@ -29,8 +32,8 @@ pub enum Look {
     Picture {
         /// With what the display is over it.
         is_named: bool,
-        /// With the words that this is old, since then.
-        lost_since: Option<String>,
+        /// The words that the picture is old, and since when.
+        outdated: Option<String>,
     },
     /// Words instead of a picture, as there is none.
     Idle {
@@ -46,16 +49,26 @@ pub enum Look {
 impl Showing {
     /// The connection stands otherwise.
     pub fn handle_notice(&mut self, notice: Notice) {
-        if notice.is_lost && self.lost_since.is_none() {
+        let words = match notice.manager {
+            ManagerState::Lost => Some("manager lost since"),
+            ManagerState::Ended => Some("manager stopped since"),
+            ManagerState::Expected | ManagerState::Stopped => None,
+        };
+        if let Some(words) = words
+            && self.outdated.is_none()
+        {
             // Until a frame is shown the picture is as old as the first loss.
-            self.lost_since = Some(notice.since.clone());
+            self.outdated = Some(format!("{words} {}", notice.since));
         }
+        self.is_stopped |= notice.manager == ManagerState::Stopped;
         self.notice = Some(notice);
     }
 
     /// A frame is shown that carries this mode. Gives whether displays take its picture.
     pub fn handle_show(&mut self, mode: DisplayMode) -> bool {
-        self.lost_since = None;
+        self.outdated = None;
+        // Frozen displays keep what they show: that the wall was stopped.
+        self.is_stopped &= mode == DisplayMode::Freeze;
         self.mode = mode;
         self.face = match mode {
             DisplayMode::Normal => Face::Plain,
@@ -71,13 +84,13 @@ impl Showing {
         match self.face {
             // Not even that the manager is lost: who made the wall black wants it dark.
             Face::Black => Look::Black,
-            Face::Plain | Face::Named if !has_picture => {
+            Face::Plain | Face::Named if !has_picture || self.is_stopped => {
                 let is_frozen = self.mode == DisplayMode::Freeze;
                 Look::Idle { notice: self.notice.clone(), is_frozen }
             }
             face => {
                 let is_named = face == Face::Named;
-                Look::Picture { is_named, lost_since: self.lost_since.clone() }
+                Look::Picture { is_named, outdated: self.outdated.clone() }
             }
         }
     }
@@ -92,13 +105,13 @@ impl Showing {
 mod tests {
     use super::*;
 
-    fn notice(since: &str, is_lost: bool) -> Notice {
+    fn notice(since: &str, manager: ManagerState) -> Notice {
         let what = "as it stands".to_owned();
-        Notice { what, since: since.into(), address: None, is_lost }
+        Notice { what, since: since.into(), address: None, manager }
     }
 
-    fn picture(is_named: bool, lost_since: Option<&str>) -> Look {
-        Look::Picture { is_named, lost_since: lost_since.map(str::to_owned) }
+    fn picture(is_named: bool, outdated: Option<&str>) -> Look {
+        Look::Picture { is_named, outdated: outdated.map(str::to_owned) }
     }
 
     #[test]
@@ -132,7 +145,7 @@ mod tests {
     #[test]
     fn a_display_that_starts_while_others_are_frozen_says_so() {
         let mut showing = Showing::default();
-        let ready = notice("10:00:00 UTC", false);
+        let ready = notice("10:00:00 UTC", ManagerState::Expected);
         showing.handle_notice(ready.clone());
         showing.handle_show(DisplayMode::Freeze);
         assert_eq!(showing.look(false), Look::Idle { notice: Some(ready), is_frozen: true });
@@ -142,21 +155,57 @@ mod tests {
     fn a_lost_manager_is_told_since_the_first_loss_until_a_frame_is_shown() {
         let mut showing = Showing::default();
         showing.handle_show(DisplayMode::Normal);
-        showing.handle_notice(notice("10:00:00 UTC", true));
-        assert_eq!(showing.look(true), picture(false, Some("10:00:00 UTC")));
-        showing.handle_notice(notice("10:00:09 UTC", false));
-        assert_eq!(showing.look(true), picture(false, Some("10:00:00 UTC")), "no frame yet");
-        showing.handle_notice(notice("10:00:12 UTC", true));
-        assert_eq!(showing.look(true), picture(false, Some("10:00:00 UTC")));
+        showing.handle_notice(notice("10:00:00 UTC", ManagerState::Lost));
+        assert_eq!(showing.look(true), picture(false, Some("manager lost since 10:00:00 UTC")));
+        showing.handle_notice(notice("10:00:09 UTC", ManagerState::Expected));
+        assert_eq!(
+            showing.look(true),
+            picture(false, Some("manager lost since 10:00:00 UTC")),
+            "no frame yet"
+        );
+        showing.handle_notice(notice("10:00:12 UTC", ManagerState::Lost));
+        assert_eq!(showing.look(true), picture(false, Some("manager lost since 10:00:00 UTC")));
         showing.handle_show(DisplayMode::Freeze);
         assert_eq!(showing.look(true), picture(false, None), "whatever the frame says");
+    }
+
+    #[test]
+    fn a_manager_that_was_ended_leaves_the_last_frame_with_that_word() {
+        let mut showing = Showing::default();
+        showing.handle_show(DisplayMode::Normal);
+        showing.handle_notice(notice("10:00:00 UTC", ManagerState::Ended));
+        let outdated = "manager stopped since 10:00:00 UTC";
+        assert_eq!(showing.look(true), picture(false, Some(outdated)));
+        showing.handle_show(DisplayMode::Normal);
+        assert_eq!(showing.look(true), picture(false, None));
+    }
+
+    #[test]
+    fn a_stopped_wall_shows_words_until_the_next_frame() {
+        let mut showing = Showing::default();
+        showing.handle_show(DisplayMode::Identify);
+        let stopped = notice("10:00:00 UTC", ManagerState::Stopped);
+        showing.handle_notice(stopped.clone());
+        let idle =
+            |notice: &Notice, is_frozen| Look::Idle { notice: Some(notice.clone()), is_frozen };
+        assert_eq!(showing.look(true), idle(&stopped, false));
+        let next = notice("10:00:09 UTC", ManagerState::Expected);
+        showing.handle_notice(next.clone());
+        assert_eq!(showing.look(true), idle(&next, false), "the old picture stays away");
+        showing.handle_show(DisplayMode::Freeze);
+        assert_eq!(showing.look(true), idle(&next, true));
+        showing.handle_show(DisplayMode::Normal);
+        assert_eq!(showing.look(true), picture(false, None));
+        showing.handle_show(DisplayMode::Blank);
+        showing.handle_notice(stopped);
+        assert_eq!(showing.look(true), Look::Black, "who made the wall black wants it dark");
     }
 
     #[test]
     fn a_black_display_stays_black_without_a_manager() {
         let mut showing = Showing::default();
         showing.handle_show(DisplayMode::Blank);
-        showing.handle_notice(notice("10:00:00 UTC", true));
+        showing.handle_notice(notice("10:00:00 UTC", ManagerState::Lost));
         assert_eq!((showing.look(true), showing.look(false)), (Look::Black, Look::Black));
     }
 }

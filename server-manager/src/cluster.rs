@@ -117,6 +117,11 @@ pub enum Output {
     Remember(Box<Memory>),
     /// End the manager.
     Stop,
+    /// End all servers, answer this request with what became of them, and end the manager.
+    StopServers {
+        /// The client's request.
+        job: RequestOf,
+    },
 }
 
 /// A request and the client that waits for its answer.

@@ -1,35 +1,43 @@
 //! What a manager remembers over a restart: a small file that is there whole or not at all.
 //!
 //! ```text
-//! PLYPSTA2 | BLAKE3 of what follows, 32 bytes | encoded Memory
+//! PLYPSTA3 | BLAKE3 of what follows, 32 bytes | encoded wall without paths | encoded Memory
 //! ```
 //!
-//! The last letter is the form: files of 0.1 and 0.2 end their name with T, and hold less.
+//! The last letter is the form. Files of earlier forms, T and 2, do not hold the wall.
+
+mod reconcile;
 
 use std::fs;
 use std::io::{self, Read, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec;
+use polyptych_protocol::command::View;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{BlobHash, Revision};
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
 use polyptych_protocol::log::SceneRef;
+use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::Pace;
-use polyptych_protocol::wall::EYE_SEPARATION_DEFAULT_M;
+use polyptych_protocol::wall::{Adjustment, EYE_SEPARATION_DEFAULT_M, Wall};
 use serde::{Deserialize, Serialize};
 
 use crate::cluster::{Further, Memory};
+pub(crate) use reconcile::{Reconciled, reconcile};
 
-/// Largest file that is read: ours have a few hundred bytes, and what was tuned of the wall, whose
-/// description fits into a message.
-const MEMORY_BYTES_MAX: u64 = MESSAGE_BYTES_MAX as u64;
+/// Maximum size of a file that is read: a few hundred bytes, the wall, and what was tuned of it.
+/// A wall fits into a message, tuned or not.
+const MEMORY_BYTES_MAX: u64 = 2 * MESSAGE_BYTES_MAX as u64;
 
 /// How the file begins: one that begins otherwise is another program's, and is not written over.
-const MAGIC: [u8; 8] = *b"PLYPSTA2";
+const MAGIC: [u8; 8] = *b"PLYPSTA3";
+
+/// How files of the second form begin.
+const MAGIC_SECOND: [u8; 8] = *b"PLYPSTA2";
 
 /// How files of the first form begin.
 const MAGIC_FIRST: [u8; 8] = *b"PLYPSTAT";
@@ -47,6 +55,40 @@ struct First {
     displays: DisplayMode,
 }
 
+/// The second form: a hash of the wall, with the paths as they were typed, instead of the wall.
+#[derive(Debug, Serialize, Deserialize)]
+struct Second {
+    wall: BlobHash,
+    revision: Revision,
+    scene: Option<SceneRef>,
+    camera: Camera,
+    head: Head,
+    views: Vec<View>,
+    exposure: f32,
+    pace: Option<Pace>,
+    displays: DisplayMode,
+    pattern: Option<Pattern>,
+    tunings: Vec<(String, Adjustment)>,
+    tuned_wall: Option<BlobHash>,
+}
+
+/// The content of a state file.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Saved {
+    /// The wall of the wall file at that time, without paths; `None` in files of earlier forms.
+    pub wall: Option<Wall>,
+    /// The state of this wall.
+    pub memory: Memory,
+}
+
+/// Writes the state of one wall.
+#[derive(Clone, Debug)]
+pub(crate) struct StateFile {
+    path: PathBuf,
+    /// The wall without paths, encoded.
+    wall: Vec<u8>,
+}
+
 /// Whether this may be the file of a manager, or become it.
 ///
 /// # Errors
@@ -62,7 +104,7 @@ pub(crate) fn check(path: &Path) -> Result<(), String> {
     let mut begin = Vec::new();
     let read = fs::File::open(path).and_then(|file| file.take(8).read_to_end(&mut begin));
     // What is not there, or was torn before it was whole, is made anew.
-    let is_ours = [MAGIC, MAGIC_FIRST].iter().any(|magic| magic.starts_with(&begin));
+    let is_ours = [MAGIC, MAGIC_SECOND, MAGIC_FIRST].iter().any(|magic| magic.starts_with(&begin));
     if read.is_ok() && !is_ours {
         return foreign("another file");
     }
@@ -71,7 +113,7 @@ pub(crate) fn check(path: &Path) -> Result<(), String> {
 
 /// What was remembered in this file, or `None` where there is none, or nothing of use: a manager
 /// that begins afresh is better than one that does not begin.
-pub(crate) fn load(path: &Path) -> Option<Memory> {
+pub(crate) fn load(path: &Path) -> Option<Saved> {
     let warn = |reason: &dyn std::fmt::Display| {
         tracing::warn!(path = %path.display(), %reason, "what was remembered is of no use");
     };
@@ -88,30 +130,52 @@ pub(crate) fn load(path: &Path) -> Option<Memory> {
         Ok(_) => {}
     }
     let bytes = fs::read(path).map_err(|error| warn(&error)).ok()?;
-    let is_first = bytes.starts_with(&MAGIC_FIRST);
-    let magic = if is_first { MAGIC_FIRST } else { MAGIC };
-    let whole = bytes.strip_prefix(&magic).and_then(|rest| rest.split_at_checked(32));
-    let Some((hash, memory)) = whole else {
+    let form = [MAGIC, MAGIC_SECOND, MAGIC_FIRST].into_iter().find(|m| bytes.starts_with(m));
+    let whole = form.and_then(|magic| {
+        let (hash, saved) = bytes.strip_prefix(&magic)?.split_at_checked(32)?;
+        Some((magic, hash, saved))
+    });
+    let Some((form, hash, saved)) = whole else {
         warn(&"it is cut short");
         return None;
     };
-    if BlobHash::of(memory).0 != hash {
+    if BlobHash::of(saved).0 != hash {
         warn(&"it was damaged");
         return None;
     }
-    let memory = if is_first { decode_first(memory) } else { codec::decode(memory) };
-    memory.map_err(|error| warn(&error)).ok()
+    let saved = match form {
+        MAGIC => codec::decode(saved).map(|(wall, memory)| Saved { wall: Some(wall), memory }),
+        MAGIC_SECOND => codec::decode(saved).map(from_second),
+        _ => decode_first(saved),
+    };
+    saved.map_err(|error| warn(&error)).ok()
+}
+
+fn from_second(second: Second) -> Saved {
+    let further =
+        Further { pattern: second.pattern, tunings: second.tunings, ..Further::default() };
+    let memory = Memory {
+        revision: second.revision,
+        scene: second.scene,
+        camera: second.camera,
+        head: second.head,
+        views: second.views,
+        exposure: second.exposure,
+        pace: second.pace,
+        displays: second.displays,
+        further,
+    };
+    Saved { wall: None, memory }
 }
 
 /// What bytes of the first form say, which are known to be whole.
-fn decode_first(memory: &[u8]) -> Result<Memory, codec::DecodeError> {
+fn decode_first(memory: &[u8]) -> Result<Saved, codec::DecodeError> {
     let first = codec::decode::<First>(memory).or_else(|error| {
         // The very first managers remembered no display mode, which stands last.
         let normal = codec::encode(&DisplayMode::Normal);
         codec::decode(&[memory, &normal].concat()).map_err(|_| error)
     })?;
-    Ok(Memory {
-        wall: first.wall,
+    let memory = Memory {
         revision: first.revision,
         scene: first.scene,
         camera: first.camera,
@@ -121,32 +185,54 @@ fn decode_first(memory: &[u8]) -> Result<Memory, codec::DecodeError> {
         pace: first.pace,
         displays: first.displays,
         further: Further::default(),
-    })
+    };
+    Ok(Saved { wall: None, memory })
 }
 
-/// Writes what is to be remembered.
-///
-/// # Errors
-/// The folder or the file can't be written.
-pub(crate) fn save(path: &Path, memory: &Memory) -> io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
-    fs::create_dir_all(folder)?;
-    let bytes = codec::encode(memory);
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(&MAGIC)?;
-    file.write_all(&BlobHash::of(&bytes).0)?;
-    file.write_all(&bytes)?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
+impl StateFile {
+    /// The state file of this wall at this path; written by [`save`](Self::save) only.
+    pub fn new(path: PathBuf, wall: &Wall) -> Self {
+        Self { path, wall: codec::encode(&wall.without_paths()).to_vec() }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes what is to be remembered.
+    ///
+    /// # Errors
+    /// The folder or the file can't be written.
+    pub fn save(&self, memory: &Memory) -> io::Result<()> {
+        let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new("."));
+        fs::create_dir_all(folder)?;
+        let bytes = [&self.wall[..], &codec::encode(memory)].concat();
+        let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        file.write_all(&MAGIC)?;
+        file.write_all(&BlobHash::of(&bytes).0)?;
+        file.write_all(&bytes)?;
+        file.persist(&self.path).map_err(|error| error.error)?;
+        Ok(())
+    }
+
+    /// Keeps the file as it is under a name of its own, in the place of an older such copy.
+    ///
+    /// # Errors
+    /// The file cannot be copied.
+    pub fn keep_copy(&self) -> io::Result<PathBuf> {
+        let mut copy = self.path.clone().into_os_string();
+        copy.push(".old");
+        let copy = PathBuf::from(copy);
+        fs::copy(&self.path, &copy)?;
+        Ok(copy)
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use polyptych_protocol::command::View;
-    use polyptych_protocol::pattern::Pattern;
     use polyptych_protocol::scene::Bounds;
-    use polyptych_protocol::wall::Adjustment;
 
     use super::*;
 
@@ -156,7 +242,6 @@ mod tests {
         let path = folder.path().join("state/wall");
         assert_eq!(load(&path), None);
         let memory = Memory {
-            wall: BlobHash([7; 32]),
             revision: Revision(9),
             scene: None,
             camera: Camera { scale: 0.1, ..Camera::IDENTITY },
@@ -169,12 +254,13 @@ mod tests {
                 bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
                 pattern: Some(Pattern::Grid),
                 tunings: vec![("a".into(), Adjustment { mirror: true, ..Adjustment::default() })],
-                tuned_wall: Some(BlobHash([8; 32])),
                 notes: vec!["animations: 1 is not played".into()],
             },
         };
-        save(&path, &memory).expect("saved");
-        assert_eq!(load(&path).as_ref(), Some(&memory));
+        let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
+        StateFile::new(path.clone(), &wall).save(&memory).expect("saved");
+        let saved = Saved { wall: Some(wall.without_paths()), memory };
+        assert_eq!(load(&path), Some(saved));
         let mut bytes = fs::read(&path).expect("read");
         for cut in [0, 10, 32, bytes.len() - 1] {
             fs::write(&path, &bytes[..cut]).expect("written");
@@ -212,9 +298,39 @@ mod tests {
             let hash = BlobHash::of(bytes).0;
             fs::write(&path, [&MAGIC_FIRST[..], &hash, bytes].concat()).expect("written");
             assert_eq!(check(&path), Ok(()), "it may be written over");
-            let memory = load(&path).expect("remembered");
+            let Saved { wall, memory } = load(&path).expect("remembered");
+            assert_eq!(wall, None);
             assert_eq!((memory.revision, memory.displays), (Revision(9), displays));
             assert_eq!((memory.head.position, memory.views.len()), (DVec3::Y, 0));
         }
+    }
+
+    #[test]
+    fn files_of_the_second_form_are_read() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("wall");
+        let tunings = vec![("a".to_owned(), Adjustment { mirror: true, ..Adjustment::default() })];
+        let second = Second {
+            wall: BlobHash([7; 32]),
+            revision: Revision(9),
+            scene: None,
+            camera: Camera::IDENTITY,
+            head: Head::at(DVec3::Y, 0.06),
+            views: Vec::new(),
+            exposure: 1.0,
+            pace: None,
+            displays: DisplayMode::Blank,
+            pattern: Some(Pattern::Grid),
+            tunings: tunings.clone(),
+            tuned_wall: None,
+        };
+        let bytes = codec::encode(&second);
+        let file = [&MAGIC_SECOND[..], &BlobHash::of(&bytes).0, &bytes].concat();
+        fs::write(&path, file).expect("written");
+        assert_eq!(check(&path), Ok(()), "it may be written over");
+        let memory = load(&path).expect("remembered").memory;
+        assert_eq!((memory.revision, memory.head), (second.revision, second.head));
+        let pattern = Some(Pattern::Grid);
+        assert_eq!(memory.further, Further { pattern, tunings, ..Further::default() });
     }
 }

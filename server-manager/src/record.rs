@@ -20,7 +20,7 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use polyptych_protocol::codec;
 use polyptych_protocol::ids::Epoch;
@@ -60,6 +60,8 @@ pub struct Segment<C = Checkpoint> {
     pub program: String,
     /// The life of the manager.
     pub epoch: Epoch,
+    /// The start of the manager, when its time is 0, in microseconds since 1970, UTC.
+    pub started_unix_us: u64,
     /// Whether every input since the segment before is in that one.
     pub is_contiguous: bool,
     /// Where the brain stood.
@@ -119,6 +121,7 @@ pub struct Recorder {
     buffer: Arc<Buffer>,
     thread: Option<JoinHandle<()>>,
     epoch: Option<Epoch>,
+    started_unix_us: u64,
 }
 
 impl Recorder {
@@ -136,12 +139,14 @@ impl Recorder {
         let work = move || write_all(ring, &shared, &name);
         let thread = std::thread::Builder::new().name("recorder".into()).spawn(work);
         let failed = |source| RingError::Io { path: path.to_owned(), source };
-        Ok(Self { buffer, thread: Some(thread.map_err(failed)?), epoch: None })
+        Ok(Self { buffer, thread: Some(thread.map_err(failed)?), epoch: None, started_unix_us: 0 })
     }
 
     /// A life of the manager begins.
     pub(crate) fn begin(&mut self, fresh: Fresh) {
         self.epoch = Some(fresh.epoch);
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        self.started_unix_us = since_1970.as_micros() as u64;
         let beginning: Beginning<CheckpointOf<'_>> = Beginning::Fresh(Box::new(fresh));
         self.segment(false, beginning);
     }
@@ -163,7 +168,9 @@ impl Recorder {
         let Some(epoch) = self.epoch else { return };
         self.buffer.begin_segment();
         let program = env!("CARGO_PKG_VERSION").to_owned();
-        self.note(&Record::Begin(Segment { program, epoch, is_contiguous, beginning }));
+        let started_unix_us = self.started_unix_us;
+        let segment = Segment { program, epoch, started_unix_us, is_contiguous, beginning };
+        self.note(&Record::Begin(segment));
     }
 
     fn note(&self, record: &RecordOf<'_>) {

@@ -3,6 +3,7 @@
 pub mod incident;
 pub mod invariants;
 mod timeline;
+mod words;
 
 use polyptych_protocol::codec;
 use serde::Serialize;
@@ -39,6 +40,8 @@ pub struct Part {
     pub program: String,
     /// The life of the manager, as in status and logs.
     pub epoch: String,
+    /// The start of the manager, when its time is 0, in microseconds since 1970, UTC.
+    pub started_unix_us: u64,
     /// Whether it begins with the manager; otherwise with a checkpoint of it.
     pub is_from_start: bool,
     /// Whether the manager ended in order; otherwise the recording breaks off.
@@ -128,7 +131,7 @@ impl Replay {
     }
 
     fn begin(&mut self, segment: Segment) {
-        let Segment { program, epoch, is_contiguous, beginning } = segment;
+        let Segment { program, epoch, started_unix_us, is_contiguous, beginning } = segment;
         let is_from_start = matches!(beginning, Beginning::Fresh(_));
         let goes_on =
             is_contiguous && self.player.as_ref().is_some_and(|p| p.cluster.epoch() == epoch);
@@ -142,7 +145,8 @@ impl Replay {
             let number = self.replayed.parts.len() + 1;
             let epoch = epoch.to_string();
             let summary = Summary::default();
-            let part = Part { program, epoch, is_from_start, has_end: false, summary };
+            let part =
+                Part { program, epoch, started_unix_us, is_from_start, has_end: false, summary };
             self.player = Some(Player::new(cluster, part, number));
             return;
         };
@@ -234,7 +238,7 @@ impl Player {
             part,
             at_s: told.map_or(0, |told| told.now) as f64 / 1e6,
             number: self.inputs,
-            input: told.map_or_else(String::new, |told| format!("{:?}", told.input)),
+            input: told.map_or_else(String::new, |told| words::of_input(&told.input)),
             recorded,
             replayed,
         }

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::codec;
-use polyptych_protocol::command::Command;
+use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::ids::Epoch;
@@ -28,12 +28,12 @@ use tokio::time::Instant;
 use crate::brain::Brain;
 use crate::bulk::AllowedBlobs;
 use crate::capture::{Collection, PictureMemory, WallShapes};
-use crate::cluster::{self, Input, Micros, Output, SessionId};
+use crate::cluster::{self, Input, Micros, Output, RequestOf, SessionId};
 use crate::delivery;
 use crate::door;
 use crate::gate::Gate;
 use crate::import::Baker;
-use crate::memory;
+use crate::memory::{self, StateFile};
 use crate::metrics;
 use crate::record::Recorder;
 use crate::repetition::Repetitions;
@@ -123,7 +123,7 @@ pub async fn run(
     getrandom::fill(&mut epoch).map_err(ManagerError::Random)?;
     listener.set_nonblocking(true).map_err(ManagerError::Listener)?;
     let listener = TcpListener::from_std(listener).map_err(ManagerError::Listener)?;
-    let (events, inbox) = mpsc::channel(EVENTS_MAX);
+    let (events, mut inbox) = mpsc::channel(EVENTS_MAX);
     let epoch = Epoch(u64::from_le_bytes(epoch));
     let metrics = options.metrics.take().map(|at| metrics::start(at, events.clone()));
     let metrics = metrics.transpose().map_err(ManagerError::Metrics)?;
@@ -138,10 +138,13 @@ pub async fn run(
         welcome: hub.welcome(SessionId(0)),
     };
     let accepting = tokio::spawn(door::accept(listener, door));
-    let reason = hub.turn(inbox, shutdown).await;
+    let goodbye = hub.turn(&mut inbox, shutdown).await;
     accepting.abort();
     drop(metrics);
-    hub.say_goodbye(reason).await;
+    if let Some(Stopping::WithServers(job)) = hub.stopping {
+        hub.stop_servers(job, &mut inbox).await;
+    }
+    hub.say_goodbye(&goodbye).await;
     Ok(())
 }
 
@@ -159,6 +162,7 @@ fn load_keys(folder: &Path) -> Result<Keys, KeysError> {
 struct Hub {
     options: ManagerOptions,
     cluster: Brain,
+    state: Option<StateFile>,
     events: mpsc::Sender<Event>,
     imported: (mpsc::Sender<Imported>, mpsc::Receiver<Imported>),
     /// What bakers say of their progress.
@@ -174,7 +178,15 @@ struct Hub {
     pictures: PictureMemory,
     shapes: WallShapes,
     bakes: Arc<Semaphore>,
-    is_stopping: bool,
+    stopping: Option<Stopping>,
+}
+
+/// What a client has stopped.
+#[derive(Clone, Copy, Debug)]
+enum Stopping {
+    Manager,
+    /// Answered once the servers have ended.
+    WithServers(RequestOf),
 }
 
 impl Hub {
@@ -182,8 +194,10 @@ impl Hub {
         let allowed = AllowedBlobs::default();
         allowed.allow(&options.wall.blobs().collect::<Vec<_>>());
         let blobs = BlobFolder::new(options.baker.store.join("blobs"));
+        let (cluster, state) = beginning::begin(&mut options, epoch, &allowed);
         Self {
-            cluster: beginning::begin(&mut options, epoch, &allowed),
+            cluster,
+            state,
             options,
             events,
             imported: mpsc::channel(16),
@@ -199,16 +213,16 @@ impl Hub {
             pictures: PictureMemory::default(),
             shapes: WallShapes::new(blobs),
             bakes: Arc::new(Semaphore::new(BAKES_MAX)),
-            is_stopping: false,
+            stopping: None,
         }
     }
 
     /// The loop of the manager. Returns why it ended.
     async fn turn(
         &mut self,
-        mut inbox: mpsc::Receiver<Event>,
+        inbox: &mut mpsc::Receiver<Event>,
         shutdown: impl Future<Output = ()>,
-    ) -> &'static str {
+    ) -> Goodbye {
         tokio::pin!(shutdown);
         let timer = tokio::time::sleep_until(self.wake());
         tokio::pin!(timer);
@@ -222,7 +236,7 @@ impl Hub {
             }
             tokio::select! {
                 biased;
-                () = &mut shutdown => return "the manager was ended",
+                () = &mut shutdown => return Goodbye::Ended,
                 // The reports of a frame come together; a turn for each would cost more than
                 // they do.
                 _ = inbox.recv_many(&mut waiting, EVENTS_PER_TURN) => {
@@ -247,8 +261,10 @@ impl Hub {
             }
             self.finish_collections();
             self.carry_out();
-            if self.is_stopping {
-                return "a client stopped the manager";
+            match self.stopping {
+                None => {}
+                Some(Stopping::Manager) => return Goodbye::Stopped,
+                Some(Stopping::WithServers(_)) => return Goodbye::StoppedWithServers,
             }
         }
     }
@@ -430,19 +446,21 @@ impl Hub {
                 }
                 Output::Close { session, reason } => {
                     if let Some(link) = self.servers.get(&session) {
-                        let goodbye = codec::encode(&Command::Goodbye { reason: reason.clone() });
-                        link.send(&codec::framed(&goodbye));
+                        let goodbye = Command::Goodbye(Goodbye::closed(reason.as_str()));
+                        link.send(&codec::framed(&codec::encode(&goodbye)));
                     }
                     self.forget(session, &reason);
                 }
                 Output::Remember(memory) => {
-                    if let Some(path) = &self.options.memory
-                        && let Err(error) = memory::save(path, &memory)
+                    if let Some(state) = &self.state
+                        && let Err(error) = state.save(&memory)
                     {
-                        tracing::warn!(path = %path.display(), %error, "cannot remember the state");
+                        let path = state.path().display();
+                        tracing::warn!(%path, %error, "cannot remember the state");
                     }
                 }
-                Output::Stop => self.is_stopping = true,
+                Output::Stop => self.stopping = Some(Stopping::Manager),
+                Output::StopServers { job } => self.stopping = Some(Stopping::WithServers(job)),
             }
         }
     }
@@ -454,8 +472,8 @@ impl Hub {
             if !matches!(answer, Answer::Feedback(_) | Answer::Progress { .. }) {
                 let reason = "it does not read its answers";
                 // Behind them, for one that reads on after all.
-                let goodbye = codec::encode(&Answer::Goodbye { reason: reason.to_owned() });
-                let _ = link.pieces.try_send(goodbye);
+                let goodbye = Answer::Goodbye(Goodbye::closed(reason));
+                let _ = link.pieces.try_send(codec::encode(&goodbye));
                 self.forget(to, reason);
             }
         }

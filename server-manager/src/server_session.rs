@@ -12,7 +12,7 @@ use std::sync::{Arc, OnceLock};
 use bytes::{Bytes, BytesMut};
 use futures_util::StreamExt;
 use polyptych_protocol::codec;
-use polyptych_protocol::command::Command;
+use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::identity::Identity;
@@ -78,6 +78,11 @@ impl ServerLink {
         }
         self.lane.waiting.fetch_add(1, Ordering::AcqRel);
         self.outbox.try_send(rest).is_ok()
+    }
+
+    /// The name of the server.
+    pub fn server(&self) -> &str {
+        &self.server
     }
 
     /// Whether a peer that has proven this may open the second connection of this server.
@@ -188,7 +193,7 @@ fn say_goodbye(lane: &Lane, fault: &str) {
 
 /// A whole frame that says what a peer did.
 fn goodbye(fault: &str) -> Bytes {
-    codec::framed(&codec::encode(&Command::Goodbye { reason: fault.to_owned() }))
+    codec::framed(&codec::encode(&Command::Goodbye(Goodbye::closed(fault))))
 }
 
 /// Serves one connection until it ends, and tells the brain why it did.

@@ -172,7 +172,7 @@ async fn converse(
                 answer
             }
             Command::Pong(_) => continue,
-            Command::Goodbye { .. } => return Ok(()),
+            Command::Goodbye(_) => return Ok(()),
         };
         frames.send(answer).await?;
     }

@@ -9,6 +9,7 @@ use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_manager::bake::map::{MapUse, bake_map};
 use polyptych_manager::bake::{Progress, Store, bake};
+use polyptych_protocol::words::counted;
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
 use super::drive::say_notes;
@@ -92,8 +93,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let how = if baked.reused { "was baked before" } else { "baked" };
     say(format_args!(
-        "{} {how}: {} nodes, {} meshes, {} textures, {} triangles, {} bytes of blobs",
-        baked.name, baked.nodes, baked.meshes, baked.textures, baked.triangles, baked.bytes
+        "{} {how}: {}, {}, {}, {}, {} of blobs",
+        baked.name,
+        counted(baked.nodes, "node"),
+        counted(baked.meshes, "mesh"),
+        counted(baked.textures, "texture"),
+        counted(baked.triangles, "triangle"),
+        counted(baked.bytes, "byte")
     ))?;
     say_notes(&baked.warnings)?;
     say(format_args!("manifest {} in {}", baked.manifest, arguments.output.display()))?;

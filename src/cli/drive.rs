@@ -1,4 +1,4 @@
-//! `polyptych open`, `camera`, `shot` and `stop`: one request to a running manager each.
+//! `polyptych open`, `camera` and `shot`: one request to a running manager each.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -8,6 +8,7 @@ use anyhow::{Context, bail};
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DQuat, DVec3};
 use polyptych_client::{Camera, ClientError, SceneSummary, overview};
+use polyptych_protocol::words::counted;
 
 use super::progress::ProgressReport;
 use super::seen::{Seen, await_displays, show};
@@ -54,8 +55,9 @@ pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<ExitCode> {
     await_displays(&client, arguments.wait, &progress)?;
     drop(progress);
     let seen = Seen::of(&client, &client.render_frame()?)?;
-    let (name, triangles, revision) = (printable(&scene.name), scene.triangles, scene.revision);
-    say(format_args!("{name}: {triangles} triangles, revision {revision}, {}", seen.in_words()))?;
+    let (name, revision) = (printable(&scene.name), scene.revision);
+    let triangles = counted(scene.triangles, "triangle");
+    say(format_args!("{name}: {triangles}, revision {revision}, {}", seen.in_words()))?;
     say_notes(&scene.notes)?;
     Ok(seen.conclude())
 }
@@ -164,20 +166,6 @@ pub(super) fn shot(arguments: &ShotArguments) -> anyhow::Result<ExitCode> {
         picture.height()
     ))?;
     Ok(Seen::in_pictures(&capture).conclude())
-}
-
-#[derive(Debug, clap::Args)]
-pub(super) struct StopArguments {
-    #[command(flatten)]
-    manager: ManagerAddress,
-}
-
-pub(super) fn stop(arguments: &StopArguments) -> anyhow::Result<()> {
-    let client = arguments.manager.connect()?;
-    let wall = client.wall_name().to_owned();
-    client.stop()?;
-    say(format_args!("the manager of wall {wall} ends"))?;
-    Ok(())
 }
 
 pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {

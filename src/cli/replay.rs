@@ -9,8 +9,10 @@ use anyhow::{Context, anyhow, bail};
 use polyptych_manager::record::ring::RingReader;
 use polyptych_manager::replay::incident::{Cut, Incident};
 use polyptych_manager::replay::{Part, Replayed, replay};
+use polyptych_protocol::words::counted;
+use time::OffsetDateTime;
 
-use super::{counted, say};
+use super::{check_overwrite, say};
 use crate::pictures;
 
 /// Where incidents are kept for the tests of a checkout.
@@ -30,11 +32,14 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", requires = "keep")]
     part: Option<usize>,
     /// Of what is kept: from this manager time on [default: from the part's beginning]
-    #[arg(long, value_name = "SECONDS", requires = "keep", value_parser = time)]
+    #[arg(long, value_name = "SECONDS", requires = "keep", value_parser = seconds)]
     from: Option<f64>,
     /// Of what is kept: up to this manager time [default: to the part's end]
-    #[arg(long, value_name = "SECONDS", requires = "keep", value_parser = time)]
+    #[arg(long, value_name = "SECONDS", requires = "keep", value_parser = seconds)]
     to: Option<f64>,
+    /// Write over what was kept under this name
+    #[arg(long, requires = "keep")]
+    force: bool,
     /// Of what is kept: a sentence for the person whose test fails
     #[arg(long, value_name = "TEXT", requires = "keep", default_value = "")]
     about: String,
@@ -82,11 +87,11 @@ fn check(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         say(serde_json::to_string_pretty(&checked)?)?;
     } else {
         say(format_args!(
-            "{}: the invariants hold over {} inputs, {} frames, {} requests",
+            "{}: the invariants hold over {}, {}, {}",
             arguments.file.display(),
-            checked.inputs,
-            checked.frames,
-            checked.requests
+            counted(checked.inputs, "input"),
+            counted(checked.frames, "frame"),
+            counted(checked.requests, "request")
         ))?;
     }
     Ok(ExitCode::SUCCESS)
@@ -100,6 +105,7 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
     } else {
         bail!("{INCIDENTS} is not here; run this in a checkout, or name a path: ./{name}.incident");
     };
+    check_overwrite(&path, arguments.force)?;
     let cut = Cut { part: arguments.part, from_s: arguments.from, to_s: arguments.to };
     let named = || arguments.file.display().to_string();
     let incident = Incident::cut(reader, &cut, &arguments.about);
@@ -109,13 +115,15 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
     pictures::write_whole(&path, text.as_bytes())
         .with_context(|| format!("cannot write {kept}"))?;
     if left_out > 0 {
-        eprintln!("warning: {left_out} inputs are left out: they hold numbers that text cannot");
+        let inputs = counted(left_out, "input");
+        eprintln!("warning: left out: {inputs} with numbers that text cannot hold");
     }
     let inputs = counted(text.lines().count() - 1, "input");
     match incident.check() {
         Ok(checked) => say(format_args!(
-            "{kept}: {inputs}; the invariants hold over {} frames and {} requests",
-            checked.frames, checked.requests
+            "{kept}: {inputs}; the invariants hold over {} and {}",
+            counted(checked.frames, "frame"),
+            counted(checked.requests, "request")
         )),
         // Kept all the same: that is what it is kept for.
         Err(reason) => say(format_args!("{kept}: {inputs}; a test of it fails: {reason}")),
@@ -141,11 +149,12 @@ fn print(replayed: &Replayed, took: Duration) -> anyhow::Result<()> {
     if let Some(violation) = &replayed.violation {
         say(format_args!("broken invariant: {violation}"))?;
     }
-    let (inputs, decisions) = (replayed.inputs, replayed.decisions);
+    let inputs = counted(replayed.inputs, "input");
+    let decisions = counted(replayed.decisions, "decision");
     let seconds = took.as_secs_f64();
     say(match replayed.differences {
-        0 => format!("{inputs} inputs, {decisions} decisions, all the same; {seconds:.2} s"),
-        n => format!("{inputs} inputs, {decisions} decisions, {n} of them differ; {seconds:.2} s"),
+        0 => format!("{inputs}, {decisions}, all the same; {seconds:.2} s"),
+        n => format!("{inputs}, {decisions}, of which {n} differ; {seconds:.2} s"),
     })
 }
 
@@ -154,39 +163,68 @@ fn print_part(number: usize, part: &Part) -> anyhow::Result<()> {
     let begin = if part.is_from_start { "from its start" } else { "from a checkpoint" };
     let end = if part.has_end { "it ended in order" } else { "it breaks off" };
     say(format_args!(
-        "part {number}: manager {} (polyptych {}) {begin}, {:.3} s to {:.3} s; {end}",
-        part.epoch, part.program, summary.from_s, summary.to_s
+        "part {number}: manager {} (polyptych {}) {begin}, {} to {} UTC, {:.3} s to {:.3} s; {end}",
+        part.epoch,
+        part.program,
+        clock(part, summary.from_s).date_and_time(),
+        clock(part, summary.to_s).time(),
+        summary.from_s,
+        summary.to_s
     ))?;
     for event in &summary.events {
         // Words of peers stand in it, which must not move a terminal's cursor.
         let escape = |c: char| if c.is_control() { c.escape_debug().to_string() } else { c.into() };
         let text: String = event.text.chars().map(escape).collect();
-        say(format_args!("{:>10.3} s  {:<8} {text}", event.at_s, event.kind))?;
+        let time = clock(part, event.at_s).time();
+        say(format_args!("{time} {:>10.3} s  {:<8} {text}", event.at_s, event.kind))?;
     }
     if summary.events_more > 0 {
-        say(format_args!("            and {} events more", summary.events_more))?;
+        say(format_args!("and {}", counted(summary.events_more, "more event")))?;
     }
     let list = |counts: &std::collections::BTreeMap<String, u64>| {
         let words: Vec<_> = counts.iter().map(|(name, count)| format!("{name} {count}")).collect();
         if words.is_empty() { "none".to_owned() } else { words.join(", ") }
     };
     say(format_args!(
-        "  {} frames, the longest {:.1} ms at {:.3} s; late: {}",
-        summary.frames,
+        "  {}, the longest {:.1} ms at {:.3} s; late: {}",
+        counted(summary.frames, "frame"),
         summary.longest_frame_ms,
         summary.longest_frame_at_s,
         list(&summary.late)
     ))?;
     say(format_args!(
-        "  requests: {}; {} answers, {} of them no\n",
+        "  requests: {}; {}, of which {} said no\n",
         list(&summary.requests),
-        summary.answers,
+        counted(summary.answers, "answer"),
         summary.failures
     ))
 }
 
+/// The time of day, in UTC, at a time of a part's manager.
+fn clock(part: &Part, at_s: f64) -> Clock {
+    let nanos = i128::from(part.started_unix_us) * 1000 + (at_s * 1e9) as i128;
+    Clock(OffsetDateTime::from_unix_timestamp_nanos(nanos).unwrap_or(OffsetDateTime::UNIX_EPOCH))
+}
+
+/// A moment, in UTC.
+struct Clock(OffsetDateTime);
+
+impl Clock {
+    /// As 12:34:56.789.
+    fn time(&self) -> String {
+        let (hours, minutes, seconds, ms) = self.0.time().as_hms_milli();
+        format!("{hours:02}:{minutes:02}:{seconds:02}.{ms:03}")
+    }
+
+    /// As 2026-01-31 12:34:56.789.
+    fn date_and_time(&self) -> String {
+        let (year, month, day) = self.0.to_calendar_date();
+        format!("{year}-{:02}-{day:02} {}", u8::from(month), self.time())
+    }
+}
+
 /// A manager time in seconds, as an argument.
-fn time(text: &str) -> Result<f64, String> {
+fn seconds(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of seconds"))?;
     let is_time = number.is_finite() && number >= 0.0;
     is_time.then_some(number).ok_or_else(|| format!("{text} is not 0 or more seconds"))

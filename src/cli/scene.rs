@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
+use polyptych_protocol::words::counted;
 
-use super::say;
+use super::{check_overwrite, say};
 use crate::town::{TownOptions, generate};
 
 #[derive(Debug, clap::Subcommand)]
@@ -24,13 +25,17 @@ pub(super) struct TownArguments {
     /// The .glb file to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Write over a file that is there
+    #[arg(long)]
+    force: bool,
 }
 
 pub(super) fn run(scene: &Scene) -> anyhow::Result<()> {
     let Scene::Town(arguments) = scene;
+    check_overwrite(&arguments.output, arguments.force)?;
     let bytes = generate(&TownOptions { blocks: arguments.blocks, seed: arguments.seed })?;
     crate::pictures::write_whole(&arguments.output, &bytes)
         .with_context(|| format!("cannot write {}", arguments.output.display()))?;
-    say(format_args!("{}: {} bytes", arguments.output.display(), bytes.len()))?;
+    say(format_args!("{}: {}", arguments.output.display(), counted(bytes.len(), "byte")))?;
     Ok(())
 }

@@ -13,9 +13,10 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{
     Capture, ChannelFeedback, ChannelState, ChannelStatus, Feedback, FrameId, Statistics,
 };
+use polyptych_protocol::words::counted;
 
 use super::progress::ProgressReport;
-use super::{counted, printable, say};
+use super::{printable, say};
 use crate::log;
 
 /// What `polyptych --help` says of exit codes.

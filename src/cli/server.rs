@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::net::ToSocketAddrs;
+use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
+use std::process::Command;
 use std::time::Duration;
 
 use anyhow::{anyhow, bail};
@@ -16,13 +18,13 @@ use polyptych_render::{
 };
 use rustix::process::{Signal, getpid, kill_process};
 
-use super::{address, asked_to_end, cache_folder, say};
+use super::{MANAGER_VARIABLE, address, asked_to_end, cache_folder, say};
 use crate::local_wall::WINDOW_CLOSED;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// The manager's address, HOST:PORT
-    #[arg(long, value_name = "ADDR", value_parser = address)]
+    #[arg(long, value_name = "ADDR", env = MANAGER_VARIABLE, value_parser = address)]
     #[arg(required_unless_present = "list_monitors")]
     manager: Option<String>,
     /// The channel to draw; may be given again: one server can draw several
@@ -76,10 +78,14 @@ pub(super) struct Arguments {
     with_parent: bool,
 }
 
+/// The folder of a user's sockets, which graphics drivers and their libraries look for.
+const RUNTIME_FOLDER_VARIABLE: &str = "XDG_RUNTIME_DIR";
+
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     if arguments.list_monitors {
         return list_monitors();
     }
+    provide_runtime_folder();
     // The command line is refused without it.
     let manager = arguments.manager.clone().ok_or_else(|| anyhow!("give --manager ADDR"))?;
     let name = name(&arguments, &manager)?;
@@ -167,6 +173,23 @@ fn monitor_names(
         }
     }
     Ok(names)
+}
+
+/// Starts this program anew with a folder for sockets if the environment names none, as in
+/// containers and services: the libraries below the graphics driver print an error line for each
+/// time that they miss it. The process stays the same one.
+fn provide_runtime_folder() {
+    let is_there = std::env::var_os(RUNTIME_FOLDER_VARIABLE).is_some_and(|value| !value.is_empty());
+    let Some(program) = std::env::current_exe().ok().filter(|_| !is_there) else { return };
+    let mut arguments = std::env::args_os();
+    let mut again = Command::new(program);
+    if let Some(name) = arguments.next() {
+        again.arg0(name);
+    }
+    again.args(arguments).env(RUNTIME_FOLDER_VARIABLE, std::env::temp_dir());
+    // It returns only if it failed; then there are those lines.
+    let error = again.exec();
+    tracing::debug!(%error, "this program could not be started anew");
 }
 
 /// What this server is called, by its keys where it has any.

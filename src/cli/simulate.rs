@@ -10,11 +10,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_client::{Bounds, Camera, orbit, overview};
 use polyptych_manager::record::Recorder;
 use polyptych_protocol::wall::Wall;
+use polyptych_protocol::words::counted;
 
 use super::drive::{open_scene, say_notes};
 use super::progress::ProgressReport;
 use super::seen::Seen;
-use super::{bake_files, cache_folder, counted, exposure, load_wall, manager, rate, say, seconds};
+use super::{bake_files, cache_folder, exposure, load_wall, manager, rate, say, seconds};
 use crate::ending::Ending;
 use crate::faults::{self, Fault, Faults, Needs};
 use crate::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
@@ -90,7 +91,10 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         && let Some(late) = arguments.fault.iter().find(|fault| fault.first_frame() > count)
     {
         let frame = late.first_frame();
-        bail!("--fault: frame {frame} never comes: the run has {count} frames; see --frames");
+        bail!(
+            "--fault: frame {frame} never comes: the run has {}; see --frames",
+            counted(count, "frame")
+        );
     }
     let out = &arguments.out;
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
@@ -150,8 +154,9 @@ fn drive(
     let summary = open_scene(client, &path, &ProgressReport::start())?;
     let features = summary.features.names().join(", ");
     say(format_args!(
-        "scene {}: {} triangles; needs: {features}",
-        summary.name, summary.triangles
+        "scene {}: {}; needs: {features}",
+        summary.name,
+        counted(summary.triangles, "triangle")
     ))?;
     say_notes(&summary.notes)?;
     if let Some(exposure) = arguments.exposure {

@@ -8,9 +8,10 @@ use anyhow::bail;
 use polyptych_client::Wall;
 use polyptych_client::tuning::{Change, Corner, Side};
 use polyptych_protocol::wall::Curve;
+use polyptych_protocol::words::counted;
 
 use super::seen::Seen;
-use super::{ManagerAddress, counted, say};
+use super::{ManagerAddress, say};
 
 /// A sign makes a move relative to where the point is; without one, or with "@" before the
 /// numbers, it is from where the point was drawn.
@@ -48,7 +49,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         arguments.channel,
         tuned.revision,
         seen.in_words(),
-        counted(usize::try_from(tuned.frames).unwrap_or(usize::MAX), "frame")
+        counted(tuned.frames, "frame")
     ))?;
     Ok(seen.conclude())
 }
@@ -81,7 +82,8 @@ fn show(wall: &Wall, name: &str) -> anyhow::Result<()> {
         Curve::Srgb => say("gamma=srgb")?,
         Curve::Gamma(gamma) => say(format_args!("gamma={}", list(&gamma.to_array())))?,
         Curve::Measured(points) => {
-            say(format_args!("# a measured curve of {} points; gamma= replaces it", points.len()))?;
+            let points = counted(points.len(), "point");
+            say(format_args!("# a measured curve of {points}; gamma= replaces it"))?;
         }
     }
     let edges = &adjustment.edges;

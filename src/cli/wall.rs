@@ -14,11 +14,12 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, anyhow};
 use polyptych_protocol::wall::file;
 use polyptych_protocol::wall::table::WallTable;
+use polyptych_protocol::words::counted;
 
-use super::say;
+use super::{check_overwrite, say};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Wall {
@@ -36,6 +37,8 @@ pub(super) enum Wall {
     Import(import::Arguments),
     /// Write what was tuned on the running wall into its wall file
     Save(save::Arguments),
+    /// Print the JSON Schema of wall files, for editors and programs
+    Schema,
 }
 
 /// What every kind of wall has.
@@ -64,6 +67,7 @@ pub(super) fn run(wall: &Wall) -> anyhow::Result<ExitCode> {
         Wall::Dome(arguments) => write(&arguments.text()?, &arguments.common)?,
         Wall::Import(arguments) => import::run(arguments)?,
         Wall::Save(arguments) => save::run(arguments)?,
+        Wall::Schema => say(file::schema().trim_end())?,
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -75,9 +79,7 @@ fn write(text: &str, common: &Common) -> anyhow::Result<()> {
         anyhow!("these numbers make no wall: {}: {}; {}", error.key(), error.what(), error.remedy())
     })?;
     let Some(path) = &common.output else { return say(text.trim_end()) };
-    if path.exists() && !common.force {
-        bail!("{} is there already; --force writes over it", path.display());
-    }
+    check_overwrite(path, common.force)?;
     crate::pictures::write_whole(path, text.as_bytes())
         .with_context(|| format!("cannot write {}", path.display()))?;
     let table = WallTable::of(&wall);
@@ -88,7 +90,7 @@ fn write(text: &str, common: &Common) -> anyhow::Result<()> {
 
 /// What the channels of a wall are, in one line.
 fn kind(table: &WallTable) -> String {
-    let count = super::counted(table.channels.len(), "channel");
+    let count = counted(table.channels.len(), "channel");
     let projectors: Vec<_> = table.channels.iter().filter_map(|row| row.projector).collect();
     let Some(first) = projectors.first() else {
         return format!("{count} on the surface: panels, or projectors that something else warps");

@@ -13,6 +13,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use polyptych_client::WallStatus;
+
 use super::{ManagerAddress, asked_to_end};
 use screen::Screen;
 use source::{Latest, Source};
@@ -25,6 +27,11 @@ const DRAW_PERIOD: Duration = Duration::from_secs(1);
 
 /// Between two lines where there is no terminal.
 const LINE_PERIOD: Duration = Duration::from_secs(1);
+
+/// The status of a wall as one table: the one that is watched, as wide and as long as it is.
+pub(super) fn table(status: &WallStatus) -> String {
+    table::text(status)
+}
 
 /// Watches until a person or a signal ends it.
 ///

@@ -16,9 +16,9 @@ use polyptych_protocol::wall::{Channel, Cover, Wall};
 use super::light;
 use super::marker::{self, Light, Marker, Reading};
 use super::table::{Table, Target};
-use crate::cli::counted;
 use crate::pictures::write_whole;
 use crate::progress::Steps;
+use polyptych_protocol::words::counted;
 
 /// How far a point may be from where f64 says, in pixels.
 const ERROR_MAX_PX: f64 = 0.01;

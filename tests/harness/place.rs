@@ -77,6 +77,7 @@ impl Place {
             .env("NO_COLOR", "1")
             .env_remove("POLYPTYCH_LOG")
             .env_remove("POLYPTYCH_KEYS")
+            .env_remove("POLYPTYCH_MANAGER")
             .env_remove("DISPLAY")
             .env_remove("WAYLAND_DISPLAY");
         command

@@ -105,7 +105,7 @@ impl StubServer {
     /// The reasons that it was given for the end of a connection.
     pub fn goodbyes(&self) -> Vec<String> {
         let reason = |command| match command {
-            Command::Goodbye { reason } => Some(reason),
+            Command::Goodbye(goodbye) => Some(goodbye.to_string()),
             _ => None,
         };
         self.heard().into_iter().filter_map(reason).collect()
@@ -195,7 +195,7 @@ fn answer(command: Command, shared: &Shared) -> Option<Status> {
             let _ = sender.send(frame.frame);
             Some(answer)
         }
-        Command::Swap(_) | Command::Pong(_) | Command::Goodbye { .. } => None,
+        Command::Swap(_) | Command::Pong(_) | Command::Goodbye(_) => None,
     }
 }
 

@@ -233,3 +233,34 @@ fn a_present_call_that_is_delayed_by_5_ms_is_read_as_that() {
     assert!(skew["p99_us"].as_u64() >= skew["p50_us"].as_u64(), "{skew}");
     assert!(skew["max_us"].as_u64() >= Some(4_500) && skew["clock_error_us"].is_u64(), "{skew}");
 }
+
+/// The share of a display's pixels that are as they were drawn.
+fn unchanged(seen: &RgbaImage, drawn: &RgbaImage) -> f64 {
+    let same = seen.pixels().zip(drawn.pixels()).filter(|(a, b)| a == b).count();
+    same as f64 / drawn.pixels().len() as f64
+}
+
+#[test]
+fn a_stopped_wall_says_so_and_a_manager_that_was_ended_leaves_the_last_frame() {
+    let folder = town().parent().expect("a folder");
+    let mut seen = Seen::start(small(2, 1), folder);
+    let client = seen.local.client();
+    let bounds = client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
+    let plain = screen_of(&shot(&client, poses(&bounds)[0]));
+    seen.await_picture("displays plain", &plain);
+    seen.local.manager.signal(rustix::process::Signal::TERM);
+    seen.await_parts("the ended manager in each corner", &plain, is_told_of_the_loss);
+    seen.local.manager.finish(wait::SOON);
+    let mut seen = seen.restart_manager(folder);
+    seen.await_picture("displays back", &plain);
+
+    seen.local.run(&["stop"]).succeeded();
+    let is_told = |seen: &RgbaImage, drawn: &RgbaImage| {
+        // A few colours, for letters and what is behind them, and nothing of the scene.
+        unchanged(seen, drawn) < 0.05 && (2..=64).contains(&color_count(seen))
+    };
+    seen.await_parts("the stopped wall on each display", &plain, is_told);
+    seen.local.manager.finish(wait::SOON);
+    let seen = seen.restart_manager(folder);
+    seen.await_picture("displays back again", &plain);
+}

@@ -4,10 +4,13 @@
 //! - `one_process`: manager, servers and client on threads of one process
 //! - `wall_of_processes`: a wall is started, driven, hurt and ended, all by the command
 //! - `manager_kills`: what a manager has said to be done outlives it
+//! - `restarts`: what a manager keeps that is started again, by another path or with an edited file
+//! - `stopping`: a wall is stopped, with its servers or without, by a command or a signal
 //! - `back_pressure`: peers that flood or don't read cost the others nothing
 //! - `replay`: what a manager was told is recorded, and decided again in the same way
 //! - `reconnecting`: a program goes on when its manager is killed and started again
 //! - `client_library`: the same program drives one channel and four
+//! - `command_text`: help, schema, manuals, variables, and files that the command leaves alone
 //! - `wall_files`: warp maps, masks and archives that others wrote
 //! - `first_look`: a scene that was opened is seen whole, large, and neither white nor black
 //! - `seams`: a wall of tiles shows what one channel shows
@@ -34,6 +37,7 @@
 mod back_pressure;
 mod check;
 mod client_library;
+mod command_text;
 mod displays;
 mod exact;
 mod failures;
@@ -52,9 +56,11 @@ mod reference;
 mod refusals;
 mod replay;
 mod report;
+mod restarts;
 mod seams;
 mod seen;
 mod soak;
+mod stopping;
 mod tidy;
 mod trust;
 mod tuning;

@@ -45,10 +45,22 @@ fn an_incident_is_recorded_replayed_and_kept() {
     for part in ["from its start", "it breaks off", "joins", "all the same"] {
         assert!(told.contains(part), "{part:?}: {told}");
     }
+    // The clock of the wall, and plain words.
+    let joined = told.lines().find(|line| line.contains(" joins")).expect("a server joins");
+    let shape: String =
+        joined.chars().take(12).map(|c| if c.is_ascii_digit() { '0' } else { c }).collect();
+    assert_eq!(shape, "00:00:00.000", "{joined}");
+    assert!(told.contains("render a frame ") && told.contains(" asks: open the scene /"), "{told}");
+    for mark in ["RenderFrame", "OpenScene", " { ", "Some(", "None"] {
+        assert!(!told.contains(mark), "{mark:?}: {told}");
+    }
     let json = place.run(["replay", &text, "--json"]).succeeded();
     let json: Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}: {json}"));
     assert_eq!((&json["differences"], &json["violation"]), (&0.into(), &Value::Null));
     let [part] = &json["parts"].as_array().expect("parts")[..] else { panic!("{json}") };
+    let started = part["started_unix_us"].as_u64().expect("microseconds since 1970");
+    let now = std::time::SystemTime::UNIX_EPOCH.elapsed().expect("after 1970").as_micros() as u64;
+    assert!((now - 600_000_000..now).contains(&started), "{started} and {now}");
     assert!(part["frames"].as_u64() > Some(10) && json["decisions"].as_u64() > Some(50));
     let events = part["events"].as_array().expect("events").iter();
     let texts: Vec<&str> = events.filter_map(|event| event["text"].as_str()).collect();

@@ -50,7 +50,7 @@ impl Server {
                 self.clock.add(&pong, self.now);
                 let _ = self.clock.best(self.now);
             }
-            Command::Goodbye { .. } => self.playback.restart(),
+            Command::Goodbye(_) => self.playback.restart(),
         }
         while let Some(act) = self.playback.poll(Some(self.now)) {
             if let Act::Draw(frame) = act {

@@ -7,6 +7,7 @@ use std::thread;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{Camera, ClientError, DisplayMode, Pace, Reply, Request, overview};
+use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::request::Answer;
 use tokio::net::TcpListener;
 
@@ -30,7 +31,7 @@ fn manager() -> (SocketAddr, thread::JoinHandle<()>) {
             let stops = request == Request::Stop;
             manager.reply(id, answer(&request)).await;
             if stops {
-                manager.send(Answer::Goodbye { reason: "asked to".into() }).await;
+                manager.send(Answer::Goodbye(Goodbye::closed("asked to"))).await;
                 return;
             }
         }

@@ -5,6 +5,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use futures_util::SinkExt;
 use polyptych_client::{ClientError, Request};
+use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::request::Answer;
 use tokio::io::AsyncWriteExt;
 
@@ -48,7 +49,7 @@ async fn a_goodbye_is_passed_on() {
     let script = async {
         manager.next().await.expect("a request");
         manager.next().await.expect("a stop");
-        manager.send(Answer::Goodbye { reason: "ctrl-c".into() }).await;
+        manager.send(Answer::Goodbye(Goodbye::closed("ctrl-c"))).await;
     };
     let (frame, stop, ()) = tokio::join!(client.render_frame(), client.stop(), script);
     let error = frame.expect_err("ended");

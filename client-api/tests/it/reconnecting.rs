@@ -5,6 +5,7 @@ use std::time::Duration;
 use polyptych_client::{
     Client, ClientError, ConnectOptions, Epoch, Pace, Reconnect, Reply, Request,
 };
+use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::connection::{receive_introduction, refuse, welcome};
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::request::Answer;
@@ -137,7 +138,7 @@ async fn feedback_goes_on_behind_a_gap() {
     manager.send(Answer::Feedback(feedback(70))).await;
     assert_eq!(feedbacks.next().await, Some(feedback(70)));
     assert_eq!((feedbacks.gaps(), feedbacks.epoch()), (0, Epoch(1)));
-    manager.send(Answer::Goodbye { reason: "an upgrade".into() }).await;
+    manager.send(Answer::Goodbye(Goodbye::closed("an upgrade"))).await;
     drop(manager);
     let mut manager = accept(&listener, 2, "lab").await;
     let id = manager.expect(Request::Subscribe(true)).await;

@@ -36,9 +36,11 @@ mod explain;
 mod files;
 mod projector;
 mod rotation;
+mod schema;
 mod screen;
 mod sight;
 mod source;
+mod syntax;
 mod tiles;
 mod write;
 
@@ -47,6 +49,7 @@ use std::io::Read;
 use std::path::Path;
 
 pub use error::WallFileError;
+pub use schema::schema;
 pub use write::to_toml;
 
 use super::Wall;
@@ -74,6 +77,16 @@ pub fn load(path: &Path) -> Result<Wall, WallFileError> {
     file.take(WALL_FILE_BYTES_MAX as u64 + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     match str::from_utf8(&bytes) {
         Ok(text) => parse(text, path),
+        Err(_) if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") => {
+            Err(WallFileError {
+                path: path.to_owned(),
+                line: 1,
+                column: 1,
+                key: String::new(),
+                what: "the file is UTF-16 text".to_owned(),
+                remedy: "save it as UTF-8".to_owned(),
+            })
+        }
         Err(error) => {
             let good = String::from_utf8_lossy(&bytes[..error.valid_up_to()]);
             let last_line = good.rsplit('\n').next().unwrap_or_default();
@@ -108,12 +121,6 @@ pub fn parse(text: &str, path: &Path) -> Result<Wall, WallFileError> {
     let source = Source::parse(text, path)?;
     let document = source.document()?;
     check::wall(&source, &document)
-}
-
-/// The JSON Schema of wall files, as it stands in `configs/wall.schema.json`.
-pub fn schema() -> String {
-    let schema = schemars::schema_for!(document::Document);
-    format!("{:#}\n", schema.to_value())
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ use super::{Channel, Cover, Projection, Screen, Surface, Wall};
 use crate::command::{Area, View, ViewProjection};
 use crate::ids::ChannelId;
 use crate::limits::{SHARED_CANVAS_SIDE_MAX, VIEW_PARTS_MAX, VIEWS_MAX};
+use crate::words::counted;
 
 pub use part_mesh::{CanvasPart, PointOf};
 
@@ -53,7 +54,10 @@ pub enum ViewError {
         right: &'static str,
     },
     /// The wall has fewer screens.
-    #[error("the wall has {count} screens and none of number {screen}; they count from 0")]
+    #[error(
+        "the wall has {} and none of number {screen}; they count from 0",
+        counted(count, "screen")
+    )]
     NoScreen {
         /// As asked.
         screen: u16,

@@ -16,6 +16,7 @@ use super::*;
 use crate::correction;
 use crate::mismatch::NOTE_TIME;
 use crate::monitor::Monitor;
+use crate::notice::ManagerState;
 use crate::renderer::Picture;
 
 const SIZE: [u32; 2] = [160, 90];
@@ -39,8 +40,9 @@ fn wall() -> Wall {
 }
 
 fn notice(what: &str, is_lost: bool) -> Job {
+    let manager = if is_lost { ManagerState::Lost } else { ManagerState::Expected };
     let (what, since) = (what.to_owned(), "12:03:10 UTC".to_owned());
-    Job::Notice(Notice { what, since, address: Some("127.0.0.1:5".into()), is_lost })
+    Job::Notice(Notice { what, since, address: Some("127.0.0.1:5".into()), manager })
 }
 
 impl Stage {
@@ -258,6 +260,24 @@ fn a_lost_manager_is_told_in_a_corner_until_a_frame_is_shown() {
     assert_eq!(stage.seen(), lost, "the picture is as old as before");
     let captured = stage.show(0.5, DisplayMode::Normal);
     assert_eq!((captured, stage.seen()), (plain.clone(), plain), "and they are gone");
+}
+
+#[test]
+fn a_stopped_wall_says_so_instead_of_its_last_picture() {
+    let mut stage = Stage::new();
+    let plain = stage.show(0.5, DisplayMode::Normal);
+    let (what, since) = ("wall stopped at 12:03:10 UTC".to_owned(), "12:03:10 UTC".to_owned());
+    let manager = ManagerState::Stopped;
+    stage.thread.handle(Job::Notice(Notice { what, since, address: None, manager }));
+    let stopped = stage.seen();
+    stage.thread.handle(Job::Disconnected);
+    assert_eq!(stage.seen(), stopped);
+    // All of it is other pixels: the sky is nowhere, not even between the words.
+    assert_eq!(stage.differing(&plain), Some([0, 0, SIZE[0] as usize - 1, SIZE[1] as usize - 1]));
+    stage.thread.handle(notice("wall test: getting the scene ready", false));
+    assert_ne!(stage.seen(), plain, "not yet");
+    let again = stage.show(0.5, DisplayMode::Normal);
+    assert_eq!((&again, &stage.seen()), (&plain, &plain));
 }
 
 #[test]

@@ -3,6 +3,8 @@
 //! Every bound is checked in u64 before a byte is read, and nothing is allocated for a count
 //! before as many bytes are known to be there.
 
+use polyptych_protocol::words::counted;
+
 use super::error::BakeError;
 use super::source::Source;
 
@@ -150,7 +152,7 @@ impl<'a> Accessor<'a> {
         let size = component.size() * width;
         let base = match json.buffer_view {
             None if json.count > ZEROS_MAX => {
-                let what = format!("{} elements without a bufferView", json.count);
+                let what = format!("{} without a bufferView", counted(json.count, "element"));
                 return Err(BakeError::at(place, what, format!("at most {ZEROS_MAX} can be zero")));
             }
             None => None,

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use polyptych_protocol::scene::Topology;
+use polyptych_protocol::words::counted;
 
 use super::accessor::{self, Accessor};
 use super::error::BakeError;
@@ -178,7 +179,7 @@ pub(super) fn attribute<const N: usize>(
     job.check()?;
     let accessor = Accessor::open(job.source, index, &format!("{place}.attributes.{name}"))?;
     if let Some(count) = count.filter(|&count| count != accessor.count) {
-        let what = format!("{name} has {} elements, POSITION {count}", accessor.count);
+        let what = format!("{name} has {}, POSITION {count}", counted(accessor.count, "element"));
         return Err(BakeError::at(place, what, "equal counts would be right"));
     }
     accessor.floats::<N>().map(Some)
@@ -217,7 +218,7 @@ pub(super) fn indices(
     place: &str,
 ) -> Result<Vec<u32>, BakeError> {
     let Ok(count) = u32::try_from(count) else {
-        let what = format!("it has {count} vertices");
+        let what = format!("it has {}", counted(count, "vertex"));
         return Err(BakeError::at(place, what, "fewer than 2^32 would be right"));
     };
     let Some(index) = json.indices else {
@@ -229,7 +230,8 @@ pub(super) fn indices(
     let restart = Some(read.restart).filter(|_| is_strip);
     let is_wrong = |&index: &u32| index >= count && Some(index) != restart;
     if let Some(at) = read.values.iter().position(is_wrong) {
-        let what = format!("index {at} is {}, the primitive has {count} vertices", read.values[at]);
+        let vertices = counted(count, "vertex");
+        let what = format!("index {at} is {}, the primitive has {vertices}", read.values[at]);
         let right = match count {
             0 => "a POSITION with vertices would be right".to_owned(),
             _ => format!("below {count} would be right"),

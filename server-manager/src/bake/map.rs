@@ -30,6 +30,7 @@ use std::sync::atomic::AtomicBool;
 use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::wall::front::FrontPlace;
 use polyptych_protocol::wall::warp::{MapSpace, WallMap, WarpMap, WarpShape};
+use polyptych_protocol::words::counted;
 use serde::{Deserialize, Serialize};
 
 use super::error::BakeError;
@@ -154,7 +155,7 @@ fn describe(map: &WallMap) -> String {
                     format!("warp grid of {} × {} points {space}", grid.size.x, grid.size.y)
                 }
                 WarpShape::Mesh(mesh) => {
-                    format!("warp mesh of {} triangles {space}", mesh.triangles.len())
+                    format!("warp mesh of {} {space}", counted(mesh.triangles.len(), "triangle"))
                 }
             }
         }

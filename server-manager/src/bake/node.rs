@@ -5,6 +5,7 @@
 
 use glam::{DAffine3, DMat4, DQuat, DVec3, Quat, Vec3};
 use polyptych_protocol::scene::{Instance, Node};
+use polyptych_protocol::words::counted;
 
 use super::accessor::Accessor;
 use super::document::{self, Instancing};
@@ -242,7 +243,8 @@ fn instances(
         let accessor = Accessor::open(job.source, index, &format!("{place}.{name}"))?;
         let expected = *count.get_or_insert(accessor.count);
         if accessor.count != expected {
-            let what = format!("{name} has {} elements, another {expected}", accessor.count);
+            let what =
+                format!("{name} has {}, another {expected}", counted(accessor.count, "element"));
             return Err(BakeError::at(place, what, "equal counts would be right"));
         }
         if expected > left {

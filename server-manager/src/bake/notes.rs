@@ -2,6 +2,7 @@
 //! with the first place where it stands and how many more there are.
 
 use polyptych_protocol::limits::{NOTE_BYTES_MAX, NOTES_MAX};
+use polyptych_protocol::words::counted;
 
 /// The notes of one bake, in the order in which their kinds came up.
 #[derive(Debug, Default)]
@@ -41,7 +42,8 @@ impl Notes {
             (place, 0) => format!("{place}: {}", kind.what),
             (place, more) => format!("{place} and {more} more: {}", kind.what),
         };
-        let more = (self.uncounted > 0).then(|| format!("… and {} more notes", self.uncounted));
+        let more =
+            (self.uncounted > 0).then(|| format!("… and {}", counted(self.uncounted, "more note")));
         self.kinds.iter().map(line).chain(more).map(|line| bounded(&line)).collect()
     }
 }

@@ -11,6 +11,7 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use polyptych_protocol::ids::BlobHash;
+use polyptych_protocol::words::counted;
 
 use super::document::{BufferView, Document};
 use super::error::BakeError;
@@ -115,7 +116,8 @@ impl Source {
                 }
             };
             if (bytes.len() as u64) < buffer.byte_length {
-                let what = format!("{} bytes are there, truncated", bytes.len());
+                let what =
+                    format!("truncated: there is no more than {}", counted(bytes.len(), "byte"));
                 let right = format!("byteLength says {}", buffer.byte_length);
                 return Err(BakeError::at(place, what, right));
             }
@@ -210,7 +212,11 @@ impl Source {
                 "{} bytes from {} on reach out of buffers[{}]",
                 view.byte_length, view.byte_offset, view.buffer
             );
-            BakeError::at(place(), what, format!("the buffer has {} bytes", buffer.len()))
+            BakeError::at(
+                place(),
+                what,
+                format!("the buffer has {}", counted(buffer.len(), "byte")),
+            )
         })?;
         Ok((view, bytes))
     }

@@ -304,7 +304,8 @@ impl Cluster {
         if let Some(times) = self.repetitions.note(now, &what) {
             let _frame = span::of_frame(frame).entered();
             let _server = self.registry.span_of(from).entered();
-            tracing::warn!(%channel, reason, times, "a channel could not draw");
+            let channel = self.wall.channel(channel).map_or("?", |channel| channel.name.as_str());
+            tracing::warn!(channel, reason, times, "a channel could not draw");
         }
         if self.barrier.as_ref().is_some_and(|b| b.frame == frame) {
             span::of_frame(frame).in_scope(|| self.registry.missed(channel, now, reason));

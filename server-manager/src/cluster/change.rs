@@ -255,7 +255,7 @@ impl Cluster {
         if !server.answered(revision) {
             return;
         }
-        span.in_scope(|| tracing::error!(%revision, reason, "a server cannot prepare"));
+        span.in_scope(|| tracing::error!(revision = revision.0, reason, "a server cannot prepare"));
         let (name, channels) = (server.name.clone(), server.channels.clone());
         if self.changes.digest_of(revision).is_some() {
             // Said once, however often: who repeats itself fills no memory.
@@ -382,7 +382,7 @@ impl Cluster {
         self.registry.restart_warm_up();
         self.demote_unprepared(now, failed);
         let revision = self.shown.revision;
-        let tell = || tracing::info!(%revision, "the wall shows a new revision");
+        let tell = || tracing::info!(revision = revision.0, "the wall shows a new revision");
         self.span_of_request(job).in_scope(tell);
         self.features.clear();
         self.notes.clear();

@@ -1,11 +1,10 @@
 //! What outlives a manager: remembered before a client is told that it was done.
 
 use polyptych_protocol::camera::Camera;
-use polyptych_protocol::codec;
 use polyptych_protocol::command::View;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::head::Head;
-use polyptych_protocol::ids::{BlobHash, Epoch, Revision};
+use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::Pace;
@@ -20,12 +19,10 @@ use super::{Cluster, Micros, Output};
 /// what it asked to be kept.
 const FRAME_CAMERA_PERIOD: Micros = 1_000_000;
 
-/// What a manager needs to go on where another one stopped.
+/// What a manager needs to go on where another one stopped. It is of the wall that it is given
+/// with: what an edited wall file leaves valid is decided before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Memory {
-    /// The hash of the wall's description: of another wall only the scene is taken over, with its
-    /// exposure.
-    pub wall: BlobHash,
     /// Changes so far.
     pub revision: Revision,
     /// The open scene.
@@ -53,8 +50,6 @@ pub struct Further {
     pub pattern: Option<Pattern>,
     /// The adjustments of channels that were tuned, by name.
     pub tunings: Vec<(String, Adjustment)>,
-    /// The hash of the wall's description with these: a wall file that has them is no other wall.
-    pub tuned_wall: Option<BlobHash>,
     /// What of the open scene is not drawn, as its manifest says.
     #[serde(default)]
     pub notes: Vec<String>,
@@ -77,20 +72,22 @@ impl Cluster {
             cluster.exposure = memory.exposure;
         }
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
-        if cluster.is_wall_of(memory) {
-            // Numbers from a file are looked at as those of a client are.
-            if memory.camera.fault().is_none() {
-                cluster.camera = memory.camera;
+        match tuning::restored(&cluster.file, &memory.further.tunings) {
+            Ok(wall) => {
+                cluster.shown.wall = Some(Box::new(wall.clone()));
+                cluster.wall = wall;
             }
-            if let Err(reason) = cluster.set_head(memory.head) {
-                tracing::warn!(reason, "the head that was remembered cannot be");
-            }
-            if let Err(reason) = cluster.set_views(memory.views.clone()) {
-                tracing::warn!(reason, "the views that were remembered cannot be");
-            }
-        } else {
-            // Another wall is another state, which needs another number.
-            cluster.shown.revision.0 += 1;
+            Err(reason) => tracing::warn!(reason, "the tunings in the state file were dropped"),
+        }
+        // Numbers from a file are looked at as those of a client are.
+        if memory.camera.fault().is_none() {
+            cluster.camera = memory.camera;
+        }
+        if let Err(reason) = cluster.set_head(memory.head) {
+            tracing::warn!(reason, "the head that was remembered cannot be");
+        }
+        if let Err(reason) = cluster.set_views(memory.views.clone()) {
+            tracing::warn!(reason, "the views that were remembered cannot be");
         }
         cluster.shown_digest = cluster.shown.digest();
         cluster.set_pace(memory.pace, 0);
@@ -102,40 +99,9 @@ impl Cluster {
         cluster
     }
 
-    /// Whether this is the wall that was remembered, tuned as it was.
-    fn is_wall_of(&mut self, memory: &Memory) -> bool {
-        let Further { tunings, tuned_wall, .. } = &memory.further;
-        let file = hash_of(&self.file);
-        if *tuned_wall == Some(file) {
-            // The tunings were written into the wall file.
-            return true;
-        }
-        if memory.wall != file {
-            if !tunings.is_empty() {
-                let names: Vec<_> = tunings.iter().map(|(name, _)| name.as_str()).collect();
-                let channels = names.join(", ");
-                tracing::warn!(channels, "the wall file has changed: what was tuned is forgotten");
-            }
-            return false;
-        }
-        match tuning::restored(&self.file, tunings) {
-            Ok(wall) => {
-                self.shown.wall = Some(Box::new(wall.clone()));
-                self.wall = wall;
-                true
-            }
-            Err(reason) => {
-                tracing::warn!(reason, "what was tuned is of no use");
-                false
-            }
-        }
-    }
-
     pub(super) fn memory(&self) -> Memory {
         let tunings = tuning::differences(&self.file, &self.wall);
-        let tuned_wall = (!tunings.is_empty()).then(|| hash_of(&self.wall));
         Memory {
-            wall: hash_of(&self.file),
             revision: self.shown.revision,
             scene: self.shown.scene.clone(),
             camera: self.camera,
@@ -147,7 +113,6 @@ impl Cluster {
             further: Further {
                 pattern: self.pattern,
                 tunings,
-                tuned_wall,
                 notes: self.notes.clone(),
                 bounds: self.navigator.bounds,
             },
@@ -171,8 +136,4 @@ impl Cluster {
             self.remember();
         }
     }
-}
-
-fn hash_of(wall: &Wall) -> BlobHash {
-    BlobHash::of(&codec::encode(wall))
 }

@@ -150,7 +150,7 @@ impl Stage {
                 Output::Answer { answer: Answer::Progress { id, progress }, .. } => {
                     self.progress.push((id, progress.to_string()));
                 }
-                Output::Answer { .. } | Output::Stop => {}
+                Output::Answer { .. } | Output::Stop | Output::StopServers { .. } => {}
                 Output::Remember(memory) => self.memories.push(*memory),
                 Output::Import { job, .. } => self.imports.push(job),
                 Output::Collect { channels, .. } => self.collects.push(channels),

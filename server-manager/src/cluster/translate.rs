@@ -121,13 +121,21 @@ impl Cluster {
                     client.is_subscribed = wish;
                 }
             }
-            Request::Stop => {
-                self.reply(job, Ok(Reply::Done));
-                self.outputs.push_back(Output::Stop);
+            Request::Stop => return Ok(self.stop(job)),
+            Request::StopServers => {
+                // Answered by the event loop, which hears the goodbyes of servers.
+                self.outputs.push_back(Output::StopServers { job });
                 return Ok(None);
             }
         }
         Ok(Some(Reply::Done))
+    }
+
+    /// Answers before the end: afterwards there is nobody to do it.
+    fn stop(&mut self, job: RequestOf) -> Option<Reply> {
+        self.reply(job, Ok(Reply::Done));
+        self.outputs.push_back(Output::Stop);
+        None
     }
 
     fn import(&mut self, job: RequestOf, path: String) -> Result<Option<Reply>, String> {

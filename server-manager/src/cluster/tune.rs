@@ -81,7 +81,7 @@ impl Cluster {
         self.wants_frame |= self.pacer.pace().is_none();
         self.demote_unprepared(now, failed);
         self.remember();
-        tracing::debug!(%revision, "the wall is tuned");
+        tracing::debug!(revision = revision.0, "the wall is tuned");
     }
 
     /// A frame of this state was swapped: who waits for it, or for one before, is told.

@@ -96,6 +96,7 @@ fn describe(output: &Output) -> (char, Vec<u8>) {
         Output::Close { session, reason } => ('l', codec::encode(&(session, reason)).to_vec()),
         Output::Remember(memory) => ('r', codec::encode(&**memory).to_vec()),
         Output::Stop => ('s', Vec::new()),
+        Output::StopServers { job } => ('S', codec::encode(job).to_vec()),
     }
 }
 

@@ -230,7 +230,7 @@ fn a_recorded_life_decides_the_same_and_tells_what_happened() {
     assert!(part.is_from_start && part.has_end);
     assert!(replayed.inputs > 2000 && replayed.decisions > 500, "{replayed:?}");
     assert!(part.summary.frames > 100 && part.summary.answers > 10);
-    assert!(part.summary.requests["RenderFrame"] > 10);
+    assert!(part.summary.requests["render a frame"] > 10);
     let says = |text: &str| part.summary.events.iter().any(|event| event.text.contains(text));
     for text in [
         "server c0 at 127.0.0.1:9 () joins",

@@ -10,6 +10,7 @@ use polyptych_protocol::request::Answer;
 use polyptych_protocol::status::Status;
 
 use crate::cluster::{Cluster, Input, Micros, Output, RequestOf, SessionId};
+use crate::replay::words;
 
 /// Looks at all that a brain is told and decides.
 ///
@@ -95,7 +96,7 @@ impl Invariants {
         for output in outputs {
             self.look_at(now, output).map_err(|fault| {
                 let at_s = now as f64 / 1e6;
-                format!("{} at {at_s:.6} s, on {input:?}: {fault}", self.what)
+                format!("{} at {at_s:.6} s, as {}: {fault}", self.what, words::of_input(input))
             })?;
         }
         if let Some(begun) = &mut self.begun {
@@ -117,7 +118,7 @@ impl Invariants {
             }
             // Its pictures are collected, and end in an answer, by the manager.
             Output::Collect { job, .. } => self.answer(*job),
-            Output::Stop => {
+            Output::Stop | Output::StopServers { .. } => {
                 self.is_over = true;
                 self.open.clear();
                 Ok(())

@@ -9,6 +9,7 @@ use polyptych_protocol::request::{Answer, Request};
 use serde::Serialize;
 
 use crate::cluster::{Cluster, Input, Micros, Output, SessionId};
+use crate::replay::words;
 
 /// Events that are kept: more than anybody reads; the rest is counted.
 const EVENTS_KEPT_MAX: usize = 10_000;
@@ -141,11 +142,9 @@ impl Timeline {
                 self.event("client", format!("client {name} leaves"));
             }
             Input::Request { client, request, .. } => {
-                let words = format!("{request:?}");
-                let kind = words.split([' ', '(']).next().unwrap_or_default().to_owned();
-                *self.summary.requests.entry(kind).or_default() += 1;
+                *self.summary.requests.entry(request.name().to_owned()).or_default() += 1;
                 if !is_everyday(request) {
-                    let name = self.name(*client);
+                    let (name, words) = (self.name(*client), words::of_request(request));
                     self.event("request", format!("client {name} asks: {words}"));
                 }
             }
@@ -182,7 +181,7 @@ impl Timeline {
             if is_step && reason.is_none() {
                 continue;
             }
-            let word = format!("{state:?}").to_lowercase();
+            let word = state.name();
             let reason = reason.map(|reason| format!(": {reason}")).unwrap_or_default();
             self.event("channel", format!("{} {word}{reason}", names.join(", ")));
         }
@@ -216,6 +215,9 @@ impl Timeline {
                 self.event("leave", format!("server {name} is let go: {reason}"));
             }
             Output::Stop => self.event("end", "the manager is stopped by a client".into()),
+            Output::StopServers { .. } => {
+                self.event("end", "the manager and its servers are stopped by a client".into());
+            }
             _ => {}
         }
     }

@@ -6,17 +6,31 @@ use polyptych_protocol::ids::Epoch;
 use super::ManagerOptions;
 use crate::brain::Brain;
 use crate::bulk::AllowedBlobs;
+use crate::memory::{Reconciled, StateFile};
 use crate::record::Fresh;
 use crate::{import, memory};
 
+/// Maximum number of changed keys that are logged one by one.
+const CHANGES_LOGGED_MAX: usize = 32;
+
 /// The brain, going on where the last manager of this wall stopped, if there was one and its
-/// scene is still in the store.
-pub(super) fn begin(options: &mut ManagerOptions, epoch: Epoch, allowed: &AllowedBlobs) -> Brain {
+/// scene is still in the store; and the file in which its state is kept.
+pub(super) fn begin(
+    options: &mut ManagerOptions,
+    epoch: Epoch,
+    allowed: &AllowedBlobs,
+) -> (Brain, Option<StateFile>) {
     let (wall, is_navigable) = (options.wall.clone(), options.is_navigable);
     let recorder = options.recorder.take();
-    let Some(mut memory) = options.memory.as_deref().and_then(memory::load) else {
-        return Brain::new(Fresh { wall, epoch, memory: None, is_navigable }, recorder);
+    let state = options.memory.clone().map(|path| StateFile::new(path, &wall));
+    let saved = state.as_ref().and_then(|state| memory::load(state.path()));
+    let (Some(state), Some(saved)) = (&state, saved) else {
+        return (Brain::new(Fresh { wall, epoch, memory: None, is_navigable }, recorder), state);
     };
+    let reconciled = memory::reconcile(saved, &wall);
+    log(&reconciled, state);
+    let has_changed = reconciled.has_changed();
+    let mut memory = reconciled.memory;
     if let Some(scene) = &memory.scene {
         let folder = BlobFolder::new(options.baker.store.join("blobs"));
         match import::read_manifest(&folder, scene.manifest) {
@@ -33,6 +47,46 @@ pub(super) fn begin(options: &mut ManagerOptions, epoch: Epoch, allowed: &Allowe
             }
         }
     }
-    tracing::info!(revision = %memory.revision, "going on where the last manager stopped");
-    Brain::new(Fresh { wall, epoch, memory: Some(memory), is_navigable }, recorder)
+    // What was said once is not said again by the next manager.
+    if has_changed && let Err(error) = state.save(&memory) {
+        tracing::warn!(path = %state.path().display(), %error, "cannot remember the state");
+    }
+    tracing::info!(revision = memory.revision.0, "going on where the last manager stopped");
+    let brain = Brain::new(Fresh { wall, epoch, memory: Some(memory), is_navigable }, recorder);
+    (brain, Some(state.clone()))
+}
+
+/// Logs what has changed in the wall file since the last manager, and what that makes invalid.
+fn log(reconciled: &Reconciled, state: &StateFile) {
+    let Reconciled { changes, tunings, dropped, .. } = reconciled;
+    for change in changes.iter().take(CHANGES_LOGGED_MAX) {
+        let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "not set".to_owned());
+        let (old, new) = (value(&change.old), value(&change.new));
+        tracing::info!(key = change.key, old, new, "the wall file has changed");
+    }
+    if let Some(more) = changes.len().checked_sub(CHANGES_LOGGED_MAX).filter(|more| *more > 0) {
+        tracing::info!(more, "more keys of the wall file have changed");
+    }
+    for (old, new) in &tunings.renamed {
+        tracing::info!(old, new, "a channel was renamed; its tuning was kept");
+    }
+    for lost in &tunings.dropped {
+        let (channel, keys, reason) = (&lost.channel, &lost.keys, &lost.reason);
+        tracing::warn!(channel, keys, reason, "a tuning was dropped");
+    }
+    for (what, reason) in dropped {
+        tracing::warn!(what, reason, "a part of the remembered state was dropped");
+    }
+    if reconciled.has_dropped() {
+        match state.keep_copy() {
+            Ok(copy) => {
+                let copy = copy.display();
+                tracing::warn!(%copy, "the state before was kept; read it with --state COPY");
+            }
+            Err(error) => {
+                let path = state.path().display();
+                tracing::warn!(%path, %error, "cannot keep a copy of the state before");
+            }
+        }
+    }
 }

@@ -9,8 +9,9 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context, bail};
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_manager::bake::map::mpcdi::{self, Imported, ImportedRegion, Profile};
+use polyptych_protocol::words::counted;
 
-use super::super::{bake, counted, manager, say};
+use super::super::{bake, check_overwrite, manager, say};
 
 /// How far from the eye the planes of frusta stand, in metres: for one eye any distance is right.
 const FRUSTUM_DISTANCE_M: f64 = 2.0;
@@ -41,9 +42,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let folder = &arguments.output;
     let wall_file = folder.join("wall.toml");
-    if !arguments.force && wall_file.exists() {
-        bail!("{} is there already; say --force to replace it", wall_file.display());
-    }
+    check_overwrite(&wall_file, arguments.force)?;
     bake::limit_memory(manager::BAKE_MEMORY_MIB_DEFAULT)?;
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let imported = mpcdi::import(&arguments.file, folder, &AtomicBool::new(false))?;

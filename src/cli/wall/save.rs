@@ -11,6 +11,7 @@ use polyptych_client::glam::{DMat3, DVec2, DVec3};
 use polyptych_client::tuning;
 use polyptych_protocol::wall::adjustment::Bend;
 use polyptych_protocol::wall::{Adjustment, Channel, Curve, file};
+use polyptych_protocol::words::counted;
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use super::super::{ManagerAddress, load_wall, say};
@@ -92,7 +93,7 @@ fn difference(file: &Wall, running: &Wall) -> Option<String> {
     }
     if file.channels.len() != running.channels.len() {
         let counts = (file.channels.len(), running.channels.len());
-        return Some(format!("it has {} channels, not {}", counts.0, counts.1));
+        return Some(format!("it has {}, not {}", counted(counts.0, "channel"), counts.1));
     }
     let is_other = |(file, running): &(&Channel, &Channel)| {
         let adjustment = file.adjustment.clone();

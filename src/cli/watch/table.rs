@@ -1,6 +1,7 @@
 //! A wall's status as lines that fit a terminal: a function of what is known and nothing else.
 
-use polyptych_client::{ChannelState, ChannelStatus, DisplayMode, WallStatus};
+use polyptych_client::{ChannelState, ChannelStatus, DisplayMode, Skew, WallStatus};
+use polyptych_protocol::words::counted;
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
 use super::rates::Rates;
@@ -9,7 +10,7 @@ use super::rates::Rates;
 const GAP: usize = 2;
 
 /// The reason of a channel in trouble gets at least so much; columns that matter less make room.
-const REASON_WIDTH_MIN: usize = 24;
+const REASON_WIDTH_MIN: usize = 36;
 
 /// Longest name that is shown whole.
 const NAME_WIDTH_MAX: usize = 24;
@@ -70,10 +71,12 @@ enum Column {
     Skew,
     Late,
     Memory,
+    Pid,
+    Address,
     Reason,
 }
 
-const COLUMNS: [Column; 10] = [
+const COLUMNS: [Column; 12] = [
     Column::Channel,
     Column::State,
     Column::For,
@@ -83,11 +86,15 @@ const COLUMNS: [Column; 10] = [
     Column::Skew,
     Column::Late,
     Column::Memory,
+    Column::Pid,
+    Column::Address,
     Column::Reason,
 ];
 
 /// What makes room first where the terminal is narrow.
-const DISPENSABLE: [Column; 7] = [
+const DISPENSABLE: [Column; 9] = [
+    Column::Address,
+    Column::Pid,
     Column::Memory,
     Column::Frame,
     Column::Skew,
@@ -99,6 +106,24 @@ const DISPENSABLE: [Column; 7] = [
 
 /// The table, of at most `height` lines of at most `width` columns.
 pub(super) fn lines(view: &View, width: usize, height: usize) -> Vec<Line> {
+    let mut lines = body(view, width, height, TEXTS_MAX);
+    if lines.len() < height {
+        lines.push(vec![piece("q ends", Tone::Quiet)]);
+    }
+    lines.truncate(height);
+    lines.into_iter().map(|line| fitted(line, width)).collect()
+}
+
+/// The same table of one answer, all of it, for a reader of text.
+pub(super) fn text(status: &WallStatus) -> String {
+    let view = View { status: Some(status), rates: &Rates::default(), trouble: None };
+    let lines = body(&view, usize::MAX, usize::MAX, usize::MAX).into_iter();
+    let text = |line: Line| line.into_iter().map(|piece| piece.text).collect::<String>();
+    lines.map(|line| text(fitted(line, usize::MAX))).collect::<Vec<_>>().join("\n")
+}
+
+/// All but the line with the key that ends it; of at most so many texts of a kind.
+fn body(view: &View, width: usize, height: usize, texts_max: usize) -> Vec<Line> {
     let mut lines = Vec::new();
     if let Some(trouble) = &view.trouble {
         lines.push(vec![piece(trouble_in_words(trouble), Tone::Bad)]);
@@ -110,29 +135,27 @@ pub(super) fn lines(view: &View, width: usize, height: usize) -> Vec<Line> {
             lines.push(vec![piece(wall_in_words(status, view.rates), Tone::Head)]);
             lines.push(vec![piece(counts_in_words(&status.channels), Tone::Plain)]);
             lines.extend(openings(status).map(|text| vec![piece(text, Tone::Busy)]));
-            lines.extend(first_of(&status.warnings, "warning", Tone::Warning));
-            lines.extend(first_of(&status.notes, "note", Tone::Quiet));
+            lines.extend(modes_in_words(status).map(|text| vec![piece(text, Tone::Warning)]));
+            lines.extend(first_of(&status.warnings, "warning", Tone::Warning, texts_max));
+            lines.extend(first_of(&status.notes, "note", Tone::Quiet, texts_max));
             // The last line is for the key that ends it.
             let room = height.saturating_sub(lines.len() + 1);
             lines.extend(channel_lines(status, view, width, room));
         }
     }
-    if lines.len() < height {
-        lines.push(vec![piece("q ends", Tone::Quiet)]);
-    }
-    lines.truncate(height);
-    lines.into_iter().map(|line| fitted(line, width)).collect()
+    lines
 }
 
-/// The first [`TEXTS_MAX`] of these texts, a line each, and a line that counts the rest.
-fn first_of<'a>(texts: &'a [String], kind: &'a str, tone: Tone) -> impl Iterator<Item = Line> + 'a {
-    let more = texts.len().saturating_sub(TEXTS_MAX);
-    let more = match more {
-        0 => None,
-        1 => Some(format!("and 1 more {kind}")),
-        more => Some(format!("and {more} more {kind}s")),
-    };
-    let first = texts.iter().take(TEXTS_MAX).map(move |text| format!("{kind}: {text}"));
+/// The first of these texts, a line each, and a line that counts the rest.
+fn first_of<'a>(
+    texts: &'a [String],
+    kind: &'a str,
+    tone: Tone,
+    texts_max: usize,
+) -> impl Iterator<Item = Line> + 'a {
+    let more = texts.len().saturating_sub(texts_max);
+    let more = (more > 0).then(|| format!("and {}", counted(more, &format!("more {kind}"))));
+    let first = texts.iter().take(texts_max).map(move |text| format!("{kind}: {text}"));
     first.chain(more).map(move |text| vec![piece(text, tone)])
 }
 
@@ -148,13 +171,14 @@ pub(super) fn summary(view: &View) -> String {
         return view.trouble.as_ref().map_or_else(|| "connecting …".into(), trouble_in_words);
     };
     let of_channel = |channel: &ChannelStatus| {
-        let (name, state) = (&channel.name, word(channel.state));
+        let (name, state) = (&channel.name, channel.state.name());
         let reason = channel.reason.as_ref().map(|reason| format!(": {reason}"));
         format!("{name} {state} {}{}", since(channel.since_ms), reason.unwrap_or_default())
     };
     let troubled = by_importance(&status.channels).filter(|c| c.state != ChannelState::Live);
     let mut parts = vec![wall_in_words(status, view.rates), counts_in_words(&status.channels)];
     parts.extend(openings(status));
+    parts.extend(modes_in_words(status));
     parts.extend(troubled.map(of_channel));
     if let [first, rest @ ..] = &status.notes[..] {
         let more =
@@ -176,22 +200,27 @@ fn trouble_in_words(trouble: &Trouble) -> String {
 }
 
 fn wall_in_words(status: &WallStatus, rates: &Rates) -> String {
-    let clients = status.clients.len();
-    let mode = match status.displays {
-        DisplayMode::Normal => String::new(),
-        mode => format!("  displays {mode:?}").to_lowercase(),
-    };
-    let plural = if clients == 1 { "" } else { "s" };
     format!(
-        "wall {}  scene {}  revision {}  frame {}  {} fps  deadline {:.0} ms  {clients} \
-         client{plural}{mode}",
+        "wall {}  scene {}  revision {}  frame {}  {} fps  deadline {:.0} ms  {}",
         status.wall,
         status.scene.as_deref().unwrap_or("none"),
         status.revision,
         status.frame,
         rates.wall().map_or_else(|| "-".into(), |rate| format!("{rate:.1}")),
         status.deadline_ms,
+        counted(status.clients.len(), "client"),
     )
+}
+
+/// What displays and channels show instead of the scene, and how that ends.
+fn modes_in_words(status: &WallStatus) -> impl Iterator<Item = String> {
+    let mode = status.displays.name();
+    let displays = (status.displays != DisplayMode::Normal)
+        .then(|| ["displays: ", mode, ", until: polyptych ", mode, " --off"].concat());
+    let pattern = status
+        .pattern
+        .map(|pattern| ["pattern: ", pattern.name(), ", until: polyptych pattern --off"].concat());
+    displays.into_iter().chain(pattern)
 }
 
 /// Such as `62 live, 1 late, 1 lost`, the worst first.
@@ -204,7 +233,7 @@ fn counts_in_words<'a>(channels: impl IntoIterator<Item = &'a ChannelStatus>) ->
         }
     }
     counts.sort_by_key(|&(state, _)| importance(state));
-    let words = counts.iter().map(|&(state, count)| format!("{count} {}", word(state)));
+    let words = counts.iter().map(|&(state, count)| format!("{count} {}", state.name()));
     words.collect::<Vec<_>>().join(", ")
 }
 
@@ -279,10 +308,6 @@ fn tone(state: ChannelState) -> Tone {
     }
 }
 
-fn word(state: ChannelState) -> String {
-    format!("{state:?}").to_lowercase()
-}
-
 fn head(column: Column) -> &'static str {
     match column {
         Column::Channel => "CHANNEL",
@@ -291,10 +316,12 @@ fn head(column: Column) -> &'static str {
         Column::Frame => "FRAME",
         Column::Rate => "FPS",
         Column::Draw => "DRAW",
-        // Of present calls: half, 99 of 100 and all are below.
-        Column::Skew => "SKEW P50/P99/MAX",
+        // Of present calls: half, 99 of 100 and all are below; and how far off the clock may be.
+        Column::Skew => "SKEW P50/P99/MAX ±CLOCK",
         Column::Late => "LATE",
         Column::Memory => "MEMORY",
+        Column::Pid => "PID",
+        Column::Address => "ADDRESS",
         Column::Reason => "REASON",
     }
 }
@@ -303,7 +330,7 @@ fn cell(column: Column, channel: &ChannelStatus, rate: Option<f64>) -> String {
     let nothing = || "-".to_owned();
     match column {
         Column::Channel => shortened(&plain(&channel.name), NAME_WIDTH_MAX),
-        Column::State => word(channel.state),
+        Column::State => channel.state.name().to_owned(),
         Column::For => since(channel.since_ms),
         Column::Frame => channel.frame.to_string(),
         Column::Rate => rate.map_or_else(nothing, |rate| format!("{rate:.1}")),
@@ -311,14 +338,17 @@ fn cell(column: Column, channel: &ChannelStatus, rate: Option<f64>) -> String {
             let in_ms = |us: u32| format!("{:.1} ms", f64::from(us) / 1000.0);
             channel.draw_us.map_or_else(nothing, in_ms)
         }
-        Column::Skew if channel.skew.frames == 0 => nothing(),
         Column::Skew => {
-            let skew = &channel.skew;
-            format!("{}/{}/{} µs", skew.p50_us, skew.p99_us, skew.max_us)
+            let Skew { frames, p50_us, p99_us, max_us, clock_error_us } = channel.skew;
+            let error_us = clock_error_us.filter(|_| frames > 0);
+            let in_words = |error_us| format!("{p50_us}/{p99_us}/{max_us} ±{error_us} µs");
+            error_us.map_or_else(nothing, in_words)
         }
         Column::Late => channel.late.to_string(),
         Column::Memory if channel.memory_bytes == 0 => nothing(),
         Column::Memory => format!("{:.0} MB", channel.memory_bytes as f64 * 1e-6),
+        Column::Pid => channel.pid.map_or_else(nothing, |pid| pid.to_string()),
+        Column::Address => plain(channel.address.as_deref().unwrap_or("-")),
         Column::Reason => plain(channel.reason.as_deref().unwrap_or_default()),
     }
 }
@@ -365,7 +395,9 @@ fn fitting_widths(
 fn aligned(column: Column, text: &str, width: usize) -> String {
     let padding = " ".repeat(width.saturating_sub(text.width()));
     match column {
-        Column::Channel | Column::State | Column::Reason => format!("{text}{padding}"),
+        Column::Channel | Column::State | Column::Address | Column::Reason => {
+            format!("{text}{padding}")
+        }
         _ => format!("{padding}{text}"),
     }
 }

@@ -17,10 +17,22 @@ fn objects(text: &[u8]) -> Vec<Value> {
         for key in ["process", "level", "target"] {
             assert!(object[key].is_string(), "{key} is not in {line}");
         }
+        let spans = object["spans"].as_array().into_iter().flatten();
+        spans.chain([&object["fields"]]).for_each(|fields| check_types(fields, line));
         assert!(object["pid"].is_u64() && object["fields"]["message"].is_string(), "{line}");
         object
     };
     text.lines().map(object).collect()
+}
+
+/// Numbers are numbers of JSON, and true and false are its own too.
+fn check_types(fields: &Value, line: &str) {
+    for (key, value) in fields.as_object().into_iter().flatten() {
+        // Sixteen hexadecimal digits, which may by chance all be decimal ones.
+        let Some(text) = value.as_str().filter(|_| key != "epoch") else { continue };
+        let is_value = text.parse::<f64>().is_ok() || text.parse::<bool>().is_ok();
+        assert!(!is_value, "{key} is a text: {line}");
+    }
 }
 
 /// What the spans around a line say under this key.
@@ -34,7 +46,11 @@ fn every_line_of_a_simulated_wall_says_who_wrote_it_and_about_what() {
     let wall = polyptych_protocol::wall::file::to_toml(&small(2, 1));
     let wall = place.write("wall.toml", wall).display().to_string();
     let scene = town().display().to_string();
-    let arguments = ["simulate", &wall, &scene, "--frames", "3", "--log", "json,info"];
+    // All that this program says, and of others what matters.
+    let ours = ["polyptych", "polyptych_manager", "polyptych_render", "polyptych_client"];
+    let log = ours.map(|name| format!("{name}=debug")).join(",");
+    let log = format!("json,info,{log}");
+    let arguments = ["simulate", &wall, &scene, "--frames", "3", "--log", &log];
     let output = place.command(arguments).output().expect("it ran");
     let said = String::from_utf8(output.stdout).expect("UTF-8");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -69,6 +85,7 @@ fn every_line_of_a_simulated_wall_says_who_wrote_it_and_about_what() {
     }
     let revisions = with("simulate", "the wall shows a new revision");
     assert_eq!(revisions.len(), 1);
+    assert!(revisions[0]["fields"]["revision"].is_u64(), "{revisions:?}");
     assert_eq!(of_spans(revisions[0], "client"), Some(&"simulate".into()));
     assert!(of_spans(revisions[0], "request").is_some_and(Value::is_u64), "{revisions:?}");
 }

@@ -6,7 +6,7 @@ use polyptych_protocol::blob::{BlobChunk, BulkDown, BulkUp, PictureChunk};
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec::encode;
 use polyptych_protocol::command::{
-    Area, Command, Frame, Pong, Prepare, Swap, View, ViewProjection,
+    Area, Command, Frame, Goodbye, Pong, Prepare, Swap, View, ViewProjection,
 };
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{
@@ -134,7 +134,8 @@ fn commands() -> Vec<Command> {
         Command::Frame(frame),
         Command::Swap(Swap { epoch: EPOCH, frame: FrameId(1), not_after_us: 2_000_000 }),
         Command::Pong(Pong { sent_us: 1, received_us: 2, answered_us: 3 }),
-        Command::Goodbye { reason: "the end".into() },
+        Command::Goodbye(Goodbye::Stopped),
+        Command::Goodbye(Goodbye::closed("the end")),
     ]
 }
 
@@ -208,6 +209,7 @@ fn calls() -> Vec<Call> {
         Request::Statistics { reset: true },
         Request::Subscribe(true),
         Request::Stop,
+        Request::StopServers,
         Request::SetDisplays(DisplayMode::Blank),
         Request::SetHead(Head::at(DVec3::Y, 0.06)),
         Request::SetViews(vec![View::of_wall(camera()), plan()]),
@@ -340,6 +342,11 @@ fn answers() -> Vec<request::Answer> {
         Ok(Reply::Wall(Box::new(wall()))),
         Ok(Reply::Statistics(Box::new(statistics()))),
         Ok(Reply::Tuned(Tuned { revision: Revision(3), frames: 1, feedback: feedback() })),
+        Ok(Reply::ServersStopped(request::StoppedServers {
+            ended: vec!["left".into()],
+            silent: vec![("right".into(), "it said nothing".into())],
+            absent: vec!["floor".into()],
+        })),
         Err(Failure::new("no such scene")),
     ];
     let part = PicturePart { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };
@@ -347,7 +354,7 @@ fn answers() -> Vec<request::Answer> {
         request::Answer::Feedback(feedback()),
         request::Answer::Picture(part),
         request::Answer::Progress { id, progress: OpenProgress::NONE },
-        request::Answer::Goodbye { reason: "the end".into() },
+        request::Answer::Goodbye(Goodbye::Ended),
     ];
     let replies = replies.into_iter().map(|reply| request::Answer::Reply { id, reply });
     replies.chain(others).collect()

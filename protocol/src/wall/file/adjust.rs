@@ -15,6 +15,7 @@ use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX, NAME_BYTES_MAX};
 use crate::wall::adjustment::{Bend, Bits, Curve, Edges};
 use crate::wall::channel::is_monitor_name;
 use crate::wall::{Cover, EyeOf, FileKind, Packing, Projection, fold};
+use crate::words::counted;
 
 /// Farthest that a pin or a point of a bend moves anything: some channels' widths.
 const MOVE_MAX_PX: f64 = 65_536.0;
@@ -216,7 +217,7 @@ impl Table<'_> {
     fn measured(&self, points: &[Light]) -> Result<Vec<DVec3>, WallFileError> {
         let light: Vec<DVec3> = points.iter().map(|point| rgb(*point)).collect();
         if !(2..=CURVE_POINTS_MAX).contains(&light.len()) {
-            let what = format!("a curve of {} points", light.len());
+            let what = format!("a curve of {}", counted(light.len(), "point"));
             return Err(self.error("curve", what, &format!("write 2 to {CURVE_POINTS_MAX}")));
         }
         let rises = |pair: &[DVec3]| pair[0].cmple(pair[1]).all();
@@ -240,7 +241,8 @@ impl Table<'_> {
             return Err(self.error("bend.points", what, &remedy));
         }
         if bend.moves.len() as u64 != count {
-            let what = format!("there are {} moves for {count} points", bend.moves.len());
+            let moves = counted(bend.moves.len(), "move");
+            let what = format!("found {moves} for {count} points");
             let remedy = format!("write {count} moves, row by row from the upper left");
             return Err(self.error("bend.moves", what, &remedy));
         }

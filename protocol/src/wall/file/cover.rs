@@ -9,6 +9,7 @@ use super::source::quoted;
 use crate::wall::coverage::{Footprint, eyes, is_plain, is_seen_by};
 use crate::wall::tiling::{self, Rect};
 use crate::wall::{Cover, EyeOf, Screen};
+use crate::words::counted;
 
 /// Most hidden rectangles of one screen: more than a grid of 1,024 tiles has gaps.
 const HIDDEN_MAX: usize = 4096;
@@ -67,10 +68,12 @@ impl Place<'_> {
             EyeOf::Left => " for the left eye",
             EyeOf::Right => " for the right eye",
         };
+        let leave = if count == 1 { "leaves" } else { "leave" };
         let what = format!(
-            "{count} channels{of_eye} leave a hole: none shows {} ({total} pixels are missing in \
-             all)",
-            rect_words(*gap)
+            "{}{of_eye} {leave} a hole: none shows {} ({} missing in all)",
+            counted(count, "channel"),
+            rect_words(*gap),
+            counted(total, "pixel")
         );
         let remedy = "add the channel that is missing, or [[screen.hidden]] for a bezel";
         let key = if self.section.tiles.is_some() { "tiles" } else { "channel" };

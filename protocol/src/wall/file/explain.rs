@@ -37,8 +37,15 @@ pub(super) fn explain(message: &str) -> Complaint {
         let what = "the number is too large".to_owned();
         return Complaint { missing: None, what, remedy: "write a smaller one".to_owned() };
     }
-    let remedy = "see configs/wall.schema.json for what may stand here".to_owned();
+    let remedy = "polyptych wall schema prints what may stand here".to_owned();
     Complaint { missing: None, what: message.to_owned(), remedy }
+}
+
+/// What is wrong with a value in the place of one of these words.
+pub(super) fn explain_words(found: &str, words: &[String]) -> Complaint {
+    let quoted: Vec<_> = words.iter().map(|word| format!("{word:?}")).collect();
+    let remedy = format!("write one of {}", quoted.join(", "));
+    Complaint { missing: None, what: format!("found {found}"), remedy }
 }
 
 /// The name and the valid names in "unknown field `x`, expected `a` or `b`".

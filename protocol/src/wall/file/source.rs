@@ -9,7 +9,9 @@ use toml::de::{DeTable, DeValue};
 
 use super::document::Document;
 use super::error::WallFileError;
-use super::explain::{Complaint, explain};
+use super::explain::{Complaint, explain, explain_words};
+use super::schema::words_at;
+use super::syntax::{Slip, TomlError, diagnose};
 
 /// The text, and what stands where in it.
 pub(super) struct Source<'a> {
@@ -23,14 +25,11 @@ impl<'a> Source<'a> {
     pub fn parse(text: &'a str, path: &'a Path) -> Result<Self, WallFileError> {
         let (root, errors) = DeTable::parse_recoverable(text);
         let source = Self { path, text, root };
-        let Some(error) = errors.first() else { return Ok(source) };
-        let offset = error.span().map_or(0, |span| span.start);
-        let (what, remedy) = match error.message().split_once(", expected ") {
-            Some((what, expected)) => (what.to_owned(), format!("expected {expected}")),
-            None if error.message() == "duplicate key" => {
-                ("the key is given twice".to_owned(), "keep one of the two".to_owned())
-            }
-            None => (error.message().to_owned(), "this line must be TOML".to_owned()),
+        let spanned = |error: &toml::de::Error| error.span().unwrap_or(0..0);
+        let errors: Vec<TomlError<'_>> =
+            errors.iter().map(|error| (spanned(error), error.message())).collect();
+        let Some(Slip { offset, what, remedy }) = diagnose(text, &errors) else {
+            return Ok(source);
         };
         let key = source.key_at(offset).unwrap_or_else(|| source.line_key(offset));
         Err(source.error_at(offset, key, what, remedy))
@@ -42,7 +41,11 @@ impl<'a> Source<'a> {
         Document::deserialize(toml::de::Deserializer::from(self.root.clone())).map_err(|error| {
             let offset = error.span().map_or(0, |span| span.start);
             let key = self.key_at(offset).unwrap_or_default();
-            let Complaint { missing, what, remedy } = explain(error.message());
+            let complaint = self.words_wanted(&key, offset);
+            let is_word = error.message().starts_with("unknown ");
+            let complaint = complaint.filter(|_| !is_word);
+            let complaint = complaint.unwrap_or_else(|| explain(error.message()));
+            let Complaint { missing, what, remedy } = complaint;
             match missing {
                 // The place is the table's; the key is the one that should be in it. What must
                 // stand above all tables is itself a table.
@@ -195,6 +198,29 @@ impl<'a> Source<'a> {
         self.error(key, what, format!("write {header} on a line of its own, its keys below"))
     }
 
+    /// What is wrong with a value that stands where the schema wants one of a few words.
+    fn words_wanted(&self, key: &str, offset: usize) -> Option<Complaint> {
+        let words = words_at(key);
+        if !words.is_empty() {
+            return Some(explain_words(&self.value_at(offset), &words));
+        }
+        let (above, _) = key.rsplit_once('.')?;
+        let words = words_at(above);
+        (!words.is_empty()).then(|| explain_words("a table", &words))
+    }
+
+    /// The value that begins here, in words; of a long one the beginning.
+    fn value_at(&self, offset: usize) -> String {
+        const CHARS_MAX: usize = 40;
+        let rest = self.text[self.text.floor_char_boundary(offset)..].lines().next();
+        let value = rest.unwrap_or_default().split(['#', '\n']).next().unwrap_or_default().trim();
+        let mut text: String = value.chars().filter(|c| !c.is_control()).take(CHARS_MAX).collect();
+        if value.chars().count() > CHARS_MAX {
+            text.push('…');
+        }
+        if value.parse::<f64>().is_ok() { format!("the number {text}") } else { text }
+    }
+
     /// The key whose name or value stands at this place.
     fn key_at(&self, offset: usize) -> Option<String> {
         let mut best = None;
@@ -251,7 +277,7 @@ pub(super) fn quoted(name: &str) -> String {
 }
 
 /// The steps of a key, which dots between them and not within quotes part.
-fn steps(key: &str) -> impl Iterator<Item = &str> {
+pub(super) fn steps(key: &str) -> impl Iterator<Item = &str> {
     let mut is_quoted = false;
     key.split(move |c: char| {
         is_quoted ^= c == '"';

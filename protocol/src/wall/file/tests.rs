@@ -6,6 +6,7 @@ pub(in crate::wall) mod generated;
 mod meaning;
 pub(in crate::wall) mod random;
 mod shape;
+mod slips;
 
 use std::path::{Path, PathBuf};
 
@@ -62,6 +63,13 @@ fn check(text: &str, expected: &str) {
     let text = error.to_string();
     let found = text.strip_prefix("w.toml:").unwrap();
     assert!(found.starts_with(expected), "\n   found {found}\nexpected {expected}");
+}
+
+/// The error of a bad file as a person reads it.
+#[track_caller]
+fn error(text: &str) -> String {
+    let Err(error) = parse(text, "w.toml".as_ref()) else { panic!("no error in\n{text}") };
+    error.to_string()
 }
 
 /// [`check`] of a good file with one thing changed.

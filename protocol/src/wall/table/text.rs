@@ -6,6 +6,7 @@ use super::{
     BezelRow, ChannelRow, CoverageRow, OverlapRow, PatchRow, ScreenRow, Stereo, WallTable,
 };
 use crate::wall::{EyeOf, Packing, Turn};
+use crate::words::counted;
 
 /// Maximum number of overlaps and holes of a screen that are printed: `--json` has all.
 const LINES_MAX: usize = 8;
@@ -311,11 +312,6 @@ fn write_legend(f: &mut fmt::Formatter<'_>, columns: &[Column]) -> fmt::Result {
     let there = FRUSTA.iter().filter(|(name, _)| is_there(name));
     let there: Vec<String> = there.map(|(name, what)| format!("{name}: {what}")).collect();
     writeln!(f, "frustum: {}", there.join("; "))
-}
-
-/// A number of things in words.
-fn counted(count: usize, thing: &str) -> String {
-    if count == 1 { format!("1 {thing}") } else { format!("{count} {thing}s") }
 }
 
 /// 2073600 as 2,073,600.

@@ -14,6 +14,7 @@ use glam::{Vec2, Vec3};
 use polyptych_protocol::wall::warp::{
     MAP_VERTICES_MAX, MapSpace, PLACE_REACH_MAX, WarpMap, WarpMesh, WarpShape, WarpVertex,
 };
+use polyptych_protocol::words::counted;
 
 use super::super::error::BakeError;
 use super::text;
@@ -61,7 +62,7 @@ pub(super) fn read(bytes: &[u8], aspect: Option<f64>) -> Result<WarpMap, BakeErr
         is_lit.push(lit);
     }
     if let Some((line, _)) = lines.next() {
-        let what = format!("a line follows the last of {count} nodes");
+        let what = format!("a line follows the last of {}", counted(count, "node"));
         return Err(BakeError::at(text::place(line), what, "the end would be right"));
     }
     let triangles = cells(columns, rows, |node| is_lit[node as usize]);

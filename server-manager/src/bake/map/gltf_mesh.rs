@@ -14,6 +14,7 @@ use polyptych_protocol::wall::warp::{
     MAP_TRIANGLES_MAX, MAP_VERTICES_MAX, MapSpace, WARP_REACH_M_MAX, WarpMap, WarpMesh, WarpShape,
     WarpVertex,
 };
+use polyptych_protocol::words::counted;
 
 use super::super::error::BakeError;
 use super::super::pose::{Pose, Vertices};
@@ -88,7 +89,11 @@ fn append(
     let vertices = mesh.vertices.len() + positions.len();
     let triangles = mesh.triangles.len() + indices.len() / 3;
     if vertices > MAP_VERTICES_MAX as usize || triangles > MAP_TRIANGLES_MAX as usize {
-        let what = format!("{vertices} vertices and {triangles} triangles are too many");
+        let what = format!(
+            "{} and {} are too many",
+            counted(vertices, "vertex"),
+            counted(triangles, "triangle")
+        );
         let right = format!("{MAP_VERTICES_MAX} and {MAP_TRIANGLES_MAX} would be right");
         return Err(BakeError::at(place, what, right));
     }

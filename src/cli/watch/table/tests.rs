@@ -77,12 +77,33 @@ fn a_wall_that_is_well_has_a_line_for_each_channel() {
         [
             "wall small  scene town  revision 3  frame 1295  30.0 fps  deadline 165 ms  1 client",
             "2 live",
-            "CHANNEL    STATE     FOR  FRAME   FPS     DRAW  SKEW P50/P99/MAX  LATE  MEMORY",
-            "front-1-1  live   12.3 s   1294  30.0  41.2 ms    120/310/900 µs     0  199 MB",
-            "front-2-1  live   12.3 s   1234   0.0  41.2 ms    120/310/900 µs     0  199 MB",
+            "CHANNEL    STATE     FOR  FRAME   FPS     DRAW  SKEW P50/P99/MAX ±CLOCK  LATE  MEMORY  PID",
+            "front-1-1  live   12.3 s   1294  30.0  41.2 ms       120/310/900 ±60 µs     0  199 MB  100",
+            "front-2-1  live   12.3 s   1234   0.0  41.2 ms       120/310/900 ±60 µs     0  199 MB  101",
             "q ends",
         ]
     );
+}
+
+#[test]
+fn one_look_and_a_watched_table_say_the_same() {
+    let mut status = wall(3);
+    trouble(&mut status, 1, ChannelState::Lost, "it closed the connection");
+    status.warnings = (0..5).map(|n| format!("number {n}")).collect();
+    status.displays = DisplayMode::Blank;
+    status.pattern = polyptych_client::Pattern::named("grid");
+    let rates = Rates::default();
+    let looked = text(&status);
+    let looked: Vec<&str> = looked.lines().collect();
+    let watched = drawn(&of(&status, &rates), 400, 100);
+    assert_eq!(looked[2], "displays: blank, until: polyptych blank --off");
+    assert_eq!(looked[3], "pattern: grid, until: polyptych pattern --off");
+    let of_both: Vec<&str> =
+        looked.iter().copied().filter(|line| watched.iter().any(|other| other == line)).collect();
+    // Only warnings without room are counted instead.
+    assert_eq!(of_both.len(), looked.len() - 3, "{looked:#?} {watched:#?}");
+    assert_eq!((watched.len(), looked.len()), (12, 13));
+    assert!(looked[9].starts_with("CHANNEL") && looked[9].ends_with("PID  ADDRESS         REASON"));
 }
 
 #[test]

@@ -141,10 +141,7 @@ fn pins_and_bends_that_fold_the_picture() {
     read(&bend("[2, 2]", still));
     check(&bend("[1, 4]", still), "10:10: channel.front.bend.points: a grid of 1×4 points is not");
     check(&bend("[64, 64]", still), "10:10: channel.front.bend.points: a grid of 64×64 points");
-    check(
-        &bend("[3, 2]", still),
-        "10:27: channel.front.bend.moves: there are 4 moves for 6 points",
-    );
+    check(&bend("[3, 2]", still), "10:27: channel.front.bend.moves: found 4 moves for 6 points");
     check(
         &bend("[2, 2]", "[[300, 0], [-300, 0], [300, 0], [-300, 0]]"),
         "10:1: channel.front.bend: the bend folds the picture, or nearly; move its points by less",

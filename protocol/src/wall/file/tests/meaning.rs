@@ -27,16 +27,16 @@ fn each_eye_is_covered_by_channels_of_its_own() {
     assert_eq!(wall.channels[1].adjustment.eye, crate::wall::EyeOf::Right);
     check(
         &format!("{BY_HAND}{}", eyes("left", "right")),
-        "8:10: screen[0].channel: 1 channels for the left eye leave a hole: none shows 100×100 \
+        "8:10: screen[0].channel: 1 channel for the left eye leaves a hole: none shows 100×100 \
          pixels at [100, 0]",
     );
     check(
         &format!("{BY_HAND}{}", eyes("left", "center")),
-        "8:10: screen[0].channel: 1 channels for the right eye leave a hole: none shows 100×100 \
+        "8:10: screen[0].channel: 1 channel for the right eye leaves a hole: none shows 100×100 \
          pixels at [0, 0]",
     );
     let tiles = format!("{SMALLEST}columns = 2\n[channel.front-1-1]\neye = \"left\"\n");
-    check(&tiles, "7:9: screen[0].tiles: 1 channels for the right eye leave a hole");
+    check(&tiles, "7:9: screen[0].tiles: 1 channel for the right eye leaves a hole");
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn holes_say_where_and_how_large_they_are() {
         "pixels = [200, 100]",
         "pixels = [220, 110]",
         "8:10: screen[0].channel: 2 channels leave a hole: none shows 20×100 pixels at [200, 0] \
-         (4200 pixels are missing in all); add the channel that is missing, or [[screen.hidden]]",
+         (4200 pixels missing in all); add the channel that is missing, or [[screen.hidden]]",
     );
 }
 

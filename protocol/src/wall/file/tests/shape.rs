@@ -4,7 +4,10 @@ use super::{BY_HAND, SMALLEST, check, check_changed};
 
 #[test]
 fn broken_toml_names_the_line_and_the_key() {
-    check("[wall]\nname = \"w\n", "2:10: wall.name: invalid basic string; expected ");
+    check(
+        "[wall]\nname = \"w\n",
+        "2:10: wall.name: the text is not closed; write a quote at its end",
+    );
     check("[wall]\nname = \n", "2:8: ");
     check("[wall\nname = 1\n", "1:6: ");
     check("nonsense", "1:");
@@ -163,6 +166,38 @@ fn values_that_are_none_of_those_possible() {
 }
 
 #[test]
+fn a_value_in_the_place_of_a_word_lists_all_words() {
+    let with = |key: &str| format!("{SMALLEST}[channel.front]\n{key}\n");
+    let turns = "write one of \"none\", \"left\", \"right\", \"half\"";
+    for (value, found) in [
+        ("90", "the number 90"),
+        ("-1.5", "the number -1.5"),
+        ("true", "true"),
+        ("[]", "[]"),
+        ("{}", "{}"),
+        ("{ left = 1 }", "a table"),
+        ("1979-05-27", "1979-05-27"),
+    ] {
+        let found = format!(": found {found}; {turns}");
+        let error = super::error(&with(&format!("turn = {value} # degrees")));
+        assert!(error.starts_with("w.toml:10:") && error.ends_with(&found), "{error}");
+    }
+    for (key, words) in [
+        ("eye = 1", "\"center\", \"left\", \"right\""),
+        ("stereo = true", "\"none\", \"side-by-side\", \"top-bottom\", \"anaglyph\""),
+    ] {
+        let error = super::error(&with(key));
+        assert!(error.ends_with(&format!("write one of {words}")), "{error}");
+    }
+    check_changed(
+        SMALLEST,
+        "size",
+        "projection = 2\nsize",
+        "5:14: screen[0].projection: found the number 2; write one of \"shared\", \"own\"",
+    );
+}
+
+#[test]
 fn lists_and_values_are_no_tables() {
     check("wall = [\"w\"]", "1:1: wall: found a list where a table belongs; write [wall] on");
     check(
@@ -222,7 +257,7 @@ fn tables_of_a_channel_are_tables() {
     check(&with("[[blend]]\nleak = 0"), "9:3: blend: found a list of tables where one belongs");
     check(
         &with("[channel.front]\ngain = 1\n[channel.front]"),
-        "11:10: channel.front: the key is given twice; keep one of the two",
+        "11:10: channel.front: the table is given twice; put all its keys below the first one",
     );
     check(
         &with("[channel.front]\nblur = 1"),

@@ -206,7 +206,7 @@ impl Watch {
             Command::Prepare(prepare) => self.prepare_sent(to, prepare),
             Command::Frame(frame) => self.frame_sent(to, frame),
             Command::Swap(swap) => self.swap_sent(now, cluster, before, to, swap),
-            Command::Pong(_) | Command::Goodbye { .. } => Ok(()),
+            Command::Pong(_) | Command::Goodbye(_) => Ok(()),
         }
     }
 

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use glam::DVec3;
 use polyptych_protocol::codec;
-use polyptych_protocol::command::Command;
+use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, Secret, ServerHello};
 use polyptych_protocol::ids::{BlobHash, Epoch, FrameId, RequestId, Revision};
@@ -348,7 +348,7 @@ impl World {
             Output::Close { session, reason } => {
                 self.coverage.count("session closed by the brain");
                 if let Some(&link) = self.manager.links.get(&session) {
-                    let goodbye = Rc::new(Command::Goodbye { reason });
+                    let goodbye = Rc::new(Command::Goodbye(Goodbye::closed(reason)));
                     self.send(link, Side::Server, Parcel::Command(goodbye));
                 }
                 self.let_go(session);
@@ -361,7 +361,7 @@ impl World {
                 self.watch.remembered(&memory)?;
                 self.manager.memory = Some(*memory);
             }
-            Output::Stop => {
+            Output::Stop | Output::StopServers { .. } => {
                 self.coverage.count("manager stopped by a client");
                 self.kill_manager("a client stopped it");
             }

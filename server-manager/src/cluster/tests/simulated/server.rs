@@ -386,7 +386,7 @@ impl World {
                 server.estimate.add(pong, arrived);
                 server.offset = server.estimate.best(arrived);
             }
-            Command::Goodbye { reason } => self.disconnect(index, reason),
+            Command::Goodbye(goodbye) => self.disconnect(index, &goodbye.to_string()),
         }
         Ok(())
     }

@@ -1,0 +1,147 @@
+//! What a manager was told, in plain words.
+
+use polyptych_protocol::request::{Pace, Request};
+use polyptych_protocol::status::Status;
+use polyptych_protocol::tuning::Change;
+use polyptych_protocol::words::counted;
+
+use crate::cluster::Input;
+
+/// Maximum length of a text of a peer that is repeated, in characters.
+const TEXT_CHARS_MAX: usize = 200;
+
+/// Returns an input as the beginning of a sentence that names who did what.
+pub(super) fn of_input(input: &Input) -> String {
+    match input {
+        Input::Timeout => "time passed".to_owned(),
+        Input::Server { hello, address, .. } => {
+            format!("server {} joined from {address}", text(&hello.name))
+        }
+        Input::Status { from, status, .. } => {
+            format!("the server of session {} said: {}", from.0, of_status(status))
+        }
+        Input::ServerGone { session, reason } => {
+            format!("the server of session {} went: {}", session.0, text(reason))
+        }
+        Input::Client { session, name } => {
+            format!("client {} came as session {}", text(name), session.0)
+        }
+        Input::ClientGone { session } => format!("the client of session {} went", session.0),
+        Input::Request { client, id, request } => {
+            let words = of_request(request);
+            format!("the client of session {} asked, with number {}: {words}", client.0, id.0)
+        }
+        Input::Import { imported: Ok(imported), .. } => {
+            format!("scene {} was baked", text(&imported.scene.name))
+        }
+        Input::Import { imported: Err(reason), .. } => {
+            format!("a scene could not be baked: {}", text(reason))
+        }
+        Input::Progress { progress, .. } => format!("a baker has come so far: {progress}"),
+    }
+}
+
+/// Returns what a client asked for, with what matters of it.
+pub(super) fn of_request(request: &Request) -> String {
+    let name = request.name();
+    match request {
+        Request::OpenScene { path } => format!("{name} {}", text(path)),
+        Request::SetCamera(camera) => {
+            let at = camera.position;
+            format!("{name} to {:.3},{:.3},{:.3}", at.x, at.y, at.z)
+        }
+        Request::SetEye(at) => format!("{name} to {:.3},{:.3},{:.3} m", at.x, at.y, at.z),
+        Request::SetHead(head) => {
+            let at = head.position;
+            format!("{name} to {:.3},{:.3},{:.3} m", at.x, at.y, at.z)
+        }
+        Request::SetViews(views) => format!("{name}: {}", counted(views.len(), "view")),
+        Request::SetExposure(exposure) => format!("{name} to {exposure}"),
+        Request::Run(Pace::Free) => "run as fast as the wall can".to_owned(),
+        Request::Run(Pace::Rate(rate)) => format!("run at {rate} frames per second"),
+        Request::SetDisplays(mode) => format!("{name} to {}", mode.name()),
+        Request::SetPattern(Some(pattern)) => format!("{name} to {}", pattern.name()),
+        Request::SetPattern(None) => format!("{name} to none"),
+        Request::Tune { channel, changes } => {
+            let keys: Vec<_> = changes.iter().take(8).map(Change::key).collect();
+            let more = if changes.len() > 8 { ", …" } else { "" };
+            format!("{name} {}: {}{more}", text(channel), keys.join(", "))
+        }
+        _ => name.to_owned(),
+    }
+}
+
+fn of_status(status: &Status) -> String {
+    match status {
+        Status::Prepared(prepared) => format!("revision {} is prepared", prepared.revision.0),
+        Status::PrepareFailed { revision, reason, .. } => {
+            format!("revision {} cannot be prepared: {}", revision.0, text(reason))
+        }
+        Status::Drawn(drawn) => {
+            format!("channel number {} has drawn frame {}", drawn.channel.0, drawn.frame.0)
+        }
+        Status::DrawFailed { channel, frame, reason } => {
+            let (channel, frame) = (channel.0, frame.0);
+            format!("channel number {channel} cannot draw frame {frame}: {}", text(reason))
+        }
+        Status::Shown(shown) => {
+            format!("channel number {} has shown frame {}", shown.channel.0, shown.frame.0)
+        }
+        Status::Ping(_) => "it is there".to_owned(),
+        Status::Navigate(navigation) => {
+            format!("the mouse moved the camera over channel {}", text(&navigation.channel))
+        }
+        Status::Display { channel, .. } => {
+            format!("how the display of channel number {} fits", channel.0)
+        }
+        Status::Goodbye { reason } => format!("goodbye: {}", text(reason)),
+    }
+}
+
+/// The beginning of a text of a peer.
+fn text(text: &str) -> &str {
+    let end = text.char_indices().nth(TEXT_CHARS_MAX).map_or(text.len(), |(end, _)| end);
+    &text[..end]
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_protocol::ids::{ChannelId, FrameId, RequestId};
+
+    use super::*;
+    use crate::cluster::SessionId;
+
+    #[test]
+    fn inputs_are_sentences_without_the_marks_of_a_program() {
+        let tune = Request::Tune {
+            channel: "left".into(),
+            changes: vec![Change::Grid(None), Change::Gamma(None)],
+        };
+        let asked =
+            |request: Request| Input::Request { client: SessionId(3), id: RequestId(7), request };
+        let reason = "out of memory".to_owned();
+        let (channel, frame) = (ChannelId(2), FrameId(9));
+        let failed = Status::DrawFailed { channel, frame, reason };
+        for (input, words) in [
+            (Input::Timeout, "time passed"),
+            (
+                asked(tune),
+                "the client of session 3 asked, with number 7: tune the channel left: bend, gamma",
+            ),
+            (
+                asked(Request::Run(Pace::Rate(30.0))),
+                "the client of session 3 asked, with number 7: run at 30 frames per second",
+            ),
+            (
+                asked(Request::Stop),
+                "the client of session 3 asked, with number 7: stop the manager",
+            ),
+            (
+                Input::Status { from: SessionId(1), status: failed, wire_bytes: 9 },
+                "the server of session 1 said: channel number 2 cannot draw frame 9: out of memory",
+            ),
+        ] {
+            assert_eq!(of_input(&input), words);
+        }
+    }
+}

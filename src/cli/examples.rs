@@ -1,0 +1,194 @@
+//! The examples that stand at the end of every command's help.
+
+use clap::Command;
+
+/// Commands by their names, each with lines that can be typed.
+const EXAMPLES: &[(&str, &[&str])] = &[
+    ("demo", &["polyptych demo", "polyptych demo --seconds 60 --out pictures"]),
+    (
+        "simulate",
+        &[
+            "polyptych simulate configs/wall-2x2.toml town.glb --orbit",
+            "polyptych simulate configs/wall-3x1.toml --seconds 20 --rate 30 --windows",
+            "polyptych simulate configs/wall-2x2.toml --fault \"at 30 kill front-1-1\"",
+        ],
+    ),
+    (
+        "manager",
+        &[
+            "polyptych manager configs/wall-2x2.toml",
+            "polyptych manager wall.toml --listen 0.0.0.0:7878 --keys manager --scenes /data/scenes",
+            "polyptych manager wall.toml --record wall.rec --metrics 127.0.0.1:9464 --log json,info",
+        ],
+    ),
+    (
+        "server",
+        &[
+            "polyptych server --manager 127.0.0.1:7878 --channel front-1-1",
+            "polyptych server --manager wall.example --channel left --channel right --fullscreen",
+            "polyptych server --manager wall.example --channel left --keys server-left",
+        ],
+    ),
+    (
+        "open",
+        &["polyptych open town.glb", "polyptych open lamp.gltf --heading 90 --exposure 0.0005"],
+    ),
+    ("camera look-at", &["polyptych camera look-at 40,25,90 0,5,0"]),
+    ("camera pose", &["polyptych camera pose 0,1.7,10 0,0,0,1"]),
+    (
+        "eye",
+        &["polyptych eye", "polyptych eye 0.2,1.7,0.4 --look 0,1.5,-3", "polyptych eye --reset"],
+    ),
+    (
+        "view add",
+        &[
+            "polyptych view add 0,400,0 0,0,0 --up 0,0,-1 --ortho 250 --rect 0,0,960,1080",
+            "polyptych view add 40,25,90 0,5,0 --fov 40 --screen front",
+        ],
+    ),
+    ("view list", &["polyptych view list"]),
+    ("view clear", &["polyptych view clear"]),
+    ("shot", &["polyptych shot wall.png"]),
+    ("identify", &["polyptych identify", "polyptych identify --off"]),
+    ("blank", &["polyptych blank", "polyptych blank --off"]),
+    ("freeze", &["polyptych freeze", "polyptych freeze --off"]),
+    ("pattern", &["polyptych pattern grid", "polyptych pattern --off"]),
+    (
+        "tune",
+        &[
+            "polyptych tune left pin.upper-left=+1.5,-0.5 gain=1,0.9,1",
+            "polyptych tune left bend=5x5",
+            "polyptych tune left --show",
+        ],
+    ),
+    (
+        "status",
+        &[
+            "polyptych status",
+            "polyptych status --watch",
+            "polyptych status --json --manager wall.example:7878",
+        ],
+    ),
+    ("stop", &["polyptych stop", "polyptych stop --servers"]),
+    ("keys", &["polyptych keys wall.toml", "polyptych keys wall.toml --client tracker --out keys"]),
+    ("check", &["polyptych check wall.toml", "polyptych check wall.toml --json"]),
+    ("prove", &["polyptych prove configs/wall-2x2.toml --out proof"]),
+    ("wall grid", &["polyptych wall grid --columns 3 --rows 2 --bezel 0.01x0.01 -o wall.toml"]),
+    ("wall arch", &["polyptych wall arch --channels 3 --degrees 120 -o wall.toml"]),
+    ("wall cylinder", &["polyptych wall cylinder --channels 8 --degrees 240 -o wall.toml"]),
+    ("wall cave", &["polyptych wall cave --walls 5 --size 3 -o wall.toml"]),
+    ("wall dome", &["polyptych wall dome --channels 6 --radius 5 -o wall.toml"]),
+    ("wall import", &["polyptych wall import calibration.mpcdi -o wall --width 6 --distance 4"]),
+    ("wall save", &["polyptych wall save wall.toml"]),
+    ("wall schema", &["polyptych wall schema"]),
+    (
+        "replay",
+        &[
+            "polyptych replay wall.rec",
+            "polyptych replay wall.rec --keep lost-server --from 12 --to 15",
+        ],
+    ),
+    ("scene town", &["polyptych scene town --blocks 8 --seed 3 -o town.glb"]),
+    ("bake", &["polyptych bake town.glb -o store", "polyptych bake left.pfm -o store --as warp"]),
+    ("bench barrier", &["polyptych bench barrier --servers 16 --frames 500"]),
+    ("completions", &["polyptych completions bash", "polyptych completions fish"]),
+    ("man", &["polyptych man -o man1"]),
+];
+
+/// Returns the command with examples in the help of it and of all commands below it.
+pub(super) fn with_examples(command: Command) -> Command {
+    below(command, "")
+}
+
+fn below(command: Command, above: &str) -> Command {
+    let path = |name: &str| format!("{above} {name}").trim().to_owned();
+    let named = |sub: Command| {
+        let path = path(sub.get_name());
+        below(sub, &path)
+    };
+    let is_it = |name: &str| {
+        let rest = name.strip_prefix(above);
+        rest.is_some_and(|rest| rest.is_empty() || above.is_empty() || rest.starts_with(' '))
+    };
+    let mine = EXAMPLES.iter().filter(|(name, _)| is_it(name)).collect::<Vec<_>>();
+    let lines: Vec<&str> = match mine[..] {
+        [(_, lines)] => lines.to_vec(),
+        // A group of commands has the first line of each.
+        _ if !above.is_empty() => {
+            mine.iter().filter_map(|(_, lines)| lines.first().copied()).collect()
+        }
+        _ => vec!["polyptych demo", "polyptych check wall.toml", "polyptych help simulate"],
+    };
+    let text = format!("Examples:\n  {}", lines.join("\n  "));
+    command.mut_subcommands(named).after_help(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::{CommandFactory, Parser};
+
+    use super::super::{Cli, command};
+    use super::*;
+
+    /// All commands that have none below them, by their names.
+    fn leaves(command: &Command, above: &str, found: &mut Vec<String>) {
+        for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
+            let path = format!("{above} {}", sub.get_name()).trim().to_owned();
+            if sub.has_subcommands() {
+                leaves(sub, &path, found);
+            } else {
+                found.push(path);
+            }
+        }
+    }
+
+    /// The words of a line, as a shell parts them.
+    fn words(line: &str) -> Vec<String> {
+        let parts = line.split('"').enumerate();
+        let words = parts.flat_map(|(index, part)| match index % 2 {
+            0 => part.split_whitespace().map(str::to_owned).collect(),
+            _ => vec![part.to_owned()],
+        });
+        words.collect()
+    }
+
+    #[test]
+    fn every_command_has_examples_which_it_understands() {
+        let mut commands = Vec::new();
+        leaves(&Cli::command(), "", &mut commands);
+        let named: Vec<&str> = EXAMPLES.iter().map(|(name, _)| *name).collect();
+        for command in &commands {
+            assert!(named.contains(&command.as_str()), "{command} has no example");
+        }
+        for (name, lines) in EXAMPLES {
+            assert!(commands.iter().any(|command| command == name), "there is no command {name}");
+            for line in *lines {
+                assert!(line.starts_with(&format!("polyptych {name}")), "{name}: {line}");
+                if let Err(error) = Cli::try_parse_from(words(line)) {
+                    panic!("{line}: {error}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn help_ends_with_examples_and_the_log_stands_behind_the_options() {
+        let mut all = Vec::new();
+        leaves(&Cli::command(), "", &mut all);
+        for path in all {
+            let mut whole = command();
+            whole.build();
+            let mut found = &mut whole;
+            for name in path.split(' ') {
+                found = found.find_subcommand_mut(name).expect("a command");
+            }
+            for help in [found.render_help(), found.render_long_help()] {
+                let help = help.to_string();
+                let at = |part: &str| help.find(part).unwrap_or_else(|| panic!("{part}: {help}"));
+                let (own, log, examples) =
+                    (at("--help"), at("\n      --log <LOG>"), at("\nExamples:\n  polyptych "));
+                assert!(own < log && log < examples, "{path}: {help}");
+            }
+        }
+    }
+}
