@@ -160,8 +160,8 @@ mod tests {
         assert!(!table.is_kept());
         let text = table.to_string();
         let lines: Vec<&str> = text.lines().collect();
-        let headings = "what         measured  target   kept    where worst, or why";
-        assert_eq!(lines[..2], [headings, "markers    0.00400 px  ≤ 0.01   yes     front-1-1"]);
+        let headings = "what          measured  target   kept    where worst, or why";
+        assert_eq!(lines[..2], [headings, "markers     0.00400 px  ≤ 0.01   yes     front-1-1"]);
         assert!(lines[2].contains("none") && lines[3].contains("MISSED"), "{text}");
         assert!(text.contains("targets kept: 1 of 2"), "{text}");
     }

@@ -5,6 +5,7 @@ use polyptych_protocol::words::counted;
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
 use super::rates::Rates;
+use crate::cli::printable;
 
 /// Between two columns.
 const GAP: usize = 2;
@@ -162,7 +163,7 @@ fn first_of<'a>(
 /// The first scenes that are being opened.
 fn openings(status: &WallStatus) -> impl Iterator<Item = String> {
     let openings = status.opening.iter().take(TEXTS_MAX);
-    openings.map(|opening| format!("opening {}: {}", opening.scene, opening.progress))
+    openings.map(|opening| format!("opening {}: {}", printable(&opening.scene), opening.progress))
 }
 
 /// The wall in one line, for a log.

@@ -51,6 +51,6 @@ fn a_wall_with_keys_is_driven_by_all_commands() {
     local.run(&["stop"]).succeeded();
     assert_eq!(local.manager.finish(wait::SOON).code(), 0);
     for server in local.servers.values_mut() {
-        server.await_line(&["not connected"]);
+        server.await_line(&["the manager has ended"]);
     }
 }

@@ -1,3 +1,5 @@
+//! Tunings that are carried over to a changed wall.
+
 use glam::{DVec2, DVec3};
 
 use super::*;

@@ -1,3 +1,5 @@
+//! Walls that are the same, and what differs between others.
+
 use super::*;
 use crate::wall::file;
 

@@ -195,7 +195,7 @@ fn views_that_cannot_be_are_refused_with_what_would_be_right() {
         refused(&wall, own(rect, plan), &["not on screen front", "64 × 32"]);
     }
     let elsewhere = Area::Screen { screen: 3, rect: WHOLE };
-    refused(&wall, View { area: elsewhere, ..own(WHOLE, plan) }, &["1 screens", "number 3"]);
+    refused(&wall, View { area: elsewhere, ..own(WHOLE, plan) }, &["1 screen", "number 3"]);
     for fov_y_rad in [0.0, -1.0, 3.2, f64::NAN] {
         refused(&wall, own(WHOLE, ViewProjection::Perspective { fov_y_rad }), &["field of view"]);
     }

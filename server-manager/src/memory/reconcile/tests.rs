@@ -1,3 +1,5 @@
+//! Remembered states that meet a changed wall.
+
 use glam::{DVec2, DVec3};
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::display::DisplayMode;

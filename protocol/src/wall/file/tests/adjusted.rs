@@ -100,7 +100,7 @@ fn light_that_cannot_be() {
         &front("gamma = 2.2\ncurve = [0, 1]"),
         "11:1: channel.front.curve: how codes become light is given twice, by gamma and by curve",
     );
-    check(&front("curve = [0]"), "10:1: channel.front.curve: a curve of 1 points; write 2 to 1024");
+    check(&front("curve = [0]"), "10:1: channel.front.curve: a curve of 1 point; write 2 to 1024");
     let falls = "channel.front.curve[2]: the curve does not rise from 0 to 1; measure the light";
     check(&front("curve = [0, 0.5, 0.4, 1]"), &format!("10:18: {falls}"));
     check(&front("curve = [0.1, 1]"), "10:10: channel.front.curve[0]: the curve does not rise");

@@ -108,7 +108,10 @@ fn each_slip_has_its_place_and_its_remedy() {
 #[test]
 fn marks_tabs_and_line_ends_of_windows_are_read() {
     let text = "\u{feff}[wall]\r\n\tname = \"w\"\t# a tab\r\n";
-    check(text, "1:2: screen: the wall has no screen");
+    check(
+        text,
+        "1:1: screen: the wall has no screen; add [[screen]] with name, place and channels",
+    );
 }
 
 #[test]
