@@ -254,7 +254,7 @@ fn server_commands(
     }
     let command = |(name, channels): (&str, Vec<&str>)| {
         let mut arguments: Vec<OsString> =
-            ["server", "--with-parent", "--manager"].map(Into::into).to_vec();
+            ["server", "--with-parent", "--tell-closed", "--manager"].map(Into::into).to_vec();
         let hurt = hurts.get(name);
         let relay = hurt.and_then(|hurt| hurt.relay.as_ref());
         arguments.push(relay.map_or(address.into(), |relay| relay.address().to_string().into()));

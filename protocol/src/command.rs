@@ -33,8 +33,8 @@ pub enum Goodbye {
     /// A client stopped the wall and its servers: a server that is told so ends.
     #[error("a client stopped the manager and its servers")]
     StoppedWithServers,
-    /// The manager's process was asked to end, by Ctrl-C, SIGTERM or its parent. It is often started
-    /// again, so displays keep their last frame.
+    /// The manager's process was asked to end, by Ctrl-C, SIGTERM or its parent. It is often
+    /// started again, so displays keep their last frame.
     #[error("the manager was ended")]
     Ended,
     /// The manager goes on without this peer.

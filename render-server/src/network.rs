@@ -124,7 +124,8 @@ pub(crate) fn run(
 }
 
 impl Network {
-    /// Serves one connection after the other until it is to end, as the manager or this process says.
+    /// Serves one connection after the other until it is to end, as the manager or this process
+    /// says.
     ///
     /// # Errors
     /// It is to try once, and has.

@@ -17,8 +17,8 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         "manager",
         &[
             "polyptych manager configs/wall-2x2.toml",
-            "polyptych manager wall.toml --listen 0.0.0.0:7878 --keys manager --scenes /data/scenes",
-            "polyptych manager wall.toml --record wall.rec --metrics 127.0.0.1:9464 --log json,info",
+            "polyptych manager wall.toml --listen 0.0.0.0:7878 --keys manager --scenes /data",
+            "polyptych manager wall.toml --record wall.rec --metrics 127.0.0.1:9464 --log json",
         ],
     ),
     (

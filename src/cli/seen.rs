@@ -106,7 +106,9 @@ impl Seen {
 
     /// Counts channels that showed none of the frames of a run as missing too.
     pub fn and_never_shown(mut self, statistics: &Statistics) -> Self {
-        let never = statistics.channels.iter().filter(|c| c.frames == 0 && statistics.frames > 0);
+        // What was shown is reported a moment later, so a run of whole frames has no such channel.
+        let is_whole = statistics.complete >= statistics.frames;
+        let never = statistics.channels.iter().filter(|c| c.frames == 0 && !is_whole);
         for channel in never {
             let name = printable(&channel.name);
             if self.missing.iter().all(|missing| missing.name != name) {

@@ -76,6 +76,9 @@ pub(super) struct Arguments {
     /// End when standard input ends, as it does when the parent process does
     #[arg(long, hide = true)]
     with_parent: bool,
+    /// Tell the parent that a window was closed, and go on; without this a closed window ends it
+    #[arg(long, hide = true, requires = "with_parent")]
+    tell_closed: bool,
 }
 
 /// The folder of a user's sockets, which graphics drivers and their libraries look for.
@@ -118,7 +121,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         once: arguments.once,
         present_delay: arguments.present_delay.unwrap_or_default(),
         slow_draw: arguments.slow_draw,
-        on_close: arguments.with_parent.then_some(tell_parent as fn(&str)),
+        on_close: arguments.tell_closed.then_some(tell_parent as fn(&str)),
     };
     let with_parent = arguments.with_parent;
     match run_server(options, Box::pin(asked_to_end(with_parent))) {

@@ -65,6 +65,7 @@ impl Desk {
         let folder = self.place.path(folder);
         let (manager, _) = start(&self.place, &folder, Path::new(path), &self.address);
         self.manager = manager;
+        self.manager.await_line(&["going on where"]);
         self.manager.output()
     }
 

@@ -58,7 +58,10 @@ fn kills_and_stops_leave_nothing_behind() {
     let mut simulation = Simulation::start(place, &wall, &scene, &arguments);
     simulation.process.await_line(&["scene triangle"]);
     let looks = watch(&mut simulation);
-    let said = simulation.process.finish(wait::SOON).succeeded();
+    let finished = simulation.process.finish(wait::SOON);
+    // The last server that was killed may not be in the last picture yet: 3.
+    assert!([0, 3].contains(&finished.code()), "{}", finished.output);
+    let said = finished.output;
     simulation.await_no_orphans("after the last frame");
     let text = std::fs::read(simulation.place.path("out/report.json")).expect("a report");
     let report: Value = serde_json::from_slice(&text).expect("JSON");

@@ -120,7 +120,8 @@ fn a_cave_in_windows_is_unfolded_and_closing_one_ends_it_with_a_whole_report() {
     let report = report(&simulation);
     assert_eq!((&report["ended"], &report["restarts"]), (&"window-closed".into(), &0.into()));
     assert_eq!(report["missing"], Value::Array(Vec::new()), "the closed window's picture too");
-    assert!(report["frames"].as_u64() > Some(70), "{report}");
+    // Frames of the warm-up are not counted.
+    assert!(report["frames"].as_u64() > Some(60), "{report}");
     image::open(simulation.place.path("out/wall.png")).expect("a picture");
 }
 
