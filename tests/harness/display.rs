@@ -104,11 +104,16 @@ impl Display {
         let connection = &self.connection;
         let known = connection.randr_get_monitors(self.root, true).expect("asked");
         let known = known.reply().expect("monitors").monitors;
-        let mut outputs = known.iter().flat_map(|it| it.outputs.clone()).collect::<Vec<_>>();
         let atom = |name: &str| {
             let atom = connection.intern_atom(false, name.as_bytes()).expect("asked");
             atom.reply().expect("an atom").atom
         };
+        // The X server refuses a name that it knows.
+        for old in known.iter().filter(|it| !it.automatic) {
+            let deleted = connection.randr_delete_monitor(self.root, old.name).expect("asked");
+            deleted.check().expect("deleted");
+        }
+        let mut outputs = known.iter().flat_map(|it| it.outputs.clone()).collect::<Vec<_>>();
         for (name, [x, y, width, height]) in monitors {
             let monitor = MonitorInfo {
                 name: atom(name),
@@ -125,13 +130,6 @@ impl Display {
             };
             let set = connection.randr_set_monitor(self.root, monitor).expect("asked");
             set.check().expect("a monitor");
-        }
-        let is_old = |it: &&MonitorInfo| {
-            !it.automatic && !monitors.iter().any(|(name, _)| atom(name) == it.name)
-        };
-        for old in known.iter().filter(is_old) {
-            let deleted = connection.randr_delete_monitor(self.root, old.name).expect("asked");
-            deleted.check().expect("deleted");
         }
     }
 
