@@ -77,8 +77,8 @@ fn a_wall_that_is_well_has_a_line_for_each_channel() {
         [
             "wall small  scene town  revision 3  frame 1295  30.0 fps  deadline 165 ms  1 client",
             "2 live",
-            "CHANNEL    STATE     FOR  FRAME   FPS     DRAW  SKEW P50/P99/MAX ±CLOCK  LATE  MEMORY  \
-             PID",
+            "CHANNEL    STATE     FOR  FRAME   FPS     DRAW  SKEW P50/P99/MAX ±CLOCK  LATE  \
+             MEMORY  PID",
             "front-1-1  live   12.3 s   1294  30.0  41.2 ms       120/310/900 ±60 µs     0  \
              199 MB  100",
             "front-2-1  live   12.3 s   1234   0.0  41.2 ms       120/310/900 ±60 µs     0  \
