@@ -312,13 +312,13 @@ async fn progress_of_an_opening_is_heard_and_gives_it_its_time_again() {
     let script = async {
         let id = manager.expect(Request::OpenScene { path: "a.glb".into() }).await;
         for percent in [10, 50, 90] {
-            tokio::time::sleep(Duration::from_secs(8)).await;
+            tokio::time::advance(Duration::from_secs(8)).await;
             let progress = OpenProgress { stage: OpenStage::Baking, percent };
             manager.send(Answer::Progress { id, progress }).await;
             // Of a request that nobody waits for: nothing happens.
             manager.send(Answer::Progress { id: RequestId(77), progress }).await;
         }
-        tokio::time::sleep(Duration::from_secs(8)).await;
+        tokio::time::advance(Duration::from_secs(8)).await;
         manager.reply(id, Reply::SceneOpened(summary())).await;
     };
     let mut heard = Vec::new();
