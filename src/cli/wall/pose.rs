@@ -44,6 +44,12 @@ const HEAD_M: DVec3 = DVec3::new(0.15, 0.2, 0.15);
 /// Minimum height of a lens above the floor, in metres: people walk below it.
 pub(super) const LENS_HEIGHT_MIN_M: f64 = 2.0;
 
+/// Most of a picture that may miss its surface; `check`, which counts finer, warns from half on.
+const SPILL_MAX: f64 = 0.48;
+
+/// Places across and down of a picture at which it is asked what misses the surface.
+const SPILL_PLACES: u32 = 24;
+
 /// The lens of all projectors of a wall.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lens {
@@ -110,6 +116,8 @@ pub(super) struct Pose {
 pub(super) enum Trouble {
     /// A target does not fit into the picture at any distance.
     Reach { name: String, to_m: f64 },
+    /// Most of a picture misses the screen, whose share this is.
+    Spill { name: String, share: f64 },
     /// One projector hangs in the light of another.
     InLight { body: String, of: String },
     /// Two projectors hang in one place.
@@ -124,11 +132,24 @@ impl fmt::Display for Trouble {
             Self::Reach { name, to_m } => {
                 write!(f, "from up to {to_m:.2} m away the picture of {name} is too small")
             }
+            Self::Spill { name, share } => {
+                write!(f, "{:.0} % of the picture of {name} would miss the screen", share * 100.0)
+            }
             Self::InLight { body, of } => write!(f, "{body} would hang in the light of {of}"),
             Self::SamePlace { names: [a, b] } => write!(f, "{a} and {b} would hang in one place"),
             Self::Viewer { name } => {
                 write!(f, "the viewer's head would be in the light of {name}")
             }
+        }
+    }
+}
+
+impl Trouble {
+    /// What may help where neither another throw ratio nor more projectors do.
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Self::Spill { .. } => "a greater --lens-shift, or a lower --mount-height may work",
+            _ => "a lower screen, or a greater --mount-height may work",
         }
     }
 }
@@ -188,6 +209,10 @@ fn all(
     let names = |a: &Pose, b: &Pose| [a.name.clone(), b.name.clone()];
     for (index, pose) in poses.iter().enumerate() {
         let (projector, surface) = (pose.projector(), &room.surfaces[index % room.surfaces.len()]);
+        let share = spill(&projector, surface);
+        if share > SPILL_MAX {
+            return Err(Trouble::Spill { name: pose.name.clone(), share });
+        }
         let is_lit = |middle: DVec3, half: DVec3| {
             corners(half).any(|corner| takes_light(&projector, surface, middle + corner))
         };
@@ -206,6 +231,21 @@ fn all(
         }
     }
     Ok(poses)
+}
+
+/// The share of a projector's picture that misses a surface.
+fn spill(projector: &Projector, surface: &Surface) -> f64 {
+    let at = |index: u32| (f64::from(index) + 0.5) / f64::from(SPILL_PLACES);
+    let places = (0..SPILL_PLACES.pow(2))
+        .map(|index| DVec2::new(at(index % SPILL_PLACES), at(index / SPILL_PLACES)));
+    // A plane is hit beside its patch too, other surfaces a little beside it.
+    let is_on = |uv: DVec2| uv.min_element() >= 0.0 && uv.max_element() <= 1.0;
+    let is_lit = |place: &DVec2| {
+        let uv = projector.lit(surface, *place).and_then(|lit| surface.uv_from_display(lit));
+        uv.is_some_and(is_on)
+    };
+    let missed = places.filter(|place| !is_lit(place)).count();
+    missed as f64 / f64::from(SPILL_PLACES.pow(2))
 }
 
 /// Corners of a box around the origin, and its middle.

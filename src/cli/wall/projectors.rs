@@ -6,6 +6,7 @@ use std::fmt::Write;
 use anyhow::{anyhow, bail};
 use polyptych_protocol::wall::coverage::coverage;
 use polyptych_protocol::wall::file;
+use polyptych_protocol::wall::table::WallTable;
 
 use super::metres;
 use super::pose::{LENS_HEIGHT_MIN_M, Lens, Pose, Trouble};
@@ -31,8 +32,9 @@ const ABOVE_EYE_M: f64 = 0.6;
 /// Least distance between a projector and its screen, in metres.
 pub(super) const DISTANCE_MIN_M: f64 = 0.3;
 
-/// Throw ratios that are tried when another one fails: down to that of a short-throw lens.
-const THROW_TRIED_MIN: f64 = 0.3;
+/// Throw ratios that are tried when another one fails: from that of a short-throw lens to that of
+/// a long zoom.
+const THROWS_TRIED: [f64; 2] = [0.3, 4.0];
 
 /// What of an overlap may be missing where it is measured at places, as a share of it.
 const OVERLAP_SLACK: f64 = 0.05;
@@ -151,9 +153,13 @@ pub(super) fn poses(
         Err(trouble) => trouble,
     };
     let mut remedies = Vec::new();
+    let [least, greatest] = THROWS_TRIED;
     let shorter = |step: i32| (throw * 0.96_f64.powi(step) * 100.0).floor() / 100.0;
-    let mut shorter = (1..100).map(shorter).take_while(|throw| *throw >= THROW_TRIED_MIN);
-    if let Some(works) = shorter.find(|throw| attempt(*throw, channels).is_ok()) {
+    let longer = |step: i32| (throw * 1.04_f64.powi(step) * 100.0).ceil() / 100.0;
+    let mut throws = (1..100)
+        .flat_map(|step| [shorter(step), longer(step)])
+        .filter(|throw| (least..=greatest).contains(throw));
+    if let Some(works) = throws.find(|throw| attempt(*throw, channels).is_ok()) {
         remedies.push(format!("--throw {works} works"));
     }
     let mut more = channels + 1..=channels.saturating_mul(4).min(channels + 24);
@@ -163,7 +169,7 @@ pub(super) fn poses(
         remedies.push(format!("{of} {works} works"));
     }
     if remedies.is_empty() {
-        remedies.push("a lower screen, or a greater --mount-height may work".to_owned());
+        remedies.push(trouble.remedy().to_owned());
     }
     bail!(
         "{channels} projectors with a throw ratio of {throw}:1 cannot light this screen: \
@@ -202,11 +208,11 @@ pub(super) const SURFACE_COMMENT: [&str; 2] = [
     "projectors as they stand in the room, make it with --projectors.",
 ];
 
-/// Proves with the coverage of the wall file itself that every screen is covered, and that these
-/// pairs of channels share so many pixels of its canvas.
+/// Proves with the wall file's own check that every screen is covered, that these pairs of
+/// channels share so many pixels of its canvas, and that there is nothing to warn of.
 ///
 /// # Errors
-/// What is not covered, or which two overlap too little.
+/// What is not covered, which two overlap too little, or the warning.
 pub(super) fn verify(text: &str, pairs: &[([String; 2], f64)]) -> anyhow::Result<()> {
     let wall = file::parse(text, "wall.toml".as_ref());
     let wall = wall.map_err(|error| anyhow!("{}: {}", error.key(), error.what()))?;
@@ -231,8 +237,11 @@ pub(super) fn verify(text: &str, pairs: &[([String; 2], f64)]) -> anyhow::Result
             left.retain(|pair| !is_met(pair));
         }
     }
-    match left.first() {
-        Some(([a, b], _)) => bail!("{a} and {b} overlap less than asked; a greater one may work"),
+    if let Some(([a, b], _)) = left.first() {
+        bail!("{a} and {b} overlap less than asked; a greater one may work");
+    }
+    match WallTable::of(&wall).warnings.first() {
+        Some(warning) => bail!("this wall would not be a good one: {warning}"),
         None => Ok(()),
     }
 }

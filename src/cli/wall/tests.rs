@@ -106,7 +106,7 @@ fn projectors_of_flat_screens_cover_them() {
         "grid --projectors",
         "grid --projectors --columns 3 --rows 1 --width 2 --throw 1.5 --overlap 20",
         "grid --projectors --columns 1 --rows 1 --width 4 --distance 6 --throw 2",
-        "grid --projectors --columns 3 --rows 2 --throw 0.8 --overlap 15x10 --lens-shift 0",
+        "grid --projectors --columns 3 --rows 2 --throw 0.8 --overlap 15x10",
         "arch --projectors",
         "arch --projectors --channels 5 --degrees 150 --radius 4 --throw 0.8",
     ] {
@@ -143,20 +143,27 @@ fn projectors_that_cannot_be_are_refused_with_what_works() {
         assert!(error.contains(what), "{line}: {error}");
     }
     // What is said to work does.
-    let refused = "cylinder --projectors --channels 3 --throw 1.2";
-    let error = text(refused).expect_err("too few").to_string();
-    let works = error.split("; ").nth(1).expect("a remedy").split(", ");
-    let mut tried = 0;
-    for option in works.filter_map(|remedy| remedy.strip_suffix(" works")) {
-        let (name, value) = option.split_once(' ').expect("an option and its value");
-        let line = match name {
-            "--throw" => refused.replace("--throw 1.2", &format!("--throw {value}")),
-            _ => refused.replace("--channels 3", &format!("--channels {value}")),
-        };
-        projected(&line);
-        tried += 1;
+    for (refused, what) in [
+        ("cylinder --projectors --channels 3 --throw 1.2", "too small"),
+        (
+            "grid --projectors --columns 3 --rows 2 --overlap 15x10 --lens-shift 0 --throw 0.8",
+            "would miss the screen",
+        ),
+    ] {
+        let error = text(refused).expect_err("no poses").to_string();
+        assert!(error.contains(what), "{refused}: {error}");
+        let works = error.rsplit("; ").next().expect("a remedy").split(", ");
+        let mut tried = 0;
+        for option in works.filter_map(|remedy| remedy.strip_suffix(" works")) {
+            let (name, _) = option.split_once(' ').expect("an option and its value");
+            let words: Vec<&str> = refused.split(' ').collect();
+            let at = words.iter().position(|word| *word == name).expect("an option of the line");
+            let line = [&words[..at], &[option], &words[at + 2..]].concat().join(" ");
+            projected(&line);
+            tried += 1;
+        }
+        assert!(tried > 0, "{error}");
     }
-    assert!(tried > 0, "{error}");
 }
 
 #[test]
