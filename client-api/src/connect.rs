@@ -229,9 +229,9 @@ where
 {
     let mut name = options.name.clone();
     name.truncate(name.floor_char_boundary(NAME_BYTES_MAX));
-    let hello = Hello::Client(ClientHello { name, token: Secret(token) });
+    let hello = Hello::Client(ClientHello { name });
     let address = options.address.clone();
-    let introduced = introduce(stream, Role::Client, &hello).await;
+    let introduced = introduce(stream, Role::Client, &hello, &Secret(token)).await;
     let (frames, welcome) = introduced.map_err(|error| match error {
         ConnectionError::Refused(reason) => ClientError::Refused { address, reason },
         source => ClientError::Handshake { address, source },

@@ -8,9 +8,10 @@ use tokio_util::codec::{Framed, LengthDelimitedCodec};
 
 use crate::codec::{self, DecodeError};
 use crate::handshake::{
-    Answer, Hello, PREAMBLE_BYTES, Preamble, PreambleError, Refused, Role, Welcome,
+    Answer, Hello, Introduction, Nonce, Nonces, PREAMBLE_BYTES, Preamble, PreambleError, Proof,
+    Refused, Role, Secret, Welcome,
 };
-use crate::limits::{BULK_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
+use crate::limits::{BULK_BYTES_MAX, CALL_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::tls;
 
 /// A byte stream cut into messages.
@@ -34,6 +35,15 @@ pub enum ConnectionError {
     /// The manager says no.
     #[error("refused: {0}")]
     Refused(String),
+    /// What answers does not know the token.
+    #[error(
+        "what answers there does not know this wall's token: another program or user holds the \
+         port, or the manager has another token file; it has learnt nothing of the token"
+    )]
+    Unproven,
+    /// The system gave no random bytes.
+    #[error("the system gives no random numbers: {0}")]
+    Random(getrandom::Error),
     /// The other end has another role than it must have.
     #[error("a {found} answered where a {wanted} was expected; is the address right?")]
     WrongRole {
@@ -44,7 +54,7 @@ pub enum ConnectionError {
     },
 }
 
-/// Introduces this end to a manager and waits for its answer.
+/// Introduces this end to a manager, waits for its answer, and makes sure that it knows the token.
 ///
 /// # Errors
 /// [`ConnectionError`], with the manager's own reason where it refused.
@@ -52,6 +62,7 @@ pub async fn introduce<S>(
     mut stream: S,
     role: Role,
     hello: &Hello,
+    secret: &Secret,
 ) -> Result<(Frames<S>, Welcome), ConnectionError>
 where
     S: AsyncRead + AsyncWrite + Unpin,
@@ -67,11 +78,19 @@ where
         Err(error @ PreambleError::Version { .. }) => Some(error),
         Err(error) => return Err(error.into()),
     };
+    let mut nonces = Nonces { manager: [0; 32], peer: nonce()? };
+    if version_error.is_none() {
+        read_exactly(&mut stream, &mut nonces.manager).await?;
+    }
     let mut frames = Framed::new(stream, codec::frames(HANDSHAKE_BYTES_MAX));
     // A manager that refuses early may close before the hello is written; its reason is there
     // to be read all the same.
     let sent = match version_error {
-        None => frames.send(codec::encode(hello)).await,
+        None => {
+            let (nonce, proof) = (nonces.peer, nonces.proof_of_peer(secret, hello));
+            let introduction = Introduction { hello: hello.clone(), nonce, proof };
+            frames.send(codec::encode(&introduction)).await
+        }
         Some(_) => Ok(()),
     };
     let answer = match (frames.next().await, sent) {
@@ -83,22 +102,45 @@ where
     }
     match codec::decode::<Answer>(&answer??)? {
         Answer::Refused(Refused { reason }) => Err(ConnectionError::Refused(reason)),
-        Answer::Welcome(welcome) => Ok((widen(frames, role), welcome)),
+        Answer::Welcome(_, proof) if !proof.is(&nonces.proof_of_manager(secret)) => {
+            Err(ConnectionError::Unproven)
+        }
+        Answer::Welcome(welcome, _) => Ok((widen(frames, role), welcome)),
     }
+}
+
+/// A peer that has introduced itself, on the manager's side.
+#[derive(Debug)]
+pub struct Introduced<S> {
+    /// Its connection.
+    pub frames: Frames<S>,
+    /// What it says of itself.
+    pub hello: Hello,
+    /// Whether it knows the token.
+    pub is_proven: bool,
+    /// The proof of this end, for [`welcome`].
+    pub proof: Proof,
 }
 
 /// Waits for a peer's introduction, on the manager's side.
 ///
 /// # Errors
 /// [`ConnectionError`]; a peer of another version was told so before.
-pub async fn receive_introduction<S>(mut stream: S) -> Result<(Frames<S>, Hello), ConnectionError>
+pub async fn receive_introduction<S>(
+    mut stream: S,
+    secret: &Secret,
+) -> Result<Introduced<S>, ConnectionError>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
     let theirs = read_preamble(&mut stream).await?;
     let parsed = Preamble::from_bytes(theirs);
-    if !matches!(parsed, Err(PreambleError::NotOurs(_))) {
-        stream.write_all(&Preamble::of(Role::Manager).to_bytes()).await?;
+    let manager = nonce()?;
+    let ours = Preamble::of(Role::Manager).to_bytes();
+    match parsed {
+        Ok(_) => stream.write_all(&[&ours[..], &manager].concat()).await?,
+        Err(PreambleError::NotOurs(_)) => {}
+        Err(_) => stream.write_all(&ours).await?,
     }
     let mut frames = Framed::new(stream, codec::frames(HANDSHAKE_BYTES_MAX));
     let role = match parsed {
@@ -109,11 +151,21 @@ where
             return Err(error.into());
         }
     };
-    let hello: Hello = codec::decode(&frames.next().await.ok_or(ConnectionError::Closed)??)?;
+    let introduction = frames.next().await.ok_or(ConnectionError::Closed)??;
+    let Introduction { hello, nonce, proof } = codec::decode(&introduction)?;
     let found = match (&hello, role) {
         (Hello::Client(_), Role::Client)
         | (Hello::Server(_), Role::Server)
-        | (Hello::Bulk(_), Role::Bulk) => return Ok((widen(frames, role), hello)),
+        | (Hello::Bulk(_), Role::Bulk) => {
+            let nonces = Nonces { manager, peer: nonce };
+            let is_proven = proof.is(&nonces.proof_of_peer(secret, &hello));
+            let mut frames = widen(frames, role);
+            if role == Role::Client {
+                frames.codec_mut().set_max_frame_length(CALL_BYTES_MAX);
+            }
+            let proof = nonces.proof_of_manager(secret);
+            return Ok(Introduced { frames, hello, is_proven, proof });
+        }
         _ => role.name(),
     };
     let error = ConnectionError::WrongRole { wanted: "peer whose hello fits its role", found };
@@ -163,24 +215,42 @@ where
     refuse(&mut frames, reason.to_owned()).await
 }
 
-/// Lets a peer in.
+/// Lets a peer in, and proves to it that this end knows the token.
 ///
 /// # Errors
 /// [`ConnectionError::Io`] where it can't be told.
-pub async fn welcome<S>(frames: &mut Frames<S>, welcome: Welcome) -> Result<(), ConnectionError>
+pub async fn welcome<S>(
+    frames: &mut Frames<S>,
+    welcome: Welcome,
+    proof: Proof,
+) -> Result<(), ConnectionError>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    frames.send(codec::encode(&Answer::Welcome(welcome))).await?;
+    frames.send(codec::encode(&Answer::Welcome(welcome, proof))).await?;
     Ok(())
+}
+
+fn nonce() -> Result<Nonce, ConnectionError> {
+    let mut nonce = [0; 32];
+    getrandom::fill(&mut nonce).map_err(ConnectionError::Random)?;
+    Ok(nonce)
 }
 
 async fn read_preamble<S: AsyncRead + Unpin>(
     stream: &mut S,
 ) -> Result<[u8; PREAMBLE_BYTES], ConnectionError> {
     let mut bytes = [0; PREAMBLE_BYTES];
-    match stream.read_exact(&mut bytes).await {
-        Ok(_) => Ok(bytes),
+    read_exactly(stream, &mut bytes).await?;
+    Ok(bytes)
+}
+
+async fn read_exactly<S: AsyncRead + Unpin>(
+    stream: &mut S,
+    bytes: &mut [u8],
+) -> Result<(), ConnectionError> {
+    match stream.read_exact(bytes).await {
+        Ok(_) => Ok(()),
         Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
             Err(ConnectionError::Closed)
         }
@@ -202,7 +272,11 @@ mod tests {
     use crate::ids::Epoch;
 
     fn hello() -> Hello {
-        Hello::Client(ClientHello { name: "test".into(), token: Secret("secret".into()) })
+        Hello::Client(ClientHello { name: "test".into() })
+    }
+
+    fn secret() -> Secret {
+        Secret("0123456789abcdef".into())
     }
 
     fn run<F: Future>(future: F) -> F::Output {
@@ -216,12 +290,13 @@ mod tests {
         let expected = given.clone();
         run(async {
             let manager = async {
-                let (mut frames, hello) = receive_introduction(theirs).await.expect("introduced");
-                assert!(matches!(hello, Hello::Client(_)));
-                welcome(&mut frames, given).await.expect("welcomed");
+                let mut peer = receive_introduction(theirs, &secret()).await.expect("introduced");
+                assert!(matches!(peer.hello, Hello::Client(_)) && peer.is_proven);
+                welcome(&mut peer.frames, given, peer.proof).await.expect("welcomed");
             };
-            let hello = hello();
-            let ((), answer) = tokio::join!(manager, introduce(ours, Role::Client, &hello));
+            let (hello, secret) = (hello(), secret());
+            let ((), answer) =
+                tokio::join!(manager, introduce(ours, Role::Client, &hello, &secret));
             assert_eq!(answer.expect("welcome").1, expected);
         });
     }
@@ -231,7 +306,7 @@ mod tests {
         let (mut ours, theirs) = tokio::io::duplex(4096);
         run(async {
             ours.write_all(b"PLYP\x63\x00\x01\x00").await.expect("written");
-            let error = receive_introduction(theirs).await.expect_err("refused");
+            let error = receive_introduction(theirs, &secret()).await.expect_err("refused");
             assert!(error.to_string().contains("version 99"), "{error}");
             let mut answer = Vec::new();
             ours.read_to_end(&mut answer).await.expect("an answer");
@@ -244,7 +319,7 @@ mod tests {
         let (mut ours, theirs) = tokio::io::duplex(4096);
         run(async {
             ours.write_all(b"GET / HTTP/1.1\r\n\r\n").await.expect("written");
-            assert!(receive_introduction(theirs).await.is_err());
+            assert!(receive_introduction(theirs, &secret()).await.is_err());
             let mut answer = Vec::new();
             ours.read_to_end(&mut answer).await.expect("the end");
             assert!(answer.is_empty());

@@ -3,14 +3,19 @@
 //! ```text
 //! peer     -> "PLYP" | version u16 LE | role u8 | 0     8 bytes, the same in every version
 //! manager  -> "PLYP" | version u16 LE | role u8 | 0
-//! peer     -> frame: Hello     (where the versions agree)
-//! manager  -> frame: Answer    (Refused where they don't: its form never changes)
+//! manager  -> 32 random bytes, if the versions agree
+//! peer     -> frame: Introduction    (if the versions agree)
+//! manager  -> frame: Answer          (Refused if they don't: its form never changes)
 //! ```
+//!
+//! The token itself never travels. Each end proves that it knows it by a keyed BLAKE3 hash over
+//! the random bytes of both, so that neither learns anything from the other that it could use again.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::codec;
 use crate::ids::Epoch;
 use crate::limits::PROTOCOL_VERSION;
 
@@ -122,10 +127,53 @@ impl Preamble {
     }
 }
 
-/// What only this wall's processes know; never printed.
-#[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(transparent)]
+/// The token, which only this wall's processes know; never printed, and never sent. It is empty
+/// over TLS, where certificates prove more.
+#[derive(Clone, PartialEq, Eq)]
 pub struct Secret(pub String);
+
+/// Random bytes of one end of a connection, used once.
+pub type Nonce = [u8; 32];
+
+/// The proof of one end that it knows the token; compared in constant time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Proof([u8; 32]);
+
+/// The random bytes of both ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Nonces {
+    /// The manager's.
+    pub manager: Nonce,
+    /// The other end's.
+    pub peer: Nonce,
+}
+
+impl Nonces {
+    /// The proof of the peer, for what it says of itself.
+    pub fn proof_of_peer(&self, secret: &Secret, hello: &Hello) -> Proof {
+        self.proof(secret, 1, &codec::encode(hello))
+    }
+
+    /// The proof of the manager.
+    pub fn proof_of_manager(&self, secret: &Secret) -> Proof {
+        self.proof(secret, 0, &[])
+    }
+
+    /// `end` keeps one end from giving the other's proof back.
+    fn proof(&self, Secret(token): &Secret, end: u8, said: &[u8]) -> Proof {
+        let key = blake3::derive_key("polyptych 2026-11 proof of the token", token.as_bytes());
+        let mut hasher = blake3::Hasher::new_keyed(&key);
+        hasher.update(&[end]).update(&self.manager).update(&self.peer).update(said);
+        Proof(*hasher.finalize().as_bytes())
+    }
+}
+
+impl Proof {
+    /// Returns whether two proofs are the same, without telling by its time how much was right.
+    pub fn is(&self, other: &Self) -> bool {
+        blake3::Hash::from_bytes(self.0) == blake3::Hash::from_bytes(other.0)
+    }
+}
 
 impl fmt::Debug for Secret {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -133,7 +181,18 @@ impl fmt::Debug for Secret {
     }
 }
 
-/// A peer's introduction, for its role.
+/// The first message of a peer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Introduction {
+    /// What it says of itself.
+    pub hello: Hello,
+    /// Its random bytes, which the manager answers.
+    pub nonce: Nonce,
+    /// [`Nonces::proof_of_peer`].
+    pub proof: Proof,
+}
+
+/// What a peer says of itself, for its role.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Hello {
     /// A client's.
@@ -149,8 +208,6 @@ pub enum Hello {
 pub struct ClientHello {
     /// For logs and status.
     pub name: String,
-    /// The manager's secret.
-    pub token: Secret,
 }
 
 /// A render server introduces itself.
@@ -158,8 +215,6 @@ pub struct ClientHello {
 pub struct ServerHello {
     /// For logs and status.
     pub name: String,
-    /// The manager's secret.
-    pub token: Secret,
     /// The channels that it claims, by name.
     pub channels: Vec<String>,
     /// Its process id, for an operator who wants to look at it.
@@ -171,8 +226,6 @@ pub struct ServerHello {
 /// A render server's second connection says which first one it belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BulkHello {
-    /// The manager's secret.
-    pub token: Secret,
     /// As the [`Welcome`] of the control connection gave it.
     pub session: u64,
 }
@@ -196,7 +249,7 @@ pub enum Answer {
     /// No, and why. It is the first variant in every version, so that all can read it.
     Refused(Refused),
     /// Come in.
-    Welcome(Welcome),
+    Welcome(Welcome, Proof),
 }
 
 /// Why a peer may not come in.

@@ -7,7 +7,6 @@
 use std::fmt;
 use std::fs;
 use std::io::{self, Read};
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,6 +21,7 @@ use tokio_rustls::rustls::{ClientConfig, Error, RootCertStore, ServerConfig};
 use tokio_rustls::{TlsAcceptor, TlsConnector};
 
 use crate::identity::Identity;
+use crate::private_file;
 use crate::tls;
 
 /// Names a client's folder of keys. Servers and managers are told by `--keys` only: one
@@ -62,6 +62,9 @@ pub enum KeysError {
         /// The system's reason.
         source: io::Error,
     },
+    /// Other users can read the private key, or own it.
+    #[error("{0}")]
+    Open(String),
     /// The file does not hold what it must.
     #[error("{path}: {what}")]
     Unfit {
@@ -113,12 +116,17 @@ impl Keys {
     ///
     /// # Errors
     /// [`KeysError`], which names the file: missing, malformed, of another authority, not valid
-    /// now, or a key that does not fit its certificate.
+    /// now, open to other users, or a key that does not fit its certificate.
     pub fn load(folder: &Path) -> Result<Self, KeysError> {
         let path = |name: &str| folder.join(name);
         let certificate = certificate(&path(CERTIFICATE_FILE))?;
         let authority = certificate_of(&path(AUTHORITY_FILE), "a certificate authority's")?;
         let key_bytes = read(&path(KEY_FILE))?;
+        let facts = fs::metadata(path(KEY_FILE))
+            .map_err(|source| KeysError::Io { path: path(KEY_FILE), source })?;
+        if let Some(fault) = private_file::fault(&path(KEY_FILE), &facts) {
+            return Err(KeysError::Open(fault));
+        }
         let key = PrivateKeyDer::from_pem_slice(&key_bytes)
             .map_err(|error| unfit(&path(KEY_FILE), format!("it holds no private key: {error}")))?;
         let unfit_certificate = |what| unfit(&path(CERTIFICATE_FILE), what);
@@ -142,7 +150,6 @@ impl Keys {
                 cert.display()
             ));
         }
-        warnings.extend(open_key_warning(&path(KEY_FILE)));
         let side = judge.side(&identity, certificate, key);
         let side = side.map_err(|error| {
             unfit(&path(KEY_FILE), format!("it does not fit {CERTIFICATE_FILE}: {error}"))
@@ -316,12 +323,4 @@ fn read(path: &Path) -> Result<Vec<u8>, KeysError> {
     let file = fs::File::open(path).map_err(io_error)?;
     file.take(FILE_BYTES_MAX).read_to_end(&mut bytes).map_err(io_error)?;
     Ok(bytes)
-}
-
-/// A key that others can read is no secret.
-fn open_key_warning(path: &Path) -> Option<String> {
-    let mode = fs::metadata(path).ok()?.permissions().mode();
-    (mode & 0o077 != 0).then(|| {
-        format!("{}: other users can get at this key; say chmod 600 to it", path.display())
-    })
 }

@@ -29,6 +29,7 @@ pub mod limits;
 pub mod log;
 pub mod navigation;
 pub mod pattern;
+pub mod private_file;
 pub mod process;
 pub mod progress;
 pub mod request;

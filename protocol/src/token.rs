@@ -7,6 +7,8 @@ use std::fs;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
+use crate::private_file;
+
 /// Names the token's file, where it is not to lie in the user's state folder.
 pub const TOKEN_FILE_VARIABLE: &str = "POLYPTYCH_TOKEN_FILE";
 
@@ -32,6 +34,9 @@ pub enum TokenError {
         /// The system's reason.
         source: io::Error,
     },
+    /// Other users can read it, or own it.
+    #[error("{0}")]
+    Open(String),
     /// The file holds something else.
     #[error("{path} holds no token of 16 to 256 characters; remove it and start the manager")]
     Malformed {
@@ -71,7 +76,11 @@ pub fn read(path: &Path) -> Result<String, TokenError> {
         Ok(facts) if !facts.is_file() || facts.len() > TOKEN_BYTES_MAX => {
             return Err(TokenError::Malformed { path: path.to_owned() });
         }
-        Ok(_) => {}
+        Ok(facts) => {
+            if let Some(fault) = private_file::fault(path, &facts) {
+                return Err(TokenError::Open(fault));
+            }
+        }
     }
     let mut bytes = Vec::new();
     let file = fs::File::open(path).map_err(io_error)?;
@@ -119,6 +128,10 @@ mod tests {
         assert_eq!(read_or_make(&path, [0xcd; 16]).expect("read"), made);
         let mode = fs::metadata(&path).expect("facts").permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o644)).expect("changed");
+        let open = read(&path).expect_err("others can read it").to_string();
+        assert!(open.contains("run: chmod 600"), "{open}");
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).expect("changed");
         fs::write(&path, "short").expect("overwritten");
         assert!(matches!(read(&path), Err(TokenError::Malformed { .. })));
     }

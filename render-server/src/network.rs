@@ -209,7 +209,6 @@ impl Network {
     async fn connect(&self) -> Result<(Frames<Stream>, Welcome), End> {
         let hello = Hello::Server(ServerHello {
             name: self.options.name.clone(),
-            token: self.token().map_err(End::Failed)?,
             channels: self.options.channels.clone(),
             pid: std::process::id(),
             adapter: self.adapter.clone(),
@@ -222,7 +221,8 @@ impl Network {
             let keys = self.keys().map_err(End::Failed)?;
             let (manager, insecure) = (&self.options.manager, self.options.insecure);
             let stream = stream::dial(manager, keys.as_ref(), insecure).await?;
-            Ok(connection::introduce(stream, role, hello).await?)
+            let secret = self.secret().map_err(End::Failed)?;
+            Ok(connection::introduce(stream, role, hello, &secret).await?)
         };
         let limit = HANDSHAKE_TIME_MAX;
         let introduced = tokio::time::timeout(limit, introduce).await;
@@ -239,8 +239,8 @@ impl Network {
         Ok(Some(keys))
     }
 
-    /// What to show to the manager: over TLS the certificate does, and the token stays here.
-    fn token(&self) -> Result<Secret, String> {
+    /// The token, or an empty one over TLS, where the certificate proves more.
+    fn secret(&self) -> Result<Secret, String> {
         if self.options.keys.is_some() {
             return Ok(Secret(String::new()));
         }
@@ -277,11 +277,7 @@ impl Network {
         self.clock.set(None);
         // Reports for an older connection mean nothing on this one.
         while self.waiting_reports.try_recv().is_ok() {}
-        let token = match self.token() {
-            Ok(token) => token,
-            Err(reason) => return End::Failed(reason),
-        };
-        let hello = Hello::Bulk(BulkHello { token, session: welcome.session });
+        let hello = Hello::Bulk(BulkHello { session: welcome.session });
         let bulk_frames = match self.introduce(Role::Bulk, &hello).await {
             Ok((frames, _)) => frames,
             Err(end) => return End::Failed(format!("bulk connection: {end}")),

@@ -8,7 +8,7 @@ use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::blob::{BlobChunk, BlobFolder, BlobReader, BulkDown, BulkUp};
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
-use polyptych_protocol::handshake::Welcome;
+use polyptych_protocol::handshake::{Proof, Welcome};
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::stream::Stream;
@@ -47,7 +47,7 @@ pub(crate) struct Claim {
 
 /// Serves one connection until it ends.
 pub(crate) async fn serve(
-    mut frames: Frames<Stream>,
+    (mut frames, proof): (Frames<Stream>, Proof),
     Claim { welcome, proven }: Claim,
     events: mpsc::Sender<Event>,
     store: Store,
@@ -63,7 +63,7 @@ pub(crate) async fn serve(
         let _ = connection::refuse(&mut frames, reason).await;
         return;
     };
-    if connection::welcome(&mut frames, welcome).await.is_err() {
+    if connection::welcome(&mut frames, welcome, proof).await.is_err() {
         return;
     }
     tokio::select! {

@@ -3,6 +3,7 @@
 use futures_util::StreamExt;
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
+use polyptych_protocol::handshake::Proof;
 use polyptych_protocol::request::Call;
 use polyptych_protocol::stream::Stream;
 use tokio::sync::{mpsc, oneshot};
@@ -11,7 +12,11 @@ use crate::cluster::SessionId;
 use crate::session::{Event, Link, write_all};
 
 /// Serves one connection until it ends.
-pub(crate) async fn serve(mut frames: Frames<Stream>, name: String, events: mpsc::Sender<Event>) {
+pub(crate) async fn serve(
+    (mut frames, proof): (Frames<Stream>, Proof),
+    name: String,
+    events: mpsc::Sender<Event>,
+) {
     let (link, waiting) = Link::new();
     let close = link.close.clone();
     let (verdict, answer) = oneshot::channel();
@@ -27,7 +32,7 @@ pub(crate) async fn serve(mut frames: Frames<Stream>, name: String, events: mpsc
         Err(_) => return,
     };
     let session = SessionId(welcome.session);
-    let reason = if connection::welcome(&mut frames, welcome).await.is_ok() {
+    let reason = if connection::welcome(&mut frames, welcome, proof).await.is_ok() {
         let (sink, mut stream) = frames.split();
         let reader = async {
             loop {

@@ -101,31 +101,35 @@ pub(crate) async fn accept(listener: TcpListener, door: Door) {
 }
 
 /// A peer that may come in: its connection, what it says, and who it has proven to be.
-type Introduced = (connection::Frames<Stream>, Hello, Option<Identity>);
+type Guest = (connection::Introduced<Stream>, Option<Identity>);
 
-async fn let_in(tcp: TcpStream, door: &Door) -> Result<Introduced, String> {
+async fn let_in(tcp: TcpStream, door: &Door) -> Result<Guest, String> {
     let (stream, proven) = stream::accept(tcp, door.gate.keys.as_ref()).await?;
-    let introduced = connection::receive_introduction(stream).await;
-    let (mut frames, hello) = introduced.map_err(|error| error.to_string())?;
-    if let Err(reason) = door.gate.check(&hello, proven.as_ref()) {
+    let introduced = connection::receive_introduction(stream, &door.gate.secret).await;
+    let mut peer = introduced.map_err(|error| error.to_string())?;
+    if let Err(reason) = door.gate.check(&peer.hello, peer.is_proven, proven.as_ref()) {
         // It may be gone already.
-        let _ = connection::refuse(&mut frames, reason.clone()).await;
+        let _ = connection::refuse(&mut peer.frames, reason.clone()).await;
         return Err(reason);
     }
-    Ok((frames, hello, proven))
+    Ok((peer, proven))
 }
 
-async fn serve((frames, hello, proven): Introduced, address: SocketAddr, door: Door) {
+async fn serve((peer, proven): Guest, address: SocketAddr, door: Door) {
+    let connection::Introduced { frames, hello, proof, .. } = peer;
     match hello {
-        Hello::Client(hello) => client_session::serve(frames, hello.name, door.events).await,
+        Hello::Client(hello) => {
+            client_session::serve((frames, proof), hello.name, door.events).await
+        }
         Hello::Server(hello) => {
-            server_session::serve(frames, hello, address, door.events, door.refusals).await;
+            server_session::serve((frames, proof), hello, address, door.events, door.refusals)
+                .await;
         }
         Hello::Bulk(hello) => {
             let welcome = Welcome { session: hello.session, ..door.welcome };
             let store = bulk::Store { folder: door.folder, allowed: door.allowed };
             let who = bulk::Claim { welcome, proven };
-            bulk::serve(frames, who, door.events, store, door.traffic).await;
+            bulk::serve((frames, proof), who, door.events, store, door.traffic).await;
         }
     }
 }

@@ -3,7 +3,7 @@
 //! On this machine a token proves that a peer is the same user's. Over TLS no token is asked for:
 //! the certificate proves more, which node of this very wall it is, and for that node only.
 
-use polyptych_protocol::handshake::Hello;
+use polyptych_protocol::handshake::{Hello, Secret};
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::keys::Keys;
 use polyptych_protocol::limits::NAME_BYTES_MAX;
@@ -14,7 +14,8 @@ use polyptych_protocol::wall::Wall;
 pub(crate) struct Gate {
     /// TLS for all connections, where there are any.
     pub keys: Option<Keys>,
-    token: String,
+    /// The token; empty with keys.
+    pub secret: Secret,
     /// Every channel and the server that the wall file gives it.
     owners: Vec<(String, String)>,
 }
@@ -22,14 +23,21 @@ pub(crate) struct Gate {
 impl Gate {
     pub fn new(token: String, keys: Option<Keys>, wall: &Wall) -> Self {
         let owner = |c: &polyptych_protocol::wall::Channel| (c.name.clone(), c.server.clone());
-        Self { keys, token, owners: wall.channels.iter().map(owner).collect() }
+        // Over TLS no peer knows a token, and certificates prove more.
+        let secret = Secret(if keys.is_some() { String::new() } else { token });
+        Self { keys, secret, owners: wall.channels.iter().map(owner).collect() }
     }
 
-    /// Whether a peer is what it says, which is to be told to it where it is not.
+    /// Checks that a peer is what it says; `knows_token` if it has proven to know the token.
     ///
     /// # Errors
-    /// What is wrong, and what would be right.
-    pub fn check(&self, hello: &Hello, proven: Option<&Identity>) -> Result<(), String> {
+    /// What is wrong, and what would be right; to be told to the peer.
+    pub fn check(
+        &self,
+        hello: &Hello,
+        knows_token: bool,
+        proven: Option<&Identity>,
+    ) -> Result<(), String> {
         let name = match hello {
             Hello::Client(hello) => hello.name.as_str(),
             Hello::Server(hello) => hello.name.as_str(),
@@ -42,22 +50,11 @@ impl Gate {
             Some(identity) => self.check_identity(hello, identity),
             // The stream lets nobody through who has proven nothing; nor does this.
             None if self.keys.is_some() => Err("it has shown no certificate".into()),
-            None => self.check_token(hello),
+            None if knows_token => Ok(()),
+            None => Err("the token is not this manager's; give the peer a copy of the manager's \
+                         token file"
+                .into()),
         }
-    }
-
-    fn check_token(&self, hello: &Hello) -> Result<(), String> {
-        let token = match hello {
-            Hello::Client(hello) => &hello.token,
-            Hello::Server(hello) => &hello.token,
-            Hello::Bulk(hello) => &hello.token,
-        };
-        if is_same_secret(&token.0, &self.token) {
-            return Ok(());
-        }
-        let reason = "the token is not this manager's; give the peer a copy of the manager's token \
-                      file";
-        Err(reason.into())
     }
 
     fn check_identity(&self, hello: &Hello, identity: &Identity) -> Result<(), String> {
@@ -93,20 +90,12 @@ impl Gate {
     }
 }
 
-/// Compares without telling by its time how much was right.
-fn is_same_secret(given: &str, ours: &str) -> bool {
-    let pairs = given.bytes().zip(ours.bytes());
-    given.len() == ours.len() && pairs.fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
-}
-
 #[cfg(test)]
 mod tests {
-    use polyptych_protocol::handshake::{Adapter, BulkHello, ClientHello, Secret, ServerHello};
+    use polyptych_protocol::handshake::{Adapter, BulkHello, ClientHello, ServerHello};
     use polyptych_protocol::wall::file;
 
     use super::*;
-
-    const TOKEN: &str = "0123456789abcdef";
 
     const WALL: &str = r#"
         [wall]
@@ -128,25 +117,24 @@ mod tests {
         server = "right"
         "#;
 
-    fn server(name: &str, channels: &[&str], token: &str) -> Hello {
+    fn server(name: &str, channels: &[&str]) -> Hello {
         Hello::Server(ServerHello {
             name: name.into(),
-            token: Secret(token.into()),
             channels: channels.iter().map(|&channel| channel.into()).collect(),
             pid: 1,
             adapter: Adapter::default(),
         })
     }
 
-    fn client(name: &str, token: &str) -> Hello {
-        Hello::Client(ClientHello { name: name.into(), token: Secret(token.into()) })
+    fn client(name: &str) -> Hello {
+        Hello::Client(ClientHello { name: name.into() })
     }
 
     #[test]
     fn a_peer_is_only_what_it_has_proven() {
         let wall = file::parse(WALL, "gate.toml".as_ref()).expect("a wall");
-        let gate = Gate::new(TOKEN.into(), None, &wall);
-        let bulk = Hello::Bulk(BulkHello { token: Secret(String::new()), session: 1 });
+        let gate = Gate::new("0123456789abcdef".into(), None, &wall);
+        let bulk = Hello::Bulk(BulkHello { session: 1 });
         let is = |text: &str| -> Option<Identity> {
             Some(match text.split_once(' ') {
                 Some(("server", name)) => Identity::Server(name.into()),
@@ -154,27 +142,32 @@ mod tests {
                 None => Identity::Manager,
             })
         };
-        for (hello, proven, fault) in [
-            (client("x", TOKEN), None, ""),
-            (client("x", ""), None, "the token is not"),
-            (server("anyone", &["a", "b"], TOKEN), None, ""),
-            (bulk.clone(), None, "the token is not"),
-            (client("x\n", TOKEN), None, "a name has"),
-            (client("x", ""), is("client x"), ""),
-            (client("y", ""), is("client x"), "client y, and its certificate that it is client x"),
-            (client("left", TOKEN), is("server left"), "certificate that it is server left"),
-            (client("x", TOKEN), is("manager"), "certificate that it is the manager"),
-            (server("left", &["a"], ""), is("server left"), ""),
-            (server("left", &["attic"], ""), is("server left"), ""),
-            (server("left", &["a", "b"], ""), is("server left"), "channel b to server right"),
-            (server("right", &["b"], TOKEN), is("server left"), "that it is server left"),
-            (server("left", &["a"], TOKEN), is("client left"), "that it is client left"),
-            (server("left", &["a"], TOKEN), is("manager"), "that it is the manager"),
-            (bulk.clone(), is("server left"), ""),
-            (bulk.clone(), is("client left"), "that it is client left"),
-            (bulk, is("manager"), "that it is the manager"),
+        for (hello, knows_token, proven, fault) in [
+            (client("x"), true, None, ""),
+            (client("x"), false, None, "the token is not"),
+            (server("anyone", &["a", "b"]), true, None, ""),
+            (bulk.clone(), false, None, "the token is not"),
+            (client("x\n"), true, None, "a name has"),
+            (client("x"), false, is("client x"), ""),
+            (
+                client("y"),
+                false,
+                is("client x"),
+                "client y, and its certificate that it is client x",
+            ),
+            (client("left"), true, is("server left"), "certificate that it is server left"),
+            (client("x"), true, is("manager"), "certificate that it is the manager"),
+            (server("left", &["a"]), false, is("server left"), ""),
+            (server("left", &["attic"]), false, is("server left"), ""),
+            (server("left", &["a", "b"]), false, is("server left"), "channel b to server right"),
+            (server("right", &["b"]), true, is("server left"), "that it is server left"),
+            (server("left", &["a"]), true, is("client left"), "that it is client left"),
+            (server("left", &["a"]), true, is("manager"), "that it is the manager"),
+            (bulk.clone(), false, is("server left"), ""),
+            (bulk.clone(), false, is("client left"), "that it is client left"),
+            (bulk, true, is("manager"), "that it is the manager"),
         ] {
-            let checked = gate.check(&hello, proven.as_ref());
+            let checked = gate.check(&hello, knows_token, proven.as_ref());
             match checked {
                 Ok(()) => assert_eq!(fault, "", "{hello:?} {proven:?}"),
                 Err(said) => assert!(!fault.is_empty() && said.contains(fault), "{said}"),

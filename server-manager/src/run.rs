@@ -302,7 +302,7 @@ impl Hub {
                 let session = self.new_session();
                 // The link must be there before the brain's first command.
                 self.servers.insert(session, link);
-                let input = Input::of_server(session, hello, address);
+                let input = Input::Server { session, hello, address };
                 let joined = self.cluster.handle(now, input);
                 match (&joined, self.servers.get_mut(&session)) {
                     (Ok(()), Some(link)) => link.channels = self.cluster.channels_of(session),

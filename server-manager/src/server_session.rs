@@ -14,7 +14,7 @@ use futures_util::StreamExt;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::connection::{self, Frames};
-use polyptych_protocol::handshake::ServerHello;
+use polyptych_protocol::handshake::{Proof, ServerHello};
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::status::Status;
@@ -198,7 +198,7 @@ fn goodbye(fault: &str) -> Bytes {
 
 /// Serves one connection until it ends, and tells the brain why it did.
 pub(crate) async fn serve(
-    mut frames: Frames<Stream>,
+    (mut frames, proof): (Frames<Stream>, Proof),
     hello: ServerHello,
     address: SocketAddr,
     events: mpsc::Sender<Event>,
@@ -215,7 +215,7 @@ pub(crate) async fn serve(
     let session = match answer.await {
         Ok(Ok(welcome)) => {
             let session = SessionId(welcome.session);
-            if connection::welcome(&mut frames, welcome).await.is_err() {
+            if connection::welcome(&mut frames, welcome, proof).await.is_err() {
                 let reason = "the connection failed during the handshake".to_owned();
                 let _ = events.send(Event::Gone { session, reason }).await;
                 return;

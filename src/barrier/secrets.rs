@@ -29,7 +29,7 @@ impl Secrets {
         Ok(Self(Some(folder)))
     }
 
-    /// What goes into a hello.
+    /// The token; empty with keys.
     pub fn token(&self) -> Secret {
         Secret(if self.0.is_some() { String::new() } else { TOKEN.to_owned() })
     }

@@ -126,12 +126,12 @@ async fn converse(
     let stream = stream::dial(address, keys.as_ref(), false).await?;
     let hello = Hello::Server(ServerHello {
         name: channel_name(index),
-        token: secrets.token(),
         channels: vec![channel_name(index)],
         pid: std::process::id(),
         adapter: Adapter { texture_side_max: CHANNEL_SIDE_MAX, ..Adapter::default() },
     });
-    let (mut frames, _) = connection::introduce(stream, Role::Server, &hello).await?;
+    let (mut frames, _) =
+        connection::introduce(stream, Role::Server, &hello, &secrets.token()).await?;
     // Frames come all the time, and so does the moment to look at the clock.
     let mut pinged = Instant::now();
     let mut replica = Replica::default();

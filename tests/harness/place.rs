@@ -1,7 +1,8 @@
 //! A folder for one test, and the command `polyptych` as a stranger with that home would run it.
 
 use std::ffi::OsStr;
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
@@ -47,11 +48,12 @@ impl Place {
         self.folder.path().join(name)
     }
 
-    /// Writes a file in it.
+    /// Writes a file in it, which no other user can read: it may hold a token.
     pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
         let path = self.path(name);
         fs::create_dir_all(path.parent().expect("a folder")).expect("made");
         fs::write(&path, bytes).expect("written");
+        fs::set_permissions(&path, Permissions::from_mode(0o600)).expect("its owner's alone");
         path
     }
 

@@ -31,8 +31,8 @@ pub struct StubServer {
     shared: Arc<Shared>,
 }
 
-#[derive(Default)]
 struct Shared {
+    secret: Secret,
     state: Mutex<State>,
     /// There is something to send, or it is over.
     wake: Notify,
@@ -54,12 +54,13 @@ impl StubServer {
     pub fn start(local: &LocalWall, channel: &str) -> Self {
         let hello = Hello::Server(ServerHello {
             name: "stub".into(),
-            token: Secret(token::read(&local.place.token_file()).expect("a token")),
             channels: vec![channel.into()],
             pid: std::process::id(),
             adapter: Adapter { texture_side_max: 8192, ..Adapter::default() },
         });
-        let shared = Arc::new(Shared::default());
+        let secret = Secret(token::read(&local.place.token_file()).expect("a token"));
+        let shared = Shared { secret, state: Mutex::default(), wake: Notify::new() };
+        let shared = Arc::new(shared);
         let (address, kept) = (local.address.clone(), Arc::clone(&shared));
         let serve = move || {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
@@ -147,7 +148,7 @@ type Ended = Result<(), Box<dyn std::error::Error>>;
 async fn converse(address: &str, hello: &Hello, shared: &Shared) -> Ended {
     let stream = TcpStream::connect(address).await?;
     stream.set_nodelay(true)?;
-    let (mut frames, _) = introduce(stream, Role::Server, hello).await?;
+    let (mut frames, _) = introduce(stream, Role::Server, hello, &shared.secret).await?;
     let mut ping = tokio::time::interval(PING_PERIOD);
     loop {
         tokio::select! {

@@ -143,9 +143,9 @@ fn runtime() -> tokio::runtime::Runtime {
 async fn connect(local: &LocalWall) -> TcpStream {
     let address: SocketAddr = local.address.parse().expect("an address");
     let token = token::read(&local.place.token_file()).expect("a token");
-    let hello = ClientHello { name: "flood".into(), token: Secret(token) };
+    let hello = ClientHello { name: "flood".into() };
     let stream = TcpStream::connect(address).await.expect("connected");
-    let introduced = introduce(stream, Role::Client, &Hello::Client(hello)).await;
+    let introduced = introduce(stream, Role::Client, &Hello::Client(hello), &Secret(token)).await;
     let (frames, _): (Frames<TcpStream>, _) = introduced.expect("welcome");
     frames.into_inner()
 }

@@ -6,6 +6,7 @@
 //! - `manager_kills`: what a manager has said to be done outlives it
 //! - `restarts`: what a manager keeps that is started again, by another path or with an edited file
 //! - `stopping`: a wall is stopped, with its servers or without, by a command or a signal
+//! - `hostile`: strangers, clients and disks that would stop a wall if they could
 //! - `back_pressure`: peers that flood or don't read cost the others nothing
 //! - `replay`: what a manager was told is recorded, and decided again in the same way
 //! - `reconnecting`: a program goes on when its manager is killed and started again
@@ -45,6 +46,8 @@ mod first_look;
 mod fullscreen;
 #[path = "../harness/harness.rs"]
 mod harness;
+#[path = "../hostile/hostile.rs"]
+mod hostile;
 mod manager_kills;
 mod notes;
 mod observation;

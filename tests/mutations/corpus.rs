@@ -22,7 +22,9 @@ fn every_target_has_something_to_begin_from() {
         let (first, role) = match kind {
             // The first byte: which end listens, and how long the pieces are.
             Kind::Greeting => (255, Role::Manager),
-            Kind::Hello => (254, [Role::Client, Role::Server, Role::Server, Role::Bulk][i % 4]),
+            Kind::Introduction => {
+                (254, [Role::Client, Role::Server, Role::Server, Role::Bulk][i % 4])
+            }
             _ => continue,
         };
         greeted += 1;

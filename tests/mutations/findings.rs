@@ -3,7 +3,7 @@
 use allocation_counter::measure;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Pong};
-use polyptych_protocol::handshake::Hello;
+use polyptych_protocol::handshake::Introduction;
 use polyptych_protocol::ids::{ChannelId, Digest, FrameId, RequestId, Revision};
 use polyptych_protocol::limits::CANVAS_SIDE_MAX;
 use polyptych_protocol::request::{Call, Request};
@@ -24,7 +24,7 @@ const SATURATED: usize = 70_000;
 #[test]
 fn a_length_field_makes_no_room() {
     let hello = [0, 252, 0xf0, 0xff, 0x3f, 0];
-    let info = measure(|| assert!(codec::decode::<Hello>(&hello).is_err()));
+    let info = measure(|| assert!(codec::decode::<Introduction>(&hello).is_err()));
     assert!(info.bytes_max < 128 << 10, "{info:?}");
     let scene = [252, 0xf0, 0xff, 0xff, 0x1f];
     let info = measure(|| assert!(codec::decode_manifest::<Scene>(&scene).is_err()));

@@ -6,7 +6,7 @@ use bytes::Bytes;
 use polyptych_protocol::blob::{BulkDown, BulkUp};
 use polyptych_protocol::codec;
 use polyptych_protocol::command::Command;
-use polyptych_protocol::handshake::{Answer as Greeting, Hello};
+use polyptych_protocol::handshake::{Answer as Greeting, Introduction};
 use polyptych_protocol::request::{Answer, Call};
 use polyptych_protocol::scene::Scene;
 use polyptych_protocol::status::Status;
@@ -15,7 +15,7 @@ use serde::Serialize;
 /// What bytes are decoded as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    Hello,
+    Introduction,
     Greeting,
     Command,
     Status,
@@ -28,7 +28,7 @@ pub enum Kind {
 
 /// All kinds.
 pub const KINDS: [Kind; 9] = [
-    Kind::Hello,
+    Kind::Introduction,
     Kind::Greeting,
     Kind::Command,
     Kind::Status,
@@ -42,7 +42,7 @@ pub const KINDS: [Kind; 9] = [
 /// A message that was decoded.
 #[derive(Clone, Debug)]
 pub enum Message {
-    Hello(Hello),
+    Introduction(Introduction),
     Greeting(Greeting),
     Command(Box<Command>),
     Status(Status),
@@ -57,7 +57,7 @@ impl Message {
     /// What these bytes are, if they are a message of this kind.
     pub fn decode(kind: Kind, bytes: &[u8]) -> Option<Self> {
         match kind {
-            Kind::Hello => codec::decode(bytes).ok().map(Self::Hello),
+            Kind::Introduction => codec::decode(bytes).ok().map(Self::Introduction),
             Kind::Greeting => codec::decode(bytes).ok().map(Self::Greeting),
             Kind::Command => codec::decode(bytes).ok().map(|m| Self::Command(Box::new(m))),
             Kind::Status => codec::decode(bytes).ok().map(Self::Status),
@@ -77,7 +77,7 @@ impl Message {
             codec::encode(message)
         }
         match self {
-            Self::Hello(message) => bytes(message),
+            Self::Introduction(message) => bytes(message),
             Self::Greeting(message) => bytes(message),
             Self::Command(message) => bytes(message),
             Self::Status(message) => bytes(message),

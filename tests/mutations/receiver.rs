@@ -7,9 +7,9 @@ use polyptych_manager::cluster::{Cluster, ImportedScene, Output, RequestOf, Sess
 use polyptych_protocol::blob::{BlobFolder, BulkUp};
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Frame};
-use polyptych_protocol::handshake::Hello;
+use polyptych_protocol::handshake::{Hello, Introduction};
 use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, FrameId, RequestId, Revision};
-use polyptych_protocol::log::{Replica, SceneRef};
+use polyptych_protocol::log::{Operation, Replica, SceneRef};
 use polyptych_protocol::request::{Request, SceneSummary};
 use polyptych_protocol::scene::{Scene, SceneFeatures, Texture};
 use polyptych_protocol::status::{Drawn, Prepared, Status};
@@ -94,7 +94,7 @@ impl Receiver {
             Message::Call(call) => {
                 self.cluster.handle_request(self.now, CLIENT, call.id, call.request);
             }
-            Message::Hello(Hello::Server(hello)) => {
+            Message::Introduction(Introduction { hello: Hello::Server(hello), .. }) => {
                 self.next_session += 1;
                 let session = SessionId(self.next_session);
                 if self.cluster.handle_server(self.now, session, hello, "a:2".into()).is_ok() {
@@ -166,8 +166,9 @@ impl Receiver {
         match command {
             Command::Prepare(prepare) => {
                 let mut replica = if prepare.base.is_some() {
-                    let wall = Some(Box::new(self.wall.clone()));
-                    Replica { wall, scene: None, revision: Revision(prepare.revision.0 - 1) }
+                    let wall = Operation::SetWall(Box::new(self.wall.clone()));
+                    let before = prepare.revision.0 - prepare.operations.len() as u64;
+                    Replica::from_snapshot(Revision(before), vec![wall])
                 } else {
                     Replica::from_snapshot(prepare.revision, prepare.operations.clone())
                 };

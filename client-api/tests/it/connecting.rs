@@ -1,8 +1,8 @@
 //! Addresses, tokens, refusals, strangers.
 
 use polyptych_client::{Client, ClientError, ConnectOptions};
-use polyptych_protocol::connection::{receive_introduction, refuse};
-use polyptych_protocol::handshake::Hello;
+use polyptych_protocol::connection::{Introduced, receive_introduction, refuse};
+use polyptych_protocol::handshake::Secret;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::net::TcpListener;
 
@@ -66,8 +66,10 @@ async fn nobody_at_the_address_is_named_with_what_to_do() {
 #[tokio::test]
 async fn a_wrong_token_is_refused_in_the_managers_words() {
     let error = refused_by(|stream| async {
-        let (mut frames, hello) = receive_introduction(stream).await.expect("introduced");
-        assert!(matches!(hello, Hello::Client(_)));
+        let another = Secret("fedcba9876543210".into());
+        let introduced = receive_introduction(stream, &another).await;
+        let Introduced { mut frames, is_proven, .. } = introduced.expect("introduced");
+        assert!(!is_proven);
         refuse(&mut frames, "the token is wrong; copy the manager's".into()).await.expect("told");
     });
     let error = error.await;

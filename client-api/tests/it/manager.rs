@@ -6,8 +6,8 @@ use polyptych_client::{
     Client, ConnectOptions, Epoch, Feedback, FrameId, Reply, Request, RequestId, Revision,
 };
 use polyptych_protocol::codec;
-use polyptych_protocol::connection::{Frames, receive_introduction, welcome};
-use polyptych_protocol::handshake::{Hello, Welcome};
+use polyptych_protocol::connection::{Frames, Introduced, receive_introduction, welcome};
+use polyptych_protocol::handshake::{Hello, Secret, Welcome};
 use polyptych_protocol::request::{Answer, Call, Failure, PicturePart};
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 
@@ -38,11 +38,12 @@ pub async fn pair() -> (Client, Manager<DuplexStream>) {
 impl<S: AsyncRead + AsyncWrite + Unpin> Manager<S> {
     /// Lets a client in that has the right token.
     pub async fn accept(stream: S) -> Self {
-        let (mut frames, hello) = receive_introduction(stream).await.expect("introduced");
+        let introduced = receive_introduction(stream, &Secret(TOKEN.into())).await;
+        let Introduced { mut frames, hello, is_proven, proof } = introduced.expect("introduced");
         let Hello::Client(hello) = hello else { panic!("no client: {hello:?}") };
-        assert_eq!((hello.name.as_str(), hello.token.0.as_str()), ("test", TOKEN));
+        assert_eq!((hello.name.as_str(), is_proven), ("test", true));
         let given = Welcome { epoch: Epoch(7), session: 1, wall: "lab".into(), heartbeat_ms: 2000 };
-        welcome(&mut frames, given).await.expect("welcomed");
+        welcome(&mut frames, given, proof).await.expect("welcomed");
         Self { frames }
     }
 

@@ -6,13 +6,13 @@ use polyptych_client::{
     Client, ClientError, ConnectOptions, Epoch, Pace, Reconnect, Reply, Request,
 };
 use polyptych_protocol::command::Goodbye;
-use polyptych_protocol::connection::{receive_introduction, refuse, welcome};
-use polyptych_protocol::handshake::Welcome;
+use polyptych_protocol::connection::{Introduced, receive_introduction, refuse, welcome};
+use polyptych_protocol::handshake::{Secret, Welcome};
 use polyptych_protocol::request::Answer;
 use tokio::net::{TcpListener, TcpStream};
 
 use crate::calls::answer;
-use crate::manager::{Manager, feedback, options};
+use crate::manager::{Manager, TOKEN, feedback, options};
 
 async fn listen() -> (TcpListener, String) {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
@@ -27,10 +27,11 @@ fn with(address: &str, reconnect: Reconnect) -> ConnectOptions {
 /// A manager in another life, or of another wall.
 async fn accept(listener: &TcpListener, epoch: u64, wall: &str) -> Manager<TcpStream> {
     let (stream, _) = listener.accept().await.expect("a peer");
-    let (mut frames, _) = receive_introduction(stream).await.expect("introduced");
+    let introduced = receive_introduction(stream, &Secret(TOKEN.into())).await;
+    let Introduced { mut frames, proof, .. } = introduced.expect("introduced");
     let wall = wall.to_owned();
     let given = Welcome { epoch: Epoch(epoch), session: 1, wall, heartbeat_ms: 2000 };
-    welcome(&mut frames, given).await.expect("welcomed");
+    welcome(&mut frames, given, proof).await.expect("welcomed");
     Manager { frames }
 }
 
@@ -158,7 +159,8 @@ async fn a_refusal_and_another_wall_are_not_what_was_meant() {
     let (client, manager) = connected(&listener, options(&address)).await;
     drop(manager);
     let (stream, _) = listener.accept().await.expect("it comes again");
-    let (mut frames, _) = receive_introduction(stream).await.expect("introduced");
+    let introduced = receive_introduction(stream, &Secret(TOKEN.into())).await;
+    let Introduced { mut frames, .. } = introduced.expect("introduced");
     refuse(&mut frames, "another token".into()).await.expect("told");
     let mut other = accept(&listener, 2, "theatre").await;
     assert!(other.next().await.is_none(), "it does not stay");

@@ -11,7 +11,7 @@ use crate::blob::{BlobChunk, BulkDown, BulkUp, PictureChunk};
 use crate::camera::Camera;
 use crate::command::{Area, Command, Frame, Pong, Prepare, Swap, View, ViewProjection};
 use crate::display::DisplayMode;
-use crate::handshake::{Adapter, Answer, ClientHello, Hello, Refused, Secret, ServerHello};
+use crate::handshake::{Adapter, Answer, ClientHello, Hello, Refused, ServerHello};
 use crate::head::Head;
 use crate::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
 use crate::log::{Operation, SceneRef};
@@ -59,10 +59,9 @@ fn drawn() -> Drawn {
 /// A change here is a change of the protocol: raise `PROTOCOL_VERSION` with it.
 #[expect(clippy::too_many_lines, reason = "a list of messages, one after the other")]
 fn golden() -> Vec<(Bytes, &'static str)> {
-    let client = ClientHello { name: "ann".into(), token: Secret("secret".into()) };
+    let client = ClientHello { name: "ann".into() };
     let server = ServerHello {
         name: "a".into(),
-        token: Secret("s".into()),
         channels: vec!["left".into()],
         pid: 4242,
         adapter: Adapter::default(),
@@ -120,12 +119,12 @@ fn golden() -> Vec<(Bytes, &'static str)> {
     };
     let views = Call { id: RequestId(9), request: Request::SetViews(vec![plan]) };
     vec![
-        (encode(&Hello::Client(client)), "0003616e6e06736563726574"),
-        (encode(&Hello::Server(server)), "010161017301046c656674fb921000000000"),
+        (encode(&Hello::Client(client)), "0003616e6e"),
+        (encode(&Hello::Server(server)), "01016101046c656674fb921000000000"),
         (encode(&Answer::Refused(Refused { reason: "no".into() })), "00026e6f"),
         (
             encode(&Command::Prepare(prepare)),
-            "000101010202010174abababababababababababababababababababababababababababababababab02",
+            "000101010202030174abababababababababababababababababababababababababababababababab04",
         ),
         (
             encode(&Command::Frame(frame())),

@@ -1,6 +1,6 @@
 //! What the brain is told: every `handle_*` call as a value that can be kept and told again.
 
-use polyptych_protocol::handshake::{Secret, ServerHello};
+use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::Request;
@@ -10,8 +10,6 @@ use serde::{Deserialize, Serialize};
 use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId};
 
 /// One call of a `handle_*` function of [`Cluster`], without its `now`.
-///
-/// It has no secrets: [`Input::of_server`] takes the token out of the hello.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Input {
     /// [`Cluster::handle_timeout`].
@@ -76,14 +74,6 @@ pub enum Input {
         /// How far the baker has come.
         progress: OpenProgress,
     },
-}
-
-impl Input {
-    /// A server's claim. Its token was checked at the door, and goes no further.
-    pub fn of_server(session: SessionId, hello: ServerHello, address: String) -> Self {
-        let hello = ServerHello { token: Secret(String::new()), ..hello };
-        Self::Server { session, hello, address }
-    }
 }
 
 impl Cluster {

@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_protocol::command::{Frame, Prepare};
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::handshake::{Adapter, Secret, ServerHello};
+use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{BlobHash, Revision};
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::Request;
@@ -112,7 +112,6 @@ impl Stage {
     fn join_as(&mut self, session: SessionId, channel: &str, pid: u32) -> Result<(), String> {
         let hello = ServerHello {
             name: channel.into(),
-            token: Secret(String::new()),
             channels: vec![channel.into()],
             pid,
             adapter: Adapter { texture_side_max: 8192, ..Adapter::default() },

@@ -5,7 +5,7 @@
 use std::cell::RefCell;
 
 use libfuzzer_sys::fuzz_target;
-use polyptych_protocol::connection::{introduce, receive_introduction, refuse, welcome};
+use polyptych_protocol::connection::{Introduced, introduce, receive_introduction, refuse, welcome};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret, Welcome};
 use polyptych_protocol::ids::Epoch;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
@@ -31,18 +31,20 @@ async fn say(mut stream: DuplexStream, bytes: &[u8], piece: usize) -> Vec<u8> {
 }
 
 async fn manager(stream: DuplexStream) {
-    let Ok((mut frames, hello)) = receive_introduction(stream).await else { return };
+    let secret = Secret("s".into());
+    let Ok(introduced) = receive_introduction(stream, &secret).await else { return };
+    let Introduced { mut frames, hello, proof, .. } = introduced;
     if matches!(hello, Hello::Bulk(_)) {
         let _ = refuse(&mut frames, "no".to_owned()).await;
         return;
     }
     let given = Welcome { epoch: Epoch(7), session: 1, wall: "w".into(), heartbeat_ms: 2000 };
-    let _ = welcome(&mut frames, given).await;
+    let _ = welcome(&mut frames, given, proof).await;
 }
 
 async fn client(stream: DuplexStream) {
-    let hello = Hello::Client(ClientHello { name: "a".into(), token: Secret("s".into()) });
-    if let Err(error) = introduce(stream, Role::Client, &hello).await {
+    let hello = Hello::Client(ClientHello { name: "a".into() });
+    if let Err(error) = introduce(stream, Role::Client, &hello, &Secret("s".into())).await {
         // A stranger's bytes, or its reason; either way the log must bear it.
         assert!(error.to_string().len() < 16 << 10);
     }

@@ -72,11 +72,12 @@ fn a_wall_goes_on_when_the_client_that_moves_it_is_killed() {
     let (local, client, mut feedbacks) = moving_wall();
     client.pause().expect("stands still");
     let token = token::read(&local.place.token_file()).expect("a token");
-    let hello = Hello::Client(ClientHello { name: "doomed".into(), token: Secret(token) });
+    let hello = Hello::Client(ClientHello { name: "doomed".into() });
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let doomed = runtime.expect("a runtime").block_on(async {
         let stream = tokio::net::TcpStream::connect(&local.address).await.expect("connected");
-        let (mut frames, _) = introduce(stream, Role::Client, &hello).await.expect("let in");
+        let (mut frames, _) =
+            introduce(stream, Role::Client, &hello, &Secret(token)).await.expect("let in");
         let request = Request::Run(Pace::Rate(RATE));
         let call = Call { id: RequestId(1), request };
         frames.send(codec::encode(&call)).await.expect("asked");

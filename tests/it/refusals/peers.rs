@@ -74,7 +74,7 @@ fn a_peer_that_was_let_in_is_still_held_to_the_limits() {
     let local = LocalWall::start(&small(1, 1), &[]);
     let client = local.client();
     let token = token::read(&local.place.token_file()).expect("a token");
-    let hello = Hello::Client(ClientHello { name: "rogue".into(), token: Secret(token) });
+    let hello = Hello::Client(ClientHello { name: "rogue".into() });
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     runtime.expect("a runtime").block_on(async {
         let mut long = vec![0xff; 4];
@@ -83,7 +83,7 @@ fn a_peer_that_was_let_in_is_still_held_to_the_limits() {
         malformed.extend(noise(64));
         for said in [long, malformed] {
             let stream = tokio::net::TcpStream::connect(&local.address).await.expect("connected");
-            let introduced = introduce(stream, Role::Client, &hello).await;
+            let introduced = introduce(stream, Role::Client, &hello, &Secret(token.clone())).await;
             let mut stream = introduced.expect("let in").0.into_inner();
             // It may close before all is said.
             let _ = stream.write_all(&said).await;

@@ -50,17 +50,21 @@ async fn greet(
 ) -> Result<(Frames<Stream>, Welcome), String> {
     let keys = Keys::load(keys).expect("good keys");
     let stream = dial(address, Some(&keys), false).await.expect("connected");
-    introduce(stream, role, hello).await.map_err(|error| error.to_string())
+    introduce(stream, role, hello, &no_token()).await.map_err(|error| error.to_string())
+}
+
+/// Over TLS there is none.
+fn no_token() -> Secret {
+    Secret(String::new())
 }
 
 fn client(name: &str) -> Hello {
-    Hello::Client(ClientHello { name: name.into(), token: Secret(String::new()) })
+    Hello::Client(ClientHello { name: name.into() })
 }
 
 fn server(name: &str, channel: &str) -> Hello {
     Hello::Server(ServerHello {
         name: name.into(),
-        token: Secret(String::new()),
         channels: vec![channel.into()],
         pid: 1,
         adapter: Adapter { texture_side_max: 8192, ..Adapter::default() },
@@ -68,7 +72,7 @@ fn server(name: &str, channel: &str) -> Hello {
 }
 
 fn bulk(session: u64) -> Hello {
-    Hello::Bulk(BulkHello { token: Secret(String::new()), session })
+    Hello::Bulk(BulkHello { session })
 }
 
 #[test]
@@ -119,7 +123,8 @@ async fn shake(address: &str, config: ClientConfig) -> Result<(), String> {
     let name = "manager.polyptych".try_into().expect("a name");
     let tls = TlsConnector::from(Arc::new(config)).connect(name, tcp).await;
     let tls = tls.map_err(|error| tls::in_words(&error))?;
-    introduce(tls, Role::Client, &client("x")).await.map(drop).map_err(|error| error.to_string())
+    let introduced = introduce(tls, Role::Client, &client("x"), &no_token()).await;
+    introduced.map(drop).map_err(|error| error.to_string())
 }
 
 #[test]

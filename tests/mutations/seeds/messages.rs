@@ -14,7 +14,8 @@ use polyptych_protocol::feedback::{
     Statistics, WallStatus,
 };
 use polyptych_protocol::handshake::{
-    Adapter, Answer, BulkHello, ClientHello, Hello, Refused, Secret, ServerHello, Welcome,
+    Adapter, Answer, BulkHello, ClientHello, Hello, Introduction, Nonces, Refused, Secret,
+    ServerHello, Welcome,
 };
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
@@ -49,7 +50,7 @@ pub fn wall() -> Wall {
 /// One message of every variant.
 pub fn all() -> Vec<(Kind, Bytes)> {
     let lists = [
-        (Kind::Hello, hellos().iter().map(encode).collect::<Vec<_>>()),
+        (Kind::Introduction, introductions().iter().map(encode).collect::<Vec<_>>()),
         (Kind::Greeting, greetings().iter().map(encode).collect()),
         (Kind::Command, commands().iter().map(encode).collect()),
         (Kind::Status, statuses().iter().map(encode).collect()),
@@ -62,8 +63,20 @@ pub fn all() -> Vec<(Kind, Bytes)> {
     lists.into_iter().flat_map(|(kind, list)| list.into_iter().map(move |b| (kind, b))).collect()
 }
 
+fn nonces() -> Nonces {
+    Nonces { manager: [1; 32], peer: [2; 32] }
+}
+
+/// The hellos as they travel; none is proven, since the manager's random bytes are others.
+fn introductions() -> Vec<Introduction> {
+    let introduction = |hello: Hello| {
+        let proof = nonces().proof_of_peer(&Secret(TOKEN.into()), &hello);
+        Introduction { hello, nonce: nonces().peer, proof }
+    };
+    hellos().into_iter().map(introduction).collect()
+}
+
 pub fn hellos() -> Vec<Hello> {
-    let token = Secret(TOKEN.into());
     let adapter = Adapter {
         name: "llvmpipe".into(),
         driver: "Mesa".into(),
@@ -72,28 +85,25 @@ pub fn hellos() -> Vec<Hello> {
     };
     let server = |channels: &[&str]| ServerHello {
         name: "left".into(),
-        token: token.clone(),
         channels: channels.iter().map(|name| (*name).into()).collect(),
         pid: 4242,
         adapter: adapter.clone(),
     };
     vec![
-        Hello::Client(ClientHello { name: "ann".into(), token: token.clone() }),
+        Hello::Client(ClientHello { name: "ann".into() }),
         Hello::Server(server(&["a-1-1"])),
         Hello::Server(server(&["a-2-1", "b"])),
-        Hello::Bulk(BulkHello { token, session: 2 }),
+        Hello::Bulk(BulkHello { session: 2 }),
     ]
 }
 
 fn greetings() -> Vec<Answer> {
     vec![
         Answer::Refused(Refused { reason: "no".into() }),
-        Answer::Welcome(Welcome {
-            epoch: EPOCH,
-            session: 2,
-            wall: "seed".into(),
-            heartbeat_ms: 2000,
-        }),
+        Answer::Welcome(
+            Welcome { epoch: EPOCH, session: 2, wall: "seed".into(), heartbeat_ms: 2000 },
+            nonces().proof_of_manager(&Secret(TOKEN.into())),
+        ),
     ]
 }
 

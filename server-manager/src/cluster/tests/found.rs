@@ -98,7 +98,6 @@ fn the_deadline_counts_all_channels_of_a_server() {
     let mut stage = Stage::empty(6);
     let hello = ServerHello {
         name: "six".into(),
-        token: Secret(String::new()),
         channels: (0..6).map(|index| format!("c{index}")).collect(),
         pid: 1,
         adapter: Adapter { texture_side_max: 8192, ..Adapter::default() },

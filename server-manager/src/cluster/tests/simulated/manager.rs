@@ -7,7 +7,7 @@ use glam::DVec3;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::handshake::{Adapter, Secret, ServerHello};
+use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{BlobHash, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::{Request, SceneSummary};
@@ -132,7 +132,6 @@ impl World {
         let server = &self.servers[index];
         let hello = ServerHello {
             name: format!("s{index}"),
-            token: Secret(String::new()),
             channels: server.names.clone(),
             pid: server.pid,
             adapter: Adapter { texture_side_max: 8192, ..Adapter::default() },
