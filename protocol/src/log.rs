@@ -2,16 +2,33 @@
 //!
 //! Manager and servers fold with this same code; what they folded is compared by digest.
 
+use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-use crate::ids::{BlobHash, Digest, Revision};
-use crate::wall::Wall;
+use crate::codec;
+use crate::ids::{BlobHash, ChannelId, Digest, Revision};
+use crate::wall::{Adjustment, Wall};
 
 /// A change of the replicated state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Operation {
     /// The wall is now this.
     SetWall(Box<Wall>),
+    /// A channel is adjusted in another way.
+    Adjust {
+        /// Its index in the wall.
+        channel: ChannelId,
+        /// All of its adjustment.
+        adjustment: Box<Adjustment>,
+    },
+    /// Points of a channel's bend are moved.
+    MoveBend {
+        /// The channel's index in the wall.
+        channel: ChannelId,
+        /// The index of each point, row by row, and by how many pixels it is moved from where it
+        /// would be without a bend; x right, y down.
+        moves: Vec<(u32, DVec2)>,
+    },
     /// The wall shows this scene.
     OpenScene(SceneRef),
     /// The wall shows no scene.
@@ -36,17 +53,77 @@ pub struct Replica {
     pub wall: Option<Box<Wall>>,
     /// The open scene.
     pub scene: Option<SceneRef>,
+    /// Fingerprints of the parts.
+    parts: Parts,
+}
+
+/// Fingerprints of the parts of a [`Replica`], kept so that a change costs what it changes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Parts {
+    /// Of the wall without its channels' adjustments.
+    wall: u64,
+    /// Of the adjustment of each channel.
+    adjustments: Vec<u64>,
+}
+
+/// The fingerprint of a part of a kind.
+fn part(kind: u8, bytes: &[u8]) -> u64 {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&[kind]).update(bytes);
+    let hash = hasher.finalize();
+    hash.as_bytes().iter().take(8).fold(0u64, |sum, &byte| (sum << 8) | u64::from(byte))
+}
+
+fn part_of_adjustment(index: usize, adjustment: &Adjustment) -> u64 {
+    part(4, &codec::encode(&(index as u64, adjustment)))
+}
+
+impl Parts {
+    fn of(wall: &Wall) -> Self {
+        let adjustments = wall.channels.iter().map(|channel| &channel.adjustment).enumerate();
+        let adjustments = adjustments.map(|(index, of)| part_of_adjustment(index, of)).collect();
+        let mut bare = wall.clone();
+        for channel in &mut bare.channels {
+            channel.adjustment = Adjustment::default();
+        }
+        Self { wall: part(1, &codec::encode(&bare)), adjustments }
+    }
 }
 
 impl Replica {
     /// Applies the next operation.
     pub fn apply(&mut self, operation: Operation) {
         match operation {
-            Operation::SetWall(wall) => self.wall = Some(wall),
+            Operation::SetWall(wall) => {
+                self.parts = Parts::of(&wall);
+                self.wall = Some(wall);
+            }
+            Operation::Adjust { channel, adjustment } => {
+                self.adjust(channel, |of| *of = *adjustment);
+            }
+            Operation::MoveBend { channel, moves } => self.adjust(channel, |of| {
+                let Some(bend) = &mut of.bend else { return };
+                let present = bend.moves.make_mut();
+                for (index, to) in moves {
+                    if let Some(point) = present.get_mut(index as usize) {
+                        *point = to;
+                    }
+                }
+            }),
             Operation::OpenScene(scene) => self.scene = Some(scene),
             Operation::CloseScene => self.scene = None,
         }
         self.revision.0 += 1;
+    }
+
+    /// Changes a channel's adjustment. What a wall does not have is left alone: the digest tells.
+    fn adjust(&mut self, channel: ChannelId, change: impl FnOnce(&mut Adjustment)) {
+        let index = usize::from(channel.0);
+        let channel = self.wall.as_mut().and_then(|wall| wall.channels.get_mut(index));
+        if let (Some(channel), Some(part)) = (channel, self.parts.adjustments.get_mut(index)) {
+            change(&mut channel.adjustment);
+            *part = part_of_adjustment(index, &channel.adjustment);
+        }
     }
 
     /// The shortest list of operations that folds to this state.
@@ -69,13 +146,8 @@ impl Replica {
     /// A fingerprint of the state, revision included: a sum over its parts, so that one part can
     /// change without a recount of the others.
     pub fn digest(&self) -> Digest {
-        let part = |kind: u8, bytes: &[u8]| {
-            let mut hasher = blake3::Hasher::new();
-            hasher.update(&[kind]).update(bytes);
-            let hash = hasher.finalize();
-            hash.as_bytes().iter().take(8).fold(0u64, |sum, &byte| (sum << 8) | u64::from(byte))
-        };
-        let wall = self.wall.as_ref().map_or(0, |wall| part(1, &crate::codec::encode(wall)));
+        let of_adjustments = self.parts.adjustments.iter();
+        let wall = of_adjustments.fold(self.parts.wall, |sum, part| sum.wrapping_add(*part));
         let scene = self.scene.as_ref().map_or(0, |scene| part(2, &scene.manifest.0));
         let revision = part(3, &self.revision.0.to_le_bytes());
         Digest(wall.wrapping_add(scene).wrapping_add(revision))

@@ -187,7 +187,7 @@ impl Change {
                     let (x, y) = (x - 1, y - 1);
                     return Err(format!("there are columns 0 to {x} and rows 0 to {y}"));
                 }
-                let at = &mut bend.moves[(row * x + column) as usize];
+                let at = &mut bend.moves.make_mut()[(row * x + column) as usize];
                 *at = moved(*to, *at, size)?;
             }
             Self::Gain(gain) => {
@@ -243,7 +243,7 @@ fn regridded(adjustment: &Adjustment, points: UVec2, size: DVec2) -> Result<Bend
     let moves = rows.flat_map(|row| (0..points.x).map(move |column| present(place(row, column))));
     let moves: Vec<_> = moves.collect();
     debug_assert!(size.is_finite() && moves.len() as u64 == count);
-    Ok(Bend { points, moves })
+    Ok(Bend { points, moves: moves.into() })
 }
 
 fn curve(gamma: Option<DVec3>) -> Result<Curve, String> {
@@ -279,8 +279,9 @@ pub fn tuned(wall: &Wall, channel: &str, changes: &[Change]) -> Result<Wall, Str
         let key = key.unwrap_or_else(|| fault.key.to_owned());
         return Err(format!("{channel}: {key}: {fault}"));
     }
-    check(&wall)?;
-    Ok(wall)
+    check_size(&wall)?;
+    // The other channels are as they were.
+    wall.fault_of(&wall.channels[usize::from(id.0)]).map_or(Ok(wall), Err)
 }
 
 /// What was tuned of the channels of a wall, by their names: those whose adjustment is not the
@@ -316,14 +317,24 @@ fn fold_or(channel: &Channel) -> Result<(), String> {
 }
 
 fn check(wall: &Wall) -> Result<(), String> {
-    let bytes = codec::encode(wall).len();
+    check_size(wall)?;
+    wall.fault().map_or(Ok(()), Err)
+}
+
+/// Checks that a wall fits into a message: without its bends, whose points take 16 bytes each, it
+/// is encoded fast.
+fn check_size(wall: &Wall) -> Result<(), String> {
+    let mut bare = wall.clone();
+    let bends = bare.channels.iter_mut().filter_map(|channel| channel.adjustment.bend.take());
+    let points: usize = bends.map(|bend| bend.moves.len()).sum();
+    let bytes = codec::encode(&bare).len() + points * size_of::<DVec2>();
     if bytes > WALL_BYTES_MAX {
         return Err(format!(
             "the wall's description takes {bytes} bytes, where {WALL_BYTES_MAX} can be; bends with \
              fewer points would fit"
         ));
     }
-    wall.fault().map_or(Ok(()), Err)
+    Ok(())
 }
 
 /// Whether one differs from the other only in what can be tuned.

@@ -209,7 +209,8 @@ impl Wall {
             .or_else(|| self.channels.iter().find_map(|channel| self.fault_of(channel)))
     }
 
-    fn fault_of(&self, channel: &Channel) -> Option<String> {
+    /// What is wrong with numbers of a channel that came over the wire, if anything.
+    pub(crate) fn fault_of(&self, channel: &Channel) -> Option<String> {
         let is_bad = self.screens.get(usize::from(channel.screen)).is_none_or(|screen| {
             let end = channel.origin.saturating_add(channel.size);
             channel.size.min_element() == 0

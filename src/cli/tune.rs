@@ -67,7 +67,7 @@ fn show(wall: &Wall, name: &str) -> anyhow::Result<()> {
         None => say("bend=off")?,
         Some(bend) => {
             say(format_args!("bend={}x{}", bend.points.x, bend.points.y))?;
-            for (at, to) in (0..).zip(&bend.moves) {
+            for (at, to) in (0..).zip(bend.moves.iter()) {
                 let (column, row) = (at % bend.points.x, at / bend.points.x);
                 say(format_args!("bend.{column}.{row}=@{},{}", to.x, to.y))?;
             }

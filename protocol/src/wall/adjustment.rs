@@ -4,6 +4,9 @@
 //! *upright* picture), corner pins and bends undone (the channel's pixel), then its light: colour
 //! matrix and gains, blend weight and masks, curve, dither.
 
+use std::ops::Deref;
+use std::sync::Arc;
+
 use glam::{DMat3, DVec2, DVec3, UVec2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -100,7 +103,52 @@ pub struct Bend {
     /// Points across and down, from edge to edge; 2 or more each.
     pub points: UVec2,
     /// By how many pixels each is moved, row by row from the upper left.
-    pub moves: Vec<DVec2>,
+    pub moves: Moves,
+}
+
+/// The moves of a bend's points. Copies share them until one is changed, and compare at once: the
+/// manager copies a wall for every point that is dragged.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(from = "Vec<DVec2>", into = "Vec<DVec2>")]
+pub struct Moves(Arc<Vec<DVec2>>);
+
+impl Moves {
+    /// The moves, to be changed.
+    pub fn make_mut(&mut self) -> &mut [DVec2] {
+        Arc::<Vec<DVec2>>::make_mut(&mut self.0)
+    }
+}
+
+impl Deref for Moves {
+    type Target = [DVec2];
+
+    fn deref(&self) -> &[DVec2] {
+        &self.0
+    }
+}
+
+impl From<Vec<DVec2>> for Moves {
+    fn from(moves: Vec<DVec2>) -> Self {
+        Self(Arc::new(moves))
+    }
+}
+
+impl FromIterator<DVec2> for Moves {
+    fn from_iter<I: IntoIterator<Item = DVec2>>(moves: I) -> Self {
+        Vec::from_iter(moves).into()
+    }
+}
+
+impl From<Moves> for Vec<DVec2> {
+    fn from(moves: Moves) -> Self {
+        moves.to_vec()
+    }
+}
+
+impl PartialEq for Moves {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0) || self.0 == other.0
+    }
 }
 
 /// How wide the ramps at a channel's edges are, in its pixels; `None`: as wide as the overlap.

@@ -82,8 +82,10 @@ impl Stage {
         let plans =
             correction::plans(&wall, &Maps::default(), &["front-1-1".to_owned()]).expect("plans");
         let revision = Revision(self.thread.states.len() as u64);
-        let mut replica = Replica { revision, ..Replica::default() };
-        replica.apply(Operation::SetWall(Box::new(wall)));
+        let replica = Replica::from_snapshot(
+            Revision(revision.0 + 1),
+            vec![Operation::SetWall(Box::new(wall))],
+        );
         let digest = replica.digest();
         let (scene, warm_up, plans) = (None, Camera::IDENTITY, Arc::new(plans));
         let state = LoadedState {

@@ -14,7 +14,7 @@ use polyptych_protocol::request::{Failure, Reply, SceneSummary};
 use polyptych_protocol::wall::Wall;
 use serde::{Deserialize, Serialize};
 
-use super::tune::Tuner;
+use super::tune::{self, Tuner};
 use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId, progress};
 
 /// How long a change waits for a server: enough for a large scene on a slow link; after this the
@@ -30,6 +30,7 @@ pub(super) const HOLDS_REFUSED: &str = "it has prepared a change that was refuse
 /// A change that was asked for.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Change {
+    /// What servers are told; of a tuning known once it is its turn.
     pub operations: Vec<Operation>,
     pub purpose: Purpose,
 }
@@ -40,15 +41,15 @@ pub(super) enum Purpose {
     /// Another scene, or none.
     Scene { job: RequestOf, summary: Option<SceneSummary> },
     /// The same scene on a wall that is adjusted otherwise.
-    Tuning(Vec<Tuner>),
+    Tuning { wall: Box<Wall>, tuners: Vec<Tuner> },
 }
 
 impl Change {
     /// The wall that it leads to, where it is a tuning, and who waits for that.
     fn tuning(&mut self) -> Option<(&mut Box<Wall>, &mut Vec<Tuner>)> {
-        match (&mut self.operations[..], &mut self.purpose) {
-            ([Operation::SetWall(wall)], Purpose::Tuning(tuners)) => Some((wall, tuners)),
-            _ => None,
+        match &mut self.purpose {
+            Purpose::Tuning { wall, tuners } => Some((wall, tuners)),
+            Purpose::Scene { .. } => None,
         }
     }
 
@@ -58,20 +59,20 @@ impl Change {
             Purpose::Scene { job, summary: Some(summary) } => {
                 Some((*job, progress::name_of(&summary.name)))
             }
-            Purpose::Scene { summary: None, .. } | Purpose::Tuning(_) => None,
+            Purpose::Scene { summary: None, .. } | Purpose::Tuning { .. } => None,
         }
     }
 
     fn wall(&self) -> Option<&Wall> {
-        match &self.operations[..] {
-            [Operation::SetWall(wall)] => Some(wall),
-            _ => None,
+        match &self.purpose {
+            Purpose::Tuning { wall, .. } => Some(wall),
+            Purpose::Scene { .. } => None,
         }
     }
 
     fn tuners(&self) -> &[Tuner] {
         match &self.purpose {
-            Purpose::Tuning(tuners) => tuners,
+            Purpose::Tuning { tuners, .. } => tuners,
             Purpose::Scene { .. } => &[],
         }
     }
@@ -156,13 +157,16 @@ impl Changes {
 
     /// Puts the wall in the place of the one that waits for its turn, if there is one: tunings
     /// come faster than they are shown, and only the last one is to be seen.
-    pub fn replace_waiting_wall(&mut self, wall: &Wall, tuner: Tuner) -> bool {
+    ///
+    /// # Errors
+    /// The wall, if none waits.
+    pub fn replace_waiting_wall(&mut self, wall: Box<Wall>, tuner: Tuner) -> Result<(), Box<Wall>> {
         let Some((waiting, tuners)) = self.queue.iter_mut().find_map(Change::tuning) else {
-            return false;
+            return Err(wall);
         };
-        wall.clone_into(waiting);
+        *waiting = wall;
         tuners.push(tuner);
-        true
+        Ok(())
     }
 
     /// Whether this revision was refused, and is no state of the wall.
@@ -294,7 +298,10 @@ impl Cluster {
                 }
                 self.settle_change(now);
             }
-            let Some(change) = self.changes.queue.pop_front() else { return };
+            let Some(mut change) = self.changes.queue.pop_front() else { return };
+            if let Some(wall) = change.wall() {
+                change.operations = tune::operations(&self.wall, wall);
+            }
             let mut replica = self.shown.clone();
             for operation in change.operations.clone() {
                 replica.apply(operation);
@@ -350,15 +357,16 @@ impl Cluster {
         let Underway { change, replica, digest, failed, .. } = underway;
         let has_one = self.registry.servers().any(|(_, s)| s.prepared == Some(replica.revision));
         // A scene is worth more than a channel that cannot draw it; a tuning is not.
-        let is_tuning = matches!(change.purpose, Purpose::Tuning(_));
+        let is_tuning = matches!(change.purpose, Purpose::Tuning { .. });
         if !failed.is_empty() && (!has_one || is_tuning) {
             let reasons: Vec<_> = failed.into_iter().map(|(_, reason)| reason).collect();
             let reason = format!("nothing has changed, since {}", reasons.join("; "));
             self.refuse(&change.purpose, &reason);
             if is_tuning {
                 // They were made of the one that failed.
-                let behind = self.changes.take_waiting_tuners();
-                self.refuse(&Purpose::Tuning(behind), &reason);
+                for tuner in self.changes.take_waiting_tuners() {
+                    self.reply(tuner.job, Err(Failure::new(reason.as_str())));
+                }
             }
             self.stay(now, replica.revision);
             return;
@@ -367,7 +375,7 @@ impl Cluster {
         self.shown_digest = digest;
         match change.purpose {
             Purpose::Scene { job, summary } => self.settle_scene(now, job, summary, &failed),
-            Purpose::Tuning(tuners) => self.settle_tuning(now, tuners, &failed),
+            Purpose::Tuning { wall, tuners } => self.settle_tuning(now, *wall, tuners, &failed),
         }
     }
 
@@ -410,7 +418,7 @@ impl Cluster {
     fn refuse(&mut self, purpose: &Purpose, reason: &str) {
         let jobs: Vec<_> = match purpose {
             Purpose::Scene { job, .. } => vec![*job],
-            Purpose::Tuning(tuners) => tuners.iter().map(|tuner| tuner.job).collect(),
+            Purpose::Tuning { tuners, .. } => tuners.iter().map(|tuner| tuner.job).collect(),
         };
         for job in jobs {
             self.reply(job, Err(Failure::new(reason)));

@@ -74,7 +74,9 @@ impl Cluster {
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
         match tuning::restored(&cluster.file, &memory.further.tunings) {
             Ok(wall) => {
-                cluster.shown.wall = Some(Box::new(wall.clone()));
+                let revision = cluster.shown.revision;
+                cluster.shown.apply(Operation::SetWall(Box::new(wall.clone())));
+                cluster.shown.revision = revision;
                 cluster.wall = wall;
             }
             Err(reason) => tracing::warn!(reason, "the tunings in the state file were dropped"),

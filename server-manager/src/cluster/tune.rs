@@ -1,10 +1,11 @@
 //! Tuning of the running wall: a change as others are, but many may come for one frame.
 
 use polyptych_protocol::feedback::Feedback;
-use polyptych_protocol::ids::{FrameId, Revision};
+use polyptych_protocol::ids::{ChannelId, FrameId, Revision};
 use polyptych_protocol::log::Operation;
 use polyptych_protocol::request::Reply;
 use polyptych_protocol::tuning::{self, Tuned};
+use polyptych_protocol::wall::{Adjustment, Wall};
 use serde::{Deserialize, Serialize};
 
 use super::change::Purpose;
@@ -37,6 +38,37 @@ impl Tuners {
     }
 }
 
+/// The operations that make one wall of the other, which differs in adjustments only: points of
+/// bends alone where nothing else differs. At least one, since every tuning has a revision.
+pub(super) fn operations(from: &Wall, to: &Wall) -> Vec<Operation> {
+    let pairs = from.channels.iter().zip(&to.channels);
+    let changed = pairs.enumerate().filter_map(|(index, (from, to))| {
+        let channel = ChannelId(index as u16);
+        operation(channel, &from.adjustment, &to.adjustment)
+    });
+    let mut operations: Vec<_> = changed.collect();
+    if operations.is_empty() {
+        operations.push(Operation::MoveBend { channel: ChannelId(0), moves: Vec::new() });
+    }
+    operations
+}
+
+fn operation(channel: ChannelId, from: &Adjustment, to: &Adjustment) -> Option<Operation> {
+    if from == to {
+        return None;
+    }
+    if let (Some(before), Some(after)) = (&from.bend, &to.bend)
+        && before.points == after.points
+        && *from == (Adjustment { bend: from.bend.clone(), ..to.clone() })
+    {
+        let pairs = (0u32..).zip(before.moves.iter().zip(&*after.moves));
+        let moves = pairs.filter(|(_, (before, after))| before != after);
+        let moves = moves.map(|(index, (_, after))| (index, *after)).collect();
+        return Some(Operation::MoveBend { channel, moves });
+    }
+    Some(Operation::Adjust { channel, adjustment: Box::new(to.clone()) })
+}
+
 impl Cluster {
     /// A client adjusts a channel.
     pub(super) fn tune(
@@ -54,13 +86,12 @@ impl Cluster {
             ));
         }
         let present = self.changes.latest_wall().unwrap_or(&self.wall);
-        let wall = tuning::tuned(present, channel, changes)?;
+        let wall = Box::new(tuning::tuned(present, channel, changes)?);
         self.check_sight_on(&wall).map_err(|reason| format!("{channel}: {reason}"))?;
         let tuner = Tuner { job, asked_at: self.frame };
-        if !self.changes.replace_waiting_wall(&wall, tuner) {
-            let operations = vec![Operation::SetWall(Box::new(wall))];
-            let purpose = Purpose::Tuning(vec![tuner]);
-            self.request_change(now, Change { operations, purpose });
+        if let Err(wall) = self.changes.replace_waiting_wall(wall, tuner) {
+            let purpose = Purpose::Tuning { wall, tuners: vec![tuner] };
+            self.request_change(now, Change { operations: Vec::new(), purpose });
         }
         Ok(None)
     }
@@ -70,13 +101,12 @@ impl Cluster {
     pub(super) fn settle_tuning(
         &mut self,
         now: Micros,
+        wall: Wall,
         tuners: Vec<Tuner>,
         failed: &[(SessionId, String)],
     ) {
         let revision = self.shown.revision;
-        if let Some(wall) = &self.shown.wall {
-            self.wall.clone_from(wall);
-        }
+        self.wall = wall;
         self.tuners.0.extend(tuners.into_iter().map(|tuner| (revision, tuner)));
         self.wants_frame |= self.pacer.pace().is_none();
         self.demote_unprepared(now, failed);

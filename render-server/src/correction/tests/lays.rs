@@ -205,7 +205,7 @@ fn pins_and_bends_move_the_picture() {
     adjustment.pin[3] = DVec2::new(-9.0, -5.0);
     let mut moves = vec![DVec2::ZERO; 9];
     moves[4] = DVec2::new(3.0, -2.0);
-    adjustment.bend = Some(Bend { points: UVec2::splat(3), moves });
+    adjustment.bend = Some(Bend { points: UVec2::splat(3), moves: moves.into() });
     check_lay("pinned and bent", (&bent, &Maps::default()), [40, 20, 160, 95], by_form(&bent));
 }
 

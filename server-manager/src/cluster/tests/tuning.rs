@@ -280,7 +280,7 @@ fn the_scene_and_its_features_stay_and_so_does_the_deadline() {
     let before = stage.cluster.status(stage.now);
     stage.request(Request::Tune { channel: "c0".into(), changes: vec![pin(1.0)] });
     let [(_, prepare)] = &stage.prepares[..] else { panic!("one prepare") };
-    let [Operation::SetWall(_)] = &prepare.operations[..] else { panic!("the wall alone") };
+    let [Operation::Adjust { .. }] = &prepare.operations[..] else { panic!("the wall alone") };
     stage.prepare_all();
     let after = stage.cluster.status(stage.now);
     assert_eq!((after.scene.as_deref(), after.deadline_ms), (Some("town"), before.deadline_ms));

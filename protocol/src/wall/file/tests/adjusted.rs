@@ -21,7 +21,7 @@ fn every_key_arrives() {
     assert_eq!(found.pin[2], DVec2::new(-3.5, 0.0));
     let mut moves = vec![DVec2::ZERO; 6];
     (moves[1], moves[3]) = (DVec2::X, DVec2::Y * 2.0);
-    assert_eq!(found.bend, Some(Bend { points: UVec2::new(2, 3), moves }));
+    assert_eq!(found.bend, Some(Bend { points: UVec2::new(2, 3), moves: moves.into() }));
     let edges = Edges { left: Some(0.0), right: Some(30.5), top: None, bottom: None };
     assert_eq!(found.edges, edges);
     assert_eq!(found.color.gain, DVec3::new(1.0, 0.9, 0.8));
