@@ -130,6 +130,7 @@ where
             Ok(Answer::Feedback(feedback)) => shared.handle_feedback(feedback),
             Ok(Answer::Picture(part)) => shared.handle_part(&part),
             Ok(Answer::Progress { id, progress }) => shared.handle_progress(id, progress),
+            Ok(Answer::Warning { warning, .. }) => tracing::warn!("{warning}"),
             Ok(Answer::Goodbye(goodbye)) => {
                 return End { reason: goodbye.to_string(), is_goodbye: true };
             }

@@ -192,6 +192,8 @@ pub struct WallStatus {
     pub notes: Vec<String>,
     /// Scenes that are being opened, the oldest request first.
     pub opening: Vec<Opening>,
+    /// Resident memory of the manager, in bytes; 0 if its system does not tell.
+    pub memory_bytes: u64,
 }
 
 /// A channel as it stands.

@@ -160,6 +160,14 @@ pub enum Answer {
         /// How far it has come.
         progress: OpenProgress,
     },
+    /// What the client should know of a request that succeeded, such as that it is not kept over a
+    /// restart; comes before the reply.
+    Warning {
+        /// The client's number of the request.
+        id: RequestId,
+        /// What is wrong.
+        warning: String,
+    },
 }
 
 /// What came of a request that succeeded.
@@ -186,6 +194,21 @@ pub enum Reply {
     Tuned(Tuned),
     /// To [`Request::StopServers`].
     ServersStopped(StoppedServers),
+}
+
+impl Reply {
+    /// Returns whether it says that something has changed, which then must outlive the manager.
+    pub fn tells_of_change(&self) -> bool {
+        match self {
+            Self::Status(_) | Self::Wall(_) | Self::Statistics(_) | Self::Sight(_) => false,
+            Self::Done
+            | Self::SceneOpened(_)
+            | Self::Frame(_)
+            | Self::Captured(_)
+            | Self::Tuned(_)
+            | Self::ServersStopped(_) => true,
+        }
+    }
 }
 
 /// What became of a wall's servers that were told to end, by name.

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
-use polyptych_protocol::blob::{BlobChunk, BlobFolder, BlobReader, BulkDown, BulkUp};
+use polyptych_protocol::blob::{BlobChunk, BlobFolder, BlobReader, BulkDown, BulkUp, PictureChunk};
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::{Proof, Welcome};
@@ -32,6 +32,9 @@ impl AllowedBlobs {
     }
 }
 
+/// A piece of a picture, and the server that it comes from.
+pub(crate) type PictureOf = (SessionId, PictureChunk);
+
 /// The blobs that a peer may be sent.
 pub(crate) struct Store {
     pub folder: BlobFolder,
@@ -49,7 +52,7 @@ pub(crate) struct Claim {
 pub(crate) async fn serve(
     (mut frames, proof): (Frames<Stream>, Proof),
     Claim { welcome, proven }: Claim,
-    events: mpsc::Sender<Event>,
+    (events, pictures): (mpsc::Sender<Event>, mpsc::Sender<PictureOf>),
     store: Store,
     traffic: Traffic,
 ) {
@@ -67,7 +70,7 @@ pub(crate) async fn serve(
         return;
     }
     tokio::select! {
-        () = converse(frames, session, &events, &store, &traffic) => {}
+        () = converse(frames, session, (&events, &pictures), &store, &traffic) => {}
         () = end.cancelled() => {}
     }
 }
@@ -75,7 +78,7 @@ pub(crate) async fn serve(
 async fn converse(
     mut frames: Frames<Stream>,
     session: SessionId,
-    events: &mpsc::Sender<Event>,
+    (events, pictures): (&mpsc::Sender<Event>, &mpsc::Sender<PictureOf>),
     store: &Store,
     traffic: &Traffic,
 ) {
@@ -96,7 +99,7 @@ async fn converse(
                 }
             }
             BulkUp::Picture(chunk) => {
-                if events.send(Event::PictureComes { from: session, chunk }).await.is_err() {
+                if pictures.send((session, chunk)).await.is_err() {
                     return;
                 }
             }

@@ -1,26 +1,37 @@
 //! A client's connection.
 
+use std::sync::Arc;
+
 use futures_util::StreamExt;
+use futures_util::stream::SplitStream;
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::Proof;
 use polyptych_protocol::request::Call;
 use polyptych_protocol::stream::Stream;
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::{Semaphore, mpsc, oneshot};
 
 use crate::cluster::SessionId;
+use crate::requests::{Asked, REQUEST_BYTES_MAX, REQUEST_BYTES_MIN, RequestQueues};
 use crate::session::{Event, Link, write_all};
 
+/// A client that may come in.
+pub(crate) struct Visitor {
+    pub frames: Frames<Stream>,
+    /// The manager's, for its welcome.
+    pub proof: Proof,
+    pub name: String,
+    /// Whether it is on the manager's machine.
+    pub is_local: bool,
+}
+
 /// Serves one connection until it ends.
-pub(crate) async fn serve(
-    (mut frames, proof): (Frames<Stream>, Proof),
-    name: String,
-    events: mpsc::Sender<Event>,
-) {
+pub(crate) async fn serve(visitor: Visitor, events: mpsc::Sender<Event>, queues: RequestQueues) {
+    let Visitor { mut frames, proof, name, is_local } = visitor;
     let (link, waiting) = Link::new();
     let close = link.close.clone();
     let (verdict, answer) = oneshot::channel();
-    if events.send(Event::ClientJoins { name, link, verdict }).await.is_err() {
+    if events.send(Event::ClientJoins { name, is_local, link, verdict }).await.is_err() {
         return;
     }
     let welcome = match answer.await {
@@ -33,31 +44,39 @@ pub(crate) async fn serve(
     };
     let session = SessionId(welcome.session);
     let reason = if connection::welcome(&mut frames, welcome, proof).await.is_ok() {
-        let (sink, mut stream) = frames.split();
-        let reader = async {
-            loop {
-                let bytes = match stream.next().await {
-                    None => return "it closed the connection".to_owned(),
-                    Some(Err(error)) => return format!("the connection failed: {error}"),
-                    Some(Ok(bytes)) => bytes,
-                };
-                let Call { id, request } = match codec::decode(&bytes) {
-                    Ok(call) => call,
-                    Err(error) => return format!("it sent something malformed: {error}"),
-                };
-                // Waiting here when the brain is busy is the back-pressure on a flooding client.
-                if events.send(Event::ClientAsks { from: session, id, request }).await.is_err() {
-                    return "the manager ends".to_owned();
-                }
-            }
-        };
+        let (sink, stream) = frames.split();
         tokio::select! {
-            reason = reader => reason,
-            reason = write_all(sink, waiting, close) => reason,
+            reason = hear(stream, session, &queues) => reason,
+            reason = write_all(sink, waiting, close, &queues) => reason,
         }
     } else {
         "the connection failed during the handshake".to_owned()
     };
-    // The brain may be gone already; then nobody needs to know.
-    let _ = events.send(Event::Gone { session, reason }).await;
+    queues.push(session, Asked::Gone(reason));
+}
+
+/// Puts requests into their queue until there is no more to hear; says why. Waiting for room in it
+/// is the back-pressure on a client that asks too much.
+async fn hear(
+    mut stream: SplitStream<Frames<Stream>>,
+    session: SessionId,
+    queues: &RequestQueues,
+) -> String {
+    let room = Arc::new(Semaphore::new(REQUEST_BYTES_MAX));
+    loop {
+        let bytes = match stream.next().await {
+            None => return "it closed the connection".to_owned(),
+            Some(Err(error)) => return format!("the connection failed: {error}"),
+            Some(Ok(bytes)) => bytes,
+        };
+        let call: Call = match codec::decode(&bytes) {
+            Ok(call) => call,
+            Err(error) => return format!("it sent something malformed: {error}"),
+        };
+        let share = bytes.len().clamp(REQUEST_BYTES_MIN, REQUEST_BYTES_MAX) as u32;
+        let Ok(share) = Arc::clone(&room).acquire_many_owned(share).await else {
+            return "the manager ends".to_owned();
+        };
+        queues.push(session, Asked::Call(call, share));
+    }
 }

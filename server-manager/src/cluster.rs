@@ -61,7 +61,9 @@ pub use totals::{ChannelTotals, Histogram, Totals};
 pub type Micros = u64;
 
 /// One connection, of a server or a client. Numbers are not used twice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
 pub struct SessionId(pub u64);
 
 /// Most requests of one client that wait for a frame: enough to keep a wall busy, too few to
@@ -320,6 +322,21 @@ impl Cluster {
                 self.command(vec![from], &Command::Pong(pong));
             }
         }
+    }
+
+    /// A message of this server came at `at`, and waits to be read: it is not silent.
+    pub fn handle_life(&mut self, from: SessionId, at: Micros) {
+        let _ = self.registry.heard(from, at);
+    }
+
+    /// When the next server will have been silent for too long, if ever.
+    pub fn next_silence(&self) -> Option<Micros> {
+        self.registry.next_silence()
+    }
+
+    /// Returns whether this client wants to hear of every frame.
+    pub fn is_subscribed(&self, client: SessionId) -> bool {
+        self.clients.get(&client).is_some_and(|client| client.is_subscribed)
     }
 
     /// Time has passed; see [`Cluster::poll_timeout`].

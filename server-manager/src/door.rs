@@ -11,19 +11,21 @@ use polyptych_protocol::identity::Identity;
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::stream::{self, Stream};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{Semaphore, mpsc};
+use tokio::sync::mpsc;
 
-use crate::bulk::{self, AllowedBlobs};
-use crate::client_session;
+use crate::bulk::{self, AllowedBlobs, PictureOf};
+use crate::client_session::{self, Visitor};
 use crate::cluster::Micros;
 use crate::gate::Gate;
 use crate::repetition::Repetitions;
+use crate::requests::RequestQueues;
 use crate::server_session;
 use crate::session::Event;
+use crate::strangers::{Guest, Strangers};
 use crate::traffic::Traffic;
 
-/// Connections that may be in the handshake at once: strangers get no more of the manager.
-const HANDSHAKES_MAX: usize = 512;
+/// Maximum time until the first bytes of a connection: peers of ours speak at once.
+const FIRST_BYTES_TIME_MAX: Duration = Duration::from_millis(500);
 
 /// Who was refused, and why: each is said once and then counted.
 #[derive(Clone, Debug)]
@@ -52,6 +54,10 @@ pub(crate) struct Door {
     pub refusals: Refusals,
     pub gate: Gate,
     pub events: mpsc::Sender<Event>,
+    pub pictures: mpsc::Sender<PictureOf>,
+    pub queues: RequestQueues,
+    /// When the manager's clock began.
+    pub started: tokio::time::Instant,
     pub folder: BlobFolder,
     pub allowed: AllowedBlobs,
     pub traffic: Traffic,
@@ -60,36 +66,16 @@ pub(crate) struct Door {
 
 /// Lets peers in, for ever.
 pub(crate) async fn accept(listener: TcpListener, door: Door) {
-    let permits = Arc::new(Semaphore::new(HANDSHAKES_MAX));
+    let strangers = Strangers::default();
     loop {
-        // The permit comes first, so that a flood waits in the system's queue.
-        let Ok(permit) = permits.clone().acquire_owned().await else { return };
         match listener.accept().await {
             Ok((stream, address)) => {
-                let door = door.clone();
-                tokio::spawn(async move {
-                    let let_in = let_in(stream, &door);
-                    let outcome = tokio::time::timeout(HANDSHAKE_TIME_MAX, let_in).await;
-                    drop(permit);
-                    let refused = |reason: &str| door.refusals.note(address, reason);
-                    match outcome {
-                        Ok(Ok(introduced)) => serve(introduced, address, door).await,
-                        Ok(Err(reason)) => {
-                            if let Some(times) = refused(&reason) {
-                                tracing::warn!(peer = %address, reason, times, "a peer is refused");
-                            }
-                        }
-                        Err(_) => {
-                            if let Some(times) = refused("silent") {
-                                let peer = address;
-                                tracing::warn!(%peer, times, "a peer did not introduce itself");
-                            }
-                        }
-                    }
-                });
+                let guest = strangers.admit(address.ip());
+                tokio::spawn(meet(stream, address, guest, door.clone()));
             }
-            // Out of file descriptors, most likely: others end, and then it goes on.
+            // Out of file descriptors, most likely.
             Err(error) => {
+                strangers.make_room();
                 let here = SocketAddr::from(([0, 0, 0, 0], 0));
                 if let Some(times) = door.refusals.note(here, &error.to_string()) {
                     tracing::error!(%error, times, "cannot accept a connection");
@@ -100,10 +86,43 @@ pub(crate) async fn accept(listener: TcpListener, door: Door) {
     }
 }
 
-/// A peer that may come in: its connection, what it says, and who it has proven to be.
-type Guest = (connection::Introduced<Stream>, Option<Identity>);
+/// Hears who a connection is, and serves it if it may come in.
+async fn meet(stream: TcpStream, address: SocketAddr, guest: Guest, door: Door) {
+    let introduced = async {
+        let first = tokio::time::timeout(FIRST_BYTES_TIME_MAX, stream.readable()).await;
+        if first.is_err() {
+            return None;
+        }
+        guest.has_spoken();
+        tokio::time::timeout(HANDSHAKE_TIME_MAX, let_in(stream, &door)).await.ok()
+    };
+    let outcome = tokio::select! {
+        outcome = introduced => outcome,
+        () = guest.end.cancelled() => None,
+    };
+    match outcome {
+        Some(Ok(introduced)) => {
+            guest.is_let_in();
+            drop(guest);
+            serve(introduced, address, door).await;
+        }
+        Some(Err(reason)) => {
+            if let Some(times) = door.refusals.note(address, &reason) {
+                tracing::warn!(peer = %address, reason, times, "a peer is refused");
+            }
+        }
+        None => {
+            if let Some(times) = door.refusals.note(address, "silent") {
+                tracing::warn!(peer = %address, times, "a peer did not introduce itself");
+            }
+        }
+    }
+}
 
-async fn let_in(tcp: TcpStream, door: &Door) -> Result<Guest, String> {
+/// A peer that may come in: its connection, what it says, and who it has proven to be.
+type LetIn = (connection::Introduced<Stream>, Option<Identity>);
+
+async fn let_in(tcp: TcpStream, door: &Door) -> Result<LetIn, String> {
     let (stream, proven) = stream::accept(tcp, door.gate.keys.as_ref()).await?;
     let introduced = connection::receive_introduction(stream, &door.gate.secret).await;
     let mut peer = introduced.map_err(|error| error.to_string())?;
@@ -115,21 +134,23 @@ async fn let_in(tcp: TcpStream, door: &Door) -> Result<Guest, String> {
     Ok((peer, proven))
 }
 
-async fn serve((peer, proven): Guest, address: SocketAddr, door: Door) {
+async fn serve((peer, proven): LetIn, address: SocketAddr, door: Door) {
     let connection::Introduced { frames, hello, proof, .. } = peer;
     match hello {
         Hello::Client(hello) => {
-            client_session::serve((frames, proof), hello.name, door.events).await
+            let is_local = address.ip().to_canonical().is_loopback();
+            let visitor = Visitor { frames, proof, name: hello.name, is_local };
+            client_session::serve(visitor, door.events, door.queues).await;
         }
         Hello::Server(hello) => {
-            server_session::serve((frames, proof), hello, address, door.events, door.refusals)
-                .await;
+            server_session::serve((frames, proof), hello, address, door).await;
         }
         Hello::Bulk(hello) => {
             let welcome = Welcome { session: hello.session, ..door.welcome };
             let store = bulk::Store { folder: door.folder, allowed: door.allowed };
             let who = bulk::Claim { welcome, proven };
-            bulk::serve((frames, proof), who, door.events, store, door.traffic).await;
+            bulk::serve((frames, proof), who, (door.events, door.pictures), store, door.traffic)
+                .await;
         }
     }
 }

@@ -18,9 +18,11 @@ mod metrics;
 pub mod record;
 mod repetition;
 pub mod replay;
+mod requests;
 mod run;
 mod server_session;
 mod session;
+mod strangers;
 mod traffic;
 
 pub use run::{ManagerError, ManagerOptions, run};

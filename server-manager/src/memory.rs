@@ -6,6 +6,7 @@
 //!
 //! The last letter is the form. Files of earlier forms, T and 2, do not hold the wall.
 
+pub(crate) mod keeper;
 mod reconcile;
 
 use std::fs;
@@ -200,11 +201,12 @@ impl StateFile {
         &self.path
     }
 
-    /// Writes what is to be remembered.
+    /// Writes what is to be remembered: there whole or not at all once the process is killed, and if
+    /// `is_durable`, on the disk before this returns, so that a power cut takes nothing either.
     ///
     /// # Errors
     /// The folder or the file can't be written.
-    pub fn save(&self, memory: &Memory) -> io::Result<()> {
+    pub fn save(&self, memory: &Memory, is_durable: bool) -> io::Result<()> {
         let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let folder = folder.unwrap_or(Path::new("."));
         fs::create_dir_all(folder)?;
@@ -213,7 +215,14 @@ impl StateFile {
         file.write_all(&MAGIC)?;
         file.write_all(&BlobHash::of(&bytes).0)?;
         file.write_all(&bytes)?;
+        if is_durable {
+            file.as_file().sync_all()?;
+        }
         file.persist(&self.path).map_err(|error| error.error)?;
+        if is_durable {
+            // The name is in the folder.
+            fs::File::open(folder)?.sync_all()?;
+        }
         Ok(())
     }
 
@@ -258,7 +267,7 @@ mod tests {
             },
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
-        StateFile::new(path.clone(), &wall).save(&memory).expect("saved");
+        StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");
         let saved = Saved { wall: Some(wall.without_paths()), memory };
         assert_eq!(load(&path), Some(saved));
         let mut bytes = fs::read(&path).expect("read");

@@ -1,8 +1,11 @@
 //! Gives the brain sockets and a clock: accepts connections, carries messages, ends in order.
 
 mod beginning;
+mod capturing;
+mod clients;
 mod ending;
 mod importing;
+mod network;
 mod sample;
 
 use std::collections::BTreeMap;
@@ -18,42 +21,41 @@ use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::keys::{Keys, KeysError};
-use polyptych_protocol::request::{Answer, Failure};
-use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
-use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, mpsc};
 use tokio::time::Instant;
 
 use crate::brain::Brain;
-use crate::bulk::AllowedBlobs;
+use crate::bulk::{AllowedBlobs, PictureOf};
 use crate::capture::{Collection, PictureMemory, WallShapes};
 use crate::cluster::{self, Input, Micros, Output, RequestOf, SessionId};
-use crate::delivery;
 use crate::door;
 use crate::gate::Gate;
 use crate::import::Baker;
-use crate::memory::{self, StateFile};
+use crate::memory;
+use crate::memory::keeper::Keeper;
 use crate::metrics;
 use crate::record::Recorder;
 use crate::repetition::Repetitions;
+use crate::requests::Turns;
 use crate::server_session::ServerLink;
-use crate::session::{EVENTS_MAX, Event, Link};
+use crate::session::{EVENTS_MAX, Event};
 use crate::traffic::Traffic;
+use clients::{ClientSeat, progress_of, wait_for_news};
 use importing::{Baking, Imported};
+use network::Network;
 
 /// Events that are handled in one turn, before timers are looked at again.
 const EVENTS_PER_TURN: usize = 64;
 
-/// How long a capture waits for its pictures, once the frame was swapped.
-const CAPTURE_TIME_MAX: Duration = Duration::from_secs(30);
+/// Turns of full queues after which the brain is told of the time all the same.
+const BUSY_TURNS_MAX: u32 = 16;
+
+/// Maximum number of pieces of pictures that wait, each of at most a mebibyte.
+const PICTURE_PIECES_MAX: usize = 8;
 
 /// Scenes that are baked at a time: each may take all cores, and the memory that a baker may.
 const BAKES_MAX: usize = 2;
-
-/// Most clients at a time: control desks, dashboards and scripts of the largest wall. Each may
-/// hold an outbox full of answers.
-const CLIENTS_MAX: usize = 256;
 
 /// What a manager needs.
 #[derive(Debug)]
@@ -98,6 +100,9 @@ pub enum ManagerError {
     /// The listening socket failed.
     #[error("the listening socket failed: {0}")]
     Listener(std::io::Error),
+    /// The system gave no thread.
+    #[error("the system gives no thread: {0}")]
+    Thread(std::io::Error),
     /// The metrics could not be offered.
     #[error("the metrics cannot be offered: {0}")]
     Metrics(std::io::Error),
@@ -122,28 +127,31 @@ pub async fn run(
     let mut epoch = [0; 8];
     getrandom::fill(&mut epoch).map_err(ManagerError::Random)?;
     listener.set_nonblocking(true).map_err(ManagerError::Listener)?;
-    let listener = TcpListener::from_std(listener).map_err(ManagerError::Listener)?;
     let (events, mut inbox) = mpsc::channel(EVENTS_MAX);
     let epoch = Epoch(u64::from_le_bytes(epoch));
     let metrics = options.metrics.take().map(|at| metrics::start(at, events.clone()));
     let metrics = metrics.transpose().map_err(ManagerError::Metrics)?;
-    let mut hub = Hub::new(options, epoch, events);
+    let mut hub = Hub::new(options, epoch, events)?;
     let door = door::Door {
         refusals: door::Refusals::new(),
         gate: Gate::new(hub.options.token.clone(), keys, &hub.options.wall),
         events: hub.events.clone(),
+        pictures: hub.pictures_of_servers.0.clone(),
+        queues: hub.turns.queues().clone(),
+        started: hub.started,
         folder: BlobFolder::new(hub.options.baker.store.join("blobs")),
         allowed: hub.allowed.clone(),
         traffic: hub.traffic.clone(),
         welcome: hub.welcome(SessionId(0)),
     };
-    let accepting = tokio::spawn(door::accept(listener, door));
+    let network = Network::start(listener, door).map_err(ManagerError::Listener)?;
     let goodbye = hub.turn(&mut inbox, shutdown).await;
-    accepting.abort();
+    network.close_door();
     drop(metrics);
     if let Some(Stopping::WithServers(job)) = hub.stopping {
         hub.stop_servers(job, &mut inbox).await;
     }
+    hub.settle_answers().await;
     hub.say_goodbye(&goodbye).await;
     Ok(())
 }
@@ -162,7 +170,7 @@ fn load_keys(folder: &Path) -> Result<Keys, KeysError> {
 struct Hub {
     options: ManagerOptions,
     cluster: Brain,
-    state: Option<StateFile>,
+    keeper: Option<Keeper>,
     events: mpsc::Sender<Event>,
     imported: (mpsc::Sender<Imported>, mpsc::Receiver<Imported>),
     /// What bakers say of their progress.
@@ -173,7 +181,13 @@ struct Hub {
     started: Instant,
     next_session: u64,
     servers: BTreeMap<SessionId, ServerLink>,
-    clients: BTreeMap<SessionId, Link>,
+    clients: BTreeMap<SessionId, ClientSeat>,
+    /// What clients ask.
+    turns: Turns,
+    /// Pieces of pictures that servers send.
+    pictures_of_servers: (mpsc::Sender<PictureOf>, mpsc::Receiver<PictureOf>),
+    /// Turns since the queue of events was last seen empty.
+    busy_turns: u32,
     collections: Vec<(Instant, Collection)>,
     pictures: PictureMemory,
     shapes: WallShapes,
@@ -190,14 +204,19 @@ enum Stopping {
 }
 
 impl Hub {
-    fn new(mut options: ManagerOptions, epoch: Epoch, events: mpsc::Sender<Event>) -> Self {
+    fn new(
+        mut options: ManagerOptions,
+        epoch: Epoch,
+        events: mpsc::Sender<Event>,
+    ) -> Result<Self, ManagerError> {
         let allowed = AllowedBlobs::default();
         allowed.allow(&options.wall.blobs().collect::<Vec<_>>());
         let blobs = BlobFolder::new(options.baker.store.join("blobs"));
         let (cluster, state) = beginning::begin(&mut options, epoch, &allowed);
-        Self {
+        let keeper = state.map(Keeper::of).transpose().map_err(ManagerError::Thread)?;
+        Ok(Self {
             cluster,
-            state,
+            keeper,
             options,
             events,
             imported: mpsc::channel(16),
@@ -209,12 +228,15 @@ impl Hub {
             next_session: 1,
             servers: BTreeMap::new(),
             clients: BTreeMap::new(),
+            turns: Turns::default(),
+            pictures_of_servers: mpsc::channel(PICTURE_PIECES_MAX),
+            busy_turns: 0,
             collections: Vec::new(),
             pictures: PictureMemory::default(),
             shapes: WallShapes::new(blobs),
             bakes: Arc::new(Semaphore::new(BAKES_MAX)),
             stopping: None,
-        }
+        })
     }
 
     /// The loop of the manager. Returns why it ended.
@@ -245,22 +267,26 @@ impl Hub {
                         self.carry_out();
                     }
                 }
+                Some((from, chunk)) = self.pictures_of_servers.1.recv() => {
+                    self.take_picture(from, &chunk);
+                }
                 Some(imported) = self.imported.1.recv() => self.handle_imported(imported),
                 Some((job, progress)) = self.progress.1.recv() => {
                     self.tell(self.now(), Input::Progress { job, progress });
                 }
+                () = progress_of(&mut self.keeper) => {}
+                () = wait_for_news(self.turns.queues().clone()) => {}
                 () = &mut timer => {}
             }
             // Events come first above; however many there are, a bake that has ended is heard.
             while let Ok(imported) = self.imported.1.try_recv() {
                 self.handle_imported(imported);
             }
-            let now = self.now();
-            if self.cluster.poll_timeout().is_some_and(|due| due <= now) {
-                self.tell(now, Input::Timeout);
-            }
+            self.pass_time(inbox.is_empty());
             self.finish_collections();
             self.carry_out();
+            self.serve_clients();
+            self.release_answers();
             match self.stopping {
                 None => {}
                 Some(Stopping::Manager) => return Goodbye::Stopped,
@@ -269,16 +295,35 @@ impl Hub {
         }
     }
 
+    /// Tells the brain of the time, unless servers have reports waiting: whoever reports in time is
+    /// neither late nor silent because the manager was busy.
+    fn pass_time(&mut self, is_idle: bool) {
+        self.busy_turns = if is_idle { 0 } else { self.busy_turns + 1 };
+        let now = self.now();
+        let is_due = self.cluster.poll_timeout().is_some_and(|due| due <= now);
+        if !is_due || (!is_idle && self.busy_turns < BUSY_TURNS_MAX) {
+            return;
+        }
+        if self.cluster.next_silence().is_some_and(|due| due <= now) {
+            let heard = self.servers.iter().map(|(from, link)| (*from, link.heard()));
+            for (from, at) in heard.collect::<Vec<_>>() {
+                self.tell(now, Input::Heard { from, at });
+            }
+        }
+        self.tell(now, Input::Timeout);
+    }
+
     fn now(&self) -> Micros {
         self.started.elapsed().as_micros() as Micros
     }
 
     fn wake(&self) -> Instant {
-        let due = self.cluster.poll_timeout();
+        let due = [self.cluster.poll_timeout(), self.turns.due()].into_iter().flatten().min();
         let due = due.map(|micros| self.started + Duration::from_micros(micros));
+        let held = self.keeper.as_ref().and_then(Keeper::due).map(Instant::from_std);
         let capture = self.collections.iter().map(|(expires, _)| *expires).min();
         let an_hour = Instant::now() + Duration::from_hours(1);
-        due.into_iter().chain(capture).min().unwrap_or(an_hour)
+        due.into_iter().chain(held).chain(capture).min().unwrap_or(an_hour)
     }
 
     fn welcome(&self, session: SessionId) -> Welcome {
@@ -317,44 +362,13 @@ impl Hub {
                 let wire_bytes = bytes as u32;
                 self.tell(now, Input::Status { from, status, wire_bytes });
             }
-            Event::ClientJoins { name, link, verdict } => {
-                if self.clients.len() >= CLIENTS_MAX {
-                    let reason = format!("{CLIENTS_MAX} clients are connected, and no more may be");
-                    let _ = verdict.send(Err(reason));
-                    return;
-                }
-                let session = self.new_session();
-                self.clients.insert(session, link);
-                self.tell(now, Input::Client { session, name });
-                let _ = verdict.send(Ok(self.welcome(session)));
-            }
-            Event::ClientAsks { from, id, request } => {
-                self.tell(now, Input::Request { client: from, id, request });
+            Event::ClientJoins { name, is_local, link, verdict } => {
+                let _ = verdict.send(self.let_client_in(now, name, is_local, link));
             }
             Event::BulkJoins { session, proven, is_known } => {
                 let link = self.servers.get_mut(&session);
                 let link = link.filter(|link| link.is_of(proven.as_ref()));
                 let _ = is_known.send(link.map(ServerLink::begin_bulk));
-            }
-            Event::PictureComes { from, chunk } => {
-                if !self.cluster.channels_of(from).contains(&chunk.channel) {
-                    let what = format!("session {}: picture", from.0);
-                    if let Some(times) = self.repetitions.note(now, &what) {
-                        let tell = || tracing::warn!(times, "a picture of another's channel");
-                        self.cluster.span_of(from).in_scope(tell);
-                    }
-                    return;
-                }
-                for (_, collection) in &mut self.collections {
-                    if let Err(reason) = collection.add(&chunk) {
-                        let what = format!("session {}: a picture does not fit", from.0);
-                        if let Some(times) = self.repetitions.note(now, &what) {
-                            let tell = || tracing::warn!(reason, times, "a picture does not fit");
-                            self.cluster.span_of(from).in_scope(tell);
-                        }
-                        collection.give_up_on(&[chunk.channel], &reason);
-                    }
-                }
             }
             Event::Watched { answer } => {
                 // Who asked may have given up.
@@ -370,27 +384,6 @@ impl Hub {
         let _ = self.cluster.handle(now, input);
     }
 
-    /// Captures hear which channels have drawn what, or could not.
-    fn note_drawing(&mut self, from: SessionId, status: &Status) {
-        if self.collections.is_empty() {
-            return;
-        }
-        let channels = self.cluster.channels_of(from);
-        for (_, collection) in &mut self.collections {
-            match status {
-                Status::Drawn(drawn) if channels.contains(&drawn.channel) => {
-                    collection.note_drawn(drawn.channel, drawn.frame);
-                }
-                Status::DrawFailed { channel, frame, reason }
-                    if channels.contains(channel) && *frame == collection.frame =>
-                {
-                    collection.give_up_on(&[*channel], reason);
-                }
-                _ => {}
-            }
-        }
-    }
-
     fn forget(&mut self, session: SessionId, reason: &str) {
         let now = self.now();
         if let Some(link) = self.servers.remove(&session) {
@@ -401,12 +394,7 @@ impl Hub {
                 collection.give_up_on(&link.channels, reason);
             }
         }
-        if let Some(link) = self.clients.remove(&session) {
-            let tell = || tracing::info!(reason, "client leaves");
-            self.cluster.span_of(session).in_scope(tell);
-            link.close.cancel();
-            self.tell(now, Input::ClientGone { session });
-        }
+        self.forget_client(now, session, reason);
     }
 
     /// Does what the brain wants done.
@@ -423,26 +411,10 @@ impl Hub {
                         }
                     }
                 }
-                Output::Answer { to, answer } => self.answer(to, &answer),
+                Output::Answer { to, answer } => self.answer(to, answer),
                 Output::Import { job, path } => self.import(job, path),
                 Output::Collect { job, frame, channels, missing } => {
-                    // As it is tuned now: that is what the frame shows.
-                    let wall = self.cluster.wall();
-                    let room = self.pictures.room_for(wall);
-                    match room {
-                        Ok(room) => {
-                            let wall = (wall, &self.shapes);
-                            let collection =
-                                Collection::new(job, frame, &channels, missing, wall, room);
-                            let expires = Instant::now() + CAPTURE_TIME_MAX;
-                            self.collections.push((expires, collection));
-                            self.finish_collections();
-                        }
-                        Err(reason) => {
-                            let reply = Err(Failure::new(reason));
-                            self.answer(job.client, &Answer::Reply { id: job.id, reply });
-                        }
-                    }
+                    self.begin_collection(job, frame, &channels, missing);
                 }
                 Output::Close { session, reason } => {
                     if let Some(link) = self.servers.get(&session) {
@@ -452,44 +424,13 @@ impl Hub {
                     self.forget(session, &reason);
                 }
                 Output::Remember(memory) => {
-                    if let Some(state) = &self.state
-                        && let Err(error) = state.save(&memory)
-                    {
-                        let path = state.path().display();
-                        tracing::warn!(%path, %error, "cannot remember the state");
+                    if let Some(keeper) = &mut self.keeper {
+                        keeper.keep(*memory);
                     }
                 }
                 Output::Stop => self.stopping = Some(Stopping::Manager),
                 Output::StopServers { job } => self.stopping = Some(Stopping::WithServers(job)),
             }
-        }
-    }
-
-    fn answer(&mut self, to: SessionId, answer: &Answer) {
-        let Some(link) = self.clients.get(&to) else { return };
-        if link.outbox.try_send(codec::encode(answer)).is_err() {
-            // Feedback and progress that nobody reads may be lost; an answer may not.
-            if !matches!(answer, Answer::Feedback(_) | Answer::Progress { .. }) {
-                let reason = "it does not read its answers";
-                // Behind them, for one that reads on after all.
-                let goodbye = Answer::Goodbye(Goodbye::closed(reason));
-                let _ = link.pieces.try_send(codec::encode(&goodbye));
-                self.forget(to, reason);
-            }
-        }
-    }
-
-    fn finish_collections(&mut self) {
-        let now = Instant::now();
-        for (expires, collection) in &mut self.collections {
-            if *expires <= now {
-                collection.expire();
-            }
-        }
-        let finished = self.collections.extract_if(.., |(_, collection)| collection.is_complete());
-        for (_, collection) in finished {
-            let Some(link) = self.clients.get(&collection.job.client) else { continue };
-            tokio::spawn(delivery::send_pictures(collection, link.clone()));
         }
     }
 }

@@ -6,7 +6,7 @@
 
 use std::io::ErrorKind;
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use bytes::{Bytes, BytesMut};
@@ -22,11 +22,12 @@ use polyptych_protocol::stream::Stream;
 use tokio::io::{AsyncRead, AsyncWriteExt, WriteHalf};
 use tokio::net::tcp::OwnedWriteHalf;
 use tokio::sync::{mpsc, oneshot};
+use tokio::time::Instant;
 use tokio_util::codec::{FramedParts, FramedRead, LengthDelimitedCodec};
 use tokio_util::sync::CancellationToken;
 
-use crate::cluster::SessionId;
-use crate::door::Refusals;
+use crate::cluster::{Micros, SessionId};
+use crate::door::Door;
 use crate::session::{DRAIN_TIME_MAX, Event, OUTBOX_MESSAGES_MAX};
 
 /// The brain's end of a server's connection. Only the brain sends.
@@ -52,6 +53,17 @@ struct Lane {
     /// Messages that are in the outbox or partly written. While there are any, the writer alone
     /// writes.
     waiting: AtomicUsize,
+    /// When its last message came, in microseconds of the manager's clock.
+    heard: AtomicU64,
+}
+
+/// To whom is told what a server says.
+#[derive(Clone, Copy)]
+struct Ears<'a> {
+    session: SessionId,
+    events: &'a mpsc::Sender<Event>,
+    /// When the manager's clock began.
+    started: Instant,
 }
 
 impl ServerLink {
@@ -78,6 +90,11 @@ impl ServerLink {
         }
         self.lane.waiting.fetch_add(1, Ordering::AcqRel);
         self.outbox.try_send(rest).is_ok()
+    }
+
+    /// When its last message came, in microseconds of the manager's clock; 0 before the first.
+    pub fn heard(&self) -> Micros {
+        self.lane.heard.load(Ordering::Relaxed)
     }
 
     /// The name of the server.
@@ -201,8 +218,7 @@ pub(crate) async fn serve(
     (mut frames, proof): (Frames<Stream>, Proof),
     hello: ServerHello,
     address: SocketAddr,
-    events: mpsc::Sender<Event>,
-    refusals: Refusals,
+    Door { events, refusals, started, .. }: Door,
 ) {
     let (link, outbox) = ServerLink::new(&hello.name);
     let (close, lane) = (link.close.clone(), Arc::clone(&link.lane));
@@ -232,7 +248,8 @@ pub(crate) async fn serve(
         }
         Err(_) => return,
     };
-    let reason = converse(frames, session, lane, outbox, close, &events).await;
+    let reason =
+        converse(frames, Ears { session, events: &events, started }, lane, outbox, close).await;
     // The brain may be gone already; then nobody needs to know.
     let _ = events.send(Event::Gone { session, reason }).await;
 }
@@ -240,11 +257,10 @@ pub(crate) async fn serve(
 /// Carries messages both ways until the connection ends; says why it did.
 async fn converse(
     frames: Frames<Stream>,
-    session: SessionId,
+    ears: Ears<'_>,
     lane: Arc<Lane>,
     outbox: mpsc::Receiver<Bytes>,
     close: CancellationToken,
-    events: &mpsc::Sender<Event>,
 ) -> String {
     let FramedParts { io, codec, read_buf, .. } = frames.into_parts();
     // The writer has a task of its own: it has nothing to do while the peer reads, and would be
@@ -256,7 +272,7 @@ async fn converse(
             let _ = lane.half.set(write_half);
             let mut writer = tokio::spawn(write_rest(Arc::clone(&lane), outbox, close));
             let ended = tokio::select! {
-                ended = hear(read_half, codec, read_buf, session, events) => ended,
+                ended = hear(read_half, codec, read_buf, ears, &lane) => ended,
                 _ = &mut writer => Ok(CLOSED.to_owned()),
             };
             writer.abort();
@@ -267,7 +283,7 @@ async fn converse(
             let (say_last, last_words) = oneshot::channel();
             let mut writer = tokio::spawn(write_encrypted(write_half, outbox, close, last_words));
             let ended = tokio::select! {
-                ended = hear(read_half, codec, read_buf, session, events) => ended,
+                ended = hear(read_half, codec, read_buf, ears, &lane) => ended,
                 _ = &mut writer => Ok(CLOSED.to_owned()),
             };
             if let Err(fault) = &ended {
@@ -294,8 +310,8 @@ async fn hear(
     codec: LengthDelimitedCodec,
     // What the peer sent behind its hello.
     read_buf: BytesMut,
-    session: SessionId,
-    events: &mpsc::Sender<Event>,
+    Ears { session, events, started }: Ears<'_>,
+    lane: &Lane,
 ) -> Result<String, String> {
     let mut stream = FramedRead::new(read_half, codec);
     *stream.read_buffer_mut() = read_buf;
@@ -306,6 +322,8 @@ async fn hear(
             Some(Err(error)) => return Err(format!("the connection failed: {error}")),
             Some(Ok(bytes)) => bytes,
         };
+        // Whoever is slow to look at it, this server lives.
+        lane.heard.store(started.elapsed().as_micros() as Micros, Ordering::Relaxed);
         let status = match codec::decode::<Status>(&bytes) {
             Ok(status) => status,
             Err(error) => return Err(format!("it sent something malformed: {error}")),

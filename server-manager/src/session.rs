@@ -1,16 +1,15 @@
 //! What all connections have in common: an outbox with a limit, and a way to the brain.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use bytes::Bytes;
 use futures_util::SinkExt;
 use futures_util::stream::SplitSink;
-use polyptych_protocol::blob::PictureChunk;
 use polyptych_protocol::connection::Frames;
 use polyptych_protocol::handshake::{ServerHello, Welcome};
 use polyptych_protocol::identity::Identity;
-use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::request::Request;
 use polyptych_protocol::status::Status;
 use polyptych_protocol::stream::Stream;
 use tokio::sync::{mpsc, oneshot};
@@ -18,6 +17,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::cluster::SessionId;
 use crate::metrics::Sample;
+use crate::requests::RequestQueues;
 use crate::server_session::ServerLink;
 
 /// Most messages that wait to be sent to one peer. A server that stands still for two seconds at
@@ -46,13 +46,10 @@ pub(crate) enum Event {
     },
     ClientJoins {
         name: String,
+        /// Whether it is on the manager's machine.
+        is_local: bool,
         link: Link,
         verdict: oneshot::Sender<Result<Welcome, String>>,
-    },
-    ClientAsks {
-        from: SessionId,
-        id: RequestId,
-        request: Request,
     },
     BulkJoins {
         session: SessionId,
@@ -61,13 +58,12 @@ pub(crate) enum Event {
         /// What ends it, where it may begin.
         is_known: oneshot::Sender<Option<CancellationToken>>,
     },
-    PictureComes {
-        from: SessionId,
-        chunk: PictureChunk,
-    },
     Watched {
         answer: oneshot::Sender<Sample>,
     },
+    /// A server is gone; of a client [`Asked::Gone`] says so.
+    ///
+    /// [`Asked::Gone`]: crate::requests::Asked::Gone
     Gone {
         session: SessionId,
         reason: String,
@@ -79,7 +75,14 @@ const PIECES_MAX: usize = 2;
 
 /// How long a client may take none of the bytes that wait for it. One that stands still for
 /// longer is let go: what waits for it is held here meanwhile.
-const STALL_TIME_MAX: Duration = Duration::from_secs(30);
+const STALL_TIME_MAX: Duration = Duration::from_secs(10);
+
+/// Maximum size of the answers that wait for one client, in bytes, while it is served: its further
+/// requests wait, and feedback for it is dropped. One answer more may wait, of at most
+/// [`MESSAGE_BYTES_MAX`].
+///
+/// [`MESSAGE_BYTES_MAX`]: polyptych_protocol::limits::MESSAGE_BYTES_MAX
+pub(crate) const ANSWER_BYTES_MAX: usize = 256 << 10;
 
 /// The brain's end of a client's connection.
 #[derive(Clone, Debug)]
@@ -89,6 +92,8 @@ pub(crate) struct Link {
     pub pieces: mpsc::Sender<Bytes>,
     /// Closes the connection after what is in the outbox.
     pub close: CancellationToken,
+    /// Bytes that are in the outbox.
+    unread: Arc<AtomicUsize>,
 }
 
 /// What waits to be sent to a client.
@@ -96,14 +101,27 @@ pub(crate) struct Link {
 pub(crate) struct Waiting {
     outbox: mpsc::Receiver<Bytes>,
     pieces: mpsc::Receiver<Bytes>,
+    unread: Arc<AtomicUsize>,
 }
 
 impl Link {
     pub fn new() -> (Self, Waiting) {
         let (outbox, messages) = mpsc::channel(OUTBOX_MESSAGES_MAX);
         let (pieces, waiting) = mpsc::channel(PIECES_MAX);
-        let waiting = Waiting { outbox: messages, pieces: waiting };
-        (Self { outbox, pieces, close: CancellationToken::new() }, waiting)
+        let unread = Arc::<AtomicUsize>::default();
+        let waiting = Waiting { outbox: messages, pieces: waiting, unread: Arc::clone(&unread) };
+        (Self { outbox, pieces, close: CancellationToken::new(), unread }, waiting)
+    }
+
+    /// Sends a message; `false` if too many wait already.
+    pub fn send(&self, message: Bytes) -> bool {
+        self.unread.fetch_add(message.len(), Ordering::AcqRel);
+        self.outbox.try_send(message).is_ok()
+    }
+
+    /// Returns whether it reads its answers, so that more may be made for it.
+    pub fn has_room(&self) -> bool {
+        self.unread.load(Ordering::Acquire) < ANSWER_BYTES_MAX
     }
 }
 
@@ -115,13 +133,15 @@ pub(crate) async fn write_all(
     sink: SplitSink<Frames<Stream>, Bytes>,
     waiting: Waiting,
     close: CancellationToken,
+    // Told when the peer has read.
+    queues: &RequestQueues,
 ) -> String {
     let hard_end = async {
         close.cancelled().await;
         tokio::time::sleep(DRAIN_TIME_MAX).await;
     };
     tokio::select! {
-        reason = write_until_closed(sink, waiting, &close) => reason,
+        reason = write_until_closed(sink, waiting, &close, queues) => reason,
         () = hard_end => "the manager closed the connection".to_owned(),
     }
 }
@@ -130,15 +150,17 @@ async fn write_until_closed(
     mut sink: SplitSink<Frames<Stream>, Bytes>,
     mut waiting: Waiting,
     close: &CancellationToken,
+    queues: &RequestQueues,
 ) -> String {
     loop {
-        let message = tokio::select! {
+        let (message, is_piece) = tokio::select! {
             biased;
-            message = waiting.outbox.recv() => message,
-            piece = waiting.pieces.recv() => piece,
-            () = close.cancelled() => None,
+            message = waiting.outbox.recv() => (message, false),
+            piece = waiting.pieces.recv() => (piece, true),
+            () = close.cancelled() => (None, false),
         };
         let Some(message) = message else { break };
+        let mut written = if is_piece { 0 } else { message.len() };
         // Not all that comes meanwhile: a client that reads slowly would never be seen to read.
         let already_there = waiting.outbox.len();
         let work = async {
@@ -146,12 +168,18 @@ async fn write_until_closed(
             // What waits already goes out in the same packets.
             for _ in 0..already_there {
                 let Ok(next) = waiting.outbox.try_recv() else { break };
+                written += next.len();
                 sink.feed(next).await?;
             }
             sink.flush().await
         };
         match tokio::time::timeout(STALL_TIME_MAX, work).await {
-            Ok(Ok(())) => {}
+            Ok(Ok(())) => {
+                let before = waiting.unread.fetch_sub(written, Ordering::AcqRel);
+                if before >= ANSWER_BYTES_MAX {
+                    queues.wake();
+                }
+            }
             Ok(Err(error)) => return format!("the connection failed: {error}"),
             Err(_) => return format!("it has read nothing for {} s", STALL_TIME_MAX.as_secs()),
         }

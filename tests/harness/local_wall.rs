@@ -134,6 +134,11 @@ impl LocalWall {
         self.servers.insert(name.to_owned(), server);
     }
 
+    /// The wall that it drives.
+    pub fn wall(&self) -> &Wall {
+        &self.wall
+    }
+
     /// A client of this wall.
     pub fn client(&self) -> Client {
         Client::connect_with(self.connect_options()).unwrap_or_else(|error| panic!("{error}"))

@@ -1,5 +1,6 @@
 //! A render server that speaks the protocol, draws nothing, and lies where a test wants it to.
 
+use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::Builder;
@@ -10,7 +11,7 @@ use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Frame, Prepare};
 use polyptych_protocol::connection::introduce;
 use polyptych_protocol::handshake::{Adapter, Hello, Role, Secret, ServerHello};
-use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::ids::{ChannelId, Digest, FrameId, Revision};
 use polyptych_protocol::log::Replica;
 use polyptych_protocol::status::{Drawn, Ping, Prepared, Status};
 use polyptych_protocol::token;
@@ -33,6 +34,7 @@ pub struct StubServer {
 
 struct Shared {
     secret: Secret,
+    channel: ChannelId,
     state: Mutex<State>,
     /// There is something to send, or it is over.
     wake: Notify,
@@ -41,6 +43,8 @@ struct Shared {
 #[derive(Default)]
 struct State {
     replica: Replica,
+    /// The digest of each state that it has prepared.
+    digests: BTreeMap<Revision, Digest>,
     heard: Vec<Command>,
     raw: Vec<u8>,
     answer: Option<(Answer, SyncSender<FrameId>)>,
@@ -50,7 +54,7 @@ struct State {
 }
 
 impl StubServer {
-    /// Starts a server that drives this channel, the first of the wall.
+    /// Starts a server that drives this channel.
     pub fn start(local: &LocalWall, channel: &str) -> Self {
         let hello = Hello::Server(ServerHello {
             name: "stub".into(),
@@ -59,7 +63,8 @@ impl StubServer {
             adapter: Adapter { texture_side_max: 8192, ..Adapter::default() },
         });
         let secret = Secret(token::read(&local.place.token_file()).expect("a token"));
-        let shared = Shared { secret, state: Mutex::default(), wake: Notify::new() };
+        let (of, _) = local.wall().channel_named(channel).expect("a channel of the wall");
+        let shared = Shared { secret, channel: of, state: Mutex::default(), wake: Notify::new() };
         let shared = Arc::new(shared);
         let (address, kept) = (local.address.clone(), Arc::clone(&shared));
         let serve = move || {
@@ -79,7 +84,7 @@ impl StubServer {
     /// What an honest server answers to a frame.
     pub fn drawn_honestly(&self) -> impl Fn(&Frame) -> Drawn + Clone + Send + use<> {
         let shared = Arc::clone(&self.shared);
-        move |frame| drawn(frame, &shared.state().replica)
+        move |frame| shared.drawn(frame)
     }
 
     /// Answers the next frame so, once; gives the frame.
@@ -141,6 +146,21 @@ impl Shared {
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// What an honest server answers to a frame, at once.
+    fn drawn(&self, frame: &Frame) -> Drawn {
+        let digest = self.state().digests.get(&frame.revision).copied();
+        Drawn {
+            epoch: frame.epoch,
+            frame: frame.frame,
+            channel: self.channel,
+            revision: frame.revision,
+            digest: digest.unwrap_or_default(),
+            draw_us: 0,
+            triangles: 0,
+            draw_calls: 0,
+        }
+    }
 }
 
 type Ended = Result<(), Box<dyn std::error::Error>>;
@@ -180,6 +200,8 @@ fn answer(command: Command, shared: &Shared) -> Option<Status> {
         Command::Prepare(prepare) => {
             let mut state = shared.state();
             let prepared = prepare_replica(prepare, &mut state.replica);
+            let (revision, digest) = (state.replica.revision, state.replica.digest());
+            state.digests.insert(revision, digest);
             if !state.holds_prepared {
                 return Some(prepared);
             }
@@ -189,7 +211,7 @@ fn answer(command: Command, shared: &Shared) -> Option<Status> {
         Command::Frame(frame) => {
             let asked = shared.state().answer.take();
             let Some((answer, sender)) = asked else {
-                return Some(Status::Drawn(drawn(&frame, &shared.state().replica)));
+                return Some(Status::Drawn(shared.drawn(&frame)));
             };
             let answer = answer(&frame);
             // A test that has ended asks no more.
@@ -209,17 +231,4 @@ fn prepare_replica(prepare: Prepare, replica: &mut Replica) -> Status {
     }
     let digest = replica.digest();
     Status::Prepared(Prepared { epoch, revision, digest, features: Vec::new(), scene_bytes: 0 })
-}
-
-fn drawn(frame: &Frame, replica: &Replica) -> Drawn {
-    Drawn {
-        epoch: frame.epoch,
-        frame: frame.frame,
-        channel: ChannelId(0),
-        revision: replica.revision,
-        digest: replica.digest(),
-        draw_us: 1000,
-        triangles: 0,
-        draw_calls: 0,
-    }
 }

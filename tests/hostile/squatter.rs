@@ -43,7 +43,7 @@ fn pose(mut stream: TcpStream, heard: &mut Vec<u8>) {
     stream.write_all(&greeting).expect("written");
     let mut length = [0; 4];
     stream.read_exact(&mut length).expect("a message");
-    let mut message = vec![0; u32::from_be_bytes(length) as usize];
+    let mut message = vec![0; u32::from_le_bytes(length) as usize];
     stream.read_exact(&mut message).expect("the whole message");
     let introduction: Introduction = codec::decode(&message).expect("an introduction");
     let nonces = Nonces { manager: nonce, peer: introduction.nonce };

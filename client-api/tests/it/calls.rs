@@ -41,6 +41,7 @@ fn status() -> WallStatus {
         warnings: Vec::new(),
         notes: Vec::new(),
         opening: Vec::new(),
+        memory_bytes: 0,
     }
 }
 

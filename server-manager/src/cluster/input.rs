@@ -32,6 +32,13 @@ pub enum Input {
         /// The size of the message.
         wire_bytes: u32,
     },
+    /// [`Cluster::handle_life`].
+    Heard {
+        /// The server's connection.
+        from: SessionId,
+        /// When its last message came.
+        at: Micros,
+    },
     /// [`Cluster::handle_server_gone`].
     ServerGone {
         /// Its connection.
@@ -90,6 +97,7 @@ impl Cluster {
             Input::Status { from, status, wire_bytes } => {
                 self.handle_status(now, from, status, wire_bytes as usize);
             }
+            Input::Heard { from, at } => self.handle_life(from, at),
             Input::ServerGone { session, reason } => {
                 self.handle_server_gone(now, session, &reason);
             }

@@ -58,6 +58,15 @@ pub struct Further {
     pub bounds: Option<Bounds>,
 }
 
+impl Memory {
+    /// Returns whether more differs than the camera, the head and the views, which a client sends
+    /// all the time.
+    pub fn differs_in_work(&self, other: &Self) -> bool {
+        let Self { camera, head, views, .. } = other.clone();
+        Self { camera, head, views, ..self.clone() } != *other
+    }
+}
+
 impl Cluster {
     /// The brain of this wall, going on from what another manager remembered.
     pub fn restored(wall: Wall, epoch: Epoch, memory: &Memory) -> Self {
@@ -101,7 +110,7 @@ impl Cluster {
         cluster
     }
 
-    pub(super) fn memory(&self) -> Memory {
+    pub(crate) fn memory(&self) -> Memory {
         let tunings = tuning::differences(&self.file, &self.wall);
         Memory {
             revision: self.shown.revision,

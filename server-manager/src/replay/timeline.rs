@@ -155,7 +155,10 @@ impl Timeline {
                 };
                 self.event("import", text);
             }
-            Input::Timeout | Input::Status { .. } | Input::Progress { .. } => {}
+            Input::Timeout
+            | Input::Status { .. }
+            | Input::Heard { .. }
+            | Input::Progress { .. } => {}
         }
     }
 

@@ -20,6 +20,9 @@ pub(super) fn of_input(input: &Input) -> String {
         Input::Status { from, status, .. } => {
             format!("the server of session {} said: {}", from.0, of_status(status))
         }
+        Input::Heard { from, .. } => {
+            format!("the server of session {} was heard, and not read yet", from.0)
+        }
         Input::ServerGone { session, reason } => {
             format!("the server of session {} went: {}", session.0, text(reason))
         }

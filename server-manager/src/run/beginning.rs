@@ -48,7 +48,7 @@ pub(super) fn begin(
         }
     }
     // What was said once is not said again by the next manager.
-    if has_changed && let Err(error) = state.save(&memory) {
+    if has_changed && let Err(error) = state.save(&memory, true) {
         tracing::warn!(path = %state.path().display(), %error, "cannot remember the state");
     }
     tracing::info!(revision = memory.revision.0, "going on where the last manager stopped");

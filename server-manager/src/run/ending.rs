@@ -51,7 +51,7 @@ impl Hub {
         stopped.ended.sort_unstable();
         tracing::info!(ended = stopped.ended.len(), silent = ?stopped.silent, "servers stopped");
         let answer = Answer::Reply { id: job.id, reply: Ok(Reply::ServersStopped(stopped)) };
-        self.answer(job.client, &answer);
+        self.answer(job.client, answer);
     }
 
     /// The servers of the wall file that are not connected.
@@ -72,16 +72,16 @@ impl Hub {
             link.send(&to_servers);
             link.close.cancel();
         }
-        for link in self.clients.values() {
-            let _ = link.outbox.try_send(to_clients.clone());
-            link.close.cancel();
+        for seat in self.clients.values() {
+            let _ = seat.link.outbox.try_send(to_clients.clone());
+            seat.link.close.cancel();
         }
         let all_closed = async {
             for link in self.servers.values() {
                 link.closed().await;
             }
-            for link in self.clients.values() {
-                link.outbox.closed().await;
+            for seat in self.clients.values() {
+                seat.link.outbox.closed().await;
             }
         };
         let _ = tokio::time::timeout(DRAIN_TIME_MAX, all_closed).await;

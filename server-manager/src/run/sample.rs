@@ -11,7 +11,7 @@ impl Hub {
     pub(super) fn sample(&self) -> Sample {
         let snapshot = self.cluster.snapshot(self.now());
         let servers = self.servers.values().map(|link| waiting_in(&link.outbox)).max();
-        let clients = self.clients.values().map(|link| waiting_in(&link.outbox)).max();
+        let clients = self.clients.values().map(|seat| waiting_in(&seat.link.outbox)).max();
         let queue = |name, length, limit| Queue { name, length, limit };
         let queues = vec![
             queue("events", waiting_in(&self.events), EVENTS_MAX),

@@ -287,6 +287,7 @@ fn status() -> WallStatus {
         warnings: vec!["mixed".into()],
         notes: vec!["animations: 1 is not played".into()],
         opening: vec![Opening { scene: "town".into(), progress: OpenProgress::NONE }],
+        memory_bytes: 81_000_000,
         displays: DisplayMode::Freeze,
         pattern: Some(Pattern::Grid),
     }
@@ -364,6 +365,7 @@ fn answers() -> Vec<request::Answer> {
         request::Answer::Feedback(feedback()),
         request::Answer::Picture(part),
         request::Answer::Progress { id, progress: OpenProgress::NONE },
+        request::Answer::Warning { id, warning: "the disk is full".into() },
         request::Answer::Goodbye(Goodbye::Ended),
     ];
     let replies = replies.into_iter().map(|reply| request::Answer::Reply { id, reply });

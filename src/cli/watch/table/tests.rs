@@ -36,6 +36,7 @@ pub fn wall(channels: usize) -> WallStatus {
         warnings: Vec::new(),
         notes: Vec::new(),
         opening: Vec::new(),
+        memory_bytes: 81_000_000,
         displays: DisplayMode::Normal,
         pattern: None,
     }

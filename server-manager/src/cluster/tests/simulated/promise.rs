@@ -170,7 +170,10 @@ impl Watch {
                     && failure.reason.starts_with("nothing has changed");
                 Ok(())
             }
-            Answer::Picture(_) | Answer::Goodbye(_) | Answer::Progress { .. } => Ok(()),
+            Answer::Picture(_)
+            | Answer::Goodbye(_)
+            | Answer::Progress { .. }
+            | Answer::Warning { .. } => Ok(()),
         }
     }
 

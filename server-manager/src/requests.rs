@@ -1,0 +1,197 @@
+//! Requests that wait for the brain: a queue for each client, served in turn within a budget, so
+//! that however much clients ask, servers are heard first and frames go on.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use polyptych_protocol::request::Call;
+use tokio::sync::{Notify, OwnedSemaphorePermit};
+
+use crate::cluster::{Micros, SessionId};
+
+/// Maximum size of the requests of one client that wait, in bytes on the wire.
+pub(crate) const REQUEST_BYTES_MAX: usize = 128 << 10;
+
+/// What a request takes at least of [`REQUEST_BYTES_MAX`]: the queue's own memory for it.
+pub(crate) const REQUEST_BYTES_MIN: usize = 128;
+
+/// Length of a budget's period, in microseconds.
+const PERIOD: Micros = 10_000;
+
+/// Maximum time of the brain for all clients in a period, in microseconds: frames and servers have
+/// the rest.
+const TIME_PER_PERIOD: Micros = 3_000;
+
+/// Maximum number of requests of one client in a period: 3,200 a second, three times what a mouse
+/// or a tracker sends.
+const REQUESTS_PER_PERIOD: u32 = 32;
+
+/// What a client's connection says.
+#[derive(Debug)]
+pub(crate) enum Asked {
+    /// A request, and its share of [`REQUEST_BYTES_MAX`].
+    Call(Call, OwnedSemaphorePermit),
+    /// The connection has ended, for this reason; nothing follows.
+    Gone(String),
+}
+
+type Queues = BTreeMap<SessionId, VecDeque<Asked>>;
+
+/// The queues of all clients, which their connections fill.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RequestQueues {
+    queues: Arc<Mutex<Queues>>,
+    news: Arc<Notify>,
+}
+
+impl RequestQueues {
+    fn lock(&self) -> MutexGuard<'_, Queues> {
+        self.queues.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Puts it behind what the client has said before.
+    pub fn push(&self, from: SessionId, asked: Asked) {
+        self.lock().entry(from).or_default().push_back(asked);
+        self.news.notify_one();
+    }
+
+    /// A client that had to wait may be served again.
+    pub fn wake(&self) {
+        self.news.notify_one();
+    }
+
+    /// Ready when there may be something to serve.
+    pub async fn news(&self) {
+        self.news.notified().await;
+    }
+}
+
+/// Whose turn it is, and what is left of the budget.
+#[derive(Debug, Default)]
+pub(crate) struct Turns {
+    queues: RequestQueues,
+    last: SessionId,
+    period: Micros,
+    spent: Micros,
+    served: BTreeMap<SessionId, u32>,
+}
+
+impl Turns {
+    /// The queues, for connections to fill.
+    pub fn queues(&self) -> &RequestQueues {
+        &self.queues
+    }
+
+    /// The next request within the budget, of the client whose turn it is; `may_ask` says whose
+    /// requests are served at all now. That a connection has ended is heard in any case.
+    pub fn next(
+        &mut self,
+        now: Micros,
+        may_ask: impl Fn(SessionId) -> bool,
+    ) -> Option<(SessionId, Asked)> {
+        if now >= self.period + PERIOD {
+            (self.period, self.spent) = (now, 0);
+            self.served.clear();
+        }
+        let mut queues = self.queues.lock();
+        let has_budget = self.spent < TIME_PER_PERIOD;
+        let is_next = |(session, queue): &(&SessionId, &VecDeque<Asked>)| match queue.front() {
+            None => false,
+            Some(Asked::Gone(_)) => true,
+            Some(Asked::Call(..)) => {
+                let served = self.served.get(session).copied().unwrap_or(0);
+                has_budget && served < REQUESTS_PER_PERIOD && may_ask(**session)
+            }
+        };
+        let behind =
+            queues.range((std::ops::Bound::Excluded(self.last), std::ops::Bound::Unbounded));
+        let found = behind.chain(queues.range(..=self.last)).find(is_next).map(|(of, _)| *of)?;
+        let queue = queues.get_mut(&found)?;
+        let asked = queue.pop_front()?;
+        if queue.is_empty() {
+            queues.remove(&found);
+        }
+        self.last = found;
+        *self.served.entry(found).or_default() += 1;
+        Some((found, asked))
+    }
+
+    /// Notes what serving took of the brain's time, in microseconds.
+    pub fn spend(&mut self, time: Micros) {
+        self.spent += time;
+    }
+
+    /// When requests that wait may be served; `None` if none waits.
+    pub fn due(&self) -> Option<Micros> {
+        let is_any = self.queues.lock().values().any(|queue| !queue.is_empty());
+        is_any.then_some(self.period + PERIOD)
+    }
+
+    /// Drops what this client has asked.
+    pub fn forget(&mut self, session: SessionId) {
+        self.queues.lock().remove(&session);
+        self.served.remove(&session);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_protocol::ids::RequestId;
+    use polyptych_protocol::request::Request;
+    use tokio::sync::Semaphore;
+
+    use super::*;
+
+    fn ask(turns: &Turns, session: u64, id: u64) {
+        let room = Arc::new(Semaphore::new(1)).try_acquire_owned().expect("free");
+        let call = Call { id: RequestId(id), request: Request::Status };
+        turns.queues().push(SessionId(session), Asked::Call(call, room));
+    }
+
+    fn serve(turns: &mut Turns, now: Micros, cost: Micros) -> Vec<u64> {
+        let mut served = Vec::new();
+        while let Some((from, _)) = turns.next(now, |_| true) {
+            turns.spend(cost);
+            served.push(from.0);
+        }
+        served
+    }
+
+    #[test]
+    fn clients_are_served_in_turn_and_a_flood_waits_for_the_next_period() {
+        let mut turns = Turns::default();
+        (0..1000).for_each(|id| ask(&turns, 7, id));
+        (0..2).for_each(|id| ask(&turns, 3, id));
+        ask(&turns, 9, 0);
+        let first = serve(&mut turns, PERIOD, 1);
+        assert_eq!(first[..5], [3, 7, 9, 3, 7], "one of each");
+        assert_eq!(first.iter().filter(|of| **of == 7).count() as u32, REQUESTS_PER_PERIOD);
+        assert_eq!(serve(&mut turns, PERIOD + 1, 1), [0; 0], "its budget is spent");
+        assert_eq!(turns.due(), Some(2 * PERIOD));
+        assert_eq!(serve(&mut turns, 2 * PERIOD, 1).len() as u32, REQUESTS_PER_PERIOD);
+    }
+
+    #[test]
+    fn slow_requests_leave_most_of_the_time_to_servers() {
+        let mut turns = Turns::default();
+        for client in 0..100 {
+            (0..10).for_each(|id| ask(&turns, client, id));
+        }
+        let cost = 1000;
+        let periods = 20;
+        let served: usize =
+            (1..=periods).map(|at| serve(&mut turns, at * PERIOD, cost).len()).sum();
+        assert_eq!(served as u64, periods * TIME_PER_PERIOD / cost);
+    }
+
+    #[test]
+    fn who_does_not_read_is_not_served_but_its_end_is_heard() {
+        let mut turns = Turns::default();
+        ask(&turns, 1, 0);
+        turns.queues().push(SessionId(2), Asked::Gone("closed".into()));
+        assert!(matches!(turns.next(PERIOD, |_| false), Some((SessionId(2), Asked::Gone(_)))));
+        assert!(turns.next(PERIOD, |_| false).is_none());
+        turns.forget(SessionId(1));
+        assert_eq!((turns.due(), turns.next(PERIOD, |_| true).is_none()), (None, true));
+    }
+}

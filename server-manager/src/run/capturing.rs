@@ -1,0 +1,101 @@
+//! What the hub does for captures: collects the pictures of servers, and has them stitched.
+
+use std::time::Duration;
+
+use polyptych_protocol::blob::PictureChunk;
+use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::request::{Answer, Failure};
+use polyptych_protocol::status::Status;
+use tokio::time::Instant;
+
+use super::Hub;
+use crate::capture::Collection;
+use crate::cluster::{RequestOf, SessionId};
+use crate::delivery;
+
+/// How long a capture waits for its pictures, once the frame was swapped.
+const CAPTURE_TIME_MAX: Duration = Duration::from_secs(30);
+
+impl Hub {
+    /// Begins to collect the pictures of a frame for a client.
+    pub(super) fn begin_collection(
+        &mut self,
+        job: RequestOf,
+        frame: FrameId,
+        channels: &[ChannelId],
+        missing: Vec<(String, String)>,
+    ) {
+        // As it is tuned now: that is what the frame shows.
+        let wall = self.cluster.wall();
+        match self.pictures.room_for(wall) {
+            Ok(room) => {
+                let wall = (wall, &self.shapes);
+                let collection = Collection::new(job, frame, channels, missing, wall, room);
+                self.collections.push((Instant::now() + CAPTURE_TIME_MAX, collection));
+                self.finish_collections();
+            }
+            Err(reason) => {
+                let reply = Err(Failure::new(reason));
+                self.answer(job.client, Answer::Reply { id: job.id, reply });
+            }
+        }
+    }
+
+    /// Puts a piece of a picture in its place.
+    pub(super) fn take_picture(&mut self, from: SessionId, chunk: &PictureChunk) {
+        let now = self.now();
+        if !self.cluster.channels_of(from).contains(&chunk.channel) {
+            let what = format!("session {}: picture", from.0);
+            if let Some(times) = self.repetitions.note(now, &what) {
+                let tell = || tracing::warn!(times, "a picture of another's channel");
+                self.cluster.span_of(from).in_scope(tell);
+            }
+            return;
+        }
+        for (_, collection) in &mut self.collections {
+            if let Err(reason) = collection.add(chunk) {
+                let what = format!("session {}: a picture does not fit", from.0);
+                if let Some(times) = self.repetitions.note(now, &what) {
+                    let tell = || tracing::warn!(reason, times, "a picture does not fit");
+                    self.cluster.span_of(from).in_scope(tell);
+                }
+                collection.give_up_on(&[chunk.channel], &reason);
+            }
+        }
+    }
+
+    /// Captures hear which channels have drawn what, or could not.
+    pub(super) fn note_drawing(&mut self, from: SessionId, status: &Status) {
+        if self.collections.is_empty() {
+            return;
+        }
+        let channels = self.cluster.channels_of(from);
+        for (_, collection) in &mut self.collections {
+            match status {
+                Status::Drawn(drawn) if channels.contains(&drawn.channel) => {
+                    collection.note_drawn(drawn.channel, drawn.frame);
+                }
+                Status::DrawFailed { channel, frame, reason }
+                    if channels.contains(channel) && *frame == collection.frame =>
+                {
+                    collection.give_up_on(&[*channel], reason);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    pub(super) fn finish_collections(&mut self) {
+        let now = Instant::now();
+        for (expires, collection) in &mut self.collections {
+            if *expires <= now {
+                collection.expire();
+            }
+        }
+        let finished = self.collections.extract_if(.., |(_, collection)| collection.is_complete());
+        for (_, collection) in finished {
+            let Some(seat) = self.clients.get(&collection.job.client) else { continue };
+            tokio::spawn(delivery::send_pictures(collection, seat.link.clone()));
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! What the hub does for clients: lets them in, serves their requests in turn, and answers.
+
+use polyptych_protocol::codec;
+use polyptych_protocol::command::Goodbye;
+use polyptych_protocol::handshake::Welcome;
+use polyptych_protocol::process;
+use polyptych_protocol::request::{Answer, Reply};
+use tokio::time::{Duration, Instant};
+
+use super::Hub;
+use crate::cluster::{Input, Micros, SessionId};
+use crate::memory::keeper::{Keeper, tells_of_change};
+use crate::requests::{Asked, RequestQueues};
+use crate::session::Link;
+
+/// Maximum number of clients: control desks, dashboards and scripts of the largest wall. One more
+/// may come from the manager's own machine, so that its operator is never locked out.
+const CLIENTS_MAX: usize = 256;
+
+/// Minimum time without a request after which a client makes room for another one.
+const IDLE_TIME_MIN: Duration = Duration::from_mins(1);
+
+/// A client that was let in.
+#[derive(Debug)]
+pub(super) struct ClientSeat {
+    pub link: Link,
+    asked_at: Instant,
+}
+
+impl Hub {
+    /// Lets a client in, if there is a place or one that is idle leaves its own.
+    pub(super) fn let_client_in(
+        &mut self,
+        now: Micros,
+        name: String,
+        is_local: bool,
+        link: Link,
+    ) -> Result<Welcome, String> {
+        if self.clients.len() >= CLIENTS_MAX {
+            let idle = self.idlest_client();
+            let reason = "it asked nothing, and another client needs its place";
+            match idle {
+                Some(idle) => self.let_client_go(idle, reason),
+                None if is_local && self.clients.len() == CLIENTS_MAX => {}
+                None => {
+                    return Err(format!(
+                        "{CLIENTS_MAX} clients are connected, and no more may be; end one of them"
+                    ));
+                }
+            }
+        }
+        let session = self.new_session();
+        self.clients.insert(session, ClientSeat { link, asked_at: Instant::now() });
+        self.tell(now, Input::Client { session, name });
+        Ok(self.welcome(session))
+    }
+
+    /// The client that has asked nothing for longest, if that is long enough.
+    fn idlest_client(&self) -> Option<SessionId> {
+        let quiet =
+            self.clients.iter().filter(|(session, _)| !self.cluster.is_subscribed(**session));
+        let (session, seat) = quiet.min_by_key(|(_, seat)| seat.asked_at)?;
+        (seat.asked_at.elapsed() >= IDLE_TIME_MIN).then_some(*session)
+    }
+
+    /// Serves the requests that wait, in turn and within the budget.
+    pub(super) fn serve_clients(&mut self) {
+        loop {
+            let now = self.now();
+            let clients = &self.clients;
+            let may_ask = |session| {
+                let seat = clients.get(&session);
+                seat.is_none_or(|seat| seat.link.has_room() || seat.link.outbox.is_closed())
+            };
+            let Some((from, asked)) = self.turns.next(now, may_ask) else { return };
+            match asked {
+                Asked::Call(call, _room) => {
+                    if let Some(seat) = self.clients.get_mut(&from) {
+                        seat.asked_at = Instant::now();
+                    }
+                    let (id, request) = (call.id, call.request);
+                    self.tell(now, Input::Request { client: from, id, request });
+                }
+                Asked::Gone(reason) => self.forget(from, &reason),
+            }
+            self.carry_out();
+            self.turns.spend(self.now() - now);
+            if self.stopping.is_some() {
+                return;
+            }
+        }
+    }
+
+    /// Sends an answer; one that tells of a change once the change is kept.
+    pub(super) fn answer(&mut self, to: SessionId, answer: Answer) {
+        let Some(keeper) = &mut self.keeper else { return self.send_answer(to, answer) };
+        let Some(answer) = keeper.hold(to, answer) else { return };
+        // What it tells of may have been tried already, in vain.
+        let warning = tells_of_change(&answer).then(|| keeper.warning()).flatten();
+        self.send_with(to, warning, answer);
+    }
+
+    fn send_answer(&mut self, to: SessionId, mut answer: Answer) {
+        let Some(seat) = self.clients.get(&to) else { return };
+        let link = &seat.link;
+        // Feedback and progress that nobody reads may be lost; an answer may not.
+        let may_be_lost = matches!(answer, Answer::Feedback(_) | Answer::Progress { .. });
+        if may_be_lost && !link.has_room() {
+            return;
+        }
+        if let Answer::Reply { reply: Ok(Reply::Status(status)), .. } = &mut answer {
+            status.warnings.extend(self.keeper.as_ref().and_then(Keeper::warning));
+            status.memory_bytes = process::resident_bytes().unwrap_or(0);
+        }
+        if !link.send(codec::encode(&answer)) && !may_be_lost {
+            self.let_client_go(to, "it does not read its answers");
+        }
+    }
+
+    /// Ends a client's connection, telling it why.
+    fn let_client_go(&mut self, session: SessionId, reason: &str) {
+        if let Some(seat) = self.clients.get(&session) {
+            // Behind its answers, if it reads on after all.
+            let goodbye = codec::encode(&Answer::Goodbye(Goodbye::closed(reason)));
+            let _ = seat.link.pieces.try_send(goodbye);
+            self.forget(session, reason);
+        }
+    }
+
+    /// Sends the answers that have waited for the disk.
+    pub(super) fn release_answers(&mut self) {
+        let Some(keeper) = &mut self.keeper else { return };
+        for (to, answer, warning) in keeper.release() {
+            self.send_with(to, warning, answer);
+        }
+    }
+
+    /// Sends an answer behind what its client should know.
+    fn send_with(&mut self, to: SessionId, warning: Option<String>, answer: Answer) {
+        if let (Some(warning), Answer::Reply { id, .. }) = (warning, &answer) {
+            self.send_answer(to, Answer::Warning { id: *id, warning });
+        }
+        self.send_answer(to, answer);
+    }
+
+    /// Sends all answers that wait for the disk: the manager ends.
+    pub(super) async fn settle_answers(&mut self) {
+        if let Some(keeper) = &mut self.keeper {
+            keeper.settle().await;
+        }
+        self.release_answers();
+    }
+
+    /// Tells the brain that a client is gone, if it is one.
+    pub(super) fn forget_client(&mut self, now: Micros, session: SessionId, reason: &str) {
+        let Some(seat) = self.clients.remove(&session) else { return };
+        let tell = || tracing::info!(reason, "client leaves");
+        self.cluster.span_of(session).in_scope(tell);
+        seat.link.close.cancel();
+        self.turns.forget(session);
+        self.tell(now, Input::ClientGone { session });
+    }
+}
+
+/// Ready when the state has been kept, or could not be.
+pub(super) async fn progress_of(keeper: &mut Option<Keeper>) {
+    match keeper {
+        Some(keeper) => keeper.progressed().await,
+        None => std::future::pending().await,
+    }
+}
+
+/// Ready when a client has asked something.
+pub(super) async fn wait_for_news(queues: RequestQueues) {
+    queues.news().await;
+}
