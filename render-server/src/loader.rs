@@ -7,7 +7,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
+use std::time::Duration;
 
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
@@ -28,7 +29,7 @@ use tokio::sync::mpsc;
 use crate::apply;
 use crate::bulk::BulkJob;
 use crate::correction::{self, Plans};
-use crate::renderer::SceneDesc;
+use crate::renderer::SceneLayout;
 use crate::report::Report;
 
 /// Orders that wait for the loader; the manager sends one change at a time.
@@ -39,6 +40,9 @@ const CACHE_BYTES_MAX: u64 = 16 << 30;
 
 /// Pieces that wait for the render thread: each delays a frame by at most one upload.
 pub(crate) const UPLOADS_MAX: usize = 4;
+
+/// How often a preparation that waits for a blob looks whether it is still wanted.
+const CHECK_PERIOD: Duration = Duration::from_millis(50);
 
 /// A state that can be drawn, but for what the GPU holds of it.
 #[derive(Debug)]
@@ -68,7 +72,7 @@ impl LoadedState {
 #[derive(Debug)]
 pub(crate) enum Upload {
     /// A new scene begins.
-    Begin(Box<SceneDesc>),
+    Begin(Arc<SceneLayout>),
     /// A texture of it.
     Texture { index: usize, bytes: Bytes },
     /// A primitive of it.
@@ -98,6 +102,7 @@ pub(crate) struct Line {
 #[derive(Debug)]
 pub(crate) struct Loader {
     cache: BlobFolder,
+    orders: Receiver<LoadOrder>,
     uploads: Sender<Upload>,
     /// Those that this server drives.
     channels: Vec<String>,
@@ -114,9 +119,15 @@ pub(crate) struct Loader {
 }
 
 impl Loader {
-    pub fn new(cache: BlobFolder, uploads: Sender<Upload>, channels: Vec<String>) -> Self {
+    pub fn new(
+        cache: BlobFolder,
+        orders: Receiver<LoadOrder>,
+        uploads: Sender<Upload>,
+        channels: Vec<String>,
+    ) -> Self {
         Self {
             cache,
+            orders,
             uploads,
             channels,
             ready: None,
@@ -129,14 +140,13 @@ impl Loader {
     }
 
     /// Serves orders until there can be no more.
-    pub fn run(mut self, orders: &Receiver<LoadOrder>) {
+    pub fn run(mut self) {
         match self.cache.trim(CACHE_BYTES_MAX) {
             Ok(0) => {}
             Ok(removed) => tracing::info!(removed, "old blobs were removed from the cache"),
             Err(error) => tracing::warn!(%error, "the cache can't be read"),
         }
-        for order in orders {
-            let LoadOrder { prepare, line } = order;
+        while let Ok(LoadOrder { prepare, line }) = self.orders.recv() {
             let (epoch, revision) = (prepare.epoch, prepare.revision);
             let _span = tracing::error_span!("prepare", revision = revision.0).entered();
             let status = match self.load(prepare, &line) {
@@ -273,7 +283,13 @@ impl Loader {
         if let Some(fault) = manifest.fault() {
             return Err(format!("manifest of scene {}: {fault}", scene.name));
         }
-        self.upload(Upload::Begin(Box::new(apply::scene(&manifest))))?;
+        let desc = apply::scene(&manifest);
+        let layout = SceneLayout::new(desc, &|| self.fault(line).is_some());
+        let layout = layout.map_err(|error| match self.fault(line) {
+            Some(fault) => fault.to_owned(),
+            None => error.to_string(),
+        })?;
+        self.upload(Upload::Begin(Arc::new(layout)))?;
         for (index, texture) in manifest.textures.iter().enumerate() {
             let bytes = self.blob(texture.blob, &stores, line)?;
             self.upload(Upload::Texture { index, bytes })?;
@@ -288,9 +304,7 @@ impl Loader {
     }
 
     fn blob(&self, hash: BlobHash, stores: &[BlobFolder], line: &Line) -> Result<Bytes, String> {
-        if line.is_cut.load(Ordering::Relaxed) {
-            return Err("the connection that asked for it has ended".to_owned());
-        }
+        self.check(line)?;
         for folder in stores.iter().chain([&self.cache]) {
             match folder.read(hash) {
                 Ok(Some(bytes)) => return Ok(bytes),
@@ -305,7 +319,15 @@ impl Loader {
         let (answer, fetched) = sync_channel(1);
         let asked = line.bulk.blocking_send(BulkJob::Fetch { hash, answer });
         asked.map_err(|_| "the bulk connection has ended")?;
-        let bytes = fetched.recv().map_err(|_| "the bulk connection has ended")??;
+        let bytes = loop {
+            match fetched.recv_timeout(CHECK_PERIOD) {
+                Ok(fetched) => break fetched?,
+                Err(RecvTimeoutError::Timeout) => self.check(line)?,
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err("the bulk connection has ended".to_owned());
+                }
+            }
+        };
         let written = self.cache.write(&bytes);
         let was_cacheless = self.is_cacheless.swap(written.is_err(), Ordering::Relaxed);
         if let Err(error) = written
@@ -314,6 +336,21 @@ impl Loader {
             tracing::warn!(%error, "the cache can't be written; going on without it");
         }
         Ok(bytes)
+    }
+
+    /// Returns why a preparation is not wanted any more, if it is not.
+    fn fault(&self, line: &Line) -> Option<&'static str> {
+        if line.is_cut.load(Ordering::Relaxed) {
+            return Some("the connection that asked for it has ended");
+        }
+        // The manager sends another order before the answer only if the answer is of no use.
+        (!self.orders.is_empty()).then_some("a newer preparation has come")
+    }
+
+    /// # Errors
+    /// The preparation is not wanted any more.
+    fn check(&self, line: &Line) -> Result<(), String> {
+        self.fault(line).map_or(Ok(()), |fault| Err(fault.to_owned()))
     }
 
     fn upload(&self, upload: Upload) -> Result<(), String> {

@@ -337,7 +337,7 @@ impl RenderThread {
 
     fn upload(&mut self, upload: Upload) {
         let uploaded = match upload {
-            Upload::Begin(desc) => SceneBuilder::new(&self.gpu, *desc)
+            Upload::Begin(layout) => SceneBuilder::of(&self.gpu, layout)
                 .map(|builder| self.building = Some((builder, 0)))
                 .map_err(|error| error.to_string()),
             Upload::Texture { index, bytes } => {

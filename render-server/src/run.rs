@@ -292,9 +292,10 @@ impl Threads {
             end();
         })?;
 
-        let loader = Loader::new(BlobFolder::new(&options.cache), uploads, channels);
+        let loader =
+            Loader::new(BlobFolder::new(&options.cache), waiting_orders, uploads, channels);
         let server = span.clone();
-        let load = move || server.in_scope(|| loader.run(&waiting_orders));
+        let load = move || server.in_scope(|| loader.run());
         Builder::new().name("loader".into()).spawn(load)?;
 
         let (render_jobs, stop) = (jobs.clone(), ending.clone());

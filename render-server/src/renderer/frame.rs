@@ -20,6 +20,10 @@ use super::{DrawError, DrawStats};
 /// A frame that takes longer is taken for a GPU that hangs.
 const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
 
+/// Maximum number of primitives that all views of a frame show: 120 bytes each here, and at most
+/// 240 on the GPU. Views multiply a scene: this is twice the largest, or one for two eyes.
+const RECORDS_MAX: usize = 4 << 20;
+
 /// A buffer that is written once a frame, and grows to twice what is needed when it is too small.
 #[derive(Debug)]
 struct FrameBuffer {
@@ -96,7 +100,7 @@ impl DrawContext<'_> {
         pass.set_vertex_buffer(1, self.instances.slice(..));
         let (mut pipeline, mut material, mut geometry) = (None, None, None);
         for draw in draws {
-            let batch = &self.scene.batches[draw.batch as usize];
+            let batch = &self.scene.layout.batches[draw.batch as usize];
             if pipeline.replace(draw.pipeline) != Some(draw.pipeline) {
                 pass.set_pipeline(self.pipelines[draw.pipeline as usize]);
             }
@@ -151,11 +155,13 @@ impl Frames {
             let Some(rectangle) = view.rectangle(target.size()) else { continue };
             let (scratch, records) = (&mut self.scratch, &mut self.records);
             lists.push(DrawList::new(scene, view, rectangle, scratch, records));
+            check_records(gpu, self.records.len())
+                .map_err(|reason| DrawError::View { index: seen.len(), reason })?;
             seen.push(view);
         }
         let culled = start.elapsed();
         let sky = sky(scene, &views);
-        let clear_display = if scene.blends {
+        let clear_display = if scene.layout.blends {
             self.tonemap.sky_color(gpu, sky, target.content())?
         } else {
             light_color(tone_map(sky))
@@ -166,7 +172,7 @@ impl Frames {
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         {
-            let clear_scene = if scene.blends { light_color(sky) } else { clear_display };
+            let clear_scene = if scene.layout.blends { light_color(sky) } else { clear_display };
             let mut pass = begin(&mut encoder, target, clear_scene);
             opaque::encode(&mut pass, &context);
             transparent::encode(&mut pass, &context);
@@ -183,7 +189,7 @@ impl Frames {
             draw_calls: lists.iter().map(|l| l.opaque.len() + l.transparent.len()).sum::<usize>()
                 as u32,
             visible,
-            culled: (scene.items.len() * lists.len()) as u32 - visible,
+            culled: (scene.layout.items.len() * lists.len()) as u32 - visible,
             cull_us: microseconds(culled),
             encode_us: microseconds(encoded.saturating_sub(culled)),
             gpu_us: microseconds(start.elapsed().saturating_sub(encoded)),
@@ -234,7 +240,7 @@ impl Frames {
         lists: &'a [DrawList],
     ) -> DrawContext<'a> {
         let uniform_size = uniform_stride(gpu, size_of::<FrameUniform>());
-        let lamp_count = scene.lights.lamps.len().max(1);
+        let lamp_count = scene.layout.lights.lamps.len().max(1);
         let lamp_size = lamp_count * size_of::<LampRecord>();
         let alignment = gpu.device.limits().min_storage_buffer_offset_alignment as usize;
         let lamp_stride = lamp_size.next_multiple_of(alignment);
@@ -246,7 +252,7 @@ impl Frames {
             uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
             let eye = view.eye_in_world;
             let records: Vec<_> =
-                scene.lights.lamps.iter().map(|lamp| LampRecord::new(lamp, eye)).collect();
+                scene.layout.lights.lamps.iter().map(|lamp| LampRecord::new(lamp, eye)).collect();
             let bytes = bytemuck::cast_slice(&records);
             lamps[index * lamp_stride..][..bytes.len()].copy_from_slice(bytes);
         }
@@ -293,20 +299,34 @@ impl Frames {
     }
 }
 
+/// Refuses a frame whose views show more than is held for one.
+fn check_records(gpu: &Gpu, records: usize) -> Result<(), String> {
+    // The buffer grows to twice what is needed.
+    let fit = gpu.device.limits().max_buffer_size as usize / (2 * size_of::<InstanceRecord>());
+    let records_max = RECORDS_MAX.min(fit);
+    if records <= records_max {
+        return Ok(());
+    }
+    Err(format!(
+        "with those before it, it shows {records} primitives, where {records_max} can be shown in \
+         a frame; show fewer views of this scene"
+    ))
+}
+
 /// The scene's pipelines for such a target.
 fn ready<'a>(
     pipelines: &'a Pipelines,
     scene: &Scene,
     target: &Target,
 ) -> Result<Vec<&'a wgpu::RenderPipeline>, DrawError> {
-    let found = scene.keys.iter().map(|key| pipelines.get(key, target.content()));
+    let found = scene.layout.keys.iter().map(|key| pipelines.get(key, target.content()));
     found.collect::<Option<_>>().ok_or(DrawError::NotPrepared)
 }
 
 /// Exposed light of the sky, within what the targets hold.
 fn sky(scene: &Scene, views: &[ViewDesc]) -> Vec3 {
     let exposure = views.first().map_or(1.0, |view| view.exposure);
-    (scene.sky * exposure).max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX))
+    (scene.layout.sky * exposure).max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX))
 }
 
 /// Begins the pass over the scene.

@@ -180,7 +180,7 @@ fn equal_contents_are_uploaded_once() {
     let mut builder = SceneBuilder::new(gpu(), stage.desc.clone()).unwrap();
     builder.upload_primitive(gpu(), 1, 0, &shape.bytes()).unwrap();
     let scene = builder.finish(gpu()).unwrap();
-    assert_eq!((scene.item_count(), scene.batches.len(), scene.geometries.len()), (2, 1, 1));
+    assert_eq!((scene.item_count(), scene.layout.batches.len(), scene.geometries.len()), (2, 1, 1));
 }
 
 #[test]
