@@ -21,6 +21,7 @@ mod skew;
 mod snapshot;
 mod span;
 mod statistics;
+mod supersede;
 #[cfg(test)]
 mod tests;
 mod totals;
@@ -299,7 +300,7 @@ impl Cluster {
                 if is_real && self.registry.drives(from, shown.channel) {
                     self.registry.shown(&shown);
                     self.gathered.add_shown(&shown);
-                    if let Some(compared) = self.present_calls.add(&shown) {
+                    if let Some(compared) = self.present_calls.add(&shown, now) {
                         self.gathered.add_skews(&compared);
                     }
                 }

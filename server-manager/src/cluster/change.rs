@@ -7,19 +7,24 @@ use std::collections::VecDeque;
 
 use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::ids::{ChannelId, Digest, Revision};
+use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Revision};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 use polyptych_protocol::request::{Failure, Reply, SceneSummary};
 use polyptych_protocol::wall::Wall;
 use serde::{Deserialize, Serialize};
 
+use super::registry::Answered;
 use super::tune::Tuner;
 use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId, progress};
 
 /// How long a change waits for a server: enough for a large scene on a slow link; after this the
 /// wall goes on without its channels until they are ready.
 const PREPARE_TIME_MAX: Micros = 120_000_000;
+
+/// After this long a server that could not prepare the shown state is asked again, for the first
+/// time: a full disk or a busy device passes, and what fails for good costs a snapshot each time.
+const PREPARE_RETRY_FIRST: Micros = 2_000_000;
 
 /// Most changes that wait for their turn.
 pub(super) const CHANGES_MAX: usize = 64;
@@ -114,6 +119,33 @@ impl Changes {
         self.current.as_ref().map(|underway| underway.replica.revision)
     }
 
+    pub fn current(&self) -> Option<&Change> {
+        self.current.as_ref().map(|underway| &underway.change)
+    }
+
+    pub fn queued(&self) -> impl Iterator<Item = &Change> {
+        self.queue.iter()
+    }
+
+    /// Shortens the time that the change on its way has.
+    pub fn expire_by(&mut self, at: Micros) {
+        if let Some(underway) = &mut self.current {
+            underway.expires = underway.expires.min(at);
+        }
+    }
+
+    /// Takes the change on its way out; returns who waits for it, and its revision.
+    pub fn take_current(&mut self) -> Option<(Purpose, Revision)> {
+        let underway = self.current.take()?;
+        Some((underway.change.purpose, underway.replica.revision))
+    }
+
+    /// The scene that the change on its way leads to.
+    pub fn scene(&self) -> Option<BlobHash> {
+        let replica = self.current.as_ref().map(|underway| &underway.replica);
+        replica.and_then(|replica| replica.scene.as_ref()).map(|scene| scene.manifest)
+    }
+
     /// Whether this server has said that it cannot prepare the change on its way.
     pub fn has_failed_on(&self, session: SessionId) -> bool {
         let mut failed = self.current.iter().flat_map(|underway| &underway.failed);
@@ -127,20 +159,17 @@ impl Changes {
 
     /// The wall as it will be once all is done that waits.
     pub fn latest_wall(&self) -> Option<&Wall> {
-        let current = self.current.as_ref().map(|underway| &underway.change);
-        self.queue.iter().rev().chain(current).find_map(Change::wall)
+        self.queue.iter().rev().chain(self.current()).find_map(Change::wall)
     }
 
     /// The walls that are on their way.
     pub fn walls(&self) -> impl Iterator<Item = &Wall> {
-        let current = self.current.as_ref().map(|underway| &underway.change);
-        self.queue.iter().chain(current).filter_map(Change::wall)
+        self.queue.iter().chain(self.current()).filter_map(Change::wall)
     }
 
     /// Who waits for a tuning.
     pub fn tuners(&self) -> impl Iterator<Item = &Tuner> {
-        let current = self.current.as_ref().map(|underway| &underway.change);
-        self.queue.iter().chain(current).flat_map(Change::tuners)
+        self.queue.iter().chain(self.current()).flat_map(Change::tuners)
     }
 
     /// The scenes that wait for their turn, by name.
@@ -222,6 +251,7 @@ impl Cluster {
             return;
         }
         self.changes.queue.push_back(change);
+        self.hasten_obsolete(now);
         self.advance_change(now);
     }
 
@@ -252,11 +282,17 @@ impl Cluster {
     ) {
         let span = self.span_of(from);
         let Some(server) = self.registry.server_mut(from) else { return };
-        if !server.answered(revision) {
-            return;
+        match server.answer(revision) {
+            Answered::Unasked => return,
+            Answered::Obsolete => return self.prompt(vec![from]),
+            Answered::Owed => {}
         }
-        span.in_scope(|| tracing::error!(revision = revision.0, reason, "a server cannot prepare"));
         let (name, channels) = (server.name.clone(), server.channels.clone());
+        let what = format!("server {name} cannot prepare: {reason}");
+        if let Some(times) = self.repetitions.note(now, &what) {
+            let revision = revision.0;
+            span.in_scope(|| tracing::error!(revision, reason, times, "a server cannot prepare"));
+        }
         if self.changes.digest_of(revision).is_some() {
             // Said once, however often: who repeats itself fills no memory.
             if !self.changes.has_failed_on(from)
@@ -266,7 +302,7 @@ impl Cluster {
             }
         } else if revision == self.shown.revision {
             if let Some(server) = self.registry.server_mut(from) {
-                server.retry_later(now);
+                server.retry_later(now, PREPARE_RETRY_FIRST);
             }
             self.registry.set_states(&channels, ChannelState::Preparing, Some(reason), now);
             self.stop_waiting_for(&channels, now);
@@ -280,7 +316,9 @@ impl Cluster {
 
     pub(super) fn expire_change(&mut self, now: Micros) {
         if self.changes.next_expiry().is_some_and(|expires| now >= expires) {
-            self.settle_change(now);
+            if !self.refuse_obsolete(now) {
+                self.settle_change(now);
+            }
             self.advance_change(now);
         }
     }
@@ -407,7 +445,7 @@ impl Cluster {
     }
 
     /// Tells all who wait for a change that it is not done.
-    fn refuse(&mut self, purpose: &Purpose, reason: &str) {
+    pub(super) fn refuse(&mut self, purpose: &Purpose, reason: &str) {
         let jobs: Vec<_> = match purpose {
             Purpose::Scene { job, .. } => vec![*job],
             Purpose::Tuning(tuners) => tuners.iter().map(|tuner| tuner.job).collect(),
@@ -420,7 +458,7 @@ impl Cluster {
     /// The wall goes on with what it shows. Servers that have prepared the refused revision hold
     /// the shown state beside it, and are live as before; but who may not have drawn that yet, or
     /// holds more than one that was refused, is given it anew: servers keep few states.
-    fn stay(&mut self, now: Micros, refused: Revision) {
+    pub(super) fn stay(&mut self, now: Micros, refused: Revision) {
         self.changes.refused = Some(refused);
         let shown = self.shown.revision;
         let holders = self.registry.servers().filter(|(_, s)| s.prepared == Some(refused));

@@ -8,6 +8,8 @@ use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::limits::NAME_BYTES_MAX;
 use polyptych_protocol::status::Prepared;
 
+use super::registry::Answered;
+use super::supersede::Owed;
 use super::{ClientState, Cluster, Micros, SessionId};
 
 /// Most features of a scene that are reported; there are nine.
@@ -57,21 +59,29 @@ impl Cluster {
 
     /// Sends each of these servers what it must prepare next, if it owes no answer: the shown
     /// state whole, or the change on its way from there. A server that is busy with an older
-    /// state is so never sent more than one thing.
+    /// state is so never sent more than one thing; one that is busy with a scene that is not
+    /// wanted any more is sent one thing beside it, and stops. One that failed is left its pause.
     pub(super) fn prompt(&mut self, sessions: Vec<SessionId>) {
         let (mut to_snapshot, mut to_change) = (Vec::new(), Vec::new());
         let shown = self.shown.revision;
+        let shown_scene = self.shown.scene.as_ref().map(|scene| scene.manifest);
         let next = self.changes.revision();
+        let next_scene = next.map_or(shown_scene, |_| self.changes.scene());
         for session in sessions {
             let Some(server) = self.registry.server_mut(session) else { continue };
-            if server.owes.is_some() || (next.is_some() && server.prepared == next) {
+            if next.is_some() && server.prepared == next {
                 continue;
             }
-            if server.prepared != Some(shown) {
-                server.owes = Some(shown);
+            let is_behind = server.prepared != Some(shown);
+            let may_change = next.is_some() && !self.changes.has_failed_on(session);
+            if !(is_behind || may_change) || !server.may_be_sent([shown_scene, next_scene]) {
+                continue;
+            }
+            if is_behind {
+                server.owes = Some(Owed { revision: shown, scene: shown_scene });
                 to_snapshot.push(session);
-            } else if next.is_some() && !self.changes.has_failed_on(session) {
-                server.owes = next;
+            } else {
+                server.owes = next.map(|revision| Owed { revision, scene: next_scene });
                 to_change.push(session);
             }
         }
@@ -128,7 +138,7 @@ impl Cluster {
         let mut channels = Vec::new();
         for &session in sessions {
             let Some(server) = self.registry.server_mut(session) else { continue };
-            server.prepared = None;
+            server.resynchronise(now);
             channels.extend_from_slice(&server.channels);
             let what = format!("server {}: {why}", server.name);
             // A server that never gets it right would come here as fast as it can.
@@ -147,9 +157,11 @@ impl Cluster {
         if prepared.epoch != self.epoch {
             return;
         }
-        let server = self.registry.server_mut(from);
-        if !server.is_some_and(|server| server.answered(prepared.revision)) {
-            return;
+        let Some(server) = self.registry.server_mut(from) else { return };
+        match server.answer(prepared.revision) {
+            Answered::Unasked => return,
+            Answered::Obsolete => return self.prompt(vec![from]),
+            Answered::Owed => {}
         }
         if self.sends_back(now, from, prepared.revision) {
             return;
