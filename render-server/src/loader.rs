@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
-use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::blob::{Abandoned, BlobFolder};
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::Prepare;
@@ -141,6 +141,11 @@ impl Loader {
 
     /// Serves orders until there can be no more.
     pub fn run(mut self) {
+        let Abandoned { files, bytes } = self.cache.remove_abandoned();
+        if files > 0 {
+            let cache = self.cache.root().display();
+            tracing::info!(%cache, files, bytes, "files of killed processes were removed");
+        }
         match self.cache.trim(CACHE_BYTES_MAX) {
             Ok(0) => {}
             Ok(removed) => tracing::info!(removed, "old blobs were removed from the cache"),
