@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
 
@@ -104,6 +104,9 @@ pub(crate) struct Loader {
     cache: BlobFolder,
     orders: Receiver<LoadOrder>,
     uploads: Sender<Upload>,
+    /// See [`Gpu::losses`](crate::renderer::Gpu::losses); what was made ready before is gone.
+    losses: Arc<AtomicU64>,
+    ready_losses: u64,
     /// Those that this server drives.
     channels: Vec<String>,
     /// What was made ready last; the render thread still holds its scene.
@@ -123,12 +126,15 @@ impl Loader {
         cache: BlobFolder,
         orders: Receiver<LoadOrder>,
         uploads: Sender<Upload>,
+        losses: Arc<AtomicU64>,
         channels: Vec<String>,
     ) -> Self {
         Self {
             cache,
             orders,
             uploads,
+            losses,
+            ready_losses: 0,
             channels,
             ready: None,
             ready_plans: None,
@@ -154,7 +160,7 @@ impl Loader {
         while let Ok(LoadOrder { prepare, line }) = self.orders.recv() {
             let (epoch, revision) = (prepare.epoch, prepare.revision);
             let _span = tracing::error_span!("prepare", revision = revision.0).entered();
-            let status = match self.load(prepare, &line) {
+            let status = match self.load_on_any_device(&prepare, &line) {
                 Ok(prepared) => Status::Prepared(prepared),
                 Err(reason) => {
                     if self.uploads.send(Upload::Abandon).is_err() {
@@ -168,8 +174,24 @@ impl Loader {
         }
     }
 
+    /// Loads again where the GPU was lost meanwhile, until it was lost too often for its thread.
+    fn load_on_any_device(&mut self, prepare: &Prepare, line: &Line) -> Result<Prepared, String> {
+        loop {
+            let loaded = self.load(prepare.clone(), line);
+            let is_lost = self.losses.load(Ordering::SeqCst) != self.ready_losses;
+            if loaded.is_ok() || !is_lost || self.fault(line).is_some() {
+                return loaded;
+            }
+            self.upload(Upload::Abandon)?;
+        }
+    }
+
     fn load(&mut self, prepare: Prepare, line: &Line) -> Result<Prepared, String> {
         let epoch = prepare.epoch;
+        let losses = self.losses.load(Ordering::SeqCst);
+        if std::mem::replace(&mut self.ready_losses, losses) != losses {
+            self.ready_scene = None;
+        }
         let replica = self.fold(prepare)?;
         if let Some(fault) = replica.wall.as_ref().and_then(|wall| wall.fault()) {
             return Err(fault);
@@ -368,3 +390,6 @@ fn stores(wall: Option<&Wall>) -> Vec<BlobFolder> {
     let stores = wall.map_or(&[][..], |wall| &wall.stores);
     stores.iter().map(|store| BlobFolder::new(store.as_str())).collect()
 }
+
+#[cfg(test)]
+mod tests;

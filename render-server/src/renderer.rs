@@ -31,7 +31,7 @@ pub use correction::{
     CURVE_POINTS_MAX, CorrectionDesc, CorrectionError, Curve, LightMap, Packing, SOURCE_GUARD,
     SOURCE_PLANES_MAX, SourceEye, SourcePlane, Turn, WarpMesh, WarpVertex,
 };
-pub use gpu::{AdapterFacts, Gpu, GpuError};
+pub use gpu::{AdapterFacts, Gpu, GpuError, GpuFault, GpuFaultKind};
 pub use pass::correct::{Correction, Shape, TAPS_MAX};
 pub use pass::idle;
 pub use pass::label::{Label, Place};

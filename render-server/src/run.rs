@@ -258,7 +258,7 @@ impl Threads {
         let (orders, waiting_orders): (_, Receiver<LoadOrder>) = bounded(ORDERS_MAX);
         let (reports, waiting_reports) = mpsc::channel(REPORTS_MAX);
         let channels = outputs.iter().map(|output| output.name.clone()).collect();
-        let facts = gpu.facts();
+        let (facts, losses) = (gpu.facts(), gpu.losses());
         let adapter = Adapter {
             name: facts.name,
             driver: format!("{} {}", facts.driver, facts.driver_info),
@@ -293,7 +293,7 @@ impl Threads {
         })?;
 
         let loader =
-            Loader::new(BlobFolder::new(&options.cache), waiting_orders, uploads, channels);
+            Loader::new(BlobFolder::new(&options.cache), waiting_orders, uploads, losses, channels);
         let server = span.clone();
         let load = move || server.in_scope(|| loader.run());
         Builder::new().name("loader".into()).spawn(load)?;

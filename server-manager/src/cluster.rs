@@ -310,6 +310,7 @@ impl Cluster {
                     self.registry.set_display_warning(channel, warning);
                 }
             }
+            Status::StateLost { reason } => self.disbelieve(now, from, &reason),
             Status::Navigate(navigation) => self.handle_navigation(now, from, &navigation),
             Status::Goodbye { reason } => {
                 self.close(from, "goodbye".into());
@@ -417,6 +418,7 @@ pub fn shortened(mut status: Status) -> Status {
     if let Status::PrepareFailed { reason, .. }
     | Status::DrawFailed { reason, .. }
     | Status::Display { warning: Some(reason), .. }
+    | Status::StateLost { reason }
     | Status::Goodbye { reason } = &mut status
     {
         reason.truncate(reason.floor_char_boundary(REASON_BYTES_MAX));

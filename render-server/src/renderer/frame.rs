@@ -7,7 +7,7 @@ use glam::{DMat3, DMat4, DVec3, Vec3};
 use super::albedo;
 use super::bindings::uniform_stride;
 use super::draw_list::{Draw, DrawList, Scratch, samples_of};
-use super::gpu::Gpu;
+use super::gpu::{Gpu, GpuFaultKind};
 use super::pass::tonemap::{Tonemap, light_color};
 use super::pass::{opaque, transparent};
 use super::pipeline::{InstanceRecord, Pipelines};
@@ -369,6 +369,12 @@ pub(in crate::renderer) fn wait(gpu: &Gpu, index: wgpu::SubmissionIndex) -> Resu
     let waited = gpu
         .device
         .poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: Some(GPU_WAIT_MAX) });
+    if matches!(waited, Err(wgpu::PollError::Timeout)) {
+        // One that is only busy ends within this time, and its channel is late.
+        let seconds = GPU_WAIT_MAX.as_secs();
+        let reason = format!("the GPU or its driver hangs: no frame within {seconds} s");
+        gpu.give_up(GpuFaultKind::Hangs, &reason);
+    }
     match (gpu.fault(), waited) {
         (Some(fault), _) => Err(DrawError::Gpu(fault)),
         (None, Err(error)) => Err(DrawError::Gpu(error.to_string())),

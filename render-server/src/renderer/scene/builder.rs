@@ -58,6 +58,7 @@ pub struct SceneBuilder {
     /// By slot; `None` until its bytes come.
     textures: Vec<Option<wgpu::TextureView>>,
     geometries: Vec<Option<Geometry>>,
+    levels_left_out: u32,
 }
 
 impl SceneBuilder {
@@ -81,7 +82,14 @@ impl SceneBuilder {
         }
         let textures = (0..layout.textures.count).map(|_| None).collect();
         let geometries = (0..layout.geometries.count).map(|_| None).collect();
-        Ok(Self { layout, textures, geometries })
+        Ok(Self { layout, textures, geometries, levels_left_out: 0 })
+    }
+
+    /// Leaves the largest levels of all textures out, where smaller ones remain: each takes a
+    /// quarter of the memory of the level above it.
+    #[must_use]
+    pub fn without_levels(self, levels_left_out: u32) -> Self {
+        Self { levels_left_out, ..self }
     }
 
     /// Uploads a texture; does nothing where an equal one is there already.
@@ -99,7 +107,7 @@ impl SceneBuilder {
         check_size(&what, bytes, desc.bytes())?;
         let slot = &mut self.textures[self.layout.textures.of[index]];
         if slot.is_none() {
-            *slot = Some(texture::upload(gpu, desc, bytes));
+            *slot = Some(texture::upload(gpu, desc, bytes, self.levels_left_out));
         }
         Ok(())
     }

@@ -226,3 +226,36 @@ fn what_does_not_fit_together_is_an_error() {
     assert_eq!(stats.draw_calls, 0);
     renderer.draw(gpu(), &scene, &mut target, views).unwrap();
 }
+
+#[test]
+fn leaves_out_the_largest_levels_of_textures_but_not_all_of_them() {
+    let mut stage = Stage::new();
+    let texture = stage.checkers(256, true);
+    // The level of 256 pixels is white, that of 128 red, that of 64 green, and all others black.
+    let sides = [(256, [255; 4]), (128, [255, 0, 0, 255]), (64, [0, 255, 0, 255])];
+    let levels = sides.iter().flat_map(|(side, color)| color.repeat(side * side));
+    let mut bytes: Vec<u8> = levels.collect();
+    bytes.resize(stage.textures[0].len(), 0);
+    stage.textures[0] = bytes;
+    let uses = TextureUse { texture, uv_set: 0, uv_transform: Affine2::IDENTITY };
+    let material = stage.material(MaterialDesc {
+        base_color_texture: Some(uses),
+        unlit: true,
+        ..matt(1.0, 1.0, 1.0)
+    });
+    let shape = Shape::rectangle(1.0, 1.0);
+    let mesh = stage.mesh(&shape, Some(material));
+    stage.node(mesh, DAffine3::IDENTITY);
+    // So near that no smaller level is chosen.
+    let view = look(DVec3::Z * 0.4, DVec3::ZERO, SIZE);
+    for (left_out, side) in [(0, 0), (1, 1), (2, 2), (4, 2)] {
+        let builder = SceneBuilder::new(gpu(), stage.desc.clone()).unwrap();
+        let mut builder = builder.without_levels(left_out);
+        builder.upload_texture(gpu(), 0, &stage.textures[0]).unwrap();
+        builder.upload_primitive(gpu(), 0, 0, &shape.bytes()).unwrap();
+        let scene = builder.finish(gpu()).unwrap();
+        let seen = pixel(&draw(&scene, SIZE, &view), SIZE, 48, 48);
+        assert_eq!(seen[..3], sides[side].1[..3], "{left_out} levels left out");
+    }
+    assert_eq!(gpu().fault(), None);
+}

@@ -175,3 +175,24 @@ fn one_server_of_three_cannot_move_the_deadline_far() {
     let slow = deadline_with(2_000_000, u32::MAX);
     assert!(slow <= 4 * honest, "{slow}: as slow as it may be at each frame");
 }
+
+#[test]
+fn a_server_whose_gpu_was_lost_is_sent_the_shown_state_and_holds_up_nobody() {
+    let mut stage = Stage::new(2);
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    assert!(stage.swaps.is_empty());
+    stage.say(SessionId(1), Status::StateLost { reason: "the GPU was lost".into() });
+    assert_eq!(stage.swaps.len(), 1, "the frame does not wait for it");
+    let channel = stage.cluster.status(stage.now).channels.swap_remove(1);
+    assert_eq!(channel.state, ChannelState::Preparing);
+    assert_eq!(channel.reason.as_deref(), Some("the GPU was lost"));
+    let (to, prepare) = stage.prepares.last().expect("sent at once");
+    assert_eq!((*to, prepare.base), (SessionId(1), None), "the whole state");
+    stage.prepare_all();
+    for _ in 0..2 {
+        stage.order_frame();
+        stage.draw(&[0, 1], 1_000);
+    }
+    assert_eq!(stage.state(1), ChannelState::Live);
+}
