@@ -28,7 +28,8 @@ pub const MANIFEST_BYTES_MAX: usize = 512 << 20;
 
 /// Maximum number of draws of a scene, a draw being one primitive in one place. A few kilobytes of
 /// glTF can name billions. A render server holds 324 bytes for each draw (its place, its box and
-/// its share of the tree that culls it), and at most 360 more while it is on screen: 1.4 GiB in all.
+/// its share of the tree that culls it), and at most 360 more while it is on screen: 1.4 GiB in
+/// all.
 pub const DRAWS_MAX: u64 = 2 << 20;
 
 /// Maximum product of the draws and the lights of a scene: each pair is tested once when a scene is

@@ -206,7 +206,8 @@ impl Scene {
     }
 }
 
-/// Returns the number of draws of these nodes, whose meshes have so many primitives each. Saturates.
+/// Returns the number of draws of these nodes, whose meshes have so many primitives each.
+/// Saturates.
 pub fn draws(nodes: &[Node], primitives_of: impl Fn(u32) -> u64) -> u64 {
     let of_node = |node: &Node| {
         let copies = node.instances.len().max(1) as u64;

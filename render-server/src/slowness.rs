@@ -1,4 +1,5 @@
-//! Draws slower than it could, or loses its GPU, where it is told to: for tests of how a wall bears it.
+//! Draws slower than it could, or loses its GPU, where it is told to: for tests of how a wall
+//! bears it.
 
 use std::path::PathBuf;
 use std::time::Duration;

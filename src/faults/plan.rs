@@ -6,9 +6,9 @@ use polyptych_protocol::wall::Wall;
 
 /// The whole grammar, which every error repeats.
 const GRAMMAR: &str = "a fault is \"at FRAME WHAT CHANNEL\" or \"every FRAMES [from FRAME] WHAT \
-                       CHANNEL\", WHAT being kill, lose-gpu, stop TIME, slow TIME [for TIME], corrupt \
-                       [up|down], cut, unplug TIME or delay TIME [for TIME], TIME like 200ms or \
-                       2s, CHANNEL a channel's name or any";
+                       CHANNEL\", WHAT being kill, lose-gpu, stop TIME, slow TIME [for TIME], \
+                       corrupt [up|down], cut, unplug TIME or delay TIME [for TIME], TIME like \
+                       200ms or 2s, CHANNEL a channel's name or any";
 
 /// Longest time of a fault: what is to last for ever is written without an end.
 const TIME_MAX: Duration = Duration::from_hours(1);

@@ -24,7 +24,19 @@ const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
 /// 240 on the GPU. Views multiply a scene: this is twice the largest, or one for two eyes.
 const RECORDS_MAX: usize = 4 << 20;
 
-/// A buffer that is written once a frame, and grows to twice what is needed when it is too small.
+/// How many times more than a frame needs is kept for the next ones: a camera that looks away and
+/// back costs nothing, and a heavy scene leaves its memory when another one is shown.
+const KEPT_FACTOR: u64 = 16;
+
+/// Bytes that are kept in any case.
+const KEPT_BYTES: u64 = 1 << 20;
+
+fn is_too_large(bytes: u64, needed: u64) -> bool {
+    bytes > KEPT_BYTES && bytes / KEPT_FACTOR > needed
+}
+
+/// A buffer that is written once a frame. It grows to twice what is needed when it is too small,
+/// and shrinks to that when it is far too large.
 #[derive(Debug)]
 struct FrameBuffer {
     label: &'static str,
@@ -40,7 +52,9 @@ impl FrameBuffer {
     fn write(&mut self, gpu: &Gpu, bytes: &[u8]) -> &wgpu::Buffer {
         let needed = bytes.len().max(4) as u64;
         let buffer = match self.buffer.take() {
-            Some(buffer) if buffer.size() >= needed => buffer,
+            Some(buffer) if buffer.size() >= needed && !is_too_large(buffer.size(), needed) => {
+                buffer
+            }
             _ => gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(self.label),
                 size: (needed * 2).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
@@ -136,6 +150,13 @@ impl Frames {
         }
     }
 
+    /// Bytes that are held for the primitives of a frame, here and on the GPU.
+    #[cfg(test)]
+    pub fn held_bytes(&self) -> u64 {
+        let on_gpu = self.instances.buffer.as_ref().map_or(0, wgpu::Buffer::size);
+        on_gpu + (self.records.capacity() * size_of::<InstanceRecord>()) as u64
+    }
+
     /// Draws the views of a frame, and waits until the picture is there.
     pub fn draw(
         &mut self,
@@ -181,6 +202,12 @@ impl Frames {
         self.tonemap.encode(gpu, &mut encoder, target, clear_display, touched);
         let index = gpu.queue.submit([encoder.finish()]);
         let encoded = start.elapsed();
+        let records_bytes = |records: usize| (records * size_of::<InstanceRecord>()) as u64;
+        let (held, needed) = (self.records.capacity(), self.records.len());
+        if is_too_large(records_bytes(held), records_bytes(needed)) {
+            self.records = Vec::new();
+            self.scratch = Scratch::default();
+        }
         wait(gpu, index)?;
         let microseconds = |duration: Duration| duration.as_micros() as u64;
         let visible: u32 = lists.iter().map(|list| list.visible).sum();

@@ -14,17 +14,12 @@ use polyptych_protocol::request::{Failure, Reply, SceneSummary};
 use polyptych_protocol::wall::Wall;
 use serde::{Deserialize, Serialize};
 
-use super::registry::Answered;
 use super::tune::Tuner;
 use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId, progress};
 
 /// How long a change waits for a server: enough for a large scene on a slow link; after this the
 /// wall goes on without its channels until they are ready.
 const PREPARE_TIME_MAX: Micros = 120_000_000;
-
-/// After this long a server that could not prepare the shown state is asked again, for the first
-/// time: a full disk or a busy device passes, and what fails for good costs a snapshot each time.
-const PREPARE_RETRY_FIRST: Micros = 2_000_000;
 
 /// Most changes that wait for their turn.
 pub(super) const CHANGES_MAX: usize = 64;
@@ -152,6 +147,16 @@ impl Changes {
         failed.any(|(id, _)| *id == session)
     }
 
+    /// A server cannot prepare the change on its way. Said once, however often: who repeats itself
+    /// fills no memory.
+    pub fn add_failure(&mut self, session: SessionId, reason: String) {
+        if !self.has_failed_on(session)
+            && let Some(underway) = &mut self.current
+        {
+            underway.failed.push((session, reason));
+        }
+    }
+
     /// How many wait for their turn.
     pub fn waiting(&self) -> usize {
         self.queue.len()
@@ -271,47 +276,6 @@ impl Cluster {
             },
         };
         self.command(to, &Command::Prepare(prepare));
-    }
-
-    pub(super) fn handle_prepare_failed(
-        &mut self,
-        now: Micros,
-        from: SessionId,
-        revision: Revision,
-        reason: &str,
-    ) {
-        let span = self.span_of(from);
-        let Some(server) = self.registry.server_mut(from) else { return };
-        match server.answer(revision) {
-            Answered::Unasked => return,
-            Answered::Obsolete => return self.prompt(vec![from]),
-            Answered::Owed => {}
-        }
-        let (name, channels) = (server.name.clone(), server.channels.clone());
-        let what = format!("server {name} cannot prepare: {reason}");
-        if let Some(times) = self.repetitions.note(now, &what) {
-            let revision = revision.0;
-            span.in_scope(|| tracing::error!(revision, reason, times, "a server cannot prepare"));
-        }
-        if self.changes.digest_of(revision).is_some() {
-            // Said once, however often: who repeats itself fills no memory.
-            if !self.changes.has_failed_on(from)
-                && let Some(underway) = &mut self.changes.current
-            {
-                underway.failed.push((from, format!("server {name}: {reason}")));
-            }
-        } else if revision == self.shown.revision {
-            if let Some(server) = self.registry.server_mut(from) {
-                server.retry_later(now, PREPARE_RETRY_FIRST);
-            }
-            self.registry.set_states(&channels, ChannelState::Preparing, Some(reason), now);
-            self.stop_waiting_for(&channels, now);
-        }
-        self.advance_change(now);
-        // Asked for the same at once it would fail again; for anything newer it may not.
-        if revision != self.shown.revision {
-            self.prompt(vec![from]);
-        }
     }
 
     pub(super) fn expire_change(&mut self, now: Micros) {

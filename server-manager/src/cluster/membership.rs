@@ -4,7 +4,7 @@ use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::ServerHello;
-use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::ids::{ChannelId, Revision};
 use polyptych_protocol::limits::NAME_BYTES_MAX;
 use polyptych_protocol::status::Prepared;
 
@@ -14,6 +14,10 @@ use super::{ClientState, Cluster, Micros, SessionId};
 
 /// Most features of a scene that are reported; there are nine.
 const FEATURES_MAX: usize = 64;
+
+/// After this long a server that could not prepare the shown state is asked again, for the first
+/// time: a full disk or a busy device passes, and what fails for good costs a snapshot each time.
+const PREPARE_RETRY_FIRST: Micros = 2_000_000;
 
 impl Cluster {
     /// A render server claims its channels. After `Ok` the session belongs to it.
@@ -195,6 +199,42 @@ impl Cluster {
         self.advance_change(now);
         self.prompt(vec![from]);
         self.advance_frame(now);
+    }
+
+    pub(super) fn handle_prepare_failed(
+        &mut self,
+        now: Micros,
+        from: SessionId,
+        revision: Revision,
+        reason: &str,
+    ) {
+        let span = self.span_of(from);
+        let Some(server) = self.registry.server_mut(from) else { return };
+        match server.answer(revision) {
+            Answered::Unasked => return,
+            Answered::Obsolete => return self.prompt(vec![from]),
+            Answered::Owed => {}
+        }
+        let (name, channels) = (server.name.clone(), server.channels.clone());
+        let what = format!("server {name} cannot prepare: {reason}");
+        if let Some(times) = self.repetitions.note(now, &what) {
+            let revision = revision.0;
+            span.in_scope(|| tracing::error!(revision, reason, times, "a server cannot prepare"));
+        }
+        if self.changes.digest_of(revision).is_some() {
+            self.changes.add_failure(from, format!("server {name}: {reason}"));
+        } else if revision == self.shown.revision {
+            if let Some(server) = self.registry.server_mut(from) {
+                server.retry_later(now, PREPARE_RETRY_FIRST);
+            }
+            self.registry.set_states(&channels, ChannelState::Preparing, Some(reason), now);
+            self.stop_waiting_for(&channels, now);
+        }
+        self.advance_change(now);
+        // Asked for the same at once it would fail again; for anything newer it may not.
+        if revision != self.shown.revision {
+            self.prompt(vec![from]);
+        }
     }
 
     /// Whether a channel that has become ready is given a frame though nobody has ordered one.

@@ -30,8 +30,8 @@ const RESYNCHRONISE_RETRY_FIRST: Micros = 250_000;
 /// A server that did not fail for so long begins with the first pause again.
 const FAILURES_FORGOTTEN_AFTER: Micros = 30_000_000;
 
-/// Maximum number of changes of a channel's state that are logged in each [`LINES_PERIOD`]: 40 bytes
-/// per second and channel.
+/// Maximum number of changes of a channel's state that are logged in each [`LINES_PERIOD`]: 40
+/// bytes per second and channel.
 const LINES_MAX: u32 = 16;
 const LINES_PERIOD: Micros = 60_000_000;
 

@@ -4,8 +4,8 @@ use glam::{Affine2, DAffine3, DMat3, DVec3, Vec3};
 
 use super::harness::{Shape, Stage, draw, drawn, gpu, look, matt, pixel};
 use crate::renderer::{
-    AlphaMode, DrawError, LightDesc, LightKind, MaterialDesc, Renderer, SceneBuilder, SceneError,
-    Target, TextureUse, ViewDesc,
+    AlphaMode, DrawError, InstanceDesc, LightDesc, LightKind, MaterialDesc, Renderer, SceneBuilder,
+    SceneError, Target, TextureUse, ViewDesc,
 };
 
 const SIZE: [u32; 2] = [96, 96];
@@ -258,4 +258,30 @@ fn leaves_out_the_largest_levels_of_textures_but_not_all_of_them() {
         assert_eq!(seen[..3], sides[side].1[..3], "{left_out} levels left out");
     }
     assert_eq!(gpu().fault(), None);
+}
+
+#[test]
+fn a_heavy_scene_leaves_its_memory_when_another_one_is_drawn() {
+    let scene = |copies: usize| {
+        let mut stage = Stage::new();
+        let mesh = stage.mesh(&Shape::rectangle(0.01, 0.01), None);
+        let node = stage.node(mesh, DAffine3::IDENTITY) as usize;
+        let (rotation, scale) = (glam::Quat::IDENTITY, Vec3::ONE);
+        let copy = InstanceDesc { translation: Vec3::ZERO, rotation, scale };
+        stage.desc.nodes[node].instances = vec![copy; copies];
+        stage.build()
+    };
+    let (heavy, light) = (scene(100_000), scene(10));
+    let mut renderer = Renderer::new(gpu(), 1).unwrap();
+    let mut target = Target::new(gpu(), SIZE, 1, false).unwrap();
+    let views = [look(DVec3::Z * 3.0, DVec3::ZERO, SIZE)];
+    let mut held = Vec::new();
+    for scene in [&heavy, &light, &heavy, &light] {
+        renderer.prepare(gpu(), scene);
+        let stats = renderer.draw(gpu(), scene, &mut target, &views).unwrap();
+        assert_eq!(stats.visible as usize, scene.item_count());
+        held.push(renderer.frames.held_bytes());
+    }
+    assert!(held[0] > 20_000_000 && held[2] == held[0], "{held:?}");
+    assert!(held[1] < 2_000_000 && held[3] < 2_000_000, "{held:?}");
 }
