@@ -47,7 +47,7 @@ impl Needs {
             let hit = wall.channels.iter().filter(|channel| fault.may_hit(&channel.name));
             let servers = hit.map(|channel| channel.server.clone());
             match fault.what {
-                What::Slow { .. } => needs.slowed.extend(servers),
+                What::Slow { .. } | What::LoseGpu => needs.slowed.extend(servers),
                 what if what.is_of_network() => needs.relayed.extend(servers),
                 _ => {}
             }
@@ -141,6 +141,11 @@ impl<'a> Faults<'a> {
                 write_whole(&file, text.as_bytes()).map_err(|error| error.to_string())?;
                 // A file that is gone already slows nobody.
                 self.ends.add(length, move || drop(std::fs::remove_file(file)));
+            }
+            What::LoseGpu => {
+                // It is read before the next frame, and removed.
+                let file = self.local.slow_file(server).ok_or("the server has no such file")?;
+                write_whole(&file, b"lose\n").map_err(|error| error.to_string())?;
             }
             What::Corrupt { up, down } => relay()?.corrupt(up, down),
             What::Cut => relay()?.cut(),

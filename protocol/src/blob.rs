@@ -2,6 +2,7 @@
 
 mod folder;
 mod reader;
+mod temporary;
 
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
@@ -10,6 +11,7 @@ use crate::ids::{BlobHash, ChannelId, FrameId};
 
 pub use folder::{BlobError, BlobFolder};
 pub use reader::BlobReader;
+pub use temporary::{Abandoned, place, remove_abandoned};
 
 /// What a server sends over its bulk connection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -18,7 +18,7 @@ pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 
 use crate::ids::BlobHash;
-use crate::limits::{NOTE_BYTES_MAX, NOTES_MAX};
+use crate::limits::{DRAWS_MAX, LIT_DRAWS_MAX, NOTE_BYTES_MAX, NOTES_MAX};
 
 /// A whole scene: nodes, and the lists that they point into.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -150,6 +150,13 @@ impl Scene {
         self.nodes.iter().map(of_node).fold(0, add)
     }
 
+    /// Returns the number of draws: primitives, each in every place where it is drawn.
+    pub fn draws(&self) -> u64 {
+        draws(&self.nodes, |mesh| {
+            self.meshes.get(mesh as usize).map_or(0, |mesh| mesh.primitives.len() as u64)
+        })
+    }
+
     /// The hashes of every mesh and texture, in the order of the manifest; one may stand twice.
     pub fn blobs(&self) -> impl Iterator<Item = BlobHash> + '_ {
         let primitives = self.meshes.iter().flat_map(|m| &m.primitives);
@@ -178,6 +185,9 @@ impl Scene {
                 return Some(format!("node {i} has a transform that is not finite"));
             }
         }
+        if let Some(fault) = expansion_fault(&self.nodes, self.draws()) {
+            return Some(fault);
+        }
         if let Some(exposure) = self.exposure.filter(|e| !(e.is_finite() && *e > 0.0)) {
             return Some(format!("its exposure is {exposure}, not a number above 0"));
         }
@@ -193,5 +203,87 @@ impl Scene {
         }
         let bad = self.textures.iter().position(|t| t.fault().is_some());
         bad.and_then(|i| Some(format!("texture {i}: {}", self.textures[i].fault()?)))
+    }
+}
+
+/// Returns the number of draws of these nodes, whose meshes have so many primitives each.
+/// Saturates.
+pub fn draws(nodes: &[Node], primitives_of: impl Fn(u32) -> u64) -> u64 {
+    let of_node = |node: &Node| {
+        let copies = node.instances.len().max(1) as u64;
+        node.mesh.map_or(0, |mesh| primitives_of(mesh).saturating_mul(copies))
+    };
+    nodes.iter().map(of_node).fold(0, u64::saturating_add)
+}
+
+/// Returns why a scene of so many draws is too large to be held or prepared; `None` if it is not.
+pub fn expansion_fault(nodes: &[Node], draws: u64) -> Option<String> {
+    if draws > DRAWS_MAX {
+        return Some(format!(
+            "{} nodes draw {draws} primitives in all, where {DRAWS_MAX} can be drawn",
+            nodes.iter().filter(|node| node.mesh.is_some()).count()
+        ));
+    }
+    let lights = nodes.iter().filter(|node| node.light.is_some()).count() as u64;
+    (draws.saturating_mul(lights) > LIT_DRAWS_MAX).then(|| {
+        format!(
+            "{lights} lights shine on {draws} primitives, where the product can be {LIT_DRAWS_MAX}"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scene(nodes: usize, primitives: usize) -> Scene {
+        let primitive = Primitive {
+            blob: BlobHash([0; 32]),
+            layout: VertexLayout::default(),
+            vertex_count: 3,
+            index_count: 3,
+            index_format: IndexFormat::U16,
+            topology: Topology::Triangles,
+            material: None,
+            origin: DVec3::ZERO,
+            min: Vec3::ZERO,
+            max: Vec3::ONE,
+        };
+        let node = Node {
+            name: String::new(),
+            parent: None,
+            local: DAffine3::IDENTITY,
+            mesh: Some(0),
+            light: None,
+            instances: Vec::new(),
+        };
+        let mesh = Mesh { name: String::new(), primitives: vec![primitive; primitives] };
+        Scene { nodes: vec![node; nodes], meshes: vec![mesh], ..Scene::default() }
+    }
+
+    #[test]
+    fn rejects_manifests_that_expand_beyond_the_limit() {
+        assert_eq!(scene(2048, 1024).fault(), None, "as many as can be drawn");
+        let bomb = scene(100_000, 1000);
+        assert_eq!(bomb.draws(), 100_000_000);
+        let fault = bomb.fault().expect("a bomb");
+        for part in ["100000 nodes", "100000000 primitives", "2097152"] {
+            assert!(fault.contains(part), "{part:?} is not in {fault:?}");
+        }
+        let mut copies = scene(1, 2);
+        let one = Instance { translation: Vec3::ZERO, rotation: Quat::IDENTITY, scale: Vec3::ONE };
+        copies.nodes[0].instances = vec![one; (1 << 20) + 1];
+        assert!(copies.fault().is_some_and(|fault| fault.contains("2097154")));
+    }
+
+    #[test]
+    fn rejects_more_lights_than_can_be_tested_against_all_draws() {
+        let mut lit = scene(100_000, 1);
+        lit.lights =
+            vec![Light { kind: LightKind::Point, color: Vec3::ONE, intensity: 1.0, range: None }];
+        lit.nodes.iter_mut().take(80_000).for_each(|node| node.light = Some(0));
+        assert_eq!(lit.fault(), None);
+        lit.nodes.iter_mut().for_each(|node| node.light = Some(0));
+        assert!(lit.fault().is_some_and(|fault| fault.contains("100000 lights")), "10 G pairs");
     }
 }

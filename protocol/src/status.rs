@@ -48,6 +48,12 @@ pub enum Status {
         /// A sentence for the operator, which names sizes and remedy; `None` if all is well.
         warning: Option<String>,
     },
+    /// The server's GPU was lost with all that it had prepared. Until it is sent the shown state
+    /// anew it draws nothing.
+    StateLost {
+        /// What happened to the GPU.
+        reason: String,
+    },
 }
 
 /// A revision is ready.

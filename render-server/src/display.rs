@@ -31,6 +31,18 @@ impl WindowDisplay {
         &self.surface
     }
 
+    /// Makes a surface for another device; it is configured when the next picture is shown.
+    ///
+    /// # Errors
+    /// Why the window has no surface any more.
+    pub(crate) fn reopen(&mut self, gpu: &Gpu) -> Result<(), String> {
+        let surface = gpu.instance.create_surface(Arc::clone(&self.window));
+        self.surface = surface.map_err(|error| error.to_string())?;
+        self.configuration = None;
+        self.output = None;
+        Ok(())
+    }
+
     /// The window has another size, or must be set up anew.
     pub(crate) fn resize(&mut self, gpu: &Gpu, size: PhysicalSize<u32>) {
         let (width, height) = (size.width.max(1), size.height.max(1));

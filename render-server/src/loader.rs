@@ -6,12 +6,13 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
+use std::time::Duration;
 
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
-use polyptych_protocol::blob::BlobFolder;
+use polyptych_protocol::blob::{Abandoned, BlobFolder};
 use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::Prepare;
@@ -28,7 +29,7 @@ use tokio::sync::mpsc;
 use crate::apply;
 use crate::bulk::BulkJob;
 use crate::correction::{self, Plans};
-use crate::renderer::SceneDesc;
+use crate::renderer::SceneLayout;
 use crate::report::Report;
 
 /// Orders that wait for the loader; the manager sends one change at a time.
@@ -39,6 +40,9 @@ const CACHE_BYTES_MAX: u64 = 16 << 30;
 
 /// Pieces that wait for the render thread: each delays a frame by at most one upload.
 pub(crate) const UPLOADS_MAX: usize = 4;
+
+/// How often a preparation that waits for a blob looks whether it is still wanted.
+const CHECK_PERIOD: Duration = Duration::from_millis(50);
 
 /// A state that can be drawn, but for what the GPU holds of it.
 #[derive(Debug)]
@@ -68,7 +72,7 @@ impl LoadedState {
 #[derive(Debug)]
 pub(crate) enum Upload {
     /// A new scene begins.
-    Begin(Box<SceneDesc>),
+    Begin(Arc<SceneLayout>),
     /// A texture of it.
     Texture { index: usize, bytes: Bytes },
     /// A primitive of it.
@@ -98,7 +102,11 @@ pub(crate) struct Line {
 #[derive(Debug)]
 pub(crate) struct Loader {
     cache: BlobFolder,
+    orders: Receiver<LoadOrder>,
     uploads: Sender<Upload>,
+    /// See [`Gpu::losses`](crate::renderer::Gpu::losses); what was made ready before is gone.
+    losses: Arc<AtomicU64>,
+    ready_losses: u64,
     /// Those that this server drives.
     channels: Vec<String>,
     /// What was made ready last; the render thread still holds its scene.
@@ -114,10 +122,19 @@ pub(crate) struct Loader {
 }
 
 impl Loader {
-    pub fn new(cache: BlobFolder, uploads: Sender<Upload>, channels: Vec<String>) -> Self {
+    pub fn new(
+        cache: BlobFolder,
+        orders: Receiver<LoadOrder>,
+        uploads: Sender<Upload>,
+        losses: Arc<AtomicU64>,
+        channels: Vec<String>,
+    ) -> Self {
         Self {
             cache,
+            orders,
             uploads,
+            losses,
+            ready_losses: 0,
             channels,
             ready: None,
             ready_plans: None,
@@ -129,17 +146,21 @@ impl Loader {
     }
 
     /// Serves orders until there can be no more.
-    pub fn run(mut self, orders: &Receiver<LoadOrder>) {
+    pub fn run(mut self) {
+        let Abandoned { files, bytes } = self.cache.remove_abandoned();
+        if files > 0 {
+            let cache = self.cache.root().display();
+            tracing::info!(%cache, files, bytes, "files of killed processes were removed");
+        }
         match self.cache.trim(CACHE_BYTES_MAX) {
             Ok(0) => {}
             Ok(removed) => tracing::info!(removed, "old blobs were removed from the cache"),
             Err(error) => tracing::warn!(%error, "the cache can't be read"),
         }
-        for order in orders {
-            let LoadOrder { prepare, line } = order;
+        while let Ok(LoadOrder { prepare, line }) = self.orders.recv() {
             let (epoch, revision) = (prepare.epoch, prepare.revision);
             let _span = tracing::error_span!("prepare", revision = revision.0).entered();
-            let status = match self.load(prepare, &line) {
+            let status = match self.load_on_any_device(&prepare, &line) {
                 Ok(prepared) => Status::Prepared(prepared),
                 Err(reason) => {
                     if self.uploads.send(Upload::Abandon).is_err() {
@@ -153,8 +174,24 @@ impl Loader {
         }
     }
 
+    /// Loads again where the GPU was lost meanwhile, until it was lost too often for its thread.
+    fn load_on_any_device(&mut self, prepare: &Prepare, line: &Line) -> Result<Prepared, String> {
+        loop {
+            let loaded = self.load(prepare.clone(), line);
+            let is_lost = self.losses.load(Ordering::SeqCst) != self.ready_losses;
+            if loaded.is_ok() || !is_lost || self.fault(line).is_some() {
+                return loaded;
+            }
+            self.upload(Upload::Abandon)?;
+        }
+    }
+
     fn load(&mut self, prepare: Prepare, line: &Line) -> Result<Prepared, String> {
         let epoch = prepare.epoch;
+        let losses = self.losses.load(Ordering::SeqCst);
+        if std::mem::replace(&mut self.ready_losses, losses) != losses {
+            self.ready_scene = None;
+        }
         let replica = self.fold(prepare)?;
         if let Some(fault) = replica.wall.as_ref().and_then(|wall| wall.fault()) {
             return Err(fault);
@@ -273,7 +310,13 @@ impl Loader {
         if let Some(fault) = manifest.fault() {
             return Err(format!("manifest of scene {}: {fault}", scene.name));
         }
-        self.upload(Upload::Begin(Box::new(apply::scene(&manifest))))?;
+        let desc = apply::scene(&manifest);
+        let layout = SceneLayout::new(desc, &|| self.fault(line).is_some());
+        let layout = layout.map_err(|error| match self.fault(line) {
+            Some(fault) => fault.to_owned(),
+            None => error.to_string(),
+        })?;
+        self.upload(Upload::Begin(Arc::new(layout)))?;
         for (index, texture) in manifest.textures.iter().enumerate() {
             let bytes = self.blob(texture.blob, &stores, line)?;
             self.upload(Upload::Texture { index, bytes })?;
@@ -288,9 +331,7 @@ impl Loader {
     }
 
     fn blob(&self, hash: BlobHash, stores: &[BlobFolder], line: &Line) -> Result<Bytes, String> {
-        if line.is_cut.load(Ordering::Relaxed) {
-            return Err("the connection that asked for it has ended".to_owned());
-        }
+        self.check(line)?;
         for folder in stores.iter().chain([&self.cache]) {
             match folder.read(hash) {
                 Ok(Some(bytes)) => return Ok(bytes),
@@ -305,7 +346,15 @@ impl Loader {
         let (answer, fetched) = sync_channel(1);
         let asked = line.bulk.blocking_send(BulkJob::Fetch { hash, answer });
         asked.map_err(|_| "the bulk connection has ended")?;
-        let bytes = fetched.recv().map_err(|_| "the bulk connection has ended")??;
+        let bytes = loop {
+            match fetched.recv_timeout(CHECK_PERIOD) {
+                Ok(fetched) => break fetched?,
+                Err(RecvTimeoutError::Timeout) => self.check(line)?,
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err("the bulk connection has ended".to_owned());
+                }
+            }
+        };
         let written = self.cache.write(&bytes);
         let was_cacheless = self.is_cacheless.swap(written.is_err(), Ordering::Relaxed);
         if let Err(error) = written
@@ -314,6 +363,21 @@ impl Loader {
             tracing::warn!(%error, "the cache can't be written; going on without it");
         }
         Ok(bytes)
+    }
+
+    /// Returns why a preparation is not wanted any more, if it is not.
+    fn fault(&self, line: &Line) -> Option<&'static str> {
+        if line.is_cut.load(Ordering::Relaxed) {
+            return Some("the connection that asked for it has ended");
+        }
+        // The manager sends another order before the answer only if the answer is of no use.
+        (!self.orders.is_empty()).then_some("a newer preparation has come")
+    }
+
+    /// # Errors
+    /// The preparation is not wanted any more.
+    fn check(&self, line: &Line) -> Result<(), String> {
+        self.fault(line).map_or(Ok(()), |fault| Err(fault.to_owned()))
     }
 
     fn upload(&self, upload: Upload) -> Result<(), String> {
@@ -326,3 +390,6 @@ fn stores(wall: Option<&Wall>) -> Vec<BlobFolder> {
     let stores = wall.map_or(&[][..], |wall| &wall.stores);
     stores.iter().map(|store| BlobFolder::new(store.as_str())).collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -184,6 +184,33 @@ impl Output {
         }
     }
 
+    /// Forgets all that was on a lost device, and sets the window up on this one. Of a device that
+    /// `hangs` nothing is given back, since it would be waited for.
+    ///
+    /// # Errors
+    /// Why the window can't be drawn to any more.
+    pub fn reopen(&mut self, gpu: &Gpu, hangs: bool) -> Result<(), String> {
+        let old = (self.target.take(), self.corrected.take(), self.shown.take());
+        if hangs {
+            std::mem::forget(old);
+        }
+        match &mut self.surface {
+            Surface::Nowhere => Ok(()),
+            Surface::Window(display) => display.reopen(gpu),
+            #[cfg(test)]
+            Surface::Offscreen(offscreen) => {
+                let again = Self::offscreen(gpu, &self.name, offscreen.1.size(), None);
+                self.surface = again.surface;
+                Ok(())
+            }
+        }
+    }
+
+    /// Returns the channel on the wall that was prepared last.
+    pub fn expected_id(&self) -> Option<ChannelId> {
+        self.expected.as_ref().map(|expected| expected.id)
+    }
+
     /// The window has another size.
     pub fn resize(&mut self, gpu: &Gpu, size: PhysicalSize<u32>) {
         if let Surface::Window(display) = &mut self.surface {

@@ -4,6 +4,8 @@ mod arrangement;
 mod displays;
 mod patterns;
 mod pictures;
+mod preparation;
+mod recovery;
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
@@ -12,9 +14,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, select};
-use polyptych_protocol::command::{Frame, Swap, View};
-use polyptych_protocol::display::DisplayMode;
-use polyptych_protocol::ids::{ChannelId, Epoch, FrameId, Revision};
+use polyptych_protocol::command::{Frame, Swap};
+use polyptych_protocol::ids::{ChannelId, Epoch, Revision};
 use polyptych_protocol::wall::Wall;
 use tokio::sync::mpsc;
 use winit::dpi::PhysicalSize;
@@ -27,11 +28,12 @@ use crate::mismatch::MonitorAssignment;
 use crate::notice::{Identity, Notice};
 use crate::output::Output;
 use crate::playback::{Act, Playback};
-use crate::renderer::{Content, DrawStats, Gpu, Renderer, Scene, SceneBuilder, SceneDesc, Target};
+use crate::renderer::{DrawStats, Gpu, Renderer, Scene, SceneBuilder};
 use crate::report::{self, Report};
 use crate::showing::Showing;
 use crate::slowness::Slowness;
 use patterns::PatternPicture;
+use recovery::Losses;
 
 /// States that are held at once: the one shown, and those that the next frames may name.
 const STATES_MAX: usize = 4;
@@ -120,6 +122,7 @@ pub(crate) struct RenderThread {
     /// The names of monitors that the window system's thread was told last.
     names_sent: Option<BTreeMap<String, String>>,
     present_delay: Duration,
+    losses: Losses,
     is_stopping: bool,
 }
 
@@ -149,6 +152,7 @@ impl RenderThread {
             identity,
             names_sent: None,
             present_delay,
+            losses: Losses::default(),
             is_stopping: false,
         })
     }
@@ -167,8 +171,8 @@ impl RenderThread {
                 Some(act) => self.perform(act),
                 None => self.wait(),
             }
-            if let Some(fault) = self.gpu.fault() {
-                return Err(fault);
+            if let Some(fault) = self.gpu.first_fault() {
+                self.recover(&fault)?;
             }
         }
         Ok(())
@@ -266,7 +270,9 @@ impl RenderThread {
             let Some(wall) = state.replica.wall.as_deref() else { return };
             let Some((id, _)) = wall.channel_named(&self.outputs[index].name) else { continue };
             let start = Instant::now();
-            self.slowness.wait();
+            if let Some(kind) = self.slowness.wait() {
+                self.gpu.give_up(kind, "it was to be so, for a test");
+            }
             match self.draw_channel(index, (wall, id), frame, &scene, &correctors) {
                 Ok(stats) => {
                     let draw_us = start.elapsed().as_micros() as u64;
@@ -337,7 +343,8 @@ impl RenderThread {
 
     fn upload(&mut self, upload: Upload) {
         let uploaded = match upload {
-            Upload::Begin(desc) => SceneBuilder::new(&self.gpu, *desc)
+            Upload::Begin(layout) => SceneBuilder::of(&self.gpu, layout)
+                .map(|builder| builder.without_levels(self.losses.levels_left_out))
                 .map(|builder| self.building = Some((builder, 0)))
                 .map_err(|error| error.to_string()),
             Upload::Texture { index, bytes } => {
@@ -377,109 +384,6 @@ impl RenderThread {
         self.gpu.queue.submit([]);
         let _ = self.gpu.device.poll(wgpu::PollType::Poll);
         Ok(())
-    }
-
-    /// Makes a state drawable. Gives the bytes of its scene.
-    fn finish(&mut self, state: Arc<LoadedState>) -> Result<u64, String> {
-        let latest = self.states.back().filter(|latest| latest.state.scene == state.scene);
-        let is_known = self.building.is_none()
-            && latest.is_some_and(|latest| latest.state.plans.keys().eq(state.plans.keys()));
-        let (scene, scene_bytes) = if let Some((builder, bytes)) = self.building.take() {
-            let scene = builder.finish(&self.gpu).map_err(|error| error.to_string())?;
-            (Rc::new(scene), bytes)
-        } else if let Some(latest) = latest {
-            (Rc::clone(&latest.scene), latest.scene_bytes)
-        } else if state.scene.is_none() {
-            let nothing = SceneBuilder::new(&self.gpu, SceneDesc::default());
-            let nothing = nothing.and_then(|builder| builder.finish(&self.gpu));
-            (Rc::new(nothing.map_err(|error| error.to_string())?), 0)
-        } else {
-            return Err("the scene could not be built; the server's log says why".to_owned());
-        };
-        self.arrange_windows(&state);
-        let correctors = self.correctors(&state)?;
-        self.expect(&state);
-        // Another wall around the same scene, as tunings bring it many times a second.
-        if !is_known || state.samples() != Some(self.renderer.samples()) {
-            self.warm_up(&state, &scene, &correctors)?;
-        }
-        if self.states.len() == STATES_MAX {
-            self.states.remove(1);
-        }
-        self.states.push_back(Drawable { state, scene, scene_bytes, correctors });
-        Ok(scene_bytes)
-    }
-
-    /// What corrects the channels of a state: as before, where its wall is.
-    fn correctors(&self, state: &LoadedState) -> Result<Correctors, String> {
-        let is_it = |d: &&Drawable| Arc::ptr_eq(&d.state.plans, &state.plans);
-        if let Some(drawable) = self.states.iter().rfind(is_it) {
-            return Ok(Rc::clone(&drawable.correctors));
-        }
-        let mut correctors = BTreeMap::new();
-        for (name, plan) in state.plans.iter() {
-            let Some(wall) = state.replica.wall.as_deref() else { break };
-            let mut outputs = self.outputs.iter().filter(|output| output.name == *name);
-            let plan = plan.shown_by(name, outputs.any(|it| it.takes_fine_codes(&self.gpu)));
-            let corrector = Corrector::new(&self.gpu, plan, wall)?;
-            correctors.insert(name.clone(), corrector);
-        }
-        Ok(Rc::new(RefCell::new(correctors)))
-    }
-
-    /// Makes the pipelines of a scene for the targets that this server's channels have.
-    fn prepare(&mut self, state: &LoadedState, scene: &Scene) {
-        let is_corrected = |output: &Output| state.plans.contains_key(&output.name);
-        for (content, corrected) in [(Content::Srgb, false), (Content::Light, true)] {
-            if self.outputs.iter().any(|output| is_corrected(output) == corrected) {
-                self.renderer.prepare_for(&self.gpu, scene, content);
-            }
-        }
-    }
-
-    /// Builds the pipelines of a scene and draws it once, small, where nobody sees it: a first
-    /// use compiles for tens of milliseconds.
-    fn warm_up(
-        &mut self,
-        state: &LoadedState,
-        scene: &Scene,
-        correctors: &Correctors,
-    ) -> Result<(), String> {
-        let Some(wall) = state.replica.wall.as_deref() else { return Ok(()) };
-        self.use_samples(wall.samples)?;
-        self.prepare(state, scene);
-        let Some((id, channel)) = self.outputs.first().and_then(|o| wall.channel_named(&o.name))
-        else {
-            return Ok(());
-        };
-        let frame = Frame {
-            epoch: state.epoch,
-            frame: FrameId(0),
-            time_s: 0.0,
-            revision: state.replica.revision,
-            views: vec![View::of_wall(state.warm_up)],
-            head: wall.head(),
-            exposure: 1.0,
-            error_bound_px: 0.0,
-            capture: false,
-            display: DisplayMode::Normal,
-            pattern: None,
-        };
-        let (mut views, content) = match correctors.borrow_mut().get_mut(&channel.name) {
-            Some(corrector) => (corrector.views(&self.gpu, wall, &frame)?, Content::Light),
-            None => (apply::views(wall, id, &frame)?, Content::Srgb),
-        };
-        // Planes share their depth here, where only one is drawn.
-        views.truncate(1);
-        for view in &mut views {
-            view.viewport = [0.0, 0.0, f64::from(WARM_UP_SIDE), f64::from(WARM_UP_SIDE)];
-            view.scissor = None;
-        }
-        let side = [WARM_UP_SIDE; 2];
-        let target = Target::of(&self.gpu, side, wall.samples, scene.blends(), content);
-        let mut target = target.map_err(|error| error.to_string())?;
-        let drawn = self.renderer.draw(&self.gpu, scene, &mut target, &views);
-        drawn.map(|_| ()).map_err(|error| error.to_string())
     }
 
     fn send(&self, report: Report) {

@@ -31,7 +31,7 @@ pub use correction::{
     CURVE_POINTS_MAX, CorrectionDesc, CorrectionError, Curve, LightMap, Packing, SOURCE_GUARD,
     SOURCE_PLANES_MAX, SourceEye, SourcePlane, Turn, WarpMesh, WarpVertex,
 };
-pub use gpu::{AdapterFacts, Gpu, GpuError};
+pub use gpu::{AdapterFacts, Gpu, GpuError, GpuFault, GpuFaultKind};
 pub use pass::correct::{Correction, Shape, TAPS_MAX};
 pub use pass::idle;
 pub use pass::label::{Label, Place};
@@ -42,8 +42,8 @@ pub use picture::{Content, Picture};
 pub use readback::{ReadError, read_picture, read_pixels};
 pub use scene::{
     AlphaMode, ContentName, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter,
-    NodeDesc, PrimitiveDesc, SamplerDesc, Scene, SceneBuilder, SceneDesc, SceneError, TextureDesc,
-    TextureUse, Topology, VertexLayout, Wrap,
+    NodeDesc, PrimitiveDesc, SamplerDesc, Scene, SceneBuilder, SceneDesc, SceneError, SceneLayout,
+    TextureDesc, TextureUse, Topology, VertexLayout, Wrap,
 };
 pub use target::{Target, TargetError};
 pub use text::ink;
@@ -145,7 +145,7 @@ impl Renderer {
 
     /// As [`Self::prepare`], for targets of this content.
     pub fn prepare_for(&mut self, gpu: &Gpu, scene: &Scene, content: Content) {
-        self.pipelines.prepare(gpu, &scene.keys, content);
+        self.pipelines.prepare(gpu, &scene.layout.keys, content);
         let warmed = Target::of(gpu, [1, 1], self.samples, scene.blends(), content)
             .map_err(|error| error.to_string())
             .and_then(|target| {

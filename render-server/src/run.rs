@@ -258,7 +258,7 @@ impl Threads {
         let (orders, waiting_orders): (_, Receiver<LoadOrder>) = bounded(ORDERS_MAX);
         let (reports, waiting_reports) = mpsc::channel(REPORTS_MAX);
         let channels = outputs.iter().map(|output| output.name.clone()).collect();
-        let facts = gpu.facts();
+        let (facts, losses) = (gpu.facts(), gpu.losses());
         let adapter = Adapter {
             name: facts.name,
             driver: format!("{} {}", facts.driver, facts.driver_info),
@@ -292,9 +292,10 @@ impl Threads {
             end();
         })?;
 
-        let loader = Loader::new(BlobFolder::new(&options.cache), uploads, channels);
+        let loader =
+            Loader::new(BlobFolder::new(&options.cache), waiting_orders, uploads, losses, channels);
         let server = span.clone();
-        let load = move || server.in_scope(|| loader.run(&waiting_orders));
+        let load = move || server.in_scope(|| loader.run());
         Builder::new().name("loader".into()).spawn(load)?;
 
         let (render_jobs, stop) = (jobs.clone(), ending.clone());

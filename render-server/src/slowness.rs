@@ -1,12 +1,15 @@
-//! Draws slower than it could, where it is told to: for tests of how a wall bears it.
+//! Draws slower than it could, or loses its GPU, where it is told to: for tests of how a wall
+//! bears it.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
+use crate::renderer::GpuFaultKind;
+
 /// The most that a frame is slowed by: a server that is to end is asked between frames.
 const SLOWNESS_MAX: Duration = Duration::from_mins(1);
 
-/// How much longer every frame takes, as a file says. The file is read before each frame, so that
+/// What a file says is to happen with the next frame. The file is read before each frame, so that
 /// it can change while the server draws.
 #[derive(Debug)]
 pub(crate) struct Slowness {
@@ -19,20 +22,31 @@ impl Slowness {
         Self { file }
     }
 
-    /// Takes the time that a frame is to take longer.
-    pub fn wait(&self) {
-        let length = self.length();
-        if !length.is_zero() {
-            std::thread::sleep(length);
-        }
-    }
-
-    fn length(&self) -> Duration {
-        let Some(file) = &self.file else { return Duration::ZERO };
+    /// Takes the time that a frame is to take longer, or returns the fault that the GPU is to have
+    /// instead. Such a file is removed, so that this happens once.
+    pub fn wait(&self) -> Option<GpuFaultKind> {
+        let file = self.file.as_ref()?;
         // Without the file, or with nonsense in it, there is nothing to wait for.
         let text = std::fs::read_to_string(file).unwrap_or_default();
-        text.trim().parse().map_or(Duration::ZERO, Duration::from_millis).min(SLOWNESS_MAX)
+        let fault = match text.trim() {
+            "lose" => Some(GpuFaultKind::Lost),
+            "fill" => Some(GpuFaultKind::OutOfMemory),
+            "hang" => Some(GpuFaultKind::Hangs),
+            milliseconds => {
+                let length = length(milliseconds);
+                if !length.is_zero() {
+                    std::thread::sleep(length);
+                }
+                None
+            }
+        };
+        // One that can't be removed is read again, and is a fault of the next frame.
+        fault.inspect(|_| drop(std::fs::remove_file(file)))
     }
+}
+
+fn length(milliseconds: &str) -> Duration {
+    milliseconds.parse().map_or(Duration::ZERO, Duration::from_millis).min(SLOWNESS_MAX)
 }
 
 #[cfg(test)]
@@ -41,20 +55,31 @@ mod tests {
 
     #[test]
     fn a_file_says_how_much_longer_a_frame_takes() {
-        assert_eq!(Slowness::new(None).length(), Duration::ZERO);
+        for (text, expected) in [
+            ("", Duration::ZERO),
+            ("200", Duration::from_millis(200)),
+            ("soon", Duration::ZERO),
+            ("99999999", SLOWNESS_MAX),
+        ] {
+            assert_eq!(length(text), expected, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn a_file_says_once_what_happens_to_the_gpu() {
+        assert_eq!(Slowness::new(None).wait(), None);
         let folder = tempfile::tempdir().expect("a temporary folder");
         let file = folder.path().join("slow");
         let slowness = Slowness::new(Some(file.clone()));
-        for (text, length) in [
-            (None, Duration::ZERO),
-            (Some("200\n"), Duration::from_millis(200)),
-            (Some("soon"), Duration::ZERO),
-            (Some("99999999"), SLOWNESS_MAX),
+        assert_eq!(slowness.wait(), None, "no file");
+        for (text, fault) in [
+            ("lose\n", GpuFaultKind::Lost),
+            ("fill", GpuFaultKind::OutOfMemory),
+            ("hang", GpuFaultKind::Hangs),
         ] {
-            if let Some(text) = text {
-                std::fs::write(&file, text).expect("written");
-            }
-            assert_eq!(slowness.length(), length, "{text:?}");
+            std::fs::write(&file, text).expect("written");
+            assert_eq!(slowness.wait(), Some(fault), "{text:?}");
+            assert_eq!(slowness.wait(), None, "it happens once");
         }
     }
 }

@@ -51,7 +51,7 @@ use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::codec;
 use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::limits::{BLOB_BYTES_MAX, MANIFEST_BYTES_MAX};
-use polyptych_protocol::scene::{Mesh, Node, Scene};
+use polyptych_protocol::scene::{self, Mesh, Node, Scene};
 use serde::{Deserialize, Serialize};
 
 pub use error::BakeError;
@@ -245,11 +245,20 @@ impl Job<'_> {
         let node::Placed { nodes, meshes } = node::read(self)?;
         let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, ..Scene::default() };
         let scales = bounds::scales(&scene.nodes, &scene.world_from_nodes());
+        let json: &[document::Mesh] = &self.source.document.meshes;
+        let primitives = |used: u32| {
+            let used = meshes.uses.get(used as usize);
+            let mesh = used.and_then(|used| json.get(used.mesh as usize));
+            mesh.map_or(0, |mesh| mesh.primitives.len() as u64)
+        };
+        check_expansion(&scene.nodes, scene::draws(&scene.nodes, primitives))?;
         let mut palette = Palette::default();
         scene.meshes = mesh::write_all(self, &mut palette, &meshes, &scales)?;
         self.check_anything_is_drawn(&scene.meshes)?;
         let mesh_of: BTreeMap<u32, u32> = scales.keys().copied().zip(0..).collect();
         renumber(&mut scene.nodes, |node| &mut node.mesh, &mesh_of);
+        // Again, since large primitives were split.
+        check_expansion(&scene.nodes, scene.draws())?;
 
         let used = scene.nodes.iter().filter_map(|node| node.light);
         let light_of: BTreeMap<u32, u32> = used.map(|light| (light, 0)).collect();
@@ -333,6 +342,15 @@ impl Job<'_> {
             warnings: scene.notes.clone(),
         })
     }
+}
+
+/// Refuses a scene that render servers could not hold; see [`limits::DRAWS_MAX`].
+///
+/// [`limits::DRAWS_MAX`]: polyptych_protocol::limits::DRAWS_MAX
+fn check_expansion(nodes: &[Node], draws: u64) -> Result<(), BakeError> {
+    let right = "join primitives of one material, or draw fewer copies with fewer lights";
+    let fault = scene::expansion_fault(nodes, draws);
+    fault.map_or(Ok(()), |fault| Err(BakeError::at("nodes", fault, right)))
 }
 
 /// Replaces the file's indices by the scene's.

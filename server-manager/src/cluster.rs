@@ -21,6 +21,7 @@ mod skew;
 mod snapshot;
 mod span;
 mod statistics;
+mod supersede;
 #[cfg(test)]
 mod tests;
 mod totals;
@@ -301,7 +302,7 @@ impl Cluster {
                 if is_real && self.registry.drives(from, shown.channel) {
                     self.registry.shown(&shown);
                     self.gathered.add_shown(&shown);
-                    if let Some(compared) = self.present_calls.add(&shown) {
+                    if let Some(compared) = self.present_calls.add(&shown, now) {
                         self.gathered.add_skews(&compared);
                     }
                 }
@@ -311,6 +312,7 @@ impl Cluster {
                     self.registry.set_display_warning(channel, warning);
                 }
             }
+            Status::StateLost { reason } => self.disbelieve(now, from, &reason),
             Status::Navigate(navigation) => self.handle_navigation(now, from, &navigation),
             Status::Goodbye { reason } => {
                 self.close(from, "goodbye".into());
@@ -433,6 +435,7 @@ pub fn shortened(mut status: Status) -> Status {
     if let Status::PrepareFailed { reason, .. }
     | Status::DrawFailed { reason, .. }
     | Status::Display { warning: Some(reason), .. }
+    | Status::StateLost { reason }
     | Status::Goodbye { reason } = &mut status
     {
         reason.truncate(reason.floor_char_boundary(REASON_BYTES_MAX));

@@ -4,6 +4,7 @@ use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
+use polyptych_manager::bake::Store;
 use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
@@ -134,6 +135,10 @@ fn file_name(wall: &str) -> String {
 /// The baker is this program.
 pub(super) fn baker(store: PathBuf, memory_mib: u64) -> anyhow::Result<Baker> {
     let program = std::env::current_exe().context("this program's own file is not known")?;
+    // A store that can't be opened is told to who opens a scene.
+    if let Ok(store) = Store::open(&store) {
+        store.remove_abandoned();
+    }
     Ok(Baker { program, memory_mib, store })
 }
 

@@ -70,7 +70,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "TIME", value_parser = present_delay, hide_short_help = true)]
     present_delay: Option<Duration>,
     /// A file with the milliseconds that every frame is to take longer, read before each, for
-    /// tests of how a wall bears a slow server; without the file none is slowed
+    /// tests of how a wall bears a slow server; without the file none is slowed. "lose", "fill" or
+    /// "hang" in it make the GPU lost, out of memory or stuck, once
     #[arg(long, value_name = "FILE")]
     slow_draw: Option<PathBuf>,
     /// End when standard input ends, as it does when the parent process does

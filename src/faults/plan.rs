@@ -6,9 +6,9 @@ use polyptych_protocol::wall::Wall;
 
 /// The whole grammar, which every error repeats.
 const GRAMMAR: &str = "a fault is \"at FRAME WHAT CHANNEL\" or \"every FRAMES [from FRAME] WHAT \
-                       CHANNEL\", WHAT being kill, stop TIME, slow TIME [for TIME], corrupt \
-                       [up|down], cut, unplug TIME or delay TIME [for TIME], TIME like 200ms or \
-                       2s, CHANNEL a channel's name or any";
+                       CHANNEL\", WHAT being kill, lose-gpu, stop TIME, slow TIME [for TIME], \
+                       corrupt [up|down], cut, unplug TIME or delay TIME [for TIME], TIME like \
+                       200ms or 2s, CHANNEL a channel's name or any";
 
 /// Longest time of a fault: what is to last for ever is written without an end.
 const TIME_MAX: Duration = Duration::from_hours(1);
@@ -42,6 +42,8 @@ pub(crate) enum What {
     Slow { by: Duration, length: Option<Duration> },
     /// A piece of what its control connection carries is changed.
     Corrupt { up: bool, down: bool },
+    /// Its server's GPU is lost, with all that is on it.
+    LoseGpu,
     /// Its connections are closed.
     Cut,
     /// Nothing passes on its connections for this long, and nothing is closed.
@@ -104,7 +106,7 @@ impl What {
         match self {
             Self::Stop(length) | Self::Unplug(length) => Some(length),
             Self::Slow { length, .. } | Self::Delay { length, .. } => length,
-            Self::Kill | Self::Corrupt { .. } | Self::Cut => None,
+            Self::Kill | Self::LoseGpu | Self::Corrupt { .. } | Self::Cut => None,
         }
     }
 
@@ -127,6 +129,7 @@ impl std::fmt::Display for What {
             Self::Corrupt { up: true, down: true } => "corrupt".to_owned(),
             Self::Corrupt { up: true, .. } => "corrupt up".to_owned(),
             Self::Corrupt { .. } => "corrupt down".to_owned(),
+            Self::LoseGpu => "lose-gpu".to_owned(),
             Self::Cut => "cut".to_owned(),
             Self::Unplug(length) => span("unplug", length, None),
             Self::Delay { by, length } => span("delay", by, length),
@@ -192,6 +195,7 @@ impl Words<'_> {
                 let (up, down) = (self.take("up"), self.take("down"));
                 What::Corrupt { up: up || !down, down: down || !up }
             }
+            "lose-gpu" => What::LoseGpu,
             "cut" => What::Cut,
             "unplug" => What::Unplug(self.time(TIME_MAX)?),
             "delay" => What::Delay { by: self.time(DELAY_MAX)?, length: self.length()? },
@@ -241,6 +245,7 @@ mod tests {
             ("at 9 corrupt up x", What::Corrupt { up: true, down: false }, "corrupt up", "x"),
             ("at 9 corrupt down x", What::Corrupt { up: false, down: true }, "corrupt down", "x"),
             (" every  500   cut  x ", What::Cut, "cut", "x"),
+            ("at 9 lose-gpu x", What::LoseGpu, "lose-gpu", "x"),
             ("at 5 unplug 5s x", What::Unplug(ms(5000)), "unplug 5s", "x"),
             ("at 5 delay 50ms x", What::Delay { by: ms(50), length: None }, "delay 50ms", "x"),
         ] {

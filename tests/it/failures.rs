@@ -5,6 +5,7 @@
 //! is never kept is the product's.
 
 mod files;
+mod gpu;
 mod manager;
 mod network;
 mod servers;

@@ -7,12 +7,13 @@
 //! A file appears whole or not at all, so several processes may share a folder.
 
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 
 use super::BlobReader;
+use super::temporary::{Abandoned, place, remove_abandoned};
 use crate::ids::BlobHash;
 use crate::limits::BLOB_BYTES_MAX;
 
@@ -109,18 +110,40 @@ impl BlobFolder {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(source) => Err(BlobError::Io { path, source }),
             Ok((bytes, _)) if bytes > BLOB_BYTES_MAX => Err(BlobError::TooLarge { path, bytes }),
+            // No blob is empty: a disk was full, or lost power.
+            Ok((0, _)) => {
+                drop(fs::remove_file(&path));
+                Err(BlobError::Damaged { path })
+            }
             Ok((total, file)) => Ok(Some(BlobReader::new(path, file, hash, total))),
         }
     }
 
-    /// Writes these bytes, unless they are there already, and gives their name.
+    /// Returns whether the blob of this name is there, has this many bytes, and is whole. One that
+    /// is damaged is removed, so that it is written anew.
+    pub fn verify(&self, hash: BlobHash, bytes: u64) -> bool {
+        let Ok(Some(mut reader)) = self.open(hash) else { return false };
+        if reader.total() != bytes {
+            drop(fs::remove_file(self.path_of(hash)));
+            return false;
+        }
+        loop {
+            match reader.next_piece() {
+                Ok(Some(_)) => {}
+                Ok(None) => return true,
+                Err(_) => return false,
+            }
+        }
+    }
+
+    /// Writes these bytes, unless they are there already and whole, and gives their name.
     ///
     /// # Errors
     /// [`BlobError::Io`] where the folder or the file can't be written.
     pub fn write(&self, bytes: &[u8]) -> Result<BlobHash, BlobError> {
         let hash = BlobHash::of(bytes);
         let path = self.path_of(hash);
-        if path.is_file() {
+        if self.verify(hash, bytes.len() as u64) {
             return Ok(hash);
         }
         let folder = path.parent().unwrap_or(&self.root);
@@ -130,6 +153,18 @@ impl BlobFolder {
 }
 
 impl BlobFolder {
+    /// Removes the files that killed processes left; blobs and files of others stay.
+    pub fn remove_abandoned(&self) -> Abandoned {
+        let mut removed = Abandoned::default();
+        let Ok(folders) = fs::read_dir(&self.root) else { return removed };
+        for folder in folders.flatten() {
+            let Abandoned { files, bytes } = remove_abandoned(&folder.path());
+            removed.files += files;
+            removed.bytes += bytes;
+        }
+        removed
+    }
+
     /// Removes the blobs that were written longest ago, until the rest takes at most `bytes_max`
     /// bytes. Gives how many were removed; files that are not blobs stay.
     ///
@@ -169,13 +204,6 @@ impl BlobFolder {
     }
 }
 
-fn place(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(bytes)?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -212,5 +240,25 @@ mod tests {
         fs::write(folder.path_of(hash), b"harbxur").expect("overwritten");
         assert!(matches!(folder.read(hash), Err(BlobError::Damaged { .. })));
         assert!(folder.read(hash).expect("gone").is_none());
+    }
+
+    #[test]
+    fn writing_mends_a_blob_that_was_damaged_in_any_way() {
+        let root = tempfile::tempdir().expect("a temporary folder");
+        let folder = BlobFolder::new(root.path());
+        let bytes = b"harbour";
+        let hash = folder.write(bytes).expect("written");
+        for damaged in [&b"harbxur"[..], b"harb", b"", b"harbours"] {
+            fs::write(folder.path_of(hash), damaged).expect("overwritten");
+            assert!(!folder.verify(hash, 7), "{damaged:?}");
+            assert!(!folder.contains(hash), "{damaged:?} is found again and again");
+            fs::write(folder.path_of(hash), damaged).expect("overwritten");
+            folder.write(bytes).expect("mended");
+            assert!(folder.verify(hash, 7), "{damaged:?}");
+        }
+        fs::remove_file(folder.path_of(hash)).expect("removed");
+        assert!(!folder.verify(hash, 7));
+        folder.write(bytes).expect("mended");
+        assert!(folder.verify(hash, 7) && !folder.verify(hash, 8));
     }
 }

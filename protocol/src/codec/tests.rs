@@ -144,6 +144,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&Status::Shown(shown)), "0401fb2c0103fc7011010028"),
         (encode(&Status::Ping(Ping { sent_us: 1, memory_bytes: 2 })), "050102"),
         (encode(&Status::Goodbye { reason: "end".into() }), "0703656e64"),
+        (encode(&Status::StateLost { reason: "end".into() }), "0903656e64"),
         (encode(&BulkUp::Picture(chunk)), "0101020101000401020304"),
         (
             encode(&BulkDown::Chunk(piece)),

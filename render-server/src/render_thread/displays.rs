@@ -73,8 +73,11 @@ impl RenderThread {
     /// Looks whether pictures fit their monitors, and tells the manager what it does not know.
     pub(super) fn check_displays(&mut self) {
         for index in 0..self.outputs.len() {
-            let Some((id, warning)) = self.outputs[index].check_fit() else { continue };
             let output = &mut self.outputs[index];
+            let fit = output.check_fit().and_then(|(_, warning)| warning);
+            let Some(id) = output.expected_id() else { continue };
+            let both: Vec<String> = fit.into_iter().chain(self.losses.warning()).collect();
+            let warning = (!both.is_empty()).then(|| both.join("; "));
             if output.reported != warning {
                 let report = report::display(id, warning.clone());
                 // Where there is no room for it, the next look sends it.

@@ -145,7 +145,7 @@ mod tests {
             let rectangle = [x, y, x + 0.5, y + 0.5];
             let planes = Planes::new(eye, &clip, rectangle);
             let mut found = Vec::new();
-            Tree::new(&boxes).visible(&planes, &mut found);
+            Tree::new(&boxes, &|| false).expect("not cancelled").visible(&planes, &mut found);
             found.sort_unstable();
             assert!(found.windows(2).all(|pair| pair[0] < pair[1]), "an item came twice");
             for (index, b) in boxes.iter().enumerate() {
@@ -177,7 +177,7 @@ mod tests {
                 Bounds { min: center - 0.5, max: center + 0.5 }
             })
             .collect();
-        let tree = Tree::new(&boxes);
+        let tree = Tree::new(&boxes, &|| false).expect("not cancelled");
         let planes = Planes::new(DVec3::ZERO, &reversed_infinite(0.1), [0.0, 0.0, 0.3, 0.3]);
         let mut found = Vec::new();
         let start = std::time::Instant::now();

@@ -68,7 +68,7 @@ impl DrawList {
     ) -> Self {
         scratch.visible.clear();
         let planes = view.planes(rectangle);
-        scene.tree.visible(&planes, &mut scratch.visible);
+        scene.layout.tree.visible(&planes, &mut scratch.visible);
         let mut list = Self {
             rectangle,
             visible: scratch.visible.len() as u32,
@@ -79,20 +79,20 @@ impl DrawList {
         let clip_from_eye = view.scaled_clip_from_eye();
         let seen_from = (view.eye_in_world, &clip_from_eye);
         for &(_, _, index) in &scratch.opaque {
-            let batch = scene.items[index as usize].batch;
-            let pipeline = scene.batches[batch as usize].pipeline;
+            let batch = scene.layout.items[index as usize].batch;
+            let pipeline = scene.layout.batches[batch as usize].pipeline;
             let first = push(scene, index, seen_from, instances);
             let whole = Draw { batch, pipeline, first, count: 1, part: None };
             if scene.clusters_of(batch).is_empty() {
-                list.triangles += scene.batches[batch as usize].triangles;
+                list.triangles += scene.layout.batches[batch as usize].triangles;
                 extend(&mut list.opaque, whole);
             } else {
                 list.triangles += draw_parts(scene, index, &planes, whole, &mut list.opaque);
             }
         }
         for &(_, index) in &scratch.blended {
-            let batch_index = scene.items[index as usize].batch;
-            let batch = &scene.batches[batch_index as usize];
+            let batch_index = scene.layout.items[index as usize].batch;
+            let batch = &scene.layout.batches[batch_index as usize];
             let first = push(scene, index, seen_from, instances);
             let draw =
                 Draw { batch: batch_index, pipeline: batch.pipeline, first, count: 1, part: None };
@@ -115,7 +115,7 @@ impl DrawList {
 pub(in crate::renderer) fn samples_of(scene: &Scene) -> Vec<Draw> {
     let mut known = BTreeSet::new();
     let mut draws = Vec::new();
-    for (batch, b) in (0u32..).zip(&scene.batches) {
+    for (batch, b) in (0u32..).zip(&scene.layout.batches) {
         for pipeline in [b.back_pipeline, Some(b.pipeline)].into_iter().flatten() {
             if known.insert((pipeline, b.material)) {
                 draws.push(Draw { batch, pipeline, first: 0, count: 1, part: None });
@@ -166,10 +166,10 @@ fn draw_parts(
     whole: Draw,
     draws: &mut Vec<Draw>,
 ) -> u64 {
-    let item = &scene.items[index as usize];
-    let linear = item.linear;
+    let item = &scene.layout.items[index as usize];
+    let linear = scene.layout.stances[item.stance as usize].linear;
     let local = planes.in_space_of(&linear, item.origin);
-    let culls_back = scene.keys[whole.pipeline as usize].cull == Cull::Back;
+    let culls_back = scene.layout.keys[whole.pipeline as usize].cull == Cull::Back;
     // A flat item has no side that an eye could be on.
     let is_solid = linear.determinant().abs() > f64::MIN_POSITIVE;
     let sight = (culls_back && is_solid).then(|| match planes.rays() {
@@ -207,12 +207,13 @@ fn push(
     (eye, clip_from_eye): (DVec3, &DMat4),
     instances: &mut Vec<InstanceRecord>,
 ) -> u32 {
-    let item = &scene.items[index as usize];
-    let Relative { near, rows, offset } =
-        item.relative_to(eye, &scene.mesh_boxes[item.mesh_box as usize]);
+    let item = &scene.layout.items[index as usize];
+    let stance = &scene.layout.stances[item.stance as usize];
+    let mesh_box = &scene.layout.mesh_boxes[item.mesh_box as usize];
+    let Relative { near, rows, offset } = item.relative_to(stance.linear, eye, mesh_box);
     instances.push(InstanceRecord {
         rows,
-        normal_rows: item.normal_rows,
+        normal_rows: stance.normal_rows,
         lamps: item.lamps,
         near,
         clip_offset: (*clip_from_eye * offset.extend(1.0)).as_vec4().to_array(),
@@ -224,7 +225,7 @@ fn push(
 /// farthest item first. Ties go by index, that is by node, instance, primitive.
 fn sort(scene: &Scene, view: &ViewDesc, scratch: &mut Scratch) {
     let mut batches: Vec<(f64, u32)> = (0u32..)
-        .zip(&scene.batches)
+        .zip(&scene.layout.batches)
         .map(|(index, batch)| (view.remoteness(&batch.bounds, true), index))
         .collect();
     batches.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -236,9 +237,9 @@ fn sort(scene: &Scene, view: &ViewDesc, scratch: &mut Scratch) {
     scratch.opaque.clear();
     scratch.blended.clear();
     for &index in &scratch.visible {
-        let item = &scene.items[index as usize];
-        let distance = view.remoteness(&scene.bounds[index as usize], false);
-        if scene.batches[item.batch as usize].blended {
+        let item = &scene.layout.items[index as usize];
+        let distance = view.remoteness(&scene.layout.bounds[index as usize], false);
+        if scene.layout.batches[item.batch as usize].blended {
             scratch.blended.push((!rising(distance), index));
         } else {
             let near = rising(f64::from(distance as f32));
@@ -274,7 +275,7 @@ fn touched(
     let clip_from_eye = view.clip_from_eye();
     let mut span = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     for &index in visible {
-        if !widen(&mut span, view, &clip_from_eye, &scene.bounds[index as usize]) {
+        if !widen(&mut span, view, &clip_from_eye, &scene.layout.bounds[index as usize]) {
             return Some(rectangle);
         }
     }

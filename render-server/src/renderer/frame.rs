@@ -7,7 +7,7 @@ use glam::{DMat3, DMat4, DVec3, Vec3};
 use super::albedo;
 use super::bindings::uniform_stride;
 use super::draw_list::{Draw, DrawList, Scratch, samples_of};
-use super::gpu::Gpu;
+use super::gpu::{Gpu, GpuFaultKind};
 use super::pass::tonemap::{Tonemap, light_color};
 use super::pass::{opaque, transparent};
 use super::pipeline::{InstanceRecord, Pipelines};
@@ -20,7 +20,23 @@ use super::{DrawError, DrawStats};
 /// A frame that takes longer is taken for a GPU that hangs.
 const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
 
-/// A buffer that is written once a frame, and grows to twice what is needed when it is too small.
+/// Maximum number of primitives that all views of a frame show: 120 bytes each here, and at most
+/// 240 on the GPU. Views multiply a scene: this is twice the largest, or one for two eyes.
+const RECORDS_MAX: usize = 4 << 20;
+
+/// How many times more than a frame needs is kept for the next ones: a camera that looks away and
+/// back costs nothing, and a heavy scene leaves its memory when another one is shown.
+const KEPT_FACTOR: u64 = 16;
+
+/// Bytes that are kept in any case.
+const KEPT_BYTES: u64 = 1 << 20;
+
+fn is_too_large(bytes: u64, needed: u64) -> bool {
+    bytes > KEPT_BYTES && bytes / KEPT_FACTOR > needed
+}
+
+/// A buffer that is written once a frame. It grows to twice what is needed when it is too small,
+/// and shrinks to that when it is far too large.
 #[derive(Debug)]
 struct FrameBuffer {
     label: &'static str,
@@ -36,7 +52,9 @@ impl FrameBuffer {
     fn write(&mut self, gpu: &Gpu, bytes: &[u8]) -> &wgpu::Buffer {
         let needed = bytes.len().max(4) as u64;
         let buffer = match self.buffer.take() {
-            Some(buffer) if buffer.size() >= needed => buffer,
+            Some(buffer) if buffer.size() >= needed && !is_too_large(buffer.size(), needed) => {
+                buffer
+            }
             _ => gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(self.label),
                 size: (needed * 2).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
@@ -96,7 +114,7 @@ impl DrawContext<'_> {
         pass.set_vertex_buffer(1, self.instances.slice(..));
         let (mut pipeline, mut material, mut geometry) = (None, None, None);
         for draw in draws {
-            let batch = &self.scene.batches[draw.batch as usize];
+            let batch = &self.scene.layout.batches[draw.batch as usize];
             if pipeline.replace(draw.pipeline) != Some(draw.pipeline) {
                 pass.set_pipeline(self.pipelines[draw.pipeline as usize]);
             }
@@ -132,6 +150,13 @@ impl Frames {
         }
     }
 
+    /// Bytes that are held for the primitives of a frame, here and on the GPU.
+    #[cfg(test)]
+    pub fn held_bytes(&self) -> u64 {
+        let on_gpu = self.instances.buffer.as_ref().map_or(0, wgpu::Buffer::size);
+        on_gpu + (self.records.capacity() * size_of::<InstanceRecord>()) as u64
+    }
+
     /// Draws the views of a frame, and waits until the picture is there.
     pub fn draw(
         &mut self,
@@ -151,11 +176,13 @@ impl Frames {
             let Some(rectangle) = view.rectangle(target.size()) else { continue };
             let (scratch, records) = (&mut self.scratch, &mut self.records);
             lists.push(DrawList::new(scene, view, rectangle, scratch, records));
+            check_records(gpu, self.records.len())
+                .map_err(|reason| DrawError::View { index: seen.len(), reason })?;
             seen.push(view);
         }
         let culled = start.elapsed();
         let sky = sky(scene, &views);
-        let clear_display = if scene.blends {
+        let clear_display = if scene.layout.blends {
             self.tonemap.sky_color(gpu, sky, target.content())?
         } else {
             light_color(tone_map(sky))
@@ -166,7 +193,7 @@ impl Frames {
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         {
-            let clear_scene = if scene.blends { light_color(sky) } else { clear_display };
+            let clear_scene = if scene.layout.blends { light_color(sky) } else { clear_display };
             let mut pass = begin(&mut encoder, target, clear_scene);
             opaque::encode(&mut pass, &context);
             transparent::encode(&mut pass, &context);
@@ -175,6 +202,12 @@ impl Frames {
         self.tonemap.encode(gpu, &mut encoder, target, clear_display, touched);
         let index = gpu.queue.submit([encoder.finish()]);
         let encoded = start.elapsed();
+        let records_bytes = |records: usize| (records * size_of::<InstanceRecord>()) as u64;
+        let (held, needed) = (self.records.capacity(), self.records.len());
+        if is_too_large(records_bytes(held), records_bytes(needed)) {
+            self.records = Vec::new();
+            self.scratch = Scratch::default();
+        }
         wait(gpu, index)?;
         let microseconds = |duration: Duration| duration.as_micros() as u64;
         let visible: u32 = lists.iter().map(|list| list.visible).sum();
@@ -183,7 +216,7 @@ impl Frames {
             draw_calls: lists.iter().map(|l| l.opaque.len() + l.transparent.len()).sum::<usize>()
                 as u32,
             visible,
-            culled: (scene.items.len() * lists.len()) as u32 - visible,
+            culled: (scene.layout.items.len() * lists.len()) as u32 - visible,
             cull_us: microseconds(culled),
             encode_us: microseconds(encoded.saturating_sub(culled)),
             gpu_us: microseconds(start.elapsed().saturating_sub(encoded)),
@@ -234,7 +267,7 @@ impl Frames {
         lists: &'a [DrawList],
     ) -> DrawContext<'a> {
         let uniform_size = uniform_stride(gpu, size_of::<FrameUniform>());
-        let lamp_count = scene.lights.lamps.len().max(1);
+        let lamp_count = scene.layout.lights.lamps.len().max(1);
         let lamp_size = lamp_count * size_of::<LampRecord>();
         let alignment = gpu.device.limits().min_storage_buffer_offset_alignment as usize;
         let lamp_stride = lamp_size.next_multiple_of(alignment);
@@ -246,7 +279,7 @@ impl Frames {
             uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
             let eye = view.eye_in_world;
             let records: Vec<_> =
-                scene.lights.lamps.iter().map(|lamp| LampRecord::new(lamp, eye)).collect();
+                scene.layout.lights.lamps.iter().map(|lamp| LampRecord::new(lamp, eye)).collect();
             let bytes = bytemuck::cast_slice(&records);
             lamps[index * lamp_stride..][..bytes.len()].copy_from_slice(bytes);
         }
@@ -293,20 +326,34 @@ impl Frames {
     }
 }
 
+/// Refuses a frame whose views show more than is held for one.
+fn check_records(gpu: &Gpu, records: usize) -> Result<(), String> {
+    // The buffer grows to twice what is needed.
+    let fit = gpu.device.limits().max_buffer_size as usize / (2 * size_of::<InstanceRecord>());
+    let records_max = RECORDS_MAX.min(fit);
+    if records <= records_max {
+        return Ok(());
+    }
+    Err(format!(
+        "with those before it, it shows {records} primitives, where {records_max} can be shown in \
+         a frame; show fewer views of this scene"
+    ))
+}
+
 /// The scene's pipelines for such a target.
 fn ready<'a>(
     pipelines: &'a Pipelines,
     scene: &Scene,
     target: &Target,
 ) -> Result<Vec<&'a wgpu::RenderPipeline>, DrawError> {
-    let found = scene.keys.iter().map(|key| pipelines.get(key, target.content()));
+    let found = scene.layout.keys.iter().map(|key| pipelines.get(key, target.content()));
     found.collect::<Option<_>>().ok_or(DrawError::NotPrepared)
 }
 
 /// Exposed light of the sky, within what the targets hold.
 fn sky(scene: &Scene, views: &[ViewDesc]) -> Vec3 {
     let exposure = views.first().map_or(1.0, |view| view.exposure);
-    (scene.sky * exposure).max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX))
+    (scene.layout.sky * exposure).max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX))
 }
 
 /// Begins the pass over the scene.
@@ -349,6 +396,12 @@ pub(in crate::renderer) fn wait(gpu: &Gpu, index: wgpu::SubmissionIndex) -> Resu
     let waited = gpu
         .device
         .poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: Some(GPU_WAIT_MAX) });
+    if matches!(waited, Err(wgpu::PollError::Timeout)) {
+        // One that is only busy ends within this time, and its channel is late.
+        let seconds = GPU_WAIT_MAX.as_secs();
+        let reason = format!("the GPU or its driver hangs: no frame within {seconds} s");
+        gpu.give_up(GpuFaultKind::Hangs, &reason);
+    }
     match (gpu.fault(), waited) {
         (Some(fault), _) => Err(DrawError::Gpu(fault)),
         (None, Err(error)) => Err(DrawError::Gpu(error.to_string())),

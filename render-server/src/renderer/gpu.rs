@@ -1,5 +1,6 @@
 //! The adapter, its device and queue, and what went wrong on them.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tracing::{info, warn};
@@ -53,7 +54,28 @@ pub struct Gpu {
     pub device: wgpu::Device,
     /// Takes work.
     pub queue: wgpu::Queue,
-    fault: Arc<Mutex<Option<String>>>,
+    fault: Arc<Mutex<Option<GpuFault>>>,
+    losses: Arc<AtomicU64>,
+}
+
+/// Why a device can not be used any more.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GpuFault {
+    /// What must be done about it.
+    pub kind: GpuFaultKind,
+    /// In the driver's words.
+    pub reason: String,
+}
+
+/// What must be done about a fault of a device, beside opening another one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GpuFaultKind {
+    /// Nothing: its driver was reset, or refused a call.
+    Lost,
+    /// Less must be kept on it.
+    OutOfMemory,
+    /// It may never give back what it holds: it does not finish its work.
+    Hangs,
 }
 
 impl Gpu {
@@ -104,13 +126,64 @@ impl Gpu {
         }
         let best = adapters.into_iter().min_by_key(|adapter| rank(&adapter.get_info()));
         let adapter = best.ok_or_else(|| GpuError::NoneForSurface(names.join(", ")))?;
-        let (device, queue) = open_device(&adapter)?;
-        let fault = Arc::new(Mutex::new(None));
-        watch(&device, &fault);
-        let gpu = Self { instance, adapter, device, queue, fault };
+        let gpu = Self::of(instance, adapter, Arc::default())?;
         let facts = gpu.facts();
         info!(adapter = facts.name, driver = facts.driver_info, backend = facts.backend, "gpu");
         Ok(gpu)
+    }
+
+    fn of(
+        instance: wgpu::Instance,
+        adapter: wgpu::Adapter,
+        losses: Arc<AtomicU64>,
+    ) -> Result<Self, GpuError> {
+        let (device, queue) = open_device(&adapter)?;
+        let gpu = Self { instance, adapter, device, queue, fault: Arc::default(), losses };
+        gpu.watch();
+        Ok(gpu)
+    }
+
+    /// Returns the number of devices of this adapter that had a fault; it goes on rising when the
+    /// adapter is opened again. Other threads learn from it that what they had made is gone.
+    pub fn losses(&self) -> Arc<AtomicU64> {
+        Arc::clone(&self.losses)
+    }
+
+    /// Opens the same adapter again, after its device was lost. Nothing that was made on the lost
+    /// device can be used on the new one.
+    ///
+    /// # Errors
+    /// The driver refuses; while it resets, it may do so for a moment.
+    pub fn reopened(&self) -> Result<Self, GpuError> {
+        Self::of(self.instance.clone(), self.adapter.clone(), self.losses())
+    }
+
+    /// Gives the device up for a fault, unless it has one already. What is done with it fails from
+    /// then on.
+    pub fn give_up(&self, kind: GpuFaultKind, reason: &str) {
+        keep(&self.fault, &self.losses, kind, reason.to_owned());
+        // A device that hangs is not told to do anything more.
+        if kind != GpuFaultKind::Hangs {
+            self.device.destroy();
+        }
+    }
+
+    fn watch(&self) {
+        let (fault, losses) = (Arc::clone(&self.fault), self.losses());
+        self.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            let kind = match error {
+                wgpu::Error::OutOfMemory { .. } => GpuFaultKind::OutOfMemory,
+                _ => GpuFaultKind::Lost,
+            };
+            keep(&fault, &losses, kind, error.to_string());
+        }));
+        let (fault, losses) = (Arc::clone(&self.fault), self.losses());
+        self.device.set_device_lost_callback(move |reason, message| {
+            // Dropping the device on purpose is no fault.
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                keep(&fault, &losses, GpuFaultKind::Lost, format!("device lost: {message}"));
+            }
+        });
     }
 
     /// What there is to know about the adapter.
@@ -132,9 +205,14 @@ impl Gpu {
         flags.contains(wgpu::DownlevelFlags::VIEW_FORMATS)
     }
 
+    /// The first fault of the device since it was opened, in words.
+    pub fn fault(&self) -> Option<String> {
+        self.first_fault().map(|fault| fault.reason)
+    }
+
     /// The first fault of the device since it was opened: lost, out of memory, or a mistake of
     /// ours. The owner opens a new [`Gpu`] then.
-    pub fn fault(&self) -> Option<String> {
+    pub fn first_fault(&self) -> Option<GpuFault> {
         self.fault.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
@@ -172,19 +250,12 @@ fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), G
     })
 }
 
-fn watch(device: &wgpu::Device, fault: &Arc<Mutex<Option<String>>>) {
-    let keep = |fault: &Mutex<Option<String>>, text: String| {
-        warn!(fault = text, "gpu");
-        fault.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
-    };
-    let (on_error, on_loss) = (Arc::clone(fault), Arc::clone(fault));
-    device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-        keep(&on_error, error.to_string());
-    }));
-    device.set_device_lost_callback(move |reason, message| {
-        // Dropping the device on purpose is no fault.
-        if reason != wgpu::DeviceLostReason::Destroyed {
-            keep(&on_loss, format!("device lost: {message}"));
-        }
-    });
+fn keep(fault: &Mutex<Option<GpuFault>>, losses: &AtomicU64, kind: GpuFaultKind, reason: String) {
+    let mut first = fault.lock().unwrap_or_else(PoisonError::into_inner);
+    // What follows from it is not news: every call on a lost device fails.
+    if first.is_none() {
+        warn!(fault = reason, "gpu");
+        *first = Some(GpuFault { kind, reason });
+        losses.fetch_add(1, Ordering::SeqCst);
+    }
 }

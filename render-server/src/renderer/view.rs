@@ -171,7 +171,7 @@ impl ViewDesc {
     /// The uniforms of this view.
     pub(in crate::renderer) fn uniform(&self, scene: &Scene) -> FrameUniform {
         let mut suns = [SunRecord::default(); SUNS_MAX];
-        for (record, sun) in suns.iter_mut().zip(&scene.lights.suns) {
+        for (record, sun) in suns.iter_mut().zip(&scene.layout.lights.suns) {
             record.toward = sun.toward.to_array();
             record.irradiance = sun.irradiance.to_array();
         }
@@ -180,9 +180,9 @@ impl ViewDesc {
         let clip_from_eye: Mat4 = self.scaled_clip_from_eye().as_mat4();
         FrameUniform {
             clip_from_eye: clip_from_eye.to_cols_array_2d(),
-            sky: scene.sky.to_array(),
+            sky: scene.layout.sky.to_array(),
             exposure: self.exposure,
-            ground: scene.ground.to_array(),
+            ground: scene.layout.ground.to_array(),
             pad: 0.0,
             eye: eye.to_array(),
             suns,

@@ -4,6 +4,7 @@
 //! as deep as the file is long.
 
 use glam::{DAffine3, DMat4, DQuat, DVec3, Quat, Vec3};
+use polyptych_protocol::limits::DRAWS_MAX;
 use polyptych_protocol::scene::{Instance, Node};
 use polyptych_protocol::words::counted;
 
@@ -12,10 +13,6 @@ use super::document::{self, Instancing};
 use super::error::BakeError;
 use super::pose::Meshes;
 use super::{Job, uri};
-
-/// Most copies that all nodes together may draw: each takes 40 bytes of the manifest, and a file
-/// of a few bytes can name millions.
-const INSTANCES_MAX: usize = 4 << 20;
 
 /// How far the last row of a matrix may be from 0, 0, 0, 1.
 const AFFINE_TOLERANCE: f64 = 1e-5;
@@ -39,7 +36,8 @@ pub(super) fn read(job: &mut Job<'_>) -> Result<Placed, BakeError> {
     let mut is_seen = vec![false; json.len()];
     let mut placed = Placed::default();
     let mut apart = Vec::new();
-    let mut instances_left = INSTANCES_MAX;
+    // Each copy is a draw at least, and 40 bytes of the manifest.
+    let mut instances_left = DRAWS_MAX as usize;
     let mut stack: Vec<(u32, Option<u32>)> = roots.iter().rev().map(|&r| (r, None)).collect();
     while let Some((index, parent)) = stack.pop() {
         if placed.nodes.len().is_multiple_of(1024) {
@@ -248,8 +246,9 @@ fn instances(
             return Err(BakeError::at(place, what, "equal counts would be right"));
         }
         if expected > left {
-            let what = format!("{expected} instances, {} before them", INSTANCES_MAX - left);
-            let right = format!("a scene can have {INSTANCES_MAX}");
+            let before = DRAWS_MAX as usize - left;
+            let what = format!("{expected} instances, {before} before them");
+            let right = format!("a scene can have {DRAWS_MAX}");
             return Err(BakeError::at(place, what, right));
         }
     }

@@ -5,14 +5,15 @@
 //! STORE/bakes/KEY.json      which manifest came of which source, and how much it is
 //! ```
 
+use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use polyptych_protocol::blob::{BlobError, BlobFolder};
+use polyptych_protocol::blob::{self, Abandoned, BlobError, BlobFolder};
 use polyptych_protocol::codec;
 use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::scene::Scene;
+use rayon::prelude::*;
 
 use super::Baked;
 use super::error::BakeError;
@@ -41,6 +42,18 @@ impl Store {
         Ok(Self { bakes, blobs: BlobFolder::new(blobs) })
     }
 
+    /// Removes the files that killed bakers left, and logs how much that was.
+    pub fn remove_abandoned(&self) {
+        let blobs = self.blobs.remove_abandoned();
+        let bakes = blob::remove_abandoned(&self.bakes);
+        let Abandoned { files, bytes } =
+            Abandoned { files: blobs.files + bakes.files, bytes: blobs.bytes + bakes.bytes };
+        if files > 0 {
+            let store = self.blobs.root().display();
+            tracing::info!(%store, files, bytes, "files of killed processes were removed");
+        }
+    }
+
     /// The blobs of all bakes.
     pub fn blobs(&self) -> &BlobFolder {
         &self.blobs
@@ -59,37 +72,27 @@ impl Store {
         is_whole.then_some(Baked { reused: true, ..baked })
     }
 
-    /// Whether every blob is there with the length that it must have; one that has not is
-    /// removed, because [`BlobFolder::write`] leaves alone what is there.
+    /// Returns whether every blob is there, has the length that it must have, and hashes to its
+    /// name. All are looked at, and damaged ones removed, so that one bake mends all: servers would
+    /// else find the next damaged one with each `open`.
     fn has_all(&self, scene: &Scene) -> bool {
         let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
         let meshes = primitives.map(|p| (p.blob, p.vertex_bytes() + p.index_bytes()));
         let textures = scene.textures.iter().map(|t| (t.blob, t.bytes()));
-        let mut has_all = true;
-        for (blob, bytes) in meshes.chain(textures) {
-            let path = self.blobs.path_of(blob);
-            match fs::metadata(&path) {
-                Ok(facts) if facts.is_file() && facts.len() == bytes => {}
-                Ok(_) => {
-                    has_all = false;
-                    drop(fs::remove_file(&path));
-                }
-                Err(_) => has_all = false,
-            }
+        let all: BTreeMap<BlobHash, u64> = meshes.chain(textures).collect();
+        let damaged = |&(blob, bytes): &(&BlobHash, &u64)| !self.blobs.verify(*blob, *bytes);
+        let damaged = all.par_iter().filter(damaged).count();
+        if damaged > 0 {
+            tracing::warn!(damaged, of = all.len(), "blobs of the store are baked anew");
         }
-        has_all
+        damaged == 0
     }
 
     /// Notes what came of this key.
     pub(super) fn record(&self, key: BlobHash, baked: &Baked) -> Result<(), BakeError> {
         let path = self.path_of(key);
         let written = serde_json::to_vec_pretty(baked).map_err(std::io::Error::from);
-        let written = written.and_then(|text| {
-            let mut file = tempfile::NamedTempFile::new_in(&self.bakes)?;
-            file.write_all(&text)?;
-            file.persist(&path).map_err(|error| error.error)?;
-            Ok(())
-        });
+        let written = written.and_then(|text| blob::place(&self.bakes, &path, &text));
         written.map_err(|error| unusable(&path, error))
     }
 

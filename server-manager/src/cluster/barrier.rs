@@ -20,6 +20,11 @@ use super::{Cluster, Micros, Output, RequestOf, SessionId};
 /// fills caches. While all do, a frame waits as long as any may.
 const WARM_UP_FRAMES: u32 = 3;
 
+/// By how much one server may draw longer than the median server before the rest of its time does
+/// not count for the deadline: tiles of a wall differ by less. One of three servers or more so
+/// raises the deadline to this multiple at most, whatever it says and however slow it is.
+const OUTLIER_FACTOR: u32 = 4;
+
 /// Frames whose beginning is remembered: what a late channel may be behind and still be measured,
 /// two seconds of a wall at 240 frames per second.
 const FRAMES_REMEMBERED: usize = 480;
@@ -106,6 +111,15 @@ impl Barrier {
     /// The longest that a server drew for the channels that the frame waited for, where one has.
     pub fn slowest_us(&self) -> Option<u32> {
         self.busy_us.values().copied().max()
+    }
+
+    /// The same for the deadline, which one server alone must not move: what exceeds
+    /// [`OUTLIER_FACTOR`] times the median server's time does not count.
+    fn typical_slowest_us(&self) -> Option<u32> {
+        let mut all: Vec<u32> = self.busy_us.values().copied().collect();
+        all.sort_unstable();
+        let median = *all.get(all.len() / 2)?;
+        all.last().map(|slowest| median.saturating_mul(OUTLIER_FACTOR).min(*slowest))
     }
 
     /// Whether this is a drawing that the frame waited for.
@@ -280,8 +294,10 @@ impl Cluster {
         };
         barrier.waited.retain(|&id| id != drawn.channel);
         if barrier.awaits(drawn) {
+            // A server may say what it wants, but it has not drawn since before the frame began.
+            let elapsed_us = u32::try_from(now.saturating_sub(barrier.began)).unwrap_or(u32::MAX);
             let busy_us = barrier.busy_us.entry(from).or_default();
-            *busy_us = busy_us.saturating_add(drawn.draw_us);
+            *busy_us = busy_us.saturating_add(drawn.draw_us).min(elapsed_us);
         }
         barrier.drawn.insert(drawn.channel, *drawn);
         let frame_us = now.saturating_sub(barrier.began);
@@ -340,8 +356,8 @@ impl Cluster {
         self.command(barrier.sent.clone(), &Command::Swap(swap));
         self.swapped = barrier.frame;
         let slowest_us = barrier.slowest_us();
-        if let Some(slowest_us) = slowest_us {
-            self.deadline.add(slowest_us);
+        if let Some(typical_us) = barrier.typical_slowest_us() {
+            self.deadline.add(typical_us);
         }
         let feedback = self.aggregate(&barrier, now);
         let is_awaited = !barrier.awaited.is_empty();

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 
 use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::ids::{ChannelId, Digest, Revision};
+use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Revision};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 use polyptych_protocol::request::{Failure, Reply, SceneSummary};
@@ -115,10 +115,47 @@ impl Changes {
         self.current.as_ref().map(|underway| underway.replica.revision)
     }
 
+    pub fn current(&self) -> Option<&Change> {
+        self.current.as_ref().map(|underway| &underway.change)
+    }
+
+    pub fn queued(&self) -> impl Iterator<Item = &Change> {
+        self.queue.iter()
+    }
+
+    /// Shortens the time that the change on its way has.
+    pub fn expire_by(&mut self, at: Micros) {
+        if let Some(underway) = &mut self.current {
+            underway.expires = underway.expires.min(at);
+        }
+    }
+
+    /// Takes the change on its way out; returns who waits for it, and its revision.
+    pub fn take_current(&mut self) -> Option<(Purpose, Revision)> {
+        let underway = self.current.take()?;
+        Some((underway.change.purpose, underway.replica.revision))
+    }
+
+    /// The scene that the change on its way leads to.
+    pub fn scene(&self) -> Option<BlobHash> {
+        let replica = self.current.as_ref().map(|underway| &underway.replica);
+        replica.and_then(|replica| replica.scene.as_ref()).map(|scene| scene.manifest)
+    }
+
     /// Whether this server has said that it cannot prepare the change on its way.
     pub fn has_failed_on(&self, session: SessionId) -> bool {
         let mut failed = self.current.iter().flat_map(|underway| &underway.failed);
         failed.any(|(id, _)| *id == session)
+    }
+
+    /// A server cannot prepare the change on its way. Said once, however often: who repeats itself
+    /// fills no memory.
+    pub fn add_failure(&mut self, session: SessionId, reason: String) {
+        if !self.has_failed_on(session)
+            && let Some(underway) = &mut self.current
+        {
+            underway.failed.push((session, reason));
+        }
     }
 
     /// How many wait for their turn.
@@ -128,20 +165,17 @@ impl Changes {
 
     /// The wall as it will be once all is done that waits.
     pub fn latest_wall(&self) -> Option<&Wall> {
-        let current = self.current.as_ref().map(|underway| &underway.change);
-        self.queue.iter().rev().chain(current).find_map(Change::wall)
+        self.queue.iter().rev().chain(self.current()).find_map(Change::wall)
     }
 
     /// The walls that are on their way.
     pub fn walls(&self) -> impl Iterator<Item = &Wall> {
-        let current = self.current.as_ref().map(|underway| &underway.change);
-        self.queue.iter().chain(current).filter_map(Change::wall)
+        self.queue.iter().chain(self.current()).filter_map(Change::wall)
     }
 
     /// Who waits for a tuning.
     pub fn tuners(&self) -> impl Iterator<Item = &Tuner> {
-        let current = self.current.as_ref().map(|underway| &underway.change);
-        self.queue.iter().chain(current).flat_map(Change::tuners)
+        self.queue.iter().chain(self.current()).flat_map(Change::tuners)
     }
 
     /// The scenes that wait for their turn, by name.
@@ -226,6 +260,7 @@ impl Cluster {
             return;
         }
         self.changes.queue.push_back(change);
+        self.hasten_obsolete(now);
         self.advance_change(now);
     }
 
@@ -247,44 +282,11 @@ impl Cluster {
         self.command(to, &Command::Prepare(prepare));
     }
 
-    pub(super) fn handle_prepare_failed(
-        &mut self,
-        now: Micros,
-        from: SessionId,
-        revision: Revision,
-        reason: &str,
-    ) {
-        let span = self.span_of(from);
-        let Some(server) = self.registry.server_mut(from) else { return };
-        if !server.answered(revision) {
-            return;
-        }
-        span.in_scope(|| tracing::error!(revision = revision.0, reason, "a server cannot prepare"));
-        let (name, channels) = (server.name.clone(), server.channels.clone());
-        if self.changes.digest_of(revision).is_some() {
-            // Said once, however often: who repeats itself fills no memory.
-            if !self.changes.has_failed_on(from)
-                && let Some(underway) = &mut self.changes.current
-            {
-                underway.failed.push((from, format!("server {name}: {reason}")));
-            }
-        } else if revision == self.shown.revision {
-            if let Some(server) = self.registry.server_mut(from) {
-                server.retry_later(now);
-            }
-            self.registry.set_states(&channels, ChannelState::Preparing, Some(reason), now);
-            self.stop_waiting_for(&channels, now);
-        }
-        self.advance_change(now);
-        // Asked for the same at once it would fail again; for anything newer it may not.
-        if revision != self.shown.revision {
-            self.prompt(vec![from]);
-        }
-    }
-
     pub(super) fn expire_change(&mut self, now: Micros) {
         if self.changes.next_expiry().is_some_and(|expires| now >= expires) {
-            self.settle_change(now);
+            if !self.refuse_obsolete(now) {
+                self.settle_change(now);
+            }
             self.advance_change(now);
         }
     }
@@ -415,7 +417,7 @@ impl Cluster {
     }
 
     /// Tells all who wait for a change that it is not done.
-    fn refuse(&mut self, purpose: &Purpose, reason: &str) {
+    pub(super) fn refuse(&mut self, purpose: &Purpose, reason: &str) {
         let jobs: Vec<_> = match purpose {
             Purpose::Scene { job, .. } => vec![*job],
             Purpose::Tuning { tuners, .. } => tuners.iter().map(|tuner| tuner.job).collect(),
@@ -428,7 +430,7 @@ impl Cluster {
     /// The wall goes on with what it shows. Servers that have prepared the refused revision hold
     /// the shown state beside it, and are live as before; but who may not have drawn that yet, or
     /// holds more than one that was refused, is given it anew: servers keep few states.
-    fn stay(&mut self, now: Micros, refused: Revision) {
+    pub(super) fn stay(&mut self, now: Micros, refused: Revision) {
         self.changes.refused = Some(refused);
         let shown = self.shown.revision;
         let holders = self.registry.servers().filter(|(_, s)| s.prepared == Some(refused));

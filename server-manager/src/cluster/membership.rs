@@ -4,14 +4,20 @@ use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::ServerHello;
-use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::ids::{ChannelId, Revision};
 use polyptych_protocol::limits::NAME_BYTES_MAX;
 use polyptych_protocol::status::Prepared;
 
+use super::registry::Answered;
+use super::supersede::Owed;
 use super::{ClientState, Cluster, Micros, SessionId};
 
 /// Most features of a scene that are reported; there are nine.
 const FEATURES_MAX: usize = 64;
+
+/// After this long a server that could not prepare the shown state is asked again, for the first
+/// time: a full disk or a busy device passes, and what fails for good costs a snapshot each time.
+const PREPARE_RETRY_FIRST: Micros = 2_000_000;
 
 impl Cluster {
     /// A render server claims its channels. After `Ok` the session belongs to it.
@@ -57,21 +63,29 @@ impl Cluster {
 
     /// Sends each of these servers what it must prepare next, if it owes no answer: the shown
     /// state whole, or the change on its way from there. A server that is busy with an older
-    /// state is so never sent more than one thing.
+    /// state is so never sent more than one thing; one that is busy with a scene that is not
+    /// wanted any more is sent one thing beside it, and stops. One that failed is left its pause.
     pub(super) fn prompt(&mut self, sessions: Vec<SessionId>) {
         let (mut to_snapshot, mut to_change) = (Vec::new(), Vec::new());
         let shown = self.shown.revision;
+        let shown_scene = self.shown.scene.as_ref().map(|scene| scene.manifest);
         let next = self.changes.revision();
+        let next_scene = next.map_or(shown_scene, |_| self.changes.scene());
         for session in sessions {
             let Some(server) = self.registry.server_mut(session) else { continue };
-            if server.owes.is_some() || (next.is_some() && server.prepared == next) {
+            if next.is_some() && server.prepared == next {
                 continue;
             }
-            if server.prepared != Some(shown) {
-                server.owes = Some(shown);
+            let is_behind = server.prepared != Some(shown);
+            let may_change = next.is_some() && !self.changes.has_failed_on(session);
+            if !(is_behind || may_change) || !server.may_be_sent([shown_scene, next_scene]) {
+                continue;
+            }
+            if is_behind {
+                server.owes = Some(Owed { revision: shown, scene: shown_scene });
                 to_snapshot.push(session);
-            } else if next.is_some() && !self.changes.has_failed_on(session) {
-                server.owes = next;
+            } else {
+                server.owes = next.map(|revision| Owed { revision, scene: next_scene });
                 to_change.push(session);
             }
         }
@@ -128,7 +142,7 @@ impl Cluster {
         let mut channels = Vec::new();
         for &session in sessions {
             let Some(server) = self.registry.server_mut(session) else { continue };
-            server.prepared = None;
+            server.resynchronise(now);
             channels.extend_from_slice(&server.channels);
             let what = format!("server {}: {why}", server.name);
             // A server that never gets it right would come here as fast as it can.
@@ -147,9 +161,11 @@ impl Cluster {
         if prepared.epoch != self.epoch {
             return;
         }
-        let server = self.registry.server_mut(from);
-        if !server.is_some_and(|server| server.answered(prepared.revision)) {
-            return;
+        let Some(server) = self.registry.server_mut(from) else { return };
+        match server.answer(prepared.revision) {
+            Answered::Unasked => return,
+            Answered::Obsolete => return self.prompt(vec![from]),
+            Answered::Owed => {}
         }
         if self.sends_back(now, from, prepared.revision) {
             return;
@@ -183,6 +199,42 @@ impl Cluster {
         self.advance_change(now);
         self.prompt(vec![from]);
         self.advance_frame(now);
+    }
+
+    pub(super) fn handle_prepare_failed(
+        &mut self,
+        now: Micros,
+        from: SessionId,
+        revision: Revision,
+        reason: &str,
+    ) {
+        let span = self.span_of(from);
+        let Some(server) = self.registry.server_mut(from) else { return };
+        match server.answer(revision) {
+            Answered::Unasked => return,
+            Answered::Obsolete => return self.prompt(vec![from]),
+            Answered::Owed => {}
+        }
+        let (name, channels) = (server.name.clone(), server.channels.clone());
+        let what = format!("server {name} cannot prepare: {reason}");
+        if let Some(times) = self.repetitions.note(now, &what) {
+            let revision = revision.0;
+            span.in_scope(|| tracing::error!(revision, reason, times, "a server cannot prepare"));
+        }
+        if self.changes.digest_of(revision).is_some() {
+            self.changes.add_failure(from, format!("server {name}: {reason}"));
+        } else if revision == self.shown.revision {
+            if let Some(server) = self.registry.server_mut(from) {
+                server.retry_later(now, PREPARE_RETRY_FIRST);
+            }
+            self.registry.set_states(&channels, ChannelState::Preparing, Some(reason), now);
+            self.stop_waiting_for(&channels, now);
+        }
+        self.advance_change(now);
+        // Asked for the same at once it would fail again; for anything newer it may not.
+        if revision != self.shown.revision {
+            self.prompt(vec![from]);
+        }
     }
 
     /// Whether a channel that has become ready is given a frame though nobody has ordered one.

@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
-use polyptych_protocol::ids::{ChannelId, FrameId, Revision};
+use polyptych_protocol::ids::{BlobHash, ChannelId, FrameId, Revision};
 use polyptych_protocol::status::Shown;
 use polyptych_protocol::wall::Wall;
 use serde::{Deserialize, Serialize};
 
+use super::supersede::Owed;
 use super::{Micros, SessionId, span};
 
 /// Frames in time after which a late channel is waited for again, the first time.
@@ -19,9 +20,20 @@ const REJOIN_FRAMES_MIN: u32 = 8;
 /// every hiccup cost seconds.
 const REJOIN_FRAMES_MAX: u32 = 512;
 
-/// After this long a server that could not prepare the shown state is asked again: a full disk or
-/// a busy device passes, and what fails for good costs one snapshot in this time.
-const PREPARE_RETRY_WAIT: Micros = 2_000_000;
+/// Longest pause before a server that fails again and again is given the shown state anew. Pauses
+/// double from failure to failure.
+const RETRY_WAIT_MAX: Micros = 8_000_000;
+
+/// First pause of a server that is given the shown state anew for the second time.
+const RESYNCHRONISE_RETRY_FIRST: Micros = 250_000;
+
+/// A server that did not fail for so long begins with the first pause again.
+const FAILURES_FORGOTTEN_AFTER: Micros = 30_000_000;
+
+/// Maximum number of changes of a channel's state that are logged in each [`LINES_PERIOD`]: 40
+/// bytes per second and channel.
+const LINES_MAX: u32 = 16;
+const LINES_PERIOD: Micros = 60_000_000;
 
 /// A connected render server.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -34,24 +46,82 @@ pub(super) struct Server {
     /// What it could draw at once.
     pub prepared: Option<Revision>,
     /// What it was sent and has not answered yet.
-    pub owes: Option<Revision>,
+    pub owes: Option<Owed>,
+    /// What it owes too, though nobody wants it any more. Nothing is sent beside both.
+    pub obsolete: Option<Revision>,
     pub memory_bytes: u64,
     /// When it is asked once more for what it could not prepare.
     retry_at: Option<Micros>,
+    /// Pauses since it began to fail, and when the last one began.
+    failures: u32,
+    failed_at: Micros,
     last_heard: Micros,
 }
 
 impl Server {
-    /// It has answered for a revision, for better or worse. `false` where it was not asked: its
-    /// loader may still be at work for the connection before this one.
-    pub fn answered(&mut self, revision: Revision) -> bool {
-        self.owes.take_if(|owed| *owed == revision).is_some()
+    /// It has answered for a revision, for better or worse.
+    pub fn answer(&mut self, revision: Revision) -> Answered {
+        if self.obsolete.take_if(|obsolete| *obsolete == revision).is_some() {
+            Answered::Obsolete
+        } else if self.owes.take_if(|owed| owed.revision == revision).is_some() {
+            Answered::Owed
+        } else {
+            Answered::Unasked
+        }
     }
 
-    /// It is asked again after a while.
-    pub fn retry_later(&mut self, now: Micros) {
-        self.retry_at = Some(now + PREPARE_RETRY_WAIT);
+    /// Returns whether it may be sent a state of one of these scenes. What it owes is given up for
+    /// that if it is of another scene: the server stops to work on it.
+    pub fn may_be_sent(&mut self, scenes: [Option<BlobHash>; 2]) -> bool {
+        if self.retry_at.is_some() {
+            return false;
+        }
+        let Some(owed) = self.owes else { return true };
+        if self.obsolete.is_some() || scenes.contains(&owed.scene) {
+            return false;
+        }
+        self.obsolete = self.owes.take().map(|owed| owed.revision);
+        true
     }
+
+    /// It is asked again after a while: `first`, twice as long after each further failure.
+    pub fn retry_later(&mut self, now: Micros, first: Micros) {
+        let wait = first.saturating_mul(1 << self.count_failure(now).min(16)).min(RETRY_WAIT_MAX);
+        self.retry_at = Some(now + wait);
+    }
+
+    /// It is given the shown state anew: at once, or after a pause if it was before.
+    pub fn resynchronise(&mut self, now: Micros) {
+        self.prepared = None;
+        match self.count_failure(now) {
+            0 => {}
+            failures => {
+                let wait = RESYNCHRONISE_RETRY_FIRST << (failures - 1).min(16);
+                self.retry_at = Some(now + wait.min(RETRY_WAIT_MAX));
+            }
+        }
+    }
+
+    /// Returns how often it failed before.
+    fn count_failure(&mut self, now: Micros) -> u32 {
+        if now.saturating_sub(self.failed_at) >= FAILURES_FORGOTTEN_AFTER {
+            self.failures = 0;
+        }
+        self.failed_at = now;
+        self.failures = self.failures.saturating_add(1);
+        self.failures - 1
+    }
+}
+
+/// What a server's answer on a state is to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Answered {
+    /// What it owes.
+    Owed,
+    /// What it was sent, and nobody wants any more.
+    Obsolete,
+    /// Nothing: its loader may still be at work for the connection before this one.
+    Unasked,
 }
 
 /// A channel of the wall and what is known of it.
@@ -79,6 +149,9 @@ pub(super) struct Channel {
     in_time: u32,
     /// When its last drawing was reported.
     drew_at: Micros,
+    /// Changes of its state that were logged since then.
+    lines: u32,
+    lines_since: Micros,
     rejoin_frames: u32,
     /// What it takes after the next miss.
     next_rejoin_frames: u32,
@@ -109,6 +182,8 @@ impl Registry {
             frames_drawn: 0,
             in_time: 0,
             drew_at: 0,
+            lines: 0,
+            lines_since: 0,
             rejoin_frames: REJOIN_FRAMES_MIN,
             next_rejoin_frames: REJOIN_FRAMES_MIN,
         };
@@ -179,8 +254,11 @@ impl Registry {
             channels,
             prepared: None,
             owes: None,
+            obsolete: None,
             memory_bytes: 0,
             retry_at: None,
+            failures: 0,
+            failed_at: 0,
             last_heard: now,
         };
         self.servers.insert(session, server);
@@ -284,9 +362,16 @@ impl Registry {
     ) {
         let Some(channel) = self.channel(id) else { return };
         let is_news = channel.state != state;
-        if is_news {
+        if is_news && channel.lines < LINES_MAX {
+            let is_last = channel.lines + 1 == LINES_MAX;
             let name = channel.name.as_str();
-            let tell = || tracing::info!(channel = name, ?state, reason, "channel changes state");
+            let tell = || {
+                tracing::info!(channel = name, ?state, reason, "channel changes state");
+                if is_last {
+                    let quiet_s = LINES_PERIOD / 1_000_000;
+                    tracing::warn!(channel = name, quiet_s, "too many changes of state to log");
+                }
+            };
             match channel.server {
                 Some(session) => self.span_of(session).in_scope(tell),
                 None => tell(),
@@ -296,6 +381,11 @@ impl Registry {
         if is_news {
             channel.state = state;
             channel.since = now;
+            if now.saturating_sub(channel.lines_since) >= LINES_PERIOD {
+                channel.lines_since = now;
+                channel.lines = 0;
+            }
+            channel.lines += 1;
         }
         channel.reason = reason;
     }

@@ -15,6 +15,10 @@ const FRAMES_COMPARED: usize = 32;
 /// them are above the 99th percentile.
 const SKEW_FRAMES: usize = 1024;
 
+/// By how much a present call may seem to lie before its swap or behind its report, in
+/// microseconds: a server's clock is that far off at most, whatever error it claims.
+const CLOCK_SLACK_MAX_US: u32 = 20_000;
+
 /// What feedback says of a channel is this old at most, as far as [`REFRESHED_AT_ONCE`] allows.
 const REFRESH_PERIOD: Micros = 1_000_000;
 
@@ -37,6 +41,8 @@ struct Presented {
     frame: FrameId,
     /// How many channels were sent it.
     sent: usize,
+    /// When the swap was sent, in manager time.
+    at: Micros,
     reports: Vec<Shown>,
 }
 
@@ -80,7 +86,12 @@ impl PresentCalls {
     /// A frame was swapped that so many channels were sent. Gives an older one that is not
     /// waited for any more.
     pub fn swapped(&mut self, frame: FrameId, sent: usize, now: Micros) -> Option<Compared> {
-        self.frames.push_back(Presented { frame, sent, reports: Vec::with_capacity(sent) });
+        self.frames.push_back(Presented {
+            frame,
+            sent,
+            at: now,
+            reports: Vec::with_capacity(sent),
+        });
         let over = (self.frames.len() > FRAMES_COMPARED).then(|| self.frames.pop_front());
         let compared = over.flatten().map(|presented| self.compare(&presented.reports));
         self.refresh(now);
@@ -88,7 +99,10 @@ impl PresentCalls {
     }
 
     /// A channel has shown a frame. Gives the frame's skews once all of its channels have.
-    pub fn add(&mut self, shown: &Shown) -> Option<Compared> {
+    ///
+    /// A present call lies between the swap and its report: one that a server dates otherwise is
+    /// not compared, since all others would be compared with it.
+    pub fn add(&mut self, shown: &Shown, now: Micros) -> Option<Compared> {
         let window = self.channels.get_mut(usize::from(shown.channel.0))?;
         window.clock_error_us = Some(shown.clock_error_us).filter(|&error| error != u32::MAX);
         // A report on a frame that has been compared says nothing any more.
@@ -98,7 +112,11 @@ impl PresentCalls {
         if presented.reports.iter().any(|report| report.channel == shown.channel) {
             return None;
         }
-        presented.reports.push(*shown);
+        let slack = Micros::from(shown.clock_error_us.min(CLOCK_SLACK_MAX_US));
+        let possible = presented.at.saturating_sub(slack)..=now + slack;
+        let is_dated = possible.contains(&shown.at_us);
+        let clock_error_us = if is_dated { shown.clock_error_us } else { u32::MAX };
+        presented.reports.push(Shown { clock_error_us, ..*shown });
         if presented.reports.len() < presented.sent {
             return None;
         }
@@ -186,6 +204,9 @@ mod tests {
 
     use super::*;
 
+    /// When reports arrive, where it does not matter.
+    const LATER: Micros = 1 << 40;
+
     fn shown(frame: u64, channel: u16, at_us: u64, clock_error_us: u32) -> Shown {
         let (frame, channel) = (FrameId(frame), ChannelId(channel));
         Shown { epoch: Epoch(1), frame, channel, at_us, clock_error_us }
@@ -199,8 +220,9 @@ mod tests {
             let skew = (n * 7919) % 1009;
             expected.push_back(skew as f64);
             calls.swapped(FrameId(n), 2, n * 1000);
-            assert_eq!(calls.add(&shown(n, 0, 50_000 * n, 30)), None);
-            let compared = calls.add(&shown(n, 1, 50_000 * n + skew, 40)).expect("both are here");
+            assert_eq!(calls.add(&shown(n, 0, 50_000 * n, 30), LATER), None);
+            let compared =
+                calls.add(&shown(n, 1, 50_000 * n + skew, 40), LATER).expect("both are here");
             assert_eq!(compared.widest_us(), Some(skew));
         }
         expected.drain(..expected.len() - SKEW_FRAMES);
@@ -220,14 +242,14 @@ mod tests {
     fn a_frame_that_one_channel_never_shows_is_compared_without_it() {
         let mut calls = PresentCalls::new(3);
         calls.swapped(FrameId(1), 3, 0);
-        calls.add(&shown(1, 0, 100, 1));
-        calls.add(&shown(1, 2, 350, 1));
+        calls.add(&shown(1, 0, 100, 1), LATER);
+        calls.add(&shown(1, 2, 350, 1), LATER);
         for n in 2..=FRAMES_COMPARED as u64 {
             assert_eq!(calls.swapped(FrameId(n), 3, 0), None);
         }
         let compared = calls.swapped(FrameId(99), 3, 0).expect("too old");
         assert_eq!(compared.skews_us, [(ChannelId(0), 0), (ChannelId(2), 250)]);
-        assert_eq!(calls.add(&shown(1, 1, 9_999, 1)), None, "it was compared already");
+        assert_eq!(calls.add(&shown(1, 1, 9_999, 1), LATER), None, "it was compared already");
         assert_eq!(calls.skew(ChannelId(1)).frames, 0);
     }
 
@@ -235,10 +257,27 @@ mod tests {
     fn a_call_that_is_not_in_manager_time_is_not_compared() {
         let mut calls = PresentCalls::new(2);
         calls.swapped(FrameId(1), 2, 0);
-        calls.add(&shown(1, 0, 7, u32::MAX));
-        let compared = calls.add(&shown(1, 1, 1_000_000, 5)).expect("both are here");
+        calls.add(&shown(1, 0, 7, u32::MAX), LATER);
+        let compared = calls.add(&shown(1, 1, 1_000_000, 5), LATER).expect("both are here");
         assert_eq!((compared.widest_us(), calls.skew(ChannelId(1)).max_us), (None, 0));
         assert_eq!(calls.skew(ChannelId(0)).clock_error_us, None);
+    }
+
+    #[test]
+    fn ignores_present_calls_before_their_swap_or_behind_their_report() {
+        let mut calls = PresentCalls::new(3);
+        for n in 0..100 {
+            let swapped = 1_000_000 + n * 20_000;
+            calls.swapped(FrameId(n), 3, swapped);
+            let lie = if n % 2 == 0 { 0 } else { u64::MAX };
+            calls.add(&shown(n, 0, lie, 10), swapped + 3_000);
+            calls.add(&shown(n, 1, swapped + 1_000, 10), swapped + 3_000);
+            let last = calls.add(&shown(n, 2, swapped + 1_500, u32::MAX - 1), swapped + 3_000);
+            assert_eq!(last.and_then(|compared| compared.widest_us()), Some(500));
+        }
+        assert_eq!(calls.skew(ChannelId(0)).frames, 0, "not compared");
+        assert_eq!(calls.skew(ChannelId(1)).max_us, 0);
+        assert_eq!(calls.skew(ChannelId(2)).max_us, 500);
     }
 
     #[test]
@@ -248,7 +287,7 @@ mod tests {
         let mut before: Vec<Option<Micros>> = vec![None; 64];
         for n in 0..180 {
             calls.swapped(FrameId(n), 64, n * 16_667);
-            (0..64).for_each(|c| drop(calls.add(&shown(n, c, n * 16_667, 1))));
+            (0..64).for_each(|c| drop(calls.add(&shown(n, c, n * 16_667, 1), LATER)));
             let after: Vec<_> = calls.channels.iter().map(|c| c.refreshed_at).collect();
             let changed = after.iter().zip(&before).filter(|(after, before)| after != before);
             let changed = changed.count();

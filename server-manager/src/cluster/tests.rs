@@ -3,6 +3,7 @@
 mod displays;
 mod failures;
 mod found;
+mod hostile;
 mod navigation;
 mod progress;
 mod random;
@@ -335,7 +336,7 @@ fn a_late_channel_that_draws_in_time_counts_neither_as_slow_nor_for_the_deadline
         stage.order_frame();
         let slow = Drawn { draw_us: 900_000, ..stage.drawn(1) };
         stage.say(SessionId(1), Status::Drawn(slow));
-        stage.draw(&[0], 1_000);
+        stage.draw(&[0], 20_000);
     }
     assert_eq!(stage.cluster.deadline.length(), before);
     assert!(stage.cluster.statistics(false).draw_ms.max < 21.0);

@@ -97,6 +97,7 @@ fn of_status(status: &Status) -> String {
         Status::Display { channel, .. } => {
             format!("how the display of channel number {} fits", channel.0)
         }
+        Status::StateLost { reason } => format!("lost its state: {}", text(reason)),
         Status::Goodbye { reason } => format!("goodbye: {}", text(reason)),
     }
 }

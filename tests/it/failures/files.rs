@@ -1,9 +1,11 @@
 //! Bakers that die, and caches that are damaged or can't be written.
 
 use std::fs;
+use std::path::{Path, PathBuf};
 
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, Pace};
+use polyptych_protocol::ids::BlobHash;
 use rustix::process::Signal;
 
 use super::{RATE, brisk};
@@ -54,21 +56,37 @@ struct Cached {
 
 impl Cached {
     fn start() -> Self {
+        Self::start_in(Place::new())
+    }
+
+    fn start_in(place: Place) -> Self {
         let wall = crate::harness::local_wall::small(1, 1);
         let server = wall.channels[0].server.clone();
         let folder = town().parent().expect("a folder");
-        let local = LocalWall::manager(Place::new(), &wall, &[folder], ANY_PORT);
+        let local = LocalWall::manager(place, &wall, &[folder], ANY_PORT);
         let client = local.client();
         Self { local, client, server }
     }
 
-    fn cache(&self) -> std::path::PathBuf {
+    fn cache(&self) -> PathBuf {
         self.local.place.path(&format!("blobs-{}", self.server))
     }
 
     fn start_server(&mut self) {
         self.local.start_server(&self.server);
         await_states(&self.client, &[ChannelState::Ready, ChannelState::Live]);
+    }
+
+    /// The server is started anew, with nothing of its own if `is_empty`, while the wall shows no
+    /// scene.
+    fn restart_server(&mut self, is_empty: bool) {
+        self.client.close_scene().expect("closed");
+        self.server().kill();
+        self.local.await_lost(&self.client, &self.server.clone());
+        if is_empty {
+            fs::remove_dir_all(self.cache()).expect("removed");
+        }
+        self.start_server();
     }
 
     fn server(&mut self) -> &mut crate::harness::process::Process {
@@ -84,9 +102,7 @@ fn a_damaged_cache_is_filled_anew_and_never_believed() {
     let before = shot(&wall.client, poses(&bounds)[2]);
     wall.server().kill();
     wall.local.await_lost(&wall.client, &wall.server.clone());
-    let folders = fs::read_dir(wall.cache()).expect("a cache").flatten();
-    let files = folders.flat_map(|folder| fs::read_dir(folder.path()).into_iter().flatten());
-    let blobs: Vec<_> = files.flatten().map(|file| file.path()).collect();
+    let blobs = blobs_in(&wall.cache());
     assert!(blobs.len() > 10, "{} blobs", blobs.len());
     for (number, blob) in blobs.iter().enumerate() {
         let mut bytes = fs::read(blob).expect("read");
@@ -106,6 +122,67 @@ fn a_damaged_cache_is_filled_anew_and_never_believed() {
     wall.local.await_lost(&wall.client, &wall.server.clone());
     wall.start_server();
     assert!(!wall.server().output().contains("of no use"), "{}", wall.server().output());
+}
+
+/// The blobs in a folder of them.
+fn blobs_in(folder: &Path) -> Vec<PathBuf> {
+    let folders = fs::read_dir(folder).expect("a folder of blobs").flatten();
+    let files = folders.flat_map(|folder| fs::read_dir(folder.path()).into_iter().flatten());
+    files.flatten().map(|file| file.path()).collect()
+}
+
+/// Damages every second blob: bytes that are other, an end that is missing, a file that is gone,
+/// and one that is empty.
+fn damage(blobs: &[PathBuf]) {
+    for (number, blob) in blobs.iter().step_by(2).enumerate() {
+        let mut bytes = fs::read(blob).expect("read");
+        match number % 4 {
+            0 => bytes[0] ^= 1,
+            1 => bytes.truncate(bytes.len() / 2),
+            2 => {
+                fs::remove_file(blob).expect("removed");
+                continue;
+            }
+            _ => bytes.clear(),
+        }
+        fs::write(blob, bytes).expect("written");
+    }
+}
+
+#[test]
+fn one_open_mends_a_store_and_a_cache_that_are_damaged_in_every_way() {
+    let mut wall = Cached::start_in(Place::cold());
+    wall.start_server();
+    let bounds = wall.client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
+    let before = shot(&wall.client, poses(&bounds)[2]);
+    let store = wall.local.place.path("cache/polyptych/store/blobs");
+    let stored = blobs_in(&store);
+    assert!(stored.len() > 10, "{} blobs", stored.len());
+    for is_cache_empty in [true, false] {
+        // What a killed process leaves, and what is somebody else's.
+        let left = stored[0].parent().expect("a folder").join(".polyptych-dead.part");
+        fs::write(&left, "half").expect("written");
+        damage(&stored);
+        if !is_cache_empty {
+            let cached = blobs_in(&wall.cache());
+            damage(&cached);
+            fs::write(cached[0].with_file_name(".polyptych-dead.part"), "half").expect("written");
+        }
+        wall.restart_server(is_cache_empty);
+        if !is_cache_empty {
+            let parts = ["files of killed processes were removed", "files=1", "bytes=4"];
+            wall.server().await_line(&parts);
+        }
+        wall.client.open_scene("town.glb").expect("mended by one open");
+        let after = shot(&wall.client, poses(&bounds)[2]);
+        assert!(after.screens == before.screens, "another picture, cache empty: {is_cache_empty}");
+        let name =
+            |path: &PathBuf| path.file_name().expect("a name").to_string_lossy().into_owned();
+        for blob in &stored {
+            let hash = BlobHash::of(&fs::read(blob).expect("there again"));
+            assert_eq!(hash.to_string(), name(blob), "mended");
+        }
+    }
 }
 
 #[test]

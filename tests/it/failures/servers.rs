@@ -18,6 +18,23 @@ fn a_killed_server_is_live_again_and_the_others_go_on() {
 }
 
 #[test]
+fn a_server_whose_gpu_is_lost_opens_it_again_and_the_others_go_on() {
+    in_time(|| {
+        let run = Run::new(&["at 40 lose-gpu front-2-1"], 140);
+        let fault = run.fault(0);
+        fault.went_through(&["preparing", "live"])?;
+        assert_eq!(run.report["restarts"], 0, "its process stays");
+        assert!(!run.log.contains("server is lost"), "and so does its connection");
+        assert!(run.said(&["ERROR", "the GPU was lost", "front-2-1"]), "{}", run.log);
+        assert!(run.said(&["the GPU is open again", "front-2-1", "ms="]), "{}", run.log);
+        let back_ms = fault.ms("live_again_ms")?;
+        hold(back_ms <= 2000.0, "milliseconds from the loss to live", &back_ms)?;
+        fault.spared_the_others()?;
+        run.kept_its_pace()
+    });
+}
+
+#[test]
 fn a_stopped_server_shows_the_current_frame_when_it_wakes() {
     in_time(|| {
         let run = Run::new(&["at 40 stop 3s front-1-2"], 180);

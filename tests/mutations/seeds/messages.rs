@@ -179,6 +179,7 @@ fn statuses() -> Vec<Status> {
             zoom: 1.2,
         }),
         Status::Goodbye { reason: "it sends nonsense".into() },
+        Status::StateLost { reason: "device lost".into() },
     ]
 }
 

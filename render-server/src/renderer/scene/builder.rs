@@ -1,18 +1,13 @@
 //! Brings a scene to the GPU piece by piece, as its meshes and textures arrive.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
-use super::description::{
-    AlphaMode, ContentName, MaterialDesc, PrimitiveDesc, SamplerDesc, SceneDesc, TextureDesc,
-    Topology,
-};
+use super::description::{SamplerDesc, SceneDesc};
 use super::geometry::{self, Geometry};
-use super::light::{GROUND, Lights};
-use super::placement::{self, Bounds, Placement};
-use super::tree::Tree;
-use super::{Batch, Scene, material, texture};
+use super::layout::SceneLayout;
+use super::{Scene, material, texture};
 use crate::renderer::gpu::Gpu;
-use crate::renderer::pipeline::{Alpha, Cull, PipelineKey};
 
 /// Why a scene cannot be brought to the GPU.
 #[derive(Debug, thiserror::Error)]
@@ -40,6 +35,9 @@ pub enum SceneError {
         /// Vertices there are.
         vertex_count: u32,
     },
+    /// Nobody wants it any more.
+    #[error("the preparation was cancelled")]
+    Cancelled,
     /// Not everything has been uploaded.
     #[error("not uploaded yet: {0}")]
     Missing(String),
@@ -53,40 +51,14 @@ pub enum SceneError {
     },
 }
 
-/// Slots that stay empty until their bytes come; equal contents have one slot.
-#[derive(Debug)]
-struct Slots<T> {
-    /// Slot of each described thing, in the order of the description.
-    of: Vec<usize>,
-    filled: Vec<Option<T>>,
-}
-
-impl<T> Slots<T> {
-    fn new<K: std::hash::Hash + Eq>(names: impl Iterator<Item = Option<K>>) -> Self {
-        let (mut of, mut count) = (Vec::new(), 0);
-        let mut known = HashMap::new();
-        for name in names {
-            let next = count;
-            let slot = name.map_or(next, |name| *known.entry(name).or_insert(next));
-            count += usize::from(slot == next);
-            of.push(slot);
-        }
-        Self { of, filled: (0..count).map(|_| None).collect() }
-    }
-
-    fn first_missing(&self) -> Option<usize> {
-        self.of.iter().position(|&slot| self.filled[slot].is_none())
-    }
-}
-
 /// A scene under way to the GPU.
 #[derive(Debug)]
 pub struct SceneBuilder {
-    desc: SceneDesc,
-    textures: Slots<wgpu::TextureView>,
-    geometries: Slots<Geometry>,
-    /// Index of each mesh's first primitive in the order of all primitives.
-    first_primitive: Vec<usize>,
+    layout: Arc<SceneLayout>,
+    /// By slot; `None` until its bytes come.
+    textures: Vec<Option<wgpu::TextureView>>,
+    geometries: Vec<Option<Geometry>>,
+    levels_left_out: u32,
 }
 
 impl SceneBuilder {
@@ -95,22 +67,29 @@ impl SceneBuilder {
     /// # Errors
     /// An index points nowhere, a parent stands behind its child, a number is out of bounds.
     pub fn new(gpu: &Gpu, desc: SceneDesc) -> Result<Self, SceneError> {
+        Self::of(gpu, Arc::new(SceneLayout::new(desc, &|| false)?))
+    }
+
+    /// Makes room for a scene that was laid out elsewhere, which takes seconds for a large one.
+    ///
+    /// # Errors
+    /// It has a texture or a primitive that is too large for this GPU.
+    pub fn of(gpu: &Gpu, layout: Arc<SceneLayout>) -> Result<Self, SceneError> {
         let limits = gpu.device.limits();
-        if let Some(fault) = fault(&desc, limits.max_texture_dimension_2d, limits.max_buffer_size) {
+        let (side_max, bytes_max) = (limits.max_texture_dimension_2d, limits.max_buffer_size);
+        if let Some(fault) = layout.desc.size_fault(side_max, bytes_max) {
             return Err(SceneError::Description(fault));
         }
-        let texture_name =
-            |t: &TextureDesc| t.content.map(|c| (c, t.srgb, t.width, t.height, t.mip_count));
-        let textures = Slots::new(desc.textures.iter().map(texture_name));
-        let mut first_primitive = Vec::new();
-        let mut count = 0;
-        for mesh in &desc.meshes {
-            first_primitive.push(count);
-            count += mesh.primitives.len();
-        }
-        let primitives = desc.meshes.iter().flat_map(|mesh| &mesh.primitives);
-        let geometries = Slots::new(primitives.map(geometry_name));
-        Ok(Self { desc, textures, geometries, first_primitive })
+        let textures = (0..layout.textures.count).map(|_| None).collect();
+        let geometries = (0..layout.geometries.count).map(|_| None).collect();
+        Ok(Self { layout, textures, geometries, levels_left_out: 0 })
+    }
+
+    /// Leaves the largest levels of all textures out, where smaller ones remain: each takes a
+    /// quarter of the memory of the level above it.
+    #[must_use]
+    pub fn without_levels(self, levels_left_out: u32) -> Self {
+        Self { levels_left_out, ..self }
     }
 
     /// Uploads a texture; does nothing where an equal one is there already.
@@ -124,11 +103,11 @@ impl SceneBuilder {
         bytes: &[u8],
     ) -> Result<(), SceneError> {
         let what = format!("texture {index}");
-        let desc = self.desc.textures.get(index).ok_or_else(|| nowhere(&what))?;
+        let desc = self.layout.desc.textures.get(index).ok_or_else(|| nowhere(&what))?;
         check_size(&what, bytes, desc.bytes())?;
-        let slot = &mut self.textures.filled[self.textures.of[index]];
+        let slot = &mut self.textures[self.layout.textures.of[index]];
         if slot.is_none() {
-            *slot = Some(texture::upload(gpu, desc, bytes));
+            *slot = Some(texture::upload(gpu, desc, bytes, self.levels_left_out));
         }
         Ok(())
     }
@@ -145,11 +124,11 @@ impl SceneBuilder {
         bytes: &[u8],
     ) -> Result<(), SceneError> {
         let what = format!("primitive {primitive} of mesh {mesh}");
-        let in_mesh = self.desc.meshes.get(mesh).and_then(|m| m.primitives.get(primitive));
+        let in_mesh = self.layout.desc.meshes.get(mesh).and_then(|m| m.primitives.get(primitive));
         let desc = in_mesh.ok_or_else(|| nowhere(&what))?;
         check_size(&what, bytes, desc.bytes())?;
-        let slot = self.geometries.of[self.first_primitive[mesh] + primitive];
-        if self.geometries.filled[slot].is_some() {
+        let slot = self.layout.geometries.of[self.layout.first_primitive[mesh] + primitive];
+        if self.geometries[slot].is_some() {
             return Ok(());
         }
         if let Some(index) = geometry::index_beyond(desc, bytes) {
@@ -157,181 +136,42 @@ impl SceneBuilder {
         }
         let geometry = Geometry::upload(gpu, desc, bytes)
             .map_err(|reason| SceneError::Gpu { what, reason })?;
-        self.geometries.filled[slot] = Some(geometry);
+        self.geometries[slot] = Some(geometry);
         Ok(())
     }
 
-    /// Places everything in the world.
+    /// Brings all that is not there yet to the GPU.
     ///
     /// # Errors
     /// A mesh or a texture has not been uploaded.
     pub fn finish(self, gpu: &Gpu) -> Result<Scene, SceneError> {
-        if let Some(index) = self.textures.first_missing() {
+        if let Some(index) = self.layout.textures.first_missing(&self.textures) {
             return Err(SceneError::Missing(format!("texture {index}")));
         }
-        if let Some(index) = self.geometries.first_missing() {
-            let mesh = self.first_primitive.partition_point(|&first| first <= index) - 1;
-            let primitive = index - self.first_primitive[mesh];
+        if let Some(index) = self.layout.geometries.first_missing(&self.geometries) {
+            let first_primitive = &self.layout.first_primitive;
+            let mesh = first_primitive.partition_point(|&first| first <= index) - 1;
+            let primitive = index - first_primitive[mesh];
             return Err(SceneError::Missing(format!("primitive {primitive} of mesh {mesh}")));
         }
-        let world = placement::world_from_nodes(&self.desc.nodes);
-        let placements = placement::place(&self.desc, &world);
-        let mut lights = Lights::new(&self.desc, &world);
-        let mut sorter = Sorter::new(&self, &lights, &placements);
-        let mut items = Vec::with_capacity(placements.len());
-        for placement in &placements {
-            let lamps = lights.reaching(placement);
-            let mesh_box =
-                self.first_primitive[placement.mesh as usize] as u32 + placement.primitive;
-            items.push(placement.item(sorter.batch_of(&self, placement), mesh_box, lamps));
-        }
-        let bounds: Vec<Bounds> = placements.iter().map(|placement| placement.bounds).collect();
-        let (batches, keys, blends) = (sorter.batches, sorter.keys, sorter.template.linear);
-        let lamp_indices = index_buffer(gpu, &lights.indices);
+        let lamp_indices = index_buffer(gpu, &self.layout.lights.indices);
         let materials = self.materials(gpu);
-        Ok(Scene {
-            tree: Tree::new(&bounds),
-            items,
-            bounds,
-            mesh_boxes: placement::mesh_boxes(&self.desc),
-            batches,
-            keys,
-            geometries: self.geometries.filled.into_iter().flatten().collect(),
-            materials,
-            lights,
-            lamp_indices,
-            sky: self.desc.sky,
-            ground: self.desc.ground.unwrap_or(self.desc.sky * GROUND),
-            blends,
-        })
+        let geometries = self.geometries.into_iter().flatten().collect();
+        Ok(Scene { layout: self.layout, geometries, materials, lamp_indices })
     }
 
     fn materials(&self, gpu: &Gpu) -> Vec<wgpu::BindGroup> {
         let mut known = HashMap::new();
         let mut sampler =
             |desc| known.entry(desc).or_insert_with(|| texture::sampler(gpu, desc)).clone();
-        let described = self.desc.textures.iter().map(|texture| texture.sampler);
+        let described = self.layout.desc.textures.iter().map(|texture| texture.sampler);
         let samplers: Vec<_> =
             described.chain([SamplerDesc::default()]).map(&mut sampler).collect();
-        let view = |&slot: &usize| self.textures.filled[slot].clone();
-        let uploaded = self.textures.of.iter().filter_map(view);
+        let view = |&slot: &usize| self.textures[slot].clone();
+        let uploaded = self.layout.textures.of.iter().filter_map(view);
         let views: Vec<_> = uploaded.chain([texture::placeholder(gpu)]).collect();
-        material::bind_groups(gpu, &self.desc, &views, &samplers)
+        material::bind_groups(gpu, &self.layout.desc, &views, &samplers)
     }
-}
-
-/// Finds the batch of each placement, and collects the pipelines that they need.
-struct Sorter {
-    default_material: MaterialDesc,
-    /// What all pipelines of the scene have in common.
-    template: Template,
-    batches: Vec<Batch>,
-    keys: Vec<PipelineKey>,
-    known: HashMap<(usize, u32, bool), u32>,
-}
-
-struct Template {
-    sun_count: u8,
-    lamps: bool,
-    linear: bool,
-}
-
-impl Sorter {
-    fn new(builder: &SceneBuilder, lights: &Lights, placements: &[Placement]) -> Self {
-        let blends = |placement: &Placement| {
-            let material = builder.primitive(placement).material;
-            let material = material.and_then(|m| builder.desc.materials.get(m as usize));
-            material.is_some_and(|material| material.alpha_mode == AlphaMode::Blend)
-        };
-        let template = Template {
-            sun_count: lights.suns.len() as u8,
-            lamps: !lights.lamps.is_empty(),
-            linear: placements.iter().any(blends),
-        };
-        Self {
-            default_material: MaterialDesc::default(),
-            template,
-            batches: Vec::new(),
-            keys: Vec::new(),
-            known: HashMap::new(),
-        }
-    }
-
-    fn batch_of(&mut self, builder: &SceneBuilder, placement: &Placement) -> u32 {
-        let primitive = builder.primitive(placement);
-        let first = builder.first_primitive[placement.mesh as usize];
-        let geometry = builder.geometries.of[first + placement.primitive as usize];
-        // The default material stands behind all others.
-        let material = primitive.material.unwrap_or(builder.desc.materials.len() as u32);
-        let mirrored = placement.mirrored();
-        let next = self.batches.len() as u32;
-        let index = *self.known.entry((geometry, material, mirrored)).or_insert(next);
-        if index == next {
-            let desc = builder.desc.materials.get(material as usize);
-            let features =
-                material::features(desc.unwrap_or(&self.default_material), primitive.layout);
-            let batch = self.batch(primitive, features, mirrored);
-            self.batches.push(Batch { geometry: geometry as u32, material, ..batch });
-        }
-        let batch = &mut self.batches[index as usize];
-        batch.bounds = batch.bounds.union(placement.bounds);
-        index
-    }
-
-    fn batch(
-        &mut self,
-        primitive: &PrimitiveDesc,
-        features: crate::renderer::pipeline::MaterialFeatures,
-        mirrored: bool,
-    ) -> Batch {
-        let blended = features.alpha == Alpha::Blend;
-        let key = PipelineKey {
-            layout: primitive.layout,
-            topology: primitive.topology,
-            material: features,
-            cull: if features.double_sided { Cull::Nothing } else { Cull::Back },
-            mirrored,
-            sun_count: self.template.sun_count,
-            lamps: self.template.lamps,
-            linear: self.template.linear,
-        };
-        let two_passes =
-            blended && features.double_sided && primitive.topology == Topology::Triangles;
-        let (pipeline, back_pipeline) = if two_passes {
-            let back = self.key_index(PipelineKey { cull: Cull::Front, ..key });
-            (self.key_index(PipelineKey { cull: Cull::Back, ..key }), Some(back))
-        } else {
-            (self.key_index(key), None)
-        };
-        Batch {
-            geometry: 0,
-            material: 0,
-            pipeline,
-            back_pipeline,
-            blended,
-            bounds: Bounds::EMPTY,
-            triangles: primitive.triangles(),
-        }
-    }
-
-    fn key_index(&mut self, key: PipelineKey) -> u32 {
-        let known = self.keys.iter().position(|one| *one == key);
-        known.unwrap_or_else(|| {
-            self.keys.push(key);
-            self.keys.len() - 1
-        }) as u32
-    }
-}
-
-impl SceneBuilder {
-    fn primitive(&self, placement: &Placement) -> &PrimitiveDesc {
-        &self.desc.meshes[placement.mesh as usize].primitives[placement.primitive as usize]
-    }
-}
-
-fn geometry_name(p: &PrimitiveDesc) -> Option<(ContentName, impl std::hash::Hash + Eq + use<>)> {
-    let rest = (p.layout, p.vertex_count, p.index_count, p.wide_indices);
-    p.content.map(|content| (content, rest))
 }
 
 fn nowhere(what: &str) -> SceneError {
@@ -358,50 +198,4 @@ fn index_buffer(gpu: &Gpu, indices: &[u32]) -> wgpu::Buffer {
     });
     gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(indices));
     buffer
-}
-
-/// What is wrong with a description, if anything.
-fn fault(desc: &SceneDesc, side_max: u32, buffer_max: u64) -> Option<String> {
-    let beyond = |index: Option<u32>, len: usize| index.is_some_and(|i| i as usize >= len);
-    for (i, node) in desc.nodes.iter().enumerate() {
-        if beyond(node.parent, i) {
-            return Some(format!("node {i} stands before its parent"));
-        }
-        if beyond(node.mesh, desc.meshes.len()) || beyond(node.light, desc.lights.len()) {
-            return Some(format!("node {i} names a mesh or light that is not there"));
-        }
-        if !node.local.is_finite() {
-            return Some(format!("node {i} has a transform that is not finite"));
-        }
-    }
-    for (i, mesh) in desc.meshes.iter().enumerate() {
-        for primitive in &mesh.primitives {
-            if beyond(primitive.material, desc.materials.len()) {
-                return Some(format!("mesh {i} names a material that is not there"));
-            }
-            if primitive.index_count == 0 || primitive.vertex_count == 0 {
-                return Some(format!("mesh {i} has a primitive of nothing"));
-            }
-            if primitive.bytes() > buffer_max {
-                let bytes = primitive.bytes();
-                return Some(format!("mesh {i}: {bytes} bytes, where {buffer_max} can be"));
-            }
-        }
-    }
-    for (i, material) in desc.materials.iter().enumerate() {
-        let uses = material.texture_uses();
-        if uses.iter().flatten().any(|one| one.texture as usize >= desc.textures.len()) {
-            return Some(format!("material {i} names a texture that is not there"));
-        }
-    }
-    desc.textures.iter().enumerate().find_map(|(i, texture)| {
-        let (width, height) = (texture.width, texture.height);
-        if !(1..=side_max).contains(&width) || !(1..=side_max).contains(&height) {
-            return Some(format!("texture {i}: {width} × {height}, where 1 to {side_max} can be"));
-        }
-        let levels_max = width.max(height).ilog2() + 1;
-        let wrong = !(1..=levels_max).contains(&texture.mip_count);
-        wrong
-            .then(|| format!("texture {i}: {} levels, 1 to {levels_max} can be", texture.mip_count))
-    })
 }

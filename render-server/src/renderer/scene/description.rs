@@ -6,7 +6,7 @@ use glam::{Affine2, DAffine3, DVec3, Quat, Vec3, Vec4};
 /// serves.
 pub type ContentName = [u8; 32];
 
-/// A whole scene. Every index is checked by [`SceneBuilder::new`](super::SceneBuilder::new).
+/// A whole scene. Every index is checked by [`SceneLayout::new`](super::SceneLayout::new).
 #[derive(Clone, Debug, Default)]
 pub struct SceneDesc {
     /// Parents stand before their children.
@@ -23,6 +23,63 @@ pub struct SceneDesc {
     pub sky: Vec3,
     /// Linear RGB radiance from below. `None`: what a matt, warm ground makes of the sky's.
     pub ground: Option<Vec3>,
+}
+
+impl SceneDesc {
+    /// Returns what is wrong with its indices and numbers, if anything.
+    pub(super) fn fault(&self) -> Option<String> {
+        let beyond = |index: Option<u32>, len: usize| index.is_some_and(|i| i as usize >= len);
+        for (i, node) in self.nodes.iter().enumerate() {
+            if beyond(node.parent, i) {
+                return Some(format!("node {i} stands before its parent"));
+            }
+            if beyond(node.mesh, self.meshes.len()) || beyond(node.light, self.lights.len()) {
+                return Some(format!("node {i} names a mesh or light that is not there"));
+            }
+            if !node.local.is_finite() {
+                return Some(format!("node {i} has a transform that is not finite"));
+            }
+        }
+        for (i, mesh) in self.meshes.iter().enumerate() {
+            for primitive in &mesh.primitives {
+                if beyond(primitive.material, self.materials.len()) {
+                    return Some(format!("mesh {i} names a material that is not there"));
+                }
+                if primitive.index_count == 0 || primitive.vertex_count == 0 {
+                    return Some(format!("mesh {i} has a primitive of nothing"));
+                }
+            }
+        }
+        for (i, material) in self.materials.iter().enumerate() {
+            let uses = material.texture_uses();
+            if uses.iter().flatten().any(|one| one.texture as usize >= self.textures.len()) {
+                return Some(format!("material {i} names a texture that is not there"));
+            }
+        }
+        None
+    }
+
+    /// Returns what of it is too large for a GPU, if anything: textures of a longer side than
+    /// `side_max` pixels, primitives of more than `bytes_max` bytes.
+    pub(super) fn size_fault(&self, side_max: u32, bytes_max: u64) -> Option<String> {
+        for (i, mesh) in self.meshes.iter().enumerate() {
+            let sizes = mesh.primitives.iter().map(PrimitiveDesc::bytes);
+            if let Some(bytes) = sizes.max().filter(|bytes| *bytes > bytes_max) {
+                return Some(format!("mesh {i}: {bytes} bytes, where {bytes_max} can be"));
+            }
+        }
+        self.textures.iter().enumerate().find_map(|(i, texture)| {
+            let (width, height) = (texture.width, texture.height);
+            if !(1..=side_max).contains(&width) || !(1..=side_max).contains(&height) {
+                return Some(format!(
+                    "texture {i}: {width} × {height}, where 1 to {side_max} can be"
+                ));
+            }
+            let (levels, levels_max) = (texture.mip_count, width.max(height).ilog2() + 1);
+            let is_wrong = !(1..=levels_max).contains(&levels);
+            is_wrong.then(|| format!("texture {i}: {levels} levels, 1 to {levels_max} can be"))
+        })
+    }
 }
 
 /// One place in the scene.

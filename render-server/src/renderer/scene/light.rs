@@ -4,8 +4,9 @@ use std::collections::HashMap;
 
 use glam::{DAffine3, DVec3, Vec3};
 
+use super::SceneError;
 use super::description::{LightDesc, LightKind, SceneDesc};
-use super::placement::{Bounds, Placement};
+use super::placement::Bounds;
 use crate::renderer::view::SUNS_MAX;
 
 /// Shines where a scene has no light of its own: from above, the right and the front, a little
@@ -15,6 +16,10 @@ const DEFAULT_SUN: Sun =
 
 /// Radiance from below as a factor of the sky's, where a scene does not say: a matt, warm ground.
 pub(in crate::renderer) const GROUND: Vec3 = Vec3::new(0.36, 0.32, 0.28);
+
+/// Maximum number of entries of all lists of lamps: 64 MiB here and on the GPU, and as much again
+/// while they are made.
+const LAMP_INDICES_MAX: usize = 16 << 20;
 
 /// Widens the reach of a lamp by more than the shader's rounding.
 const REACH_SLACK: f64 = 1.0 + 1e-5;
@@ -78,17 +83,31 @@ impl Lights {
         lights
     }
 
-    /// Start and count of the list of the lamps that reach a placement. Equal lists are shared.
-    pub fn reaching(&mut self, placement: &Placement) -> [u32; 2] {
-        let reaches = |&index: &u32| self.lamps[index as usize].reaches(&placement.bounds);
+    /// Returns start and count of the list of the lamps that reach a box. Equal lists are shared.
+    ///
+    /// # Errors
+    /// All lists together would be longer than [`LAMP_INDICES_MAX`].
+    pub fn reaching(&mut self, bounds: &Bounds) -> Result<[u32; 2], SceneError> {
+        let reaches = |&index: &u32| self.lamps[index as usize].reaches(bounds);
         let list: Vec<u32> = (0..self.lamps.len() as u32).filter(reaches).collect();
         if let Some(&range) = self.known.get(&list) {
-            return range;
+            return Ok(range);
+        }
+        if self.indices.len() + list.len() > LAMP_INDICES_MAX {
+            return Err(SceneError::Description(format!(
+                "the lists of lights that reach each primitive have more than {LAMP_INDICES_MAX} \
+                 entries; give the lights shorter ranges"
+            )));
         }
         let range = [self.indices.len() as u32, list.len() as u32];
         self.indices.extend_from_slice(&list);
         self.known.insert(list, range);
-        range
+        Ok(range)
+    }
+
+    /// Forgets which lists are equal, once all are made: that takes as much memory as the lists.
+    pub fn seal(&mut self) {
+        self.known = HashMap::new();
     }
 }
 

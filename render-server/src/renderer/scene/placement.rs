@@ -60,16 +60,34 @@ impl Bounds {
     }
 }
 
+/// What all primitives of a mesh in one place have in common.
+#[derive(Clone, Debug)]
+pub(in crate::renderer) struct Stance {
+    /// The linear part of world from mesh, and so of world from primitive.
+    pub linear: DMat3,
+    /// Rows of the matrix that takes normals to the world; any length.
+    pub normal_rows: [[f32; 3]; 3],
+}
+
+impl Stance {
+    fn new(linear: DMat3) -> Self {
+        Self { linear, normal_rows: rows(normal_matrix(linear)) }
+    }
+
+    /// Returns whether the transform turns the winding around.
+    pub fn is_mirrored(&self) -> bool {
+        self.linear.determinant() < 0.0
+    }
+}
+
 /// One primitive in one place. Its index in the scene's list is the tie-break of every order:
 /// it grows with the node, then the instance, then the primitive.
 #[derive(Clone, Debug)]
 pub(in crate::renderer) struct Item {
     /// The primitive's zero in the world.
     pub origin: DVec3,
-    /// The linear part of world from primitive.
-    pub linear: DMat3,
-    /// Rows of the matrix that takes normals to the world; any length.
-    pub normal_rows: [[f32; 3]; 3],
+    /// An index into the scene's stances.
+    pub stance: u32,
     /// Start and count of its lamps in the scene's list of lamp indices.
     pub lamps: [u32; 2],
     /// An index into the scene's batches.
@@ -90,7 +108,7 @@ pub(in crate::renderer) struct Relative {
 }
 
 impl Item {
-    /// The item as seen from the eye.
+    /// The item as seen from the eye; `linear` is that of its stance.
     ///
     /// What is large is taken away before anything is rounded to f32: vertices near the eye are
     /// near `near` too, so their difference is exact (Sterbenz), and the offset, taken in f64, is
@@ -98,8 +116,8 @@ impl Item {
     /// the distance from the eye, whatever the size of the mesh. `near` may be any point: that it
     /// is the nearest only makes the numbers small. All parts of a mesh have the same one, so that
     /// they meet in equal bits.
-    pub fn relative_to(&self, eye: DVec3, mesh_box: &Bounds) -> Relative {
-        let eye_in_primitive = self.linear.inverse() * (eye - self.origin);
+    pub fn relative_to(&self, linear: DMat3, eye: DVec3, mesh_box: &Bounds) -> Relative {
+        let eye_in_primitive = linear.inverse() * (eye - self.origin);
         let near = if eye_in_primitive.is_finite() {
             eye_in_primitive.max(mesh_box.min).min(mesh_box.max)
         } else {
@@ -107,38 +125,22 @@ impl Item {
             mesh_box.center()
         };
         let near = Some(near.as_vec3()).filter(|near| near.is_finite()).unwrap_or(Vec3::ZERO);
-        let offset = (self.origin - eye) + self.linear * near.as_dvec3();
-        let row = |i: usize| self.linear.row(i).extend(offset[i]).as_vec4().to_array();
+        let offset = (self.origin - eye) + linear * near.as_dvec3();
+        let row = |i: usize| linear.row(i).extend(offset[i]).as_vec4().to_array();
         Relative { near: near.to_array(), rows: [0, 1, 2].map(row), offset }
     }
 }
 
 /// A primitive in one place, before it is sorted into a batch.
-pub(in crate::renderer) struct Placement {
+pub(in crate::renderer) struct Placement<'a> {
     pub mesh: u32,
+    /// An index into the mesh's primitives.
     pub primitive: u32,
     pub origin: DVec3,
-    pub linear: DMat3,
+    pub stance: u32,
+    pub is_mirrored: bool,
+    pub desc: &'a PrimitiveDesc,
     pub bounds: Bounds,
-}
-
-impl Placement {
-    /// Whether the transform turns the winding around.
-    pub fn mirrored(&self) -> bool {
-        self.linear.determinant() < 0.0
-    }
-
-    /// The item of this placement in a batch.
-    pub fn item(&self, batch: u32, mesh_box: u32, lamps: [u32; 2]) -> Item {
-        Item {
-            origin: self.origin,
-            linear: self.linear,
-            normal_rows: rows(normal_matrix(self.linear)),
-            lamps,
-            batch,
-            mesh_box,
-        }
-    }
 }
 
 /// For each primitive, in the order of the description, the box around all of its mesh in the
@@ -165,25 +167,35 @@ pub(in crate::renderer) fn world_from_nodes(nodes: &[NodeDesc]) -> Vec<DAffine3>
     world
 }
 
-/// Every primitive in every place, in the order of the nodes.
-pub(in crate::renderer) fn place(desc: &SceneDesc, world: &[DAffine3]) -> Vec<Placement> {
-    let mut placements = Vec::new();
+/// Gives every primitive in every place, in the order of the nodes, and returns the stances that
+/// they name. Ends early where `give` fails.
+pub(in crate::renderer) fn place<'a, E>(
+    desc: &'a SceneDesc,
+    world: &[DAffine3],
+    mut give: impl FnMut(Placement<'a>) -> Result<(), E>,
+) -> Result<Vec<Stance>, E> {
+    let mut stances = Vec::new();
     for (node, world_from_node) in desc.nodes.iter().zip(world) {
         let Some(mesh) = node.mesh else { continue };
         let primitives = &desc.meshes[mesh as usize].primitives;
         let mut stand = |world_from_mesh: &DAffine3| {
-            for (index, primitive) in primitives.iter().enumerate() {
-                placements.push(Placement {
+            let stance = Stance::new(world_from_mesh.matrix3);
+            for (primitive, desc) in (0..).zip(primitives) {
+                give(Placement {
                     mesh,
-                    primitive: index as u32,
-                    origin: world_from_mesh.transform_point3(primitive.origin),
-                    linear: world_from_mesh.matrix3,
-                    bounds: Bounds::around(world_from_mesh, primitive),
-                });
+                    primitive,
+                    origin: world_from_mesh.transform_point3(desc.origin),
+                    stance: stances.len() as u32,
+                    is_mirrored: stance.is_mirrored(),
+                    desc,
+                    bounds: Bounds::around(world_from_mesh, desc),
+                })?;
             }
+            stances.push(stance);
+            Ok(())
         };
         if node.instances.is_empty() {
-            stand(world_from_node);
+            stand(world_from_node)?;
         }
         for instance in &node.instances {
             let node_from_instance = DAffine3::from_scale_rotation_translation(
@@ -191,10 +203,10 @@ pub(in crate::renderer) fn place(desc: &SceneDesc, world: &[DAffine3]) -> Vec<Pl
                 instance.rotation.as_dquat(),
                 instance.translation.as_dvec3(),
             );
-            stand(&(*world_from_node * node_from_instance));
+            stand(&(*world_from_node * node_from_instance))?;
         }
     }
-    placements
+    Ok(stances)
 }
 
 /// Normals go with the cofactors, which exist for singular matrices too: the inverse transpose
@@ -234,6 +246,10 @@ mod tests {
         check(DMat3::from_cols(DVec3::X, DVec3::new(0.5, 1.0, 0.0), DVec3::new(0.0, 0.3, -1.0)));
     }
 
+    fn item(origin: DVec3) -> Item {
+        Item { origin, stance: 0, lamps: [0; 2], batch: 0, mesh_box: 0 }
+    }
+
     /// Where the vertex stage puts a point: f32 throughout.
     fn emulated(relative: &Relative, point: Vec3) -> Vec3 {
         let local = (point - Vec3::from(relative.near)).extend(1.0);
@@ -249,8 +265,7 @@ mod tests {
             let mesh_box = Bounds { min: DVec3::splat(-half), max: DVec3::splat(half) };
             for linear in [DMat3::IDENTITY, turn, turn * shear, turn * 1e-4] {
                 let origin = DVec3::new(6_378_137.123_456, -1e7, 3.0);
-                let item = Placement { mesh: 0, primitive: 0, origin, linear, bounds: mesh_box }
-                    .item(0, 0, [0; 2]);
+                let item = item(origin);
                 for step in 0..1000u32 {
                     let along = |by: u32| f64::from(step * by % 997) / 498.5 - 1.0;
                     let point = DVec3::new(along(7), along(31), along(101)) * half;
@@ -259,7 +274,7 @@ mod tests {
                     // From 2 cm to ten times the mesh away.
                     let distance = 0.02 * (10.0 * half / 0.02).powf(f64::from(step) / 1000.0);
                     let eye = world - DVec3::new(along(11), along(13), along(17)) * distance;
-                    let relative = item.relative_to(eye, &mesh_box);
+                    let relative = item.relative_to(linear, eye, &mesh_box);
                     let error = emulated(&relative, point).as_dvec3().distance(world - eye);
                     // A nanometre is what f64 itself has 10 000 km from the origin.
                     worst = worst.max((error - 4e-9) / (world - eye).length());
@@ -273,18 +288,10 @@ mod tests {
 
     #[test]
     fn flat_and_boundless_items_are_seen_from_a_finite_point() {
-        let mut item = Placement {
-            mesh: 0,
-            primitive: 0,
-            origin: DVec3::ONE,
-            linear: DMat3::ZERO,
-            bounds: Bounds::EMPTY,
-        }
-        .item(0, 0, [0; 2]);
+        let item = item(DVec3::ONE);
         for linear in [DMat3::ZERO, DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.0))] {
-            item.linear = linear;
             for mesh_box in [Bounds::EMPTY, Bounds::UNBOUNDED] {
-                let relative = item.relative_to(DVec3::ZERO, &mesh_box);
+                let relative = item.relative_to(linear, DVec3::ZERO, &mesh_box);
                 assert!(relative.rows.iter().flatten().all(|number| number.is_finite()));
                 assert!(relative.near.iter().all(|number| number.is_finite()));
             }

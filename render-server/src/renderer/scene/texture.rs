@@ -3,12 +3,21 @@
 use super::description::{MipFilter, SamplerDesc, TextureDesc, Wrap};
 use crate::renderer::gpu::Gpu;
 
-/// Makes a texture with all its levels. `bytes` has been checked against the description.
+/// Longest side in pixels of a texture of which no level is left out: others take the memory.
+const SMALL_SIDE: u32 = 64;
+
+/// Makes a texture with all its levels, but for the largest `levels_left_out` where smaller ones
+/// remain. `bytes` has been checked against the description.
 pub(in crate::renderer) fn upload(
     gpu: &Gpu,
     desc: &TextureDesc,
     bytes: &[u8],
+    levels_left_out: u32,
 ) -> wgpu::TextureView {
+    let is_small = |level: &u32| desc.level_size(*level).into_iter().max() <= Some(SMALL_SIDE);
+    let smallest = (0..desc.mip_count).find(is_small).unwrap_or(desc.mip_count - 1);
+    let first = levels_left_out.min(smallest);
+    let [width, height] = desc.level_size(first);
     let format = if desc.srgb {
         wgpu::TextureFormat::Rgba8UnormSrgb
     } else {
@@ -16,8 +25,8 @@ pub(in crate::renderer) fn upload(
     };
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("material/texture"),
-        size: wgpu::Extent3d { width: desc.width, height: desc.height, depth_or_array_layers: 1 },
-        mip_level_count: desc.mip_count,
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        mip_level_count: desc.mip_count - first,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format,
@@ -29,8 +38,9 @@ pub(in crate::renderer) fn upload(
         let [width, height] = desc.level_size(level);
         let (pixels, after) = rest.split_at((width as usize * height as usize * 4).min(rest.len()));
         rest = after;
+        let Some(mip_level) = level.checked_sub(first) else { continue };
         gpu.queue.write_texture(
-            wgpu::TexelCopyTextureInfo { mip_level: level, ..texture.as_image_copy() },
+            wgpu::TexelCopyTextureInfo { mip_level, ..texture.as_image_copy() },
             pixels,
             wgpu::TexelCopyBufferLayout {
                 offset: 0,
@@ -82,5 +92,5 @@ pub(in crate::renderer) fn placeholder(gpu: &Gpu) -> wgpu::TextureView {
         mip_count: 1,
         sampler: SamplerDesc::default(),
     };
-    upload(gpu, &desc, &[255; 4])
+    upload(gpu, &desc, &[255; 4], 0)
 }

@@ -8,6 +8,10 @@ use crate::renderer::cull::Planes;
 /// Items in a leaf. Testing a few boxes costs less than descending further.
 const LEAF_ITEMS: usize = 4;
 
+/// Ranges of more items than this are split only after a look at whether to stop: some
+/// milliseconds.
+const ITEMS_BETWEEN_CHECKS: usize = 1 << 14;
+
 /// A binary tree; the left child of node `i` is node `i + 1`.
 #[derive(Clone, Debug, Default)]
 pub(in crate::renderer) struct Tree {
@@ -29,16 +33,17 @@ struct Node {
 }
 
 impl Tree {
-    /// Splits at the median along the longest side, down to leaves of a few items.
-    pub fn new(bounds: &[Bounds]) -> Self {
+    /// Splits at the median along the longest side, down to leaves of a few items. `None` if
+    /// `is_cancelled` says so meanwhile.
+    pub fn new(bounds: &[Bounds], is_cancelled: &dyn Fn() -> bool) -> Option<Self> {
         let mut order: Vec<u32> = (0..bounds.len() as u32).collect();
         let mut nodes = Vec::with_capacity(bounds.len());
         if !order.is_empty() {
-            split(&mut nodes, &mut order, 0, bounds);
+            split(&mut nodes, &mut order, 0, (bounds, is_cancelled))?;
         }
         let half_of = |&i: &u32| (bounds[i as usize].center(), bounds[i as usize].half());
         let boxes = order.iter().map(half_of).collect();
-        Self { nodes, order, boxes }
+        Some(Self { nodes, order, boxes })
     }
 
     /// Appends the items that may be visible, in no particular order. Never leaves one out that
@@ -68,13 +73,21 @@ impl Tree {
     }
 }
 
-fn split(nodes: &mut Vec<Node>, order: &mut [u32], first: u32, bounds: &[Bounds]) {
+fn split(
+    nodes: &mut Vec<Node>,
+    order: &mut [u32],
+    first: u32,
+    (bounds, is_cancelled): (&[Bounds], &dyn Fn() -> bool),
+) -> Option<()> {
+    if order.len() > ITEMS_BETWEEN_CHECKS && is_cancelled() {
+        return None;
+    }
     let all = order.iter().fold(Bounds::EMPTY, |all, &i| all.union(bounds[i as usize]));
     let index = nodes.len();
     let count = order.len() as u32;
     nodes.push(Node { center: all.center(), half: all.half(), first, count, right: 0 });
     if order.len() <= LEAF_ITEMS {
-        return;
+        return Some(());
     }
     let axis = all.half().max_position();
     let middle = order.len() / 2;
@@ -83,7 +96,7 @@ fn split(nodes: &mut Vec<Node>, order: &mut [u32], first: u32, bounds: &[Bounds]
         along(a).total_cmp(&along(b)).then(a.cmp(&b))
     });
     let (left, right) = order.split_at_mut(middle);
-    split(nodes, left, first, bounds);
+    split(nodes, left, first, (bounds, is_cancelled))?;
     nodes[index].right = nodes.len() as u32;
-    split(nodes, right, first + middle as u32, bounds);
+    split(nodes, right, first + middle as u32, (bounds, is_cancelled))
 }

@@ -105,7 +105,7 @@ impl Shape {
 pub struct Stage {
     pub desc: SceneDesc,
     shapes: Vec<Shape>,
-    textures: Vec<Vec<u8>>,
+    pub textures: Vec<Vec<u8>>,
 }
 
 impl Stage {

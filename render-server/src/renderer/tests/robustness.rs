@@ -4,8 +4,8 @@ use glam::{Affine2, DAffine3, DMat3, DVec3, Vec3};
 
 use super::harness::{Shape, Stage, draw, drawn, gpu, look, matt, pixel};
 use crate::renderer::{
-    AlphaMode, DrawError, LightDesc, LightKind, MaterialDesc, Renderer, SceneBuilder, SceneError,
-    Target, TextureUse, ViewDesc,
+    AlphaMode, DrawError, InstanceDesc, LightDesc, LightKind, MaterialDesc, Renderer, SceneBuilder,
+    SceneError, Target, TextureUse, ViewDesc,
 };
 
 const SIZE: [u32; 2] = [96, 96];
@@ -180,7 +180,7 @@ fn equal_contents_are_uploaded_once() {
     let mut builder = SceneBuilder::new(gpu(), stage.desc.clone()).unwrap();
     builder.upload_primitive(gpu(), 1, 0, &shape.bytes()).unwrap();
     let scene = builder.finish(gpu()).unwrap();
-    assert_eq!((scene.item_count(), scene.batches.len(), scene.geometries.len()), (2, 1, 1));
+    assert_eq!((scene.item_count(), scene.layout.batches.len(), scene.geometries.len()), (2, 1, 1));
 }
 
 #[test]
@@ -225,4 +225,63 @@ fn what_does_not_fit_together_is_an_error() {
     let stats = renderer.draw(gpu(), &scene, &mut target, &[]).unwrap();
     assert_eq!(stats.draw_calls, 0);
     renderer.draw(gpu(), &scene, &mut target, views).unwrap();
+}
+
+#[test]
+fn leaves_out_the_largest_levels_of_textures_but_not_all_of_them() {
+    let mut stage = Stage::new();
+    let texture = stage.checkers(256, true);
+    // The level of 256 pixels is white, that of 128 red, that of 64 green, and all others black.
+    let sides = [(256, [255; 4]), (128, [255, 0, 0, 255]), (64, [0, 255, 0, 255])];
+    let levels = sides.iter().flat_map(|(side, color)| color.repeat(side * side));
+    let mut bytes: Vec<u8> = levels.collect();
+    bytes.resize(stage.textures[0].len(), 0);
+    stage.textures[0] = bytes;
+    let uses = TextureUse { texture, uv_set: 0, uv_transform: Affine2::IDENTITY };
+    let material = stage.material(MaterialDesc {
+        base_color_texture: Some(uses),
+        unlit: true,
+        ..matt(1.0, 1.0, 1.0)
+    });
+    let shape = Shape::rectangle(1.0, 1.0);
+    let mesh = stage.mesh(&shape, Some(material));
+    stage.node(mesh, DAffine3::IDENTITY);
+    // So near that no smaller level is chosen.
+    let view = look(DVec3::Z * 0.4, DVec3::ZERO, SIZE);
+    for (left_out, side) in [(0, 0), (1, 1), (2, 2), (4, 2)] {
+        let builder = SceneBuilder::new(gpu(), stage.desc.clone()).unwrap();
+        let mut builder = builder.without_levels(left_out);
+        builder.upload_texture(gpu(), 0, &stage.textures[0]).unwrap();
+        builder.upload_primitive(gpu(), 0, 0, &shape.bytes()).unwrap();
+        let scene = builder.finish(gpu()).unwrap();
+        let seen = pixel(&draw(&scene, SIZE, &view), SIZE, 48, 48);
+        assert_eq!(seen[..3], sides[side].1[..3], "{left_out} levels left out");
+    }
+    assert_eq!(gpu().fault(), None);
+}
+
+#[test]
+fn a_heavy_scene_leaves_its_memory_when_another_one_is_drawn() {
+    let scene = |copies: usize| {
+        let mut stage = Stage::new();
+        let mesh = stage.mesh(&Shape::rectangle(0.01, 0.01), None);
+        let node = stage.node(mesh, DAffine3::IDENTITY) as usize;
+        let (rotation, scale) = (glam::Quat::IDENTITY, Vec3::ONE);
+        let copy = InstanceDesc { translation: Vec3::ZERO, rotation, scale };
+        stage.desc.nodes[node].instances = vec![copy; copies];
+        stage.build()
+    };
+    let (heavy, light) = (scene(100_000), scene(10));
+    let mut renderer = Renderer::new(gpu(), 1).unwrap();
+    let mut target = Target::new(gpu(), SIZE, 1, false).unwrap();
+    let views = [look(DVec3::Z * 3.0, DVec3::ZERO, SIZE)];
+    let mut held = Vec::new();
+    for scene in [&heavy, &light, &heavy, &light] {
+        renderer.prepare(gpu(), scene);
+        let stats = renderer.draw(gpu(), scene, &mut target, &views).unwrap();
+        assert_eq!(stats.visible as usize, scene.item_count());
+        held.push(renderer.frames.held_bytes());
+    }
+    assert!(held[0] > 20_000_000 && held[2] == held[0], "{held:?}");
+    assert!(held[1] < 2_000_000 && held[3] < 2_000_000, "{held:?}");
 }

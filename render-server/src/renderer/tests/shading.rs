@@ -108,7 +108,7 @@ fn each_item_loops_over_the_lamps_that_reach_it() {
     }
     stage.light(lamp(LightKind::Point, 1.0, None), DAffine3::IDENTITY);
     let scene = stage.build();
-    let counts: Vec<u32> = scene.items.iter().map(|item| item.lamps[1]).collect();
+    let counts: Vec<u32> = scene.layout.items.iter().map(|item| item.lamps[1]).collect();
     assert_eq!(counts, [2; 4]);
 }
 

@@ -16,7 +16,10 @@ impl Stage {
             at_us: self.now + after,
             clock_error_us,
         };
-        self.say(SessionId(u64::from(channel)), Status::Shown(shown));
+        // The report comes at once.
+        let from = SessionId(u64::from(channel));
+        self.cluster.handle_status(shown.at_us, from, Status::Shown(shown), 10);
+        self.read();
     }
 
     fn mode_of_last_frame(&self) -> DisplayMode {

@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use polyptych_protocol::command::{Command, Frame, Prepare, Swap};
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::ids::{ChannelId, Digest, Epoch, FrameId, Revision};
+use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, Revision};
+use polyptych_protocol::log::Operation;
 use polyptych_protocol::status::Status;
 use polyptych_protocol::wall::Wall;
 
@@ -45,7 +46,18 @@ struct Record {
 #[derive(Debug, Default)]
 struct Joined {
     owes: Option<Revision>,
+    /// Of what it owes, and what it owes beside it, though that is not wanted any more.
+    scene: Option<BlobHash>,
+    obsolete: Option<Revision>,
     prepared: BTreeSet<Revision>,
+}
+
+impl Joined {
+    fn has_answered(&mut self, revision: Revision) {
+        if self.obsolete.take_if(|obsolete| *obsolete == revision).is_none() {
+            self.owes.take_if(|owed| *owed == revision);
+        }
+    }
 }
 
 /// The observer.
@@ -149,9 +161,7 @@ impl Watch {
         match status {
             Status::Prepared(prepared) if prepared.epoch == self.epoch => {
                 let truth = self.truths.get(&(self.epoch.0, prepared.revision));
-                if joined.owes == Some(prepared.revision) {
-                    joined.owes = None;
-                }
+                joined.has_answered(prepared.revision);
                 if truth == Some(&prepared.digest) {
                     joined.prepared.insert(prepared.revision);
                 } else {
@@ -160,9 +170,7 @@ impl Watch {
             }
             Status::PrepareFailed { epoch, revision, .. } if *epoch == self.epoch => {
                 coverage.count("prepare failed");
-                if joined.owes == Some(*revision) {
-                    joined.owes = None;
-                }
+                joined.has_answered(*revision);
             }
             Status::Drawn(drawn) if drawn.epoch == self.epoch => {
                 let truth = self.truths.get(&(self.epoch.0, drawn.revision));
@@ -211,14 +219,24 @@ impl Watch {
     }
 
     fn prepare_sent(&mut self, to: &[SessionId], prepare: &Prepare) -> Check {
+        let scene = prepare.operations.iter().rev().find_map(|operation| match operation {
+            Operation::OpenScene(scene) => Some(Some(scene.manifest)),
+            Operation::CloseScene => Some(None),
+            Operation::SetWall(_) => prepare.base.is_none().then_some(None),
+        });
         for session in to {
             let Some(joined) = self.joined.get_mut(session) else { continue };
+            let scene = scene.unwrap_or(joined.scene);
             if let Some(owed) = joined.owes.replace(prepare.revision) {
-                return Err(format!(
-                    "{session:?} is sent revision {} while it owes {owed}",
-                    prepare.revision
-                ));
+                // But for another scene: then it stops, and what it does is of no use.
+                if scene == joined.scene || joined.obsolete.replace(owed).is_some() {
+                    return Err(format!(
+                        "{session:?} is sent revision {} while it owes {owed}",
+                        prepare.revision
+                    ));
+                }
             }
+            joined.scene = scene;
             joined.prepared.remove(&prepare.revision);
         }
         Ok(())

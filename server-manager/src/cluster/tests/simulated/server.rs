@@ -378,7 +378,14 @@ impl World {
                     return Err(format!("server {index} was sent more than it can prepare"));
                 }
                 server.orders.push_back((prepare.clone(), link));
-                self.load_next(index);
+                let server = &mut self.servers[index];
+                if server.finish.is_none() && server.loading.take().is_some() {
+                    // What it is at work on is of no use any more.
+                    self.coverage.count("a preparation was cancelled");
+                    self.loading_failed(index, "a newer preparation has come");
+                } else {
+                    self.load_next(index);
+                }
             }
             Command::Pong(pong) => {
                 let server = &mut self.servers[index];

@@ -1,0 +1,190 @@
+//! What follows when the GPU is lost: another device is opened, and all that was on the lost one is
+//! made anew. The process, its connection and its windows stay.
+//!
+//! The manager is told, and sends the shown state, which the loader prepares from the blobs on this
+//! machine; the other channels of the wall go on.
+
+use std::time::{Duration, Instant};
+
+use polyptych_protocol::status::Status;
+
+use super::{Job, RenderThread};
+use crate::renderer::{Gpu, GpuFault, GpuFaultKind, Renderer};
+use crate::report::Report;
+
+/// How long a driver may refuse to open its adapter again: it is reset meanwhile.
+const REOPEN_TIME_MAX: Duration = Duration::from_secs(20);
+
+/// Pause between two tries to open it.
+const REOPEN_PAUSE: Duration = Duration::from_millis(100);
+
+/// Maximum number of losses within [`LOSSES_PERIOD`]: a device that is lost more often needs a new
+/// process, or a person.
+const LOSSES_MAX: u32 = 8;
+const LOSSES_PERIOD: Duration = Duration::from_mins(1);
+
+/// Maximum number of devices that hung in the life of a process: nothing of them can be given back.
+const HANGS_MAX: u32 = 3;
+
+/// Maximum number of levels of textures that are left out for want of memory: a sixteenth of each
+/// side is left then, and 1/256 of the memory.
+const LEVELS_LEFT_OUT_MAX: u32 = 4;
+
+/// What was lost so far.
+#[derive(Debug, Default)]
+pub(super) struct Losses {
+    /// Largest levels of textures that are left out, since the GPU ran out of memory.
+    pub levels_left_out: u32,
+    count: u32,
+    since: Option<Instant>,
+    hangs: u32,
+}
+
+impl Losses {
+    /// Counts a loss.
+    ///
+    /// # Errors
+    /// It was one too many.
+    fn add(&mut self, fault: &GpuFault, now: Instant) -> Result<(), String> {
+        if self.since.is_none_or(|since| now.duration_since(since) > LOSSES_PERIOD) {
+            self.since = Some(now);
+            self.count = 0;
+        }
+        self.count += 1;
+        let GpuFault { kind, reason } = fault;
+        match kind {
+            GpuFaultKind::Lost => {}
+            GpuFaultKind::Hangs => self.hangs += 1,
+            GpuFaultKind::OutOfMemory if self.levels_left_out == LEVELS_LEFT_OUT_MAX => {
+                return Err(format!("{reason}; textures can't be made smaller than they are"));
+            }
+            GpuFaultKind::OutOfMemory => self.levels_left_out += 1,
+        }
+        if self.hangs > HANGS_MAX {
+            return Err(format!("{reason}; it hung {HANGS_MAX} times before"));
+        }
+        if self.count > LOSSES_MAX {
+            let seconds = LOSSES_PERIOD.as_secs();
+            return Err(format!("{reason}; it was lost {LOSSES_MAX} times within {seconds} s"));
+        }
+        Ok(())
+    }
+
+    /// Returns what the operator should know of the GPU's memory, if anything.
+    pub fn warning(&self) -> Option<String> {
+        let side = 1 << self.levels_left_out;
+        (side > 1).then(|| {
+            format!(
+                "the GPU's memory is too small for the scene: textures are shown with 1/{side} of \
+                 their width and height; open a smaller scene, or use a GPU with more memory"
+            )
+        })
+    }
+}
+
+impl RenderThread {
+    /// Opens the GPU again after a fault, and tells the manager that nothing is left of its state.
+    ///
+    /// # Errors
+    /// The GPU was lost too often, or can't be opened.
+    pub(super) fn recover(&mut self, fault: &GpuFault) -> Result<(), String> {
+        let begun = Instant::now();
+        let reason = fault.reason.as_str();
+        tracing::error!(reason, "the GPU was lost and is opened again");
+        self.losses.add(fault, begun)?;
+        if fault.kind == GpuFaultKind::Hangs {
+            // To drop what is on a device waits for the device.
+            std::mem::forget(std::mem::take(&mut self.states));
+            std::mem::forget(self.building.take());
+            std::mem::forget(std::mem::take(&mut self.patterns));
+        }
+        self.states.clear();
+        self.building = None;
+        self.patterns.clear();
+        let Some(gpu) = self.reopen(begun)? else { return Ok(()) };
+        let renderer = Renderer::new(&gpu, self.renderer.samples());
+        let renderer = renderer.map_err(|error| error.to_string())?;
+        let old = std::mem::replace(&mut self.renderer, renderer);
+        let old = (old, std::mem::replace(&mut self.gpu, gpu));
+        if fault.kind == GpuFaultKind::Hangs {
+            std::mem::forget(old);
+        }
+        for output in &mut self.outputs {
+            output.reopen(&self.gpu, fault.kind == GpuFaultKind::Hangs)?;
+        }
+        let ms = begun.elapsed().as_millis() as u64;
+        tracing::info!(ms, "the GPU is open again");
+        let reason = format!("its GPU was lost: {reason}");
+        self.send(Report::Status(Status::StateLost { reason }));
+        self.check_displays();
+        Ok(())
+    }
+
+    /// Opens the adapter again as soon as its driver lets it. `None` if this server is to end.
+    fn reopen(&mut self, begun: Instant) -> Result<Option<Gpu>, String> {
+        loop {
+            match self.gpu.reopened() {
+                Ok(gpu) => return Ok(Some(gpu)),
+                Err(error) if begun.elapsed() > REOPEN_TIME_MAX => return Err(error.to_string()),
+                Err(error) => tracing::debug!(%error, "the GPU can't be opened yet"),
+            }
+            // The queue must not fill up meanwhile; frames can't be drawn.
+            while let Ok(job) = self.queues.jobs.try_recv() {
+                match job {
+                    Job::Stop => self.is_stopping = true,
+                    Job::Notice(notice) => self.showing.handle_notice(notice),
+                    Job::Disconnected => {
+                        self.playback.restart();
+                        self.reset_reported();
+                    }
+                    Job::MonitorAssigned { channel, assignment } => {
+                        if let Some(index) = self.index_of(&channel) {
+                            self.outputs[index].set_assignment(assignment);
+                        }
+                    }
+                    // Windows are set up with the size that they have then.
+                    Job::Frame(_) | Job::Swap(_) | Job::Resized { .. } | Job::Redraw { .. } => {}
+                }
+            }
+            if self.is_stopping {
+                return Ok(None);
+            }
+            std::thread::sleep(REOPEN_PAUSE);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(kind: GpuFaultKind) -> GpuFault {
+        GpuFault { kind, reason: "device lost".to_owned() }
+    }
+
+    #[test]
+    fn a_gpu_that_is_lost_too_often_ends_the_process_with_the_reason() {
+        let (mut losses, now) = (Losses::default(), Instant::now());
+        for _ in 0..LOSSES_MAX {
+            losses.add(&fault(GpuFaultKind::Lost), now).expect("borne");
+        }
+        let later = now + LOSSES_PERIOD + Duration::from_secs(1);
+        let error = losses.add(&fault(GpuFaultKind::Lost), now).expect_err("too often");
+        assert_eq!(error, "device lost; it was lost 8 times within 60 s");
+        losses.add(&fault(GpuFaultKind::Lost), later).expect("it was long ago");
+        assert_eq!(losses.warning(), None);
+    }
+
+    #[test]
+    fn too_little_memory_halves_textures_until_there_is_nothing_to_halve() {
+        let (mut losses, mut now) = (Losses::default(), Instant::now());
+        for side in [2, 4, 8, 16] {
+            losses.add(&fault(GpuFaultKind::OutOfMemory), now).expect("less is kept");
+            let warning = losses.warning().expect("the operator is told");
+            assert!(warning.contains(&format!("1/{side} of")), "{warning}");
+            now += LOSSES_PERIOD;
+        }
+        let error = losses.add(&fault(GpuFaultKind::OutOfMemory), now).expect_err("no more");
+        assert!(error.contains("smaller"), "{error}");
+    }
+}

@@ -1,0 +1,64 @@
+//! Scenes that nobody waits for any more: another one was asked for while they were prepared.
+//!
+//! A heavy scene may take servers minutes. Once another scene waits behind it, it is given a
+//! moment to be ready all the same, and is then refused; servers that still work on it are sent
+//! what is wanted now, and stop.
+
+use polyptych_protocol::ids::{BlobHash, Revision};
+use polyptych_protocol::log::Operation;
+
+use super::change::{Change, Changes};
+use super::{Cluster, Micros};
+
+/// How long a scene may still become ready once another one waits behind it: most take less, and
+/// are shown in their turn; who opened the next one waits no longer than this.
+const OBSOLETE_TIME_MAX: Micros = 500_000;
+
+/// What a server was sent and has not answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub(super) struct Owed {
+    pub revision: Revision,
+    /// The manifest of its scene: what takes long to prepare.
+    pub scene: Option<BlobHash>,
+}
+
+impl Change {
+    /// Returns the scene that it opens or, by `Some(None)`, that it closes one.
+    #[expect(clippy::option_option, reason = "no change of the scene, no scene, a scene")]
+    fn scene(&self) -> Option<Option<BlobHash>> {
+        self.operations.iter().rev().find_map(|operation| match operation {
+            Operation::OpenScene(scene) => Some(Some(scene.manifest)),
+            Operation::CloseScene => Some(None),
+            Operation::SetWall(_) => None,
+        })
+    }
+}
+
+impl Changes {
+    /// Returns whether the scene on its way is to be replaced by another one that waits.
+    fn is_obsolete(&self) -> bool {
+        let Some(Some(scene)) = self.current().and_then(Change::scene) else { return false };
+        self.queued().filter_map(Change::scene).any(|waiting| waiting != Some(scene))
+    }
+}
+
+impl Cluster {
+    /// Lets the scene on its way expire soon if it is obsolete.
+    pub(super) fn hasten_obsolete(&mut self, now: Micros) {
+        if self.changes.is_obsolete() {
+            self.changes.expire_by(now + OBSOLETE_TIME_MAX);
+        }
+    }
+
+    /// Refuses the scene on its way if it is obsolete. Returns whether it was.
+    pub(super) fn refuse_obsolete(&mut self, now: Micros) -> bool {
+        if !self.changes.is_obsolete() {
+            return false;
+        }
+        let Some((purpose, revision)) = self.changes.take_current() else { return false };
+        tracing::info!(revision = revision.0, "a scene was replaced before it was ready");
+        self.refuse(&purpose, "another scene was opened before this one was ready on the displays");
+        self.stay(now, revision);
+        true
+    }
+}

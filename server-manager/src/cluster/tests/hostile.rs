@@ -1,0 +1,198 @@
+//! Servers that lie, repeat themselves, or work on what nobody wants any more.
+
+use super::*;
+
+/// A scene of this name, as a bake gives it.
+fn imported(name: &str) -> ImportedScene {
+    let scene = SceneRef { name: name.into(), manifest: BlobHash::of(name.as_bytes()) };
+    let summary = SceneSummary { name: name.into(), ..Stage::imported().summary };
+    ImportedScene { scene, summary }
+}
+
+impl Stage {
+    fn open(&mut self, name: &str) -> RequestId {
+        let id = self.request(Request::OpenScene { path: format!("{name}.glb") });
+        let job = self.imports.pop().expect("an import");
+        self.cluster.handle_import(self.now, job, Ok(imported(name)));
+        self.read();
+        id
+    }
+
+    fn reply(&self, id: RequestId) -> Option<&Result<Reply, Failure>> {
+        self.replies.iter().find(|(of, _)| *of == id).map(|(_, reply)| reply)
+    }
+
+    /// Time passes in which all servers give signs of life.
+    fn live_for(&mut self, micros: Micros) {
+        for _ in 0..micros / 1_000_000 {
+            self.wait(1_000_000);
+        }
+        self.wait(micros % 1_000_000);
+    }
+
+    /// The oldest preparation that was sent to a server is cancelled there.
+    fn cancel(&mut self, session: SessionId) {
+        let at = self.prepares.iter().position(|(to, _)| *to == session).expect("a preparation");
+        let (_, Prepare { epoch, revision, .. }) = self.prepares.remove(at);
+        let reason = "a newer preparation has come".to_owned();
+        self.say(session, Status::PrepareFailed { epoch, revision, reason });
+    }
+}
+
+#[test]
+fn replaces_a_scene_that_is_not_ready_half_a_second_after_the_next_was_opened() {
+    let mut stage = Stage::new(2);
+    let heavy = stage.open("heavy");
+    stage.prepare(SessionId(0));
+    stage.live_for(30_000_000);
+    assert_eq!(stage.reply(heavy), None, "nothing else was asked for");
+    let good = stage.open("good");
+    stage.wait(400_000);
+    assert_eq!(stage.reply(heavy), None, "it may be ready in a moment");
+    stage.wait(200_000);
+    let refused = stage.reply(heavy).expect("answered").as_ref().expect_err("refused");
+    assert!(refused.reason.contains("another scene was opened"), "{refused:?}");
+    // The busy server is sent the next state though it owes an answer, and stops.
+    assert_eq!(stage.prepares.iter().filter(|(to, _)| *to == SessionId(1)).count(), 2);
+    stage.cancel(SessionId(1));
+    stage.prepare_all();
+    let Some(Ok(Reply::SceneOpened(summary))) = stage.reply(good) else { panic!("not opened") };
+    assert_eq!(summary.name, "good");
+    for _ in 0..20 {
+        stage.order_frame();
+        stage.draw(&[0, 1], 1_000);
+    }
+    assert_eq!((stage.state(0), stage.state(1)), (ChannelState::Live, ChannelState::Live));
+}
+
+#[test]
+fn a_server_that_prepares_a_scene_of_long_ago_is_sent_the_shown_one() {
+    let mut stage = Stage::new(2);
+    let heavy = stage.open("heavy");
+    stage.prepare(SessionId(0));
+    // The wall goes on without the server that takes too long.
+    stage.live_for(120_000_000);
+    assert!(matches!(stage.reply(heavy), Some(Ok(Reply::SceneOpened(_)))));
+    assert_eq!(stage.state(1), ChannelState::Preparing);
+    stage.open("good");
+    stage.prepare(SessionId(0));
+    let sent = stage.prepares.iter().filter(|(to, _)| *to == SessionId(1));
+    assert_eq!(sent.count(), 2, "it is busy with what nobody wants");
+    // Nothing more than these two, whatever is opened meanwhile.
+    for name in ["a", "b", "c"] {
+        stage.open(name);
+        stage.prepare(SessionId(0));
+    }
+    assert_eq!(stage.prepares.iter().filter(|(to, _)| *to == SessionId(1)).count(), 2);
+    stage.cancel(SessionId(1));
+    stage.prepare_all();
+    assert_eq!(stage.state(1), ChannelState::Live);
+    assert_eq!(stage.replicas[&SessionId(1)], stage.cluster.shown);
+}
+
+#[test]
+fn a_scene_that_is_opened_twice_is_prepared_once() {
+    let mut stage = Stage::new(1);
+    let first = stage.open("town");
+    let second = stage.open("town");
+    stage.live_for(2_000_000);
+    assert_eq!((stage.reply(first), stage.prepares.len()), (None, 1));
+    stage.prepare_all();
+    assert!([first, second].iter().all(|id| matches!(stage.reply(*id), Some(Ok(_)))));
+}
+
+#[test]
+fn a_server_that_prepares_wrong_states_is_asked_ever_more_rarely() {
+    let mut stage = Stage::new(2);
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    let mut asked = 0;
+    let end = stage.now + 60_000_000;
+    let wrong = Drawn { digest: Digest(9), ..stage.drawn(1) };
+    stage.say(SessionId(1), Status::Drawn(wrong));
+    while stage.now < end {
+        while let Some(at) = stage.prepares.iter().position(|(to, _)| *to == SessionId(1)) {
+            let (_, prepare) = stage.prepares.remove(at);
+            asked += 1;
+            let (epoch, revision) = (prepare.epoch, prepare.revision);
+            let features = Vec::new();
+            let digest = Digest(9);
+            let lie = Prepared { epoch, revision, digest, features, scene_bytes: 0 };
+            stage.say(SessionId(1), Status::Prepared(lie));
+        }
+        stage.wait(10_000);
+    }
+    assert!((8..=14).contains(&asked), "asked {asked} times in a minute");
+    // One that is well again, and was for a while, is asked at once.
+    stage.live_for(8_000_000);
+    stage.prepare_all();
+    assert_eq!(stage.state(1), ChannelState::Live);
+    stage.live_for(40_000_000);
+    stage.order_frame();
+    let wrong = Drawn { digest: Digest(9), ..stage.drawn(1) };
+    stage.say(SessionId(1), Status::Drawn(wrong));
+    assert_eq!(stage.prepares.len(), 1);
+}
+
+#[test]
+fn pauses_of_a_server_that_cannot_prepare_double_up_to_eight_seconds() {
+    let mut stage = Stage::empty(1);
+    stage.join(SessionId(0), 0).expect("joined");
+    stage.replicas.insert(SessionId(0), Replica::default());
+    for pause in [2_000_000, 4_000_000, 8_000_000, 8_000_000, 8_000_000] {
+        let (_, prepare) = stage.prepares.remove(0);
+        let (epoch, revision) = (prepare.epoch, prepare.revision);
+        let reason = "the disk is full".to_owned();
+        stage.say(SessionId(0), Status::PrepareFailed { epoch, revision, reason });
+        stage.live_for(pause - 100_000);
+        assert!(stage.prepares.is_empty(), "before {pause} us");
+        stage.wait(200_000);
+        assert_eq!(stage.prepares.len(), 1, "after {pause} us");
+    }
+}
+
+/// Frames in which channel 2 draws for this long, and says another time.
+fn deadline_with(liar_takes: Micros, liar_says: u32) -> Micros {
+    let mut stage = Stage::new(3);
+    for _ in 0..200 {
+        stage.order_frame();
+        stage.draw(&[0, 1], 20_000);
+        // Just in time, whatever the deadline is by now.
+        let left = stage.cluster.deadline.length().min(liar_takes).saturating_sub(21_000);
+        stage.wait(left);
+        let drawn = Drawn { draw_us: liar_says, ..stage.drawn(2) };
+        stage.say(SessionId(2), Status::Drawn(drawn));
+    }
+    stage.cluster.deadline.length()
+}
+
+#[test]
+fn one_server_of_three_cannot_move_the_deadline_far() {
+    let honest = deadline_with(20_000, 20_000);
+    assert_eq!(honest, 80_000);
+    assert_eq!(deadline_with(20_000, u32::MAX), honest, "it cannot have drawn before the frame");
+    assert_eq!(deadline_with(20_000, 0), honest, "the others are slower");
+    let slow = deadline_with(2_000_000, u32::MAX);
+    assert!(slow <= 4 * honest, "{slow}: as slow as it may be at each frame");
+}
+
+#[test]
+fn a_server_whose_gpu_was_lost_is_sent_the_shown_state_and_holds_up_nobody() {
+    let mut stage = Stage::new(2);
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    assert!(stage.swaps.is_empty());
+    stage.say(SessionId(1), Status::StateLost { reason: "the GPU was lost".into() });
+    assert_eq!(stage.swaps.len(), 1, "the frame does not wait for it");
+    let channel = stage.cluster.status(stage.now).channels.swap_remove(1);
+    assert_eq!(channel.state, ChannelState::Preparing);
+    assert_eq!(channel.reason.as_deref(), Some("the GPU was lost"));
+    let (to, prepare) = stage.prepares.last().expect("sent at once");
+    assert_eq!((*to, prepare.base), (SessionId(1), None), "the whole state");
+    stage.prepare_all();
+    for _ in 0..2 {
+        stage.order_frame();
+        stage.draw(&[0, 1], 1_000);
+    }
+    assert_eq!(stage.state(1), ChannelState::Live);
+}
