@@ -31,7 +31,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, anyhow};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use polyptych_client::DisplayMode;
 use polyptych_client::blocking::Client;
@@ -175,16 +175,6 @@ fn command() -> clap::Command {
 pub(crate) fn parse() -> Cli {
     let parsed = Cli::from_arg_matches(&command().get_matches());
     parsed.unwrap_or_else(|error| error.exit())
-}
-
-/// Refuses to write over a source, which a person may have edited. Pictures and reports are not
-/// sources: they are replaced.
-fn check_overwrite(path: &Path, force: bool) -> anyhow::Result<()> {
-    let is_there = std::fs::symlink_metadata(path).is_ok_and(|m| m.is_file() || m.is_symlink());
-    if is_there && !force {
-        bail!("{} is there already; --force writes over it", path.display());
-    }
-    Ok(())
 }
 
 pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {

@@ -7,6 +7,7 @@ mod ending;
 mod faults;
 mod local_wall;
 mod log;
+mod outputs;
 mod pictures;
 mod progress;
 mod prove;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DQuat, DVec3};
 use polyptych_client::{Camera, ClientError, SceneSummary, overview};
@@ -13,7 +13,7 @@ use polyptych_protocol::words::counted;
 use super::progress::ProgressReport;
 use super::seen::{Seen, await_displays, show};
 use super::{ManagerAddress, exposure, printable, say, seconds};
-use crate::pictures;
+use crate::{outputs, pictures};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct OpenArguments {
@@ -153,11 +153,11 @@ pub(super) fn shot(arguments: &ShotArguments) -> anyhow::Result<ExitCode> {
     if !is_png {
         bail!("{}: pictures are PNG; write a name that ends in .png", arguments.file.display());
     }
+    outputs::check(&arguments.file)?;
     let client = arguments.manager.connect()?;
     let capture = client.capture()?;
     let picture = pictures::side_by_side(&capture.screens)?;
-    pictures::save_png(&arguments.file, &picture)
-        .with_context(|| format!("cannot write {}", arguments.file.display()))?;
+    pictures::save_png(&arguments.file, &picture)?;
     say(format_args!(
         "{}: frame {}, {} × {} pixels",
         arguments.file.display(),

@@ -12,8 +12,8 @@ use polyptych_manager::replay::{Part, Replayed, replay};
 use polyptych_protocol::words::counted;
 use time::OffsetDateTime;
 
-use super::{check_overwrite, say};
-use crate::pictures;
+use super::say;
+use crate::outputs;
 
 /// Where incidents are kept for the tests of a checkout.
 const INCIDENTS: &str = "server-manager/tests/incidents";
@@ -105,15 +105,14 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
     } else {
         bail!("{INCIDENTS} is not here; run this in a checkout, or name a path: ./{name}.incident");
     };
-    check_overwrite(&path, arguments.force)?;
+    outputs::check_source(&path, arguments.force)?;
     let cut = Cut { part: arguments.part, from_s: arguments.from, to_s: arguments.to };
     let named = || arguments.file.display().to_string();
     let incident = Incident::cut(reader, &cut, &arguments.about);
     let incident = incident.map_err(|reason| anyhow!("{reason}")).with_context(named)?;
     let (text, left_out) = incident.to_text().map_err(|reason| anyhow!("{reason}"))?;
     let kept = path.display();
-    pictures::write_whole(&path, text.as_bytes())
-        .with_context(|| format!("cannot write {kept}"))?;
+    outputs::write(&path, text.as_bytes())?;
     if left_out > 0 {
         let inputs = counted(left_out, "input");
         eprintln!("warning: left out: {inputs} with numbers that text cannot hold");

@@ -12,6 +12,7 @@
 //! - `client_library`: the same program drives one channel and four
 //! - `command_text`: help, schema, manuals, variables, and files that the command leaves alone
 //! - `wall_files`: warp maps, masks and archives that others wrote
+//! - `outputs`: commands replace regular files only
 //! - `first_look`: a scene that was opened is seen whole, large, and neither white nor black
 //! - `seams`: a wall of tiles shows what one channel shows
 //! - `exact`: what is drawn against a renderer in f64, in all cases that are hard for numbers
@@ -51,6 +52,7 @@ mod observation;
 mod one_process;
 mod prove;
 mod reconnecting;
+mod outputs;
 #[path = "../reference/reference.rs"]
 mod reference;
 mod refusals;
