@@ -38,6 +38,7 @@ use polyptych_client::blocking::Client;
 use polyptych_manager::import::{Baker, bake_wall_files};
 use polyptych_protocol::limits::PORT_DEFAULT;
 use polyptych_protocol::wall::{Wall, file};
+use polyptych_protocol::words::printable;
 
 use crate::log::{self, LogWish};
 
@@ -242,13 +243,7 @@ pub(crate) fn one_line(error: &anyhow::Error) -> String {
             line.push_str(&cause);
         }
     }
-    printable(&line)
-}
-
-/// Returns the text with its control characters escaped.
-fn printable(text: &str) -> String {
-    let escape = |c: char| if c.is_control() { c.escape_debug().to_string() } else { c.into() };
-    text.chars().map(escape).collect()
+    printable(&line).into_owned()
 }
 
 /// Has the files that a wall names read, before anything begins.

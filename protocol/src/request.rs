@@ -17,6 +17,7 @@ use crate::progress::OpenProgress;
 use crate::scene::{Bounds, SceneFeatures};
 use crate::tuning::{Change, Tuned};
 use crate::wall::Wall;
+use crate::words::text_of_peer;
 
 /// A message from a client.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -192,10 +193,13 @@ pub enum Reply {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoppedServers {
     /// Servers that said goodbye.
+    #[serde(deserialize_with = "text_of_peer")]
     pub ended: Vec<String>,
     /// Servers that were told to end and did not say goodbye, with what they did instead.
+    #[serde(deserialize_with = "text_of_peer")]
     pub silent: Vec<(String, String)>,
     /// Servers of the wall file that were not connected, so they could not be told.
+    #[serde(deserialize_with = "text_of_peer")]
     pub absent: Vec<String>,
 }
 
@@ -215,6 +219,7 @@ pub struct Sight {
 #[error("{reason}")]
 pub struct Failure {
     /// What failed and where, and what would be right.
+    #[serde(deserialize_with = "text_of_peer")]
     pub reason: String,
 }
 
@@ -229,6 +234,7 @@ impl Failure {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneSummary {
     /// What to call it.
+    #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// The revision that shows it.
     pub revision: Revision,
@@ -240,6 +246,7 @@ pub struct SceneSummary {
     pub features: SceneFeatures,
     /// What of the file is not drawn, or not as it is there; see [`crate::scene::Scene::notes`].
     #[serde(default)]
+    #[serde(deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,
     /// The exposure that the wall has from now on: 1, or what suits a scene that is lit in real
     /// units.
@@ -254,6 +261,7 @@ pub struct Captured {
     /// One for each screen, then one for each channel.
     pub pictures: Vec<PictureInfo>,
     /// Channels that sent none, with the reason; their part of the screen is left dark.
+    #[serde(deserialize_with = "text_of_peer")]
     pub missing: Vec<(String, String)>,
 }
 
@@ -261,6 +269,7 @@ pub struct Captured {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PictureInfo {
     /// Of the screen or channel.
+    #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// Whether it is a whole screen, stitched.
     pub is_screen: bool,

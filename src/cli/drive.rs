@@ -8,11 +8,11 @@ use anyhow::bail;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DQuat, DVec3};
 use polyptych_client::{Camera, ClientError, SceneSummary, overview};
-use polyptych_protocol::words::counted;
+use polyptych_protocol::words::{counted, printable};
 
 use super::progress::ProgressReport;
 use super::seen::{Seen, await_displays, show};
-use super::{ManagerAddress, exposure, printable, say, seconds};
+use super::{ManagerAddress, exposure, say, seconds};
 use crate::{outputs, pictures};
 
 #[derive(Debug, clap::Args)]
@@ -69,7 +69,8 @@ pub(super) fn open_scene(
     progress: &ProgressReport,
 ) -> Result<SceneSummary, ClientError> {
     let stem = Path::new(path).file_stem().map(|stem| stem.to_string_lossy().into_owned());
-    let name = printable(&stem.unwrap_or_default());
+    let stem = stem.unwrap_or_default();
+    let name = printable(&stem);
     progress.say(&format!("opening {name}"), None);
     client.open_scene_with(path, |come| {
         progress.say(&format!("opening {name}: {come}"), Some(come.percent));

@@ -3,10 +3,11 @@
 use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::handshake::ServerHello;
+use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::limits::NAME_BYTES_MAX;
 use polyptych_protocol::status::Prepared;
+use polyptych_protocol::words::make_printable;
 
 use super::{ClientState, Cluster, Micros, SessionId};
 
@@ -22,9 +23,11 @@ impl Cluster {
         &mut self,
         now: Micros,
         session: SessionId,
-        hello: ServerHello,
+        mut hello: ServerHello,
         address: String,
     ) -> Result<(), String> {
+        let Adapter { name, driver, backend, .. } = &mut hello.adapter;
+        [&mut hello.name, name, driver, backend].into_iter().for_each(make_printable);
         let (channels, replaced) = self.registry.check_claim(&hello, &address)?;
         self.check_adapter(&hello, &channels)?;
         if let Some(old) = replaced {
@@ -102,7 +105,8 @@ impl Cluster {
     }
 
     /// A client has come.
-    pub fn handle_client(&mut self, session: SessionId, name: String) {
+    pub fn handle_client(&mut self, session: SessionId, mut name: String) {
+        make_printable(&mut name);
         self.clients.insert(session, ClientState { name, is_subscribed: false });
         self.span_of(session).in_scope(|| tracing::info!("client joins"));
     }
