@@ -39,6 +39,7 @@ use polyptych_manager::import::{Baker, bake_wall_files};
 use polyptych_protocol::limits::PORT_DEFAULT;
 use polyptych_protocol::wall::{Wall, file};
 use polyptych_protocol::words::printable;
+use rustix::process::{Signal, set_parent_process_death_signal};
 
 use crate::log::{self, LogWish};
 
@@ -270,6 +271,13 @@ fn cache_folder() -> anyhow::Result<PathBuf> {
 /// Ready when the process is asked to end: Ctrl-C, SIGTERM, or the end of its parent.
 pub(crate) async fn asked_to_end(with_parent: bool) {
     use tokio::signal::unix::{SignalKind, signal};
+    if with_parent {
+        // A child that was stopped reads nothing: it goes on when its parent ends, and then ends.
+        let continued = set_parent_process_death_signal(Some(Signal::CONT));
+        if let Err(error) = continued {
+            tracing::debug!(%error, "a stopped child will not notice the end of its parent");
+        }
+    }
     let terminate = async {
         match signal(SignalKind::terminate()) {
             Ok(mut terminate) => {

@@ -12,6 +12,7 @@ mod pictures;
 mod progress;
 mod prove;
 mod report;
+mod state_lock;
 mod supervise;
 mod town;
 

@@ -130,7 +130,16 @@ impl Percents {
 /// Makes this process one that may read foreign files: it ends rather than take more memory.
 pub(super) fn limit_memory(mib: u64) -> anyhow::Result<()> {
     let maximum = getrlimit(Resource::As).maximum;
-    let limit = Rlimit { current: Some(mib << 20), maximum };
+    let wanted = mib.saturating_mul(1 << 20);
+    let current = maximum.map_or(wanted, |maximum| wanted.min(maximum));
+    if current < wanted {
+        let allowed = current >> 20;
+        log::say_warning(&format!(
+            "the baker has {allowed} MiB of address space instead of {mib} MiB, as the system \
+             allows this user no more (ulimit -v)"
+        ));
+    }
+    let limit = Rlimit { current: Some(current), maximum };
     setrlimit(Resource::As, limit).context("the memory limit can't be set")?;
     // Frames come first on a machine that also draws; without the right to it, so be it.
     let _ = nice(NICENESS);
