@@ -407,7 +407,7 @@ impl Cluster {
         self.pacer.set(pace, now);
         // The frame that a tuning waits for would have come by itself.
         let drawing = self.barrier.as_ref().map(|barrier| barrier.revision);
-        self.wants_frame |= pace.is_none() && self.tuners.wait_beyond(drawing);
+        self.wants_frame |= !self.pacer.is_soon(now) && self.tuners.wait_beyond(drawing);
     }
 }
 

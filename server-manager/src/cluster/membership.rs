@@ -179,7 +179,7 @@ impl Cluster {
                 let state = self.registry.channel(id).map(|channel| channel.state);
                 if state == Some(ChannelState::Preparing) {
                     self.registry.set_state(id, ChannelState::Ready, None, now);
-                    self.wants_frame |= self.must_see_a_frame();
+                    self.wants_frame |= self.must_see_a_frame(now);
                 }
             }
         }
@@ -192,10 +192,10 @@ impl Cluster {
     /// Whether a channel that has become ready is given a frame though nobody has ordered one.
     /// Its display would else say that the manager is lost which has come back, show an older
     /// picture than its neighbours, or light up on a wall that is to be black.
-    fn must_see_a_frame(&self) -> bool {
-        let has_pace = self.pacer.pace().is_some();
+    fn must_see_a_frame(&self, now: Micros) -> bool {
+        let comes_soon = self.pacer.is_soon(now);
         let has_shown = self.swapped.0 > 0;
         let is_other = self.displays != DisplayMode::Normal || self.pattern.is_some();
-        !has_pace && (self.is_going_on || has_shown || is_other)
+        !comes_soon && (self.is_going_on || has_shown || is_other)
     }
 }

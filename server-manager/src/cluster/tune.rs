@@ -78,7 +78,7 @@ impl Cluster {
             self.wall.clone_from(wall);
         }
         self.tuners.0.extend(tuners.into_iter().map(|tuner| (revision, tuner)));
-        self.wants_frame |= self.pacer.pace().is_none();
+        self.wants_frame |= !self.pacer.is_soon(now);
         self.demote_unprepared(now, failed);
         self.remember();
         tracing::debug!(revision = revision.0, "the wall is tuned");
