@@ -82,7 +82,7 @@ impl Default for Timeouts {
 impl Timeouts {
     pub(crate) fn of(&self, request: &Request) -> Duration {
         match request {
-            Request::OpenScene { .. } => self.open_scene,
+            Request::OpenScene { .. } | Request::OpenOutcome { .. } => self.open_scene,
             Request::Capture => self.capture,
             _ => self.other,
         }

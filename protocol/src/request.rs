@@ -96,13 +96,21 @@ pub enum Request {
     },
     /// Ends all servers and then the manager; answered with what became of the servers.
     StopServers,
+    /// Asks what became of a [`Request::OpenScene`] whose connection was lost before its answer,
+    /// in the same epoch. Its progress and its answer come as if this were that request.
+    OpenOutcome {
+        /// The lost connection, as its [`Welcome`](crate::handshake::Welcome) named it.
+        session: u64,
+        /// The number of the request on that connection.
+        of: RequestId,
+    },
 }
 
 impl Request {
     /// Returns what the request does, as it stands behind "cannot".
     pub fn name(&self) -> &'static str {
         match self {
-            Self::OpenScene { .. } => "open the scene",
+            Self::OpenScene { .. } | Self::OpenOutcome { .. } => "open the scene",
             Self::CloseScene => "close the scene",
             Self::SetCamera(_) => "set the camera",
             Self::SetEye(_) => "set the eye",
