@@ -104,6 +104,11 @@ fn resolve(path: &Path) -> io::Result<(PathBuf, Option<Metadata>)> {
         return Err(refusal(format!("it is {kind}, not a regular file; name another file")));
     }
     let target = fs::read_link(path)?;
+    let folder = fs::canonicalize(folder_of(path))?;
+    if [&target, &folder].into_iter().any(|path| path.starts_with("/proc")) {
+        // Behind `> FILE` it would be that file, which others go on writing to.
+        return Err(refusal("it is an open file of a process; name a file".to_owned()));
+    }
     let what = match fs::metadata(path) {
         Ok(facts) if facts.is_file() => return Ok((fs::canonicalize(path)?, Some(facts))),
         Ok(facts) => format!("which is {}", kind_of(facts.file_type())),
@@ -207,6 +212,10 @@ mod tests {
             }
             let after = fs::symlink_metadata(&path).map(|facts| facts.file_type()).ok();
             assert_eq!(before, after, "{name}");
+        }
+        for path in ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"] {
+            let said = check(Path::new(path)).expect_err("refused").to_string();
+            assert!(said.contains("it is an open file of a process"), "{path}: {said}");
         }
     }
 
