@@ -43,9 +43,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let folder = &arguments.output;
     let wall_file = folder.join("wall.toml");
+    outputs::make_folder(folder)?;
     outputs::check_source(&wall_file, arguments.force)?;
     bake::limit_memory(manager::BAKE_MEMORY_MIB_DEFAULT)?;
-    outputs::make_folder(folder)?;
     let imported = mpcdi::import(&arguments.file, folder, &AtomicBool::new(false))?;
     let text = wall_text(arguments, &imported);
     outputs::write(&wall_file, text.as_bytes())?;
