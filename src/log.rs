@@ -177,11 +177,10 @@ pub(crate) fn say_progress(text: &str) {
     }
 }
 
-/// Draws on a terminal what is soon drawn anew. While the terminal takes nothing, or lines wait,
-/// it is not drawn.
+/// Draws on a terminal what is soon drawn anew. While the terminal takes nothing it is not drawn.
 pub(crate) fn draw(bytes: &[u8]) {
     if let Some(Some(queue)) = QUEUE.get() {
-        queue.push_if_empty(bytes);
+        queue.push_drawing(bytes);
     }
 }
 

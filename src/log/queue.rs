@@ -17,6 +17,9 @@ pub(super) const QUEUE_BYTES_MAX: usize = 256 * 1024;
 /// dropped for the sake of what it said before.
 const LAST_WORDS_BYTES_MAX: usize = 64 * 1024;
 
+/// Maximum bytes that wait where something is drawn on a terminal: a few pictures of a bar.
+const DRAWING_BYTES_MAX: usize = 4 * 1024;
+
 /// How a count of dropped lines is said as a line of the log.
 type DroppedLine = fn(u64) -> String;
 
@@ -66,27 +69,28 @@ impl Queue {
         self.push_within(line, QUEUE_BYTES_MAX + LAST_WORDS_BYTES_MAX);
     }
 
-    /// Takes a line if no other waits, and else forgets it.
-    pub fn push_if_empty(&self, line: &[u8]) {
-        let is_free = {
-            let waiting = self.lock();
-            waiting.lines.is_empty() && !waiting.is_writing
-        };
-        if is_free {
-            self.push(line);
-        }
+    /// Takes what is soon drawn anew; if much waits already it is forgotten, and not counted.
+    pub fn push_drawing(&self, bytes: &[u8]) {
+        drop(self.try_push(bytes, DRAWING_BYTES_MAX));
     }
 
     fn push_within(&self, line: &[u8], bytes_max: usize) {
+        if let Err(mut waiting) = self.try_push(line, bytes_max) {
+            waiting.dropped += 1;
+        }
+    }
+
+    /// Takes a line if no more than `bytes_max` wait then; else returns the lock.
+    fn try_push(&self, line: &[u8], bytes_max: usize) -> Result<(), MutexGuard<'_, Waiting>> {
         let mut waiting = self.lock();
         if waiting.bytes + line.len() > bytes_max {
-            waiting.dropped += 1;
-            return;
+            return Err(waiting);
         }
         waiting.bytes += line.len();
         waiting.lines.push_back(line.to_vec());
         drop(waiting);
         self.0.changed.notify_all();
+        Ok(())
     }
 
     /// Waits until all lines are written, or for `time_max`. Returns whether they are.
