@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::keys::{self, AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Keys};
+use polyptych_protocol::output_file;
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose,
     GeneralSubtree, IsCa, Issuer, KeyPair, KeyUsagePurpose, NameConstraints,
@@ -151,6 +152,7 @@ fn place(
 ) -> anyhow::Result<()> {
     let cannot = || format!("cannot write {}", folder.display());
     let Some(parent) = folder.parent() else { bail!("{}: not a folder's name", folder.display()) };
+    check_folder(folder).with_context(cannot)?;
     fs::DirBuilder::new().recursive(true).mode(0o700).create(parent).with_context(cannot)?;
     let mut temporary = tempfile::Builder::new();
     temporary.prefix(".new-").permissions(fs::Permissions::from_mode(0o700));
@@ -168,4 +170,15 @@ fn place(
         fs::rename(folder, old.path().join("was")).with_context(cannot)?;
     }
     fs::rename(made.keep(), folder).with_context(cannot)
+}
+
+/// Checks that nothing, or a folder, is there to be replaced.
+fn check_folder(folder: &Path) -> anyhow::Result<()> {
+    match fs::symlink_metadata(folder) {
+        Ok(facts) if !facts.is_dir() => {
+            let kind = output_file::kind_of(facts.file_type());
+            bail!("it is {kind}, not a folder; name another folder with --out")
+        }
+        _ => Ok(()),
+    }
 }

@@ -31,13 +31,15 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, anyhow};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use polyptych_client::DisplayMode;
 use polyptych_client::blocking::Client;
 use polyptych_manager::import::{Baker, bake_wall_files};
 use polyptych_protocol::limits::PORT_DEFAULT;
 use polyptych_protocol::wall::{Wall, file};
+use polyptych_protocol::words::printable;
+use rustix::process::{Signal, set_parent_process_death_signal};
 
 use crate::log::{self, LogWish};
 
@@ -177,16 +179,6 @@ pub(crate) fn parse() -> Cli {
     parsed.unwrap_or_else(|error| error.exit())
 }
 
-/// Refuses to write over a source, which a person may have edited. Pictures and reports are not
-/// sources: they are replaced.
-fn check_overwrite(path: &Path, force: bool) -> anyhow::Result<()> {
-    let is_there = std::fs::symlink_metadata(path).is_ok_and(|m| m.is_file() || m.is_symlink());
-    if is_there && !force {
-        bail!("{} is there already; --force writes over it", path.display());
-    }
-    Ok(())
-}
-
 pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     let done = match cli.command {
         Command::Demo(arguments) => return demo::run(&arguments),
@@ -252,13 +244,7 @@ pub(crate) fn one_line(error: &anyhow::Error) -> String {
             line.push_str(&cause);
         }
     }
-    printable(&line)
-}
-
-/// Returns the text with its control characters escaped.
-fn printable(text: &str) -> String {
-    let escape = |c: char| if c.is_control() { c.escape_debug().to_string() } else { c.into() };
-    text.chars().map(escape).collect()
+    printable(&line).into_owned()
 }
 
 /// Has the files that a wall names read, before anything begins.
@@ -285,6 +271,13 @@ fn cache_folder() -> anyhow::Result<PathBuf> {
 /// Ready when the process is asked to end: Ctrl-C, SIGTERM, or the end of its parent.
 pub(crate) async fn asked_to_end(with_parent: bool) {
     use tokio::signal::unix::{SignalKind, signal};
+    if with_parent {
+        // A child that was stopped reads nothing: it goes on when its parent ends, and then ends.
+        let continued = set_parent_process_death_signal(Some(Signal::CONT));
+        if let Err(error) = continued {
+            tracing::debug!(%error, "a stopped child will not notice the end of its parent");
+        }
+    }
     let terminate = async {
         match signal(SignalKind::terminate()) {
             Ok(mut terminate) => {

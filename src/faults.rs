@@ -13,11 +13,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use polyptych_client::Feedback;
+use polyptych_protocol::output_file;
 use polyptych_protocol::wall::Wall;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::local_wall::LocalWall;
-use crate::pictures::write_whole;
 pub(crate) use plan::{Fault, What, parse};
 pub(crate) use record::FaultRecord;
 use record::{End, Happened, Recorder};
@@ -138,14 +138,14 @@ impl<'a> Faults<'a> {
                 self.begin_alone("slowed", server, length)?;
                 let file = self.local.slow_file(server).ok_or("the server can't be slowed")?;
                 let text = format!("{}\n", by.as_millis());
-                write_whole(&file, text.as_bytes()).map_err(|error| error.to_string())?;
+                output_file::write(&file, text.as_bytes()).map_err(|error| error.to_string())?;
                 // A file that is gone already slows nobody.
                 self.ends.add(length, move || drop(std::fs::remove_file(file)));
             }
             What::LoseGpu => {
                 // It is read before the next frame, and removed.
                 let file = self.local.slow_file(server).ok_or("the server has no such file")?;
-                write_whole(&file, b"lose\n").map_err(|error| error.to_string())?;
+                output_file::write(&file, b"lose\n").map_err(|error| error.to_string())?;
             }
             What::Corrupt { up, down } => relay()?.corrupt(up, down),
             What::Cut => relay()?.cut(),

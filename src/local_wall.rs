@@ -299,6 +299,7 @@ fn end_on_interrupt(end: &Arc<EndRequest>, folder: &Path) -> anyhow::Result<()> 
         end.request(Ending::Interrupted);
         runtime.block_on(crate::cli::asked_to_end(false));
         log::say_failure("simulate", "interrupted again: ending at once");
+        log::finish();
         // The token is in it. Children end when their standard input does.
         let _ = std::fs::remove_dir_all(folder);
         std::process::exit(i32::from(INTERRUPTED));

@@ -7,10 +7,12 @@ mod ending;
 mod faults;
 mod local_wall;
 mod log;
+mod outputs;
 mod pictures;
 mod progress;
 mod prove;
 mod report;
+mod state_lock;
 mod supervise;
 mod town;
 
@@ -20,11 +22,10 @@ fn main() -> ExitCode {
     let cli = cli::parse();
     let process = cli.process();
     cli::start_log(&cli);
-    match cli::run(cli) {
-        Ok(code) => code,
-        Err(error) => {
-            log::say_failure(process, &format!("error: {}", cli::one_line(&error)));
-            ExitCode::FAILURE
-        }
-    }
+    let code = cli::run(cli).unwrap_or_else(|error| {
+        log::say_failure(process, &format!("error: {}", cli::one_line(&error)));
+        ExitCode::FAILURE
+    });
+    log::finish();
+    code
 }

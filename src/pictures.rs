@@ -1,11 +1,13 @@
 //! Pictures of a wall as files.
 
-use std::io::{self, Write};
+use std::io::Cursor;
 use std::path::Path;
 
 use anyhow::Context;
 use image::{ImageFormat, RgbaImage};
 use polyptych_client::Picture;
+
+use crate::outputs;
 
 /// A picture of a capture as an image.
 pub(crate) fn to_image(picture: &Picture) -> anyhow::Result<RgbaImage> {
@@ -31,19 +33,7 @@ pub(crate) fn side_by_side(screens: &[Picture]) -> anyhow::Result<RgbaImage> {
 
 /// Writes a PNG file.
 pub(crate) fn save_png(path: &Path, image: &RgbaImage) -> anyhow::Result<()> {
-    let mut bytes = io::Cursor::new(Vec::new());
+    let mut bytes = Cursor::new(Vec::new());
     image.write_to(&mut bytes, ImageFormat::Png)?;
-    Ok(write_whole(path, &bytes.into_inner())?)
-}
-
-/// Writes a file that appears whole or not at all.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
-    let mut file = tempfile::Builder::new()
-        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o644))
-        .tempfile_in(folder)?;
-    file.write_all(bytes)?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
+    outputs::write(path, &bytes.into_inner())
 }

@@ -1,5 +1,7 @@
 //! Progress of long commands: a moving line on a terminal, and else a line for each step.
 
+mod terminal;
+
 use std::fmt::Display;
 use std::io::IsTerminal;
 use std::time::Duration;
@@ -7,6 +9,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::log;
+use terminal::ProgressTerminal;
 
 /// Between two movements of a line.
 const TICK: Duration = Duration::from_millis(100);
@@ -19,9 +22,17 @@ pub(crate) struct Steps {
     begun: u64,
 }
 
+fn on_terminal() -> ProgressDrawTarget {
+    if std::io::stderr().is_terminal() {
+        ProgressDrawTarget::term_like(Box::new(ProgressTerminal::default()))
+    } else {
+        ProgressDrawTarget::hidden()
+    }
+}
+
 /// Where progress is drawn: it is for people, and a log for programs has lines only.
 pub(crate) fn target() -> ProgressDrawTarget {
-    if log::is_json() { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() }
+    if log::is_json() { ProgressDrawTarget::hidden() } else { on_terminal() }
 }
 
 impl Steps {
@@ -46,7 +57,7 @@ impl Steps {
         if log::is_json() {
             tracing::info!(step, count, "{what}");
         } else if !std::io::stderr().is_terminal() {
-            eprintln!("step {step} of {count}: {what}");
+            log::say_progress(&format!("step {step} of {count}: {what}"));
         }
     }
 }

@@ -8,7 +8,7 @@ mod table;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use polyptych_client::{Bounds, Capture, orbit};
 use polyptych_manager::import::{Baker, read_wall_files};
 use polyptych_protocol::blob::BlobFolder;
@@ -17,8 +17,8 @@ use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 
 use crate::faults::Needs;
 use crate::local_wall::{LocalWall, LocalWallOptions};
-use crate::pictures;
 use crate::progress::Steps;
+use crate::{outputs, pictures};
 use polyptych_protocol::words::counted;
 use table::Table;
 
@@ -31,7 +31,9 @@ const HEADING_RAD: f64 = 0.52;
 /// A wall or scene that cannot be drawn, or a folder that cannot be written. A target that is
 /// missed is no error: the table says so.
 pub(crate) fn prove(wall: &Wall, shown: Shown, baker: Baker, out: &Path) -> anyhow::Result<Table> {
-    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    outputs::make_folder(out)?;
+    let report = out.join("prove.json");
+    outputs::check(&report)?;
     let mut table = Table::default();
     let files = read_wall_files(wall, &BlobFolder::new(baker.store.join("blobs")));
     let files = files.map_err(anyhow::Error::msg)?;
@@ -61,9 +63,7 @@ pub(crate) fn prove(wall: &Wall, shown: Shown, baker: Baker, out: &Path) -> anyh
         prover.compare(wall, index, &capture, &mut table)?;
     }
     let json = serde_json::to_vec_pretty(&table)?;
-    let path = out.join("prove.json");
-    pictures::write_whole(&path, &json)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+    outputs::write(&report, &json)?;
     Ok(table)
 }
 
@@ -145,7 +145,6 @@ impl Prover<'_> {
     }
 
     fn save(&self, name: &str, image: &image::RgbaImage) -> anyhow::Result<()> {
-        let path = self.out.join(name);
-        pictures::save_png(&path, image).with_context(|| format!("cannot write {}", path.display()))
+        pictures::save_png(&self.out.join(name), image)
     }
 }

@@ -14,6 +14,7 @@ use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, NAME_BYTES_MAX, PORT_DEFAUL
 use polyptych_protocol::request::Request;
 use polyptych_protocol::stream::{self, DialError, Stream};
 use polyptych_protocol::token;
+use polyptych_protocol::words::make_printable;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::timeout;
 
@@ -81,7 +82,7 @@ impl Default for Timeouts {
 impl Timeouts {
     pub(crate) fn of(&self, request: &Request) -> Duration {
         match request {
-            Request::OpenScene { .. } => self.open_scene,
+            Request::OpenScene { .. } | Request::OpenOutcome { .. } => self.open_scene,
             Request::Capture => self.capture,
             _ => self.other,
         }
@@ -232,10 +233,14 @@ where
     let hello = Hello::Client(ClientHello { name });
     let address = options.address.clone();
     let introduced = introduce(stream, Role::Client, &hello, &Secret(token)).await;
-    let (frames, welcome) = introduced.map_err(|error| match error {
-        ConnectionError::Refused(reason) => ClientError::Refused { address, reason },
+    let (frames, mut welcome) = introduced.map_err(|error| match error {
+        ConnectionError::Refused(mut reason) => {
+            make_printable(&mut reason);
+            ClientError::Refused { address, reason }
+        }
         source => ClientError::Handshake { address, source },
     })?;
+    make_printable(&mut welcome.wall);
     tracing::debug!(address = options.address, wall = welcome.wall, "connected");
     Ok((frames, welcome))
 }

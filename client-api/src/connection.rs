@@ -63,7 +63,7 @@ where
     D: FnMut() -> F,
     F: Future<Output = Result<Introduced<S>, ClientError>>,
 {
-    let mut greeting = None;
+    let mut greeting = Vec::new();
     loop {
         let (end, is_wanted) = serve(frames, shared, greeting, &mut messages).await;
         tracing::debug!(address = shared.address, reason = end.reason, "the connection ended");
@@ -84,7 +84,7 @@ where
 async fn serve<S>(
     frames: Frames<S>,
     shared: &Shared,
-    greeting: Option<Bytes>,
+    greeting: Vec<Bytes>,
     messages: &mut mpsc::Receiver<Outgoing>,
 ) -> (End, bool)
 where
@@ -143,14 +143,15 @@ where
 async fn write<S>(
     mut sink: SplitSink<Frames<S>, Bytes>,
     shared: &Shared,
-    mut greeting: Option<Bytes>,
+    greeting: Vec<Bytes>,
     messages: &mut mpsc::Receiver<Outgoing>,
 ) -> Result<(), String>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
+    let mut greeting = greeting.into_iter();
     loop {
-        let first = match greeting.take() {
+        let first = match greeting.next() {
             Some(greeting) => Some(greeting),
             None => match messages.recv().await {
                 Some(outgoing) => shared.take_to_send(outgoing),

@@ -102,11 +102,17 @@ impl<W> InFlight<W> {
         self.deadlines.insert((open.deadline, id));
     }
 
-    /// Takes the requests out that were sent, the oldest first.
-    pub fn drain_sent(&mut self) -> Vec<Open<W>> {
-        let sent = self.open.iter().filter(|(_, open)| open.is_sent);
+    /// Takes the requests out that were sent and that `leaves` says of, the oldest first.
+    pub fn drain_sent(&mut self, leaves: impl Fn(&W) -> bool) -> Vec<Open<W>> {
+        let sent = self.open.iter().filter(|(_, open)| open.is_sent && leaves(&open.waiter));
         let ids: Vec<RequestId> = sent.map(|(id, _)| *id).collect();
         ids.into_iter().filter_map(|id| self.remove(id)).collect()
+    }
+
+    /// Returns the requests that were sent, the oldest first.
+    pub fn sent(&self) -> impl Iterator<Item = (RequestId, &W)> {
+        let sent = self.open.iter().filter(|(_, open)| open.is_sent);
+        sent.map(|(id, open)| (*id, &open.waiter))
     }
 
     /// Takes a request out.

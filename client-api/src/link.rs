@@ -52,6 +52,8 @@ struct State {
     epoch: Epoch,
     /// Counts the connections.
     connection: u64,
+    /// The present or last connection, as the manager names it.
+    session: u64,
     /// Whether this client has asked the manager to end: then no other one is wanted.
     has_stopped: bool,
     /// Why there is no connection now, while another one is tried.
@@ -101,6 +103,10 @@ struct Waiter {
     parts: Option<PictureParts>,
     /// Holds the newest progress, for requests that tell theirs.
     progress: Option<watch::Sender<OpenProgress>>,
+    /// Whether the outcome can be asked for over another connection.
+    is_job: bool,
+    /// The connection that it was sent over, as the manager names it.
+    session: u64,
 }
 
 /// What of the messages that come before a reply is wanted.
@@ -131,6 +137,7 @@ impl Link {
             subscribers: 0,
             epoch: welcome.epoch,
             connection: 0,
+            session: welcome.session,
             has_stopped: false,
             lost: None,
             end: None,
@@ -170,7 +177,8 @@ impl Link {
         // tokio's clock, which tests own.
         let now = tokio::time::Instant::now().into_std();
         let full = || ClientError::TooManyOpen { request: name, limit: OPEN_REQUESTS_MAX };
-        let waiter = Waiter { answer, parts, progress: wanted.progress };
+        let is_job = matches!(request, Request::OpenScene { .. });
+        let waiter = Waiter { answer, parts, progress: wanted.progress, is_job, session: 0 };
         // Without a connection it waits for one first.
         let first_after = if state.lost.is_some() { shared.wait() } else { after };
         let id = state.open.insert(now, name, first_after, waiter).ok_or_else(full)?;
@@ -291,18 +299,23 @@ impl Shared {
         let is_fresh = || self.options.reconnect.is_none_or(|r| now < outgoing.posted + r.wait);
         let is_due =
             if is_open { state.open.send(now, outgoing.id, outgoing.after) } else { is_fresh() };
+        let session = state.session;
+        if let Some(waiter) = state.open.waiter_mut(outgoing.id) {
+            waiter.session = session;
+        }
         self.deadline_moved.notify_one();
         is_due.then_some(outgoing.bytes)
     }
 
-    /// The connection has ended, and another one is tried. What was sent is told so, once.
+    /// The connection has ended, and another one is tried. What was sent is told so, once; what
+    /// can be asked for over the next connection waits for it, unless the manager has ended.
     pub fn handle_loss(&self, end: &End) {
         let now = tokio::time::Instant::now().into_std();
         let sent = {
             let state = &mut *self.lock();
             state.lost = Some(end.clone());
             state.open.postpone_unsent(now, self.wait());
-            state.open.drain_sent()
+            state.open.drain_sent(|waiter| !waiter.is_job || end.is_goodbye)
         };
         self.deadline_moved.notify_one();
         self.tell_of_end(sent, end);
@@ -313,19 +326,32 @@ impl Shared {
         self.lock().lost = Some(End::lost(reason));
     }
 
-    /// There is a connection again. Gives what must be sent first.
-    pub fn handle_connected(&self, welcome: &Welcome) -> Option<Bytes> {
-        let greeting = {
+    /// There is a connection again. Returns what must be sent first.
+    pub fn handle_connected(&self, welcome: &Welcome) -> Vec<Bytes> {
+        let (greeting, gone, lost) = {
             let state = &mut *self.lock();
-            state.lost = None;
+            let lost = state.lost.take();
+            let is_same = state.epoch == welcome.epoch;
             state.epoch = welcome.epoch;
             state.connection += 1;
-            (state.subscribers > 0).then(|| {
+            state.session = welcome.session;
+            // Another epoch knows nothing of what was asked in the last one.
+            let gone = state.open.drain_sent(|_| !is_same);
+            let asked = |(id, waiter): (RequestId, &Waiter)| {
+                let request = Request::OpenOutcome { session: waiter.session, of: id };
+                codec::encode(&Call { id, request })
+            };
+            let mut greeting: Vec<Bytes> = state.open.sent().map(asked).collect();
+            if state.subscribers > 0 {
                 // Should it fail, the stream is silent, as that of a wall that draws nothing.
                 let id = state.open.number();
-                codec::encode(&Call { id, request: Request::Subscribe(true) })
-            })
+                greeting.push(codec::encode(&Call { id, request: Request::Subscribe(true) }));
+            }
+            (greeting, gone, lost)
         };
+        if let Some(end) = lost {
+            self.tell_of_end(gone, &end);
+        }
         self.connection_changed.notify_waiters();
         greeting
     }

@@ -8,6 +8,7 @@ use crate::head::Head;
 use crate::ids::{Epoch, FrameId, Revision};
 use crate::log::Operation;
 use crate::pattern::Pattern;
+use crate::words::text_of_peer;
 
 /// One message from the manager to a render server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,6 +42,7 @@ pub enum Goodbye {
     #[error("{reason}")]
     Closed {
         /// What the peer did, or who took its place.
+        #[serde(deserialize_with = "text_of_peer")]
         reason: String,
     },
 }

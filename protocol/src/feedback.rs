@@ -8,6 +8,7 @@ use crate::display::DisplayMode;
 use crate::ids::{Digest, Epoch, FrameId, Revision};
 use crate::pattern::Pattern;
 use crate::progress::Opening;
+use crate::words::text_of_peer;
 
 /// Where a channel stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -111,12 +112,14 @@ impl Feedback {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelFeedback {
     /// The channel's name.
+    #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// When the frame was swapped.
     pub state: ChannelState,
     /// For how long it had been in that state.
     pub since_ms: u64,
     /// Why it is not live, where there is a reason.
+    #[serde(deserialize_with = "text_of_peer")]
     pub reason: Option<String>,
     /// The last present call that is known, in microseconds of manager time: that of an earlier
     /// frame, since nobody waits for it.
@@ -164,6 +167,7 @@ pub struct Skew {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WallStatus {
     /// The wall's name.
+    #[serde(deserialize_with = "text_of_peer")]
     pub wall: String,
     /// This life of the manager.
     pub epoch: Epoch,
@@ -174,6 +178,7 @@ pub struct WallStatus {
     /// The last frame that was swapped.
     pub frame: FrameId,
     /// The open scene's name.
+    #[serde(deserialize_with = "text_of_peer")]
     pub scene: Option<String>,
     /// Present length of the frame deadline.
     pub deadline_ms: f64,
@@ -184,11 +189,14 @@ pub struct WallStatus {
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelStatus>,
     /// Connected clients, by name.
+    #[serde(deserialize_with = "text_of_peer")]
     pub clients: Vec<String>,
     /// What a person should know, such as adapters that differ.
+    #[serde(deserialize_with = "text_of_peer")]
     pub warnings: Vec<String>,
     /// What of the open scene is not drawn, or not as its file has it; see
     /// [`crate::scene::Scene::notes`].
+    #[serde(deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,
     /// Scenes that are being opened, the oldest request first.
     pub opening: Vec<Opening>,
@@ -200,18 +208,22 @@ pub struct WallStatus {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelStatus {
     /// The channel's name.
+    #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// Where it stands.
     pub state: ChannelState,
     /// For how long.
     pub since_ms: u64,
     /// Why, where there is a reason.
+    #[serde(deserialize_with = "text_of_peer")]
     pub reason: Option<String>,
     /// The server's process id.
     pub pid: Option<u32>,
     /// The server's address.
+    #[serde(deserialize_with = "text_of_peer")]
     pub address: Option<String>,
     /// What the server draws with.
+    #[serde(deserialize_with = "text_of_peer")]
     pub adapter: Option<String>,
     /// The last frame that it showed.
     pub frame: FrameId,
@@ -256,6 +268,7 @@ pub struct Statistics {
     /// Control bytes in both directions for one frame, over all channels.
     pub bytes_per_frame: f64,
     /// What the open scene needs of the renderer.
+    #[serde(deserialize_with = "text_of_peer")]
     pub features: Vec<String>,
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelStatistics>,
@@ -265,6 +278,7 @@ pub struct Statistics {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelStatistics {
     /// The channel's name.
+    #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// At the time of asking.
     pub state: ChannelState,
@@ -287,6 +301,7 @@ pub struct ChannelStatistics {
     /// Of its last frame.
     pub draw_calls: u64,
     /// What its server draws with.
+    #[serde(deserialize_with = "text_of_peer")]
     pub adapter: Option<String>,
     /// Resident memory of its server's process, in bytes.
     pub memory_bytes: u64,

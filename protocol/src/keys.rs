@@ -73,6 +73,16 @@ pub enum KeysError {
         /// What is wrong, and what would be right.
         what: String,
     },
+    /// The keys are good, but by this machine's clock their time has not begun.
+    #[error(
+        "{path}: its time has not begun by this machine's clock; set the clocks of both machines"
+    )]
+    NotYetValid {
+        /// The certificate.
+        path: PathBuf,
+        /// Whose it is.
+        identity: Identity,
+    },
     /// The keys are good, but another node's.
     #[error("{path} is the certificate of {found}, and that of {wanted} is needed")]
     AnotherNode {
@@ -139,7 +149,13 @@ impl Keys {
         let judge = Judge { provider: Arc::new(ring::default_provider()), roots: Arc::new(roots) };
         let now = UnixTime::now();
         let verdict = |at| judge.verify(&identity, &certificate, at);
-        verdict(now).map_err(|error| unfit_certificate(own_fault(&error)))?;
+        match verdict(now) {
+            Ok(()) => {}
+            Err(Error::InvalidCertificate(fault)) if tls::is_not_yet_valid(&fault) => {
+                return Err(KeysError::NotYetValid { path: path(CERTIFICATE_FILE), identity });
+            }
+            Err(error) => return Err(unfit_certificate(own_fault(&error))),
+        }
         let mut warnings = Vec::new();
         let soon = UnixTime::since_unix_epoch(Duration::from_secs(now.as_secs()) + WARN_TIME);
         if verdict(soon).is_err() {

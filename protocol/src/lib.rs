@@ -28,6 +28,7 @@ pub mod keys;
 pub mod limits;
 pub mod log;
 pub mod navigation;
+pub mod output_file;
 pub mod pattern;
 pub mod private_file;
 pub mod process;

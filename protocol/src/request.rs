@@ -17,6 +17,7 @@ use crate::progress::OpenProgress;
 use crate::scene::{Bounds, SceneFeatures};
 use crate::tuning::{Change, Tuned};
 use crate::wall::Wall;
+use crate::words::text_of_peer;
 
 /// A message from a client.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -95,13 +96,21 @@ pub enum Request {
     },
     /// Ends all servers and then the manager; answered with what became of the servers.
     StopServers,
+    /// Asks what became of a [`Request::OpenScene`] whose connection was lost before its answer,
+    /// in the same epoch. Its progress and its answer come as if this were that request.
+    OpenOutcome {
+        /// The lost connection, as its [`Welcome`](crate::handshake::Welcome) named it.
+        session: u64,
+        /// The number of the request on that connection.
+        of: RequestId,
+    },
 }
 
 impl Request {
     /// Returns what the request does, as it stands behind "cannot".
     pub fn name(&self) -> &'static str {
         match self {
-            Self::OpenScene { .. } => "open the scene",
+            Self::OpenScene { .. } | Self::OpenOutcome { .. } => "open the scene",
             Self::CloseScene => "close the scene",
             Self::SetCamera(_) => "set the camera",
             Self::SetEye(_) => "set the eye",
@@ -215,10 +224,13 @@ impl Reply {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoppedServers {
     /// Servers that said goodbye.
+    #[serde(deserialize_with = "text_of_peer")]
     pub ended: Vec<String>,
     /// Servers that were told to end and did not say goodbye, with what they did instead.
+    #[serde(deserialize_with = "text_of_peer")]
     pub silent: Vec<(String, String)>,
     /// Servers of the wall file that were not connected, so they could not be told.
+    #[serde(deserialize_with = "text_of_peer")]
     pub absent: Vec<String>,
 }
 
@@ -238,6 +250,7 @@ pub struct Sight {
 #[error("{reason}")]
 pub struct Failure {
     /// What failed and where, and what would be right.
+    #[serde(deserialize_with = "text_of_peer")]
     pub reason: String,
 }
 
@@ -252,6 +265,7 @@ impl Failure {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneSummary {
     /// What to call it.
+    #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// The revision that shows it.
     pub revision: Revision,
@@ -263,6 +277,7 @@ pub struct SceneSummary {
     pub features: SceneFeatures,
     /// What of the file is not drawn, or not as it is there; see [`crate::scene::Scene::notes`].
     #[serde(default)]
+    #[serde(deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,
     /// The exposure that the wall has from now on: 1, or what suits a scene that is lit in real
     /// units.
@@ -277,6 +292,7 @@ pub struct Captured {
     /// One for each screen, then one for each channel.
     pub pictures: Vec<PictureInfo>,
     /// Channels that sent none, with the reason; their part of the screen is left dark.
+    #[serde(deserialize_with = "text_of_peer")]
     pub missing: Vec<(String, String)>,
 }
 
@@ -284,6 +300,7 @@ pub struct Captured {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PictureInfo {
     /// Of the screen or channel.
+    #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// Whether it is a whole screen, stitched.
     pub is_screen: bool,

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ids::{ChannelId, Digest, Epoch, FrameId, Revision};
 use crate::navigation::Navigation;
+use crate::words::text_of_peer;
 
 /// One message from a render server to the manager.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -17,6 +18,7 @@ pub enum Status {
         /// The revision.
         revision: Revision,
         /// Why.
+        #[serde(deserialize_with = "text_of_peer")]
         reason: String,
     },
     /// A channel has drawn a frame into its own target; nothing is shown yet.
@@ -28,6 +30,7 @@ pub enum Status {
         /// Which frame.
         frame: FrameId,
         /// Why.
+        #[serde(deserialize_with = "text_of_peer")]
         reason: String,
     },
     /// A channel has shown a frame.
@@ -39,6 +42,7 @@ pub enum Status {
     /// The server ends the connection, and why.
     Goodbye {
         /// For the log and the channel's status.
+        #[serde(deserialize_with = "text_of_peer")]
         reason: String,
     },
     /// A channel's picture does not fit the monitor that it fills, or fits again.
@@ -46,6 +50,7 @@ pub enum Status {
         /// The channel.
         channel: ChannelId,
         /// A sentence for the operator, which names sizes and remedy; `None` if all is well.
+        #[serde(deserialize_with = "text_of_peer")]
         warning: Option<String>,
     },
     /// The server's GPU was lost with all that it had prepared. Until it is sent the shown state
@@ -66,6 +71,7 @@ pub struct Prepared {
     /// Of the state at that revision; equal on all servers.
     pub digest: Digest,
     /// What the scene needs of the renderer.
+    #[serde(deserialize_with = "text_of_peer")]
     pub features: Vec<String>,
     /// Bytes of the scene's meshes and textures on the GPU.
     pub scene_bytes: u64,

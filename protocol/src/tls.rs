@@ -40,6 +40,11 @@ fn fault(error: &Error) -> String {
     }
 }
 
+/// Returns whether the time of a certificate begins later.
+pub(crate) fn is_not_yet_valid(fault: &CertificateError) -> bool {
+    matches!(fault, CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. })
+}
+
 /// What is wrong with a certificate of either side.
 pub(crate) fn certificate_fault(fault: &CertificateError) -> String {
     use CertificateError as Fault;

@@ -13,6 +13,7 @@ mod input;
 mod membership;
 mod memory;
 mod navigate;
+mod outcome;
 mod pace;
 mod progress;
 mod registry;
@@ -180,6 +181,8 @@ pub struct Cluster {
     tuners: tune::Tuners,
     /// Scenes that are being baked.
     imports: Vec<Importing>,
+    #[serde(default)]
+    outcomes: outcome::Outcomes,
     registry: Registry,
     clients: BTreeMap<SessionId, ClientState>,
     orders: VecDeque<FrameOrder>,
@@ -235,6 +238,7 @@ impl Cluster {
             changes: Changes::default(),
             tuners: tune::Tuners::default(),
             imports: Vec::new(),
+            outcomes: outcome::Outcomes::default(),
             registry: Registry::new(&wall, heartbeat_us),
             clients: BTreeMap::new(),
             orders: VecDeque::new(),
@@ -410,11 +414,9 @@ impl Cluster {
         self.outputs.push_back(Output::Command { to, bytes });
     }
 
-    fn reply(&mut self, job: RequestOf, reply: Result<Reply, Failure>) {
-        if self.clients.contains_key(&job.client) {
-            let answer = Answer::Reply { id: job.id, reply };
-            self.outputs.push_back(Output::Answer { to: job.client, answer });
-        }
+    fn send_reply(&mut self, to: RequestOf, reply: Result<Reply, Failure>) {
+        let answer = Answer::Reply { id: to.id, reply };
+        self.outputs.push_back(Output::Answer { to: to.client, answer });
     }
 
     fn close(&mut self, session: SessionId, reason: String) {
@@ -426,7 +428,7 @@ impl Cluster {
         self.pacer.set(pace, now);
         // The frame that a tuning waits for would have come by itself.
         let drawing = self.barrier.as_ref().map(|barrier| barrier.revision);
-        self.wants_frame |= pace.is_none() && self.tuners.wait_beyond(drawing);
+        self.wants_frame |= !self.pacer.is_soon(now) && self.tuners.wait_beyond(drawing);
     }
 }
 

@@ -14,6 +14,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
 use super::drive::say_notes;
 use super::say;
+use crate::{log, progress};
 
 /// How much less important than a frame a bake is, on the scale of nice(1).
 const NICENESS: i32 = 10;
@@ -71,7 +72,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(used_as) = arguments.used_as {
         return run_map(arguments, used_as, &store, &cancel);
     }
-    let bar = ProgressBar::no_length();
+    let bar = ProgressBar::with_draw_target(None, progress::target());
     if let Ok(style) = ProgressStyle::with_template("{msg:>10} {wide_bar} {pos}/{len}") {
         bar.set_style(style);
     }
@@ -129,7 +130,16 @@ impl Percents {
 /// Makes this process one that may read foreign files: it ends rather than take more memory.
 pub(super) fn limit_memory(mib: u64) -> anyhow::Result<()> {
     let maximum = getrlimit(Resource::As).maximum;
-    let limit = Rlimit { current: Some(mib << 20), maximum };
+    let wanted = mib.saturating_mul(1 << 20);
+    let current = maximum.map_or(wanted, |maximum| wanted.min(maximum));
+    if current < wanted {
+        let allowed = current >> 20;
+        log::say_warning(&format!(
+            "the baker has {allowed} MiB of address space instead of {mib} MiB, as the system \
+             allows this user no more (ulimit -v)"
+        ));
+    }
+    let limit = Rlimit { current: Some(current), maximum };
     setrlimit(Resource::As, limit).context("the memory limit can't be set")?;
     // Frames come first on a machine that also draws; without the right to it, so be it.
     let _ = nice(NICENESS);
@@ -168,7 +178,8 @@ fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Re
         // Some steps on millions of vertices take seconds and look at nothing. Blobs appear whole
         // or not at all, so the store bears an end at any moment.
         std::thread::sleep(CANCEL_TIME_MAX);
-        eprintln!("error: interrupted");
+        log::say_failure("bake", "error: interrupted");
+        log::finish();
         std::process::exit(1);
     };
     let watcher = std::thread::Builder::new().name("interrupt".into()).spawn(watch);

@@ -1,12 +1,13 @@
 //! `polyptych completions` and `man`: the command's own description, for shells and manuals.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::Context;
 use clap_complete::Shell;
+use clap_mangen::Man;
 use polyptych_protocol::words::counted;
 
 use super::{command, say};
+use crate::outputs;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct CompletionArguments {
@@ -30,13 +31,22 @@ pub(super) fn completions(arguments: &CompletionArguments) -> anyhow::Result<()>
 
 pub(super) fn man(arguments: &ManArguments) -> anyhow::Result<()> {
     let folder = &arguments.output;
-    let named = || format!("cannot write to {}", folder.display());
-    std::fs::create_dir_all(folder).with_context(named)?;
-    clap_mangen::generate_to(command(), folder).with_context(named)?;
-    let is_page = |entry: &std::io::Result<std::fs::DirEntry>| {
-        let name = entry.as_ref().map(std::fs::DirEntry::file_name).unwrap_or_default();
-        name.to_string_lossy().starts_with("polyptych") && name.to_string_lossy().ends_with(".1")
-    };
-    let pages = std::fs::read_dir(folder).with_context(named)?.filter(is_page).count();
+    outputs::make_folder(folder)?;
+    let mut command = command().disable_help_subcommand(true);
+    command.build();
+    let pages = write_pages(command, folder)?;
     say(format_args!("{}: {}", folder.display(), counted(pages, "page")))
+}
+
+/// Writes the pages of a command and those below it, and returns how many.
+fn write_pages(command: clap::Command, folder: &Path) -> anyhow::Result<usize> {
+    let mut pages = 1;
+    for below in command.get_subcommands().filter(|below| !below.is_hide_set()) {
+        pages += write_pages(below.clone(), folder)?;
+    }
+    let man = Man::new(command);
+    let mut page = Vec::new();
+    man.render(&mut page)?;
+    outputs::write(&folder.join(man.get_filename()), &page)?;
+    Ok(pages)
 }

@@ -4,16 +4,16 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DQuat, DVec3};
 use polyptych_client::{Camera, ClientError, SceneSummary, overview};
-use polyptych_protocol::words::counted;
+use polyptych_protocol::words::{counted, printable};
 
 use super::progress::ProgressReport;
 use super::seen::{Seen, await_displays, show};
-use super::{ManagerAddress, exposure, printable, say, seconds};
-use crate::pictures;
+use super::{ManagerAddress, exposure, say, seconds};
+use crate::{outputs, pictures};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct OpenArguments {
@@ -69,7 +69,8 @@ pub(super) fn open_scene(
     progress: &ProgressReport,
 ) -> Result<SceneSummary, ClientError> {
     let stem = Path::new(path).file_stem().map(|stem| stem.to_string_lossy().into_owned());
-    let name = printable(&stem.unwrap_or_default());
+    let stem = stem.unwrap_or_default();
+    let name = printable(&stem);
     progress.say(&format!("opening {name}"), None);
     client.open_scene_with(path, |come| {
         progress.say(&format!("opening {name}: {come}"), Some(come.percent));
@@ -153,11 +154,11 @@ pub(super) fn shot(arguments: &ShotArguments) -> anyhow::Result<ExitCode> {
     if !is_png {
         bail!("{}: pictures are PNG; write a name that ends in .png", arguments.file.display());
     }
+    outputs::check(&arguments.file)?;
     let client = arguments.manager.connect()?;
     let capture = client.capture()?;
     let picture = pictures::side_by_side(&capture.screens)?;
-    pictures::save_png(&arguments.file, &picture)
-        .with_context(|| format!("cannot write {}", arguments.file.display()))?;
+    pictures::save_png(&arguments.file, &picture)?;
     say(format_args!(
         "{}: frame {}, {} × {} pixels",
         arguments.file.display(),

@@ -13,6 +13,7 @@ use polyptych_protocol::keys::Keys;
 use polyptych_protocol::token;
 
 use super::{asked_to_end, bake_files, cache_folder, load_wall};
+use crate::state_lock::StateLock;
 
 /// Address space of one bake, in MiB: enough for scenes of several gigabytes, not for a bomb.
 pub(super) const BAKE_MEMORY_MIB_DEFAULT: u64 = 8192;
@@ -76,6 +77,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         None => token::default_path()?,
     };
     let mut scene_roots: Vec<PathBuf> = wall.scenes.iter().map(PathBuf::from).collect();
+    for folder in scene_roots.iter().filter(|folder| !folder.is_dir()) {
+        tracing::warn!(
+            folder = %folder.display(),
+            "a scene folder of the wall file does not exist; no scene in it can be opened"
+        );
+    }
     for folder in &arguments.scenes {
         if !folder.is_dir() {
             bail!("--scenes {}: not a folder", folder.display());
@@ -98,6 +105,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
             Some(token.with_file_name(format!("{}-{port}.state", file_name(&wall.name))))
         }
     };
+    let _lock = memory.as_deref().map(StateLock::take).transpose()?;
     // Whoever sits before a display of another machine is not asked for the camera.
     let is_own = listener.local_addr()?.ip().is_loopback() && arguments.keys.is_none();
     let is_navigable = arguments.navigate.unwrap_or(is_own);

@@ -6,9 +6,9 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::log;
+use crate::{log, progress};
 
 /// Time between two lines; what is done sooner says nothing.
 const LINE_PERIOD: Duration = Duration::from_secs(2);
@@ -33,7 +33,7 @@ impl ProgressReport {
         if !std::io::stderr().is_terminal() {
             return Lines::start().map_or(Self::Silent, Self::Lines);
         }
-        let bar = ProgressBar::with_draw_target(Some(100), ProgressDrawTarget::stderr());
+        let bar = ProgressBar::with_draw_target(Some(100), progress::target());
         if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} {wide_bar}") {
             bar.set_style(style);
         }
@@ -113,7 +113,7 @@ impl Shared {
             }
             if state.newest != said {
                 said.clone_from(&state.newest);
-                eprintln!("{said}");
+                log::say_progress(&said);
             }
         }
     }

@@ -9,11 +9,11 @@ use anyhow::{Context, anyhow, bail};
 use polyptych_manager::record::ring::RingReader;
 use polyptych_manager::replay::incident::{Cut, Incident};
 use polyptych_manager::replay::{Part, Replayed, replay};
-use polyptych_protocol::words::counted;
+use polyptych_protocol::words::{counted, printable};
 use time::OffsetDateTime;
 
-use super::{check_overwrite, say};
-use crate::pictures;
+use super::say;
+use crate::{log, outputs};
 
 /// Where incidents are kept for the tests of a checkout.
 const INCIDENTS: &str = "server-manager/tests/incidents";
@@ -105,18 +105,17 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
     } else {
         bail!("{INCIDENTS} is not here; run this in a checkout, or name a path: ./{name}.incident");
     };
-    check_overwrite(&path, arguments.force)?;
+    outputs::check_source(&path, arguments.force)?;
     let cut = Cut { part: arguments.part, from_s: arguments.from, to_s: arguments.to };
     let named = || arguments.file.display().to_string();
     let incident = Incident::cut(reader, &cut, &arguments.about);
     let incident = incident.map_err(|reason| anyhow!("{reason}")).with_context(named)?;
     let (text, left_out) = incident.to_text().map_err(|reason| anyhow!("{reason}"))?;
     let kept = path.display();
-    pictures::write_whole(&path, text.as_bytes())
-        .with_context(|| format!("cannot write {kept}"))?;
+    outputs::write(&path, text.as_bytes())?;
     if left_out > 0 {
         let inputs = counted(left_out, "input");
-        eprintln!("warning: left out: {inputs} with numbers that text cannot hold");
+        log::say_warning(&format!("left out: {inputs} with numbers that text cannot hold"));
     }
     let inputs = counted(text.lines().count() - 1, "input");
     match incident.check() {
@@ -172,9 +171,8 @@ fn print_part(number: usize, part: &Part) -> anyhow::Result<()> {
         summary.to_s
     ))?;
     for event in &summary.events {
-        // Words of peers stand in it, which must not move a terminal's cursor.
-        let escape = |c: char| if c.is_control() { c.escape_debug().to_string() } else { c.into() };
-        let text: String = event.text.chars().map(escape).collect();
+        // Words of peers stand in it.
+        let text = printable(&event.text);
         let time = clock(part, event.at_s).time();
         say(format_args!("{time} {:>10.3} s  {:<8} {text}", event.at_s, event.kind))?;
     }

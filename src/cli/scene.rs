@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
 use polyptych_protocol::words::counted;
 
-use super::{check_overwrite, say};
+use super::say;
+use crate::outputs;
 use crate::town::{TownOptions, generate};
 
 #[derive(Debug, clap::Subcommand)]
@@ -32,10 +32,9 @@ pub(super) struct TownArguments {
 
 pub(super) fn run(scene: &Scene) -> anyhow::Result<()> {
     let Scene::Town(arguments) = scene;
-    check_overwrite(&arguments.output, arguments.force)?;
+    outputs::check_source(&arguments.output, arguments.force)?;
     let bytes = generate(&TownOptions { blocks: arguments.blocks, seed: arguments.seed })?;
-    crate::pictures::write_whole(&arguments.output, &bytes)
-        .with_context(|| format!("cannot write {}", arguments.output.display()))?;
+    outputs::write(&arguments.output, &bytes)?;
     say(format_args!("{}: {}", arguments.output.display(), counted(bytes.len(), "byte")))?;
     Ok(())
 }

@@ -13,10 +13,10 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{
     Capture, ChannelFeedback, ChannelState, ChannelStatus, Feedback, FrameId, Statistics,
 };
-use polyptych_protocol::words::counted;
+use polyptych_protocol::words::{counted, printable};
 
 use super::progress::ProgressReport;
-use super::{printable, say};
+use super::say;
 use crate::log;
 
 /// What `polyptych --help` says of exit codes.
@@ -67,7 +67,7 @@ impl Missing {
 
     fn new(name: &str, state: ChannelState, reason: Option<&str>) -> Self {
         let reason = reason.map(|reason| format!(": {}", printable(reason))).unwrap_or_default();
-        Self { name: printable(name), why: format!("it is {state}{reason}") }
+        Self { name: printable(name).into_owned(), why: format!("it is {state}{reason}") }
     }
 }
 
@@ -94,8 +94,10 @@ impl Seen {
     /// Returns who is in the pictures of a capture.
     pub fn in_pictures(capture: &Capture) -> Self {
         let missing = capture.missing.iter();
-        let missing =
-            missing.map(|(name, why)| Missing { name: printable(name), why: printable(why) });
+        let missing = missing.map(|(name, why)| Missing {
+            name: printable(name).into_owned(),
+            why: printable(why).into_owned(),
+        });
         Self {
             frame: capture.frame,
             lacks: "is not in the picture of frame",
@@ -110,7 +112,7 @@ impl Seen {
         let is_whole = statistics.complete >= statistics.frames;
         let never = statistics.channels.iter().filter(|c| c.frames == 0 && !is_whole);
         for channel in never {
-            let name = printable(&channel.name);
+            let name = printable(&channel.name).into_owned();
             if self.missing.iter().all(|missing| missing.name != name) {
                 self.missing.push(Missing { name, why: "it showed no frame at all".into() });
             }

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use anyhow::{anyhow, bail};
 use polyptych_protocol::identity::Identity;
-use polyptych_protocol::keys::Keys;
+use polyptych_protocol::keys::{Keys, KeysError};
 use polyptych_protocol::stream::check_addresses;
 use polyptych_protocol::token;
 use polyptych_render::{
@@ -206,13 +206,32 @@ fn name(arguments: &Arguments, manager: &str) -> anyhow::Result<String> {
         check_addresses(&found, arguments.insecure)?;
         return Ok(given.unwrap_or(&arguments.channel[0]).clone());
     };
-    let keys = Keys::load(folder)?;
+    let keys = match Keys::load(folder) {
+        // Machines without a battery start in the past: this one waits for its clock.
+        Err(error @ KeysError::NotYetValid { .. }) => {
+            tracing::warn!(%error, "waiting for the right time");
+            return waiting_name(error, given);
+        }
+        loaded => loaded?,
+    };
     for warning in keys.warnings() {
         tracing::warn!("{warning}");
     }
     let name = keys.server_name()?.to_owned();
     keys.require(&Identity::Server(given.unwrap_or(&name).clone()))?;
     Ok(name)
+}
+
+/// What a server is called whose keys are not valid yet.
+fn waiting_name(error: KeysError, given: Option<&String>) -> anyhow::Result<String> {
+    match &error {
+        KeysError::NotYetValid { identity: Identity::Server(name), .. }
+            if given.is_none_or(|given| given == name) =>
+        {
+            Ok(name.clone())
+        }
+        _ => Err(error.into()),
+    }
 }
 
 /// A delay in milliseconds, as an argument: "5ms", or "0.5ms".

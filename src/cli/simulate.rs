@@ -20,6 +20,7 @@ use crate::ending::Ending;
 use crate::faults::{self, Fault, Faults, Needs};
 use crate::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
 use crate::log;
+use crate::outputs;
 use crate::pictures;
 use crate::progress;
 use crate::prove::Shown;
@@ -39,6 +40,12 @@ const HEADING_RAD: f64 = 0.52;
 
 /// Steps of scene time, where no rate is given.
 const TIME_RATE: f64 = 30.0;
+
+/// The file with the picture of the whole wall.
+const WALL_PICTURE: &str = "wall.png";
+
+/// The file with what the run measured.
+const REPORT: &str = "report.json";
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -97,7 +104,11 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         );
     }
     let out = &arguments.out;
-    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    outputs::make_folder(out)?;
+    // Known now, and not after a long run.
+    for path in outputs_of(wall, out) {
+        outputs::check(&path)?;
+    }
     let shown = shown(arguments.scene.as_deref())?;
     let root = shown.file.parent().unwrap_or(Path::new("/")).to_owned();
     let baker = manager::default_baker()?;
@@ -129,6 +140,22 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         }),
         Some(Ending::WindowClosed) | None => driven,
     }
+}
+
+/// The files that a run writes. Screens of which each eye sees another picture have one more.
+fn outputs_of(wall: &Wall, out: &Path) -> Vec<PathBuf> {
+    let channels = wall.channels.iter().map(|channel| channel_file(&channel.name));
+    let screens = wall.screens.iter().map(|screen| screen_file(&screen.name));
+    let both = [WALL_PICTURE, REPORT].map(str::to_owned);
+    channels.chain(screens).chain(both).map(|name| out.join(name)).collect()
+}
+
+fn channel_file(name: &str) -> String {
+    format!("channel-{name}.png")
+}
+
+fn screen_file(name: &str) -> String {
+    format!("screen-{name}.png")
 }
 
 /// The end of a run that has drawn no frame to report of.
@@ -177,16 +204,17 @@ fn drive(
     let (faults, faults_unrecorded) = faults.finish();
     let capture = client.capture()?;
     for picture in &capture.channels {
-        let path = arguments.out.join(format!("channel-{}.png", picture.name));
-        save(&path, &pictures::to_image(picture)?)?;
+        let path = arguments.out.join(channel_file(&picture.name));
+        pictures::save_png(&path, &pictures::to_image(picture)?)?;
     }
     if capture.screens.len() > 1 {
         for picture in &capture.screens {
-            let path = arguments.out.join(format!("screen-{}.png", picture.name));
-            save(&path, &pictures::to_image(picture)?)?;
+            let path = arguments.out.join(screen_file(&picture.name));
+            pictures::save_png(&path, &pictures::to_image(picture)?)?;
         }
     }
-    save(&arguments.out.join("wall.png"), &pictures::side_by_side(&capture.screens)?)?;
+    let whole = pictures::side_by_side(&capture.screens)?;
+    pictures::save_png(&arguments.out.join(WALL_PICTURE), &whole)?;
     let seen = Seen::in_pictures(&capture).and_never_shown(&statistics);
     let mut report = Report::new(&wall.name, &summary, statistics);
     report.ended = ending.into();
@@ -194,9 +222,7 @@ fn drive(
     report.missing = capture.missing;
     report.faults = faults;
     report.faults_unrecorded = faults_unrecorded;
-    let path = arguments.out.join("report.json");
-    pictures::write_whole(&path, &serde_json::to_vec_pretty(&report)?)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+    outputs::write(&arguments.out.join(REPORT), &serde_json::to_vec_pretty(&report)?)?;
     print_summary(&report, &arguments.out)?;
     Ok(seen.conclude())
 }
@@ -274,10 +300,6 @@ fn print_summary(report: &Report, out: &Path) -> anyhow::Result<()> {
     say(format_args!("pictures and report: {}", out.display()))
 }
 
-fn save(path: &Path, image: &image::RgbaImage) -> anyhow::Result<()> {
-    pictures::save_png(path, image).with_context(|| format!("cannot write {}", path.display()))
-}
-
 fn step(what: &'static str) -> ProgressBar {
     let spinner = ProgressBar::with_draw_target(None, progress::target()).with_message(what);
     spinner.enable_steady_tick(Duration::from_millis(100));
@@ -296,13 +318,11 @@ fn generated_town() -> anyhow::Result<Shown> {
     use crate::town::{TownOptions, generate};
     const TOWN: TownOptions = TownOptions { blocks: 4, seed: 1 };
     let folder = cache_folder()?.join("scenes");
-    std::fs::create_dir_all(&folder)
-        .with_context(|| format!("cannot make {}", folder.display()))?;
+    outputs::make_folder(&folder)?;
     let path = folder.join("town.glb");
     let bytes = generate(&TOWN)?;
     // Written anew each time: it is quick, and an older version may lie there.
-    pictures::write_whole(&path, &bytes)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+    outputs::write(&path, &bytes)?;
     let (min, max) = TOWN.focus();
     Ok(Shown { file: path.canonicalize()?, focus: Some(Bounds { min, max }) })
 }

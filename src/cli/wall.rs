@@ -14,12 +14,13 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, anyhow};
+use anyhow::anyhow;
 use polyptych_protocol::wall::file;
 use polyptych_protocol::wall::table::WallTable;
 use polyptych_protocol::words::counted;
 
-use super::{check_overwrite, say};
+use super::say;
+use crate::outputs;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Wall {
@@ -79,9 +80,8 @@ fn write(text: &str, common: &Common) -> anyhow::Result<()> {
         anyhow!("these numbers make no wall: {}: {}; {}", error.key(), error.what(), error.remedy())
     })?;
     let Some(path) = &common.output else { return say(text.trim_end()) };
-    check_overwrite(path, common.force)?;
-    crate::pictures::write_whole(path, text.as_bytes())
-        .with_context(|| format!("cannot write {}", path.display()))?;
+    outputs::check_source(path, common.force)?;
+    outputs::write(path, text.as_bytes())?;
     let table = WallTable::of(&wall);
     say(format_args!("{}: {}", path.display(), kind(&table)))?;
     table.warnings.iter().try_for_each(|warning| say(format_args!("warning: {warning}")))?;

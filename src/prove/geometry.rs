@@ -16,7 +16,7 @@ use polyptych_protocol::wall::{Channel, Cover, Wall};
 use super::light;
 use super::marker::{self, Light, Marker, Reading};
 use super::table::{Table, Target};
-use crate::pictures::write_whole;
+use crate::outputs;
 use crate::progress::Steps;
 use polyptych_protocol::words::counted;
 
@@ -108,9 +108,9 @@ pub(super) fn prove(
         steps.begin(format_args!("looking for {count} on all channels, {away}"));
         let offset = DVec3::new(offset_m, -0.5 * offset_m, 0.25 * offset_m);
         let place = folder.join(format!("markers-{offset_m}"));
-        std::fs::create_dir_all(&place).with_context(|| place.display().to_string())?;
+        outputs::make_folder(&place)?;
         for (name, bytes) in marker::files(&markers, offset)? {
-            write_whole(&place.join(name), &bytes)?;
+            outputs::write(&place.join(name), &bytes)?;
         }
         client.open_scene(place.join(marker::SCENE_NAME).display().to_string())?;
         let mut frames = Vec::new();

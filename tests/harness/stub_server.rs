@@ -24,6 +24,10 @@ use super::local_wall::LocalWall;
 /// Often enough for the shortest heartbeat of a test.
 const PING_PERIOD: Duration = Duration::from_millis(200);
 
+/// What its adapter is called: it would clear a terminal, forge a line of a log, and reverse what
+/// stands behind it.
+pub const HOSTILE_NAME: &str = "stub\u{1b}[2J\r\n ERROR forged\u{9b}31m\u{202e}";
+
 type Answer = Box<dyn FnOnce(&Frame) -> Status + Send>;
 
 /// A server for the first channel of a wall, on a thread. Where its connection ends, it stays away
@@ -60,7 +64,12 @@ impl StubServer {
             name: "stub".into(),
             channels: vec![channel.into()],
             pid: std::process::id(),
-            adapter: Adapter { texture_side_max: 8192, ..Adapter::default() },
+            adapter: Adapter {
+                name: HOSTILE_NAME.into(),
+                driver: HOSTILE_NAME.into(),
+                texture_side_max: 8192,
+                ..Adapter::default()
+            },
         });
         let secret = Secret(token::read(&local.place.token_file()).expect("a token"));
         let (of, _) = local.wall().channel_named(channel).expect("a channel of the wall");

@@ -5,6 +5,7 @@
 //! - `wall_of_processes`: a wall is started, driven, hurt and ended, all by the command
 //! - `manager_kills`: what a manager has said to be done outlives it
 //! - `restarts`: what a manager keeps that is started again, by another path or with an edited file
+//! - `beginnings`: what stands in the way of a process that starts, or outlives it
 //! - `stopping`: a wall is stopped, with its servers or without, by a command or a signal
 //! - `hostile`: strangers, clients and disks that would stop a wall if they could
 //! - `back_pressure`: peers that flood or don't read cost the others nothing
@@ -12,6 +13,7 @@
 //! - `reconnecting`: a program goes on when its manager is killed and started again
 //! - `client_library`: the same program drives one channel and four
 //! - `command_text`: help, schema, manuals, variables, and files that the command leaves alone
+//! - `outputs`: commands replace regular files only
 //! - `wall_files`: warp maps, masks and archives that others wrote
 //! - `first_look`: a scene that was opened is seen whole, large, and neither white nor black
 //! - `seams`: a wall of tiles shows what one channel shows
@@ -36,6 +38,7 @@
 //! - `report`: what a simulated wall writes, also where it ends early or is late
 
 mod back_pressure;
+mod beginnings;
 mod check;
 mod client_library;
 mod command_text;
@@ -52,6 +55,7 @@ mod manager_kills;
 mod notes;
 mod observation;
 mod one_process;
+mod outputs;
 mod prove;
 mod reconnecting;
 #[path = "../reference/reference.rs"]

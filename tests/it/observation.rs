@@ -3,4 +3,5 @@
 mod exposition;
 mod logs;
 mod metrics;
+mod stuck;
 mod watch;

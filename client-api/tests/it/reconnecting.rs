@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use polyptych_client::{
-    Client, ClientError, ConnectOptions, Epoch, Pace, Reconnect, Reply, Request,
+    Client, ClientError, ConnectOptions, Epoch, OpenProgress, OpenStage, Pace, Reconnect, Reply,
+    Request, RequestId,
 };
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::connection::{Introduced, receive_introduction, refuse, welcome};
@@ -48,17 +49,17 @@ async fn what_was_sent_fails_once_and_is_not_repeated() {
     let (listener, address) = listen().await;
     let (client, mut manager) = connected(&listener, options(&address)).await;
     assert_eq!((client.is_connected(), client.epoch()), (true, Epoch(1)));
-    let (scene, ()) = tokio::join!(client.open_scene("a.glb"), async {
+    let (frame, ()) = tokio::join!(client.render_frame(), async {
         manager.next().await.expect("it came");
         drop(manager);
     });
-    let error = scene.expect_err("lost");
+    let error = frame.expect_err("lost");
     assert!(matches!(error, ClientError::ConnectionLost { .. }), "{error}");
     assert!(error.is_outcome_unknown());
     // Whether it knows of the loss already or not: this waits for the next manager.
     let (status, manager) = tokio::join!(client.status(), async {
         let mut manager = accept(&listener, 2, "lab").await;
-        // The first that comes is this one: the scene is not opened behind anyone's back.
+        // The first that comes is this one: no frame is drawn behind anyone's back.
         let id = manager.expect(Request::Status).await;
         manager.reply(id, answer(&Request::Status)).await;
         manager
@@ -66,6 +67,53 @@ async fn what_was_sent_fails_once_and_is_not_repeated() {
     status.expect("the new manager has answered");
     assert_eq!((client.is_connected(), client.epoch()), (true, Epoch(2)));
     assert_eq!((client.end_reason(), client.open_requests()), (None, 0));
+    drop(manager);
+}
+
+/// Serves a connection of this epoch until the scene's outcome is asked for.
+async fn asked_for_outcome(listener: &TcpListener, epoch: u64) -> (Manager<TcpStream>, RequestId) {
+    let mut manager = accept(listener, epoch, "lab").await;
+    let (id, request) = manager.next().await.expect("a request");
+    assert_eq!(request, Request::OpenOutcome { session: 1, of: id }, "asked, and not repeated");
+    (manager, id)
+}
+
+#[tokio::test]
+async fn a_scene_that_was_being_opened_is_asked_for_over_the_next_connection() {
+    let (listener, address) = listen().await;
+    let (client, mut manager) = connected(&listener, options(&address)).await;
+    let mut heard = Vec::new();
+    let (scene, manager) = tokio::join!(
+        client.open_scene_with("a.glb", |progress| heard.push(progress.percent)),
+        async {
+            manager.expect(Request::OpenScene { path: "a.glb".into() }).await;
+            drop(manager);
+            // Lost again, before there was an answer.
+            drop(asked_for_outcome(&listener, 1).await);
+            let (mut manager, id) = asked_for_outcome(&listener, 1).await;
+            let progress = OpenProgress { stage: OpenStage::Baking, percent: 40 };
+            manager.send(Answer::Progress { id, progress }).await;
+            manager.reply(id, answer(&Request::OpenScene { path: "a.glb".into() })).await;
+            manager
+        }
+    );
+    scene.expect("opened");
+    assert_eq!((heard, client.open_requests()), (vec![40], 0));
+    drop(manager);
+}
+
+#[tokio::test]
+async fn a_scene_of_another_epoch_is_lost_with_its_manager() {
+    let (listener, address) = listen().await;
+    let (client, mut manager) = connected(&listener, options(&address)).await;
+    let (scene, manager) = tokio::join!(client.open_scene("a.glb"), async {
+        manager.next().await.expect("it came");
+        drop(manager);
+        accept(&listener, 2, "lab").await
+    });
+    let error = scene.expect_err("lost");
+    assert!(matches!(error, ClientError::ConnectionLost { .. }), "{error}");
+    assert!(error.is_outcome_unknown());
     drop(manager);
 }
 

@@ -395,7 +395,7 @@ impl Cluster {
                 channels.push(id);
             } else {
                 let reason = channel.reason.clone();
-                let reason = reason.unwrap_or_else(|| format!("it is {:?}", channel.state));
+                let reason = reason.unwrap_or_else(|| format!("it is {}", channel.state));
                 missing.push((channel.name.clone(), reason));
             }
         }

@@ -437,7 +437,7 @@ impl Cluster {
         let holders: Vec<_> = holders.map(|(id, server)| (id, server.channels.clone())).collect();
         let is_first = !std::mem::replace(&mut self.changes.is_refused_unseen, true);
         // Drawn once more, it stands before all that comes, on a wall that is paused too.
-        self.wants_frame |= self.pacer.pace().is_none();
+        self.wants_frame |= !self.pacer.is_soon(now);
         let mut anew = Vec::new();
         for (session, channels) in holders {
             let state = |id: &ChannelId| self.registry.channel(*id).map(|channel| channel.state);

@@ -3,10 +3,11 @@
 use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::handshake::ServerHello;
+use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{ChannelId, Revision};
 use polyptych_protocol::limits::NAME_BYTES_MAX;
 use polyptych_protocol::status::Prepared;
+use polyptych_protocol::words::make_printable;
 
 use super::registry::Answered;
 use super::supersede::Owed;
@@ -28,9 +29,11 @@ impl Cluster {
         &mut self,
         now: Micros,
         session: SessionId,
-        hello: ServerHello,
+        mut hello: ServerHello,
         address: String,
     ) -> Result<(), String> {
+        let Adapter { name, driver, backend, .. } = &mut hello.adapter;
+        [&mut hello.name, name, driver, backend].into_iter().for_each(make_printable);
         let (channels, replaced) = self.registry.check_claim(&hello, &address)?;
         self.check_adapter(&hello, &channels)?;
         if let Some(old) = replaced {
@@ -116,7 +119,8 @@ impl Cluster {
     }
 
     /// A client has come.
-    pub fn handle_client(&mut self, session: SessionId, name: String) {
+    pub fn handle_client(&mut self, session: SessionId, mut name: String) {
+        make_printable(&mut name);
         self.clients.insert(session, ClientState { name, is_subscribed: false });
         self.span_of(session).in_scope(|| tracing::info!("client joins"));
     }
@@ -191,7 +195,7 @@ impl Cluster {
                 let state = self.registry.channel(id).map(|channel| channel.state);
                 if state == Some(ChannelState::Preparing) {
                     self.registry.set_state(id, ChannelState::Ready, None, now);
-                    self.wants_frame |= self.must_see_a_frame();
+                    self.wants_frame |= self.must_see_a_frame(now);
                 }
             }
         }
@@ -240,10 +244,10 @@ impl Cluster {
     /// Whether a channel that has become ready is given a frame though nobody has ordered one.
     /// Its display would else say that the manager is lost which has come back, show an older
     /// picture than its neighbours, or light up on a wall that is to be black.
-    fn must_see_a_frame(&self) -> bool {
-        let has_pace = self.pacer.pace().is_some();
+    fn must_see_a_frame(&self, now: Micros) -> bool {
+        let comes_soon = self.pacer.is_soon(now);
         let has_shown = self.swapped.0 > 0;
         let is_other = self.displays != DisplayMode::Normal || self.pattern.is_some();
-        !has_pace && (self.is_going_on || has_shown || is_other)
+        !comes_soon && (self.is_going_on || has_shown || is_other)
     }
 }

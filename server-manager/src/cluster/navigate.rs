@@ -112,7 +112,7 @@ impl Cluster {
         self.camera = camera;
         self.navigator.count += 1;
         self.navigator.remember_at.get_or_insert(now + REMEMBER_WAIT);
-        self.wants_frame |= self.pacer.pace().is_none();
+        self.wants_frame |= !self.pacer.is_soon(now);
         self.advance_frame(now);
     }
 

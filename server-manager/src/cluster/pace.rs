@@ -5,6 +5,10 @@ use serde::{Deserialize, Serialize};
 
 use super::Micros;
 
+/// Maximum time that a request waits for a frame of the wall's own pace. Where that is slower, the
+/// request gets a frame of its own.
+pub(super) const BEAT_WAIT_MAX: Micros = 1_000_000;
+
 /// The wall's own pace.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Pacer {
@@ -26,6 +30,11 @@ impl Pacer {
         self.pace.map(|_| self.next)
     }
 
+    /// Returns whether a frame begins by itself within [`BEAT_WAIT_MAX`].
+    pub fn is_soon(&self, now: Micros) -> bool {
+        self.next_start().is_some_and(|next| next <= now.saturating_add(BEAT_WAIT_MAX))
+    }
+
     pub fn is_due(&self, now: Micros) -> bool {
         self.pace.is_some() && now >= self.next
     }
@@ -41,6 +50,10 @@ impl Pacer {
             Some(Pace::Free) => IDLE_PERIOD,
             Some(Pace::Rate(rate)) => (1e6 / rate) as Micros,
         };
+        // A frame that was ordered long before its beat does not stand for it.
+        if !self.is_soon(now) {
+            return;
+        }
         // A wall that cannot keep the rate drops beats; it does not hurry afterwards.
         self.next = if self.next + 2 * period > now { self.next + period } else { now + period };
         self.next = self.next.max(now.saturating_sub(period));
@@ -63,5 +76,18 @@ mod tests {
         assert_eq!(pacer.next_start(), Some(510_000));
         pacer.set(None, 0);
         assert_eq!(pacer.next_start(), None);
+    }
+
+    #[test]
+    fn a_frame_long_before_a_slow_beat_does_not_move_it() {
+        let mut pacer = Pacer::default();
+        pacer.set(Some(Pace::Rate(0.02)), 0);
+        pacer.began(0, true);
+        assert_eq!((pacer.next_start(), pacer.is_soon(0)), (Some(50_000_000), false));
+        pacer.began(10_000_000, true);
+        assert_eq!(pacer.next_start(), Some(50_000_000));
+        assert!(pacer.is_soon(49_000_000));
+        pacer.began(49_500_000, true);
+        assert_eq!(pacer.next_start(), Some(100_000_000), "this one stands for it");
     }
 }

@@ -51,9 +51,10 @@ impl Cluster {
     }
 
     fn send_progress(&mut self, job: RequestOf, progress: OpenProgress) {
-        if self.clients.contains_key(&job.client) {
-            let answer = Answer::Progress { id: job.id, progress };
-            self.outputs.push_back(Output::Answer { to: job.client, answer });
+        let to = self.outcomes.heir(job);
+        if self.clients.contains_key(&to.client) {
+            let answer = Answer::Progress { id: to.id, progress };
+            self.outputs.push_back(Output::Answer { to: to.client, answer });
         }
     }
 }

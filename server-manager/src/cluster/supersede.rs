@@ -29,7 +29,7 @@ impl Change {
         self.operations.iter().rev().find_map(|operation| match operation {
             Operation::OpenScene(scene) => Some(Some(scene.manifest)),
             Operation::CloseScene => Some(None),
-            Operation::SetWall(_) => None,
+            Operation::SetWall(_) | Operation::Adjust { .. } | Operation::MoveBend { .. } => None,
         })
     }
 }

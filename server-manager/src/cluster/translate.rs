@@ -63,6 +63,7 @@ impl Cluster {
     ) -> Result<Option<Reply>, String> {
         match request {
             Request::OpenScene { path } => return self.import(job, path),
+            Request::OpenOutcome { session, of } => return self.claim_outcome(job, session, of),
             Request::CloseScene => {
                 let operations = vec![Operation::CloseScene];
                 let purpose = Purpose::Scene { job, summary: None };
@@ -153,6 +154,7 @@ impl Cluster {
             ));
         }
         let scene = progress::name_of(&path);
+        self.outcomes.begin(job);
         self.imports.push(Importing { job, scene, progress: OpenProgress::NONE });
         self.outputs.push_back(Output::Import { job, path });
         Ok(None)

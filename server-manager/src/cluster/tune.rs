@@ -108,7 +108,7 @@ impl Cluster {
         let revision = self.shown.revision;
         self.wall = wall;
         self.tuners.0.extend(tuners.into_iter().map(|tuner| (revision, tuner)));
-        self.wants_frame |= self.pacer.pace().is_none();
+        self.wants_frame |= !self.pacer.is_soon(now);
         self.demote_unprepared(now, failed);
         self.remember();
         tracing::debug!(revision = revision.0, "the wall is tuned");

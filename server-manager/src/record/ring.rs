@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 
 use polyptych_protocol::codec;
 use polyptych_protocol::limits::PROTOCOL_VERSION;
+use polyptych_protocol::output_file;
 
 use super::Record;
 
@@ -115,6 +116,10 @@ impl Ring {
     /// As [`Ring::open`]; a new file has slots of this size.
     pub(super) fn open_with(path: &Path, segment_bytes: u64) -> Result<Self, RingError> {
         let failed = |source| RingError::Io { path: path.to_owned(), source };
+        // Opening a FIFO or a device does something to it.
+        if path.symlink_metadata().is_ok() {
+            output_file::check(path).map_err(failed)?;
+        }
         let open = || {
             let mut options = OpenOptions::new();
             let options = options.read(true).write(true).create(true).truncate(false);

@@ -6,12 +6,13 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_manager::bake::map::mpcdi::{self, Imported, ImportedRegion, Profile};
 use polyptych_protocol::words::counted;
 
-use super::super::{bake, check_overwrite, manager, say};
+use super::super::{bake, manager, say};
+use crate::outputs;
 
 /// How far from the eye the planes of frusta stand, in metres: for one eye any distance is right.
 const FRUSTUM_DISTANCE_M: f64 = 2.0;
@@ -42,13 +43,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let folder = &arguments.output;
     let wall_file = folder.join("wall.toml");
-    check_overwrite(&wall_file, arguments.force)?;
+    outputs::make_folder(folder)?;
+    outputs::check_source(&wall_file, arguments.force)?;
     bake::limit_memory(manager::BAKE_MEMORY_MIB_DEFAULT)?;
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let imported = mpcdi::import(&arguments.file, folder, &AtomicBool::new(false))?;
     let text = wall_text(arguments, &imported);
-    std::fs::write(&wall_file, text)
-        .with_context(|| format!("cannot write {}", wall_file.display()))?;
+    outputs::write(&wall_file, text.as_bytes())?;
     say(format_args!(
         "{}: {} of a buffer of {} × {} pixels",
         wall_file.display(),

@@ -2,19 +2,20 @@
 //! its comments and its layout.
 
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail};
 use polyptych_client::Wall;
 use polyptych_client::glam::{DMat3, DVec2, DVec3};
 use polyptych_client::tuning;
+use polyptych_protocol::output_file;
 use polyptych_protocol::wall::adjustment::Bend;
 use polyptych_protocol::wall::{Adjustment, Channel, Curve, file};
 use polyptych_protocol::words::counted;
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use super::super::{ManagerAddress, load_wall, say};
+use crate::outputs;
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
@@ -25,6 +26,7 @@ pub(in crate::cli) struct Arguments {
 }
 
 pub(in crate::cli) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    outputs::check(&arguments.file)?;
     let running = arguments.manager.connect()?.wall()?;
     let name = arguments.file.display();
     // A link stays a link: what it leads to is written.
@@ -37,19 +39,9 @@ pub(in crate::cli) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if after == before {
         return say(format_args!("{name} says already what the wall is"));
     }
-    write(&path, &after).with_context(|| format!("cannot write {name}"))?;
+    output_file::write_synced(&path, after.as_bytes())
+        .with_context(|| format!("cannot write {name}"))?;
     say(format_args!("{name}: wrote the adjustment of {}", channels.join(", ")))
-}
-
-/// Whole or not at all, with the rights that the file had.
-fn write(path: &Path, text: &str) -> anyhow::Result<()> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(text.as_bytes())?;
-    file.as_file().set_permissions(fs::metadata(path)?.permissions())?;
-    file.as_file().sync_all()?;
-    file.persist(path)?;
-    Ok(())
 }
 
 /// The text of a wall file with the adjustments of the running wall, and the names of channels

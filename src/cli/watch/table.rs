@@ -1,11 +1,10 @@
 //! A wall's status as lines that fit a terminal: a function of what is known and nothing else.
 
 use polyptych_client::{ChannelState, ChannelStatus, DisplayMode, Skew, WallStatus};
-use polyptych_protocol::words::counted;
+use polyptych_protocol::words::{counted, printable};
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
 use super::rates::Rates;
-use crate::cli::printable;
 
 /// Between two columns.
 const GAP: usize = 2;
@@ -425,7 +424,7 @@ fn shortened(text: &str, width: usize) -> String {
 
 /// Texts of files and peers stand here, which must not move the cursor.
 fn plain(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+    printable(text).into_owned()
 }
 
 /// The line as far as the terminal reaches.

@@ -2,11 +2,13 @@
 
 use std::collections::BTreeSet;
 
+use polyptych_client::ChannelState;
 use serde_json::Value;
 
-use crate::harness::local_wall::small;
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::place::Place;
 use crate::harness::scenes::town;
+use crate::harness::stub_server::StubServer;
 
 /// All lines, each of which must be an object with what every line has.
 fn objects(text: &[u8]) -> Vec<Value> {
@@ -102,4 +104,20 @@ fn a_command_that_fails_says_so_in_the_same_form() {
     assert!(message.starts_with("error: ") && message.contains("no manager at"), "{message}");
     let output = place.command(["status", "--log", "json,a=b=c"]).output().expect("it ran");
     assert_eq!(output.status.code(), Some(2), "a filter that is none");
+}
+
+#[test]
+fn nothing_of_a_server_reaches_a_terminal_raw() {
+    let mut local = LocalWall::manager(Place::new(), &small(1, 1), &[], ANY_PORT);
+    let _stub = StubServer::start(&local, "front");
+    let status = await_states(&local.client(), &[ChannelState::Ready]);
+    let escaped = "stub\\u{1b}[2J\\r\\n ERROR forged\\u{9b}31m\\u{202e}";
+    let adapter = status.channels[0].adapter.as_deref().expect("an adapter");
+    assert!(adapter.contains(escaped), "{adapter:?}");
+    let line = local.manager.await_line(&["server joins", "forged"]);
+    let said = local.run(&["status"]).succeeded();
+    let is_raw = |c: char| (c.is_control() && c != '\n') || c == '\u{202e}';
+    for text in [&line, &said, &local.manager.output()] {
+        assert!(!text.contains(is_raw), "{text:?}");
+    }
 }

@@ -221,6 +221,7 @@ fn calls() -> Vec<Call> {
         Request::Subscribe(true),
         Request::Stop,
         Request::StopServers,
+        Request::OpenOutcome { session: 7, of: RequestId(9) },
         Request::SetDisplays(DisplayMode::Blank),
         Request::SetHead(Head::at(DVec3::Y, 0.06)),
         Request::SetViews(vec![View::of_wall(camera()), plan()]),

@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use glam::{DVec3, UVec2};
+use polyptych_protocol::output_file;
 use polyptych_protocol::wall::warp::{MapSpace, WarpShape};
 
 use super::super::check;
@@ -96,7 +97,7 @@ fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Import
         let write = |ending: &str, bytes: &[u8]| {
             let file = format!("{name}{ending}");
             let at: PathBuf = folder.join(&file);
-            std::fs::write(&at, bytes).map_err(|error| BakeError::io(&at, error))?;
+            output_file::write(&at, bytes).map_err(|error| BakeError::io(&at, error))?;
             Ok::<_, BakeError>(file)
         };
         let mask = |mask: &Option<polyptych_protocol::wall::warp::Mask>, ending: &str| {

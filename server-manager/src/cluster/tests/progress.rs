@@ -1,6 +1,7 @@
 //! How far scenes have come that are being opened, and who saw a frame.
 
 use polyptych_protocol::feedback::Shown;
+use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::{OpenProgress, OpenStage};
 use polyptych_protocol::request::{Reply, Request};
 
@@ -29,7 +30,7 @@ fn a_client_and_the_status_are_told_each_step_of_an_opening() {
     let job = stage.imports[0];
     stage.bake(job, 40);
     assert_eq!(stage.openings(), ["town: baking 40 %"]);
-    let other = RequestOf { id: polyptych_protocol::ids::RequestId(99), ..job };
+    let other = RequestOf { id: RequestId(99), ..job };
     stage.bake(other, 50);
     stage.cluster.handle_import(stage.now, job, Ok(Stage::imported()));
     stage.read();
@@ -47,6 +48,50 @@ fn a_client_and_the_status_are_told_each_step_of_an_opening() {
     assert_eq!(told[0], "baking 40 %");
     assert_eq!(told[1..], preparing);
     assert!(stage.progress.iter().all(|(of, _)| *of == id));
+}
+
+#[test]
+fn a_client_that_is_back_hears_what_became_of_the_scene_that_it_opened() {
+    for is_done in [false, true] {
+        let mut stage = Stage::new(1);
+        let id = stage.request(Request::OpenScene { path: "town.glb".into() });
+        let job = stage.imports[0];
+        stage.cluster.handle_client_gone(job.client);
+        stage.bake(job, 40);
+        let finish = |stage: &mut Stage| {
+            stage.cluster.handle_import(stage.now, job, Ok(Stage::imported()));
+            stage.read();
+            stage.prepare_all();
+        };
+        if is_done {
+            finish(&mut stage);
+        }
+        assert_eq!((stage.progress.len(), stage.replies.len()), (0, 0), "nobody is there");
+        let (back, asked) = (SessionId(77), RequestId(500));
+        stage.cluster.handle_client(back, "back".into());
+        let ask = |stage: &mut Stage, of: RequestId| {
+            let request = Request::OpenOutcome { session: job.client.0, of };
+            stage.cluster.handle_request(stage.now, back, asked, request);
+            stage.read();
+        };
+        ask(&mut stage, id);
+        if !is_done {
+            stage.bake(job, 60);
+            assert_eq!(stage.progress, [(asked, "baking 60 %".to_owned())]);
+            finish(&mut stage);
+        }
+        let [(of, Ok(Reply::SceneOpened(_)))] = &stage.replies[..] else {
+            panic!("one answer: {:?}", stage.replies)
+        };
+        assert_eq!(*of, asked);
+        // It is answered once; and nobody knows of another request.
+        for unknown in [id, RequestId(9999)] {
+            stage.replies.clear();
+            ask(&mut stage, unknown);
+            let refused = stage.replies[0].1.as_ref().expect_err("refused");
+            assert!(refused.reason.contains("open it again"), "{refused}");
+        }
+    }
 }
 
 #[test]

@@ -98,6 +98,26 @@ fn a_wall_that_runs_shows_a_tuning_with_the_second_frame_at_most() {
 }
 
 #[test]
+fn a_wall_with_a_slow_pace_draws_a_frame_for_a_tuning_and_keeps_its_beat() {
+    let mut stage = Stage::new(2);
+    stage.request(Request::Run(Pace::Rate(0.02)));
+    stage.wait(0);
+    stage.draw(&[0, 1], 5_000);
+    stage.wait(1_000_000);
+    let before = stage.cluster.frame;
+    let id = stage.tune(pin(2.0));
+    stage.prepare_all();
+    stage.draw(&[0, 1], 5_000);
+    let [tuned] = &stage.tuned(id)[..] else { panic!("one answer: {:?}", stage.replies) };
+    assert_eq!((tuned.feedback.frame.0, tuned.frames), (before.0 + 1, 1));
+    // In steps: servers give a sign of life at each.
+    (0..20).for_each(|_| stage.wait(1_500_000));
+    assert_eq!(stage.cluster.frame.0, before.0 + 1, "and no frame more");
+    (0..17).for_each(|_| stage.wait(1_500_000));
+    assert_eq!(stage.cluster.frame.0, before.0 + 2, "the beat is where it was");
+}
+
+#[test]
 fn tunings_that_come_faster_than_servers_prepare_are_one() {
     let mut stage = Stage::new(2);
     let ids: Vec<_> = (1..=50).map(|step| stage.tune(pin(f64::from(step) * 0.1))).collect();

@@ -95,16 +95,3 @@ fn a_file_of_another_wall_is_left_alone() {
         assert!(refused.contains(said), "{refused}");
     }
 }
-
-#[test]
-fn a_written_file_has_the_rights_that_it_had() {
-    use std::os::unix::fs::PermissionsExt;
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("wall.toml");
-    fs::write(&path, "old").expect("written");
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).expect("set");
-    write(&path, "new").expect("written");
-    let mode = fs::metadata(&path).expect("there").permissions().mode();
-    assert_eq!((fs::read_to_string(&path).expect("read").as_str(), mode & 0o777), ("new", 0o640));
-    assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1, "nothing is left over");
-}

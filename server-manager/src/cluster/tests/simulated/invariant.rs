@@ -222,6 +222,7 @@ impl Watch {
         let scene = prepare.operations.iter().rev().find_map(|operation| match operation {
             Operation::OpenScene(scene) => Some(Some(scene.manifest)),
             Operation::CloseScene => Some(None),
+            Operation::Adjust { .. } | Operation::MoveBend { .. } => None,
             Operation::SetWall(_) => prepare.base.is_none().then_some(None),
         });
         for session in to {

@@ -1,0 +1,112 @@
+//! Keeps two managers from one state file: each would write over what the other remembers.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use polyptych_protocol::output_file;
+
+/// Maximum bytes of a lock file that are read: a process id.
+const PID_BYTES_MAX: u64 = 32;
+
+/// A lock that is held until this is dropped, or the process ends in whatever way.
+#[derive(Debug)]
+pub(crate) struct StateLock {
+    #[expect(dead_code, reason = "the lock ends when the file is closed")]
+    file: Option<File>,
+}
+
+impl StateLock {
+    /// Takes the lock of a state file: of `FILE.lock` beside it, since the state file itself is
+    /// replaced with each change. The lock file stays; only the lock on it counts.
+    ///
+    /// # Errors
+    /// Another manager holds it, with its process id; or a state file cannot be there.
+    pub fn take(state: &Path) -> anyhow::Result<Self> {
+        let named = || format!("--state {}", state.display());
+        if state.symlink_metadata().is_ok() {
+            output_file::check(state).with_context(named)?;
+        }
+        if let Some(folder) = state.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            output_file::make_folder(folder).with_context(named)?;
+        }
+        let path = lock_path(state);
+        if path.symlink_metadata().is_ok() {
+            output_file::check(&path).with_context(|| path.display().to_string())?;
+        }
+        let mut options = OpenOptions::new();
+        let options = options.read(true).write(true).create(true).truncate(false);
+        let mut file = options.open(&path).with_context(|| path.display().to_string())?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                let holder = holder(&mut file);
+                bail!(
+                    "{}: {holder} keeps its state there (it holds {}); end it, or name another \
+                     file with --state",
+                    state.display(),
+                    path.display()
+                );
+            }
+            Err(TryLockError::Error(error)) => {
+                let path = path.display();
+                tracing::warn!(%path, %error, "cannot lock; take care that no other manager runs");
+                return Ok(Self { file: None });
+            }
+        }
+        // For the message above only: what matters is the lock.
+        let _ = write_pid(&mut file);
+        Ok(Self { file: Some(file) })
+    }
+}
+
+fn lock_path(state: &Path) -> PathBuf {
+    state.with_added_extension("lock")
+}
+
+/// Returns who holds a lock, in words.
+fn holder(file: &mut File) -> String {
+    let mut text = String::new();
+    let read = file.take(PID_BYTES_MAX).read_to_string(&mut text);
+    let pid = read.ok().and_then(|_| text.trim().parse::<u32>().ok());
+    pid.map_or_else(|| "another manager".to_owned(), |pid| format!("the manager of process {pid}"))
+}
+
+fn write_pid(file: &mut File) -> std::io::Result<()> {
+    file.set_len(0)?;
+    file.seek(SeekFrom::Start(0))?;
+    writeln!(file, "{}", std::process::id())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn a_state_file_has_one_manager_at_a_time() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let state = folder.path().join("new/wall.state");
+        let held = StateLock::take(&state).expect("nobody has it");
+        let refused = format!("{:#}", StateLock::take(&state).expect_err("held"));
+        let pid = std::process::id().to_string();
+        for part in [&*pid, "wall.state.lock", "--state"] {
+            assert!(refused.contains(part), "{part}: {refused}");
+        }
+        drop(held);
+        // What a killed process left is no obstacle.
+        fs::write(lock_path(&state), "not a number").expect("written");
+        StateLock::take(&state).expect("free again");
+    }
+
+    #[test]
+    fn refuses_a_state_file_that_is_none() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for path in [folder.path().to_owned(), "/dev/null".into(), "/dev/null/state".into()] {
+            let refused = format!("{:#}", StateLock::take(&path).expect_err("no file"));
+            assert!(refused.contains("--state"), "{refused}");
+        }
+    }
+}
