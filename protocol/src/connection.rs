@@ -11,7 +11,7 @@ use crate::handshake::{
     Answer, Hello, Introduction, Nonce, Nonces, PREAMBLE_BYTES, Preamble, PreambleError, Proof,
     Refused, Role, Secret, Welcome,
 };
-use crate::limits::{BULK_BYTES_MAX, CALL_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
+use crate::limits::{BULK_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::tls;
 
 /// A byte stream cut into messages.
@@ -159,11 +159,7 @@ where
         | (Hello::Bulk(_), Role::Bulk) => {
             let nonces = Nonces { manager, peer: nonce };
             let is_proven = proof.is(&nonces.proof_of_peer(secret, &hello));
-            let mut frames = widen(frames, role);
-            if role == Role::Client {
-                frames.codec_mut().set_max_frame_length(CALL_BYTES_MAX);
-            }
-            let proof = nonces.proof_of_manager(secret);
+            let (frames, proof) = (widen(frames, role), nonces.proof_of_manager(secret));
             return Ok(Introduced { frames, hello, is_proven, proof });
         }
         _ => role.name(),
@@ -205,12 +201,14 @@ pub async fn refuse_unheard<S>(mut stream: S, reason: &str) -> Result<(), Connec
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    if let Err(error @ PreambleError::NotOurs(_)) =
-        Preamble::from_bytes(read_preamble(&mut stream).await?)
-    {
+    let parsed = Preamble::from_bytes(read_preamble(&mut stream).await?);
+    if let Err(error @ PreambleError::NotOurs(_)) = parsed {
         return Err(error.into());
     }
-    stream.write_all(&Preamble::of(Role::Manager).to_bytes()).await?;
+    let ours = Preamble::of(Role::Manager).to_bytes();
+    // A peer of this version reads random bytes before the answer.
+    let nonce = if parsed.is_ok() { nonce()?.to_vec() } else { Vec::new() };
+    stream.write_all(&[&ours[..], &nonce].concat()).await?;
     let mut frames = Framed::new(stream, codec::frames(HANDSHAKE_BYTES_MAX));
     refuse(&mut frames, reason.to_owned()).await
 }

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! The token itself never travels. Each end proves that it knows it by a keyed BLAKE3 hash over
-//! the random bytes of both, so that neither learns anything from the other that it could use again.
+//! the random bytes of both: neither learns anything from the other that it could use again.
 
 use std::fmt;
 

@@ -132,11 +132,6 @@ impl Keys {
         let certificate = certificate(&path(CERTIFICATE_FILE))?;
         let authority = certificate_of(&path(AUTHORITY_FILE), "a certificate authority's")?;
         let key_bytes = read(&path(KEY_FILE))?;
-        let facts = fs::metadata(path(KEY_FILE))
-            .map_err(|source| KeysError::Io { path: path(KEY_FILE), source })?;
-        if let Some(fault) = private_file::fault(&path(KEY_FILE), &facts) {
-            return Err(KeysError::Open(fault));
-        }
         let key = PrivateKeyDer::from_pem_slice(&key_bytes)
             .map_err(|error| unfit(&path(KEY_FILE), format!("it holds no private key: {error}")))?;
         let unfit_certificate = |what| unfit(&path(CERTIFICATE_FILE), what);
@@ -165,6 +160,11 @@ impl Keys {
                  -o DIR --renew",
                 cert.display()
             ));
+        }
+        let facts = fs::metadata(path(KEY_FILE))
+            .map_err(|source| KeysError::Io { path: path(KEY_FILE), source })?;
+        if let Some(fault) = private_file::fault(&path(KEY_FILE), &facts) {
+            return Err(KeysError::Open(fault));
         }
         let side = judge.side(&identity, certificate, key);
         let side = side.map_err(|error| {

@@ -218,10 +218,10 @@ impl Network {
 
     async fn introduce(&self, role: Role, hello: &Hello) -> Result<(Frames<Stream>, Welcome), End> {
         let introduce = async {
+            let secret = self.secret().map_err(End::Failed)?;
             let keys = self.keys().map_err(End::Failed)?;
             let (manager, insecure) = (&self.options.manager, self.options.insecure);
             let stream = stream::dial(manager, keys.as_ref(), insecure).await?;
-            let secret = self.secret().map_err(End::Failed)?;
             Ok(connection::introduce(stream, role, hello, &secret).await?)
         };
         let limit = HANDSHAKE_TIME_MAX;

@@ -3,13 +3,15 @@
 use std::sync::Arc;
 
 use futures_util::StreamExt;
-use futures_util::stream::SplitStream;
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::Proof;
+use polyptych_protocol::limits::CALL_BYTES_MAX;
 use polyptych_protocol::request::Call;
 use polyptych_protocol::stream::Stream;
+use tokio::io::ReadHalf;
 use tokio::sync::{Semaphore, mpsc, oneshot};
+use tokio_util::codec::{FramedParts, FramedRead, FramedWrite, LengthDelimitedCodec};
 
 use crate::cluster::SessionId;
 use crate::requests::{Asked, REQUEST_BYTES_MAX, REQUEST_BYTES_MIN, RequestQueues};
@@ -44,10 +46,14 @@ pub(crate) async fn serve(visitor: Visitor, events: mpsc::Sender<Event>, queues:
     };
     let session = SessionId(welcome.session);
     let reason = if connection::welcome(&mut frames, welcome, proof).await.is_ok() {
-        let (sink, stream) = frames.split();
+        let FramedParts { io, codec, read_buf, .. } = frames.into_parts();
+        let (read_half, write_half) = tokio::io::split(io);
+        // What clients ask is short, what they are sent is not.
+        let mut stream = FramedRead::new(read_half, codec::frames(CALL_BYTES_MAX));
+        *stream.read_buffer_mut() = read_buf;
         tokio::select! {
             reason = hear(stream, session, &queues) => reason,
-            reason = write_all(sink, waiting, close, &queues) => reason,
+            reason = write_all(FramedWrite::new(write_half, codec), waiting, close) => reason,
         }
     } else {
         "the connection failed during the handshake".to_owned()
@@ -58,7 +64,7 @@ pub(crate) async fn serve(visitor: Visitor, events: mpsc::Sender<Event>, queues:
 /// Puts requests into their queue until there is no more to hear; says why. Waiting for room in it
 /// is the back-pressure on a client that asks too much.
 async fn hear(
-    mut stream: SplitStream<Frames<Stream>>,
+    mut stream: FramedRead<ReadHalf<Stream>, LengthDelimitedCodec>,
     session: SessionId,
     queues: &RequestQueues,
 ) -> String {

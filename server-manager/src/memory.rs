@@ -201,7 +201,7 @@ impl StateFile {
         &self.path
     }
 
-    /// Writes what is to be remembered: there whole or not at all once the process is killed, and if
+    /// Writes what is to be remembered: there whole or not at all if the process is killed, and if
     /// `is_durable`, on the disk before this returns, so that a power cut takes nothing either.
     ///
     /// # Errors

@@ -55,11 +55,6 @@ impl RequestQueues {
         self.news.notify_one();
     }
 
-    /// A client that had to wait may be served again.
-    pub fn wake(&self) {
-        self.news.notify_one();
-    }
-
     /// Ready when there may be something to serve.
     pub async fn news(&self) {
         self.news.notified().await;

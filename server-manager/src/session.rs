@@ -6,18 +6,17 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use futures_util::SinkExt;
-use futures_util::stream::SplitSink;
-use polyptych_protocol::connection::Frames;
 use polyptych_protocol::handshake::{ServerHello, Welcome};
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::status::Status;
 use polyptych_protocol::stream::Stream;
+use tokio::io::WriteHalf;
 use tokio::sync::{mpsc, oneshot};
+use tokio_util::codec::{FramedWrite, LengthDelimitedCodec};
 use tokio_util::sync::CancellationToken;
 
 use crate::cluster::SessionId;
 use crate::metrics::Sample;
-use crate::requests::RequestQueues;
 use crate::server_session::ServerLink;
 
 /// Most messages that wait to be sent to one peer. A server that stands still for two seconds at
@@ -121,7 +120,8 @@ impl Link {
 
     /// Returns whether it reads its answers, so that more may be made for it.
     pub fn has_room(&self) -> bool {
-        self.unread.load(Ordering::Acquire) < ANSWER_BYTES_MAX
+        let is_short = self.outbox.capacity() > OUTBOX_MESSAGES_MAX / 2;
+        is_short && self.unread.load(Ordering::Acquire) < ANSWER_BYTES_MAX
     }
 }
 
@@ -130,27 +130,24 @@ impl Link {
 /// Once closed, what is in the outbox still goes out, as far as the peer takes it in
 /// [`DRAIN_TIME_MAX`]: a peer that has stopped reading holds nothing.
 pub(crate) async fn write_all(
-    sink: SplitSink<Frames<Stream>, Bytes>,
+    sink: FramedWrite<WriteHalf<Stream>, LengthDelimitedCodec>,
     waiting: Waiting,
     close: CancellationToken,
-    // Told when the peer has read.
-    queues: &RequestQueues,
 ) -> String {
     let hard_end = async {
         close.cancelled().await;
         tokio::time::sleep(DRAIN_TIME_MAX).await;
     };
     tokio::select! {
-        reason = write_until_closed(sink, waiting, &close, queues) => reason,
+        reason = write_until_closed(sink, waiting, &close) => reason,
         () = hard_end => "the manager closed the connection".to_owned(),
     }
 }
 
 async fn write_until_closed(
-    mut sink: SplitSink<Frames<Stream>, Bytes>,
+    mut sink: FramedWrite<WriteHalf<Stream>, LengthDelimitedCodec>,
     mut waiting: Waiting,
     close: &CancellationToken,
-    queues: &RequestQueues,
 ) -> String {
     loop {
         let (message, is_piece) = tokio::select! {
@@ -171,20 +168,17 @@ async fn write_until_closed(
                 written += next.len();
                 sink.feed(next).await?;
             }
-            sink.flush().await
+            SinkExt::<Bytes>::flush(&mut sink).await
         };
         match tokio::time::timeout(STALL_TIME_MAX, work).await {
             Ok(Ok(())) => {
-                let before = waiting.unread.fetch_sub(written, Ordering::AcqRel);
-                if before >= ANSWER_BYTES_MAX {
-                    queues.wake();
-                }
+                waiting.unread.fetch_sub(written, Ordering::AcqRel);
             }
             Ok(Err(error)) => return format!("the connection failed: {error}"),
             Err(_) => return format!("it has read nothing for {} s", STALL_TIME_MAX.as_secs()),
         }
     }
     // A peer that is gone already needs no goodbye.
-    let _ = sink.close().await;
+    let _ = SinkExt::<Bytes>::close(&mut sink).await;
     "the manager closed the connection".to_owned()
 }

@@ -43,6 +43,8 @@ const ABSENCES: &[Absence] = &[
             "server-manager/src/run",            // accepts, starts tasks, drains
             "server-manager/src/delivery",       // pictures on their way to a client
             "server-manager/src/door",           // the handshake of every connection
+            "server-manager/src/requests",       // queues that connections fill
+            "server-manager/src/memory/keeper",  // the thread that writes the state file
             "server-manager/src/session",        // what all connections have in common
             "server-manager/src/client_session", // a client's connection
             "server-manager/src/server_session", // a server's connection
