@@ -42,6 +42,9 @@ const KEEPALIVE_IDLE: Duration = Duration::from_secs(15);
 const KEEPALIVE_PERIOD: Duration = Duration::from_secs(5);
 const KEEPALIVE_TRIES: u32 = 3;
 
+/// Maximum number of connections that wait to be accepted: what Linux allows by default.
+const WAITING_MAX: i32 = 4096;
+
 fn tune(tcp: &TcpStream) -> io::Result<()> {
     // A camera must not wait for the answer to the one before it.
     tcp.set_nodelay(true)?;
@@ -63,6 +66,15 @@ impl Stream {
             Self::Tls(tls) => tls.get_ref().0.tcp.local_addr(),
         }
     }
+}
+
+/// Makes room for connections that wait to be accepted: the 128 of the standard library are gone
+/// in milliseconds of a flood, and whoever comes then waits for a second or more.
+///
+/// # Errors
+/// The system does not take it.
+pub fn deepen_queue(listener: &std::net::TcpListener) -> io::Result<()> {
+    SockRef::from(listener).listen(WAITING_MAX)
 }
 
 /// Why no manager was reached.

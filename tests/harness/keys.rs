@@ -1,6 +1,7 @@
 //! Keys of a test's own wall, made by the command; and forged ones, as no command makes them.
 
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use polyptych_protocol::wall::{Wall, file};
@@ -61,7 +62,9 @@ impl Forged {
             ("authority.pem", read("cert.pem")),
         ];
         for (name, text) in files {
-            fs::write(folder.join(name), text).expect("written");
+            let path = folder.join(name);
+            fs::write(&path, text).expect("written");
+            fs::set_permissions(&path, Permissions::from_mode(0o600)).expect("its owner's alone");
         }
     }
 }

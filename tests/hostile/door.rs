@@ -3,7 +3,8 @@
 use std::collections::VecDeque;
 use std::net::TcpStream;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -18,40 +19,46 @@ const HELD: usize = 600;
 /// Maximum time in which a command of the wall's user is answered.
 const ANSWER_TIME_MAX: Duration = Duration::from_secs(1);
 
-/// Connects all the time, as fast as it can, and says nothing.
+/// Connections that a flood makes together, and the time to the next: 5,000 a second.
+const TOGETHER: usize = 50;
+const PERIOD: Duration = Duration::from_millis(10);
+
+/// Connects all the time and says nothing.
 struct Flood {
-    is_over: Arc<AtomicBool>,
     connected: Arc<AtomicU64>,
-    threads: Vec<JoinHandle<()>>,
+    /// Ends it when it is dropped.
+    end: Option<Sender<()>>,
+    thread: Option<JoinHandle<()>>,
 }
 
 impl Flood {
     fn start(address: &str) -> Self {
-        let (is_over, connected) = (Arc::<AtomicBool>::default(), Arc::<AtomicU64>::default());
-        let (over, count, address) = (is_over.clone(), connected.clone(), address.to_owned());
+        let connected = Arc::<AtomicU64>::default();
+        let (count, address) = (connected.clone(), address.to_owned());
+        let (end, ended) = channel();
         let connect = move || {
             let mut held = VecDeque::new();
-            while !over.load(Ordering::Relaxed) {
-                if let Ok(stream) = TcpStream::connect(&address) {
-                    held.push_back(stream);
-                    count.fetch_add(1, Ordering::Relaxed);
-                }
-                if held.len() > HELD {
-                    held.pop_front();
+            while ended.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
+                for _ in 0..TOGETHER {
+                    if let Ok(stream) = TcpStream::connect(&address) {
+                        held.push_back(stream);
+                        count.fetch_add(1, Ordering::Relaxed);
+                    }
+                    if held.len() > HELD {
+                        held.pop_front();
+                    }
                 }
             }
         };
         let thread = Builder::new().name("flood".into()).spawn(connect).expect("a thread");
-        Self { is_over, connected, threads: vec![thread] }
+        Self { connected, end: Some(end), thread: Some(thread) }
     }
 }
 
 impl Drop for Flood {
     fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Relaxed);
-        for thread in self.threads.drain(..) {
-            let _ = thread.join();
-        }
+        self.end = None;
+        let _ = self.thread.take().map(JoinHandle::join);
     }
 }
 

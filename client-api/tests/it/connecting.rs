@@ -1,8 +1,10 @@
 //! Addresses, tokens, refusals, strangers.
 
+use std::os::unix::fs::PermissionsExt;
+
 use polyptych_client::{Client, ClientError, ConnectOptions};
 use polyptych_protocol::connection::{Introduced, receive_introduction, refuse};
-use polyptych_protocol::handshake::Secret;
+use polyptych_protocol::handshake::{Preamble, Role, Secret};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::net::TcpListener;
 
@@ -41,6 +43,8 @@ async fn a_token_is_read_from_its_file() {
     assert!(matches!(error, ClientError::Token(_)), "{error}");
     assert!(error.to_string().contains("the manager makes it when it starts"), "{error}");
     std::fs::write(&file, format!("{TOKEN}\n")).expect("written");
+    let owner_alone = std::fs::Permissions::from_mode(0o600);
+    std::fs::set_permissions(&file, owner_alone).expect("changed");
     let (ours, theirs) = duplex(1 << 12);
     let (client, _manager) =
         tokio::join!(Client::connect_over(ours, with_file()), Manager::accept(theirs));
@@ -93,22 +97,24 @@ async fn another_version_is_named() {
 
 #[tokio::test]
 async fn other_programs_are_not_taken_for_a_manager() {
-    let say = |bytes: &'static [u8]| {
+    let say = |bytes: &[u8]| {
+        let bytes = bytes.to_vec();
         refused_by(move |mut stream| async move {
-            stream.write_all(bytes).await.expect("written");
+            stream.write_all(&bytes).await.expect("written");
             drop(stream.shutdown().await);
             drop(stream.read_to_end(&mut Vec::new()).await);
         })
     };
     let error = say(b"SSH-2.0-OpenSSH_9.6\r\n").await;
     assert!(error.contains("does not speak the Polyptych protocol"), "{error}");
-    let error = say(b"PLYP\x03\x00\x02\x00").await;
+    let error = say(&Preamble::of(Role::Server).to_bytes()).await;
     assert!(error.contains("a render server answered where a manager"), "{error}");
     let error = say(b"PL").await;
     assert!(error.contains("closed the connection during the handshake"), "{error}");
-    let error = say(b"PLYP\x03\x00\x00\x00\x04\x00\x00\x00\xff\xff\xff\xff").await;
+    let manager = [&Preamble::of(Role::Manager).to_bytes()[..], &[7; 32]].concat();
+    let error = say(&[&manager[..], b"\x04\x00\x00\x00\xff\xff\xff\xff"].concat()).await;
     assert!(error.contains("are not a Answer"), "{error}");
-    let error = say(b"PLYP\x03\x00\x00\x00\xff\xff\xff\x7f").await;
+    let error = say(&[&manager[..], b"\xff\xff\xff\x7f"].concat()).await;
     assert!(error.contains("frame size too big"), "{error}");
 }
 

@@ -3,6 +3,7 @@
 use std::io;
 use std::thread::{Builder, JoinHandle};
 
+use polyptych_protocol::stream;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
@@ -25,6 +26,7 @@ impl Network {
     /// The system gives no thread, or does not take the socket.
     pub fn start(listener: std::net::TcpListener, met: Door) -> io::Result<Self> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        stream::deepen_queue(&listener)?;
         let listener = {
             let _inside = runtime.enter();
             TcpListener::from_std(listener)?

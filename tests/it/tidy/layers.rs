@@ -43,6 +43,7 @@ const ABSENCES: &[Absence] = &[
             "server-manager/src/run",            // accepts, starts tasks, drains
             "server-manager/src/delivery",       // pictures on their way to a client
             "server-manager/src/door",           // the handshake of every connection
+            "server-manager/src/strangers",      // ends connections in the handshake
             "server-manager/src/requests",       // queues that connections fill
             "server-manager/src/memory/keeper",  // the thread that writes the state file
             "server-manager/src/session",        // what all connections have in common
