@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::net::TcpStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -27,7 +27,7 @@ const PERIOD: Duration = Duration::from_millis(10);
 struct Flood {
     connected: Arc<AtomicU64>,
     /// Ends it when it is dropped.
-    end: Option<Sender<()>>,
+    end: Option<SyncSender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -35,7 +35,7 @@ impl Flood {
     fn start(address: &str) -> Self {
         let connected = Arc::<AtomicU64>::default();
         let (count, address) = (connected.clone(), address.to_owned());
-        let (end, ended) = channel();
+        let (end, ended) = sync_channel(0);
         let connect = move || {
             let mut held = VecDeque::new();
             while ended.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {

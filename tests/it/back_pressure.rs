@@ -34,7 +34,7 @@ fn a_client_that_floods_and_never_reads_is_let_go_and_others_do_not_notice() {
     let mut local = LocalWall::start(&small(2, 1), &[town().parent().expect("a folder")]);
     let client = running(&local);
     let before = memory_bytes(&local);
-    let sent = flood(&local, |_| Request::Status, 400_000);
+    let (sent, _held) = flood(&local, |_| Request::Status, 400_000);
     assert!(sent > 512, "a few hundred are no flood: {sent}");
     local.manager.await_line(&["client leaves", "it has read nothing for 10 s"]);
     check(&local, &client, before);
@@ -117,16 +117,17 @@ fn check(local: &LocalWall, client: &Client, before: u64) {
     assert!(grown < GROWTH_BYTES_MAX, "the manager has grown by {} MiB", grown >> 20);
 }
 
-/// Sends requests and reads nothing, until the manager closes the connection. Gives how many.
-fn flood(local: &LocalWall, request: impl Fn(u64) -> Request, most: u64) -> u64 {
+/// Sends requests and reads nothing, until the manager closes the connection or all are sent. Gives
+/// how many, and the connection.
+fn flood(local: &LocalWall, request: impl Fn(u64) -> Request, most: u64) -> (u64, TcpStream) {
     runtime().block_on(async {
         let mut stream = connect(local).await;
         for id in 0..most {
             if stream.write_all(&call(id, request(id))).await.is_err() {
-                return id;
+                return (id, stream);
             }
         }
-        most
+        (most, stream)
     })
 }
 

@@ -188,9 +188,10 @@ impl Keeper {
             return;
         }
         self.is_told = warning.is_some();
-        match warning {
-            Some(warning) => tracing::warn!("{warning}"),
-            None => tracing::info!(path = self.name, "the state file was written again"),
+        if let Some(warning) = warning {
+            tracing::warn!("{warning}");
+        } else {
+            tracing::info!(path = self.name, "the state file was written again");
         }
     }
 
@@ -228,6 +229,32 @@ impl Drop for Keeper {
     }
 }
 
+/// Waits for the next state; one that could not be kept is tried again after a while.
+fn next(
+    (slot, wake): &(Mutex<Slot>, Condvar),
+    failed: Option<(u64, Memory)>,
+) -> Option<(u64, Memory)> {
+    let mut slot = lock(slot);
+    loop {
+        if let Some(next) = slot.next.take() {
+            return Some(next);
+        }
+        if slot.is_over {
+            return None;
+        }
+        if failed.is_none() {
+            slot = wake.wait(slot).unwrap_or_else(PoisonError::into_inner);
+            continue;
+        }
+        let waited = wake.wait_timeout(slot, RETRY_WAIT);
+        let (again, timed_out) = waited.unwrap_or_else(PoisonError::into_inner);
+        slot = again;
+        if timed_out.timed_out() && slot.next.is_none() {
+            return failed;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::mpsc;
@@ -243,15 +270,15 @@ mod tests {
     /// A disk that does what the test says, one write after the other.
     struct Disk {
         keeper: Keeper,
-        verdicts: mpsc::Sender<io::Result<()>>,
+        verdicts: mpsc::SyncSender<io::Result<()>>,
         written: mpsc::Receiver<Memory>,
         runtime: tokio::runtime::Runtime,
     }
 
     impl Disk {
         fn new() -> Self {
-            let (verdicts, verdict) = mpsc::channel();
-            let (write, written) = mpsc::channel();
+            let (verdicts, verdict) = mpsc::sync_channel(8);
+            let (write, written) = mpsc::sync_channel(8);
             let keeper = Keeper::start("state".into(), move |memory| {
                 let verdict = verdict.recv().unwrap_or(Ok(()));
                 write.send(memory.clone()).expect("the test listens");
@@ -326,7 +353,11 @@ mod tests {
             assert_eq!(disk.keeper.hold(ANN, done(revision)), None);
         }
         let due = disk.keeper.due().expect("they wait");
-        assert!(disk.keeper.release_at(due - Duration::from_millis(1)).is_empty());
+        assert!(
+            disk.keeper
+                .release_at(due.checked_sub(Duration::from_millis(1)).expect("late enough"))
+                .is_empty()
+        );
         let released = disk.keeper.release_at(due + HOLD_TIME_MAX);
         assert_eq!(released.len(), 100);
         assert!(released.iter().all(|(to, _, warning)| *to == ANN && warning.is_some()));
@@ -346,31 +377,5 @@ mod tests {
         moved.views = vec![View::of_wall(moved.camera)];
         assert!(!before.differs_in_work(&moved));
         assert!(before.differs_in_work(&memory(2)));
-    }
-}
-
-/// Waits for the next state; one that could not be kept is tried again after a while.
-fn next(
-    (slot, wake): &(Mutex<Slot>, Condvar),
-    failed: Option<(u64, Memory)>,
-) -> Option<(u64, Memory)> {
-    let mut slot = lock(slot);
-    loop {
-        if let Some(next) = slot.next.take() {
-            return Some(next);
-        }
-        if slot.is_over {
-            return None;
-        }
-        if failed.is_none() {
-            slot = wake.wait(slot).unwrap_or_else(PoisonError::into_inner);
-            continue;
-        }
-        let waited = wake.wait_timeout(slot, RETRY_WAIT);
-        let (again, timed_out) = waited.unwrap_or_else(PoisonError::into_inner);
-        slot = again;
-        if timed_out.timed_out() && slot.next.is_none() {
-            return failed;
-        }
     }
 }

@@ -112,7 +112,9 @@ impl Hub {
             status.warnings.extend(self.keeper.as_ref().and_then(Keeper::warning));
             status.memory_bytes = process::resident_bytes().unwrap_or(0);
         }
-        if !link.send(codec::encode(&answer)) && !may_be_lost {
+        let is_sent = link.send(codec::encode(&answer));
+        // One that is gone already says why itself.
+        if !is_sent && !may_be_lost && !link.outbox.is_closed() {
             self.let_client_go(to, "it does not read its answers");
         }
     }
