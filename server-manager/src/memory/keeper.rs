@@ -128,12 +128,14 @@ impl Keeper {
     }
 
     /// Takes an answer that must not go out before what was given to be kept is; gives it back if
-    /// nothing is on its way to the disk.
+    /// nothing is on its way to the disk, or the disk is stuck.
     pub fn hold(&mut self, to: SessionId, answer: Answer) -> Option<Answer> {
         let is_behind = self.progress.borrow().tried < self.sent;
         // Answers of a client stay in order.
         let waits = self.held.iter().any(|held| held.to == to);
-        if waits || (is_behind && tells_of_change(&answer)) {
+        // Of a disk that is known to be stuck the answer says so at once.
+        let may_come = is_behind && self.warning().is_none();
+        if waits || (may_come && tells_of_change(&answer)) {
             self.held.push_back(Held { state: self.sent, since: Instant::now(), to, answer });
             return None;
         }
@@ -361,6 +363,9 @@ mod tests {
         let released = disk.keeper.release_at(due + HOLD_TIME_MAX);
         assert_eq!(released.len(), 100);
         assert!(released.iter().all(|(to, _, warning)| *to == ANN && warning.is_some()));
+        disk.keeper.behind_since =
+            disk.keeper.behind_since.and_then(|at| at.checked_sub(HOLD_TIME_MAX));
+        assert_eq!(disk.keeper.hold(BOB, done(0)), Some(done(0)), "it is known to be stuck");
         // The first was begun; those between are nobody's wish any more.
         let first = disk.end_write(Ok(()));
         let last = if first.revision.0 == 100 { first } else { disk.end_write(Ok(())) };
