@@ -156,7 +156,11 @@ impl Replica {
 
 #[cfg(test)]
 mod tests {
+    use glam::UVec2;
+
     use super::*;
+    use crate::wall::Channel;
+    use crate::wall::adjustment::Bend;
 
     #[test]
     fn a_snapshot_folds_to_the_same_digest() {
@@ -171,5 +175,35 @@ mod tests {
 
         replica.apply(Operation::CloseScene);
         assert_ne!(copy.digest(), replica.digest());
+    }
+
+    #[test]
+    fn changes_of_adjustments_fold_to_the_digest_of_the_whole_wall() {
+        let tile = |name| Channel::tile(name, 0, UVec2::ZERO, UVec2::splat(8));
+        let wall = Wall::new("w", Vec::new(), vec![tile("a"), tile("b")]);
+        let mut replica = Replica::default();
+        replica.apply(Operation::SetWall(Box::new(wall)));
+        let bend = Bend { points: UVec2::splat(2), moves: vec![DVec2::ZERO; 4].into() };
+        let adjustment = Box::new(Adjustment { bend: Some(bend), ..Adjustment::default() });
+        let channel = ChannelId(1);
+        for operation in [
+            Operation::Adjust { channel, adjustment },
+            Operation::MoveBend { channel, moves: vec![(3, DVec2::X)] },
+        ] {
+            let before = replica.clone();
+            replica.apply(operation);
+            let whole = Replica::from_snapshot(replica.revision, replica.snapshot());
+            assert_eq!((&whole, whole.digest()), (&replica, replica.digest()));
+            let same = Replica { revision: before.revision, ..replica.clone() };
+            assert_ne!(same.digest(), before.digest(), "the channel is in the digest");
+        }
+        let moved = replica.wall.as_ref().and_then(|w| w.channels[1].adjustment.bend.as_ref());
+        assert_eq!(moved.expect("a bend").moves[3], DVec2::X);
+        // What is not there changes nothing.
+        let parts = replica.parts.clone();
+        for (channel, index) in [(ChannelId(1), 4), (ChannelId(0), 0), (ChannelId(2), 0)] {
+            replica.apply(Operation::MoveBend { channel, moves: vec![(index, DVec2::ONE)] });
+            assert_eq!(replica.parts, parts);
+        }
     }
 }
