@@ -340,9 +340,14 @@ impl Cluster {
         self.registry.next_silence()
     }
 
-    /// Returns whether this client wants to hear of every frame.
-    pub fn is_subscribed(&self, client: SessionId) -> bool {
-        self.clients.get(&client).is_some_and(|client| client.is_subscribed)
+    /// Returns whether this client wants to hear of every frame, or waits for a scene, a frame or a
+    /// tuning.
+    pub fn expects_more(&self, client: SessionId) -> bool {
+        let jobs = self.imports.iter().map(|import| import.job);
+        let jobs = jobs.chain(self.orders.iter().map(|order| order.job));
+        let jobs = jobs.chain(self.changes.jobs()).chain(self.tuners.jobs());
+        let is_subscribed = self.clients.get(&client).is_some_and(|of| of.is_subscribed);
+        is_subscribed || jobs.into_iter().any(|job| job.client == client)
     }
 
     /// Time has passed; see [`Cluster::poll_timeout`].

@@ -201,8 +201,8 @@ impl StateFile {
         &self.path
     }
 
-    /// Writes what is to be remembered: there whole or not at all if the process is killed, and if
-    /// `is_durable`, on the disk before this returns, so that a power cut takes nothing either.
+    /// Writes what is to be remembered. The file is whole whatever happens; it is this one if the
+    /// process is killed afterwards, and if `is_durable`, after a power cut too.
     ///
     /// # Errors
     /// The folder or the file can't be written.
@@ -215,9 +215,9 @@ impl StateFile {
         file.write_all(&MAGIC)?;
         file.write_all(&BlobHash::of(&bytes).0)?;
         file.write_all(&bytes)?;
-        if is_durable {
-            file.as_file().sync_all()?;
-        }
+        // Always: after a power cut a name may lead to content that was not on the disk yet, and
+        // what was durable before would be lost with it.
+        file.as_file().sync_all()?;
         file.persist(&self.path).map_err(|error| error.error)?;
         if is_durable {
             // The name is in the folder.

@@ -33,6 +33,11 @@ impl Tuners {
         self.0.iter().any(|(of, _)| Some(*of) > drawing)
     }
 
+    /// The requests that wait.
+    pub fn jobs(&self) -> impl Iterator<Item = RequestOf> {
+        self.0.iter().map(|(_, tuner)| tuner.job)
+    }
+
     pub fn forget(&mut self, client: SessionId) {
         self.0.retain(|(_, tuner)| tuner.job.client != client);
     }

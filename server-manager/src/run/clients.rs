@@ -17,7 +17,8 @@ use crate::session::Link;
 /// may come from the manager's own machine, so that its operator is never locked out.
 const CLIENTS_MAX: usize = 256;
 
-/// Minimum time without a request after which a client makes room for another one.
+/// Minimum time without a request after which a client that expects nothing makes room for another
+/// one.
 const IDLE_TIME_MIN: Duration = Duration::from_mins(1);
 
 /// A client that was let in.
@@ -58,7 +59,7 @@ impl Hub {
     /// The client that has asked nothing for longest, if that is long enough.
     fn idlest_client(&self) -> Option<SessionId> {
         let quiet =
-            self.clients.iter().filter(|(session, _)| !self.cluster.is_subscribed(**session));
+            self.clients.iter().filter(|(session, _)| !self.cluster.expects_more(**session));
         let (session, seat) = quiet.min_by_key(|(_, seat)| seat.asked_at)?;
         (seat.asked_at.elapsed() >= IDLE_TIME_MIN).then_some(*session)
     }
