@@ -173,17 +173,6 @@ impl Changes {
         self.queue.iter().chain(self.current()).filter_map(Change::wall)
     }
 
-    /// The requests that wait for a change.
-    pub fn jobs(&self) -> impl Iterator<Item = RequestOf> {
-        let current = self.current.as_ref().map(|underway| &underway.change);
-        let purposes = self.queue.iter().chain(current).map(|change| &change.purpose);
-        let scenes = purposes.filter_map(|purpose| match purpose {
-            Purpose::Scene { job, .. } => Some(*job),
-            Purpose::Tuning { .. } => None,
-        });
-        scenes.chain(self.tuners().map(|tuner| tuner.job))
-    }
-
     /// Who waits for a tuning.
     pub fn tuners(&self) -> impl Iterator<Item = &Tuner> {
         self.queue.iter().chain(self.current()).flat_map(Change::tuners)

@@ -7,8 +7,8 @@
 use polyptych_protocol::ids::{BlobHash, Revision};
 use polyptych_protocol::log::Operation;
 
-use super::change::{Change, Changes};
-use super::{Cluster, Micros};
+use super::change::{Change, Changes, Purpose};
+use super::{Cluster, Micros, RequestOf};
 
 /// How long a scene may still become ready once another one waits behind it: most take less, and
 /// are shown in their turn; who opened the next one waits no longer than this.
@@ -35,6 +35,16 @@ impl Change {
 }
 
 impl Changes {
+    /// The requests that wait for a change.
+    pub fn jobs(&self) -> impl Iterator<Item = RequestOf> {
+        let purposes = self.queued().chain(self.current()).map(|change| &change.purpose);
+        let scenes = purposes.filter_map(|purpose| match purpose {
+            Purpose::Scene { job, .. } => Some(*job),
+            Purpose::Tuning { .. } => None,
+        });
+        scenes.chain(self.tuners().map(|tuner| tuner.job))
+    }
+
     /// Returns whether the scene on its way is to be replaced by another one that waits.
     fn is_obsolete(&self) -> bool {
         let Some(Some(scene)) = self.current().and_then(Change::scene) else { return false };
