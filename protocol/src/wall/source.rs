@@ -137,7 +137,9 @@ impl SourcePlan {
             pixels += facets.iter().map(|facet| facet.area).sum::<f64>();
             groups.push(group::groups(&facets)?);
         }
-        let share = (pixels * SOURCE_SHARE_MAX).max(SIDE_STEP * SIDE_STEP);
+        // A channel of a few pixels may have several planes, and each has at least one step.
+        let planes = groups.iter().map(Vec::len).sum::<usize>() as f64;
+        let share = (pixels * SOURCE_SHARE_MAX).max(planes * SIDE_STEP * SIDE_STEP);
         let mut cut = 1.0;
         loop {
             if let Some((places, size)) = layout::place(&groups, cut, side_max, share) {

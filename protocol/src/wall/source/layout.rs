@@ -5,6 +5,9 @@ use glam::{DVec2, UVec2};
 use super::group::Group;
 use super::{SIDE_STEP, SOURCE_GUARD};
 
+/// Side of a picture that no texture holds, in pixels; pixels seen along their surface ask for more.
+const SIDE_WANTED_MAX: f64 = 1e9;
+
 /// The rectangles of all planes, guards included, and the size of their atlas; `None` where a
 /// texture of `side_max` or `pixels_max` do not hold them. `cut` scales all sides.
 pub(super) fn place(
@@ -21,7 +24,9 @@ pub(super) fn place(
     for groups in groups {
         let mut rects = Vec::with_capacity(groups.len());
         for group in groups {
-            let sides = (group.sides() * cut / SIDE_STEP).ceil().max(DVec2::ONE) * SIDE_STEP;
+            // Bounded, so that a small `cut` is enough for a pixel that asks for no finite number.
+            let wanted = group.sides().min(DVec2::splat(SIDE_WANTED_MAX));
+            let sides = (wanted * cut / SIDE_STEP).ceil().max(DVec2::ONE) * SIDE_STEP;
             pixels += sides.x * sides.y;
             if !(pixels <= pixels_max && sides.max_element() <= f64::from(side_max)) {
                 return None;

@@ -180,6 +180,16 @@ fn what_the_adapter_cannot_hold_is_cut_and_said() {
     assert!(plan.cut < 0.5 && plan.density_min < 0.6, "{plan:?}");
 }
 
+/// Each plane has at least one step of pixels, which may be more than the channel's share.
+#[test]
+fn few_pixels_that_see_all_around_have_a_plan() {
+    for size in [[4, 1], [8, 1], [5, 2], [9, 9]] {
+        let round = mesh(size, cylinder(TAU));
+        let plan = SourcePlan::new(&round, &[DVec3::ZERO], NEAR_M, 2048).expect("a plan");
+        assert!(plan.planes[0].len() > 1 && plan.density_min > 0.99, "{size:?}: {plan:?}");
+    }
+}
+
 #[test]
 fn eyes_on_and_behind_surfaces_are_refused_by_name() {
     let plan = |point: &dyn Fn(DVec2) -> Option<DVec3>, eye| {
