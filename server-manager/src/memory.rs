@@ -4,30 +4,24 @@
 //! PLYPSTA3 | BLAKE3 of what follows, 32 bytes | encoded wall without paths | encoded Memory
 //! ```
 //!
-//! The last letter is the form. Files of earlier forms, T and 2, do not hold the wall.
+//! The last letter is the version of the form.
 
+mod disk;
 pub(crate) mod keeper;
 mod reconcile;
 
+use std::ffi::OsString;
 use std::fs;
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
-use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec;
-use polyptych_protocol::command::View;
-use polyptych_protocol::display::DisplayMode;
-use polyptych_protocol::head::Head;
-use polyptych_protocol::ids::{BlobHash, Revision};
+use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
-use polyptych_protocol::log::SceneRef;
-use polyptych_protocol::pattern::Pattern;
-use polyptych_protocol::request::Pace;
-use polyptych_protocol::wall::{Adjustment, EYE_SEPARATION_DEFAULT_M, Wall};
-use serde::{Deserialize, Serialize};
+use polyptych_protocol::wall::Wall;
 
-use crate::cluster::{Further, Memory};
+use crate::cluster::Memory;
+use disk::{Disk, System};
 pub(crate) use reconcile::{Reconciled, reconcile};
 
 /// Maximum size of a file that is read: a few hundred bytes, the wall, and what was tuned of it.
@@ -37,47 +31,14 @@ const MEMORY_BYTES_MAX: u64 = 2 * MESSAGE_BYTES_MAX as u64;
 /// How the file begins: one that begins otherwise is another program's, and is not written over.
 const MAGIC: [u8; 8] = *b"PLYPSTA3";
 
-/// How files of the second form begin.
-const MAGIC_SECOND: [u8; 8] = *b"PLYPSTA2";
-
-/// How files of the first form begin.
-const MAGIC_FIRST: [u8; 8] = *b"PLYPSTAT";
-
-/// What the first managers remembered.
-#[derive(Debug, Serialize, Deserialize)]
-struct First {
-    wall: BlobHash,
-    revision: Revision,
-    scene: Option<SceneRef>,
-    camera: Camera,
-    eye: DVec3,
-    exposure: f32,
-    pace: Option<Pace>,
-    displays: DisplayMode,
-}
-
-/// The second form: a hash of the wall, with the paths as they were typed, instead of the wall.
-#[derive(Debug, Serialize, Deserialize)]
-struct Second {
-    wall: BlobHash,
-    revision: Revision,
-    scene: Option<SceneRef>,
-    camera: Camera,
-    head: Head,
-    views: Vec<View>,
-    exposure: f32,
-    pace: Option<Pace>,
-    displays: DisplayMode,
-    pattern: Option<Pattern>,
-    tunings: Vec<(String, Adjustment)>,
-    tuned_wall: Option<BlobHash>,
-}
+/// How files of all versions begin.
+const MAGIC_OF_ALL: [u8; 7] = *b"PLYPSTA";
 
 /// The content of a state file.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Saved {
-    /// The wall of the wall file at that time, without paths; `None` in files of earlier forms.
-    pub wall: Option<Wall>,
+    /// The wall of the wall file at that time, without paths.
+    pub wall: Wall,
     /// The state of this wall.
     pub memory: Memory,
 }
@@ -105,7 +66,8 @@ pub(crate) fn check(path: &Path) -> Result<(), String> {
     let mut begin = Vec::new();
     let read = fs::File::open(path).and_then(|file| file.take(8).read_to_end(&mut begin));
     // What is not there, or was torn before it was whole, is made anew.
-    let is_ours = [MAGIC, MAGIC_SECOND, MAGIC_FIRST].iter().any(|magic| magic.starts_with(&begin));
+    begin.truncate(MAGIC_OF_ALL.len());
+    let is_ours = MAGIC_OF_ALL.starts_with(&begin);
     if read.is_ok() && !is_ours {
         return foreign("another file");
     }
@@ -131,63 +93,26 @@ pub(crate) fn load(path: &Path) -> Option<Saved> {
         Ok(_) => {}
     }
     let bytes = fs::read(path).map_err(|error| warn(&error)).ok()?;
-    let form = [MAGIC, MAGIC_SECOND, MAGIC_FIRST].into_iter().find(|m| bytes.starts_with(m));
-    let whole = form.and_then(|magic| {
-        let (hash, saved) = bytes.strip_prefix(&magic)?.split_at_checked(32)?;
-        Some((magic, hash, saved))
-    });
-    let Some((form, hash, saved)) = whole else {
-        warn(&"it is cut short");
-        return None;
+    decode(&bytes).map_err(|reason| warn(&reason)).ok()
+}
+
+/// The content of these bytes of a state file.
+///
+/// # Errors
+/// Why they are of no use.
+fn decode(bytes: &[u8]) -> Result<Saved, String> {
+    let is_other = bytes.starts_with(&MAGIC_OF_ALL) && bytes.len() >= MAGIC.len();
+    let whole = bytes.strip_prefix(&MAGIC).and_then(|bytes| bytes.split_at_checked(32));
+    let Some((hash, saved)) = whole else {
+        let is_other = is_other && !bytes.starts_with(&MAGIC);
+        let reason = if is_other { "another version has written it" } else { "it is cut short" };
+        return Err(reason.to_owned());
     };
     if BlobHash::of(saved).0 != hash {
-        warn(&"it was damaged");
-        return None;
+        return Err("it was damaged".to_owned());
     }
-    let saved = match form {
-        MAGIC => codec::decode(saved).map(|(wall, memory)| Saved { wall: Some(wall), memory }),
-        MAGIC_SECOND => codec::decode(saved).map(from_second),
-        _ => decode_first(saved),
-    };
-    saved.map_err(|error| warn(&error)).ok()
-}
-
-fn from_second(second: Second) -> Saved {
-    let further =
-        Further { pattern: second.pattern, tunings: second.tunings, ..Further::default() };
-    let memory = Memory {
-        revision: second.revision,
-        scene: second.scene,
-        camera: second.camera,
-        head: second.head,
-        views: second.views,
-        exposure: second.exposure,
-        pace: second.pace,
-        displays: second.displays,
-        further,
-    };
-    Saved { wall: None, memory }
-}
-
-/// What bytes of the first form say, which are known to be whole.
-fn decode_first(memory: &[u8]) -> Result<Saved, codec::DecodeError> {
-    let first = codec::decode::<First>(memory).or_else(|error| {
-        // The very first managers remembered no display mode, which stands last.
-        let normal = codec::encode(&DisplayMode::Normal);
-        codec::decode(&[memory, &normal].concat()).map_err(|_| error)
-    })?;
-    let memory = Memory {
-        revision: first.revision,
-        scene: first.scene,
-        camera: first.camera,
-        head: Head::at(first.eye, EYE_SEPARATION_DEFAULT_M),
-        views: Vec::new(),
-        exposure: first.exposure,
-        pace: first.pace,
-        displays: first.displays,
-        further: Further::default(),
-    };
-    Ok(Saved { wall: None, memory })
+    let (wall, memory) = codec::decode(saved).map_err(|error| error.to_string())?;
+    Ok(Saved { wall, memory })
 }
 
 impl StateFile {
@@ -207,21 +132,30 @@ impl StateFile {
     /// # Errors
     /// The folder or the file can't be written.
     pub fn save(&self, memory: &Memory, is_durable: bool) -> io::Result<()> {
+        self.save_on(&mut System, memory, is_durable)
+    }
+
+    fn save_on(&self, disk: &mut impl Disk, memory: &Memory, is_durable: bool) -> io::Result<()> {
         let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let folder = folder.unwrap_or(Path::new("."));
-        fs::create_dir_all(folder)?;
-        let bytes = [&self.wall[..], &codec::encode(memory)].concat();
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
-        file.write_all(&MAGIC)?;
-        file.write_all(&BlobHash::of(&bytes).0)?;
-        file.write_all(&bytes)?;
+        disk.make_folder(folder)?;
+        let saved = [&self.wall[..], &codec::encode(memory)].concat();
+        let bytes = [&MAGIC[..], &BlobHash::of(&saved).0, &saved].concat();
+        // Always the same name, so that a killed manager leaves one such file at most: no other
+        // manager has this state.
+        let mut name = OsString::from(".");
+        name.push(self.path.file_name().unwrap_or_default());
+        name.push(".new");
+        let new = folder.join(name);
+        let mut file = disk.create(&new)?;
+        disk.write(&mut file, &bytes)?;
         // Always: after a power cut a name may lead to content that was not on the disk yet, and
         // what was durable before would be lost with it.
-        file.as_file().sync_all()?;
-        file.persist(&self.path).map_err(|error| error.error)?;
+        disk.sync(&file)?;
+        disk.rename(&new, &self.path)?;
         if is_durable {
             // The name is in the folder.
-            fs::File::open(folder)?.sync_all()?;
+            disk.sync_names(folder)?;
         }
         Ok(())
     }
@@ -241,9 +175,19 @@ impl StateFile {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+    use polyptych_protocol::camera::Camera;
+    use polyptych_protocol::command::View;
+    use polyptych_protocol::display::DisplayMode;
+    use polyptych_protocol::head::Head;
+    use polyptych_protocol::ids::Revision;
+    use polyptych_protocol::pattern::Pattern;
+    use polyptych_protocol::request::Pace;
     use polyptych_protocol::scene::Bounds;
+    use polyptych_protocol::wall::Adjustment;
 
     use super::*;
+    use crate::cluster::Further;
 
     #[test]
     fn what_is_saved_comes_back_and_damage_is_noticed() {
@@ -268,7 +212,7 @@ mod tests {
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");
-        let saved = Saved { wall: Some(wall.without_paths()), memory };
+        let saved = Saved { wall: wall.without_paths(), memory };
         assert_eq!(load(&path), Some(saved));
         let mut bytes = fs::read(&path).expect("read");
         for cut in [0, 10, 32, bytes.len() - 1] {
@@ -286,60 +230,12 @@ mod tests {
     }
 
     #[test]
-    fn files_of_the_first_managers_are_read() {
+    fn files_of_other_versions_are_of_no_use_but_may_be_written_over() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("wall");
-        let first = First {
-            wall: BlobHash([7; 32]),
-            revision: Revision(9),
-            scene: None,
-            camera: Camera::IDENTITY,
-            eye: DVec3::Y,
-            exposure: 1.0,
-            pace: None,
-            displays: DisplayMode::Blank,
-        };
-        let whole = codec::encode(&first);
-        // The very first had no display mode.
-        for (bytes, displays) in
-            [(&whole[..], DisplayMode::Blank), (&whole[..whole.len() - 1], DisplayMode::Normal)]
-        {
-            let hash = BlobHash::of(bytes).0;
-            fs::write(&path, [&MAGIC_FIRST[..], &hash, bytes].concat()).expect("written");
-            assert_eq!(check(&path), Ok(()), "it may be written over");
-            let Saved { wall, memory } = load(&path).expect("remembered");
-            assert_eq!(wall, None);
-            assert_eq!((memory.revision, memory.displays), (Revision(9), displays));
-            assert_eq!((memory.head.position, memory.views.len()), (DVec3::Y, 0));
+        for bytes in [&b"PLYPSTAT and more"[..], b"PLYPSTA2", b"PLYPSTA9", b"PLYPSTA", b"PL", b""] {
+            fs::write(&path, bytes).expect("written");
+            assert_eq!((load(&path), check(&path)), (None, Ok(())), "{bytes:?}");
         }
-    }
-
-    #[test]
-    fn files_of_the_second_form_are_read() {
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        let path = folder.path().join("wall");
-        let tunings = vec![("a".to_owned(), Adjustment { mirror: true, ..Adjustment::default() })];
-        let second = Second {
-            wall: BlobHash([7; 32]),
-            revision: Revision(9),
-            scene: None,
-            camera: Camera::IDENTITY,
-            head: Head::at(DVec3::Y, 0.06),
-            views: Vec::new(),
-            exposure: 1.0,
-            pace: None,
-            displays: DisplayMode::Blank,
-            pattern: Some(Pattern::Grid),
-            tunings: tunings.clone(),
-            tuned_wall: None,
-        };
-        let bytes = codec::encode(&second);
-        let file = [&MAGIC_SECOND[..], &BlobHash::of(&bytes).0, &bytes].concat();
-        fs::write(&path, file).expect("written");
-        assert_eq!(check(&path), Ok(()), "it may be written over");
-        let memory = load(&path).expect("remembered").memory;
-        assert_eq!((memory.revision, memory.head), (second.revision, second.head));
-        let pattern = Some(Pattern::Grid);
-        assert_eq!(memory.further, Further { pattern, tunings, ..Further::default() });
     }
 }

@@ -32,17 +32,10 @@ pub struct DroppedTuning {
     pub reason: String,
 }
 
-/// Returns what of these tunings of the old wall is valid on the new one. Without an old wall, a
-/// tuning is valid if its channel has the same orientation and files.
-pub fn carried_over(
-    old: Option<&Wall>,
-    tunings: &[(String, Adjustment)],
-    new: &Wall,
-) -> CarriedOver {
-    let mut result = CarriedOver::default();
-    if let Some(old) = old {
-        result.renamed = renamed(old, new);
-    }
+/// Returns what of these tunings of the old wall is valid on the new one. A tuning whose channel
+/// the old wall does not have is valid if the new one's has the same orientation and files.
+pub fn carried_over(old: &Wall, tunings: &[(String, Adjustment)], new: &Wall) -> CarriedOver {
+    let mut result = CarriedOver { renamed: renamed(old, new), ..CarriedOver::default() };
     for (name, tuned) in tunings {
         let new_name = result.renamed.iter().find(|(old, _)| old == name).map(|(_, new)| new);
         let new_name = new_name.unwrap_or(name).clone();
@@ -54,9 +47,8 @@ pub fn carried_over(
             drop(&tuned_keys(old, name, tuned), "the wall has no such channel any more".into());
             continue;
         };
-        let before = old.and_then(|old| Some((old, old.channel_named(name)?.1)));
-        let merged = match before {
-            Some((old, before)) => {
+        let merged = match old.channel_named(name) {
+            Some((_, before)) => {
                 let (merged, lost) = merged(old, before, tuned, new, channel);
                 for (keys, reason) in lost {
                     drop(&keys, reason);
@@ -66,7 +58,7 @@ pub fn carried_over(
             None if is_tuning_of(&channel.adjustment, tuned) => tuned.clone(),
             None => {
                 let reason = "the wall file describes the channel otherwise".to_owned();
-                drop(&tuned_keys(None, name, tuned), reason);
+                drop(&tuned_keys(old, name, tuned), reason);
                 continue;
             }
         };
@@ -166,10 +158,10 @@ const KEYS: &[Key] = &[
     },
 ];
 
-/// Returns the names of the keys that were tuned; without an old wall, of those that are not the
-/// default.
-fn tuned_keys(old: Option<&Wall>, name: &str, tuned: &Adjustment) -> Vec<&'static str> {
-    let before = old.and_then(|old| old.channel_named(name));
+/// Returns the names of the keys that were tuned; of a channel that the old wall does not have, of
+/// those that are not the default.
+fn tuned_keys(old: &Wall, name: &str, tuned: &Adjustment) -> Vec<&'static str> {
+    let before = old.channel_named(name);
     let before = before.map_or_else(Adjustment::default, |(_, channel)| channel.adjustment.clone());
     KEYS.iter().filter(|key| !(key.is_same)(tuned, &before)).map(|key| key.name).collect()
 }

@@ -42,31 +42,29 @@ impl Reconciled {
 /// Returns the saved state as far as it is valid for this wall, and what is not.
 pub(crate) fn reconcile(saved: Saved, wall: &Wall) -> Reconciled {
     let Saved { wall: old, mut memory } = saved;
-    let old = old.as_ref();
-    let tunings = carried_over(old, &memory.further.tunings, wall);
-    let before = old.map(|old| restored(old, &memory.further.tunings).unwrap_or(old.clone()));
+    let tunings = carried_over(&old, &memory.further.tunings, wall);
+    let before = restored(&old, &memory.further.tunings).unwrap_or_else(|_| old.clone());
     // Carried over means that the wall takes them.
     let tuned = restored(wall, &tunings.tunings).unwrap_or_else(|_| wall.clone());
     let mut dropped = Vec::new();
-    memory.head = head(old, memory.head, wall);
+    memory.head = head(&old, memory.head, wall);
     if let Err(error) = tuned.check_head(&memory.head) {
         dropped.push(("the viewer's head".to_owned(), error.to_string()));
         memory.head = wall.head();
     }
-    memory.views = views(old, &memory.views, &tuned, &mut dropped);
+    memory.views = views(&old, &memory.views, &tuned, &mut dropped);
     memory.further.tunings.clone_from(&tunings.tunings);
-    if before.is_none_or(|before| before.without_paths() != tuned.without_paths()) {
+    if before.without_paths() != tuned.without_paths() {
         // Another wall is another state, which needs another number.
         memory.revision.0 += 1;
     }
-    let changes = old.map_or_else(Vec::new, |old| differences(old, wall));
+    let changes = differences(&old, wall);
     Reconciled { memory, changes, tunings, dropped }
 }
 
 /// The head that was moved stays where it is; one that was where the old wall file had it moves to
 /// where the new one has it.
-fn head(old: Option<&Wall>, head: Head, new: &Wall) -> Head {
-    let Some(old) = old else { return head };
+fn head(old: &Wall, head: Head, new: &Wall) -> Head {
     let position = if head.position == old.eye { new.eye } else { head.position };
     let is_separated_by_file = head.eye_separation_m == old.eye_separation_m;
     let eye_separation_m =
@@ -76,7 +74,7 @@ fn head(old: Option<&Wall>, head: Head, new: &Wall) -> Head {
 
 /// The views that can be shown on this wall, each on the screen that has the name of its own.
 fn views(
-    old: Option<&Wall>,
+    old: &Wall,
     views: &[View],
     wall: &Wall,
     dropped: &mut Vec<(String, String)>,
@@ -100,8 +98,8 @@ fn views(
     kept
 }
 
-fn area(old: Option<&Wall>, area: Area, new: &Wall) -> Result<Area, String> {
-    let (Some(old), Area::Screen { screen, rect }) = (old, area) else { return Ok(area) };
+fn area(old: &Wall, area: Area, new: &Wall) -> Result<Area, String> {
+    let Area::Screen { screen, rect } = area else { return Ok(area) };
     let Some(before) = old.screens.get(usize::from(screen)) else {
         return Err("its screen is not known".to_owned());
     };

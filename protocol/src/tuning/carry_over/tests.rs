@@ -43,7 +43,7 @@ fn tunings(wall: &Wall) -> Vec<(String, Adjustment)> {
 /// What becomes of both channels' tunings where the wall file becomes this one.
 fn after(new: &Wall) -> CarriedOver {
     let old = parsed(WALL);
-    let carried = carried_over(Some(&old), &tunings(&old), new);
+    let carried = carried_over(&old, &tunings(&old), new);
     restored(new, &carried.tunings).expect("valid");
     carried
 }
@@ -112,7 +112,7 @@ fn a_warp_file_of_other_content_drops_corners_and_one_of_another_name_does_not()
         wall
     };
     let old = warped("a.pfm", 1);
-    let after = |new: &Wall| carried_over(Some(&old), &tunings(&old), new);
+    let after = |new: &Wall| carried_over(&old, &tunings(&old), new);
     assert_eq!(after(&warped("../b.pfm", 1)).tunings, tunings(&old));
     let carried = after(&warped("a.pfm", 2));
     assert_eq!((carried.dropped.len(), carried.dropped[0].keys.as_str()), (1, "pin"));
@@ -139,7 +139,7 @@ fn a_removed_channel_drops_its_own_tunings_and_a_renamed_one_keeps_them() {
     let old = parsed(&format!("{twins}{eyed}"));
     let eyed = eyed.replace("l.left]", "l.a]").replace("l.right]", "l.b]");
     let new = parsed(&format!("{}{eyed}", eyes(&twins)));
-    let renamed = carried_over(Some(&old), &[], &new).renamed;
+    let renamed = carried_over(&old, &[], &new).renamed;
     assert_eq!(renamed.len(), 2, "told apart by their eyes: {renamed:?}");
     assert_eq!(renamed[0], ("left".to_owned(), "a".to_owned()));
 }
@@ -153,10 +153,10 @@ fn an_added_channel_changes_nothing_for_the_others() {
 }
 
 #[test]
-fn without_an_old_wall_a_channel_that_hangs_otherwise_loses_its_tuning() {
+fn an_unknown_channel_that_hangs_otherwise_loses_its_tuning() {
     let mut new = parsed(WALL);
     new.channels[0].adjustment.turn = Turn::Half;
-    let carried = carried_over(None, &tunings(&parsed(WALL)), &new);
+    let carried = carried_over(&Wall::new("w", vec![], vec![]), &tunings(&parsed(WALL)), &new);
     assert_eq!(names(&carried), ["right"]);
     assert_eq!(carried.dropped[0].keys, "pin, gain");
 }
@@ -166,7 +166,7 @@ fn a_tuning_that_the_wall_refuses_is_dropped_with_the_reason() {
     let wall = parsed(WALL);
     let mut tunings = tunings(&wall);
     tunings[0].1.color.gain.x = f64::NAN;
-    let carried = carried_over(Some(&wall), &tunings, &wall);
+    let carried = carried_over(&wall, &tunings, &wall);
     assert_eq!(names(&carried), ["right"], "{:?}", carried.dropped);
     assert!(carried.dropped[0].reason.contains("gain"), "{:?}", carried.dropped);
 }

@@ -52,7 +52,7 @@ fn saved() -> Saved {
         displays: DisplayMode::Blank,
         further: Further { tunings: vec![("floor".to_owned(), tuned)], ..Further::default() },
     };
-    Saved { wall: Some(wall.without_paths()), memory }
+    Saved { wall: wall.without_paths(), memory }
 }
 
 fn after(text: &str) -> Reconciled {
@@ -116,12 +116,4 @@ fn a_view_beyond_the_canvas_and_a_head_behind_a_screen_are_dropped() {
     assert_eq!(new.memory.head, nearer.head());
     let [(what, reason)] = &new.dropped[..] else { panic!("{:?}", new.dropped) };
     assert!(what.contains("head") && reason.contains("front"), "{what}: {reason}");
-}
-
-#[test]
-fn a_state_without_its_wall_keeps_what_fits() {
-    let new = reconcile(Saved { wall: None, ..saved() }, &parsed(WALL));
-    let old = saved().memory;
-    assert_eq!((new.memory.views, new.memory.further), (old.views, old.further));
-    assert_eq!((new.changes.len(), new.dropped.len()), (0, 0));
 }
