@@ -38,6 +38,8 @@ fn every_target_has_something_to_begin_from() {
     for (i, bytes) in scenes::files().iter().enumerate() {
         write(&folder, "scene_import", i, bytes);
     }
+    let incident = include_bytes!("../../server-manager/tests/incidents/killed-server.incident");
+    write(&folder, "incident", 0, incident);
     for (i, bytes) in maps::all().iter().enumerate() {
         write(&folder, "wall_map", i, &[&[i as u8], &bytes[..]].concat());
     }
