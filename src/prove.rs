@@ -1,5 +1,6 @@
 //! Proves a wall in numbers: real servers draw it, and every measure has a target.
 
+mod fields;
 mod geometry;
 mod light;
 mod marker;
@@ -12,8 +13,8 @@ use anyhow::bail;
 use polyptych_client::{Bounds, Capture, orbit};
 use polyptych_manager::import::{Baker, read_wall_files};
 use polyptych_protocol::blob::BlobFolder;
-use polyptych_protocol::wall::Wall;
 use polyptych_protocol::wall::shapes::{Shaped, Shapes};
+use polyptych_protocol::wall::{Channel, Wall};
 
 use crate::faults::Needs;
 use crate::local_wall::{LocalWall, LocalWallOptions};
@@ -25,37 +26,68 @@ use table::Table;
 /// Where the camera looks from when pictures are compared, in radians around the vertical.
 const HEADING_RAD: f64 = 0.52;
 
+/// A wall to prove.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Walls<'a> {
+    /// The wall that servers draw.
+    pub drawn: &'a Wall,
+    /// The wall that stands, of the same channels, where somebody has measured it.
+    pub built: Option<&'a Wall>,
+}
+
 /// Draws the wall on this machine, measures, and writes the pictures that it measured.
 ///
 /// # Errors
-/// A wall or scene that cannot be drawn, or a folder that cannot be written. A target that is
-/// missed is no error: the table says so.
-pub(crate) fn prove(wall: &Wall, shown: Shown, baker: Baker, out: &Path) -> anyhow::Result<Table> {
+/// A wall or scene that cannot be drawn, a wall as built that has other channels, or a folder that
+/// cannot be written. A target that is missed is no error: the table says so.
+pub(crate) fn prove(
+    walls: Walls<'_>,
+    shown: Shown,
+    baker: &Baker,
+    out: &Path,
+) -> anyhow::Result<Table> {
     outputs::make_folder(out)?;
     let report = out.join("prove.json");
     outputs::check(&report)?;
+    let wall = walls.drawn;
+    walls.check()?;
     let mut table = Table::default();
-    let files = read_wall_files(wall, &BlobFolder::new(baker.store.join("blobs")));
-    let files = files.map_err(anyhow::Error::msg)?;
+    let read = |wall: &Wall| {
+        let files = read_wall_files(wall, &BlobFolder::new(baker.store.join("blobs")));
+        files.map_err(anyhow::Error::msg)
+    };
+    let files = read(wall)?;
     let shapes = Shapes::new(wall, &files);
+    let built = walls.built.unwrap_or(wall);
+    let built_files = read(built)?;
+    let built_shapes = Shapes::new(built, &built_files);
     let shaped = Shaped { wall, shapes: &shapes };
+    let built = Shaped { wall: built, shapes: &built_shapes };
     let judged: Vec<u16> =
         (0..wall.screens.len() as u16).filter(|&index| oracle::can_judge(wall, index)).collect();
-    let mut steps = Steps::new((3 + geometry::SCENES + judged.len()) as u64);
+    let mut steps = Steps::new((4 + geometry::SCENES + judged.len()) as u64);
     steps.begin("computing blends and sampling of all channels");
-    light::prove(shaped, &mut table)?;
+    light::prove_sampling(shaped, &mut table)?;
     let maps = light::maps(shaped, &files);
     let folder = tempfile::Builder::new().prefix("polyptych-prove-").tempdir()?;
-    let prover = Prover { shown, folder: folder.path().canonicalize()?, baker, out };
+    let prover = Prover { shown, folder: folder.path().canonicalize()?, baker: baker.clone(), out };
     let capture = {
         steps.begin(format_args!("starting {}", counted(wall.channels.len(), "channel")));
         let local = prover.start(wall)?;
+        steps.begin("drawing flat fields on all channels");
+        let fields = fields::Fields::draw(&local.client, wall, &prover.folder.join("fields"))?;
+        light::shares::prove(built, &built_files, &fields, walls.built.is_some(), &mut table)?;
         let keep = |capture: &Capture| prover.save_all("markers", capture);
         let places = (prover.folder.as_path(), &mut steps);
-        geometry::prove(&local.client, (shaped, &maps), places, &mut table, keep)?;
+        let drawn = light::Drawn { wall, maps: &maps };
+        geometry::prove(&local.client, (built, drawn), places, &mut table, keep)?;
         steps.begin("drawing the scene on the wall");
         prover.show(&local, wall)?
     };
+    if walls.built.is_none() {
+        let why = "not known: only --as-built FILE, a wall file of what stands, can tell";
+        table.add_unmeasured("displays that hang or shine otherwise", None, why);
+    }
     prover.save_all("wall", &capture)?;
     for index in judged {
         let name = &wall.screens[usize::from(index)].name;
@@ -65,6 +97,28 @@ pub(crate) fn prove(wall: &Wall, shown: Shown, baker: Baker, out: &Path) -> anyh
     let json = serde_json::to_vec_pretty(&table)?;
     outputs::write(&report, &json)?;
     Ok(table)
+}
+
+impl Walls<'_> {
+    /// Checks that both walls have the same channels.
+    fn check(&self) -> anyhow::Result<()> {
+        let Some(built) = self.built else { return Ok(()) };
+        let (drawn, built) = (&self.drawn.channels, &built.channels);
+        if drawn.len() != built.len() {
+            let counts = [drawn, built].map(|list| counted(list.len(), "channel"));
+            bail!("the wall has {}, and as built {}; give both the same", counts[0], counts[1]);
+        }
+        for (a, b) in drawn.iter().zip(built) {
+            if (&a.name, a.display_size()) != (&b.name, b.display_size()) {
+                let text = |channel: &Channel| {
+                    format!("{} of {} pixels", channel.name, channel.display_size())
+                };
+                let (a, b) = (text(a), text(b));
+                bail!("channel {a} is {b} as built; give both files the same channels, in order");
+            }
+        }
+        Ok(())
+    }
 }
 
 /// The scene whose pictures are compared.

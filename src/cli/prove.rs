@@ -1,10 +1,10 @@
-//! `polyptych prove`: whether a wall shows every pixel in its place, in numbers.
+//! `polyptych prove`: measures that a wall shows every pixel in its place and light.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::{bake_files, load_wall, manager, say, simulate};
-use crate::prove;
+use crate::prove::{self, Walls};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -12,6 +12,9 @@ pub(super) struct Arguments {
     wall: PathBuf,
     /// The .gltf or .glb file to compare pictures of; without one, the generated town
     scene: Option<PathBuf>,
+    /// A wall file of the same channels as they really hang and shine, to judge by
+    #[arg(long, value_name = "FILE")]
+    as_built: Option<PathBuf>,
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
@@ -24,8 +27,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut wall = load_wall(&arguments.wall)?;
     let baker = manager::default_baker()?;
     bake_files(&mut wall, &arguments.wall, &baker)?;
+    let mut built = arguments.as_built.as_deref().map(load_wall).transpose()?;
+    if let (Some(built), Some(file)) = (&mut built, &arguments.as_built) {
+        bake_files(built, file, &baker)?;
+    }
     let shown = simulate::shown(arguments.scene.as_deref())?;
-    let table = prove::prove(&wall, shown, baker, &arguments.out)?;
+    let table =
+        prove::prove(Walls { drawn: &wall, built: built.as_ref() }, shown, &baker, &arguments.out)?;
     if arguments.json {
         say(format_args!("{}", serde_json::to_string_pretty(&table)?))?;
     } else {

@@ -8,12 +8,11 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, Capture};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::blend::LightMap;
 use polyptych_protocol::wall::pixels::PixelMap;
 use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::{Channel, Cover, Wall};
 
-use super::light;
+use super::light::{self, Drawn};
 use super::marker::{self, Light, Marker, Reading};
 use super::table::{Table, Target};
 use crate::outputs;
@@ -44,12 +43,17 @@ pub(super) const SCENES: usize = OFFSETS_M.len();
 /// How far from the origin scenes are put, in metres.
 const OFFSETS_M: [f64; 3] = [0.0, 1e4, 1e7];
 
-/// Frames of a slow move, and how far each is from the one before, in metres.
+/// Frames of a slow move, and how far each is from the one before: metres for each metre from the
+/// eye to the nearest marker, up to one. A move of a millimetre is not slow five before a screen.
 const STEPS: u32 = 4;
-const STEP_M: DVec3 = DVec3::new(0.000_37, 0.000_21, -0.000_11);
+const STEP: DVec3 = DVec3::new(0.000_37, 0.000_21, -0.000_11);
 
 /// Steps to the middle of a channel in which a place is looked for that is lit.
 const PULLS: u32 = 8;
+
+/// Least distance of a marker's plane from the eye, in nearest distances that are drawn: a frustum
+/// that is not perpendicular to the marker cuts some of it off before.
+const NEARS_MIN: f64 = 1.5;
 
 /// Depths of markers, in distances from the eye to the screen.
 const DEPTHS: [f64; 3] = [1.0, 1.7, 5.0];
@@ -79,7 +83,7 @@ struct Found {
 /// What could not be drawn or written.
 pub(super) fn prove(
     client: &Client,
-    (shaped, maps): (Shaped<'_>, &[Option<LightMap>]),
+    (shaped, drawn): (Shaped<'_>, Drawn<'_>),
     (folder, steps): (&Path, &mut Steps),
     table: &mut Table,
     mut keep: impl FnMut(&Capture) -> anyhow::Result<()>,
@@ -101,6 +105,8 @@ pub(super) fn prove(
     if markers.is_empty() {
         return Ok(());
     }
+    let distances = seen.iter().flat_map(|s| markers.iter().map(|m| m.distance_m(s.eye)));
+    let step_m = STEP * distances.fold(1.0, f64::min);
     for offset_m in OFFSETS_M {
         let count = counted(markers.len(), "marker");
         let is_near = offset_m == 0.0;
@@ -115,14 +121,14 @@ pub(super) fn prove(
         client.open_scene(place.join(marker::SCENE_NAME).display().to_string())?;
         let mut frames = Vec::new();
         for step in 0..STEPS {
-            let shift = STEP_M * f64::from(step);
+            let shift = step_m * f64::from(step);
             client.set_camera(Camera { position: offset + shift, ..Camera::IDENTITY })?;
             client.render_frame_at(None, Some(0.0))?;
             let capture = client.capture()?;
             if offset_m == 0.0 && step == 0 {
                 keep(&capture)?;
             }
-            frames.push(find((wall, maps), &seen, &markers, &capture, -shift)?);
+            frames.push(find((wall, drawn), &seen, &markers, &capture, -shift)?);
         }
         let at = if offset_m == 0.0 { String::new() } else { format!(", {offset_m:e} m away") };
         report(table, &seen, &frames, markers.len(), &at);
@@ -171,7 +177,14 @@ fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
             // Where a file leaves margins dark, nearer to the middle.
             let nearer = |pull: u32| {
                 let pixel = pixel.lerp(size / 2.0, f64::from(pull) / f64::from(PULLS));
-                Marker::at(of, channel.eye, pixel, channel.half, depth)
+                let marker = Marker::at(of, channel.eye, pixel, channel.half, depth)?;
+                // Nothing nearer is drawn: a marker that is too near goes further away.
+                let needed = wall.near_m * NEARS_MIN / marker.distance_m(channel.eye);
+                if needed <= 1.0 {
+                    return Some(marker);
+                }
+                let further = || Marker::at(of, channel.eye, pixel, channel.half, depth * needed);
+                if is_mono { further() } else { None }
             };
             let Some(marker) = (0..PULLS).find_map(nearer) else { continue };
             let (toward, radius) = marker.cone(channel.eye);
@@ -188,7 +201,7 @@ fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
 
 /// Looks for every marker in the picture of every channel that must show all of it.
 fn find(
-    (wall, maps): (&Wall, &[Option<LightMap>]),
+    (wall, drawn): (&Wall, Drawn<'_>),
     seen: &[Seen<'_>],
     markers: &[Marker],
     capture: &Capture,
@@ -202,7 +215,7 @@ fn find(
             let why = why.map_or("it sent none", |(_, why)| why);
             format!("channel {} has no picture: {why}", channel.name)
         })?;
-        let light: Light = light::of(wall, maps, channel.id, picture)?;
+        let light: Light = light::of(drawn, wall, channel.id, picture)?;
         for (index, marker) in markers.iter().enumerate() {
             let is_own = marker.channel == channel.id;
             let pixel = marker.seen_at(&channel.map, channel.eye, offset, light.size);

@@ -1,7 +1,7 @@
 //! The light of a wall: what one channel's picture says before it was shared, and from how many
 //! pixels it is drawn.
 
-mod shares;
+pub(super) mod shares;
 
 use anyhow::Context;
 use glam::{DVec2, DVec3, UVec2};
@@ -44,19 +44,26 @@ pub(super) fn maps(shaped: Shaped<'_>, files: &Maps) -> Vec<Option<LightMap>> {
     shaped.wall.channel_ids().map(map).collect()
 }
 
-/// The light of a channel's picture, upright and before it was shared.
+/// The wall that servers draw, and what each channel has of the light.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Drawn<'a> {
+    pub wall: &'a Wall,
+    pub maps: &'a [Option<LightMap>],
+}
+
+/// The light of a channel's picture on the wall as it stands, upright and before it was shared.
 ///
 /// # Errors
 /// A picture that is not of the display's size.
 pub(super) fn of(
-    wall: &Wall,
-    maps: &[Option<LightMap>],
+    Drawn { wall, maps }: Drawn<'_>,
+    built: &Wall,
     id: ChannelId,
     picture: &Picture,
 ) -> anyhow::Result<Light> {
     let channel = wall.channel(id).context("the wall has no such channel")?;
     let side = if channel.adjustment.eye == EyeOf::Right { Side::Right } else { Side::Left };
-    let shown = ChannelLight::new(wall, id, side, &picture.rgba);
+    let shown = ChannelLight::new(built, id, side, &picture.rgba);
     let shown = shown.with_context(|| format!("the picture of {} has no size", channel.name))?;
     let map = maps.get(usize::from(id.0)).and_then(Option::as_ref);
     let color = &channel.adjustment.color;
@@ -76,25 +83,11 @@ pub(super) fn of(
     Ok(Light { size, grey })
 }
 
-/// Proves what channels share, and from how many pixels each is drawn.
+/// Proves from how many pixels channels are drawn that are warped.
 ///
 /// # Errors
 /// A channel that cannot be drawn at all.
-pub(super) fn prove(shaped: Shaped<'_>, table: &mut Table) -> anyhow::Result<()> {
-    let wall = shaped.wall;
-    prove_sampling(shaped, table)?;
-    // Blends alone: what masks of files add up to, only who made them knows.
-    let maps: Vec<_> =
-        wall.channel_ids().map(|id| light_map(shaped, id, &Masks::default())).collect();
-    if maps.iter().all(Option::is_none) {
-        return Ok(());
-    }
-    shares::prove(shaped, &maps, table);
-    Ok(())
-}
-
-/// From how many pixels channels are drawn that are warped.
-fn prove_sampling(shaped: Shaped<'_>, table: &mut Table) -> anyhow::Result<()> {
+pub(super) fn prove_sampling(shaped: Shaped<'_>, table: &mut Table) -> anyhow::Result<()> {
     let wall = shaped.wall;
     let head = Head::at(wall.eye, wall.eye_separation_m);
     let mut densities: Vec<(f64, f64, &str)> = Vec::new();

@@ -32,6 +32,9 @@ const NARROW_MIN: f64 = 0.4;
 /// Least share of a marker's light that must be found: less, and something lies over it.
 const FOUND_MIN: f64 = 0.5;
 
+/// Least correlation of what is found with a marker's light: an even light has a middle too.
+const LIKE_MIN: f64 = 0.9;
+
 /// A quad that faces the viewer along the screen, in metres of display space.
 #[derive(Clone, Debug)]
 pub(crate) struct Marker {
@@ -110,6 +113,7 @@ impl Marker {
         let first = (around - reach).floor().max(DVec2::ZERO).as_uvec2();
         let end = (around + reach).ceil().max(DVec2::ZERO).as_uvec2().min(light.size);
         let (mut drawn, mut expected) = (Sum::default(), Sum::default());
+        let mut likeness = Likeness::default();
         for y in first.y..end.y {
             for x in first.x..end.x {
                 let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
@@ -125,9 +129,11 @@ impl Marker {
                 let area = slope.determinant().abs();
                 drawn.add(place, grey * area);
                 expected.add(place, gauss(place) * area);
+                likeness.add(grey, gauss(place), area);
             }
         }
-        if drawn.weight > expected.weight * FOUND_MIN && expected.weight > 0.0 {
+        let is_found = drawn.weight > expected.weight * FOUND_MIN && expected.weight > 0.0;
+        if is_found && likeness.correlation() > LIKE_MIN {
             Reading::Off(slope.inverse() * (drawn.mean() - expected.mean()))
         } else {
             Reading::Missing
@@ -172,6 +178,11 @@ impl Marker {
         (toward, toward.distance(corner))
     }
 
+    /// How far its plane is from an eye, in metres.
+    pub fn distance_m(&self, eye: DVec3) -> f64 {
+        self.right.cross(self.up).normalize().dot(self.center - eye).abs()
+    }
+
     /// Where the ray from the eye through a point meets the marker: (±1, ±1) are its corners.
     fn place(&self, eye: DVec3, point: DVec3, offset: DVec3) -> Option<DVec2> {
         let normal = self.right.cross(self.up);
@@ -179,10 +190,12 @@ impl Marker {
         let direction = point - eye;
         let t = normal.dot(center - eye) / normal.dot(direction);
         let from = eye + direction * t - center;
-        let place = DVec2::new(
-            from.dot(self.right) / self.right.length_squared(),
-            from.dot(self.up) / self.up.length_squared(),
+        // Its sides are not perpendicular where a projector throws askew.
+        let sides = DMat2::from_cols(
+            DVec2::new(self.right.length_squared(), self.right.dot(self.up)),
+            DVec2::new(self.right.dot(self.up), self.up.length_squared()),
         );
+        let place = sides.inverse() * DVec2::new(from.dot(self.right), from.dot(self.up));
         (t > 0.0 && place.is_finite()).then_some(place)
     }
 
@@ -212,6 +225,34 @@ impl Sum {
 
     fn mean(&self) -> DVec2 {
         self.moment / self.weight
+    }
+}
+
+/// Weighted sums of two lights, of their squares and of their product.
+#[derive(Default)]
+struct Likeness {
+    weight: f64,
+    sums: DVec2,
+    squares: DVec2,
+    product: f64,
+}
+
+impl Likeness {
+    fn add(&mut self, a: f64, b: f64, weight: f64) {
+        let pair = DVec2::new(a, b);
+        self.weight += weight;
+        self.sums += pair * weight;
+        self.squares += pair * pair * weight;
+        self.product += a * b * weight;
+    }
+
+    /// Pearson's coefficient, from -1 to 1; 0 where one of both is even.
+    fn correlation(&self) -> f64 {
+        let mean = self.sums / self.weight;
+        let spread = self.squares / self.weight - mean * mean;
+        let common = self.product / self.weight - mean.x * mean.y;
+        let scale = (spread.x * spread.y).sqrt();
+        if scale > 1e-9 { common / scale } else { 0.0 }
     }
 }
 

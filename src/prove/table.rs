@@ -16,8 +16,8 @@ pub(crate) struct Table {
 pub(crate) struct Row {
     /// What was measured, and where.
     pub what: String,
-    /// What it came to.
-    pub measured: f64,
+    /// What it came to; `None`: it could not be measured, which keeps no target.
+    pub measured: Option<f64>,
     /// Of `measured` and `target`.
     pub unit: &'static str,
     /// The most, or the least, that it may come to; `None`: it is told, not judged.
@@ -37,7 +37,17 @@ pub(crate) enum Target {
 }
 
 impl Table {
-    /// Adds a measure.
+    /// Adds a measure that could not be made, with the reason.
+    pub fn add_unmeasured(
+        &mut self,
+        what: impl Into<String>,
+        target: Option<Target>,
+        why: impl Into<String>,
+    ) {
+        self.add(what, f64::NAN, "", target, why);
+    }
+
+    /// Adds a measure; a number that is none says that it could not be made.
     pub fn add(
         &mut self,
         what: impl Into<String>,
@@ -46,17 +56,18 @@ impl Table {
         target: Option<Target>,
         note: impl Into<String>,
     ) {
-        let is_kept = match target {
-            None => true,
-            // NaN keeps nothing.
-            Some(Target::AtMost(most)) => measured <= most,
-            Some(Target::AtLeast(least)) => measured >= least,
+        let measured = Some(measured).filter(|number| number.is_finite());
+        let is_kept = match (target, measured) {
+            (None, _) => true,
+            (Some(_), None) => false,
+            (Some(Target::AtMost(most)), Some(measured)) => measured <= most,
+            (Some(Target::AtLeast(least)), Some(measured)) => measured >= least,
         };
         let (what, note) = (what.into(), note.into());
         self.rows.push(Row { what, measured, unit, target, note, is_kept });
     }
 
-    /// Whether all targets are kept, and there was something to judge.
+    /// Returns whether all targets are kept, and there was something to judge.
     pub fn is_kept(&self) -> bool {
         self.rows.iter().all(|row| row.is_kept) && self.rows.iter().any(|row| row.target.is_some())
     }
@@ -80,8 +91,8 @@ impl Row {
             (_, true) => "yes",
             (_, false) => "MISSED",
         };
-        let measured = format!("{:.5} {}", self.measured, self.unit);
-        let measured = measured.trim_end().to_owned();
+        let measured = self.measured.map(|number| format!("{number:.5} {}", self.unit));
+        let measured = measured.map_or("not measured".to_owned(), |m| m.trim_end().to_owned());
         [self.what.clone(), measured, target, kept.to_owned(), self.note.clone()]
     }
 }
@@ -127,12 +138,19 @@ fn short(number: f64) -> String {
 /// What the rows of this kind mean, for whoever reads the table for the first time; with the
 /// beginning of `what` that they share.
 fn meaning(what: &str) -> Option<(&'static str, &'static str)> {
-    const MEANINGS: [(&str, &str); 14] = [
+    const MEANINGS: [(&str, &str); 15] = [
         ("source pixels per pixel", "how finely a warped channel is drawn before it is warped"),
-        ("sum of blend weights", "overlapping projectors together must be as bright as one"),
-        ("superposed codes", "error of rounding where projectors overlap, of what it may be"),
+        ("sum of blend weights", "flat white of overlapping channels, read from their pictures"),
+        ("superposed codes", "error of flat fields where channels come together, of half a level"),
         ("black", "the same for black, which is lifted to the leak of the most projectors"),
-        ("4 × 4 means that keep it", "the same for means over 4 × 4 pixels, which dither serves"),
+        (
+            "4 × 4 means that keep it",
+            "the share of the wall that keeps it in means over 4 × 4 pixels",
+        ),
+        (
+            "4 × 4 means of overlapping masks",
+            "the share whose masks add up to one at white, to 1 %",
+        ),
         ("channels without markers", "they are not measured"),
         ("points", "how far points are drawn from where exact arithmetic has them"),
         ("warped points", "the same where a warp resamples the picture"),
@@ -182,7 +200,11 @@ mod tests {
     fn what_is_no_number_keeps_no_target() {
         let mut table = Table::default();
         assert!(!table.is_kept(), "nothing was judged");
-        table.add("markers", f64::NAN, "px", Some(Target::AtMost(0.01)), "");
+        table.add("markers", f64::NAN, "px", Some(Target::AtMost(0.01)), "no light");
         assert!(!table.is_kept());
+        let json = serde_json::to_value(&table).expect("JSON");
+        assert!(json["rows"][0]["measured"].is_null(), "{json}");
+        let text = table.to_string();
+        assert!(text.contains("not measured") && text.contains("no light"), "{text}");
     }
 }

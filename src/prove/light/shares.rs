@@ -1,23 +1,30 @@
-//! What channels that light one place share: their weights, the codes that come of them, and
-//! black.
+//! The light that comes together on each place of the wall, read back from the pictures of flat
+//! fields: overlapping channels as bright as one, codes, and black.
 //!
-//! At the middle of a channel's pixel its own numbers are those of its light map, and the others'
-//! those of the formula: nothing is interpolated there. Between pixels that lie askew nothing can
-//! be right in every point, as a projector's black ends within a pixel of another one; so there
-//! light is judged as the mean of some pixels, linear between their middles.
+//! Nothing of this knows how a picture was made: displays give the light of the codes that they
+//! got, by their curve, and `leak` with it; on each place the light of all is summed, and must be
+//! that of the field. Where a channel's pixels are the canvas's, and where it is alone, each pixel
+//! is judged; else light between pixels is linear, and judged as the mean of some pixels, as a
+//! projector's black ends within a pixel of another one.
 
-use glam::{DVec2, DVec3, UVec2};
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::blend::{BlackRule, Blend, LightMap};
+use anyhow::Context;
+use glam::{DMat3, DVec2, DVec3, UVec2};
+use polyptych_protocol::wall::blend::Blend;
+use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::pixels::PixelMap;
 use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::superposition::Side;
-use polyptych_protocol::wall::{Channel, Cover, Curve, Surface};
+use polyptych_protocol::wall::superposition::{ChannelLight, Side};
+use polyptych_protocol::wall::{Adjustment, Channel, Cover, Curve, Packing, Surface};
 
+use crate::prove::fields::{Fields, GREYS};
 use crate::prove::table::{Table, Target};
 
-/// How far the sum of weights may be from 1.
-const WEIGHTS_MAX: f64 = 1.0 / 4096.0;
+/// How far off the field's light the light of overlaps may be at white: half a level there is
+/// 0.5 %, of two displays together up to twice that.
+const WEIGHTS_MAX: f64 = 0.01;
+
+/// Codes may be off by half a level; the f32 of a GPU rounds some of them the other way.
+const CODES_MAX: f64 = 1.1;
 
 /// Pixels of a channel, and places of a canvas, that are looked at, across and down at most.
 const PLACES_MAX: u32 = 192;
@@ -30,49 +37,53 @@ const WINDOW: u32 = 4;
 /// other: both are lines and points, and less of a picture of more pixels.
 const WINDOWS_MIN: f64 = 0.995;
 
+/// The same where masks of files share the light: they may end it at the border of the wall.
+const MASKED_WINDOWS_MIN: f64 = 0.9;
+
 /// How far from a place of a mesh the light may come down that was thrown at it, in pixels of the
 /// canvas: further, and it falls on what stands before it.
 const LAYER_PX: f64 = 1.0;
 
-/// Light of which the superposition is judged.
-const GREYS: [f64; 6] = [0.0, 0.002, 0.05, 0.2, 0.6, 1.0];
+/// How far around a pixel the same channels must light the canvas, in pixels, where each pixel is
+/// judged.
+const AROUND_PX: f64 = 1.5;
 
-/// Judges the light maps of all channels.
-pub(super) fn prove(shaped: Shaped<'_>, maps: &[Option<LightMap>], table: &mut Table) {
+/// Judges the light of all screens. `is_as_built`: the wall is the one that stands, whose matrices
+/// and gains undo what its displays do; else displays are alike.
+///
+/// # Errors
+/// A channel without a picture, or one of another size than its display's.
+pub(in crate::prove) fn prove(
+    shaped: Shaped<'_>,
+    files: &Maps,
+    fields: &Fields,
+    is_as_built: bool,
+    table: &mut Table,
+) -> anyhow::Result<()> {
     let wall = shaped.wall;
-    let blend = Blend::new(shaped);
-    let most = if wall.blend.leak > 0.0 { blend.most() } else { 1 };
-    let shares = Shares { shaped, blend, most, black: BlackRule::new(wall.blend.leak, most) };
-    let mut worst = Worst::default();
-    for (id, map) in wall.channel_ids().zip(maps) {
-        if let (Some(channel), Some(map)) = (wall.channel(id), map)
-            && !shaped.shapes.is_blended_by_file(channel)
-        {
-            shares.look(id, channel, map, &mut worst);
-        }
-    }
-    let mut windows = Windows::default();
+    let mut sums = Sums { leak: wall.blend.leak, ..Sums::default() };
+    let mut screens = Vec::new();
     for index in 0..wall.screens.len() as u16 {
         for side in Side::of(wall, index) {
-            let mut lamps = lamps(shaped, maps, index, *side);
-            lamps.retain(|lamp| !shaped.shapes.is_blended_by_file(lamp.channel));
-            shares.look_between(index, &lamps, &mut windows);
+            screens.push((index, lamps(shaped, files, fields, (index, *side), is_as_built)?));
         }
     }
-    let note =
-        |what: &str| format!("{what}, {most} at most on one place, leak {}", wall.blend.leak);
-    let at_most = |most: f64| Some(Target::AtMost(most));
-    let sums = "at pixels of all channels";
-    table.add("sum of blend weights, off 1", worst.weights, "", at_most(WEIGHTS_MAX), note(sums));
-    let bound = "of 0.5·k^(1/γ) levels";
-    table.add("superposed codes", worst.codes, "×", at_most(1.0), note(bound));
-    table.add("black", worst.black, "×", at_most(1.0), note(bound));
-    if windows.all > 0 {
-        let kept = windows.kept as f64 / windows.all as f64;
-        let what = format!("{WINDOW} × {WINDOW} means that keep it");
-        let note = format!("between pixels; {:.2} × at the worst place", windows.worst);
-        table.add(what, kept, "", Some(Target::AtLeast(WINDOWS_MIN)), note);
+    for (index, lamps) in &screens {
+        let canvas = wall.screens[usize::from(*index)].canvas;
+        sums.most = sums.most.max(most(lamps, canvas));
     }
+    if sums.leak > 0.0 {
+        // A place where most leak may be smaller than the steps of the search.
+        sums.most = sums.most.max(Blend::new(shaped).most());
+    }
+    for (index, lamps) in &screens {
+        for at in 0..lamps.len() {
+            sums.look(lamps, at);
+        }
+        sums.look_between(lamps, wall.screens[usize::from(*index)].canvas);
+    }
+    sums.report(table);
+    Ok(())
 }
 
 /// A channel that lights a screen for one eye.
@@ -80,41 +91,63 @@ struct Lamp<'a> {
     channel: &'a Channel,
     surface: &'a Surface,
     pixels: PixelMap<'a>,
-    map: Option<&'a LightMap>,
+    /// The light of its codes, for each of [`GREYS`].
+    shown: Vec<ChannelLight<'a>>,
+    /// From the light of codes to that of the display: it needs the matrix and gains of the wall
+    /// as it was built, where somebody knows, because its light is what they undo.
+    built: DMat3,
+    /// Its light is cut by a file: how much, only who made that knows.
+    is_masked: bool,
+    /// Its pixels are the canvas's.
+    is_exact: bool,
+    /// Of red, green and blue, those that its eye sees.
+    axes: &'static [usize],
 }
 
 fn lamps<'a>(
     shaped: Shaped<'a>,
-    maps: &'a [Option<LightMap>],
-    screen: u16,
-    side: Side,
-) -> Vec<Lamp<'a>> {
-    let lamp = |(id, map): (ChannelId, &'a Option<LightMap>)| {
-        let channel = shaped.wall.channel(id)?;
-        let is_seen = channel.screen == screen && side.sees(channel);
-        let pixels = is_seen.then(|| shaped.pixel_map(id))??;
-        let surface = &shaped.wall.screen_of(channel).surface;
-        Some(Lamp { channel, surface, pixels, map: map.as_ref() })
-    };
-    shaped.wall.channel_ids().zip(maps).filter_map(lamp).collect()
+    files: &Maps,
+    fields: &'a Fields,
+    (screen, side): (u16, Side),
+    is_as_built: bool,
+) -> anyhow::Result<Vec<Lamp<'a>>> {
+    let mut lamps = Vec::new();
+    for id in shaped.wall.channel_ids() {
+        let Some(channel) = shaped.wall.channel(id) else { continue };
+        if channel.screen != screen || !side.sees(channel) {
+            continue;
+        }
+        let Some(pixels) = shaped.pixel_map(id) else { continue };
+        let shown = fields.of(&channel.name)?.into_iter().map(|picture| {
+            let light = ChannelLight::new(shaped, id, side, &picture.rgba);
+            light.with_context(|| format!("the picture of {} has no size", channel.name))
+        });
+        let Adjustment { color, alpha, beta, .. } = &channel.adjustment;
+        let is_lit_by_file = files.light(channel, &pixels).is_some();
+        let needed = DMat3::from_diagonal(color.gain) * color.matrix;
+        lamps.push(Lamp {
+            channel,
+            surface: &shaped.wall.screen_of(channel).surface,
+            shown: shown.collect::<anyhow::Result<_>>()?,
+            built: if is_as_built { needed.inverse() } else { DMat3::IDENTITY },
+            is_masked: alpha.is_some() || beta.is_some() || is_lit_by_file,
+            is_exact: channel.cover == Cover::Tile
+                && channel.adjustment.pin == [DVec2::ZERO; 4]
+                && channel.adjustment.bend.is_none(),
+            axes: match (channel.adjustment.packing, side) {
+                (Packing::Anaglyph, Side::Left) => &[0],
+                (Packing::Anaglyph, Side::Right) => &[1, 2],
+                _ => &[0, 1, 2],
+            },
+            pixels,
+        });
+    }
+    Ok(lamps)
 }
 
 impl Lamp<'_> {
-    /// Whether a place lies between pixels of which some are dark by what a file says: there is
-    /// nothing to interpolate between.
-    fn ends_at(&self, canvas: DVec2) -> bool {
-        if self.channel.cover == Cover::Tile {
-            return false;
-        }
-        let Some(pixel) = self.pixels.pixel_from_canvas(canvas) else { return false };
-        let (low, last) = ((pixel - 0.5).floor() + 0.5, self.channel.size.as_dvec2() - 0.5);
-        let around = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE];
-        let mut around = around.map(|by| (low + by).clamp(DVec2::splat(0.5), last)).into_iter();
-        around.any(|middle| self.pixels.display_from_pixel(middle).is_none())
-    }
-
-    /// Factor and addend at a place of the canvas, linear between pixels.
-    fn at(&self, canvas: DVec2) -> Option<[f64; 2]> {
+    /// The place of the picture that lights a place of the canvas.
+    fn lit(&self, canvas: DVec2) -> Option<DVec2> {
         let pixel = self.pixels.pixel_from_canvas(canvas)?;
         let size = self.channel.size.as_dvec2();
         if !(pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all()) {
@@ -122,46 +155,42 @@ impl Lamp<'_> {
         }
         // A mesh may stand before itself.
         let is_mesh = matches!(self.surface, Surface::Mesh(_));
-        if is_mesh && self.pixels.canvas_from_pixel(pixel)?.distance(canvas) > LAYER_PX {
-            return None;
+        let is_before =
+            is_mesh && self.pixels.canvas_from_pixel(pixel)?.distance(canvas) > LAYER_PX;
+        (!is_before).then_some(pixel)
+    }
+
+    /// A place between pixels of which some are dark by what a file says: there is nothing to
+    /// interpolate between.
+    fn ends_at(&self, pixel: DVec2) -> bool {
+        if self.channel.cover == Cover::Tile {
+            return false;
         }
-        let Some(map) = self.map else { return Some([1.0, 0.0]) };
-        let at = (pixel - 0.5).clamp(DVec2::ZERO, size - 1.0);
+        let (low, last) = ((pixel - 0.5).floor() + 0.5, self.channel.size.as_dvec2() - 0.5);
+        let around = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE];
+        let mut around = around.map(|by| (low + by).clamp(DVec2::splat(0.5), last)).into_iter();
+        around.any(|middle| self.pixels.display_from_pixel(middle).is_none())
+    }
+
+    /// The light of a place of the upright picture, linear between the middles of its pixels.
+    fn light(&self, grey: usize, pixel: DVec2) -> DVec3 {
+        let shown = &self.shown[grey];
+        let last = self.channel.size - 1;
+        let at = (pixel - 0.5).clamp(DVec2::ZERO, last.as_dvec2());
         let low = at.as_uvec2();
-        let (high, t) = ((low + 1).min(self.channel.size - 1), at - low.as_dvec2());
-        let mix = |axis: usize| {
-            let row = |y: u32| {
-                let (a, b) = (map.at(low.x, y)[axis], map.at(high.x, y)[axis]);
-                a + (b - a) * t.x
-            };
-            row(low.y) + (row(high.y) - row(low.y)) * t.y
+        let (high, t) = ((low + 1).min(last), at - low.as_dvec2());
+        let row = |y: u32| {
+            let (a, b) = (shown.pixel(UVec2::new(low.x, y)), shown.pixel(UVec2::new(high.x, y)));
+            a.lerp(b, t.x)
         };
-        Some([mix(0), mix(1)])
+        self.built * row(low.y).lerp(row(high.y), t.y)
     }
 }
 
-/// The worst of all pixels.
-#[derive(Default)]
-struct Worst {
-    weights: f64,
-    codes: f64,
-    black: f64,
-}
-
-/// Means over some pixels.
-#[derive(Default)]
-struct Windows {
-    all: u64,
-    kept: u64,
-    worst: f64,
-}
-
-/// What channels of a wall should share.
-struct Shares<'a> {
-    shaped: Shaped<'a>,
-    blend: Blend<'a>,
-    most: usize,
-    black: BlackRule,
+/// Those that light a place of the canvas, with the place of their pictures.
+fn lit_at(lamps: &[Lamp<'_>], canvas: DVec2) -> Vec<(usize, DVec2)> {
+    let lit = |(at, lamp): (usize, &Lamp<'_>)| Some((at, lamp.lit(canvas)?));
+    lamps.iter().enumerate().filter_map(lit).collect()
 }
 
 /// Numbers from 0 to below `count`, both ends among them.
@@ -171,88 +200,148 @@ fn spread(count: u32) -> impl Iterator<Item = u32> + Clone {
     (0..=steps).map(at)
 }
 
-impl Shares<'_> {
-    /// At the middles of a channel's pixels.
-    fn look(&self, id: ChannelId, channel: &Channel, map: &LightMap, worst: &mut Worst) {
-        let Some(pixels) = self.shaped.pixel_map(id) else { return };
-        let corners = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE];
+/// How many light one place, at most.
+fn most(lamps: &[Lamp<'_>], canvas: UVec2) -> usize {
+    let places = spread(canvas.y).flat_map(|y| spread(canvas.x).map(move |x| UVec2::new(x, y)));
+    places.map(|place| lit_at(lamps, place.as_dvec2() + 0.5).len()).max().unwrap_or(0)
+}
+
+/// The worst, and where.
+#[derive(Default)]
+struct Worst {
+    off: f64,
+    at: String,
+    count: u64,
+}
+
+impl Worst {
+    fn add(&mut self, off: f64, at: impl FnOnce() -> String) {
+        self.count += 1;
+        if off > self.off || (self.at.is_empty() && off >= self.off) {
+            (self.off, self.at) = (off, at());
+        }
+    }
+}
+
+/// Means over some pixels.
+#[derive(Default)]
+struct Windows {
+    all: u64,
+    kept: u64,
+    worst: Worst,
+}
+
+/// What the pictures of flat fields come to.
+#[derive(Default)]
+struct Sums {
+    leak: f64,
+    /// How many light one place, at most.
+    most: usize,
+    codes: Worst,
+    black: Worst,
+    /// At white, where channels overlap.
+    weights: Worst,
+    plain: Windows,
+    masked: Windows,
+}
+
+impl Sums {
+    /// At the middles of a channel's pixels, where those of all that light them are exact.
+    fn look(&mut self, lamps: &[Lamp<'_>], at: usize) {
+        let Lamp { channel, pixels, axes, .. } = &lamps[at];
+        let around = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE].map(|by| by - 0.5);
         let rows = spread(channel.size.y);
         for (x, y) in rows.flat_map(|y| spread(channel.size.x).map(move |x| (x, y))) {
-            let low = DVec2::new(f64::from(x), f64::from(y));
-            let Some(canvas) = pixels.canvas_from_pixel(low + 0.5) else { continue };
-            let weights = self.blend.weights(id, canvas);
-            let add = self.black.add(weights.len() as f64);
-            let lit = weights.iter().filter_map(|(other, weight)| {
-                let own = [weight * self.black.multiply, weight * add];
-                let curve = &self.shaped.wall.channel(*other)?.adjustment.color.curve;
-                Some((curve, if *other == id { map.at(x, y) } else { own }))
-            });
-            let lit: Vec<(&Curve, [f64; 2])> = lit.collect();
-            let sum: f64 = lit.iter().map(|(_, [multiply, _])| multiply).sum();
-            worst.weights = worst.weights.max((sum / self.black.multiply - 1.0).abs());
-            // Where an edge runs through it a pixel is right in the mean, and not in its middle.
-            let is_whole = corners.iter().all(|corner| {
-                let place = pixels.canvas_from_pixel(low + *corner);
-                let others = place.map(|place| self.blend.weights(id, place));
-                others.is_some_and(|others| {
-                    others.iter().map(|(other, _)| other).eq(weights.iter().map(|(other, _)| other))
+            let pixel = UVec2::new(x, y).as_dvec2() + 0.5;
+            let Some(canvas) = pixels.canvas_from_pixel(pixel) else { continue };
+            let mut lit = lit_at(lamps, canvas);
+            if let [(only, place)] = &mut lit[..]
+                && *only == at
+            {
+                *place = pixel;
+            }
+            let is_exact = lit.iter().all(|(other, _)| lamps[*other].is_exact);
+            let is_judged = lit.iter().any(|(other, _)| *other == at)
+                && (lit.len() == 1 || is_exact)
+                && lit.iter().all(|(other, _)| !lamps[*other].is_masked);
+            // Beside an edge, what leaks may end within the pixel.
+            let is_whole = || {
+                around.iter().all(|by| {
+                    let place = pixels.canvas_from_pixel(pixel + *by * 2.0 * AROUND_PX);
+                    place.is_none_or(|place| {
+                        let others = lit_at(lamps, place);
+                        others.iter().all(|(other, _)| lit.iter().any(|(own, _)| own == other))
+                    })
                 })
-            });
-            if is_whole {
-                for grey in GREYS {
-                    let off = self.off(self.shown(&lit, grey), &lit, grey);
-                    worst.codes = worst.codes.max(off);
-                    if grey == 0.0 {
-                        worst.black = worst.black.max(off);
-                    }
+            };
+            if !is_judged || (!is_exact && !is_whole()) {
+                continue;
+            }
+            for (grey, light) in GREYS.into_iter().enumerate() {
+                let off = self.off(lamps, &lit, self.shown(lamps, &lit, grey), light, axes);
+                let place = || format!("{} at pixel ({x}, {y}) of light {light}", channel.name);
+                self.codes.add(off, place);
+                if light == 0.0 {
+                    self.black.add(off, || format!("{} at pixel ({x}, {y})", channel.name));
                 }
             }
         }
     }
 
     /// Over some pixels of a canvas each.
-    fn look_between(&self, screen: u16, lamps: &[Lamp<'_>], windows: &mut Windows) {
-        let canvas = self.shaped.wall.screens[usize::from(screen)].canvas;
+    fn look_between(&mut self, lamps: &[Lamp<'_>], canvas: UVec2) {
         let starts = (canvas - WINDOW.min(canvas.min_element())) + 1;
         for (x, y) in spread(starts.y).flat_map(|y| spread(starts.x).map(move |x| (x, y))) {
-            let mut shown = [0.0; GREYS.len()];
-            let (mut count, mut fewest): (f64, Vec<_>) = (0.0, Vec::new());
+            let mut shown = [DVec3::ZERO; GREYS.len()];
+            let (mut count, mut fewest, mut is_even) = (0.0, Vec::<(usize, DVec2)>::new(), true);
             for part in 0..WINDOW * WINDOW {
                 let at = UVec2::new(x + part % WINDOW, y + part / WINDOW).as_dvec2() + 0.5;
-                let lit = lamps
-                    .iter()
-                    .filter_map(|l| Some((&l.channel.adjustment.color.curve, l.at(at)?)));
-                let lit: Vec<(&Curve, [f64; 2])> = lit.collect();
-                if lit.is_empty() || lamps.iter().any(|lamp| lamp.ends_at(at)) {
+                let lit = lit_at(lamps, at);
+                if lit.is_empty() || lit.iter().any(|(at, pixel)| lamps[*at].ends_at(*pixel)) {
                     continue;
                 }
-                for (sum, grey) in shown.iter_mut().zip(GREYS) {
-                    *sum += self.shown(&lit, grey);
+                for (grey, sum) in shown.iter_mut().enumerate() {
+                    *sum += self.shown(lamps, &lit, grey);
                 }
                 count += 1.0;
+                is_even &= fewest.is_empty() || lit.len() == fewest.len();
                 if fewest.is_empty() || lit.len() < fewest.len() {
                     fewest = lit;
                 }
             }
-            if fewest.is_empty() {
+            let is_masked = fewest.iter().any(|(at, _)| lamps[*at].is_masked);
+            // What one mask alone leaves of the light, it is meant to leave.
+            if fewest.is_empty() || (is_masked && fewest.len() == 1) {
                 continue;
             }
-            let off =
-                shown.iter().zip(GREYS).map(|(sum, grey)| self.off(sum / count, &fewest, grey));
-            let off = off.fold(0.0, f64::max);
-            windows.all += 1;
-            windows.kept += u64::from(off <= 1.0);
-            windows.worst = windows.worst.max(off);
+            let axes: Vec<usize> = (0..3)
+                .filter(|axis| fewest.iter().all(|(at, _)| lamps[*at].axes.contains(axis)))
+                .collect();
+            let name = || {
+                let names: Vec<&str> =
+                    fewest.iter().map(|(at, _)| lamps[*at].channel.name.as_str()).collect();
+                format!("{} at ({x}, {y}) of the canvas", names.join(" and "))
+            };
+            let white = shown[GREYS.len() - 1] / count;
+            let off_white = axes.iter().map(|axis| (white[*axis] - 1.0).abs());
+            let off_white = off_white.fold(0.0, f64::max);
+            if is_masked {
+                self.masked.add(off_white / WEIGHTS_MAX, name);
+                continue;
+            }
+            if fewest.len() > 1 && is_even && fewest.iter().all(|(at, _)| lamps[*at].is_exact) {
+                self.weights.add(off_white, name);
+            }
+            let off = GREYS.into_iter().zip(shown);
+            let off = off.map(|(light, sum)| self.off(lamps, &fewest, sum / count, light, &axes));
+            self.plain.add(off.fold(0.0, f64::max), name);
         }
     }
 
-    /// The light of rounded codes.
-    fn shown(&self, lit: &[(&Curve, [f64; 2])], grey: f64) -> f64 {
-        let leak = self.shaped.wall.blend.leak;
-        let light = |(curve, [multiply, add]): &(&Curve, [f64; 2])| {
-            let code = curve.encode(DVec3::splat(grey * multiply + add)).y;
-            let code = (code * 255.0).round() / 255.0;
-            leak + (1.0 - leak) * curve.decode(DVec3::splat(code)).y
+    /// The light of all, with what leaks.
+    fn shown(&self, lamps: &[Lamp<'_>], lit: &[(usize, DVec2)], grey: usize) -> DVec3 {
+        let light = |(at, pixel): &(usize, DVec2)| {
+            lamps[*at].light(grey, *pixel) * (1.0 - self.leak) + self.leak
         };
         lit.iter().map(light).sum()
     }
@@ -260,20 +349,73 @@ impl Shares<'_> {
     /// By how much light is off what it should be, in parts of what rounding may do:
     /// 0.5·k^(1/γ) levels, or what half a level of each share comes to. Both are the same but
     /// near black, where half a level is no small part of a code, and where sRGB is linear.
-    fn off(&self, shown: f64, lit: &[(&Curve, [f64; 2])], grey: f64) -> f64 {
-        let leak = self.shaped.wall.blend.leak;
-        let all = self.most as f64 * leak;
-        let right = all + (1.0 - all) * grey;
-        let (curve, _) = lit[0];
-        let gamma = if let Curve::Gamma(gamma) = curve { gamma.y } else { 2.4 };
-        let code = |light: f64| curve.encode(DVec3::splat(light)).y * 255.0;
-        let half = |(curve, [multiply, add]): &(&Curve, [f64; 2])| {
-            let code = curve.encode(DVec3::splat(grey * multiply + add)).y;
-            let light = |code: f64| curve.decode(DVec3::splat(code)).y;
-            (1.0 - leak) * (light(code + 0.5 / 255.0) - light(code))
+    fn off(
+        &self,
+        lamps: &[Lamp<'_>],
+        lit: &[(usize, DVec2)],
+        shown: DVec3,
+        light: f64,
+        axes: &[usize],
+    ) -> f64 {
+        let all = if self.leak > 0.0 { self.most as f64 * self.leak } else { 0.0 };
+        let right = DVec3::splat(all + (1.0 - all) * light);
+        let curve = |at: &usize| &lamps[*at].channel.adjustment.color.curve;
+        let first = curve(&lit[0].0);
+        let codes = |light: DVec3| first.encode(light) * 255.0;
+        let count = lit.len() as f64;
+        // What each has of it is not known, and half a level is most where it is equal.
+        let share = right / count;
+        let half = |(at, _): &(usize, DVec2)| {
+            let code = curve(at).encode(share);
+            let half = curve(at).decode(code + 0.5 / 255.0) - curve(at).decode(code);
+            half * (1.0 - self.leak)
         };
-        let halves: f64 = lit.iter().map(half).sum();
-        let bound = 0.5 * (lit.len() as f64).powf(1.0 / gamma);
-        (code(shown) - code(right)).abs() / bound.max(code(right + halves) - code(right))
+        let halves: DVec3 = lit.iter().map(half).sum();
+        let (off, near) =
+            ((codes(shown) - codes(right)).abs(), codes(right + halves) - codes(right));
+        let part = |axis: &usize| {
+            let gamma = if let Curve::Gamma(gamma) = first { gamma[*axis] } else { 2.4 };
+            off[*axis] / (0.5 * count.powf(gamma.recip())).max(near[*axis])
+        };
+        axes.iter().map(part).fold(0.0, f64::max)
+    }
+
+    fn report(self, table: &mut Table) {
+        let Self { leak, most, codes, black, weights, plain, masked } = self;
+        let at_most = |most: f64| Some(Target::AtMost(most));
+        let note =
+            |worst: &Worst| format!("{}; {most} at most on one place, leak {leak}", worst.at);
+        if weights.count > 0 {
+            let what = "sum of blend weights, off 1";
+            table.add(what, weights.off, "", at_most(WEIGHTS_MAX), note(&weights));
+        }
+        if codes.count > 0 {
+            table.add("superposed codes", codes.off, "×", at_most(CODES_MAX), note(&codes));
+            table.add("black", black.off, "×", at_most(CODES_MAX), note(&black));
+        }
+        plain.report("", WINDOWS_MIN, table);
+        masked.report(" of overlapping masks", MASKED_WINDOWS_MIN, table);
+        if codes.count + plain.all + masked.all == 0 {
+            let why = "no place is lit but by one channel with a mask of its own";
+            table.add_unmeasured("superposed codes", None, why);
+        }
+    }
+}
+
+impl Windows {
+    fn add(&mut self, off: f64, at: impl FnOnce() -> String) {
+        self.all += 1;
+        self.kept += u64::from(off <= 1.0);
+        self.worst.add(off, at);
+    }
+
+    fn report(&self, of: &str, least: f64, table: &mut Table) {
+        if self.all == 0 {
+            return;
+        }
+        let kept = self.kept as f64 / self.all as f64;
+        let what = format!("{WINDOW} × {WINDOW} means{of} that keep it");
+        let note = format!("{:.2} × at the worst, {}", self.worst.off, self.worst.at);
+        table.add(what, kept, "", Some(Target::AtLeast(least)), note);
     }
 }
