@@ -8,6 +8,7 @@ pub mod blend;
 pub mod channel;
 pub mod color;
 pub mod coverage;
+mod drawable;
 mod extent;
 pub mod eyes;
 pub mod facets;
@@ -137,6 +138,8 @@ pub enum FileKind {
     Alpha,
     /// What light is added.
     Beta,
+    /// As `Warp`, of a PFM whose pixels at (0, 0, 0) are unlit.
+    WarpDarkZeros,
 }
 
 impl Default for BlendRule {

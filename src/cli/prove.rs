@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::{bake_files, load_wall, manager, say, simulate};
+use super::{bake_files, load_wall, log_file_warnings, manager, say, simulate};
 use crate::prove;
 
 #[derive(Debug, clap::Args)]
@@ -23,7 +23,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut wall = load_wall(&arguments.wall)?;
     let baker = manager::default_baker()?;
-    bake_files(&mut wall, &arguments.wall, &baker)?;
+    log_file_warnings(&bake_files(&mut wall, &arguments.wall, &baker)?);
     let shown = simulate::shown(arguments.scene.as_deref())?;
     let table = prove::prove(&wall, shown, baker, &arguments.out)?;
     if arguments.json {

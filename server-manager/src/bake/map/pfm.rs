@@ -90,6 +90,15 @@ fn word<'a>(rest: &mut &'a [u8]) -> Option<&'a str> {
 }
 
 impl Pfm {
+    /// The same map, unlit where all three numbers are 0.
+    pub fn with_dark_zeros(mut self) -> Self {
+        let is_zero = |value: &&mut Vec3| {
+            value.x == 0.0 && value.y == 0.0 && (value.z == 0.0 || value.z.is_nan())
+        };
+        self.values.iter_mut().filter(is_zero).for_each(|value| *value = Vec3::NAN);
+        self
+    }
+
     /// Whether the values are u and v: see the head of this file.
     pub fn is_uv(&self) -> bool {
         let mut lit = self.values.iter().filter(|v| v.x.is_finite() && v.y.is_finite());

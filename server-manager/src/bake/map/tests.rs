@@ -20,7 +20,7 @@ use super::super::tests::builder::Builder;
 use super::{MapUse, bake_map};
 use maps::{Png, png};
 
-const WARP: MapUse = MapUse::Warp { aspect: Some(16.0 / 9.0) };
+const WARP: MapUse = MapUse::Warp { aspect: Some(16.0 / 9.0), dark_zeros: false };
 
 /// A folder with a store.
 struct Place {
