@@ -28,7 +28,7 @@ const RIGHT: &str = "PF, a line of width and height, a line of -1.0 or 1.0, then
 pub(super) struct Pfm {
     pub size: UVec2,
     /// 2 or 3.
-    components: usize,
+    pub components: usize,
     /// Rows from the top; the third component of two is NaN.
     pub values: Vec<Vec3>,
 }

@@ -2,6 +2,7 @@
 
 mod archives;
 mod broken;
+mod foreign;
 #[path = "../../../../tests/harness/maps.rs"]
 mod maps;
 
