@@ -136,7 +136,7 @@ pub enum FileKind {
     ScreenMesh,
     /// What light is multiplied by.
     Alpha,
-    /// What light is added.
+    /// What light is there at least.
     Beta,
     /// As `Warp`, of a PFM whose pixels at (0, 0, 0) are unlit.
     WarpDarkZeros,

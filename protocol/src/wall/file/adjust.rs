@@ -114,6 +114,10 @@ impl Table<'_> {
             let key = format!("{}.{name}", self.key);
             path.as_ref().map(|path| files.index(self.source, &key, path, kind)).transpose()
         };
+        if s.warp_zero.is_some() && s.warp.is_none() {
+            let what = "there is no warp whose points at (0, 0, 0) could be dark";
+            return Err(self.error("warp_zero", what, "name a warp, or leave it out"));
+        }
         let warp = match s.warp_zero {
             Some(WarpZero::Dark) => FileKind::WarpDarkZeros,
             Some(WarpZero::Point) | None => FileKind::Warp,

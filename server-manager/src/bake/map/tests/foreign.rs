@@ -225,3 +225,37 @@ fn entries_of_one_name_are_refused() {
     all.push(Entry::new("mpcdi.xml", b"<MPCDI/>"));
     refused(&maps::zip(&all), &["'mpcdi.xml' is there twice"]);
 }
+
+/// The archives that VESA's reference library writes, where they are there: alpha of colours,
+/// beta of a size of its own, and a region that is a part of its buffer.
+#[test]
+fn archives_of_the_reference_library_are_imported() {
+    let walls = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/walls");
+    let read = |name: &str| std::fs::read(walls.join(name));
+    let Ok(flat) = read("Media2D.mpcdi") else {
+        println!("skipped: no walls");
+        return;
+    };
+    let (place, imported) = import(&flat);
+    let region = &imported.expect("imported").regions[0];
+    assert_eq!((region.size, region.part.0), (UVec2::new(300, 200), UVec2::new(3, 2)));
+    let (space, values) = values(&place, region.warp.as_ref());
+    assert_eq!((space, values.len()), (MapSpace::Canvas, 60_000));
+    // The lowest row of the file is the first one: v is 0.995 there, and 0 at the top.
+    let at = |x: usize, y: usize| values[y * 300 + x];
+    let due = |u: f32, v: f32| Vec3::new(0.01 + u * 0.9, 1.0 - (0.07 + v * 0.92), 0.0);
+    for (x, y) in [(0, 0), (299, 0), (0, 199), (299, 199), (250, 20)] {
+        let due = due(x as f32 / 300.0, y as f32 / 200.0);
+        assert!(at(x, y).distance(due) < 1e-6, "({x}, {y}): {}, not {due}", at(x, y));
+    }
+    let alpha = mask_of(&place, region.alpha.as_ref().expect("an alpha"));
+    assert_eq!((alpha.size, alpha.components), (UVec2::new(300, 200), 3));
+    let beta = mask_of(&place, region.beta.as_ref().expect("a beta"));
+    assert_eq!((beta.size, beta.at(50, 50)), (UVec2::splat(100), [0; 3]));
+    let solid = import(&read("Sim3D.mpcdi").expect("beside it")).1.expect("imported");
+    assert_eq!((solid.profile, solid.regions.len()), (Profile::ThreeD, 1));
+    assert!(solid.regions[0].pyramid.is_some());
+    let lamp = import(&read("ShaderLamp.mpcdi").expect("beside it")).1.expect("imported");
+    assert_eq!(lamp.regions[0].position, DVec3::new(0.0, -1.0, 0.0));
+    refused(&read("Advanced3D.mpcdi").expect("beside it"), &["MPCDI.profile", "a3"]);
+}
