@@ -49,8 +49,8 @@ pub struct LightMap {
     /// Of the upright picture, in pixels.
     pub size: UVec2,
     /// Row by row from the top: factor and addend, in parts of [`TEXEL_ONE`] of `multiply` and
-    /// `add`. Once for all colours, or for red, then all for green, then all for blue. A weight is rounded by 1/131,070 at most, so that the sum of four keeps 1/4096
-    /// eight times over.
+    /// `add`; once for all colours, or for red, then all for green, then all for blue. A weight is
+    /// rounded by 1/131,070 at most, so that the sum of four keeps 1/4096 eight times over.
     pub texels: Vec<[u16; 2]>,
     /// The factor that a texel of [`TEXEL_ONE`] stands for.
     pub multiply: f64,

@@ -15,8 +15,9 @@ use super::{Baker, bake};
 const ASPECT_TOLERANCE: f64 = 1e-3;
 
 /// Has every file of a wall read by the baker, one after the other, and notes their blobs in the
-/// wall; returns what may not be meant. `folder` is the wall file's, from which paths begin. Whether a file has changed since
-/// another start is not asked: its blob has the name of what is in it now.
+/// wall; returns what may not be meant. `folder` is the wall file's, from which paths begin.
+/// Whether a file has changed since another start is not asked: its blob has the name of what is in
+/// it now.
 ///
 /// # Errors
 /// One line: the key that names the file in the wall file, the file, what is wrong with it and
