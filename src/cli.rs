@@ -35,8 +35,11 @@ use anyhow::{Context, anyhow};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use polyptych_client::DisplayMode;
 use polyptych_client::blocking::Client;
-use polyptych_manager::import::{Baker, bake_wall_files};
+use polyptych_manager::import::{Baker, bake_wall_files, read_wall_files};
+use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::limits::PORT_DEFAULT;
+use polyptych_protocol::wall::maps::Maps;
+use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 use polyptych_protocol::wall::{Wall, file};
 use polyptych_protocol::words::printable;
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -247,11 +250,35 @@ pub(crate) fn one_line(error: &anyhow::Error) -> String {
     printable(&line).into_owned()
 }
 
-/// Has the files that a wall names read, before anything begins.
-fn bake_files(wall: &mut Wall, path: &Path, baker: &Baker) -> anyhow::Result<()> {
+/// The calibration files of a wall, as read.
+#[derive(Default)]
+struct WallFiles {
+    maps: Maps,
+    shapes: Shapes,
+    /// What works, but may not be meant.
+    warnings: Vec<String>,
+}
+
+/// Has the files of a wall baked, and makes sure that servers can draw what they place.
+fn bake_files(wall: &mut Wall, path: &Path, baker: &Baker) -> anyhow::Result<WallFiles> {
+    if wall.files.is_empty() {
+        return Ok(WallFiles::default());
+    }
+    let about = |reason: String| anyhow!("{}: {reason}", path.display());
     let folder = path.parent().unwrap_or(Path::new(""));
-    let baked = bake_wall_files(wall, folder, baker);
-    baked.map_err(|reason| anyhow!("{}: {reason}", path.display()))
+    let warnings = bake_wall_files(wall, folder, baker).map_err(about)?;
+    let maps = read_wall_files(wall, &BlobFolder::new(baker.store.join("blobs")));
+    let maps = maps.map_err(about)?;
+    let shapes = Shapes::new(wall, &maps);
+    Shaped { wall, shapes: &shapes }.check_files(&maps).map_err(about)?;
+    Ok(WallFiles { maps, shapes, warnings })
+}
+
+/// Logs what may not be meant of the files of a wall that is about to run.
+fn log_file_warnings(files: &WallFiles) {
+    for warning in &files.warnings {
+        log::say_warning(warning);
+    }
 }
 
 fn load_wall(path: &Path) -> anyhow::Result<Wall> {

@@ -8,6 +8,7 @@ pub mod blend;
 pub mod channel;
 pub mod color;
 pub mod coverage;
+mod drawable;
 mod extent;
 pub mod eyes;
 pub mod facets;
@@ -135,8 +136,10 @@ pub enum FileKind {
     ScreenMesh,
     /// What light is multiplied by.
     Alpha,
-    /// What light is added.
+    /// What light is there at least.
     Beta,
+    /// As `Warp`, of a PFM whose pixels at (0, 0, 0) are unlit.
+    WarpDarkZeros,
 }
 
 impl Default for BlendRule {

@@ -19,8 +19,8 @@ use polyptych_protocol::wall::blend::Masks;
 use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 use polyptych_protocol::wall::warp::Mask;
-use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
-use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, Surface, Wall};
+use polyptych_protocol::wall::warp_mesh::WarpMesh;
+use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, Wall};
 
 use crate::apply;
 use crate::output::Output;
@@ -98,12 +98,9 @@ impl Plan {
         let warp = if is_tile && bent.is_plain() && adjustment.warp.is_none() {
             None
         } else {
-            Some(warp(shaped, maps, id)?)
+            Some(shaped.drawn_mesh(maps, id)?)
         };
-        let eyes = match adjustment.packing {
-            wall::Packing::None => vec![adjustment.eye],
-            _ => vec![EyeOf::Left, EyeOf::Right],
-        };
+        let eyes = channel.eyes().to_vec();
         let color = &adjustment.color;
         let desc = CorrectionDesc {
             upright: channel.size.to_array(),
@@ -138,38 +135,6 @@ impl Plan {
         }
         plan
     }
-}
-
-/// Where the pixels of a channel lie.
-fn warp(shaped: Shaped<'_>, maps: &Maps, id: ChannelId) -> Result<WarpMesh, String> {
-    let map = shaped.pixel_map(id).ok_or("its corner pins leave no picture")?;
-    let channel = shaped.wall.channel(id).ok_or("the wall has no such channel")?;
-    let screen = shaped.wall.screen_of(channel);
-    let ground = shaped.shapes.ground(screen);
-    let mesh = match (channel.adjustment.warp, &screen.surface) {
-        (Some(file), _) => {
-            let warp = maps.warp(file).ok_or("its warp file is not there")?;
-            warp.channel_mesh(channel, &ground, &map)
-        }
-        (None, Surface::Mesh(file)) if channel.cover == Cover::Tile => {
-            let surface = maps.warp(*file).ok_or("its screen's file is not there")?;
-            surface.screen_mesh(channel, &ground, &map)
-        }
-        _ => {
-            WarpMesh::new(channel.size, MeshRule::default(), |pixel| map.display_from_pixel(pixel))
-        }
-    };
-    if mesh.triangles.is_empty() {
-        return Err("none of its pixels lies on its screen".to_owned());
-    }
-    let has_area = |corners: &[u32; 3]| {
-        let [a, b, c] = corners.map(|corner| mesh.vertices[corner as usize].point);
-        (b - a).cross(c - a) != DVec3::ZERO
-    };
-    if !mesh.triangles.iter().any(has_area) {
-        return Err("its pixels lie on a point or a line".to_owned());
-    }
-    Ok(mesh)
 }
 
 /// What a channel's light is multiplied by and what is added: its part in blends, its masks, and

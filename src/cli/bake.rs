@@ -38,6 +38,9 @@ pub(super) struct Arguments {
     /// With --as warp: the channel's width by its height, which Bourke meshes are measured in
     #[arg(long, value_name = "NUMBER", requires = "used_as")]
     aspect: Option<f64>,
+    /// With --as warp: pixels of a PFM that lie at (0, 0, 0) are unlit
+    #[arg(long, requires = "used_as")]
+    dark_zeros: bool,
     /// Print what was baked as one line of JSON
     #[arg(long)]
     json: bool,
@@ -157,7 +160,7 @@ fn run_map(
         bail!("--aspect {aspect}: a width by a height, such as 1.778, would be right");
     }
     let used_as = match used_as {
-        Use::Warp => MapUse::Warp { aspect: arguments.aspect },
+        Use::Warp => MapUse::Warp { aspect: arguments.aspect, dark_zeros: arguments.dark_zeros },
         Use::ScreenMesh => MapUse::ScreenMesh,
         Use::Mask => MapUse::Mask,
     };

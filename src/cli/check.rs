@@ -1,15 +1,12 @@
 //! `polyptych check`: what a wall file describes, or what is wrong with it.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::anyhow;
-use polyptych_manager::import::read_wall_files;
-use polyptych_protocol::blob::BlobFolder;
-use polyptych_protocol::wall::shapes::{Shaped, Shapes};
-use polyptych_protocol::wall::{Wall, file, table::WallTable};
+use polyptych_protocol::wall::shapes::Shaped;
+use polyptych_protocol::wall::{file, table::WallTable};
 
-use super::{bake_files, manager, say};
+use super::{WallFiles, bake_files, manager, say};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -23,8 +20,14 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     match file::load(&arguments.wall) {
         Ok(mut wall) => {
-            let shapes = shapes(&mut wall, &arguments.wall)?;
-            let table = WallTable::of(Shaped { wall: &wall, shapes: &shapes });
+            let files = if wall.files.is_empty() {
+                WallFiles::default()
+            } else {
+                bake_files(&mut wall, &arguments.wall, &manager::default_baker()?)?
+            };
+            let shaped = Shaped { wall: &wall, shapes: &files.shapes };
+            let mut table = WallTable::with_files(shaped, &files.maps);
+            table.warnings.extend(files.warnings);
             if arguments.json {
                 say(serde_json::to_string_pretty(&table)?)?;
             } else {
@@ -46,16 +49,4 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
         Err(error) => Err(anyhow::anyhow!("{error}")),
     }
-}
-
-/// The geometry that the wall's calibration files give it.
-fn shapes(wall: &mut Wall, path: &Path) -> anyhow::Result<Shapes> {
-    if wall.files.is_empty() {
-        return Ok(Shapes::default());
-    }
-    let baker = manager::default_baker()?;
-    bake_files(wall, path, &baker)?;
-    let files = read_wall_files(wall, &BlobFolder::new(baker.store.join("blobs")));
-    let files = files.map_err(|reason| anyhow!("{}: {reason}", path.display()))?;
-    Ok(Shapes::new(wall, &files))
 }

@@ -12,7 +12,7 @@ use polyptych_protocol::identity::Identity;
 use polyptych_protocol::keys::Keys;
 use polyptych_protocol::token;
 
-use super::{asked_to_end, bake_files, cache_folder, load_wall};
+use super::{asked_to_end, bake_files, cache_folder, load_wall, log_file_warnings};
 use crate::state_lock::StateLock;
 
 /// Address space of one bake, in MiB: enough for scenes of several gigabytes, not for a bomb.
@@ -94,7 +94,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         None => cache_folder()?.join("store"),
     };
     let baker = baker(store, arguments.bake_memory_mib)?;
-    bake_files(&mut wall, &arguments.wall, &baker)?;
+    log_file_warnings(&bake_files(&mut wall, &arguments.wall, &baker)?);
     let memory = match (arguments.state, arguments.afresh) {
         (Some(state), _) => Some(state),
         (None, true) => None,

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::{bake_files, load_wall, manager, say, simulate};
+use super::{bake_files, load_wall, log_file_warnings, manager, say, simulate};
 use crate::prove::{self, Walls};
 
 #[derive(Debug, clap::Args)]
@@ -26,10 +26,10 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut wall = load_wall(&arguments.wall)?;
     let baker = manager::default_baker()?;
-    bake_files(&mut wall, &arguments.wall, &baker)?;
+    log_file_warnings(&bake_files(&mut wall, &arguments.wall, &baker)?);
     let mut built = arguments.as_built.as_deref().map(load_wall).transpose()?;
     if let (Some(built), Some(file)) = (&mut built, &arguments.as_built) {
-        bake_files(built, file, &baker)?;
+        log_file_warnings(&bake_files(built, file, &baker)?);
     }
     let shown = simulate::shown(arguments.scene.as_deref())?;
     let table =

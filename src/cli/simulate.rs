@@ -15,7 +15,9 @@ use polyptych_protocol::words::counted;
 use super::drive::{open_scene, say_notes};
 use super::progress::ProgressReport;
 use super::seen::Seen;
-use super::{bake_files, cache_folder, exposure, load_wall, manager, rate, say, seconds};
+use super::{
+    bake_files, cache_folder, exposure, load_wall, log_file_warnings, manager, rate, say, seconds,
+};
 use crate::ending::Ending;
 use crate::faults::{self, Fault, Faults, Needs};
 use crate::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
@@ -88,7 +90,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut wall = load_wall(&arguments.wall)?;
-    bake_files(&mut wall, &arguments.wall, &manager::default_baker()?)?;
+    log_file_warnings(&bake_files(&mut wall, &arguments.wall, &manager::default_baker()?)?);
     simulate(&wall, arguments)
 }
 

@@ -75,7 +75,7 @@ pub(super) fn of(
     for y in 0..size.y {
         for x in 0..size.x {
             let light = shown.pixel(UVec2::new(x, y))[axis];
-            let [multiply, add] = map.map_or([1.0, 0.0], |map| map.at(x, y));
+            let [multiply, add] = map.map_or([1.0, 0.0], |map| map.of_colour(x, y, axis));
             let own = (light - add) / multiply / white[axis];
             grey.push(if multiply < WEIGHT_MIN { f32::NAN } else { own as f32 });
         }

@@ -37,7 +37,7 @@ pub struct Adjustment {
     pub warp: Option<u16>,
     /// An index into [`Wall::files`](super::Wall::files): multiplies its light.
     pub alpha: Option<u16>,
-    /// An index into [`Wall::files`](super::Wall::files): added to its light.
+    /// An index into [`Wall::files`](super::Wall::files): its least light.
     pub beta: Option<u16>,
     /// How fine its display's codes are.
     pub bits: Bits,

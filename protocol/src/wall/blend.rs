@@ -49,8 +49,8 @@ pub struct LightMap {
     /// Of the upright picture, in pixels.
     pub size: UVec2,
     /// Row by row from the top: factor and addend, in parts of [`TEXEL_ONE`] of `multiply` and
-    /// `add`. A weight is rounded by 1/131,070 at most, so that the sum of four keeps 1/4096
-    /// eight times over.
+    /// `add`; once for all colours, or for red, then all for green, then all for blue. A weight is
+    /// rounded by 1/131,070 at most, so that the sum of four keeps 1/4096 eight times over.
     pub texels: Vec<[u16; 2]>,
     /// The factor that a texel of [`TEXEL_ONE`] stands for.
     pub multiply: f64,
@@ -85,28 +85,42 @@ pub fn light_map<'a>(
         if whole > 0.0 { (value / whole * f64::from(TEXEL_ONE)).round() as u16 } else { 0 }
     };
     let size = channel.size;
-    let mut texels = vec![[0; 2]; size.x as usize * size.y as usize];
+    let pixels = size.x as usize * size.y as usize;
+    let colours = if masks.is_coloured() { 3 } else { 1 };
+    let mut texels = vec![[0; 2]; pixels * colours];
     // Everything is a multiple of few numbers where there is no mask: most of the picture.
     let alone = [parts(multiply, multiply), parts(rule.add(1.0), add)];
     blend.raster(id, |x, y, share| {
         let [factor, addend] = [multiply, rule.add(share.count)].map(|light| share.weight * light);
         let at = y as usize * size.x as usize + x as usize;
-        texels[at] = if masks.is_empty() {
+        if masks.is_empty() {
             let is_alone = share == Share::ALONE;
-            if is_alone { alone } else { [parts(factor, multiply), parts(addend, add)] }
-        } else {
-            let (alpha, beta) = masks.at(x, y, size);
-            [parts(factor * alpha, multiply), parts(addend * alpha + beta, add)]
-        };
+            texels[at] =
+                if is_alone { alone } else { [parts(factor, multiply), parts(addend, add)] };
+            return;
+        }
+        for colour in 0..colours {
+            let (own, least) = masks.at(x, y, size, colour);
+            texels[colour * pixels + at] =
+                [parts(factor * own, multiply), parts(addend * own + least, add)];
+        }
     });
     let is_plain = multiply == 1.0 && texels.iter().all(|texel| *texel == [TEXEL_ONE, 0]);
     (!is_plain).then_some(LightMap { size, texels, multiply, add })
 }
 
 impl LightMap {
-    /// Factor and addend at a pixel, as they are after rounding.
+    /// Factor and addend at a pixel, as they are after rounding; of red where colours differ.
     pub fn at(&self, x: u32, y: u32) -> [f64; 2] {
-        let [factor, addend] = self.texels[y as usize * self.size.x as usize + x as usize];
+        self.of_colour(x, y, 0)
+    }
+
+    /// As [`Self::at`], of red (0), green (1) or blue.
+    pub fn of_colour(&self, x: u32, y: u32, colour: usize) -> [f64; 2] {
+        let pixels = self.size.x as usize * self.size.y as usize;
+        let layer = colour.min(self.texels.len() / pixels.max(1) - 1);
+        let at = layer * pixels + y as usize * self.size.x as usize + x as usize;
+        let [factor, addend] = self.texels[at];
         let part = |texel: u16| f64::from(texel) / f64::from(TEXEL_ONE);
         [part(factor) * self.multiply, part(addend) * self.add]
     }

@@ -119,7 +119,7 @@ impl<'a> Footprint<'a> {
         if let Cover::Projector(projector) = &self.channel.cover {
             // The far side of a curved screen lies in the same direction, but in the dark.
             let point = self.ground.display_from_canvas(canvas)?;
-            let hit = self.ground.hit(projector.position, point - projector.position);
+            let hit = self.map.as_ref()?.lit_along(point - projector.position);
             let slack = MISS_MAX * (1.0 + point.distance(projector.position));
             hit.filter(|(hit, _)| hit.distance(point) < slack)?;
         }

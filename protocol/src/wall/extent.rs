@@ -4,6 +4,7 @@
 use glam::DVec3;
 
 use super::Channel;
+use super::maps::Maps;
 use super::pixels::PixelMap;
 use super::shapes::Shaped;
 use super::source::{SourceError, SourcePlan};
@@ -73,11 +74,16 @@ pub(super) fn angle(a: DVec3, b: DVec3) -> f64 {
 /// Why a server cannot draw the channel: nothing of it is lit, or the eye is on or behind it.
 pub(super) fn sampling(
     of: Shaped<'_>,
+    maps: &Maps,
     channel: &Channel,
     map: &PixelMap<'_>,
 ) -> Result<[f64; 2], SourceError> {
-    let place = |pixel| map.display_from_pixel(pixel);
-    let mesh = WarpMesh::new(channel.size, MeshRule::default(), place);
+    let known = of.wall.channel_named(&channel.name).filter(|_| !maps.is_empty());
+    let drawn = known.and_then(|(id, _)| of.drawn_mesh(maps, id).ok());
+    let mesh = drawn.unwrap_or_else(|| {
+        let place = |pixel| map.display_from_pixel(pixel);
+        WarpMesh::new(channel.size, MeshRule::default(), place)
+    });
     let plan = SourcePlan::new(&mesh, &[of.wall.eye], of.wall.near_m, TEXTURE_SIDE_MAX)?;
     let range = [plan.density_min, plan.density_max];
     range.iter().all(|density| density.is_finite()).then_some(range).ok_or(SourceError::Nothing)
@@ -108,7 +114,8 @@ mod tests {
         let channel = Channel::tile("round", 0, UVec2::ZERO, canvas);
         let wall = Wall::new("w", vec![screen], vec![channel]);
         let map = wall.pixel_map(crate::ids::ChannelId(0)).unwrap();
-        let [fewest, most] = sampling(Shaped::from(&wall), &wall.channels[0], &map).unwrap();
+        let [fewest, most] =
+            sampling(Shaped::from(&wall), &Maps::default(), &wall.channels[0], &map).unwrap();
         let expected = 1.0 / half.cos().powi(2);
         // Sides of what is drawn are rounded up to whole steps.
         assert!((1.0..1.1).contains(&fewest), "{fewest}");

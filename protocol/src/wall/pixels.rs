@@ -11,6 +11,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
+use super::adjustment::Bend;
 use super::facets::Facets;
 use super::shapes::{Ground, Shaped, Shapes};
 use super::{Channel, Cover, Screen, Surface, Wall};
@@ -30,6 +31,8 @@ pub struct PixelMap<'a> {
     ground: Ground<'a>,
     /// Its warp, and the eye that sees it on the canvas.
     warp: Option<(&'a Facets, DVec3)>,
+    /// Whether its projector stands behind the screen.
+    is_rear: bool,
     /// From where a pixel is meant to be to where the pins move it, and back.
     pin: Option<(DMat3, DMat3)>,
 }
@@ -61,7 +64,12 @@ impl<'a> PixelMap<'a> {
                 Some((forth, homography(pinned, corners)?))
             }
         };
-        Some(Self { channel, ground: shapes.ground(screen), warp: shapes.warp_of(channel), pin })
+        let ground = shapes.ground(screen);
+        let is_rear = match &channel.cover {
+            Cover::Projector(projector) => ground.is_rear(projector),
+            Cover::Tile | Cover::Map => false,
+        };
+        Some(Self { channel, ground, warp: shapes.warp_of(channel), is_rear, pin })
     }
 
     /// The place of the screen's canvas, in pixels, that a place of the channel's picture shows.
@@ -120,8 +128,18 @@ impl<'a> PixelMap<'a> {
     /// What a projector lights with this place of its picture, and where on the canvas that is.
     fn lit(&self, meant: DVec2) -> Option<(DVec3, DVec2)> {
         let Cover::Projector(projector) = &self.channel.cover else { return None };
-        let direction = projector.direction(meant / self.channel.size.as_dvec2());
-        self.ground.hit(projector.position, direction)
+        self.lit_along(projector.direction(meant / self.channel.size.as_dvec2()))
+    }
+
+    /// What a projector lights in this direction, and where on the canvas that is.
+    pub(crate) fn lit_along(&self, direction: DVec3) -> Option<(DVec3, DVec2)> {
+        let Cover::Projector(projector) = &self.channel.cover else { return None };
+        self.ground.hit_side(projector.position, direction, self.is_rear)
+    }
+
+    /// Whether its projector stands behind the screen.
+    pub(crate) fn is_rear(&self) -> bool {
+        self.is_rear
     }
 
     /// The place that a warp shows at a place of the canvas.
@@ -150,6 +168,19 @@ impl<'a> PixelMap<'a> {
         self.pin.map_or(Some(unbent), |(_, back)| project(back, unbent))
     }
 
+    /// Lines around all places, before pins and bends, that are moved into the picture: for them
+    /// no `line.dot((x, y, 1))` is negative. A bend leaves a margin.
+    pub(crate) fn lines_around_picture(&self) -> [DVec3; 4] {
+        let size = self.channel.size.as_dvec2();
+        let margin = self.channel.adjustment.bend.as_ref().map_or(0.0, Bend::reach);
+        let (low, high) = (DVec2::splat(-margin), size + margin);
+        // In homogeneous coordinates, so that what lies behind the horizon of pins is cut off too:
+        // J. Blinn, M. Newell, *Clipping using homogeneous coordinates*, 1978.
+        let rows = self.pin.map_or(DMat3::IDENTITY, |(forth, _)| forth).transpose();
+        let (x, y, w) = (rows.x_axis, rows.y_axis, rows.z_axis);
+        [x - w * low.x, y - w * low.y, w * high.x - x, w * high.y - y]
+    }
+
     /// The pixel that a place of the picture, before pins and bends, is moved to.
     pub fn pixel_from_meant(&self, meant: DVec2) -> Option<DVec2> {
         let pinned = self.pin.map_or(Some(meant), |(forth, _)| project(forth, meant))?;
@@ -160,7 +191,14 @@ impl<'a> PixelMap<'a> {
     }
 }
 
-impl super::adjustment::Bend {
+impl Bend {
+    /// A bound of how far any place is moved, in pixels: weights of a cubic sum up to 1.25 each
+    /// way, and what goes on beyond the grid is at most three times as much as in it.
+    fn reach(&self) -> f64 {
+        let most = self.moves.iter().map(|by| by.length()).fold(0.0, f64::max);
+        most * (3.0 * 1.25) * (3.0 * 1.25)
+    }
+
     /// By how many pixels a place, (0, 0) to (1, 1), is moved; beside the grid as at its edge.
     pub(crate) fn offset(&self, place: DVec2) -> DVec2 {
         let last = (self.points - 1).as_ivec2();

@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::surface::Surface;
 
+/// Rays across and down that say from which side a projector lights its screen.
+const SIDE_RAYS: u32 = 9;
+
 /// A projector without distortion: a pinhole with an image plane.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Projector {
@@ -28,9 +31,21 @@ impl Projector {
         self.rotation * DVec3::new(x, y, -1.0)
     }
 
-    /// The point of a surface that a place of its picture lights.
+    /// The point of a surface that a place of its picture lights, from either side.
     pub fn lit(&self, surface: &Surface, place: DVec2) -> Option<DVec3> {
-        surface.hit(self.position, self.direction(place))
+        let hit = |side| surface.hit_side(self.position, self.direction(place), side);
+        hit(false).or_else(|| hit(true))
+    }
+
+    /// Whether it is a rear projector: more of its rays meet the back of a screen first than its
+    /// front. `side_of` says of a ray whether what it meets first is the back.
+    pub(super) fn is_rear(&self, side_of: impl Fn(DVec3) -> Option<bool>) -> bool {
+        let place = |step: u32| (f64::from(step) + 0.5) / f64::from(SIDE_RAYS);
+        let places = (0..SIDE_RAYS).flat_map(|y| (0..SIDE_RAYS).map(move |x| (x, y)));
+        let rays = places.map(|(x, y)| self.direction(DVec2::new(place(x), place(y))));
+        let sides: Vec<bool> = rays.filter_map(side_of).collect();
+        let backs = sides.iter().filter(|is_back| **is_back).count();
+        backs * 2 > sides.len()
     }
 
     /// The place of its picture whose light goes through a point of display space; `None` for

@@ -18,6 +18,7 @@ use super::facets::{Facets, Hit};
 use super::maps::Maps;
 use super::outline::Outline;
 use super::pixels::PixelMap;
+use super::projector::Projector;
 use super::warp::{WarpMap, WarpShape};
 use super::warp_mesh::WarpMesh;
 use super::{Adjustment, Channel, Screen, Surface, Wall};
@@ -182,12 +183,40 @@ impl Ground<'_> {
     /// The first point that a ray meets, and where on the canvas it is. A mesh that is met from
     /// behind stands in the way of what it hides.
     pub fn hit(&self, from: DVec3, direction: DVec3) -> Option<(DVec3, DVec2)> {
+        self.hit_side(from, direction, false)
+    }
+
+    /// As [`Self::hit`], on the side that the viewer does not see if `is_behind`.
+    pub fn hit_side(
+        &self,
+        from: DVec3,
+        direction: DVec3,
+        is_behind: bool,
+    ) -> Option<(DVec3, DVec2)> {
         if let Some(facets) = self.facets {
-            let hit = facets.hit(from, direction, 0.0).filter(|hit| hit.is_front)?;
+            let hit = facets.hit(from, direction, 0.0).filter(|hit| hit.is_front != is_behind)?;
             return Some((hit.point, self.canvas(hit)));
         }
-        let point = self.screen.surface.hit(from, direction)?;
+        let point = self.screen.surface.hit_side(from, direction, is_behind)?;
         Some((point, self.screen.canvas_from_display(point)?))
+    }
+
+    /// Whether a projector stands behind the screen, so that the viewer sees its light through it.
+    pub fn is_rear(&self, projector: &Projector) -> bool {
+        projector.is_rear(|direction| {
+            let distance = |is_behind| {
+                let (point, canvas) = self.hit_side(projector.position, direction, is_behind)?;
+                let is_on = canvas.cmpge(DVec2::ZERO).all()
+                    && canvas.cmple(self.screen.canvas.as_dvec2()).all();
+                is_on.then(|| point.distance(projector.position))
+            };
+            match (distance(false), distance(true)) {
+                (None, None) => None,
+                (front, back) => {
+                    Some(back.unwrap_or(f64::INFINITY) < front.unwrap_or(f64::INFINITY))
+                }
+            }
+        })
     }
 
     /// Where on the canvas an eye sees a point: of a mesh, on the layer that is nearest to it.

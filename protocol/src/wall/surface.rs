@@ -51,10 +51,16 @@ impl Surface {
     /// Where a ray meets the patch, or the surface a little beside it, on the side that the viewer
     /// sees; of a plane, where it meets the plane. `None` where it never does.
     pub fn hit(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
+        self.hit_side(from, direction, false)
+    }
+
+    /// As [`Self::hit`], on the side that the viewer does not see if `is_behind`: what projectors
+    /// behind a screen light.
+    pub fn hit_side(&self, from: DVec3, direction: DVec3, is_behind: bool) -> Option<DVec3> {
         match self {
-            Self::Plane(plane) => plane.hit(from, direction),
-            Self::Cylinder(cylinder) => cylinder.hit(from, direction),
-            Self::Sphere(sphere) => sphere.hit(from, direction),
+            Self::Plane(plane) => plane.hit(from, direction, is_behind),
+            Self::Cylinder(cylinder) => cylinder.hit(from, direction, is_behind),
+            Self::Sphere(sphere) => sphere.hit(from, direction, is_behind),
             Self::Mesh(_) => None,
         }
     }

@@ -3,6 +3,7 @@
 //! No number in it is NaN or infinite. What nobody knows is `None`: the text has a dash there, and
 //! JSON leaves the key out.
 
+mod blend_row;
 mod channel_row;
 mod crossing;
 mod lit_part;
@@ -14,9 +15,11 @@ use glam::{DVec2, DVec3, UVec2};
 use serde::Serialize;
 
 use super::coverage::{self, Coverage, Patch, is_plain};
+use super::maps::Maps;
 use super::shapes::{Ground, Shaped};
 use super::{Channel, EyeOf, Packing, Screen, Surface, Wall, extent};
 
+pub use blend_row::BlendRow;
 pub use channel_row::{ChannelRow, ProjectorRow};
 
 /// Places of a curved screen, across and down, of which the one nearest to the eye is taken.
@@ -43,6 +46,8 @@ pub struct WallTable {
     pub screens: Vec<ScreenRow>,
     /// In the order of the wall file.
     pub channels: Vec<ChannelRow>,
+    /// Where blends are worst, screen by screen; none where channels share no light.
+    pub blends: Vec<BlendRow>,
     /// What works, but will not look its best.
     pub warnings: Vec<String>,
 }
@@ -148,14 +153,18 @@ pub struct BezelRow {
 }
 
 impl WallTable {
-    /// The numbers of a wall, from its own eye, with what its calibration files say.
+    /// The numbers of a wall, from its own eye, as far as the geometry of its files says.
     pub fn of<'a>(of: impl Into<Shaped<'a>>) -> Self {
-        let of: Shaped<'a> = of.into();
+        Self::with_files(of.into(), &Maps::default())
+    }
+
+    /// The numbers of a wall, from its own eye, with what its calibration files say.
+    pub fn with_files(of: Shaped<'_>, maps: &Maps) -> Self {
         let wall = of.wall;
         let screens: Vec<ScreenRow> =
             (0..wall.screens.len()).map(|index| screen_row(of, index)).collect();
         let channels: Vec<ChannelRow> =
-            wall.channels.iter().map(|channel| ChannelRow::new(of, channel)).collect();
+            wall.channels.iter().map(|channel| ChannelRow::new(of, maps, channel)).collect();
         Self {
             name: wall.name.clone(),
             pixels_total: wall.channels.iter().map(|c| area(c.display_size())).sum(),
@@ -167,6 +176,7 @@ impl WallTable {
             warnings: warnings::warnings(wall, &screens, &channels),
             screens,
             channels,
+            blends: blend_row::worst(of, maps),
         }
     }
 }

@@ -4,6 +4,9 @@
 //! Cells of a regular grid are divided until lines between their corners are right, and at the
 //! border of what is lit down to single pixels, so that no lit pixel is lost and no dark one shows.
 
+pub(in crate::wall) mod clip;
+pub(in crate::wall) mod refine;
+
 use std::collections::HashMap;
 
 use glam::{DVec2, DVec3, UVec2};

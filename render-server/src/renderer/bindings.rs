@@ -25,12 +25,20 @@ fn buffer(
 }
 
 fn texture(binding: u32, filterable: bool) -> wgpu::BindGroupLayoutEntry {
+    texture_of(binding, filterable, wgpu::TextureViewDimension::D2)
+}
+
+fn texture_of(
+    binding: u32,
+    filterable: bool,
+    view_dimension: wgpu::TextureViewDimension,
+) -> wgpu::BindGroupLayoutEntry {
     wgpu::BindGroupLayoutEntry {
         binding,
         visibility: wgpu::ShaderStages::FRAGMENT,
         ty: wgpu::BindingType::Texture {
             sample_type: wgpu::TextureSampleType::Float { filterable },
-            view_dimension: wgpu::TextureViewDimension::D2,
+            view_dimension,
             multisampled: false,
         },
         count: None,
@@ -85,7 +93,7 @@ pub(in crate::renderer) fn correction_layout(device: &wgpu::Device) -> wgpu::Bin
             texture(0, true),
             sampler(1),
             buffer(2, both, uniform, false, size_of::<CorrectionUniform>()),
-            texture(3, true),
+            texture_of(3, true, wgpu::TextureViewDimension::D2Array),
             buffer(4, fragment, storage, false, 2 * size_of::<[f32; 4]>()),
             sampler(5),
         ],

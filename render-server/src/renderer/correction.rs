@@ -95,7 +95,8 @@ pub struct WarpVertex {
 pub struct LightMap {
     /// Row by row from the upper left of the upright picture: factor and addend in 1/65,535 of
     /// `multiply` and `add`. A weight is off by 1/131,070 at most, so that the sum of four
-    /// projectors' weights keeps 1/4096 eight times over.
+    /// projectors' weights keeps 1/4096 eight times over. Once for all colours, or for red, then
+    /// all for green, then all for blue.
     pub texels: Vec<[u16; 2]>,
     /// What a factor of 65,535 stands for.
     pub multiply: f64,
@@ -251,7 +252,8 @@ impl CorrectionDesc {
             return Some(CorrectionError::Color(reason));
         }
         let wanted = self.upright[0] as usize * self.upright[1] as usize;
-        if let Some(map) = self.light_map.as_ref().filter(|map| map.texels.len() != wanted) {
+        let is_wrong = |map: &&LightMap| ![wanted, 3 * wanted].contains(&map.texels.len());
+        if let Some(map) = self.light_map.as_ref().filter(is_wrong) {
             return Some(CorrectionError::LightMap { found: map.texels.len(), wanted });
         }
         let reason = self.warp.as_ref()?.fault(self.upright)?;

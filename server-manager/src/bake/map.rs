@@ -27,6 +27,7 @@ mod uv_image;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use glam::Vec3;
 use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::wall::front::FrontPlace;
 use polyptych_protocol::wall::warp::{MapSpace, WallMap, WarpMap, WarpShape};
@@ -47,6 +48,8 @@ pub enum MapUse {
         /// The channel's width by its height, which Bourke meshes are measured in; `None` where
         /// channels of several shapes use the file.
         aspect: Option<f64>,
+        /// Whether pixels of a PFM at (0, 0, 0) are unlit.
+        dark_zeros: bool,
     },
     /// The shape of a screen: points in display space, with places on its canvas as UV.
     ScreenMesh,
@@ -66,6 +69,9 @@ pub struct BakedMap {
     pub is_for_one_eye: bool,
     /// Some places of its surface, if it has any.
     pub front: Vec<FrontPlace>,
+    /// What of it may not be meant, and what to do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub warning: Option<String>,
 }
 
 /// Reads a file of a wall and writes its blob into the store.
@@ -85,7 +91,8 @@ pub fn bake_map(
         WallMap::Warp(warp) => warp.front(),
         WallMap::Mask(_) => Vec::new(),
     };
-    Ok(BakedMap { blob, what: describe(&map), is_for_one_eye, front })
+    let warning = zero_warning(&map);
+    Ok(BakedMap { blob, what: describe(&map), is_for_one_eye, front, warning })
 }
 
 fn read(
@@ -105,7 +112,9 @@ fn read(
             let right = "a mesh with positions in metres and UV on the screen would be right";
             return Err(BakeError::at("file", what, right));
         }
-        MapUse::Warp { aspect } => WallMap::Warp(read_warp(path, &bytes, aspect)?),
+        MapUse::Warp { aspect, dark_zeros } => {
+            WallMap::Warp(read_warp(path, &bytes, aspect, dark_zeros)?)
+        }
     };
     // A reader's last word: what it made is as sound as what a server will decode.
     match map.fault() {
@@ -114,9 +123,32 @@ fn read(
     }
 }
 
-fn read_warp(path: &Path, bytes: &[u8], aspect: Option<f64>) -> Result<WarpMap, BakeError> {
+/// A grid with several points at the very origin, which no surface has.
+fn zero_warning(map: &WallMap) -> Option<String> {
+    let WallMap::Warp(WarpMap { space: MapSpace::Display, shape: WarpShape::Grid(grid) }) = map
+    else {
+        return None;
+    };
+    let zeros = grid.values.iter().filter(|value| **value == Vec3::ZERO).count();
+    (zeros > 1).then(|| {
+        format!(
+            "{} at (0, 0, 0); if that means unlit, write warp_zero = \"dark\"",
+            counted(zeros, "pixel")
+        )
+    })
+}
+
+fn read_warp(
+    path: &Path,
+    bytes: &[u8],
+    aspect: Option<f64>,
+    dark_zeros: bool,
+) -> Result<WarpMap, BakeError> {
     match bytes {
-        [b'P', b'F' | b'f', ..] | [b'p', b'f', ..] => pfm::read(bytes)?.into_warp(),
+        [b'P', b'F' | b'f', ..] | [b'p', b'f', ..] => {
+            let map = pfm::read(bytes)?;
+            if dark_zeros { map.with_dark_zeros() } else { map }.into_warp()
+        }
         [0x89, b'P', b'N', b'G', ..] => uv_image::read(bytes),
         [b'P', b'K', 3, 4, ..] => {
             let what = "it is an archive, perhaps MPCDI";

@@ -15,15 +15,21 @@ use super::{Baker, bake};
 const ASPECT_TOLERANCE: f64 = 1e-3;
 
 /// Has every file of a wall read by the baker, one after the other, and notes their blobs in the
-/// wall. `folder` is the wall file's, from which paths begin. Whether a file has changed since
-/// another start is not asked: its blob has the name of what is in it now.
+/// wall; returns what may not be meant. `folder` is the wall file's, from which paths begin.
+/// Whether a file has changed since another start is not asked: its blob has the name of what is in
+/// it now.
 ///
 /// # Errors
 /// One line: the key that names the file in the wall file, the file, what is wrong with it and
 /// what would be right.
-pub fn bake_wall_files(wall: &mut Wall, folder: &Path, baker: &Baker) -> Result<(), String> {
+pub fn bake_wall_files(
+    wall: &mut Wall,
+    folder: &Path,
+    baker: &Baker,
+) -> Result<Vec<String>, String> {
+    let mut warnings = Vec::new();
     if wall.files.is_empty() {
-        return Ok(());
+        return Ok(warnings);
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|error| format!("the baker could not be awaited: {error}"))?;
@@ -38,6 +44,9 @@ pub fn bake_wall_files(wall: &mut Wall, folder: &Path, baker: &Baker) -> Result<
         let about = |what: &str| format!("{}: {}: {what}", wall.key_of_file(index), file.path);
         let hash = hash.ok_or_else(|| about("the baker named no blob"))?;
         tracing::debug!(file = file.path, what = %baked["what"], "a file of the wall was read");
+        if let Some(warning) = baked.get("warning").and_then(serde_json::Value::as_str) {
+            warnings.push(about(warning));
+        }
         let is_for_one_eye = baked.pointer("/is_for_one_eye").and_then(serde_json::Value::as_bool);
         let front = baked.get("front").cloned().unwrap_or_default();
         let front =
@@ -46,7 +55,7 @@ pub fn bake_wall_files(wall: &mut Wall, folder: &Path, baker: &Baker) -> Result<
         (file.blob, file.front) = (Some(hash), front);
         file.is_for_one_eye = is_for_one_eye == Some(true);
     }
-    Ok(())
+    Ok(warnings)
 }
 
 /// The files of a wall as the baker left them in a folder of blobs.
@@ -64,11 +73,14 @@ pub fn read_wall_files(wall: &Wall, blobs: &BlobFolder) -> Result<Maps, String> 
 /// How the baker is told what a file is.
 fn options(wall: &Wall, index: usize) -> Vec<String> {
     let used_as = match wall.files[index].kind {
-        FileKind::Warp => "warp",
+        FileKind::Warp | FileKind::WarpDarkZeros => "warp",
         FileKind::ScreenMesh => "screen-mesh",
         FileKind::Alpha | FileKind::Beta => "mask",
     };
     let mut options = vec!["--as".to_owned(), used_as.to_owned()];
+    if wall.files[index].kind == FileKind::WarpDarkZeros {
+        options.push("--dark-zeros".to_owned());
+    }
     if let Some(aspect) = aspect(wall, index) {
         options.extend(["--aspect".to_owned(), aspect.to_string()]);
     }

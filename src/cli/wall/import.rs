@@ -8,7 +8,9 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::bail;
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_manager::bake::map::mpcdi::{self, Imported, ImportedRegion, Profile};
+use polyptych_manager::bake::map::mpcdi::{
+    self, Imported, ImportedBuffer, ImportedRegion, Profile, Pyramid,
+};
 use polyptych_protocol::words::counted;
 
 use super::super::{bake, manager, say};
@@ -17,17 +19,29 @@ use crate::outputs;
 /// How far from the eye the planes of frusta stand, in metres: for one eye any distance is right.
 const FRUSTUM_DISTANCE_M: f64 = 2.0;
 
+/// Cosine of how far a projector's axis may be from the middle of all.
+const AXIS_COSINE_MIN: f64 = 0.34;
+
+/// An axis whose height changes by more than this share looks up or down.
+const UPRIGHT_MAX: f64 = 0.99;
+
+/// Rays nearer to the plane than this, as a cosine with its normal, end there.
+const GRAZING_COSINE: f64 = 0.1;
+
+/// Most pixels of the plane's canvas along a side.
+const CANVAS_MAX: f64 = 32_768.0;
+
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// The MPCDI archive, of profile 2d or 3d
+    /// The MPCDI archive, of profile 2d, 3d or sl; of sl, the text alone suffices
     file: PathBuf,
     /// The folder for wall.toml and the maps; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Width of the screen in metres, of which profile 2d says nothing
+    /// Width of each screen in metres, of which profile 2d says nothing
     #[arg(long, value_name = "METRES", default_value_t = 4.0)]
     width: f64,
-    /// From the eye to the screen in metres, of which profile 2d says nothing
+    /// From the eye to the screen in metres, of which profiles 2d and sl say nothing
     #[arg(long, value_name = "METRES", default_value_t = 4.0)]
     distance: f64,
     /// Replace a wall.toml that is there
@@ -47,20 +61,22 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     outputs::check_source(&wall_file, arguments.force)?;
     bake::limit_memory(manager::BAKE_MEMORY_MIB_DEFAULT)?;
     let imported = mpcdi::import(&arguments.file, folder, &AtomicBool::new(false))?;
-    let text = wall_text(arguments, &imported);
+    let text = wall_text(arguments, &imported)?;
     outputs::write(&wall_file, text.as_bytes())?;
+    let size = |buffer: &ImportedBuffer| format!("{} × {}", buffer.size.x, buffer.size.y);
+    let sizes: Vec<String> = imported.buffers.iter().map(size).collect();
     say(format_args!(
-        "{}: {} of a buffer of {} × {} pixels",
+        "{}: {} of {} of {} pixels",
         wall_file.display(),
         counted(imported.regions.len(), "channel"),
-        imported.buffer.x,
-        imported.buffer.y
+        if sizes.len() == 1 { "a buffer".to_owned() } else { counted(sizes.len(), "buffer") },
+        sizes.join(", ")
     ))?;
     imported.notes.iter().try_for_each(|note| say(format_args!("note: {note}")))
 }
 
 /// The wall file; every name in it is one that such a file may have.
-fn wall_text(arguments: &Arguments, imported: &Imported) -> String {
+fn wall_text(arguments: &Arguments, imported: &Imported) -> anyhow::Result<String> {
     let mut text = String::from("#:schema ./wall.schema.json\n#\n");
     let from = arguments.file.file_name().unwrap_or_default().to_string_lossy();
     let from: String = from.chars().filter(|c| !c.is_control()).collect();
@@ -69,40 +85,158 @@ fn wall_text(arguments: &Arguments, imported: &Imported) -> String {
             ("2d", "It says nothing of metres: put the screen and the eye where they are.")
         }
         Profile::ThreeD => ("3d", "Each screen is the plane of its projector's frustum."),
+        Profile::ShaderLamps => ("sl", "The screen is a plane that all projectors light."),
     };
     let _ = write!(text, "# Made of {from}, MPCDI of profile {profile}.\n# {about}\n");
     for note in &imported.notes {
         let _ = writeln!(text, "# Note: {note}.");
     }
     let name = wall_name(&arguments.file);
-    let _ = write!(text, "\n[wall]\nname = \"{name}\"\neye = [0.0, 0.0, 0.0]           # metres\n");
-    match imported.profile {
-        Profile::TwoD => screen_of_buffer(&mut text, arguments, imported),
-        Profile::ThreeD => imported.regions.iter().for_each(|region| frustum(&mut text, region)),
-    }
-    for region in &imported.regions {
-        let _ = write!(text, "\n[channel.\"{}\"]\nwarp = \"{}\"\n", region.name, region.warp);
-        for (key, file) in [("alpha", &region.alpha), ("beta", &region.beta)] {
-            if let Some(file) = file {
-                let _ = writeln!(text, "{key} = \"{file}\"");
-            }
-        }
-    }
-    text
-}
-
-/// One plane whose canvas is the buffer.
-fn screen_of_buffer(text: &mut String, arguments: &Arguments, imported: &Imported) {
-    let buffer = imported.buffer;
-    let size = DVec2::new(1.0, f64::from(buffer.y) / f64::from(buffer.x)) * arguments.width;
+    let lit = match imported.profile {
+        Profile::ShaderLamps => Some(LitPlane::new(&imported.regions, arguments.distance)?),
+        Profile::TwoD | Profile::ThreeD => None,
+    };
+    let eye = lit.as_ref().map_or(DVec3::ZERO, |lit| lit.eye);
     let _ = write!(
         text,
-        "\n[[screen]]\nname = \"screen\"\nsize = [{:?}, {:?}]            # metres\n\
-         center = [0.0, 0.0, {:?}]\npixels = [{}, {}]\n",
-        size.x, size.y, -arguments.distance, buffer.x, buffer.y
+        "\n[wall]\nname = \"{name}\"\neye = {}           # metres\n",
+        numbers(eye.to_array())
     );
+    match (&lit, imported.profile) {
+        (Some(lit), _) => projectors(&mut text, lit, imported),
+        (None, Profile::TwoD) => {
+            (0..imported.buffers.len()).for_each(|index| {
+                screen_of_buffer(&mut text, arguments, imported, index);
+            });
+        }
+        (None, _) => imported.regions.iter().for_each(|region| frustum(&mut text, region)),
+    }
     for region in &imported.regions {
-        channel(text, region, buffer);
+        let keys = [("warp", &region.warp), ("alpha", &region.alpha), ("beta", &region.beta)];
+        let files = keys.iter().filter_map(|(key, file)| Some((key, file.as_ref()?)));
+        let mut lines: Vec<String> =
+            files.map(|(key, file)| format!("{key} = \"{file}\"\n")).collect();
+        if lit.is_some() && region.alpha.is_some() {
+            // The archive shares the light already.
+            lines.push("edges = { left = 0, right = 0, top = 0, bottom = 0 }\n".to_owned());
+        }
+        if !lines.is_empty() {
+            let _ = write!(text, "\n[channel.\"{}\"]\n{}", region.name, lines.concat());
+        }
+    }
+    Ok(text)
+}
+
+/// Numbers as TOML has them.
+fn numbers<const N: usize>(numbers: [f64; N]) -> String {
+    format!("{:?}", numbers.map(|number| number + 0.0))
+}
+
+/// One plane whose canvas is a buffer; planes of several buffers stand side by side.
+fn screen_of_buffer(text: &mut String, arguments: &Arguments, imported: &Imported, index: usize) {
+    let ImportedBuffer { name, size: buffer } = &imported.buffers[index];
+    let is_only = imported.buffers.len() == 1;
+    let name = if is_only { "screen" } else { name };
+    let size = DVec2::new(1.0, f64::from(buffer.y) / f64::from(buffer.x)) * arguments.width;
+    let x = (index as f64 - (imported.buffers.len() - 1) as f64 / 2.0) * arguments.width;
+    let _ = write!(
+        text,
+        "\n[[screen]]\nname = \"{name}\"\nsize = [{:?}, {:?}]            # metres\n\
+         center = {}\npixels = [{}, {}]\n",
+        size.x,
+        size.y,
+        numbers([x, 0.0, -arguments.distance]),
+        buffer.x,
+        buffer.y
+    );
+    for region in imported.regions.iter().filter(|region| region.buffer == index) {
+        channel(text, region, *buffer);
+    }
+}
+
+/// A plane that projectors light, and an eye before it.
+struct LitPlane {
+    eye: DVec3,
+    /// Lower left, lower right and upper left.
+    corners: [DVec3; 3],
+    pixels: UVec2,
+}
+
+impl LitPlane {
+    /// The plane at a right angle to the middle of all axes, so far from the lenses, and as large
+    /// as what they light of it.
+    ///
+    /// # Errors
+    /// There is no plane that all of them light.
+    fn new(regions: &[ImportedRegion], distance: f64) -> anyhow::Result<Self> {
+        let all = || regions.iter().filter_map(|region| Some((region, region.pyramid?)));
+        let axis = |pyramid: &Pyramid| pyramid.display_from_view() * DVec3::NEG_Z;
+        let ahead = all().map(|(_, pyramid)| axis(&pyramid)).sum::<DVec3>().normalize_or_zero();
+        if all().any(|(_, pyramid)| axis(&pyramid).dot(ahead) < AXIS_COSINE_MIN) {
+            bail!(
+                "{}: the projectors look in so different directions that no plane is lit by all; \
+                 write the wall file by hand, with [screen.channel.projector] and a mesh",
+                "profile sl"
+            );
+        }
+        let count = regions.len() as f64;
+        let lens = all().map(|(region, _)| region.position).sum::<DVec3>() / count;
+        let upright = if ahead.y.abs() > UPRIGHT_MAX { DVec3::Z } else { DVec3::Y };
+        let right = ahead.cross(upright).normalize_or_zero();
+        let up = right.cross(ahead);
+        let middle = lens + ahead * distance;
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        let mut density = 0.0f64;
+        for (region, pyramid) in all() {
+            let turn = pyramid.display_from_view();
+            let [left, right_edge, down, up_edge] = pyramid.tangents();
+            let depth = (middle - region.position).dot(ahead);
+            density = density.max(f64::from(region.size.x) / (right_edge - left) / depth);
+            for (x, y) in [(left, down), (right_edge, down), (left, up_edge), (right_edge, up_edge)]
+            {
+                let ray = turn * DVec3::new(x, y, -1.0);
+                // Corners beyond the horizon end where the plane does.
+                let along = depth / ray.dot(ahead).max(GRAZING_COSINE * ray.length());
+                let at = region.position + ray * along - middle;
+                let place = DVec2::new(at.dot(right), at.dot(up));
+                (low, high) = (low.min(place), high.max(place));
+            }
+        }
+        let size = high - low;
+        let pixels = (size * density).ceil().clamp(DVec2::ONE, DVec2::splat(CANVAS_MAX));
+        let corner = |x: f64, y: f64| middle + right * x + up * y;
+        let corners = [corner(low.x, low.y), corner(high.x, low.y), corner(low.x, high.y)];
+        if !corners.iter().all(|corner| corner.is_finite()) || size.min_element() <= 0.0 {
+            bail!("profile sl: the poses leave no plane that is lit; check the coordinateFrame");
+        }
+        Ok(Self { eye: lens, corners, pixels: pixels.as_uvec2() })
+    }
+}
+
+/// The plane that projectors light, and their poses.
+fn projectors(text: &mut String, lit: &LitPlane, imported: &Imported) {
+    let _ = write!(text, "\n[[screen]]\nname = \"screen\"\n");
+    for (key, corner) in ["lower_left", "lower_right", "upper_left"].iter().zip(lit.corners) {
+        let _ = writeln!(text, "{key} = {}", numbers(corner.to_array()));
+    }
+    let _ = writeln!(text, "pixels = [{}, {}]", lit.pixels.x, lit.pixels.y);
+    for region in &imported.regions {
+        let Some(pyramid) = &region.pyramid else { continue };
+        let [yaw, pitch, roll] = pyramid.turn;
+        let (position, tangents) = (region.position.to_array(), pyramid.tangents());
+        let _ = write!(
+            text,
+            "\n[[screen.channel]]\nname = \"{}\"\npixels = [{}, {}]\n\n\
+             [screen.channel.projector]\nposition = {}           # metres\n\
+             rotation = {}           # yaw, pitch, roll\n\
+             tangents = {}           # left, right, bottom, top\n",
+            region.name,
+            region.size.x,
+            region.size.y,
+            numbers(position),
+            numbers([-yaw, pitch, -roll]),
+            numbers(tangents)
+        );
     }
 }
 
@@ -112,7 +246,7 @@ fn frustum(text: &mut String, region: &ImportedRegion) {
     let corners = mpcdi::corners(pyramid, DVec3::ZERO, FRUSTUM_DISTANCE_M);
     let _ = write!(text, "\n[[screen]]\nname = \"{}\"\n", region.name);
     for (key, corner) in ["lower_left", "lower_right", "upper_left"].iter().zip(corners) {
-        let _ = writeln!(text, "{key} = [{:?}, {:?}, {:?}]", corner.x, corner.y, corner.z);
+        let _ = writeln!(text, "{key} = {}", numbers(corner.to_array()));
     }
     let _ = writeln!(text, "pixels = [{}, {}]", region.size.x, region.size.y);
     channel(text, region, region.size);

@@ -140,7 +140,7 @@ impl<'a> Lamp<'a> {
         }
         let Some(point) = ground.display_from_canvas(canvas) else { return false };
         let ray = point - projector.position;
-        let hit = ground.hit(projector.position, ray);
+        let hit = map.lit_along(ray);
         hit.is_some_and(|(hit, _)| hit.distance(point) <= HIT_SHARE * ray.length())
     }
 

@@ -15,7 +15,7 @@ pub struct MaskTexels<'a> {
 pub struct Masks<'a> {
     /// Multiplies its light.
     pub alpha: Option<MaskTexels<'a>>,
-    /// Is added to its light.
+    /// Is its least light: light becomes light · (1 − β) + β.
     pub beta: Option<MaskTexels<'a>>,
     /// Multiplies its light, too: what a warp mesh says at its corners.
     pub light: Option<MaskTexels<'a>>,
@@ -23,7 +23,7 @@ pub struct Masks<'a> {
 
 impl<'a> MaskTexels<'a> {
     /// A mask of this size, rows from the top, with 1 or 3 components for each pixel; `None` where
-    /// there are not as many texels. Of three, the luminance counts.
+    /// there are not as many texels.
     pub fn new(size: UVec2, components: usize, texels: &'a [u16]) -> Option<Self> {
         let pixels = (size.x as usize).checked_mul(size.y as usize)?;
         let is_sound = pixels > 0 && matches!(components, 1 | 3);
@@ -34,20 +34,16 @@ impl<'a> MaskTexels<'a> {
         })
     }
 
-    fn texel(&self, x: u32, y: u32) -> f64 {
+    fn texel(&self, x: u32, y: u32, colour: usize) -> f64 {
         let at = (y as usize * self.size.x as usize + x as usize) * self.components;
-        let part = |component: usize| f64::from(self.texels[at + component]) / 65535.0;
-        match self.components {
-            // ITU-R BT.709.
-            3 => 0.2126 * part(0) + 0.7152 * part(1) + 0.0722 * part(2),
-            _ => part(0),
-        }
+        f64::from(self.texels[at + colour.min(self.components - 1)]) / 65535.0
     }
 
-    /// At a pixel of a picture of this size; between the mask's pixels where it has others.
-    fn at(&self, x: u32, y: u32, picture: UVec2) -> f64 {
+    /// Red (0), green (1) or blue at a pixel of a picture of this size; between the mask's pixels
+    /// where it has others.
+    fn at(&self, x: u32, y: u32, picture: UVec2, colour: usize) -> f64 {
         if self.size == picture {
-            return self.texel(x, y);
+            return self.texel(x, y, colour);
         }
         let along = |at: u32, side: u32, own: u32| {
             let place = (f64::from(at) + 0.5) / f64::from(side) * f64::from(own) - 0.5;
@@ -58,7 +54,7 @@ impl<'a> MaskTexels<'a> {
         let (left, right, across) = along(x, picture.x, self.size.x);
         let (top, bottom, down) = along(y, picture.y, self.size.y);
         let row = |y: u32| {
-            let (a, b) = (self.texel(left, y), self.texel(right, y));
+            let (a, b) = (self.texel(left, y, colour), self.texel(right, y, colour));
             a + (b - a) * across
         };
         let (above, below) = (row(top), row(bottom));
@@ -80,10 +76,17 @@ impl Masks<'_> {
         self.beta.map_or(0.0, |beta| beta.most())
     }
 
-    /// Factor and addend of a pixel of a picture of this size.
-    pub(super) fn at(&self, x: u32, y: u32, picture: UVec2) -> (f64, f64) {
-        let factor = |mask: Option<MaskTexels<'_>>| mask.map_or(1.0, |m| m.at(x, y, picture));
-        let alpha = factor(self.alpha) * factor(self.light);
-        (alpha, self.beta.map_or(0.0, |beta| beta.at(x, y, picture)))
+    /// Whether red, green and blue have masks of their own.
+    pub(super) fn is_coloured(&self) -> bool {
+        [self.alpha, self.beta, self.light].iter().flatten().any(|mask| mask.components == 3)
+    }
+
+    /// Factor and addend of red (0), green (1) or blue at a pixel of a picture of this size:
+    /// P·α·(1 − β) + β, *MPCDI 2.0*, §2.4.
+    pub(in crate::wall) fn at(&self, x: u32, y: u32, picture: UVec2, colour: usize) -> (f64, f64) {
+        let part = |mask: Option<MaskTexels<'_>>| mask.map(|m| m.at(x, y, picture, colour));
+        let alpha = part(self.alpha).unwrap_or(1.0) * part(self.light).unwrap_or(1.0);
+        let beta = part(self.beta).unwrap_or(0.0);
+        (alpha * (1.0 - beta), beta)
     }
 }

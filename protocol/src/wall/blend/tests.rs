@@ -218,7 +218,7 @@ fn masks_multiply_and_add() {
     wall.blend.leak = 0.01;
     let bare = light_map(&wall, ChannelId(0), &Masks::default()).expect("a map");
     let texels: Vec<u16> = (0..60 * 40).map(|at| (at * 27) as u16).collect();
-    let beta = [6553; 3];
+    let beta = [6553, 13106, 0];
     let masks = Masks {
         alpha: MaskTexels::new(UVec2::new(60, 40), 1, &texels),
         beta: MaskTexels::new(UVec2::ONE, 3, &beta),
@@ -227,9 +227,15 @@ fn masks_multiply_and_add() {
     let map = light_map(&wall, ChannelId(0), &masks).expect("a map");
     for (x, y) in [(0, 0), (17, 30), (59, 39), (45, 3)] {
         let alpha = f64::from(texels[(y * 60 + x) as usize]) / 65535.0;
-        let ([factor, addend], [own, added]) = (bare.at(x, y), map.at(x, y));
-        assert!((own - factor * alpha).abs() < 2e-5, "{own}");
-        assert!((added - (addend * alpha + 6553.0 / 65535.0)).abs() < 2e-5, "{added}");
+        let [factor, addend] = bare.at(x, y);
+        // P·α·(1 − β) + β: *MPCDI 2.0*, §2.4.
+        for (colour, beta) in beta.iter().enumerate() {
+            let [own, added] = map.of_colour(x, y, colour);
+            let beta = f64::from(*beta) / 65535.0;
+            let due = alpha * (1.0 - beta);
+            assert!((own - factor * due).abs() < 2e-5, "{own}");
+            assert!((added - (addend * due + beta)).abs() < 2e-5, "{added}");
+        }
     }
     // Half as large as the picture: between its pixels.
     let ramp: Vec<u16> = (0..30).map(|x| x * 2000).collect();

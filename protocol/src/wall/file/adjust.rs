@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec2, DVec3, UVec2};
 
 use super::check::check_numbers;
-use super::document::{AdjustSection, BendSection, EdgesSection, Light};
+use super::document::{AdjustSection, BendSection, EdgesSection, Light, WarpZero};
 use super::error::WallFileError;
 use super::explain::suggest;
 use super::files::Files;
@@ -114,7 +114,15 @@ impl Table<'_> {
             let key = format!("{}.{name}", self.key);
             path.as_ref().map(|path| files.index(self.source, &key, path, kind)).transpose()
         };
-        adjustment.warp = file("warp", &s.warp, FileKind::Warp)?;
+        if s.warp_zero.is_some() && s.warp.is_none() {
+            let what = "there is no warp whose points at (0, 0, 0) could be dark";
+            return Err(self.error("warp_zero", what, "name a warp, or leave it out"));
+        }
+        let warp = match s.warp_zero {
+            Some(WarpZero::Dark) => FileKind::WarpDarkZeros,
+            Some(WarpZero::Point) | None => FileKind::Warp,
+        };
+        adjustment.warp = file("warp", &s.warp, warp)?;
         adjustment.alpha = file("alpha", &s.alpha, FileKind::Alpha)?;
         adjustment.beta = file("beta", &s.beta, FileKind::Beta)?;
         if let Some(pin) = s.pin {

@@ -105,7 +105,7 @@ fn check_lit(source: &Source<'_>, screen: &Screen, draft: &Draft) -> Result<(), 
         return Ok(());
     }
     let what = format!(
-        "the projector of channel {:?} lights nothing of the front of screen {:?}",
+        "the projector of channel {:?} lights nothing of screen {:?}",
         draft.channel.name, screen.name
     );
     let remedy = "check position, look_at or rotation, and degrees";

@@ -119,3 +119,41 @@ fn pins_that_leave_no_picture_are_none() {
     let channel = channel(Cover::Tile, adjustment);
     assert!(PixelMap::new(&channel, &plane()).is_none());
 }
+
+/// A projector behind a screen lights the same places as one before it, from the other side.
+#[test]
+fn projectors_behind_a_screen_light_its_back() {
+    let cylinder = screen(Surface::Cylinder(Cylinder {
+        center: DVec3::new(0.0, 1.0, 0.0),
+        rotation: DQuat::IDENTITY,
+        radius_m: 3.0,
+        azimuth_rad: [-0.7, 0.7],
+        height_m: [-1.0, 1.0],
+    }));
+    for screen in [plane(), cylinder] {
+        for (z, is_rear) in [(-8.0, true), (-0.5, false)] {
+            let position = DVec3::new(0.3, 1.2, z);
+            let look =
+                crate::camera::Camera::look_at(position, DVec3::new(0.1, 1.0, -3.0), DVec3::Y);
+            let tangents = [-0.3, 0.25, -0.2, 0.2];
+            let projector = Projector { position, rotation: look.rotation, tangents };
+            let channel = channel(Cover::Projector(Box::new(projector)), bent());
+            let map = PixelMap::new(&channel, &screen).expect("a picture");
+            assert_eq!(map.is_rear(), is_rear);
+            let size = channel.size.as_dvec2();
+            let at = |x: f64, y: f64| {
+                let pixel = DVec2::new(x, y) * size;
+                let canvas = map.canvas_from_pixel(pixel).expect("lit");
+                let point = map.display_from_pixel(pixel).expect("lit");
+                let back = map.pixel_from_canvas(canvas).expect("found");
+                assert!(back.distance(pixel) < 1e-6, "{pixel}: {back}");
+                let own = screen.display_from_canvas(canvas).expect("a surface");
+                assert!(own.distance(point) < 1e-9, "{point}: {own}");
+                canvas
+            };
+            // The viewer sees its picture through the screen: left and right are exchanged.
+            assert_eq!(at(0.3, 0.5).x > at(0.7, 0.5).x, is_rear);
+            assert!(at(0.5, 0.3).y < at(0.5, 0.7).y);
+        }
+    }
+}

@@ -81,8 +81,12 @@ pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<Facet>, SourceEr
         let slope = [(p * ac.y - q * ab.y) / doubled, (q * ab.x - p * ac.x) / doubled];
         let middle = (a.pixel + b.pixel + c.pixel) / 3.0;
         let area = doubled.abs() / 2.0;
-        let (seen, middle_of) =
-            &mut sides[usize::from(slope[0].cross(slope[1]).dot(rays[0]) < 0.0)];
+        let facing = slope[0].cross(slope[1]).dot(rays[0]);
+        if facing == 0.0 {
+            // Pixels that all show one point, or a line, have no side and no size.
+            continue;
+        }
+        let (seen, middle_of) = &mut sides[usize::from(facing < 0.0)];
         *seen += area;
         *middle_of = middle;
         facets.push(Facet { rays, slope, middle, area });

@@ -51,14 +51,14 @@ impl Cylinder {
         if left < right { inward } else { -inward }
     }
 
-    pub(super) fn hit(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
+    pub(super) fn hit(&self, from: DVec3, direction: DVec3, is_behind: bool) -> Option<DVec3> {
         let inverse = self.rotation.inverse();
         let (p, d) = (inverse * (from - self.center), inverse * direction);
         let flat = |v: DVec3| DVec2::new(v.x, v.z);
         let (p2, d2) = (flat(p), flat(d));
         let both = crossings(p2.dot(p2), p2.dot(d2), d2.dot(d2), self.radius_m)?;
         let is_inside = self.azimuth_rad[0] < self.azimuth_rad[1];
-        seen(both, is_inside, from, direction, |point| self.uv_from_display(point))
+        seen(both, is_inside != is_behind, from, direction, |point| self.uv_from_display(point))
     }
 
     pub(super) fn size_m(&self) -> DVec2 {

@@ -53,8 +53,8 @@ impl Plane {
         (self.lower_right - self.lower_left).cross(self.upper_left - self.lower_left)
     }
 
-    pub(super) fn hit(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
-        let normal = self.normal();
+    pub(super) fn hit(&self, from: DVec3, direction: DVec3, is_behind: bool) -> Option<DVec3> {
+        let normal = if is_behind { -self.normal() } else { self.normal() };
         let toward = normal.dot(direction);
         let t = normal.dot(self.lower_left - from) / toward;
         (toward < 0.0 && t > 0.0 && t.is_finite()).then(|| from + direction * t)

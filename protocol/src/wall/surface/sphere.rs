@@ -48,11 +48,11 @@ impl Sphere {
         if self.azimuth_rad[0] < self.azimuth_rad[1] { inward } else { -inward }
     }
 
-    pub(super) fn hit(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
+    pub(super) fn hit(&self, from: DVec3, direction: DVec3, is_behind: bool) -> Option<DVec3> {
         let p = from - self.center;
         let both = crossings(p.dot(p), p.dot(direction), direction.dot(direction), self.radius_m)?;
         let is_inside = self.azimuth_rad[0] < self.azimuth_rad[1];
-        seen(both, is_inside, from, direction, |point| self.uv_from_display(point))
+        seen(both, is_inside != is_behind, from, direction, |point| self.uv_from_display(point))
     }
 
     pub(super) fn size_m(&self) -> DVec2 {

@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::lit_part::LitPart;
 use crate::wall::coverage::{Footprint, is_plain};
+use crate::wall::maps::Maps;
 use crate::wall::pixels::PixelMap;
 use crate::wall::projector::Projector;
 use crate::wall::shapes::Shaped;
@@ -78,6 +79,8 @@ pub struct ProjectorRow {
     pub throw_ratio: f64,
     /// Lens shift, right and up, in widths and heights of its picture.
     pub shift: [f64; 2],
+    /// Whether it stands behind the screen, so that its light is seen through it.
+    pub is_rear: bool,
     /// From its lens to the middle of what it lights, in metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub distance_m: Option<f64>,
@@ -85,7 +88,7 @@ pub struct ProjectorRow {
 
 impl ChannelRow {
     /// The numbers of a channel.
-    pub(super) fn new(of: Shaped<'_>, channel: &Channel) -> Self {
+    pub(super) fn new(of: Shaped<'_>, maps: &Maps, channel: &Channel) -> Self {
         let screen = of.wall.screen_of(channel);
         let adjustment = &channel.adjustment;
         let is_even = is_plain(channel) && screen.plane().is_some();
@@ -123,12 +126,12 @@ impl ChannelRow {
             },
             unknown: None,
         };
-        row.unknown = row.measure(of, channel).err();
+        row.unknown = row.measure(of, maps, channel).err();
         row
     }
 
     /// Fills in what depends on where the pixels lie; an error is why that is not known.
-    fn measure(&mut self, of: Shaped<'_>, channel: &Channel) -> Result<(), String> {
+    fn measure(&mut self, of: Shaped<'_>, maps: &Maps, channel: &Channel) -> Result<(), String> {
         let screen = of.wall.screen_of(channel);
         let print = Footprint::shaped(channel, screen, of.shapes);
         let Some(map) = print.map().filter(|_| print.is_known()) else {
@@ -164,10 +167,11 @@ impl ChannelRow {
         self.pixels_per_degree = step.map(|step| 1.0 / step).filter(|count| count.is_finite());
         if let Some(projector) = &mut self.projector {
             let lens = DVec3::from(projector.position_m);
+            projector.is_rear = map.is_rear();
             projector.distance_m = print.lit_point(lit.middle).map(|point| point.distance(lens));
         }
         if self.sampling.is_none() {
-            let sampling = extent::sampling(of, channel, map);
+            let sampling = extent::sampling(of, maps, channel, map);
             self.sampling = Some(sampling.map_err(|error| error.to_string())?);
         }
         Ok(())
@@ -182,7 +186,13 @@ impl ProjectorRow {
         let throw_ratio = 1.0 / width;
         let is_finite = [throw_ratio, shift[0], shift[1]].iter().all(|number| number.is_finite());
         let position_m = projector.position.to_array();
-        is_finite.then_some(Self { position_m, throw_ratio, shift, distance_m: None })
+        is_finite.then_some(Self {
+            position_m,
+            throw_ratio,
+            shift,
+            is_rear: false,
+            distance_m: None,
+        })
     }
 }
 

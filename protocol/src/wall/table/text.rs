@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::{
-    BezelRow, ChannelRow, CoverageRow, OverlapRow, PatchRow, ScreenRow, Stereo, WallTable,
+    BezelRow, BlendRow, ChannelRow, CoverageRow, OverlapRow, PatchRow, ScreenRow, Stereo, WallTable,
 };
 use crate::wall::{EyeOf, Packing, Turn};
 use crate::words::counted;
@@ -50,6 +50,7 @@ impl fmt::Display for WallTable {
         let columns = self.columns();
         write_aligned(f, &columns)?;
         write_legend(f, &columns)?;
+        self.blends.iter().try_for_each(|blend| writeln!(f, "{blend}"))?;
         let unknown = self.channels.iter().filter_map(|c| Some((&c.name, c.unknown.as_ref()?)));
         for (name, why) in unknown {
             writeln!(f, "–: channel {name}: {why}")?;
@@ -127,6 +128,25 @@ impl fmt::Display for CoverageRow {
         let more = self.uncovered.len().saturating_sub(LINES_MAX)
             + self.overlaps.len().saturating_sub(LINES_MAX);
         if more > 0 { writeln!(f, "  … and {more} more; see --json") } else { Ok(()) }
+    }
+}
+
+impl fmt::Display for BlendRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y] = self.place;
+        let eye = match self.eye {
+            EyeOf::Center => "",
+            EyeOf::Left => " for the left eye",
+            EyeOf::Right => " for the right eye",
+        };
+        write!(
+            f,
+            "blends of screen {}{eye}: worst at [{x:.1}, {y:.1}] pixels, where {} give {:.4} of \
+             the light",
+            self.screen,
+            self.channels.join(", "),
+            self.light
+        )
     }
 }
 

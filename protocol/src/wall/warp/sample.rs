@@ -6,14 +6,21 @@ use super::{MapSpace, WarpGrid, WarpMap, WarpMesh, WarpShape};
 use crate::wall::Channel;
 use crate::wall::pixels::PixelMap;
 use crate::wall::shapes::Ground;
+use crate::wall::warp_mesh::clip::SNAP_PX;
+use crate::wall::warp_mesh::refine::Refinement;
 use crate::wall::warp_mesh::{MeshRule, WarpMesh as ChannelMesh, WarpVertex};
 
-/// What of a pixel at a tile's edge is no part of it.
-const EDGE_PX: f64 = 1e-2;
+/// Maximum length of a triangle's edge in pixels where lines are lines, so that no triangle spans
+/// more than one plane of a source can.
+const STRAIGHT_EDGE_PX: f64 = 256.0;
+
+/// How far from a side of a canvas a place may be that is on it, as a share of the side: f32.
+const SNAP_UV: f64 = 1e-7;
 
 impl WarpMap {
     /// The mesh of a channel whose pixels lie where this map says; `pixels` has its corner pins
-    /// and bends. Cells of a grid with an unlit corner are unlit.
+    /// and bends. Cells of a grid with an unlit corner are unlit. What a mesh has beside the
+    /// picture is cut off.
     pub fn channel_mesh(
         &self,
         channel: &Channel,
@@ -27,14 +34,15 @@ impl WarpMap {
                 self.display_from_value(value, ground)
             }),
             WarpShape::Mesh(mesh) => {
-                self.mesh_of_vertices(mesh, ground, |place| pixels.pixel_from_meant(place * size))
+                let meant = mesh.placed(|place| place * size);
+                let meant = meant.within_rect(DVec2::ZERO, size, SNAP_PX);
+                self.drawn(meant, channel, ground, pixels)
             }
         }
     }
 
     /// The mesh of a tile of a screen whose surface this is: its places are those of the canvas.
-    /// Triangles beside the tile are left out, but one that reaches into it is whole, so that
-    /// servers draw more than they show where triangles are much larger than tiles.
+    /// What lies beside the tile is cut off.
     pub fn screen_mesh(
         &self,
         channel: &Channel,
@@ -43,55 +51,46 @@ impl WarpMap {
     ) -> ChannelMesh {
         let WarpShape::Mesh(mesh) = &self.shape else { return ChannelMesh::default() };
         let (canvas, origin) = (ground.screen.canvas.as_dvec2(), channel.origin.as_dvec2());
-        let mut tile = self.mesh_of_vertices(mesh, ground, |place| {
-            pixels.pixel_from_meant(place * canvas - origin)
-        });
-        let size = channel.size.as_dvec2();
-        let vertices = &tile.vertices;
-        tile.triangles.retain(|corners| {
-            let [a, b, c] = corners.map(|corner| vertices[corner as usize].pixel);
-            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-            // Places are f32: a triangle that ends at the tile's edge is beside it.
-            low.cmplt(size - EDGE_PX).all() && high.cmpgt(DVec2::splat(EDGE_PX)).all()
-        });
-        tile.without_loose_vertices()
+        let meant = mesh.placed(|place| place * canvas - origin);
+        let meant = meant.within_rect(-origin, canvas - origin, SNAP_PX);
+        self.drawn(meant, channel, ground, pixels)
     }
 
     /// The mesh of the whole screen whose surface this is: its places are u and v. `None` where it
     /// is no mesh of points in metres.
     pub fn surface(&self) -> Option<ChannelMesh> {
         let WarpShape::Mesh(mesh) = &self.shape else { return None };
-        let vertex = |vertex: &super::WarpVertex| WarpVertex {
-            pixel: vertex.place.as_dvec2(),
-            point: vertex.value.as_dvec3(),
-        };
-        let vertices = mesh.vertices.iter().map(vertex).collect();
         let is_in_room = self.space == MapSpace::Display;
-        is_in_room.then(|| ChannelMesh { vertices, triangles: mesh.triangles.clone() })
+        is_in_room.then(|| mesh.placed(|place| place).within_rect(DVec2::ZERO, DVec2::ONE, SNAP_UV))
     }
 
-    fn mesh_of_vertices(
+    /// What a channel draws of a mesh whose vertices are at places before pins and bends, and
+    /// have values of this map.
+    fn drawn(
         &self,
-        mesh: &WarpMesh,
+        meant: ChannelMesh,
+        channel: &Channel,
         ground: &Ground<'_>,
-        pixel_of: impl Fn(DVec2) -> Option<DVec2>,
+        pixels: &PixelMap<'_>,
     ) -> ChannelMesh {
-        let vertex = |vertex: &super::WarpVertex| {
-            let pixel = pixel_of(vertex.place.as_dvec2())?;
-            let point = self.display_from_value(vertex.value.as_dvec3(), ground)?;
-            Some(WarpVertex { pixel, point })
+        let size = channel.size.as_dvec2();
+        let is_unmoved =
+            channel.adjustment.bend.is_none() && channel.adjustment.pin == [DVec2::ZERO; 4];
+        let is_straight =
+            is_unmoved && (self.space == MapSpace::Display || ground.screen.plane().is_some());
+        let MeshRule { step_px, error_px } = MeshRule::default();
+        let edge_px = if is_straight { STRAIGHT_EDGE_PX } else { f64::from(step_px) };
+        let meant = if is_unmoved {
+            meant.within_rect(DVec2::ZERO, size, SNAP_PX)
+        } else {
+            meant.cut(&pixels.lines_around_picture())
         };
-        let found: Vec<Option<WarpVertex>> = mesh.vertices.iter().map(vertex).collect();
-        let mut index_of = vec![0; found.len()];
-        let mut out = ChannelMesh::default();
-        for (index, vertex) in index_of.iter_mut().zip(&found) {
-            *index = out.vertices.len() as u32;
-            out.vertices.extend(vertex);
-        }
-        let is_there = |corners: &&[u32; 3]| corners.iter().all(|&i| found[i as usize].is_some());
-        let kept = mesh.triangles.iter().filter(is_there);
-        out.triangles = kept.map(|corners| corners.map(|i| index_of[i as usize])).collect();
-        out
+        let drawn = meant.mapped(Refinement { edge_px, error_px }, |vertex| {
+            let pixel = pixels.pixel_from_meant(vertex.pixel)?;
+            let point = self.display_from_value(vertex.point, ground)?;
+            Some(WarpVertex { pixel, point })
+        });
+        drawn.within_rect(DVec2::ZERO, size, SNAP_PX)
     }
 
     fn display_from_value(&self, value: DVec3, ground: &Ground<'_>) -> Option<DVec3> {
@@ -104,19 +103,16 @@ impl WarpMap {
     }
 }
 
-impl ChannelMesh {
-    /// Only the vertices that a triangle has: planes are fitted around all that there are.
-    fn without_loose_vertices(mut self) -> Self {
-        let mut index_of: Vec<Option<u32>> = vec![None; self.vertices.len()];
-        let mut kept = Vec::new();
-        for corner in self.triangles.iter_mut().flatten() {
-            let old = *corner as usize;
-            *corner = *index_of[old].get_or_insert_with(|| {
-                kept.push(self.vertices[old]);
-                kept.len() as u32 - 1
-            });
-        }
-        Self { vertices: kept, triangles: self.triangles }
+impl WarpMesh {
+    /// The same triangles, at places of a picture that is counted otherwise; their points are the
+    /// map's values.
+    fn placed(&self, pixel_of: impl Fn(DVec2) -> DVec2) -> ChannelMesh {
+        let vertex = |vertex: &super::WarpVertex| WarpVertex {
+            pixel: pixel_of(vertex.place.as_dvec2()),
+            point: vertex.value.as_dvec3(),
+        };
+        let vertices = self.vertices.iter().map(vertex).collect();
+        ChannelMesh { vertices, triangles: self.triangles.clone() }
     }
 }
 

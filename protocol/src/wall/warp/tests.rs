@@ -1,5 +1,7 @@
 //! Maps through their blobs: whole, damaged, and with what must not be.
 
+mod cut;
+
 use proptest::prelude::*;
 
 use super::*;

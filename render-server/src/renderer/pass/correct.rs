@@ -87,6 +87,8 @@ pub struct Correction {
     desc: CorrectionDesc,
     shape: Shape,
     light_map: wgpu::TextureView,
+    /// Whether red, green and blue have weights of their own.
+    is_tinted: bool,
     codes: wgpu::Buffer,
     sampler: wgpu::Sampler,
     map_sampler: wgpu::Sampler,
@@ -120,6 +122,8 @@ impl Correction {
         let bytes = bytemuck::cast_slice(&codes);
         let codes = buffer("correct/codes", bytes, wgpu::BufferUsages::STORAGE);
         let light_map = light_map(gpu, &desc);
+        let pixels = desc.upright[0] as usize * desc.upright[1] as usize;
+        let is_tinted = desc.light_map.as_ref().is_some_and(|map| map.texels.len() > pixels);
         // What has gone to the GPU is not kept twice, but whether it was there is.
         if let Some(map) = &mut desc.light_map {
             map.texels = Vec::new();
@@ -131,6 +135,7 @@ impl Correction {
         Ok(Self {
             shape,
             light_map,
+            is_tinted,
             codes,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("correct/sampler"),
@@ -364,7 +369,7 @@ impl Correction {
         })
     }
 
-    fn constants(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> [(&'static str, f64); 14] {
+    fn constants(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> [(&'static str, f64); 15] {
         let flag = |on: bool| f64::from(u8::from(on));
         let curve = match self.desc.curve {
             Curve::Srgb => 0.0,
@@ -381,6 +386,7 @@ impl Correction {
             ("TAPS_DOWN", f64::from(sampling.taps[1])),
             ("COLORED", flag(self.desc.color != DMat3::IDENTITY)),
             ("WEIGHTED", flag(self.desc.light_map.is_some())),
+            ("TINTED", flag(self.is_tinted)),
             ("CURVE", curve),
             ("DITHERED", flag(self.desc.dither.is_some())),
             ("CHANNEL", f64::from(self.desc.dither.map_or(0, |id| id.wrapping_add(1)))),
@@ -458,11 +464,12 @@ fn light_map(gpu: &Gpu, desc: &CorrectionDesc) -> wgpu::TextureView {
         Some(map) => (desc.upright, map.texels.as_slice()),
         None => ([1, 1], [[0; 2]].as_slice()),
     };
+    let layers = (texels.len() / (width as usize * height as usize)) as u32;
     // The shader takes the lower byte first, whatever the machine does.
     let bytes: Vec<u8> = texels.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
     let descriptor = wgpu::TextureDescriptor {
         label: Some("correct/light_map"),
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
@@ -472,7 +479,8 @@ fn light_map(gpu: &Gpu, desc: &CorrectionDesc) -> wgpu::TextureView {
     };
     let order = wgpu::util::TextureDataOrder::default();
     let texture = gpu.device.create_texture_with_data(&gpu.queue, &descriptor, order, &bytes);
-    texture.create_view(&wgpu::TextureViewDescriptor::default())
+    let dimension = Some(wgpu::TextureViewDimension::D2Array);
+    texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() })
 }
 
 /// What is wrong with a description on this adapter, if anything.

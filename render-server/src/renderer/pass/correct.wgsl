@@ -45,7 +45,8 @@ struct Corner {
 @group(1) @binding(2) var<uniform> correction: Correction;
 // Factor and addend, each as its lower and its upper byte: every driver reads such texels, and
 // mixes none.
-@group(1) @binding(3) var light_map: texture_2d<f32>;
+// A layer for all colours, or one each.
+@group(1) @binding(3) var light_map: texture_2d_array<f32>;
 @group(1) @binding(4) var<storage, read> codes: array<vec4<f32>>;
 // Gives the texel that it is asked for, unmixed.
 @group(1) @binding(5) var map_sampler: sampler;
@@ -60,6 +61,8 @@ override TAPS_ACROSS: u32 = 1u;
 override TAPS_DOWN: u32 = 1u;
 override COLORED: bool = false;
 override WEIGHTED: bool = false;
+// Red, green and blue have weights of their own.
+override TINTED: bool = false;
 // Of the upright picture, in pixels.
 override WIDTH: f32 = 1.0;
 override HEIGHT: f32 = 1.0;
@@ -169,6 +172,12 @@ fn noise(pixel: vec2<u32>) -> vec3<f32> {
     return (vec3<f32>(parts) + 0.5) / 1024.0 - 0.5;
 }
 
+// Factor and addend of a layer of the light map.
+fn weight_at(place: vec2<f32>, layer: i32) -> vec2<f32> {
+    let bytes = textureSampleLevel(light_map, map_sampler, place, layer, 0.0);
+    return (bytes.xz + 256.0 * bytes.yw) / 257.0;
+}
+
 @fragment
 fn correct(in: Corner) -> @location(0) vec4<f32> {
     let eye = correction.eyes[EYE];
@@ -189,10 +198,17 @@ fn correct(in: Corner) -> @location(0) vec4<f32> {
     light = clamp(light, vec3<f32>(0.0), vec3<f32>(1.0));
     if WEIGHTED {
         let place = pixel / vec2<f32>(WIDTH, HEIGHT);
-        let bytes = textureSampleLevel(light_map, map_sampler, place, 0.0);
-        let weight = (bytes.xz + 256.0 * bytes.yw) / 257.0;
-        light = light * (weight.x * correction.light_scale.w)
-            + weight.y * correction.light_scale.xyz;
+        let red = weight_at(place, 0);
+        var factor = red.xxx;
+        var addend = red.yyy;
+        if TINTED {
+            let green = weight_at(place, 1);
+            let blue = weight_at(place, 2);
+            factor = vec3<f32>(red.x, green.x, blue.x);
+            addend = vec3<f32>(red.y, green.y, blue.y);
+        }
+        light = light * (factor * correction.light_scale.w)
+            + addend * correction.light_scale.xyz;
     }
     var code = encode(light);
     if DITHERED {

@@ -17,7 +17,7 @@ use polyptych_protocol::wall::warp::{
 use polyptych_protocol::words::counted;
 
 use super::super::error::BakeError;
-use super::text;
+use super::{fold, text};
 
 /// The factors multiply colours as a program of its time has them in memory.
 const GAMMA: f64 = 2.2;
@@ -55,11 +55,13 @@ pub(super) fn read(bytes: &[u8], aspect: Option<f64>) -> Result<WarpMap, BakeErr
     };
     let mut vertices = Vec::new();
     let mut is_lit = Vec::new();
+    let mut places = Vec::new();
     for at in 0..count {
         let (line, content) = next(&format!("node {} of {count}", at + 1))?;
         let (vertex, lit) = node(content, line, aspect)?;
         vertices.push(vertex);
         is_lit.push(lit);
+        places.push(line);
     }
     if let Some((line, _)) = lines.next() {
         let what = format!("a line follows the last of {}", counted(count, "node"));
@@ -70,7 +72,9 @@ pub(super) fn read(bytes: &[u8], aspect: Option<f64>) -> Result<WarpMap, BakeErr
         let what = "no cell of the mesh is lit";
         return Err(BakeError::at("file", what, "intensities of 0 to 1 would be right"));
     }
+    let firsts: Vec<u32> = triangles.iter().map(|[first, ..]| *first).collect();
     let mesh = WarpMesh { vertices, triangles };
+    let mesh = fold::check(mesh, |triangle| text::place(places[firsts[triangle] as usize]))?;
     Ok(WarpMap { space: MapSpace::Canvas, shape: WarpShape::Mesh(mesh) })
 }
 

@@ -8,9 +8,6 @@ use polyptych_protocol::wall::warp::WarpMesh;
 
 use super::super::error::BakeError;
 
-/// How far outside the picture a place may lie: rounding in foreign programs.
-const PLACE_TOLERANCE: f32 = 1e-3;
-
 /// Points across and down at which overlaps are looked for: what is narrower than a 512th of the
 /// mesh is a measured seam, not a fold.
 const SAMPLES: usize = 512;
@@ -19,7 +16,8 @@ const SAMPLES: usize = 512;
 /// rounding gives no sample on a common edge to both of its triangles.
 const EDGE: f64 = 1e-6;
 
-/// The mesh without triangles that cover nothing, if no place has two values.
+/// The mesh without triangles that cover nothing of the picture, if no place of the picture has
+/// two values. What lies beside the picture is never drawn, and may be folded.
 ///
 /// # Errors
 /// What is folded; `place_of` says how to call the triangle of an index.
@@ -33,13 +31,8 @@ pub(super) fn check(
     let mut first = None;
     for (i, triangle) in mesh.triangles.iter().enumerate() {
         let corners = triangle.map(at);
-        let is_inside = |p: &DVec2| {
-            let end = f64::from(1.0 + PLACE_TOLERANCE);
-            p.min_element() >= 1.0 - end && p.max_element() <= end
-        };
-        if let Some(place) = corners.iter().find(|place| !is_inside(place)) {
-            let what = format!("the UV ({}, {}) lies outside the picture", place.x, 1.0 - place.y);
-            return Err(BakeError::at(place_of(i), what, right));
+        if !is_in_picture(corners) {
+            continue;
         }
         let area = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]);
         if area == 0.0 {
@@ -53,7 +46,7 @@ pub(super) fn check(
         kept.push((i, corners));
     }
     if kept.is_empty() {
-        let what = "no triangle covers any of the picture: all UV are the same, or in a line";
+        let what = "no triangle covers any of the picture: all places are beside it, or in a line";
         return Err(BakeError::at("file", what, right));
     }
     if let Some((one, other)) = overlap(&kept) {
@@ -63,15 +56,44 @@ pub(super) fn check(
     if kept.len() < mesh.triangles.len() {
         mesh.triangles = kept.iter().map(|(i, _)| mesh.triangles[*i]).collect();
     }
-    Ok(mesh)
+    Ok(without_loose_vertices(mesh))
+}
+
+/// Only the vertices that a triangle has: the others may lie anywhere.
+fn without_loose_vertices(mut mesh: WarpMesh) -> WarpMesh {
+    let mut index_of = vec![u32::MAX; mesh.vertices.len()];
+    let mut kept = Vec::new();
+    for corner in mesh.triangles.iter_mut().flatten() {
+        let index = &mut index_of[*corner as usize];
+        if *index == u32::MAX {
+            *index = kept.len() as u32;
+            kept.push(mesh.vertices[*corner as usize]);
+        }
+        *corner = *index;
+    }
+    WarpMesh { vertices: kept, triangles: mesh.triangles }
+}
+
+/// Whether more than a line of a triangle lies in the picture: axes that separate both, as of two
+/// convex polygons; S. Gottschalk, *Separating axis theorem*, 1996.
+fn is_in_picture(corners: [DVec2; 3]) -> bool {
+    let [a, b, c] = corners;
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let meets_box = low.cmplt(DVec2::ONE).all() && high.cmpgt(DVec2::ZERO).all();
+    let side = (b - a).perp_dot(c - a).signum();
+    let picture = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE];
+    let meets_edges = [(a, b), (b, c), (c, a)].iter().all(|(from, to)| {
+        picture.iter().any(|corner| (*to - *from).perp_dot(*corner - *from) * side > 0.0)
+    });
+    meets_box && meets_edges
 }
 
 /// Two triangles that hold the same sample.
 fn overlap(triangles: &[(usize, [DVec2; 3])]) -> Option<(usize, usize)> {
     let mut owners = vec![u32::MAX; SAMPLES * SAMPLES];
     let corners = || triangles.iter().flat_map(|(_, corners)| corners);
-    let min = corners().fold(DVec2::MAX, |a, b| a.min(*b));
-    let max = corners().fold(DVec2::MIN, |a, b| a.max(*b));
+    let min = corners().fold(DVec2::MAX, |a, b| a.min(*b)).max(DVec2::ZERO);
+    let max = corners().fold(DVec2::MIN, |a, b| a.max(*b)).min(DVec2::ONE);
     let step = (max - min).max(DVec2::splat(f64::MIN_POSITIVE)) / SAMPLES as f64;
     for (n, (_, corners)) in triangles.iter().enumerate() {
         let [a, b, c] = corners.map(|corner| (corner - min) / step);

@@ -6,9 +6,12 @@
 //! - a region is a part of the buffer, `x y xsize ysize` from 0 to 1 and from its lower left;
 //! - the warp of profile 2d says for every pixel of a projector the place in its region, u to the
 //!   right and v up; the third number of a pixel is not used, and often NaN;
+//! - a region may be in any of several buffers, each a picture of its own;
 //! - profile 3d has a frustum for each region, and the warp is a place in the frustum's picture;
 //!   where it has three numbers and a unit of length, they are points on the surface;
-//! - alpha (how much light) and beta (how much black) are PNG whose gamma the XML says.
+//! - profile sl has the poses of projectors, whose lenses must be plain;
+//! - alpha (how much light) and beta (how much black) are PNG whose gamma the XML says; they and
+//!   the warp may have sizes of their own (§3.7).
 //!
 //! Display space has its axes as MPCDI has them: +X right, +Y up, −Z ahead. Angles are in degrees;
 //! yaw turns to the right, pitch up and roll clockwise.
@@ -22,13 +25,12 @@ use std::sync::atomic::AtomicBool;
 
 use glam::{DVec3, UVec2};
 use polyptych_protocol::output_file;
-use polyptych_protocol::wall::warp::{MapSpace, WarpShape};
+use polyptych_protocol::wall::warp::{MapSpace, WarpMap, WarpShape};
 
 use super::super::check;
 use super::super::error::BakeError;
 use super::{pfm, picture};
 use archive::Archive;
-use document::Document;
 
 pub use region::Pyramid;
 
@@ -37,8 +39,8 @@ pub use region::Pyramid;
 pub struct Imported {
     /// Which profile.
     pub profile: Profile,
-    /// Pixels of the buffer.
-    pub buffer: UVec2,
+    /// The pictures that the projectors show, in the order of the archive.
+    pub buffers: Vec<ImportedBuffer>,
     /// The projectors, in the order of the archive.
     pub regions: Vec<ImportedRegion>,
     /// What was assumed, for a person to check.
@@ -52,6 +54,17 @@ pub enum Profile {
     TwoD,
     /// A frustum for each projector.
     ThreeD,
+    /// A pose for each projector.
+    ShaderLamps,
+}
+
+/// A picture that projectors show parts of.
+#[derive(Clone, Debug)]
+pub struct ImportedBuffer {
+    /// Its id, in the letters that names of screens have; unique.
+    pub name: String,
+    /// In pixels.
+    pub size: UVec2,
 }
 
 /// A projector of an archive.
@@ -59,16 +72,20 @@ pub enum Profile {
 pub struct ImportedRegion {
     /// Its id, in the letters that names of channels have; unique.
     pub name: String,
+    /// The place of its buffer in the list.
+    pub buffer: usize,
     /// Its own pixels.
     pub size: UVec2,
     /// Its part of the buffer in pixels, from the upper left: origin and size.
     pub part: (UVec2, UVec2),
-    /// The frustum of profile 3d.
+    /// The frustum of profiles 3d and sl.
     pub pyramid: Option<Pyramid>,
+    /// Where the lens of profile sl is, in metres.
+    pub position: DVec3,
     /// What the warp's numbers are.
     pub space: MapSpace,
-    /// The warp map, a PFM, by its name in the folder.
-    pub warp: String,
+    /// The warp map, a PFM, by its name in the folder; none of profile sl.
+    pub warp: Option<String>,
     /// The mask of light, a PNG, by its name in the folder.
     pub alpha: Option<String>,
     /// The light that is there anyway, a PNG, by its name in the folder.
@@ -86,9 +103,16 @@ pub fn import(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Importe
 
 fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Imported, BakeError> {
     let mut archive = Archive::open(path)?;
-    let text = archive.xml()?;
-    let document = document::parse(&text)?;
     let mut notes = Vec::new();
+    let text = archive.xml(path, &mut notes)?;
+    let document = document::parse(&text, &mut notes)?;
+    if document.profile == Profile::ShaderLamps {
+        notes.push(
+            "profile sl says nothing of the surface that is lit: put the screen where it stands, \
+             or give it a mesh"
+                .to_owned(),
+        );
+    }
     let mut regions: Vec<ImportedRegion> = Vec::new();
     for region in &document.regions {
         check(cancel)?;
@@ -105,22 +129,35 @@ fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Import
             let png = picture::encode_linear(mask.size, mask.components, &mask.texels)?;
             write(ending, &png).map(Some)
         };
-        let WarpShape::Grid(grid) = &maps.warp.shape else { continue };
+        let pfm = match &maps.warp {
+            Some(WarpMap { space, shape: WarpShape::Grid(grid) }) => Some(pfm::write(*space, grid)),
+            _ => None,
+        };
         regions.push(ImportedRegion {
+            buffer: region.buffer,
             size: region.size,
             part: document.part(region),
             pyramid: region.pyramid,
-            space: maps.warp.space,
-            warp: write(".pfm", &pfm::write(maps.warp.space, grid))?,
+            position: maps.position,
+            space: maps.warp.as_ref().map_or(MapSpace::Display, |warp| warp.space),
+            warp: pfm.map(|bytes| write(".pfm", &bytes)).transpose()?,
             alpha: mask(&maps.alpha, "-alpha.png")?,
             beta: mask(&maps.beta, "-beta.png")?,
             name,
         });
     }
+    // Names of a file may hold anything.
+    for note in &mut notes {
+        *note = note.replace(char::is_control, " ");
+    }
     notes.sort();
     notes.dedup();
-    let Document { profile, buffer, .. } = document;
-    Ok(Imported { profile, buffer, regions, notes })
+    let mut buffers: Vec<ImportedBuffer> = Vec::new();
+    for document::Buffer { id, size } in &document.buffers {
+        let name = name_of(id, |name| buffers.iter().any(|known| known.name == name));
+        buffers.push(ImportedBuffer { name, size: *size });
+    }
+    Ok(Imported { profile: document.profile, buffers, regions, notes })
 }
 
 /// A name of a channel that is like the region's id.
@@ -147,6 +184,6 @@ fn name_of(id: &str, is_taken: impl Fn(&str) -> bool) -> String {
 /// `eye`: lower left, lower right and upper left.
 pub fn corners(pyramid: &Pyramid, eye: DVec3, distance: f64) -> [DVec3; 3] {
     let turn = pyramid.display_from_view();
-    let [left, right, down, up] = pyramid.angles.map(|angle| angle.to_radians().tan() * distance);
+    let [left, right, down, up] = pyramid.tangents().map(|tangent| tangent * distance);
     [(left, down), (right, down), (left, up)].map(|(x, y)| eye + turn * DVec3::new(x, y, -distance))
 }

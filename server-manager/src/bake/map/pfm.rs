@@ -28,7 +28,7 @@ const RIGHT: &str = "PF, a line of width and height, a line of -1.0 or 1.0, then
 pub(super) struct Pfm {
     pub size: UVec2,
     /// 2 or 3.
-    components: usize,
+    pub components: usize,
     /// Rows from the top; the third component of two is NaN.
     pub values: Vec<Vec3>,
 }
@@ -90,6 +90,15 @@ fn word<'a>(rest: &mut &'a [u8]) -> Option<&'a str> {
 }
 
 impl Pfm {
+    /// The same map, unlit where all three numbers are 0.
+    pub fn with_dark_zeros(mut self) -> Self {
+        let is_zero = |value: &&mut Vec3| {
+            value.x == 0.0 && value.y == 0.0 && (value.z == 0.0 || value.z.is_nan())
+        };
+        self.values.iter_mut().filter(is_zero).for_each(|value| *value = Vec3::NAN);
+        self
+    }
+
     /// Whether the values are u and v: see the head of this file.
     pub fn is_uv(&self) -> bool {
         let mut lit = self.values.iter().filter(|v| v.x.is_finite() && v.y.is_finite());

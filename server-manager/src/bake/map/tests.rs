@@ -2,6 +2,7 @@
 
 mod archives;
 mod broken;
+mod foreign;
 #[path = "../../../../tests/harness/maps.rs"]
 mod maps;
 
@@ -20,7 +21,7 @@ use super::super::tests::builder::Builder;
 use super::{MapUse, bake_map};
 use maps::{Png, png};
 
-const WARP: MapUse = MapUse::Warp { aspect: Some(16.0 / 9.0) };
+const WARP: MapUse = MapUse::Warp { aspect: Some(16.0 / 9.0), dark_zeros: false };
 
 /// A folder with a store.
 struct Place {
@@ -115,6 +116,26 @@ fn places_of_a_float_map_are_places_of_the_canvas() {
     assert_eq!(grid("a.pfm", &outside).0, MapSpace::Display, "beyond the unit square: metres");
 }
 
+/// Programs write zeros where nothing is lit: a key says so, and without it a warning does.
+#[test]
+fn points_at_the_origin_are_dark_where_the_wall_says_so() {
+    let value = |x: u32, y: u32| if x == 1 { [0.0; 3] } else { [x as f32, y as f32, -2.0] };
+    let file = maps::pfm([3, 2], 3, true, value);
+    let place = Place::new();
+    let path = place.write("a.pfm", &file);
+    for (dark_zeros, is_lit) in [(false, true), (true, false)] {
+        let used_as = MapUse::Warp { aspect: None, dark_zeros };
+        let baked = bake_map(&path, used_as, &place.store, &AtomicBool::new(false)).expect("baked");
+        let warning = baked.warning.unwrap_or_default();
+        assert_eq!(warning.contains("2 pixels at (0, 0, 0)"), is_lit, "{warning}");
+        let WallMap::Warp(warp) = place.bake("a.pfm", used_as, &file).expect("a map") else {
+            panic!("a mask")
+        };
+        let WarpShape::Grid(grid) = warp.shape else { panic!("a mesh") };
+        assert_eq!((grid.values[1].is_nan(), grid.values[2].is_nan()), (!is_lit, false));
+    }
+}
+
 #[test]
 fn a_head_of_windows_lines_is_a_head() {
     let file = maps::pfm([2, 1], 3, true, |x, _| [x as f32, 0.5, 0.0]);
@@ -171,7 +192,7 @@ fn a_bourke_mesh_is_places_of_the_canvas_with_light() {
         [(u * 2.0 - 1.0) * aspect, v * 2.0 - 1.0, u, v, intensity]
     };
     let (space, mesh) = mesh("a.data", WARP, maps::bourke([4, 3], node).as_bytes());
-    assert_eq!((space, mesh.vertices.len()), (MapSpace::Canvas, 12));
+    assert_eq!((space, mesh.vertices.len()), (MapSpace::Canvas, 11), "the unlit one is loose");
     assert_eq!(mesh.triangles.len(), 2 * (6 - 1), "one cell has an unlit corner");
     for vertex in &mesh.vertices {
         let due = Vec3::new(vertex.place.x, vertex.place.y, 0.0);

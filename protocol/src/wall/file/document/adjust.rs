@@ -54,16 +54,30 @@ pub struct AdjustSection {
     /// folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub warp: Option<String>,
+    /// What pixels of a PFM of points are that lie at (0, 0, 0): "point", a place like others, or
+    /// "dark", unlit. Default: "point".
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub warp_zero: Option<WarpZero>,
     /// A picture that multiplies the channel's light.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alpha: Option<String>,
-    /// A picture that is added to the channel's light.
+    /// A picture of the least light of each pixel: light becomes light × (1 − beta) + beta.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beta: Option<String>,
     /// Bits of the display's red, green and blue, 8 or 10. A display that takes no 10 is given 8,
     /// which its server says. Default: 8.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bits: Option<u32>,
+}
+
+/// What a point at the origin is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum WarpZero {
+    /// A place like others.
+    Point,
+    /// Unlit.
+    Dark,
 }
 
 /// A grid of control points over the channel's picture.

@@ -204,8 +204,7 @@ fn projectors_that_cannot_be() {
     at(
         "[0.5, 0.0, -1.0]",
         "[0, 0, 9]",
-        "11:17|: the projector of channel \"beam\" lights nothing of the front of screen \
-         \"front\"; \
+        "11:17|: the projector of channel \"beam\" lights nothing of screen \"front\"; \
          check position, look_at or rotation, and degrees",
     );
     // A beam far wider than the screen lights it still.

@@ -3,13 +3,17 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::wall::adjustment::{Bits, Curve};
-use crate::wall::file::document::{AdjustSection, BendSection, EdgesSection, Light, Pair, Row};
-use crate::wall::{Channel, Edges, Wall};
+use crate::wall::file::document::{
+    AdjustSection, BendSection, EdgesSection, Light, Pair, Row, WarpZero,
+};
+use crate::wall::{Channel, Edges, FileKind, Wall};
 
 /// What a channel's table says; `None` where it would say nothing.
 pub(super) fn section(wall: &Wall, channel: &Channel) -> Option<AdjustSection> {
     let adjustment = &channel.adjustment;
     let path = |index: Option<u16>| Some(wall.files.get(usize::from(index?))?.path.clone());
+    let warp = adjustment.warp.and_then(|index| wall.files.get(usize::from(index)));
+    let has_dark_zeros = warp.is_some_and(|file| file.kind == FileKind::WarpDarkZeros);
     let pair = |point: DVec2| Pair(point.to_array());
     let color = &adjustment.color;
     let (gamma, curve) = match &color.curve {
@@ -38,6 +42,7 @@ pub(super) fn section(wall: &Wall, channel: &Channel) -> Option<AdjustSection> {
             gamma,
             curve,
             warp: path(adjustment.warp),
+            warp_zero: has_dark_zeros.then_some(WarpZero::Dark),
             alpha: path(adjustment.alpha),
             beta: path(adjustment.beta),
             bits: (adjustment.bits == Bits::Ten).then_some(10),

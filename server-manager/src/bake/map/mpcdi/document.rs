@@ -1,9 +1,10 @@
 //! `mpcdi.xml`: which regions there are, and which files belong to them.
 //!
 //! Programs disagree on capitals (`xResolution`, `Xresolution`, `XResolution`), so names are
-//! compared without them.
+//! compared without them. What an element that is empty would say is taken as not said, with a
+//! note.
 
-use glam::{DVec2, UVec2};
+use glam::{DVec2, DVec3, UVec2};
 use polyptych_protocol::limits::{CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX};
 use roxmltree::{Node, ParsingOptions};
 
@@ -20,22 +21,38 @@ const REGIONS_MAX: usize = 256;
 /// How far a region may reach out of its buffer: rounding in foreign programs.
 const PART_TOLERANCE: f64 = 1e-6;
 
+/// How far axes of a frame may be from unit vectors at right angles: five digits are usual.
+const AXIS_TOLERANCE: f64 = 1e-3;
+
 /// What the text says.
 pub(super) struct Document {
     pub profile: Profile,
-    /// Pixels of the buffer; where the text has none, what the regions make of it.
-    pub buffer: UVec2,
+    pub buffers: Vec<Buffer>,
+    /// Of all buffers.
     pub regions: Vec<Region>,
+}
+
+/// A picture that projectors show parts of.
+#[derive(Clone, Debug)]
+pub struct Buffer {
+    /// As the text has it; may be empty.
+    pub id: String,
+    /// In pixels; where the text has none, what the regions make of it.
+    pub size: UVec2,
 }
 
 /// A projector.
 pub(super) struct Region {
     pub id: String,
+    /// Its place in the list of buffers.
+    pub buffer: usize,
     pub size: UVec2,
     /// Of the buffer, 0 to 1, from its lower left.
     pub origin: DVec2,
     pub extent: DVec2,
     pub pyramid: Option<Pyramid>,
+    /// Of its lens, in the unit of its points: right, up and back.
+    pub position: Option<DVec3>,
     pub files: Files,
 }
 
@@ -45,6 +62,8 @@ pub(super) struct Files {
     pub warp: Option<WarpFile>,
     pub alpha: Option<MaskFile>,
     pub beta: Option<MaskFile>,
+    /// The path of what a lens does to the picture.
+    pub distortion: Option<String>,
 }
 
 /// A warp map, and what is said of it.
@@ -67,8 +86,8 @@ fn bad(place: impl Into<String>, what: impl Into<String>, right: &str) -> BakeEr
     BakeError::at(format!("mpcdi.xml {}", place.into()), what, format!("{right} would be right"))
 }
 
-/// Reads the text.
-pub(super) fn parse(text: &str) -> Result<Document, BakeError> {
+/// Reads the text; what was assumed goes to the notes.
+pub(super) fn parse(text: &str, notes: &mut Vec<String>) -> Result<Document, BakeError> {
     let options = ParsingOptions { nodes_limit: NODES_MAX, ..ParsingOptions::default() };
     let tree = roxmltree::Document::parse_with_options(text, options).map_err(|error| {
         let what = format!("it is not XML: {}", shorten_middle(&error.to_string()));
@@ -81,28 +100,33 @@ pub(super) fn parse(text: &str) -> Result<Document, BakeError> {
     }
     let profile = profile(root)?;
     let display = child(root, "display").ok_or_else(|| bad("", "it has no display", "one"))?;
-    let mut buffers = children(display, "buffer");
-    let (Some(buffer), None) = (buffers.next(), buffers.next()) else {
-        let count = children(display, "buffer").count();
-        return Err(bad("display", format!("it has {count} buffers"), "one"));
-    };
-    let mut regions: Vec<Region> = Vec::new();
-    for node in children(buffer, "region") {
-        let region = region(node, profile)?;
-        if regions.iter().any(|known| known.id == region.id) {
-            return Err(bad(place(&region.id), "it is there twice", "each id once"));
+    let mut document = Document { profile, buffers: Vec::new(), regions: Vec::new() };
+    for node in children(display, "buffer") {
+        let (index, first) = (document.buffers.len(), document.regions.len());
+        for node in children(node, "region") {
+            let region = Region { buffer: index, ..region(node, profile, notes)? };
+            if document.regions.iter().any(|known| known.id == region.id) {
+                return Err(bad(place(&region.id), "it is there twice", "each id once"));
+            }
+            if document.regions.len() >= REGIONS_MAX {
+                return Err(bad("buffer", "there are more regions", "at most 256 of them"));
+            }
+            document.regions.push(region);
         }
-        if regions.len() >= REGIONS_MAX {
-            return Err(bad("buffer", "there are more regions", "at most 256 of them"));
+        let id = attribute(node, "id").unwrap_or_default().trim().to_owned();
+        let regions = &document.regions[first..];
+        if regions.is_empty() {
+            notes.push(format!("buffer '{}' has no region and was left out", shorten(&id)));
+            continue;
         }
-        regions.push(region);
+        let size = buffer_size(node, regions)?;
+        document.buffers.push(Buffer { id, size });
     }
-    if regions.is_empty() {
-        return Err(bad("buffer", "it has no region", "one for each projector"));
+    if document.regions.is_empty() {
+        return Err(bad("display", "no buffer has a region", "one for each projector"));
     }
-    add_files(root, &mut regions)?;
-    let buffer = buffer_size(buffer, &regions)?;
-    Ok(Document { profile, buffer, regions })
+    add_files(root, &mut document.regions, notes)?;
+    Ok(document)
 }
 
 fn profile(root: Node<'_, '_>) -> Result<Profile, BakeError> {
@@ -114,14 +138,18 @@ fn profile(root: Node<'_, '_>) -> Result<Profile, BakeError> {
     let known = match profile.as_str() {
         "2d" => return Ok(Profile::TwoD),
         "3d" => return Ok(Profile::ThreeD),
+        "sl" => return Ok(Profile::ShaderLamps),
         "a3" => "it is a3, advanced 3D, which is not supported".to_owned(),
-        "sl" => "it is sl, shader lamps, which is not supported".to_owned(),
         other => format!("it is '{}'", shorten(other)),
     };
-    Err(bad("MPCDI.profile", known, "2d or 3d"))
+    Err(bad("MPCDI.profile", known, "2d, 3d or sl"))
 }
 
-fn region(node: Node<'_, '_>, profile: Profile) -> Result<Region, BakeError> {
+fn region(
+    node: Node<'_, '_>,
+    profile: Profile,
+    notes: &mut Vec<String>,
+) -> Result<Region, BakeError> {
     let id = attribute(node, "id").unwrap_or_default().trim();
     if id.is_empty() {
         return Err(bad("region", "it has no id", "one"));
@@ -152,15 +180,56 @@ fn region(node: Node<'_, '_>, profile: Profile) -> Result<Region, BakeError> {
         Err(bad(place, format!("it is {side}"), "a whole number from 1 to 8192"))
     };
     let size = UVec2::new(side("xResolution")?, side("yResolution")?);
-    let pyramid = match (child(node, "frustum"), profile) {
-        (Some(frustum), Profile::ThreeD) => Some(pyramid(frustum, id)?),
-        (None, Profile::ThreeD) => {
-            return Err(bad(place(id), "it has no frustum", "one, as profile 3d has it,"));
+    let mut filled = |name: &str| {
+        let child = child(node, name)?;
+        let is_filled = !is_empty(child);
+        if !is_filled {
+            notes.push(format!("{}: its {name} is empty and was left out", place(id)));
         }
-        (_, Profile::TwoD) => None,
+        is_filled.then_some(child)
     };
-    let id = id.to_owned();
-    Ok(Region { id, size, origin, extent, pyramid, files: Files::default() })
+    let pyramid = match (filled("frustum"), profile) {
+        (_, Profile::TwoD) => None,
+        (Some(frustum), _) => Some(pyramid(frustum, id)?),
+        (None, _) => {
+            let right = "one, as profiles 3d and sl have it,";
+            return Err(bad(place(id), "it has no frustum", right));
+        }
+    };
+    let position = match (filled("coordinateFrame"), profile) {
+        (Some(frame), Profile::ShaderLamps) => Some(position(frame, id)?),
+        _ => None,
+    };
+    let (id, files) = (id.to_owned(), Files::default());
+    Ok(Region { id, buffer: 0, size, origin, extent, pyramid, position, files })
+}
+
+/// Where a lens is: right, up and back of what the file measures from. The three axes of the frame
+/// are those of an aircraft, in the coordinates of the position: yaw points down, pitch to the
+/// right and roll ahead; *MPCDI 2.0*, §2.2.2 and figure 2-2.
+fn position(node: Node<'_, '_>, id: &str) -> Result<DVec3, BakeError> {
+    let place = format!("{} coordinateFrame", place(id));
+    let vector = |name: &str| {
+        let number = |axis: &str| {
+            let name = format!("{name}{axis}");
+            let text = child(node, &name).and_then(|child| child.text()).unwrap_or_default();
+            finite(text).ok_or_else(|| {
+                bad(format!("{place}.{name}"), format!("it is '{}'", shorten(text)), "a number")
+            })
+        };
+        Ok::<_, BakeError>(DVec3::new(number("x")?, number("y")?, number("z")?))
+    };
+    let (at, down) = (vector("pos")?, vector("yaw")?);
+    let (right, ahead) = (vector("pitch")?, vector("roll")?);
+    let axes = [right, -down, -ahead];
+    let is_unit = axes.iter().all(|axis| (axis.length() - 1.0).abs() < AXIS_TOLERANCE);
+    let is_right_angled = right.dot(down).abs().max(down.dot(ahead).abs()) < AXIS_TOLERANCE
+        && right.dot(ahead).abs() < AXIS_TOLERANCE;
+    if !is_unit || !is_right_angled {
+        let what = "its yaw, pitch and roll are not three unit vectors at right angles";
+        return Err(bad(place, what, "axes as (0, 0, 1), (0, 1, 0) and (1, 0, 0)"));
+    }
+    Ok(DVec3::from_array(axes.map(|axis| axis.dot(at))))
 }
 
 fn pyramid(node: Node<'_, '_>, id: &str) -> Result<Pyramid, BakeError> {
@@ -184,7 +253,11 @@ fn pyramid(node: Node<'_, '_>, id: &str) -> Result<Pyramid, BakeError> {
     Ok(Pyramid { turn, angles })
 }
 
-fn add_files(root: Node<'_, '_>, regions: &mut [Region]) -> Result<(), BakeError> {
+fn add_files(
+    root: Node<'_, '_>,
+    regions: &mut [Region],
+    notes: &mut Vec<String>,
+) -> Result<(), BakeError> {
     let sets = child(root, "files").into_iter().flat_map(|files| children(files, "fileset"));
     for set in sets {
         let id = attribute(set, "region").unwrap_or_default().trim();
@@ -192,18 +265,23 @@ fn add_files(root: Node<'_, '_>, regions: &mut [Region]) -> Result<(), BakeError
             let what = format!("it belongs to region '{}', which is not there", shorten(id));
             return Err(bad("fileset", what, "the id of a region"));
         };
-        if child(set, "distortionMap").is_some() {
-            let what = "it has a distortionMap, which profile sl has";
-            return Err(bad(format!("fileset of {}", place(id)), what, "none"));
-        }
         let files = &mut region.files;
         let name = |kind: &str| format!("fileset of {} {kind}", place(id));
         for node in set.children().filter(Node::is_element) {
             let kind = node.tag_name().name().to_ascii_lowercase();
+            let is_known = ["geometrywarpfile", "alphamap", "betamap", "distortionmap"]
+                .contains(&kind.as_str());
+            let path = text_of(node, "path").unwrap_or_default();
+            if is_known && path.is_empty() {
+                let kind = node.tag_name().name();
+                notes.push(format!("{}: its {kind} names no file: left out", place(id)));
+                continue;
+            }
             let is_again = match kind.as_str() {
                 "geometrywarpfile" => files.warp.replace(warp_file(node)).is_some(),
                 "alphamap" => files.alpha.replace(mask_file(node, &name(&kind))?).is_some(),
                 "betamap" => files.beta.replace(mask_file(node, &name(&kind))?).is_some(),
+                "distortionmap" => files.distortion.replace(path).is_some(),
                 _ => false,
             };
             if is_again {
@@ -226,7 +304,9 @@ fn warp_file(node: Node<'_, '_>) -> WarpFile {
 
 fn mask_file(node: Node<'_, '_>, place: &str) -> Result<MaskFile, BakeError> {
     let number = |name: &str| {
-        let Some(text) = text_of(node, name) else { return Ok(None) };
+        let Some(text) = text_of(node, name).filter(|text| !text.is_empty()) else {
+            return Ok(None);
+        };
         let positive = finite(&text).filter(|number| (0.01..=100.0).contains(number));
         let what = || bad(format!("{place}.{name}"), format!("it is '{}'", shorten(&text)), "1");
         positive.map(Some).ok_or_else(what)
@@ -255,14 +335,15 @@ fn buffer_size(node: Node<'_, '_>, regions: &[Region]) -> Result<UVec2, BakeErro
 }
 
 impl Document {
-    /// A region's part of the buffer in whole pixels, from the upper left: origin and size.
+    /// A region's part of its buffer in whole pixels, from the upper left: origin and size.
     pub fn part(&self, region: &Region) -> (UVec2, UVec2) {
-        let buffer = self.buffer.as_dvec2();
+        let size = self.buffers[region.buffer].size;
+        let buffer = size.as_dvec2();
         let top = DVec2::new(region.origin.x, 1.0 - region.origin.y - region.extent.y);
-        let last = self.buffer - UVec2::ONE;
+        let last = size - UVec2::ONE;
         let from = (top * buffer).round().max(DVec2::ZERO).as_uvec2().min(last);
-        let size = (region.extent * buffer).round().as_uvec2().max(UVec2::ONE);
-        (from, size.min(self.buffer - from))
+        let part = (region.extent * buffer).round().as_uvec2().max(UVec2::ONE);
+        (from, part.min(size - from))
     }
 }
 
@@ -287,6 +368,12 @@ fn attribute<'a>(node: Node<'a, '_>, name: &str) -> Option<&'a str> {
     let mut attributes = node.attributes();
     let found = attributes.find(|attribute| attribute.name().eq_ignore_ascii_case(name));
     found.map(|attribute| attribute.value())
+}
+
+/// Whether an element holds nothing.
+fn is_empty(node: Node<'_, '_>) -> bool {
+    let is_blank = |child: Node<'_, '_>| child.text().is_none_or(|text| text.trim().is_empty());
+    node.children().all(|child| !child.is_element() && is_blank(child))
 }
 
 fn text_of(node: Node<'_, '_>, name: &str) -> Option<String> {

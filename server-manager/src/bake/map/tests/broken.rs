@@ -65,7 +65,7 @@ fn broken_obj_meshes() {
     says(&with("v 1 2 5000\n"), &["line 9", "too far", "metres"]);
     says(&with("f 1/1 2/2 4/4\nf 1/1 3/3 4/4\n"), &["line 10", "turned over", "line 9"]);
     says(&with("f 1/1 1/1 1/1\n"), &["covers any of the picture"]);
-    says(&with("vt 1.5 0\nf 1/1 2/5 3/3\n"), &["line 10", "(1.5, 0)", "outside the picture"]);
+    says(&with("vt 2 0\nvt 2 1\nf 1/5 2/6 3/5\n"), &["covers any of the picture"]);
 }
 
 /// The same winding, but over each other: two sheets of one picture.
@@ -77,6 +77,28 @@ fn a_mesh_that_lies_over_itself() {
     says(&refusal("m.obj", MapUse::ScreenMesh, text.as_bytes()), &["lie over those of line"]);
     // The same grid alone meets itself on its edges only.
     Place::new().bake("m.obj", MapUse::ScreenMesh, grid.as_bytes()).expect("no fold");
+}
+
+/// What lies beside the picture is not drawn: it may be folded, turned over and far away.
+#[test]
+fn only_the_picture_is_checked_for_folds() {
+    let grid = maps::obj([8, 8], |u, v| ([u, v, 0.0], [u * 1.5 - 0.25, v * 1.5 - 0.25]));
+    let beside = "v 0 0 1\nvt 1.05 0.2\nvt 1.2 0.2\nvt 1.05 0.4\nvt 900 900\n\
+                  f 82/82 82/84 82/83\nf 82/82 82/83 82/84\nf 82/83 82/84 82/85\n";
+    let text = format!("{grid}{beside}");
+    Place::new().bake("m.obj", WARP, text.as_bytes()).expect("no fold in the picture");
+    let inside = text.replace("vt 1.05", "vt 0.05");
+    says(&refusal("m.obj", WARP, inside.as_bytes()), &["line", "those of line"]);
+}
+
+#[test]
+fn folded_bourke_meshes_name_their_node() {
+    let node = |x: u32, y: u32| {
+        let fold = if x == 2 { -1.2 } else { 0.0 };
+        [f64::from(x) - 1.5 + fold, f64::from(y) - 1.0, 0.5, 0.5, 1.0]
+    };
+    let line = refusal("m.data", WARP, maps::bourke([4, 3], node).as_bytes());
+    says(&line, &["line 4", "turned over", "line 3"]);
 }
 
 #[test]
@@ -113,7 +135,7 @@ fn broken_bourke_meshes() {
     says(&warp(&good.replace("0.5 0.5 1", "0.5 1")), &["line 3", "too few numbers"]);
     says(&warp(&good.replacen("0.5 0.5 1", "0.5 0.5 1.5", 1)), &["line 3", "out of range"]);
     says(&warp(&good.replace("0.5 1", "0.5 -1")), &["no cell", "lit"]);
-    let line = refusal("m.data", MapUse::Warp { aspect: None }, good.as_bytes());
+    let line = refusal("m.data", MapUse::Warp { aspect: None, dark_zeros: false }, good.as_bytes());
     says(&line, &["several shapes"]);
 }
 
