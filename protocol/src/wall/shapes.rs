@@ -190,6 +190,15 @@ impl Ground<'_> {
         Some((point, self.screen.canvas_from_display(point)?))
     }
 
+    /// The first point that a ray meets, as [`Self::hit`] has it.
+    pub(super) fn first_point(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
+        if let Some(facets) = self.facets {
+            let hit = facets.hit(from, direction, 0.0).filter(|hit| hit.is_front)?;
+            return Some(hit.point);
+        }
+        self.screen.surface.hit(from, direction)
+    }
+
     /// Where on the canvas an eye sees a point: of a mesh, on the layer that is nearest to it.
     pub fn canvas_seen(&self, eye: DVec3, point: DVec3) -> Option<DVec2> {
         match self.facets {

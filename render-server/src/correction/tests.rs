@@ -113,7 +113,7 @@ fn frame(head: Head) -> Frame {
 fn drawn(wall: &Wall, scene: &Scene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
     let plan =
         Plan::new(wall, &Maps::default(), ChannelId(0)).expect("a plan").expect("a correction");
-    let mut corrector = Corrector::new(gpu(), plan, wall).expect("a corrector");
+    let mut corrector = Corrector::new(gpu(), plan, wall, None).expect("a corrector");
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
     renderer.prepare_for(gpu(), scene, Content::Light);
     let mut output = Output::new("curve".into(), None, None);
@@ -274,7 +274,7 @@ fn tiles_that_overlap_share_their_light() {
         let plan = Plan::new(&shared, &Maps::default(), ChannelId(id))
             .expect("a plan")
             .expect("a correction");
-        let mut corrector = Corrector::new(gpu(), plan, &shared).expect("a corrector");
+        let mut corrector = Corrector::new(gpu(), plan, &shared, None).expect("a corrector");
         let mut output = Output::new("curve".into(), None, None);
         let frame = frame(Head::at(DVec3::ZERO, 0.0));
         let drawing = (&mut renderer, &scene);
@@ -300,7 +300,7 @@ fn an_eye_behind_a_curve_is_refused_by_name() {
     let ring = wall(cylinder(1.0, DQuat::IDENTITY), [64, 36]);
     let plan =
         Plan::new(&ring, &Maps::default(), ChannelId(0)).expect("a plan").expect("a correction");
-    let mut corrector = Corrector::new(gpu(), plan, &ring).expect("a corrector");
+    let mut corrector = Corrector::new(gpu(), plan, &ring, None).expect("a corrector");
     // In the surface's tangent plane beside it: one half shows its front, the other its back.
     let behind = frame(Head::at(DVec3::new(4.0, 0.0, -3.2), 0.0));
     let said = corrector.views(gpu(), &ring, &behind).expect_err("refused");
