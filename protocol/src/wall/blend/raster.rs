@@ -26,7 +26,7 @@ const BENT_CELL: u32 = 16;
 const BLOCK: u32 = 8;
 
 /// How far an interpolated place may be from the exact one in a large cell, in pixels.
-const SMOOTH_ERROR_MAX: f64 = 1e-5;
+const SMOOTH_ERROR_MAX: f64 = 3e-5;
 
 /// How far an interpolated place may be from the exact one in a block, in pixels.
 const PLACE_ERROR_MAX: f64 = 1e-3;
@@ -54,6 +54,8 @@ struct Raster<'l, 'w> {
     widths: [Option<f64>; 4],
     others: Vec<Other<'l, 'w>>,
     exponent: f64,
+    /// Whether places have kinks, so that they are interpolated in blocks only.
+    is_faceted: bool,
     /// Pixels of the largest cells whose places may be interpolated with curves.
     largest: u32,
 }
@@ -76,11 +78,8 @@ impl<'w> Blend<'w> {
             widths: self.widths(id),
             others,
             exponent: self.wall.blend.exponent,
-            largest: match smoothness {
-                Smoothness::Smooth => CELL,
-                Smoothness::Bent => BENT_CELL,
-                Smoothness::Faceted => BLOCK,
-            },
+            is_faceted: smoothness == Smoothness::Faceted,
+            largest: if smoothness == Smoothness::Smooth { CELL } else { BENT_CELL },
         };
         let size = lamp.channel.size;
         let strip = (size.x.max(1) * CELL) as usize;
@@ -112,13 +111,14 @@ impl<'l, 'w> Raster<'l, 'w> {
         if self.others.is_empty() {
             return cell.fill(put, Share::ALONE);
         }
-        if side <= self.largest
+        if !self.is_faceted
+            && side <= self.largest
             && let Some(here) = self.smooth(&cell)
         {
             return self.fill(&cell, &here, true, put);
         }
         let half = side / 2;
-        if self.largest == BLOCK || half <= BLOCK {
+        if self.is_faceted || half < BLOCK {
             return self.blocks(&cell, put);
         }
         for begin in cell.parts(half) {
@@ -128,7 +128,7 @@ impl<'l, 'w> Raster<'l, 'w> {
 
     /// Those that may light a cell, with smooth places; `None` where some of them are not.
     fn smooth(&self, cell: &Cell) -> Option<Vec<Here<'l, 'w>>> {
-        let spots = patch::PLACES.map(|place| self.lamp.spot(cell.place(place)));
+        let spots = patch::places().map(|place| self.lamp.spot(cell.place(place)));
         if spots.iter().any(Option::is_none) {
             return None;
         }

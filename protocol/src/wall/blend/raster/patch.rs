@@ -4,23 +4,24 @@ use glam::DVec2;
 
 use super::BESIDE;
 
-/// Where a cell's places are found for [`Patch::curved`]: three times three, and four between them
-/// that tell how far off the curves are.
-pub(super) const PLACES: [(f64, f64); 13] = [
-    (0.0, 0.0),
-    (0.5, 0.0),
-    (1.0, 0.0),
-    (0.0, 0.5),
-    (0.5, 0.5),
-    (1.0, 0.5),
-    (0.0, 1.0),
-    (0.5, 1.0),
-    (1.0, 1.0),
-    (0.25, 0.25),
-    (0.75, 0.25),
-    (0.25, 0.75),
-    (0.75, 0.75),
-];
+/// Nodes of [`Patch::curved`], across and down.
+const NODES: usize = 4;
+
+/// How many places [`Patch::curved`] is made from: its nodes, and those that tell how far it is off.
+pub(super) const PLACES: usize = NODES * NODES + 4;
+
+/// Where in a cell a patch is most off, of each sign: a cubic's remainder is there within 6 % of
+/// its largest.
+const CHECKS: [f64; 2] = [1.0 / 6.0, 5.0 / 6.0];
+
+/// The places of a cell, from (0, 0) to (1, 1), from which [`Patch::curved`] is made.
+pub(super) fn places() -> [(f64, f64); PLACES] {
+    let node = |at: usize| at as f64 / (NODES - 1) as f64;
+    std::array::from_fn(|at| match at.checked_sub(NODES * NODES) {
+        None => (node(at % NODES), node(at / NODES)),
+        Some(check) => (CHECKS[check % 2], CHECKS[check / 2]),
+    })
+}
 
 /// Where it is found how far [`Patch::linear`] is off: the middles of all, of the upper side and of
 /// the left one.
@@ -30,7 +31,7 @@ pub(super) const MIDDLES: [(f64, f64); 3] = [(0.5, 0.5), (0.5, 0.0), (0.0, 0.5)]
 #[derive(Clone, Debug)]
 pub(super) struct Patch {
     /// Of u^i v^j at `[j][i]`, where (u, v) is the place in the cell, (0, 0) to (1, 1).
-    factors: [[DVec2; 3]; 3],
+    factors: [[DVec2; NODES]; NODES],
     pub error_px: f64,
     /// Of the cell, in its pixels.
     size: DVec2,
@@ -39,28 +40,25 @@ pub(super) struct Patch {
 /// The places of one row of pixels.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Row {
-    place: [DVec2; 3],
-    down: [DVec2; 3],
+    place: [DVec2; NODES],
+    down: [DVec2; NODES],
     width: f64,
 }
 
 impl Patch {
-    /// The biquadratic patch through the first nine of [`PLACES`]; `None` where one is missing.
-    pub fn curved(places: [Option<DVec2>; 13], size: DVec2) -> Option<Self> {
-        let mut found = [DVec2::ZERO; 13];
-        for (found, place) in found.iter_mut().zip(places) {
-            *found = place?;
+    /// The bicubic patch through the nodes among [`places`]; `None` where one is missing.
+    pub fn curved(found: [Option<DVec2>; PLACES], size: DVec2) -> Option<Self> {
+        let mut exact = [DVec2::ZERO; PLACES];
+        for (exact, found) in exact.iter_mut().zip(found) {
+            *exact = found?;
         }
-        // The parabola through values at 0, 1/2 and 1.
-        let parabola = |[a, b, c]: [DVec2; 3]| [a, b * 4.0 - a * 3.0 - c, (a + c) * 2.0 - b * 4.0];
-        let rows = [0, 3, 6].map(|at| parabola([found[at], found[at + 1], found[at + 2]]));
-        let columns = [0, 1, 2].map(|power| parabola(rows.map(|row| row[power])));
-        let factors = [0, 1, 2].map(|j| columns.map(|column| column[j]));
+        let rows = [0, 1, 2, 3].map(|row| cubic([0, 1, 2, 3].map(|at| exact[row * NODES + at])));
+        let columns = [0, 1, 2, 3].map(|power| cubic(rows.map(|row| row[power])));
+        let factors = [0, 1, 2, 3].map(|j| columns.map(|column| column[j]));
         let mut patch = Self { factors, error_px: 0.0, size };
-        // A cubic remainder is within 3 % of its largest there; twice as much, since the worst
-        // place may be another.
-        let checks = PLACES[9..].iter().zip(&found[9..]);
-        let off = checks.map(|((u, v), place)| patch.at(*u, *v).distance(*place));
+        let checks = places().into_iter().zip(exact).skip(NODES * NODES);
+        let off = checks.map(|((u, v), place)| patch.at(u, v).distance(place));
+        // Twice as much, since the worst place may be another.
         patch.error_px = 2.0 * off.fold(0.0, f64::max);
         patch.error_px.is_finite().then_some(patch)
     }
@@ -82,22 +80,23 @@ impl Patch {
             ((a + b) / 2.0).distance(above),
             ((a + c) / 2.0).distance(left),
         ];
-        let zero = DVec2::ZERO;
-        let factors = [[a, b - a, zero], [c - a, a - b - c + d, zero], [zero; 3]];
+        let mut factors = [[DVec2::ZERO; NODES]; NODES];
+        factors[0][..2].copy_from_slice(&[a, b - a]);
+        factors[1][..2].copy_from_slice(&[c - a, a - b - c + d]);
         Some(Self { factors, error_px: 2.0 * errors.into_iter().fold(0.0, f64::max), size })
     }
 
     fn at(&self, u: f64, v: f64) -> DVec2 {
-        let row = self.factors.map(|[a, b, c]| a + (b + c * u) * u);
-        row[0] + (row[1] + row[2] * v) * v
+        value(self.factors.map(|row| value(row, u)), v)
     }
 
     /// Whether all of it lies beyond one side of a picture of this size.
     pub fn is_beside(&self, picture: DVec2) -> bool {
         // What bounds a Bézier patch: its control points.
-        let control = |[a, b, c]: [DVec2; 3]| [a, a + b * 0.5, a + b + c];
-        let columns = [0, 1, 2].map(|i| control(self.factors.map(|row| row[i])));
-        let points = [0, 1, 2].map(|j| control(columns.map(|column| column[j])));
+        let control =
+            |[a, b, c, d]: [DVec2; NODES]| [a, a + b / 3.0, a + (b * 2.0 + c) / 3.0, a + b + c + d];
+        let columns = [0, 1, 2, 3].map(|i| control(self.factors.map(|row| row[i])));
+        let points = [0, 1, 2, 3].map(|j| control(columns.map(|column| column[j])));
         let points = points.as_flattened();
         let low = points.iter().copied().fold(DVec2::INFINITY, DVec2::min);
         let high = points.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
@@ -108,10 +107,10 @@ impl Patch {
     /// The row of places at this distance from the cell's upper side, in pixels.
     pub fn row(&self, y: f64) -> Row {
         let v = y / self.size.y;
-        let [a, b, c] = self.factors;
+        let columns = [0, 1, 2, 3].map(|i| self.factors.map(|row| row[i]));
         Row {
-            place: [0, 1, 2].map(|i| a[i] + (b[i] + c[i] * v) * v),
-            down: [0, 1, 2].map(|i| (b[i] + c[i] * (2.0 * v)) / self.size.y),
+            place: columns.map(|column| value(column, v)),
+            down: columns.map(|column| slope(column, v) / self.size.y),
             width: self.size.x,
         }
     }
@@ -120,14 +119,30 @@ impl Patch {
 impl Row {
     /// The place at this distance from the cell's left side, in pixels.
     pub fn at(&self, x: f64) -> DVec2 {
-        let u = x / self.width;
-        self.place[0] + (self.place[1] + self.place[2] * u) * u
+        value(self.place, x / self.width)
     }
 
     /// By what the place moves from pixel to pixel, across and down.
     pub fn slope(&self, x: f64) -> [DVec2; 2] {
         let u = x / self.width;
-        let across = (self.place[1] + self.place[2] * (2.0 * u)) / self.width;
-        [across, self.down[0] + (self.down[1] + self.down[2] * u) * u]
+        [slope(self.place, u) / self.width, value(self.down, u)]
     }
+}
+
+/// The factors of the cubic through values at 0, 1/3, 2/3 and 1.
+fn cubic([a, b, c, d]: [DVec2; NODES]) -> [DVec2; NODES] {
+    [
+        a,
+        (b * 18.0 - a * 11.0 - c * 9.0 + d * 2.0) / 2.0,
+        (a * 2.0 - b * 5.0 + c * 4.0 - d) * 4.5,
+        (b * 3.0 - a - c * 3.0 + d) * 4.5,
+    ]
+}
+
+fn value([a, b, c, d]: [DVec2; NODES], at: f64) -> DVec2 {
+    a + (b + (c + d * at) * at) * at
+}
+
+fn slope([_, b, c, d]: [DVec2; NODES], at: f64) -> DVec2 {
+    b + (c * 2.0 + d * (3.0 * at)) * at
 }
