@@ -20,7 +20,10 @@ use polyptych_protocol::wall::file;
 const TIMES: u32 = 5;
 
 /// A start that takes longer has failed.
-const START_TIME_MAX: Duration = Duration::from_secs(120);
+const START_TIME_MAX: Duration = Duration::from_mins(2);
+
+/// What is changed, and how in the n-th time.
+type Tuning = (&'static str, fn(f64) -> Change);
 
 /// A process that ends with its measurement.
 struct Ended(Child);
@@ -84,7 +87,7 @@ fn measure(path: &Path) -> Result<(), Box<dyn Error>> {
 }
 
 /// The changes that are measured; another one each time.
-fn changes() -> [(&'static str, fn(f64) -> Change); 4] {
+fn changes() -> [Tuning; 4] {
     [
         ("a gain", |time| Change::Gain(DVec3::splat(0.95 - 0.01 * time))),
         ("a gamma", |time| Change::Gamma(Some(DVec3::splat(2.2 + 0.01 * time)))),

@@ -100,8 +100,10 @@ impl<'a> PixelMap<'a> {
     /// The point of display space, in metres, that a place of the channel's picture shows.
     pub fn display_from_pixel(&self, pixel: DVec2) -> Option<DVec3> {
         match (&self.channel.cover, self.warp) {
-            (Cover::Projector(_), _) => {
-                self.lit(self.meant_from_pixel(pixel)?).map(|(point, _)| point)
+            (Cover::Projector(projector), _) => {
+                let meant = self.meant_from_pixel(pixel)?;
+                let direction = projector.direction(meant / self.channel.size.as_dvec2());
+                self.ground.first_point(projector.position, direction)
             }
             (Cover::Map, Some((facets, _))) => facets.point_at(self.meant_from_pixel(pixel)?),
             _ => self.ground.display_from_canvas(self.canvas_from_pixel(pixel)?),

@@ -150,15 +150,16 @@ impl Shapes {
         self.channels.get(&channel.name).map(|shape| shape.outline.as_ref())
     }
 
-    /// Whether a channel's own files share its light with others, so that nothing is computed: an
-    /// alpha mask or the light of a mesh's corners, where its pixels lie where a file says. Widths
-    /// of ramps in the wall file say otherwise.
+    /// Whether a channel's own files share its light with others, so that nothing is computed: as
+    /// the wall file says, or by an alpha mask or the light of a mesh's corners, where its pixels
+    /// lie where a file says. Widths of ramps in the wall file say otherwise.
     pub fn is_blended_by_file(&self, channel: &Channel) -> bool {
         let adjustment = &channel.adjustment;
         let has_light = self.channels.get(&channel.name).is_some_and(|shape| shape.has_light);
-        channel.cover == super::Cover::Map
+        let is_implied = channel.cover == super::Cover::Map
             && (has_light || adjustment.alpha.is_some())
-            && adjustment.edges == super::Edges::default()
+            && adjustment.edges == super::Edges::default();
+        is_implied || adjustment.ramps == super::Ramps::Alpha
     }
 }
 

@@ -91,7 +91,7 @@ impl<'w> Blend<'w> {
             };
             for left in (0..size.x).step_by(CELL as usize) {
                 let begin = UVec2::new(left, top);
-                raster.cell(Cell { begin, end: (begin + CELL).min(size) }, CELL, &mut put);
+                raster.cell(&Cell { begin, end: (begin + CELL).min(size) }, CELL, &mut put);
             }
         });
     }
@@ -107,22 +107,22 @@ impl<'w> Blend<'w> {
 
 impl<'l, 'w> Raster<'l, 'w> {
     /// The shares of a cell of this side: at once where places are smooth, else of its parts.
-    fn cell(&self, cell: Cell, side: u32, put: &mut impl FnMut(u32, u32, Share)) {
+    fn cell(&self, cell: &Cell, side: u32, put: &mut impl FnMut(u32, u32, Share)) {
         if self.others.is_empty() {
             return cell.fill(put, Share::ALONE);
         }
         if !self.is_faceted
             && side <= self.largest
-            && let Some(here) = self.smooth(&cell)
+            && let Some(here) = self.smooth(cell)
         {
-            return self.fill(&cell, &here, true, put);
+            return self.fill(cell, &here, true, put);
         }
         let half = side / 2;
         if self.is_faceted || half < BLOCK {
-            return self.blocks(&cell, put);
+            return self.blocks(cell, put);
         }
         for begin in cell.parts(half) {
-            self.cell(Cell { begin, end: (begin + half).min(cell.end) }, half, put);
+            self.cell(&Cell { begin, end: (begin + half).min(cell.end) }, half, put);
         }
     }
 
@@ -141,7 +141,7 @@ impl<'l, 'w> Raster<'l, 'w> {
                 }
                 return None;
             }
-            let patch = Patch::curved(places, cell.size())?;
+            let patch = Patch::curved(&places, cell.size())?;
             if patch.is_beside(other.lamp.size) {
                 continue;
             }

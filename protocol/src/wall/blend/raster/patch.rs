@@ -47,10 +47,10 @@ pub(super) struct Row {
 
 impl Patch {
     /// The bicubic patch through the nodes among [`places`]; `None` where one is missing.
-    pub fn curved(found: [Option<DVec2>; PLACES], size: DVec2) -> Option<Self> {
+    pub fn curved(found: &[Option<DVec2>; PLACES], size: DVec2) -> Option<Self> {
         let mut exact = [DVec2::ZERO; PLACES];
         for (exact, found) in exact.iter_mut().zip(found) {
-            *exact = found?;
+            *exact = (*found)?;
         }
         let rows = [0, 1, 2, 3].map(|row| cubic([0, 1, 2, 3].map(|at| exact[row * NODES + at])));
         let columns = [0, 1, 2, 3].map(|power| cubic(rows.map(|row| row[power])));

@@ -39,6 +39,7 @@ pub(super) fn section(wall: &Wall, channel: &Channel) -> Option<AdjustSection> {
             curve,
             warp: path(adjustment.warp),
             alpha: path(adjustment.alpha),
+            ramps: changed(adjustment.ramps),
             beta: path(adjustment.beta),
             bits: (adjustment.bits == Bits::Ten).then_some(10),
         };
