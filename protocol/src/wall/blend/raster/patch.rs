@@ -7,7 +7,7 @@ use super::BESIDE;
 /// Nodes of [`Patch::curved`], across and down.
 const NODES: usize = 4;
 
-/// How many places [`Patch::curved`] is made from: its nodes, and those that tell how far it is off.
+/// Places from which [`Patch::curved`] is made: its nodes, and those that tell how far it is off.
 pub(super) const PLACES: usize = NODES * NODES + 4;
 
 /// Where in a cell a patch is most off, of each sign: a cubic's remainder is there within 6 % of
