@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::codec;
 use crate::limits::{BEND_POINTS_MAX, MESSAGE_BYTES_MAX, TUNE_CHANGES_MAX};
 use crate::wall::adjustment::Bend;
-use crate::wall::{Adjustment, Channel, Curve, Wall, fold};
+use crate::wall::{Adjustment, Channel, Curve, Ramps, Wall, fold};
 
 /// Largest description of a wall, encoded, that a tuning may lead to: it travels in one message,
 /// beside a scene's name.
@@ -203,6 +203,11 @@ impl Change {
             }
             Self::Gamma(gamma) => adjustment.color.curve = curve(*gamma)?,
             Self::Edge { side, width } => {
+                if width.is_some() && adjustment.ramps == Ramps::Alpha {
+                    let reason = "its alpha file says how its light fades; take ramps out of the \
+                                  wall file to tune edges";
+                    return Err(reason.to_owned());
+                }
                 let across = if side.is_upright() { size.x } else { size.y };
                 if width.is_some_and(|width| !(0.0..=across).contains(&width)) {
                     return Err(format!("0 to {across} pixels can be, or auto"));

@@ -36,7 +36,7 @@ pub mod warp_mesh;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-pub use adjustment::{Adjustment, Bits, Color, Curve, Edges, EyeOf, Packing, Turn};
+pub use adjustment::{Adjustment, Bits, Color, Curve, Edges, EyeOf, Packing, Ramps, Turn};
 pub use channel::{Channel, Cover, Projection};
 pub use screen::{Bezel, Screen};
 pub use surface::Surface;

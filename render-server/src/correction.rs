@@ -8,19 +8,19 @@ mod lay;
 pub(crate) mod shots;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DMat3, DVec3};
 use polyptych_protocol::command::{Area, Frame, View, ViewProjection};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::blend;
-use polyptych_protocol::wall::blend::Masks;
+use polyptych_protocol::wall::blend::{self, Blend, LightInputs, Masks};
 use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 use polyptych_protocol::wall::warp::Mask;
 use polyptych_protocol::wall::warp_mesh::WarpMesh;
-use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, Wall};
+use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, MapFile, Wall};
 
 use crate::apply;
 use crate::output::Output;
@@ -39,8 +39,12 @@ pub(crate) type Plans = BTreeMap<String, Plan>;
 pub(crate) struct Plan {
     channel: ChannelId,
     desc: CorrectionDesc,
+    /// What its light map was made from.
+    light_inputs: LightInputs,
+    /// What its mesh was made from.
+    form: Form,
     /// Where its pixels lie; `None` where they are pixels of its screen.
-    warp: Option<WarpMesh>,
+    warp: Option<Arc<WarpMesh>>,
     /// Whose pictures it shows.
     eyes: Vec<EyeOf>,
     /// Where views of their own find what lies where.
@@ -48,7 +52,27 @@ pub(crate) struct Plan {
     shapes: Shapes,
 }
 
-/// The plans of these channels.
+/// What decides where a channel's pixels lie: equal ones make equal meshes.
+#[derive(Clone, Debug, PartialEq)]
+struct Form {
+    eye: DVec3,
+    screen: wall::Screen,
+    /// Without its colours and the widths of its blends.
+    channel: wall::Channel,
+    files: Vec<MapFile>,
+}
+
+impl Form {
+    fn new(wall: &Wall, channel: &wall::Channel) -> Self {
+        let mut channel = channel.clone();
+        let Adjustment { pin, bend, warp, .. } = std::mem::take(&mut channel.adjustment);
+        channel.adjustment = Adjustment { pin, bend, warp, ..Adjustment::default() };
+        let screen = wall.screen_of(&channel).clone();
+        Self { eye: wall.eye, screen, channel, files: wall.files.clone() }
+    }
+}
+
+/// The plans of these channels. What did not change of `known` plans is theirs.
 ///
 /// # Errors
 /// Which channel cannot be shown, and why.
@@ -56,13 +80,16 @@ pub(crate) fn plans<'a>(
     of: impl Into<Shaped<'a>>,
     maps: &Maps,
     channels: &[String],
+    known: Option<&Plans>,
 ) -> Result<Plans, String> {
     let shaped = of.into();
     let wall = shaped.wall;
+    let blend = Blend::new(shaped);
     let mut plans = Plans::new();
     for name in channels {
         let Some((id, _)) = wall.channel_named(name) else { continue };
-        let plan = Plan::new(shaped, maps, id);
+        let known = known.and_then(|plans| plans.get(name));
+        let plan = Plan::after(shaped, &blend, maps, id, known);
         let plan = plan.map_err(|reason| format!("channel {name}: {reason}"))?;
         if let Some(plan) = plan {
             plans.insert(name.clone(), plan);
@@ -76,29 +103,48 @@ impl Plan {
     ///
     /// # Errors
     /// Nothing of its picture lies on its screen.
+    #[cfg(test)]
     pub fn new<'a>(
         of: impl Into<Shaped<'a>>,
         maps: &Maps,
         id: ChannelId,
     ) -> Result<Option<Self>, String> {
         let shaped = of.into();
+        Self::after(shaped, &Blend::new(shaped), maps, id, None)
+    }
+
+    /// The plan of a channel after a `known` one of it, whose light map and mesh it has where
+    /// nothing has changed that they are made from.
+    fn after(
+        shaped: Shaped<'_>,
+        blend: &Blend<'_>,
+        maps: &Maps,
+        id: ChannelId,
+        known: Option<&Self>,
+    ) -> Result<Option<Self>, String> {
         let wall = shaped.wall;
         let channel = wall.channel(id).ok_or("the wall has no such channel")?;
         let adjustment = &channel.adjustment;
         let is_tile = channel.cover == Cover::Tile && wall.screen_of(channel).plane().is_some();
-        let light_map = light_map(shaped, maps, id);
+        let light_inputs = blend.light_inputs(id).ok_or("the wall has no such channel")?;
+        let light_map = match known.filter(|known| known.light_inputs == light_inputs) {
+            Some(known) => known.desc.light_map.clone(),
+            None => light_map(shaped, blend, maps, id).map(renderer_light).map(Arc::new),
+        };
         if is_tile && adjustment.is_plain() && light_map.is_none() {
             return Ok(None);
         }
-        let bent = Adjustment {
-            pin: adjustment.pin,
-            bend: adjustment.bend.clone(),
-            ..Adjustment::default()
-        };
-        let warp = if is_tile && bent.is_plain() && adjustment.warp.is_none() {
-            None
-        } else {
-            Some(shaped.drawn_mesh(maps, id)?)
+        let form = Form::new(wall, channel);
+        let is_bent = !form.channel.adjustment.is_plain() || adjustment.warp.is_some();
+        let known = known.filter(|known| known.form == form);
+        let (warp, drawn) = match known {
+            _ if is_tile && !is_bent => (None, None),
+            Some(known) => (known.warp.clone(), known.desc.warp.clone()),
+            None => {
+                let warp = shaped.drawn_mesh(maps, id)?;
+                let drawn = renderer_mesh(&warp);
+                (Some(Arc::new(warp)), Some(Arc::new(drawn)))
+            }
         };
         let eyes = channel.eyes().to_vec();
         let color = &adjustment.color;
@@ -107,21 +153,15 @@ impl Plan {
             turn: turn(adjustment.turn),
             is_mirrored: adjustment.mirror,
             packing: packing(adjustment.packing),
-            warp: warp.as_ref().map(renderer_mesh),
-            light_map: light_map.map(renderer_light),
+            warp: drawn,
+            light_map,
             color: DMat3::from_diagonal(color.gain) * color.matrix,
             curve: curve(&color.curve),
             dither: wall.dither.then_some(u32::from(id.0)),
             is_fine: adjustment.bits == Bits::Ten,
         };
-        Ok(Some(Self {
-            channel: id,
-            desc,
-            warp,
-            eyes,
-            maps: maps.clone(),
-            shapes: shaped.shapes.clone(),
-        }))
+        let (maps, shapes) = (maps.clone(), shaped.shapes.clone());
+        Ok(Some(Self { channel: id, desc, light_inputs, form, warp, eyes, maps, shapes }))
     }
 }
 
@@ -139,12 +179,17 @@ impl Plan {
 
 /// What a channel's light is multiplied by and what is added: its part in blends, its masks, and
 /// the light of its warp's corners.
-pub(crate) fn light_map(shaped: Shaped<'_>, maps: &Maps, id: ChannelId) -> Option<blend::LightMap> {
+pub(crate) fn light_map(
+    shaped: Shaped<'_>,
+    blend: &Blend<'_>,
+    maps: &Maps,
+    id: ChannelId,
+) -> Option<blend::LightMap> {
     let channel = shaped.wall.channel(id)?;
     let light = shaped.pixel_map(id).and_then(|map| maps.light(channel, &map));
     let light = light.as_ref().and_then(Mask::texels);
     let masks = Masks { light, ..maps.masks(&channel.adjustment) };
-    blend::light_map(shaped, id, &masks)
+    blend.light_map(id, &masks)
 }
 
 fn renderer_mesh(mesh: &WarpMesh) -> renderer::WarpMesh {
@@ -209,6 +254,8 @@ struct Layer {
 pub(crate) struct Corrector {
     plan: Plan,
     correction: Correction,
+    /// The wall's.
+    near_m: f64,
     /// What the last eyes see; a tracked eye costs a fit for each frame, others none.
     shots: Option<Shots>,
     /// Of the last frame's views; made where a view is new or was moved.
@@ -217,25 +264,38 @@ pub(crate) struct Corrector {
 
 impl Corrector {
     /// Takes a plan to the GPU, and draws with it once where nobody sees it, for a head that is
-    /// there, so that no frame waits for a compiler.
+    /// there, so that no frame waits for a compiler. What did not change of a `known` corrector is
+    /// shared with it.
     ///
     /// # Errors
     /// The plan or the head leave no picture, or the GPU failed; the channel's name is said.
-    pub fn new(gpu: &Gpu, plan: Plan, wall: &Wall) -> Result<Self, String> {
+    pub fn new(gpu: &Gpu, plan: Plan, wall: &Wall, known: Option<&Self>) -> Result<Self, String> {
         let name = wall.channel(plan.channel).map_or("", |channel| &channel.name);
         // Who tunes wants to know which, where its reason does not say.
-        Self::warmed(gpu, plan, wall).map_err(|reason| match reason.strip_prefix("channel ") {
-            Some(_) => reason,
-            None => format!("channel {name}: {reason}"),
+        Self::warmed(gpu, plan, wall, known).map_err(|reason| {
+            match reason.strip_prefix("channel ") {
+                Some(_) => reason,
+                None => format!("channel {name}: {reason}"),
+            }
         })
     }
 
-    fn warmed(gpu: &Gpu, plan: Plan, wall: &Wall) -> Result<Self, String> {
-        let correction =
-            Correction::new(gpu, plan.desc.clone()).map_err(|error| error.to_string())?;
-        let mut corrector = Self { plan, correction, shots: None, lays: Vec::new() };
+    fn warmed(gpu: &Gpu, plan: Plan, wall: &Wall, known: Option<&Self>) -> Result<Self, String> {
+        let before = known.map(|known| &known.correction);
+        let correction = Correction::after(gpu, plan.desc.clone(), before);
+        let correction = correction.map_err(|error| error.to_string())?;
+        let is_same = |known: &&Self| match (&known.plan.warp, &plan.warp) {
+            (Some(before), Some(now)) => Arc::ptr_eq(before, now) && known.near_m == wall.near_m,
+            _ => false,
+        };
+        let shots = known.filter(is_same).and_then(|known| known.shots.clone());
+        let near_m = wall.near_m;
+        let mut corrector = Self { plan, correction, near_m, shots, lays: Vec::new() };
         let head = wall.head();
         let shots = corrector.shots(gpu, wall, &head)?.clone();
+        if corrector.correction.is_warm(&shots.eyes, shots.taps) {
+            return Ok(corrector);
+        }
         let source = Target::of(gpu, shots.size, 1, false, Content::Light);
         let source = source.map_err(|error| error.to_string())?;
         let picture = corrector.correction.picture(gpu);
@@ -337,7 +397,7 @@ impl Corrector {
             shots
         } else {
             let side_max = gpu.facts().texture_side_max;
-            Shots::new(wall, self.plan.channel, self.plan.warp.as_ref(), &eyes, side_max)?
+            Shots::new(wall, self.plan.channel, self.plan.warp.as_deref(), &eyes, side_max)?
         };
         Ok(self.shots.insert(shots))
     }

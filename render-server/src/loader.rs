@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
@@ -251,7 +251,12 @@ impl Loader {
         if let Some((_, plans)) = self.ready_plans.as_ref().filter(|(known, _)| known == wall) {
             return Ok(Arc::clone(plans));
         }
-        let plans = Arc::new(correction::plans(Shaped { wall, shapes }, maps, &self.channels)?);
+        let start = Instant::now();
+        let known = self.ready_plans.as_ref().map(|(_, plans)| &**plans);
+        let shaped = Shaped { wall, shapes };
+        let plans = Arc::new(correction::plans(shaped, maps, &self.channels, known)?);
+        let plan_us = start.elapsed().as_micros() as u64;
+        tracing::debug!(plan_us, "the channels' corrections were planned");
         self.ready_plans = Some((wall.clone(), Arc::clone(&plans)));
         Ok(plans)
     }

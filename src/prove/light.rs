@@ -9,7 +9,7 @@ use polyptych_client::Picture;
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
-use polyptych_protocol::wall::blend::{LightMap, Masks, light_map};
+use polyptych_protocol::wall::blend::{Blend, LightMap, Masks};
 use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::source::SourcePlan;
@@ -35,11 +35,12 @@ pub(super) fn eye_of(adjustment: &Adjustment) -> EyeOf {
 
 /// What each channel has of the light, by blends and by its files; made once, as it takes a while.
 pub(super) fn maps(shaped: Shaped<'_>, files: &Maps) -> Vec<Option<LightMap>> {
+    let blend = Blend::new(shaped);
     let map = |id| {
         let channel = shaped.wall.channel(id)?;
         let light = shaped.pixel_map(id).and_then(|pixels| files.light(channel, &pixels));
         let light = light.as_ref().and_then(Mask::texels);
-        light_map(shaped, id, &Masks { light, ..files.masks(&channel.adjustment) })
+        blend.light_map(id, &Masks { light, ..files.masks(&channel.adjustment) })
     };
     shaped.wall.channel_ids().map(map).collect()
 }

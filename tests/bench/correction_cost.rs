@@ -85,8 +85,8 @@ impl Corrected {
         };
         let weights: Vec<_> = (0..SIZE[0] * SIZE[1]).map(weight).collect();
         let desc = CorrectionDesc {
-            warp: Some(warp),
-            light_map: is_weighted.then(|| LightMap::new(&weights, DVec3::splat(0.003))),
+            warp: Some(warp.into()),
+            light_map: is_weighted.then(|| LightMap::new(&weights, DVec3::splat(0.003)).into()),
             dither: is_weighted.then_some(7),
             ..CorrectionDesc::identity(SIZE)
         };

@@ -89,11 +89,17 @@ impl Driver {
                 let _ = begins.try_send(());
                 let is_done = deed.ask(&client).is_ok();
                 let after: Vec<Shown> = possible.iter().map(|shown| deed.on(*shown)).collect();
+                if is_done {
+                    possible.clear();
+                }
+                for shown in after {
+                    if !possible.contains(&shown) {
+                        possible.push(shown);
+                    }
+                }
                 if !is_done {
-                    possible.extend(after);
                     return Driven { possible, acknowledged };
                 }
-                possible = after;
             }
             unreachable!("managers end before numbers do");
         };

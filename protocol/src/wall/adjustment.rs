@@ -31,6 +31,8 @@ pub struct Adjustment {
     pub bend: Option<Bend>,
     /// Where its blends begin.
     pub edges: Edges,
+    /// Who says how its light fades where others light the same places.
+    pub ramps: Ramps,
     /// Its light.
     pub color: Color,
     /// An index into [`Wall::files`](super::Wall::files): where each of its pixels lies.
@@ -56,6 +58,18 @@ pub enum Turn {
     Right,
     /// It hangs upside down.
     Half,
+}
+
+/// Who says how a channel's light fades where others light the same places.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ramps {
+    /// The geometry of all of them. A channel that a warp file places and that has an alpha file or
+    /// light at its mesh's corners, but no widths of edges, goes by its files.
+    #[default]
+    Computed,
+    /// Its alpha file alone; nothing is computed for it, and others share no light with it.
+    Alpha,
 }
 
 /// Bits of each of a display's red, green and blue codes.
@@ -245,6 +259,9 @@ impl Adjustment {
             {
                 return Some("its bend is no grid of finite numbers".into());
             }
+        }
+        if self.ramps == Ramps::Alpha && self.alpha.is_none() {
+            return Some("its alpha file is to say how its light fades, and there is none".into());
         }
         let edges = [self.edges.left, self.edges.right, self.edges.top, self.edges.bottom];
         if edges.into_iter().flatten().any(|edge| !(edge.is_finite() && edge >= 0.0)) {

@@ -28,11 +28,12 @@ mod overlap;
 mod raster;
 
 use std::collections::BTreeSet;
+use std::sync::OnceLock;
 
-use glam::{DVec2, UVec2};
+use glam::{DVec2, DVec3, UVec2};
 
-use super::EyeOf;
 use super::shapes::Shaped;
+use super::{BlendRule, Channel, Color, EyeOf, MapFile, Screen};
 use crate::ids::ChannelId;
 use eyes::Light;
 use lamp::Lamp;
@@ -59,54 +60,26 @@ pub struct LightMap {
 }
 
 /// The light map of a channel, or `None` where it changes nothing: its light is its own, nothing
-/// leaks and nothing is masked.
+/// leaks and nothing is masked. Who asks for several makes a [`Blend`] first.
 pub fn light_map<'a>(
     of: impl Into<Shaped<'a>>,
     id: ChannelId,
     masks: &Masks<'_>,
 ) -> Option<LightMap> {
-    let shaped = of.into();
-    let wall = shaped.wall;
-    let channel = wall.channel(id)?;
-    let leak = wall.blend.leak;
-    if masks.is_empty() && !Blend::overlaps_any(shaped, id) && leak == 0.0 {
-        return None;
-    }
-    let blend = Blend::new(shaped);
-    // Without a leak, nobody needs to know.
-    let most = if leak > 0.0 { blend.most() } else { 1 };
-    let rule = BlackRule::new(leak, most);
-    let [multiply, most_added] = [rule.multiply, rule.add(1.0)];
-    let add = most_added + masks.most_added();
-    if masks.is_empty() && blend.neighbours(id).is_empty() && multiply == 1.0 && add == 0.0 {
-        return None;
-    }
-    let parts = |value: f64, whole: f64| {
-        if whole > 0.0 { (value / whole * f64::from(TEXEL_ONE)).round() as u16 } else { 0 }
-    };
-    let size = channel.size;
-    let pixels = size.x as usize * size.y as usize;
-    let colours = if masks.is_coloured() { 3 } else { 1 };
-    let mut texels = vec![[0; 2]; pixels * colours];
-    // Everything is a multiple of few numbers where there is no mask: most of the picture.
-    let alone = [parts(multiply, multiply), parts(rule.add(1.0), add)];
-    blend.raster(id, |x, y, share| {
-        let [factor, addend] = [multiply, rule.add(share.count)].map(|light| share.weight * light);
-        let at = y as usize * size.x as usize + x as usize;
-        if masks.is_empty() {
-            let is_alone = share == Share::ALONE;
-            texels[at] =
-                if is_alone { alone } else { [parts(factor, multiply), parts(addend, add)] };
-            return;
-        }
-        for colour in 0..colours {
-            let (own, least) = masks.at(x, y, size, colour);
-            texels[colour * pixels + at] =
-                [parts(factor * own, multiply), parts(addend * own + least, add)];
-        }
-    });
-    let is_plain = multiply == 1.0 && texels.iter().all(|texel| *texel == [TEXEL_ONE, 0]);
-    (!is_plain).then_some(LightMap { size, texels, multiply, add })
+    Blend::new(of).light_map(id, masks)
+}
+
+/// All that a channel's light map is made from: equal ones make equal maps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightInputs {
+    eye: DVec3,
+    rule: BlendRule,
+    most: usize,
+    screen: Screen,
+    files: Vec<MapFile>,
+    /// The channel and those on which its weights depend, without their colours; with the widths
+    /// of their ramps.
+    channels: Vec<(ChannelId, Channel, [Option<f64>; 4])>,
 }
 
 impl LightMap {
@@ -171,6 +144,8 @@ pub struct Blend<'a> {
     wall: &'a super::Wall,
     /// One for each channel.
     lamps: Vec<Lamp<'a>>,
+    /// See [`Self::most`]; found when somebody asks.
+    most: OnceLock<usize>,
 }
 
 impl<'a> Blend<'a> {
@@ -180,7 +155,66 @@ impl<'a> Blend<'a> {
         let wall = shaped.wall;
         let mut lamps: Vec<_> = wall.channels.iter().map(|c| Lamp::new(shaped, c)).collect();
         overlap::find_neighbours(&mut lamps);
-        Self { wall, lamps }
+        Self { wall, lamps, most: OnceLock::new() }
+    }
+
+    /// How black is raised on this wall. Without a leak, nobody needs to know how many channels
+    /// light a place.
+    fn rule(&self) -> BlackRule {
+        let leak = self.wall.blend.leak;
+        BlackRule::new(leak, if leak > 0.0 { self.most() } else { 1 })
+    }
+
+    /// What the light map of a channel is made from; `None` where there is no such channel.
+    pub fn light_inputs(&self, id: ChannelId) -> Option<LightInputs> {
+        let wall = self.wall;
+        let screen = wall.screen_of(wall.channel(id)?).clone();
+        let of = |id: ChannelId| {
+            let mut channel = wall.channel(id)?.clone();
+            channel.adjustment.color = Color::default();
+            Some((id, channel, self.widths(id)))
+        };
+        Some(LightInputs {
+            eye: wall.eye,
+            rule: wall.blend,
+            most: self.rule().most,
+            screen,
+            files: wall.files.clone(),
+            channels: std::iter::once(id).chain(self.family(id)).filter_map(of).collect(),
+        })
+    }
+
+    /// The light map of a channel, as [`light_map`] has it.
+    pub fn light_map(&self, id: ChannelId, masks: &Masks<'_>) -> Option<LightMap> {
+        let channel = self.wall.channel(id)?;
+        let rule = self.rule();
+        let [multiply, most_added] = [rule.multiply, rule.add(1.0)];
+        let add = most_added + masks.most_added();
+        if masks.is_empty() && self.neighbours(id).is_empty() && multiply == 1.0 && add == 0.0 {
+            return None;
+        }
+        let parts = |value: f64, whole: f64| {
+            if whole > 0.0 { (value / whole * f64::from(TEXEL_ONE)).round() as u16 } else { 0 }
+        };
+        let size = channel.size;
+        let pixels = size.x as usize * size.y as usize;
+        let colours = if masks.is_coloured() { 3 } else { 1 };
+        let mut texels = vec![[0; 2]; pixels * colours];
+        // Everything is a multiple of few numbers where there is no mask: most of the picture.
+        let alone = [parts(multiply, multiply), parts(rule.add(1.0), add)];
+        for (colour, layer) in texels.chunks_mut(pixels.max(1)).enumerate() {
+            self.raster(id, layer, |at, share| {
+                if masks.is_empty() && share == Share::ALONE {
+                    return alone;
+                }
+                let lights = [multiply, rule.add(share.count)];
+                let [factor, addend] = lights.map(|light| share.weight * light);
+                let (own, least) = masks.at(at.x, at.y, size, colour);
+                [parts(factor * own, multiply), parts(addend * own + least, add)]
+            });
+        }
+        let is_plain = multiply == 1.0 && texels.iter().all(|texel| *texel == [TEXEL_ONE, 0]);
+        (!is_plain).then_some(LightMap { size, texels, multiply, add })
     }
 
     /// The channels that light a place of a screen's canvas for the eye of `id`'s channel, with
@@ -234,16 +268,8 @@ impl<'a> Blend<'a> {
 
     /// The most channels that light any place of the wall: K; 1 or more.
     pub fn most(&self) -> usize {
-        self.lamps.iter().map(|lamp| overlap::most(lamp, &self.lamps)).max().unwrap_or(1)
-    }
-
-    /// Whether anything could light what this channel lights; without a map of the whole wall.
-    fn overlaps_any(shaped: Shaped<'_>, id: ChannelId) -> bool {
-        let wall = shaped.wall;
-        let Some(channel) = wall.channel(id) else { return false };
-        let lamp = Lamp::new(shaped, channel);
-        let mut others = wall.channel_ids().zip(&wall.channels).filter(|(other, _)| *other != id);
-        others.any(|(_, other)| lamp.may_meet(&Lamp::new(shaped, other)))
+        let most = |lamp: &Lamp<'_>| overlap::most(lamp, &self.lamps);
+        *self.most.get_or_init(|| self.lamps.iter().map(most).max().unwrap_or(1))
     }
 }
 

@@ -87,13 +87,20 @@ impl<'a> PixelMap<'a> {
 
     /// The place of the channel's picture that shows a place of the canvas; it may lie outside.
     pub fn pixel_from_canvas(&self, canvas: DVec2) -> Option<DVec2> {
+        let point = match self.channel.cover {
+            Cover::Tile => None,
+            _ => self.ground.display_from_canvas(canvas),
+        };
+        self.pixel_at(canvas, point)
+    }
+
+    /// As [`Self::pixel_from_canvas`], of a place whose point of display space is known: only
+    /// tiles do without.
+    pub(crate) fn pixel_at(&self, canvas: DVec2, point: Option<DVec3>) -> Option<DVec2> {
         let meant = match &self.channel.cover {
             Cover::Tile => canvas - self.channel.origin.as_dvec2(),
-            Cover::Projector(projector) => {
-                let point = self.ground.display_from_canvas(canvas)?;
-                projector.place(point)? * self.channel.size.as_dvec2()
-            }
-            Cover::Map => self.warped_to(canvas)?,
+            Cover::Projector(projector) => projector.place(point?)? * self.channel.size.as_dvec2(),
+            Cover::Map => self.warped_to(canvas, point?)?,
         };
         self.pixel_from_meant(meant)
     }
@@ -101,8 +108,10 @@ impl<'a> PixelMap<'a> {
     /// The point of display space, in metres, that a place of the channel's picture shows.
     pub fn display_from_pixel(&self, pixel: DVec2) -> Option<DVec3> {
         match (&self.channel.cover, self.warp) {
-            (Cover::Projector(_), _) => {
-                self.lit(self.meant_from_pixel(pixel)?).map(|(point, _)| point)
+            (Cover::Projector(projector), _) => {
+                let meant = self.meant_from_pixel(pixel)?;
+                let direction = projector.direction(meant / self.channel.size.as_dvec2());
+                self.ground.first_point(projector.position, direction)
             }
             (Cover::Map, Some((facets, _))) => facets.point_at(self.meant_from_pixel(pixel)?),
             _ => self.ground.display_from_canvas(self.canvas_from_pixel(pixel)?),
@@ -118,6 +127,11 @@ impl<'a> PixelMap<'a> {
             }
             Cover::Map => self.warp.is_some(),
         }
+    }
+
+    /// Whether triangles of a file lie between pixels and places.
+    pub(crate) fn is_faceted(&self) -> bool {
+        self.warp.is_some() || self.ground.is_mesh()
     }
 
     /// The screen that it lies on.
@@ -143,10 +157,9 @@ impl<'a> PixelMap<'a> {
     }
 
     /// The place that a warp shows at a place of the canvas.
-    fn warped_to(&self, canvas: DVec2) -> Option<DVec2> {
+    fn warped_to(&self, canvas: DVec2, point: DVec3) -> Option<DVec2> {
         let (facets, eye) = self.warp?;
-        let ray = self.ground.display_from_canvas(canvas)? - eye;
-        let hit = facets.hit(eye, ray, 1.0)?;
+        let hit = facets.hit(eye, point - eye, 1.0)?;
         if self.ground.is_mesh() {
             let back = self.ground.canvas_seen(eye, hit.point)?;
             return (back.distance(canvas) <= LAYER_PX).then_some(hit.place);

@@ -151,15 +151,16 @@ impl Shapes {
         self.channels.get(&channel.name).map(|shape| shape.outline.as_ref())
     }
 
-    /// Whether a channel's own files share its light with others, so that nothing is computed: an
-    /// alpha mask or the light of a mesh's corners, where its pixels lie where a file says. Widths
-    /// of ramps in the wall file say otherwise.
+    /// Whether a channel's own files share its light with others, so that nothing is computed: as
+    /// the wall file says, or by an alpha mask or the light of a mesh's corners, where its pixels
+    /// lie where a file says. Widths of ramps in the wall file say otherwise.
     pub fn is_blended_by_file(&self, channel: &Channel) -> bool {
         let adjustment = &channel.adjustment;
         let has_light = self.channels.get(&channel.name).is_some_and(|shape| shape.has_light);
-        channel.cover == super::Cover::Map
+        let is_implied = channel.cover == super::Cover::Map
             && (has_light || adjustment.alpha.is_some())
-            && adjustment.edges == super::Edges::default()
+            && adjustment.edges == super::Edges::default();
+        is_implied || adjustment.ramps == super::Ramps::Alpha
     }
 }
 
@@ -217,6 +218,15 @@ impl Ground<'_> {
                 }
             }
         })
+    }
+
+    /// The first point that a ray meets, as [`Self::hit`] has it.
+    pub(super) fn first_point(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
+        if let Some(facets) = self.facets {
+            let hit = facets.hit(from, direction, 0.0).filter(|hit| hit.is_front)?;
+            return Some(hit.point);
+        }
+        self.screen.surface.hit(from, direction)
     }
 
     /// Where on the canvas an eye sees a point: of a mesh, on the layer that is nearest to it.

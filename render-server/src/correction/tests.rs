@@ -113,7 +113,7 @@ fn frame(head: Head) -> Frame {
 fn drawn(wall: &Wall, scene: &Scene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
     let plan =
         Plan::new(wall, &Maps::default(), ChannelId(0)).expect("a plan").expect("a correction");
-    let mut corrector = Corrector::new(gpu(), plan, wall).expect("a corrector");
+    let mut corrector = Corrector::new(gpu(), plan, wall, None).expect("a corrector");
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
     renderer.prepare_for(gpu(), scene, Content::Light);
     let mut output = Output::new("curve".into(), None, None);
@@ -246,16 +246,54 @@ fn tiles_that_are_shown_as_they_are_drawn_have_no_plan() {
     let mut flat = wall(plane(), [64, 36]);
     flat.dither = true;
     let names = ["curve".to_owned(), "elsewhere".to_owned()];
-    assert!(plans(&flat, &Maps::default(), &names).expect("plans").is_empty());
+    assert!(plans(&flat, &Maps::default(), &names, None).expect("plans").is_empty());
     flat.channels[0].adjustment.color.gain.x = 0.9;
-    let planned = plans(&flat, &Maps::default(), &names).expect("plans");
+    let planned = plans(&flat, &Maps::default(), &names, None).expect("plans");
     let plan = &planned["curve"];
     assert!(plan.warp.is_none(), "its pixels stay where they are");
     assert_eq!(plan.desc.dither, Some(0));
     // A warp whose file is not there lights nothing.
     flat.channels[0].cover = Cover::Map;
-    let said = plans(&flat, &Maps::default(), &names).expect_err("refused");
+    let said = plans(&flat, &Maps::default(), &names, None).expect_err("refused");
     assert_eq!(said, "channel curve: none of its pixels lies on its screen");
+}
+
+#[test]
+fn a_tuning_leaves_what_it_does_not_change() {
+    let plane = Surface::Plane(Plane::upright(DVec3::NEG_Z, DVec2::new(3.2, 1.8)));
+    let mut row = wall(plane, [160, 36]);
+    row.blend.leak = 0.003;
+    row.channels = [("left", 0), ("middle", 48), ("right", 96)]
+        .map(|(name, x)| Channel::tile(name, 0, UVec2::new(x, 0), UVec2::new(64, 36)))
+        .into();
+    row.channels[0].adjustment.pin[3] = DVec2::ONE;
+    let names = ["left".to_owned(), "right".to_owned()];
+    let planned = |wall: &Wall, known: Option<&Plans>| {
+        plans(wall, &Maps::default(), &names, known).expect("plans")
+    };
+    let is_same = |a: &Plan, b: &Plan| {
+        let (a_map, b_map) = (a.desc.light_map.as_ref(), b.desc.light_map.as_ref());
+        let has_same_map = Arc::ptr_eq(a_map.expect("a map"), b_map.expect("a map"));
+        let pair = a.warp.as_ref().zip(b.warp.as_ref());
+        (has_same_map, pair.is_some_and(|(a, b)| Arc::ptr_eq(a, b)))
+    };
+    let before = planned(&row, None);
+    row.channels[0].adjustment.color.gain = DVec3::new(0.8, 0.9, 1.0);
+    let gained = planned(&row, Some(&before));
+    assert_eq!(is_same(&before["left"], &gained["left"]), (true, true));
+    assert_ne!(before["left"].desc.color, gained["left"].desc.color);
+    row.channels[0].adjustment.pin[0] = DVec2::ONE;
+    let pinned = planned(&row, Some(&gained));
+    assert_eq!(is_same(&gained["left"], &pinned["left"]), (false, false));
+    assert!(is_same(&gained["right"], &pinned["right"]).0, "they do not meet");
+    row.channels[1].adjustment.edges.left = Some(5.0);
+    let widened = planned(&row, Some(&pinned));
+    assert_eq!(is_same(&pinned["left"], &widened["left"]), (false, true));
+    // As if nothing had been known.
+    let afresh = planned(&row, None);
+    for name in &names {
+        assert_eq!(widened[name].desc, afresh[name].desc, "{name}");
+    }
 }
 
 #[test]
@@ -274,7 +312,7 @@ fn tiles_that_overlap_share_their_light() {
         let plan = Plan::new(&shared, &Maps::default(), ChannelId(id))
             .expect("a plan")
             .expect("a correction");
-        let mut corrector = Corrector::new(gpu(), plan, &shared).expect("a corrector");
+        let mut corrector = Corrector::new(gpu(), plan, &shared, None).expect("a corrector");
         let mut output = Output::new("curve".into(), None, None);
         let frame = frame(Head::at(DVec3::ZERO, 0.0));
         let drawing = (&mut renderer, &scene);
@@ -300,7 +338,7 @@ fn an_eye_behind_a_curve_is_refused_by_name() {
     let ring = wall(cylinder(1.0, DQuat::IDENTITY), [64, 36]);
     let plan =
         Plan::new(&ring, &Maps::default(), ChannelId(0)).expect("a plan").expect("a correction");
-    let mut corrector = Corrector::new(gpu(), plan, &ring).expect("a corrector");
+    let mut corrector = Corrector::new(gpu(), plan, &ring, None).expect("a corrector");
     // In the surface's tangent plane beside it: one half shows its front, the other its back.
     let behind = frame(Head::at(DVec3::new(4.0, 0.0, -3.2), 0.0));
     let said = corrector.views(gpu(), &ring, &behind).expect_err("refused");

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, UVec2};
 use image::{Rgba, RgbaImage};
 use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::blend::{self, Masks};
+use polyptych_protocol::wall::blend::{self, Blend, Masks};
 use polyptych_protocol::wall::color::linear_from_srgb;
 use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::pixels::PixelMap;
@@ -127,7 +127,7 @@ pub(super) fn weights(shaped: Shaped<'_>, id: ChannelId) -> RgbaImage {
 pub(super) fn share(image: &mut RgbaImage, shaped: Shaped<'_>, maps: &Maps, id: ChannelId) {
     let Some(channel) = shaped.wall.channel(id) else { return };
     let adjustment = &channel.adjustment;
-    let map = light_map(shaped, maps, id);
+    let map = light_map(shaped, &Blend::new(shaped), maps, id);
     if map.is_none() && adjustment.color == Color::default() {
         return;
     }

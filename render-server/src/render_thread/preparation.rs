@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::sync::Arc;
+use std::time::Instant;
 
 use polyptych_protocol::command::{Frame, View};
 use polyptych_protocol::display::DisplayMode;
@@ -35,7 +36,10 @@ impl RenderThread {
             return Err("the scene could not be built; the server's log says why".to_owned());
         };
         self.arrange_windows(&state);
+        let start = Instant::now();
         let correctors = self.correctors(&state)?;
+        let correctors_us = start.elapsed().as_micros() as u64;
+        tracing::debug!(correctors_us, "the channels' corrections are on the GPU");
         self.expect(&state);
         // Another wall around the same scene, as tunings bring it many times a second.
         if !is_known || state.samples() != Some(self.renderer.samples()) {
@@ -54,12 +58,15 @@ impl RenderThread {
         if let Some(drawable) = self.states.iter().rfind(is_it) {
             return Ok(Rc::clone(&drawable.correctors));
         }
+        let latest = self.states.back().map(|latest| Rc::clone(&latest.correctors));
+        let latest = latest.as_ref().map(|correctors| correctors.borrow());
         let mut correctors = BTreeMap::new();
         for (name, plan) in state.plans.iter() {
             let Some(wall) = state.replica.wall.as_deref() else { break };
             let mut outputs = self.outputs.iter().filter(|output| output.name == *name);
             let plan = plan.shown_by(name, outputs.any(|it| it.takes_fine_codes(&self.gpu)));
-            let corrector = Corrector::new(&self.gpu, plan, wall)?;
+            let known = latest.as_ref().and_then(|correctors| correctors.get(name));
+            let corrector = Corrector::new(&self.gpu, plan, wall, known)?;
             correctors.insert(name.clone(), corrector);
         }
         Ok(Rc::new(RefCell::new(correctors)))

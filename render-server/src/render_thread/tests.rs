@@ -82,8 +82,8 @@ impl Stage {
 
     /// A state whose pictures are as bright as the exposure says.
     fn prepare(&mut self, wall: Wall) {
-        let plans =
-            correction::plans(&wall, &Maps::default(), &["front-1-1".to_owned()]).expect("plans");
+        let plans = correction::plans(&wall, &Maps::default(), &["front-1-1".to_owned()], None)
+            .expect("plans");
         let revision = Revision(self.thread.states.len() as u64);
         let replica = Replica::from_snapshot(
             Revision(revision.0 + 1),

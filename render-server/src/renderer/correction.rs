@@ -5,6 +5,8 @@
 //! scene → light, linear, 0 to 1 → resampled → matrix → × multiply + add → curve → dither → codes
 //! ```
 
+use std::sync::Arc;
+
 use glam::{DMat3, DMat4, DVec3};
 
 /// Source planes that one eye's picture may be put together from.
@@ -29,9 +31,9 @@ pub struct CorrectionDesc {
     /// How two eyes share the display.
     pub packing: Packing,
     /// Where the upright picture's pixels lie; without it, they are the source's pixels.
-    pub warp: Option<WarpMesh>,
+    pub warp: Option<Arc<WarpMesh>>,
     /// Blend weights, masks and black level.
-    pub light_map: Option<LightMap>,
+    pub light_map: Option<Arc<LightMap>>,
     /// Applied to linear light; what leaves 0 to 1 is clipped.
     pub color: DMat3,
     /// From light to codes.
@@ -252,7 +254,7 @@ impl CorrectionDesc {
             return Some(CorrectionError::Color(reason));
         }
         let wanted = self.upright[0] as usize * self.upright[1] as usize;
-        let is_wrong = |map: &&LightMap| ![wanted, 3 * wanted].contains(&map.texels.len());
+        let is_wrong = |map: &&Arc<LightMap>| ![wanted, 3 * wanted].contains(&map.texels.len());
         if let Some(map) = self.light_map.as_ref().filter(is_wrong) {
             return Some(CorrectionError::LightMap { found: map.texels.len(), wanted });
         }

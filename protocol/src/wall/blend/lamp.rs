@@ -16,6 +16,26 @@ const HIT_SHARE: f64 = 1e-6;
 /// Places across and down at which the reach of a picture is looked at.
 const REACH_STEPS: u32 = 8;
 
+/// A place of the wall, with what several lamps would compute of it.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::wall) struct Spot {
+    /// In pixels of the canvas.
+    canvas: DVec2,
+    /// In metres of display space, where the screen's shape is known.
+    point: Option<DVec3>,
+}
+
+/// How evenly the places of a lamp's pixels follow each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::wall) enum Smoothness {
+    /// Kinks at the edges of a mesh's triangles.
+    Faceted,
+    /// Steady in value and slope.
+    Bent,
+    /// Without kinks of any order.
+    Smooth,
+}
+
 /// A channel as a source of light.
 #[derive(Clone, Debug)]
 pub(in crate::wall) struct Lamp<'a> {
@@ -113,15 +133,45 @@ impl<'a> Lamp<'a> {
         }
     }
 
+    /// The spot that a place of the picture lights.
+    pub fn spot(&self, pixel: DVec2) -> Option<Spot> {
+        self.spot_on(self.canvas(pixel)?)
+    }
+
+    /// The spot at a place of the canvas of its screen.
+    fn spot_on(&self, canvas: DVec2) -> Option<Spot> {
+        Some(Spot { canvas, point: self.map.as_ref()?.ground().display_from_canvas(canvas) })
+    }
+
+    /// The place of its picture, or of the plane beside it, that lights a spot.
+    pub fn pixel_of(&self, spot: &Spot) -> Option<DVec2> {
+        let pixel = self.map.as_ref()?.pixel_at(spot.canvas, spot.point)?;
+        self.faces(spot.point).then_some(pixel)
+    }
+
     /// The place of its picture, or of the plane beside it, that lights a place of the canvas.
     pub fn pixel(&self, canvas: DVec2) -> Option<DVec2> {
-        let pixel = self.map.as_ref()?.pixel_from_canvas(canvas)?;
-        self.faces(canvas).then_some(pixel)
+        self.pixel_of(&self.spot_on(canvas)?)
     }
 
     /// The place of its picture that lights a place of the canvas.
     pub fn lit(&self, canvas: DVec2) -> Option<DVec2> {
         self.pixel(canvas).filter(|pixel| self.has(*pixel))
+    }
+
+    /// Metres from a projector's lens along its axis to a spot; below zero behind it.
+    pub fn depth(&self, spot: &Spot) -> Option<f64> {
+        let Cover::Projector(projector) = &self.channel.cover else { return None };
+        Some((projector.rotation.inverse() * (spot.point? - projector.position)).dot(DVec3::NEG_Z))
+    }
+
+    /// How evenly its places follow each other.
+    pub fn smoothness(&self) -> Smoothness {
+        match &self.map {
+            Some(map) if map.is_faceted() => Smoothness::Faceted,
+            Some(_) if self.channel.adjustment.bend.is_some() => Smoothness::Bent,
+            _ => Smoothness::Smooth,
+        }
     }
 
     /// Whether a place lies in its picture.
@@ -130,7 +180,7 @@ impl<'a> Lamp<'a> {
     }
 
     /// Whether nothing of a curved screen stands between it and a place.
-    fn faces(&self, canvas: DVec2) -> bool {
+    fn faces(&self, point: Option<DVec3>) -> bool {
         let (Cover::Projector(projector), Some(map)) = (&self.channel.cover, &self.map) else {
             return true;
         };
@@ -138,7 +188,7 @@ impl<'a> Lamp<'a> {
         if matches!(ground.screen.surface, Surface::Plane(_)) {
             return true;
         }
-        let Some(point) = ground.display_from_canvas(canvas) else { return false };
+        let Some(point) = point else { return false };
         let ray = point - projector.position;
         let hit = map.lit_along(ray);
         hit.is_some_and(|(hit, _)| hit.distance(point) <= HIT_SHARE * ray.length())

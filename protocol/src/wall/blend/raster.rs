@@ -1,244 +1,227 @@
-//! The shares of all pixels of a channel, block by block.
+//! The shares of all pixels of a channel, cell by cell, on all cores.
 //!
-//! Places of other channels' pictures are found at the corners of blocks and interpolated between
-//! them, where that is as good as exact; blocks that no other channel lights cost nothing more.
+//! Places of other channels' pictures are found at a few places of a cell and interpolated between
+//! them, where that is as good as exact; where it is not, the cell is divided. Cells that no other
+//! channel lights cost nothing more.
+
+mod patch;
+mod pixel;
 
 use glam::{DVec2, UVec2};
+use rayon::prelude::*;
 
-use super::eyes::{self, Light};
-use super::lamp::Lamp;
+use super::lamp::{Lamp, Smoothness, Spot};
 use super::{Blend, Share};
 use crate::ids::ChannelId;
+use patch::Patch;
+use pixel::Pixels;
 
-/// Pixels of a block, across and down.
+/// Pixels of the largest cells, across and down; rows of them are what threads share.
+const CELL: u32 = 64;
+
+/// Pixels of the largest cells where slopes may have kinks.
+const BENT_CELL: u32 = 16;
+
+/// Pixels of the smallest cells: places between their corners are linear, or exact.
 const BLOCK: u32 = 8;
+
+/// How far an interpolated place may be from the exact one in a large cell, in pixels.
+const SMOOTH_ERROR_MAX: f64 = 3e-5;
 
 /// How far an interpolated place may be from the exact one in a block, in pixels.
 const PLACE_ERROR_MAX: f64 = 1e-3;
 
-/// By how much such a place may make a weight wrong: an eighth of what a sum of weights may be off
-/// by, for four channels and more. Elsewhere places are exact: in steep ramps, and where outer
-/// edges cross, around which weights turn within a pixel.
-const WEIGHT_ERROR_MAX: f64 = 1.0 / 32768.0;
-
-/// Parts of a pixel across and down of which it is asked who lights them, where an edge of another
-/// picture runs through it.
-const PARTS: u32 = 8;
-
 /// Beyond this many pixels beside a picture, nothing of a block is in it.
 const BESIDE: f64 = 0.01;
 
-/// Another channel in a block.
+/// Another channel as it is asked for its places.
+#[derive(Clone, Copy)]
 struct Other<'l, 'w> {
     lamp: &'l Lamp<'w>,
     widths: [Option<f64>; 4],
     is_before: bool,
-    /// Its pixels at the corners of the block, and how far those between may be off; `None` where
-    /// that is no good.
-    corners: Option<([DVec2; 4], f64)>,
 }
 
-/// A place of another channel's picture.
-struct Seen<'o, 'l, 'w> {
-    other: &'o Other<'l, 'w>,
-    place: DVec2,
-    /// How far it may be off, in pixels.
-    error_px: f64,
-    /// By what it moves from pixel to pixel, across and down.
-    slope: [DVec2; 2],
+/// Another channel in a cell, and its places there; `None` where each must be found by itself.
+struct Here<'l, 'w> {
+    other: Other<'l, 'w>,
+    patch: Option<Patch>,
 }
 
-impl Blend<'_> {
-    /// Calls `put` with the share of each pixel of a channel, in blocks; a channel that has no
-    /// neighbours is alone everywhere.
-    pub(super) fn raster(&self, id: ChannelId, mut put: impl FnMut(u32, u32, Share)) {
+/// One channel among those that share its light.
+struct Raster<'l, 'w> {
+    lamp: &'l Lamp<'w>,
+    widths: [Option<f64>; 4],
+    others: Vec<Other<'l, 'w>>,
+    exponent: f64,
+    /// Whether places have kinks, so that they are interpolated in blocks only.
+    is_faceted: bool,
+    /// Pixels of the largest cells whose places may be interpolated with curves.
+    largest: u32,
+}
+
+impl<'w> Blend<'w> {
+    /// Fills `texels`, row by row, with what `make` gives for each pixel of a channel's picture
+    /// and its share. A channel that has no neighbours is alone everywhere.
+    pub(super) fn raster<T: Send>(
+        &self,
+        id: ChannelId,
+        texels: &mut [T],
+        make: impl Fn(UVec2, Share) -> T + Sync,
+    ) {
         let Some(lamp) = self.lamps.get(usize::from(id.0)) else { return };
-        let size = lamp.channel.size;
-        let nodes = UVec2::new(size.x.div_ceil(BLOCK), size.y.div_ceil(BLOCK)) + 1;
-        let node = |x: u32, y: u32| (UVec2::new(x, y) * BLOCK).min(size).as_dvec2();
         let others: Vec<_> = self.family(id).iter().map(|other| self.other(id, *other)).collect();
-        let row = |y: u32| -> Vec<Node> {
-            (0..nodes.x).map(|x| Node::new(lamp, &others, node(x, y))).collect()
+        let smoothness = others.iter().map(|other| other.lamp.smoothness());
+        let smoothness = smoothness.fold(lamp.smoothness(), Smoothness::min);
+        let raster = Raster {
+            lamp,
+            widths: self.widths(id),
+            others,
+            exponent: self.wall.blend.exponent,
+            is_faceted: smoothness == Smoothness::Faceted,
+            largest: if smoothness == Smoothness::Smooth { CELL } else { BENT_CELL },
         };
-        let is_alone = others.is_empty();
-        let mut above = if is_alone { Vec::new() } else { row(0) };
-        for block_y in 0..nodes.y - 1 {
-            let below = if is_alone { Vec::new() } else { row(block_y + 1) };
-            for block_x in 0..nodes.x - 1 {
-                let begin = UVec2::new(block_x, block_y) * BLOCK;
-                let block = Block { begin, end: (begin + BLOCK).min(size) };
-                let x = block_x as usize;
-                if is_alone {
-                    block.fill(&mut put, Share::ALONE);
-                } else {
-                    let corners = [&above[x], &above[x + 1], &below[x], &below[x + 1]];
-                    self.block((id, lamp), &others, &block, corners, &mut put);
+        let size = lamp.channel.size;
+        let strip = (size.x.max(1) * CELL) as usize;
+        texels.par_chunks_mut(strip).enumerate().for_each(|(strip, texels)| {
+            let top = strip as u32 * CELL;
+            let mut put = |x: u32, y: u32, share: Share| {
+                let at = (y - top) as usize * size.x as usize + x as usize;
+                texels[at] = make(UVec2::new(x, y), share);
+            };
+            for left in (0..size.x).step_by(CELL as usize) {
+                let begin = UVec2::new(left, top);
+                raster.cell(&Cell { begin, end: (begin + CELL).min(size) }, CELL, &mut put);
+            }
+        });
+    }
+
+    fn other(&self, id: ChannelId, other: ChannelId) -> Other<'_, 'w> {
+        Other {
+            lamp: &self.lamps[usize::from(other.0)],
+            widths: self.widths(other),
+            is_before: other < id,
+        }
+    }
+}
+
+impl<'l, 'w> Raster<'l, 'w> {
+    /// The shares of a cell of this side: at once where places are smooth, else of its parts.
+    fn cell(&self, cell: &Cell, side: u32, put: &mut impl FnMut(u32, u32, Share)) {
+        if self.others.is_empty() {
+            return cell.fill(put, Share::ALONE);
+        }
+        if !self.is_faceted
+            && side <= self.largest
+            && let Some(here) = self.smooth(cell)
+        {
+            return self.fill(cell, &here, true, put);
+        }
+        let half = side / 2;
+        if self.is_faceted || half < BLOCK {
+            return self.blocks(cell, put);
+        }
+        for begin in cell.parts(half) {
+            self.cell(&Cell { begin, end: (begin + half).min(cell.end) }, half, put);
+        }
+    }
+
+    /// Those that may light a cell, with smooth places; `None` where some of them are not.
+    fn smooth(&self, cell: &Cell) -> Option<Vec<Here<'l, 'w>>> {
+        let spots = patch::places().map(|place| self.lamp.spot(cell.place(place)));
+        if spots.iter().any(Option::is_none) {
+            return None;
+        }
+        let mut here = Vec::new();
+        for other in &self.others {
+            let places = spots.each_ref().map(|spot| other.lamp.pixel_of(spot.as_ref()?));
+            if places.iter().all(Option::is_none) {
+                if is_behind(other.lamp, &spots) {
+                    continue;
                 }
+                return None;
+            }
+            let patch = Patch::curved(&places, cell.size())?;
+            if patch.is_beside(other.lamp.size) {
+                continue;
+            }
+            if patch.error_px > SMOOTH_ERROR_MAX {
+                return None;
+            }
+            here.push(Here { other: *other, patch: Some(patch) });
+        }
+        Some(here)
+    }
+
+    /// The shares of a cell, block by block.
+    fn blocks(&self, cell: &Cell, put: &mut impl FnMut(u32, u32, Share)) {
+        let row = |y: u32| -> Vec<Node> {
+            let across = (cell.begin.x..cell.end.x).step_by(BLOCK as usize).chain([cell.end.x]);
+            across.map(|x| self.node(UVec2::new(x, y).as_dvec2())).collect()
+        };
+        let mut above = row(cell.begin.y);
+        for y in (cell.begin.y..cell.end.y).step_by(BLOCK as usize) {
+            let below = row((y + BLOCK).min(cell.end.y));
+            for (at, x) in (cell.begin.x..cell.end.x).step_by(BLOCK as usize).enumerate() {
+                let begin = UVec2::new(x, y);
+                let block = Cell { begin, end: (begin + BLOCK).min(cell.end) };
+                self.block(&block, [&above[at], &above[at + 1], &below[at], &below[at + 1]], put);
             }
             above = below;
         }
     }
 
-    fn other(&self, id: ChannelId, other: ChannelId) -> Other<'_, '_> {
-        Other {
-            lamp: &self.lamps[usize::from(other.0)],
-            widths: self.widths(other),
-            is_before: other < id,
-            corners: None,
-        }
-    }
-
-    fn block(
-        &self,
-        (id, lamp): (ChannelId, &Lamp<'_>),
-        others: &[Other<'_, '_>],
-        block: &Block,
-        corners: [&Node; 4],
-        put: &mut impl FnMut(u32, u32, Share),
-    ) {
-        let middles = block.middles().map(|at| Node::new(lamp, others, at));
+    fn block(&self, block: &Cell, corners: [&Node; 4], put: &mut impl FnMut(u32, u32, Share)) {
+        let middles = patch::MIDDLES.map(|place| self.node(block.place(place)));
         let is_lit = corners.iter().copied().chain(&middles).all(|node| node.is_lit);
         let mut here = Vec::new();
-        for (index, other) in others.iter().enumerate() {
+        for (index, other) in self.others.iter().enumerate() {
             let seen = corners.map(|node| node.pixels[index]);
             let exact = [0, 1, 2].map(|at| middles[at].pixels[index]);
             let is_nowhere = exact.iter().chain(&seen).all(Option::is_none);
             if is_nowhere || seen_beside(other.lamp, seen, exact[0]) {
                 continue;
             }
-            let found = linear(seen, exact).filter(|(_, error_px)| *error_px <= PLACE_ERROR_MAX);
-            here.push(Other { lamp: other.lamp, corners: found, ..*other });
+            let patch = Patch::linear(seen, exact, block.size());
+            let patch = patch.filter(|patch| patch.error_px <= PLACE_ERROR_MAX);
+            here.push(Here { other: *other, patch });
         }
+        self.fill(block, &here, is_lit, put);
+    }
+
+    /// The shares of a cell among those who may light it; `is_lit` says that all of it lies on the
+    /// screen.
+    fn fill(
+        &self,
+        cell: &Cell,
+        here: &[Here<'l, 'w>],
+        is_lit: bool,
+        put: &mut impl FnMut(u32, u32, Share),
+    ) {
         if here.is_empty() && is_lit {
-            return block.fill(put, Share::ALONE);
+            return cell.fill(put, Share::ALONE);
         }
-        let pixels = Pixels { blend: self, id, lamp, block, others: &here, is_lit };
-        for y in block.begin.y..block.end.y {
-            for x in block.begin.x..block.end.x {
-                put(x, y, pixels.share(DVec2::new(f64::from(x), f64::from(y)) + 0.5));
+        let mut pixels = Pixels::new(self, cell, here, is_lit);
+        for y in cell.begin.y..cell.end.y {
+            pixels.begin_row(y);
+            for x in cell.begin.x..cell.end.x {
+                put(x, y, pixels.share(x, y));
             }
         }
     }
-}
 
-/// The pixels of a block that other channels light.
-struct Pixels<'p, 'l, 'w> {
-    blend: &'p Blend<'w>,
-    id: ChannelId,
-    lamp: &'p Lamp<'w>,
-    block: &'p Block,
-    others: &'p [Other<'l, 'w>],
-    /// Whether the whole block is.
-    is_lit: bool,
-}
-
-impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
-    fn share(&self, pixel: DVec2) -> Share {
-        let is_linear = self.is_lit && self.others.iter().all(|other| other.corners.is_some());
-        let linear = is_linear.then(|| self.share_among(pixel, &self.between(pixel))).flatten();
-        let exact = || {
-            let canvas = self.lamp.canvas(pixel)?;
-            self.share_among(pixel, &self.exact(pixel, canvas))
-        };
-        linear.or_else(exact).unwrap_or(Share { weight: 0.0, count: 0.0 })
-    }
-
-    /// Places between those at the corners of the block.
-    fn between(&self, pixel: DVec2) -> Vec<Seen<'p, 'l, 'w>> {
-        let size = self.block.size();
-        let at = (pixel - self.block.begin.as_dvec2()) / size;
-        let seen = |other: &'p Other<'l, 'w>| {
-            let ([a, b, c, d], error_px) = other.corners?;
-            let (above, below) = (a.lerp(b, at.x), c.lerp(d, at.x));
-            let slope = [(b - a).lerp(d - c, at.y) / size.x, (below - above) / size.y];
-            Some(Seen { other, place: above.lerp(below, at.y), error_px, slope })
-        };
-        self.others.iter().filter_map(seen).collect()
-    }
-
-    /// Where they are.
-    fn exact(&self, pixel: DVec2, canvas: DVec2) -> Vec<Seen<'p, 'l, 'w>> {
-        let seen = |other: &'p Other<'l, 'w>| {
-            let place = other.lamp.pixel(canvas)?;
-            let beside = |by: DVec2| other.lamp.pixel(self.lamp.canvas(pixel + by)?);
-            let slope = |by: DVec2| match (beside(by * 0.5), beside(by * -0.5)) {
-                (Some(ahead), Some(behind)) => ahead - behind,
-                (Some(ahead), None) => (ahead - place) * 2.0,
-                (None, Some(behind)) => (place - behind) * 2.0,
-                (None, None) => DVec2::ZERO,
-            };
-            let slope = [slope(DVec2::X), slope(DVec2::Y)];
-            Some(Seen { other, place, error_px: 0.0, slope })
-        };
-        self.others.iter().filter_map(seen).collect()
-    }
-
-    /// The share of a pixel whose places in other pictures these are; `None` where they are too
-    /// far off for it.
-    fn share_among(&self, pixel: DVec2, seen: &[Seen<'_, 'l, 'w>]) -> Option<Share> {
-        let exponent = self.blend.wall.blend.exponent;
-        let lit: Vec<_> = seen.iter().filter(|seen| seen.other.lamp.has(seen.place)).collect();
-        let steps: Vec<_> =
-            lit.iter().map(|seen| seen.other.lamp.step(seen.place, seen.other.widths)).collect();
-        let own = self.lamp.step(pixel, self.blend.widths(self.id));
-        let lights: Vec<_> = seen.iter().map(Seen::light).collect();
-        let share = eyes::share(Light::whole(self.lamp.eye(), own), &lights, exponent);
-        // ∂w/∂r of another, times what its error makes of r.
-        let most = steps.iter().copied().fold(own, f64::max);
-        let error: f64 = (lit.iter().zip(&steps))
-            .filter(|(seen, step)| seen.error_px > 0.0 && **step > 0.0)
-            .map(|(seen, step)| {
-                let relative = seen.other.lamp.steepness(seen.place, seen.other.widths);
-                (step / most).powf(exponent) * exponent * relative * seen.error_px
-            })
-            .sum();
-        (share.weight * error <= WEIGHT_ERROR_MAX).then_some(share)
+    fn node(&self, place: DVec2) -> Node {
+        let spot = self.lamp.spot(place);
+        let pixel = |other: &Other<'_, '_>| other.lamp.pixel_of(spot.as_ref()?);
+        Node { is_lit: spot.is_some(), pixels: self.others.iter().map(pixel).collect() }
     }
 }
 
-impl Seen<'_, '_, '_> {
-    fn light(&self) -> Light {
-        let other = self.other;
-        let step = other.lamp.has(self.place).then(|| other.lamp.step(self.place, other.widths));
-        let (eye, is_before) = (other.lamp.eye(), other.is_before);
-        Light { eye, step, is_before, part: self.lit_part() }
-    }
-
-    /// How much of the pixel the other one lights: an edge of a picture that runs askew through a
-    /// pixel ends its black within it.
-    fn lit_part(&self) -> f64 {
-        let lamp = self.other.lamp;
-        let reach = (self.slope[0].abs() + self.slope[1].abs()) * 0.5;
-        let (low, high) = (self.place - reach, self.place + reach);
-        if lamp.has(low) && lamp.has(high) {
-            return 1.0;
-        }
-        if high.cmple(DVec2::ZERO).any() || low.cmpge(lamp.size).any() {
-            return 0.0;
-        }
-        let part = |at: u32| (f64::from(at) + 0.5) / f64::from(PARTS) - 0.5;
-        let parts = (0..PARTS).flat_map(|y| (0..PARTS).map(move |x| (part(x), part(y))));
-        let is_lit =
-            |(x, y): &(f64, f64)| lamp.has(self.place + self.slope[0] * *x + self.slope[1] * *y);
-        parts.filter(is_lit).count() as f64 / f64::from(PARTS * PARTS)
-    }
-}
-
-/// Places at the corners of a block, if those between them are linear, and how far they are off at
-/// most: at the block's middle, and at those of its upper and left side, where a saddle is off
-/// whose middle is right; twice as much, since the worst place may be another.
-fn linear(corners: [Option<DVec2>; 4], exact: [Option<DVec2>; 3]) -> Option<([DVec2; 4], f64)> {
-    let ([Some(a), Some(b), Some(c), Some(d)], [Some(middle), Some(above), Some(left)]) =
-        (corners, exact)
-    else {
-        return None;
-    };
-    let errors = [
-        ((a + b + c + d) / 4.0).distance(middle),
-        ((a + b) / 2.0).distance(above),
-        ((a + c) / 2.0).distance(left),
-    ];
-    Some(([a, b, c, d], 2.0 * errors.into_iter().fold(0.0, f64::max)))
+/// Whether spots lie behind a projector, and by so much that all between them do.
+fn is_behind(lamp: &Lamp<'_>, spots: &[Option<Spot>]) -> bool {
+    let depths = || spots.iter().flatten().map(|spot| lamp.depth(spot).unwrap_or(0.0));
+    let (low, high) = (depths().fold(0.0, f64::min), depths().fold(f64::MIN, f64::max));
+    high < low - high
 }
 
 /// Whether a block that is seen there has no place in the picture: all of it lies beyond one side.
@@ -260,29 +243,28 @@ struct Node {
     pixels: Vec<Option<DVec2>>,
 }
 
-impl Node {
-    fn new(lamp: &Lamp<'_>, others: &[Other<'_, '_>], place: DVec2) -> Self {
-        let canvas = lamp.canvas(place);
-        let pixel = |other: &Other<'_, '_>| other.lamp.pixel(canvas?);
-        Self { is_lit: canvas.is_some(), pixels: others.iter().map(pixel).collect() }
-    }
-}
-
 /// A rectangle of pixels.
-struct Block {
+struct Cell {
     begin: UVec2,
     end: UVec2,
 }
 
-impl Block {
+impl Cell {
     fn size(&self) -> DVec2 {
         (self.end - self.begin).as_dvec2()
     }
 
-    /// The middles of all of it, of its upper side and of its left one.
-    fn middles(&self) -> [DVec2; 3] {
-        let place = |x: f64, y: f64| self.begin.as_dvec2() + self.size() * DVec2::new(x, y);
-        [place(0.5, 0.5), place(0.5, 0.0), place(0.0, 0.5)]
+    /// A place of it, from (0, 0) to (1, 1), in the picture.
+    fn place(&self, (x, y): (f64, f64)) -> DVec2 {
+        self.begin.as_dvec2() + self.size() * DVec2::new(x, y)
+    }
+
+    /// Where its parts of this side begin.
+    fn parts(&self, side: u32) -> impl Iterator<Item = UVec2> + use<> {
+        let (begin, end) = (self.begin, self.end);
+        let across =
+            move |y| (begin.x..end.x).step_by(side as usize).map(move |x| UVec2::new(x, y));
+        (begin.y..end.y).step_by(side as usize).flat_map(across)
     }
 
     fn fill(&self, put: &mut impl FnMut(u32, u32, Share), share: Share) {

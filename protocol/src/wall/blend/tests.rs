@@ -7,7 +7,7 @@ pub(in crate::wall) mod walls;
 use glam::{DVec2, UVec2};
 use proptest::prelude::*;
 
-use super::super::{Edges, EyeOf, Wall};
+use super::super::{Edges, EyeOf, Ramps, Wall};
 use super::*;
 use walls::{askew, grid, tiles};
 
@@ -245,6 +245,30 @@ fn masks_multiply_and_add() {
     assert!(((right - left) / map.multiply - 1000.0 / 65535.0).abs() < 3e-5);
     assert!(MaskTexels::new(UVec2::new(30, 2), 1, &ramp).is_none());
     assert!(MaskTexels::new(UVec2::ZERO, 1, &[]).is_none());
+}
+
+/// An alpha file that says how light fades is all that shares it.
+#[test]
+fn ramps_of_an_alpha_file_replace_those_that_are_computed() {
+    let mut wall = askew(false, UVec2::new(160, 100), 0.06);
+    wall.blend.leak = 0.003;
+    let size = UVec2::new(160, 100);
+    let texels: Vec<u16> = (0..160 * 100).map(|at| (at * 4) as u16).collect();
+    let masks = Masks { alpha: MaskTexels::new(size, 1, &texels), ..Masks::default() };
+    let shared = light_map(&wall, ChannelId(0), &masks).expect("a map");
+    for channel in &mut wall.channels {
+        (channel.adjustment.alpha, channel.adjustment.ramps) = (Some(0), Ramps::Alpha);
+    }
+    let map = light_map(&wall, ChannelId(0), &masks).expect("a map");
+    let mut replaced = 0;
+    for (at, texel) in (0_u32..).zip(&texels) {
+        let (x, y) = (at % 160, at / 160);
+        let alpha = f64::from(*texel) / 65535.0;
+        assert!((map.at(x, y)[0] - alpha).abs() < 1e-9, "{x}, {y}");
+        replaced += usize::from((shared.at(x, y)[0] - alpha).abs() > 1e-3);
+    }
+    assert!(replaced > 1_000, "{replaced} pixels had a ramp");
+    assert_eq!(Blend::new(&wall).most(), 1);
 }
 
 fn random_wall() -> impl Strategy<Value = Wall> {

@@ -14,7 +14,7 @@ use super::source::{Source, quoted};
 use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX, NAME_BYTES_MAX};
 use crate::wall::adjustment::{Bend, Bits, Curve, Edges};
 use crate::wall::channel::is_monitor_name;
-use crate::wall::{Cover, EyeOf, FileKind, Packing, Projection, fold};
+use crate::wall::{Cover, EyeOf, FileKind, Packing, Projection, Ramps, fold};
 use crate::words::counted;
 
 /// Farthest that a pin or a point of a bend moves anything: some channels' widths.
@@ -125,6 +125,7 @@ impl Table<'_> {
         adjustment.warp = file("warp", &s.warp, warp)?;
         adjustment.alpha = file("alpha", &s.alpha, FileKind::Alpha)?;
         adjustment.beta = file("beta", &s.beta, FileKind::Beta)?;
+        adjustment.ramps = self.ramps()?;
         if let Some(pin) = s.pin {
             for (index, pair) in pin.iter().enumerate() {
                 let key = format!("{}.pin[{index}]", self.key);
@@ -162,6 +163,22 @@ impl Table<'_> {
             return Err(self.error("monitor", what, &remedy));
         }
         Ok(Some(monitor.clone()))
+    }
+
+    fn ramps(&self) -> Result<Ramps, WallFileError> {
+        let ramps = self.section.ramps.unwrap_or_default();
+        if ramps == Ramps::Computed {
+            return Ok(ramps);
+        }
+        if self.section.alpha.is_none() {
+            let what = "there is no alpha file that says how its light fades";
+            return Err(self.error("ramps", what, "give alpha, or leave out ramps"));
+        }
+        if self.section.edges.is_some() {
+            let what = "how its light fades is given twice, by edges and by its alpha file";
+            return Err(self.error("ramps", what, "keep one of the two"));
+        }
+        Ok(ramps)
     }
 
     fn edges(&self, edges: &EdgesSection, size: UVec2) -> Result<Edges, WallFileError> {

@@ -3,29 +3,29 @@
 //! The warp mesh itself is drawn, so that its points are interpolated by the rasteriser and no map
 //! is read; mesh and maps go to the GPU once, and a frame brings two kilobytes.
 
+mod pipelines;
 mod shape;
 
-use std::collections::BTreeMap;
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3, DVec4};
 use wgpu::util::DeviceExt;
 
-use crate::renderer::bindings;
 use crate::renderer::correction::{
-    CorrectionDesc, CorrectionError, Curve, Packing, SOURCE_GUARD, SOURCE_PLANES_MAX, SourceEye,
+    CorrectionDesc, CorrectionError, Curve, SOURCE_GUARD, SOURCE_PLANES_MAX, SourceEye,
     SourcePlane, WarpMesh,
 };
 use crate::renderer::frame::wait;
 use crate::renderer::gpu::Gpu;
 use crate::renderer::pass::tonemap::{clear, resume};
-use crate::renderer::picture::{CODES_FORMAT, Content, FINE_FORMAT, Picture};
-use crate::renderer::target::{DISPLAY_FORMAT, Target, TargetError};
+use crate::renderer::picture::{Content, Picture};
+use crate::renderer::target::{Target, TargetError};
 
-use shape::CornerRecord;
+use pipelines::{Pipelines, Sampling};
 pub use shape::Shape;
-
-const SOURCE: &str = include_str!("correct.wgsl");
 
 /// Source pixels beyond a plane's own that still count as its own: rounding must leave no point
 /// between two planes.
@@ -74,29 +74,14 @@ pub(in crate::renderer) struct CorrectionUniform {
     pub pad: [f32; 2],
 }
 
-/// What pipelines are specialised for from frame to frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Sampling {
-    planes: u32,
-    taps: [u32; 2],
-}
-
 /// One channel's correction, on the GPU.
 #[derive(Debug)]
 pub struct Correction {
     desc: CorrectionDesc,
-    shape: Shape,
+    shape: Rc<Shape>,
     light_map: wgpu::TextureView,
-    /// Whether red, green and blue have weights of their own.
-    is_tinted: bool,
     codes: wgpu::Buffer,
-    sampler: wgpu::Sampler,
-    map_sampler: wgpu::Sampler,
-    group_layout: wgpu::BindGroupLayout,
-    layout: wgpu::PipelineLayout,
-    module: wgpu::ShaderModule,
-    /// By the eye that they draw.
-    pipelines: BTreeMap<(Sampling, usize), wgpu::RenderPipeline>,
+    pipelines: Rc<RefCell<Pipelines>>,
 }
 
 impl Correction {
@@ -104,62 +89,48 @@ impl Correction {
     ///
     /// # Errors
     /// What is wrong with the description.
-    pub fn new(gpu: &Gpu, mut desc: CorrectionDesc) -> Result<Self, CorrectionError> {
+    pub fn new(gpu: &Gpu, desc: CorrectionDesc) -> Result<Self, CorrectionError> {
+        Self::after(gpu, desc, None)
+    }
+
+    /// Takes a description to the GPU; what it has in common with that of a `known` correction on
+    /// the same GPU, and all that was compiled, is shared with it.
+    ///
+    /// # Errors
+    /// What is wrong with the description.
+    pub fn after(
+        gpu: &Gpu,
+        desc: CorrectionDesc,
+        known: Option<&Self>,
+    ) -> Result<Self, CorrectionError> {
         check(gpu, &desc)?;
-        let shape = Shape::new(gpu, desc.upright, desc.warp.as_ref());
-        let buffer = |label, contents: &[u8], usage| {
-            let descriptor =
-                wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage };
-            gpu.device.create_buffer_init(&descriptor)
+        let same_shape = known.filter(|known| {
+            is_same(known.desc.warp.as_ref(), desc.warp.as_ref())
+                && known.desc.upright == desc.upright
+        });
+        let shape = match same_shape {
+            Some(known) => Rc::clone(&known.shape),
+            None => Rc::new(Shape::new(gpu, desc.upright, desc.warp.as_deref())),
         };
-        let codes: Vec<[f32; 4]> = match desc.curve {
-            Curve::Measured(_) => desc.curve.codes(CODE_COUNT),
-            _ => vec![DVec3::ZERO; 2],
-        }
-        .iter()
-        .map(|code| row(code.extend(0.0)))
-        .collect();
-        let bytes = bytemuck::cast_slice(&codes);
-        let codes = buffer("correct/codes", bytes, wgpu::BufferUsages::STORAGE);
-        let light_map = light_map(gpu, &desc);
-        let pixels = desc.upright[0] as usize * desc.upright[1] as usize;
-        let is_tinted = desc.light_map.as_ref().is_some_and(|map| map.texels.len() > pixels);
-        // What has gone to the GPU is not kept twice, but whether it was there is.
-        if let Some(map) = &mut desc.light_map {
-            map.texels = Vec::new();
-        }
-        if let Some(warp) = &mut desc.warp {
-            *warp = WarpMesh::default();
-        }
-        let group_layout = bindings::correction_layout(&gpu.device);
-        Ok(Self {
-            shape,
-            light_map,
-            is_tinted,
-            codes,
-            sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("correct/sampler"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
-            map_sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("correct/map_sampler"),
-                ..Default::default()
-            }),
-            layout: gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some("correct/pipeline_layout"),
-                bind_group_layouts: &[None, Some(&group_layout)],
-                immediate_size: 0,
-            }),
-            group_layout,
-            module: gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some("correct/shader"),
-                source: wgpu::ShaderSource::Wgsl(SOURCE.into()),
-            }),
-            pipelines: BTreeMap::new(),
-            desc,
-        })
+        let same_light =
+            known.filter(|known| is_same(known.desc.light_map.as_ref(), desc.light_map.as_ref()));
+        let light_map = match same_light {
+            Some(known) => known.light_map.clone(),
+            None => light_map(gpu, &desc),
+        };
+        let pipelines = match known {
+            Some(known) => Rc::clone(&known.pipelines),
+            None => Rc::new(RefCell::new(Pipelines::new(gpu))),
+        };
+        let codes = codes(gpu, &desc.curve);
+        Ok(Self { desc, shape, light_map, codes, pipelines })
+    }
+
+    /// Whether all is compiled that such a draw needs.
+    pub fn is_warm(&self, eyes: &[SourceEye], taps: [u32; 2]) -> bool {
+        let sampling = Sampling::new(eyes, taps);
+        let pipelines = self.pipelines.borrow();
+        (0..self.desc.packing.eyes()).all(|eye| pipelines.has(&self.desc, sampling, eye))
     }
 
     /// Width and height of the display's picture, in pixels.
@@ -238,19 +209,22 @@ impl Correction {
         if onto.content() != self.content() || onto.size() != self.display_size() {
             return Err(CorrectionError::Source("the picture is not this display's"));
         }
-        let planes = self.planes_of(source.size(), eyes)?;
-        let sampling = Sampling { planes, taps: taps.map(|count| count.clamp(1, TAPS_MAX)) };
-        let count = self.desc.packing.eyes();
-        for eye in 0..count {
-            if !self.pipelines.contains_key(&(sampling, eye)) {
-                let pipeline = self.build(gpu, sampling, eye);
-                self.pipelines.insert((sampling, eye), pipeline);
-            }
-        }
+        self.check_planes(source.size(), eyes)?;
+        let sampling = Sampling::new(eyes, taps);
+        let mut pipelines = self.pipelines.borrow_mut();
+        let drawn: Vec<_> = (0..self.desc.packing.eyes())
+            .map(|eye| pipelines.of(gpu, &self.desc, sampling, eye))
+            .collect();
         let shape = over.unwrap_or(&self.shape);
         let uniform = self.uniform(shape.origin_in_display, source.size(), eyes);
         gpu.queue.write_buffer(&shape.uniform, 0, bytemuck::bytes_of(&uniform));
-        let group = self.group(gpu, source, &shape.uniform);
+        let resources = [
+            wgpu::BindingResource::TextureView(source.display_view()),
+            shape.uniform.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&self.light_map),
+            self.codes.as_entire_binding(),
+        ];
+        let group = pipelines.group(gpu, resources);
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("correct") });
@@ -263,8 +237,7 @@ impl Correction {
             pass.set_bind_group(1, &group, &[]);
             pass.set_vertex_buffer(0, shape.corners.slice(..));
             pass.set_index_buffer(shape.indices.slice(..), wgpu::IndexFormat::Uint32);
-            for eye in 0..count {
-                let Some(pipeline) = self.pipelines.get(&(sampling, eye)) else { continue };
+            for pipeline in &drawn {
                 pass.set_pipeline(pipeline);
                 pass.draw_indexed(0..shape.index_count, 0, 0..1);
             }
@@ -273,12 +246,12 @@ impl Correction {
         wait(gpu, index).map_err(|error| CorrectionError::Gpu(error.to_string()))
     }
 
-    /// How many planes each eye has, where they are those that this correction needs.
-    fn planes_of(
+    /// Checks that eyes have the planes that this correction needs.
+    fn check_planes(
         &self,
         [width, height]: [u32; 2],
         eyes: &[SourceEye],
-    ) -> Result<u32, CorrectionError> {
+    ) -> Result<(), CorrectionError> {
         let refused = |reason| Err(CorrectionError::Source(reason));
         if eyes.len() != self.desc.packing.eyes() {
             return refused("as many eyes are needed as the packing has");
@@ -301,7 +274,7 @@ impl Correction {
                 return refused("a plane has not the size of the upright picture");
             }
         }
-        Ok(count as u32)
+        Ok(())
     }
 
     fn uniform(
@@ -348,94 +321,6 @@ impl Correction {
         }
         uniform
     }
-
-    fn group(&self, gpu: &Gpu, source: &Target, uniform: &wgpu::Buffer) -> wgpu::BindGroup {
-        let resources = [
-            wgpu::BindingResource::TextureView(source.display_view()),
-            wgpu::BindingResource::Sampler(&self.sampler),
-            uniform.as_entire_binding(),
-            wgpu::BindingResource::TextureView(&self.light_map),
-            self.codes.as_entire_binding(),
-            wgpu::BindingResource::Sampler(&self.map_sampler),
-        ];
-        let entries: Vec<_> = (0..)
-            .zip(resources)
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
-            .collect();
-        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("correct/group"),
-            layout: &self.group_layout,
-            entries: &entries,
-        })
-    }
-
-    fn constants(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> [(&'static str, f64); 15] {
-        let flag = |on: bool| f64::from(u8::from(on));
-        let curve = match self.desc.curve {
-            Curve::Srgb => 0.0,
-            Curve::Gamma(_) => 1.0,
-            Curve::Measured(_) => 2.0,
-        };
-        [
-            ("EYE", eye as f64),
-            ("WIDTH", f64::from(self.desc.upright[0])),
-            ("HEIGHT", f64::from(self.desc.upright[1])),
-            ("EXACT", flag(self.desc.warp.is_none())),
-            ("PLANES", f64::from(sampling.planes)),
-            ("TAPS_ACROSS", f64::from(sampling.taps[0])),
-            ("TAPS_DOWN", f64::from(sampling.taps[1])),
-            ("COLORED", flag(self.desc.color != DMat3::IDENTITY)),
-            ("WEIGHTED", flag(self.desc.light_map.is_some())),
-            ("TINTED", flag(self.is_tinted)),
-            ("CURVE", curve),
-            ("DITHERED", flag(self.desc.dither.is_some())),
-            ("CHANNEL", f64::from(self.desc.dither.map_or(0, |id| id.wrapping_add(1)))),
-            ("CODES", if self.desc.is_fine { 1023.0 } else { 255.0 }),
-            ("ENCODES", flag(!self.desc.is_fine && !gpu.views_other_formats())),
-        ]
-    }
-
-    fn build(&self, gpu: &Gpu, sampling: Sampling, eye: usize) -> wgpu::RenderPipeline {
-        let constants = self.constants(gpu, sampling, eye);
-        let options =
-            || wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
-        let attributes = wgpu::vertex_attr_array![0 => Float32x2, 1 => Float32x3];
-        let write_mask = match (self.desc.packing, eye) {
-            (Packing::Anaglyph, 0) => wgpu::ColorWrites::RED,
-            (Packing::Anaglyph, _) => wgpu::ColorWrites::GREEN | wgpu::ColorWrites::BLUE,
-            _ => wgpu::ColorWrites::ALL,
-        };
-        let format = match (self.desc.is_fine, gpu.views_other_formats()) {
-            (true, _) => FINE_FORMAT,
-            (false, true) => CODES_FORMAT,
-            (false, false) => DISPLAY_FORMAT,
-        };
-        gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("correct/pipeline"),
-            layout: Some(&self.layout),
-            vertex: wgpu::VertexState {
-                module: &self.module,
-                entry_point: Some("corner"),
-                compilation_options: options(),
-                buffers: &[Some(wgpu::VertexBufferLayout {
-                    array_stride: size_of::<CornerRecord>() as u64,
-                    step_mode: wgpu::VertexStepMode::Vertex,
-                    attributes: &attributes,
-                })],
-            },
-            primitive: wgpu::PrimitiveState::default(),
-            depth_stencil: None,
-            multisample: wgpu::MultisampleState::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &self.module,
-                entry_point: Some("correct"),
-                compilation_options: options(),
-                targets: &[Some(wgpu::ColorTargetState { format, blend: None, write_mask })],
-            }),
-            multiview_mask: None,
-            cache: None,
-        })
-    }
 }
 
 impl SourcePlane {
@@ -456,6 +341,28 @@ impl SourcePlane {
 
 fn row(row: DVec4) -> [f32; 4] {
     row.as_vec4().to_array()
+}
+
+/// Whether two descriptions share a part, or both are without it.
+fn is_same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
+    match (a, b) {
+        (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+        (a, b) => a.is_none() && b.is_none(),
+    }
+}
+
+/// The codes of a measured curve; of another one, two that nobody reads.
+fn codes(gpu: &Gpu, curve: &Curve) -> wgpu::Buffer {
+    let codes = match curve {
+        Curve::Measured(_) => curve.codes(CODE_COUNT),
+        _ => vec![DVec3::ZERO; 2],
+    };
+    let codes: Vec<[f32; 4]> = codes.iter().map(|code| row(code.extend(0.0))).collect();
+    gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some("correct/codes"),
+        contents: bytemuck::cast_slice(&codes),
+        usage: wgpu::BufferUsages::STORAGE,
+    })
 }
 
 /// The light map of an upright picture; where there is none, one texel that nobody reads.

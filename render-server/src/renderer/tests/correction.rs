@@ -1,5 +1,7 @@
 //! From light to codes: what is done to a picture's light and places, against f64.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
 
 use super::harness::{Shape, Stage, differences, draw_sampled, gpu, look, matt};
@@ -188,7 +190,7 @@ fn light_becomes_codes_as_said() {
     let count = linear.len();
     let weights: Vec<[f64; 2]> =
         (0..count).map(|at| [(at % 96) as f64 / 95.0, (at / 96) as f64 / 64.0]).collect();
-    let light_map = Some(LightMap::new(&weights, DVec3::new(0.01, 0.008, 0.012)));
+    let light_map = Some(Arc::new(LightMap::new(&weights, DVec3::new(0.01, 0.008, 0.012))));
     let color = DMat3::from_cols_array(&[0.9, 0.05, 0.0, 0.08, 1.1, -0.02, 0.02, 0.1, 0.8]);
     let measured = (0..=1023).map(|code| {
         let code = f64::from(code) / 1023.0;
@@ -328,7 +330,7 @@ fn what_cannot_be_corrected_is_refused() {
     let refused = |desc| Correction::new(gpu(), desc).map(|_| ()).unwrap_err().to_string();
     let desc = CorrectionDesc { upright: [0, 5], ..identity() };
     assert!(refused(desc).contains("0 × 5 pixels"));
-    let light_map = Some(LightMap::new(&[[1.0, 0.0]; 7], DVec3::ZERO));
+    let light_map = Some(Arc::new(LightMap::new(&[[1.0, 0.0]; 7], DVec3::ZERO)));
     assert!(refused(CorrectionDesc { light_map, ..identity() }).contains("7 texels"));
     let color = DMat3::from_diagonal(DVec3::NAN);
     assert!(refused(CorrectionDesc { color, ..identity() }).contains("matrix"));
@@ -345,11 +347,11 @@ fn what_cannot_be_corrected_is_refused() {
         (vertices(9.0, f64::NAN), [0, 1, 2], "NaN"),
         (vertices(9.0, 1.0), [0, 1, 3], "beyond the 3 points"),
     ] {
-        let warp = Some(WarpMesh { vertices, triangles: vec![triangle] });
+        let warp = Some(Arc::new(WarpMesh { vertices, triangles: vec![triangle] }));
         let said = refused(CorrectionDesc { warp, ..identity() });
         assert!(said.contains(why), "{said}");
     }
-    let empty = Some(WarpMesh::default());
+    let empty = Some(Arc::new(WarpMesh::default()));
     assert!(refused(CorrectionDesc { warp: empty, ..identity() }).contains("no triangle"));
     let mut correction = Correction::new(gpu(), identity()).unwrap();
     let picture = correction.picture(gpu());

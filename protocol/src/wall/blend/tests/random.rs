@@ -107,6 +107,24 @@ fn weights_are_exact_in_every_pixel_also_where_outer_edges_cross() {
     assert!(count > 20_000 && worst <= WEIGHT_ERROR_MAX, "{worst:e}, {count} shared pixels");
 }
 
+/// Projectors at the rim of a dome: their places are bent most.
+#[test]
+fn weights_of_a_dome_are_exact_too() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/dome-5.toml");
+    let wall = crate::wall::file::load(path.as_ref()).expect("a wall");
+    let blend = Blend::new(&wall);
+    let rule = BlackRule::new(wall.blend.leak, blend.most());
+    let (mut worst, mut count) = (0.0_f64, 0);
+    for_pixels(&wall, 7, |id, map, at, canvas| {
+        let weights = blend.weights(id, canvas);
+        let (_, due) = weights.iter().find(|(own, _)| *own == id).expect("its own");
+        worst = worst.max((map.at(at.x, at.y)[0] - due * rule.multiply).abs());
+        count += usize::from(weights.len() > 1);
+    });
+    println!("{count} shared pixels are off by {worst:.2e} at most");
+    assert!(count > 60_000 && worst <= WEIGHT_ERROR_MAX, "{worst:e}, {count} shared pixels");
+}
+
 /// Where an edge of another picture runs through a pixel, the pixel raises the other's black by
 /// as much as is missing in all of it.
 #[test]

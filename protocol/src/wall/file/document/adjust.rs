@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::lists::{Light, Pair, Row, exact, some_points, some_rows};
-use crate::wall::{EyeOf, Packing, Turn};
+use crate::wall::{EyeOf, Packing, Ramps, Turn};
 
 /// What makes a channel's picture right on the display that it has.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -61,6 +61,11 @@ pub struct AdjustSection {
     /// A picture that multiplies the channel's light.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alpha: Option<String>,
+    /// What says how its light fades where others light the same places: their geometry, or its
+    /// alpha alone, instead of what would be computed. Default: computed; for a channel that a
+    /// warp file places, its alpha, unless edges say how wide ramps are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ramps: Option<Ramps>,
     /// A picture of the least light of each pixel: light becomes light × (1 − beta) + beta.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beta: Option<String>,

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec2, DVec3, UVec2};
 
 use super::{BY_HAND, EVERY_KEY, SMALLEST, check, parse, read, to_toml};
 use crate::wall::adjustment::{Bend, Curve, Edges};
-use crate::wall::{BlendRule, Cover, FileKind, Packing, Projection, Turn};
+use crate::wall::{BlendRule, Cover, FileKind, Packing, Projection, Ramps, Turn};
 
 fn front(lines: &str) -> String {
     format!("{SMALLEST}[channel.front]\n{lines}\n")
@@ -54,6 +54,11 @@ fn files_are_listed_once_in_the_order_of_the_wall() {
         let text = front(&format!("alpha = {bad}"));
         check(&text, "10:1: channel.front.alpha: ");
     }
+    assert_eq!(mapped.adjustment.ramps, Ramps::Alpha);
+    let text = front("ramps = \"alpha\"");
+    check(&text, "10:1: channel.front.ramps: there is no alpha file that says how its light fades");
+    let text = front("alpha = \"a.png\"\nedges.left = 3\nramps = \"alpha\"");
+    check(&text, "12:1: channel.front.ramps: how its light fades is given twice, by edges and");
     check(&front("warp = \"\""), "10:1: channel.front.warp: \"\" is no file; write the path of a");
 }
 
@@ -164,7 +169,7 @@ fn eyes_edges_and_maps_that_contradict_each_other() {
     );
     check(
         &format!("{EVERY_KEY}[channel.beam]\nwarp = \"x.pfm\"\n"),
-        "52:1: channel.beam.warp: where its pixels lie is given twice, by a warp file and by a",
+        "53:1: channel.beam.warp: where its pixels lie is given twice, by a warp file and by a",
     );
     check(
         &EVERY_KEY.replace("warp = ", "# "),

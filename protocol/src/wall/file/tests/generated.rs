@@ -11,7 +11,7 @@ use crate::wall::projector::Projector;
 use crate::wall::surface::{Cylinder, Plane, Sphere, Surface};
 use crate::wall::{
     Bezel, BlendRule, Channel, Cover, DeadlineRule, EyeOf, FileKind, MapFile, Packing, Projection,
-    Screen, Turn, Wall,
+    Ramps, Screen, Turn, Wall,
 };
 
 /// A screen before the eye or around it, turned any way that faces it.
@@ -253,6 +253,10 @@ fn adjust(wall: &mut Wall, channel: &mut Channel, adjust: &Adjust, eye: EyeOf) {
     let mut mask = |is_asked: bool, kind| is_asked.then(|| file(wall, kind, number));
     channel.adjustment.alpha = mask(asks(12), FileKind::Alpha);
     channel.adjustment.beta = mask(asks(13), FileKind::Beta);
+    let adjustment = &mut channel.adjustment;
+    if asks(13) && adjustment.alpha.is_some() && adjustment.edges == Edges::default() {
+        adjustment.ramps = Ramps::Alpha;
+    }
 }
 
 /// Makes some channels a projector that stands at the eye and looks at the screen's middle.

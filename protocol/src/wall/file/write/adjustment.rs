@@ -44,6 +44,7 @@ pub(super) fn section(wall: &Wall, channel: &Channel) -> Option<AdjustSection> {
             warp: path(adjustment.warp),
             warp_zero: has_dark_zeros.then_some(WarpZero::Dark),
             alpha: path(adjustment.alpha),
+            ramps: changed(adjustment.ramps),
             beta: path(adjustment.beta),
             bits: (adjustment.bits == Bits::Ten).then_some(10),
         };
