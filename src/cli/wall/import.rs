@@ -150,6 +150,12 @@ fn read_configuration(arguments: &Arguments) -> anyhow::Result<(Made, Tree)> {
         }
         _ => bail!("{name} is no configuration; {CONFIGURATIONS}"),
     };
+    for name in made.pair_eyes() {
+        tree.warn(format!(
+            "{name} is for one eye, and no channel shows its screen to the other: it shows what is \
+             seen between the eyes"
+        ));
+    }
     let from = path.file_name().unwrap_or_default().to_string_lossy();
     let mut comments = vec![format!("Made of {from}, a configuration of {system}.")];
     comments.append(&mut made.comments);

@@ -51,6 +51,15 @@ pub(super) struct MadeScreen {
     pub beta: Option<Vec<f64>>,
     /// More lines of `[channel.NAME]`.
     pub adjust: Vec<String>,
+    /// For one eye alone; a screen needs channels for both.
+    pub eye: Option<OneEye>,
+}
+
+/// Whose eye a channel is for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum OneEye {
+    Left,
+    Right,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,6 +98,7 @@ impl MadeScreen {
             alpha: None,
             beta: None,
             adjust: Vec::new(),
+            eye: None,
         }
     }
 }
@@ -113,6 +123,32 @@ impl Made {
         say(format_args!("{}: {channels}", wall_file.display()))
     }
 
+    /// The channel for the other eye on the same screen: the first left one belongs to the first
+    /// right one, and so on.
+    fn partner(&self, at: usize) -> Option<usize> {
+        let one = &self.screens[at];
+        let is_same = |other: &MadeScreen, eye: Option<OneEye>| {
+            other.shape == one.shape && other.size == one.size && other.eye == eye
+        };
+        let nth = self.screens[..at].iter().filter(|other| is_same(other, one.eye)).count();
+        let other = match one.eye? {
+            OneEye::Left => OneEye::Right,
+            OneEye::Right => OneEye::Left,
+        };
+        let others = (0..self.screens.len()).filter(|at| is_same(&self.screens[*at], Some(other)));
+        others.into_iter().nth(nth)
+    }
+
+    /// Shows both eyes' middle where there is no channel for the other eye; returns the names of
+    /// those channels.
+    pub fn pair_eyes(&mut self) -> Vec<String> {
+        let count = self.screens.len();
+        let is_alone = |at: &usize| self.screens[*at].eye.is_some() && self.partner(*at).is_none();
+        let alone: Vec<usize> = (0..count).filter(is_alone).collect();
+        alone.iter().for_each(|at| self.screens[*at].eye = None);
+        alone.into_iter().map(|at| self.screens[at].name.clone()).collect()
+    }
+
     /// The wall file.
     pub fn text(&self) -> String {
         let mut text = String::from("#:schema ./wall.schema.json\n#\n");
@@ -128,7 +164,17 @@ impl Made {
         if self.is_smooth {
             text.push_str("samples = 4\n");
         }
-        self.screens.iter().for_each(|screen| screen.put(&mut text));
+        for (at, screen) in self.screens.iter().enumerate() {
+            match screen.eye {
+                None => screen.put(&mut text, None),
+                // The right eye's channel stands on the left eye's screen.
+                Some(OneEye::Left) => {
+                    let right = self.partner(at).map(|right| &self.screens[right]);
+                    screen.put(&mut text, right);
+                }
+                Some(OneEye::Right) => {}
+            }
+        }
         text.push_str(&self.raw);
         text.push_str(&self.tail);
         text
@@ -136,8 +182,9 @@ impl Made {
 }
 
 impl MadeScreen {
-    fn put(&self, text: &mut String) {
-        let Self { name, size: [width, height], .. } = self;
+    /// Writes it, and on the same screen the channel for the other eye.
+    fn put(&self, text: &mut String, other: Option<&Self>) {
+        let name = &self.name;
         let _ = write!(text, "\n[[screen]]\nname = {name:?}\n");
         match self.shape {
             Shape::Plane(corners) => {
@@ -165,26 +212,42 @@ impl MadeScreen {
                 );
             }
         }
-        let canvas = self.canvas();
+        let _ = writeln!(text, "pixels = {:?}", self.canvas());
+        let channels = [Some(self), other];
+        channels.into_iter().flatten().for_each(|channel| channel.put_channel(text));
+        channels.into_iter().flatten().for_each(|channel| channel.put_adjustment(text));
+    }
+
+    fn put_channel(&self, text: &mut String) {
+        let Self { name, size, .. } = self;
         let _ = write!(
             text,
-            "pixels = {canvas:?}\n[[screen.channel]]\nname = {name:?}\norigin = [0, 0]\n\
-             pixels = [{width}, {height}]\n"
+            "[[screen.channel]]\nname = {name:?}\norigin = [0, 0]\npixels = {size:?}\n"
         );
         if let Some(server) = &self.server {
             let _ = writeln!(text, "server = {server:?}");
         }
+    }
+
+    fn put_adjustment(&self, text: &mut String) {
+        let name = &self.name;
         let files = [
             ("warp", self.warp.is_some()),
             ("alpha", self.alpha.is_some()),
             ("beta", self.beta.is_some()),
         ];
-        if self.adjust.is_empty() && files.iter().all(|(_, is_there)| !is_there) {
+        let is_plain = self.adjust.is_empty() && self.eye.is_none();
+        if is_plain && files.iter().all(|(_, is_there)| !is_there) {
             return;
         }
         let _ = write!(text, "\n[channel.{name:?}]\n");
         for (key, _) in files.iter().filter(|(_, is_there)| *is_there) {
             let _ = writeln!(text, "{key} = \"{name}{}\"", ending(key));
+        }
+        match self.eye {
+            Some(OneEye::Left) => text.push_str("eye = \"left\"\n"),
+            Some(OneEye::Right) => text.push_str("eye = \"right\"\n"),
+            None => {}
         }
         for line in &self.adjust {
             let _ = writeln!(text, "{line}");

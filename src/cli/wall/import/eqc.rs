@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::anyhow;
 use glam::{DQuat, DVec3};
 
-use super::super::made::{Made, MadeScreen, Shape, plain_name};
+use super::super::made::{Made, MadeScreen, OneEye, Shape, plain_name};
 use super::tree::{At, DEPTH_MAX, Node, Spot, Tree, Value};
 
 /// A wall that a configuration says nothing of (`eq/fabric/wall.cpp`).
@@ -165,10 +165,10 @@ pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
             if let Some(eye) = segment.get("eye") {
                 match &eye.items()?[..] {
                     [one] if one.text()?.eq_ignore_ascii_case("left") => {
-                        screen.adjust.push("eye = \"left\"".to_owned());
+                        screen.eye = Some(OneEye::Left);
                     }
                     [one] if one.text()?.eq_ignore_ascii_case("right") => {
-                        screen.adjust.push("eye = \"right\"".to_owned());
+                        screen.eye = Some(OneEye::Right);
                     }
                     _ => {}
                 }

@@ -69,37 +69,70 @@ pub(super) fn read(tree: &Tree, width_m: f64, distance_m: f64) -> anyhow::Result
         let center = left_m + size[0] / 2.0;
         left_m += size[0] + 0.5;
         let kinds = eyes_of(&servers, index as i64);
+        let grid = Grid {
+            name: format!("surface-{}", index + 1),
+            counts: [columns, rows],
+            side: [width, height],
+            gap: [gap_x, gap_y],
+        };
+        let _ = write!(
+            made.raw,
+            "\n[[screen]]\nname = {:?}\nsize = {size:?}\ncenter = [{center:?}, 0.0, {:?}]\n\
+             pixels = [{all_x}, {all_y}]\n",
+            grid.name, -distance_m
+        );
+        grid.put_hidden(&mut made.raw);
         for eye in kinds {
-            let suffix = if eye == "mono" { String::new() } else { format!("-{eye}") };
-            let name = format!("surface-{}{suffix}", index + 1);
-            let grid = (0..rows).flat_map(|j| (0..columns).map(move |i| (i, j)));
-            let names: Vec<String> =
-                grid.clone().map(|(i, j)| format!("{name}-{}-{}", i + 1, j + 1)).collect();
-            let of = |((i, j), name): ((i64, i64), &String)| {
-                servers.get(&(index as i64, eye.clone(), i, j)).unwrap_or(name).clone()
-            };
-            let servers: Vec<String> = grid.zip(&names).map(of).collect();
-            let bezel = [gap_x.max(0), gap_y.max(0)].map(|gap| gap as f64 * pitch);
-            let overlap = [gap_x, gap_y].map(|gap| (-gap).max(0));
-            let _ = write!(
-                made.raw,
-                "\n[[screen]]\nname = {name:?}\nsize = {size:?}\n\
-                 center = [{center:?}, 0.0, {:?}]\ntiles.columns = {columns}\n\
-                 tiles.rows = {rows}\ntiles.pixels = [{width}, {height}]\n",
-                -distance_m
-            );
-            let _ = match gap_x.min(gap_y) < 0 {
-                true => writeln!(made.raw, "tiles.overlap = {overlap:?}"),
-                false => writeln!(made.raw, "tiles.bezel = {bezel:?}"),
-            };
-            let _ = writeln!(made.raw, "tiles.names = {names:?}\ntiles.servers = {servers:?}");
-            for name in names.iter().filter(|_| eye != "mono") {
-                made.tail.push_str(&format!("\n[channel.{name:?}]\neye = {eye:?}\n"));
-            }
-            made.raw_channels += names.len();
+            grid.put(&mut made, index as i64, &eye, &servers);
         }
     }
     Ok(made)
+}
+
+/// The displays of a surface: how many across and down, their pixels, and those between them.
+struct Grid {
+    name: String,
+    counts: [i64; 2],
+    side: [i64; 2],
+    gap: [i64; 2],
+}
+
+impl Grid {
+    /// Writes the parts of the canvas that lie between displays.
+    fn put_hidden(&self, text: &mut String) {
+        let Self { counts: [columns, rows], side: [width, height], gap: [x, y], .. } = *self;
+        let mut put = |at: [i64; 2], size: [i64; 2]| {
+            let _ = write!(text, "[[screen.hidden]]\norigin = {at:?}\npixels = {size:?}\n");
+        };
+        for j in (1..rows).filter(|_| y > 0) {
+            put([0, j * (height + y) - y], [columns * (width + x) - x, y]);
+        }
+        for (i, j) in (1..columns).filter(|_| x > 0).flat_map(|i| (0..rows).map(move |j| (i, j))) {
+            put([i * (width + x) - x, j * (height + y)], [x, height]);
+        }
+    }
+
+    /// Writes the channels for an eye.
+    fn put(&self, made: &mut Made, surface: i64, eye: &str, servers: &BTreeMap<Place, String>) {
+        let Self { name, counts: [columns, rows], side: [width, height], gap: [x, y] } = self;
+        for (j, i) in (0..*rows).flat_map(|j| (0..*columns).map(move |i| (j, i))) {
+            let suffix = if eye == "mono" { String::new() } else { format!("-{eye}") };
+            let name = format!("{name}-{}-{}{suffix}", i + 1, j + 1);
+            let at = [i * (width + x), j * (height + y)];
+            let _ = write!(
+                made.raw,
+                "[[screen.channel]]\nname = {name:?}\norigin = {at:?}\n\
+                 pixels = [{width}, {height}]\n"
+            );
+            if let Some(server) = servers.get(&(surface, eye.to_owned(), i, j)) {
+                let _ = writeln!(made.raw, "server = {server:?}");
+            }
+            if eye != "mono" {
+                let _ = write!(made.tail, "\n[channel.{name:?}]\neye = {eye:?}\n");
+            }
+            made.raw_channels += 1;
+        }
+    }
 }
 
 /// For whose eyes a surface has displays.

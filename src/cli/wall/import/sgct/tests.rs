@@ -20,7 +20,8 @@ fn import(text: &str) -> anyhow::Result<(Made, Vec<String>)> {
         true => xml::parse(path, text)?.0,
         false => json::parse(path, text)?,
     };
-    let made = read(&tree)?;
+    let mut made = read(&tree)?;
+    made.pair_eyes();
     if let Err(error) = file::parse(&made.text(), Path::new("wall.toml")) {
         panic!("{error}\n{}", made.text());
     }
@@ -100,8 +101,8 @@ fn planes_by_angles_stand_where_the_angles_say() {
 
 #[test]
 fn xml_and_json_of_the_same_wall_are_the_same() {
-    let corners = [[-2.0, -1.0, -3.0], [-2.0, 1.25, -3.0], [2.0, 1.25, -3.0]];
-    let pos = corners.map(|[x, y, z]| format!(r#"<Pos x="{x}" y="{y}" z="{z}"/>"#)).concat();
+    let points = [[-2.0, -1.0, -3.0], [-2.0, 1.25, -3.0], [2.0, 1.25, -3.0]];
+    let pos = points.map(|[x, y, z]| format!(r#"<Pos x="{x}" y="{y}" z="{z}"/>"#)).concat();
     let old = format!(
         r#"<?xml version="1.0"?><Cluster masterAddress="10.0.0.1"><Node address="10.0.0.1"
         port="20401"><Window fullScreen="true" msaa="4"><Stereo type="side_by_side"/>
@@ -110,7 +111,7 @@ fn xml_and_json_of_the_same_wall_are_the_same() {
         <User eyeSeparation="0.065"><Pos x="0" y="1.5" z="0"/></User>
         <User name="lea"><Pos x="0.5" y="1.5" z="0"/></User></Cluster>"#
     );
-    let keys = ["lowerleft", "upperleft", "upperright"].iter().zip(corners);
+    let keys = ["lowerleft", "upperleft", "upperright"].iter().zip(points);
     let keys = keys.map(|(k, [x, y, z])| format!(r#", "{k}": {{"x": {x}, "y": {y}, "z": {z}}}"#));
     let new = format!(
         r#"{{"version": 1, "masterAddress": "10.0.0.1", "nodes": [{{"address": "10.0.0.1",
@@ -129,7 +130,10 @@ fn xml_and_json_of_the_same_wall_are_the_same() {
     // One eye's half of a half of the window; moved by the way from lea's eye to the wall's.
     assert_eq!(screen.size, [320, 720]);
     assert_eq!(corners(&new.screens[0])[0], DVec3::new(-2.5, -1.0, -3.0));
-    assert_eq!(screen.adjust, ["stereo = \"side-by-side\"", "eye = \"left\""]);
+    assert_eq!(
+        (&screen.adjust[..], screen.eye),
+        (&["stereo = \"side-by-side\"".to_owned()][..], None)
+    );
     assert!(told[0].contains("for the user lea"), "{told:?}");
     assert!(new.is_smooth && new.eye_separation == Some(0.065), "{new:?}");
 }
@@ -253,8 +257,25 @@ fn viewports_become_channels_of_whole_pixels() {
     let (made, told) = import(&text).expect("a wall");
     let found: Vec<_> = made.screens.iter().map(|s| (s.name.as_str(), s.size)).collect();
     assert_eq!(found, [("left-wall-1", [213, 480]), ("left-wall-2", [426, 240])]);
-    assert_eq!(made.screens[1].adjust, ["mirror = true", "eye = \"right\""]);
+    assert_eq!(made.screens[1].adjust, ["mirror = true"]);
     assert!(told.iter().any(|line| line.contains("2 viewports")), "{told:?}");
+}
+
+#[test]
+fn viewports_for_each_eye_share_a_screen() {
+    let plane = r#""projection": {"type": "PlanarProjection", "fov": {"hfov": 60, "vfov": 40}}"#;
+    let of = |second: &str| {
+        let text = one("", &format!(r#""eye": "left", {plane}}}, {{"eye": "{second}", {plane}"#));
+        import(&text).expect("a wall").0
+    };
+    let text = of("right").text();
+    assert!(text.contains("eye = \"left\"") && text.contains("eye = \"right\""), "{text}");
+    assert_eq!(
+        (text.matches("[[screen]]").count(), text.matches("[[screen.channel]]").count()),
+        (1, 2)
+    );
+    let text = of("left").text();
+    assert_eq!((text.matches("[[screen]]").count(), text.contains("eye = \"")), (2, false));
 }
 
 #[test]
@@ -296,7 +317,7 @@ fn bad_configurations_are_refused_with_place_and_remedy() {
         (of("hfov", "hfow"), ["fov.hfow: the key is not known", "perhaps hfov"]),
         (of("Planar", "Plane"), ["there is no projection", "these are"]),
         (of("\"nodes\"", "\"include\": \"a.json\", \"nodes\""), ["include others", "in its place"]),
-        (of("640", "640.5"), ["hall.json:2:65: nodes[0].windows[0].size.x", "whole numbers"]),
+        (of("640", "640.5"), ["hall.json:2:51: nodes[0].windows[0].size.x", "whole numbers"]),
         (of("640", "\"640\""), ["a number stands in quotes", "write 640"]),
         (of("640", "9000000"), ["size.x", "1 to 65536"]),
         (of("\"port\": 20401,", "\"port\": 99999,"), ["port: found 99999", "0 to 65535"]),

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec2, DVec3, IVec2};
 use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
 
-use super::super::super::made::{MadeScreen, Shape, plain_name};
+use super::super::super::made::{MadeScreen, OneEye, Shape, plain_name};
 use super::super::super::optics::{cube_faces, places};
 use super::super::mask;
 use super::super::mesh::{self, Frame, Mesh, Sample};
@@ -193,18 +193,20 @@ impl Reader<'_> {
             let name = &frames.name;
             self.tree.warn(format!("a viewport of {name} reaches out of its window; all is shown"));
         }
-        let mut adjust = frames.adjust.clone();
-        match at.get("eye").map_or(Ok("center"), |at| at.text())?.to_lowercase().as_str() {
-            "center" => {}
-            eye @ ("left" | "right") => {
-                adjust.push(format!("eye = {eye:?}"));
-                self.has_stereo = true;
-            }
+        let eye = match at.get("eye").map_or(Ok("center"), |at| at.text())?.to_lowercase().as_str()
+        {
+            "center" => None,
+            "left" => Some(OneEye::Left),
+            "right" => Some(OneEye::Right),
             eye => {
                 let remedy = "center, left and right are right";
                 return Err(at.need("eye")?.error(format!("there is no eye {eye}"), remedy));
             }
-        }
+        };
+        self.has_stereo |= eye.is_some();
+        // A display of both eyes is not for one of them.
+        let has_packing = frames.adjust.iter().any(|line| line.starts_with("stereo"));
+        let eye = eye.filter(|_| !has_packing);
         let name = number.map_or_else(|| frames.name.clone(), |n| format!("{}-{n}", frames.name));
         let viewport = Viewport {
             at,
@@ -214,11 +216,12 @@ impl Reader<'_> {
             size: [size.x as u32, size.y as u32],
             aspect: frames.stretch * share.x / share.y,
             user: self.user(at)?,
-            adjust,
+            adjust: frames.adjust.clone(),
         };
         let screens = self.screens(&viewport, frames)?;
         for mut screen in screens {
             screen.server = frames.server.map(str::to_owned);
+            screen.eye = eye;
             self.made.screens.push(screen);
         }
         Ok(())
