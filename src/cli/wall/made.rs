@@ -145,7 +145,9 @@ impl Made {
         let count = self.screens.len();
         let is_alone = |at: &usize| self.screens[*at].eye.is_some() && self.partner(*at).is_none();
         let alone: Vec<usize> = (0..count).filter(is_alone).collect();
-        alone.iter().for_each(|at| self.screens[*at].eye = None);
+        for at in &alone {
+            self.screens[*at].eye = None;
+        }
         alone.into_iter().map(|at| self.screens[at].name.clone()).collect()
     }
 

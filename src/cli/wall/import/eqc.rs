@@ -71,16 +71,16 @@ fn section(words: &mut Vec<(Spot, String)>, depth: usize, is_root: bool) -> Resu
     let mut entries = Vec::new();
     loop {
         let Some((spot, name)) = words.pop() else {
-            return match is_root {
-                true => Ok(Node { spot: start, value: Value::Object(entries) }),
-                false => Err((start, "the section that begins here is not closed".to_owned())),
-            };
+            if is_root {
+                return Ok(Node { spot: start, value: Value::Object(entries) });
+            }
+            return Err((start, "the section that begins here is not closed".to_owned()));
         };
         if name == "}" {
-            return match is_root {
-                true => Err((spot, "there is one } too many".to_owned())),
-                false => Ok(Node { spot: start, value: Value::Object(entries) }),
-            };
+            if is_root {
+                return Err((spot, "there is one } too many".to_owned()));
+            }
+            return Ok(Node { spot: start, value: Value::Object(entries) });
         }
         let next = words.last().map(|(_, word)| word.clone()).unwrap_or_default();
         let name = name.to_lowercase();

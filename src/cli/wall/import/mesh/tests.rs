@@ -66,14 +66,12 @@ fn meshes_of_text_put_the_picture_where_they_say() {
         }
     }
     // The second triangle of each cell.
-    let second: String = triangles
-        .lines()
-        .map(|line| {
-            let corners: Vec<u32> =
-                line.split_whitespace().filter_map(|word| word.parse().ok()).collect();
-            format!("[ {} {} {} ]\n", corners[0], corners[2], corners[0] + 1)
-        })
-        .collect();
+    let mut second = String::new();
+    for line in triangles.lines() {
+        let corners: Vec<u32> =
+            line.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+        let _ = writeln!(second, "[ {} {} {} ]", corners[0], corners[2], corners[0] + 1);
+    }
     let scalable = format!("{}{triangles}{second}", scalable.replace("FACES 8", "FACES 16"));
     assert_squeezed(&lines::bourke(bourke.as_bytes(), 1.6).expect("bourke"), "bourke");
     assert_squeezed(&lines::domeprojection(csv.as_bytes()).expect("csv"), "csv");
@@ -95,8 +93,8 @@ fn meshes_of_bytes_put_the_picture_where_they_say() {
     let mut sciss = b"SGC\x01".to_vec();
     sciss.extend(0u32.to_le_bytes());
     let head = [0.0f32, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 20.0, -20.0, -30.0, 30.0];
-    head.iter().for_each(|number| sciss.extend(number.to_le_bytes()));
-    [5u32, 3].iter().for_each(|count| sciss.extend(count.to_le_bytes()));
+    sciss.extend(head.iter().flat_map(|number| number.to_le_bytes()));
+    sciss.extend([5u32, 3].iter().flat_map(|count| count.to_le_bytes()));
     for (_, _, u, v) in nodes() {
         for number in [u / 2.0, v, 0.0, u, 1.0 - v, 0.0] {
             sciss.extend((number as f32).to_le_bytes());
@@ -106,7 +104,7 @@ fn meshes_of_bytes_put_the_picture_where_they_say() {
     let mut strip: Vec<u32> = (0..5).flat_map(|x| [x, x + 5]).collect();
     strip.extend((5..10).rev().flat_map(|x| [x, x + 5]));
     sciss.extend((strip.len() as u32).to_le_bytes());
-    strip.iter().for_each(|index| sciss.extend(index.to_le_bytes()));
+    sciss.extend(strip.iter().flat_map(|index| index.to_le_bytes()));
     let mesh = binary::sciss(&sciss).expect("sciss");
     assert_squeezed(&mesh, "sciss");
     let frustum = mesh.frustum.expect("a frustum");

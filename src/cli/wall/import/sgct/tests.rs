@@ -16,10 +16,8 @@ const HUNDREDTH_RAD: f64 = PI / 2.0 / 4096.0 / 100.0;
 
 fn import(text: &str) -> anyhow::Result<(Made, Vec<String>)> {
     let path = Path::new("hall.json");
-    let tree = match text.trim_start().starts_with('<') {
-        true => xml::parse(path, text)?.0,
-        false => json::parse(path, text)?,
-    };
+    let is_xml = text.trim_start().starts_with('<');
+    let tree = if is_xml { xml::parse(path, text)?.0 } else { json::parse(path, text)? };
     let mut made = read(&tree)?;
     made.pair_eyes();
     if let Err(error) = file::parse(&made.text(), Path::new("wall.toml")) {
