@@ -5,7 +5,7 @@ use glam::{DVec2, UVec2};
 use super::group::Group;
 use super::{SIDE_STEP, SOURCE_GUARD};
 
-/// Side of a picture that no texture holds, in pixels; pixels seen along their surface ask for more.
+/// Side of a picture that no texture holds, in pixels; what is seen from the side asks for more.
 const SIDE_WANTED_MAX: f64 = 1e9;
 
 /// The rectangles of all planes, guards included, and the size of their atlas; `None` where a
