@@ -78,7 +78,17 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ("wall cylinder", &["polyptych wall cylinder --channels 8 --degrees 240 -o wall.toml"]),
     ("wall cave", &["polyptych wall cave --walls 5 --size 3 -o wall.toml"]),
     ("wall dome", &["polyptych wall dome --channels 6 --radius 5 -o wall.toml"]),
-    ("wall import", &["polyptych wall import calibration.mpcdi -o wall --width 6 --distance 4"]),
+    ("wall fisheye", &["polyptych wall fisheye --degrees 180 --tilt 27 --radius 5 -o dome"]),
+    ("wall equirectangular", &["polyptych wall equirectangular --pixels 4096x2048 -o sphere"]),
+    ("wall cube-map", &["polyptych wall cube-map --side 1024 -o cube"]),
+    ("wall mirror", &["polyptych wall mirror --radius 5 --mirror 0,-0.2,4.6 -o dome"]),
+    (
+        "wall import",
+        &[
+            "polyptych wall import calibration.mpcdi -o wall --width 6 --distance 4",
+            "polyptych wall import fisheye.json -o wall",
+        ],
+    ),
     ("wall save", &["polyptych wall save wall.toml"]),
     ("wall schema", &["polyptych wall schema"]),
     (

@@ -6,9 +6,12 @@ mod cylinder;
 mod dome;
 mod grid;
 mod import;
+mod made;
+mod optics;
 mod pose;
 mod projectors;
 mod save;
+mod warps;
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -34,7 +37,15 @@ pub(super) enum Wall {
     Cave(cave::Arguments),
     /// Projectors at the rim of a dome
     Dome(dome::Arguments),
-    /// Make a wall file of an MPCDI archive
+    /// A fisheye picture: one lens in a dome, or a dome master
+    Fisheye(warps::FisheyeArguments),
+    /// A picture of all directions: longitude across, latitude up
+    Equirectangular(warps::EquirectangularArguments),
+    /// Six pictures of 90 degrees each around the eye
+    CubeMap(warps::CubeMapArguments),
+    /// A projector that lights a dome over a spherical mirror
+    Mirror(warps::MirrorArguments),
+    /// Make a wall file of another system's wall: MPCDI, SGCT, OpenSpace, Tide, Equalizer
     Import(import::Arguments),
     /// Write what was tuned on the running wall into its wall file
     Save(save::Arguments),
@@ -66,6 +77,10 @@ pub(super) fn run(wall: &Wall) -> anyhow::Result<ExitCode> {
         Wall::Cylinder(arguments) => write(&arguments.text()?, &arguments.common)?,
         Wall::Cave(arguments) => write(&arguments.text()?, &arguments.common)?,
         Wall::Dome(arguments) => write(&arguments.text()?, &arguments.common)?,
+        Wall::Fisheye(arguments) => arguments.run()?,
+        Wall::Equirectangular(arguments) => arguments.run()?,
+        Wall::CubeMap(arguments) => arguments.run()?,
+        Wall::Mirror(arguments) => arguments.run()?,
         Wall::Import(arguments) => import::run(arguments)?,
         Wall::Save(arguments) => save::run(arguments)?,
         Wall::Schema => say(file::schema().trim_end())?,

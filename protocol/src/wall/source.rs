@@ -112,7 +112,8 @@ pub struct SourcePlan {
     pub density_min: f64,
     /// As `density_min`, where they are most.
     pub density_max: f64,
-    /// What is left of the sides that were wanted; 1 where the adapter's textures sufficed.
+    /// What is left of the sides that were wanted, of the plane that was cut most; 1 where the
+    /// adapter's textures sufficed.
     pub cut: f64,
     /// Samples that a pixel takes of the source, across and down.
     pub taps: UVec2,
@@ -139,13 +140,14 @@ impl SourcePlan {
         }
         // A channel of a few pixels may have several planes, and each has at least one step.
         let planes = groups.iter().map(Vec::len).sum::<usize>() as f64;
-        let share = (pixels * SOURCE_SHARE_MAX).max(planes * SIDE_STEP * SIDE_STEP);
-        let mut cut = 1.0;
+        let pixels_max = (pixels * SOURCE_SHARE_MAX).max(planes * SIDE_STEP * SIDE_STEP);
+        let mut share = 1.0;
         loop {
-            if let Some((places, size)) = layout::place(&groups, cut, side_max, share) {
+            if let Some((places, size)) = layout::place(&groups, share, side_max, pixels_max) {
+                let cut = layout::least_left(&groups, share, side_max, pixels_max);
                 return Ok(Self::of(&groups, &places, size, near_m, cut));
             }
-            cut *= 0.95;
+            share *= 0.95;
         }
     }
 

@@ -1,12 +1,30 @@
-//! `polyptych wall import`: an MPCDI archive becomes a wall file, with its maps beside it.
+//! `polyptych wall import`: another system's wall becomes a wall file, with its maps beside it.
 //!
-//! The archive is foreign, so this process limits itself as the baker does.
+//! | file | system |
+//! |---|---|
+//! | archive | MPCDI |
+//! | JSON or XML with a cluster of nodes | SGCT, OpenSpace |
+//! | JSON with surfaces, XML with dimensions | Tide, DisplayCluster |
+//! | text with canvases (`.eqc`) | Equalizer |
+//!
+//! Files are foreign, so this process limits itself as the baker does.
+
+mod eqc;
+mod json;
+mod mask;
+mod mesh;
+mod sgct;
+mod tide;
+mod tree;
+mod xml;
 
 use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_manager::bake::map::mpcdi::{
     self, Imported, ImportedBuffer, ImportedRegion, Profile, Pyramid,
@@ -14,7 +32,13 @@ use polyptych_manager::bake::map::mpcdi::{
 use polyptych_protocol::words::counted;
 
 use super::super::{bake, manager, say};
+use super::made::Made;
 use crate::outputs;
+use tree::{CONFIG_BYTES_MAX, Tree};
+
+/// What can be imported, as a remedy.
+const CONFIGURATIONS: &str =
+    "MPCDI archives and configurations of SGCT, OpenSpace, Tide and Equalizer are read";
 
 /// How far from the eye the planes of frusta stand, in metres: for one eye any distance is right.
 const FRUSTUM_DISTANCE_M: f64 = 2.0;
@@ -31,17 +55,21 @@ const GRAZING_COSINE: f64 = 0.1;
 /// Most pixels of the plane's canvas along a side.
 const CANVAS_MAX: f64 = 32_768.0;
 
+/// How far into a text its root element is looked for, in bytes: comments may stand before it.
+const ROOT_BYTES_MAX: u64 = 4096;
+
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// The MPCDI archive, of profile 2d, 3d or sl; of sl, the text alone suffices
+    /// An MPCDI archive of profile 2d, 3d or sl (of sl, the text alone suffices), or a configuration
+    /// of SGCT, OpenSpace or Tide (JSON or XML) or Equalizer
     file: PathBuf,
     /// The folder for wall.toml and the maps; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Width of each screen in metres, of which profile 2d says nothing
+    /// Width of each screen in metres, of which profile 2d and Tide say nothing
     #[arg(long, value_name = "METRES", default_value_t = 4.0)]
     width: f64,
-    /// From the eye to the screen in metres, of which profiles 2d and sl say nothing
+    /// From the eye to the screen in metres, of which profiles 2d and sl and Tide say nothing
     #[arg(long, value_name = "METRES", default_value_t = 4.0)]
     distance: f64,
     /// Replace a wall.toml that is there
@@ -60,6 +88,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     outputs::make_folder(folder)?;
     outputs::check_source(&wall_file, arguments.force)?;
     bake::limit_memory(manager::BAKE_MEMORY_MIB_DEFAULT)?;
+    if !is_mpcdi(&arguments.file)? {
+        return configuration(arguments);
+    }
     let imported = mpcdi::import(&arguments.file, folder, &AtomicBool::new(false))?;
     let text = wall_text(arguments, &imported)?;
     outputs::write(&wall_file, text.as_bytes())?;
@@ -73,6 +104,86 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         sizes.join(", ")
     ))?;
     imported.notes.iter().try_for_each(|note| say(format_args!("note: {note}")))
+}
+
+/// Returns whether a file is an archive, or the text of one alone.
+fn is_mpcdi(file: &Path) -> anyhow::Result<bool> {
+    let mut begin = Vec::new();
+    let opened = File::open(file).with_context(|| format!("cannot open {}", file.display()))?;
+    opened.take(ROOT_BYTES_MAX).read_to_end(&mut begin)?;
+    let is_root = |name: &[u8]| name.eq_ignore_ascii_case(b"<mpcdi");
+    Ok(begin.starts_with(b"PK") || begin.windows(6).any(is_root))
+}
+
+/// Imports a configuration of text, and tells what is left out.
+fn configuration(arguments: &Arguments) -> anyhow::Result<()> {
+    let (made, tree) = read_configuration(arguments)?;
+    made.write(&arguments.output, arguments.force)?;
+    let tell = |kind: &str, lines: &[String]| {
+        lines.iter().try_for_each(|line| say(format_args!("{kind}: {line}")))
+    };
+    tell("warning", &tree.warnings.borrow())?;
+    tell("note", &tree.notes.borrow())?;
+    say(format_args!("polyptych check {} prints it", arguments.output.join("wall.toml").display()))
+}
+
+/// The system and the wall of a tree, whose root element XML names.
+fn text_of(
+    arguments: &Arguments,
+    tree: Tree,
+    root: &str,
+) -> anyhow::Result<(&'static str, Tree, Made)> {
+    if tide::is_tide(&tree, root) {
+        let made = tide::read(&tree, arguments.width, arguments.distance)?;
+        return Ok(("Tide", tree, made));
+    }
+    if !["", "cluster"].contains(&root) {
+        return Err(tree.at().error(format!("<{root}> is not known"), CONFIGURATIONS));
+    }
+    let made = sgct::read(&tree)?;
+    Ok(("SGCT", tree, made))
+}
+
+/// A configuration as a wall, with comments on what is not as it was.
+fn read_configuration(arguments: &Arguments) -> anyhow::Result<(Made, Tree)> {
+    let path = &arguments.file;
+    let name = path.display();
+    let size = fs::metadata(path).with_context(|| format!("cannot open {name}"))?.len();
+    if size > CONFIG_BYTES_MAX {
+        bail!("{name} has {size} bytes; a configuration has {CONFIG_BYTES_MAX} at most");
+    }
+    let text = fs::read_to_string(path)
+        .with_context(|| format!("cannot read {name}; JSON or XML in UTF-8 would be right"))?;
+    let text = text.trim_start_matches('\u{feff}');
+    let (system, tree, mut made) = match text.trim_start().chars().next() {
+        Some('{') => {
+            let tree = json::parse(path, text)?;
+            text_of(arguments, tree, "")?
+        }
+        Some('<') => {
+            let (tree, root) = xml::parse(path, text)?;
+            text_of(arguments, tree, &root)?
+        }
+        _ if eqc::is_eqc(text) => {
+            let tree = eqc::parse(path, text)?;
+            let made = eqc::read(&tree)?;
+            ("Equalizer", tree, made)
+        }
+        _ => bail!("{name} is no configuration; {CONFIGURATIONS}"),
+    };
+    for name in made.pair_eyes() {
+        tree.warn(format!(
+            "{name} is for one eye, and no channel shows its screen to the other: it shows what is \
+             seen between the eyes"
+        ));
+    }
+    let from = path.file_name().unwrap_or_default().to_string_lossy();
+    let mut comments = vec![format!("Made of {from}, a configuration of {system}.")];
+    comments.append(&mut made.comments);
+    comments.extend(tree.warnings.borrow().iter().map(|line| format!("Warning: {line}.")));
+    comments.extend(tree.notes.borrow().iter().map(|line| format!("Note: {line}.")));
+    made.comments = comments;
+    Ok((made, tree))
 }
 
 /// The wall file; every name in it is one that such a file may have.
@@ -272,3 +383,6 @@ fn wall_name(file: &Path) -> String {
     let name: String = stem.chars().take(BYTES_MAX).map(letter).collect();
     if name.is_empty() { "wall".to_owned() } else { name }
 }
+
+#[cfg(test)]
+mod tests;

@@ -5,15 +5,16 @@ use glam::{DVec2, UVec2};
 use super::group::Group;
 use super::{SIDE_STEP, SOURCE_GUARD};
 
-/// Side of a picture that no texture holds, in pixels; pixels seen along their surface ask for
-/// more.
+/// Side of a picture that no texture holds, in pixels; what is seen from the side asks for more.
 const SIDE_WANTED_MAX: f64 = 1e9;
 
 /// The rectangles of all planes, guards included, and the size of their atlas; `None` where a
-/// texture of `side_max` or `pixels_max` do not hold them. `cut` scales all sides.
+/// texture of `side_max` or `pixels_max` do not hold them. No picture gets more than `share` of
+/// `pixels_max`: those that want the most are cut, such as the poles of a sphere, and not those of
+/// what is between.
 pub(super) fn place(
     groups: &[Vec<Group>],
-    cut: f64,
+    share: f64,
     side_max: u32,
     pixels_max: f64,
 ) -> Option<(Vec<Vec<[u32; 4]>>, UVec2)> {
@@ -25,9 +26,11 @@ pub(super) fn place(
     for groups in groups {
         let mut rects = Vec::with_capacity(groups.len());
         for group in groups {
-            // Bounded, so that a small `cut` is enough for a pixel that asks for no finite number.
-            let wanted = group.sides().min(DVec2::splat(SIDE_WANTED_MAX));
-            let sides = (wanted * cut / SIDE_STEP).ceil().max(DVec2::ONE) * SIDE_STEP;
+            let wanted = wanted(group);
+            let sides = (wanted * left(wanted, share, side_max, pixels_max) / SIDE_STEP)
+                .ceil()
+                .max(DVec2::ONE)
+                * SIDE_STEP;
             pixels += sides.x * sides.y;
             if !(pixels <= pixels_max && sides.max_element() <= f64::from(side_max)) {
                 return None;
@@ -47,4 +50,24 @@ pub(super) fn place(
         places.push(rects);
     }
     Some((places, size))
+}
+
+/// The sides of a picture; bounded where a pixel asks for no finite number.
+fn wanted(group: &Group) -> DVec2 {
+    group.sides().min(DVec2::splat(SIDE_WANTED_MAX))
+}
+
+/// What is left of the sides that a picture wants.
+fn left(wanted: DVec2, share: f64, side_max: u32, pixels_max: f64) -> f64 {
+    let pixels = share * pixels_max / wanted.element_product();
+    // Sides are rounded up to whole steps.
+    let steps = ((f64::from(side_max) - 2.0 * f64::from(SOURCE_GUARD)) / SIDE_STEP).floor();
+    let of_side = (steps.max(1.0) - 1e-6) * SIDE_STEP / wanted.max_element();
+    pixels.sqrt().min(of_side).min(1.0)
+}
+
+/// What is left of the sides that were wanted, of the picture that is cut most.
+pub(super) fn least_left(groups: &[Vec<Group>], share: f64, side_max: u32, pixels_max: f64) -> f64 {
+    let of = |group: &Group| left(wanted(group), share, side_max, pixels_max);
+    groups.iter().flatten().map(of).fold(1.0, f64::min)
 }

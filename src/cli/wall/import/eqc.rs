@@ -1,0 +1,266 @@
+//! Configurations of Equalizer: words, numbers, texts in quotes, lists in brackets, sections in
+//! braces; `#` begins a comment. Channels of canvases are read, and where their walls stand.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::anyhow;
+use glam::{DQuat, DVec3};
+
+use super::super::made::{Made, MadeScreen, OneEye, Shape, plain_name};
+use super::tree::{At, DEPTH_MAX, Node, Spot, Tree, Value};
+
+/// A wall that a configuration says nothing of (`eq/fabric/wall.cpp`).
+const WALL_DEFAULT: [DVec3; 3] =
+    [DVec3::new(-0.8, -0.5, -1.0), DVec3::new(0.8, -0.5, -1.0), DVec3::new(-0.8, 0.5, -1.0)];
+
+/// Pixels of a window that says nothing of them.
+const PIXELS_DEFAULT: [f64; 2] = [1920.0, 1080.0];
+
+/// Reads the text of a configuration.
+pub(super) fn parse(path: &Path, text: &str) -> anyhow::Result<Tree> {
+    let mut words = words(text);
+    words.reverse();
+    let root = section(&mut words, 0, true).map_err(|(Spot { line, column }, what)| {
+        anyhow!("{}:{line}:{column}: file: {what}; mend it there", path.display())
+    })?;
+    // A section may stand any number of times, as in XML.
+    Ok(Tree::new(path, true, root))
+}
+
+/// The words of a text, and where each stands.
+fn words(text: &str) -> Vec<(Spot, String)> {
+    let mut words = Vec::new();
+    for (at, line) in text.lines().enumerate() {
+        let mut letters = line.char_indices().peekable();
+        while let Some((column, letter)) = letters.next() {
+            let spot = Spot { line: at as u32 + 1, column: column as u32 + 1 };
+            match letter {
+                '#' => break,
+                '/' if line[column..].starts_with("//") => break,
+                '"' => {
+                    let mut word = String::from('"');
+                    word.extend(letters.by_ref().map(|(_, c)| c).take_while(|c| *c != '"'));
+                    words.push((spot, word));
+                }
+                '{' | '}' | '[' | ']' | '(' | ')' => words.push((spot, letter.into())),
+                letter if letter.is_whitespace() => {}
+                letter => {
+                    let mut word = String::from(letter);
+                    while let Some((_, c)) =
+                        letters.next_if(|(_, c)| !c.is_whitespace() && !"{}[]()#\"".contains(*c))
+                    {
+                        word.push(c);
+                    }
+                    words.push((spot, word));
+                }
+            }
+        }
+    }
+    words
+}
+
+type Fault = (Spot, String);
+
+/// Names and values up to the end of a section; `words` are in reverse order.
+fn section(words: &mut Vec<(Spot, String)>, depth: usize, is_root: bool) -> Result<Node, Fault> {
+    let start = words.last().map_or(Spot { line: 1, column: 1 }, |word| word.0);
+    if depth > DEPTH_MAX {
+        return Err((start, format!("sections lie in each other more than {DEPTH_MAX} deep")));
+    }
+    let mut entries = Vec::new();
+    loop {
+        let Some((spot, name)) = words.pop() else {
+            if is_root {
+                return Ok(Node { spot: start, value: Value::Object(entries) });
+            }
+            return Err((start, "the section that begins here is not closed".to_owned()));
+        };
+        if name == "}" {
+            if is_root {
+                return Err((spot, "there is one } too many".to_owned()));
+            }
+            return Ok(Node { spot: start, value: Value::Object(entries) });
+        }
+        let next = words.last().map(|(_, word)| word.clone()).unwrap_or_default();
+        let name = name.to_lowercase();
+        let node = match next.as_str() {
+            "{" => {
+                words.pop();
+                section(words, depth + 1, false)?
+            }
+            "[" | "(" => {
+                words.pop();
+                list(words, spot)?
+            }
+            "}" | "" => Node { spot, value: Value::Null },
+            _ => {
+                let word = words.pop().map(|(_, word)| word).unwrap_or_default();
+                Node { spot, value: Value::Text(word.trim_start_matches('"').to_owned()) }
+            }
+        };
+        entries.push((name, node));
+    }
+}
+
+fn list(words: &mut Vec<(Spot, String)>, start: Spot) -> Result<Node, Fault> {
+    let mut items = Vec::new();
+    while let Some((spot, word)) = words.pop() {
+        match word.as_str() {
+            "]" | ")" => return Ok(Node { spot: start, value: Value::List(items) }),
+            "{" | "}" | "[" | "(" => break,
+            _ => {
+                let value = Value::Text(word.trim_start_matches('"').to_owned());
+                items.push(Node { spot, value });
+            }
+        }
+    }
+    Err((start, "the list that begins here is not closed".to_owned()))
+}
+
+/// Whether a text is such a configuration.
+pub(super) fn is_eqc(text: &str) -> bool {
+    text.lines().take(64).any(|line| {
+        let line = line.trim_start();
+        line.starts_with("#Equalizer") || line.starts_with("server") || line.starts_with("config")
+    })
+}
+
+/// Reads the canvases of a configuration.
+pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
+    let root = tree.at();
+    let server = root.get("server").unwrap_or_else(|| root.clone());
+    let config = server.need("config")?;
+    let stem = tree.path.file_stem().unwrap_or_default().to_string_lossy();
+    let mut made = Made { name: plain_name(&stem), ..Made::default() };
+    if let Some(metres) = config.get("attributes").and_then(|at| at.get("eye_base")) {
+        made.eye_separation = Some(metres.number()?);
+    }
+    let mut channels = BTreeMap::new();
+    let nodes = [config.list("", "appnode")?, config.list("", "node")?].concat();
+    for (index, node) in nodes.iter().enumerate() {
+        windows(node, &format!("node-{}", index + 1), &mut channels)?;
+    }
+    tree.note("compounds and load balancing are left out: each server draws its own channels");
+    tree.note("views and layouts are left out: the wall shows one scene");
+    for canvas in config.list("", "canvas")? {
+        let of_canvas = wall(&canvas)?.unwrap_or(WALL_DEFAULT);
+        for segment in canvas.list("", "segment")? {
+            let name = segment.need("channel")?;
+            let name_text = name.text()?;
+            let Some((size, server)) = channels.get(name_text) else {
+                let what = format!("there is no channel {name_text:?}");
+                return Err(name.error(what, "name one of a window"));
+            };
+            let corners = match wall(&segment)? {
+                Some(corners) => corners,
+                None => part(of_canvas, viewport(&segment)?.unwrap_or([0.0, 0.0, 1.0, 1.0])),
+            };
+            let mut wanted = plain_name(name_text);
+            while made.screens.iter().any(|screen| screen.name == wanted) {
+                wanted.push_str("-2");
+            }
+            let mut screen = MadeScreen::new(wanted, Shape::Plane(corners), *size);
+            screen.server = (nodes.len() > 1).then(|| server.clone());
+            if let Some(eye) = segment.get("eye") {
+                match &eye.items()?[..] {
+                    [one] if one.text()?.eq_ignore_ascii_case("left") => {
+                        screen.eye = Some(OneEye::Left);
+                    }
+                    [one] if one.text()?.eq_ignore_ascii_case("right") => {
+                        screen.eye = Some(OneEye::Right);
+                    }
+                    _ => {}
+                }
+            }
+            made.screens.push(screen);
+        }
+    }
+    if made.screens.is_empty() {
+        let remedy = "add a canvas with segments: walls of compounds are not read";
+        return Err(config.error("it has no segment of a canvas", remedy));
+    }
+    Ok(made)
+}
+
+/// The channels of a node by name, with their pixels.
+fn windows(
+    node: &At<'_>,
+    server: &str,
+    channels: &mut BTreeMap<String, ([u32; 2], String)>,
+) -> anyhow::Result<()> {
+    for pipe in node.list("", "pipe")? {
+        for window in pipe.list("", "window")? {
+            let [_, _, width, height] = viewport(&window)?.unwrap_or_else(|| {
+                let [width, height] = PIXELS_DEFAULT;
+                window.tree.warn("a window does not say its pixels: 1920 × 1080 are taken");
+                [0.0, 0.0, width, height]
+            });
+            // Shares of a display that is not known.
+            let of_display = if width <= 1.0 && height <= 1.0 { PIXELS_DEFAULT } else { [1.0; 2] };
+            let all = [width * of_display[0], height * of_display[1]];
+            for channel in window.list("", "channel")? {
+                let [_, _, w, h] = viewport(&channel)?.unwrap_or([0.0, 0.0, 1.0, 1.0]);
+                let is_share = w <= 1.0 && h <= 1.0;
+                let size = if is_share { [w * all[0], h * all[1]] } else { [w, h] };
+                if size.iter().any(|side| !(1.0..=8192.0).contains(side)) {
+                    let what = format!("it has {} × {} pixels", size[0], size[1]);
+                    return Err(channel.error(what, "1 to 8192 would be right"));
+                }
+                let name = channel.get("name").map_or(Ok(""), |at| at.text())?.to_owned();
+                channels.insert(name, (size.map(|side| side.round() as u32), server.to_owned()));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// x, y, width and height of `viewport`.
+fn viewport(at: &At<'_>) -> anyhow::Result<Option<[f64; 4]>> {
+    at.get("viewport").map(|at| numbers(&at)).transpose()
+}
+
+fn numbers<const N: usize>(at: &At<'_>) -> anyhow::Result<[f64; N]> {
+    let numbers: Vec<f64> = at.items()?.iter().map(At::number).collect::<anyhow::Result<_>>()?;
+    let count = numbers.len();
+    numbers.try_into().map_err(|_| at.error(format!("{count} numbers"), format!("{N} are right")))
+}
+
+/// Lower left, lower right and upper left corner of `wall` or `projection`, if there is one.
+fn wall(at: &At<'_>) -> anyhow::Result<Option<[DVec3; 3]>> {
+    if let Some(wall) = at.get("wall") {
+        if wall.get("type").is_some_and(|at| at.text().is_ok_and(|kind| kind == "HMD")) {
+            wall.tree.warn("a wall moves with the head (HMD); it stands still now");
+        }
+        let corner = |name: &str| anyhow::Ok(DVec3::from_array(numbers(&wall.need(name)?)?));
+        return Ok(Some([corner("bottom_left")?, corner("bottom_right")?, corner("top_left")?]));
+    }
+    let Some(projection) = at.get("projection") else { return Ok(None) };
+    let origin = DVec3::from_array(numbers(&projection.need("origin")?)?);
+    let distance = projection.need("distance")?.number()?;
+    let fov = projection.need("fov")?;
+    let angles: [f64; 2] = numbers(&fov)?;
+    if angles.iter().any(|angle| !(0.1..=179.0).contains(angle)) || distance <= 0.0 {
+        return Err(fov.error("the projection spans no picture", "0.1 to 179 degrees are right"));
+    }
+    let hpr: [f64; 3] = numbers(&projection.need("hpr")?)?;
+    if hpr[1] != 0.0 || hpr[2] != 0.0 {
+        let what = "pitch and roll of a projection (hpr) are taken as up and as counter-clockwise; \
+                    look at the picture";
+        projection.tree.warn(what);
+    }
+    let [heading, pitch, roll] = hpr.map(f64::to_radians);
+    let turn = DQuat::from_rotation_y(heading)
+        * DQuat::from_rotation_x(pitch)
+        * DQuat::from_rotation_z(roll);
+    let [x, y] = angles.map(|angle| (angle.to_radians() / 2.0).tan());
+    let corner = |x: f64, y: f64| origin + turn * DVec3::new(x, y, -1.0) * distance;
+    Ok(Some([corner(-x, -y), corner(x, -y), corner(-x, y)]))
+}
+
+/// A part of a wall: x, y, width and height in shares, from the lower left.
+fn part([lower_left, lower_right, upper_left]: [DVec3; 3], [x, y, w, h]: [f64; 4]) -> [DVec3; 3] {
+    let (right, up) = (lower_right - lower_left, upper_left - lower_left);
+    let start = lower_left + right * x + up * y;
+    [start, start + right * w, start + up * h]
+}

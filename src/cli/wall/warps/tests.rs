@@ -1,0 +1,81 @@
+//! Warp makers against their optics.
+
+use super::*;
+
+fn mirror() -> MirrorDome {
+    MirrorDome {
+        projector: DVec3::new(0.0, 1.0, 3.4),
+        look_at: DVec3::new(0.0, 1.5, 4.6),
+        tangents: DVec2::new(0.3, 0.17),
+        shift: 0.1,
+        mirror: Ball { center: DVec3::new(0.0, 1.4, 4.6), radius: 0.3 },
+        dome: Ball { center: DVec3::new(0.0, 1.6, 0.0), radius: 5.0 },
+        tilt_degrees: 0.0,
+    }
+}
+
+#[test]
+fn light_leaves_the_mirror_at_the_angle_at_which_it_comes() {
+    let optics = mirror();
+    optics.check().expect("light can go there");
+    let mut lit = 0;
+    for place in places([64, 36]) {
+        let Some(point) = optics.point(place) else { continue };
+        lit += 1;
+        assert!((point.distance(optics.dome.center) - 5.0).abs() < 1e-9, "{point}");
+        // Fermat: of all ways over the mirror light takes the shortest. Newton's steps find it
+        // from the point alone, without the law of reflection.
+        let length = |on: DVec3| optics.projector.distance(on) + on.distance(point);
+        let Ball { center, radius } = optics.mirror;
+        let on_mirror = |angles: DVec2| {
+            let (sin, cos) = angles.y.sin_cos();
+            center + radius * DVec3::new(cos * angles.x.sin(), sin, -cos * angles.x.cos())
+        };
+        let mut best = (f64::INFINITY, DVec2::ZERO);
+        let mut step = 0.2;
+        let mut around = DVec2::ZERO;
+        while step > 1e-9 {
+            let grid = (-8..=8).flat_map(|x| (-8..=8).map(move |y| (f64::from(x), f64::from(y))));
+            for (x, y) in grid {
+                let angles = around + DVec2::new(x, y) * step;
+                let found = length(on_mirror(angles));
+                best = if found < best.0 { (found, angles) } else { best };
+            }
+            (around, step) = (best.1, step / 4.0);
+        }
+        // Its ray leaves the projector where the place is.
+        let ray = on_mirror(best.1) - optics.projector;
+        let ahead = (optics.look_at - optics.projector).normalize();
+        let right = ahead.cross(DVec3::Y).normalize();
+        let up = right.cross(ahead);
+        let tangent = DVec2::new(ray.dot(right), ray.dot(up)) / ray.dot(ahead);
+        let found = (tangent / optics.tangents - DVec2::new(0.0, 0.2) + 1.0) / 2.0;
+        let off_px = (found - place) * DVec2::new(1920.0, 1080.0);
+        assert!(off_px.length() < 0.01, "{place}: {off_px} pixels off");
+    }
+    assert!(lit > 300, "{lit}");
+}
+
+#[test]
+fn mirrors_that_cannot_be_are_refused() {
+    let says = |optics: MirrorDome, part: &str| {
+        let error = optics.check().expect_err(part).to_string();
+        assert!(error.contains(part), "{part}: {error}");
+    };
+    let optics = mirror();
+    says(MirrorDome { projector: optics.mirror.center, ..optics }, "within the mirror");
+    says(MirrorDome { projector: DVec3::Z * 9.0, ..optics }, "outside of the dome");
+    says(MirrorDome { look_at: optics.projector + DVec3::Y, ..optics }, "looks nowhere");
+    for degrees in [0.0, -10.0, 361.0, f64::NAN] {
+        let lens = Fisheye { degrees, tilt_degrees: 0.0 };
+        assert!(lens.check().is_err(), "{degrees}");
+    }
+}
+
+#[test]
+fn points_are_three_numbers() {
+    assert_eq!(point("0, 1.5,-2"), Ok(DVec3::new(0.0, 1.5, -2.0)));
+    for text in ["", "1,2", "1,2,3,4", "a,b,c", "1,2,nan", "1,2,1e9"] {
+        assert!(point(text).is_err(), "{text}");
+    }
+}
