@@ -111,7 +111,7 @@ impl<'a> PixelMap<'a> {
             (Cover::Projector(projector), _) => {
                 let meant = self.meant_from_pixel(pixel)?;
                 let direction = projector.direction(meant / self.channel.size.as_dvec2());
-                self.ground.first_point(projector.position, direction)
+                self.point_along(direction)
             }
             (Cover::Map, Some((facets, _))) => facets.point_at(self.meant_from_pixel(pixel)?),
             _ => self.ground.display_from_canvas(self.canvas_from_pixel(pixel)?),
@@ -143,6 +143,12 @@ impl<'a> PixelMap<'a> {
     fn lit(&self, meant: DVec2) -> Option<(DVec3, DVec2)> {
         let Cover::Projector(projector) = &self.channel.cover else { return None };
         self.lit_along(projector.direction(meant / self.channel.size.as_dvec2()))
+    }
+
+    /// What a projector lights in this direction.
+    pub(crate) fn point_along(&self, direction: DVec3) -> Option<DVec3> {
+        let Cover::Projector(projector) = &self.channel.cover else { return None };
+        self.ground.point_side(projector.position, direction, self.is_rear)
     }
 
     /// What a projector lights in this direction, and where on the canvas that is.

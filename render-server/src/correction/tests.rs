@@ -261,9 +261,9 @@ fn tiles_that_are_shown_as_they_are_drawn_have_no_plan() {
 #[test]
 fn a_tuning_leaves_what_it_does_not_change() {
     let plane = Surface::Plane(Plane::upright(DVec3::NEG_Z, DVec2::new(3.2, 1.8)));
-    let mut row = wall(plane, [160, 36]);
+    let mut row = wall(plane, [640, 36]);
     row.blend.leak = 0.003;
-    row.channels = [("left", 0), ("middle", 48), ("right", 96)]
+    row.channels = [("left", 0), ("middle", 48), ("right", 576)]
         .map(|(name, x)| Channel::tile(name, 0, UVec2::new(x, 0), UVec2::new(64, 36)))
         .into();
     row.channels[0].adjustment.pin[3] = DVec2::ONE;

@@ -60,8 +60,8 @@ const ROOT_BYTES_MAX: u64 = 4096;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// An MPCDI archive of profile 2d, 3d or sl (of sl, the text alone suffices), or a configuration
-    /// of SGCT, OpenSpace or Tide (JSON or XML) or Equalizer
+    /// An MPCDI archive of profile 2d, 3d or sl (of sl, the text alone suffices), or a
+    /// configuration of SGCT, OpenSpace or Tide (JSON or XML) or Equalizer
     file: PathBuf,
     /// The folder for wall.toml and the maps; made if it is not there
     #[arg(short, long, value_name = "DIR")]

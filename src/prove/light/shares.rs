@@ -61,7 +61,8 @@ pub(in crate::prove) fn prove(
     table: &mut Table,
 ) -> anyhow::Result<()> {
     let wall = shaped.wall;
-    let mut sums = Sums { leak: wall.blend.leak, ..Sums::default() };
+    let step = if wall.dither { 1.0 } else { 0.5 };
+    let mut sums = Sums { leak: wall.blend.leak, step, ..Sums::default() };
     let mut screens = Vec::new();
     for index in 0..wall.screens.len() as u16 {
         for side in Side::of(wall, index) {
@@ -235,6 +236,8 @@ struct Windows {
 #[derive(Default)]
 struct Sums {
     leak: f64,
+    /// By how many levels a code may be off: half of one, and noise of another half.
+    step: f64,
     /// How many light one place, at most.
     most: usize,
     codes: Worst,
@@ -367,7 +370,7 @@ impl Sums {
         let share = right / count;
         let half = |(at, _): &(usize, DVec2)| {
             let code = curve(at).encode(share);
-            let half = curve(at).decode(code + 0.5 / 255.0) - curve(at).decode(code);
+            let half = curve(at).decode(code + self.step / 255.0) - curve(at).decode(code);
             half * (1.0 - self.leak)
         };
         let halves: DVec3 = lit.iter().map(half).sum();
@@ -375,13 +378,13 @@ impl Sums {
             ((codes(shown) - codes(right)).abs(), codes(right + halves) - codes(right));
         let part = |axis: &usize| {
             let gamma = if let Curve::Gamma(gamma) = first { gamma[*axis] } else { 2.4 };
-            off[*axis] / (0.5 * count.powf(gamma.recip())).max(near[*axis])
+            off[*axis] / (self.step * count.powf(gamma.recip())).max(near[*axis])
         };
         axes.iter().map(part).fold(0.0, f64::max)
     }
 
     fn report(self, table: &mut Table) {
-        let Self { leak, most, codes, black, weights, plain, masked } = self;
+        let Self { leak, most, codes, black, weights, plain, masked, .. } = self;
         let at_most = |most: f64| Some(Target::AtMost(most));
         let note =
             |worst: &Worst| format!("{}; {most} at most on one place, leak {leak}", worst.at);

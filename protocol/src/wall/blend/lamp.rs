@@ -190,13 +190,13 @@ impl<'a> Lamp<'a> {
         }
         let Some(point) = point else { return false };
         let ray = point - projector.position;
-        let hit = map.lit_along(ray);
-        hit.is_some_and(|(hit, _)| hit.distance(point) <= HIT_SHARE * ray.length())
+        let hit = map.point_along(ray);
+        hit.is_some_and(|hit| hit.distance(point) <= HIT_SHARE * ray.length())
     }
 
     fn find_reach(&self) -> Option<(DVec3, f64)> {
         // A warp's points may lie before or behind those of the screen that they show.
-        let is_on_screen = self.channel.cover != Cover::Map && !self.is_rect();
+        let is_on_screen = self.channel.cover != Cover::Map;
         let map = self.map.as_ref().filter(|_| is_on_screen)?;
         let places = (0..=REACH_STEPS).flat_map(|y| (0..=REACH_STEPS).map(move |x| (x, y)));
         let place = |(x, y)| DVec2::new(f64::from(x), f64::from(y)) / f64::from(REACH_STEPS);
