@@ -16,13 +16,18 @@ use polyptych_protocol::stream::{self, DialError, Stream};
 use polyptych_protocol::token;
 use polyptych_protocol::words::make_printable;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::time::timeout;
+use tokio::time::{sleep, timeout};
 
 use crate::connection::drive;
 use crate::error::ClientError;
 use crate::link::Link;
 use crate::picture::CAPTURE_BYTES_MAX;
 use crate::reconnect::{Introduced, Reconnect, Redial};
+
+/// Further attempts where a connection ends without a word, and the wait before the first; before
+/// each other one it is as much longer.
+const FLOOD_TRIES: u32 = 4;
+const FLOOD_WAIT: Duration = Duration::from_millis(20);
 
 /// Where and as whom to connect.
 ///
@@ -148,7 +153,7 @@ pub(crate) async fn connect_tcp(
     mut options: ConnectOptions,
 ) -> Result<(Link, impl Future<Output = ()> + Send + 'static), ClientError> {
     options.address = with_port(&options.address);
-    let (frames, welcome) = dial_and_introduce(&options).await?;
+    let (frames, welcome) = dial_through_a_flood(&options).await?;
     let dialled = options.clone();
     // What was given is kept only where it is needed again.
     options.token = None;
@@ -162,6 +167,36 @@ pub(crate) async fn connect_tcp(
     let (link, messages) = Link::new(options, welcome);
     let driver = drive(frames, link.shared.clone(), messages, redial);
     Ok((link, driver))
+}
+
+/// Connects, though a manager that is flooded with connections may end this one before it has
+/// spoken.
+async fn dial_through_a_flood(options: &ConnectOptions) -> Result<Introduced<Stream>, ClientError> {
+    let first = match dial_and_introduce(options).await {
+        Err(error) if was_torn(&error) => error,
+        other => return other,
+    };
+    for try_number in 1..=FLOOD_TRIES {
+        sleep(FLOOD_WAIT * try_number).await;
+        match dial_and_introduce(options).await {
+            Err(error) if was_torn(&error) => {}
+            // Whatever else goes wrong now, the first reason is the one to tell.
+            other => return other.map_err(|_| first),
+        }
+    }
+    Err(first)
+}
+
+/// Returns whether the other end closed a connection without a word.
+fn was_torn(error: &ClientError) -> bool {
+    let ClientError::Handshake { source, .. } = error else { return false };
+    match source {
+        ConnectionError::Closed => true,
+        ConnectionError::Io(error) => {
+            matches!(error.kind(), io::ErrorKind::ConnectionReset | io::ErrorKind::BrokenPipe)
+        }
+        _ => false,
+    }
 }
 
 /// One attempt to connect, with the token as its file has it now.

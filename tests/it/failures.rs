@@ -143,6 +143,13 @@ impl Fault<'_> {
         )
     }
 
+    /// That the channel was not live for a while, and then was again.
+    fn was_away(&self) -> Result<(), String> {
+        let seen = self.record["states"].as_array().expect("a list");
+        hold(seen.iter().any(|state| state != "live"), "always live", &seen)?;
+        self.ms("live_again_ms").map(drop)
+    }
+
     /// That the channel went through these states, in this order, and was live again.
     fn went_through(&self, states: &[&str]) -> Result<(), String> {
         let seen: Vec<&str> = self.record["states"]
