@@ -129,7 +129,7 @@ impl<'a> PixelMap<'a> {
         }
     }
 
-    /// Whether triangles of a file lie between pixels and places.
+    /// Returns whether triangles of a file lie between pixels and places.
     pub(crate) fn is_faceted(&self) -> bool {
         self.warp.is_some() || self.ground.is_mesh()
     }
@@ -157,7 +157,7 @@ impl<'a> PixelMap<'a> {
         self.ground.hit_side(projector.position, direction, self.is_rear)
     }
 
-    /// Whether its projector stands behind the screen.
+    /// Returns whether its projector stands behind the screen.
     pub(crate) fn is_rear(&self) -> bool {
         self.is_rear
     }

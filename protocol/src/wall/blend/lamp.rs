@@ -198,6 +198,10 @@ impl<'a> Lamp<'a> {
         // A warp's points may lie before or behind those of the screen that they show.
         let is_on_screen = self.channel.cover != Cover::Map;
         let map = self.map.as_ref().filter(|_| is_on_screen)?;
+        if self.is_rect() && map.ground().is_mesh() {
+            // What of a tile a mesh has may lie between the places looked at.
+            return None;
+        }
         let places = (0..=REACH_STEPS).flat_map(|y| (0..=REACH_STEPS).map(move |x| (x, y)));
         let place = |(x, y)| DVec2::new(f64::from(x), f64::from(y)) / f64::from(REACH_STEPS);
         let lit: Vec<_> =

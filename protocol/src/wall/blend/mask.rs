@@ -76,7 +76,7 @@ impl Masks<'_> {
         self.beta.map_or(0.0, |beta| beta.most())
     }
 
-    /// Whether red, green and blue have masks of their own.
+    /// Returns whether red, green and blue have masks of their own.
     pub(super) fn is_coloured(&self) -> bool {
         [self.alpha, self.beta, self.light].iter().flatten().any(|mask| mask.components == 3)
     }

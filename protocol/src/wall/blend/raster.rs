@@ -217,7 +217,7 @@ impl<'l, 'w> Raster<'l, 'w> {
     }
 }
 
-/// Whether spots lie behind a projector, and by so much that all between them do.
+/// Returns whether spots lie behind a projector, and by so much that all between them do.
 fn is_behind(lamp: &Lamp<'_>, spots: &[Option<Spot>]) -> bool {
     let depths = || spots.iter().flatten().map(|spot| lamp.depth(spot).unwrap_or(0.0));
     let (low, high) = (depths().fold(0.0, f64::min), depths().fold(f64::MIN, f64::max));

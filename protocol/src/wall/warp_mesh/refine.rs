@@ -91,7 +91,7 @@ impl<F: Fn(&WarpVertex) -> Option<WarpVertex>> Divider<F> {
         made
     }
 
-    /// Whether the line between two vertices is right, whose middle is found there.
+    /// Returns whether the line between two vertices is right, whose middle is found there.
     fn is_straight(&self, ends: [u32; 2], found: Option<&WarpVertex>, length_px: f64) -> bool {
         let (a, b, found) = match (ends.map(|end| self.to[end as usize]), found) {
             ([Some(a), Some(b)], Some(found)) => (a, b, found),

@@ -126,7 +126,7 @@ impl Correction {
         Ok(Self { desc, shape, light_map, codes, pipelines })
     }
 
-    /// Whether all is compiled that such a draw needs.
+    /// Returns whether all is compiled that such a draw needs.
     pub fn is_warm(&self, eyes: &[SourceEye], taps: [u32; 2]) -> bool {
         let sampling = Sampling::new(eyes, taps);
         let pipelines = self.pipelines.borrow();
@@ -343,7 +343,7 @@ fn row(row: DVec4) -> [f32; 4] {
     row.as_vec4().to_array()
 }
 
-/// Whether two descriptions share a part, or both are without it.
+/// Returns whether two descriptions share a part, or both are without it.
 fn is_same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
     match (a, b) {
         (Some(a), Some(b)) => Arc::ptr_eq(a, b),

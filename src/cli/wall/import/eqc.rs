@@ -118,7 +118,7 @@ fn list(words: &mut Vec<(Spot, String)>, start: Spot) -> Result<Node, Fault> {
     Err((start, "the list that begins here is not closed".to_owned()))
 }
 
-/// Whether a text is such a configuration.
+/// Returns whether a text is such a configuration.
 pub(super) fn is_eqc(text: &str) -> bool {
     text.lines().take(64).any(|line| {
         let line = line.trim_start();

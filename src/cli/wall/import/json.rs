@@ -51,7 +51,7 @@ impl Scanner<'_> {
         }
     }
 
-    /// Whether the next byte is this one, which is then read.
+    /// Returns whether the next byte is this one, which is then read.
     fn takes(&mut self, byte: u8) -> Option<bool> {
         let is_next = self.peek()? == byte;
         self.at += usize::from(is_next);

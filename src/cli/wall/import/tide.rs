@@ -24,7 +24,7 @@ const DOWN: [&[&str]; 3] = [
 /// The displays of a process: its surface, whose eye, its column and row.
 type Place = (i64, String, i64, i64);
 
-/// Whether a tree is such a configuration.
+/// Returns whether a tree is such a configuration.
 pub(super) fn is_tide(tree: &Tree, root: &str) -> bool {
     let at = tree.at();
     match root {

@@ -90,7 +90,7 @@ impl Patch {
         value(self.factors.map(|row| value(row, u)), v)
     }
 
-    /// Whether all of it lies beyond one side of a picture of this size.
+    /// Returns whether all of it lies beyond one side of a picture of this size.
     pub fn is_beside(&self, picture: DVec2) -> bool {
         // What bounds a Bézier patch: its control points.
         let control =

@@ -136,7 +136,7 @@ impl Pipelines {
         }
     }
 
-    /// Whether the pipeline of an eye is there.
+    /// Returns whether the pipeline of an eye is there.
     pub fn has(&self, desc: &CorrectionDesc, sampling: Sampling, eye: usize) -> bool {
         self.made.contains_key(&Key::new(desc, sampling, eye))
     }

@@ -187,7 +187,7 @@ fn text_of(bytes: Vec<u8>, name: &str) -> Result<String, BakeError> {
     Ok(text.strip_prefix('\u{feff}').map_or(text.clone(), str::to_owned))
 }
 
-/// Whether a file begins as XML does; it is left at its beginning.
+/// Returns whether a file begins as XML does; it is left at its beginning.
 fn is_text(file: &mut File) -> std::io::Result<bool> {
     let length = file.metadata()?.len();
     let mut head = Vec::new();

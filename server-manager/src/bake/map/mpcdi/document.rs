@@ -370,7 +370,7 @@ fn attribute<'a>(node: Node<'a, '_>, name: &str) -> Option<&'a str> {
     found.map(|attribute| attribute.value())
 }
 
-/// Whether an element holds nothing.
+/// Returns whether an element holds nothing.
 fn is_empty(node: Node<'_, '_>) -> bool {
     let is_blank = |child: Node<'_, '_>| child.text().is_none_or(|text| text.trim().is_empty());
     node.children().all(|child| !child.is_element() && is_blank(child))
