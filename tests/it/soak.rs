@@ -27,6 +27,9 @@ const GROWTH_OF_YOUTH_MAX: f64 = 1.15;
 /// Frames from which on a run is a long one.
 const LONG: u64 = 50_000;
 
+/// What all processes write to the terminal, at most: that of 2 h is a file that a person reads.
+const LOG_BYTES_MAX: usize = 10_000_000;
+
 /// Between two looks.
 const PERIOD: Duration = Duration::from_millis(250);
 
@@ -62,6 +65,8 @@ fn kills_and_stops_leave_nothing_behind() {
     // The last server that was killed may not be in the last picture yet: 3.
     assert!([0, 3].contains(&finished.code()), "{}", finished.output);
     let said = finished.output;
+    println!("log: {:.3} MB", said.len() as f64 * 1e-6);
+    assert!(said.len() < LOG_BYTES_MAX, "a log of {} bytes", said.len());
     simulation.await_no_orphans("after the last frame");
     let text = std::fs::read(simulation.place.path("out/report.json")).expect("a report");
     let report: Value = serde_json::from_slice(&text).expect("JSON");
