@@ -6,6 +6,9 @@ use super::tree::Tree;
 /// Longer than this, nobody reads it to the end.
 const ARCHITECTURE_LINES_MAX: usize = 150;
 
+/// The first page is short; the rest is in `docs`.
+const README_LINES_MAX: usize = 100;
+
 const ARCHITECTURE: &str = "ARCHITECTURE.md";
 const LIMITS: &str = "protocol/src/limits.rs";
 
@@ -28,7 +31,7 @@ pub fn required(tree: &Tree) -> Vec<String> {
     REQUIRED.iter().filter_map(|(path, what)| tree.required(path, what).err()).collect()
 }
 
-/// ARCHITECTURE.md is short, and names every folder at the top.
+/// README.md and ARCHITECTURE.md are short, and the latter names every folder at the top.
 pub fn architecture(tree: &Tree) -> Vec<String> {
     // Where it is missing, `required` says so.
     let Ok(text) = tree.required(ARCHITECTURE, "") else { return Vec::new() };
@@ -36,6 +39,10 @@ pub fn architecture(tree: &Tree) -> Vec<String> {
     let lines = text.lines().count();
     if lines > ARCHITECTURE_LINES_MAX {
         offences.push(format!("{ARCHITECTURE}: {lines} lines, at most {ARCHITECTURE_LINES_MAX}"));
+    }
+    let readme = tree.required("README.md", "").map_or(0, |text| text.lines().count());
+    if readme > README_LINES_MAX {
+        offences.push(format!("README.md: {readme} lines, at most {README_LINES_MAX}"));
     }
     let mut folders: Vec<&str> = tree
         .files
