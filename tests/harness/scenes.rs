@@ -23,14 +23,10 @@ pub fn town() -> &'static Path {
     })
 }
 
-/// A scene from the assets beside the repository; where there is none, says so.
-pub fn asset(name: &str) -> Option<PathBuf> {
+/// A scene from the assets beside the repository. Who needs it is ignored where there are none.
+pub fn asset(name: &str) -> PathBuf {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets");
-    let path = assets.join(name).canonicalize().ok();
-    if path.is_none() {
-        println!("skipped: no assets ({name})");
-    }
-    path
+    assets.join(name).canonicalize().unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
 /// Eight ways to look at a scene: all around it, from far and near, from above and level, with
