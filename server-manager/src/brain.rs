@@ -55,6 +55,11 @@ impl Brain {
         done
     }
 
+    /// What is wrong with the recording, for an operator.
+    pub fn warning(&self) -> Option<String> {
+        self.recorder.as_ref().and_then(Recorder::warning)
+    }
+
     /// What is to be done next.
     pub fn poll_output(&mut self) -> Option<Output> {
         self.outputs.pop_front()

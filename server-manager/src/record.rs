@@ -164,6 +164,11 @@ impl Recorder {
         self.note(&Record::Decided(decision));
     }
 
+    /// What is wrong with the recording, for an operator.
+    pub(crate) fn warning(&self) -> Option<String> {
+        self.buffer.failure()
+    }
+
     fn segment(&mut self, is_contiguous: bool, beginning: Beginning<CheckpointOf<'_>>) {
         let Some(epoch) = self.epoch else { return };
         self.buffer.begin_segment();
@@ -200,7 +205,7 @@ fn write_all(mut ring: Ring, buffer: &Buffer, path: &str) {
         if let Err(error) = written {
             // The wall goes on: it was never there for its recording.
             tracing::error!(path, %error, "the recording breaks off here");
-            buffer.give_up();
+            buffer.give_up(format!("the recording {path} breaks off: {error}"));
             return;
         }
     }

@@ -1,12 +1,16 @@
 //! Disks that are full or gone: what cannot be kept is said, and no frame waits for it.
 
 use std::fs;
+use std::path::Path;
+use std::process::Command;
 
 use polyptych_client::{ChannelState, Pace};
+use polyptych_protocol::wall::file;
 use serde_json::Value;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::place::Place;
+use crate::harness::process::Process;
 use crate::harness::wait;
 
 #[test]
@@ -54,4 +58,34 @@ fn a_state_that_cannot_be_kept_is_said_in_the_answer_and_in_status() {
     let again = LocalWall::manager_with(local.place, &wall, &[], ANY_PORT, &more);
     let tuned = again.run(&["tune", &wall.channels[0].name, "--show"]).succeeded();
     assert!(tuned.contains("gain=1,0.5,1"), "{tuned}");
+}
+
+/// A file that may not grow fails as one on a full disk does.
+#[test]
+fn a_recording_that_breaks_off_is_said_in_status() {
+    let place = Place::new();
+    let wall = place.write("wall.toml", file::to_toml(&small(1, 1)));
+    let recording = place.path("wall.recording").display().to_string();
+    let arguments = ["manager", "--listen", ANY_PORT, "--record", &recording];
+    let manager = place.command(arguments.iter().map(Path::new).chain([wall.as_path()]));
+    // 16 KiB hold the state, and no segment of a recording.
+    let mut limited = Command::new("sh");
+    limited.args(["-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh"]);
+    limited.arg(manager.get_program()).args(manager.get_args()).current_dir(place.folder());
+    for (name, value) in manager.get_envs() {
+        match value {
+            Some(value) => limited.env(name, value),
+            None => limited.env_remove(name),
+        };
+    }
+    let mut manager = Process::start("manager", &mut limited);
+    let line = manager.await_line(&["manager listens", "address="]);
+    let address = line.split("address=").nth(1).and_then(|rest| rest.split(' ').next());
+    let address = address.expect("an address behind its name");
+    wait::until("the warning", || {
+        let said = place.run(["status", "--json", "--manager", address]);
+        let status: Value = serde_json::from_str(&said.output).ok()?;
+        let warnings = status["warnings"].as_array()?;
+        warnings.iter().find(|w| w.as_str().is_some_and(|w| w.contains(&recording))).map(drop)
+    });
 }

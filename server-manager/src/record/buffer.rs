@@ -43,7 +43,8 @@ struct State {
     /// The record that is being added; kept for its memory.
     record: Vec<u8>,
     is_closed: bool,
-    has_failed: bool,
+    /// Why nothing more can be written.
+    failure: Option<String>,
 }
 
 impl Buffer {
@@ -57,7 +58,7 @@ impl Buffer {
             has_lost: false,
             record: Vec::new(),
             is_closed: false,
-            has_failed: false,
+            failure: None,
         };
         Self { segment_bytes_max, state: Mutex::new(state), filled: Condvar::new() }
     }
@@ -86,7 +87,7 @@ impl Buffer {
     /// Adds the record that `write` writes, or leaves it out where there is no room.
     pub fn append(&self, write: impl FnOnce(&mut Vec<u8>)) {
         let state = &mut *self.lock();
-        if state.has_failed || state.has_lost {
+        if state.failure.is_some() || state.has_lost {
             return;
         }
         state.record.clear();
@@ -134,11 +135,16 @@ impl Buffer {
         self.filled.notify_one();
     }
 
-    /// Nothing more can be written.
-    pub fn give_up(&self) {
+    /// Nothing more can be written, for this reason.
+    pub fn give_up(&self, failure: String) {
         let mut state = self.lock();
-        state.has_failed = true;
+        state.failure = Some(failure);
         state.pieces.clear();
+    }
+
+    /// Why nothing more can be written, if so.
+    pub fn failure(&self) -> Option<String> {
+        self.lock().failure.clone()
     }
 }
 

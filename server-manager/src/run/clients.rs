@@ -111,6 +111,7 @@ impl Hub {
         }
         if let Answer::Reply { reply: Ok(Reply::Status(status)), .. } = &mut answer {
             status.warnings.extend(self.keeper.as_ref().and_then(Keeper::warning));
+            status.warnings.extend(self.cluster.warning());
             status.memory_bytes = process::resident_bytes().unwrap_or(0);
         }
         let is_sent = link.send(codec::encode(&answer));
