@@ -68,7 +68,7 @@ pub(crate) fn prove(
     let mut steps = Steps::new((4 + geometry::SCENES + judged.len()) as u64);
     steps.begin("computing blends and sampling of all channels");
     light::prove_sampling(shaped, &mut table)?;
-    let maps = light::maps(shaped, &files);
+    let corrections = light::corrections(shaped, &files);
     let folder = tempfile::Builder::new().prefix("polyptych-prove-").tempdir()?;
     let prover = Prover { shown, folder: folder.path().canonicalize()?, baker: baker.clone(), out };
     let capture = {
@@ -79,7 +79,7 @@ pub(crate) fn prove(
         light::shares::prove(built, &built_files, &fields, walls.built.is_some(), &mut table)?;
         let keep = |capture: &Capture| prover.save_all("markers", capture);
         let places = (prover.folder.as_path(), &mut steps);
-        let drawn = light::Drawn { wall, maps: &maps };
+        let drawn = light::Drawn { wall, corrections: &corrections };
         geometry::prove(&local.client, (built, drawn), places, &mut table, keep)?;
         steps.begin("drawing the scene on the wall");
         prover.show(&local, wall)?

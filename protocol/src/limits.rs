@@ -58,6 +58,10 @@ pub const BEND_POINTS_MAX: usize = 1024;
 /// Most changes of one tuning: a whole grid of points, and all else that a channel has.
 pub const TUNE_CHANGES_MAX: usize = BEND_POINTS_MAX + 16;
 
+/// Largest share of its white that a display shows of black: what leaks more is no projector, as
+/// four of them over one place leave a fifth of the contrast.
+pub const LEAK_MAX: f64 = 0.2;
+
 /// Most points of a measured curve: one for each code of 10 bits.
 pub const CURVE_POINTS_MAX: usize = 1024;
 

@@ -11,7 +11,7 @@ use glam::{DMat3, DVec2, DVec3, UVec2};
 use serde::{Deserialize, Serialize};
 
 use crate::codec;
-use crate::limits::{BEND_POINTS_MAX, MESSAGE_BYTES_MAX, TUNE_CHANGES_MAX};
+use crate::limits::{BEND_POINTS_MAX, LEAK_MAX, MESSAGE_BYTES_MAX, TUNE_CHANGES_MAX};
 use crate::wall::adjustment::Bend;
 use crate::wall::{Adjustment, Channel, Curve, Ramps, Wall, fold};
 
@@ -51,6 +51,9 @@ pub enum Change {
     Matrix(DMat3),
     /// Codes become light by code^γ, of red, green and blue; `None`: as sRGB says.
     Gamma(Option<DVec3>),
+    /// What the display shows of black, as a share of its white in red, green and blue; `None`:
+    /// as the wall's projectors do.
+    Leak(Option<DVec3>),
     /// The width of a blend in pixels; `None`: as wide as the overlap.
     Edge {
         /// At which edge.
@@ -162,6 +165,7 @@ impl Change {
             Self::Gain(_) => "gain".into(),
             Self::Matrix(_) => "matrix".into(),
             Self::Gamma(_) => "gamma".into(),
+            Self::Leak(_) => "leak".into(),
             Self::Edge { side, .. } => format!("edge.{}", side.name()),
         }
     }
@@ -202,6 +206,15 @@ impl Change {
                 adjustment.color.matrix = *fits.then_some(matrix).ok_or("−16 to 16 can be")?;
             }
             Self::Gamma(gamma) => adjustment.color.curve = curve(*gamma)?,
+            Self::Leak(leak) => {
+                let is_share = |leak: &DVec3| {
+                    leak.cmpge(DVec3::ZERO).all() && leak.cmple(DVec3::splat(LEAK_MAX)).all()
+                };
+                if leak.is_some_and(|leak| !is_share(&leak)) {
+                    return Err(format!("0 to {LEAK_MAX} of white can be, or auto"));
+                }
+                adjustment.color.leak = *leak;
+            }
             Self::Edge { side, width } => {
                 if width.is_some() && adjustment.ramps == Ramps::Alpha {
                     let reason = "its alpha file says how its light fades; take ramps out of the \

@@ -149,6 +149,11 @@ impl Default for BlendRule {
 }
 
 impl Wall {
+    /// What a channel's display shows of black, as a share of its white in red, green and blue.
+    pub fn leak_of(&self, channel: &Channel) -> DVec3 {
+        channel.adjustment.color.leak.unwrap_or(DVec3::splat(self.blend.leak))
+    }
+
     /// A wall of these screens and channels, with the eye at the origin and a wall file's defaults
     /// for all else; opens no folder, and listens on any port of this machine.
     pub fn new(name: &str, screens: Vec<Screen>, channels: Vec<Channel>) -> Self {

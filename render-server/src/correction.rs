@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use polyptych_protocol::command::{Area, Frame, View, ViewProjection};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
@@ -147,7 +147,7 @@ impl Plan {
             }
         };
         let eyes = channel.eyes().to_vec();
-        let color = &adjustment.color;
+        let color = blend.color(id).ok_or("the wall has no such channel")?;
         let desc = CorrectionDesc {
             upright: channel.size.to_array(),
             turn: turn(adjustment.turn),
@@ -155,7 +155,7 @@ impl Plan {
             packing: packing(adjustment.packing),
             warp: drawn,
             light_map,
-            color: DMat3::from_diagonal(color.gain) * color.matrix,
+            color: color.made(),
             curve: curve(&color.curve),
             dither: wall.dither.then_some(u32::from(id.0)),
             is_fine: adjustment.bits == Bits::Ten,
@@ -204,7 +204,7 @@ fn renderer_mesh(mesh: &WarpMesh) -> renderer::WarpMesh {
 }
 
 fn renderer_light(map: blend::LightMap) -> LightMap {
-    LightMap { texels: map.texels, multiply: map.multiply, add: DVec3::splat(map.add) }
+    LightMap { texels: map.texels, multiply: 1.0, add: map.add }
 }
 
 fn turn(turn: wall::Turn) -> Turn {

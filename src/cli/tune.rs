@@ -21,7 +21,7 @@ pub(super) struct Arguments {
     channel: String,
     /// pin.upper-left=+1.5,-0.5 (a sign: further; none, or "@-3,2": from where it was drawn; in
     /// pixels, right and down), bend=5x5, bend.COLUMN.ROW=+0.5,0, bend=off, gain=1,0.9,1,
-    /// gamma=2.2 or srgb, matrix=1,0,0,0,1,0,0,0,1, edge.left=120 or auto
+    /// gamma=2.2 or srgb, leak=0.003 or auto, matrix=1,0,0,0,1,0,0,0,1, edge.left=120 or auto
     #[arg(
         value_name = "KEY=VALUE",
         required_unless_present = "show",
@@ -86,6 +86,8 @@ fn show(wall: &Wall, name: &str) -> anyhow::Result<()> {
             say(format_args!("# a measured curve of {points}; gamma= replaces it"))?;
         }
     }
+    let leak = color.leak.map_or_else(|| "auto".into(), |leak| list(&leak.to_array()));
+    say(format_args!("leak={leak}"))?;
     let edges = &adjustment.edges;
     for (side, width) in Side::ALL.iter().zip([edges.left, edges.right, edges.top, edges.bottom]) {
         let width = width.map_or_else(|| "auto".into(), |width| width.to_string());

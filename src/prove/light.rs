@@ -33,23 +33,33 @@ pub(super) fn eye_of(adjustment: &Adjustment) -> EyeOf {
     if adjustment.packing == Packing::None { adjustment.eye } else { EyeOf::Left }
 }
 
-/// What each channel has of the light, by blends and by its files; made once, as it takes a while.
-pub(super) fn maps(shaped: Shaped<'_>, files: &Maps) -> Vec<Option<LightMap>> {
+/// What a channel's light goes through.
+#[derive(Clone, Debug)]
+pub(super) struct Correction {
+    /// What its colours make of white.
+    white: DVec3,
+    /// What it has of the light, by blends and by its files.
+    map: Option<LightMap>,
+}
+
+/// What each channel's light goes through; made once, as it takes a while.
+pub(super) fn corrections(shaped: Shaped<'_>, files: &Maps) -> Vec<Correction> {
     let blend = Blend::new(shaped);
-    let map = |id| {
+    let map = |id: ChannelId| {
         let channel = shaped.wall.channel(id)?;
         let light = shaped.pixel_map(id).and_then(|pixels| files.light(channel, &pixels));
         let light = light.as_ref().and_then(Mask::texels);
         blend.light_map(id, &Masks { light, ..files.masks(&channel.adjustment) })
     };
-    shaped.wall.channel_ids().map(map).collect()
+    let white = |id| blend.color(id).map_or(DVec3::ONE, |color| color.made() * DVec3::ONE);
+    shaped.wall.channel_ids().map(|id| Correction { white: white(id), map: map(id) }).collect()
 }
 
-/// The wall that servers draw, and what each channel has of the light.
+/// The wall that servers draw, and what each channel's light goes through.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Drawn<'a> {
     pub wall: &'a Wall,
-    pub maps: &'a [Option<LightMap>],
+    pub corrections: &'a [Correction],
 }
 
 /// The light of a channel's picture on the wall as it stands, upright and before it was shared.
@@ -57,7 +67,7 @@ pub(super) struct Drawn<'a> {
 /// # Errors
 /// A picture that is not of the display's size.
 pub(super) fn of(
-    Drawn { wall, maps }: Drawn<'_>,
+    Drawn { wall, corrections }: Drawn<'_>,
     built: &Wall,
     id: ChannelId,
     picture: &Picture,
@@ -66,9 +76,8 @@ pub(super) fn of(
     let side = if channel.adjustment.eye == EyeOf::Right { Side::Right } else { Side::Left };
     let shown = ChannelLight::new(built, id, side, &picture.rgba);
     let shown = shown.with_context(|| format!("the picture of {} has no size", channel.name))?;
-    let map = maps.get(usize::from(id.0)).and_then(Option::as_ref);
-    let color = &channel.adjustment.color;
-    let white = color.matrix * DVec3::ONE * color.gain;
+    let correction = corrections.get(usize::from(id.0));
+    let Correction { white, map } = correction.context("a channel has no light")?;
     // Of an anaglyph's left eye only red is there.
     let axis = usize::from(channel.adjustment.packing != Packing::Anaglyph);
     let size = channel.size;
@@ -76,7 +85,7 @@ pub(super) fn of(
     for y in 0..size.y {
         for x in 0..size.x {
             let light = shown.pixel(UVec2::new(x, y))[axis];
-            let [multiply, add] = map.map_or([1.0, 0.0], |map| map.of_colour(x, y, axis));
+            let [multiply, add] = map.as_ref().map_or([1.0, 0.0], |map| map.at(x, y, axis));
             let own = (light - add) / multiply / white[axis];
             grey.push(if multiply < WEIGHT_MIN { f32::NAN } else { own as f32 });
         }

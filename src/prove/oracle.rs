@@ -1,6 +1,7 @@
 //! The wall's picture against the picture of one channel that shows a whole screen.
 
 use anyhow::Context;
+use glam::DVec3;
 use image::RgbaImage;
 use polyptych_protocol::wall::blend::Blend;
 use polyptych_protocol::wall::color::{linear_from_srgb, srgb_from_linear};
@@ -89,7 +90,7 @@ pub(super) fn compare(
     };
     let lifted = lifted(wall);
     let mut difference = Difference::default();
-    let mut is_shared = wall.blend.leak > 0.0;
+    let mut is_shared = Blend::new(wall).black() != DVec3::ZERO;
     let mut picture = RgbaImage::new(stitched.width(), stitched.height());
     for (x, y, pixel) in stitched.enumerate_pixels() {
         let count = lit_by(x, y);
@@ -97,8 +98,9 @@ pub(super) fn compare(
             continue;
         }
         is_shared |= count > 1;
-        let other = single.get_pixel(x, y).0.map(|code| lifted[usize::from(code)]);
-        let levels = (0..3).map(|i| pixel[i].abs_diff(other[i])).max().unwrap_or(0);
+        let other = single.get_pixel(x, y).0;
+        let levels = (0..3).map(|i| pixel[i].abs_diff(lifted[i][usize::from(other[i])]));
+        let levels = levels.max().unwrap_or(0);
         difference.add(levels);
         // Eight levels are white: who looks for a difference must see one level.
         let shade = levels.saturating_mul(31);
@@ -108,16 +110,15 @@ pub(super) fn compare(
     Ok(picture)
 }
 
-/// What the wall shows of each code of a single picture: black as light as where most projectors
-/// leak, and white as it is.
-fn lifted(wall: &Wall) -> Vec<u8> {
-    let leak = wall.blend.leak;
-    let all = if leak > 0.0 { leak * Blend::new(wall).most() as f64 } else { 0.0 };
-    let lift = |code: u8| {
+/// What the wall shows of each code of red, green and blue of a single picture: black as light as
+/// where most of it leaks, and white as it is.
+fn lifted(wall: &Wall) -> [Vec<u8>; 3] {
+    let lift = |black: f64, code: u8| {
         let light = linear_from_srgb(f64::from(code) / 255.0);
-        (srgb_from_linear(all + (1.0 - all) * light) * 255.0).round() as u8
+        (srgb_from_linear(black + (1.0 - black) * light) * 255.0).round() as u8
     };
-    (0..=u8::MAX).map(lift).collect()
+    let of = |black| (0..=u8::MAX).map(|code| lift(black, code)).collect();
+    Blend::new(wall).black().to_array().map(of)
 }
 
 impl Difference {

@@ -48,7 +48,7 @@ pub fn lit(map: &WallMap) -> Option<usize> {
         let Some(map) = light_map(shaped, id, &masks) else { continue };
         let all = (0..32).flat_map(|y| (0..40).map(move |x| (x, y)));
         let is_share = |light: f64| (0.0..=1.0).contains(&light);
-        assert!(all.into_iter().all(|(x, y)| is_share(map.at(x, y)[0])));
+        assert!(all.into_iter().all(|(x, y)| is_share(map.at(x, y, 0)[0])));
     }
     let rgba = vec![255; 4 * 40 * 32];
     let picture = [DisplayPicture { channel: ChannelId(1), rgba: &rgba }];

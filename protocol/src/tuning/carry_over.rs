@@ -151,6 +151,12 @@ const KEYS: &[Key] = &[
         copy: |from, to| to.color.matrix = from.color.matrix,
     },
     Key {
+        name: "leak",
+        is_in_pixels: false,
+        is_same: |a, b| a.color.leak == b.color.leak,
+        copy: |from, to| to.color.leak = from.color.leak,
+    },
+    Key {
         name: "gamma",
         is_in_pixels: false,
         is_same: |a, b| a.color.curve == b.color.curve,

@@ -57,6 +57,7 @@ fn a_finer_grid_lies_on_the_present_bend() {
 fn light_and_edges_are_set() {
     let changes = [
         Change::Gain(DVec3::new(1.0, 0.9, 1.0)),
+        Change::Leak(Some(DVec3::new(0.01, 0.0, 0.2))),
         Change::Gamma(Some(DVec3::splat(2.2))),
         Change::Matrix(DMat3::from_diagonal(DVec3::new(0.9, 1.0, 1.0))),
         Change::Edge { side: Side::Right, width: Some(120.0) },
@@ -64,6 +65,7 @@ fn light_and_edges_are_set() {
     let wall = tuned(&wall(), "left", &changes).expect("tuned");
     let adjustment = &wall.channels[0].adjustment;
     assert_eq!(adjustment.color.gain, DVec3::new(1.0, 0.9, 1.0));
+    assert_eq!(adjustment.color.leak, Some(DVec3::new(0.01, 0.0, 0.2)));
     assert_eq!(adjustment.color.curve, Curve::Gamma(DVec3::splat(2.2)));
     assert_eq!((adjustment.edges.right, adjustment.edges.left), (Some(120.0), None));
     let changes = [Change::Gamma(None), Change::Edge { side: Side::Right, width: None }];
@@ -91,6 +93,7 @@ fn what_cannot_be_is_refused_by_its_key() {
             "left: bend.1.0: the bend folds the picture, or nearly; move its points by less",
         ),
         (vec![Change::Gain(DVec3::NEG_ONE)], "left: gain: 0 to 16"),
+        (vec![Change::Leak(Some(DVec3::ONE))], "left: leak: 0 to 0.2 of white"),
         (vec![Change::Gamma(Some(DVec3::ZERO))], "left: gamma: numbers above"),
         (vec![Change::Matrix(DMat3::from_diagonal(DVec3::NAN))], "left: matrix: −16 to 16"),
         (

@@ -11,7 +11,7 @@ use glam::{DMat3, DVec2, DVec3, UVec2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX};
+use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX, LEAK_MAX};
 
 /// How a channel differs from a tile that is shown as it is drawn. The default is no difference.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -187,6 +187,9 @@ pub struct Color {
     pub gain: DVec3,
     /// How codes become light on this display.
     pub curve: Curve,
+    /// What it shows of black, as a share of its white, in its red, green and blue; `None`: as
+    /// the wall's projectors do ([`BlendRule::leak`](super::BlendRule)).
+    pub leak: Option<DVec3>,
 }
 
 /// How a display turns codes into light.
@@ -203,7 +206,7 @@ pub enum Curve {
 
 impl Default for Color {
     fn default() -> Self {
-        Self { matrix: DMat3::IDENTITY, gain: DVec3::ONE, curve: Curve::Srgb }
+        Self { matrix: DMat3::IDENTITY, gain: DVec3::ONE, curve: Curve::Srgb, leak: None }
     }
 }
 
@@ -276,6 +279,10 @@ impl Color {
         let is_light = |light: DVec3| light.is_finite() && light.cmpge(DVec3::ZERO).all();
         if !(self.matrix.is_finite() && is_light(self.gain)) {
             return Some("its colour matrix or gain is out of range".into());
+        }
+        let is_share = |leak: &DVec3| is_light(*leak) && leak.cmple(DVec3::splat(LEAK_MAX)).all();
+        if let Some(leak) = self.leak.filter(|leak| !is_share(leak)) {
+            return Some(format!("a leak of {leak}, where 0 to {LEAK_MAX} can be"));
         }
         match &self.curve {
             Curve::Srgb => None,

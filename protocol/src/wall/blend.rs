@@ -4,15 +4,17 @@
 //! ```text
 //! ramp   r_i = (Π over edges: s(distance to the edge / width of its ramp))^exponent
 //! weight w_i = r_i / Σ r_j, over all channels j that light the place: the sum is 1 everywhere
-//! light  w_i · ((K − k)·b + (1 − K·b)·I) / (1 − b)
+//! black  l_i = C_i⁻¹·b_i, B = the largest Σ l_j of any place of the wall
+//! light  w_i · C_i·((B − Σ l_j) + (1 − B)·I) / (1 − b_i), in each colour
 //! ```
 //!
-//! I is the light that the wall should show, b the leak of a projector (its black as a share of
-//! its white), k how many channels light the place and K the most that light any place of the
-//! wall. A projector shows b + (1 − b)·light, so that k of them show
-//! k·b + (K − k)·b + (1 − K·b)·I = K·b + (1 − K·b)·I, whatever k is.
+//! I is the light that the wall should show, b_i the leak of a projector (its black as a share of
+//! its white) and C_i its gains times its matrix, which make the light of the wall of its own: it
+//! shows C_i⁻¹·(b_i + (1 − b_i)·light), so that all of them together show
+//! Σ l_j + (B − Σ l_j) + (1 − B)·I = B + (1 − B)·I, whichever light the place. (1 − B) and
+//! 1 / (1 − b_i) are in the colours ([`Blend::color`]), the rest is in the light map.
 //!
-//! Where an edge of a picture runs through a pixel of another one, k is its mean over the pixel's
+//! Where an edge of a picture runs through a pixel of another one, l is its mean over the pixel's
 //! area: no pixel can end its black where the edge is, but all of it has the right sum.
 //!
 //! A weight depends on the place and not on the pixel that shows it, so that channels whose
@@ -30,10 +32,10 @@ mod raster;
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
 
-use glam::{DVec2, DVec3, UVec2};
+use glam::{DMat3, DVec2, DVec3, UVec2};
 
 use super::shapes::Shaped;
-use super::{BlendRule, Channel, Color, EyeOf, MapFile, Screen};
+use super::{Channel, Color, EyeOf, MapFile, Screen};
 use crate::ids::ChannelId;
 use eyes::Light;
 use lamp::Lamp;
@@ -49,14 +51,11 @@ pub const TEXEL_ONE: u16 = u16::MAX;
 pub struct LightMap {
     /// Of the upright picture, in pixels.
     pub size: UVec2,
-    /// Row by row from the top: factor and addend, in parts of [`TEXEL_ONE`] of `multiply` and
-    /// `add`; once for all colours, or for red, then all for green, then all for blue. A weight is
+    /// Row by row from the top: factor in parts of [`TEXEL_ONE`], and addend in those of `add`; once for all colours, or for red, then all for green, then all for blue. A weight is
     /// rounded by 1/131,070 at most, so that the sum of four keeps 1/4096 eight times over.
     pub texels: Vec<[u16; 2]>,
-    /// The factor that a texel of [`TEXEL_ONE`] stands for.
-    pub multiply: f64,
-    /// The addend that a texel of [`TEXEL_ONE`] stands for, of red, green and blue alike.
-    pub add: f64,
+    /// The addend that a texel of [`TEXEL_ONE`] stands for, of red, green and blue.
+    pub add: DVec3,
 }
 
 /// The light map of a channel, or `None` where it changes nothing: its light is its own, nothing
@@ -73,53 +72,33 @@ pub fn light_map<'a>(
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightInputs {
     eye: DVec3,
-    rule: BlendRule,
-    most: usize,
+    exponent: f64,
+    /// As [`Blend::black`] has it.
+    black: DVec3,
+    /// What the channel's addends are multiplied by, where there are any.
+    mix: DMat3,
     screen: Screen,
     files: Vec<MapFile>,
-    /// The channel and those on which its weights depend, without their colours; with the widths
-    /// of their ramps.
-    channels: Vec<(ChannelId, Channel, [Option<f64>; 4])>,
+    /// The channel and those on which its weights depend, without their colours; with what they
+    /// leak and the widths of their ramps.
+    channels: Vec<(ChannelId, Channel, DVec3, [Option<f64>; 4])>,
 }
 
 impl LightMap {
-    /// Factor and addend at a pixel, as they are after rounding; of red where colours differ.
-    pub fn at(&self, x: u32, y: u32) -> [f64; 2] {
-        self.of_colour(x, y, 0)
+    /// Factors and addends of red, green and blue at a pixel, as they are after rounding.
+    pub fn light_at(&self, x: u32, y: u32) -> [DVec3; 2] {
+        let [red, green, blue] = [0, 1, 2].map(|colour| self.at(x, y, colour));
+        [0, 1].map(|part| DVec3::new(red[part], green[part], blue[part]))
     }
 
-    /// As [`Self::at`], of red (0), green (1) or blue.
-    pub fn of_colour(&self, x: u32, y: u32, colour: usize) -> [f64; 2] {
+    /// Factor and addend of red (0), green (1) or blue at a pixel, as they are after rounding.
+    pub fn at(&self, x: u32, y: u32, colour: usize) -> [f64; 2] {
         let pixels = self.size.x as usize * self.size.y as usize;
         let layer = colour.min(self.texels.len() / pixels.max(1) - 1);
         let at = layer * pixels + y as usize * self.size.x as usize + x as usize;
         let [factor, addend] = self.texels[at];
         let part = |texel: u16| f64::from(texel) / f64::from(TEXEL_ONE);
-        [part(factor) * self.multiply, part(addend) * self.add]
-    }
-}
-
-/// How the black of some projectors is raised to that of others.
-#[derive(Clone, Copy, Debug)]
-pub struct BlackRule {
-    leak: f64,
-    most: usize,
-    /// What the picture's light is multiplied by, beside the weight.
-    pub multiply: f64,
-}
-
-impl BlackRule {
-    /// For projectors with this leak, of which at most `most` light any place. Where together
-    /// they leak all the light there is, nothing of the picture is left.
-    pub fn new(leak: f64, most: usize) -> Self {
-        let multiply = (1.0 - most as f64 * leak).max(0.0) / (1.0 - leak);
-        Self { leak, most, multiply }
-    }
-
-    /// What is added, before the weight, where `count` projectors light the place; of a pixel
-    /// that another one lights in part, the mean.
-    pub fn add(&self, count: f64) -> f64 {
-        (self.most as f64 - count).max(0.0) * self.leak / (1.0 - self.leak)
+        [part(factor), part(addend) * self.add[colour]]
     }
 }
 
@@ -128,14 +107,10 @@ impl BlackRule {
 pub struct Share {
     /// Of the picture's light; all channels' together 1. Zero where the channel lights nothing.
     pub weight: f64,
-    /// How many channels light the place: k; of a pixel, the mean over its area. Less than 1 where
-    /// channels of one eye make up for much that channels of both cannot add.
-    pub count: f64,
-}
-
-impl Share {
-    /// Of a channel that alone lights a place.
-    const ALONE: Self = Self { weight: 1.0, count: 1.0 };
+    /// What all channels leak that light the place, in light of the wall; of a pixel, the mean
+    /// over its area. Less than the channel's own where channels of one eye make up for much that
+    /// channels of both cannot add.
+    pub black: DVec3,
 }
 
 /// Who lights what on a wall.
@@ -144,8 +119,8 @@ pub struct Blend<'a> {
     wall: &'a super::Wall,
     /// One for each channel.
     lamps: Vec<Lamp<'a>>,
-    /// See [`Self::most`]; found when somebody asks.
-    most: OnceLock<usize>,
+    /// See [`Self::black`]; found when somebody asks.
+    black: OnceLock<DVec3>,
 }
 
 impl<'a> Blend<'a> {
@@ -155,14 +130,35 @@ impl<'a> Blend<'a> {
         let wall = shaped.wall;
         let mut lamps: Vec<_> = wall.channels.iter().map(|c| Lamp::new(shaped, c)).collect();
         overlap::find_neighbours(&mut lamps);
-        Self { wall, lamps, most: OnceLock::new() }
+        Self { wall, lamps, black: OnceLock::new() }
     }
 
-    /// How black is raised on this wall. Without a leak, nobody needs to know how many channels
-    /// light a place.
-    fn rule(&self) -> BlackRule {
-        let leak = self.wall.blend.leak;
-        BlackRule::new(leak, if leak > 0.0 { self.most() } else { 1 })
+    /// The black of the wall, in its light: as much as leaks where most of it does, 0 to 1. What
+    /// no place may be darker than, none is.
+    pub fn black(&self) -> DVec3 {
+        let find = || self.most_of(|lamp| lamp.leak).clamp(DVec3::ZERO, DVec3::ONE);
+        // Where nothing leaks, nobody needs to know who lights a place.
+        let leaks = || self.lamps.iter().any(|lamp| lamp.leak != DVec3::ZERO);
+        *self.black.get_or_init(|| if leaks() { find() } else { DVec3::ZERO })
+    }
+
+    /// What a channel's light is turned into before it becomes codes, so that its black is that of
+    /// the wall; `None` where there is no such channel.
+    pub fn color(&self, id: ChannelId) -> Option<Color> {
+        let color = self.wall.channel(id)?.adjustment.color.clone();
+        let black = self.black();
+        if black == DVec3::ZERO {
+            return Some(color);
+        }
+        let matrix = self.mix(id) * DMat3::from_diagonal(DVec3::ONE - black);
+        Some(Color { matrix, gain: DVec3::ONE, ..color })
+    }
+
+    /// From light of the wall to that of a channel's codes, which is what it shows above black.
+    fn mix(&self, id: ChannelId) -> DMat3 {
+        let Some(channel) = self.wall.channel(id) else { return DMat3::IDENTITY };
+        let above_black = DVec3::ONE - self.wall.leak_of(channel);
+        DMat3::from_diagonal(above_black.recip()) * channel.adjustment.color.made()
     }
 
     /// What the light map of a channel is made from; `None` where there is no such channel.
@@ -172,12 +168,14 @@ impl<'a> Blend<'a> {
         let of = |id: ChannelId| {
             let mut channel = wall.channel(id)?.clone();
             channel.adjustment.color = Color::default();
-            Some((id, channel, self.widths(id)))
+            Some((id, channel, self.lamps.get(usize::from(id.0))?.leak, self.widths(id)))
         };
+        let black = self.black();
         Some(LightInputs {
             eye: wall.eye,
-            rule: wall.blend,
-            most: self.rule().most,
+            exponent: wall.blend.exponent,
+            black,
+            mix: if black == DVec3::ZERO { DMat3::IDENTITY } else { self.mix(id) },
             screen,
             files: wall.files.clone(),
             channels: std::iter::once(id).chain(self.family(id)).filter_map(of).collect(),
@@ -186,35 +184,51 @@ impl<'a> Blend<'a> {
 
     /// The light map of a channel, as [`light_map`] has it.
     pub fn light_map(&self, id: ChannelId, masks: &Masks<'_>) -> Option<LightMap> {
-        let channel = self.wall.channel(id)?;
-        let rule = self.rule();
-        let [multiply, most_added] = [rule.multiply, rule.add(1.0)];
-        let add = most_added + masks.most_added();
-        if masks.is_empty() && self.neighbours(id).is_empty() && multiply == 1.0 && add == 0.0 {
+        let (channel, lamp) = (self.wall.channel(id)?, self.lamps.get(usize::from(id.0))?);
+        let (black, mix) = (self.black(), self.mix(id));
+        let missing = |share: Share| (black - share.black).max(DVec3::ZERO);
+        let size = channel.size;
+        // No share of what is missing is larger, whatever the signs of a matrix make of it.
+        let bound = DMat3::from_cols(mix.x_axis.abs(), mix.y_axis.abs(), mix.z_axis.abs());
+        let add = bound * missing(lamp.alone()) + masks.most_added();
+        if masks.is_empty() && self.neighbours(id).is_empty() && add == DVec3::ZERO {
             return None;
         }
         let parts = |value: f64, whole: f64| {
             if whole > 0.0 { (value / whole * f64::from(TEXEL_ONE)).round() as u16 } else { 0 }
         };
-        let size = channel.size;
-        let pixels = size.x as usize * size.y as usize;
-        let colours = if masks.is_coloured() { 3 } else { 1 };
-        let mut texels = vec![[0; 2]; pixels * colours];
-        // Everything is a multiple of few numbers where there is no mask: most of the picture.
-        let alone = [parts(multiply, multiply), parts(rule.add(1.0), add)];
-        for (colour, layer) in texels.chunks_mut(pixels.max(1)).enumerate() {
-            self.raster(id, layer, |at, share| {
-                if masks.is_empty() && share == Share::ALONE {
-                    return alone;
-                }
-                let lights = [multiply, rule.add(share.count)];
-                let [factor, addend] = lights.map(|light| share.weight * light);
-                let (own, least) = masks.at(at.x, at.y, size, colour);
-                [parts(factor * own, multiply), parts(addend * own + least, add)]
+        let texel = |at: UVec2, share: Share, colour: usize| {
+            let (own, least) = masks.at(at.x, at.y, size, colour);
+            let raised = mix.row(colour).dot(missing(share)) * share.weight;
+            [parts(share.weight * own, 1.0), parts(raised * own + least, add[colour])]
+        };
+        // They are the same where there is no mask: most of the picture.
+        let alone = [0, 1, 2].map(|colour| texel(UVec2::ZERO, lamp.alone(), colour));
+        let is_alone = |share: Share| masks.is_empty() && share == lamp.alone();
+        let mut texels;
+        if masks.is_coloured() || self.is_coloured(id) {
+            let mut colours = vec![[[0; 2]; 3]; size.x as usize * size.y as usize];
+            self.raster(id, &mut colours, |at, share| {
+                if is_alone(share) { alone } else { [0, 1, 2].map(|c| texel(at, share, c)) }
+            });
+            let of = |colour: usize| colours.iter().map(move |texel| texel[colour]);
+            texels = (0..3).flat_map(of).collect();
+        } else {
+            texels = vec![[0; 2]; size.x as usize * size.y as usize];
+            self.raster(id, &mut texels, |at, share| {
+                if is_alone(share) { alone[0] } else { texel(at, share, 0) }
             });
         }
-        let is_plain = multiply == 1.0 && texels.iter().all(|texel| *texel == [TEXEL_ONE, 0]);
-        (!is_plain).then_some(LightMap { size, texels, multiply, add })
+        let is_plain = texels.iter().all(|texel| *texel == [TEXEL_ONE, 0]);
+        (!is_plain).then_some(LightMap { size, texels, add })
+    }
+
+    /// Returns whether what is added to a channel's light may have a colour.
+    fn is_coloured(&self, id: ChannelId) -> bool {
+        let family = std::iter::once(id).chain(self.family(id));
+        let leaks = family.map(|id| self.lamps[usize::from(id.0)].leak);
+        let mut all = leaks.chain([self.black(), self.mix(id) * DVec3::ONE]);
+        self.black() != DVec3::ZERO && all.any(|light| light != DVec3::splat(light.x))
     }
 
     /// The channels that light a place of a screen's canvas for the eye of `id`'s channel, with
@@ -228,7 +242,7 @@ impl<'a> Blend<'a> {
         let lit: Vec<_> = on_screen
             .filter_map(|(id, lamp)| {
                 let step = lamp.step(lamp.lit(canvas)?, self.widths(id));
-                Some((id, Light::whole(lamp.eye(), step)))
+                Some((id, Light::whole(lamp, step)))
             })
             .collect();
         let seen = lit.iter().filter(|(_, light)| [EyeOf::Center, side].contains(&light.eye));
@@ -266,10 +280,15 @@ impl<'a> Blend<'a> {
         self.lamps.get(usize::from(id.0)).map_or(&[], |lamp| &lamp.neighbours)
     }
 
-    /// The most channels that light any place of the wall: K; 1 or more.
+    /// The most channels that light any place of the wall; 1 or more.
     pub fn most(&self) -> usize {
-        let most = |lamp: &Lamp<'_>| overlap::most(lamp, &self.lamps);
-        *self.most.get_or_init(|| self.lamps.iter().map(most).max().unwrap_or(1))
+        self.most_of(|_| DVec3::ONE).x.max(1.0) as usize
+    }
+
+    /// The most that channels which light one place have together of what `of` says of each.
+    fn most_of(&self, of: impl Fn(&Lamp<'_>) -> DVec3) -> DVec3 {
+        let most = |lamp: &Lamp<'_>| overlap::most(lamp, &self.lamps, &of);
+        self.lamps.iter().map(most).fold(DVec3::ZERO, DVec3::max)
     }
 }
 

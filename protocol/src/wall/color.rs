@@ -1,15 +1,20 @@
 //! Light to codes of a display, and back; pure f64. The renderer does the same in f32, and what
 //! simulates a wall undoes it.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::{Color, Curve};
 
 impl Color {
+    /// What linear light is multiplied by: the matrix, then the gains.
+    pub fn made(&self) -> DMat3 {
+        DMat3::from_diagonal(self.gain) * self.matrix
+    }
+
     /// The codes, 0 to 1, of linear light that neighbours share and masks cut: × `multiply` +
     /// `add`, after the matrix and the gains.
-    pub fn codes(&self, light: DVec3, multiply: f64, add: f64) -> DVec3 {
-        let mixed = self.matrix * light * self.gain;
+    pub fn codes(&self, light: DVec3, multiply: DVec3, add: DVec3) -> DVec3 {
+        let mixed = self.made() * light;
         self.curve.encode(mixed.clamp(DVec3::ZERO, DVec3::ONE) * multiply + add)
     }
 }

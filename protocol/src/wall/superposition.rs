@@ -48,7 +48,6 @@ pub enum Side {
 #[derive(Clone, Debug)]
 pub struct Superposition<'a> {
     canvas: UVec2,
-    leak: f64,
     shown: Vec<ChannelLight<'a>>,
 }
 
@@ -89,7 +88,8 @@ pub fn is_superposed(wall: &Wall, screen: u16, side: Side) -> bool {
             && !adjustment.mirror
     };
     let meets = |(at, lamp): (usize, &Lamp<'_>)| lamps[..at].iter().any(|o| lamp.may_meet(o));
-    wall.blend.leak > 0.0 || !lamps.iter().all(is_plain) || lamps.iter().enumerate().any(meets)
+    let leaks = lamps.iter().any(|lamp| wall.leak_of(lamp.channel) != DVec3::ZERO);
+    leaks || !lamps.iter().all(is_plain) || lamps.iter().enumerate().any(meets)
 }
 
 impl<'a> Superposition<'a> {
@@ -111,7 +111,7 @@ impl<'a> Superposition<'a> {
         });
         // Where only a file knows that nobody has read, nothing is seen.
         let shown = shown.filter(|shown| shown.lamp.is_known());
-        Self { canvas, leak: wall.blend.leak, shown: shown.collect() }
+        Self { canvas, shown: shown.collect() }
     }
 
     /// The light of a place of the canvas, in pixels from its upper left; `None` where no channel
@@ -120,7 +120,7 @@ impl<'a> Superposition<'a> {
         let lit = self
             .shown
             .iter()
-            .filter_map(|shown| Some(self.leaking(shown.between(shown.lamp.lit(canvas)?))));
+            .filter_map(|shown| Some(shown.leaking(shown.between(shown.lamp.lit(canvas)?))));
         lit.reduce(|sum, light| sum + light)
     }
 
@@ -129,26 +129,25 @@ impl<'a> Superposition<'a> {
         let mut row: Vec<Option<DVec3>> = vec![None; self.canvas.x as usize];
         let mut add = |x: u32, light: DVec3| {
             if let Some(sum) = row.get_mut(x as usize) {
-                *sum = Some(sum.unwrap_or_default() + self.leaking(light));
+                *sum = Some(sum.unwrap_or_default() + light);
             }
         };
         for shown in &self.shown {
             let (origin, size) = (shown.lamp.channel.origin, shown.lamp.channel.size);
             if shown.lamp.is_rect() {
                 let Some(y) = y.checked_sub(origin.y).filter(|y| *y < size.y) else { continue };
-                (0..size.x).for_each(|x| add(origin.x + x, shown.pixel(UVec2::new(x, y))));
+                (0..size.x)
+                    .for_each(|x| add(origin.x + x, shown.leaking(shown.pixel(UVec2::new(x, y)))));
                 continue;
             }
             for begin in (0..self.canvas.x).step_by(SPAN as usize) {
                 let end = (begin + SPAN).min(self.canvas.x);
-                shown.span(y, begin..end, |x, pixel| add(x, shown.between(pixel)));
+                shown.span(y, begin..end, |x, pixel| {
+                    add(x, shown.leaking(shown.between(pixel)));
+                });
             }
         }
         row
-    }
-
-    fn leaking(&self, light: DVec3) -> DVec3 {
-        light * (1.0 - self.leak) + self.leak
     }
 }
 
@@ -161,6 +160,8 @@ pub struct ChannelLight<'a> {
     hang: Hang,
     /// The light of each code, of the colours that pass the eye's glass.
     light: Vec<DVec3>,
+    /// What the display shows of black.
+    leak: DVec3,
 }
 
 impl<'a> ChannelLight<'a> {
@@ -191,7 +192,13 @@ impl<'a> ChannelLight<'a> {
             rgba,
             hang: Hang::new(adjustment, channel.size, side),
             light: (0..=u8::MAX).map(light).collect(),
+            leak: shaped.wall.leak_of(channel),
         })
+    }
+
+    /// What the display shows of light that its codes ask for: with what leaks.
+    pub fn leaking(&self, light: DVec3) -> DVec3 {
+        light * (DVec3::ONE - self.leak) + self.leak
     }
 
     /// The light of an upright pixel, which must be one of the channel's, without what leaks.

@@ -109,12 +109,13 @@ pub(super) fn weights(shaped: Shaped<'_>, id: ChannelId) -> RgbaImage {
     // The weights alone, whatever else the light is changed by.
     let mut wall = shaped.wall.clone();
     wall.blend.leak = 0.0;
+    wall.channels.iter_mut().for_each(|channel| channel.adjustment.color.leak = None);
     let unleaking = Shaped { wall: &wall, shapes: shaped.shapes };
     let map = blend::light_map(unleaking, id, &Masks::default());
     let curve = &channel.adjustment.color.curve;
     let mut last = (f64::NAN, opaque(BLACK));
     RgbaImage::from_fn(channel.size.x, channel.size.y, |x, y| {
-        let weight = map.as_ref().map_or(1.0, |map| map.at(x, y)[0]);
+        let weight = map.as_ref().map_or(1.0, |map| map.at(x, y, 0)[0]);
         if weight != last.0 {
             last = (weight, codes(curve.encode(DVec3::splat(weight))));
         }
@@ -125,12 +126,12 @@ pub(super) fn weights(shaped: Shaped<'_>, id: ChannelId) -> RgbaImage {
 /// Does to a picture what is done to the scene's: its light is shared with other channels, masked,
 /// coloured and encoded for the display.
 pub(super) fn share(image: &mut RgbaImage, shaped: Shaped<'_>, maps: &Maps, id: ChannelId) {
-    let Some(channel) = shaped.wall.channel(id) else { return };
-    let adjustment = &channel.adjustment;
-    let map = light_map(shaped, &Blend::new(shaped), maps, id);
-    if map.is_none() && adjustment.color == Color::default() {
+    let blend = Blend::new(shaped);
+    let map = light_map(shaped, &blend, maps, id);
+    let Some(color) = blend.color(id).filter(|color| map.is_some() || *color != Color::default())
+    else {
         return;
-    }
+    };
     let light: Vec<f64> = (0..=255).map(|code| linear_from_srgb(f64::from(code) / 255.0)).collect();
     let row_bytes = image.width() as usize * 4;
     let rows = image.par_chunks_exact_mut(row_bytes).enumerate();
@@ -138,13 +139,14 @@ pub(super) fn share(image: &mut RgbaImage, shaped: Shaped<'_>, maps: &Maps, id: 
         // Neighbours are mostly alike, and encoding costs.
         let mut last = None;
         for (x, pixel) in row.chunks_exact_mut(4).enumerate() {
-            let by = map.as_ref().map_or([1.0, 0.0], |map| map.at(x as u32, y as u32));
+            let plain = [DVec3::ONE, DVec3::ZERO];
+            let by = map.as_ref().map_or(plain, |map| map.light_at(x as u32, y as u32));
             let from = ([pixel[0], pixel[1], pixel[2]], by);
             let coded = match last {
                 Some((known, coded)) if known == from => coded,
                 _ => {
                     let [red, green, blue] = from.0.map(|code| light[usize::from(code)]);
-                    codes(adjustment.color.codes(DVec3::new(red, green, blue), by[0], by[1]))
+                    codes(color.codes(DVec3::new(red, green, blue), by[0], by[1]))
                 }
             };
             last = Some((from, coded));

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::wall::blend::{Masks, light_map};
+use polyptych_protocol::wall::blend::{Blend, Masks};
 use polyptych_protocol::wall::surface::{Plane, Surface};
 use polyptych_protocol::wall::{EyeOf, Packing, Screen, Turn, file};
 
@@ -93,22 +93,24 @@ fn overlaps_are_the_sum_of_their_light() {
     for leak in [0.0, 0.01] {
         let mut wall = two_tiles(4);
         wall.blend.leak = leak;
-        let codes = |(id, channel): (ChannelId, &Channel)| {
-            let map = light_map(&wall, id, &Masks::default()).expect("a map");
+        let codes = |id: ChannelId| {
+            let blend = Blend::new(&wall);
+            let map = blend.light_map(id, &Masks::default()).expect("a map");
+            let color = blend.color(id).expect("a channel");
             let code = |at: u32| {
-                let [multiply, add] = map.at(at % 6, at / 6);
+                let [multiply, add] = map.light_at(at % 6, at / 6);
                 let light = DVec3::splat(0.2 + 0.1 * f64::from(at / 6));
-                let codes = channel.adjustment.color.codes(light, multiply, add) * 255.0;
+                let codes = color.codes(light, multiply, add) * 255.0;
                 codes.round().extend(255.0).to_array().map(|code| code as u8)
             };
             Some((0..24).flat_map(code).collect::<Vec<u8>>())
         };
-        let all: Vec<_> = wall.channel_ids().zip(&wall.channels).map(codes).collect();
+        let all: Vec<_> = wall.channel_ids().map(codes).collect();
         assert_ne!(all[0], all[1], "a ramp falls on one side and rises on the other");
         let shown = stitched(&wall, &all);
         for (at, pixel) in shown[0].rgba.chunks_exact(4).enumerate() {
             let light = 2.0 * leak + (1.0 - 2.0 * leak) * (0.2 + 0.1 * (at / 10) as f64);
-            let due = wall.channels[0].adjustment.color.codes(DVec3::splat(light), 1.0, 0.0);
+            let due = wall.channels[0].adjustment.color.curve.encode(DVec3::splat(light));
             let off = (f64::from(pixel[1]) - due.y * 255.0).abs();
             assert!(off <= 1.2 && pixel[3] == 255, "leak {leak}, pixel {at}: {off} levels");
         }

@@ -4,7 +4,7 @@ use polyptych_client::glam::{DMat3, DVec2, DVec3, UVec2};
 use polyptych_client::tuning::{Change, Corner, Move, Side};
 
 /// The keys there are.
-const KEYS: &str = "pin.CORNER, bend, bend.COLUMN.ROW, gain, gamma, matrix and edge.SIDE";
+const KEYS: &str = "pin.CORNER, bend, bend.COLUMN.ROW, gain, gamma, leak, matrix and edge.SIDE";
 
 /// The change that an argument asks for.
 ///
@@ -34,6 +34,10 @@ pub(super) fn change(text: &str) -> Result<Change, String> {
         ["gamma"] => light(value)
             .map(|gamma| Change::Gamma(Some(gamma)))
             .map_err(|reason| format!("{reason}, or srgb")),
+        ["leak"] if value == "auto" => Ok(Change::Leak(None)),
+        ["leak"] => light(value)
+            .map(|leak| Change::Leak(Some(leak)))
+            .map_err(|reason| format!("{reason}, or auto")),
         ["matrix"] => numbers::<9>(value)
             .map(|rows| Change::Matrix(DMat3::from_cols_array(&rows).transpose()))
             .ok_or_else(|| "write three rows of three numbers: 1,0,0,0,1,0,0,0,1".into()),
@@ -115,6 +119,8 @@ mod tests {
             ("gain=1,0.9,1", Change::Gain(DVec3::new(1.0, 0.9, 1.0))),
             ("gamma=2.2", Change::Gamma(Some(DVec3::splat(2.2)))),
             ("gamma=srgb", Change::Gamma(None)),
+            ("leak=0.003", Change::Leak(Some(DVec3::splat(0.003)))),
+            ("leak=auto", Change::Leak(None)),
             ("matrix=1,0.5,0,0,1,0,0,0,1", Change::Matrix(rows)),
             ("edge.left=120", Change::Edge { side: Side::Left, width: Some(120.0) }),
             ("edge.bottom=auto", Change::Edge { side: Side::Bottom, width: None }),

@@ -131,6 +131,12 @@ fn adjust(table: &mut dyn TableLike, before: &Adjustment, now: &Adjustment) {
     if old.gain != new.gain {
         set(table, "gain", light(new.gain));
     }
+    if old.leak != new.leak {
+        match new.leak {
+            Some(leak) => set(table, "leak", light(leak)),
+            None => drop(table.remove("leak")),
+        }
+    }
     if old.matrix != new.matrix {
         set(table, "matrix", matrix(new.matrix));
     }

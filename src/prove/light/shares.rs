@@ -2,7 +2,7 @@
 //! fields: overlapping channels as bright as one, codes, and black.
 //!
 //! Nothing of this knows how a picture was made: displays give the light of the codes that they
-//! got, by their curve, and `leak` with it; on each place the light of all is summed, and must be
+//! got, by their curve, and what leaks with it; on each place the light of all is summed, and must be
 //! that of the field. Where a channel's pixels are the canvas's, and where it is alone, each pixel
 //! is judged; else light between pixels is linear, and judged as the mean of some pixels, as a
 //! projector's black ends within a pixel of another one.
@@ -14,7 +14,7 @@ use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::pixels::PixelMap;
 use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::superposition::{ChannelLight, Side};
-use polyptych_protocol::wall::{Adjustment, Channel, Cover, Curve, Packing, Surface};
+use polyptych_protocol::wall::{Adjustment, Channel, Cover, Curve, Packing, Surface, Wall};
 
 use crate::prove::fields::{Fields, GREYS};
 use crate::prove::table::{Table, Target};
@@ -62,7 +62,7 @@ pub(in crate::prove) fn prove(
 ) -> anyhow::Result<()> {
     let wall = shaped.wall;
     let step = if wall.dither { 1.0 } else { 0.5 };
-    let mut sums = Sums { leak: wall.blend.leak, step, ..Sums::default() };
+    let mut sums = Sums { step, ..Sums::default() };
     let mut screens = Vec::new();
     for index in 0..wall.screens.len() as u16 {
         for side in Side::of(wall, index) {
@@ -71,11 +71,12 @@ pub(in crate::prove) fn prove(
     }
     for (index, lamps) in &screens {
         let canvas = wall.screens[usize::from(*index)].canvas;
-        sums.most = sums.most.max(most(lamps, canvas));
+        let (most, black) = most(lamps, canvas);
+        (sums.most, sums.all_black) = (sums.most.max(most), sums.all_black.max(black));
     }
-    if sums.leak > 0.0 {
+    if is_as_built || is_alike(wall) {
         // A place where most leak may be smaller than the steps of the search.
-        sums.most = sums.most.max(Blend::new(shaped).most());
+        sums.all_black = sums.all_black.max(Blend::new(shaped).black());
     }
     for (index, lamps) in &screens {
         for at in 0..lamps.len() {
@@ -85,6 +86,11 @@ pub(in crate::prove) fn prove(
     }
     sums.report(table);
     Ok(())
+}
+
+/// Returns whether no channel's colours say that its display is unlike others.
+fn is_alike(wall: &Wall) -> bool {
+    wall.channels.iter().all(|channel| channel.adjustment.color.made() == DMat3::IDENTITY)
 }
 
 /// A channel that lights a screen for one eye.
@@ -97,6 +103,8 @@ struct Lamp<'a> {
     /// From the light of codes to that of the display: it needs the matrix and gains of the wall
     /// as it was built, where somebody knows, because its light is what they undo.
     built: DMat3,
+    /// What its display shows of black, as a share of its white.
+    leak: DVec3,
     /// Its light is cut by a file: how much, only who made that knows.
     is_masked: bool,
     /// Its pixels are the canvas's.
@@ -131,6 +139,7 @@ fn lamps<'a>(
             surface: &shaped.wall.screen_of(channel).surface,
             shown: shown.collect::<anyhow::Result<_>>()?,
             built: if is_as_built { needed.inverse() } else { DMat3::IDENTITY },
+            leak: shaped.wall.leak_of(channel),
             is_masked: alpha.is_some() || beta.is_some() || is_lit_by_file,
             is_exact: channel.cover == Cover::Tile
                 && channel.adjustment.pin == [DVec2::ZERO; 4]
@@ -173,7 +182,13 @@ impl Lamp<'_> {
         around.any(|middle| self.pixels.display_from_pixel(middle).is_none())
     }
 
-    /// The light of a place of the upright picture, linear between the middles of its pixels.
+    /// What it shows of black.
+    fn black(&self) -> DVec3 {
+        self.built * self.leak
+    }
+
+    /// The light of a place of the upright picture, with what leaks, linear between the middles
+    /// of its pixels.
     fn light(&self, grey: usize, pixel: DVec2) -> DVec3 {
         let shown = &self.shown[grey];
         let last = self.channel.size - 1;
@@ -184,7 +199,7 @@ impl Lamp<'_> {
             let (a, b) = (shown.pixel(UVec2::new(low.x, y)), shown.pixel(UVec2::new(high.x, y)));
             a.lerp(b, t.x)
         };
-        self.built * row(low.y).lerp(row(high.y), t.y)
+        self.built * shown.leaking(row(low.y).lerp(row(high.y), t.y))
     }
 }
 
@@ -201,10 +216,14 @@ fn spread(count: u32) -> impl Iterator<Item = u32> + Clone {
     (0..=steps).map(at)
 }
 
-/// How many light one place, at most.
-fn most(lamps: &[Lamp<'_>], canvas: UVec2) -> usize {
+/// How many light one place, at most, and the most black that they show of one.
+fn most(lamps: &[Lamp<'_>], canvas: UVec2) -> (usize, DVec3) {
     let places = spread(canvas.y).flat_map(|y| spread(canvas.x).map(move |x| UVec2::new(x, y)));
-    places.map(|place| lit_at(lamps, place.as_dvec2() + 0.5).len()).max().unwrap_or(0)
+    places.fold((0, DVec3::ZERO), |(most, black), place| {
+        let lit = lit_at(lamps, place.as_dvec2() + 0.5);
+        let own: DVec3 = lit.iter().map(|(at, _)| lamps[*at].black()).sum();
+        (most.max(lit.len()), black.max(own))
+    })
 }
 
 /// The worst, and where.
@@ -235,7 +254,8 @@ struct Windows {
 /// What the pictures of flat fields come to.
 #[derive(Default)]
 struct Sums {
-    leak: f64,
+    /// The most black that the wall shows of a place.
+    all_black: DVec3,
     /// By how many levels a code may be off: half of one, and noise of another half.
     step: f64,
     /// How many light one place, at most.
@@ -343,10 +363,7 @@ impl Sums {
 
     /// The light of all, with what leaks.
     fn shown(&self, lamps: &[Lamp<'_>], lit: &[(usize, DVec2)], grey: usize) -> DVec3 {
-        let light = |(at, pixel): &(usize, DVec2)| {
-            lamps[*at].light(grey, *pixel) * (1.0 - self.leak) + self.leak
-        };
-        lit.iter().map(light).sum()
+        lit.iter().map(|(at, pixel)| lamps[*at].light(grey, *pixel)).sum()
     }
 
     /// By how much light is off what it should be, in parts of what rounding may do:
@@ -360,8 +377,7 @@ impl Sums {
         light: f64,
         axes: &[usize],
     ) -> f64 {
-        let all = if self.leak > 0.0 { self.most as f64 * self.leak } else { 0.0 };
-        let right = DVec3::splat(all + (1.0 - all) * light);
+        let right = self.all_black + (DVec3::ONE - self.all_black) * light;
         let curve = |at: &usize| &lamps[*at].channel.adjustment.color.curve;
         let first = curve(&lit[0].0);
         let codes = |light: DVec3| first.encode(light) * 255.0;
@@ -369,9 +385,9 @@ impl Sums {
         // What each has of it is not known, and half a level is most where it is equal.
         let share = right / count;
         let half = |(at, _): &(usize, DVec2)| {
-            let code = curve(at).encode(share);
+            let code = curve(at).encode(lamps[*at].built.inverse() * share);
             let half = curve(at).decode(code + self.step / 255.0) - curve(at).decode(code);
-            half * (1.0 - self.leak)
+            (lamps[*at].built * (half * (DVec3::ONE - lamps[*at].leak))).abs()
         };
         let halves: DVec3 = lit.iter().map(half).sum();
         let (off, near) =
@@ -384,10 +400,11 @@ impl Sums {
     }
 
     fn report(self, table: &mut Table) {
-        let Self { leak, most, codes, black, weights, plain, masked, .. } = self;
+        let Self { all_black, most, codes, black, weights, plain, masked, .. } = self;
         let at_most = |most: f64| Some(Target::AtMost(most));
+        let leak = all_black.max_element();
         let note =
-            |worst: &Worst| format!("{}; {most} at most on one place, leak {leak}", worst.at);
+            |worst: &Worst| format!("{}; {most} at most on one place, black {leak:.4}", worst.at);
         if weights.count > 0 {
             let what = "sum of blend weights, off 1";
             table.add(what, weights.off, "", at_most(WEIGHTS_MAX), note(&weights));

@@ -196,6 +196,7 @@ fn tuning() -> Vec<Change> {
         Change::Grid(Some(UVec2::new(3, 2))),
         Change::Bend { column: 1, row: 1, to },
         Change::Gain(DVec3::new(1.0, 0.9, 1.0)),
+        Change::Leak(Some(DVec3::new(0.01, 0.0, 0.2))),
         Change::Matrix(DMat3::IDENTITY),
         Change::Gamma(Some(DVec3::splat(2.2))),
         Change::Edge { side: Side::Left, width: Some(12.0) },

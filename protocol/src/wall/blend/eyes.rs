@@ -13,9 +13,12 @@
 //!
 //! Where both groups are alike, this is the same as w_e; where only the channels of both reach,
 //! they have all of the light. Black is raised alike: the channels of both add what the eye needs
-//! less that sees more projectors, and the other eye's own ones add the rest.
+//! less that sees more of it, and the other eye's own ones add the rest.
 
-use super::{Share, lamp};
+use glam::DVec3;
+
+use super::Share;
+use super::lamp::{self, Lamp};
 use crate::wall::EyeOf;
 
 /// A channel that lights a place.
@@ -30,12 +33,19 @@ pub(super) struct Light {
     pub is_before: bool,
     /// How much of the pixel it lights.
     pub part: f64,
+    /// What it leaks, as [`Lamp::leak`] has it.
+    pub leak: DVec3,
 }
 
 impl Light {
     /// Of a channel that lights all of a pixel and has none before it.
-    pub fn whole(eye: EyeOf, step: f64) -> Self {
-        Self { eye, step: Some(step), is_before: false, part: 1.0 }
+    pub fn whole(lamp: &Lamp<'_>, step: f64) -> Self {
+        let (eye, leak) = (lamp.eye(), lamp.leak);
+        Self { eye, step: Some(step), is_before: false, part: 1.0, leak }
+    }
+
+    fn black(&self) -> DVec3 {
+        self.leak * self.part
     }
 
     fn is_seen_by(&self, eye: EyeOf) -> bool {
@@ -55,8 +65,8 @@ pub(super) fn share(own: Light, others: &[Light], exponent: f64) -> Share {
         let is_later = lit().filter(is_seen).any(|other| other.is_before);
         let steps = lit().filter(is_seen).filter_map(|other| other.step);
         let weight = lamp::weight(own.step.unwrap_or(0.0), steps, is_later, exponent);
-        let parts = others.iter().filter(is_seen).map(|other| other.part);
-        return Share { weight, count: own.part + parts.sum::<f64>() };
+        let black = others.iter().filter(is_seen).map(Light::black);
+        return Share { weight, black: own.black() + black.sum::<DVec3>() };
     }
     let all: Vec<Light> = std::iter::once(own).chain(others.iter().copied()).collect();
     let [left, right] = [EyeOf::Left, EyeOf::Right].map(|eye| Group::new(&all, eye, exponent));
@@ -64,15 +74,15 @@ pub(super) fn share(own: Light, others: &[Light], exponent: f64) -> Share {
     if is_for_both {
         let (sum, parts) = (left.both + right.both, left.own + right.own);
         let weight = if sum > 0.0 { most * parts / sum } else { 0.0 };
-        return Share { weight, count: left.count.max(right.count) };
+        return Share { weight, black: left.black.max(right.black) };
     }
     let group = if own.eye == EyeOf::Left { left } else { right };
     let rest = 1.0 - group.both;
     if most >= 1.0 || rest <= 0.0 {
-        return Share { weight: 0.0, count: group.count };
+        return Share { weight: 0.0, black: group.black };
     }
-    let count = (group.count - most * left.count.max(right.count)) / (1.0 - most);
-    Share { weight: group.own * (1.0 - most) / rest, count }
+    let black = (group.black - most * left.black.max(right.black)) / (1.0 - most);
+    Share { weight: group.own * (1.0 - most) / rest, black }
 }
 
 /// What one eye sees at a place.
@@ -82,14 +92,14 @@ struct Group {
     own: f64,
     /// The weights of the channels of both eyes together.
     both: f64,
-    /// How many channels it sees.
-    count: f64,
+    /// What the channels that it sees leak together.
+    black: DVec3,
 }
 
 impl Group {
     fn new(all: &[Light], eye: EyeOf, exponent: f64) -> Self {
         let seen = all.iter().enumerate().filter(|(_, light)| light.is_seen_by(eye));
-        let count = seen.clone().map(|(_, light)| light.part).sum();
+        let black = seen.clone().map(|(_, light)| light.black()).sum();
         let lit: Vec<(usize, f64)> = seen.filter_map(|(at, one)| Some((at, one.step?))).collect();
         // The order of channels is that of the wall: before the first one stand those that are so.
         let rank = |at: usize| (!all[at].is_before, at);
@@ -103,7 +113,7 @@ impl Group {
         Self {
             own: own.map_or(0.0, |own| weight(*own)),
             both: of_both.map(|one| weight(*one)).sum(),
-            count,
+            black,
         }
     }
 }

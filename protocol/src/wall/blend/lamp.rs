@@ -8,6 +8,7 @@ use super::super::outline::Outline;
 use super::super::pixels::PixelMap;
 use super::super::shapes::Shaped;
 use super::super::{Adjustment, Channel, Cover, EyeOf, Packing, Surface};
+use super::Share;
 use crate::ids::ChannelId;
 
 /// A ray of a projector that ends within this of a point has lit it, in shares of the distance.
@@ -44,6 +45,9 @@ pub(in crate::wall) struct Lamp<'a> {
     pub size: DVec2,
     /// What of its picture is lit, where a file may leave some of it dark.
     pub outline: Option<&'a Outline>,
+    /// What it shows of black, in light of the wall. A display with the colours C, of which b
+    /// leaks, shows C⁻¹·(b + (1 − b)·light): C is what makes its light that of the others.
+    pub leak: DVec3,
     /// Whether its own files share its light with others.
     is_blended_by_file: bool,
     /// A ball around all that it lights, in metres of display space; `None` for none, or where
@@ -64,6 +68,7 @@ impl<'a> Lamp<'a> {
         let mut lamp = Self {
             channel,
             outline: shapes.outline_of(channel),
+            leak: leak(channel, wall.leak_of(channel)),
             is_blended_by_file: shapes.is_blended_by_file(channel),
             map,
             size,
@@ -73,6 +78,11 @@ impl<'a> Lamp<'a> {
         };
         lamp.reach = lamp.find_reach();
         lamp
+    }
+
+    /// Its share of a place that no other one lights.
+    pub fn alone(&self) -> Share {
+        Share { weight: 1.0, black: self.leak }
     }
 
     /// Whether the other one is on the same screen, and seen together with this one by some eye.
@@ -232,6 +242,15 @@ impl<'a> Lamp<'a> {
         let from_end = self.size - pixel;
         [pixel.x, from_end.x, pixel.y, from_end.y]
     }
+}
+
+/// What a channel shows of black, in light of the wall; of colours that nothing undoes, as it is.
+fn leak(channel: &Channel, own: DVec3) -> DVec3 {
+    if own == DVec3::ZERO {
+        return own;
+    }
+    let black = channel.adjustment.color.made().inverse() * own;
+    if black.is_finite() { black } else { own }
 }
 
 /// The slope of [`step`] as a share of it, for each pixel: 2/distance next to the edge. Nearer

@@ -4,7 +4,7 @@
 //! inside of all edges see every region that is no smaller than a step of the walk; steps shrink
 //! towards corners, so that regions at corners may be as small as a pixel.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::super::outline::Side;
 use super::Lamp;
@@ -156,9 +156,11 @@ fn median(mut values: Vec<(f64, f64)>) -> Option<f64> {
     })
 }
 
-/// The most channels that light a place along a channel's edges, itself among them.
-pub(super) fn most(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> usize {
-    let mut most = 1;
+/// The most that channels which light a place along a channel's edges have together of what `of`
+/// says of each, the channel itself among them.
+pub(super) fn most(lamp: &Lamp<'_>, lamps: &[Lamp<'_>], of: impl Fn(&Lamp<'_>) -> DVec3) -> DVec3 {
+    let own = of(lamp);
+    let mut most = own;
     if lamp.neighbours.is_empty() {
         return most;
     }
@@ -166,17 +168,26 @@ pub(super) fn most(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> usize {
         for (at, _) in walk(edge.length) {
             let place = edge.place(lamp, at) + edge.inward * BESIDE;
             let Some(canvas) = lamp.canvas_of_walk(place) else { continue };
-            most = most.max(1 + lit_by(lamp, lamps, canvas));
+            most = most.max(own + lit_by(lamp, lamps, canvas, &of));
         }
     }
     most
 }
 
-/// How many neighbours that one eye sees together light a place: the eye that sees more.
-fn lit_by(lamp: &Lamp<'_>, lamps: &[Lamp<'_>], canvas: DVec2) -> usize {
+/// What neighbours that one eye sees together have where they light a place: for the eye that sees
+/// more.
+fn lit_by(
+    lamp: &Lamp<'_>,
+    lamps: &[Lamp<'_>],
+    canvas: DVec2,
+    of: impl Fn(&Lamp<'_>) -> DVec3,
+) -> DVec3 {
     let others = lamp.neighbours.iter().map(|id| &lamps[usize::from(id.0)]);
-    let lit: Vec<_> = others.filter(|other| other.lit(canvas).is_some()).map(Lamp::eye).collect();
-    let seen = |eye| lit.iter().filter(|of| **of == EyeOf::Center || **of == eye).count();
+    let lit: Vec<_> = others.filter(|other| other.lit(canvas).is_some()).collect();
+    let seen = |eye| {
+        let is_seen = |other: &&&Lamp<'_>| [EyeOf::Center, eye].contains(&other.eye());
+        lit.iter().filter(is_seen).map(|other| of(other)).sum::<DVec3>()
+    };
     match lamp.eye() {
         EyeOf::Center => seen(EyeOf::Left).max(seen(EyeOf::Right)),
         eye => seen(eye),

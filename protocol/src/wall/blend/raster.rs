@@ -109,7 +109,7 @@ impl<'l, 'w> Raster<'l, 'w> {
     /// The shares of a cell of this side: at once where places are smooth, else of its parts.
     fn cell(&self, cell: &Cell, side: u32, put: &mut impl FnMut(u32, u32, Share)) {
         if self.others.is_empty() {
-            return cell.fill(put, Share::ALONE);
+            return cell.fill(put, self.lamp.alone());
         }
         if !self.is_faceted
             && side <= self.largest
@@ -199,7 +199,7 @@ impl<'l, 'w> Raster<'l, 'w> {
         put: &mut impl FnMut(u32, u32, Share),
     ) {
         if here.is_empty() && is_lit {
-            return cell.fill(put, Share::ALONE);
+            return cell.fill(put, self.lamp.alone());
         }
         let mut pixels = Pixels::new(self, cell, here, is_lit);
         for y in cell.begin.y..cell.end.y {

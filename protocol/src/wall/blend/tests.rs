@@ -31,7 +31,7 @@ fn tile_error(wall: &Wall) -> (f64, usize) {
             for x in 0..channel.size.x {
                 let at = channel.origin + UVec2::new(x, y);
                 let at = (at.y * canvas.x + at.x) as usize;
-                sums[at] += map.as_ref().map_or(1.0, |map| map.at(x, y)[0]);
+                sums[at] += map.as_ref().map_or(1.0, |map| map.at(x, y, 0)[0]);
                 counts[at] += 1;
             }
         }
@@ -54,7 +54,7 @@ fn askew_error(wall: &Wall, step: u32) -> (f64, usize) {
             for x in (0..channel.size.x).step_by(step as usize) {
                 let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
                 let Some(canvas) = pixels.canvas_from_pixel(pixel) else { continue };
-                let own = map.as_ref().map_or(1.0, |map| map.at(x, y)[0]);
+                let own = map.as_ref().map_or(1.0, |map| map.at(x, y, 0)[0]);
                 let weights = blend.weights(id, canvas);
                 let others = weights.iter().filter(|(other, _)| *other != id);
                 let sum: f64 = own + others.map(|(_, weight)| weight).sum::<f64>();
@@ -84,10 +84,10 @@ fn weights_of_a_power_wall_add_up_to_one() {
     for x in 0..30 {
         let t = (30.0 - f64::from(x) - 0.5) / 30.0;
         let expected = t * t * (3.0 - 2.0 * t);
-        let found = map.at(170 + x, 50)[0];
+        let found = map.at(170 + x, 50, 0)[0];
         assert!((found - expected).abs() < 1e-5, "{found}, not {expected}");
     }
-    assert_eq!(map.at(100, 50), [1.0, 0.0]);
+    assert_eq!(map.at(100, 50, 0), [1.0, 0.0]);
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn one_to_four_channels_share_a_point() {
     // All of four pictures on each other: no edge is beside another, so that each has a quarter.
     let wall = tiles([64, 48], &[([0, 0], [64, 48]); 4]);
     assert_sums(tile_error(&wall), 4, "stacked");
-    assert!((maps(&wall)[3].as_ref().expect("a map").at(0, 0)[0] - 0.25).abs() < 1e-5);
+    assert!((maps(&wall)[3].as_ref().expect("a map").at(0, 0, 0)[0] - 0.25).abs() < 1e-5);
 }
 
 #[test]
@@ -111,8 +111,8 @@ fn an_overlap_of_parts_per_million_is_shared() {
     let wall = tiles([16383, 4], &[([0, 0], [8192, 4]), ([8191, 0], [8192, 4])]);
     assert_sums(tile_error(&wall), 2, "one pixel of 8,192");
     let map = maps(&wall)[0].clone().expect("a map");
-    assert!((map.at(8191, 2)[0] - 0.5).abs() < 1e-5);
-    assert_eq!(map.at(8190, 2)[0], 1.0);
+    assert!((map.at(8191, 2, 0)[0] - 0.5).abs() < 1e-5);
+    assert_eq!(map.at(8190, 2, 0)[0], 1.0);
     // One corner pixel of two pictures.
     let wall = tiles([199, 99], &[([0, 0], [100, 50]), ([99, 49], [100, 50])]);
     assert_sums(tile_error(&wall), 2, "one pixel at a corner");
@@ -172,32 +172,49 @@ fn eyes_share_nothing_with_each_other() {
     assert_eq!(Blend::new(&wall).most(), 2);
 }
 
-/// b·k + (1 − b)·Σ (w·multiply·I + add) is the same black and white everywhere.
+/// What a display shows at a pixel where the wall should show this light, in light of the wall.
+fn shown(wall: &Wall, id: ChannelId, at: (f64, [DVec3; 2]), color: &Color) -> DVec3 {
+    let (light, [factor, addend]) = at;
+    let channel = wall.channel(id).expect("a channel");
+    let own = color.made() * DVec3::splat(light) * factor + addend;
+    assert!(own.cmpge(DVec3::ZERO).all() && own.cmple(DVec3::splat(1.0 + 1e-5)).all(), "{own}");
+    let leak = wall.leak_of(channel);
+    channel.adjustment.color.made().inverse() * (leak + (DVec3::ONE - leak) * own)
+}
+
+/// The most that the light of a wall of tiles is off B + (1 − B)·I, over black, grey and white.
+fn black_error(wall: &Wall, black: DVec3) -> f64 {
+    let (maps, blend) = (maps(wall), Blend::new(wall));
+    assert!((blend.black() - black).abs().max_element() < 1e-12, "{}", blend.black());
+    let canvas = wall.screens[0].canvas;
+    let mut worst = 0.0_f64;
+    for light in [0.0, 0.4, 0.7] {
+        let mut sums = vec![DVec3::ZERO; (canvas.x * canvas.y) as usize];
+        for (id, map) in wall.channel_ids().zip(&maps) {
+            let (channel, color) = (wall.channel(id).expect("one"), blend.color(id).expect("one"));
+            for y in 0..channel.size.y {
+                for x in 0..channel.size.x {
+                    let place = channel.origin + UVec2::new(x, y);
+                    let plain = [DVec3::ONE, DVec3::ZERO];
+                    let by = map.as_ref().map_or(plain, |map| map.light_at(x, y));
+                    sums[(place.y * canvas.x + place.x) as usize] +=
+                        shown(wall, id, (light, by), &color);
+                }
+            }
+        }
+        let due = black + (DVec3::ONE - black) * light;
+        let off = sums.iter().map(|sum| (*sum - due).abs().max_element());
+        worst = off.fold(worst, f64::max);
+    }
+    worst
+}
+
 #[test]
 fn black_is_one_black() {
     for leak in [0.003, 0.05, 0.2] {
         let mut wall = grid(UVec2::new(3, 2), UVec2::new(80, 60), UVec2::new(12, 10));
         wall.blend.leak = leak;
-        let maps = maps(&wall);
-        let canvas = wall.screens[0].canvas;
-        let mut worst = 0.0_f64;
-        for light in [0.0, 0.4, 1.0] {
-            let mut shown = vec![0.0; (canvas.x * canvas.y) as usize];
-            for (channel, map) in wall.channels.iter().zip(&maps) {
-                let map = map.as_ref().expect("a map");
-                for (at, texel) in (0_u32..).zip(&map.texels) {
-                    let (x, y) = (at % channel.size.x, at / channel.size.x);
-                    let place = channel.origin + UVec2::new(x, y);
-                    let [multiply, add] = map.at(x, y);
-                    assert_eq!(texel[0] == 0, multiply == 0.0);
-                    let own = light * multiply + add;
-                    assert!((0.0..=1.0).contains(&own), "{own}");
-                    shown[(place.y * canvas.x + place.x) as usize] += leak + (1.0 - leak) * own;
-                }
-            }
-            let due = 4.0 * leak + (1.0 - 4.0 * leak) * light;
-            worst = shown.iter().map(|light| (light - due).abs()).fold(worst, f64::max);
-        }
+        let worst = black_error(&wall, DVec3::splat(4.0 * leak));
         println!("leak {leak}: black and white are off by {worst:.2e} of white at most");
         assert!(worst < 6e-5, "{worst}");
     }
@@ -208,8 +225,45 @@ fn black_is_one_black() {
     // Four that leak more than all the light there is: black, and no number that is none.
     let mut wall = tiles([64, 48], &[([0, 0], [64, 48]); 4]);
     wall.blend.leak = 0.5;
+    let blend = Blend::new(&wall);
+    let color = blend.color(ChannelId(0)).expect("a channel");
+    assert_eq!((blend.black(), color.made()), (DVec3::ONE, DMat3::ZERO));
     let map = light_map(&wall, ChannelId(0), &Masks::default()).expect("a map");
-    assert_eq!((map.multiply, map.at(3, 3)), (0.0, [0.0, 0.0]));
+    assert_eq!(map.at(3, 3, 1), [0.25, 0.0].map(|part: f64| (part * 65535.0).round() / 65535.0));
+}
+
+/// Projectors whose leaks, gains and colours differ show one black, and one white.
+#[test]
+fn blacks_that_differ_become_one() {
+    let mut wall = grid(UVec2::new(3, 1), UVec2::new(80, 60), UVec2::new(12, 0));
+    wall.blend.leak = 0.01;
+    wall.channels[0].adjustment.color.gain = DVec3::splat(0.8);
+    // 0.0125 and 0.01 where both leak.
+    let worst = black_error(&wall, DVec3::splat(0.0225));
+    assert!(worst < 4e-5, "{worst}");
+    assert_eq!(
+        Blend::new(&wall).light_map(ChannelId(1), &Masks::default()).map(|m| m.add.x > 0.0),
+        Some(true)
+    );
+    // A warm leak beside a cold one, and colours that are mixed.
+    wall.channels[1].adjustment.color.leak = Some(DVec3::new(0.02, 0.01, 0.002));
+    wall.channels[2].adjustment.color.leak = Some(DVec3::new(0.0, 0.004, 0.03));
+    wall.channels[1].adjustment.color.matrix =
+        DMat3::from_cols_array(&[0.9, 0.05, 0.0, 0.04, 0.85, 0.02, 0.0, 0.03, 0.95]);
+    let own: Vec<_> = wall
+        .channels
+        .iter()
+        .map(|channel| channel.adjustment.color.made().inverse() * wall.leak_of(channel))
+        .collect();
+    let black = (own[0] + own[1]).max(own[1] + own[2]);
+    let worst = black_error(&wall, black);
+    println!("blacks of their own: off by {worst:.2e} of white at most");
+    assert!(worst < 4e-5, "{worst}");
+    let texels = maps(&wall)[1].as_ref().expect("a map").texels.len();
+    assert_eq!(texels, 3 * 80 * 60, "colours of their own");
+    // Nothing undoes a gain of 0: no light is lost to a black without bound.
+    wall.channels[0].adjustment.color.gain = DVec3::ZERO;
+    assert!(Blend::new(&wall).black().max_element() < 0.1);
 }
 
 #[test]
@@ -227,10 +281,10 @@ fn masks_multiply_and_add() {
     let map = light_map(&wall, ChannelId(0), &masks).expect("a map");
     for (x, y) in [(0, 0), (17, 30), (59, 39), (45, 3)] {
         let alpha = f64::from(texels[(y * 60 + x) as usize]) / 65535.0;
-        let [factor, addend] = bare.at(x, y);
+        let [factor, addend] = bare.at(x, y, 0);
         // P·α·(1 − β) + β: *MPCDI 2.0*, §2.4.
         for (colour, beta) in beta.iter().enumerate() {
-            let [own, added] = map.of_colour(x, y, colour);
+            let [own, added] = map.at(x, y, colour);
             let beta = f64::from(*beta) / 65535.0;
             let due = alpha * (1.0 - beta);
             assert!((own - factor * due).abs() < 2e-5, "{own}");
@@ -241,8 +295,8 @@ fn masks_multiply_and_add() {
     let ramp: Vec<u16> = (0..30).map(|x| x * 2000).collect();
     let masks = Masks { alpha: MaskTexels::new(UVec2::new(30, 1), 1, &ramp), ..Masks::default() };
     let map = light_map(&wall, ChannelId(0), &masks).expect("a map");
-    let [left, right] = [10, 11].map(|x| map.at(x, 5)[0]);
-    assert!(((right - left) / map.multiply - 1000.0 / 65535.0).abs() < 3e-5);
+    let [left, right] = [10, 11].map(|x| map.at(x, 5, 0)[0]);
+    assert!((right - left - 1000.0 / 65535.0).abs() < 3e-5);
     assert!(MaskTexels::new(UVec2::new(30, 2), 1, &ramp).is_none());
     assert!(MaskTexels::new(UVec2::ZERO, 1, &[]).is_none());
 }
@@ -264,8 +318,8 @@ fn ramps_of_an_alpha_file_replace_those_that_are_computed() {
     for (at, texel) in (0_u32..).zip(&texels) {
         let (x, y) = (at % 160, at / 160);
         let alpha = f64::from(*texel) / 65535.0;
-        assert!((map.at(x, y)[0] - alpha).abs() < 1e-9, "{x}, {y}");
-        replaced += usize::from((shared.at(x, y)[0] - alpha).abs() > 1e-3);
+        assert!((map.at(x, y, 0)[0] - alpha).abs() < 1e-9, "{x}, {y}");
+        replaced += usize::from((shared.at(x, y, 0)[0] - alpha).abs() > 1e-3);
     }
     assert!(replaced > 1_000, "{replaced} pixels had a ramp");
     assert_eq!(Blend::new(&wall).most(), 1);

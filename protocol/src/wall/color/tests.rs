@@ -69,11 +69,12 @@ fn the_nearest_srgb_code_is_found() {
 #[test]
 fn matrix_and_gain_come_before_weights() {
     let color = Color {
-        matrix: glam::DMat3::from_diagonal(DVec3::new(0.5, 1.0, 4.0)),
+        matrix: DMat3::from_diagonal(DVec3::new(0.5, 1.0, 4.0)),
         gain: DVec3::new(1.0, 0.5, 1.0),
         curve: Curve::Gamma(DVec3::splat(2.0)),
+        leak: None,
     };
-    let codes = color.codes(DVec3::splat(0.5), 0.25, 0.125);
+    let codes = color.codes(DVec3::splat(0.5), DVec3::splat(0.25), DVec3::splat(0.125));
     let due = DVec3::new(0.25 * 0.25 + 0.125, 0.25 * 0.25 + 0.125, 1.0 * 0.25 + 0.125);
     assert!(codes.distance(DVec3::from_array(due.to_array().map(f64::sqrt))) < 1e-12, "{codes}");
 }

@@ -11,7 +11,7 @@ use super::explain::suggest;
 use super::files::Files;
 use super::screen::Draft;
 use super::source::{Source, quoted};
-use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX, NAME_BYTES_MAX};
+use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX, LEAK_MAX, NAME_BYTES_MAX};
 use crate::wall::adjustment::{Bend, Bits, Curve, Edges};
 use crate::wall::channel::is_monitor_name;
 use crate::wall::{Cover, EyeOf, FileKind, Packing, Projection, Ramps, fold};
@@ -110,6 +110,7 @@ impl Table<'_> {
             adjustment.color.gain = self.light("gain", gain)?;
         }
         adjustment.color.curve = self.curve()?;
+        adjustment.color.leak = s.leak.map(|leak| self.leak(leak)).transpose()?;
         let mut file = |name: &str, path: &Option<String>, kind| {
             let key = format!("{}.{name}", self.key);
             path.as_ref().map(|path| files.index(self.source, &key, path, kind)).transpose()
@@ -216,6 +217,17 @@ impl Table<'_> {
         odd.map_or(Ok(found), |number| {
             let what = format!("light cannot be multiplied by {number:?}");
             Err(self.error(name, what, &format!("write 0 to {LIGHT_FACTOR_MAX}, such as 0.9")))
+        })
+    }
+
+    /// Shares of white that black has.
+    fn leak(&self, leak: Light) -> Result<DVec3, WallFileError> {
+        let found = rgb(leak);
+        let odd = found.to_array().into_iter().find(|share| !(0.0..=LEAK_MAX).contains(share));
+        odd.map_or(Ok(found), |share| {
+            let what = format!("a display cannot leak {share:?} of its white");
+            let remedy = format!("write a share from 0 to {LEAK_MAX}, such as 0.003");
+            Err(self.error("leak", what, &remedy))
         })
     }
 

@@ -14,7 +14,9 @@ use super::screen::{self, Draft, Place};
 use super::source::Source;
 use super::{adjust, sight};
 use crate::head::{EYE_SEPARATION_MAX_M, HEAD_REACH_MAX_M};
-use crate::limits::{CHANNELS_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PORT_DEFAULT, SCREENS_MAX};
+use crate::limits::{
+    CHANNELS_MAX, LEAK_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PORT_DEFAULT, SCREENS_MAX,
+};
 use crate::wall::{BlendRule, DeadlineRule, Screen, Wall};
 
 /// Farthest coordinate of display space: a thousand kilometres is a slip of the unit, and larger
@@ -26,9 +28,6 @@ const NEAR_RANGE_M: (f64, f64) = (1e-6, 1e3);
 
 /// Ramps beyond these are steps.
 const EXPONENT_RANGE: (f64, f64) = (0.05, 20.0);
-
-/// What leaks more is no projector: four of them over one place leave a fifth of the contrast.
-const LEAK_MAX: f64 = 0.2;
 
 /// Shortest silence: pings every 5 ms are as many as make sense.
 const HEARTBEAT_MS_MIN: u32 = 20;

@@ -119,7 +119,7 @@ fn weights_of_channels_by_files_add_up_to_one() {
         for (id, pixel) in pixels(&wall, 5) {
             let at = pixel.as_dvec2() + 0.5;
             let canvas = of.pixel_map(id).expect("a map").canvas_from_pixel(at).expect("lit");
-            let own = lights[usize::from(id.0)].at(pixel.x, pixel.y)[0];
+            let own = lights[usize::from(id.0)].at(pixel.x, pixel.y, 0)[0];
             let weights = blend.weights(id, canvas);
             let others = weights.iter().filter(|(other, _)| *other != id);
             sums = sums.max((own + others.map(|(_, weight)| weight).sum::<f64>() - 1.0).abs());
@@ -151,15 +151,17 @@ fn a_screen_of_files_is_stitched_as_one_of_geometry() {
         let of = Shaped { wall: &by_files, shapes: &shapes };
         let picture = |at: DVec2| 0.5 + 0.3 * (at.x / 13.0).sin() * (at.y / 17.0).cos();
         let codes = |of: Shaped<'_>, id: ChannelId| -> Vec<u8> {
-            let channel = of.wall.channel(id).expect("a channel");
             let map = of.pixel_map(id).expect("a map");
-            let light = light_map(of, id, &Masks::default());
+            let blend = Blend::new(of);
+            let light = blend.light_map(id, &Masks::default());
+            let color = blend.color(id).expect("a channel");
+            let plain = [DVec3::ONE, DVec3::ZERO];
             let all = pixels(of.wall, 1).filter(|(other, _)| *other == id);
             let code = |pixel: UVec2| {
                 let at = map.canvas_from_pixel(pixel.as_dvec2() + 0.5);
-                let [by, add] = light.as_ref().map_or([1.0, 0.0], |map| map.at(pixel.x, pixel.y));
+                let [by, add] = light.as_ref().map_or(plain, |map| map.light_at(pixel.x, pixel.y));
                 let light = DVec3::splat(at.map_or(0.0, picture));
-                let codes = channel.adjustment.color.codes(light, by, add) * 255.0;
+                let codes = color.codes(light, by, add) * 255.0;
                 let [r, g, b] = codes.round().to_array().map(|code| code as u8);
                 [r, g, b, 255]
             };

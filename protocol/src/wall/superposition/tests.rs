@@ -18,15 +18,18 @@ fn of_gamma(mut wall: Wall, gamma: f64, leak: f64) -> Wall {
 /// The codes of a channel that is to show `light` at each of its pixels, as its renderer makes
 /// them.
 fn codes(
-    channel: &Channel,
+    blend: &Blend<'_>,
+    (id, channel): (ChannelId, &Channel),
     map: Option<&LightMap>,
     light: impl Fn(UVec2) -> Option<f64>,
 ) -> Vec<u8> {
     let pixels = (0..channel.size.y).flat_map(|y| (0..channel.size.x).map(move |x| (x, y)));
+    let color = blend.color(id).expect("a channel");
     let code = |(x, y)| {
-        let [multiply, add] = map.map_or([1.0, 0.0], |map| map.at(x, y));
+        let plain = [DVec3::ONE, DVec3::ZERO];
+        let [multiply, add] = map.map_or(plain, |map| map.light_at(x, y));
         let light = light(UVec2::new(x, y)).unwrap_or(0.0);
-        let code = channel.adjustment.color.codes(DVec3::splat(light), multiply, add);
+        let code = color.codes(DVec3::splat(light), multiply, add);
         let [r, g, b] = (code * 255.0).round().to_array();
         [r as u8, g as u8, b as u8, 255]
     };
@@ -47,7 +50,8 @@ fn superposition<'a>(wall: &'a Wall, codes: &'a [Vec<u8>]) -> Superposition<'a> 
 fn worst_levels(wall: &Wall, gamma: f64) -> Vec<f64> {
     let maps: Vec<_> =
         wall.channel_ids().map(|id| light_map(wall, id, &Masks::default())).collect();
-    let (leak, most) = (wall.blend.leak, Blend::new(wall).most());
+    let blend = Blend::new(wall);
+    let (leak, most) = (wall.blend.leak, blend.most());
     let mut worst = vec![0.0_f64; most + 1];
     let counts = |at: UVec2| {
         let has = |c: &&Channel| at.cmpge(c.origin).all() && at.cmplt(c.origin + c.size).all();
@@ -56,10 +60,10 @@ fn worst_levels(wall: &Wall, gamma: f64) -> Vec<f64> {
     for step in 0..=128 {
         let light = (f64::from(step) / 128.0).powf(gamma);
         let all: Vec<_> = wall
-            .channels
-            .iter()
+            .channel_ids()
+            .zip(&wall.channels)
             .zip(&maps)
-            .map(|(channel, map)| codes(channel, map.as_ref(), |_| Some(light)))
+            .map(|(channel, map)| codes(&blend, channel, map.as_ref(), |_| Some(light)))
             .collect();
         let shown = superposition(wall, &all);
         let due = most as f64 * leak + (1.0 - most as f64 * leak) * light;
@@ -111,7 +115,12 @@ fn codes_of_projectors_add_up_to_the_single_picture() {
             let (channel, map) = (wall.channel(id)?, wall.pixel_map(id)?);
             let light =
                 |pixel: UVec2| Some(picture(map.canvas_from_pixel(pixel.as_dvec2() + 0.5)?));
-            Some(codes(channel, light_map(&wall, id, &Masks::default()).as_ref(), light))
+            Some(codes(
+                &blend,
+                (id, channel),
+                light_map(&wall, id, &Masks::default()).as_ref(),
+                light,
+            ))
         };
         let all: Vec<_> = wall.channel_ids().filter_map(codes).collect();
         let shown = superposition(&wall, &all);

@@ -47,6 +47,7 @@ fn what_is_tuned_is_written_and_comments_stay() {
         Change::Grid(Some(UVec2::new(3, 2))),
         Change::Bend { column: 1, row: 0, to: Move::To(DVec2::new(0.3, -7.25)) },
         Change::Gamma(Some(DVec3::splat(2.2))),
+        Change::Leak(Some(DVec3::splat(0.004))),
         Change::Matrix(DMat3::from_cols_array(&[1.0, 0.1, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 1.0])),
     ];
     let running = tuned(&running, "front-2-1", &changes).expect("tuned");

@@ -1,6 +1,6 @@
 //! The shares of the pixels of a cell that other channels may light.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::super::Share;
 use super::super::eyes::{self, Light};
@@ -70,7 +70,7 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
         }
         let is_seen = self.see_exactly(pixel).is_some();
         let share = if is_seen { self.share_among(pixel) } else { None };
-        share.unwrap_or(Share { weight: 0.0, count: 0.0 })
+        share.unwrap_or(Share { weight: 0.0, black: DVec3::ZERO })
     }
 
     /// Finds places by the cell's patches.
@@ -113,11 +113,11 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
         self.lights.clear();
         self.lights.extend(self.seen.iter().map(Seen::light));
         if self.lights.iter().all(|light| light.step.is_none() && light.part == 0.0) {
-            return Some(Share::ALONE);
+            return Some(self.raster.lamp.alone());
         }
         let Raster { lamp, widths, exponent, .. } = self.raster;
         let own = lamp.step(pixel, *widths);
-        let share = eyes::share(Light::whole(lamp.eye(), own), &self.lights, *exponent);
+        let share = eyes::share(Light::whole(lamp, own), &self.lights, *exponent);
         let is_exact = self.seen.iter().all(|seen| seen.error_px == 0.0);
         let is_good = is_exact || share.weight * self.error(own) <= WEIGHT_ERROR_MAX;
         is_good.then_some(share)
@@ -145,7 +145,7 @@ impl Seen<'_, '_, '_> {
         let other = self.other;
         let step = other.lamp.has(self.place).then(|| other.lamp.step(self.place, other.widths));
         let (eye, is_before) = (other.lamp.eye(), other.is_before);
-        Light { eye, step, is_before, part: self.lit_part() }
+        Light { eye, step, is_before, part: self.lit_part(), leak: other.lamp.leak }
     }
 
     /// How much of the pixel the other one lights: an edge of a picture that runs askew through a

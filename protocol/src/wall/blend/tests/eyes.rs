@@ -23,17 +23,18 @@ fn errors(wall: &Wall, eye: EyeOf) -> [f64; 2] {
     let most = Blend::new(wall).most() as f64;
     let places = (canvas.x * canvas.y) as usize;
     let (mut sums, mut shown) = (vec![0.0; places], vec![0.0; places]);
-    let multiply = BlackRule::new(leak, most as usize).multiply;
-    for (channel, map) in wall.channels.iter().zip(&maps) {
+    let blend = Blend::new(wall);
+    for ((id, channel), map) in wall.channel_ids().zip(&wall.channels).zip(&maps) {
+        let multiply = blend.color(id).expect("a channel").made().x_axis.x;
         if ![EyeOf::Center, eye].contains(&channel.adjustment.eye) {
             continue;
         }
         for (x, y) in (0..channel.size.y).flat_map(|y| (0..channel.size.x).map(move |x| (x, y))) {
             let at = channel.origin + UVec2::new(x, y);
             let at = (at.y * canvas.x + at.x) as usize;
-            let [factor, addend] = map.as_ref().map_or([1.0, 0.0], |map| map.at(x, y));
-            sums[at] += factor / multiply;
-            shown[at] += leak + (1.0 - leak) * (factor * 0.3 + addend);
+            let [factor, addend] = map.as_ref().map_or([1.0, 0.0], |map| map.at(x, y, 0));
+            sums[at] += factor;
+            shown[at] += leak + (1.0 - leak) * (factor * multiply * 0.3 + addend);
         }
     }
     let worst = |values: &[f64], due: f64| {
@@ -98,7 +99,7 @@ fn one_eye_that_sees_nothing_else_has_all_of_what_is_for_both() {
         assert!(sum < SUM_ERROR_MAX, "{eye:?}: {sum}");
     }
     let map = light_map(&wall, ChannelId(0), &Masks::default()).expect("a map");
-    assert_eq!(map.at(75, 10)[0], 0.0, "it yields");
+    assert_eq!(map.at(75, 10, 0)[0], 0.0, "it yields");
 }
 
 /// Both groups alike: as if there were one.

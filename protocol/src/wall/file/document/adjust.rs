@@ -50,6 +50,10 @@ pub struct AdjustSection {
     /// or [red, green, blue].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub curve: Option<Vec<Light>>,
+    /// What it shows of black, as a share of its white: a number, or [red, green, blue]. Default:
+    /// leak of [blend].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub leak: Option<Light>,
     /// A file that says where each of the channel's pixels lies. Files stand in the wall file's
     /// folder.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -25,6 +25,7 @@ fn every_key_arrives() {
     let edges = Edges { left: Some(0.0), right: Some(30.5), top: None, bottom: None };
     assert_eq!(found.edges, edges);
     assert_eq!(found.color.gain, DVec3::new(1.0, 0.9, 0.8));
+    assert_eq!(found.color.leak, Some(DVec3::new(0.004, 0.003, 0.005)));
     // Rows of the file are rows of the matrix: red takes a tenth of green.
     assert_eq!(found.color.matrix * DVec3::Y, DVec3::new(0.1, 1.0, 0.0));
     assert_eq!(found.color.curve, Curve::Gamma(DVec3::splat(2.2)));
@@ -116,6 +117,7 @@ fn light_that_cannot_be() {
         &front("matrix = [[1, 0, 0], [0, inf, 0], [0, 0, 1]]"),
         "10:26: channel.front.matrix[1][1]: inf is no number of light",
     );
+    check(&front("leak = 0.3"), "10:1: channel.front.leak: a display cannot leak 0.3 of its white");
     let blend = |line: &str| format!("{SMALLEST}[blend]\n{line}\n");
     check(&blend("exponent = 0"), "10:1: blend.exponent: a ramp cannot have the exponent 0.0");
     check(&blend("leak = 1"), "10:1: blend.leak: a projector cannot leak 1.0 of its white");
@@ -169,7 +171,7 @@ fn eyes_edges_and_maps_that_contradict_each_other() {
     );
     check(
         &format!("{EVERY_KEY}[channel.beam]\nwarp = \"x.pfm\"\n"),
-        "53:1: channel.beam.warp: where its pixels lie is given twice, by a warp file and by a",
+        "54:1: channel.beam.warp: where its pixels lie is given twice, by a warp file and by a",
     );
     check(
         &EVERY_KEY.replace("warp = ", "# "),

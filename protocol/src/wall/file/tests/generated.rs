@@ -241,6 +241,7 @@ fn adjust(wall: &mut Wall, channel: &mut Channel, adjust: &Adjust, eye: EyeOf) {
                 Curve::Measured(vec![DVec3::ZERO, middle, DVec3::ONE])
             }
         },
+        leak: asks(14).then(|| DVec3::new(a, b, if asks(9) { a } else { c }) * 0.1),
         ..found.color
     };
     let number = adjust.kinds as usize >> 16;

@@ -41,6 +41,7 @@ pub(super) fn section(wall: &Wall, channel: &Channel) -> Option<AdjustSection> {
                 .then(|| color.matrix.transpose().to_cols_array_2d().map(Row)),
             gamma,
             curve,
+            leak: color.leak.map(light),
             warp: path(adjustment.warp),
             warp_zero: has_dark_zeros.then_some(WarpZero::Dark),
             alpha: path(adjustment.alpha),

@@ -148,7 +148,7 @@ fn who_has_a_mask_shares_no_light_but_is_seen() {
     let masks = Masks { alpha, ..Masks::default() };
     let of = Shaped { wall: &wall, shapes: &shapes };
     let light = light_map(of, ChannelId(1), &masks).expect("a light map");
-    assert!((light.at(25, 30)[0] - 0.5).abs() < 1e-4);
+    assert!((light.at(25, 30, 0)[0] - 0.5).abs() < 1e-4);
     assert_eq!(light_map(of, ChannelId(0), &Masks::default()), None);
     assert_eq!(white(&wall, &shapes)[30][50], Some(2.0), "both are seen all the same");
     wall.channels[1].adjustment.edges.left = Some(5.0);
