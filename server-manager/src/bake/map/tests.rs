@@ -5,6 +5,7 @@ mod broken;
 mod foreign;
 #[path = "../../../../tests/harness/maps.rs"]
 mod maps;
+mod random;
 
 use std::fs;
 use std::path::PathBuf;
