@@ -140,6 +140,9 @@ pub enum FileKind {
     Beta,
     /// As `Warp`, of a PFM whose pixels at (0, 0, 0) are unlit.
     WarpDarkZeros,
+    /// As `Warp`, of an OBJ whose positions are places of the picture, and whose texture
+    /// coordinates are places of the canvas.
+    WarpSgct,
 }
 
 impl Default for BlendRule {

@@ -41,6 +41,10 @@ pub(super) struct Arguments {
     /// With --as warp: pixels of a PFM that lie at (0, 0, 0) are unlit
     #[arg(long, requires = "used_as")]
     dark_zeros: bool,
+    /// With --as warp: positions of an OBJ are places from -1 to 1 on the channel's picture, and
+    /// its UV places on the screen's canvas, as SGCT has them
+    #[arg(long, requires = "used_as")]
+    sgct_roles: bool,
     /// Print what was baked as one line of JSON
     #[arg(long)]
     json: bool,
@@ -160,7 +164,11 @@ fn run_map(
         bail!("--aspect {aspect}: a width by a height, such as 1.778, would be right");
     }
     let used_as = match used_as {
-        Use::Warp => MapUse::Warp { aspect: arguments.aspect, dark_zeros: arguments.dark_zeros },
+        Use::Warp => MapUse::Warp {
+            aspect: arguments.aspect,
+            dark_zeros: arguments.dark_zeros,
+            sgct_roles: arguments.sgct_roles,
+        },
         Use::ScreenMesh => MapUse::ScreenMesh,
         Use::Mask => MapUse::Mask,
     };

@@ -218,7 +218,7 @@ fn find(
         let light: Light = light::of(drawn, wall, channel.id, picture)?;
         for (index, marker) in markers.iter().enumerate() {
             let is_own = marker.channel == channel.id;
-            let pixel = marker.seen_at(&channel.map, channel.eye, offset, light.size);
+            let pixel = marker.seen_at((channel.id, &channel.map), channel.eye, offset, light.size);
             // Another channel's marker counts where all of it is seen.
             let inset = DVec2::splat(if is_own { 0.0 } else { channel.half * 1.5 });
             let is_whole = |pixel: &DVec2| {

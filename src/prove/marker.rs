@@ -19,6 +19,9 @@ const SIGMA: f64 = 0.22;
 /// Steps to the pixel that shows a point: four are enough for a plane.
 const NEWTON_STEPS: usize = 24;
 
+/// How often a step to that pixel is halved that leads away from it.
+const HALVINGS: u32 = 6;
+
 /// What of a marker is summed, its half side being 1.
 const RADIUS: f64 = 0.8;
 
@@ -40,6 +43,8 @@ const LIKE_MIN: f64 = 0.9;
 pub(crate) struct Marker {
     /// The channel that it was made for.
     pub channel: ChannelId,
+    /// Where its middle is in that channel's picture.
+    pixel: DVec2,
     center: DVec3,
     /// From the middle to the right edge, and to the upper one.
     right: DVec3,
@@ -84,7 +89,7 @@ impl Marker {
         };
         let (right, down) = (side(DVec2::X * half)?, side(DVec2::Y * half)?);
         let center = eye + (center - eye) * depth;
-        Some(Self { channel, center, right, up: -down })
+        Some(Self { channel, pixel, center, right, up: -down })
     }
 
     /// How far the marker is from `around`, where it must be, in the picture of a channel whose eye
@@ -140,34 +145,41 @@ impl Marker {
         }
     }
 
-    /// The pixel at which a channel must show the marker, found by Newton's method from the
-    /// channel's middle; `None` where it does not show its middle.
+    /// The pixel at which a channel must show the marker, found by Newton's method from where the
+    /// marker was made on that channel, or from the middle of another one; `None` where it does
+    /// not show that place.
     pub fn seen_at(
         &self,
-        map: &PixelMap<'_>,
+        (channel, map): (ChannelId, &PixelMap<'_>),
         eye: DVec3,
         offset: DVec3,
         size: UVec2,
     ) -> Option<DVec2> {
         let size = size.as_dvec2();
-        let mut pixel = size / 2.0;
+        let place_at = |pixel| self.place(eye, map.display_from_pixel(pixel)?, offset);
+        let mut pixel = if channel == self.channel { self.pixel } else { size / 2.0 };
+        let mut here = place_at(pixel)?;
         for _ in 0..NEWTON_STEPS {
-            let here = self.place(eye, map.display_from_pixel(pixel)?, offset)?;
-            let slope = |by: DVec2| {
-                let ahead = self.place(eye, map.display_from_pixel(pixel + by)?, offset)?;
-                let behind = self.place(eye, map.display_from_pixel(pixel - by)?, offset)?;
-                Some((ahead - behind) / 2.0)
-            };
-            let step = DMat2::from_cols(slope(DVec2::X)?, slope(DVec2::Y)?).inverse() * here;
-            // Not beyond where the picture could lie: far out a curved screen may have no points.
-            pixel = (pixel - step).clamp(-size * 0.02, size * 1.02);
-            if !pixel.is_finite() {
+            let slope = |by: DVec2| Some((place_at(pixel + by)? - place_at(pixel - by)?) / 2.0);
+            let slopes = DMat2::from_cols(slope(DVec2::X)?, slope(DVec2::Y)?);
+            let step = slopes.inverse() * here;
+            if !step.is_finite() {
                 return None;
             }
+            // Not beyond where the picture could lie: far out a curved screen may have no points.
+            // A map that is not smooth is no line: a step that leads away from it is halved.
+            let nearer = (0..HALVINGS).find_map(|halved| {
+                let next = pixel - step / f64::from(1 << halved);
+                let next = next.clamp(-size * 0.02, size * 1.02);
+                let there = place_at(next)?;
+                (there.length() < here.length()).then_some((next, there))
+            });
+            // No better place is known where rounding ends.
+            let Some(nearer) = nearer else { break };
+            (pixel, here) = nearer;
         }
-        let is_there = self.place(eye, map.display_from_pixel(pixel)?, offset)?.length() < 1e-6;
         let is_inside = pixel.cmpgt(DVec2::ZERO).all() && pixel.cmplt(size).all();
-        (is_there && is_inside).then_some(pixel)
+        (here.length() < 1e-6 && is_inside).then_some(pixel)
     }
 
     /// The direction from an eye to its middle, and how far around that its corners reach, as a

@@ -89,24 +89,39 @@ fn small(keys: &str) -> String {
     format!("{wall}[channel.front-1-1]\n{keys}\n")
 }
 
-/// A mask that fades to the right over the overlap.
-fn write_mask(place: &Place) {
-    let texel = |x: u32| ((f64::from(160 - x) / 40.0).min(1.0) * 65535.0) as u16;
-    let texels: Vec<u16> = (0..160 * 4).map(|i| texel(i % 160)).collect();
-    let picture = Png { size: [160, 4], color: 0, bits: 16, gamma: Some(100_000), texels: &texels };
-    place.write("fade.png", png(&picture));
+/// Masks that fade over the overlap, to the right and to the left, and one that does so some
+/// pixels too early.
+fn write_masks(place: &Place) {
+    let masks: [(&str, fn(f64) -> f64); 3] =
+        [("right.png", |x| 160.0 - x), ("left.png", |x| x), ("early.png", |x| 156.0 - x)];
+    for (name, pixels_to_edge) in masks {
+        let share = |x: u32| (pixels_to_edge(f64::from(x) + 0.5) / 40.0).clamp(0.0, 1.0);
+        let texels: Vec<u16> =
+            (0..160 * 4).map(|i| (share(i % 160) * 65535.0).round() as u16).collect();
+        let picture =
+            Png { size: [160, 4], color: 0, bits: 16, gamma: Some(100_000), texels: &texels };
+        place.write(name, png(&picture));
+    }
+}
+
+/// Keys of both channels whose alpha files share the light.
+fn shared_by(alpha: &str) -> String {
+    let of = |file: &str| format!("alpha = \"{file}\"\nramps = \"alpha\"\n");
+    format!("{}[channel.front-2-1]\n{}", of(alpha), of("left.png"))
 }
 
 #[test]
 fn each_fault_fails_a_row_and_no_right_wall_does() {
     let place = Place::new();
     let scene = place.write("triangle.glb", Gltf::triangle().glb()).display().to_string();
-    write_mask(&place);
+    write_masks(&place);
+    let [alphas, shifted] = ["right.png", "early.png"].map(shared_by);
     // What is drawn, and what stands, by keys of one channel: only who says what stands can tell
     // that a display shines or hangs otherwise.
     let faults = [
         ("gain = 0.7", None),
-        ("alpha = \"fade.png\"", None),
+        ("alpha = \"right.png\"", None),
+        (&shifted, None),
         ("matrix = [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]", None),
         ("gamma = 1.8", Some("")),
         ("mirror = true", Some("")),
@@ -125,6 +140,7 @@ fn each_fault_fails_a_row_and_no_right_wall_does() {
         ("edges = { right = 20 }", None),
         ("turn = \"half\"", None),
         ("gamma = 1.8", None),
+        (&alphas, None),
         (measured, Some(measured)),
         ("gain = 0.8", Some("gain = 0.8")),
         ("leak = [0.01, 0.004, 0.006]", None),

@@ -14,10 +14,10 @@ const ERROR_BYTES_MAX: usize = 4096;
 
 /// What files there are: the name that they have, and what they are used as; an archive without.
 pub const KINDS: &[(&str, Option<MapUse>)] = &[
-    ("a.pfm", Some(MapUse::Warp { aspect: Some(1.5), dark_zeros: false })),
+    ("a.pfm", Some(MapUse::Warp { aspect: Some(1.5), dark_zeros: false, sgct_roles: false })),
     ("a.obj", Some(MapUse::ScreenMesh)),
-    ("a.data", Some(MapUse::Warp { aspect: Some(1.5), dark_zeros: false })),
-    ("uv.png", Some(MapUse::Warp { aspect: None, dark_zeros: false })),
+    ("a.data", Some(MapUse::Warp { aspect: Some(1.5), dark_zeros: false, sgct_roles: false })),
+    ("uv.png", Some(MapUse::Warp { aspect: None, dark_zeros: false, sgct_roles: false })),
     ("mask.png", Some(MapUse::Mask)),
     ("a.glb", Some(MapUse::ScreenMesh)),
     ("a.mpcdi", None),

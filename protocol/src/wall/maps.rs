@@ -80,17 +80,15 @@ impl Maps {
 /// What is wrong with a map for this use.
 fn mismatch(kind: FileKind, map: &WallMap) -> Option<&'static str> {
     match (kind, map) {
-        (FileKind::Warp | FileKind::WarpDarkZeros, WallMap::Warp(_))
+        (FileKind::Warp | FileKind::WarpDarkZeros | FileKind::WarpSgct, WallMap::Warp(_))
         | (FileKind::Alpha | FileKind::Beta, WallMap::Mask(_)) => None,
         (FileKind::ScreenMesh, WallMap::Warp(warp)) => {
             let is_surface = matches!(warp.shape, WarpShape::Mesh(_));
             let is_in_room = warp.space == MapSpace::Display;
             (!is_surface || !is_in_room).then_some("it is no mesh of points in metres")
         }
-        (FileKind::Warp | FileKind::WarpDarkZeros | FileKind::ScreenMesh, WallMap::Mask(_)) => {
-            Some("it is a mask")
-        }
         (FileKind::Alpha | FileKind::Beta, WallMap::Warp(_)) => Some("it is no mask"),
+        (_, WallMap::Mask(_)) => Some("it is a mask"),
     }
 }
 
@@ -141,7 +139,9 @@ mod tests {
         let mut wall = Wall::new("w", Vec::new(), Vec::new());
         let mut surface = Surface::Mesh(0);
         match kind {
-            FileKind::Warp | FileKind::WarpDarkZeros => channel.adjustment.warp = Some(0),
+            FileKind::Warp | FileKind::WarpDarkZeros | FileKind::WarpSgct => {
+                channel.adjustment.warp = Some(0);
+            }
             FileKind::Alpha => channel.adjustment.alpha = Some(0),
             FileKind::Beta => channel.adjustment.beta = Some(0),
             FileKind::ScreenMesh => {}

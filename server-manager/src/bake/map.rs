@@ -36,6 +36,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::BakeError;
 use super::{Store, hex, source};
+use obj::Roles;
 
 /// Largest file of a wall: a warp map of 8,192² points takes 768 MiB.
 const MAP_FILE_BYTES_MAX: u64 = 1 << 30;
@@ -50,6 +51,9 @@ pub enum MapUse {
         aspect: Option<f64>,
         /// Whether pixels of a PFM at (0, 0, 0) are unlit.
         dark_zeros: bool,
+        /// Whether it is an OBJ whose positions are places of the picture and whose UV are places
+        /// of the canvas.
+        sgct_roles: bool,
     },
     /// The shape of a screen: points in display space, with places on its canvas as UV.
     ScreenMesh,
@@ -105,14 +109,23 @@ fn read(
     let gltf = || gltf_mesh::read(path, store.blobs(), cancel);
     let map = match used_as {
         MapUse::Mask => WallMap::Mask(mask::read(&bytes, None)?),
+        MapUse::Warp { sgct_roles: true, .. } => {
+            if !has_ending(path, "obj") {
+                let what = "SGCT's roles of positions and UV are those of an OBJ, which it is not";
+                return Err(BakeError::at("file", what, "leave out warp_obj, or name an OBJ"));
+            }
+            WallMap::Warp(obj::read(&bytes, Roles::Sgct)?)
+        }
         _ if is_gltf(&bytes) => WallMap::Warp(gltf()?),
-        MapUse::ScreenMesh if has_ending(path, "obj") => WallMap::Warp(obj::read(&bytes)?),
+        MapUse::ScreenMesh if has_ending(path, "obj") => {
+            WallMap::Warp(obj::read(&bytes, Roles::Room)?)
+        }
         MapUse::ScreenMesh => {
             let what = "it is neither OBJ nor glTF";
             let right = "a mesh with positions in metres and UV on the screen would be right";
             return Err(BakeError::at("file", what, right));
         }
-        MapUse::Warp { aspect, dark_zeros } => {
+        MapUse::Warp { aspect, dark_zeros, .. } => {
             WallMap::Warp(read_warp(path, &bytes, aspect, dark_zeros)?)
         }
     };
@@ -155,7 +168,7 @@ fn read_warp(
             let right = "`polyptych wall import` makes a wall of it";
             Err(BakeError::at("file", what, right))
         }
-        _ if has_ending(path, "obj") => obj::read(bytes),
+        _ if has_ending(path, "obj") => obj::read(bytes, Roles::Room),
         _ if bytes.trim_ascii_start().first().is_some_and(u8::is_ascii_digit) => {
             bourke::read(bytes, aspect)
         }

@@ -73,13 +73,15 @@ pub fn read_wall_files(wall: &Wall, blobs: &BlobFolder) -> Result<Maps, String> 
 /// How the baker is told what a file is.
 fn options(wall: &Wall, index: usize) -> Vec<String> {
     let used_as = match wall.files[index].kind {
-        FileKind::Warp | FileKind::WarpDarkZeros => "warp",
+        FileKind::Warp | FileKind::WarpDarkZeros | FileKind::WarpSgct => "warp",
         FileKind::ScreenMesh => "screen-mesh",
         FileKind::Alpha | FileKind::Beta => "mask",
     };
     let mut options = vec!["--as".to_owned(), used_as.to_owned()];
-    if wall.files[index].kind == FileKind::WarpDarkZeros {
-        options.push("--dark-zeros".to_owned());
+    match wall.files[index].kind {
+        FileKind::WarpDarkZeros => options.push("--dark-zeros".to_owned()),
+        FileKind::WarpSgct => options.push("--sgct-roles".to_owned()),
+        _ => {}
     }
     if let Some(aspect) = aspect(wall, index) {
         options.extend(["--aspect".to_owned(), aspect.to_string()]);

@@ -85,15 +85,25 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let folder = &arguments.output;
     let wall_file = folder.join("wall.toml");
+    let is_new = fs::symlink_metadata(folder).is_err();
     outputs::make_folder(folder)?;
     outputs::check_source(&wall_file, arguments.force)?;
     bake::limit_memory(manager::BAKE_MEMORY_MIB_DEFAULT)?;
-    if !is_mpcdi(&arguments.file)? {
-        return configuration(arguments);
+    let done = is_mpcdi(&arguments.file).and_then(|is_mpcdi| {
+        if is_mpcdi { archive(arguments, &wall_file) } else { configuration(arguments) }
+    });
+    if is_new && done.is_err() {
+        // Removes nothing but an empty folder: of a file that was refused before it was read.
+        let _ = fs::remove_dir(folder);
     }
-    let imported = mpcdi::import(&arguments.file, folder, &AtomicBool::new(false))?;
+    done
+}
+
+/// Imports an archive, and tells what was assumed.
+fn archive(arguments: &Arguments, wall_file: &Path) -> anyhow::Result<()> {
+    let imported = mpcdi::import(&arguments.file, &arguments.output, &AtomicBool::new(false))?;
     let text = wall_text(arguments, &imported)?;
-    outputs::write(&wall_file, text.as_bytes())?;
+    outputs::write(wall_file, text.as_bytes())?;
     let size = |buffer: &ImportedBuffer| format!("{} × {}", buffer.size.x, buffer.size.y);
     let sizes: Vec<String> = imported.buffers.iter().map(size).collect();
     say(format_args!(

@@ -51,7 +51,8 @@ fn a_picture_that_is_moved_is_read_as_moved() {
             let pixel = DVec2::from(pixel);
             let marker = Marker::at((ChannelId(0), &map), EYE, pixel, HALF, depth);
             let marker = marker.expect("on the screen");
-            let around = marker.seen_at(&map, EYE, DVec3::ZERO, SIZE).expect("seen");
+            let around =
+                marker.seen_at((ChannelId(1), &map), EYE, DVec3::ZERO, SIZE).expect("seen");
             assert!(around.distance(pixel) < 0.2, "{around} for {pixel}");
             for moved in [DVec2::ZERO, DVec2::new(0.02, 0.0), DVec2::new(-0.05, 0.1)] {
                 let light = drawn(&marker, &map, moved);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec2, DVec3, UVec2};
 
 use super::check::check_numbers;
-use super::document::{AdjustSection, BendSection, EdgesSection, Light, WarpZero};
+use super::document::{AdjustSection, BendSection, EdgesSection, Light, WarpObj, WarpZero};
 use super::error::WallFileError;
 use super::explain::suggest;
 use super::files::Files;
@@ -119,9 +119,18 @@ impl Table<'_> {
             let what = "there is no warp whose points at (0, 0, 0) could be dark";
             return Err(self.error("warp_zero", what, "name a warp, or leave it out"));
         }
-        let warp = match s.warp_zero {
-            Some(WarpZero::Dark) => FileKind::WarpDarkZeros,
-            Some(WarpZero::Point) | None => FileKind::Warp,
+        if s.warp_obj.is_some() && s.warp.is_none() {
+            let what = "there is no warp that could be an OBJ";
+            return Err(self.error("warp_obj", what, "name a warp, or leave it out"));
+        }
+        let warp = match (s.warp_zero, s.warp_obj) {
+            (Some(WarpZero::Dark), Some(WarpObj::Sgct)) => {
+                let what = "an OBJ has no pixels that could be dark by warp_zero";
+                return Err(self.error("warp_obj", what, "keep one of the two"));
+            }
+            (Some(WarpZero::Dark), _) => FileKind::WarpDarkZeros,
+            (_, Some(WarpObj::Sgct)) => FileKind::WarpSgct,
+            _ => FileKind::Warp,
         };
         adjustment.warp = file("warp", &s.warp, warp)?;
         adjustment.alpha = file("alpha", &s.alpha, FileKind::Alpha)?;

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub(super) use adjust::{AdjustSection, BendSection, EdgesSection, WarpZero};
+pub(super) use adjust::{AdjustSection, BendSection, EdgesSection, WarpObj, WarpZero};
 pub(super) use curved::{CylinderSection, ProjectorSection, SphereSection};
 pub(super) use lists::{Light, Pair, Rotation, Row};
 use lists::{exact, some_exact};

@@ -8,7 +8,8 @@
 //!
 //! x is −aspect to aspect and y −1 to 1 across the projector, up; u and v are 0 to 1 on the
 //! picture, up; i is a factor of the stored colours, taken as encoded with gamma 2.2, and negative
-//! where nothing is drawn: cells with such a corner are unlit.
+//! where nothing is drawn: cells with such a corner are unlit. The diagonal of a cell begins at its
+//! first node, as SGCT draws it; the format leaves it open.
 
 use glam::{Vec2, Vec3};
 use polyptych_protocol::wall::warp::{
@@ -104,7 +105,7 @@ fn cells(columns: u32, rows: u32, is_lit: impl Fn(u32) -> bool) -> Vec<[u32; 3]>
             let corners = [corner, corner + 1, corner + columns, corner + columns + 1];
             if corners.iter().all(|&node| is_lit(node)) {
                 let [a, b, c, d] = corners;
-                triangles.extend([[a, b, c], [d, c, b]]);
+                triangles.extend([[a, b, d], [a, d, c]]);
             }
         }
     }

@@ -3,6 +3,9 @@
 //! Positions are metres of display space. `vt` is a place on the channel's picture (a screen mesh:
 //! on the screen's canvas), u to the right and v up, as OBJ means it. Polygons become fans.
 //!
+//! SGCT has it the other way round: positions are places on the window, −1 to 1, and `vt` is what
+//! is shown there. A corner without a UV has the one of its position's number.
+//!
 //! Read here and not by a crate, because the known ones keep no lines, and a message about a mesh
 //! of a million faces that names none helps nobody.
 
@@ -18,22 +21,34 @@ use super::super::error::BakeError;
 use super::super::uri::shorten;
 use super::{fold, text};
 
+/// What positions and UV of an OBJ are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Roles {
+    /// Points in metres, and places of a picture.
+    #[default]
+    Room,
+    /// Places of a picture, and places of the canvas.
+    Sgct,
+}
+
 /// What is read so far.
 #[derive(Default)]
 struct Reader {
+    roles: Roles,
     positions: Vec<Vec3>,
-    places: Vec<Vec2>,
+    /// v down.
+    uvs: Vec<Vec2>,
     vertices: Vec<WarpVertex>,
-    /// By position and place, both as counted in the file.
+    /// By position and UV, both as counted in the file.
     known: HashMap<(u32, u32), u32>,
     triangles: Vec<[u32; 3]>,
     /// The line of each triangle.
     lines: Vec<usize>,
 }
 
-/// Reads a mesh whose UV are places.
-pub(super) fn read(bytes: &[u8]) -> Result<WarpMap, BakeError> {
-    let mut reader = Reader::default();
+/// Reads a mesh.
+pub(super) fn read(bytes: &[u8], roles: Roles) -> Result<WarpMap, BakeError> {
+    let mut reader = Reader { roles, ..Reader::default() };
     for (line, content) in text::lines(bytes) {
         let mut words = content.split_ascii_whitespace();
         match words.next() {
@@ -43,7 +58,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<WarpMap, BakeError> {
             }
             Some("vt") => {
                 let [u, v] = text::numbers(&mut words, line, "vt U V")?;
-                reader.places.push(Vec2::new(u as f32, (1.0 - v) as f32));
+                reader.uvs.push(Vec2::new(u as f32, (1.0 - v) as f32));
             }
             Some("f") => reader.face(words, line)?,
             _ => {}
@@ -56,7 +71,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<WarpMap, BakeError> {
     let lines = reader.lines;
     let mesh = WarpMesh { vertices: reader.vertices, triangles: reader.triangles };
     let mesh = fold::check(mesh, |triangle| text::place(lines[triangle]))?;
-    Ok(WarpMap { space: MapSpace::Display, shape: WarpShape::Mesh(mesh) })
+    let space = if roles == Roles::Sgct { MapSpace::Canvas } else { MapSpace::Display };
+    Ok(WarpMap { space, shape: WarpShape::Mesh(mesh) })
 }
 
 fn point(point: [f64; 3], line: usize) -> Result<Vec3, BakeError> {
@@ -106,8 +122,11 @@ impl Reader {
         };
         let mut parts = word.split('/');
         let position = parts.next().unwrap_or_default();
-        let place = parts.next().unwrap_or_default();
-        if place.is_empty() {
+        let mut uv = parts.next().unwrap_or_default();
+        if uv.is_empty() && self.roles == Roles::Sgct {
+            uv = position;
+        }
+        if uv.is_empty() {
             return Err(bad(format!("the corner '{}' has no UV", shorten(word))));
         }
         let index = |text: &str, count: usize| {
@@ -121,9 +140,8 @@ impl Reader {
         };
         let position = index(position, self.positions.len())
             .ok_or_else(|| missing("position", self.positions.len()))?;
-        let place =
-            index(place, self.places.len()).ok_or_else(|| missing("UV", self.places.len()))?;
-        if let Some(&known) = self.known.get(&(position, place)) {
+        let uv = index(uv, self.uvs.len()).ok_or_else(|| missing("UV", self.uvs.len()))?;
+        if let Some(&known) = self.known.get(&(position, uv)) {
             return Ok(known);
         }
         if self.vertices.len() >= MAP_VERTICES_MAX as usize {
@@ -131,9 +149,15 @@ impl Reader {
             return Err(BakeError::at(text::place(line), "there are more", right));
         }
         let index = self.vertices.len() as u32;
-        let (at, shown) = (self.places[place as usize], self.positions[position as usize]);
-        self.vertices.push(WarpVertex { place: at, value: shown, light: 1.0 });
-        self.known.insert((position, place), index);
+        let (at, uv_there) = (self.positions[position as usize], self.uvs[uv as usize]);
+        let (place, value) = match self.roles {
+            Roles::Room => (uv_there, at),
+            Roles::Sgct => {
+                (Vec2::new(1.0 + at.x, 1.0 - at.y) / 2.0, Vec3::new(uv_there.x, uv_there.y, 0.0))
+            }
+        };
+        self.vertices.push(WarpVertex { place, value, light: 1.0 });
+        self.known.insert((position, uv), index);
         Ok(index)
     }
 }

@@ -5,6 +5,7 @@ mod broken;
 mod foreign;
 #[path = "../../../../tests/harness/maps.rs"]
 mod maps;
+mod random;
 
 use std::fs;
 use std::path::PathBuf;
@@ -21,7 +22,8 @@ use super::super::tests::builder::Builder;
 use super::{MapUse, bake_map};
 use maps::{Png, png};
 
-const WARP: MapUse = MapUse::Warp { aspect: Some(16.0 / 9.0), dark_zeros: false };
+const WARP: MapUse =
+    MapUse::Warp { aspect: Some(16.0 / 9.0), dark_zeros: false, sgct_roles: false };
 
 /// A folder with a store.
 struct Place {
@@ -124,7 +126,7 @@ fn points_at_the_origin_are_dark_where_the_wall_says_so() {
     let place = Place::new();
     let path = place.write("a.pfm", &file);
     for (dark_zeros, is_lit) in [(false, true), (true, false)] {
-        let used_as = MapUse::Warp { aspect: None, dark_zeros };
+        let used_as = MapUse::Warp { aspect: None, dark_zeros, sgct_roles: false };
         let baked = bake_map(&path, used_as, &place.store, &AtomicBool::new(false)).expect("baked");
         let warning = baked.warning.unwrap_or_default();
         assert_eq!(warning.contains("2 pixels at (0, 0, 0)"), is_lit, "{warning}");
@@ -167,6 +169,30 @@ fn corners_may_be_counted_from_the_end_and_share_positions() {
     let (_, mesh) = mesh("a.obj", WARP, text.as_bytes());
     assert_eq!(mesh.triangles, [[0, 1, 2]]);
     assert_eq!(mesh.vertices[0].place, Vec2::new(0.0, 1.0));
+}
+
+/// SGCT's roles: positions from -1 to 1 on the picture, up, and UV on the canvas; a corner's UV
+/// has the number of its position where it names none.
+#[test]
+fn a_mesh_of_sgct_is_places_of_the_canvas_at_places() {
+    let sgct = MapUse::Warp { aspect: None, dark_zeros: false, sgct_roles: true };
+    let text = "v -1 1 0\nv 1 1 0\nv -1 -1 9\nvt 0.1 0.8\nvt 0.9 0.8\nvt 0.1 0.4\n";
+    for face in ["f 1/1/1 2/2/2 3/3/3\n", "f 1 2 3\n"] {
+        let (space, mesh) = mesh("a.obj", sgct, format!("{text}{face}").as_bytes());
+        assert_eq!((space, &mesh.triangles[..]), (MapSpace::Canvas, &[[0, 1, 2]][..]));
+        let found = mesh.vertices.iter().map(|vertex| (vertex.place, vertex.value));
+        let due = [
+            (Vec2::ZERO, Vec3::new(0.1, 0.2, 0.0)),
+            (Vec2::X, Vec3::new(0.9, 0.2, 0.0)),
+            (Vec2::Y, Vec3::new(0.1, 0.6, 0.0)),
+        ];
+        for ((place, value), (due_place, due_value)) in found.zip(due) {
+            assert_eq!(place, due_place);
+            assert!(value.distance(due_value) < 1e-6, "{value}");
+        }
+    }
+    let line = Place::new().bake("a.pfm", sgct, b"PF\n1 1\n-1.0\n").expect_err("refused");
+    assert!(line.contains("a.pfm: file: ") && line.contains("warp_obj"), "{line}");
 }
 
 /// v is down in glTF; the node's transform holds.

@@ -62,6 +62,11 @@ pub struct AdjustSection {
     /// "dark", unlit. Default: "point".
     #[serde(skip_serializing_if = "Option::is_none")]
     pub warp_zero: Option<WarpZero>,
+    /// What an OBJ holds: "room", points in metres for places of the channel's picture, which are
+    /// its UV; or "sgct", places from -1 to 1 on the channel's picture, whose UV are on the
+    /// screen's canvas. Default: "room".
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub warp_obj: Option<WarpObj>,
     /// A picture that multiplies the channel's light.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alpha: Option<String>,
@@ -87,6 +92,16 @@ pub enum WarpZero {
     Point,
     /// Unlit.
     Dark,
+}
+
+/// What positions and UV of an OBJ are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum WarpObj {
+    /// Points in metres, and places of the channel's picture.
+    Room,
+    /// Places of the channel's picture from -1 to 1, and places of the canvas.
+    Sgct,
 }
 
 /// A grid of control points over the channel's picture.

@@ -64,6 +64,24 @@ fn files_are_listed_once_in_the_order_of_the_wall() {
 }
 
 #[test]
+fn what_a_warp_holds_is_said_beside_it() {
+    for (key, kind) in [
+        ("warp_zero = \"dark\"", FileKind::WarpDarkZeros),
+        ("warp_obj = \"sgct\"", FileKind::WarpSgct),
+    ] {
+        let wall = read(&front(&format!("warp = \"a.obj\"\n{key}")));
+        assert_eq!(wall.files[0].kind, kind);
+        let text = to_toml(&wall);
+        assert!(text.contains(key) && read(&text) == wall, "{text}");
+        let name = key.split(' ').next().expect("a key");
+        check(&front(key), &format!("10:1: channel.front.{name}: there is no warp "));
+    }
+    let both = front("warp = \"a.obj\"\nwarp_zero = \"dark\"\nwarp_obj = \"sgct\"");
+    check(&both, "12:1: channel.front.warp_obj: an OBJ has no pixels that could be dark");
+    check(&front("warp = \"a.obj\"\nwarp_obj = \"vioso\""), "11:12: channel.front.warp_obj: ");
+}
+
+#[test]
 fn everything_is_written_and_read_again() {
     let wall = read(EVERY_KEY);
     let text = to_toml(&wall);

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 
 use crate::wall::adjustment::{Bits, Curve};
 use crate::wall::file::document::{
-    AdjustSection, BendSection, EdgesSection, Light, Pair, Row, WarpZero,
+    AdjustSection, BendSection, EdgesSection, Light, Pair, Row, WarpObj, WarpZero,
 };
 use crate::wall::{Channel, Edges, FileKind, Wall};
 
@@ -13,7 +13,7 @@ pub(super) fn section(wall: &Wall, channel: &Channel) -> Option<AdjustSection> {
     let adjustment = &channel.adjustment;
     let path = |index: Option<u16>| Some(wall.files.get(usize::from(index?))?.path.clone());
     let warp = adjustment.warp.and_then(|index| wall.files.get(usize::from(index)));
-    let has_dark_zeros = warp.is_some_and(|file| file.kind == FileKind::WarpDarkZeros);
+    let is_warp = |kind: FileKind| warp.is_some_and(|file| file.kind == kind);
     let pair = |point: DVec2| Pair(point.to_array());
     let color = &adjustment.color;
     let (gamma, curve) = match &color.curve {
@@ -43,7 +43,8 @@ pub(super) fn section(wall: &Wall, channel: &Channel) -> Option<AdjustSection> {
             curve,
             leak: color.leak.map(light),
             warp: path(adjustment.warp),
-            warp_zero: has_dark_zeros.then_some(WarpZero::Dark),
+            warp_zero: is_warp(FileKind::WarpDarkZeros).then_some(WarpZero::Dark),
+            warp_obj: is_warp(FileKind::WarpSgct).then_some(WarpObj::Sgct),
             alpha: path(adjustment.alpha),
             ramps: changed(adjustment.ramps),
             beta: path(adjustment.beta),

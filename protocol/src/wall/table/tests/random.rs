@@ -76,7 +76,7 @@ fn calibration(kind: FileKind, seed: u32) -> WallMap {
             let grid = WarpGrid { size, values: (0..count).map(cell).collect() };
             WallMap::Warp(WarpMap { space, shape: WarpShape::Grid(grid) })
         }
-        FileKind::Warp | FileKind::WarpDarkZeros | FileKind::ScreenMesh => {
+        _ => {
             let vertex =
                 |i: u32| WarpVertex { place: place(i), value: value(place(i), i), light: 1.0 };
             let cells = (0..count).filter(|i| i % size.x + 1 < size.x && i / size.x + 1 < size.y);

@@ -135,7 +135,11 @@ fn broken_bourke_meshes() {
     says(&warp(&good.replace("0.5 0.5 1", "0.5 1")), &["line 3", "too few numbers"]);
     says(&warp(&good.replacen("0.5 0.5 1", "0.5 0.5 1.5", 1)), &["line 3", "out of range"]);
     says(&warp(&good.replace("0.5 1", "0.5 -1")), &["no cell", "lit"]);
-    let line = refusal("m.data", MapUse::Warp { aspect: None, dark_zeros: false }, good.as_bytes());
+    let line = refusal(
+        "m.data",
+        MapUse::Warp { aspect: None, dark_zeros: false, sgct_roles: false },
+        good.as_bytes(),
+    );
     says(&line, &["several shapes"]);
 }
 
