@@ -10,7 +10,7 @@ use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::pixels::PixelMap;
 use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::{Channel, Cover, Wall};
+use polyptych_protocol::wall::{Channel, Cover, Viewpoint, Wall};
 
 use super::light::{self, Drawn};
 use super::marker::{self, Light, Marker, Reading};
@@ -63,7 +63,7 @@ struct Seen<'a> {
     id: ChannelId,
     name: &'a str,
     map: PixelMap<'a>,
-    eye: DVec3,
+    eye: Viewpoint,
     half: f64,
     is_warped: bool,
 }
@@ -105,7 +105,7 @@ pub(super) fn prove(
     if markers.is_empty() {
         return Ok(());
     }
-    let distances = seen.iter().flat_map(|s| markers.iter().map(|m| m.distance_m(s.eye)));
+    let distances = seen.iter().flat_map(|s| markers.iter().map(|m| m.distance_m(s.eye.middle())));
     let step_m = STEP * distances.fold(1.0, f64::min);
     for offset_m in OFFSETS_M {
         let count = counted(markers.len(), "marker");
@@ -131,7 +131,7 @@ pub(super) fn prove(
             frames.push(find((wall, drawn), &seen, &markers, &capture, -shift)?);
         }
         let at = if offset_m == 0.0 { String::new() } else { format!(", {offset_m:e} m away") };
-        report(table, &seen, &frames, markers.len(), &at);
+        report(table, (wall, &seen, &markers), &frames, &at);
     }
     Ok(())
 }
@@ -142,7 +142,7 @@ fn channels(shaped: Shaped<'_>) -> Vec<Seen<'_>> {
     let seen = |id| {
         let channel = wall.channel(id)?;
         let map = shaped.pixel_map(id)?;
-        let eye = head.eye(light::eye_of(&channel.adjustment));
+        let eye = wall.viewpoint(&head, light::eye_of(&channel.adjustment));
         let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
         let is_warped = is_warped(wall, channel);
         map.display_from_pixel(channel.size.as_dvec2() / 2.0)?;
@@ -159,12 +159,15 @@ pub(super) fn is_warped(wall: &Wall, channel: &Channel) -> bool {
         || adjustment.pin != [DVec2::ZERO; 4]
         || adjustment.bend.is_some()
         || adjustment.warp.is_some()
+        || wall.is_omnidirectional(channel)
 }
 
 /// Nine for each channel, but for those that would lie over others.
 fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
-    // Both eyes see a marker at one place only where it lies on the screen.
-    let is_mono = seen.iter().all(|s| s.eye == wall.eye);
+    // Both eyes see a marker at one place only where it lies on the screen; of those all around it
+    // is known how far apart they see it.
+    let is_around = seen.iter().all(|s| matches!(s.eye, Viewpoint::Around(_)));
+    let is_mono = is_around || seen.iter().all(|s| s.eye == Viewpoint::Fixed(wall.eye));
     let mut markers: Vec<(Marker, DVec3, f64)> = Vec::new();
     for (index, channel) in seen.iter().enumerate() {
         let size = wall.channels[usize::from(channel.id.0)].size.as_dvec2();
@@ -179,7 +182,7 @@ fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
                 let pixel = pixel.lerp(size / 2.0, f64::from(pull) / f64::from(PULLS));
                 let marker = Marker::at(of, channel.eye, pixel, channel.half, depth)?;
                 // Nothing nearer is drawn: a marker that is too near goes further away.
-                let needed = wall.near_m * NEARS_MIN / marker.distance_m(channel.eye);
+                let needed = wall.near_m * NEARS_MIN / marker.distance_m(channel.eye.middle());
                 if needed <= 1.0 {
                     return Some(marker);
                 }
@@ -187,7 +190,10 @@ fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
                 if is_mono { further() } else { None }
             };
             let Some(marker) = (0..PULLS).find_map(nearer) else { continue };
-            let (toward, radius) = marker.cone(channel.eye);
+            let (toward, mut radius) = marker.cone(channel.eye.middle());
+            if is_around && !marker.is_on_screen {
+                radius += wall.eye_separation_m / marker.distance_m(channel.eye.middle());
+            }
             let is_free = |(_, other, other_radius): &(_, DVec3, f64)| {
                 toward.distance(*other) > radius + other_radius
             };
@@ -284,8 +290,28 @@ fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, String) {
     worst
 }
 
-fn report(table: &mut Table, seen: &[Seen<'_>], frames: &[Vec<Found>], count: usize, at: &str) {
-    let all = || frames.iter().flatten();
+fn report(
+    table: &mut Table,
+    (wall, seen, markers): (&Wall, &[Seen<'_>], &[Marker]),
+    frames: &[Vec<Found>],
+    at: &str,
+) {
+    // Eyes of omnidirectional stereo stand still within each part of a picture: what is not on the
+    // screen has a bound of its own.
+    let is_deep = |found: &&Found| {
+        let is_around = matches!(seen[found.channel].eye, Viewpoint::Around(_));
+        is_around && !markers[found.marker].is_on_screen
+    };
+    let all = || frames.iter().flatten().filter(|found| !is_deep(found));
+    let deep: Vec<&Found> = frames.iter().flatten().filter(is_deep).collect();
+    if !deep.is_empty() {
+        let errors =
+            deep.iter().map(|found| (found.error_px.length(), seen[found.channel].name.to_owned()));
+        let (error, place) = worst(errors);
+        let most = Some(Target::AtMost(wall.stereo.error_max_px + WARPED_ERROR_MAX_PX));
+        let note = format!("{place}, against an eye of its own for each pixel");
+        table.add(format!("omnidirectional stereo behind the screen{at}"), error, "px", most, note);
+    }
     for is_warped in [false, true] {
         if !seen.iter().any(|channel| channel.is_warped == is_warped) {
             continue;
@@ -307,7 +333,7 @@ fn report(table: &mut Table, seen: &[Seen<'_>], frames: &[Vec<Found>], count: us
     for frame in frames {
         for (index, one) in frame.iter().enumerate() {
             let others = frame[index + 1..].iter().filter(|other| other.marker == one.marker);
-            for other in others {
+            for other in others.filter(|other| !is_deep(other)) {
                 let apart = one.error_in_display.distance(other.error_in_display);
                 let names = [seen[one.channel].name, seen[other.channel].name].join(" and ");
                 seams.push((apart, names));
@@ -332,6 +358,6 @@ fn report(table: &mut Table, seen: &[Seen<'_>], frames: &[Vec<Found>], count: us
     let (step, place) = worst(jitter.into_iter());
     let is_warped = seen.iter().any(|channel| channel.is_warped);
     let most = if is_warped { WARPED_ERROR_MAX_PX } else { JITTER_MAX_PX };
-    let note = format!("{place} ({count} markers)");
+    let note = format!("{place} ({} markers)", markers.len());
     table.add(format!("jitter{at}"), step, "px", Some(Target::AtMost(most)), note);
 }

@@ -9,6 +9,7 @@
 
 use glam::{DMat2, DVec2, DVec3, UVec2};
 use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::Viewpoint;
 use polyptych_protocol::wall::pixels::PixelMap;
 use serde_json::{Value, json};
 
@@ -40,6 +41,8 @@ const LIKE_MIN: f64 = 0.9;
 pub(crate) struct Marker {
     /// The channel that it was made for.
     pub channel: ChannelId,
+    /// Whether it lies on the screen, where all eyes see it at one place.
+    pub is_on_screen: bool,
     center: DVec3,
     /// From the middle to the right edge, and to the upper one.
     right: DVec3,
@@ -70,12 +73,13 @@ impl Marker {
     /// from the eye as the screen is. `None` where the channel's pixels there lie nowhere.
     pub fn at(
         (channel, map): (ChannelId, &PixelMap<'_>),
-        eye: DVec3,
+        eye: impl Into<Viewpoint>,
         pixel: DVec2,
         half: f64,
         depth: f64,
     ) -> Option<Self> {
         let center = map.display_from_pixel(pixel)?;
+        let eye = eye.into().eye_for(center);
         // Both ways, and their mean: on a curved screen neither alone is tangential.
         let side = |step: DVec2| {
             let (ahead, behind) =
@@ -84,7 +88,8 @@ impl Marker {
         };
         let (right, down) = (side(DVec2::X * half)?, side(DVec2::Y * half)?);
         let center = eye + (center - eye) * depth;
-        Some(Self { channel, center, right, up: -down })
+        let is_on_screen = depth == 1.0;
+        Some(Self { channel, is_on_screen, center, right, up: -down })
     }
 
     /// How far the marker is from `around`, where it must be, in the picture of a channel whose eye
@@ -93,11 +98,12 @@ impl Marker {
         &self,
         map: &PixelMap<'_>,
         light: &Light,
-        eye: DVec3,
+        eye: impl Into<Viewpoint>,
         offset: DVec3,
         (around, half): (DVec2, f64),
     ) -> Reading {
-        let place_at = |pixel: DVec2| self.place(eye, map.display_from_pixel(pixel)?, offset);
+        let eye = eye.into();
+        let place_at = |pixel: DVec2| self.place(&eye, map.display_from_pixel(pixel)?, offset);
         let slope_at = |pixel: DVec2, at: DVec2| {
             let (across, down) =
                 (place_at(pixel + DVec2::X)? - at, place_at(pixel + DVec2::Y)? - at);
@@ -145,11 +151,12 @@ impl Marker {
     pub fn seen_at(
         &self,
         map: &PixelMap<'_>,
-        eye: DVec3,
+        eye: impl Into<Viewpoint>,
         offset: DVec3,
         size: UVec2,
     ) -> Option<DVec2> {
         let size = size.as_dvec2();
+        let eye = &eye.into();
         let mut pixel = size / 2.0;
         for _ in 0..NEWTON_STEPS {
             let here = self.place(eye, map.display_from_pixel(pixel)?, offset)?;
@@ -184,7 +191,8 @@ impl Marker {
     }
 
     /// Where the ray from the eye through a point meets the marker: (±1, ±1) are its corners.
-    fn place(&self, eye: DVec3, point: DVec3, offset: DVec3) -> Option<DVec2> {
+    fn place(&self, eye: &Viewpoint, point: DVec3, offset: DVec3) -> Option<DVec2> {
+        let eye = eye.eye_for(point);
         let normal = self.right.cross(self.up);
         let center = self.center + offset;
         let direction = point - eye;

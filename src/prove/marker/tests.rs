@@ -26,7 +26,8 @@ fn screens() -> [Screen; 2] {
 fn drawn(marker: &Marker, map: &PixelMap<'_>, moved: DVec2) -> Light {
     let at = |i: u32| {
         let pixel = DVec2::new(f64::from(i % SIZE.x), f64::from(i / SIZE.x)) + 0.5 - moved;
-        let place = map.display_from_pixel(pixel).and_then(|p| marker.place(EYE, p, DVec3::ZERO));
+        let place =
+            map.display_from_pixel(pixel).and_then(|p| marker.place(&EYE.into(), p, DVec3::ZERO));
         let light = place.filter(|place| place.abs().max_element() < 1.0).map_or(0.0, gauss);
         let code = (linear_code(light) * 255.0).round() / 255.0;
         linear_light(code) as f32
