@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Context;
 use glam::{DVec2, DVec3};
 use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, Capture};
+use polyptych_client::{Camera, Capture, Picture};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::pixels::PixelMap;
@@ -32,7 +32,7 @@ const SEAM_MAX_PX: f64 = 0.05;
 const JITTER_MAX_PX: f64 = 0.01;
 
 /// Half side of a marker in pixels, where the channel has room.
-const HALF_PX: f64 = 32.0;
+pub(super) const HALF_PX: f64 = 32.0;
 
 /// The smallest of which a place can be told.
 const HALF_MIN_PX: f64 = 4.0;
@@ -59,10 +59,10 @@ const NEARS_MIN: f64 = 1.5;
 const DEPTHS: [f64; 3] = [1.0, 1.7, 5.0];
 
 /// A channel, and where its pixels and its eye are.
-struct Seen<'a> {
-    id: ChannelId,
-    name: &'a str,
-    map: PixelMap<'a>,
+pub(super) struct Seen<'a> {
+    pub id: ChannelId,
+    pub name: &'a str,
+    pub map: PixelMap<'a>,
     eye: Viewpoint,
     half: f64,
     is_warped: bool,
@@ -136,7 +136,8 @@ pub(super) fn prove(
     Ok(())
 }
 
-fn channels(shaped: Shaped<'_>) -> Vec<Seen<'_>> {
+/// The channels that are large enough for markers.
+pub(super) fn channels(shaped: Shaped<'_>) -> Vec<Seen<'_>> {
     let wall = shaped.wall;
     let head = Head::at(wall.eye, wall.eye_separation_m);
     let seen = |id| {
@@ -215,16 +216,13 @@ fn find(
 ) -> anyhow::Result<Vec<Found>> {
     let mut all = Vec::new();
     for (at, channel) in seen.iter().enumerate() {
-        let picture = capture.channels.iter().find(|picture| picture.name == channel.name);
-        let picture = picture.with_context(|| {
-            let why = capture.missing.iter().find(|(name, _)| name == channel.name);
-            let why = why.map_or("it sent none", |(_, why)| why);
-            format!("channel {} has no picture: {why}", channel.name)
-        })?;
+        let picture = picture_of(capture, channel.name)?;
         let light: Light = light::of(drawn, wall, channel.id, picture)?;
         for (index, marker) in markers.iter().enumerate() {
             let is_own = marker.channel == channel.id;
-            let pixel = marker.seen_at(&channel.map, channel.eye, offset, light.size);
+            let sight = marker::sight(&channel.map, channel.eye);
+            let from = light.size.as_dvec2() / 2.0;
+            let pixel = marker.seen_at(&sight, offset, (light.size, from));
             // Another channel's marker counts where all of it is seen.
             let inset = DVec2::splat(if is_own { 0.0 } else { channel.half * 1.5 });
             let is_whole = |pixel: &DVec2| {
@@ -232,7 +230,7 @@ fn find(
             };
             let reading = pixel.filter(is_whole).map_or(Reading::Missing, |pixel| {
                 let around = (pixel, channel.half);
-                marker.read(&channel.map, &light, channel.eye, offset, around)
+                marker.read(&sight, &light, offset, around)
             });
             match (pixel, reading) {
                 (Some(pixel), Reading::Off(error_px)) => {
@@ -245,6 +243,18 @@ fn find(
         }
     }
     Ok(all)
+}
+
+/// The picture of a channel.
+///
+/// # Errors
+/// Why there is none.
+pub(super) fn picture_of<'a>(capture: &'a Capture, name: &str) -> anyhow::Result<&'a Picture> {
+    let picture = capture.channels.iter().find(|picture| picture.name == name);
+    picture.with_context(|| {
+        let why = capture.missing.iter().find(|(missing, _)| missing == name);
+        format!("channel {name} has no picture: {}", why.map_or("it sent none", |(_, why)| why))
+    })
 }
 
 impl Found {
@@ -273,7 +283,7 @@ impl Found {
 
 /// The largest of these numbers and where it is; a number that is none is the largest, and none at
 /// all are no number: nothing is proved by what could not be read.
-fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, String) {
+pub(super) fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, String) {
     let mut numbers = numbers.peekable();
     if numbers.peek().is_none() {
         return (f64::NAN, "nowhere".to_owned());
@@ -290,6 +300,19 @@ fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, String) {
     worst
 }
 
+/// Points that are not on the screen, for eyes of omnidirectional stereo.
+fn report_deep(table: &mut Table, (wall, seen): (&Wall, &[Seen<'_>]), deep: &[&Found], at: &str) {
+    if deep.is_empty() {
+        return;
+    }
+    let errors =
+        deep.iter().map(|found| (found.error_px.length(), seen[found.channel].name.to_owned()));
+    let (error, place) = worst(errors);
+    let most = Some(Target::AtMost(wall.stereo.error_max_px + WARPED_ERROR_MAX_PX));
+    let note = format!("{place}, against an eye of its own for each pixel");
+    table.add(format!("omnidirectional stereo behind the screen{at}"), error, "px", most, note);
+}
+
 fn report(
     table: &mut Table,
     (wall, seen, markers): (&Wall, &[Seen<'_>], &[Marker]),
@@ -304,14 +327,7 @@ fn report(
     };
     let all = || frames.iter().flatten().filter(|found| !is_deep(found));
     let deep: Vec<&Found> = frames.iter().flatten().filter(is_deep).collect();
-    if !deep.is_empty() {
-        let errors =
-            deep.iter().map(|found| (found.error_px.length(), seen[found.channel].name.to_owned()));
-        let (error, place) = worst(errors);
-        let most = Some(Target::AtMost(wall.stereo.error_max_px + WARPED_ERROR_MAX_PX));
-        let note = format!("{place}, against an eye of its own for each pixel");
-        table.add(format!("omnidirectional stereo behind the screen{at}"), error, "px", most, note);
-    }
+    report_deep(table, (wall, seen), &deep, at);
     for is_warped in [false, true] {
         if !seen.iter().any(|channel| channel.is_warped == is_warped) {
             continue;

@@ -68,7 +68,29 @@ pub(crate) enum Reading {
     Missing,
 }
 
+/// From an eye, in a direction.
+pub(crate) type Ray = (DVec3, DVec3);
+
+/// What the pixels of a channel see through its screen.
+pub(crate) fn sight(
+    map: &PixelMap<'_>,
+    eye: impl Into<Viewpoint>,
+) -> impl Fn(DVec2) -> Option<Ray> {
+    let eye = eye.into();
+    move |pixel| {
+        let point = map.display_from_pixel(pixel)?;
+        let eye = eye.eye_for(point);
+        Some((eye, point - eye))
+    }
+}
+
 impl Marker {
+    /// A marker for whichever channels show it: its middle, and from there to its right and upper
+    /// edges.
+    pub fn new(center: DVec3, right: DVec3, up: DVec3) -> Self {
+        Self { channel: ChannelId(u16::MAX), is_on_screen: false, center, right, up }
+    }
+
     /// A marker of a half side of `half` pixels around a pixel of a channel, `depth` times as far
     /// from the eye as the screen is. `None` where the channel's pixels there lie nowhere.
     pub fn at(
@@ -92,18 +114,16 @@ impl Marker {
         Some(Self { channel, is_on_screen, center, right, up: -down })
     }
 
-    /// How far the marker is from `around`, where it must be, in the picture of a channel whose eye
-    /// is there while the marker has moved by `offset` metres.
+    /// How far the marker is from `around`, where it must be, in the picture of a channel that is
+    /// seen so while the marker has moved by `offset` metres.
     pub fn read(
         &self,
-        map: &PixelMap<'_>,
+        sight: impl Fn(DVec2) -> Option<Ray>,
         light: &Light,
-        eye: impl Into<Viewpoint>,
         offset: DVec3,
         (around, half): (DVec2, f64),
     ) -> Reading {
-        let eye = eye.into();
-        let place_at = |pixel: DVec2| self.place(&eye, map.display_from_pixel(pixel)?, offset);
+        let place_at = |pixel: DVec2| self.place(sight(pixel)?, offset);
         let slope_at = |pixel: DVec2, at: DVec2| {
             let (across, down) =
                 (place_at(pixel + DVec2::X)? - at, place_at(pixel + DVec2::Y)? - at);
@@ -146,25 +166,20 @@ impl Marker {
         }
     }
 
-    /// The pixel at which a channel must show the marker, found by Newton's method from the
-    /// channel's middle; `None` where it does not show its middle.
+    /// The pixel at which a channel must show the marker, found by Newton's method from
+    /// `from`; `None` where it does not show its middle.
     pub fn seen_at(
         &self,
-        map: &PixelMap<'_>,
-        eye: impl Into<Viewpoint>,
+        sight: impl Fn(DVec2) -> Option<Ray>,
         offset: DVec3,
-        size: UVec2,
+        (size, from): (UVec2, DVec2),
     ) -> Option<DVec2> {
         let size = size.as_dvec2();
-        let eye = &eye.into();
-        let mut pixel = size / 2.0;
+        let mut pixel = from;
+        let place_at = |pixel: DVec2| self.place(sight(pixel)?, offset);
         for _ in 0..NEWTON_STEPS {
-            let here = self.place(eye, map.display_from_pixel(pixel)?, offset)?;
-            let slope = |by: DVec2| {
-                let ahead = self.place(eye, map.display_from_pixel(pixel + by)?, offset)?;
-                let behind = self.place(eye, map.display_from_pixel(pixel - by)?, offset)?;
-                Some((ahead - behind) / 2.0)
-            };
+            let here = place_at(pixel)?;
+            let slope = |by: DVec2| Some((place_at(pixel + by)? - place_at(pixel - by)?) / 2.0);
             let step = DMat2::from_cols(slope(DVec2::X)?, slope(DVec2::Y)?).inverse() * here;
             // Not beyond where the picture could lie: far out a curved screen may have no points.
             pixel = (pixel - step).clamp(-size * 0.02, size * 1.02);
@@ -172,7 +187,7 @@ impl Marker {
                 return None;
             }
         }
-        let is_there = self.place(eye, map.display_from_pixel(pixel)?, offset)?.length() < 1e-6;
+        let is_there = place_at(pixel)?.length() < 1e-6;
         let is_inside = pixel.cmpgt(DVec2::ZERO).all() && pixel.cmplt(size).all();
         (is_there && is_inside).then_some(pixel)
     }
@@ -190,12 +205,10 @@ impl Marker {
         self.right.cross(self.up).normalize().dot(self.center - eye).abs()
     }
 
-    /// Where the ray from the eye through a point meets the marker: (±1, ±1) are its corners.
-    fn place(&self, eye: &Viewpoint, point: DVec3, offset: DVec3) -> Option<DVec2> {
-        let eye = eye.eye_for(point);
+    /// Where a ray meets the marker: (±1, ±1) are its corners.
+    pub fn place(&self, (eye, direction): Ray, offset: DVec3) -> Option<DVec2> {
         let normal = self.right.cross(self.up);
         let center = self.center + offset;
-        let direction = point - eye;
         let t = normal.dot(center - eye) / normal.dot(direction);
         let from = eye + direction * t - center;
         // Its sides are not perpendicular where a projector throws askew.

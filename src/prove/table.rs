@@ -138,7 +138,8 @@ fn short(number: f64) -> String {
 /// What the rows of this kind mean, for whoever reads the table for the first time; with the
 /// beginning of `what` that they share.
 fn meaning(what: &str) -> Option<(&'static str, &'static str)> {
-    const MEANINGS: [(&str, &str); 16] = [
+    const MEANINGS: [(&str, &str); 17] = [
+        ("points in views", "the same in a camera's own picture that lies on a screen"),
         (
             "omnidirectional stereo",
             "by how much each eye sees points off that are not on the screen, against an eye of \

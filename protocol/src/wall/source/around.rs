@@ -25,9 +25,9 @@ use super::{SOURCE_CELLS_MAX, SourceError, WarpMesh};
 use crate::wall::Viewpoint;
 use crate::wall::warp_mesh::WarpVertex;
 
-/// By how much of the allowed error the eye may differ from one end of an edge to the other: parts
+/// By how much of the allowed error the eye may differ from the middle of an edge to its end: parts
 /// are made of whole triangles.
-const EDGE_SHARE: f64 = 1.0;
+const EDGE_SHARE: f64 = 0.5;
 
 /// A part of a mesh, as the eyes see it.
 #[derive(Debug)]
@@ -46,6 +46,8 @@ struct Sample {
     /// From the head to its middle: azimuth and elevation in radians.
     azimuth: f64,
     elevation: f64,
+    /// From the head to the eye of its first corner, in metres.
+    apart_m: f64,
     /// For each viewpoint and corner.
     corners: Vec<Corner>,
 }
@@ -94,11 +96,15 @@ impl WarpMesh {
         });
         let Some((viewpoint, around)) = around else { return self };
         let is_long = |a: &WarpVertex, b: &WarpVertex| {
-            let toward = (a.point.midpoint(b.point) - around.head).normalize_or_zero();
-            let moved = viewpoint.eye_for(b.point) - viewpoint.eye_for(a.point);
-            let seen = moved - toward * moved.dot(toward);
+            // The ends may see the middle alike from both sides.
+            let eye = viewpoint.eye_for(a.point.midpoint(b.point));
+            let off_m = |end: &WarpVertex| {
+                let toward = (end.point - around.head).normalize_or_zero();
+                let moved = eye - viewpoint.eye_for(end.point);
+                (moved - toward * moved.dot(toward)).length()
+            };
             let pitch = a.point.distance(b.point) / a.pixel.distance(b.pixel);
-            seen.length() > EDGE_SHARE * around.error_max_px * pitch
+            off_m(a).max(off_m(b)) > EDGE_SHARE * around.error_max_px * pitch
         };
         self.divided(is_long)
     }
@@ -155,13 +161,14 @@ impl Sample {
             let ray = if ray.is_finite() { ray } else { DVec3::ZERO };
             Corner { eye, ray, normal, pixel_m: across.length().max(down.length()) }
         };
-        let corners = viewpoints
+        let corners: Vec<Corner> = viewpoints
             .iter()
             .flat_map(|viewpoint| facet.rays.map(|ray| corner(viewpoint, ray)))
             .collect();
         Self {
             azimuth: middle.x.atan2(-middle.z),
             elevation: middle.y.atan2(middle.x.hypot(middle.z)),
+            apart_m: corners.first().map_or(0.0, |corner| corner.eye.distance(head)),
             facet,
             corners,
         }
@@ -194,7 +201,8 @@ impl Cell {
         Self { samples, error_px, groups }
     }
 
-    /// Divided by azimuth or elevation, whichever leaves the worse half less wrong.
+    /// Divided by azimuth, by how far the eyes are apart, or by elevation, whichever leaves the
+    /// worse half less wrong.
     fn halves(self, head: DVec3, viewpoints: &[Viewpoint]) -> Vec<Self> {
         // Azimuths count from the middle of the part, that none lies behind the viewer.
         let (sin, cos) = self.samples.iter().fold((0.0, 0.0), |(sin, cos), sample| {
@@ -207,16 +215,21 @@ impl Cell {
         };
         let by_azimuth = divide(&self.samples, azimuth);
         let by_elevation = divide(&self.samples, |sample| sample.elevation);
-        let candidates = [by_azimuth, by_elevation].into_iter().flatten();
+        let by_eyes = divide(&self.samples, |sample| sample.apart_m);
+        let candidates = [by_azimuth, by_eyes, by_elevation].into_iter().flatten();
         let cells = candidates
             .map(|halves| halves.map(|half| Self::new(half, head, viewpoints)))
             .min_by(|a, b| {
                 let [a, b] = [a, b].map(|halves| {
-                    let rank = halves.iter().map(|half| half.error_px).fold(0.0, f64::max);
+                    let [one, other] = [0, 1].map(|half| halves[half].error_px);
                     let spans = halves.iter().map(Self::span).sum::<f64>();
-                    (rank, spans)
+                    [one.max(other), one.min(other), spans]
                 });
-                a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
+                a.iter()
+                    .zip(&b)
+                    .map(|(a, b)| a.total_cmp(b))
+                    .find(|order| order.is_ne())
+                    .unwrap_or(std::cmp::Ordering::Equal)
             });
         cells.map_or_else(|| self.unequal_halves(head, viewpoints), Vec::from)
     }

@@ -1,5 +1,6 @@
 //! Omnidirectional stereo as it is drawn, against rays in f64 that have an eye for each pixel.
 
+use polyptych_protocol::wall::projector::Projector;
 use polyptych_protocol::wall::{StereoMode, StereoRule};
 
 use super::*;
@@ -7,12 +8,11 @@ use super::*;
 /// Off by no more than this on the screen, in pixels, however many pictures it is drawn from.
 const SCREEN_MAX_PX: f64 = 0.05;
 
-/// A wall for both eyes, drawn for one of them; the eyes are far apart, so that much is seen.
-fn around(surface: Surface, size: [u32; 2], eye: EyeOf, error_max_px: f64) -> Wall {
+/// A wall for both eyes, which are far apart, so that much is seen.
+fn around(surface: Surface, size: [u32; 2], error_max_px: f64) -> Wall {
     let mut wall = wall(surface, size);
     wall.stereo = StereoRule { mode: StereoMode::Omnidirectional, error_max_px };
     wall.eye_separation_m = 0.3;
-    wall.channels[0].adjustment.eye = eye;
     wall
 }
 
@@ -30,12 +30,13 @@ fn ideal(wall: &Wall, spot: &Spot) -> Vec<f64> {
     pixels.map(|pixel| light(pixel).unwrap_or(0.0)).collect()
 }
 
-/// Draws all spots at once, and returns where each is for each eye; those at `screen_m` from the
-/// middle lie on the screen.
-fn places(name: &str, surface: &Surface, size: [u32; 2], spots: &[Spot]) -> Vec<[DVec2; 2]> {
+/// Draws all spots at once, and returns where each is for each eye. The screen is 3 m away: spots
+/// there lie on it.
+fn places(name: &str, wall: &Wall, spots: &[Spot]) -> Vec<[DVec2; 2]> {
     let mut found = vec![[DVec2::ZERO; 2]; spots.len()];
     for (side, eye) in [EyeOf::Left, EyeOf::Right].into_iter().enumerate() {
-        let wall = around(surface.clone(), size, eye, 0.25);
+        let mut wall = wall.clone();
+        wall.channels[0].adjustment.eye = eye;
         let plan = Plan::new(&wall, &Maps::default(), ChannelId(0)).expect("a plan");
         let plan = plan.expect("a correction");
         let mut corrector = Corrector::new(gpu(), plan, &wall, None).expect("a corrector");
@@ -54,19 +55,22 @@ fn places(name: &str, surface: &Surface, size: [u32; 2], spots: &[Spot]) -> Vec<
         let (mut on_screen, mut off_screen) = (0f64, 0f64);
         for (spot, found) in spots.iter().zip(&mut found) {
             let wanted = ideal(&wall, spot);
-            let width = size[0] as usize;
+            let width = wall.channels[0].size.x as usize;
             let (is, should) = (measure(&light, &wanted, width), measure(&wanted, &wanted, width));
             assert!(should.sum > 5.0, "{name}: the spot at {} is not shown", spot.place);
             let off = is.middle.distance(should.middle);
             let is_on = (spot.place.length() - 3.0).abs() < 0.1;
             let worst = if is_on { &mut on_screen } else { &mut off_screen };
             *worst = worst.max(off);
-            assert!((is.sum / should.sum - 1.0).abs() < 0.03, "{name}: {} {is:?}", spot.place);
+            // Where parts meet whose eyes differ, a little is shown twice, or not at all.
+            let light = is.sum / should.sum;
+            assert!((light - 1.0).abs() < 0.05, "{name}: {} has {light}", spot.place);
             found[side] = is.middle;
         }
         println!("{name}, {eye:?}: on the screen {on_screen:.4}, off it {off_screen:.4} px");
         assert!(on_screen <= SCREEN_MAX_PX, "{name}: off by {on_screen} px on the screen");
-        assert!(off_screen <= 0.25 + SCREEN_MAX_PX, "{name}: off by {off_screen} px");
+        let allowed = wall.stereo.error_max_px + SCREEN_MAX_PX;
+        assert!(off_screen <= allowed, "{name}: off by {off_screen} px");
     }
     found
 }
@@ -82,7 +86,8 @@ fn a_ring_has_depth_in_all_directions() {
             .map(|azimuth| Spot { place: toward(*azimuth, 0.1, distance), half })
             .collect();
         let size = [1200, 128];
-        let found = places(&format!("ring, {distance} m"), &ring, size, &spots);
+        let wall = around(ring.clone(), size, 0.25);
+        let found = places(&format!("ring, {distance} m"), &wall, &spots);
         // Two eyes that look there are 0.3 m apart: on the screen by as much less as it is near.
         let pixel_m = TAU * 3.0 / f64::from(size[0]);
         let level = distance * 0.1f64.cos();
@@ -103,12 +108,22 @@ fn a_dome_has_none_at_its_top() {
         azimuth_rad: [-PI, PI],
         elevation_rad: [0.0, PI / 2.0],
     });
-    let spots: Vec<_> = [(-2.5, 0.5), (-1.0, 0.5), (0.5, 0.5), (2.0, 0.5), (2.7, 1.42)]
-        .map(|(azimuth, elevation)| Spot { place: toward(azimuth, elevation, 9.0), half: 1.3 })
+    let spots: Vec<_> = [(-2.5, 0.95), (-1.0, 0.95), (0.5, 0.95), (2.0, 0.95), (2.7, 1.5)]
+        .map(|(azimuth, elevation)| Spot { place: toward(azimuth, elevation, 9.0), half: 0.9 })
         .into();
-    let found = places("dome", &dome, [600, 150], &spots);
-    for [left, right] in &found[..4] {
-        assert!(right.x - left.x > 4.0, "{left}, {right}");
+    let mut wall = around(dome, [1024, 256], 1.0);
+    wall.channels[0].size = UVec2::new(220, 220);
+    wall.channels[0].cover = Cover::Projector(Box::new(Projector {
+        position: DVec3::new(0.1, 0.0, 0.05),
+        rotation: DQuat::from_rotation_x(PI / 2.0),
+        tangents: [-1.0, 1.0, -1.0, 1.0],
+    }));
+    let found = places("dome", &wall, &spots);
+    for ([left, right], spot) in found[..4].iter().zip(&spots) {
+        // The picture's upper edge is behind the viewer, its right edge at the right.
+        let to_the_right = DVec2::new(-spot.place.z, -spot.place.x).normalize();
+        let apart = (*right - *left).dot(to_the_right);
+        assert!(apart > 4.0, "{apart} px, {left}, {right} of {}", spot.place);
     }
     let [left, right] = found[4];
     assert!(left.distance(right) < 0.1, "{left}, {right}");
@@ -120,6 +135,6 @@ fn a_flat_tile_has_eyes_of_its_own_in_each_part() {
     let spots: Vec<_> = [-0.6, -0.1, 0.5]
         .map(|azimuth| Spot { place: toward(azimuth, 0.0, 9.0), half: 1.1 })
         .into();
-    let found = places("tile", &plane, [480, 160], &spots);
+    let found = places("tile", &around(plane, [480, 160], 0.25), &spots);
     assert!(found.iter().all(|[left, right]| right.x > left.x + 4.0), "{found:?}");
 }
