@@ -6,6 +6,7 @@ mod light;
 mod marker;
 mod oracle;
 mod table;
+mod views;
 
 use std::path::{Path, PathBuf};
 
@@ -65,7 +66,7 @@ pub(crate) fn prove(
     let built = Shaped { wall: built, shapes: &built_shapes };
     let judged: Vec<u16> =
         (0..wall.screens.len() as u16).filter(|&index| oracle::can_judge(wall, index)).collect();
-    let mut steps = Steps::new((4 + geometry::SCENES + judged.len()) as u64);
+    let mut steps = Steps::new((5 + geometry::SCENES + judged.len()) as u64);
     steps.begin("computing blends and sampling of all channels");
     light::prove_sampling(shaped, &mut table)?;
     let corrections = light::corrections(shaped, &files);
@@ -81,6 +82,9 @@ pub(crate) fn prove(
         let places = (prover.folder.as_path(), &mut steps);
         let drawn = light::Drawn { wall, corrections: &corrections };
         geometry::prove(&local.client, (built, drawn), places, &mut table, keep)?;
+        steps.begin("looking for markers in views of their own");
+        let keep = |capture: &Capture| prover.save_all("views", capture);
+        views::prove(&local.client, (built, drawn), &prover.folder, &mut table, keep)?;
         steps.begin("drawing the scene on the wall");
         prover.show(&local, wall)?
     };

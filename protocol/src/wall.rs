@@ -30,6 +30,7 @@ pub mod table;
 mod tiling;
 pub mod unfold;
 pub mod view;
+pub mod viewpoint;
 pub mod warp;
 pub mod warp_mesh;
 
@@ -40,6 +41,7 @@ pub use adjustment::{Adjustment, Bits, Color, Curve, Edges, EyeOf, Packing, Ramp
 pub use channel::{Channel, Cover, Projection};
 pub use screen::{Bezel, Screen};
 pub use surface::Surface;
+pub use viewpoint::{StereoMode, StereoRule, Viewpoint};
 
 use crate::ids::{BlobHash, ChannelId};
 use crate::limits::{
@@ -67,6 +69,8 @@ pub struct Wall {
     pub eye: DVec3,
     /// From the left eye to the right one, in metres; channels for one eye see from half of it.
     pub eye_separation_m: f64,
+    /// How the pictures of stereo channels are made.
+    pub stereo: StereoRule,
     /// Distance of the near plane from the eye, in metres of display space; the same for all
     /// channels, so that depth agrees.
     pub near_m: f64,
@@ -166,6 +170,7 @@ impl Wall {
             channels,
             eye: DVec3::ZERO,
             eye_separation_m: EYE_SEPARATION_DEFAULT_M,
+            stereo: StereoRule::default(),
             near_m: NEAR_DEFAULT_M,
             samples: 1,
             blend: BlendRule::default(),
@@ -203,6 +208,9 @@ impl Wall {
         let BlendRule { exponent, leak } = self.blend;
         if !(is_separate && exponent > 0.0 && exponent.is_finite() && (0.0..1.0).contains(&leak)) {
             return Some("the eye separation or the rule of blends is out of range".into());
+        }
+        if !self.stereo.is_sound() {
+            return Some("the error of omnidirectional stereo is out of range".into());
         }
         if self.files.len() > WALL_FILES_MAX {
             return Some(format!("the wall has more than {WALL_FILES_MAX} files"));

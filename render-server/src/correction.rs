@@ -20,7 +20,7 @@ use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 use polyptych_protocol::wall::warp::Mask;
 use polyptych_protocol::wall::warp_mesh::WarpMesh;
-use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, MapFile, Wall};
+use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, MapFile, Viewpoint, Wall};
 
 use crate::apply;
 use crate::output::Output;
@@ -56,6 +56,7 @@ pub(crate) struct Plan {
 #[derive(Clone, Debug, PartialEq)]
 struct Form {
     eye: DVec3,
+    eyes: Vec<Viewpoint>,
     screen: wall::Screen,
     /// Without its colours and the widths of its blends.
     channel: wall::Channel,
@@ -68,7 +69,8 @@ impl Form {
         let Adjustment { pin, bend, warp, .. } = std::mem::take(&mut channel.adjustment);
         channel.adjustment = Adjustment { pin, bend, warp, ..Adjustment::default() };
         let screen = wall.screen_of(&channel).clone();
-        Self { eye: wall.eye, screen, channel, files: wall.files.clone() }
+        let eyes = wall.viewpoints(&channel);
+        Self { eye: wall.eye, eyes, screen, channel, files: wall.files.clone() }
     }
 }
 
@@ -125,7 +127,9 @@ impl Plan {
         let wall = shaped.wall;
         let channel = wall.channel(id).ok_or("the wall has no such channel")?;
         let adjustment = &channel.adjustment;
-        let is_tile = channel.cover == Cover::Tile && wall.screen_of(channel).plane().is_some();
+        let is_flat = channel.cover == Cover::Tile && wall.screen_of(channel).plane().is_some();
+        // Parts of a picture with eyes of their own are drawn as those of a curve are.
+        let is_tile = is_flat && !wall.is_omnidirectional(channel);
         let light_inputs = blend.light_inputs(id).ok_or("the wall has no such channel")?;
         let light_map = match known.filter(|known| known.light_inputs == light_inputs) {
             Some(known) => known.desc.light_map.clone(),
@@ -141,7 +145,7 @@ impl Plan {
             _ if is_tile && !is_bent => (None, None),
             Some(known) => (known.warp.clone(), known.desc.warp.clone()),
             None => {
-                let warp = shaped.drawn_mesh(maps, id)?;
+                let warp = shaped.drawn_mesh(maps, id)?.refined_for(&wall.viewpoints(channel));
                 let drawn = renderer_mesh(&warp);
                 (Some(Arc::new(warp)), Some(Arc::new(drawn)))
             }
@@ -166,6 +170,10 @@ impl Plan {
 }
 
 impl Plan {
+    fn viewpoints(&self, wall: &Wall, head: &Head) -> Vec<Viewpoint> {
+        self.eyes.iter().map(|eye| wall.viewpoint(head, *eye)).collect()
+    }
+
     /// The plan as the display of the channel of this name can show it.
     pub fn shown_by(&self, name: &str, takes_fine_codes: bool) -> Self {
         let mut plan = self.clone();
@@ -351,7 +359,7 @@ impl Corrector {
         if self.plan.warp.is_none() {
             return Ok(layers);
         }
-        let eyes: Vec<_> = self.plan.eyes.iter().map(|eye| frame.head.eye(*eye)).collect();
+        let eyes = self.plan.viewpoints(wall, &frame.head);
         let (maps, shapes) = (self.plan.maps.clone(), self.plan.shapes.clone());
         let shaped = Shaped { wall, shapes: &shapes };
         let ground = Ground { gpu, shaped, maps: &maps, channel: self.plan.channel };
@@ -391,7 +399,7 @@ impl Corrector {
     }
 
     fn shots(&mut self, gpu: &Gpu, wall: &Wall, head: &Head) -> Result<&Shots, String> {
-        let eyes: Vec<_> = self.plan.eyes.iter().map(|eye| head.eye(*eye)).collect();
+        let eyes = self.plan.viewpoints(wall, head);
         let known = self.shots.take().filter(|shots| shots.is_for(&eyes));
         let shots = if let Some(shots) = known {
             shots

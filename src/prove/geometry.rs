@@ -5,12 +5,12 @@ use std::path::Path;
 use anyhow::Context;
 use glam::{DVec2, DVec3};
 use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, Capture};
+use polyptych_client::{Camera, Capture, Picture};
 use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::wall::pixels::PixelMap;
 use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::{Channel, Cover, Wall};
+use polyptych_protocol::wall::{Channel, Cover, Viewpoint, Wall};
 
 use super::light::{self, Drawn};
 use super::marker::{self, Light, Marker, Reading};
@@ -32,7 +32,7 @@ const SEAM_MAX_PX: f64 = 0.05;
 const JITTER_MAX_PX: f64 = 0.01;
 
 /// Half side of a marker in pixels, where the channel has room.
-const HALF_PX: f64 = 32.0;
+pub(super) const HALF_PX: f64 = 32.0;
 
 /// The smallest of which a place can be told.
 const HALF_MIN_PX: f64 = 4.0;
@@ -59,11 +59,11 @@ const NEARS_MIN: f64 = 1.5;
 const DEPTHS: [f64; 3] = [1.0, 1.7, 5.0];
 
 /// A channel, and where its pixels and its eye are.
-struct Seen<'a> {
-    id: ChannelId,
-    name: &'a str,
-    map: PixelMap<'a>,
-    eye: DVec3,
+pub(super) struct Seen<'a> {
+    pub id: ChannelId,
+    pub name: &'a str,
+    pub map: PixelMap<'a>,
+    eye: Viewpoint,
     half: f64,
     is_warped: bool,
 }
@@ -105,7 +105,7 @@ pub(super) fn prove(
     if markers.is_empty() {
         return Ok(());
     }
-    let distances = seen.iter().flat_map(|s| markers.iter().map(|m| m.distance_m(s.eye)));
+    let distances = seen.iter().flat_map(|s| markers.iter().map(|m| m.distance_m(s.eye.middle())));
     let step_m = STEP * distances.fold(1.0, f64::min);
     for offset_m in OFFSETS_M {
         let count = counted(markers.len(), "marker");
@@ -131,18 +131,19 @@ pub(super) fn prove(
             frames.push(find((wall, drawn), &seen, &markers, &capture, -shift)?);
         }
         let at = if offset_m == 0.0 { String::new() } else { format!(", {offset_m:e} m away") };
-        report(table, &seen, &frames, markers.len(), &at);
+        report(table, (wall, &seen, &markers), &frames, &at);
     }
     Ok(())
 }
 
-fn channels(shaped: Shaped<'_>) -> Vec<Seen<'_>> {
+/// The channels that are large enough for markers.
+pub(super) fn channels(shaped: Shaped<'_>) -> Vec<Seen<'_>> {
     let wall = shaped.wall;
     let head = Head::at(wall.eye, wall.eye_separation_m);
     let seen = |id| {
         let channel = wall.channel(id)?;
         let map = shaped.pixel_map(id)?;
-        let eye = head.eye(light::eye_of(&channel.adjustment));
+        let eye = wall.viewpoint(&head, light::eye_of(&channel.adjustment));
         let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
         let is_warped = is_warped(wall, channel);
         map.display_from_pixel(channel.size.as_dvec2() / 2.0)?;
@@ -159,12 +160,15 @@ pub(super) fn is_warped(wall: &Wall, channel: &Channel) -> bool {
         || adjustment.pin != [DVec2::ZERO; 4]
         || adjustment.bend.is_some()
         || adjustment.warp.is_some()
+        || wall.is_omnidirectional(channel)
 }
 
 /// Nine for each channel, but for those that would lie over others.
 fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
-    // Both eyes see a marker at one place only where it lies on the screen.
-    let is_mono = seen.iter().all(|s| s.eye == wall.eye);
+    // Both eyes see a marker at one place only where it lies on the screen; of those all around it
+    // is known how far apart they see it.
+    let is_around = seen.iter().all(|s| matches!(s.eye, Viewpoint::Around(_)));
+    let is_mono = is_around || seen.iter().all(|s| s.eye == Viewpoint::Fixed(wall.eye));
     let mut markers: Vec<(Marker, DVec3, f64)> = Vec::new();
     for (index, channel) in seen.iter().enumerate() {
         let size = wall.channels[usize::from(channel.id.0)].size.as_dvec2();
@@ -179,7 +183,7 @@ fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
                 let pixel = pixel.lerp(size / 2.0, f64::from(pull) / f64::from(PULLS));
                 let marker = Marker::at(of, channel.eye, pixel, channel.half, depth)?;
                 // Nothing nearer is drawn: a marker that is too near goes further away.
-                let needed = wall.near_m * NEARS_MIN / marker.distance_m(channel.eye);
+                let needed = wall.near_m * NEARS_MIN / marker.distance_m(channel.eye.middle());
                 if needed <= 1.0 {
                     return Some(marker);
                 }
@@ -187,7 +191,10 @@ fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
                 if is_mono { further() } else { None }
             };
             let Some(marker) = (0..PULLS).find_map(nearer) else { continue };
-            let (toward, radius) = marker.cone(channel.eye);
+            let (toward, mut radius) = marker.cone(channel.eye.middle());
+            if is_around && !marker.is_on_screen {
+                radius += wall.eye_separation_m / marker.distance_m(channel.eye.middle());
+            }
             let is_free = |(_, other, other_radius): &(_, DVec3, f64)| {
                 toward.distance(*other) > radius + other_radius
             };
@@ -209,16 +216,14 @@ fn find(
 ) -> anyhow::Result<Vec<Found>> {
     let mut all = Vec::new();
     for (at, channel) in seen.iter().enumerate() {
-        let picture = capture.channels.iter().find(|picture| picture.name == channel.name);
-        let picture = picture.with_context(|| {
-            let why = capture.missing.iter().find(|(name, _)| name == channel.name);
-            let why = why.map_or("it sent none", |(_, why)| why);
-            format!("channel {} has no picture: {why}", channel.name)
-        })?;
+        let picture = picture_of(capture, channel.name)?;
         let light: Light = light::of(drawn, wall, channel.id, picture)?;
         for (index, marker) in markers.iter().enumerate() {
             let is_own = marker.channel == channel.id;
-            let pixel = marker.seen_at((channel.id, &channel.map), channel.eye, offset, light.size);
+            let sight = marker::sight(&channel.map, channel.eye);
+            let middle = light.size.as_dvec2() / 2.0;
+            let from = if is_own { marker.pixel } else { middle };
+            let pixel = marker.seen_at(&sight, offset, (light.size, from));
             // Another channel's marker counts where all of it is seen.
             let inset = DVec2::splat(if is_own { 0.0 } else { channel.half * 1.5 });
             let is_whole = |pixel: &DVec2| {
@@ -226,7 +231,7 @@ fn find(
             };
             let reading = pixel.filter(is_whole).map_or(Reading::Missing, |pixel| {
                 let around = (pixel, channel.half);
-                marker.read(&channel.map, &light, channel.eye, offset, around)
+                marker.read(&sight, &light, offset, around)
             });
             match (pixel, reading) {
                 (Some(pixel), Reading::Off(error_px)) => {
@@ -239,6 +244,18 @@ fn find(
         }
     }
     Ok(all)
+}
+
+/// The picture of a channel.
+///
+/// # Errors
+/// Why there is none.
+pub(super) fn picture_of<'a>(capture: &'a Capture, name: &str) -> anyhow::Result<&'a Picture> {
+    let picture = capture.channels.iter().find(|picture| picture.name == name);
+    picture.with_context(|| {
+        let why = capture.missing.iter().find(|(missing, _)| missing == name);
+        format!("channel {name} has no picture: {}", why.map_or("it sent none", |(_, why)| why))
+    })
 }
 
 impl Found {
@@ -267,7 +284,7 @@ impl Found {
 
 /// The largest of these numbers and where it is; a number that is none is the largest, and none at
 /// all are no number: nothing is proved by what could not be read.
-fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, String) {
+pub(super) fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, String) {
     let mut numbers = numbers.peekable();
     if numbers.peek().is_none() {
         return (f64::NAN, "nowhere".to_owned());
@@ -284,8 +301,34 @@ fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, String) {
     worst
 }
 
-fn report(table: &mut Table, seen: &[Seen<'_>], frames: &[Vec<Found>], count: usize, at: &str) {
-    let all = || frames.iter().flatten();
+/// Points that are not on the screen, for eyes of omnidirectional stereo.
+fn report_deep(table: &mut Table, (wall, seen): (&Wall, &[Seen<'_>]), deep: &[&Found], at: &str) {
+    if deep.is_empty() {
+        return;
+    }
+    let errors =
+        deep.iter().map(|found| (found.error_px.length(), seen[found.channel].name.to_owned()));
+    let (error, place) = worst(errors);
+    let most = Some(Target::AtMost(wall.stereo.error_max_px + WARPED_ERROR_MAX_PX));
+    let note = format!("{place}, against an eye of its own for each pixel");
+    table.add(format!("omnidirectional stereo behind the screen{at}"), error, "px", most, note);
+}
+
+fn report(
+    table: &mut Table,
+    (wall, seen, markers): (&Wall, &[Seen<'_>], &[Marker]),
+    frames: &[Vec<Found>],
+    at: &str,
+) {
+    // Eyes of omnidirectional stereo stand still within each part of a picture: what is not on the
+    // screen has a bound of its own.
+    let is_deep = |found: &&Found| {
+        let is_around = matches!(seen[found.channel].eye, Viewpoint::Around(_));
+        is_around && !markers[found.marker].is_on_screen
+    };
+    let all = || frames.iter().flatten().filter(|found| !is_deep(found));
+    let deep: Vec<&Found> = frames.iter().flatten().filter(is_deep).collect();
+    report_deep(table, (wall, seen), &deep, at);
     for is_warped in [false, true] {
         if !seen.iter().any(|channel| channel.is_warped == is_warped) {
             continue;
@@ -307,7 +350,7 @@ fn report(table: &mut Table, seen: &[Seen<'_>], frames: &[Vec<Found>], count: us
     for frame in frames {
         for (index, one) in frame.iter().enumerate() {
             let others = frame[index + 1..].iter().filter(|other| other.marker == one.marker);
-            for other in others {
+            for other in others.filter(|other| !is_deep(other)) {
                 let apart = one.error_in_display.distance(other.error_in_display);
                 let names = [seen[one.channel].name, seen[other.channel].name].join(" and ");
                 seams.push((apart, names));
@@ -332,6 +375,6 @@ fn report(table: &mut Table, seen: &[Seen<'_>], frames: &[Vec<Found>], count: us
     let (step, place) = worst(jitter.into_iter());
     let is_warped = seen.iter().any(|channel| channel.is_warped);
     let most = if is_warped { WARPED_ERROR_MAX_PX } else { JITTER_MAX_PX };
-    let note = format!("{place} ({count} markers)");
+    let note = format!("{place} ({} markers)", markers.len());
     table.add(format!("jitter{at}"), step, "px", Some(Target::AtMost(most)), note);
 }

@@ -16,7 +16,7 @@ use polyptych_protocol::wall::source::SourcePlan;
 use polyptych_protocol::wall::superposition::{ChannelLight, Side};
 use polyptych_protocol::wall::warp::Mask;
 use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
-use polyptych_protocol::wall::{Adjustment, EyeOf, Packing, Wall};
+use polyptych_protocol::wall::{Adjustment, EyeOf, Packing, Viewpoint, Wall};
 
 use super::marker::Light;
 use super::table::{Table, Target};
@@ -101,26 +101,39 @@ pub(super) fn prove_sampling(shaped: Shaped<'_>, table: &mut Table) -> anyhow::R
     let wall = shaped.wall;
     let head = Head::at(wall.eye, wall.eye_separation_m);
     let mut densities: Vec<(f64, f64, &str)> = Vec::new();
+    let mut stereo: Vec<(f64, String)> = Vec::new();
     for id in wall.channel_ids() {
         let (Some(channel), Some(map)) = (wall.channel(id), shaped.pixel_map(id)) else { continue };
         if !super::geometry::is_warped(wall, channel) {
             continue;
         }
         let point = |pixel: DVec2| map.display_from_pixel(pixel);
-        let mesh = WarpMesh::new(channel.size, MeshRule::default(), point);
+        let eyes: Vec<Viewpoint> = if wall.is_omnidirectional(channel) {
+            wall.viewpoints(channel)
+        } else {
+            vec![head.eye(eye_of(&channel.adjustment)).into()]
+        };
+        let mesh = WarpMesh::new(channel.size, MeshRule::default(), point).refined_for(&eyes);
         if mesh.triangles.is_empty() {
             continue;
         }
-        let eye = head.eye(eye_of(&channel.adjustment));
-        let plan = SourcePlan::new(&mesh, &[eye], wall.near_m, CHANNEL_SIDE_MAX);
+        let plan = SourcePlan::new(&mesh, &eyes, wall.near_m, CHANNEL_SIDE_MAX);
         let plan = plan.with_context(|| format!("channel {}", channel.name))?;
         densities.push((plan.density_min, plan.density_max, &channel.name));
+        if !plan.triangles.is_empty() {
+            let note = format!("{}, {} planes for each eye", channel.name, plan.triangles.len());
+            stereo.push((plan.stereo_error_px, note));
+        }
     }
     let Some(least) = densities.iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(()) };
     let target = Some(Target::AtLeast(DENSITY_MIN));
     table.add("source pixels per pixel, least", least.0, "", target, least.2);
     if let Some(most) = densities.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
         table.add("source pixels per pixel, most", most.1, "", None, most.2);
+    }
+    if let Some((error, note)) = stereo.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
+        let most = Some(Target::AtMost(wall.stereo.error_max_px));
+        table.add("omnidirectional stereo, as planned", error, "px", most, note);
     }
     Ok(())
 }

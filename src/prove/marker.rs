@@ -9,6 +9,7 @@
 
 use glam::{DMat2, DVec2, DVec3, UVec2};
 use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::Viewpoint;
 use polyptych_protocol::wall::pixels::PixelMap;
 use serde_json::{Value, json};
 
@@ -43,8 +44,10 @@ const LIKE_MIN: f64 = 0.9;
 pub(crate) struct Marker {
     /// The channel that it was made for.
     pub channel: ChannelId,
-    /// Where its middle is in that channel's picture.
-    pixel: DVec2,
+    /// Where its middle is in that channel's picture; nowhere where there is none.
+    pub pixel: DVec2,
+    /// Whether it lies on the screen, where all eyes see it at one place.
+    pub is_on_screen: bool,
     center: DVec3,
     /// From the middle to the right edge, and to the upper one.
     right: DVec3,
@@ -70,17 +73,47 @@ pub(crate) enum Reading {
     Missing,
 }
 
+/// From an eye, in a direction.
+pub(crate) type Ray = (DVec3, DVec3);
+
+/// What the pixels of a channel see through its screen.
+pub(crate) fn sight(
+    map: &PixelMap<'_>,
+    eye: impl Into<Viewpoint>,
+) -> impl Fn(DVec2) -> Option<Ray> {
+    let eye = eye.into();
+    move |pixel| {
+        let point = map.display_from_pixel(pixel)?;
+        let eye = eye.eye_for(point);
+        Some((eye, point - eye))
+    }
+}
+
 impl Marker {
+    /// A marker for whichever channels show it: its middle, and from there to its right and upper
+    /// edges.
+    pub fn new(center: DVec3, right: DVec3, up: DVec3) -> Self {
+        Self {
+            channel: ChannelId(u16::MAX),
+            pixel: DVec2::ZERO,
+            is_on_screen: false,
+            center,
+            right,
+            up,
+        }
+    }
+
     /// A marker of a half side of `half` pixels around a pixel of a channel, `depth` times as far
     /// from the eye as the screen is. `None` where the channel's pixels there lie nowhere.
     pub fn at(
         (channel, map): (ChannelId, &PixelMap<'_>),
-        eye: DVec3,
+        eye: impl Into<Viewpoint>,
         pixel: DVec2,
         half: f64,
         depth: f64,
     ) -> Option<Self> {
         let center = map.display_from_pixel(pixel)?;
+        let eye = eye.into().eye_for(center);
         // Both ways, and their mean: on a curved screen neither alone is tangential.
         let side = |step: DVec2| {
             let (ahead, behind) =
@@ -89,20 +122,20 @@ impl Marker {
         };
         let (right, down) = (side(DVec2::X * half)?, side(DVec2::Y * half)?);
         let center = eye + (center - eye) * depth;
-        Some(Self { channel, pixel, center, right, up: -down })
+        let is_on_screen = depth == 1.0;
+        Some(Self { channel, pixel, is_on_screen, center, right, up: -down })
     }
 
-    /// How far the marker is from `around`, where it must be, in the picture of a channel whose eye
-    /// is there while the marker has moved by `offset` metres.
+    /// How far the marker is from `around`, where it must be, in the picture of a channel that is
+    /// seen so while the marker has moved by `offset` metres.
     pub fn read(
         &self,
-        map: &PixelMap<'_>,
+        sight: impl Fn(DVec2) -> Option<Ray>,
         light: &Light,
-        eye: DVec3,
         offset: DVec3,
         (around, half): (DVec2, f64),
     ) -> Reading {
-        let place_at = |pixel: DVec2| self.place(eye, map.display_from_pixel(pixel)?, offset);
+        let place_at = |pixel: DVec2| self.place(sight(pixel)?, offset);
         let slope_at = |pixel: DVec2, at: DVec2| {
             let (across, down) =
                 (place_at(pixel + DVec2::X)? - at, place_at(pixel + DVec2::Y)? - at);
@@ -145,19 +178,17 @@ impl Marker {
         }
     }
 
-    /// The pixel at which a channel must show the marker, found by Newton's method from where the
-    /// marker was made on that channel, or from the middle of another one; `None` where it does
-    /// not show that place.
+    /// The pixel at which a channel must show the marker, found by Newton's method from
+    /// `from`; `None` where it does not show its middle.
     pub fn seen_at(
         &self,
-        (channel, map): (ChannelId, &PixelMap<'_>),
-        eye: DVec3,
+        sight: impl Fn(DVec2) -> Option<Ray>,
         offset: DVec3,
-        size: UVec2,
+        (size, from): (UVec2, DVec2),
     ) -> Option<DVec2> {
         let size = size.as_dvec2();
-        let place_at = |pixel| self.place(eye, map.display_from_pixel(pixel)?, offset);
-        let mut pixel = if channel == self.channel { self.pixel } else { size / 2.0 };
+        let place_at = |pixel: DVec2| self.place(sight(pixel)?, offset);
+        let mut pixel = from;
         let mut here = place_at(pixel)?;
         for _ in 0..NEWTON_STEPS {
             let slope = |by: DVec2| Some((place_at(pixel + by)? - place_at(pixel - by)?) / 2.0);
@@ -195,11 +226,10 @@ impl Marker {
         self.right.cross(self.up).normalize().dot(self.center - eye).abs()
     }
 
-    /// Where the ray from the eye through a point meets the marker: (±1, ±1) are its corners.
-    fn place(&self, eye: DVec3, point: DVec3, offset: DVec3) -> Option<DVec2> {
+    /// Where a ray meets the marker: (±1, ±1) are its corners.
+    pub fn place(&self, (eye, direction): Ray, offset: DVec3) -> Option<DVec2> {
         let normal = self.right.cross(self.up);
         let center = self.center + offset;
-        let direction = point - eye;
         let t = normal.dot(center - eye) / normal.dot(direction);
         let from = eye + direction * t - center;
         // Its sides are not perpendicular where a projector throws askew.

@@ -138,7 +138,13 @@ fn short(number: f64) -> String {
 /// What the rows of this kind mean, for whoever reads the table for the first time; with the
 /// beginning of `what` that they share.
 fn meaning(what: &str) -> Option<(&'static str, &'static str)> {
-    const MEANINGS: [(&str, &str); 15] = [
+    const MEANINGS: [(&str, &str); 17] = [
+        ("points in views", "the same in a camera's own picture that lies on a screen"),
+        (
+            "omnidirectional stereo",
+            "by how much each eye sees points off that are not on the screen, against an eye of \
+             its own for each pixel",
+        ),
         ("source pixels per pixel", "how finely a warped channel is drawn before it is warped"),
         ("sum of blend weights", "flat white of overlapping channels, read from their pictures"),
         ("superposed codes", "error of flat fields where channels come together, of half a level"),

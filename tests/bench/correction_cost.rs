@@ -92,12 +92,16 @@ impl Corrected {
         };
         let planes = plan.planes[0].iter();
         let planes = planes
-            .map(|plane| SourcePlane { clip_from_eye: plane.clip_from_eye(), rect: plane.rect })
+            .map(|plane| SourcePlane {
+                eye_in_display: eye,
+                clip_from_eye: plane.clip_from_eye(),
+                rect: plane.rect,
+            })
             .collect();
         Ok(Self {
             correction: Correction::new(gpu, desc)?,
             plan,
-            eyes: vec![SourceEye { eye_in_display: eye, planes }],
+            eyes: vec![SourceEye { planes, triangles: None }],
             points: mesh.vertices.len(),
             off_px: off_px(&mesh),
         })

@@ -56,7 +56,6 @@ impl Shaped<'_> {
     /// As said.
     pub fn check_files(&self, maps: &Maps) -> Result<(), String> {
         let wall = self.wall;
-        let head = wall.head();
         for (id, channel) in wall.channel_ids().zip(&wall.channels) {
             let file = match (channel.adjustment.warp, &wall.screen_of(channel).surface) {
                 (Some(file), _) | (None, &Surface::Mesh(file)) => usize::from(file),
@@ -69,7 +68,7 @@ impl Shaped<'_> {
             };
             let units = "check the units, the origin and the places of the file, pins and bends";
             let mesh = self.drawn_mesh(maps, id).map_err(|why| about(why, units))?;
-            let eyes: Vec<DVec3> = channel.eyes().iter().map(|eye| head.eye(*eye)).collect();
+            let eyes = wall.viewpoints(channel);
             let plan = SourcePlan::new(&mesh, &eyes, wall.near_m, TEXTURE_SIDE_MAX);
             plan.map_err(|error| {
                 let remedy = match error {

@@ -66,27 +66,31 @@ pub(super) fn angle(a: DVec3, b: DVec3) -> f64 {
     2.0 * (scaled_a - scaled_b).length().atan2((scaled_a + scaled_b).length())
 }
 
-/// The pixels of the flat pictures that are drawn for each pixel of the channel: where and in
-/// which direction they are fewest, and where they are most. They come from the very plan that a
-/// server draws by, with textures of the weakest supported driver.
+/// The very plan that a server draws a channel by, with textures of the weakest supported driver.
 ///
 /// # Errors
 /// Why a server cannot draw the channel: nothing of it is lit, or the eye is on or behind it.
-pub(super) fn sampling(
+pub(super) fn plan(
     of: Shaped<'_>,
     maps: &Maps,
     channel: &Channel,
     map: &PixelMap<'_>,
-) -> Result<[f64; 2], SourceError> {
+) -> Result<SourcePlan, SourceError> {
     let known = of.wall.channel_named(&channel.name).filter(|_| !maps.is_empty());
     let drawn = known.and_then(|(id, _)| of.drawn_mesh(maps, id).ok());
     let mesh = drawn.unwrap_or_else(|| {
         let place = |pixel| map.display_from_pixel(pixel);
         WarpMesh::new(channel.size, MeshRule::default(), place)
     });
-    let plan = SourcePlan::new(&mesh, &[of.wall.eye], of.wall.near_m, TEXTURE_SIDE_MAX)?;
-    let range = [plan.density_min, plan.density_max];
-    range.iter().all(|density| density.is_finite()).then_some(range).ok_or(SourceError::Nothing)
+    let eyes = if of.wall.is_omnidirectional(channel) {
+        of.wall.viewpoints(channel)
+    } else {
+        vec![of.wall.eye.into()]
+    };
+    let mesh = mesh.refined_for(&eyes);
+    let plan = SourcePlan::new(&mesh, &eyes, of.wall.near_m, TEXTURE_SIDE_MAX)?;
+    let is_finite = plan.density_min.is_finite() && plan.density_max.is_finite();
+    if is_finite { Ok(plan) } else { Err(SourceError::Nothing) }
 }
 
 #[cfg(test)]
@@ -114,8 +118,8 @@ mod tests {
         let channel = Channel::tile("round", 0, UVec2::ZERO, canvas);
         let wall = Wall::new("w", vec![screen], vec![channel]);
         let map = wall.pixel_map(crate::ids::ChannelId(0)).unwrap();
-        let [fewest, most] =
-            sampling(Shaped::from(&wall), &Maps::default(), &wall.channels[0], &map).unwrap();
+        let plan = plan(Shaped::from(&wall), &Maps::default(), &wall.channels[0], &map).unwrap();
+        let (fewest, most) = (plan.density_min, plan.density_max);
         let expected = 1.0 / half.cos().powi(2);
         // Sides of what is drawn are rounded up to whole steps.
         assert!((1.0..1.1).contains(&fewest), "{fewest}");

@@ -121,9 +121,11 @@ impl Wall {
         for channel in &self.channels {
             for &of in channel.eyes() {
                 self.check_warp(channel, head.eye(of) == self.head().eye(of))?;
-                let seen = self.check_eye(channel, head.eye(of));
-                seen.map_err(|error| HeadError::Eye { of, error })?;
-                self.check_nearness(channel, of, head.eye(of))?;
+                for eye in self.viewpoint(head, of).places() {
+                    let seen = self.check_eye(channel, eye);
+                    seen.map_err(|error| HeadError::Eye { of, error })?;
+                    self.check_nearness(channel, of, eye)?;
+                }
             }
         }
         Ok(())

@@ -5,17 +5,22 @@
 //! would span more than 110°, the channel is divided, at most into six; where that is not enough,
 //! the six are the sides of a cube.
 
+mod around;
 mod group;
 mod layout;
 pub mod window;
 
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, UVec2};
 
+use super::viewpoint::Viewpoint;
 use super::warp_mesh::WarpMesh;
 use group::Group;
 
 /// Planes for one eye: a cube has six sides.
 pub const SOURCE_PLANES_MAX: usize = 6;
+
+/// Planes for one eye of omnidirectional stereo: each costs a pass over what it shows of the scene.
+pub const SOURCE_CELLS_MAX: usize = 64;
 
 /// A planar picture spans no more than this, in radians: 110°. Its middle then has a third of the
 /// pixels that its edge has.
@@ -74,6 +79,8 @@ pub enum SourceError {
 /// One planar picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
+    /// The eye that sees it, in metres of display space.
+    pub eye: DVec3,
     /// Turns a vector from the eye in display space into view space, which looks along −Z.
     pub view_from_display: DMat3,
     /// Off-axis perspective into wgpu's clip space, reversed and without a far plane; of all of
@@ -103,8 +110,15 @@ impl Plane {
 /// What one channel is drawn from, for the eyes that it shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourcePlan {
-    /// For each eye, its planes; the first one that holds a point shows it.
+    /// For each eye, its planes; the first one that holds a point shows it, unless `triangles`
+    /// say otherwise.
     pub planes: Vec<Vec<Plane>>,
+    /// The triangles of the mesh that each plane shows, of all eyes alike; empty without
+    /// omnidirectional stereo.
+    pub triangles: Vec<Vec<u32>>,
+    /// By how many pixels points on the screen or behind it are off at most, for each eye, since
+    /// planes have one eye each; 0 without omnidirectional stereo.
+    pub stereo_error_px: f64,
     /// Of the target that holds them all, in pixels.
     pub size: UVec2,
     /// Source pixels per pixel of the channel where and in which direction they are fewest; 1 or
@@ -120,23 +134,33 @@ pub struct SourcePlan {
 }
 
 impl SourcePlan {
-    /// The plan of a channel for its eyes, in metres of display space: one, or left and right.
+    /// The plan of a channel for its eyes, in metres of display space: one, or left and right of
+    /// one head.
     /// `near_m` is the wall's; `side_max` the adapter's largest texture, in pixels.
     ///
     /// # Errors
     /// A mesh of nothing, or an eye that is on the surface or behind a part of it.
-    pub fn new(
+    pub fn new<E: Copy + Into<Viewpoint>>(
         mesh: &WarpMesh,
-        eyes: &[DVec3],
+        eyes: &[E],
         near_m: f64,
         side_max: u32,
     ) -> Result<Self, SourceError> {
-        let mut groups = Vec::with_capacity(eyes.len());
-        let mut pixels = 0.0;
-        for eye in eyes {
-            let facets = group::facets(mesh, *eye)?;
+        let eyes: Vec<Viewpoint> = eyes.iter().map(|eye| (*eye).into()).collect();
+        let (mut groups, mut triangles) = (Vec::with_capacity(eyes.len()), Vec::new());
+        let (mut pixels, mut stereo_error_px) = (0.0, 0.0);
+        for eye in &eyes {
+            let middle = eye.middle();
+            let facets = group::facets(mesh, middle)?;
             pixels += facets.iter().map(|facet| facet.area).sum::<f64>();
-            groups.push(group::groups(&facets)?);
+            if let Viewpoint::Fixed(eye) = eye {
+                groups.push(group::groups(&facets, *eye)?);
+            }
+        }
+        if let Some(Viewpoint::Around(first)) = eyes.first() {
+            let cells = around::cells(mesh, &eyes, first.error_max_px)?;
+            (groups, triangles) = (cells.groups, cells.triangles);
+            stereo_error_px = cells.error_px;
         }
         // A channel of a few pixels may have several planes, and each has at least one step.
         let planes = groups.iter().map(Vec::len).sum::<usize>() as f64;
@@ -145,7 +169,8 @@ impl SourcePlan {
         loop {
             if let Some((places, size)) = layout::place(&groups, share, side_max, pixels_max) {
                 let cut = layout::least_left(&groups, share, side_max, pixels_max);
-                return Ok(Self::of(&groups, &places, size, near_m, cut));
+                let plan = Self::of(&groups, &places, size, near_m, cut);
+                return Ok(Self { triangles, stereo_error_px, ..plan });
             }
             share *= 0.95;
         }
@@ -160,6 +185,8 @@ impl SourcePlan {
     ) -> Self {
         let mut plan = Self {
             planes: Vec::with_capacity(groups.len()),
+            triangles: Vec::new(),
+            stereo_error_px: 0.0,
             size,
             density_min: f64::INFINITY,
             density_max: 0.0,
@@ -192,6 +219,7 @@ fn plane(group: &Group, rect: [u32; 4], near_m: f64) -> Plane {
     let (low, high) = (group.low - guard, group.high + guard);
     let (scale, middle) = (2.0 / (high - low), (high + low) / (high - low));
     Plane {
+        eye: group.eye,
         view_from_display: group.view_from_display,
         clip_from_view: DMat4::from_cols(
             DVec4::X * scale.x,

@@ -5,6 +5,7 @@
 use glam::{DMat3, DVec3};
 use polyptych_protocol::command::{Area, View, ViewProjection};
 use polyptych_protocol::ids::ChannelId;
+use polyptych_protocol::wall::Viewpoint;
 use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::shapes::Shaped;
 use polyptych_protocol::wall::source::window::WindowPlan;
@@ -66,6 +67,7 @@ impl Lay {
         let part = wall.canvas_part(channel, &view.area).map_err(|error| error.to_string())?;
         let of = if is_own { PointOf::Canvas } else { PointOf::Surface };
         let mesh = shaped.part_mesh(maps, id, part, of).map_err(named)?;
+        let mesh = if is_own { mesh } else { mesh.refined_for(&wall.viewpoints(channel)) };
         if mesh.triangles.is_empty() {
             return Ok(lay(None));
         }
@@ -90,7 +92,7 @@ impl Lay {
 }
 
 impl Sheet {
-    /// What is drawn into its source for these eyes, in metres of display space.
+    /// What is drawn into its source for these eyes.
     ///
     /// # Errors
     /// An eye that sees no picture.
@@ -98,7 +100,7 @@ impl Sheet {
         &mut self,
         ground: Ground<'_>,
         view: &View,
-        eyes: &[DVec3],
+        eyes: &[Viewpoint],
     ) -> Result<Shots, String> {
         let Ground { gpu, shaped, channel: id, .. } = ground;
         let wall = shaped.wall;
@@ -121,8 +123,9 @@ impl Sheet {
             viewport: rect.map(f64::from),
         };
         // Both eyes see the same, in the plane of the screen.
-        let plane = SourcePlane { clip_from_eye: plan.plane.clip_from_eye(), rect };
-        let eye = SourceEye { eye_in_display: DVec3::ZERO, planes: vec![plane] };
+        let eye_in_display = DVec3::ZERO;
+        let plane = SourcePlane { eye_in_display, clip_from_eye: plan.plane.clip_from_eye(), rect };
+        let eye = SourceEye { planes: vec![plane], triangles: None };
         let eyes = vec![eye; eyes.len()];
         let planes = vec![(sight, rect)];
         Ok(Shots::of(plan.size.to_array(), eyes, plan.taps.to_array(), planes))

@@ -1,11 +1,13 @@
 //! The planar pictures that a corrected channel's source is made of, for the eyes of one frame.
 
-use glam::{DMat4, DVec3};
+use std::sync::Arc;
+
+use glam::DMat4;
 use polyptych_protocol::command::{Frame, View};
 use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::Wall;
 use polyptych_protocol::wall::source::SourcePlan;
 use polyptych_protocol::wall::warp_mesh::WarpMesh;
+use polyptych_protocol::wall::{Viewpoint, Wall};
 
 use crate::apply::{self, Sight};
 use crate::renderer::{SourceEye, SourcePlane, ViewDesc};
@@ -15,6 +17,8 @@ use crate::renderer::{SourceEye, SourcePlane, ViewDesc};
 pub(crate) struct Shots {
     /// Of the source, in pixels.
     pub size: [u32; 2],
+    /// Where the eyes are that see it.
+    viewpoints: Vec<Viewpoint>,
     /// Each with its planes.
     pub eyes: Vec<SourceEye>,
     /// Samples of the source for each display pixel, across and down.
@@ -24,7 +28,7 @@ pub(crate) struct Shots {
 }
 
 impl Shots {
-    /// The pictures of a channel that these eyes see, in metres of display space.
+    /// The pictures of a channel that these eyes see.
     ///
     /// # Errors
     /// An eye that sees no picture, by its channel's name.
@@ -32,7 +36,7 @@ impl Shots {
         wall: &Wall,
         id: ChannelId,
         warp: Option<&WarpMesh>,
-        eyes: &[DVec3],
+        eyes: &[Viewpoint],
         side_max: u32,
     ) -> Result<Self, String> {
         match warp {
@@ -41,29 +45,32 @@ impl Shots {
                     let name = wall.channel(id).map_or("", |channel| &channel.name);
                     format!("channel {name}: {error}")
                 })?;
-                Ok(Self::planar(&plan, eyes))
+                Ok(Self::planar(plan, eyes))
             }
             None => Self::exact(wall, id, eyes),
         }
     }
 
-    fn planar(plan: &SourcePlan, eyes: &[DVec3]) -> Self {
+    fn planar(plan: SourcePlan, eyes: &[Viewpoint]) -> Self {
+        let triangles = (!plan.triangles.is_empty()).then(|| Arc::new(plan.triangles));
         let mut shots = Self {
             size: plan.size.to_array(),
+            viewpoints: eyes.to_vec(),
             eyes: Vec::with_capacity(eyes.len()),
             taps: plan.taps.to_array(),
             planes: Vec::new(),
         };
-        for (eye, planes) in eyes.iter().zip(&plan.planes) {
+        for planes in &plan.planes {
             let of = |plane: &polyptych_protocol::wall::source::Plane| SourcePlane {
+                eye_in_display: plane.eye,
                 clip_from_eye: plane.clip_from_eye(),
                 rect: plane.rect,
             };
             let planes_of = planes.iter().map(of).collect();
-            shots.eyes.push(SourceEye { eye_in_display: *eye, planes: planes_of });
+            shots.eyes.push(SourceEye { planes: planes_of, triangles: triangles.clone() });
             shots.planes.extend(planes.iter().map(|plane| {
                 let sight = Sight {
-                    eye_in_display: *eye,
+                    eye_in_display: plane.eye,
                     view_from_display: plane.view_from_display,
                     clip_from_view: plane.clip_from_view,
                     viewport: plane.rect.map(f64::from),
@@ -75,29 +82,30 @@ impl Shots {
     }
 
     /// Pixels of the source are those of the channel: drawn as a tile is.
-    fn exact(wall: &Wall, id: ChannelId, eyes: &[DVec3]) -> Result<Self, String> {
+    fn exact(wall: &Wall, id: ChannelId, eyes: &[Viewpoint]) -> Result<Self, String> {
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         let [width, height] = channel.size.to_array();
         let mut shots = Self {
             size: [width * eyes.len() as u32, height],
+            viewpoints: eyes.to_vec(),
             eyes: Vec::with_capacity(eyes.len()),
             taps: [1, 1],
             planes: Vec::new(),
         };
-        for (slot, eye) in (0..).zip(eyes) {
-            let frustum = wall.frustum(id, *eye).map_err(|error| error.to_string())?;
+        for (slot, eye) in (0..).zip(eyes.iter().map(Viewpoint::middle)) {
+            let frustum = wall.frustum(id, eye).map_err(|error| error.to_string())?;
             let rect = [slot * width, 0, width, height];
             let [x, y, w, h] = frustum.viewport;
             let sight = Sight {
-                eye_in_display: *eye,
+                eye_in_display: eye,
                 view_from_display: frustum.view_from_display,
                 clip_from_view: frustum.clip_from_view,
                 viewport: [x + f64::from(rect[0]), y, w, h],
             };
             let clip_from_eye =
                 frustum.clip_from_view * DMat4::from_mat3(frustum.view_from_display);
-            let planes = vec![SourcePlane { clip_from_eye, rect }];
-            shots.eyes.push(SourceEye { eye_in_display: *eye, planes });
+            let planes = vec![SourcePlane { eye_in_display: eye, clip_from_eye, rect }];
+            shots.eyes.push(SourceEye { planes, triangles: None });
             shots.planes.push((sight, rect));
         }
         Ok(shots)
@@ -110,12 +118,12 @@ impl Shots {
         taps: [u32; 2],
         planes: Vec<(Sight, [u32; 4])>,
     ) -> Self {
-        Self { size, eyes, taps, planes }
+        Self { size, viewpoints: Vec::new(), eyes, taps, planes }
     }
 
     /// Whether these are the eyes that see it.
-    pub fn is_for(&self, eyes: &[DVec3]) -> bool {
-        self.eyes.iter().map(|eye| &eye.eye_in_display).eq(eyes)
+    pub fn is_for(&self, eyes: &[Viewpoint]) -> bool {
+        self.viewpoints == eyes
     }
 
     /// What the renderer draws of one view, into all planes.

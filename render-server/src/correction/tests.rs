@@ -12,6 +12,7 @@ use polyptych_protocol::wall::maps::Maps;
 use polyptych_protocol::wall::surface::{Cylinder, Plane, Sphere};
 use polyptych_protocol::wall::{Channel, Screen, Surface};
 
+mod around;
 mod lays;
 
 use super::*;

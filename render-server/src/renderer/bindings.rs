@@ -3,7 +3,7 @@
 //! wgpu takes equal layouts for the same, so whoever needs one makes it here.
 
 use super::gpu::Gpu;
-use super::pass::correct::CorrectionUniform;
+use super::pass::correct::{CellRecord, CorrectionUniform};
 use super::scene::MaterialUniform;
 use super::view::{FrameUniform, LampRecord};
 
@@ -81,7 +81,8 @@ pub(in crate::renderer) fn picture_layout(device: &wgpu::Device) -> wgpu::BindGr
     })
 }
 
-/// Group 1 of the correction: the source, its sampler, uniforms, light map and measured codes.
+/// Group 1 of the correction: the source, its sampler, uniforms, light map, measured codes, and
+/// planes that have triangles of their own.
 pub(in crate::renderer) fn correction_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
     let fragment = wgpu::ShaderStages::FRAGMENT;
@@ -96,6 +97,7 @@ pub(in crate::renderer) fn correction_layout(device: &wgpu::Device) -> wgpu::Bin
             texture_of(3, true, wgpu::TextureViewDimension::D2Array),
             buffer(4, fragment, storage, false, 2 * size_of::<[f32; 4]>()),
             sampler(5),
+            buffer(6, wgpu::ShaderStages::VERTEX, storage, false, size_of::<CellRecord>()),
         ],
     })
 }

@@ -12,6 +12,10 @@ use glam::{DMat3, DMat4, DVec3};
 /// Source planes that one eye's picture may be put together from.
 pub const SOURCE_PLANES_MAX: usize = 6;
 
+/// Source planes that one eye's picture may be put together from where each has triangles of its
+/// own.
+pub const SOURCE_CELLS_MAX: usize = 64;
+
 /// Source pixels around each plane's own ones: filters reach over its edge without seeing a
 /// neighbour in the atlas or nothing at all.
 pub const SOURCE_GUARD: u32 = 2;
@@ -118,19 +122,21 @@ pub enum Curve {
     Measured(Vec<DVec3>),
 }
 
-/// An eye, and the planes that its picture is put together from. Without a warp mesh the one
-/// plane's rectangle is the upright picture, pixel for pixel and without a guard.
+/// The planes that an eye's picture is put together from. Without a warp mesh the one plane's
+/// rectangle is the upright picture, pixel for pixel and without a guard.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceEye {
-    /// In metres of display space.
-    pub eye_in_display: DVec3,
-    /// The first one that holds a point shows it.
+    /// Without `triangles` all have one eye, and the first one that holds a point shows it.
     pub planes: Vec<SourcePlane>,
+    /// For each plane the triangles of the mesh that it shows, the same for all eyes.
+    pub triangles: Option<Arc<Vec<Vec<u32>>>>,
 }
 
 /// A planar picture in the source target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourcePlane {
+    /// The eye that sees it, in metres of display space.
+    pub eye_in_display: DVec3,
     /// From vectors from the eye in display space to the clip space of `rect`.
     pub clip_from_eye: DMat4,
     /// x, y, width and height in pixels of the source target, [`SOURCE_GUARD`] on all sides

@@ -26,7 +26,8 @@ fn screens() -> [Screen; 2] {
 fn drawn(marker: &Marker, map: &PixelMap<'_>, moved: DVec2) -> Light {
     let at = |i: u32| {
         let pixel = DVec2::new(f64::from(i % SIZE.x), f64::from(i / SIZE.x)) + 0.5 - moved;
-        let place = map.display_from_pixel(pixel).and_then(|p| marker.place(EYE, p, DVec3::ZERO));
+        let place =
+            map.display_from_pixel(pixel).and_then(|p| marker.place((EYE, p - EYE), DVec3::ZERO));
         let light = place.filter(|place| place.abs().max_element() < 1.0).map_or(0.0, gauss);
         let code = (linear_code(light) * 255.0).round() / 255.0;
         linear_light(code) as f32
@@ -51,12 +52,13 @@ fn a_picture_that_is_moved_is_read_as_moved() {
             let pixel = DVec2::from(pixel);
             let marker = Marker::at((ChannelId(0), &map), EYE, pixel, HALF, depth);
             let marker = marker.expect("on the screen");
-            let around =
-                marker.seen_at((ChannelId(1), &map), EYE, DVec3::ZERO, SIZE).expect("seen");
+            let around = marker
+                .seen_at(sight(&map, EYE), DVec3::ZERO, (SIZE, SIZE.as_dvec2() / 2.0))
+                .expect("seen");
             assert!(around.distance(pixel) < 0.2, "{around} for {pixel}");
             for moved in [DVec2::ZERO, DVec2::new(0.02, 0.0), DVec2::new(-0.05, 0.1)] {
                 let light = drawn(&marker, &map, moved);
-                let read = marker.read(&map, &light, EYE, DVec3::ZERO, (around, HALF));
+                let read = marker.read(sight(&map, EYE), &light, DVec3::ZERO, (around, HALF));
                 let Reading::Off(off) = read else { panic!("{read:?}") };
                 assert!(off.distance(moved) < 0.004, "{off} for {moved} at {pixel}, {depth}");
             }
@@ -71,7 +73,7 @@ fn what_is_not_there_is_missing_and_what_cannot_be_told_is_faint() {
     let map = PixelMap::new(&channel, &screen).expect("a picture");
     let pixel = DVec2::new(160.0, 120.0);
     let marker = Marker::at((ChannelId(0), &map), EYE, pixel, HALF, 1.0).expect("on the screen");
-    let read = |light: &Light| marker.read(&map, light, EYE, DVec3::ZERO, (pixel, HALF));
+    let read = |light: &Light| marker.read(sight(&map, EYE), light, DVec3::ZERO, (pixel, HALF));
     let mut light = drawn(&marker, &map, DVec2::ZERO);
     light.grey[120 * SIZE.x as usize + 165] = f32::NAN;
     assert_eq!(read(&light), Reading::Unclear);

@@ -17,7 +17,8 @@ use crate::head::{EYE_SEPARATION_MAX_M, HEAD_REACH_MAX_M};
 use crate::limits::{
     CHANNELS_MAX, LEAK_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PORT_DEFAULT, SCREENS_MAX,
 };
-use crate::wall::{BlendRule, DeadlineRule, Screen, Wall};
+use crate::wall::viewpoint::STEREO_ERROR_RANGE_PX;
+use crate::wall::{BlendRule, DeadlineRule, Screen, StereoRule, Wall};
 
 /// Farthest coordinate of display space: a thousand kilometres is a slip of the unit, and larger
 /// numbers would overflow when they are squared and multiplied.
@@ -58,6 +59,7 @@ pub(super) fn wall(source: &Source<'_>, document: &Document) -> Result<Wall, Wal
         channels: channels.into_iter().map(|draft| draft.channel).collect(),
         eye,
         eye_separation_m: document.wall.eye_separation,
+        stereo: StereoRule { mode: document.wall.stereo, error_max_px: document.wall.stereo_error },
         near_m: document.wall.near,
         samples: document.wall.samples,
         blend,
@@ -131,6 +133,12 @@ fn check_head(source: &Source<'_>, head: &WallSection) -> Result<(), WallFileErr
         let what = format!("eyes cannot be {:?} metres apart", head.eye_separation);
         let remedy = format!("write a number from 0 to {EYE_SEPARATION_MAX_M}, such as 0.063");
         return Err(source.error("wall.eye_separation", what, remedy));
+    }
+    let (low, high) = STEREO_ERROR_RANGE_PX;
+    if !(low..=high).contains(&head.stereo_error) {
+        let what = format!("points cannot be off by up to {:?} pixels", head.stereo_error);
+        let remedy = format!("write a number from {low} to {high}, such as 0.5");
+        return Err(source.error("wall.stereo_error", what, remedy));
     }
     Ok(())
 }

@@ -19,7 +19,8 @@ use crate::limits::{
     DEADLINE_FACTOR_DEFAULT, DEADLINE_MAX_DEFAULT, DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT,
     PORT_DEFAULT,
 };
-use crate::wall::{BlendRule, EYE_SEPARATION_DEFAULT_M, NEAR_DEFAULT_M};
+use crate::wall::viewpoint::STEREO_ERROR_DEFAULT_PX;
+use crate::wall::{BlendRule, EYE_SEPARATION_DEFAULT_M, NEAR_DEFAULT_M, StereoMode};
 
 /// A wall: the screens of a display system and the channels that tile them. Lengths are in
 /// metres of display space (+X right, +Y up, the viewer looks along −Z), angles in degrees.
@@ -68,6 +69,15 @@ pub struct WallSection {
     /// From the left eye to the right one, in metres.
     #[serde(default = "eye_separation_default")]
     pub eye_separation: f64,
+    /// Where the eyes of stereo channels are: "head", left and right of a viewer who looks one
+    /// way, or "omnidirectional", left and right of every direction, for viewers who look all
+    /// around on cylinders and domes.
+    #[serde(default)]
+    pub stereo: StereoMode,
+    /// With stereo = "omnidirectional": by how many pixels a point on the screen or behind it may
+    /// be off for each eye; less takes more pictures. Default: 0.5.
+    #[serde(default = "stereo_error_default")]
+    pub stereo_error: f64,
     /// Whether codes are dithered where a channel's light is corrected.
     #[serde(default)]
     pub dither: bool,
@@ -286,6 +296,10 @@ fn samples_default() -> u32 {
 
 fn eye_separation_default() -> f64 {
     EYE_SEPARATION_DEFAULT_M
+}
+
+fn stereo_error_default() -> f64 {
+    STEREO_ERROR_DEFAULT_PX
 }
 
 fn one() -> u32 {

@@ -33,6 +33,8 @@ pub fn to_toml(wall: &Wall) -> String {
             near: wall.near_m,
             samples: wall.samples,
             eye_separation: wall.eye_separation_m,
+            stereo: wall.stereo.mode,
+            stereo_error: wall.stereo.error_max_px,
             dither: wall.dither,
         },
         deadline: DeadlineSection {

@@ -27,12 +27,14 @@ const FRONT_MIN: f64 = 1e-3;
 /// A triangle as the eye sees it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Facet {
+    /// Its index in the mesh.
+    pub triangle: u32,
     /// From the eye to its corners, in metres.
-    rays: [DVec3; 3],
+    pub rays: [DVec3; 3],
     /// By what the point moves from pixel to pixel, across and down, in metres.
-    slope: [DVec3; 2],
+    pub slope: [DVec3; 2],
     /// Its middle, in pixels of the channel.
-    middle: DVec2,
+    pub middle: DVec2,
     /// In pixels of the channel.
     pub area: f64,
 }
@@ -40,6 +42,8 @@ pub(super) struct Facet {
 /// The triangles of one plane.
 #[derive(Clone, Debug)]
 pub(super) struct Group {
+    /// In metres of display space.
+    pub eye: DVec3,
     pub view_from_display: DMat3,
     /// Tangents of its left and lower edges.
     pub low: DVec2,
@@ -65,7 +69,7 @@ pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<Facet>, SourceEr
     let mut facets = Vec::with_capacity(mesh.triangles.len());
     // Areas that the eye sees from either side, and where.
     let mut sides = [(0.0, DVec2::ZERO); 2];
-    for triangle in &mesh.triangles {
+    for (index, triangle) in (0..).zip(&mesh.triangles) {
         let [a, b, c] = triangle.map(|index| mesh.vertices[index as usize]);
         let (ab, ac) = (b.pixel - a.pixel, c.pixel - a.pixel);
         let doubled = ab.perp_dot(ac);
@@ -89,7 +93,7 @@ pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<Facet>, SourceEr
         let (seen, middle_of) = &mut sides[usize::from(facing < 0.0)];
         *seen += area;
         *middle_of = middle;
-        facets.push(Facet { rays, slope, middle, area });
+        facets.push(Facet { triangle: index, rays, slope, middle, area });
     }
     let [front, back] = sides;
     let (few, many) = if front.0 < back.0 { (front, back) } else { (back, front) };
@@ -103,20 +107,20 @@ pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<Facet>, SourceEr
     Ok(facets)
 }
 
-/// All facets in groups of one plane each, divided further where a plane takes many more pixels
+/// All facets, seen by this eye, in groups of one plane each, divided further where a plane takes many more pixels
 /// than the channel has there.
-pub(super) fn groups(facets: &[Facet]) -> Result<Vec<Group>, SourceError> {
+pub(super) fn groups(facets: &[Facet], eye: DVec3) -> Result<Vec<Group>, SourceError> {
     let mut waiting = vec![facets.to_vec()];
     let mut done = Vec::new();
     while let Some(part) = waiting.pop() {
-        if let Some(group) = Group::around(&part) {
+        if let Some(group) = Group::around(&part, eye) {
             done.push((part, group));
         } else {
             let (first, second) = halves(part)?;
             waiting.extend([second, first]);
         }
         if done.len() + waiting.len() > SOURCE_PLANES_MAX {
-            return Ok(cube(facets));
+            return Ok(cube(facets, eye));
         }
     }
     let mut at = 0;
@@ -137,7 +141,7 @@ fn cheaper_halves((facets, group): &(Vec<Facet>, Group)) -> Option<[(Vec<Facet>,
         return None;
     }
     let (first, second) = halves(facets.clone()).ok()?;
-    let both = [Group::around(&first)?, Group::around(&second)?];
+    let both = [Group::around(&first, group.eye)?, Group::around(&second, group.eye)?];
     let halved = both.iter().map(|half| half.sides().element_product()).sum::<f64>();
     let [a, b] = both;
     (halved < HALVES_SHARE_MAX * pixels).then_some([(first, a), (second, b)])
@@ -233,16 +237,21 @@ fn view_along(forward: DVec3, facets: &[Facet], slope: impl Fn(&Facet) -> [DVec3
 
 impl Facet {
     /// From the eye to its middle, in metres.
-    fn middle_ray(&self) -> DVec3 {
+    pub fn middle_ray(&self) -> DVec3 {
         self.rays.iter().sum::<DVec3>() / 3.0
+    }
+
+    /// The same triangle of an eye at `from`, for an eye at `to`.
+    pub fn seen_from(&self, from: DVec3, to: DVec3) -> Self {
+        Self { rays: self.rays.map(|ray| ray + (from - to)), ..*self }
     }
 }
 
 impl Group {
     /// The plane around all facets, where one suffices: the one that takes fewer pixels of the
     /// one along their middle and the one that they fill most evenly.
-    fn around(facets: &[Facet]) -> Option<Self> {
-        let along = |axes: Option<DMat3>| Self::along(axes?, facets);
+    pub fn around(facets: &[Facet], eye: DVec3) -> Option<Self> {
+        let along = |axes: Option<DMat3>| Self::along(axes?, facets, eye);
         match (along(axes(facets)), along(even_axes(facets))) {
             (Some(middle), Some(even)) => {
                 let [a, b] = [&middle, &even].map(|group| group.sides().element_product());
@@ -253,7 +262,7 @@ impl Group {
     }
 
     /// The plane with these axes around all facets, where it is narrow enough.
-    fn along(view_from_display: DMat3, facets: &[Facet]) -> Option<Self> {
+    fn along(view_from_display: DMat3, facets: &[Facet], eye: DVec3) -> Option<Self> {
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for ray in facets.iter().flat_map(|facet| facet.rays) {
             let tangent = tangent(view_from_display * ray)?;
@@ -262,11 +271,15 @@ impl Group {
         let span = |low: f64, high: f64| high.atan() - low.atan();
         let is_narrow =
             span(low.x, high.x) <= SOURCE_SPAN_MAX && span(low.y, high.y) <= SOURCE_SPAN_MAX;
-        is_narrow.then(|| Self::new(view_from_display, low, high, facets))
+        is_narrow.then(|| Self::new((eye, view_from_display), (low, high), facets))
     }
 
-    /// The plane of these edges around facets, seen along its −Z.
-    pub fn new(view_from_display: DMat3, low: DVec2, high: DVec2, facets: &[Facet]) -> Self {
+    /// The plane of these lower and upper edges around facets, seen from an eye along its −Z.
+    pub fn new(
+        (eye, view_from_display): (DVec3, DMat3),
+        (low, high): (DVec2, DVec2),
+        facets: &[Facet],
+    ) -> Self {
         let mut steps = Vec::with_capacity(facets.len() * 3);
         for facet in facets {
             let slope = facet.slope.map(|slope| view_from_display * slope);
@@ -277,7 +290,7 @@ impl Group {
                 steps.push(DMat2::from_cols(across, down));
             }
         }
-        Self { view_from_display, low, high, steps }
+        Self { eye, view_from_display, low, high, steps }
     }
 
     /// The least sides in pixels for which no pixel of the channel is undersampled in any
@@ -328,7 +341,7 @@ fn singular(a: DVec2, b: DVec2) -> [f64; 2] {
 }
 
 /// The sides of a cube, the first one along the middle of the rays where there is one.
-fn cube(facets: &[Facet]) -> Vec<Group> {
+fn cube(facets: &[Facet], eye: DVec3) -> Vec<Group> {
     let first = axes(facets).unwrap_or(DMat3::IDENTITY);
     let turns = [0.0, 1.0, 2.0, 3.0].map(|quarters| DMat3::from_rotation_y(quarters * FRAC_PI_2));
     let poles = [FRAC_PI_2, -FRAC_PI_2].map(DMat3::from_rotation_x);
@@ -342,7 +355,8 @@ fn cube(facets: &[Facet]) -> Vec<Group> {
             (0..views.len()).max_by(|a, b| depth(&views[*a]).total_cmp(&depth(&views[*b])));
         owned[nearest.unwrap_or(0)].push(*facet);
     }
-    let side =
-        |(view, facets): (DMat3, Vec<Facet>)| Group::new(view, DVec2::NEG_ONE, DVec2::ONE, &facets);
-    views.into_iter().zip(owned).map(side).collect()
+    let side = |(view, facets): (DMat3, &Vec<Facet>)| {
+        Group::new((eye, view), (DVec2::NEG_ONE, DVec2::ONE), facets)
+    };
+    views.into_iter().zip(&owned).map(side).collect()
 }

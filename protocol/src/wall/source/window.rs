@@ -41,7 +41,7 @@ impl WindowPlan {
         // Whole pixels; what rounding has put beyond one is no pixel more.
         let (low, high) = ((low + 1e-6).floor(), (high - 1e-6).ceil());
         let high = high.max(low + 1.0);
-        let group = Group::new(DMat3::IDENTITY, low, high, &facets);
+        let group = Group::new((DVec3::ZERO, DMat3::IDENTITY), (low, high), &facets);
         let span = high - low;
         let scale = group.sides() / span;
         let is_one = (scale - 1.0).abs().cmplt(DVec2::splat(SCALE_ROUNDING));

@@ -62,6 +62,13 @@ pub struct ChannelRow {
     /// of the channel, as this eye sees it. A tile of a plane has 1 and 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sampling: Option<[f64; 2]>,
+    /// With omnidirectional stereo, the number of flat pictures for each eye.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stereo_planes: Option<usize>,
+    /// With omnidirectional stereo, by how many pixels points on the screen or behind it are off
+    /// at most for each eye, since each flat picture has one eye.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stereo_error_px: Option<f64>,
     /// How it gets its frustum: `shared` or `own`; `warp` if its pixels are no even grid on a
     /// plane.
     pub projection: &'static str,
@@ -91,7 +98,8 @@ impl ChannelRow {
     pub(super) fn new(of: Shaped<'_>, maps: &Maps, channel: &Channel) -> Self {
         let screen = of.wall.screen_of(channel);
         let adjustment = &channel.adjustment;
-        let is_even = is_plain(channel) && screen.plane().is_some();
+        let is_around = of.wall.is_omnidirectional(channel);
+        let is_even = is_plain(channel) && screen.plane().is_some() && !is_around;
         let file = adjustment.warp.and_then(|file| of.wall.files.get(usize::from(file)));
         let mut row = Self {
             name: channel.name.clone(),
@@ -119,6 +127,8 @@ impl ChannelRow {
             degrees: None,
             pixels_per_degree: None,
             sampling: is_even.then_some([1.0; 2]),
+            stereo_planes: None,
+            stereo_error_px: None,
             projection: match channel.projection {
                 _ if !is_even => "warp",
                 Projection::Shared => "shared",
@@ -171,8 +181,12 @@ impl ChannelRow {
             projector.distance_m = print.lit_point(lit.middle).map(|point| point.distance(lens));
         }
         if self.sampling.is_none() {
-            let sampling = extent::sampling(of, maps, channel, map);
-            self.sampling = Some(sampling.map_err(|error| error.to_string())?);
+            let plan = extent::plan(of, maps, channel, map).map_err(|error| error.to_string())?;
+            self.sampling = Some([plan.density_min, plan.density_max]);
+            if !plan.triangles.is_empty() {
+                self.stereo_planes = Some(plan.triangles.len());
+                self.stereo_error_px = Some(plan.stereo_error_px);
+            }
         }
         Ok(())
     }

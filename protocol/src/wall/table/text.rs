@@ -42,7 +42,20 @@ impl fmt::Display for WallTable {
             Stereo::Mixed => "some channels are for one eye, some for both".to_owned(),
         };
         if !stereo.is_empty() {
-            writeln!(f, "stereo: {stereo}, eyes {:.1} mm apart", self.eye_separation_m * 1e3)?;
+            let apart_mm = self.eye_separation_m * 1e3;
+            write!(f, "stereo: {stereo}, eyes {apart_mm:.1} mm apart")?;
+            let planes = self.channels.iter().filter_map(|channel| channel.stereo_planes).max();
+            if let Some(planes) = planes {
+                let errors = self.channels.iter().filter_map(|channel| channel.stereo_error_px);
+                let error = errors.fold(0.0, f64::max);
+                write!(
+                    f,
+                    " in all directions: {} or fewer for each eye of a channel, points on the \
+                     screen and behind it within {error:.2} px",
+                    counted(planes, "picture")
+                )?;
+            }
+            writeln!(f)?;
         }
         writeln!(f)?;
         self.screens.iter().try_for_each(|screen| write!(f, "{screen}"))?;

@@ -5,7 +5,8 @@ use glam::UVec2;
 use super::{ChannelRow, CoverageRow, ScreenRow, crossing, pitch_m, plausibility};
 use crate::limits::TEXTURE_SIDE_MAX;
 use crate::wall::coverage::is_plain;
-use crate::wall::{Channel, EyeOf, Surface, Wall};
+use crate::wall::source::SOURCE_CELLS_MAX;
+use crate::wall::{Channel, EyeOf, StereoMode, Surface, Wall};
 
 /// Pixels whose sides differ by more than this show circles as ellipses that one can see.
 const ANISOTROPY_MAX: f64 = 0.01;
@@ -43,6 +44,7 @@ pub(super) fn warnings(wall: &Wall, screens: &[ScreenRow], channels: &[ChannelRo
         }
     }
     warnings.extend(channels.iter().filter_map(sampling));
+    warnings.extend(stereo(wall, channels));
     warnings.extend(channels.iter().filter_map(spill));
     warnings
 }
@@ -55,6 +57,35 @@ fn sampling(channel: &ChannelRow) -> Option<String> {
          its screen",
         channel.name
     ))
+}
+
+/// Omnidirectional stereo that nobody sees, or that is off by more than the wall file allows.
+fn stereo(wall: &Wall, channels: &[ChannelRow]) -> Vec<String> {
+    if wall.stereo.mode == StereoMode::Head {
+        return Vec::new();
+    }
+    if !wall.channels.iter().any(|channel| wall.is_omnidirectional(channel)) {
+        let what = "wall.stereo is omnidirectional, and no channel is for one eye or for both; \
+                    give channels eye = \"left\" and \"right\", or stereo = \"side-by-side\"";
+        return vec![what.to_owned()];
+    }
+    let allowed = wall.stereo.error_max_px;
+    let is_off = |row: &&ChannelRow| row.stereo_error_px.is_some_and(|error| error > allowed);
+    let worst = |a: &&ChannelRow, b: &&ChannelRow| {
+        let error = |row: &ChannelRow| row.stereo_error_px.unwrap_or(0.0);
+        error(a).total_cmp(&error(b))
+    };
+    let row = channels.iter().filter(is_off).max_by(worst);
+    let text = row.map(|row| {
+        format!(
+            "channel {}: with {SOURCE_CELLS_MAX} pictures for each eye, points behind the screen \
+             are off by up to {:.2} px, where wall.stereo_error allows {allowed}; allow more, or \
+             divide the channel",
+            row.name,
+            row.stereo_error_px.unwrap_or(0.0)
+        )
+    });
+    text.into_iter().collect()
 }
 
 /// Light that is lost, and channels that cannot be drawn at all.

@@ -58,6 +58,43 @@ impl WarpMesh {
     }
 }
 
+impl WarpMesh {
+    /// The mesh with all edges halved that `is_long` says are too long, again and again, down to
+    /// the length of a pixel.
+    #[must_use]
+    pub(in crate::wall) fn divided(
+        mut self,
+        is_long: impl Fn(&WarpVertex, &WarpVertex) -> bool,
+    ) -> Self {
+        let mut known: HashMap<[u32; 2], Option<u32>> = HashMap::new();
+        let mut waiting = std::mem::take(&mut self.triangles);
+        for _ in 0..ROUNDS_MAX {
+            let mut middle = |one: u32, other: u32| {
+                let ends = [one.min(other), one.max(other)];
+                *known.entry(ends).or_insert_with(|| {
+                    let [a, b] = ends.map(|end| self.vertices[end as usize]);
+                    let is_divided = self.vertices.len() < WARP_VERTICES_MAX
+                        && a.pixel.distance(b.pixel) > EDGE_MIN_PX
+                        && is_long(&a, &b);
+                    is_divided.then(|| {
+                        let (pixel, point) = (a.pixel.midpoint(b.pixel), a.point.midpoint(b.point));
+                        self.vertices.push(WarpVertex { pixel, point });
+                        self.vertices.len() as u32 - 1
+                    })
+                })
+            };
+            let mut divided = Vec::new();
+            for [a, b, c] in std::mem::take(&mut waiting) {
+                let middles = [middle(a, b), middle(b, c), middle(c, a)];
+                divide([a, b, c], middles, &mut self.triangles, &mut divided);
+            }
+            waiting = divided;
+        }
+        self.triangles.extend(waiting);
+        self
+    }
+}
+
 /// A mesh on its way.
 struct Divider<F> {
     map: F,

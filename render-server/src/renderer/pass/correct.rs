@@ -3,6 +3,7 @@
 //! The warp mesh itself is drawn, so that its points are interpolated by the rasteriser and no map
 //! is read; mesh and maps go to the GPU once, and a frame brings two kilobytes.
 
+mod cells;
 mod pipelines;
 mod shape;
 
@@ -15,8 +16,8 @@ use glam::{DMat3, DVec3, DVec4};
 use wgpu::util::DeviceExt;
 
 use crate::renderer::correction::{
-    CorrectionDesc, CorrectionError, Curve, SOURCE_GUARD, SOURCE_PLANES_MAX, SourceEye,
-    SourcePlane, WarpMesh,
+    CorrectionDesc, CorrectionError, Curve, SOURCE_CELLS_MAX, SOURCE_GUARD, SOURCE_PLANES_MAX,
+    SourceEye, SourcePlane, WarpMesh,
 };
 use crate::renderer::frame::wait;
 use crate::renderer::gpu::Gpu;
@@ -24,6 +25,7 @@ use crate::renderer::pass::tonemap::{clear, resume};
 use crate::renderer::picture::{Content, Picture};
 use crate::renderer::target::{Target, TargetError};
 
+pub(in crate::renderer) use cells::CellRecord;
 use pipelines::{Pipelines, Sampling};
 pub use shape::Shape;
 
@@ -218,11 +220,14 @@ impl Correction {
         let shape = over.unwrap_or(&self.shape);
         let uniform = self.uniform(shape.origin_in_display, source.size(), eyes);
         gpu.queue.write_buffer(&shape.uniform, 0, bytemuck::bytes_of(&uniform));
+        let cells = cells::records(gpu, eyes, shape.origin_in_display);
+        let parts = shape.parts(gpu, eyes);
         let resources = [
             wgpu::BindingResource::TextureView(source.display_view()),
             shape.uniform.as_entire_binding(),
             wgpu::BindingResource::TextureView(&self.light_map),
             self.codes.as_entire_binding(),
+            cells.as_entire_binding(),
         ];
         let group = pipelines.group(gpu, resources);
         let mut encoder = gpu
@@ -236,10 +241,12 @@ impl Correction {
             };
             pass.set_bind_group(1, &group, &[]);
             pass.set_vertex_buffer(0, shape.corners.slice(..));
-            pass.set_index_buffer(shape.indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.set_index_buffer(parts.indices.slice(..), wgpu::IndexFormat::Uint32);
             for pipeline in &drawn {
                 pass.set_pipeline(pipeline);
-                pass.draw_indexed(0..shape.index_count, 0, 0..1);
+                for (cell, part) in (0..).zip(&parts.ranges) {
+                    pass.draw_indexed(part.clone(), 0, cell..cell + 1);
+                }
             }
         }
         let index = gpu.queue.submit([encoder.finish()]);
@@ -257,8 +264,17 @@ impl Correction {
             return refused("as many eyes are needed as the packing has");
         }
         let count = eyes.iter().map(|eye| eye.planes.len()).max().unwrap_or(0);
-        if !(1..=SOURCE_PLANES_MAX).contains(&count) || eyes.iter().any(|e| e.planes.is_empty()) {
-            return refused("an eye has 1 to 6 planes");
+        let has_cells = eyes.iter().any(|eye| eye.triangles.is_some());
+        let most = if has_cells { SOURCE_CELLS_MAX } else { SOURCE_PLANES_MAX };
+        if !(1..=most).contains(&count) || eyes.iter().any(|e| e.planes.is_empty()) {
+            return refused("an eye has 1 to 6 planes, or 64 with triangles of their own");
+        }
+        let is_odd = |eye: &SourceEye| {
+            let owned = eye.triangles.as_ref().map_or(count, |owned| owned.len());
+            eye.triangles.is_some() != has_cells || owned != count || eye.planes.len() != count
+        };
+        if has_cells && eyes.iter().any(is_odd) {
+            return refused("each eye needs a plane for each list of triangles");
         }
         let is_exact = self.desc.warp.is_none();
         let guard = if is_exact { 0 } else { 2 * SOURCE_GUARD };
@@ -295,7 +311,7 @@ impl Correction {
             let clip_y = [-y[0] * 2.0 / height, -y[1] * 2.0 / height, 1.0 - y[2] * 2.0 / height];
             let back = DMat3::from_cols_array(&[x[0], y[0], 0.0, x[1], y[1], 0.0, x[2], y[2], 1.0])
                 .inverse();
-            let position = eye.eye_in_display - origin_in_display;
+            let position = eye.planes[0].eye_in_display - origin_in_display;
             uniform.eyes[index] = EyeRecord {
                 position: row(position.extend(0.0)),
                 clip_x: row(DVec3::from(clip_x).extend(0.0)),

@@ -20,6 +20,15 @@ struct Eye {
     upright_y: vec4<f32>,
 }
 
+// A plane that shows triangles of its own, for an eye of its own.
+struct Cell {
+    // From the mesh's origin.
+    position: vec4<f32>,
+    across: vec4<f32>,
+    down: vec4<f32>,
+    depth: vec4<f32>,
+}
+
 struct Correction {
     eyes: array<Eye, 2>,
     planes: array<SourcePlane, 12>,
@@ -51,11 +60,16 @@ struct Corner {
 // Gives the texel that it is asked for, unmixed.
 @group(1) @binding(5) var map_sampler: sampler;
 
+// The left eye's, then as many of the right one.
+@group(1) @binding(6) var<storage, read> cells: array<Cell>;
+
 // The eye that is drawn; a constant, since uniforms at a place that varies are read slowly.
 override EYE: u32 = 0u;
 // There is no mesh: pixels are the source's.
 override EXACT: bool = false;
 override PLANES: u32 = 1u;
+// Each draw is of one plane's own triangles: the number of planes, or 0.
+override CELLS: u32 = 0u;
 // Samples for each pixel, where the source is denser than the display.
 override TAPS_ACROSS: u32 = 1u;
 override TAPS_DOWN: u32 = 1u;
@@ -79,13 +93,19 @@ override ENCODES: bool = false;
 fn corner(
     @location(0) pixel: vec2<f32>,
     @location(1) point: vec3<f32>,
+    @builtin(instance_index) cell_index: u32,
 ) -> Corner {
     let eye = correction.eyes[EYE];
     let at = vec3<f32>(pixel, 1.0);
     var out: Corner;
     out.clip = vec4<f32>(dot(eye.clip_x.xyz, at), dot(eye.clip_y.xyz, at), 0.0, 1.0);
     out.ray = point - eye.position.xyz;
-    if PLANES == 1u {
+    if CELLS > 0u {
+        let cell = cells[EYE * CELLS + cell_index];
+        let ray = point - cell.position.xyz;
+        let across = dot(cell.across.xyz, ray);
+        out.ray = vec3<f32>(across, dot(cell.down.xyz, ray), dot(cell.depth.xyz, ray));
+    } else if PLANES == 1u {
         out.ray = texels(correction.planes[EYE * 6u], out.ray);
     }
     return out;

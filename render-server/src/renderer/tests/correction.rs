@@ -64,8 +64,9 @@ fn linear(target: &Target) -> Vec<DVec3> {
 fn eyes(count: u32) -> Vec<SourceEye> {
     let eye = |slot: u32| {
         let rect = [slot * SIZE[0], 0, SIZE[0], SIZE[1]];
-        let planes = vec![SourcePlane { clip_from_eye: DMat4::IDENTITY, rect }];
-        SourceEye { eye_in_display: DVec3::ZERO, planes }
+        let eye_in_display = DVec3::ZERO;
+        let plane = SourcePlane { eye_in_display, clip_from_eye: DMat4::IDENTITY, rect };
+        SourceEye { planes: vec![plane], triangles: None }
     };
     (0..count).map(eye).collect()
 }

@@ -4,7 +4,7 @@ use std::mem::offset_of;
 
 use wgpu::naga;
 
-use crate::renderer::pass::correct::{CorrectionUniform, EyeRecord, PlaneRecord};
+use crate::renderer::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
 use crate::renderer::pass::{opaque, transparent};
 use crate::renderer::scene::{MaterialUniform, VertexLayout};
 use crate::renderer::shader::{Interface, screen, surface};
@@ -67,6 +67,7 @@ fn uniforms_match_their_twins() {
         }};
     }
     twin!("SourcePlane", PlaneRecord, across, down, depth, inner);
+    twin!("Cell", CellRecord, position, across, down, depth);
     twin!("Eye", EyeRecord, position, clip_x, clip_y, upright_x, upright_y);
     twin!(
         "Correction",

@@ -98,9 +98,12 @@ fn corrected(scene: &Scene, packing: Packing, exposure: f32) -> Vec<[u8; 4]> {
     let mut source = Target::of(gpu(), SIZE, 1, scene.blends(), Content::Light).unwrap();
     renderer.draw(gpu(), scene, &mut source, &[view(exposure)]).unwrap();
     let desc = CorrectionDesc { packing, ..CorrectionDesc::identity(SIZE) };
-    let plane =
-        SourcePlane { clip_from_eye: glam::DMat4::IDENTITY, rect: [0, 0, SIZE[0], SIZE[1]] };
-    let eye = SourceEye { eye_in_display: DVec3::ZERO, planes: vec![plane] };
+    let plane = SourcePlane {
+        eye_in_display: DVec3::ZERO,
+        clip_from_eye: glam::DMat4::IDENTITY,
+        rect: [0, 0, SIZE[0], SIZE[1]],
+    };
+    let eye = SourceEye { planes: vec![plane], triangles: None };
     let eyes = vec![eye; packing.eyes()];
     let mut correction = Correction::new(gpu(), desc).unwrap();
     let picture = correction.picture(gpu());

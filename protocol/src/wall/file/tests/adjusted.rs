@@ -4,7 +4,9 @@ use glam::{DMat3, DVec2, DVec3, UVec2};
 
 use super::{BY_HAND, EVERY_KEY, SMALLEST, check, parse, read, to_toml};
 use crate::wall::adjustment::{Bend, Curve, Edges};
-use crate::wall::{BlendRule, Cover, FileKind, Packing, Projection, Ramps, Turn};
+use crate::wall::{
+    BlendRule, Cover, FileKind, Packing, Projection, Ramps, StereoMode, StereoRule, Turn,
+};
 
 fn front(lines: &str) -> String {
     format!("{SMALLEST}[channel.front]\n{lines}\n")
@@ -14,6 +16,8 @@ fn front(lines: &str) -> String {
 fn every_key_arrives() {
     let wall = read(EVERY_KEY);
     assert_eq!((wall.eye_separation_m, wall.dither), (0.065, true));
+    let stereo = StereoRule { mode: StereoMode::Omnidirectional, error_max_px: 0.25 };
+    assert_eq!(wall.stereo, stereo);
     assert_eq!(wall.blend, BlendRule { exponent: 1.5, leak: 0.003 });
     let found = &wall.channels[0].adjustment;
     assert_eq!((found.turn, found.mirror), (Turn::Left, true));
@@ -34,6 +38,15 @@ fn every_key_arrives() {
     let measured = Curve::Measured(vec![DVec3::ZERO, middle, DVec3::ONE]);
     assert_eq!(wall.channels[1].adjustment.color.curve, measured);
     assert_eq!(wall.channels[1].adjustment.color.matrix, DMat3::IDENTITY);
+}
+
+#[test]
+fn stereo_that_is_none_is_told() {
+    let wall = |line: &str| SMALLEST.replace("[wall]\n", &format!("[wall]\n{line}\n"));
+    check(&wall("stereo = \"side-by-side\""), "2:10: wall.stereo: \"side-by-side\" is none of");
+    check(&wall("stereo_error = 0.0"), "2:1: wall.stereo_error: points cannot be off by up to 0.0");
+    check(&wall("stereo_error = nan"), "2:1: wall.stereo_error: points cannot be off by up to NaN");
+    assert_eq!(read(SMALLEST).stereo, StereoRule::default());
 }
 
 #[test]

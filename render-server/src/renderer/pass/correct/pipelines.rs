@@ -23,6 +23,8 @@ const PIPELINES_MAX: usize = 64;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Sampling {
     planes: u32,
+    /// Planes with triangles of their own; 0 if they have none.
+    cells: u32,
     taps: [u32; 2],
 }
 
@@ -59,7 +61,9 @@ impl Sampling {
     /// Of these eyes' planes, with samples across and down for each pixel of the display.
     pub fn new(eyes: &[SourceEye], taps: [u32; 2]) -> Self {
         let planes = eyes.iter().map(|eye| eye.planes.len()).max().unwrap_or(0) as u32;
-        Self { planes, taps: taps.map(|count| count.clamp(1, TAPS_MAX)) }
+        let has_cells = eyes.iter().any(|eye| eye.triangles.is_some());
+        let (planes, cells) = if has_cells { (1, planes) } else { (planes, 0) };
+        Self { planes, cells, taps: taps.map(|count| count.clamp(1, TAPS_MAX)) }
     }
 }
 
@@ -85,7 +89,7 @@ impl Key {
         }
     }
 
-    fn constants(&self, gpu: &Gpu) -> [(&'static str, f64); 15] {
+    fn constants(&self, gpu: &Gpu) -> [(&'static str, f64); 16] {
         let flag = |on: bool| f64::from(u8::from(on));
         [
             ("EYE", self.eye as f64),
@@ -93,6 +97,7 @@ impl Key {
             ("HEIGHT", f64::from(self.upright[1])),
             ("EXACT", flag(self.is_exact)),
             ("PLANES", f64::from(self.sampling.planes)),
+            ("CELLS", f64::from(self.sampling.cells)),
             ("TAPS_ACROSS", f64::from(self.sampling.taps[0])),
             ("TAPS_DOWN", f64::from(self.sampling.taps[1])),
             ("COLORED", flag(self.is_colored)),
@@ -161,12 +166,12 @@ impl Pipelines {
         pipeline
     }
 
-    /// What a draw reads: source, uniforms, light map and codes.
-    pub fn group(&self, gpu: &Gpu, resources: [wgpu::BindingResource<'_>; 4]) -> wgpu::BindGroup {
-        let [source, uniform, light_map, codes] = resources;
+    /// What a draw reads: source, uniforms, light map, codes and cells.
+    pub fn group(&self, gpu: &Gpu, resources: [wgpu::BindingResource<'_>; 5]) -> wgpu::BindGroup {
+        let [source, uniform, light_map, codes, cells] = resources;
         let sampler = wgpu::BindingResource::Sampler(&self.sampler);
         let map_sampler = wgpu::BindingResource::Sampler(&self.map_sampler);
-        let all = [source, sampler, uniform, light_map, codes, map_sampler];
+        let all = [source, sampler, uniform, light_map, codes, map_sampler, cells];
         let entries: Vec<_> = (0..)
             .zip(all)
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })

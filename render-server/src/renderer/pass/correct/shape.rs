@@ -1,10 +1,13 @@
 //! The pixels that a correction draws: a mesh on the GPU, with the uniforms of who reads it.
 
+use std::cell::RefCell;
+
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use wgpu::util::DeviceExt;
 
 use super::CorrectionUniform;
+use super::cells::{Parts, Triangles};
 use crate::renderer::correction::{WarpMesh, WarpVertex};
 use crate::renderer::gpu::Gpu;
 
@@ -23,8 +26,12 @@ pub struct Shape {
     /// Near the mesh, so that f32 suffices from there.
     pub(super) origin_in_display: DVec3,
     pub(super) corners: wgpu::Buffer,
-    pub(super) indices: wgpu::Buffer,
-    pub(super) index_count: u32,
+    /// All of it, as one part.
+    pub(super) whole: Parts,
+    /// Of the mesh; none without one.
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// The parts that were drawn last, and of which triangles they are.
+    pub(super) known: RefCell<Option<(Triangles, Parts)>>,
     pub(super) uniform: wgpu::Buffer,
 }
 
@@ -38,12 +45,12 @@ impl Shape {
         };
         let bytes = bytemuck::cast_slice(&corners);
         let corners = buffer("correct/corners", bytes, wgpu::BufferUsages::VERTEX);
-        let bytes = bytemuck::cast_slice(&indices);
         Self {
             origin_in_display,
             corners,
-            index_count: indices.len() as u32,
-            indices: buffer("correct/indices", bytes, wgpu::BufferUsages::INDEX),
+            whole: Parts::whole(gpu, &indices),
+            triangles: warp.map_or_else(Vec::new, |warp| warp.triangles.clone()),
+            known: RefCell::default(),
             uniform: gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("correct/uniform"),
                 size: size_of::<CorrectionUniform>() as u64,
