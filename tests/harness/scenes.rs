@@ -25,10 +25,19 @@ pub fn town() -> &'static Path {
 
 /// A scene from the assets beside the repository; where there is none, says so.
 pub fn asset(name: &str) -> Option<PathBuf> {
-    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets");
-    let path = assets.join(name).canonicalize().ok();
+    beside("assets", name)
+}
+
+/// A calibration file of another system from beside the repository; where there is none, says so.
+pub fn foreign_wall(name: &str) -> Option<PathBuf> {
+    beside("walls", name)
+}
+
+fn beside(folder: &str, name: &str) -> Option<PathBuf> {
+    let all = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(folder);
+    let path = all.join(name).canonicalize().ok();
     if path.is_none() {
-        println!("skipped: no assets ({name})");
+        println!("skipped: no {folder} ({name})");
     }
     path
 }
