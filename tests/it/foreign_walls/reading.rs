@@ -127,21 +127,12 @@ impl Mesh {
     }
 }
 
-/// What positions and texture coordinates of an OBJ are.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Roles {
-    /// Points in metres, and places of the picture.
-    Room,
-    /// Places of the picture from -1 to 1, and places of the canvas.
-    Sgct,
-}
-
 fn numbers(words: &str) -> Vec<f64> {
     words.split_whitespace().map(|word| word.parse().expect("a number")).collect()
 }
 
-/// OBJ with one texture coordinate for each position, and triangles.
-pub fn obj(text: &str, roles: Roles) -> Mesh {
+/// OBJ of triangles, whose positions are points in metres at the places of its UV.
+pub fn obj(text: &str) -> Mesh {
     let of = |word: &'static str| {
         text.lines().filter_map(move |line| line.trim().strip_prefix(word)?.strip_prefix(' '))
     };
@@ -151,33 +142,13 @@ pub fn obj(text: &str, roles: Roles) -> Mesh {
         let mut parts = word.split('/').map(|part| part.parse::<usize>().expect("an index") - 1);
         let position = positions[parts.next().expect("a position")];
         let uv = uvs[parts.next().expect("a texture coordinate")];
-        let (place, value) = match roles {
-            Roles::Room => (uv, position),
-            Roles::Sgct => ((position.truncate() + 1.0) / 2.0, uv.extend(0.0)),
-        };
-        Corner { place, value, intensity: 1.0 }
+        Corner { place: uv, value: position, intensity: 1.0 }
     };
     let triangle = |line: &str| {
         let corners: Vec<Corner> = line.split_whitespace().map(corner).collect();
         corners.try_into().expect("a triangle")
     };
     Mesh { triangles: of("f").map(triangle).collect() }
-}
-
-/// The same OBJ without triangles whose positions run clockwise.
-pub fn without_turned(text: &str) -> String {
-    let vertex = |line: &str| Some(DVec3::from_slice(&numbers(line.strip_prefix("v ")?)));
-    let positions: Vec<DVec3> = text.lines().filter_map(vertex).collect();
-    let is_kept = |line: &&str| {
-        let Some(words) = line.strip_prefix("f ") else { return true };
-        let corner = |word: &str| {
-            let number = word.split('/').next().expect("a number").parse::<usize>();
-            positions[number.expect("a number") - 1]
-        };
-        let corners: Vec<DVec3> = words.split_whitespace().map(corner).collect();
-        (corners[1] - corners[0]).cross(corners[2] - corners[0]).z >= 0.0
-    };
-    text.lines().filter(is_kept).flat_map(|line| [line, "\n"]).collect()
 }
 
 /// Paul Bourke's mesh for a channel of this width by its height; cells are two triangles, divided
