@@ -69,7 +69,8 @@ pub fn tiled([columns, rows]: [u32; 2], pixels: [u32; 2]) -> Wall {
     wall
 }
 
-fn patient(mut wall: Wall) -> Wall {
+/// The same wall with patience, and no scenes of its own.
+pub fn patient(mut wall: Wall) -> Wall {
     wall.deadline.min_ms = PATIENCE_MS;
     wall.deadline.max_ms = PATIENCE_MS;
     wall.heartbeat_ms = PATIENCE_MS;

@@ -25,8 +25,17 @@ pub fn town() -> &'static Path {
 
 /// A scene from the assets beside the repository. Who needs it is ignored where there are none.
 pub fn asset(name: &str) -> PathBuf {
-    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets");
-    assets.join(name).canonicalize().unwrap_or_else(|error| panic!("{name}: {error}"))
+    beside("assets", name)
+}
+
+/// A calibration file of another system from beside the repository, as [`asset`].
+pub fn foreign_wall(name: &str) -> PathBuf {
+    beside("walls", name)
+}
+
+fn beside(folder: &str, name: &str) -> PathBuf {
+    let all = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(folder);
+    all.join(name).canonicalize().unwrap_or_else(|error| panic!("{folder}/{name}: {error}"))
 }
 
 /// Eight ways to look at a scene: all around it, from far and near, from above and level, with

@@ -15,6 +15,7 @@
 //! - `command_text`: help, schema, manuals, variables, and files that the command leaves alone
 //! - `outputs`: commands replace regular files only
 //! - `wall_files`: warp maps, masks and archives that others wrote
+//! - `foreign_walls`: files of other systems, point by point
 //! - `first_look`: a scene that was opened is seen whole, large, and neither white nor black
 //! - `seams`: a wall of tiles shows what one channel shows
 //! - `exact`: what is drawn against a renderer in f64, in all cases that are hard for numbers
@@ -46,6 +47,7 @@ mod displays;
 mod exact;
 mod failures;
 mod first_look;
+mod foreign_walls;
 mod fullscreen;
 #[path = "../harness/harness.rs"]
 mod harness;
