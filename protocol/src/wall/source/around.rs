@@ -46,8 +46,6 @@ struct Sample {
     /// From the head to its middle: azimuth and elevation in radians.
     azimuth: f64,
     elevation: f64,
-    /// From the head to the eye of its first corner, in metres.
-    apart_m: f64,
     /// For each viewpoint and corner.
     corners: Vec<Corner>,
 }
@@ -168,7 +166,6 @@ impl Sample {
         Self {
             azimuth: middle.x.atan2(-middle.z),
             elevation: middle.y.atan2(middle.x.hypot(middle.z)),
-            apart_m: corners.first().map_or(0.0, |corner| corner.eye.distance(head)),
             facet,
             corners,
         }
@@ -201,8 +198,7 @@ impl Cell {
         Self { samples, error_px, groups }
     }
 
-    /// Divided by azimuth, by how far the eyes are apart, or by elevation, whichever leaves the
-    /// worse half less wrong.
+    /// Divided by azimuth or elevation, whichever leaves the worse half less wrong.
     fn halves(self, head: DVec3, viewpoints: &[Viewpoint]) -> Vec<Self> {
         // Azimuths count from the middle of the part, that none lies behind the viewer.
         let (sin, cos) = self.samples.iter().fold((0.0, 0.0), |(sin, cos), sample| {
@@ -215,21 +211,15 @@ impl Cell {
         };
         let by_azimuth = divide(&self.samples, azimuth);
         let by_elevation = divide(&self.samples, |sample| sample.elevation);
-        let by_eyes = divide(&self.samples, |sample| sample.apart_m);
-        let candidates = [by_azimuth, by_eyes, by_elevation].into_iter().flatten();
+        let candidates = [by_azimuth, by_elevation].into_iter().flatten();
         let cells = candidates
             .map(|halves| halves.map(|half| Self::new(half, head, viewpoints)))
             .min_by(|a, b| {
                 let [a, b] = [a, b].map(|halves| {
-                    let [one, other] = [0, 1].map(|half| halves[half].error_px);
-                    let spans = halves.iter().map(Self::span).sum::<f64>();
-                    [one.max(other), one.min(other), spans]
+                    let worst = halves.iter().map(|half| half.error_px).fold(0.0, f64::max);
+                    (worst, halves.iter().map(Self::span).sum::<f64>())
                 });
-                a.iter()
-                    .zip(&b)
-                    .map(|(a, b)| a.total_cmp(b))
-                    .find(|order| order.is_ne())
-                    .unwrap_or(std::cmp::Ordering::Equal)
+                a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
             });
         cells.map_or_else(|| self.unequal_halves(head, viewpoints), Vec::from)
     }

@@ -134,10 +134,8 @@ fn a_ring_keeps_its_error_with_few_planes() {
 fn a_dome_keeps_what_its_planes_suffice_for_and_says_it() {
     let dome = |side| Round { size: UVec2::new(side, side / 4), is_dome: true };
     let plan = check(&dome(1200), 0.5);
-    assert!(plan.stereo_error_px <= 0.5, "{}", plan.stereo_error_px);
-    let fine = check(&dome(4800), 0.25);
-    assert_eq!(fine.triangles.len(), SOURCE_CELLS_MAX);
-    assert!((0.25..4.0).contains(&fine.stereo_error_px), "{}", fine.stereo_error_px);
+    assert_eq!(plan.triangles.len(), SOURCE_CELLS_MAX);
+    assert!((0.5..1.5).contains(&plan.stereo_error_px), "{}", plan.stereo_error_px);
 }
 
 /// The azimuth at which an eye h to the right sees a point at azimuth α and distance d, both
