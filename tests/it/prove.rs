@@ -92,10 +92,10 @@ fn small(keys: &str) -> String {
 /// Masks that fade over the overlap, to the right and to the left, and one that does so some
 /// pixels too early.
 fn write_masks(place: &Place) {
-    let masks: [(&str, fn(f64) -> f64); 3] =
-        [("right.png", |x| 160.0 - x), ("left.png", |x| x), ("early.png", |x| 156.0 - x)];
-    for (name, pixels_to_edge) in masks {
-        let share = |x: u32| (pixels_to_edge(f64::from(x) + 0.5) / 40.0).clamp(0.0, 1.0);
+    // Where its light ends, and which way it fades.
+    let masks = [("right.png", 160.0, -1.0), ("left.png", 0.0, 1.0), ("early.png", 156.0, -1.0)];
+    for (name, edge, way) in masks {
+        let share = |x: u32| ((f64::from(x) + 0.5 - edge) * way / 40.0).clamp(0.0, 1.0);
         let texels: Vec<u16> =
             (0..160 * 4).map(|i| (share(i % 160) * 65535.0).round() as u16).collect();
         let picture =

@@ -209,6 +209,11 @@ fn lit_at(lamps: &[Lamp<'_>], canvas: DVec2) -> Vec<(usize, DVec2)> {
     lamps.iter().enumerate().filter_map(lit).collect()
 }
 
+/// The light of all, with what leaks.
+fn light_of(lamps: &[Lamp<'_>], lit: &[(usize, DVec2)], grey: usize) -> DVec3 {
+    lit.iter().map(|(at, pixel)| lamps[*at].light(grey, *pixel)).sum()
+}
+
 /// Numbers from 0 to below `count`, both ends among them.
 fn spread(count: u32) -> impl Iterator<Item = u32> + Clone {
     let steps = (count - 1).clamp(1, PLACES_MAX);
@@ -301,7 +306,7 @@ impl Sums {
                 continue;
             }
             for (grey, light) in GREYS.into_iter().enumerate() {
-                let off = self.off(lamps, &lit, self.shown(lamps, &lit, grey), light, axes);
+                let off = self.off(lamps, &lit, light_of(lamps, &lit, grey), light, axes);
                 let place = || format!("{} at pixel ({x}, {y}) of light {light}", channel.name);
                 self.codes.add(off, place);
                 if light == 0.0 {
@@ -324,7 +329,7 @@ impl Sums {
                     continue;
                 }
                 for (grey, sum) in shown.iter_mut().enumerate() {
-                    *sum += self.shown(lamps, &lit, grey);
+                    *sum += light_of(lamps, &lit, grey);
                 }
                 count += 1.0;
                 is_even &= fewest.is_empty() || lit.len() == fewest.len();
@@ -359,11 +364,6 @@ impl Sums {
             let off = off.map(|(light, sum)| self.off(lamps, &fewest, sum / count, light, &axes));
             self.plain.add(off.fold(0.0, f64::max), name);
         }
-    }
-
-    /// The light of all, with what leaks.
-    fn shown(&self, lamps: &[Lamp<'_>], lit: &[(usize, DVec2)], grey: usize) -> DVec3 {
-        lit.iter().map(|(at, pixel)| lamps[*at].light(grey, *pixel)).sum()
     }
 
     /// By how much light is off what it should be, in parts of what rounding may do:

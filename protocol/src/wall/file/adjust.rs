@@ -115,24 +115,7 @@ impl Table<'_> {
             let key = format!("{}.{name}", self.key);
             path.as_ref().map(|path| files.index(self.source, &key, path, kind)).transpose()
         };
-        if s.warp_zero.is_some() && s.warp.is_none() {
-            let what = "there is no warp whose points at (0, 0, 0) could be dark";
-            return Err(self.error("warp_zero", what, "name a warp, or leave it out"));
-        }
-        if s.warp_obj.is_some() && s.warp.is_none() {
-            let what = "there is no warp that could be an OBJ";
-            return Err(self.error("warp_obj", what, "name a warp, or leave it out"));
-        }
-        let warp = match (s.warp_zero, s.warp_obj) {
-            (Some(WarpZero::Dark), Some(WarpObj::Sgct)) => {
-                let what = "an OBJ has no pixels that could be dark by warp_zero";
-                return Err(self.error("warp_obj", what, "keep one of the two"));
-            }
-            (Some(WarpZero::Dark), _) => FileKind::WarpDarkZeros,
-            (_, Some(WarpObj::Sgct)) => FileKind::WarpSgct,
-            _ => FileKind::Warp,
-        };
-        adjustment.warp = file("warp", &s.warp, warp)?;
+        adjustment.warp = file("warp", &s.warp, self.warp_kind()?)?;
         adjustment.alpha = file("alpha", &s.alpha, FileKind::Alpha)?;
         adjustment.beta = file("beta", &s.beta, FileKind::Beta)?;
         adjustment.ramps = self.ramps()?;
@@ -159,6 +142,28 @@ impl Table<'_> {
         // No canvas is shared with it.
         (draft.channel.cover, draft.channel.projection) = (Cover::Map, Projection::Own);
         Ok(())
+    }
+
+    /// What its warp file is, if it has one.
+    fn warp_kind(&self) -> Result<FileKind, WallFileError> {
+        let s = self.section;
+        if s.warp_zero.is_some() && s.warp.is_none() {
+            let what = "there is no warp whose points at (0, 0, 0) could be dark";
+            return Err(self.error("warp_zero", what, "name a warp, or leave it out"));
+        }
+        if s.warp_obj.is_some() && s.warp.is_none() {
+            let what = "there is no warp that could be an OBJ";
+            return Err(self.error("warp_obj", what, "name a warp, or leave it out"));
+        }
+        match (s.warp_zero, s.warp_obj) {
+            (Some(WarpZero::Dark), Some(WarpObj::Sgct)) => {
+                let what = "an OBJ has no pixels that could be dark by warp_zero";
+                Err(self.error("warp_obj", what, "keep one of the two"))
+            }
+            (Some(WarpZero::Dark), _) => Ok(FileKind::WarpDarkZeros),
+            (_, Some(WarpObj::Sgct)) => Ok(FileKind::WarpSgct),
+            _ => Ok(FileKind::Warp),
+        }
     }
 
     fn monitor(&self) -> Result<Option<String>, WallFileError> {
