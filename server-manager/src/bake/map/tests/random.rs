@@ -9,6 +9,7 @@ use polyptych_protocol::blob::BlobFolder;
 use polyptych_protocol::wall::blend::{Blend, Masks, light_map};
 use polyptych_protocol::wall::shapes::{Shaped, Shapes};
 use polyptych_protocol::wall::surface::Plane;
+use polyptych_protocol::wall::warp_mesh as wall_mesh;
 use polyptych_protocol::wall::{Channel, Cover, FileKind, MapFile, Screen, Surface, Wall};
 use proptest::prelude::*;
 
@@ -202,7 +203,7 @@ fn check(obj: &Obj, wall: Wall, kind: FileKind, picture: UVec2) -> Result<(), Te
             Err(line) => {
                 prop_assert!(accepted.is_err(), "{} was accepted: {line}", channel.name);
                 dark.push(channel.name.clone());
-                WarpMesh::default()
+                wall_mesh::WarpMesh::default()
             }
         };
         if accepted.is_ok() {
