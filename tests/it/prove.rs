@@ -63,15 +63,21 @@ fn a_proof_says_what_it_does_and_what_its_rows_mean() {
     let proof = Proof::of(&place, WALL, None, &town().display().to_string());
     let Proof { code, rows, said } = &proof;
     // It says what it does before it prints what came of that.
-    let steps: Vec<_> = (1..=8).filter_map(|n| said.find(&format!("step {n} of 8: "))).collect();
-    assert_eq!(steps.len(), 8, "{said}");
+    let steps: Vec<_> = (1..=9).filter_map(|n| said.find(&format!("step {n} of 9: "))).collect();
+    assert_eq!(steps.len(), 9, "{said}");
     let headings = said.lines().find(|line| line.starts_with("what ")).expect("headings");
     for heading in ["measured", "target", "kept", "where"] {
         assert!(headings.contains(heading), "{headings}");
     }
     let judged = rows.iter().filter(|row| !row["target"].is_null()).count();
     assert!(said.contains(&format!("targets kept: {judged} of {judged}")), "{said}");
-    for what in ["points", "points, 1e7 m away", "sum of blend weights, off 1", "black"] {
+    for what in [
+        "points",
+        "points, 1e7 m away",
+        "sum of blend weights, off 1",
+        "black",
+        "points in views of their own",
+    ] {
         let row = proof.row(what);
         assert!(row["is_kept"] == true && row["measured"].is_f64(), "{row}");
     }

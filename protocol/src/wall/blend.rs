@@ -51,7 +51,8 @@ pub const TEXEL_ONE: u16 = u16::MAX;
 pub struct LightMap {
     /// Of the upright picture, in pixels.
     pub size: UVec2,
-    /// Row by row from the top: factor in parts of [`TEXEL_ONE`], and addend in those of `add`; once for all colours, or for red, then all for green, then all for blue. A weight is
+    /// Row by row from the top: factor in parts of [`TEXEL_ONE`], and addend in those of `add`;
+    /// once for all colours, or for red, then all for green, then all for blue. A weight is
     /// rounded by 1/131,070 at most, so that the sum of four keeps 1/4096 eight times over.
     pub texels: Vec<[u16; 2]>,
     /// The addend that a texel of [`TEXEL_ONE`] stands for, of red, green and blue.

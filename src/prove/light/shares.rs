@@ -2,8 +2,8 @@
 //! fields: overlapping channels as bright as one, codes, and black.
 //!
 //! Nothing of this knows how a picture was made: displays give the light of the codes that they
-//! got, by their curve, and what leaks with it; on each place the light of all is summed, and must be
-//! that of the field. Where a channel's pixels are the canvas's, and where it is alone, each pixel
+//! got, by their curve, and what leaks with it; on each place the light of all is summed, and must
+//! be that of the field. Where a channel's pixels are the canvas's, and where it is alone, each pixel
 //! is judged; else light between pixels is linear, and judged as the mean of some pixels, as a
 //! projector's black ends within a pixel of another one.
 

@@ -107,8 +107,8 @@ pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<Facet>, SourceEr
     Ok(facets)
 }
 
-/// All facets, seen by this eye, in groups of one plane each, divided further where a plane takes many more pixels
-/// than the channel has there.
+/// All facets, seen by this eye, in groups of one plane each, divided further where a plane takes
+/// many more pixels than the channel has there.
 pub(super) fn groups(facets: &[Facet], eye: DVec3) -> Result<Vec<Group>, SourceError> {
     let mut waiting = vec![facets.to_vec()];
     let mut done = Vec::new();

@@ -202,7 +202,7 @@ fn eyes_edges_and_maps_that_contradict_each_other() {
     );
     check(
         &format!("{EVERY_KEY}[channel.beam]\nwarp = \"x.pfm\"\n"),
-        "54:1: channel.beam.warp: where its pixels lie is given twice, by a warp file and by a",
+        "56:1: channel.beam.warp: where its pixels lie is given twice, by a warp file and by a",
     );
     check(
         &EVERY_KEY.replace("warp = ", "# "),

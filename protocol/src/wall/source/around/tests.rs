@@ -1,4 +1,5 @@
-//! Omnidirectional stereo against its closed form: rays of f64 that hit exact cylinders and spheres.
+//! Omnidirectional stereo against its closed form: rays of f64 that hit exact cylinders and
+//! spheres.
 
 use std::f64::consts::{PI, TAU};
 
