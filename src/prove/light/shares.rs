@@ -3,9 +3,9 @@
 //!
 //! Nothing of this knows how a picture was made: displays give the light of the codes that they
 //! got, by their curve, and what leaks with it; on each place the light of all is summed, and must
-//! be that of the field. Where a channel's pixels are the canvas's, and where it is alone, each pixel
-//! is judged; else light between pixels is linear, and judged as the mean of some pixels, as a
-//! projector's black ends within a pixel of another one.
+//! be that of the field. Where a channel's pixels are the canvas's, and where it is alone, each
+//! pixel is judged; else light between pixels is linear, and judged as the mean of some pixels, as
+//! a projector's black ends within a pixel of another one.
 
 use anyhow::Context;
 use glam::{DMat3, DVec2, DVec3, UVec2};

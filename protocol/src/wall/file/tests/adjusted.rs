@@ -206,7 +206,7 @@ fn eyes_edges_and_maps_that_contradict_each_other() {
     );
     check(
         &EVERY_KEY.replace("warp = ", "# "),
-        "25:1: screen[1].channel[1].origin: nobody knows what channel \"mapped\" shows; give \
+        "27:1: screen[1].channel[1].origin: nobody knows what channel \"mapped\" shows; give \
          origin",
     );
     let head = SMALLEST.replacen("name = \"w\"", "name = \"w\"\neye_separation = -0.1", 1);
