@@ -1,6 +1,6 @@
 //! A wall that is hurt all the time, for a long time: it neither grows nor leaks.
 //!
-//! `POLYPTYCH_SOAK=100000 cargo test --release --test it soak -- --nocapture` goes on for so many
+//! `POLYPTYCH_SOAK=1440000 cargo test --release --test it soak -- --nocapture` goes on for so many
 //! frames and prints what it saw.
 
 use std::time::Duration;
