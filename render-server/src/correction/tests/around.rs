@@ -54,13 +54,12 @@ fn places(name: &str, wall: &Wall, spots: &[Spot]) -> Vec<[DVec2; 2]> {
         assert!(shots.eyes[0].planes.len() > 6, "{name}: one eye for too much");
         let bytes = read_picture(gpu(), output.picture().expect("a picture")).expect("read");
         let light: Vec<f64> = bytes.chunks(4).map(|code| linear_from_srgb(code[0])).collect();
-        // Where the parts do not suffice, the plan says what they come to. These eyes are five
-        // times as far apart as people's, on a dome for whose zenith no number of parts is enough.
+        // Where the parts do not suffice, the plan says what they come to.
         let mesh = corrector.plan.warp.as_ref().expect("a mesh");
         let eyes = wall.viewpoints(&wall.channels[0]);
         let planned = SourcePlan::new(mesh, &eyes, wall.near_m, CHANNEL_SIDE_MAX).expect("a plan");
         let planned_px = planned.stereo_error_px;
-        assert!(planned_px < 4.0, "{name}: {planned_px} px");
+        assert!(planned_px < 1.0, "{name}: {planned_px} px");
         let (mut on_screen, mut off_screen) = (0f64, 0f64);
         for (spot, found) in spots.iter().zip(&mut found) {
             let wanted = ideal(&wall, spot);
@@ -113,7 +112,7 @@ fn a_ring_has_depth_in_all_directions() {
 }
 
 #[test]
-fn a_dome_has_none_at_its_top() {
+fn a_dome_has_nearly_none_at_its_top() {
     let dome = Surface::Sphere(Sphere {
         center: DVec3::ZERO,
         rotation: DQuat::IDENTITY,
@@ -124,7 +123,9 @@ fn a_dome_has_none_at_its_top() {
     let spots: Vec<_> = [(-2.5, 0.95), (-1.0, 0.95), (0.5, 0.95), (2.0, 0.95), (2.7, 1.5)]
         .map(|(azimuth, elevation)| Spot { place: toward(azimuth, elevation, 9.0), half: 0.9 })
         .into();
-    let mut wall = around(dome, [1024, 256], 1.0);
+    let mut wall = around(dome, [1024, 256], 0.5);
+    // As far apart as people's: no number of parts is enough for five times that.
+    wall.eye_separation_m = 0.063;
     wall.channels[0].size = UVec2::new(220, 220);
     wall.channels[0].cover = Cover::Projector(Box::new(Projector {
         position: DVec3::new(0.1, 0.0, 0.05),
@@ -136,10 +137,11 @@ fn a_dome_has_none_at_its_top() {
         // The picture's upper edge is behind the viewer, its right edge at the right.
         let to_the_right = DVec2::new(-spot.place.z, -spot.place.x).normalize();
         let apart = (*right - *left).dot(to_the_right);
-        assert!(apart > 4.0, "{apart} px, {left}, {right} of {}", spot.place);
+        assert!(apart > 0.8, "{apart} px, {left}, {right} of {}", spot.place);
     }
     let [left, right] = found[4];
-    assert!(left.distance(right) < 0.1, "{left}, {right}");
+    // Each eye may be off by what the plan says.
+    assert!(left.distance(right) < 0.5, "{left}, {right}");
 }
 
 #[test]
