@@ -9,9 +9,9 @@ use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
+use polyptych_files::output_file;
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::keys::{self, AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Keys};
-use polyptych_protocol::output_file;
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose,
     GeneralSubtree, IsCa, Issuer, KeyPair, KeyUsagePurpose, NameConstraints,

@@ -22,12 +22,11 @@ use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::identity::Identity;
-use polyptych_protocol::wall::surface::Plane;
-use polyptych_protocol::wall::{Channel, DeadlineRule, Screen, Surface, Wall};
+use polyptych_wall::surface::Plane;
+use polyptych_wall::{Channel, DeadlineRule, Screen, Surface, Wall};
+use secrets::Secrets;
 use serde::Serialize;
 use tokio_util::sync::CancellationToken;
-
-use secrets::Secrets;
 
 /// Pixels of a channel that nobody draws.
 const SIDE: u32 = 64;

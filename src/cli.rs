@@ -35,13 +35,13 @@ use anyhow::{Context, anyhow};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use polyptych_client::DisplayMode;
 use polyptych_client::blocking::Client;
+use polyptych_files::blob::BlobFolder;
 use polyptych_manager::import::{Baker, bake_wall_files, read_wall_files};
-use polyptych_protocol::blob::BlobFolder;
-use polyptych_protocol::limits::PORT_DEFAULT;
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::shapes::{Shaped, Shapes};
-use polyptych_protocol::wall::{Wall, file};
-use polyptych_protocol::words::printable;
+use polyptych_text::printable;
+use polyptych_wall::Wall;
+use polyptych_wall::limits::PORT_DEFAULT;
+use polyptych_wall::maps::Maps;
+use polyptych_wall::shapes::{Shaped, Shapes};
 use rustix::process::{Signal, set_parent_process_death_signal};
 
 use crate::log::{self, LogWish};
@@ -283,7 +283,7 @@ fn log_file_warnings(files: &WallFiles) {
 
 fn load_wall(path: &Path) -> anyhow::Result<Wall> {
     // The error begins with the file, line and key.
-    file::load(path).map_err(|error| anyhow!("{error}"))
+    polyptych_wall_file::load(path).map_err(|error| anyhow!("{error}"))
 }
 
 /// The folder in which this user's caches lie.

@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use polyptych_client::Feedback;
-use polyptych_protocol::output_file;
-use polyptych_protocol::wall::Wall;
+use polyptych_files::output_file;
+use polyptych_wall::Wall;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::local_wall::LocalWall;

@@ -15,7 +15,7 @@ use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::token;
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
 use tokio_util::sync::CancellationToken;
 
 use crate::ending::{EndRequest, Ending};

@@ -13,7 +13,7 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use limit::Budgets;
-use polyptych_protocol::words::printable;
+use polyptych_text::printable;
 use queue::Queue;
 use serde_json::json;
 use tracing::field::Field;

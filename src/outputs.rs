@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use polyptych_protocol::output_file;
+use polyptych_files::output_file;
 
 /// Checks that a picture or a report can be written at this path, before the work that makes it.
 pub(crate) fn check(path: &Path) -> anyhow::Result<()> {

@@ -12,17 +12,17 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use polyptych_client::{Bounds, Capture, orbit};
+use polyptych_files::blob::BlobFolder;
 use polyptych_manager::import::{Baker, read_wall_files};
-use polyptych_protocol::blob::BlobFolder;
-use polyptych_protocol::wall::shapes::{Shaped, Shapes};
-use polyptych_protocol::wall::{Channel, Wall};
+use polyptych_text::counted;
+use polyptych_wall::shapes::{Shaped, Shapes};
+use polyptych_wall::{Channel, Wall};
+use table::Table;
 
 use crate::faults::Needs;
 use crate::local_wall::{LocalWall, LocalWallOptions};
 use crate::progress::Steps;
 use crate::{outputs, pictures};
-use polyptych_protocol::words::counted;
-use table::Table;
 
 /// Where the camera looks from when pictures are compared, in radians around the vertical.
 const HEADING_RAD: f64 = 0.52;

@@ -1,7 +1,7 @@
 //! `report.json`: what a simulated wall did.
 
 use polyptych_client::{SceneSummary, Statistics};
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
 use serde::Serialize;
 
 use crate::ending::Ending;

@@ -5,7 +5,7 @@ use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use polyptych_protocol::output_file;
+use polyptych_files::output_file;
 
 /// Maximum bytes of a lock file that are read: a process id.
 const PID_BYTES_MAX: u64 = 32;

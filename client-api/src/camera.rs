@@ -1,9 +1,9 @@
 //! Camera poses that show a whole scene.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::scene::Bounds;
-use polyptych_protocol::wall::Wall;
+use polyptych_scene::Bounds;
+use polyptych_wall::Wall;
+use polyptych_wall::camera::Camera;
 
 use crate::window::{Window, front_screen, last};
 

@@ -3,17 +3,17 @@
 use std::pin::pin;
 
 use glam::DVec3;
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::View;
 use polyptych_protocol::display::DisplayMode;
-use polyptych_protocol::feedback::{Feedback, Statistics, WallStatus};
-use polyptych_protocol::head::Head;
+use polyptych_protocol::feedback::{Feedback, Statistics, Tuned, WallStatus};
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight, StoppedServers};
-use polyptych_protocol::tuning::{Change, Tuned};
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::tuning::Change;
+use polyptych_wall::view::View;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::watch;
 

@@ -1,20 +1,20 @@
 //! How a client comes to its manager: address, token, handshake.
 
-use std::fmt;
 use std::future::Ready;
-use std::io;
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use std::{fmt, io};
 
 use polyptych_protocol::connection::{ConnectionError, introduce};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::keys::{KEYS_VARIABLE, Keys};
-use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, NAME_BYTES_MAX, PORT_DEFAULT};
+use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::stream::{self, DialError, Stream};
 use polyptych_protocol::token;
-use polyptych_protocol::words::make_printable;
+use polyptych_text::make_printable;
+use polyptych_wall::limits::{NAME_BYTES_MAX, PORT_DEFAULT};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::{sleep, timeout};
 

@@ -59,18 +59,19 @@ pub use picture::{CAPTURE_BYTES_MAX, Capture, Picture};
 pub use reconnect::Reconnect;
 
 pub use glam;
-pub use polyptych_protocol::camera::Camera;
-pub use polyptych_protocol::command::{Area, View, ViewProjection};
 pub use polyptych_protocol::display::DisplayMode;
+pub use polyptych_protocol::feedback::Tuned;
 pub use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Shown, Skew, Spread,
     Statistics, WallStatus,
 };
-pub use polyptych_protocol::head::Head;
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 pub use polyptych_protocol::pattern::Pattern;
 pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 pub use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight, StoppedServers};
-pub use polyptych_protocol::scene::{Bounds, SceneFeatures};
-pub use polyptych_protocol::tuning::{self, Tuned};
-pub use polyptych_protocol::wall::{Channel, Screen, Wall};
+pub use polyptych_scene::{Bounds, SceneFeatures};
+pub use polyptych_wall::camera::Camera;
+pub use polyptych_wall::head::Head;
+pub use polyptych_wall::tuning;
+pub use polyptych_wall::view::{Area, View, ViewProjection};
+pub use polyptych_wall::{Channel, Screen, Wall};

@@ -3,8 +3,8 @@
 use std::fmt;
 
 use polyptych_protocol::ids::FrameId;
-use polyptych_protocol::limits::{CHANNELS_MAX, SCREENS_MAX};
 use polyptych_protocol::request::Captured;
+use polyptych_wall::limits::{CHANNELS_MAX, SCREENS_MAX};
 
 use crate::error::ClientError;
 

@@ -1,7 +1,7 @@
 //! The window of a wall: the rectangle in front of its eye that a scene is fitted to.
 
 use glam::{DMat3, DVec2, DVec3};
-use polyptych_protocol::wall::{Cover, Screen, Surface, Wall};
+use polyptych_wall::{Cover, Screen, Surface, Wall};
 
 /// Share of the rectangle around several screens of one plane that they must cover to count as
 /// one screen: bezels between them are allowed, gaps are not.

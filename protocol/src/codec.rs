@@ -9,11 +9,12 @@
 //! A length above the connection's limit ends the connection before anything is allocated.
 
 use bytes::Bytes;
+use polyptych_scene::limits::MANIFEST_BYTES_MAX;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tokio_util::codec::LengthDelimitedCodec;
 
-use crate::limits::{MANIFEST_BYTES_MAX, MESSAGE_BYTES_MAX};
+use crate::limits::MESSAGE_BYTES_MAX;
 
 /// Why bytes are not a message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

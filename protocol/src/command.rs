@@ -1,14 +1,14 @@
 //! What the manager tells a render server on its control connection.
 
+use polyptych_text::text_of_peer;
+use polyptych_wall::head::Head;
+use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Camera;
 use crate::display::DisplayMode;
-use crate::head::Head;
 use crate::ids::{Epoch, FrameId, Revision};
 use crate::log::Operation;
 use crate::pattern::Pattern;
-use crate::words::text_of_peer;
 
 /// One message from the manager to a render server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -93,58 +93,6 @@ pub struct Frame {
     pub display: DisplayMode,
     /// What channels draw instead of the scene.
     pub pattern: Option<Pattern>,
-}
-
-/// A camera's picture on a part of the wall.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct View {
-    /// Where display space stands in the world.
-    pub camera: Camera,
-    /// The node under which all is drawn; `None`: the whole scene.
-    pub scene_root: Option<u32>,
-    /// The part of the wall.
-    pub area: Area,
-    /// How the part shows what the camera sees.
-    pub projection: ViewProjection,
-}
-
-/// How a part of the wall shows what a view's camera sees.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum ViewProjection {
-    /// As a window: what the viewer's eyes see through it.
-    Wall,
-    /// As a camera's picture, whoever looks at it: the camera stands at the origin of display
-    /// space and looks along its −Z through the middle of the part.
-    Perspective {
-        /// From the lower to the upper edge of the part, in radians.
-        fov_y_rad: f64,
-    },
-    /// The same in parallel rays: a plan.
-    Orthographic {
-        /// What the part shows from its lower to its upper edge, in metres of display space.
-        height_m: f64,
-    },
-}
-
-impl View {
-    /// A camera's picture on the whole wall, as through a window.
-    pub fn of_wall(camera: Camera) -> Self {
-        Self { camera, scene_root: None, area: Area::Wall, projection: ViewProjection::Wall }
-    }
-}
-
-/// A part of the wall.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Area {
-    /// All screens.
-    Wall,
-    /// A rectangle of one screen's canvas, in pixels from its upper left.
-    Screen {
-        /// An index into the wall's screens.
-        screen: u16,
-        /// x, y, width, height.
-        rect: [u32; 4],
-    },
 }
 
 /// Show the frame, unless it is too late.

@@ -2,13 +2,13 @@
 
 use std::fmt;
 
+use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
 use crate::display::DisplayMode;
 use crate::ids::{Digest, Epoch, FrameId, Revision};
 use crate::pattern::Pattern;
 use crate::progress::Opening;
-use crate::words::text_of_peer;
 
 /// Where a channel stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -195,7 +195,7 @@ pub struct WallStatus {
     #[serde(deserialize_with = "text_of_peer")]
     pub warnings: Vec<String>,
     /// What of the open scene is not drawn, or not as its file has it; see
-    /// [`crate::scene::Scene::notes`].
+    /// [`polyptych_scene::Scene::notes`].
     #[serde(deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,
     /// Scenes that are being opened, the oldest request first.
@@ -334,6 +334,17 @@ impl Spread {
         let (count, max) = (sorted.len() as u64, sorted.last().copied().unwrap_or(0.0));
         Self { count, p50: at(0.5), p95: at(0.95), p99: at(0.99), max }
     }
+}
+
+/// What a tuning has become.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tuned {
+    /// The state that has it.
+    pub revision: Revision,
+    /// Frames that were begun from the request to the first one with it, that one among them.
+    pub frames: u64,
+    /// What the first frame with it became: which displays show it, and which do not.
+    pub feedback: Feedback,
 }
 
 #[cfg(test)]

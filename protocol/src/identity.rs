@@ -7,9 +7,8 @@
 
 use std::fmt;
 
+use polyptych_wall::limits::NAME_BYTES_MAX;
 use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
-
-use crate::limits::NAME_BYTES_MAX;
 
 /// Last part of all these names; no public top-level domain.
 const DOMAIN: &str = "polyptych";

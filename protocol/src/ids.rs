@@ -1,13 +1,9 @@
-//! The names of things on the wire. Each is its own type, so that none is taken for another.
+//! The names of what messages are about. Each is its own type, so that none is taken for another.
 
 use std::fmt;
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-/// A channel, by its place in the wall's list of channels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-pub struct ChannelId(pub u16);
 
 /// A frame of the wall. Numbers rise by one and never come back within an epoch.
 #[derive(
@@ -33,34 +29,6 @@ pub struct Revision(pub u64);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Digest(pub u64);
 
-/// The BLAKE3 hash of a blob's bytes, which is its name.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-pub struct BlobHash(pub [u8; 32]);
-
-impl BlobHash {
-    /// The name of these bytes.
-    pub fn of(bytes: &[u8]) -> Self {
-        Self(*blake3::hash(bytes).as_bytes())
-    }
-
-    /// The hash that 64 hexadecimal digits stand for, or `None` if they are not that.
-    pub fn from_hex(text: &str) -> Option<Self> {
-        blake3::Hash::from_hex(text).ok().map(|hash| Self(*hash.as_bytes()))
-    }
-}
-
-impl fmt::Display for BlobHash {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
-    }
-}
-
-impl fmt::Debug for BlobHash {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "BlobHash({self})")
-    }
-}
-
 macro_rules! display_number {
     ($($name:ident),*) => {$(
         impl fmt::Display for $name {
@@ -70,7 +38,7 @@ macro_rules! display_number {
         }
     )*};
 }
-display_number!(ChannelId, FrameId, RequestId, Revision);
+display_number!(FrameId, RequestId, Revision);
 
 macro_rules! display_hex {
     ($($name:ident),*) => {$(

@@ -4,13 +4,13 @@
 //! certificate that the wall's authority made; TLS 1.3 is the only version, and nothing is resumed,
 //! so that every connection is checked anew.
 
-use std::fmt;
-use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use std::{fmt, fs};
 
+use polyptych_files::private_file;
 use tokio_rustls::rustls::client::{Resumption, WebPkiServerVerifier};
 use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
 use tokio_rustls::rustls::pki_types::pem::PemObject;
@@ -21,7 +21,6 @@ use tokio_rustls::rustls::{ClientConfig, Error, RootCertStore, ServerConfig};
 use tokio_rustls::{TlsAcceptor, TlsConnector};
 
 use crate::identity::Identity;
-use crate::private_file;
 use crate::tls;
 
 /// Names a client's folder of keys. Servers and managers are told by `--keys` only: one

@@ -13,32 +13,24 @@
 //! assert_eq!(codec::decode::<Request>(&bytes), Ok(Request::Status));
 //! ```
 
-pub mod blob;
-pub mod camera;
+pub mod bulk;
 pub mod codec;
 pub mod command;
 pub mod connection;
 pub mod display;
 pub mod feedback;
 pub mod handshake;
-pub mod head;
 pub mod identity;
 pub mod ids;
 pub mod keys;
 pub mod limits;
 pub mod log;
 pub mod navigation;
-pub mod output_file;
 pub mod pattern;
-pub mod private_file;
 pub mod process;
 pub mod progress;
 pub mod request;
-pub mod scene;
 pub mod status;
 pub mod stream;
 pub mod tls;
 pub mod token;
-pub mod tuning;
-pub mod wall;
-pub mod words;

@@ -3,11 +3,13 @@
 //! Manager and servers fold with this same code; what they folded is compared by digest.
 
 use glam::DVec2;
+use polyptych_files::blob::BlobHash;
+use polyptych_wall::{Adjustment, ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
 use crate::codec;
-use crate::ids::{BlobHash, ChannelId, Digest, Revision};
-use crate::wall::{Adjustment, Wall};
+use crate::ids::{Digest, Revision};
+use crate::limits::MESSAGE_BYTES_MAX;
 
 /// A change of the replicated state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,12 +37,35 @@ pub enum Operation {
     CloseScene,
 }
 
+/// Maximum size of a wall's description, in encoded bytes: it travels in one message, beside a
+/// scene's name.
+const WALL_BYTES_MAX: usize = MESSAGE_BYTES_MAX / 2;
+
+/// Checks that a wall's description fits into a message.
+///
+/// # Errors
+/// Its size, the maximum and the remedy.
+pub fn check_wall_size(wall: &Wall) -> Result<(), String> {
+    // Without its bends, whose points take 16 bytes each, a wall is encoded fast.
+    let mut bare = wall.clone();
+    let bends = bare.channels.iter_mut().filter_map(|channel| channel.adjustment.bend.take());
+    let points: usize = bends.map(|bend| bend.moves.len()).sum();
+    let bytes = codec::encode(&bare).len() + points * size_of::<DVec2>();
+    if bytes > WALL_BYTES_MAX {
+        return Err(format!(
+            "the wall's description takes {bytes} bytes, where {WALL_BYTES_MAX} can be; bends with \
+             fewer points would fit"
+        ));
+    }
+    Ok(())
+}
+
 /// A baked scene, by the hash of its manifest, which names all the rest.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SceneRef {
     /// What to call it.
     pub name: String,
-    /// A [`crate::scene::Scene`], encoded.
+    /// A [`polyptych_scene::Scene`], encoded.
     pub manifest: BlobHash,
 }
 
@@ -159,8 +184,8 @@ mod tests {
     use glam::UVec2;
 
     use super::*;
-    use crate::wall::Channel;
-    use crate::wall::adjustment::Bend;
+    use polyptych_wall::Channel;
+    use polyptych_wall::adjustment::Bend;
 
     #[test]
     fn a_snapshot_folds_to_the_same_digest() {

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::words::text_of_peer;
+use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
 /// A step of opening a scene, in the order in which they come.
@@ -50,7 +50,7 @@ impl fmt::Display for OpenProgress {
 /// A scene that is being opened.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Opening {
-    /// The scene's name: the file's stem, at most [`crate::limits::NAME_BYTES_MAX`] bytes.
+    /// The scene's name: the file's stem, at most [`polyptych_wall::limits::NAME_BYTES_MAX`] bytes.
     #[serde(deserialize_with = "text_of_peer")]
     pub scene: String,
     /// How far it has come.

@@ -4,20 +4,21 @@
 
 use bytes::Bytes;
 use glam::DVec3;
+use polyptych_scene::{Bounds, SceneFeatures};
+use polyptych_text::text_of_peer;
+use polyptych_wall::Wall;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::tuning::Change;
+use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Camera;
-use crate::command::{Goodbye, View};
+use crate::command::Goodbye;
 use crate::display::DisplayMode;
-use crate::feedback::{Feedback, Statistics, WallStatus};
-use crate::head::Head;
+use crate::feedback::{Feedback, Statistics, Tuned, WallStatus};
 use crate::ids::{FrameId, RequestId, Revision};
 use crate::pattern::Pattern;
 use crate::progress::OpenProgress;
-use crate::scene::{Bounds, SceneFeatures};
-use crate::tuning::{Change, Tuned};
-use crate::wall::Wall;
-use crate::words::text_of_peer;
 
 /// A message from a client.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -275,7 +276,7 @@ pub struct SceneSummary {
     pub triangles: u64,
     /// What it needs of the renderer.
     pub features: SceneFeatures,
-    /// What of the file is not drawn, or not as it is there; see [`crate::scene::Scene::notes`].
+    /// What of the file is not drawn, or not as it is there; see [`polyptych_scene::Scene::notes`].
     #[serde(default)]
     #[serde(deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,
@@ -310,7 +311,8 @@ pub struct PictureInfo {
     pub height: u32,
 }
 
-/// At most [`crate::limits::CHUNK_BYTES_MAX`] bytes of a picture: sRGB RGBA8, rows from the top.
+/// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a picture: sRGB RGBA8,
+/// rows from the top.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PicturePart {
     /// The capture that it answers.

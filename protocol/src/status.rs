@@ -1,10 +1,11 @@
 //! What a render server reports on its control connection.
 
+use polyptych_text::text_of_peer;
+use polyptych_wall::ChannelId;
 use serde::{Deserialize, Serialize};
 
-use crate::ids::{ChannelId, Digest, Epoch, FrameId, Revision};
+use crate::ids::{Digest, Epoch, FrameId, Revision};
 use crate::navigation::Navigation;
-use crate::words::text_of_peer;
 
 /// One message from a render server to the manager.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,7 +7,7 @@ use std::fs;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
-use crate::private_file;
+use polyptych_files::private_file;
 
 /// Names the token's file, where it is not to lie in the user's state folder.
 pub const TOKEN_FILE_VARIABLE: &str = "POLYPTYCH_TOKEN_FILE";

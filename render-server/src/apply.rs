@@ -1,15 +1,12 @@
 //! What travels becomes what is drawn: the only file that knows both worlds.
 
 use glam::{DMat3, DMat4, DVec3};
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::{Frame, View, ViewProjection};
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::limits::VIEWS_MAX;
-use polyptych_protocol::scene::{
-    self, Filter, IndexFormat, Scene, Texture, TextureFormat, TextureRef,
-};
-use polyptych_protocol::wall::view::ViewPart;
-use polyptych_protocol::wall::{EyeOf, Wall};
+use polyptych_protocol::command::Frame;
+use polyptych_scene::{self, Filter, IndexFormat, Scene, Texture, TextureFormat, TextureRef};
+use polyptych_wall::camera::Camera;
+use polyptych_wall::limits::VIEWS_MAX;
+use polyptych_wall::view::{View, ViewPart, ViewProjection};
+use polyptych_wall::{ChannelId, EyeOf, Wall};
 
 use crate::renderer::{
     AlphaMode, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter, NodeDesc,
@@ -30,8 +27,8 @@ pub fn scene(scene: &Scene) -> SceneDesc {
     }
 }
 
-fn node(node: &scene::Node) -> NodeDesc {
-    let instance = |i: &scene::Instance| InstanceDesc {
+fn node(node: &polyptych_scene::Node) -> NodeDesc {
+    let instance = |i: &polyptych_scene::Instance| InstanceDesc {
         translation: i.translation,
         rotation: i.rotation,
         scale: i.scale,
@@ -45,11 +42,11 @@ fn node(node: &scene::Node) -> NodeDesc {
     }
 }
 
-fn mesh(mesh: &scene::Mesh) -> MeshDesc {
+fn mesh(mesh: &polyptych_scene::Mesh) -> MeshDesc {
     MeshDesc { primitives: mesh.primitives.iter().map(primitive).collect() }
 }
 
-fn primitive(primitive: &scene::Primitive) -> PrimitiveDesc {
+fn primitive(primitive: &polyptych_scene::Primitive) -> PrimitiveDesc {
     let layout = primitive.layout;
     PrimitiveDesc {
         content: Some(primitive.blob.0),
@@ -63,9 +60,9 @@ fn primitive(primitive: &scene::Primitive) -> PrimitiveDesc {
         index_count: primitive.index_count,
         wide_indices: primitive.index_format == IndexFormat::U32,
         topology: match primitive.topology {
-            scene::Topology::Points => Topology::Points,
-            scene::Topology::Lines => Topology::Lines,
-            scene::Topology::Triangles => Topology::Triangles,
+            polyptych_scene::Topology::Points => Topology::Points,
+            polyptych_scene::Topology::Lines => Topology::Lines,
+            polyptych_scene::Topology::Triangles => Topology::Triangles,
         },
         material: primitive.material,
         origin: primitive.origin,
@@ -74,7 +71,7 @@ fn primitive(primitive: &scene::Primitive) -> PrimitiveDesc {
     }
 }
 
-fn material(material: &scene::Material) -> MaterialDesc {
+fn material(material: &polyptych_scene::Material) -> MaterialDesc {
     let used = |texture: &Option<TextureRef>| {
         texture.map(|t| TextureUse {
             texture: t.texture,
@@ -90,9 +87,9 @@ fn material(material: &scene::Material) -> MaterialDesc {
         normal_scale: material.normal_scale,
         occlusion_strength: material.occlusion_strength,
         alpha_mode: match material.alpha_mode {
-            scene::AlphaMode::Opaque => AlphaMode::Opaque,
-            scene::AlphaMode::Mask(cutoff) => AlphaMode::Mask(cutoff),
-            scene::AlphaMode::Blend => AlphaMode::Blend,
+            polyptych_scene::AlphaMode::Opaque => AlphaMode::Opaque,
+            polyptych_scene::AlphaMode::Mask(cutoff) => AlphaMode::Mask(cutoff),
+            polyptych_scene::AlphaMode::Blend => AlphaMode::Blend,
         },
         double_sided: material.double_sided,
         unlit: material.unlit,
@@ -106,9 +103,9 @@ fn material(material: &scene::Material) -> MaterialDesc {
 
 fn texture(texture: &Texture) -> TextureDesc {
     let wrap = |wrap| match wrap {
-        scene::Wrap::Clamp => Wrap::Clamp,
-        scene::Wrap::Mirror => Wrap::Mirror,
-        scene::Wrap::Repeat => Wrap::Repeat,
+        polyptych_scene::Wrap::Clamp => Wrap::Clamp,
+        polyptych_scene::Wrap::Mirror => Wrap::Mirror,
+        polyptych_scene::Wrap::Repeat => Wrap::Repeat,
     };
     let sampler = texture.sampler;
     TextureDesc {
@@ -121,9 +118,9 @@ fn texture(texture: &Texture) -> TextureDesc {
             mag_linear: sampler.mag == Filter::Linear,
             min_linear: sampler.min == Filter::Linear,
             mip: match sampler.mip {
-                scene::MipFilter::None => MipFilter::None,
-                scene::MipFilter::Nearest => MipFilter::Nearest,
-                scene::MipFilter::Linear => MipFilter::Linear,
+                polyptych_scene::MipFilter::None => MipFilter::None,
+                polyptych_scene::MipFilter::Nearest => MipFilter::Nearest,
+                polyptych_scene::MipFilter::Linear => MipFilter::Linear,
             },
             wrap_u: wrap(sampler.wrap_u),
             wrap_v: wrap(sampler.wrap_v),
@@ -131,12 +128,12 @@ fn texture(texture: &Texture) -> TextureDesc {
     }
 }
 
-fn light(light: &scene::Light) -> LightDesc {
+fn light(light: &polyptych_scene::Light) -> LightDesc {
     LightDesc {
         kind: match light.kind {
-            scene::LightKind::Directional => LightKind::Directional,
-            scene::LightKind::Point => LightKind::Point,
-            scene::LightKind::Spot { inner_rad, outer_rad } => {
+            polyptych_scene::LightKind::Directional => LightKind::Directional,
+            polyptych_scene::LightKind::Point => LightKind::Point,
+            polyptych_scene::LightKind::Spot { inner_rad, outer_rad } => {
                 LightKind::Spot { inner_rad, outer_rad }
             }
         },

@@ -4,11 +4,11 @@ use std::sync::mpsc::SyncSender;
 
 use bytes::{Bytes, BytesMut};
 use futures_util::{SinkExt, StreamExt};
-use polyptych_protocol::blob::{BulkDown, BulkUp, PictureChunk};
+use polyptych_files::blob::CHUNK_BYTES_MAX;
+use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash};
+use polyptych_protocol::bulk::{BulkDown, BulkUp, PictureChunk};
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::Frames;
-use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::limits::{BLOB_BYTES_MAX, CHUNK_BYTES_MAX};
 use polyptych_protocol::stream::Stream;
 use tokio::sync::mpsc;
 

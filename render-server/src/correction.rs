@@ -12,15 +12,17 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec3;
-use polyptych_protocol::command::{Area, Frame, View, ViewProjection};
-use polyptych_protocol::head::Head;
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::blend::{self, Blend, LightInputs, Masks};
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::shapes::{Shaped, Shapes};
-use polyptych_protocol::wall::warp::Mask;
-use polyptych_protocol::wall::warp_mesh::WarpMesh;
-use polyptych_protocol::wall::{self, Adjustment, Bits, Cover, EyeOf, MapFile, Viewpoint, Wall};
+use lay::{Ground, Lay};
+use polyptych_protocol::command::Frame;
+use polyptych_wall::blend::{self, Blend, LightInputs, Masks};
+use polyptych_wall::head::Head;
+use polyptych_wall::maps::Maps;
+use polyptych_wall::shapes::{Shaped, Shapes};
+use polyptych_wall::view::{Area, View, ViewProjection};
+use polyptych_wall::warp::Mask;
+use polyptych_wall::warp_mesh::WarpMesh;
+use polyptych_wall::{self, Adjustment, Bits, ChannelId, Cover, EyeOf, MapFile, Viewpoint, Wall};
+use shots::Shots;
 
 use crate::apply;
 use crate::output::Output;
@@ -28,8 +30,6 @@ use crate::renderer::{
     self, Content, Correction, CorrectionDesc, Curve, DrawStats, Gpu, LightMap, Packing, Renderer,
     Scene, Target, Turn, ViewDesc, WarpVertex,
 };
-use lay::{Ground, Lay};
-use shots::Shots;
 
 /// The plans of a server's channels, by name; those that need none are not there.
 pub(crate) type Plans = BTreeMap<String, Plan>;
@@ -57,14 +57,14 @@ pub(crate) struct Plan {
 struct Form {
     eye: DVec3,
     eyes: Vec<Viewpoint>,
-    screen: wall::Screen,
+    screen: polyptych_wall::Screen,
     /// Without its colours and the widths of its blends.
-    channel: wall::Channel,
+    channel: polyptych_wall::Channel,
     files: Vec<MapFile>,
 }
 
 impl Form {
-    fn new(wall: &Wall, channel: &wall::Channel) -> Self {
+    fn new(wall: &Wall, channel: &polyptych_wall::Channel) -> Self {
         let mut channel = channel.clone();
         let Adjustment { pin, bend, warp, .. } = std::mem::take(&mut channel.adjustment);
         channel.adjustment = Adjustment { pin, bend, warp, ..Adjustment::default() };
@@ -201,7 +201,7 @@ pub(crate) fn light_map(
 }
 
 fn renderer_mesh(mesh: &WarpMesh) -> renderer::WarpMesh {
-    let vertex = |vertex: &wall::warp_mesh::WarpVertex| WarpVertex {
+    let vertex = |vertex: &polyptych_wall::warp_mesh::WarpVertex| WarpVertex {
         pixel: vertex.pixel.to_array(),
         point: vertex.point,
     };
@@ -215,29 +215,29 @@ fn renderer_light(map: blend::LightMap) -> LightMap {
     LightMap { texels: map.texels, multiply: 1.0, add: map.add }
 }
 
-fn turn(turn: wall::Turn) -> Turn {
+fn turn(turn: polyptych_wall::Turn) -> Turn {
     match turn {
-        wall::Turn::None => Turn::None,
-        wall::Turn::Left => Turn::Left,
-        wall::Turn::Right => Turn::Right,
-        wall::Turn::Half => Turn::Half,
+        polyptych_wall::Turn::None => Turn::None,
+        polyptych_wall::Turn::Left => Turn::Left,
+        polyptych_wall::Turn::Right => Turn::Right,
+        polyptych_wall::Turn::Half => Turn::Half,
     }
 }
 
-fn packing(packing: wall::Packing) -> Packing {
+fn packing(packing: polyptych_wall::Packing) -> Packing {
     match packing {
-        wall::Packing::None => Packing::None,
-        wall::Packing::SideBySide => Packing::SideBySide,
-        wall::Packing::TopBottom => Packing::TopBottom,
-        wall::Packing::Anaglyph => Packing::Anaglyph,
+        polyptych_wall::Packing::None => Packing::None,
+        polyptych_wall::Packing::SideBySide => Packing::SideBySide,
+        polyptych_wall::Packing::TopBottom => Packing::TopBottom,
+        polyptych_wall::Packing::Anaglyph => Packing::Anaglyph,
     }
 }
 
-fn curve(curve: &wall::Curve) -> Curve {
+fn curve(curve: &polyptych_wall::Curve) -> Curve {
     match curve {
-        wall::Curve::Srgb => Curve::Srgb,
-        wall::Curve::Gamma(gamma) => Curve::Gamma(*gamma),
-        wall::Curve::Measured(light) => Curve::Measured(light.clone()),
+        polyptych_wall::Curve::Srgb => Curve::Srgb,
+        polyptych_wall::Curve::Gamma(gamma) => Curve::Gamma(*gamma),
+        polyptych_wall::Curve::Measured(light) => Curve::Measured(light.clone()),
     }
 }
 

@@ -12,18 +12,18 @@ use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
-use polyptych_protocol::blob::{Abandoned, BlobFolder};
-use polyptych_protocol::camera::Camera;
+use polyptych_files::blob::{Abandoned, BlobFolder, BlobHash};
 use polyptych_protocol::codec;
 use polyptych_protocol::command::Prepare;
-use polyptych_protocol::ids::{BlobHash, Digest, Epoch};
+use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::log::{Replica, SceneRef};
-use polyptych_protocol::scene::{Scene, SceneFeatures};
 use polyptych_protocol::status::{Prepared, Status};
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::shapes::{Shaped, Shapes};
-use polyptych_protocol::wall::warp::WallMap;
-use polyptych_protocol::wall::{Adjustment, Wall};
+use polyptych_scene::{Scene, SceneFeatures};
+use polyptych_wall::camera::Camera;
+use polyptych_wall::maps::Maps;
+use polyptych_wall::shapes::{Shaped, Shapes};
+use polyptych_wall::warp::WallMap;
+use polyptych_wall::{Adjustment, Wall};
 use tokio::sync::mpsc;
 
 use crate::apply;

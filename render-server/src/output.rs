@@ -3,9 +3,8 @@
 use std::time::Instant;
 
 use glam::UVec2;
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::unfold::{WindowLayout, WindowRect};
-use polyptych_protocol::wall::{Adjustment, Wall};
+use polyptych_wall::unfold::{WindowLayout, WindowRect};
+use polyptych_wall::{Adjustment, ChannelId, Wall};
 use winit::dpi::PhysicalSize;
 
 use crate::display::WindowDisplay;

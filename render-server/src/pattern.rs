@@ -14,15 +14,14 @@ mod tests;
 
 use glam::{DVec3, UVec2};
 use image::{Rgba, RgbaImage, imageops};
-use polyptych_protocol::ids::ChannelId;
+use places::Places;
 use polyptych_protocol::pattern::Pattern;
-use polyptych_protocol::wall::color::srgb_from_linear;
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::{Adjustment, Channel, Packing, Turn};
+use polyptych_wall::color::srgb_from_linear;
+use polyptych_wall::maps::Maps;
+use polyptych_wall::shapes::Shaped;
+use polyptych_wall::{Adjustment, Channel, ChannelId, Packing, Turn};
 
 use crate::renderer::{Label, Place};
-use places::Places;
 
 /// Black, and no light at all.
 const BLACK: [u8; 3] = [0; 3];

@@ -112,8 +112,8 @@ impl Playback {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
-    use polyptych_protocol::head::Head;
     use polyptych_protocol::ids::Revision;
+    use polyptych_wall::head::Head;
 
     use super::*;
 

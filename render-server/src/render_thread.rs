@@ -14,9 +14,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, select};
+use patterns::PatternPicture;
 use polyptych_protocol::command::{Frame, Swap};
-use polyptych_protocol::ids::{ChannelId, Epoch, Revision};
-use polyptych_protocol::wall::Wall;
+use polyptych_protocol::ids::{Epoch, Revision};
+use polyptych_wall::{ChannelId, Wall};
+use recovery::Losses;
 use tokio::sync::mpsc;
 use winit::dpi::PhysicalSize;
 
@@ -32,8 +34,6 @@ use crate::renderer::{DrawStats, Gpu, Renderer, Scene, SceneBuilder};
 use crate::report::{self, Report};
 use crate::showing::Showing;
 use crate::slowness::Slowness;
-use patterns::PatternPicture;
-use recovery::Losses;
 
 /// States that are held at once: the one shown, and those that the next frames may name.
 const STATES_MAX: usize = 4;

@@ -2,8 +2,9 @@
 
 use bytes::Bytes;
 use polyptych_protocol::command::Frame;
-use polyptych_protocol::ids::{ChannelId, Epoch, FrameId};
+use polyptych_protocol::ids::{Epoch, FrameId};
 use polyptych_protocol::status::{Drawn, Shown, Status};
+use polyptych_wall::ChannelId;
 
 use crate::clock::Clock;
 use crate::loader::LoadedState;

@@ -9,7 +9,7 @@ use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
-use polyptych_protocol::blob::BlobFolder;
+use polyptych_files::blob::BlobFolder;
 use polyptych_protocol::handshake::Adapter;
 use polyptych_protocol::token::{self, TokenError};
 use tokio::sync::mpsc;

@@ -47,11 +47,10 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
-use polyptych_protocol::blob::BlobFolder;
+use polyptych_files::blob::{BLOB_BYTES_MAX, BlobFolder, BlobHash};
 use polyptych_protocol::codec;
-use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::limits::{BLOB_BYTES_MAX, MANIFEST_BYTES_MAX};
-use polyptych_protocol::scene::{self, Mesh, Node, Scene};
+use polyptych_scene::limits::MANIFEST_BYTES_MAX;
+use polyptych_scene::{self, Mesh, Node, Scene};
 use serde::{Deserialize, Serialize};
 
 pub use error::BakeError;
@@ -124,7 +123,7 @@ pub struct Baked {
 mod hex {
     //! Hashes as text, for people and for `jq`.
 
-    use polyptych_protocol::ids::BlobHash;
+    use polyptych_files::blob::BlobHash;
     use serde::{Deserialize, Deserializer, Serializer, de};
 
     pub(super) fn serialize<S: Serializer>(hash: &BlobHash, to: S) -> Result<S::Ok, S::Error> {
@@ -251,7 +250,7 @@ impl Job<'_> {
             let mesh = used.and_then(|used| json.get(used.mesh as usize));
             mesh.map_or(0, |mesh| mesh.primitives.len() as u64)
         };
-        check_expansion(&scene.nodes, scene::draws(&scene.nodes, primitives))?;
+        check_expansion(&scene.nodes, polyptych_scene::draws(&scene.nodes, primitives))?;
         let mut palette = Palette::default();
         scene.meshes = mesh::write_all(self, &mut palette, &meshes, &scales)?;
         self.check_anything_is_drawn(&scene.meshes)?;
@@ -346,10 +345,10 @@ impl Job<'_> {
 
 /// Refuses a scene that render servers could not hold; see [`limits::DRAWS_MAX`].
 ///
-/// [`limits::DRAWS_MAX`]: polyptych_protocol::limits::DRAWS_MAX
+/// [`limits::DRAWS_MAX`]: polyptych_scene::limits::DRAWS_MAX
 fn check_expansion(nodes: &[Node], draws: u64) -> Result<(), BakeError> {
     let right = "join primitives of one material, or draw fewer copies with fewer lights";
-    let fault = scene::expansion_fault(nodes, draws);
+    let fault = polyptych_scene::expansion_fault(nodes, draws);
     fault.map_or(Ok(()), |fault| Err(BakeError::at("nodes", fault, right)))
 }
 

@@ -5,12 +5,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
-use polyptych_protocol::blob::{BlobChunk, BlobFolder, BlobReader, BulkDown, BulkUp, PictureChunk};
+use polyptych_files::blob::{BlobFolder, BlobHash, BlobReader};
+use polyptych_protocol::bulk::{BlobChunk, BulkDown, BulkUp, PictureChunk};
 use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::{Proof, Welcome};
 use polyptych_protocol::identity::Identity;
-use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::stream::Stream;
 use tokio::sync::{mpsc, oneshot};
 

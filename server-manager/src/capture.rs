@@ -7,13 +7,13 @@ mod wall_shapes;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use polyptych_protocol::blob::PictureChunk;
-use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::bulk::PictureChunk;
+use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::PictureInfo;
-use polyptych_protocol::wall::color::SrgbCodes;
-use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::superposition::{DisplayPicture, Side, Superposition, is_superposed};
-use polyptych_protocol::wall::{Channel, Wall};
+use polyptych_wall::color::SrgbCodes;
+use polyptych_wall::shapes::Shaped;
+use polyptych_wall::superposition::{DisplayPicture, Side, Superposition, is_superposed};
+use polyptych_wall::{Channel, ChannelId, Wall};
 use rayon::prelude::*;
 
 use crate::cluster::RequestOf;

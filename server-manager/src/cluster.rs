@@ -31,24 +31,25 @@ mod tune;
 
 use std::collections::{BTreeMap, VecDeque};
 
+use barrier::{Barrier, FrameOrder, Wish};
 use bytes::Bytes;
-use polyptych_protocol::camera::Camera;
+use change::{Change, Changes};
 use polyptych_protocol::codec;
-use polyptych_protocol::command::{Command, Pong, View};
+use polyptych_protocol::command::{Command, Pong};
 use polyptych_protocol::display::DisplayMode;
-use polyptych_protocol::head::Head;
-use polyptych_protocol::ids::{ChannelId, Digest, Epoch, FrameId, RequestId};
+use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Answer, Failure, Pace, Reply, SceneSummary};
 use polyptych_protocol::status::Status;
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::view::View;
+use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
 use crate::repetition::Repetitions;
-use barrier::{Barrier, FrameOrder, Wish};
-use change::{Change, Changes};
 pub use checkpoint::{Checkpoint, CheckpointOf};
 pub use input::Input;
 pub use memory::{Further, Memory};

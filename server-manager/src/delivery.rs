@@ -1,7 +1,7 @@
 //! Takes the pictures of a capture to the client that asked for them.
 
+use polyptych_files::blob::CHUNK_BYTES_MAX;
 use polyptych_protocol::codec;
-use polyptych_protocol::limits::CHUNK_BYTES_MAX;
 use polyptych_protocol::request::{Answer, Captured, Failure, PicturePart, Reply};
 
 use crate::capture::Collection;

@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use polyptych_protocol::blob::BlobFolder;
+use polyptych_files::blob::BlobFolder;
 use polyptych_protocol::connection;
 use polyptych_protocol::handshake::{Hello, Welcome};
 use polyptych_protocol::identity::Identity;

@@ -6,8 +6,8 @@
 use polyptych_protocol::handshake::{Hello, Secret};
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::keys::Keys;
-use polyptych_protocol::limits::NAME_BYTES_MAX;
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
+use polyptych_wall::limits::NAME_BYTES_MAX;
 
 /// What the door holds peers against.
 #[derive(Clone, Debug)]
@@ -22,7 +22,7 @@ pub(crate) struct Gate {
 
 impl Gate {
     pub fn new(token: String, keys: Option<Keys>, wall: &Wall) -> Self {
-        let owner = |c: &polyptych_protocol::wall::Channel| (c.name.clone(), c.server.clone());
+        let owner = |c: &polyptych_wall::Channel| (c.name.clone(), c.server.clone());
         // Over TLS no peer knows a token, and certificates prove more.
         let secret = Secret(if keys.is_some() { String::new() } else { token });
         Self { keys, secret, owners: wall.channels.iter().map(owner).collect() }
@@ -93,7 +93,6 @@ impl Gate {
 #[cfg(test)]
 mod tests {
     use polyptych_protocol::handshake::{Adapter, BulkHello, ClientHello, ServerHello};
-    use polyptych_protocol::wall::file;
 
     use super::*;
 
@@ -132,7 +131,7 @@ mod tests {
 
     #[test]
     fn a_peer_is_only_what_it_has_proven() {
-        let wall = file::parse(WALL, "gate.toml".as_ref()).expect("a wall");
+        let wall = polyptych_wall_file::parse(WALL, "gate.toml".as_ref()).expect("a wall");
         let gate = Gate::new("0123456789abcdef".into(), None, &wall);
         let bulk = Hello::Bulk(BulkHello { session: 1 });
         let is = |text: &str| -> Option<Identity> {

@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
 
-use polyptych_protocol::blob::BlobFolder;
+use polyptych_files::blob::{BlobFolder, BlobHash};
 use polyptych_protocol::codec;
-use polyptych_protocol::ids::{BlobHash, Revision};
+use polyptych_protocol::ids::Revision;
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::SceneSummary;
-use polyptych_protocol::scene::{Scene, SceneFeatures};
+use polyptych_scene::{Scene, SceneFeatures};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
 use tokio::process::Command;
 

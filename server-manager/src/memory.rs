@@ -15,13 +15,13 @@ use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
+use disk::{Disk, System};
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::codec;
-use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
 
 use crate::cluster::Memory;
-use disk::{Disk, System};
 pub(crate) use reconcile::{Reconciled, reconcile};
 
 /// Maximum size of a file that is read: a few hundred bytes, the wall, and what was tuned of it.
@@ -176,15 +176,15 @@ impl StateFile {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
-    use polyptych_protocol::camera::Camera;
-    use polyptych_protocol::command::View;
     use polyptych_protocol::display::DisplayMode;
-    use polyptych_protocol::head::Head;
     use polyptych_protocol::ids::Revision;
     use polyptych_protocol::pattern::Pattern;
     use polyptych_protocol::request::Pace;
-    use polyptych_protocol::scene::Bounds;
-    use polyptych_protocol::wall::Adjustment;
+    use polyptych_scene::Bounds;
+    use polyptych_wall::Adjustment;
+    use polyptych_wall::camera::Camera;
+    use polyptych_wall::head::Head;
+    use polyptych_wall::view::View;
 
     use super::*;
     use crate::cluster::Further;

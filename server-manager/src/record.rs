@@ -22,15 +22,15 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use buffer::Buffer;
+use decision::Decision;
 use polyptych_protocol::codec;
 use polyptych_protocol::ids::Epoch;
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
+use ring::{Ring, RingError};
 use serde::{Deserialize, Serialize};
 
 use crate::cluster::{Checkpoint, CheckpointOf, Cluster, Input, Memory, Micros};
-use buffer::Buffer;
-use decision::Decision;
-use ring::{Ring, RingError};
 
 /// Longest that an input waits in memory: what a killed manager loses of its recording.
 const FLUSH_PERIOD: Duration = Duration::from_millis(100);

@@ -14,14 +14,17 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use polyptych_protocol::blob::BlobFolder;
+use clients::{ClientSeat, progress_of, wait_for_news};
+use importing::{Baking, Imported};
+use network::Network;
+use polyptych_files::blob::BlobFolder;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::keys::{Keys, KeysError};
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
 use tokio::sync::{Semaphore, mpsc};
 use tokio::time::Instant;
 
@@ -29,21 +32,16 @@ use crate::brain::Brain;
 use crate::bulk::{AllowedBlobs, PictureOf};
 use crate::capture::{Collection, PictureMemory, WallShapes};
 use crate::cluster::{self, Input, Micros, Output, RequestOf, SessionId};
-use crate::door;
 use crate::gate::Gate;
 use crate::import::Baker;
-use crate::memory;
 use crate::memory::keeper::Keeper;
-use crate::metrics;
 use crate::record::Recorder;
 use crate::repetition::Repetitions;
 use crate::requests::Turns;
 use crate::server_session::ServerLink;
 use crate::session::{EVENTS_MAX, Event};
 use crate::traffic::Traffic;
-use clients::{ClientSeat, progress_of, wait_for_news};
-use importing::{Baking, Imported};
-use network::Network;
+use crate::{door, memory, metrics};
 
 /// Events that are handled in one turn, before timers are looked at again.
 const EVENTS_PER_TURN: usize = 64;

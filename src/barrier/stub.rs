@@ -6,16 +6,15 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use futures_util::{SinkExt, StreamExt};
-use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Frame, Prepare};
-use polyptych_protocol::connection;
 use polyptych_protocol::handshake::{Adapter, Hello, Role, ServerHello};
 use polyptych_protocol::identity::Identity;
-use polyptych_protocol::ids::{ChannelId, Digest, FrameId, Revision};
-use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
+use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::log::Replica;
 use polyptych_protocol::status::{Drawn, Ping, Prepared, Shown, Status};
-use polyptych_protocol::stream;
+use polyptych_protocol::{codec, connection, stream};
+use polyptych_wall::ChannelId;
+use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use tokio_util::sync::CancellationToken;
 
 use super::secrets::Secrets;

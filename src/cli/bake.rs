@@ -9,7 +9,7 @@ use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_manager::bake::map::{MapUse, bake_map};
 use polyptych_manager::bake::{Progress, Store, bake};
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
 use super::drive::say_notes;

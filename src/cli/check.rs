@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::{file, table::WallTable};
+use polyptych_wall::shapes::Shaped;
+use polyptych_wall_file::table::WallTable;
 
 use super::{WallFiles, bake_files, manager, say};
 
@@ -18,7 +18,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    match file::load(&arguments.wall) {
+    match polyptych_wall_file::load(&arguments.wall) {
         Ok(mut wall) => {
             let files = if wall.files.is_empty() {
                 WallFiles::default()

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap_complete::Shell;
 use clap_mangen::Man;
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
 
 use super::{command, say};
 use crate::outputs;

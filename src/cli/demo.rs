@@ -4,8 +4,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use polyptych_protocol::wall::file;
-
 use super::{say, seconds, server, simulate};
 
 /// The wall of the demo, the same file that a user finds in the repository.
@@ -36,7 +34,8 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let path = Path::new("configs/wall-2x2.toml");
-    let wall = file::parse(WALL, path).map_err(|error| anyhow::anyhow!("{error}"))?;
+    let wall =
+        polyptych_wall_file::parse(WALL, path).map_err(|error| anyhow::anyhow!("{error}"))?;
     let windows = arguments.windows || (server::has_display() && !arguments.headless);
     let how = match (windows, arguments.seconds) {
         (true, None) => "in windows, until one is closed",

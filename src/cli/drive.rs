@@ -8,7 +8,7 @@ use anyhow::bail;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DQuat, DVec3};
 use polyptych_client::{Camera, ClientError, SceneSummary, overview};
-use polyptych_protocol::words::{counted, printable};
+use polyptych_text::{counted, printable};
 
 use super::progress::ProgressReport;
 use super::seen::{Seen, await_displays, show};

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use polyptych_protocol::identity::Identity;
-use polyptych_protocol::limits::NAME_BYTES_MAX;
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
+use polyptych_wall::limits::NAME_BYTES_MAX;
 
 use super::{load_wall, say};
 use crate::authority::{Authority, Done};

@@ -9,7 +9,7 @@ use anyhow::{Context, anyhow, bail};
 use polyptych_manager::record::ring::RingReader;
 use polyptych_manager::replay::incident::{Cut, Incident};
 use polyptych_manager::replay::{Part, Replayed, replay};
-use polyptych_protocol::words::{counted, printable};
+use polyptych_text::{counted, printable};
 use time::OffsetDateTime;
 
 use super::say;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
 
 use super::say;
 use crate::outputs;

@@ -13,7 +13,7 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{
     Capture, ChannelFeedback, ChannelState, ChannelStatus, Feedback, FrameId, Statistics,
 };
-use polyptych_protocol::words::{counted, printable};
+use polyptych_text::{counted, printable};
 
 use super::progress::ProgressReport;
 use super::say;

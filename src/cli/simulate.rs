@@ -9,8 +9,8 @@ use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_client::{Bounds, Camera, orbit, overview};
 use polyptych_manager::record::Recorder;
-use polyptych_protocol::wall::Wall;
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
+use polyptych_wall::Wall;
 
 use super::drive::{open_scene, say_notes};
 use super::progress::ProgressReport;
@@ -21,12 +21,9 @@ use super::{
 use crate::ending::Ending;
 use crate::faults::{self, Fault, Faults, Needs};
 use crate::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
-use crate::log;
-use crate::outputs;
-use crate::pictures;
-use crate::progress;
 use crate::prove::Shown;
 use crate::report::Report;
+use crate::{log, outputs, pictures, progress};
 
 /// Frames of a run, where nothing else is said.
 const FRAMES_DEFAULT: u64 = 60;

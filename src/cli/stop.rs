@@ -1,7 +1,7 @@
 //! `polyptych stop`: ends the manager of a running wall, and its servers if asked to.
 
 use anyhow::bail;
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
 
 use super::{ManagerAddress, say};
 use crate::log;

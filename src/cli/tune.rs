@@ -7,8 +7,8 @@ use std::process::ExitCode;
 use anyhow::bail;
 use polyptych_client::Wall;
 use polyptych_client::tuning::{Change, Corner, Side};
-use polyptych_protocol::wall::Curve;
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
+use polyptych_wall::Curve;
 
 use super::seen::Seen;
 use super::{ManagerAddress, say};

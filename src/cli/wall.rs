@@ -18,9 +18,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::anyhow;
-use polyptych_protocol::wall::file;
-use polyptych_protocol::wall::table::WallTable;
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
+use polyptych_wall_file::table::WallTable;
 
 use super::say;
 use crate::outputs;
@@ -83,7 +82,7 @@ pub(super) fn run(wall: &Wall) -> anyhow::Result<ExitCode> {
         Wall::Mirror(arguments) => arguments.run()?,
         Wall::Import(arguments) => import::run(arguments)?,
         Wall::Save(arguments) => save::run(arguments)?,
-        Wall::Schema => say(file::schema().trim_end())?,
+        Wall::Schema => say(polyptych_wall_file::schema().trim_end())?,
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -91,7 +90,7 @@ pub(super) fn run(wall: &Wall) -> anyhow::Result<ExitCode> {
 /// Writes a wall file that passes its own check.
 fn write(text: &str, common: &Common) -> anyhow::Result<()> {
     let path = common.output.as_deref().unwrap_or(Path::new("wall.toml"));
-    let wall = file::parse(text, path).map_err(|error| {
+    let wall = polyptych_wall_file::parse(text, path).map_err(|error| {
         anyhow!("these numbers make no wall: {}: {}; {}", error.key(), error.what(), error.remedy())
     })?;
     let Some(path) = &common.output else { return say(text.trim_end()) };

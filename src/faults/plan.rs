@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
 
 /// The whole grammar, which every error repeats.
 const GRAMMAR: &str = "a fault is \"at FRAME WHAT CHANNEL\" or \"every FRAMES [from FRAME] WHAT \

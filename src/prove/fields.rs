@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use glam::DVec3;
 use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, Capture, Picture};
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
 use serde_json::json;
 
 use crate::outputs;

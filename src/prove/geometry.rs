@@ -6,18 +6,17 @@ use anyhow::Context;
 use glam::{DVec2, DVec3};
 use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, Capture, Picture};
-use polyptych_protocol::head::Head;
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::pixels::PixelMap;
-use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::{Channel, Cover, Viewpoint, Wall};
+use polyptych_text::counted;
+use polyptych_wall::head::Head;
+use polyptych_wall::pixels::PixelMap;
+use polyptych_wall::shapes::Shaped;
+use polyptych_wall::{Channel, ChannelId, Cover, Viewpoint, Wall};
 
 use super::light::{self, Drawn};
 use super::marker::{self, Light, Marker, Reading};
 use super::table::{Table, Target};
 use crate::outputs;
 use crate::progress::Steps;
-use polyptych_protocol::words::counted;
 
 /// How far a point may be from where f64 says, in pixels.
 const ERROR_MAX_PX: f64 = 0.01;

@@ -8,9 +8,8 @@
 //! perspective makes one half of the marker larger.
 
 use glam::{DMat2, DVec2, DVec3, UVec2};
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::Viewpoint;
-use polyptych_protocol::wall::pixels::PixelMap;
+use polyptych_wall::pixels::PixelMap;
+use polyptych_wall::{ChannelId, Viewpoint};
 use serde_json::{Value, json};
 
 /// Standard deviation of a marker's light, its half side being 1: at the edge of what is summed

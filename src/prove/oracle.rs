@@ -3,9 +3,9 @@
 use anyhow::Context;
 use glam::DVec3;
 use image::RgbaImage;
-use polyptych_protocol::wall::blend::Blend;
-use polyptych_protocol::wall::color::{linear_from_srgb, srgb_from_linear};
-use polyptych_protocol::wall::{Channel, Color, Cover, Screen, Wall};
+use polyptych_wall::blend::Blend;
+use polyptych_wall::color::{linear_from_srgb, srgb_from_linear};
+use polyptych_wall::{Channel, Color, Cover, Screen, Wall};
 
 use super::table::{Table, Target};
 
@@ -37,7 +37,7 @@ struct Difference {
 pub(super) fn can_judge(wall: &Wall, index: u16) -> bool {
     let screen = &wall.screens[usize::from(index)];
     let is_whole_pixel = |channel: &Channel| {
-        let plain = polyptych_protocol::wall::Adjustment {
+        let plain = polyptych_wall::Adjustment {
             // What is undone before pictures are laid together.
             turn: channel.adjustment.turn,
             mirror: channel.adjustment.mirror,
@@ -48,7 +48,7 @@ pub(super) fn can_judge(wall: &Wall, index: u16) -> bool {
         channel.cover == Cover::Tile && channel.adjustment == plain
     };
     screen.plane().is_some()
-        && screen.canvas.max_element() <= polyptych_protocol::limits::SHARED_CANVAS_SIDE_MAX
+        && screen.canvas.max_element() <= polyptych_wall::limits::SHARED_CANVAS_SIDE_MAX
         && wall.channels.iter().filter(|channel| channel.screen == index).all(is_whole_pixel)
 }
 

@@ -5,9 +5,9 @@ use std::path::Path;
 use glam::{DMat2, DVec2, DVec3};
 use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, Capture};
-use polyptych_protocol::command::{Area, View, ViewProjection};
-use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::{Screen, Surface};
+use polyptych_wall::shapes::Shaped;
+use polyptych_wall::view::{Area, View, ViewProjection};
+use polyptych_wall::{Screen, Surface};
 
 use super::geometry::{self, HALF_PX, Seen, picture_of, worst};
 use super::light::{self, Drawn};

@@ -10,19 +10,19 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, UVec2};
+use polyptych_files::blob::BlobHash;
 use polyptych_manager::bake::{self, Store};
-use polyptych_protocol::camera::Camera;
 use polyptych_protocol::codec;
-use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::scene::Scene as Manifest;
-use polyptych_protocol::wall::source::SourcePlan;
-use polyptych_protocol::wall::surface::{Cylinder, Surface};
-use polyptych_protocol::wall::warp_mesh::{MeshRule, WarpMesh};
 use polyptych_render::apply;
 use polyptych_render::renderer::{
     self, Content, Correction, CorrectionDesc, Gpu, LightMap, Renderer, Scene, SceneBuilder,
     SourceEye, SourcePlane, Target, ViewDesc, WarpVertex,
 };
+use polyptych_scene::Scene as Manifest;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::source::SourcePlan;
+use polyptych_wall::surface::{Cylinder, Surface};
+use polyptych_wall::warp_mesh::{MeshRule, WarpMesh};
 
 const SIZE: [u32; 2] = [1920, 1080];
 const ROUNDS: usize = 15;

@@ -14,7 +14,6 @@ use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DVec2, DVec3};
 use polyptych_client::tuning::{Change, Corner, Move, Side};
 use polyptych_client::{ChannelState, ConnectOptions};
-use polyptych_protocol::wall::file;
 
 /// Each change is made so often.
 const TIMES: u32 = 5;
@@ -45,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn measure(path: &Path) -> Result<(), Box<dyn Error>> {
-    let wall = file::load(path)?;
+    let wall = polyptych_wall_file::load(path)?;
     let channel = wall.channels.first().ok_or("the wall has no channel")?.name.clone();
     let folder = tempfile::tempdir()?;
     let in_folder = |name: &str| folder.path().join(name);

@@ -4,7 +4,7 @@ use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-use polyptych_protocol::wall::{Wall, file};
+use polyptych_wall::Wall;
 use rcgen::{
     CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair,
     KeyUsagePurpose,
@@ -15,7 +15,7 @@ use super::place::Place;
 
 /// Makes keys for a wall; whatever is started in this place then uses them.
 pub fn make(place: &Place, wall: &Wall) {
-    place.write("wall.toml", file::to_toml(wall));
+    place.write("wall.toml", polyptych_wall_file::to_toml(wall));
     place.run(["keys", "wall.toml"]).succeeded();
 }
 

@@ -9,13 +9,10 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{
     Camera, Capture, ChannelState, ChannelStatus, ConnectOptions, Wall, WallStatus,
 };
-use polyptych_protocol::wall::file;
 
-use super::keys;
-use super::pictures;
 use super::place::Place;
 use super::process::{Finished, Process};
-use super::wait;
+use super::{keys, pictures, wait};
 
 /// How long frames wait for a channel in tests: machines that also build something are slow, and
 /// a picture without a channel is not what most tests are about.
@@ -38,7 +35,7 @@ pub struct LocalWall {
 /// A wall file of the repository, with patience.
 pub fn of_repository(name: &str) -> Wall {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs").join(name);
-    patient(file::load(&path).unwrap_or_else(|error| panic!("{error}")))
+    patient(polyptych_wall_file::load(&path).unwrap_or_else(|error| panic!("{error}")))
 }
 
 /// The screen of single.toml as tiles of a few pixels each.
@@ -63,7 +60,7 @@ pub fn tiled([columns, rows]: [u32; 2], pixels: [u32; 2]) -> Wall {
         pixels = [{width}, {height}]
         "#
     );
-    let parsed = file::parse(&text, "small.toml".as_ref());
+    let parsed = polyptych_wall_file::parse(&text, "small.toml".as_ref());
     let mut wall = parsed.unwrap_or_else(|error| panic!("{error}"));
     wall.scenes.clear();
     wall
@@ -112,7 +109,7 @@ impl LocalWall {
         listen: &str,
         extra: &[&str],
     ) -> Self {
-        let path = place.write("wall.toml", file::to_toml(wall));
+        let path = place.write("wall.toml", polyptych_wall_file::to_toml(wall));
         let mut arguments = ["manager", "--listen", listen].map(OsString::from).to_vec();
         arguments.extend(extra.iter().map(OsString::from));
         for folder in scenes {

@@ -7,7 +7,6 @@ use std::path::Path;
 use polyptych_client::blocking::Client;
 use polyptych_client::{ConnectOptions, Wall};
 use polyptych_protocol::token::TOKEN_FILE_VARIABLE;
-use polyptych_protocol::wall::file;
 use rustix::process::Signal;
 
 use super::place::Place;
@@ -35,7 +34,7 @@ impl Simulation {
         arguments: &[&str],
         environment: &[(&str, &str)],
     ) -> Self {
-        let wall = place.write("wall.toml", file::to_toml(wall));
+        let wall = place.write("wall.toml", polyptych_wall_file::to_toml(wall));
         let mut all: Vec<OsString> = vec!["simulate".into(), wall.into(), scene.into()];
         all.extend(arguments.iter().map(OsString::from));
         all.extend(["--out".into(), place.path("out").into()]);

@@ -9,15 +9,17 @@ use image::RgbaImage;
 use polyptych_client::{Bounds, Camera, DisplayMode, Wall};
 use polyptych_manager::bake::{Store, bake};
 use polyptych_protocol::codec;
-use polyptych_protocol::command::{Frame, View};
-use polyptych_protocol::ids::{ChannelId, Epoch, FrameId, Revision};
-use polyptych_protocol::scene;
+use polyptych_protocol::command::Frame;
+use polyptych_protocol::ids::{Epoch, FrameId, Revision};
+use polyptych_wall::ChannelId;
+use polyptych_wall::view::View;
+
+use crate::reference;
 use polyptych_render::apply;
 use polyptych_render::renderer::{Renderer, Scene, SceneBuilder, Target, ViewDesc, read_pixels};
 
 use super::adapter::gpu;
 use super::place::Place;
-use crate::reference;
 
 /// What the renderer needs to draw a channel of a wall.
 pub struct Stage {
@@ -32,7 +34,7 @@ impl Stage {
         let store = Store::open(place.path("store")).expect("a store");
         let baked = bake(path, &store, &mut |_| {}, &AtomicBool::new(false)).expect("baked");
         let blob = |hash| store.blobs().read(hash).expect("readable").expect("there");
-        let manifest: scene::Scene =
+        let manifest: polyptych_scene::Scene =
             codec::decode_manifest(&blob(baked.manifest)).expect("a manifest");
         let gpu = gpu();
         let mut builder = SceneBuilder::new(gpu, apply::scene(&manifest)).expect("described");

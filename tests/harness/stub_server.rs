@@ -7,14 +7,14 @@ use std::thread::Builder;
 use std::time::Duration;
 
 use futures_util::{SinkExt, StreamExt};
-use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Frame, Prepare};
 use polyptych_protocol::connection::introduce;
 use polyptych_protocol::handshake::{Adapter, Hello, Role, Secret, ServerHello};
-use polyptych_protocol::ids::{ChannelId, Digest, FrameId, Revision};
+use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::log::Replica;
 use polyptych_protocol::status::{Drawn, Ping, Prepared, Status};
-use polyptych_protocol::token;
+use polyptych_protocol::{codec, token};
+use polyptych_wall::ChannelId;
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpStream;
 use tokio::sync::Notify;

@@ -8,20 +8,18 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
-use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, ChannelState, Pace, Request};
-use polyptych_protocol::codec;
-use polyptych_protocol::connection::introduce;
-use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
-use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::request::Call;
-use polyptych_protocol::token;
-use polyptych_protocol::tuning::{Change, Move};
-
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, tiled};
 use crate::harness::place::Place;
 use crate::harness::stub_server::StubServer;
 use crate::harness::wait;
+use polyptych_client::blocking::Client;
+use polyptych_client::{Camera, ChannelState, Pace, Request};
+use polyptych_protocol::connection::introduce;
+use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
+use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::request::Call;
+use polyptych_protocol::{codec, token};
+use polyptych_wall::tuning::{Change, Move};
 
 /// Names another number of stub servers: 64 are those of the long form.
 const SERVERS_VARIABLE: &str = "POLYPTYCH_HOSTILE_SERVERS";

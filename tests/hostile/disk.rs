@@ -4,14 +4,12 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use polyptych_client::{ChannelState, Pace};
-use polyptych_protocol::wall::file;
-use serde_json::Value;
-
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::place::Place;
 use crate::harness::process::Process;
 use crate::harness::wait;
+use polyptych_client::{ChannelState, Pace};
+use serde_json::Value;
 
 #[test]
 fn a_state_that_cannot_be_kept_is_said_in_the_answer_and_in_status() {
@@ -64,7 +62,7 @@ fn a_state_that_cannot_be_kept_is_said_in_the_answer_and_in_status() {
 #[test]
 fn a_recording_that_breaks_off_is_said_in_status() {
     let place = Place::new();
-    let wall = place.write("wall.toml", file::to_toml(&small(1, 1)));
+    let wall = place.write("wall.toml", polyptych_wall_file::to_toml(&small(1, 1)));
     let recording = place.path("wall.recording").display().to_string();
     let arguments = ["manager", "--listen", ANY_PORT, "--record", &recording];
     let manager = place.command(arguments.iter().map(Path::new).chain([wall.as_path()]));

@@ -9,17 +9,15 @@ mod waves;
 
 use std::path::Path;
 
-use glam::{DMat2, DVec2, DVec3};
-use image::RgbaImage;
-use polyptych_client::Wall;
-use polyptych_protocol::wall::file;
-
 use crate::harness::local_wall::{self, LocalWall};
 use crate::harness::maps::{self, Entry, Png, png};
 use crate::harness::pictures;
 use crate::harness::place::Place;
 use crate::harness::scenes::foreign_wall;
 use crate::reference::tone;
+use glam::{DMat2, DVec2, DVec3};
+use image::RgbaImage;
+use polyptych_client::Wall;
 use reading::Reading;
 use waves::{Pattern, Seat};
 
@@ -52,7 +50,7 @@ struct Shown {
 
 /// Draws all patterns on the wall of this file.
 fn show(place: &Place, path: &Path) -> Shown {
-    let mut wall = file::load(path).unwrap_or_else(|error| panic!("{error}"));
+    let mut wall = polyptych_wall_file::load(path).unwrap_or_else(|error| panic!("{error}"));
     let folder = path.parent().expect("a folder");
     for file in &mut wall.files {
         file.path = folder.join(&file.path).display().to_string();

@@ -1,11 +1,5 @@
 //! A wall of tiles shows what one channel shows.
 
-use glam::DVec3;
-use image::{RgbaImage, imageops};
-use polyptych_client::Camera;
-use polyptych_client::blocking::Client;
-use polyptych_protocol::ids::ChannelId;
-use polyptych_render::apply;
 use std::path::{Path, PathBuf};
 
 use crate::harness::local_wall::{LocalWall, of_repository, screen_of, shot};
@@ -13,6 +7,12 @@ use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
 use crate::harness::place::Place;
 use crate::harness::scenes::{asset, poses, town};
 use crate::harness::stage::{Stage, frame};
+use glam::DVec3;
+use image::{RgbaImage, imageops};
+use polyptych_client::Camera;
+use polyptych_client::blocking::Client;
+use polyptych_render::apply;
+use polyptych_wall::ChannelId;
 
 /// Colours below which a picture shows too little to say anything about seams.
 const COLORS_MIN: usize = 100;

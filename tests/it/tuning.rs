@@ -2,15 +2,13 @@
 
 use std::fs;
 
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
+use crate::harness::pictures::{color_count, read};
+use crate::harness::place::Place;
 use image::RgbaImage;
 use polyptych_client::glam::DVec2;
 use polyptych_client::tuning::{Change, Corner, Move};
 use polyptych_client::{ChannelState, Pace, Wall};
-use polyptych_protocol::wall::file;
-
-use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
-use crate::harness::pictures::{color_count, read};
-use crate::harness::place::Place;
 
 /// The picture of the whole wall, as the command saves it.
 fn shot(local: &LocalWall, name: &str) -> RgbaImage {
@@ -75,7 +73,7 @@ fn a_tuning_moves_the_picture_outlives_the_manager_and_is_saved() {
     let other = other.to_str().expect("text").to_owned();
     local.run(&["wall", "save", &other]).failed(&["another wall", "its name is \"other\""]);
 
-    let wall = file::load(&path).unwrap_or_else(|error| panic!("{error}"));
+    let wall = polyptych_wall_file::load(&path).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(wall.channels[0].adjustment.pin[0], DVec2::new(10.0, 6.0));
     let local = restarted(local, &wall);
     assert_eq!(shot(&local, "saved.png"), tuned, "the file says it now");
@@ -142,7 +140,8 @@ fn a_tuning_that_one_server_cannot_show_is_refused_and_all_stay_live() {
         rotation = [-22, 0, 0]
         tangents = [-0.325, 0.325, -0.25, 0.25]
         "#;
-    let wall = file::parse(text, "round.toml".as_ref()).unwrap_or_else(|error| panic!("{error}"));
+    let wall = polyptych_wall_file::parse(text, "round.toml".as_ref())
+        .unwrap_or_else(|error| panic!("{error}"));
     let local = LocalWall::start(&wall, &[]);
     let client = local.client();
     client.run(Pace::Rate(30.0)).expect("running");

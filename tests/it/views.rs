@@ -1,20 +1,18 @@
 //! Both eyes, and views of other cameras on parts of the wall: each shows what a display shows
 //! that has nothing else to show.
 
-use glam::{DVec3, UVec2};
-use image::{RgbaImage, imageops};
-use polyptych_client::{Area, Camera, Head, View, ViewProjection, Wall};
-use polyptych_protocol::command::Frame;
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::surface::Plane;
-use polyptych_protocol::wall::{Channel, EyeOf, Screen, Surface};
-use polyptych_render::apply;
-
 use crate::harness::local_wall::{LocalWall, screen_of, small, tiled};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
 use crate::harness::place::Place;
 use crate::harness::scenes::{Gltf, poses, town};
 use crate::harness::stage::{Stage, frame};
+use glam::{DVec3, UVec2};
+use image::{RgbaImage, imageops};
+use polyptych_client::{Area, Camera, Head, View, ViewProjection, Wall};
+use polyptych_protocol::command::Frame;
+use polyptych_render::apply;
+use polyptych_wall::surface::Plane;
+use polyptych_wall::{Channel, ChannelId, EyeOf, Screen, Surface};
 
 const CANVAS: [u32; 2] = [320, 176];
 

@@ -3,22 +3,20 @@
 
 use std::path::{Path, PathBuf};
 
-use image::RgbaImage;
-use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, ConnectOptions, Wall, overview};
-use polyptych_manager::import::{Baker, bake_wall_files};
-use polyptych_protocol::blob::BlobFolder;
-use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::wall::color::{linear_from_srgb, srgb_from_linear};
-use polyptych_protocol::wall::warp::WallMap;
-use polyptych_protocol::wall::{FileKind, MapFile, file};
-
 use crate::harness::local_wall::{LocalWall, small};
 use crate::harness::maps::{self, Png, Region, png};
 use crate::harness::pictures::{self, Policy};
 use crate::harness::place::Place;
 use crate::harness::{scenes, wait};
 use crate::one_process::{TOKEN, start_manager, start_server};
+use image::RgbaImage;
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, ConnectOptions, Wall, overview};
+use polyptych_files::blob::{BlobFolder, BlobHash};
+use polyptych_manager::import::{Baker, bake_wall_files};
+use polyptych_wall::color::{linear_from_srgb, srgb_from_linear};
+use polyptych_wall::warp::WallMap;
+use polyptych_wall::{FileKind, MapFile};
 
 /// A wall of one channel with a warp map and a mask beside its wall file.
 fn wall_with_files(place: &Place) -> Wall {
@@ -282,7 +280,7 @@ struct Shown {
 /// What a wall file shows of the town, by real processes: from one place, whatever the screens
 /// are.
 fn show(path: &Path) -> Shown {
-    let mut wall = file::load(path).unwrap_or_else(|error| panic!("{error}"));
+    let mut wall = polyptych_wall_file::load(path).unwrap_or_else(|error| panic!("{error}"));
     let folder = path.parent().expect("a folder");
     for file in &mut wall.files {
         file.path = folder.join(&file.path).display().to_string();
@@ -290,7 +288,8 @@ fn show(path: &Path) -> Shown {
     let local = LocalWall::start(&wall, &[scenes::town().parent().expect("a folder")]);
     let client = local.client();
     let bounds = client.open_scene("town.glb").expect("opened").bounds.expect("a town");
-    let geometry = file::parse(BY_GEOMETRY, "geometry.toml".as_ref()).expect("a wall");
+    let geometry =
+        polyptych_wall_file::parse(BY_GEOMETRY, "geometry.toml".as_ref()).expect("a wall");
     client.set_camera(overview(&geometry, &bounds, 0.52)).expect("set");
     let capture = client.capture().expect("captured");
     assert_eq!(capture.missing, []);
@@ -355,7 +354,7 @@ fn projectors_on_a_mesh_and_their_maps_show_what_they_do_on_a_plane() {
     let by_plane = projectors(BY_GEOMETRY);
     let plane = "size = [4.0, 2.0]\ncenter = [0.0, 0.0, -4.0]\n";
     let by_mesh = by_plane.replace(plane, "mesh = \"screen.obj\"\n");
-    let wall = file::parse(&by_plane, "plane.toml".as_ref()).expect("a wall");
+    let wall = polyptych_wall_file::parse(&by_plane, "plane.toml".as_ref()).expect("a wall");
     for (id, name) in wall.channel_ids().zip(["left", "right"]) {
         let map = wall.pixel_map(id).expect("a picture");
         let point = |x: u32, y: u32| {

@@ -2,12 +2,6 @@
 
 use std::path::Path;
 
-use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, ChannelState, Wall};
-use polyptych_protocol::wall::file;
-use polyptych_protocol::wall::unfold::WindowLayout;
-use serde_json::Value;
-
 use crate::harness::display::{Display, SIZE};
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small, start_server_with};
 use crate::harness::mouse::{LEFT, RIGHT, Rect, WHEEL_DOWN, WHEEL_UP};
@@ -15,6 +9,10 @@ use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
+use polyptych_client::blocking::Client;
+use polyptych_client::{Camera, ChannelState, Wall};
+use polyptych_wall::unfold::WindowLayout;
+use serde_json::Value;
 
 /// Three sides of a cube; 400 pixels each, so that they are scaled to a display of 1024.
 const CAVE: &str = r#"[wall]
@@ -88,7 +86,7 @@ fn center([x, y, width, height]: Rect) -> [i32; 2] {
 #[test]
 fn a_cave_in_windows_is_unfolded_and_closing_one_ends_it_with_a_whole_report() {
     let display = Display::start();
-    let wall = file::parse(CAVE, Path::new("cave.toml")).expect("a wall");
+    let wall = polyptych_wall_file::parse(CAVE, Path::new("cave.toml")).expect("a wall");
     let mut simulation = simulate(&display, &wall, &["--windows", "--orbit"]);
     let layout = WindowLayout::new(&wall, SIZE.map(u32::from).into());
     let expected = wall.channels.iter().zip(&layout.windows).map(|(channel, window)| {

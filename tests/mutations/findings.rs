@@ -1,20 +1,20 @@
 //! What mutations found once, as small as it became.
 
-use allocation_counter::measure;
-use polyptych_protocol::codec;
-use polyptych_protocol::command::{Command, Pong};
-use polyptych_protocol::handshake::Introduction;
-use polyptych_protocol::ids::{ChannelId, Digest, FrameId, RequestId, Revision};
-use polyptych_protocol::limits::CANVAS_SIDE_MAX;
-use polyptych_protocol::request::{Call, Request};
-use polyptych_protocol::scene::Scene;
-use polyptych_protocol::status::{Drawn, Status};
-
 use crate::message::{Kind, Message};
 use crate::receiver::Receiver;
 use crate::scene_file::with_place;
 use crate::seeds::{messages, scenes};
 use crate::server::Server;
+use allocation_counter::measure;
+use polyptych_protocol::codec;
+use polyptych_protocol::command::{Command, Pong};
+use polyptych_protocol::handshake::Introduction;
+use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
+use polyptych_protocol::request::{Call, Request};
+use polyptych_protocol::status::{Drawn, Status};
+use polyptych_scene::Scene;
+use polyptych_wall::ChannelId;
+use polyptych_wall::limits::CANVAS_SIDE_MAX;
 
 /// More than the manager keeps of one kind of measurement.
 const SATURATED: usize = 70_000;

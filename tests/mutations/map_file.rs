@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use polyptych_manager::bake::Store;
 use polyptych_manager::bake::map::{MapUse, bake_map, mpcdi};
-use polyptych_protocol::wall::warp::WallMap;
+use polyptych_wall::warp::WallMap;
 
 /// Longest reason for a refusal: file, place, what is wrong and what would be right.
 const ERROR_BYTES_MAX: usize = 4096;

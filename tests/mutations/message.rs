@@ -3,13 +3,13 @@
 use std::fmt::Debug;
 
 use bytes::Bytes;
-use polyptych_protocol::blob::{BulkDown, BulkUp};
+use polyptych_protocol::bulk::{BulkDown, BulkUp};
 use polyptych_protocol::codec;
 use polyptych_protocol::command::Command;
 use polyptych_protocol::handshake::{Answer as Greeting, Introduction};
 use polyptych_protocol::request::{Answer, Call};
-use polyptych_protocol::scene::Scene;
 use polyptych_protocol::status::Status;
+use polyptych_scene::Scene;
 use serde::Serialize;
 
 /// What bytes are decoded as.

@@ -2,21 +2,21 @@
 
 use std::collections::VecDeque;
 
+use crate::message::Message;
+use crate::seeds::messages;
+use polyptych_files::blob::{BlobFolder, BlobHash};
 use polyptych_manager::capture::{Collection, PictureMemory, WallShapes};
 use polyptych_manager::cluster::{Cluster, ImportedScene, Output, RequestOf, SessionId};
-use polyptych_protocol::blob::{BlobFolder, BulkUp};
+use polyptych_protocol::bulk::BulkUp;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Frame};
 use polyptych_protocol::handshake::{Hello, Introduction};
-use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, FrameId, RequestId, Revision};
+use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
 use polyptych_protocol::log::{Operation, Replica, SceneRef};
 use polyptych_protocol::request::{Request, SceneSummary};
-use polyptych_protocol::scene::{Scene, SceneFeatures, Texture};
 use polyptych_protocol::status::{Drawn, Prepared, Status};
-use polyptych_protocol::wall::Wall;
-
-use crate::message::Message;
-use crate::seeds::messages;
+use polyptych_scene::{Scene, SceneFeatures, Texture};
+use polyptych_wall::{ChannelId, Wall};
 
 /// Most outputs of the brain that may wait at once: one call asks for no more than a few things
 /// of every peer.

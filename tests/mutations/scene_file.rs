@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use polyptych_manager::bake::{Store, bake};
 use polyptych_protocol::codec;
-use polyptych_protocol::scene::Scene;
+use polyptych_scene::Scene;
 
 /// Longest reason for a refusal: file, place, what is wrong and what would be right.
 const ERROR_BYTES_MAX: usize = 4096;

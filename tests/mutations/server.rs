@@ -3,16 +3,14 @@
 
 use std::time::Duration;
 
+use crate::seeds::messages;
 use polyptych_protocol::command::{Command, Frame, Prepare};
-use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::log::Replica;
-use polyptych_protocol::scene::Scene;
-use polyptych_protocol::wall::Wall;
 use polyptych_render::clock::ClockEstimate;
 use polyptych_render::playback::{Act, Playback};
 use polyptych_render::{apply, renderer};
-
-use crate::seeds::messages;
+use polyptych_scene::Scene;
+use polyptych_wall::{ChannelId, Wall};
 
 /// A server's state between its threads.
 #[derive(Debug)]

@@ -2,14 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-use allocation_counter::measure;
-use fastrand::Rng;
-use polyptych_protocol::wall::warp::WallMap;
-
 use crate::map_file::{KINDS, check};
 use crate::mutation::mutate;
 use crate::seeds::maps;
 use crate::wall_shape::lit;
+use allocation_counter::measure;
+use fastrand::Rng;
+use polyptych_wall::warp::WallMap;
 
 /// Of each kind.
 const FILES: u64 = 1500;

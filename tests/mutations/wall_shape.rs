@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use polyptych_protocol::ids::{BlobHash, ChannelId};
-use polyptych_protocol::wall::blend::{Masks, light_map};
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::shapes::{Shaped, Shapes};
-use polyptych_protocol::wall::superposition::{DisplayPicture, Side, Superposition};
-use polyptych_protocol::wall::warp::{Mask, WallMap};
-use polyptych_protocol::wall::{Cover, FileKind, MapFile, file};
+use polyptych_files::blob::BlobHash;
+use polyptych_wall::blend::{Masks, light_map};
+use polyptych_wall::maps::Maps;
+use polyptych_wall::shapes::{Shaped, Shapes};
+use polyptych_wall::superposition::{DisplayPicture, Side, Superposition};
+use polyptych_wall::warp::{Mask, WallMap};
+use polyptych_wall::{ChannelId, Cover, FileKind, MapFile};
 
 const WALL: &str = r#"
 [wall]
@@ -31,7 +31,7 @@ pixels = [40, 32]
 /// Lets one of two channels lie where the map says, and counts the pixels of the screen that it
 /// lights; `None` of a mask.
 pub fn lit(map: &WallMap) -> Option<usize> {
-    let mut wall = file::parse(WALL, "w.toml".as_ref()).expect("a wall");
+    let mut wall = polyptych_wall_file::parse(WALL, "w.toml".as_ref()).expect("a wall");
     let WallMap::Warp(warp) = map else { return None };
     let (path, blob, front) = ("x".to_owned(), Some(BlobHash([0; 32])), warp.front());
     wall.files.push(MapFile { path, kind: FileKind::Warp, blob, is_for_one_eye: false, front });

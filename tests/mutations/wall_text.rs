@@ -2,15 +2,13 @@
 
 use std::path::Path;
 
-use polyptych_protocol::wall::file;
-
 /// Longest error: file, place, key, what is wrong and what would be right, each quoting little.
 const ERROR_BYTES_MAX: usize = 4096;
 
 /// A wall that can be used, or an error of one line; gives whether it is a wall.
 pub fn check(bytes: &[u8]) -> bool {
     let Ok(text) = str::from_utf8(bytes) else { return false };
-    match file::parse(text, Path::new("wall.toml")) {
+    match polyptych_wall_file::parse(text, Path::new("wall.toml")) {
         Ok(wall) => {
             assert_eq!(wall.fault(), None);
             for id in wall.channel_ids() {
@@ -21,8 +19,8 @@ pub fn check(bytes: &[u8]) -> bool {
                 assert!(frustum.is_ok() || !is_flat, "{channel:?} has no frustum");
                 assert!(wall.pixel_map(id).is_some(), "{channel:?} has no picture");
             }
-            let written = file::to_toml(&wall);
-            let again = file::parse(&written, Path::new("wall.toml"));
+            let written = polyptych_wall_file::to_toml(&wall);
+            let again = polyptych_wall_file::parse(&written, Path::new("wall.toml"));
             assert!(again.is_ok(), "{again:?} of\n{written}");
             true
         }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use polyptych_protocol::wall::{Surface, file};
+use polyptych_wall::Surface;
 
 use super::*;
 
@@ -18,14 +18,14 @@ fn wall() -> Wall {
         [screen.tiles]
         pixels = [1920, 960]
     "#;
-    let mut wall = file::parse(text, "lab.toml".as_ref()).expect("a wall");
+    let mut wall = polyptych_wall_file::parse(text, "lab.toml".as_ref()).expect("a wall");
     wall.eye = DVec3::new(0.3, 1.6, 2.0);
     wall
 }
 
 fn config(name: &str) -> Wall {
     let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
-    file::load(&configs.join(name)).expect("a wall")
+    polyptych_wall_file::load(&configs.join(name)).expect("a wall")
 }
 
 /// Boxes of all proportions: cubes, plates, towers, rods, lines, points; tiny, huge and far away.
@@ -180,7 +180,7 @@ fn screens_of_one_plane_count_as_one_unless_there_is_a_gap() {
     };
     let plate = Bounds { min: DVec3::new(-5.0, 0.0, -5.0), max: DVec3::new(5.0, 0.1, 5.0) };
     let width_m = |apart: f64| {
-        let wall = file::parse(&text(apart), "two.toml".as_ref()).expect("a wall");
+        let wall = polyptych_wall_file::parse(&text(apart), "two.toml".as_ref()).expect("a wall");
         let camera = overview(&wall, &plate, 0.0);
         let seen: Vec<f64> = corners(&plate)
             .map(|corner| display_from_world(&camera, corner))

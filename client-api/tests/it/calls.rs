@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use crate::manager::{feedback, pair};
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
     Camera, ClientError, Digest, DisplayMode, Epoch, FrameId, Head, OPEN_REQUESTS_MAX,
@@ -9,9 +10,6 @@ use polyptych_client::{
     SceneSummary, Sight, Spread, Statistics, Tuned, View, Wall, WallStatus, tuning::Change,
 };
 use polyptych_protocol::request::Answer;
-use polyptych_protocol::wall::file;
-
-use crate::manager::{feedback, pair};
 
 pub fn summary() -> SceneSummary {
     SceneSummary {
@@ -75,7 +73,7 @@ pub fn wall() -> Wall {
         [screen.tiles]
         pixels = [1920, 1080]
     "#;
-    file::parse(text, "lab.toml".as_ref()).expect("a wall")
+    polyptych_wall_file::parse(text, "lab.toml".as_ref()).expect("a wall")
 }
 
 fn sight() -> Sight {

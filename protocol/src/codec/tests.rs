@@ -4,22 +4,25 @@ use std::fmt::Debug;
 
 use bytes::Bytes;
 use glam::{DQuat, DVec3};
+use polyptych_files::blob::BlobHash;
+use polyptych_scene::Scene;
+use polyptych_wall::ChannelId;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::tuning::{Change, Corner, Move};
+use polyptych_wall::view::{Area, View, ViewProjection};
 use proptest::prelude::*;
 
 use super::*;
-use crate::blob::{BlobChunk, BulkDown, BulkUp, PictureChunk};
-use crate::camera::Camera;
-use crate::command::{Area, Command, Frame, Pong, Prepare, Swap, View, ViewProjection};
+use crate::bulk::{BlobChunk, BulkDown, BulkUp, PictureChunk};
+use crate::command::{Command, Frame, Pong, Prepare, Swap};
 use crate::display::DisplayMode;
 use crate::handshake::{Adapter, Answer, ClientHello, Hello, Refused, ServerHello};
-use crate::head::Head;
-use crate::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
+use crate::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use crate::log::{Operation, SceneRef};
 use crate::pattern::Pattern;
 use crate::request::{self, Call, Failure, Pace, Reply, Request};
-use crate::scene::Scene;
 use crate::status::{Drawn, Ping, Prepared, Shown, Status};
-use crate::tuning::{Change, Corner, Move};
 
 fn camera() -> Camera {
     Camera { position: DVec3::new(1.0, -2.0, 1e7), rotation: DQuat::IDENTITY, scale: 0.5 }

@@ -3,14 +3,12 @@
 //! over the channel's picture by the pixels that show it.
 
 use glam::{DMat3, DVec3};
-use polyptych_protocol::command::{Area, View, ViewProjection};
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::Viewpoint;
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::source::window::WindowPlan;
-use polyptych_protocol::wall::view::{CanvasPart, PointOf};
-use polyptych_protocol::wall::warp_mesh::WarpMesh;
+use polyptych_wall::maps::Maps;
+use polyptych_wall::shapes::Shaped;
+use polyptych_wall::source::window::WindowPlan;
+use polyptych_wall::view::{Area, CanvasPart, PointOf, View, ViewProjection};
+use polyptych_wall::warp_mesh::WarpMesh;
+use polyptych_wall::{ChannelId, Viewpoint};
 
 use super::renderer_mesh;
 use super::shots::Shots;

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use glam::DMat4;
-use polyptych_protocol::command::{Frame, View};
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::source::SourcePlan;
-use polyptych_protocol::wall::warp_mesh::WarpMesh;
-use polyptych_protocol::wall::{Viewpoint, Wall};
+use polyptych_protocol::command::Frame;
+use polyptych_wall::source::SourcePlan;
+use polyptych_wall::view::View;
+use polyptych_wall::warp_mesh::WarpMesh;
+use polyptych_wall::{ChannelId, Viewpoint, Wall};
 
 use crate::apply::{self, Sight};
 use crate::renderer::{SourceEye, SourcePlane, ViewDesc};
@@ -61,7 +61,7 @@ impl Shots {
             planes: Vec::new(),
         };
         for planes in &plan.planes {
-            let of = |plane: &polyptych_protocol::wall::source::Plane| SourcePlane {
+            let of = |plane: &polyptych_wall::source::Plane| SourcePlane {
                 eye_in_display: plane.eye,
                 clip_from_eye: plane.clip_from_eye(),
                 rect: plane.rect,

@@ -4,13 +4,13 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DQuat, DVec2, DVec3, UVec2, Vec3};
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::View;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::surface::{Cylinder, Plane, Sphere};
-use polyptych_protocol::wall::{Channel, Screen, Surface};
+use polyptych_wall::camera::Camera;
+use polyptych_wall::maps::Maps;
+use polyptych_wall::surface::{Cylinder, Plane, Sphere};
+use polyptych_wall::view::View;
+use polyptych_wall::{Channel, Screen, Surface};
 
 mod around;
 mod lays;

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3, IVec2};
 use image::{GrayImage, RgbaImage};
-use polyptych_protocol::wall::{Screen, Wall};
+use polyptych_wall::{Screen, Wall};
 
 use super::places::{Place, Places};
 use super::{BLACK, code};
@@ -32,7 +32,7 @@ const RINGS: f64 = 4.0;
 /// Pixels of the canvas between two lines: a power of two, of which the shortest side of the
 /// screen's channels has 16 to 32, so that all of them show the same.
 pub(super) fn line_spacing(wall: &Wall, screen: &Screen) -> f64 {
-    let on_it = |channel: &&polyptych_protocol::wall::Channel| {
+    let on_it = |channel: &&polyptych_wall::Channel| {
         wall.screens.get(usize::from(channel.screen)).is_some_and(|of| of.name == screen.name)
     };
     let sides = wall.channels.iter().filter(on_it).map(|channel| channel.size.min_element());

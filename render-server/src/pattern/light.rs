@@ -2,13 +2,12 @@
 
 use glam::{DVec2, DVec3, UVec2};
 use image::{Rgba, RgbaImage};
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::blend::{self, Blend, Masks};
-use polyptych_protocol::wall::color::linear_from_srgb;
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::pixels::PixelMap;
-use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::{Channel, Color};
+use polyptych_wall::blend::{self, Blend, Masks};
+use polyptych_wall::color::linear_from_srgb;
+use polyptych_wall::maps::Maps;
+use polyptych_wall::pixels::PixelMap;
+use polyptych_wall::shapes::Shaped;
+use polyptych_wall::{Channel, ChannelId, Color};
 use rayon::prelude::*;
 
 use super::places::{BLOCK, Block, Places};

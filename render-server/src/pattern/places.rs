@@ -6,7 +6,7 @@
 
 use glam::{DVec2, UVec2};
 use image::RgbaImage;
-use polyptych_protocol::wall::pixels::PixelMap;
+use polyptych_wall::pixels::PixelMap;
 use rayon::prelude::*;
 
 use super::opaque;

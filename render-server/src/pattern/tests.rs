@@ -1,11 +1,11 @@
 //! Patterns to the pixel: where lines lie, what adds up, what is counted.
 
 use glam::{DQuat, DVec2, DVec3, UVec2};
-use polyptych_protocol::wall::adjustment::Bend;
-use polyptych_protocol::wall::blend::Blend;
-use polyptych_protocol::wall::projector::Projector;
-use polyptych_protocol::wall::surface::{Cylinder, Plane};
-use polyptych_protocol::wall::{Cover, Curve, Projection, Screen, Surface, Wall};
+use polyptych_wall::adjustment::Bend;
+use polyptych_wall::blend::Blend;
+use polyptych_wall::projector::Projector;
+use polyptych_wall::surface::{Cylinder, Plane};
+use polyptych_wall::{Cover, Curve, Projection, Screen, Surface, Wall};
 
 use super::*;
 

@@ -4,11 +4,10 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use polyptych_protocol::command::Frame;
-use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::pattern::Pattern;
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::{EyeOf, Wall};
+use polyptych_wall::maps::Maps;
+use polyptych_wall::shapes::Shaped;
+use polyptych_wall::{ChannelId, EyeOf, Wall};
 
 use super::RenderThread;
 use crate::pattern;

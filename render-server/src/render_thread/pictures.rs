@@ -1,6 +1,7 @@
 //! Pictures that somebody asked for.
 
-use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::ids::FrameId;
+use polyptych_wall::ChannelId;
 
 use super::RenderThread;
 use crate::renderer::read_picture;

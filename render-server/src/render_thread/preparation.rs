@@ -6,9 +6,10 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Instant;
 
-use polyptych_protocol::command::{Frame, View};
+use polyptych_protocol::command::Frame;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::FrameId;
+use polyptych_wall::view::View;
 
 use super::{Correctors, Drawable, RenderThread, STATES_MAX, WARM_UP_SIDE};
 use crate::apply;

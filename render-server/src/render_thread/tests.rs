@@ -4,16 +4,16 @@ use std::sync::mpsc::sync_channel;
 
 use crossbeam_channel::{Sender, bounded};
 use glam::{DVec2, DVec3, UVec2, Vec3};
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::View;
 use polyptych_protocol::display::DisplayMode;
-use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::status::{Drawn, Shown, Status};
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::surface::{Cylinder, Plane};
-use polyptych_protocol::wall::{Channel, Screen, Surface, Turn};
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::maps::Maps;
+use polyptych_wall::surface::{Cylinder, Plane};
+use polyptych_wall::view::View;
+use polyptych_wall::{Channel, Screen, Surface, Turn};
 
 use super::*;
 use crate::correction;

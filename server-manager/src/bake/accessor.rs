@@ -3,7 +3,7 @@
 //! Every bound is checked in u64 before a byte is read, and nothing is allocated for a count
 //! before as many bytes are known to be there.
 
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
 
 use super::error::BakeError;
 use super::source::Source;

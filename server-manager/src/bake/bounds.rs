@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::{DAffine3, DMat3, DVec3};
-use polyptych_protocol::scene::{Bounds, Instance, Mesh, Node, Scene};
+use polyptych_scene::{Bounds, Instance, Mesh, Node, Scene};
 
 use super::error::BakeError;
 

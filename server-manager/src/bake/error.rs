@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use polyptych_protocol::blob::BlobError;
+use polyptych_files::blob::BlobError;
 
 /// Why a scene could not be baked. A message names the file, the place in it, what is wrong and
 /// what would be right.

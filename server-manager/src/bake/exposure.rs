@@ -9,7 +9,7 @@
 use std::f64::consts::PI;
 
 use glam::{DAffine3, DVec3, Vec3};
-use polyptych_protocol::scene::{Light, LightKind, Node, Primitive, Scene};
+use polyptych_scene::{Light, LightKind, Node, Primitive, Scene};
 
 /// Least mean illuminance, in lux, that is taken for real units. Artists give suns 1 to 10, and a
 /// mid-grey surface in so much light is shown as white; living rooms have more.

@@ -1,8 +1,8 @@
 //! One primitive as lists of attributes, read, checked and repaired.
 
 use glam::{DVec3, Vec3};
-use polyptych_protocol::scene::Topology;
-use polyptych_protocol::words::counted;
+use polyptych_scene::Topology;
+use polyptych_text::counted;
 
 use super::accessor::{self, Accessor};
 use super::error::BakeError;

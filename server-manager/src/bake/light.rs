@@ -3,7 +3,7 @@
 use glam::Vec3;
 use gltf::json::extensions::scene::khr_lights_punctual::Type;
 use gltf::json::validation::Checked;
-use polyptych_protocol::scene::{Light, LightKind};
+use polyptych_scene::{Light, LightKind};
 
 use super::Job;
 use super::error::BakeError;

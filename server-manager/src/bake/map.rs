@@ -28,15 +28,15 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
-use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::wall::front::FrontPlace;
-use polyptych_protocol::wall::warp::{MapSpace, WallMap, WarpMap, WarpShape};
-use polyptych_protocol::words::counted;
+use obj::Roles;
+use polyptych_files::blob::BlobHash;
+use polyptych_text::counted;
+use polyptych_wall::front::FrontPlace;
+use polyptych_wall::warp::{MapSpace, WallMap, WarpMap, WarpShape};
 use serde::{Deserialize, Serialize};
 
 use super::error::BakeError;
 use super::{Store, hex, source};
-use obj::Roles;
 
 /// Largest file of a wall: a warp map of 8,192² points takes 768 MiB.
 const MAP_FILE_BYTES_MAX: u64 = 1 << 30;

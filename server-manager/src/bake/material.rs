@@ -8,7 +8,7 @@ use glam::{Affine2, Mat2, Vec2, Vec3, Vec4};
 use gltf::json;
 use gltf::json::extensions::texture::TextureTransform;
 use gltf::json::validation::Checked;
-use polyptych_protocol::scene::{AlphaMode, Material, TextureRef};
+use polyptych_scene::{AlphaMode, Material, TextureRef};
 
 use super::Job;
 use super::error::BakeError;

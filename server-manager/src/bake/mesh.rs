@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::AtomicBool;
 
 use glam::{DVec3, Vec3};
-use polyptych_protocol::scene::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
+use polyptych_scene::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 
 use super::error::BakeError;
 use super::geometry::{self, Geometry, Tangents, flat_normal};

@@ -4,9 +4,9 @@
 //! as deep as the file is long.
 
 use glam::{DAffine3, DMat4, DQuat, DVec3, Quat, Vec3};
-use polyptych_protocol::limits::DRAWS_MAX;
-use polyptych_protocol::scene::{Instance, Node};
-use polyptych_protocol::words::counted;
+use polyptych_scene::limits::DRAWS_MAX;
+use polyptych_scene::{Instance, Node};
+use polyptych_text::counted;
 
 use super::accessor::Accessor;
 use super::document::{self, Instancing};

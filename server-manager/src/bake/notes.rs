@@ -1,8 +1,8 @@
 //! Notes of a bake: what of the file is not drawn, or not as it is there. Each kind is said once,
 //! with the first place where it stands and how many more there are.
 
-use polyptych_protocol::limits::{NOTE_BYTES_MAX, NOTES_MAX};
-use polyptych_protocol::words::counted;
+use polyptych_scene::limits::{NOTE_BYTES_MAX, NOTES_MAX};
+use polyptych_text::counted;
 
 /// The notes of one bake, in the order in which their kinds came up.
 #[derive(Debug, Default)]

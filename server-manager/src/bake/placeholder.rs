@@ -6,7 +6,7 @@
 use std::collections::BTreeSet;
 
 use glam::Vec3;
-use polyptych_protocol::scene::Material;
+use polyptych_scene::Material;
 
 use super::material::Content;
 use super::mip::Picture;

@@ -10,8 +10,8 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::words::counted;
+use polyptych_files::blob::BlobHash;
+use polyptych_text::counted;
 
 use super::document::{BufferView, Document};
 use super::error::BakeError;

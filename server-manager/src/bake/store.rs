@@ -9,10 +9,9 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use polyptych_protocol::blob::{self, Abandoned, BlobError, BlobFolder};
+use polyptych_files::blob::{self, Abandoned, BlobError, BlobFolder, BlobHash};
 use polyptych_protocol::codec;
-use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::scene::Scene;
+use polyptych_scene::Scene;
 use rayon::prelude::*;
 
 use super::Baked;

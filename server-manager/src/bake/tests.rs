@@ -12,13 +12,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use builder::{Builder, png};
 use glam::{DVec3, Vec3};
 use polyptych_protocol::codec;
-use polyptych_protocol::scene::{IndexFormat, LightKind, Scene};
+use polyptych_scene::{IndexFormat, LightKind, Scene};
 use serde_json::json;
 
 use super::{BakeError, Baked, Progress, Store, bake};
-use builder::{Builder, png};
 
 /// A folder with a scene and a store.
 struct Place {

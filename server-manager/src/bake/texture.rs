@@ -6,15 +6,14 @@ use std::io::Cursor;
 use gltf::json::texture::{MagFilter, MinFilter, WrappingMode};
 use gltf::json::validation::Checked;
 use image::{ImageDecoder, ImageFormat, ImageReader};
-use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::limits::TEXTURE_SIDE_MAX;
-use polyptych_protocol::scene::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
+use polyptych_files::blob::BlobHash;
+use polyptych_scene::limits::TEXTURE_SIDE_MAX;
+use polyptych_scene::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 
-use super::Job;
 use super::error::BakeError;
 use super::material::{Content, TextureUse};
 use super::mip::{self, Picture};
-use super::{image_format, placeholder, uri};
+use super::{Job, image_format, placeholder, uri};
 
 /// Longest side of an image that is decoded; it is halved until a driver can hold it.
 const IMAGE_SIDE_MAX: u32 = 16_384;

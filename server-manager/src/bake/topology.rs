@@ -1,6 +1,6 @@
 //! glTF's seven modes become three: points, line lists, triangle lists.
 
-use polyptych_protocol::scene::Topology;
+use polyptych_scene::Topology;
 
 /// What a mode draws, or `None` where there is no such mode.
 pub(super) fn of_mode(mode: u32) -> Option<Topology> {

@@ -1,11 +1,11 @@
 //! Pictures of walls, from those of their channels.
 
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_protocol::blob::BlobFolder;
+use polyptych_files::blob::BlobFolder;
 use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::wall::blend::{Blend, Masks};
-use polyptych_protocol::wall::surface::{Plane, Surface};
-use polyptych_protocol::wall::{EyeOf, Packing, Screen, Turn, file};
+use polyptych_wall::blend::{Blend, Masks};
+use polyptych_wall::surface::{Plane, Surface};
+use polyptych_wall::{EyeOf, Packing, Screen, Turn};
 
 use super::*;
 use crate::cluster::SessionId;
@@ -50,7 +50,7 @@ fn captures_share_their_room_and_give_it_back() {
     let text = "[wall]\nname = \"w\"\n[[screen]]\nname = \"front\"\nsize = [2.0, 1.0]\n\
                 center = [0.0, 0.0, -1.0]\n[screen.tiles]\ncolumns = 4\nrows = 2\n\
                 pixels = [2048, 2048]\n";
-    let mut wall = file::parse(text, "w.toml".as_ref()).expect("a wall");
+    let mut wall = polyptych_wall_file::parse(text, "w.toml".as_ref()).expect("a wall");
     let memory = PictureMemory::default();
     // 32 Mi pixels as a screen, and again as channels: 256 MiB.
     let mut rooms: Vec<_> = (0..4).map(|_| memory.room_for(&wall).expect("room")).collect();

@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, OnceLock};
 
-use polyptych_protocol::blob::BlobFolder;
-use polyptych_protocol::wall::Wall;
-use polyptych_protocol::wall::shapes::Shapes;
+use polyptych_files::blob::BlobFolder;
+use polyptych_wall::Wall;
+use polyptych_wall::shapes::Shapes;
 
 use crate::import::read_wall_files;
 

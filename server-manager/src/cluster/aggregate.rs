@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelStatus, Feedback, Statistics, WallStatus,
 };
-use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::request::Answer;
+use polyptych_wall::ChannelId;
 
 use super::barrier::Barrier;
 use super::registry::Channel;

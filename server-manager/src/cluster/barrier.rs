@@ -2,19 +2,19 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use polyptych_protocol::camera::Camera;
 use polyptych_protocol::command::{Command, Frame, Swap};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::ids::{ChannelId, Digest, FrameId, Revision};
+use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::Reply;
 use polyptych_protocol::status::Drawn;
+use polyptych_wall::ChannelId;
+use polyptych_wall::camera::Camera;
 use serde::{Deserialize, Serialize};
 
-use super::span;
 use super::statistics::FrameFacts;
-use super::{Cluster, Micros, Output, RequestOf, SessionId};
+use super::{Cluster, Micros, Output, RequestOf, SessionId, span};
 
 /// Frames after joining or a change in which a channel warms up: a first draw still compiles and
 /// fills caches. While all do, a frame waits as long as any may.

@@ -5,13 +5,14 @@
 
 use std::collections::VecDeque;
 
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Revision};
+use polyptych_protocol::ids::{Digest, Revision};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 use polyptych_protocol::request::{Failure, Reply, SceneSummary};
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
 use super::tune::{self, Tuner};

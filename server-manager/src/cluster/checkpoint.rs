@@ -1,10 +1,9 @@
 //! The brain written down between two inputs, so that a recording can begin in the middle.
 
-use polyptych_protocol::wall::Wall;
-use serde::{Deserialize, Serialize, Serializer};
-
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::FrameId;
+use polyptych_wall::Wall;
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::{Cluster, Gathered, PresentCalls};
 

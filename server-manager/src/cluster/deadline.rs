@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use polyptych_protocol::wall::DeadlineRule;
+use polyptych_wall::DeadlineRule;
 use serde::{Deserialize, Serialize};
 
 use super::Micros;

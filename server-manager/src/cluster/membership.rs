@@ -4,10 +4,11 @@ use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
-use polyptych_protocol::ids::{ChannelId, Revision};
-use polyptych_protocol::limits::NAME_BYTES_MAX;
+use polyptych_protocol::ids::Revision;
 use polyptych_protocol::status::Prepared;
-use polyptych_protocol::words::make_printable;
+use polyptych_text::make_printable;
+use polyptych_wall::ChannelId;
+use polyptych_wall::limits::NAME_BYTES_MAX;
 
 use super::registry::Answered;
 use super::supersede::Owed;

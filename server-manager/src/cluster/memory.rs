@@ -1,16 +1,15 @@
 //! What outlives a manager: remembered before a client is told that it was done.
 
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::View;
 use polyptych_protocol::display::DisplayMode;
-use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{Epoch, Revision};
-use polyptych_protocol::log::{Operation, SceneRef};
+use polyptych_protocol::log::{Operation, SceneRef, check_wall_size};
 use polyptych_protocol::pattern::Pattern;
 use polyptych_protocol::request::Pace;
-use polyptych_protocol::scene::Bounds;
-use polyptych_protocol::tuning;
-use polyptych_protocol::wall::{Adjustment, Wall};
+use polyptych_scene::Bounds;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::view::View;
+use polyptych_wall::{Adjustment, Wall, tuning};
 use serde::{Deserialize, Serialize};
 
 use super::{Cluster, Micros, Output};
@@ -81,7 +80,9 @@ impl Cluster {
             cluster.exposure = memory.exposure;
         }
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
-        match tuning::restored(&cluster.file, &memory.further.tunings) {
+        let restored = tuning::restored(&cluster.file, &memory.further.tunings)
+            .and_then(|wall| check_wall_size(&wall).map(|()| wall));
+        match restored {
             Ok(wall) => {
                 let revision = cluster.shown.revision;
                 cluster.shown.apply(Operation::SetWall(Box::new(wall.clone())));

@@ -5,11 +5,10 @@
 //! and no message moves the camera to where numbers are not exact any more.
 
 use glam::{DQuat, DVec2, DVec3};
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::navigation::Navigation;
-use polyptych_protocol::scene::Bounds;
-use polyptych_protocol::wall::Wall;
+use polyptych_scene::Bounds;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
 use super::{Cluster, Micros, SessionId};
@@ -185,8 +184,8 @@ fn panned(camera: &Camera, eye: DVec3, pivot: DVec3, picture: &Picture, pan: DVe
 #[cfg(test)]
 mod tests {
     use glam::UVec2;
-    use polyptych_protocol::wall::surface::Plane;
-    use polyptych_protocol::wall::{Channel, Screen, Surface};
+    use polyptych_wall::surface::Plane;
+    use polyptych_wall::{Channel, Screen, Surface};
 
     use super::*;
 

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use polyptych_protocol::limits::NAME_BYTES_MAX;
 use polyptych_protocol::progress::{OpenProgress, Opening};
 use polyptych_protocol::request::Answer;
+use polyptych_wall::limits::NAME_BYTES_MAX;
 
 use super::{Cluster, Output, RequestOf};
 

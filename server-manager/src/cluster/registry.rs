@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
-use polyptych_protocol::ids::{BlobHash, ChannelId, FrameId, Revision};
+use polyptych_protocol::ids::{FrameId, Revision};
 use polyptych_protocol::status::Shown;
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
 use super::supersede::Owed;

@@ -1,11 +1,11 @@
 //! What the wall looks at, and from where: the camera, the viewer's head, and the views that lie
 //! over the wall's own picture.
 
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::View;
-use polyptych_protocol::head::Head;
 use polyptych_protocol::request::Sight;
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::view::View;
 
 use super::Cluster;
 

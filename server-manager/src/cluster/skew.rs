@@ -3,8 +3,9 @@
 use std::collections::VecDeque;
 
 use polyptych_protocol::feedback::Skew;
-use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::status::Shown;
+use polyptych_wall::ChannelId;
 
 use super::Micros;
 

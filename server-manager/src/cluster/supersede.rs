@@ -4,7 +4,8 @@
 //! moment to be ready all the same, and is then refused; servers that still work on it are sent
 //! what is wanted now, and stop.
 
-use polyptych_protocol::ids::{BlobHash, Revision};
+use polyptych_files::blob::BlobHash;
+use polyptych_protocol::ids::Revision;
 use polyptych_protocol::log::Operation;
 
 use super::change::{Change, Changes, Purpose};

@@ -14,16 +14,17 @@ mod tuning;
 use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3, UVec2};
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::{Frame, Prepare};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
-use polyptych_protocol::ids::{BlobHash, Revision};
+use polyptych_protocol::ids::Revision;
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::Request;
-use polyptych_protocol::scene::{Bounds, SceneFeatures};
 use polyptych_protocol::status::{Drawn, Ping, Prepared};
-use polyptych_protocol::wall::surface::Plane;
-use polyptych_protocol::wall::{Channel, Screen, Surface};
+use polyptych_scene::{Bounds, SceneFeatures};
+use polyptych_wall::surface::Plane;
+use polyptych_wall::{Channel, Screen, Surface};
 
 use super::*;
 

@@ -1,11 +1,11 @@
 //! Requests of clients: what each of them sets in motion.
 
-use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::limits::PATH_BYTES_MAX;
 use polyptych_protocol::log::Operation;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Failure, Pace, Reply, Request};
+use polyptych_wall::head::Head;
+use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
 use super::change::Purpose;

@@ -1,11 +1,10 @@
 //! Tuning of the running wall: a change as others are, but many may come for one frame.
 
-use polyptych_protocol::feedback::Feedback;
-use polyptych_protocol::ids::{ChannelId, FrameId, Revision};
-use polyptych_protocol::log::Operation;
+use polyptych_protocol::feedback::{Feedback, Tuned};
+use polyptych_protocol::ids::{FrameId, Revision};
+use polyptych_protocol::log::{Operation, check_wall_size};
 use polyptych_protocol::request::Reply;
-use polyptych_protocol::tuning::{self, Tuned};
-use polyptych_protocol::wall::{Adjustment, Wall};
+use polyptych_wall::{Adjustment, ChannelId, Wall, tuning};
 use serde::{Deserialize, Serialize};
 
 use super::change::Purpose;
@@ -92,6 +91,7 @@ impl Cluster {
         }
         let present = self.changes.latest_wall().unwrap_or(&self.wall);
         let wall = Box::new(tuning::tuned(present, channel, changes)?);
+        check_wall_size(&wall)?;
         self.check_sight_on(&wall).map_err(|reason| format!("{channel}: {reason}"))?;
         let tuner = Tuner { job, asked_at: self.frame };
         if let Err(wall) = self.changes.replace_waiting_wall(wall, tuner) {

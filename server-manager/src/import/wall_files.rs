@@ -3,11 +3,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use polyptych_protocol::blob::BlobFolder;
-use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::warp::WallMap;
-use polyptych_protocol::wall::{FileKind, Wall};
+use polyptych_files::blob::{BlobFolder, BlobHash};
+use polyptych_wall::maps::Maps;
+use polyptych_wall::warp::WallMap;
+use polyptych_wall::{FileKind, Wall};
 
 use super::{Baker, bake};
 
@@ -101,7 +100,7 @@ fn aspect(wall: &Wall, index: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use glam::UVec2;
-    use polyptych_protocol::wall::{Channel, MapFile};
+    use polyptych_wall::{Channel, MapFile};
 
     use super::*;
 

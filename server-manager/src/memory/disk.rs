@@ -78,11 +78,11 @@ mod tests {
     use std::path::PathBuf;
 
     use fastrand::Rng;
-    use polyptych_protocol::camera::Camera;
     use polyptych_protocol::display::DisplayMode;
-    use polyptych_protocol::head::Head;
     use polyptych_protocol::ids::Revision;
-    use polyptych_protocol::wall::Wall;
+    use polyptych_wall::Wall;
+    use polyptych_wall::camera::Camera;
+    use polyptych_wall::head::Head;
 
     use super::*;
     use crate::cluster::{Further, Memory};

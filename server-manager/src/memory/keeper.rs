@@ -261,10 +261,10 @@ fn next(
 mod tests {
     use std::sync::mpsc;
 
-    use polyptych_protocol::command::View;
     use polyptych_protocol::ids::{Epoch, RequestId};
     use polyptych_protocol::request::{Failure, Reply};
-    use polyptych_protocol::wall::Wall;
+    use polyptych_wall::Wall;
+    use polyptych_wall::view::View;
 
     use super::*;
     use crate::cluster::Cluster;

@@ -4,12 +4,12 @@
 //! saved wall + state, new wall -> state of the new wall, what changed, what was dropped
 //! ```
 
-use polyptych_protocol::command::{Area, View};
-use polyptych_protocol::head::Head;
-use polyptych_protocol::tuning::carry_over::{CarriedOver, carried_over};
-use polyptych_protocol::tuning::restored;
-use polyptych_protocol::wall::Wall;
-use polyptych_protocol::wall::identity::{KeyChange, differences};
+use polyptych_wall::Wall;
+use polyptych_wall::head::Head;
+use polyptych_wall::tuning::carry_over::{CarriedOver, carried_over};
+use polyptych_wall::tuning::restored;
+use polyptych_wall::view::{Area, View};
+use polyptych_wall_file::difference::{KeyChange, differences};
 
 use super::Saved;
 use crate::cluster::Memory;
@@ -79,7 +79,7 @@ fn views(
     wall: &Wall,
     dropped: &mut Vec<(String, String)>,
 ) -> Vec<View> {
-    let mut kept = vec![View::of_wall(polyptych_protocol::camera::Camera::IDENTITY)];
+    let mut kept = vec![View::of_wall(polyptych_wall::camera::Camera::IDENTITY)];
     for (number, view) in (1..).zip(views) {
         let on_new = match area(old, view.area, wall) {
             Ok(area) => View { area, ..view.clone() },

@@ -1,8 +1,8 @@
 //! What the brain decided on one input, as short as it can be compared.
 
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::codec;
 use polyptych_protocol::feedback::Feedback;
-use polyptych_protocol::ids::BlobHash;
 use polyptych_protocol::request::{Answer, Reply};
 use serde::{Deserialize, Serialize};
 

@@ -16,9 +16,9 @@ use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
+use polyptych_files::output_file;
 use polyptych_protocol::codec;
 use polyptych_protocol::limits::PROTOCOL_VERSION;
-use polyptych_protocol::output_file;
 
 use super::Record;
 

@@ -5,23 +5,24 @@ use std::fs;
 use std::path::Path;
 
 use glam::{DVec2, DVec3, UVec2};
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
-use polyptych_protocol::ids::{BlobHash, ChannelId, RequestId, Revision};
+use polyptych_protocol::ids::{RequestId, Revision};
 use polyptych_protocol::log::{Replica, SceneRef};
 use polyptych_protocol::request::{Request, SceneSummary};
-use polyptych_protocol::scene::SceneFeatures;
 use polyptych_protocol::status::{Drawn, Ping, Prepared, Status};
-use polyptych_protocol::wall::surface::Plane;
-use polyptych_protocol::wall::{Channel, Screen, Surface};
+use polyptych_scene::SceneFeatures;
+use polyptych_wall::surface::Plane;
+use polyptych_wall::{Channel, ChannelId, Screen, Surface};
+use ring::RingReader;
 
 use super::*;
 use crate::brain::Brain;
 use crate::cluster::{ImportedScene, Output, RequestOf, SessionId};
 use crate::replay::incident::{Cut, Incident};
 use crate::replay::{Replayed, replay};
-use ring::RingReader;
 
 const CHANNELS: u16 = 3;
 const CLIENT: SessionId = SessionId(1);

@@ -5,9 +5,10 @@ use std::collections::BTreeSet;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::Answer;
 use polyptych_protocol::status::Status;
+use polyptych_wall::ChannelId;
 
 use crate::cluster::{Cluster, Input, Micros, Output, RequestOf, SessionId};
 use crate::replay::words;

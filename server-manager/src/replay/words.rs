@@ -2,8 +2,8 @@
 
 use polyptych_protocol::request::{Pace, Request};
 use polyptych_protocol::status::Status;
-use polyptych_protocol::tuning::Change;
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
+use polyptych_wall::tuning::Change;
 
 use crate::cluster::Input;
 
@@ -110,7 +110,8 @@ fn text(text: &str) -> &str {
 
 #[cfg(test)]
 mod tests {
-    use polyptych_protocol::ids::{ChannelId, FrameId, RequestId};
+    use polyptych_protocol::ids::{FrameId, RequestId};
+    use polyptych_wall::ChannelId;
 
     use super::*;
     use crate::cluster::SessionId;

@@ -1,6 +1,6 @@
 //! How a brain begins: afresh, or from what the last manager of its wall remembered.
 
-use polyptych_protocol::blob::BlobFolder;
+use polyptych_files::blob::BlobFolder;
 use polyptych_protocol::ids::Epoch;
 
 use super::ManagerOptions;

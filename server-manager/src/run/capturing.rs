@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
-use polyptych_protocol::blob::PictureChunk;
-use polyptych_protocol::ids::{ChannelId, FrameId};
+use polyptych_protocol::bulk::PictureChunk;
+use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::{Answer, Failure};
 use polyptych_protocol::status::Status;
+use polyptych_wall::ChannelId;
 use tokio::time::Instant;
 
 use super::Hub;

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use anyhow::bail;
 use glam::{DVec2, DVec3};
-use polyptych_protocol::wall::surface::{Plane, Surface};
+use polyptych_wall::surface::{Plane, Surface};
 
 use super::pose::{Room, Stand, Target, solve};
 use super::projectors::{self, SURFACE_COMMENT, THROW_DEFAULT};

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use anyhow::bail;
 use glam::{DQuat, DVec2, DVec3};
-use polyptych_protocol::wall::surface::{Cylinder, Surface};
+use polyptych_wall::surface::{Cylinder, Surface};
 
 use super::pose::{Pose, Room, Stand, Target, Trouble, solve};
 use super::projectors::{self, OVERLAP_DEFAULT, SURFACE_COMMENT, THROW_DEFAULT};

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use anyhow::bail;
 use glam::{DQuat, DVec3};
-use polyptych_protocol::wall::surface::{Sphere, Surface};
+use polyptych_wall::surface::{Sphere, Surface};
 
 use super::pose::{LENS_HEIGHT_MIN_M, Pose, Room, Stand, Target, Trouble, solve};
 use super::projectors::{self, OVERLAP_DEFAULT};

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use glam::{DVec2, DVec3};
-use polyptych_protocol::wall::surface::{Plane, Surface};
+use polyptych_wall::surface::{Plane, Surface};
 
 use super::pose::{Pose, Room, Stand, Target, Trouble, solve};
 use super::projectors::{self, OVERLAP_DEFAULT, SURFACE_COMMENT, THROW_DEFAULT, overlaps};

@@ -29,12 +29,12 @@ use glam::{DVec2, DVec3, UVec2};
 use polyptych_manager::bake::map::mpcdi::{
     self, Imported, ImportedBuffer, ImportedRegion, Profile, Pyramid,
 };
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
+use tree::{CONFIG_BYTES_MAX, Tree};
 
 use super::super::{bake, manager, say};
 use super::made::Made;
 use crate::outputs;
-use tree::{CONFIG_BYTES_MAX, Tree};
 
 /// What can be imported, as a remedy.
 const CONFIGURATIONS: &str =

@@ -7,8 +7,7 @@ use std::path::Path;
 use anyhow::{Context, anyhow};
 use glam::{DVec3, Vec3};
 use image::{ImageFormat, Luma};
-use polyptych_protocol::wall::file;
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
 
 use super::super::say;
 use super::round;
@@ -110,7 +109,7 @@ impl Made {
         outputs::make_folder(folder)?;
         outputs::check_source(&wall_file, force)?;
         let text = self.text();
-        file::parse(&text, &wall_file).map_err(|error| {
+        polyptych_wall_file::parse(&text, &wall_file).map_err(|error| {
             anyhow!("these make no wall: {}: {}; {}", error.key(), error.what(), error.remedy())
         })?;
         for screen in &self.screens {

@@ -8,8 +8,8 @@
 use std::fmt;
 
 use glam::{DQuat, DVec2, DVec3, EulerRot};
-use polyptych_protocol::wall::Surface;
-use polyptych_protocol::wall::projector::Projector;
+use polyptych_wall::Surface;
+use polyptych_wall::projector::Projector;
 
 use super::round;
 

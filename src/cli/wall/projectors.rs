@@ -4,9 +4,8 @@
 use std::fmt::Write;
 
 use anyhow::{anyhow, bail};
-use polyptych_protocol::wall::coverage::coverage;
-use polyptych_protocol::wall::file;
-use polyptych_protocol::wall::table::WallTable;
+use polyptych_wall_file::coverage::coverage;
+use polyptych_wall_file::table::WallTable;
 
 use super::metres;
 use super::pose::{LENS_HEIGHT_MIN_M, Lens, Pose, Trouble};
@@ -214,7 +213,7 @@ pub(super) const SURFACE_COMMENT: [&str; 2] = [
 /// # Errors
 /// What is not covered, which two overlap too little, or the warning.
 pub(super) fn verify(text: &str, pairs: &[([String; 2], f64)]) -> anyhow::Result<()> {
-    let wall = file::parse(text, "wall.toml".as_ref());
+    let wall = polyptych_wall_file::parse(text, "wall.toml".as_ref());
     let wall = wall.map_err(|error| anyhow!("{}: {}", error.key(), error.what()))?;
     let mut left: Vec<&([String; 2], f64)> = pairs.iter().collect();
     for (index, screen) in wall.screens.iter().enumerate() {

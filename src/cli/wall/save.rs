@@ -5,13 +5,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail};
-use polyptych_client::Wall;
 use polyptych_client::glam::{DMat3, DVec2, DVec3};
-use polyptych_client::tuning;
-use polyptych_protocol::output_file;
-use polyptych_protocol::wall::adjustment::Bend;
-use polyptych_protocol::wall::{Adjustment, Channel, Curve, file};
-use polyptych_protocol::words::counted;
+use polyptych_client::{Wall, tuning};
+use polyptych_files::output_file;
+use polyptych_text::counted;
+use polyptych_wall::adjustment::Bend;
+use polyptych_wall::{Adjustment, Channel, Curve};
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use super::super::{ManagerAddress, load_wall, say};
@@ -51,7 +50,8 @@ fn with_adjustments(
     path: &Path,
     running: &Wall,
 ) -> anyhow::Result<(String, Vec<String>)> {
-    let parse = |text: &str| file::parse(text, path).map_err(|error| anyhow!("{error}"));
+    let parse =
+        |text: &str| polyptych_wall_file::parse(text, path).map_err(|error| anyhow!("{error}"));
     let described = parse(text)?;
     if let Some(difference) = difference(&described, running) {
         bail!("{} describes another wall than the one that runs: {difference}", path.display());

@@ -1,7 +1,7 @@
 //! Wall files that are written pass their own check, without a warning.
 
 use clap::Parser;
-use polyptych_protocol::wall::table::WallTable;
+use polyptych_wall_file::table::WallTable;
 
 use super::*;
 
@@ -25,7 +25,7 @@ fn text(line: &str) -> anyhow::Result<String> {
 
 fn table(line: &str) -> WallTable {
     let text = text(line).unwrap_or_else(|error| panic!("{line}: {error}"));
-    let wall = file::parse(&text, "wall.toml".as_ref());
+    let wall = polyptych_wall_file::parse(&text, "wall.toml".as_ref());
     let table = WallTable::of(&wall.unwrap_or_else(|error| panic!("{line}: {error}\n{text}")));
     assert!(table.warnings.is_empty(), "{line}: {:?}", table.warnings);
     assert!(text.starts_with("# ") && text.contains("+--"), "{line}: a drawing\n{text}");
@@ -186,6 +186,6 @@ fn numbers_that_make_no_wall() {
     }
     // What only the wall file's own check knows.
     let text = text("cave --size 3 --eye-height 4").expect("a text");
-    let error = file::parse(&text, "wall.toml".as_ref());
+    let error = polyptych_wall_file::parse(&text, "wall.toml".as_ref());
     assert!(error.is_ok(), "above the walls, but before all of them: {error:?}");
 }

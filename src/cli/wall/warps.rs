@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use glam::{DVec2, DVec3};
-use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
-use polyptych_protocol::words::counted;
+use polyptych_text::counted;
+use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 
 use super::super::say;
 use super::made::{Made, MadeScreen, Shape};

@@ -1,7 +1,7 @@
 //! A wall's status as lines that fit a terminal: a function of what is known and nothing else.
 
 use polyptych_client::{ChannelState, ChannelStatus, DisplayMode, Skew, WallStatus};
-use polyptych_protocol::words::{counted, printable};
+use polyptych_text::{counted, printable};
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
 use super::rates::Rates;

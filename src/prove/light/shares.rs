@@ -9,12 +9,12 @@
 
 use anyhow::Context;
 use glam::{DMat3, DVec2, DVec3, UVec2};
-use polyptych_protocol::wall::blend::Blend;
-use polyptych_protocol::wall::maps::Maps;
-use polyptych_protocol::wall::pixels::PixelMap;
-use polyptych_protocol::wall::shapes::Shaped;
-use polyptych_protocol::wall::superposition::{ChannelLight, Side};
-use polyptych_protocol::wall::{Adjustment, Channel, Cover, Curve, Packing, Surface, Wall};
+use polyptych_wall::blend::Blend;
+use polyptych_wall::maps::Maps;
+use polyptych_wall::pixels::PixelMap;
+use polyptych_wall::shapes::Shaped;
+use polyptych_wall::superposition::{ChannelLight, Side};
+use polyptych_wall::{Adjustment, Channel, Cover, Curve, Packing, Surface, Wall};
 
 use crate::prove::fields::{Fields, GREYS};
 use crate::prove::table::{Table, Target};

@@ -1,7 +1,7 @@
 //! Markers drawn by f64 where they should not be: the reading must say by how much.
 
-use polyptych_protocol::wall::surface::{Cylinder, Plane, Surface};
-use polyptych_protocol::wall::{Channel, Screen};
+use polyptych_wall::surface::{Cylinder, Plane, Surface};
+use polyptych_wall::{Channel, Screen};
 
 use super::*;
 
@@ -36,11 +36,11 @@ fn drawn(marker: &Marker, map: &PixelMap<'_>, moved: DVec2) -> Light {
 }
 
 fn linear_code(light: f64) -> f64 {
-    polyptych_protocol::wall::color::srgb_from_linear(light)
+    polyptych_wall::color::srgb_from_linear(light)
 }
 
 fn linear_light(code: f64) -> f64 {
-    polyptych_protocol::wall::color::linear_from_srgb(code)
+    polyptych_wall::color::linear_from_srgb(code)
 }
 
 #[test]

@@ -8,17 +8,16 @@
 
 use std::path::Path;
 
-use glam::{DMat4, DVec3, UVec2, Vec3};
-use polyptych_client::{Camera, Wall};
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::{Cover, file};
-use polyptych_render::apply;
-
-use super::shapes::cube;
-use super::{assert_right, channels, verdict};
 use crate::harness::local_wall::of_repository;
 use crate::harness::model::{Model, Part};
 use crate::harness::stage::{Stage, frame, reference_view};
+use glam::{DMat4, DVec3, UVec2, Vec3};
+use polyptych_client::{Camera, Wall};
+use polyptych_render::apply;
+use polyptych_wall::{ChannelId, Cover};
+
+use super::shapes::cube;
+use super::{assert_right, channels, verdict};
 
 /// A wall file of the repository with fewer pixels.
 pub fn shrunk(name: &str, by: u32) -> Wall {
@@ -74,7 +73,7 @@ fn one_screen(corners: [DVec3; 3], eye: DVec3) -> Wall {
         "#,
         eye.to_array(),
     );
-    file::parse(&text, "one.toml".as_ref()).unwrap_or_else(|error| panic!("{error}"))
+    polyptych_wall_file::parse(&text, "one.toml".as_ref()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Two metres by one, a metre before the origin.

@@ -4,19 +4,18 @@
 //! they are rounded to 8 bits, and how they change as the marker moves; so the least squares of
 //! what was drawn against that give the marker's displacement, to about 0.002 pixels.
 
-use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec3};
-use polyptych_client::{Camera, Wall};
-use polyptych_protocol::ids::ChannelId;
-use polyptych_protocol::wall::file;
-
-use super::channels;
-use super::hard_cases::all_planar;
 use crate::harness::local_wall::small;
 use crate::harness::model::{Instance, Model, Part};
 use crate::harness::stage::{Stage, reference_view};
 use crate::reference::raster::Projected;
 use crate::reference::tone;
 use crate::reference::view::View;
+use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec3};
+use polyptych_client::{Camera, Wall};
+use polyptych_wall::ChannelId;
+
+use super::channels;
+use super::hard_cases::all_planar;
 
 /// The bar of walls.md, in pixels.
 const ERROR_MAX: f64 = 0.01;
@@ -233,7 +232,8 @@ fn markers_on_a_canvas_of_16384_pixels_stand_where_the_reference_says() {
         center = [0.0, 0.0, -6.0]
         tiles = { columns = 2, rows = 1, pixels = [8192, 96] }
     "#;
-    let wall = file::parse(text, "wide.toml".as_ref()).unwrap_or_else(|error| panic!("{error}"));
+    let wall = polyptych_wall_file::parse(text, "wide.toml".as_ref())
+        .unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(wall.screens[0].canvas.x, 16_384);
     check("16384 pixels", &wall);
 }
@@ -265,7 +265,8 @@ fn random_wall(random: &mut fastrand::Rng) -> Wall {
         corner(1.0, -1.0),
         corner(-1.0, 1.0),
     );
-    file::parse(&text, "random.toml".as_ref()).unwrap_or_else(|error| panic!("{error}"))
+    polyptych_wall_file::parse(&text, "random.toml".as_ref())
+        .unwrap_or_else(|error| panic!("{error}"))
 }
 
 #[test]

@@ -2,13 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use polyptych_client::ChannelState;
-use serde_json::Value;
-
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::stub_server::StubServer;
+use polyptych_client::ChannelState;
+use serde_json::Value;
 
 /// All lines, each of which must be an object with what every line has.
 fn objects(text: &[u8]) -> Vec<Value> {
@@ -45,7 +44,7 @@ fn of_spans<'a>(line: &'a Value, key: &str) -> Option<&'a Value> {
 #[test]
 fn every_line_of_a_simulated_wall_says_who_wrote_it_and_about_what() {
     let place = Place::new();
-    let wall = polyptych_protocol::wall::file::to_toml(&small(2, 1));
+    let wall = polyptych_wall_file::to_toml(&small(2, 1));
     let wall = place.write("wall.toml", wall).display().to_string();
     let scene = town().display().to_string();
     // All that this program says, and of others what matters.

@@ -3,14 +3,14 @@
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, Pace};
-
-use super::exposition::Exposition;
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::wait;
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, Pace};
+
+use super::exposition::Exposition;
 
 /// More connections than the manager serves at once.
 const SILENT: usize = 12;
@@ -183,7 +183,7 @@ fn exchange(address: &str, said: &str) -> String {
 #[test]
 fn metrics_are_for_this_machine_unless_told_otherwise() {
     let place = Place::new();
-    let wall = polyptych_protocol::wall::file::to_toml(&small(1, 1));
+    let wall = polyptych_wall_file::to_toml(&small(1, 1));
     let wall = place.write("wall.toml", wall).display().to_string();
     let at =
         |metrics: &str| place.run(["manager", &wall, "--listen", ANY_PORT, "--metrics", metrics]);

@@ -5,15 +5,13 @@ use std::process::{Child, Stdio};
 use std::thread::Builder;
 use std::time::Instant;
 
-use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, ConnectOptions, Pace};
-use polyptych_protocol::wall::file;
-use rustix::process::Signal;
-
 use crate::harness::local_wall::{await_states, small, start_server};
 use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::{signals, wait};
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, ConnectOptions, Pace};
+use rustix::process::Signal;
 
 /// Connections that log more than a pipe of 64 KiB and the queue of 256 KiB take: two lines of
 /// more than 100 bytes each.
@@ -36,7 +34,7 @@ impl Drop for Unread {
 fn start(place: &Place) -> Unread {
     let free = std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr());
     let address = free.expect("a port").to_string();
-    place.write("wall.toml", file::to_toml(&small(1, 1)));
+    place.write("wall.toml", polyptych_wall_file::to_toml(&small(1, 1)));
     let scenes = town().parent().expect("a folder").display().to_string();
     let arguments = ["manager", "wall.toml", "--listen", &address, "--scenes", &scenes];
     let mut command = place.command(arguments);

@@ -10,7 +10,9 @@ const ARCHITECTURE_LINES_MAX: usize = 150;
 const README_LINES_MAX: usize = 100;
 
 const ARCHITECTURE: &str = "ARCHITECTURE.md";
-const LIMITS: &str = "protocol/src/limits.rs";
+/// Files of numbers that both ends of a connection must agree on.
+const LIMITS: &[&str] =
+    &["protocol/src/limits.rs", "protocol/scene/src/limits.rs", "protocol/wall/src/limits.rs"];
 
 /// Files that people and tools look for by name.
 const REQUIRED: &[(&str, &str)] = &[
@@ -23,7 +25,6 @@ const REQUIRED: &[(&str, &str)] = &[
     ("clippy.toml", "the limits of the lints"),
     ("run", "the two commands of a fresh checkout"),
     (".ci/run", "everything that a change must pass"),
-    (LIMITS, "the numbers that both ends must agree on"),
 ];
 
 /// The furniture is there.
@@ -59,18 +60,24 @@ pub fn architecture(tree: &Tree) -> Vec<String> {
     offences
 }
 
-/// Every number of limits.rs stands in ARCHITECTURE.md's table of limits.
+/// Every number of a `limits.rs` stands in ARCHITECTURE.md's table of limits.
 pub fn limits(tree: &Tree) -> Vec<String> {
-    let (Ok(text), Ok(limits)) = (tree.required(ARCHITECTURE, ""), tree.required(LIMITS, ""))
-    else {
-        return Vec::new();
-    };
-    limits
-        .lines()
-        .filter_map(|line| line.strip_prefix("pub const ")?.split(':').next())
-        .filter(|name| lines_with(text, name).is_empty())
-        .map(|name| format!("{ARCHITECTURE}: its table of limits lacks {name} of {LIMITS}"))
-        .collect()
+    let Ok(text) = tree.required(ARCHITECTURE, "") else { return Vec::new() };
+    let mut offences = Vec::new();
+    for path in LIMITS {
+        match tree.required(path, "numbers that both ends must agree on") {
+            Err(missing) => offences.push(missing),
+            Ok(limits) => {
+                let names = limits.lines().filter_map(|line| line.strip_prefix("pub const "));
+                let names = names.filter_map(|name| name.split(':').next());
+                let lacking = names.filter(|name| lines_with(text, name).is_empty());
+                offences.extend(lacking.map(|name| {
+                    format!("{ARCHITECTURE}: its table of limits lacks {name} of {path}")
+                }));
+            }
+        }
+    }
+    offences
 }
 
 /// Links to other files of the repository lead to one.

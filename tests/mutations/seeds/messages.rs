@@ -1,24 +1,22 @@
 //! A valid message of every variant, as it stands on the wire.
 
+use crate::message::Kind;
 use bytes::Bytes;
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, Quat, UVec2, Vec3};
-use polyptych_protocol::blob::{BlobChunk, BulkDown, BulkUp, PictureChunk};
-use polyptych_protocol::camera::Camera;
+use polyptych_files::blob::BlobHash;
+use polyptych_protocol::bulk::{BlobChunk, BulkDown, BulkUp, PictureChunk};
 use polyptych_protocol::codec::encode;
-use polyptych_protocol::command::{
-    Area, Command, Frame, Goodbye, Pong, Prepare, Swap, View, ViewProjection,
-};
+use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Skew, Spread,
-    Statistics, WallStatus,
+    Statistics, Tuned, WallStatus,
 };
 use polyptych_protocol::handshake::{
     Adapter, Answer, BulkHello, ClientHello, Hello, Introduction, Nonces, Refused, Secret,
     ServerHello, Welcome,
 };
-use polyptych_protocol::head::Head;
-use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, RequestId, Revision};
+use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
 use polyptych_protocol::navigation::Navigation;
 use polyptych_protocol::pattern::Pattern;
@@ -26,15 +24,16 @@ use polyptych_protocol::progress::{OpenProgress, Opening};
 use polyptych_protocol::request::{
     self, Call, Captured, Failure, Pace, PictureInfo, PicturePart, Reply, Request, SceneSummary,
 };
-use polyptych_protocol::scene::{
+use polyptych_protocol::status::{Drawn, Ping, Prepared, Shown, Status};
+use polyptych_scene::{
     AlphaMode, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, Node, Primitive,
     Sampler, Scene, SceneFeatures, Texture, TextureFormat, TextureRef, Topology, VertexLayout,
 };
-use polyptych_protocol::status::{Drawn, Ping, Prepared, Shown, Status};
-use polyptych_protocol::tuning::{Change, Corner, Move, Side, Tuned};
-use polyptych_protocol::wall::{Wall, file};
-
-use crate::message::Kind;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::tuning::{Change, Corner, Move, Side};
+use polyptych_wall::view::{Area, View, ViewProjection};
+use polyptych_wall::{ChannelId, Wall};
 
 /// The manager's life in all seeds, so that the brain takes them for its own.
 pub const EPOCH: Epoch = Epoch(7);
@@ -44,7 +43,7 @@ pub const TOKEN: &str = "0123456789abcdef";
 
 /// The wall of all seeds: two screens with a name in every list.
 pub fn wall() -> Wall {
-    file::parse(super::walls::SEEDS[0], "seed.toml".as_ref()).expect("a wall")
+    polyptych_wall_file::parse(super::walls::SEEDS[0], "seed.toml".as_ref()).expect("a wall")
 }
 
 /// One message of every variant.

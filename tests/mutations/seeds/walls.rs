@@ -59,7 +59,7 @@ pixels = [90, 100]
 origin = [90, 0]
 pixels = [20, 100]
 "#,
-    include_str!("../../../protocol/src/wall/file/tests/every-key.toml"),
+    include_str!("../../../protocol/wall-file/src/tests/every-key.toml"),
     include_str!("../../../configs/bezel-2x2.toml"),
     include_str!("../../../configs/cave-4.toml"),
     include_str!("../../../configs/wall-3x1.toml"),

@@ -1,9 +1,9 @@
 //! Omnidirectional stereo as it is drawn, against rays in f64 that have an eye for each pixel.
 
-use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
-use polyptych_protocol::wall::projector::Projector;
-use polyptych_protocol::wall::source::SourcePlan;
-use polyptych_protocol::wall::{StereoMode, StereoRule};
+use polyptych_wall::limits::CHANNEL_SIDE_MAX;
+use polyptych_wall::projector::Projector;
+use polyptych_wall::source::SourcePlan;
+use polyptych_wall::{StereoMode, StereoRule};
 
 use super::*;
 

@@ -4,15 +4,13 @@ use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::{Area, ViewProjection};
-use polyptych_protocol::ids::BlobHash;
-use polyptych_protocol::wall::adjustment::Bend;
-use polyptych_protocol::wall::projector::Projector;
-use polyptych_protocol::wall::warp::{
-    MapSpace, WallMap, WarpGrid, WarpMap, WarpMesh, WarpShape, WarpVertex,
-};
-use polyptych_protocol::wall::{FileKind, MapFile};
+use polyptych_files::blob::BlobHash;
+use polyptych_wall::adjustment::Bend;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::projector::Projector;
+use polyptych_wall::view::{Area, ViewProjection};
+use polyptych_wall::warp::{MapSpace, WallMap, WarpGrid, WarpMap, WarpMesh, WarpShape, WarpVertex};
+use polyptych_wall::{FileKind, MapFile};
 
 use super::*;
 

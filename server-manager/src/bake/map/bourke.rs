@@ -12,10 +12,10 @@
 //! first node, as SGCT draws it; the format leaves it open.
 
 use glam::{Vec2, Vec3};
-use polyptych_protocol::wall::warp::{
+use polyptych_text::counted;
+use polyptych_wall::warp::{
     MAP_VERTICES_MAX, MapSpace, PLACE_REACH_MAX, WarpMap, WarpMesh, WarpShape, WarpVertex,
 };
-use polyptych_protocol::words::counted;
 
 use super::super::error::BakeError;
 use super::{fold, text};

@@ -4,7 +4,7 @@
 //! show two, and which of them is chance.
 
 use glam::DVec2;
-use polyptych_protocol::wall::warp::WarpMesh;
+use polyptych_wall::warp::WarpMesh;
 
 use super::super::error::BakeError;
 

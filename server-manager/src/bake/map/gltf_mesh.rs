@@ -8,13 +8,13 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, Vec2, Vec3};
-use polyptych_protocol::blob::BlobFolder;
-use polyptych_protocol::scene::{Scene, Topology};
-use polyptych_protocol::wall::warp::{
+use polyptych_files::blob::BlobFolder;
+use polyptych_scene::{Scene, Topology};
+use polyptych_text::counted;
+use polyptych_wall::warp::{
     MAP_TRIANGLES_MAX, MAP_VERTICES_MAX, MapSpace, WARP_REACH_M_MAX, WarpMap, WarpMesh, WarpShape,
     WarpVertex,
 };
-use polyptych_protocol::words::counted;
 
 use super::super::error::BakeError;
 use super::super::pose::{Pose, Vertices};

@@ -3,7 +3,7 @@
 //! Stored values are raised to the power that the `gAMA` chunk says; without one they are sRGB.
 //! An MPCDI archive says the gamma of its maps itself, and then that holds.
 
-use polyptych_protocol::wall::warp::Mask;
+use polyptych_wall::warp::Mask;
 
 use super::super::error::BakeError;
 use super::picture::{self, Picture};

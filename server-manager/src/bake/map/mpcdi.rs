@@ -23,14 +23,14 @@ mod region;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use archive::Archive;
 use glam::{DVec3, UVec2};
-use polyptych_protocol::output_file;
-use polyptych_protocol::wall::warp::{MapSpace, WarpMap, WarpShape};
+use polyptych_files::output_file;
+use polyptych_wall::warp::{MapSpace, WarpMap, WarpShape};
 
 use super::super::check;
 use super::super::error::BakeError;
 use super::{pfm, picture};
-use archive::Archive;
 
 pub use region::Pyramid;
 
@@ -124,7 +124,7 @@ fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Import
             output_file::write(&at, bytes).map_err(|error| BakeError::io(&at, error))?;
             Ok::<_, BakeError>(file)
         };
-        let mask = |mask: &Option<polyptych_protocol::wall::warp::Mask>, ending: &str| {
+        let mask = |mask: &Option<polyptych_wall::warp::Mask>, ending: &str| {
             let Some(mask) = mask else { return Ok(None) };
             let png = picture::encode_linear(mask.size, mask.components, &mask.texels)?;
             write(ending, &png).map(Some)

@@ -12,7 +12,7 @@
 use std::collections::HashMap;
 
 use glam::{Vec2, Vec3};
-use polyptych_protocol::wall::warp::{
+use polyptych_wall::warp::{
     MAP_TRIANGLES_MAX, MAP_VERTICES_MAX, MapSpace, WARP_REACH_M_MAX, WarpMap, WarpMesh, WarpShape,
     WarpVertex,
 };

@@ -14,8 +14,8 @@
 //! given by 1 nm of z. Pixels with NaN or infinity are unlit.
 
 use glam::{UVec2, Vec3};
-use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
-use polyptych_protocol::wall::warp::{
+use polyptych_wall::limits::CHANNEL_SIDE_MAX;
+use polyptych_wall::warp::{
     MapSpace, PLACE_REACH_MAX, WARP_REACH_M_MAX, WarpGrid, WarpMap, WarpShape,
 };
 

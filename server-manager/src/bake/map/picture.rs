@@ -4,7 +4,7 @@ use std::io::Cursor;
 
 use glam::UVec2;
 use png::{BitDepth, ColorType, Decoder, Limits, Transformations};
-use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
+use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 
 use super::super::error::BakeError;
 

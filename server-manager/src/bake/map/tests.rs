@@ -12,15 +12,13 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use glam::{UVec2, Vec2, Vec3};
-use polyptych_protocol::wall::warp::{
-    MapSpace, Mask, WallMap, WarpGrid, WarpMap, WarpMesh, WarpShape,
-};
+use maps::{Png, png};
+use polyptych_wall::warp::{MapSpace, Mask, WallMap, WarpGrid, WarpMap, WarpMesh, WarpShape};
 use serde_json::json;
 
 use super::super::Store;
 use super::super::tests::builder::Builder;
 use super::{MapUse, bake_map};
-use maps::{Png, png};
 
 const WARP: MapUse =
     MapUse::Warp { aspect: Some(16.0 / 9.0), dark_zeros: false, sgct_roles: false };

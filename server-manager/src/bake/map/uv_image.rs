@@ -6,7 +6,7 @@
 //! is 0, or, in a file without alpha, where blue is 0.
 
 use glam::Vec3;
-use polyptych_protocol::wall::warp::{MapSpace, WarpGrid, WarpMap, WarpShape};
+use polyptych_wall::warp::{MapSpace, WarpGrid, WarpMap, WarpShape};
 
 use super::super::error::BakeError;
 use super::picture;

@@ -1,8 +1,8 @@
 //! Parts of a scene that cannot be shown: the rest is shown, with a note, or the file is refused
 //! with that reason where nothing is left.
 
-use polyptych_protocol::limits::TEXTURE_SIDE_MAX;
-use polyptych_protocol::scene::Scene;
+use polyptych_scene::Scene;
+use polyptych_scene::limits::TEXTURE_SIDE_MAX;
 use serde_json::json;
 
 use super::builder::{Builder, png};
@@ -36,7 +36,7 @@ fn claims(width: u32, height: u32) -> Vec<u8> {
 
 /// The first pixel of each texture of a scene.
 fn first_pixels(place: &Place, scene: &Scene) -> Vec<Vec<u8>> {
-    let first = |texture: &polyptych_protocol::scene::Texture| {
+    let first = |texture: &polyptych_scene::Texture| {
         let bytes = place.store.blobs().read(texture.blob).expect("read").expect("there");
         assert_eq!(bytes.len() as u64, texture.bytes());
         bytes[..4].to_vec()

@@ -1,7 +1,7 @@
 //! Skins and morph targets at rest, against a small reference of their own in f64.
 
 use glam::{DVec3, Vec3};
-use polyptych_protocol::scene::Scene;
+use polyptych_scene::Scene;
 use serde_json::{Value, json};
 
 use super::builder::Builder;

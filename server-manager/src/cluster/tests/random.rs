@@ -3,11 +3,10 @@
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-use proptest::prelude::*;
-
-use polyptych_protocol::command::Area;
 use polyptych_protocol::navigation::Navigation;
-use polyptych_protocol::tuning::{Change, Corner, Move};
+use polyptych_wall::tuning::{Change, Corner, Move};
+use polyptych_wall::view::Area;
+use proptest::prelude::*;
 
 use super::*;
 

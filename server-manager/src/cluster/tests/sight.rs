@@ -1,9 +1,9 @@
 //! Head and views: in the same frame everywhere, refused without harm, remembered.
 
 use glam::DQuat;
-use polyptych_protocol::command::{Area, View, ViewProjection};
-use polyptych_protocol::head::Head;
 use polyptych_protocol::request::Sight;
+use polyptych_wall::head::Head;
+use polyptych_wall::view::{Area, View, ViewProjection};
 
 use super::*;
 

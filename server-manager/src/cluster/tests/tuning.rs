@@ -1,10 +1,11 @@
 //! Tunings and patterns: when they are seen, who is told, what is remembered.
 
 use glam::DVec2;
-use polyptych_protocol::command::{Area, View};
-use polyptych_protocol::head::Head;
+use polyptych_protocol::feedback::Tuned;
 use polyptych_protocol::pattern::Pattern;
-use polyptych_protocol::tuning::{Change, Corner, Move, Tuned};
+use polyptych_wall::head::Head;
+use polyptych_wall::tuning::{Change, Corner, Move};
+use polyptych_wall::view::{Area, View};
 
 use super::super::tune::TUNERS_MAX;
 use super::*;

@@ -1,10 +1,10 @@
 //! Remembered states that meet a changed wall.
 
 use glam::{DVec2, DVec3};
-use polyptych_protocol::camera::Camera;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::Revision;
-use polyptych_protocol::wall::{Adjustment, EYE_SEPARATION_DEFAULT_M, file};
+use polyptych_wall::camera::Camera;
+use polyptych_wall::{Adjustment, EYE_SEPARATION_DEFAULT_M};
 
 use super::*;
 use crate::cluster::Further;
@@ -29,7 +29,7 @@ const WALL: &str = r#"
 "#;
 
 fn parsed(text: &str) -> Wall {
-    file::parse(text, "w.toml".as_ref()).unwrap_or_else(|error| panic!("{error}"))
+    polyptych_wall_file::parse(text, "w.toml".as_ref()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 fn view(screen: u16, rect: [u32; 4]) -> View {

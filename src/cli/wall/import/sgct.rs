@@ -11,7 +11,7 @@ mod window;
 
 use anyhow::bail;
 use glam::{DMat4, DQuat, DVec3};
-use polyptych_protocol::wall::EYE_SEPARATION_DEFAULT_M;
+use polyptych_wall::EYE_SEPARATION_DEFAULT_M;
 
 use super::super::made::{Made, plain_name};
 use super::tree::{At, Tree, Value};

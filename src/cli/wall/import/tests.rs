@@ -1,6 +1,6 @@
 //! Files of Tide and Equalizer, and what is no configuration, as a user gives them.
 
-use polyptych_protocol::wall::{Wall, file};
+use polyptych_wall::Wall;
 
 use super::super::made::Shape;
 use super::*;
@@ -16,7 +16,8 @@ fn import(name: &str, text: &str) -> anyhow::Result<(Wall, Vec<String>)> {
     made.write(&arguments.output, false)?;
     let wall_file = arguments.output.join("wall.toml");
     let text = fs::read_to_string(&wall_file)?;
-    let wall = file::parse(&text, &wall_file).map_err(|error| anyhow::anyhow!("{error}"))?;
+    let wall = polyptych_wall_file::parse(&text, &wall_file)
+        .map_err(|error| anyhow::anyhow!("{error}"))?;
     let told = [tree.warnings.take(), tree.notes.take()].concat();
     assert!(told.iter().all(|line| text.contains(line.as_str())), "{told:?}\n{text}");
     Ok((wall, told))

@@ -31,7 +31,7 @@ fn path() -> &'static Path {
 }
 
 fn wall(text: &str) -> Wall {
-    file::parse(text, path()).unwrap_or_else(|error| panic!("{error}\n{text}"))
+    polyptych_wall_file::parse(text, path()).unwrap_or_else(|error| panic!("{error}\n{text}"))
 }
 
 #[test]

@@ -5,7 +5,7 @@
 //! note.
 
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_protocol::limits::{CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX};
+use polyptych_wall::limits::{CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX};
 use roxmltree::{Node, ParsingOptions};
 
 use super::super::super::error::BakeError;

@@ -1,7 +1,7 @@
 //! One region's files: the warp in our spaces, the masks in linear light.
 
 use glam::{DMat2, DQuat, DVec2, DVec3, UVec2, Vec2, Vec3};
-use polyptych_protocol::wall::warp::{MapSpace, Mask, WarpMap};
+use polyptych_wall::warp::{MapSpace, Mask, WarpMap};
 
 use super::super::super::error::BakeError;
 use super::super::super::uri::shorten;

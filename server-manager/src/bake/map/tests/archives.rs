@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use glam::{DVec3, UVec2, Vec3};
-use polyptych_protocol::wall::warp::{MapSpace, WallMap, WarpShape};
+use polyptych_wall::warp::{MapSpace, WallMap, WarpShape};
 
 use super::super::mpcdi::{self, Imported, Profile};
 use super::maps::{self, Entry, Png, Region, png};

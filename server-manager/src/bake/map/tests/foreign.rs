@@ -1,7 +1,7 @@
 //! MPCDI archives as other programs write them.
 
 use glam::{DVec3, UVec2, Vec3};
-use polyptych_protocol::wall::warp::{MapSpace, WallMap};
+use polyptych_wall::warp::{MapSpace, WallMap};
 
 use super::super::mpcdi::Profile;
 use super::archives::{archive, halves, import, refused, values, with_xml};
@@ -13,7 +13,7 @@ fn entries() -> Vec<Entry> {
     maps::mpcdi_entries("2d", [200, 100], &halves(f32::NAN))
 }
 
-fn mask_of(place: &Place, file: &str) -> polyptych_protocol::wall::warp::Mask {
+fn mask_of(place: &Place, file: &str) -> polyptych_wall::warp::Mask {
     let bytes = std::fs::read(place.folder.path().join(file)).expect("written");
     match place.bake("again.png", MapUse::Mask, &bytes).expect("a mask") {
         WallMap::Mask(mask) => mask,

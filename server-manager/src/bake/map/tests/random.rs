@@ -5,12 +5,13 @@
 use std::fmt::Write as _;
 
 use glam::{DVec2, DVec3};
-use polyptych_protocol::blob::BlobFolder;
-use polyptych_protocol::wall::blend::{Blend, Masks, light_map};
-use polyptych_protocol::wall::shapes::{Shaped, Shapes};
-use polyptych_protocol::wall::surface::Plane;
-use polyptych_protocol::wall::warp_mesh as wall_mesh;
-use polyptych_protocol::wall::{Channel, Cover, FileKind, MapFile, Screen, Surface, Wall};
+use polyptych_files::blob::BlobFolder;
+use polyptych_wall::blend::{Blend, Masks, light_map};
+use polyptych_wall::shapes::{Shaped, Shapes};
+use polyptych_wall::surface::Plane;
+use polyptych_wall::{
+    Channel, Cover, FileKind, MapFile, Screen, Surface, Wall, warp_mesh as wall_mesh,
+};
 use proptest::prelude::*;
 
 use super::*;

@@ -3,12 +3,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::{Command, Frame, Prepare, Swap};
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, Revision};
+use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
 use polyptych_protocol::log::Operation;
 use polyptych_protocol::status::Status;
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::{ChannelId, Wall};
 
 use super::super::change::HOLDS_REFUSED;
 use super::super::{Cluster, FRAME_ORDERS_MAX, Micros, SessionId};

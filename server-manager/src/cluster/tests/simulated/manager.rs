@@ -4,15 +4,16 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use glam::DVec3;
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
-use polyptych_protocol::ids::{BlobHash, Epoch, FrameId, RequestId, Revision};
+use polyptych_protocol::ids::{Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::{Request, SceneSummary};
-use polyptych_protocol::scene::{Bounds, SceneFeatures};
 use polyptych_protocol::status::Status;
+use polyptych_scene::{Bounds, SceneFeatures};
 
 use super::super::{Cluster, ImportedScene, Memory, Micros, Output, RequestOf, SessionId};
 use super::network::{LinkId, Parcel, Side};

@@ -3,13 +3,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::View;
 use polyptych_protocol::feedback::Feedback;
-use polyptych_protocol::head::Head;
 use polyptych_protocol::ids::{FrameId, RequestId, Revision};
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::{Answer, Pace, Reply, Request};
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::view::View;
 
 use super::super::{Cluster, Memory, Micros, RequestOf, SessionId};
 use super::invariant::Watch;

@@ -2,14 +2,12 @@
 //! must come back.
 
 use glam::DVec3;
-use polyptych_protocol::camera::Camera;
-use polyptych_protocol::command::View;
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::head::Head;
-use polyptych_protocol::ids::ChannelId;
 use polyptych_protocol::request::{Pace, Request};
-use polyptych_protocol::tuning;
-use polyptych_protocol::wall::DeadlineRule;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::view::View;
+use polyptych_wall::{ChannelId, DeadlineRule, tuning};
 
 use super::super::{Micros, wall};
 use super::coverage::Coverage;

@@ -4,12 +4,14 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use glam::DVec2;
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::{Command, Prepare};
-use polyptych_protocol::ids::{BlobHash, ChannelId, Digest, Epoch, FrameId, Revision};
+use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
 use polyptych_protocol::limits::PINGS_PER_HEARTBEAT;
 use polyptych_protocol::log::Replica;
 use polyptych_protocol::navigation::Navigation;
 use polyptych_protocol::status::{Ping, Prepared, Status};
+use polyptych_wall::ChannelId;
 
 use super::super::Micros;
 use super::clock::ClockEstimate;

@@ -5,7 +5,7 @@ use std::collections::BinaryHeap;
 
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::Request;
-use polyptych_protocol::wall::Wall;
+use polyptych_wall::Wall;
 
 use super::super::{Micros, SessionId};
 use super::coverage::Coverage;

@@ -5,7 +5,7 @@
 
 use anyhow::bail;
 use glam::{DQuat, DVec2, DVec3};
-use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
+use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 
 use super::super::super::optics::{Fisheye, equirectangular};
 use super::super::mesh::Frustum;

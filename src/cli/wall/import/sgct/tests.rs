@@ -4,7 +4,6 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use polyptych_protocol::wall::file;
 
 use super::super::super::made::{Made, MadeScreen, Shape};
 use super::super::{json, xml};
@@ -20,7 +19,7 @@ fn import(text: &str) -> anyhow::Result<(Made, Vec<String>)> {
     let tree = if is_xml { xml::parse(path, text)?.0 } else { json::parse(path, text)? };
     let mut made = read(&tree)?;
     made.pair_eyes();
-    if let Err(error) = file::parse(&made.text(), Path::new("wall.toml")) {
+    if let Err(error) = polyptych_wall_file::parse(&made.text(), Path::new("wall.toml")) {
         panic!("{error}\n{}", made.text());
     }
     let told = [tree.warnings.take(), tree.notes.take()].concat();

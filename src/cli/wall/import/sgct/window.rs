@@ -1,7 +1,7 @@
 //! Windows and viewports of SGCT's configurations: each viewport becomes a screen with a channel.
 
 use glam::{DQuat, DVec2, DVec3, IVec2};
-use polyptych_protocol::limits::CHANNEL_SIDE_MAX;
+use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 
 use super::super::super::made::{MadeScreen, OneEye, Shape, plain_name};
 use super::super::super::optics::{cube_faces, places};

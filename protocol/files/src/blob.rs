@@ -1,0 +1,17 @@
+//! Blobs: immutable bytes that are named by their hash, and folders of them.
+
+mod folder;
+mod hash;
+mod reader;
+mod temporary;
+
+pub use folder::{BlobError, BlobFolder};
+pub use hash::BlobHash;
+pub use reader::BlobReader;
+pub use temporary::{Abandoned, place, remove_abandoned};
+
+/// Largest blob: 16,384² pixels with mip levels are 1.4 GiB, and wgpu's buffers end at 2 GiB.
+pub const BLOB_BYTES_MAX: u64 = 2 << 30;
+
+/// Largest piece of a blob or picture in one message, so that nothing waits long behind it.
+pub const CHUNK_BYTES_MAX: usize = 1 << 20;

@@ -1,0 +1,93 @@
+//! A blob read piece by piece: whoever sends one over a slow link holds only a piece of it.
+
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::PathBuf;
+
+use super::CHUNK_BYTES_MAX;
+use bytes::Bytes;
+
+use super::BlobHash;
+use super::folder::BlobError;
+
+/// An open blob, hashed as it is read.
+#[derive(Debug)]
+pub struct BlobReader {
+    path: PathBuf,
+    file: File,
+    hash: BlobHash,
+    total: u64,
+    read: u64,
+    hasher: blake3::Hasher,
+}
+
+impl BlobReader {
+    pub(super) fn new(path: PathBuf, file: File, hash: BlobHash, total: u64) -> Self {
+        Self { path, file, hash, total, read: 0, hasher: blake3::Hasher::new() }
+    }
+
+    /// Its name.
+    pub fn hash(&self) -> BlobHash {
+        self.hash
+    }
+
+    /// Its size in bytes.
+    pub fn total(&self) -> u64 {
+        self.total
+    }
+
+    /// The next piece, of at most [`CHUNK_BYTES_MAX`] bytes, and its offset; `None` at the end.
+    ///
+    /// The last piece is only given where all of them together hash to the blob's name.
+    ///
+    /// # Errors
+    /// [`BlobError`] where the file can't be read or was damaged; a damaged one is removed.
+    pub fn next_piece(&mut self) -> Result<Option<(u64, Bytes)>, BlobError> {
+        let offset = self.read;
+        let length = (self.total - offset).min(CHUNK_BYTES_MAX as u64);
+        // An empty blob has no piece, as on the wire.
+        if length == 0 {
+            return Ok(None);
+        }
+        let mut bytes = vec![0; length as usize];
+        let read = self.file.read_exact(&mut bytes);
+        read.map_err(|source| BlobError::Io { path: self.path.clone(), source })?;
+        self.hasher.update(&bytes);
+        self.read += length;
+        if self.read == self.total && BlobHash(*self.hasher.finalize().as_bytes()) != self.hash {
+            // Found again it would be sent again, and refused again.
+            drop(fs::remove_file(&self.path));
+            return Err(BlobError::Damaged { path: self.path.clone() });
+        }
+        Ok(Some((offset, Bytes::from(bytes))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::blob::BlobFolder;
+
+    #[test]
+    fn pieces_make_the_whole_and_damage_is_seen_before_the_last_one() {
+        let root = tempfile::tempdir().expect("a temporary folder");
+        let folder = BlobFolder::new(root.path());
+        let whole: Vec<u8> = (0..CHUNK_BYTES_MAX * 2 + 7).map(|n| (n / 251) as u8).collect();
+        let hash = folder.write(&whole).expect("written");
+        let mut reader = folder.open(hash).expect("opened").expect("there");
+        let mut joined = Vec::new();
+        while let Some((offset, piece)) = reader.next_piece().expect("read") {
+            assert_eq!(offset, joined.len() as u64);
+            joined.extend_from_slice(&piece);
+        }
+        assert!(joined == whole && reader.total() == whole.len() as u64);
+
+        let mut damaged = whole;
+        damaged[5] ^= 1;
+        fs::write(folder.path_of(hash), damaged).expect("overwritten");
+        let mut reader = folder.open(hash).expect("opened").expect("there");
+        assert!(reader.next_piece().is_ok() && reader.next_piece().is_ok());
+        assert!(matches!(reader.next_piece(), Err(BlobError::Damaged { .. })));
+        assert!(folder.open(hash).expect("gone").is_none());
+    }
+}

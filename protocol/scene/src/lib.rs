@@ -1,0 +1,290 @@
+//! The scene as plain data: what the baker writes and what every replica holds alike.
+//!
+//! A [`Scene`] is the manifest of a baked scene. It is itself a blob, so its hash names the whole
+//! scene; meshes and textures are further blobs, named in it by hash. Indices between its lists
+//! are checked once, by [`Scene::fault`], where a manifest comes in.
+
+mod features;
+pub mod limits;
+mod material;
+mod mesh;
+mod texture;
+
+use glam::{DAffine3, DVec3, Quat, Vec3};
+use serde::{Deserialize, Serialize};
+
+pub use features::SceneFeatures;
+pub use material::{AlphaMode, Material, TextureRef};
+pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
+pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
+
+use crate::limits::{DRAWS_MAX, LIT_DRAWS_MAX, NOTE_BYTES_MAX, NOTES_MAX};
+use polyptych_files::blob::BlobHash;
+
+/// A whole scene: nodes, and the lists that they point into.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scene {
+    /// What to call it: the source file's stem.
+    pub name: String,
+    /// Parents stand before their children, so one pass from the front gives world transforms.
+    pub nodes: Vec<Node>,
+    /// Shared by nodes; two nodes with one mesh are two instances of it.
+    pub meshes: Vec<Mesh>,
+    /// Shared by primitives. A primitive without one has glTF's default material.
+    pub materials: Vec<Material>,
+    /// Shared by materials.
+    pub textures: Vec<Texture>,
+    /// Placed by the nodes that name them.
+    pub lights: Vec<Light>,
+    /// Linear RGB radiance behind everything.
+    pub sky: Vec3,
+    /// The box around everything drawn, in world space; `None` where nothing is drawn.
+    pub bounds: Option<Bounds>,
+    /// What of the source is not drawn, or not as it is there: lines for people, without control
+    /// characters. At most [`NOTES_MAX`] of at most [`NOTE_BYTES_MAX`] bytes each.
+    pub notes: Vec<String>,
+    /// The exposure that suits its lights, above 0, if they are in real units; `None` for 1.
+    pub exposure: Option<f32>,
+}
+
+/// One place in the scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Node {
+    /// As in the source; may be empty or stand twice.
+    pub name: String,
+    /// An index into [`Scene::nodes`], below this node's own.
+    pub parent: Option<u32>,
+    /// Parent space from this node's space, in f64: a scene may stand anywhere.
+    pub local: DAffine3,
+    /// An index into [`Scene::meshes`].
+    pub mesh: Option<u32>,
+    /// An index into [`Scene::lights`].
+    pub light: Option<u32>,
+    /// Where not empty, the mesh is drawn once for each of these, in this node's space, instead
+    /// of once.
+    pub instances: Vec<Instance>,
+}
+
+/// One copy of a node's mesh, in the node's space.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Instance {
+    /// In units of the node's space.
+    pub translation: Vec3,
+    /// A unit quaternion.
+    pub rotation: Quat,
+    /// Along the three axes.
+    pub scale: Vec3,
+}
+
+/// A light of `KHR_lights_punctual`; it shines along −Z of its node.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Light {
+    /// Where it shines.
+    pub kind: LightKind,
+    /// Linear RGB.
+    pub color: Vec3,
+    /// Lux for a directional light, candela for the others.
+    pub intensity: f32,
+    /// Distance in world units at which it ends; infinite where `None`.
+    pub range: Option<f32>,
+}
+
+/// The three kinds of `KHR_lights_punctual`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum LightKind {
+    /// From infinitely far.
+    Directional,
+    /// In all directions from a point.
+    Point,
+    /// In a cone; half angles in radians, `inner_rad < outer_rad`.
+    Spot {
+        /// Full strength inside.
+        inner_rad: f32,
+        /// Nothing outside.
+        outer_rad: f32,
+    },
+}
+
+/// An axis-aligned box in world space.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bounds {
+    /// The least corner.
+    pub min: DVec3,
+    /// The greatest corner.
+    pub max: DVec3,
+}
+
+impl Bounds {
+    /// The middle of the box.
+    pub fn center(&self) -> DVec3 {
+        self.min + (self.max - self.min) * 0.5
+    }
+
+    /// Half of its diagonal.
+    pub fn radius(&self) -> f64 {
+        (self.max - self.min).length() * 0.5
+    }
+}
+
+impl Scene {
+    /// World space from each node's space, in the order of the nodes.
+    pub fn world_from_nodes(&self) -> Vec<DAffine3> {
+        let mut world: Vec<DAffine3> = Vec::with_capacity(self.nodes.len());
+        for node in &self.nodes {
+            let parent = node.parent.and_then(|p| world.get(p as usize));
+            world.push(parent.map_or(node.local, |p| *p * node.local));
+        }
+        world
+    }
+
+    /// Triangles that the whole scene draws, each instance counted.
+    pub fn triangles(&self) -> u64 {
+        // A manifest from outside may claim more than there are numbers for.
+        let add = |sum: u64, triangles: u64| sum.saturating_add(triangles);
+        let of_mesh = |m: &Mesh| m.primitives.iter().map(Primitive::triangles).fold(0, add);
+        let per_mesh: Vec<u64> = self.meshes.iter().map(of_mesh).collect();
+        let copies = |node: &Node| node.instances.len().max(1) as u64;
+        let of_node = |node: &Node| {
+            let mesh = node.mesh.and_then(|mesh| per_mesh.get(mesh as usize));
+            mesh.map_or(0, |triangles| triangles.saturating_mul(copies(node)))
+        };
+        self.nodes.iter().map(of_node).fold(0, add)
+    }
+
+    /// Returns the number of draws: primitives, each in every place where it is drawn.
+    pub fn draws(&self) -> u64 {
+        draws(&self.nodes, |mesh| {
+            self.meshes.get(mesh as usize).map_or(0, |mesh| mesh.primitives.len() as u64)
+        })
+    }
+
+    /// The hashes of every mesh and texture, in the order of the manifest; one may stand twice.
+    pub fn blobs(&self) -> impl Iterator<Item = BlobHash> + '_ {
+        let primitives = self.meshes.iter().flat_map(|m| &m.primitives);
+        primitives.map(|p| p.blob).chain(self.textures.iter().map(|t| t.blob))
+    }
+
+    /// What is wrong with this manifest, if anything: an index that points nowhere, a parent
+    /// behind its child, a size that contradicts itself.
+    pub fn fault(&self) -> Option<String> {
+        let beyond = |index: Option<u32>, len: usize| index.is_some_and(|i| i as usize >= len);
+        let is_note =
+            |n: &String| n.len() <= NOTE_BYTES_MAX && !n.contains(|c: char| c.is_control());
+        if self.notes.len() > NOTES_MAX || !self.notes.iter().all(is_note) {
+            return Some(format!(
+                "notes: at most {NOTES_MAX} lines of at most {NOTE_BYTES_MAX} bytes can be kept"
+            ));
+        }
+        for (i, node) in self.nodes.iter().enumerate() {
+            if beyond(node.parent, i) {
+                return Some(format!("node {i} stands before its parent"));
+            }
+            if beyond(node.mesh, self.meshes.len()) || beyond(node.light, self.lights.len()) {
+                return Some(format!("node {i} names a mesh or light that is not there"));
+            }
+            if !node.local.is_finite() {
+                return Some(format!("node {i} has a transform that is not finite"));
+            }
+        }
+        if let Some(fault) = expansion_fault(&self.nodes, self.draws()) {
+            return Some(fault);
+        }
+        if let Some(exposure) = self.exposure.filter(|e| !(e.is_finite() && *e > 0.0)) {
+            return Some(format!("its exposure is {exposure}, not a number above 0"));
+        }
+        for (i, mesh) in self.meshes.iter().enumerate() {
+            if mesh.primitives.iter().any(|p| beyond(p.material, self.materials.len())) {
+                return Some(format!("mesh {i} names a material that is not there"));
+            }
+        }
+        for (i, material) in self.materials.iter().enumerate() {
+            if material.textures().any(|t| t.texture as usize >= self.textures.len()) {
+                return Some(format!("material {i} names a texture that is not there"));
+            }
+        }
+        let bad = self.textures.iter().position(|t| t.fault().is_some());
+        bad.and_then(|i| Some(format!("texture {i}: {}", self.textures[i].fault()?)))
+    }
+}
+
+/// Returns the number of draws of these nodes, whose meshes have so many primitives each.
+/// Saturates.
+pub fn draws(nodes: &[Node], primitives_of: impl Fn(u32) -> u64) -> u64 {
+    let of_node = |node: &Node| {
+        let copies = node.instances.len().max(1) as u64;
+        node.mesh.map_or(0, |mesh| primitives_of(mesh).saturating_mul(copies))
+    };
+    nodes.iter().map(of_node).fold(0, u64::saturating_add)
+}
+
+/// Returns why a scene of so many draws is too large to be held or prepared; `None` if it is not.
+pub fn expansion_fault(nodes: &[Node], draws: u64) -> Option<String> {
+    if draws > DRAWS_MAX {
+        return Some(format!(
+            "{} nodes draw {draws} primitives in all, where {DRAWS_MAX} can be drawn",
+            nodes.iter().filter(|node| node.mesh.is_some()).count()
+        ));
+    }
+    let lights = nodes.iter().filter(|node| node.light.is_some()).count() as u64;
+    (draws.saturating_mul(lights) > LIT_DRAWS_MAX).then(|| {
+        format!(
+            "{lights} lights shine on {draws} primitives, where the product can be {LIT_DRAWS_MAX}"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scene(nodes: usize, primitives: usize) -> Scene {
+        let primitive = Primitive {
+            blob: BlobHash([0; 32]),
+            layout: VertexLayout::default(),
+            vertex_count: 3,
+            index_count: 3,
+            index_format: IndexFormat::U16,
+            topology: Topology::Triangles,
+            material: None,
+            origin: DVec3::ZERO,
+            min: Vec3::ZERO,
+            max: Vec3::ONE,
+        };
+        let node = Node {
+            name: String::new(),
+            parent: None,
+            local: DAffine3::IDENTITY,
+            mesh: Some(0),
+            light: None,
+            instances: Vec::new(),
+        };
+        let mesh = Mesh { name: String::new(), primitives: vec![primitive; primitives] };
+        Scene { nodes: vec![node; nodes], meshes: vec![mesh], ..Scene::default() }
+    }
+
+    #[test]
+    fn rejects_manifests_that_expand_beyond_the_limit() {
+        assert_eq!(scene(2048, 1024).fault(), None, "as many as can be drawn");
+        let bomb = scene(100_000, 1000);
+        assert_eq!(bomb.draws(), 100_000_000);
+        let fault = bomb.fault().expect("a bomb");
+        for part in ["100000 nodes", "100000000 primitives", "2097152"] {
+            assert!(fault.contains(part), "{part:?} is not in {fault:?}");
+        }
+        let mut copies = scene(1, 2);
+        let one = Instance { translation: Vec3::ZERO, rotation: Quat::IDENTITY, scale: Vec3::ONE };
+        copies.nodes[0].instances = vec![one; (1 << 20) + 1];
+        assert!(copies.fault().is_some_and(|fault| fault.contains("2097154")));
+    }
+
+    #[test]
+    fn rejects_more_lights_than_can_be_tested_against_all_draws() {
+        let mut lit = scene(100_000, 1);
+        lit.lights =
+            vec![Light { kind: LightKind::Point, color: Vec3::ONE, intensity: 1.0, range: None }];
+        lit.nodes.iter_mut().take(80_000).for_each(|node| node.light = Some(0));
+        assert_eq!(lit.fault(), None);
+        lit.nodes.iter_mut().for_each(|node| node.light = Some(0));
+        assert!(lit.fault().is_some_and(|fault| fault.contains("100000 lights")), "10 G pairs");
+    }
+}

@@ -1,0 +1,24 @@
+//! The maximum sizes of a scene, each with its reason.
+
+/// Largest manifest: about a million nodes.
+pub const MANIFEST_BYTES_MAX: usize = 512 << 20;
+
+/// Maximum number of draws of a scene, a draw being one primitive in one place. A few kilobytes of
+/// glTF can name billions. A render server holds 324 bytes for each draw (its place, its box and
+/// its share of the tree that culls it), and at most 360 more while it is on screen: 1.4 GiB in
+/// all.
+pub const DRAWS_MAX: u64 = 2 << 20;
+
+/// Maximum product of the draws and the lights of a scene: each pair is tested once when a scene is
+/// prepared, in about 2 ns.
+pub const LIT_DRAWS_MAX: u64 = 8 << 30;
+
+/// Longest side of a texture; what the weakest supported driver can hold.
+pub const TEXTURE_SIDE_MAX: u32 = 8192;
+
+/// Maximum number of notes of a scene; a broken exporter repeats itself.
+pub const NOTES_MAX: usize = 64;
+
+/// Maximum length of a note in bytes: a line of a terminal and a half. All notes of a scene take
+/// 16 KiB of every status.
+pub const NOTE_BYTES_MAX: usize = 256;

@@ -1,0 +1,115 @@
+//! Meshes: what a vertex holds and how a mesh's blob is laid out.
+
+use glam::{DVec3, Vec3};
+use polyptych_files::blob::BlobHash;
+use serde::{Deserialize, Serialize};
+
+/// Parts that are drawn together under one node.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Mesh {
+    /// As in the source; may be empty.
+    pub name: String,
+    /// Each has one material.
+    pub primitives: Vec<Primitive>,
+}
+
+/// Geometry with one material.
+///
+/// Its blob holds `vertex_count` vertices of [`VertexLayout::stride`] bytes, then `index_count`
+/// indices, both little-endian; nothing else.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Primitive {
+    /// The bytes.
+    pub blob: BlobHash,
+    /// What each vertex holds.
+    pub layout: VertexLayout,
+    /// Number of vertices.
+    pub vertex_count: u32,
+    /// Number of indices; never 0.
+    pub index_count: u32,
+    /// How wide an index is.
+    pub index_format: IndexFormat,
+    /// What three, two or one indices make.
+    pub topology: Topology,
+    /// An index into the scene's materials; `None` is glTF's default material.
+    pub material: Option<u32>,
+    /// Where the vertices' zero stands in the mesh's space. 0 for vertices that stay as their file
+    /// has them, which is exact.
+    pub origin: DVec3,
+    /// The least corner of the vertices, relative to `origin`.
+    pub min: Vec3,
+    /// The greatest corner of the vertices, relative to `origin`.
+    pub max: Vec3,
+}
+
+/// Which attributes a vertex has. Position and normal are always there.
+///
+/// A vertex is interleaved, in this order, all f32: position 3, normal 3, then as present:
+/// tangent 4, uv0 2, uv1 2, color 4 (linear RGBA).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct VertexLayout {
+    /// xyz along +u of the normal map, w the sign of the bitangent.
+    pub tangent: bool,
+    /// First set of texture coordinates.
+    pub uv0: bool,
+    /// Second set of texture coordinates.
+    pub uv1: bool,
+    /// Multiplies the base colour.
+    pub color: bool,
+}
+
+impl VertexLayout {
+    /// Bytes of one vertex.
+    pub fn stride(self) -> u32 {
+        let floats = 6
+            + 4 * u32::from(self.tangent)
+            + 2 * u32::from(self.uv0)
+            + 2 * u32::from(self.uv1)
+            + 4 * u32::from(self.color);
+        floats * 4
+    }
+}
+
+/// How wide an index is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum IndexFormat {
+    /// 2 bytes, where there are at most 65,535 vertices.
+    U16,
+    /// 4 bytes.
+    U32,
+}
+
+/// What indices make. The baker turns strips, loops and fans into these.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Topology {
+    /// Each index a point of one pixel.
+    Points,
+    /// Each two indices a line of one pixel.
+    Lines,
+    /// Each three indices a triangle, counter-clockwise from its front.
+    Triangles,
+}
+
+impl Primitive {
+    /// Bytes of the vertices, which come first in the blob.
+    pub fn vertex_bytes(&self) -> u64 {
+        u64::from(self.vertex_count) * u64::from(self.layout.stride())
+    }
+
+    /// Bytes of the indices, which follow the vertices.
+    pub fn index_bytes(&self) -> u64 {
+        let width = match self.index_format {
+            IndexFormat::U16 => 2,
+            IndexFormat::U32 => 4,
+        };
+        u64::from(self.index_count) * width
+    }
+
+    /// Triangles that it draws.
+    pub fn triangles(&self) -> u64 {
+        match self.topology {
+            Topology::Triangles => u64::from(self.index_count) / 3,
+            Topology::Points | Topology::Lines => 0,
+        }
+    }
+}

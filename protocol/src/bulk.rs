@@ -1,0 +1,62 @@
+//! The messages of a bulk connection: blobs to a server, pictures to the manager.
+
+use bytes::Bytes;
+use polyptych_files::blob::BlobHash;
+use polyptych_wall::ChannelId;
+use serde::{Deserialize, Serialize};
+
+use crate::ids::FrameId;
+
+/// What a server sends over its bulk connection.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum BulkUp {
+    /// Asks for a blob of a scene that it was sent.
+    Want(BlobHash),
+    /// A piece of the picture that a channel drew for a frame.
+    Picture(PictureChunk),
+}
+
+/// What the manager sends over a server's bulk connection.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum BulkDown {
+    /// A piece of a blob; pieces come in order.
+    Chunk(BlobChunk),
+    /// It is not to be had, and why.
+    Missing {
+        /// What was asked for.
+        hash: BlobHash,
+        /// Why it does not come.
+        reason: String,
+    },
+}
+
+/// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a blob.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BlobChunk {
+    /// Which blob.
+    pub hash: BlobHash,
+    /// Bytes of the whole blob.
+    pub total: u64,
+    /// Where these bytes begin.
+    pub offset: u64,
+    /// The bytes.
+    pub bytes: Bytes,
+}
+
+/// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a picture: sRGB RGBA8, rows
+/// from the top.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PictureChunk {
+    /// The channel that drew it.
+    pub channel: ChannelId,
+    /// The frame that it shows.
+    pub frame: FrameId,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Where these bytes begin.
+    pub offset: u64,
+    /// The bytes.
+    pub bytes: Bytes,
+}

@@ -1,0 +1,367 @@
+//! Which places of a screen's canvas are shown by how many channels: holes and overlaps, for each
+//! eye of its own.
+//!
+//! Plain tiles are counted exactly, to the pixel; projectors, pins and bends on a grid of places.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec2, DVec3, UVec2};
+use polyptych_wall::adjustment::{EyeOf, Packing};
+use polyptych_wall::pixels::PixelMap;
+use polyptych_wall::shapes::{Ground, Shaped, Shapes};
+use polyptych_wall::{Channel, Cover, Screen, Surface};
+
+use super::tiling::Rect;
+
+/// Places at which channels are asked for, all channels of a screen together: a second of work.
+const SAMPLES_MAX: usize = 1 << 22;
+
+/// Fewest and most places along one side of a canvas.
+const SIDE_RANGE: (usize, usize) = (16, 256);
+
+/// Places along an edge at which it is asked who else is there.
+const EDGE_SAMPLES: u32 = 33;
+
+/// How far a projector's ray may miss the point that it was aimed at, as a share of its distance.
+const MISS_MAX: f64 = 1e-6;
+
+/// Maximum distance beyond the canvas of a place that counts as on its edge, in pixels: what f32
+/// in calibration files rounds by.
+const EDGE_SLACK_PX: f64 = 0.01;
+
+/// A screen's canvas, as one eye sees it covered.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Coverage {
+    /// Whose eye it is; the middle where no channel is for one of both.
+    pub eye: EyeOf,
+    /// Most channels that show one place.
+    pub layers_max: u32,
+    /// Parts that no channel shows, the largest first.
+    pub holes: Vec<Patch>,
+    /// Pairs of channels that show the same, in the order of the file.
+    pub overlaps: Vec<Overlap>,
+    /// How far apart the places are that were looked at, in pixels of the canvas; zero where
+    /// everything was counted.
+    pub step_px: DVec2,
+}
+
+/// A part of a canvas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    /// Its upper left corner in pixels of the canvas.
+    pub origin: DVec2,
+    /// Width and height of the rectangle around it.
+    pub size: DVec2,
+    /// How many pixels it has.
+    pub area: f64,
+}
+
+/// Two channels that show the same place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Overlap {
+    /// Their places in the list of the wall's channels.
+    pub channels: [usize; 2],
+    /// Where.
+    pub patch: Patch,
+    /// Whether their light is shared there; not where one ends in a ramp without width.
+    pub is_blended: bool,
+}
+
+/// Whether this eye sees the channel.
+pub(super) fn is_seen_by(channel: &Channel, eye: EyeOf) -> bool {
+    let of = channel.adjustment.eye;
+    let is_for_both = of == EyeOf::Center || channel.adjustment.packing != Packing::None;
+    is_for_both || of == eye
+}
+
+/// The eyes for which a screen with these channels is covered.
+pub(super) fn eyes<'a>(channels: impl IntoIterator<Item = &'a Channel>) -> &'static [EyeOf] {
+    let is_for_one = |channel: &Channel| channel.adjustment.eye != EyeOf::Center;
+    if channels.into_iter().any(is_for_one) {
+        &[EyeOf::Left, EyeOf::Right]
+    } else {
+        &[EyeOf::Center]
+    }
+}
+
+/// A tile whose pixels lie where its rectangle says.
+pub(super) fn is_plain(channel: &Channel) -> bool {
+    let adjustment = &channel.adjustment;
+    channel.cover == Cover::Tile && adjustment.pin == [DVec2::ZERO; 4] && adjustment.bend.is_none()
+}
+
+/// What a channel covers.
+pub(super) struct Footprint<'a> {
+    channel: &'a Channel,
+    ground: Ground<'a>,
+    map: Option<PixelMap<'a>>,
+}
+
+impl<'a> Footprint<'a> {
+    /// The footprint of a channel without calibration files.
+    pub fn new(channel: &'a Channel, screen: &'a Screen) -> Self {
+        Self::shaped(channel, screen, Shapes::none())
+    }
+
+    /// The footprint of a channel with the geometry of its calibration files.
+    pub fn shaped(channel: &'a Channel, screen: &'a Screen, shapes: &'a Shapes) -> Self {
+        let map = PixelMap::shaped(channel, screen, shapes);
+        Self { channel, ground: shapes.ground(screen), map }
+    }
+
+    /// Returns whether the channel shows this place of the canvas.
+    pub fn covers(&self, canvas: DVec2) -> bool {
+        self.pixel_at(canvas).is_some()
+    }
+
+    /// The place of the channel's picture, in pixels, that shows this place of the canvas.
+    pub fn pixel_at(&self, canvas: DVec2) -> Option<DVec2> {
+        if let Cover::Projector(projector) = &self.channel.cover {
+            // The far side of a curved screen lies in the same direction, but in the dark.
+            let point = self.ground.display_from_canvas(canvas)?;
+            let hit = self.map.as_ref()?.lit_along(point - projector.position);
+            let slack = MISS_MAX * (1.0 + point.distance(projector.position));
+            hit.filter(|(hit, _)| hit.distance(point) < slack)?;
+        }
+        let size = self.channel.size.as_dvec2();
+        let pixel = self.map.as_ref()?.pixel_from_canvas(canvas)?;
+        (pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all()).then_some(pixel)
+    }
+
+    /// The point of display space, in metres, that a place of the channel's picture lights, in
+    /// pixels; `None` if its light misses the canvas.
+    pub fn lit_point(&self, pixel: DVec2) -> Option<DVec3> {
+        let map = self.map.as_ref()?;
+        let canvas = map.canvas_from_pixel(pixel)?;
+        let is_rounded = self.channel.cover == Cover::Map || self.ground.is_mesh();
+        let slack = DVec2::splat(if is_rounded { EDGE_SLACK_PX } else { 0.0 });
+        let high = self.ground.screen.canvas.as_dvec2() + slack;
+        let is_on = canvas.cmpge(-slack).all() && canvas.cmple(high).all();
+        map.display_from_pixel(pixel).filter(|point| is_on && point.is_finite())
+    }
+
+    /// The pixel map of the channel; `None` if its pins leave no picture.
+    pub fn map(&self) -> Option<&PixelMap<'a>> {
+        self.map.as_ref()
+    }
+
+    /// Returns whether everything that says where its pixels lie is known, calibration files too.
+    pub fn is_known(&self) -> bool {
+        let is_mesh = matches!(self.ground.screen.surface, Surface::Mesh(_));
+        let is_placed = !is_mesh || self.ground.is_mesh() || self.channel.cover == Cover::Map;
+        is_placed && self.map.as_ref().is_some_and(PixelMap::is_known)
+    }
+
+    /// The side at which this channel ends in a ramp without width, though another is there.
+    pub fn hard_side(&self, other: &Self) -> Option<&'static str> {
+        let size = self.channel.size.as_dvec2();
+        let edges = self.channel.adjustment.edges;
+        let along = |t: u32| (f64::from(t) + 0.5) / f64::from(EDGE_SAMPLES);
+        let sides: [(_, _, &dyn Fn(u32) -> DVec2); 4] = [
+            ("left", edges.left, &|t| DVec2::new(0.5, along(t) * size.y)),
+            ("right", edges.right, &|t| DVec2::new(size.x - 0.5, along(t) * size.y)),
+            ("top", edges.top, &|t| DVec2::new(along(t) * size.x, 0.5)),
+            ("bottom", edges.bottom, &|t| DVec2::new(along(t) * size.x, size.y - 0.5)),
+        ];
+        let map = self.map.as_ref()?;
+        let is_there =
+            |pixel| map.canvas_from_pixel(pixel).is_some_and(|canvas| other.covers(canvas));
+        let hard = sides.into_iter().filter(|(_, edge, _)| *edge == Some(0.0));
+        let mut met = hard.filter(|(_, _, at)| (0..EDGE_SAMPLES).any(|t| is_there(at(t))));
+        met.next().map(|(name, _, _)| name)
+    }
+}
+
+/// How a screen is covered, for each eye; empty if calibration files say it that are not read.
+pub fn coverage<'a>(of: impl Into<Shaped<'a>>, screen: usize) -> Vec<Coverage> {
+    let of: Shaped<'a> = of.into();
+    let wall = of.wall;
+    let Some(surface) = wall.screens.get(screen) else { return Vec::new() };
+    let on_screen = |channel: &&Channel| usize::from(channel.screen) == screen;
+    let is_unknown = |channel: &Channel| {
+        let map = PixelMap::shaped(channel, surface, of.shapes);
+        !map.is_none_or(|map| map.is_known())
+    };
+    if wall.channels.iter().filter(on_screen).any(is_unknown) {
+        return Vec::new();
+    }
+    let of_eye = |eye: &EyeOf| {
+        let indices: Vec<usize> = (0..wall.channels.len())
+            .filter(|index| on_screen(&&wall.channels[*index]))
+            .filter(|index| is_seen_by(&wall.channels[*index], *eye))
+            .collect();
+        of_group(of, surface, *eye, &indices)
+    };
+    eyes(wall.channels.iter().filter(on_screen)).iter().map(of_eye).collect()
+}
+
+fn of_group(of: Shaped<'_>, screen: &Screen, eye: EyeOf, indices: &[usize]) -> Coverage {
+    let print = |index: &usize| Footprint::shaped(&of.wall.channels[*index], screen, of.shapes);
+    let prints: Vec<Footprint<'_>> = indices.iter().map(print).collect();
+    let (cells, pairs) = if prints.iter().all(|print| is_plain(print.channel)) {
+        exact(screen.canvas, &prints)
+    } else {
+        sampled(screen.canvas, &prints)
+    };
+    let overlap = |((a, b), patch): ((usize, usize), Patch)| Overlap {
+        channels: [indices[a], indices[b]],
+        patch,
+        is_blended: prints[a].hard_side(&prints[b]).is_none()
+            && prints[b].hard_side(&prints[a]).is_none(),
+    };
+    Coverage {
+        eye,
+        layers_max: cells.count.iter().copied().max().unwrap_or(0),
+        holes: cells.holes(),
+        overlaps: pairs.into_iter().map(overlap).collect(),
+        step_px: cells.step_px,
+    }
+}
+
+/// Overlapping channels, by their places in the group.
+type Pairs = BTreeMap<(usize, usize), Patch>;
+
+/// A canvas cut by columns and rows, and how many channels show each cell.
+struct Cells {
+    xs: Vec<f64>,
+    ys: Vec<f64>,
+    /// Row by row.
+    count: Vec<u32>,
+    step_px: DVec2,
+}
+
+/// Cut where a rectangle begins or ends, so that a cell is shown wholly or not at all.
+fn exact(canvas: UVec2, prints: &[Footprint<'_>]) -> (Cells, Pairs) {
+    let rects: Vec<Rect> = prints
+        .iter()
+        .map(|print| Rect { origin: print.channel.origin, size: print.channel.size })
+        .collect();
+    let cuts = |axis: usize| {
+        let ends = rects.iter().flat_map(|rect| [rect.origin[axis], rect.end()[axis]]);
+        let mut cuts: Vec<u32> = ends.filter(|at| *at < canvas[axis]).collect();
+        cuts.extend([0, canvas[axis]]);
+        cuts.sort_unstable();
+        cuts.dedup();
+        cuts
+    };
+    let (xs, ys) = (cuts(0), cuts(1));
+    let (width, height) = (xs.len() - 1, ys.len() - 1);
+    // Plus one where a rectangle begins in a row, minus one where it ends: sums are the counts.
+    let mut steps = vec![0_i32; (width + 1) * height];
+    for rect in &rects {
+        let column = |x: u32| xs.partition_point(|cut| *cut < x).min(width);
+        let (begin, end) = (column(rect.origin.x), column(rect.end().x));
+        for row in 0..height {
+            if rect.origin.y <= ys[row] && ys[row] < rect.end().y {
+                steps[row * (width + 1) + begin] += 1;
+                steps[row * (width + 1) + end] -= 1;
+            }
+        }
+    }
+    let mut count = Vec::with_capacity(width * height);
+    for row in steps.chunks(width + 1) {
+        let mut layers = 0;
+        count.extend(row[..width].iter().map(|step| {
+            layers += step;
+            layers.unsigned_abs()
+        }));
+    }
+    let mut pairs = Pairs::new();
+    for (second, rect) in rects.iter().enumerate() {
+        for (first, other) in rects[..second].iter().enumerate() {
+            if let Some(both) = rect.intersection(*other) {
+                let (origin, size) = (both.origin.as_dvec2(), both.size.as_dvec2());
+                pairs.insert((first, second), Patch { origin, size, area: both.area() as f64 });
+            }
+        }
+    }
+    let edges = |cuts: Vec<u32>| cuts.into_iter().map(f64::from).collect();
+    (Cells { xs: edges(xs), ys: edges(ys), count, step_px: DVec2::ZERO }, pairs)
+}
+
+/// Cut evenly; a cell is shown where its middle is.
+fn sampled(canvas: UVec2, prints: &[Footprint<'_>]) -> (Cells, Pairs) {
+    let (low, high) = SIDE_RANGE;
+    let side = (SAMPLES_MAX / prints.len().max(1)).isqrt().clamp(low, high);
+    let cuts = |length: u32| {
+        let cells = side.min(length as usize);
+        let cut = |at: usize| f64::from(length) * at as f64 / cells as f64;
+        (0..=cells).map(cut).collect::<Vec<f64>>()
+    };
+    let (xs, ys) = (cuts(canvas.x), cuts(canvas.y));
+    let step_px = DVec2::new(xs[1] - xs[0], ys[1] - ys[0]);
+    let mut count = Vec::with_capacity((xs.len() - 1) * (ys.len() - 1));
+    let mut pairs = Pairs::new();
+    for y in &ys[..ys.len() - 1] {
+        for x in &xs[..xs.len() - 1] {
+            let origin = DVec2::new(*x, *y);
+            let middle = origin + step_px / 2.0;
+            let there: Vec<usize> =
+                (0..prints.len()).filter(|index| prints[*index].covers(middle)).collect();
+            count.push(there.len() as u32);
+            let cell = Patch { origin, size: step_px, area: step_px.x * step_px.y };
+            for (at, second) in there.iter().enumerate() {
+                for first in &there[..at] {
+                    let patch =
+                        pairs.entry((*first, *second)).or_insert(Patch { area: 0.0, ..cell });
+                    *patch = patch.with(cell);
+                }
+            }
+        }
+    }
+    (Cells { xs, ys, count, step_px }, pairs)
+}
+
+impl Patch {
+    /// Both, and the rectangle around them.
+    fn with(self, other: Self) -> Self {
+        let origin = self.origin.min(other.origin);
+        let end = (self.origin + self.size).max(other.origin + other.size);
+        Self { origin, size: end - origin, area: self.area + other.area }
+    }
+}
+
+impl Cells {
+    /// The cells that no channel shows, those that touch each other together; largest first.
+    fn holes(&self) -> Vec<Patch> {
+        let width = self.xs.len() - 1;
+        let mut is_open: Vec<bool> = self.count.iter().map(|layers| *layers == 0).collect();
+        let mut holes = Vec::new();
+        for start in 0..is_open.len() {
+            if !is_open[start] {
+                continue;
+            }
+            is_open[start] = false;
+            let mut hole = Patch { area: 0.0, ..self.cell(start) };
+            let mut next = vec![start];
+            while let Some(at) = next.pop() {
+                hole = hole.with(self.cell(at));
+                let (x, y) = (at % width, at / width);
+                let beside = [
+                    (x > 0).then(|| at - 1),
+                    (x + 1 < width).then(|| at + 1),
+                    (y > 0).then(|| at - width),
+                    Some(at + width).filter(|below| *below < is_open.len()),
+                ];
+                for beside in beside.into_iter().flatten() {
+                    if std::mem::take(&mut is_open[beside]) {
+                        next.push(beside);
+                    }
+                }
+            }
+            holes.push(hole);
+        }
+        holes.sort_by(|a, b| b.area.total_cmp(&a.area));
+        holes
+    }
+
+    fn cell(&self, at: usize) -> Patch {
+        let (x, y) = (at % (self.xs.len() - 1), at / (self.xs.len() - 1));
+        let origin = DVec2::new(self.xs[x], self.ys[y]);
+        let size = DVec2::new(self.xs[x + 1], self.ys[y + 1]) - origin;
+        Patch { origin, size, area: size.x * size.y }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,302 @@
+//! What makes a channel's picture right on the display that it has: form, light and colour.
+//!
+//! A display's pixel is corrected in this order: packed eyes apart, turn and mirror undone (the
+//! *upright* picture), corner pins and bends undone (the channel's pixel), then its light: colour
+//! matrix and gains, blend weight and masks, curve, dither.
+
+use std::ops::Deref;
+use std::sync::Arc;
+
+use glam::{DMat3, DVec2, DVec3, UVec2};
+use serde::{Deserialize, Serialize};
+
+use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX, LEAK_MAX};
+
+/// How a channel differs from a tile that is shown as it is drawn. The default is no difference.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Adjustment {
+    /// How the display hangs.
+    pub turn: Turn,
+    /// Left and right are exchanged, as for projection from behind, before it is turned.
+    pub mirror: bool,
+    /// Whose eye it is for.
+    pub eye: EyeOf,
+    /// How the pictures of both eyes share one display.
+    pub packing: Packing,
+    /// By how many pixels, x right and y down, the corners are moved: upper left, upper right,
+    /// lower left, lower right. The picture follows by the homography of the four.
+    pub pin: [DVec2; 4],
+    /// A grid of points that are moved, after the pins.
+    pub bend: Option<Bend>,
+    /// Where its blends begin.
+    pub edges: Edges,
+    /// Who says how its light fades where others light the same places.
+    pub ramps: Ramps,
+    /// Its light.
+    pub color: Color,
+    /// An index into [`Wall::files`](super::Wall::files): where each of its pixels lies.
+    pub warp: Option<u16>,
+    /// An index into [`Wall::files`](super::Wall::files): multiplies its light.
+    pub alpha: Option<u16>,
+    /// An index into [`Wall::files`](super::Wall::files): its least light.
+    pub beta: Option<u16>,
+    /// How fine its display's codes are.
+    pub bits: Bits,
+}
+
+/// How a display hangs: by which turn its upper side went.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum Turn {
+    /// Upright.
+    #[default]
+    None,
+    /// Its upper side is at the viewer's left.
+    Left,
+    /// Its upper side is at the viewer's right.
+    Right,
+    /// It hangs upside down.
+    Half,
+}
+
+/// Who says how a channel's light fades where others light the same places.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum Ramps {
+    /// The geometry of all of them. A channel that a warp file places and that has an alpha file or
+    /// light at its mesh's corners, but no widths of edges, goes by its files.
+    #[default]
+    Computed,
+    /// Its alpha file alone; nothing is computed for it, and others share no light with it.
+    Alpha,
+}
+
+/// Bits of each of a display's red, green and blue codes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Bits {
+    /// 256 codes.
+    #[default]
+    Eight,
+    /// 1,024 codes, where the display takes them; 256 where not.
+    Ten,
+}
+
+/// Whose eye a channel is for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum EyeOf {
+    /// The middle of both.
+    #[default]
+    Center,
+    /// The left one.
+    Left,
+    /// The right one.
+    Right,
+}
+
+/// How the pictures of both eyes share one display.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum Packing {
+    /// There is one picture.
+    #[default]
+    None,
+    /// The left eye's upright picture in the left half of a display twice as wide.
+    SideBySide,
+    /// The left eye's upright picture in the upper half of a display twice as high.
+    TopBottom,
+    /// Red of the left eye's, green and blue of the right eye's.
+    Anaglyph,
+}
+
+/// A grid of control points over the channel's picture, moved by pixels; between them the move is
+/// a Catmull-Rom spline's, which passes through each.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bend {
+    /// Points across and down, from edge to edge; 2 or more each.
+    pub points: UVec2,
+    /// By how many pixels each is moved, row by row from the upper left.
+    pub moves: Moves,
+}
+
+/// The moves of a bend's points. Copies share them until one is changed, and compare at once: the
+/// manager copies a wall for every point that is dragged.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(from = "Vec<DVec2>", into = "Vec<DVec2>")]
+pub struct Moves(Arc<Vec<DVec2>>);
+
+impl Moves {
+    /// The moves, to be changed.
+    pub fn make_mut(&mut self) -> &mut [DVec2] {
+        Arc::<Vec<DVec2>>::make_mut(&mut self.0)
+    }
+}
+
+impl Deref for Moves {
+    type Target = [DVec2];
+
+    fn deref(&self) -> &[DVec2] {
+        &self.0
+    }
+}
+
+impl From<Vec<DVec2>> for Moves {
+    fn from(moves: Vec<DVec2>) -> Self {
+        Self(Arc::new(moves))
+    }
+}
+
+impl FromIterator<DVec2> for Moves {
+    fn from_iter<I: IntoIterator<Item = DVec2>>(moves: I) -> Self {
+        Vec::from_iter(moves).into()
+    }
+}
+
+impl From<Moves> for Vec<DVec2> {
+    fn from(moves: Moves) -> Self {
+        moves.to_vec()
+    }
+}
+
+impl PartialEq for Moves {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0) || self.0 == other.0
+    }
+}
+
+/// How wide the ramps at a channel's edges are, in its pixels; `None`: as wide as the overlap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Edges {
+    /// At the left edge.
+    pub left: Option<f64>,
+    /// At the right edge.
+    pub right: Option<f64>,
+    /// At the upper edge.
+    pub top: Option<f64>,
+    /// At the lower edge.
+    pub bottom: Option<f64>,
+}
+
+/// What a channel's light is turned into before it becomes codes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Color {
+    /// Linear light is multiplied by it first.
+    pub matrix: DMat3,
+    /// Then red, green and blue by these.
+    pub gain: DVec3,
+    /// How codes become light on this display.
+    pub curve: Curve,
+    /// What it shows of black, as a share of its white, in its red, green and blue; `None`: as
+    /// the wall's projectors do ([`BlendRule::leak`](super::BlendRule)).
+    pub leak: Option<DVec3>,
+}
+
+/// How a display turns codes into light.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum Curve {
+    /// IEC 61966-2-1.
+    #[default]
+    Srgb,
+    /// code^γ, of red, green and blue.
+    Gamma(DVec3),
+    /// Measured light of equally spaced codes from 0 to 1; rising from 0 to 1.
+    Measured(Vec<DVec3>),
+}
+
+impl Default for Color {
+    fn default() -> Self {
+        Self { matrix: DMat3::IDENTITY, gain: DVec3::ONE, curve: Curve::Srgb, leak: None }
+    }
+}
+
+impl Adjustment {
+    /// What is shown is what was drawn, but for the turn, and for light that others share.
+    pub fn is_plain(&self) -> bool {
+        *self == Self { eye: self.eye, edges: self.edges, ..Self::default() }
+    }
+
+    /// The display's own width and height, for an upright picture of this size.
+    pub fn display_size(&self, upright: UVec2) -> UVec2 {
+        let packed = match self.packing {
+            Packing::None | Packing::Anaglyph => upright,
+            Packing::SideBySide => upright * UVec2::new(2, 1),
+            Packing::TopBottom => upright * UVec2::new(1, 2),
+        };
+        match self.turn {
+            Turn::None | Turn::Half => packed,
+            Turn::Left | Turn::Right => UVec2::new(packed.y, packed.x),
+        }
+    }
+
+    /// Returns the size of the upright picture for a display of this width and height: the inverse
+    /// of [`Self::display_size`]. `None` if two pictures would have to share an odd side.
+    pub fn upright_size(&self, display: UVec2) -> Option<UVec2> {
+        let packed = match self.turn {
+            Turn::None | Turn::Half => display,
+            Turn::Left | Turn::Right => UVec2::new(display.y, display.x),
+        };
+        let parts = match self.packing {
+            Packing::None | Packing::Anaglyph => UVec2::ONE,
+            Packing::SideBySide => UVec2::new(2, 1),
+            Packing::TopBottom => UVec2::new(1, 2),
+        };
+        (packed % parts == UVec2::ZERO).then(|| packed / parts)
+    }
+
+    /// What is wrong with numbers that came over the wire, if anything.
+    pub(super) fn fault(&self, file_count: usize) -> Option<String> {
+        let files = [self.warp, self.alpha, self.beta];
+        if files.into_iter().flatten().any(|index| usize::from(index) >= file_count) {
+            return Some("it names a file that the wall does not have".into());
+        }
+        if !self.pin.iter().all(|pin| pin.is_finite()) {
+            return Some("a corner pin is not finite".into());
+        }
+        if let Some(bend) = &self.bend {
+            let count = u64::from(bend.points.x) * u64::from(bend.points.y);
+            if bend.points.min_element() < 2
+                || count > BEND_POINTS_MAX as u64
+                || count != bend.moves.len() as u64
+                || !bend.moves.iter().all(|offset| offset.is_finite())
+            {
+                return Some("its bend is no grid of finite numbers".into());
+            }
+        }
+        if self.ramps == Ramps::Alpha && self.alpha.is_none() {
+            return Some("its alpha file is to say how its light fades, and there is none".into());
+        }
+        let edges = [self.edges.left, self.edges.right, self.edges.top, self.edges.bottom];
+        if edges.into_iter().flatten().any(|edge| !(edge.is_finite() && edge >= 0.0)) {
+            return Some("the width of a blend is no number from 0".into());
+        }
+        self.color.fault()
+    }
+}
+
+impl Color {
+    fn fault(&self) -> Option<String> {
+        let is_light = |light: DVec3| light.is_finite() && light.cmpge(DVec3::ZERO).all();
+        if !(self.matrix.is_finite() && is_light(self.gain)) {
+            return Some("its colour matrix or gain is out of range".into());
+        }
+        let is_share = |leak: &DVec3| is_light(*leak) && leak.cmple(DVec3::splat(LEAK_MAX)).all();
+        if let Some(leak) = self.leak.filter(|leak| !is_share(leak)) {
+            return Some(format!("a leak of {leak}, where 0 to {LEAK_MAX} can be"));
+        }
+        match &self.curve {
+            Curve::Srgb => None,
+            Curve::Gamma(gamma) => (!gamma.is_finite() || gamma.cmple(DVec3::ZERO).any())
+                .then(|| format!("a gamma of {gamma}, where numbers above 0 can be")),
+            Curve::Measured(light) => {
+                let rises = light.windows(2).all(|pair| pair[0].cmple(pair[1]).all());
+                let ends = (light.first(), light.last()) == (Some(&DVec3::ZERO), Some(&DVec3::ONE));
+                let is_good = (2..=CURVE_POINTS_MAX).contains(&light.len()) && rises && ends;
+                (!is_good).then(|| "its curve does not rise from 0 to 1".into())
+            }
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! Channels: the output images of a wall.
+
+use std::fmt;
+
+use glam::UVec2;
+use serde::{Deserialize, Serialize};
+
+use super::adjustment::Adjustment;
+use super::projector::Projector;
+use crate::limits::NAME_BYTES_MAX;
+
+/// A channel, by its place in the wall's list of channels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct ChannelId(pub u16);
+
+impl fmt::Display for ChannelId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// One output image, drawn upright as the viewer sees it; a display that is turned, mirrored or
+/// packed for two eyes gets it so ([`Adjustment`]).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Channel {
+    /// Unique within the wall.
+    pub name: String,
+    /// An index into [`Wall::screens`](super::Wall::screens).
+    pub screen: u16,
+    /// Its upper left pixel, from the upper left of the screen's canvas. Where it is no tile:
+    /// where its window stands among those of the screen.
+    pub origin: UVec2,
+    /// Its size in pixels.
+    pub size: UVec2,
+    /// The server that drives it; several channels may name the same.
+    pub server: String,
+    /// The monitor of the server's machine that it fills in full screen, by the X server's name
+    /// for it; `None`: the next one that no other channel of the server takes.
+    pub monitor: Option<String>,
+    /// How it is projected; fixed by the wall file, never by what one server can do.
+    pub projection: Projection,
+    /// What part of the screen it covers.
+    pub cover: Cover,
+    /// What makes its picture right on the display that it has.
+    pub adjustment: Adjustment,
+}
+
+/// What part of its screen a channel covers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Cover {
+    /// The pixels of the canvas from `origin`, one to one.
+    Tile,
+    /// What a projector throws light on.
+    Projector(Box<Projector>),
+    /// What the channel's warp file says ([`Adjustment::warp`]).
+    Map,
+}
+
+/// How a tile of a planar screen gets its frustum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Projection {
+    /// The screen's matrix, with a viewport shifted by whole pixels: tiles of one screen compute
+    /// identical clip positions.
+    Shared,
+    /// A sub-frustum of its own, computed in f64: for canvases beyond what a viewport can span.
+    Own,
+}
+
+impl Cover {
+    pub(super) fn fault(&self) -> Option<String> {
+        match self {
+            Self::Tile | Self::Map => None,
+            Self::Projector(projector) => projector.fault(),
+        }
+    }
+}
+
+/// Returns whether a text can be the name of a monitor: 1 to [`NAME_BYTES_MAX`] bytes, no control
+/// characters.
+pub fn is_monitor_name(text: &str) -> bool {
+    (1..=NAME_BYTES_MAX).contains(&text.len()) && !text.chars().any(char::is_control)
+}
+
+impl Channel {
+    /// A plain tile of a screen, driven by a server of its own name.
+    pub fn tile(name: &str, screen: u16, origin: UVec2, size: UVec2) -> Self {
+        Self {
+            name: name.to_owned(),
+            screen,
+            origin,
+            size,
+            server: name.to_owned(),
+            monitor: None,
+            projection: Projection::Shared,
+            cover: Cover::Tile,
+            adjustment: Adjustment::default(),
+        }
+    }
+
+    /// Width and height of the display's own picture: turned, and with both eyes where packed.
+    pub fn display_size(&self) -> UVec2 {
+        self.adjustment.display_size(self.size)
+    }
+}

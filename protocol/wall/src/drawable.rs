@@ -1,0 +1,87 @@
+//! What a server draws of a channel, and why it cannot: the same for those that check a wall
+//! before and those that draw it.
+
+use crate::limits::CHANNEL_SIDE_MAX;
+use glam::DVec3;
+
+use super::maps::Maps;
+use super::shapes::Shaped;
+use super::source::{SourceError, SourcePlan};
+use super::warp_mesh::{MeshRule, WarpMesh};
+use super::{Cover, Surface};
+use crate::ChannelId;
+
+impl Shaped<'_> {
+    /// The mesh that a channel is drawn through, with its pins and bends: nothing of it lies
+    /// beside the channel's picture.
+    ///
+    /// # Errors
+    /// Why nothing of the channel can be drawn.
+    pub fn drawn_mesh(&self, maps: &Maps, id: ChannelId) -> Result<WarpMesh, String> {
+        let map = self.pixel_map(id).ok_or("its corner pins leave no picture")?;
+        let channel = self.wall.channel(id).ok_or("the wall has no such channel")?;
+        let screen = self.wall.screen_of(channel);
+        let ground = self.shapes.ground(screen);
+        let mesh = match (channel.adjustment.warp, &screen.surface) {
+            (Some(file), _) => {
+                let warp = maps.warp(file).ok_or("its warp file is not there")?;
+                warp.channel_mesh(channel, &ground, &map)
+            }
+            (None, Surface::Mesh(file)) if channel.cover == Cover::Tile => {
+                let surface = maps.warp(*file).ok_or("its screen's file is not there")?;
+                surface.screen_mesh(channel, &ground, &map)
+            }
+            _ => {
+                let point = |pixel| map.display_from_pixel(pixel);
+                WarpMesh::new(channel.size, MeshRule::default(), point)
+            }
+        };
+        if mesh.triangles.is_empty() {
+            return Err("none of its pixels lies on its screen".to_owned());
+        }
+        let has_area = |corners: &[u32; 3]| {
+            let [a, b, c] = corners.map(|corner| mesh.vertices[corner as usize].point);
+            (b - a).cross(c - a) != DVec3::ZERO
+        };
+        if !mesh.triangles.iter().any(has_area) {
+            return Err("its pixels lie on a point or a line".to_owned());
+        }
+        Ok(mesh)
+    }
+
+    /// The first channel of those that files place which no server could draw: the key that names
+    /// the file, the file, why, and what would be right. The files must be the wall's.
+    ///
+    /// # Errors
+    /// As said.
+    pub fn check_files(&self, maps: &Maps) -> Result<(), String> {
+        let wall = self.wall;
+        for (id, channel) in wall.channel_ids().zip(&wall.channels) {
+            let file = match (channel.adjustment.warp, &wall.screen_of(channel).surface) {
+                (Some(file), _) | (None, &Surface::Mesh(file)) => usize::from(file),
+                _ => continue,
+            };
+            let about = |why: String, remedy: &str| {
+                let key = wall.key_of_file(file);
+                let path = wall.files.get(file).map_or("", |file| &file.path);
+                format!("{key}: {path}: channel {} cannot be drawn: {why}; {remedy}", channel.name)
+            };
+            let units = "check the units, the origin and the places of the file, pins and bends";
+            let mesh = self.drawn_mesh(maps, id).map_err(|why| about(why, units))?;
+            let eyes = wall.viewpoints(channel);
+            let plan = SourcePlan::new(&mesh, &eyes, wall.near_m, CHANNEL_SIDE_MAX);
+            plan.map_err(|error| {
+                let remedy = match error {
+                    SourceError::EyeOnSurface { .. } => {
+                        "move wall.eye; if pixels at (0, 0, 0) are meant to be dark, write \
+                         warp_zero = \"dark\" or NaN"
+                    }
+                    SourceError::EyeBehind { .. } => "move wall.eye, or mend the file",
+                    SourceError::Nothing | SourceError::Coarse(_) => units,
+                };
+                about(error.to_string(), remedy)
+            })?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,91 @@
+//! The viewer's head: where both eyes are.
+
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::EyeOf;
+
+/// Farthest from the origin of display space that a head may be: a thousand kilometres are a slip
+/// of the unit, and larger numbers would overflow when they are squared and multiplied.
+pub const HEAD_REACH_MAX_M: f64 = 1e6;
+
+/// Widest eyes: walls of models have large viewers, but a thousand metres are a slip of the unit.
+pub const EYE_SEPARATION_MAX_M: f64 = 1e3;
+
+/// The pose of the viewer's head in display space. All frusta of a frame follow from it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Head {
+    /// The middle between the eyes, in metres.
+    pub position: DVec3,
+    /// A unit quaternion; at rest the head looks along −Z, +X is at its right.
+    pub rotation: DQuat,
+    /// From the left eye to the right one, in metres, 0 or more.
+    pub eye_separation_m: f64,
+}
+
+impl Head {
+    /// A head at rest.
+    pub fn at(position: DVec3, eye_separation_m: f64) -> Self {
+        Self { position, rotation: DQuat::IDENTITY, eye_separation_m }
+    }
+
+    /// Where an eye is, in metres of display space.
+    pub fn eye(&self, of: EyeOf) -> DVec3 {
+        let sideways = match of {
+            EyeOf::Center => return self.position,
+            EyeOf::Left => -0.5,
+            EyeOf::Right => 0.5,
+        };
+        self.position + self.rotation * DVec3::new(sideways * self.eye_separation_m, 0.0, 0.0)
+    }
+
+    /// What is wrong with these numbers, if anything: they come from outside.
+    pub fn fault(&self) -> Option<String> {
+        if !self.position.is_finite() {
+            return Some(format!("head position {} is not finite", self.position));
+        }
+        if self.position.abs().max_element() > HEAD_REACH_MAX_M {
+            let reach = HEAD_REACH_MAX_M;
+            return Some(format!("head position {} is beyond {reach} metres", self.position));
+        }
+        if !self.rotation.is_finite() || (self.rotation.length() - 1.0).abs() > 1e-3 {
+            return Some(format!("head rotation {} is not a unit quaternion", self.rotation));
+        }
+        let separation = self.eye_separation_m;
+        (!(0.0..=EYE_SEPARATION_MAX_M).contains(&separation)).then(|| {
+            format!("an eye separation of {separation} m, where 0 to {EYE_SEPARATION_MAX_M} can be")
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_right_eye_is_at_the_right_of_the_left_one() {
+        let head = Head::at(DVec3::new(0.0, 1.7, 0.5), 0.06);
+        assert!(head.eye(EyeOf::Left).distance(DVec3::new(-0.03, 1.7, 0.5)) < 1e-15);
+        assert!(head.eye(EyeOf::Right).distance(DVec3::new(0.03, 1.7, 0.5)) < 1e-15);
+        assert_eq!(head.eye(EyeOf::Center), head.position);
+        // Who looks to the left, along −X, has the right eye ahead of the room's own −Z.
+        let turned = Head { rotation: DQuat::from_rotation_y(90_f64.to_radians()), ..head };
+        assert!(turned.eye(EyeOf::Right).distance(DVec3::new(0.0, 1.7, 0.47)) < 1e-12);
+    }
+
+    #[test]
+    fn numbers_that_are_no_head_are_told() {
+        let head = Head::at(DVec3::ZERO, 0.06);
+        assert_eq!(head.fault(), None);
+        for bad in [
+            Head { position: DVec3::NAN, ..head },
+            Head { position: DVec3::Y * 1e7, ..head },
+            Head { eye_separation_m: 1e9, ..head },
+            Head { rotation: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.5), ..head },
+            Head { eye_separation_m: -0.06, ..head },
+            Head { eye_separation_m: f64::NAN, ..head },
+        ] {
+            assert!(bad.fault().is_some(), "{bad:?}");
+        }
+    }
+}

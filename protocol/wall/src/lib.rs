@@ -1,0 +1,268 @@
+//! The wall: screens in display space, and the channels that tile them.
+//!
+//! These types are what travels and what is drawn from; they hold only what was checked. A wall
+//! file is read, checked and turned into them by the crate `polyptych-wall-file`.
+
+pub mod adjustment;
+pub mod blend;
+pub mod camera;
+pub mod channel;
+pub mod color;
+mod drawable;
+pub mod eyes;
+pub mod facets;
+pub mod fold;
+pub mod front;
+pub mod frustum;
+pub mod head;
+mod identity;
+pub mod limits;
+pub mod maps;
+mod outline;
+pub mod pixels;
+pub mod projector;
+pub mod screen;
+pub mod shapes;
+pub mod source;
+pub mod superposition;
+pub mod surface;
+pub mod tuning;
+pub mod unfold;
+pub mod view;
+pub mod viewpoint;
+pub mod warp;
+pub mod warp_mesh;
+
+use glam::DVec3;
+use polyptych_files::blob::BlobHash;
+use serde::{Deserialize, Serialize};
+
+pub use adjustment::{Adjustment, Bits, Color, Curve, Edges, EyeOf, Packing, Ramps, Turn};
+pub use channel::{Channel, ChannelId, Cover, Projection};
+pub use screen::{Bezel, Screen};
+pub use surface::Surface;
+pub use viewpoint::{StereoMode, StereoRule, Viewpoint};
+
+use crate::limits::{
+    CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX, CHANNELS_MAX, DEADLINE_FACTOR_DEFAULT, DEADLINE_MAX_DEFAULT,
+    DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT, SCREENS_MAX, WALL_FILES_MAX,
+};
+
+/// From one eye to the other: the mean of adults, N. Dodgson, *Variation and extrema of human
+/// interpupillary distance*, 2004.
+pub const EYE_SEPARATION_DEFAULT_M: f64 = 0.063;
+
+/// Nothing is nearer to the eye than this, unless a wall file says otherwise.
+pub const NEAR_DEFAULT_M: f64 = 0.05;
+
+/// The whole display system that one wall file describes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Wall {
+    /// What to call it.
+    pub name: String,
+    /// Surfaces, in the order of the file.
+    pub screens: Vec<Screen>,
+    /// Output images; a [`ChannelId`] is an index into this list.
+    pub channels: Vec<Channel>,
+    /// Where the viewer's eye stands, in metres of display space.
+    pub eye: DVec3,
+    /// From the left eye to the right one, in metres; channels for one eye see from half of it.
+    pub eye_separation_m: f64,
+    /// How the pictures of stereo channels are made.
+    pub stereo: StereoRule,
+    /// Distance of the near plane from the eye, in metres of display space; the same for all
+    /// channels, so that depth agrees.
+    pub near_m: f64,
+    /// Samples per pixel: 1 or 4.
+    pub samples: u32,
+    /// How channels that light the same places share the light.
+    pub blend: BlendRule,
+    /// Whether codes are dithered where a channel's light is corrected.
+    pub dither: bool,
+    /// Files of others that channels and screens refer to, by their index in this list.
+    pub files: Vec<MapFile>,
+    /// How long a frame waits for a channel.
+    pub deadline: DeadlineRule,
+    /// A peer that is silent this long is lost.
+    pub heartbeat_ms: u32,
+    /// Where the manager listens.
+    pub listen: String,
+    /// Folders in which servers look for blobs before they ask the manager.
+    pub stores: Vec<String>,
+    /// Folders from which scenes may be opened.
+    pub scenes: Vec<String>,
+}
+
+/// How long a frame waits: `factor` × the wall's median draw time, within bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DeadlineRule {
+    /// Times the median draw time.
+    pub factor: f64,
+    /// Never shorter than this.
+    pub min_ms: u32,
+    /// Never longer than this.
+    pub max_ms: u32,
+}
+
+/// How channels share the light of a place that several of them light.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BlendRule {
+    /// Steepness of the ramps: 1 is a smooth step, larger numbers are steeper in the middle.
+    pub exponent: f64,
+    /// What a projector shows of black, as a share of its white; 0 for panels.
+    pub leak: f64,
+}
+
+/// A file that somebody else wrote: a map of pixels, a mesh of a screen, a mask.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MapFile {
+    /// Where it is, as the wall file says.
+    pub path: String,
+    /// What it is.
+    pub kind: FileKind,
+    /// What it was baked to; `None` until that was done, never in a wall that servers get.
+    pub blob: Option<BlobHash>,
+    /// Whether it is right for the eye of the wall file only, as maps on a canvas are: then no
+    /// head moves. Known once it was baked.
+    pub is_for_one_eye: bool,
+    /// Some places of its surface, if it has any, by which it is known where no eye can be. Known
+    /// once it was baked.
+    pub front: Vec<front::FrontPlace>,
+}
+
+/// What a wall's file is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FileKind {
+    /// Where each pixel of a channel lies.
+    Warp,
+    /// The surface of a screen.
+    ScreenMesh,
+    /// What light is multiplied by.
+    Alpha,
+    /// What light is there at least.
+    Beta,
+    /// As `Warp`, of a PFM whose pixels at (0, 0, 0) are unlit.
+    WarpDarkZeros,
+    /// As `Warp`, of an OBJ whose positions are places of the picture, and whose texture
+    /// coordinates are places of the canvas.
+    WarpSgct,
+}
+
+impl Default for BlendRule {
+    fn default() -> Self {
+        Self { exponent: 1.0, leak: 0.0 }
+    }
+}
+
+impl Wall {
+    /// What a channel's display shows of black, as a share of its white in red, green and blue.
+    pub fn leak_of(&self, channel: &Channel) -> DVec3 {
+        channel.adjustment.color.leak.unwrap_or(DVec3::splat(self.blend.leak))
+    }
+
+    /// A wall of these screens and channels, with the eye at the origin and a wall file's defaults
+    /// for all else; opens no folder, and listens on any port of this machine.
+    pub fn new(name: &str, screens: Vec<Screen>, channels: Vec<Channel>) -> Self {
+        Self {
+            name: name.to_owned(),
+            screens,
+            channels,
+            eye: DVec3::ZERO,
+            eye_separation_m: EYE_SEPARATION_DEFAULT_M,
+            stereo: StereoRule::default(),
+            near_m: NEAR_DEFAULT_M,
+            samples: 1,
+            blend: BlendRule::default(),
+            dither: false,
+            files: Vec::new(),
+            deadline: DeadlineRule {
+                factor: DEADLINE_FACTOR_DEFAULT,
+                min_ms: DEADLINE_MIN_DEFAULT.as_millis() as u32,
+                max_ms: DEADLINE_MAX_DEFAULT.as_millis() as u32,
+            },
+            heartbeat_ms: HEARTBEAT_DEFAULT.as_millis() as u32,
+            listen: "127.0.0.1:0".to_owned(),
+            stores: Vec::new(),
+            scenes: Vec::new(),
+        }
+    }
+
+    /// What is wrong with a wall that came over the wire, if anything: an index that points
+    /// nowhere, a size beyond the limits, a number that is none. A wall file is checked for more.
+    pub fn fault(&self) -> Option<String> {
+        if self.channels.len() > CHANNELS_MAX || self.screens.len() > SCREENS_MAX {
+            return Some("the wall has more channels or screens than any may have".into());
+        }
+        if self.samples != 1 && self.samples != 4 {
+            return Some(format!("{} samples per pixel, where 1 or 4 can be", self.samples));
+        }
+        if !(self.near_m.is_finite() && self.near_m > 0.0 && self.eye.is_finite()) {
+            return Some("the eye or the near plane is not finite".into());
+        }
+        let is_large = |screen: &&Screen| screen.canvas.max_element() > CANVAS_SIDE_MAX;
+        if let Some(screen) = self.screens.iter().find(is_large) {
+            return Some(format!("screen {} is longer than {CANVAS_SIDE_MAX} pixels", screen.name));
+        }
+        let is_separate = self.eye_separation_m.is_finite() && self.eye_separation_m >= 0.0;
+        let BlendRule { exponent, leak } = self.blend;
+        if !(is_separate && exponent > 0.0 && exponent.is_finite() && (0.0..1.0).contains(&leak)) {
+            return Some("the eye separation or the rule of blends is out of range".into());
+        }
+        if !self.stereo.is_sound() {
+            return Some("the error of omnidirectional stereo is out of range".into());
+        }
+        if self.files.len() > WALL_FILES_MAX {
+            return Some(format!("the wall has more than {WALL_FILES_MAX} files"));
+        }
+        let is_odd = |file: &MapFile| {
+            file.front.len() > front::FRONT_PLACES_MAX
+                || !file.front.iter().all(front::FrontPlace::is_sound)
+        };
+        if self.files.iter().any(is_odd) {
+            return Some("a file has more places than it may have, or no numbers".into());
+        }
+        self.screens
+            .iter()
+            .find_map(|screen| screen.fault(self.files.len()))
+            .or_else(|| self.channels.iter().find_map(|channel| self.fault_of(channel)))
+    }
+
+    /// What is wrong with numbers of a channel that came over the wire, if anything.
+    pub(crate) fn fault_of(&self, channel: &Channel) -> Option<String> {
+        let is_bad = self.screens.get(usize::from(channel.screen)).is_none_or(|screen| {
+            let end = channel.origin.saturating_add(channel.size);
+            channel.size.min_element() == 0
+                || channel.size.max_element() > CHANNEL_SIDE_MAX
+                || (channel.cover == Cover::Tile && end.cmpgt(screen.canvas).any())
+        });
+        if is_bad {
+            return Some(format!("channel {} does not lie on its screen", channel.name));
+        }
+        if channel.monitor.as_deref().is_some_and(|name| !channel::is_monitor_name(name)) {
+            return Some(format!("channel {} has an invalid monitor name", channel.name));
+        }
+        let fault = channel.cover.fault().or_else(|| channel.adjustment.fault(self.files.len()));
+        fault.map(|fault| format!("channel {}: {fault}", channel.name))
+    }
+
+    /// The channel of this id.
+    pub fn channel(&self, id: ChannelId) -> Option<&Channel> {
+        self.channels.get(usize::from(id.0))
+    }
+
+    /// The channel of this name, with its id.
+    pub fn channel_named(&self, name: &str) -> Option<(ChannelId, &Channel)> {
+        let index = self.channels.iter().position(|channel| channel.name == name)?;
+        Some((ChannelId(u16::try_from(index).ok()?), &self.channels[index]))
+    }
+
+    /// The ids of all channels, in the order of the file.
+    pub fn channel_ids(&self) -> impl Iterator<Item = ChannelId> + use<> {
+        (0..u16::try_from(self.channels.len()).unwrap_or(u16::MAX)).map(ChannelId)
+    }
+
+    /// The screen that a channel lies on.
+    pub fn screen_of(&self, channel: &Channel) -> &Screen {
+        &self.screens[usize::from(channel.screen)]
+    }
+}

@@ -1,0 +1,63 @@
+//! The maximum sizes of a wall, and the defaults of its waits, each with its reason.
+
+use std::time::Duration;
+
+/// Most channels of a wall; the largest walls known have a few hundred.
+pub const CHANNELS_MAX: usize = 1024;
+
+/// Most screens of a wall.
+pub const SCREENS_MAX: usize = 256;
+
+/// Most files that a wall refers to: three for each channel, and one for each screen.
+pub const WALL_FILES_MAX: usize = 3 * CHANNELS_MAX + SCREENS_MAX;
+
+/// Most control points of a channel's bend: 32 × 32 are more than anybody moves by hand, and finer
+/// maps come as files.
+pub const BEND_POINTS_MAX: usize = 1024;
+
+/// Most changes of one tuning: a whole grid of points, and all else that a channel has.
+pub const TUNE_CHANGES_MAX: usize = BEND_POINTS_MAX + 16;
+
+/// Largest share of its white that a display shows of black: what leaks more is no projector, as
+/// four of them over one place leave a fifth of the contrast.
+pub const LEAK_MAX: f64 = 0.2;
+
+/// Most points of a measured curve: one for each code of 10 bits.
+pub const CURVE_POINTS_MAX: usize = 1024;
+
+/// Longest side of a channel: what the weakest supported driver can draw into.
+pub const CHANNEL_SIDE_MAX: u32 = 8192;
+
+/// Longest side of a canvas that a shared matrix serves: a viewport cannot span more.
+pub const SHARED_CANVAS_SIDE_MAX: u32 = 8192;
+
+/// Longest side of a screen's canvas.
+pub const CANVAS_SIDE_MAX: u32 = 131_072;
+
+/// Longest name of a wall, screen, channel, server or client, in bytes.
+pub const NAME_BYTES_MAX: usize = 64;
+
+/// Longest path of a scene in a request, in bytes.
+pub const PATH_BYTES_MAX: usize = 4096;
+
+/// Most views of one frame.
+pub const VIEWS_MAX: usize = 64;
+
+/// Most rectangles into which views that lie over each other divide a channel: each is culled and
+/// drawn on its own.
+pub const VIEW_PARTS_MAX: usize = 256;
+
+/// Silence after which a peer is lost, where the wall file says nothing else.
+pub const HEARTBEAT_DEFAULT: Duration = Duration::from_secs(2);
+
+/// Shortest frame deadline by default: a scheduler's slice must not make a channel late.
+pub const DEADLINE_MIN_DEFAULT: Duration = Duration::from_millis(50);
+
+/// Longest frame deadline by default: nobody should look at a frozen wall for longer.
+pub const DEADLINE_MAX_DEFAULT: Duration = Duration::from_secs(2);
+
+/// The deadline by default, as a multiple of the wall's median draw time.
+pub const DEADLINE_FACTOR_DEFAULT: f64 = 4.0;
+
+/// The manager's port where a wall file names none.
+pub const PORT_DEFAULT: u16 = 7878;

@@ -1,0 +1,191 @@
+//! The decoded files of a wall, in the order of [`Wall::files`].
+
+use std::sync::Arc;
+
+use polyptych_files::blob::BlobHash;
+
+use super::blend::Masks;
+use super::pixels::PixelMap;
+use super::warp::{MapSpace, Mask, WallMap, WarpMap, WarpShape};
+use super::{Adjustment, Channel, FileKind, MapFile, Surface, Wall};
+
+/// What the files of a wall became: each is there, sound, and of the kind that the wall says.
+#[derive(Clone, Debug, Default)]
+pub struct Maps {
+    files: Vec<Arc<WallMap>>,
+}
+
+impl Maps {
+    /// The decoded files of this wall; `read` gives the map of a blob.
+    ///
+    /// # Errors
+    /// What `read` says, or that a file is of another kind, each behind the key that names the
+    /// file in the wall file.
+    pub fn load(
+        wall: &Wall,
+        mut read: impl FnMut(BlobHash) -> Result<Arc<WallMap>, String>,
+    ) -> Result<Self, String> {
+        let load = |(index, file): (usize, &MapFile)| {
+            let about =
+                |what: String| format!("{}: {}: {what}", wall.key_of_file(index), file.path);
+            let blob = file.blob.ok_or_else(|| about("it was not baked".to_owned()))?;
+            let map = read(blob).map_err(about)?;
+            match mismatch(file.kind, &map) {
+                None => Ok(map),
+                Some(what) => Err(about(what.to_owned())),
+            }
+        };
+        let files = wall.files.iter().enumerate().map(load).collect::<Result<_, _>>()?;
+        Ok(Self { files })
+    }
+
+    /// The file of this index.
+    pub fn get(&self, file: u16) -> Option<&Arc<WallMap>> {
+        self.files.get(usize::from(file))
+    }
+
+    /// The warp map or mesh of this index.
+    pub fn warp(&self, file: u16) -> Option<&WarpMap> {
+        match self.get(file)?.as_ref() {
+            WallMap::Warp(warp) => Some(warp),
+            WallMap::Mask(_) => None,
+        }
+    }
+
+    /// The masks of a channel.
+    pub fn masks(&self, adjustment: &Adjustment) -> Masks<'_> {
+        let mask = |file: Option<u16>| match self.get(file?)?.as_ref() {
+            WallMap::Mask(mask) => mask.texels(),
+            WallMap::Warp(_) => None,
+        };
+        Masks { alpha: mask(adjustment.alpha), beta: mask(adjustment.beta), light: None }
+    }
+
+    /// The light that a channel's warp mesh says at its corners, for each of its pixels; `None`
+    /// where it is all of it. It belongs to the channel's [`masks`](Self::masks).
+    pub fn light(&self, channel: &Channel, pixels: &PixelMap<'_>) -> Option<Mask> {
+        self.warp(channel.adjustment.warp?)?.light_mask(channel.size, pixels)
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.files.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.files.is_empty()
+    }
+}
+
+/// What is wrong with a map for this use.
+fn mismatch(kind: FileKind, map: &WallMap) -> Option<&'static str> {
+    match (kind, map) {
+        (FileKind::Warp | FileKind::WarpDarkZeros | FileKind::WarpSgct, WallMap::Warp(_))
+        | (FileKind::Alpha | FileKind::Beta, WallMap::Mask(_)) => None,
+        (FileKind::ScreenMesh, WallMap::Warp(warp)) => {
+            let is_surface = matches!(warp.shape, WarpShape::Mesh(_));
+            let is_in_room = warp.space == MapSpace::Display;
+            (!is_surface || !is_in_room).then_some("it is no mesh of points in metres")
+        }
+        (FileKind::Alpha | FileKind::Beta, WallMap::Warp(_)) => Some("it is no mask"),
+        (_, WallMap::Mask(_)) => Some("it is a mask"),
+    }
+}
+
+impl Wall {
+    /// The key of the wall file that names the file of this index: "channel.left.warp".
+    pub fn key_of_file(&self, index: usize) -> String {
+        let is_it = |file: Option<u16>| file.is_some_and(|file| usize::from(file) == index);
+        let of_channel = self.channels.iter().find_map(|channel| {
+            let adjustment = &channel.adjustment;
+            let keys =
+                [("warp", adjustment.warp), ("alpha", adjustment.alpha), ("beta", adjustment.beta)];
+            let (key, _) = keys.into_iter().find(|(_, file)| is_it(*file))?;
+            Some(format!("channel.{}.{key}", channel.name))
+        });
+        let of_screen = || {
+            let is_it = |surface: &Surface| matches!(surface, Surface::Mesh(f) if is_it(Some(*f)));
+            let screen = self.screens.iter().find(|screen| is_it(&screen.surface))?;
+            Some(format!("screen.{}.mesh", screen.name))
+        };
+        of_channel.or_else(of_screen).unwrap_or_else(|| format!("file {index}"))
+    }
+
+    /// Blobs that servers need of a wall, beside those of its scene.
+    pub fn blobs(&self) -> impl Iterator<Item = BlobHash> + '_ {
+        self.files.iter().filter_map(|file| file.blob)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{UVec2, Vec3};
+
+    use super::super::Screen;
+    use super::super::warp::WarpGrid;
+    use super::*;
+
+    fn warp() -> WallMap {
+        let grid = WarpGrid { size: UVec2::ONE, values: vec![Vec3::ZERO] };
+        WallMap::Warp(WarpMap { space: MapSpace::Canvas, shape: WarpShape::Grid(grid) })
+    }
+
+    fn mask() -> WallMap {
+        WallMap::Mask(Mask { size: UVec2::ONE, components: 1, texels: vec![7] })
+    }
+
+    fn wall(kind: FileKind) -> Wall {
+        let mut channel = Channel::tile("left", 0, UVec2::ZERO, UVec2::ONE);
+        let mut wall = Wall::new("w", Vec::new(), Vec::new());
+        let mut surface = Surface::Mesh(0);
+        match kind {
+            FileKind::Warp | FileKind::WarpDarkZeros | FileKind::WarpSgct => {
+                channel.adjustment.warp = Some(0);
+            }
+            FileKind::Alpha => channel.adjustment.alpha = Some(0),
+            FileKind::Beta => channel.adjustment.beta = Some(0),
+            FileKind::ScreenMesh => {}
+        }
+        if kind != FileKind::ScreenMesh {
+            surface = Surface::Mesh(9);
+        }
+        wall.screens.push(Screen::new("hill", surface, UVec2::ONE));
+        wall.channels.push(channel);
+        wall.files.push(MapFile {
+            path: "x".into(),
+            kind,
+            blob: Some(BlobHash([3; 32])),
+            is_for_one_eye: false,
+            front: Vec::new(),
+        });
+        wall
+    }
+
+    #[test]
+    fn a_file_is_what_the_wall_says_or_is_refused_by_its_key() {
+        let load = |kind, map: WallMap| Maps::load(&wall(kind), |_| Ok(Arc::new(map.clone())));
+        let maps = load(FileKind::Warp, warp()).expect("a warp");
+        assert_eq!((maps.len(), maps.warp(0), maps.warp(1)), (1, maps.warp(0), None));
+        assert!(maps.warp(0).is_some());
+        let maps = load(FileKind::Beta, mask()).expect("a mask");
+        let masks = maps.masks(&wall(FileKind::Beta).channels[0].adjustment);
+        assert!(masks.beta.is_some() && masks.alpha.is_none());
+        let refused = |kind, map| load(kind, map).expect_err("refused");
+        assert_eq!(refused(FileKind::Warp, mask()), "channel.left.warp: x: it is a mask");
+        assert_eq!(refused(FileKind::Alpha, warp()), "channel.left.alpha: x: it is no mask");
+        assert_eq!(refused(FileKind::Beta, warp()), "channel.left.beta: x: it is no mask");
+        let line = refused(FileKind::ScreenMesh, warp());
+        assert_eq!(line, "screen.hill.mesh: x: it is no mesh of points in metres");
+    }
+
+    #[test]
+    fn a_file_that_was_not_baked_is_refused() {
+        let mut wall = wall(FileKind::Warp);
+        assert_eq!(wall.blobs().collect::<Vec<_>>(), [BlobHash([3; 32])]);
+        wall.files[0].blob = None;
+        let line = Maps::load(&wall, |_| Ok(Arc::new(warp()))).expect_err("refused");
+        assert_eq!(line, "channel.left.warp: x: it was not baked");
+        assert_eq!(wall.blobs().count(), 0);
+    }
+}

@@ -1,0 +1,66 @@
+//! What a warped channel is drawn from where it shows a camera's own picture: the part of that
+//! picture that its pixels show, as dense as its densest pixels.
+//!
+//! Where pixels of the channel are pixels of the picture, as on tiles of a cylinder, the source's
+//! are so too, and nothing is resampled.
+
+use glam::{DMat3, DVec2, DVec3, UVec2};
+
+use super::group::{Group, facets};
+use super::{Plane, SOURCE_GUARD, SOURCE_SHARE_MAX, SourceError, TAP_SPACING, WarpMesh, plane};
+
+/// A scale that is so near to 1 is 1.
+const SCALE_ROUNDING: f64 = 1e-6;
+
+/// The part of a camera's own picture that a channel shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WindowPlan {
+    /// From points of [`PointOf::Canvas`](crate::view::PointOf::Canvas) to texels.
+    pub plane: Plane,
+    /// What `plane` holds, guard included: from its upper left to its lower right, in pixels of
+    /// the canvas from the upper left of the picture.
+    pub part: [DVec2; 2],
+    /// Of the source, in pixels.
+    pub size: UVec2,
+    /// Samples that a pixel takes of the source, across and down.
+    pub taps: UVec2,
+}
+
+impl WindowPlan {
+    /// The plan of a mesh of such points; `side_max` is the adapter's largest texture.
+    ///
+    /// # Errors
+    /// A mesh of nothing, or one that is folded.
+    pub fn new(mesh: &WarpMesh, side_max: u32) -> Result<Self, SourceError> {
+        let facets = facets(mesh, DVec3::ZERO)?;
+        let pixels = facets.iter().map(|facet| facet.area).sum::<f64>();
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for vertex in mesh.triangles.iter().flatten().map(|at| mesh.vertices[*at as usize]) {
+            (low, high) = (low.min(vertex.point.truncate()), high.max(vertex.point.truncate()));
+        }
+        // Whole pixels; what rounding has put beyond one is no pixel more.
+        let (low, high) = ((low + 1e-6).floor(), (high - 1e-6).ceil());
+        let high = high.max(low + 1.0);
+        let group = Group::new((DVec3::ZERO, DMat3::IDENTITY), (low, high), &facets);
+        let span = high - low;
+        let scale = group.sides() / span;
+        let is_one = (scale - 1.0).abs().cmplt(DVec2::splat(SCALE_ROUNDING));
+        let scale = DVec2::select(is_one, DVec2::ONE, scale);
+        let most = (pixels * SOURCE_SHARE_MAX).max(1.0);
+        let cut = (most / (span * scale).element_product()).sqrt().min(1.0);
+        let room = f64::from(side_max.saturating_sub(2 * SOURCE_GUARD).max(1));
+        let sides = (span * scale * cut).ceil().min(DVec2::splat(room)).max(DVec2::ONE);
+        let density = group.density(sides).map_or(DVec2::ONE, |density| density.across_down);
+        let taps = (density / TAP_SPACING - SCALE_ROUNDING).ceil();
+        let size = sides.as_uvec2() + 2 * SOURCE_GUARD;
+        let guard = span * f64::from(SOURCE_GUARD) / sides;
+        let (begin, end) = (low - guard, high + guard);
+        Ok(Self {
+            // The near plane is the view's own matrix's matter.
+            plane: plane(&group, [0, 0, size.x, size.y], 1.0),
+            part: [DVec2::new(begin.x, -end.y), DVec2::new(end.x, -begin.y)],
+            size,
+            taps: taps.clamp(DVec2::ONE, DVec2::splat(4.0)).as_uvec2(),
+        })
+    }
+}
