@@ -9,7 +9,6 @@ use std::time::Duration;
 use bytes::Bytes;
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
-use polyptych_protocol::codec;
 use polyptych_protocol::connection::Frames;
 use polyptych_protocol::request::Answer;
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -125,7 +124,7 @@ where
             Some(Err(error)) => return End::lost(error.to_string()),
             None => return End::lost("the manager closed it"),
         };
-        match codec::decode::<Answer>(&bytes) {
+        match polyptych_protocol::framing::decode::<Answer>(&bytes) {
             Ok(Answer::Reply { id, reply }) => shared.handle_reply(id, reply),
             Ok(Answer::Feedback(feedback)) => shared.handle_feedback(feedback),
             Ok(Answer::Picture(part)) => shared.handle_part(&part),

@@ -5,7 +5,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
-use polyptych_protocol::codec;
 use polyptych_protocol::feedback::Feedback;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::{Epoch, RequestId};
@@ -184,7 +183,7 @@ impl Link {
         let id = state.open.insert(now, name, first_after, waiter).ok_or_else(full)?;
 
         let is_stop = matches!(request, Request::Stop | Request::StopServers);
-        let message = codec::encode(&Call { id, request });
+        let message = polyptych_codec::encode(&Call { id, request });
         let (bytes, limit) = (message.len(), MESSAGE_BYTES_MAX);
         let sent = if bytes > limit {
             Err(ClientError::RequestTooLarge { request: name, bytes, limit })
@@ -339,13 +338,14 @@ impl Shared {
             let gone = state.open.drain_sent(|_| !is_same);
             let asked = |(id, waiter): (RequestId, &Waiter)| {
                 let request = Request::OpenOutcome { session: waiter.session, of: id };
-                codec::encode(&Call { id, request })
+                polyptych_codec::encode(&Call { id, request })
             };
             let mut greeting: Vec<Bytes> = state.open.sent().map(asked).collect();
             if state.subscribers > 0 {
                 // Should it fail, the stream is silent, as that of a wall that draws nothing.
                 let id = state.open.number();
-                greeting.push(codec::encode(&Call { id, request: Request::Subscribe(true) }));
+                greeting
+                    .push(polyptych_codec::encode(&Call { id, request: Request::Subscribe(true) }));
             }
             (greeting, gone, lost)
         };

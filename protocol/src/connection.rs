@@ -6,13 +6,13 @@ use futures_util::{SinkExt, StreamExt};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio_util::codec::{Framed, LengthDelimitedCodec};
 
-use crate::codec::{self, DecodeError};
 use crate::handshake::{
     Answer, Hello, Introduction, Nonce, Nonces, PREAMBLE_BYTES, Preamble, PreambleError, Proof,
     Refused, Role, Secret, Welcome,
 };
 use crate::limits::{BULK_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::tls;
+use polyptych_codec::DecodeError;
 
 /// A byte stream cut into messages.
 pub type Frames<S> = Framed<S, LengthDelimitedCodec>;
@@ -82,14 +82,14 @@ where
     if version_error.is_none() {
         read_exactly(&mut stream, &mut nonces.manager).await?;
     }
-    let mut frames = Framed::new(stream, codec::frames(HANDSHAKE_BYTES_MAX));
+    let mut frames = Framed::new(stream, crate::framing::frames(HANDSHAKE_BYTES_MAX));
     // A manager that refuses early may close before the hello is written; its reason is there
     // to be read all the same.
     let sent = match version_error {
         None => {
             let (nonce, proof) = (nonces.peer, nonces.proof_of_peer(secret, hello));
             let introduction = Introduction { hello: hello.clone(), nonce, proof };
-            frames.send(codec::encode(&introduction)).await
+            frames.send(polyptych_codec::encode(&introduction)).await
         }
         Some(_) => Ok(()),
     };
@@ -100,7 +100,7 @@ where
     if let Some(error) = version_error {
         return Err(error.into());
     }
-    match codec::decode::<Answer>(&answer??)? {
+    match crate::framing::decode::<Answer>(&answer??)? {
         Answer::Refused(Refused { reason }) => Err(ConnectionError::Refused(reason)),
         Answer::Welcome(_, proof) if !proof.is(&nonces.proof_of_manager(secret)) => {
             Err(ConnectionError::Unproven)
@@ -142,7 +142,7 @@ where
         Err(PreambleError::NotOurs(_)) => {}
         Err(_) => stream.write_all(&ours).await?,
     }
-    let mut frames = Framed::new(stream, codec::frames(HANDSHAKE_BYTES_MAX));
+    let mut frames = Framed::new(stream, crate::framing::frames(HANDSHAKE_BYTES_MAX));
     let role = match parsed {
         Ok(preamble) => preamble.role,
         Err(error @ PreambleError::NotOurs(_)) => return Err(error.into()),
@@ -152,7 +152,7 @@ where
         }
     };
     let introduction = frames.next().await.ok_or(ConnectionError::Closed)??;
-    let Introduction { hello, nonce, proof } = codec::decode(&introduction)?;
+    let Introduction { hello, nonce, proof } = crate::framing::decode(&introduction)?;
     let found = match (&hello, role) {
         (Hello::Client(_), Role::Client)
         | (Hello::Server(_), Role::Server)
@@ -189,7 +189,7 @@ where
     S: AsyncRead + AsyncWrite + Unpin,
 {
     let answer = Answer::Refused(Refused { reason });
-    frames.send(codec::encode(&answer)).await?;
+    frames.send(polyptych_codec::encode(&answer)).await?;
     Ok(())
 }
 
@@ -209,7 +209,7 @@ where
     // A peer of this version reads random bytes before the answer.
     let nonce = if parsed.is_ok() { nonce()?.to_vec() } else { Vec::new() };
     stream.write_all(&[&ours[..], &nonce].concat()).await?;
-    let mut frames = Framed::new(stream, codec::frames(HANDSHAKE_BYTES_MAX));
+    let mut frames = Framed::new(stream, crate::framing::frames(HANDSHAKE_BYTES_MAX));
     refuse(&mut frames, reason.to_owned()).await
 }
 
@@ -225,7 +225,7 @@ pub async fn welcome<S>(
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    frames.send(codec::encode(&Answer::Welcome(welcome, proof))).await?;
+    frames.send(polyptych_codec::encode(&Answer::Welcome(welcome, proof))).await?;
     Ok(())
 }
 

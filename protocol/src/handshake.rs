@@ -15,7 +15,6 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::codec;
 use crate::ids::Epoch;
 use crate::limits::PROTOCOL_VERSION;
 
@@ -151,7 +150,7 @@ pub struct Nonces {
 impl Nonces {
     /// The proof of the peer, for what it says of itself.
     pub fn proof_of_peer(&self, secret: &Secret, hello: &Hello) -> Proof {
-        self.proof(secret, 1, &codec::encode(hello))
+        self.proof(secret, 1, &polyptych_codec::encode(hello))
     }
 
     /// The proof of the manager.

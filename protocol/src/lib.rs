@@ -6,19 +6,20 @@
 //! compute alike (frusta, the fold of the log, the digest) stands here as pure functions.
 //!
 //! ```
-//! use polyptych_protocol::codec;
+//! use polyptych_codec::encode;
+//! use polyptych_protocol::framing::decode;
 //! use polyptych_protocol::request::Request;
 //!
-//! let bytes = codec::encode(&Request::Status);
-//! assert_eq!(codec::decode::<Request>(&bytes), Ok(Request::Status));
+//! let bytes = encode(&Request::Status);
+//! assert_eq!(decode::<Request>(&bytes), Ok(Request::Status));
 //! ```
 
 pub mod bulk;
-pub mod codec;
 pub mod command;
 pub mod connection;
 pub mod display;
 pub mod feedback;
+pub mod framing;
 pub mod handshake;
 pub mod identity;
 pub mod ids;

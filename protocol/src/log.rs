@@ -7,7 +7,6 @@ use polyptych_files::blob::BlobHash;
 use polyptych_wall::{Adjustment, ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
-use crate::codec;
 use crate::ids::{Digest, Revision};
 use crate::limits::MESSAGE_BYTES_MAX;
 
@@ -50,7 +49,7 @@ pub fn check_wall_size(wall: &Wall) -> Result<(), String> {
     let mut bare = wall.clone();
     let bends = bare.channels.iter_mut().filter_map(|channel| channel.adjustment.bend.take());
     let points: usize = bends.map(|bend| bend.moves.len()).sum();
-    let bytes = codec::encode(&bare).len() + points * size_of::<DVec2>();
+    let bytes = polyptych_codec::encode(&bare).len() + points * size_of::<DVec2>();
     if bytes > WALL_BYTES_MAX {
         return Err(format!(
             "the wall's description takes {bytes} bytes, where {WALL_BYTES_MAX} can be; bends with \
@@ -100,7 +99,7 @@ fn part(kind: u8, bytes: &[u8]) -> u64 {
 }
 
 fn part_of_adjustment(index: usize, adjustment: &Adjustment) -> u64 {
-    part(4, &codec::encode(&(index as u64, adjustment)))
+    part(4, &polyptych_codec::encode(&(index as u64, adjustment)))
 }
 
 impl Parts {
@@ -111,7 +110,7 @@ impl Parts {
         for channel in &mut bare.channels {
             channel.adjustment = Adjustment::default();
         }
-        Self { wall: part(1, &codec::encode(&bare)), adjustments }
+        Self { wall: part(1, &polyptych_codec::encode(&bare)), adjustments }
     }
 }
 

@@ -2,17 +2,16 @@
 
 use glam::{DMat3, DMat4, DVec3};
 use polyptych_protocol::command::Frame;
+use polyptych_renderer::{
+    AlphaMode, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter, NodeDesc,
+    PrimitiveDesc, SamplerDesc, SceneDesc, TextureDesc, TextureUse, Topology, VertexLayout,
+    ViewDesc, Wrap,
+};
 use polyptych_scene::{self, Filter, IndexFormat, Scene, Texture, TextureFormat, TextureRef};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::limits::VIEWS_MAX;
 use polyptych_wall::view::{View, ViewPart, ViewProjection};
 use polyptych_wall::{ChannelId, EyeOf, Wall};
-
-use crate::renderer::{
-    AlphaMode, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter, NodeDesc,
-    PrimitiveDesc, SamplerDesc, SceneDesc, TextureDesc, TextureUse, Topology, VertexLayout,
-    ViewDesc, Wrap,
-};
 
 /// A manifest as the renderer takes it.
 pub fn scene(scene: &Scene) -> SceneDesc {

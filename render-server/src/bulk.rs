@@ -7,7 +7,6 @@ use futures_util::{SinkExt, StreamExt};
 use polyptych_files::blob::CHUNK_BYTES_MAX;
 use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash};
 use polyptych_protocol::bulk::{BulkDown, BulkUp, PictureChunk};
-use polyptych_protocol::codec;
 use polyptych_protocol::connection::Frames;
 use polyptych_protocol::stream::Stream;
 use tokio::sync::mpsc;
@@ -55,13 +54,14 @@ async fn fetch(
     frames: &mut Frames<Stream>,
     hash: BlobHash,
 ) -> Result<Result<Bytes, String>, String> {
-    let want = frames.send(codec::encode(&BulkUp::Want(hash))).await;
+    let want = frames.send(polyptych_codec::encode(&BulkUp::Want(hash))).await;
     want.map_err(|error| error.to_string())?;
     let mut blob = BytesMut::new();
     loop {
         let message = frames.next().await.ok_or("the manager closed it")?;
         let message = message.map_err(|error| error.to_string())?;
-        let down = codec::decode::<BulkDown>(&message).map_err(|error| error.to_string())?;
+        let down = polyptych_protocol::framing::decode::<BulkDown>(&message)
+            .map_err(|error| error.to_string())?;
         match down {
             BulkDown::Missing { hash, reason } => {
                 return Ok(Err(format!("blob {hash} is not to be had: {reason}")));
@@ -99,7 +99,7 @@ async fn send(frames: &mut Frames<Stream>, picture: &PictureReport) -> Result<()
             offset: start as u64,
             bytes: picture.bytes.slice(start..end),
         };
-        let sent = frames.send(codec::encode(&BulkUp::Picture(chunk))).await;
+        let sent = frames.send(polyptych_codec::encode(&BulkUp::Picture(chunk))).await;
         sent.map_err(|error| error.to_string())?;
     }
     Ok(())

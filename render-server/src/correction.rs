@@ -14,6 +14,10 @@ use std::time::Instant;
 use glam::DVec3;
 use lay::{Ground, Lay};
 use polyptych_protocol::command::Frame;
+use polyptych_renderer::{
+    self, Content, Correction, CorrectionDesc, Curve, DrawStats, Gpu, LightMap, Packing, Renderer,
+    Scene, Target, Turn, ViewDesc, WarpVertex,
+};
 use polyptych_wall::blend::{self, Blend, LightInputs, Masks};
 use polyptych_wall::head::Head;
 use polyptych_wall::maps::Maps;
@@ -26,10 +30,6 @@ use shots::Shots;
 
 use crate::apply;
 use crate::output::Output;
-use crate::renderer::{
-    self, Content, Correction, CorrectionDesc, Curve, DrawStats, Gpu, LightMap, Packing, Renderer,
-    Scene, Target, Turn, ViewDesc, WarpVertex,
-};
 
 /// The plans of a server's channels, by name; those that need none are not there.
 pub(crate) type Plans = BTreeMap<String, Plan>;
@@ -200,12 +200,12 @@ pub(crate) fn light_map(
     blend.light_map(id, &masks)
 }
 
-fn renderer_mesh(mesh: &WarpMesh) -> renderer::WarpMesh {
+fn renderer_mesh(mesh: &WarpMesh) -> polyptych_renderer::WarpMesh {
     let vertex = |vertex: &polyptych_wall::warp_mesh::WarpVertex| WarpVertex {
         pixel: vertex.pixel.to_array(),
         point: vertex.point,
     };
-    renderer::WarpMesh {
+    polyptych_renderer::WarpMesh {
         vertices: mesh.vertices.iter().map(vertex).collect(),
         triangles: mesh.triangles.clone(),
     }

@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
+use polyptych_renderer::{Content, FINE_FORMAT, Gpu, Label, Output, Picture};
 use winit::dpi::{PhysicalPosition, PhysicalSize};
 use winit::monitor::MonitorHandle;
 use winit::window::Window;
-
-use crate::renderer::{Content, FINE_FORMAT, Gpu, Label, Output, Picture};
 
 /// Side of a monitor that the window system does not describe, in pixels: windows are not scaled.
 const MONITOR_UNKNOWN_SIDE: u32 = 1 << 20;

@@ -2,7 +2,7 @@
 //!
 //! Four threads: the window system's on the main thread ([`window`]), the network's ([`run`]),
 //! one that loads blobs ([`loader`]), and the one that owns the GPU ([`render_thread`]).
-//! [`renderer`] is written as a crate of its own: it knows nothing of the wire.
+//! The crate `polyptych-renderer` draws; it knows nothing of the wire.
 
 pub mod apply;
 mod bulk;
@@ -22,7 +22,6 @@ mod output;
 mod pattern;
 pub mod playback;
 mod render_thread;
-pub mod renderer;
 mod report;
 mod run;
 pub mod showing;

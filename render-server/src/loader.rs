@@ -13,11 +13,11 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
 use polyptych_files::blob::{Abandoned, BlobFolder, BlobHash};
-use polyptych_protocol::codec;
 use polyptych_protocol::command::Prepare;
 use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::log::{Replica, SceneRef};
 use polyptych_protocol::status::{Prepared, Status};
+use polyptych_renderer::SceneLayout;
 use polyptych_scene::{Scene, SceneFeatures};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::maps::Maps;
@@ -29,7 +29,6 @@ use tokio::sync::mpsc;
 use crate::apply;
 use crate::bulk::BulkJob;
 use crate::correction::{self, Plans};
-use crate::renderer::SceneLayout;
 use crate::report::Report;
 
 /// Orders that wait for the loader; the manager sends one change at a time.
@@ -104,7 +103,7 @@ pub(crate) struct Loader {
     cache: BlobFolder,
     orders: Receiver<LoadOrder>,
     uploads: Sender<Upload>,
-    /// See [`Gpu::losses`](crate::renderer::Gpu::losses); what was made ready before is gone.
+    /// See [`Gpu::losses`](polyptych_renderer::Gpu::losses); what was made ready before is gone.
     losses: Arc<AtomicU64>,
     ready_losses: u64,
     /// Those that this server drives.
@@ -310,7 +309,7 @@ impl Loader {
         let stores = stores(replica.wall.as_deref());
         let bytes = self.blob(scene.manifest, &stores, line)?;
         let manifest: Scene =
-            codec::decode_manifest(&bytes).map_err(|error| format!("manifest: {error}"))?;
+            polyptych_scene::decode(&bytes).map_err(|error| format!("manifest: {error}"))?;
         drop(bytes);
         if let Some(fault) = manifest.fault() {
             return Err(format!("manifest of scene {}: {fault}", scene.name));

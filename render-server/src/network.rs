@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use crossbeam_channel::Sender;
 use futures_util::{SinkExt, StreamExt};
-use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::connection::{self, ConnectionError, Frames};
 use polyptych_protocol::handshake::{
@@ -259,7 +258,7 @@ impl Network {
             end = self.serve_both(&mut frames, &welcome) => end,
         };
         // A manager that is gone, or reads nothing, is not waited for.
-        let goodbye = codec::encode(&Status::Goodbye { reason: end.to_string() });
+        let goodbye = polyptych_codec::encode(&Status::Goodbye { reason: end.to_string() });
         let _ = tokio::time::timeout(GOODBYE_TIME_MAX, frames.send(goodbye)).await;
         let _ = self.jobs.try_send(Job::Disconnected);
         end
@@ -331,7 +330,7 @@ impl Network {
                             let what = format!("wall {}: ready, no frame yet", welcome.wall);
                             self.notice(&what, ManagerState::Expected);
                         }
-                        codec::encode(&status)
+                        polyptych_codec::encode(&status)
                     }
                     Report::Picture(picture) => {
                         if line.bulk.try_send(BulkJob::Send(picture)).is_err() {
@@ -347,7 +346,7 @@ impl Network {
                     }
                     let sent_us = self.clock.local_us();
                     let memory_bytes = process::resident_bytes().unwrap_or(0);
-                    codec::encode(&Status::Ping(Ping { sent_us, memory_bytes }))
+                    polyptych_codec::encode(&Status::Ping(Ping { sent_us, memory_bytes }))
                 }
             };
             match tokio::time::timeout(heartbeat, frames.send(outgoing)).await {
@@ -360,7 +359,7 @@ impl Network {
 
     fn obey(&self, bytes: &[u8], estimate: &mut ClockEstimate, line: &Line) -> Result<(), End> {
         let malformed = |error| End::failed(format_args!("it sent something malformed: {error}"));
-        let command = codec::decode::<Command>(bytes).map_err(malformed)?;
+        let command = polyptych_protocol::framing::decode::<Command>(bytes).map_err(malformed)?;
         match command {
             // A full queue is a render thread that stands still: what it misses, it is late with.
             Command::Frame(frame) => drop(self.jobs.try_send(Job::Frame(Box::new(frame)))),

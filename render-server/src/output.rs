@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use glam::UVec2;
+use polyptych_renderer::{Content, Correction, Gpu, Label, Picture, Place, Target, idle};
 use polyptych_wall::unfold::{WindowLayout, WindowRect};
 use polyptych_wall::{Adjustment, ChannelId, Wall};
 use winit::dpi::PhysicalSize;
@@ -10,7 +11,6 @@ use winit::dpi::PhysicalSize;
 use crate::display::WindowDisplay;
 use crate::mismatch::{DisplayMismatch, MonitorAssignment, NOTE_TIME, NoteTime, Sizes, mismatch};
 use crate::notice::Identity;
-use crate::renderer::{Content, Correction, Gpu, Label, Picture, Place, Target, idle};
 use crate::showing::{Look, Showing};
 
 /// One channel of this server.
@@ -56,7 +56,7 @@ enum Surface {
     Window(Box<WindowDisplay>),
     /// As a window would have it.
     #[cfg(test)]
-    Offscreen(Box<(crate::renderer::Output, Picture)>),
+    Offscreen(Box<(polyptych_renderer::Output, Picture)>),
 }
 
 #[derive(Debug)]
@@ -376,7 +376,7 @@ impl Output {
     ) -> Self {
         let target = Target::new(gpu, size, 1, false);
         let surface = target.expect("a target").take_picture(gpu, None);
-        let output = crate::renderer::Output::new(gpu, surface.texture().format());
+        let output = polyptych_renderer::Output::new(gpu, surface.texture().format());
         let surface = Surface::Offscreen(Box::new((output, surface)));
         Self { surface, ..Self::new(name.into(), None, assignment) }
     }
@@ -384,6 +384,6 @@ impl Output {
     /// What the display shows, RGBA8 as sRGB.
     pub fn seen(&self, gpu: &Gpu) -> Vec<u8> {
         let Surface::Offscreen(offscreen) = &self.surface else { panic!("nobody sees it") };
-        crate::renderer::read_picture(gpu, &offscreen.1).expect("read back")
+        polyptych_renderer::read_picture(gpu, &offscreen.1).expect("read back")
     }
 }

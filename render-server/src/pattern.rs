@@ -16,12 +16,11 @@ use glam::{DVec3, UVec2};
 use image::{Rgba, RgbaImage, imageops};
 use places::Places;
 use polyptych_protocol::pattern::Pattern;
+use polyptych_renderer::{Label, Place};
 use polyptych_wall::color::srgb_from_linear;
 use polyptych_wall::maps::Maps;
 use polyptych_wall::shapes::Shaped;
 use polyptych_wall::{Adjustment, Channel, ChannelId, Packing, Turn};
-
-use crate::renderer::{Label, Place};
 
 /// Black, and no light at all.
 const BLACK: [u8; 3] = [0; 3];

@@ -4,11 +4,11 @@ use bytes::Bytes;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::{Epoch, FrameId};
 use polyptych_protocol::status::{Drawn, Shown, Status};
+use polyptych_renderer::DrawStats;
 use polyptych_wall::ChannelId;
 
 use crate::clock::Clock;
 use crate::loader::LoadedState;
-use crate::renderer::DrawStats;
 
 /// A picture that goes to the manager over the bulk connection: sRGB RGBA8, rows from the top.
 #[derive(Clone, Debug)]

@@ -12,6 +12,7 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use polyptych_files::blob::BlobFolder;
 use polyptych_protocol::handshake::Adapter;
 use polyptych_protocol::token::{self, TokenError};
+use polyptych_renderer::{Gpu, GpuError};
 use tokio::sync::mpsc;
 use winit::event_loop::EventLoopProxy;
 
@@ -25,7 +26,6 @@ use crate::network::{self, Network};
 use crate::notice::Identity;
 use crate::output::Output;
 use crate::render_thread::{JOBS_MAX, Job, Queues, RenderThread, SendMonitorNames};
-use crate::renderer::{Gpu, GpuError};
 use crate::report::Report;
 use crate::slowness::Slowness;
 use crate::window::{self, Ended, Links, Message, WindowWish, Windows};

@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::renderer::GpuFaultKind;
+use polyptych_renderer::GpuFaultKind;
 
 /// The most that a frame is slowed by: a server that is to end is asked between frames.
 const SLOWNESS_MAX: Duration = Duration::from_mins(1);

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use crossbeam_channel::Sender;
 use polyptych_protocol::status::Status;
+use polyptych_renderer::Gpu;
 use tokio::sync::mpsc;
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
@@ -19,7 +20,6 @@ use crate::fullscreen::Fullscreen;
 use crate::mismatch::MonitorAssignment;
 use crate::mouse::Mouse;
 use crate::render_thread::Job;
-use crate::renderer::Gpu;
 use crate::report::Report;
 
 /// What a window has before the wall says more, in pixels.

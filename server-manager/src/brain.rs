@@ -4,7 +4,8 @@
 use std::collections::VecDeque;
 use std::ops::Deref;
 
-use crate::cluster::{Cluster, Input, Micros, Output};
+use polyptych_core::{Cluster, Input, Micros, Output};
+
 use crate::record::decision::Decision;
 use crate::record::{Fresh, Recorder};
 

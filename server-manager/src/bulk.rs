@@ -5,16 +5,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
+use polyptych_core::SessionId;
 use polyptych_files::blob::{BlobFolder, BlobHash, BlobReader};
 use polyptych_protocol::bulk::{BlobChunk, BulkDown, BulkUp, PictureChunk};
-use polyptych_protocol::codec;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::{Proof, Welcome};
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::stream::Stream;
 use tokio::sync::{mpsc, oneshot};
 
-use crate::cluster::SessionId;
 use crate::session::Event;
 use crate::traffic::Traffic;
 
@@ -84,7 +83,7 @@ async fn converse(
 ) {
     while let Some(Ok(bytes)) = frames.next().await {
         traffic.bulk_received(bytes.len());
-        let up = match codec::decode::<BulkUp>(&bytes) {
+        let up = match polyptych_protocol::framing::decode::<BulkUp>(&bytes) {
             Ok(up) => up,
             Err(error) => {
                 let reason = format!("it sent something malformed on the bulk connection: {error}");
@@ -125,14 +124,16 @@ async fn send_blob(
         match next {
             Ok(Some((reader, offset, bytes))) => {
                 let chunk = BlobChunk { hash, total: reader.total(), offset, bytes };
-                let message = codec::encode(&BulkDown::Chunk(chunk));
+                let message = polyptych_codec::encode(&BulkDown::Chunk(chunk));
                 traffic.bulk_sent(message.len());
                 frames.send(message).await?;
                 next = off_thread(move || go_on(reader)).await;
             }
             Ok(None) => return Ok(()),
             Err(reason) => {
-                return frames.send(codec::encode(&BulkDown::Missing { hash, reason })).await;
+                return frames
+                    .send(polyptych_codec::encode(&BulkDown::Missing { hash, reason }))
+                    .await;
             }
         }
     }

@@ -7,6 +7,7 @@ mod wall_shapes;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use polyptych_core::RequestOf;
 use polyptych_protocol::bulk::PictureChunk;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::PictureInfo;
@@ -15,8 +16,6 @@ use polyptych_wall::shapes::Shaped;
 use polyptych_wall::superposition::{DisplayPicture, Side, Superposition, is_superposed};
 use polyptych_wall::{Channel, ChannelId, Wall};
 use rayon::prelude::*;
-
-use crate::cluster::RequestOf;
 
 pub use wall_shapes::WallShapes;
 

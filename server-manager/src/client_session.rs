@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use futures_util::StreamExt;
-use polyptych_protocol::codec;
+use polyptych_core::SessionId;
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::Proof;
 use polyptych_protocol::limits::CALL_BYTES_MAX;
@@ -13,7 +13,6 @@ use tokio::io::ReadHalf;
 use tokio::sync::{Semaphore, mpsc, oneshot};
 use tokio_util::codec::{FramedParts, FramedRead, FramedWrite, LengthDelimitedCodec};
 
-use crate::cluster::SessionId;
 use crate::requests::{Asked, REQUEST_BYTES_MAX, REQUEST_BYTES_MIN, RequestQueues};
 use crate::session::{Event, Link, write_all};
 
@@ -49,7 +48,8 @@ pub(crate) async fn serve(visitor: Visitor, events: mpsc::Sender<Event>, queues:
         let FramedParts { io, codec, read_buf, .. } = frames.into_parts();
         let (read_half, write_half) = tokio::io::split(io);
         // What clients ask is short, what they are sent is not.
-        let mut stream = FramedRead::new(read_half, codec::frames(CALL_BYTES_MAX));
+        let mut stream =
+            FramedRead::new(read_half, polyptych_protocol::framing::frames(CALL_BYTES_MAX));
         *stream.read_buffer_mut() = read_buf;
         tokio::select! {
             reason = hear(stream, session, &queues) => reason,
@@ -75,7 +75,7 @@ async fn hear(
             Some(Err(error)) => return format!("the connection failed: {error}"),
             Some(Ok(bytes)) => bytes,
         };
-        let call: Call = match codec::decode(&bytes) {
+        let call: Call = match polyptych_protocol::framing::decode(&bytes) {
             Ok(call) => call,
             Err(error) => return format!("it sent something malformed: {error}"),
         };

@@ -1,7 +1,6 @@
 //! Takes the pictures of a capture to the client that asked for them.
 
 use polyptych_files::blob::CHUNK_BYTES_MAX;
-use polyptych_protocol::codec;
 use polyptych_protocol::request::{Answer, Captured, Failure, PicturePart, Reply};
 
 use crate::capture::Collection;
@@ -22,7 +21,12 @@ pub(crate) async fn send_pictures(collection: Collection, link: Link) {
                 for start in (0..rgba.len()).step_by(CHUNK_BYTES_MAX) {
                     let bytes = rgba.slice(start..rgba.len().min(start + CHUNK_BYTES_MAX));
                     let part = PicturePart { id, index: index as u32, bytes };
-                    if link.pieces.send(codec::encode(&Answer::Picture(part))).await.is_err() {
+                    if link
+                        .pieces
+                        .send(polyptych_codec::encode(&Answer::Picture(part)))
+                        .await
+                        .is_err()
+                    {
                         return;
                     }
                 }
@@ -31,5 +35,5 @@ pub(crate) async fn send_pictures(collection: Collection, link: Link) {
         }
     };
     // Behind its pictures, which it must not overtake.
-    let _ = link.pieces.send(codec::encode(&Answer::Reply { id, reply })).await;
+    let _ = link.pieces.send(polyptych_codec::encode(&Answer::Reply { id, reply })).await;
 }

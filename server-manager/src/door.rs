@@ -4,6 +4,8 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use polyptych_core::Micros;
+use polyptych_core::repetition::Repetitions;
 use polyptych_files::blob::BlobFolder;
 use polyptych_protocol::connection;
 use polyptych_protocol::handshake::{Hello, Welcome};
@@ -15,9 +17,7 @@ use tokio::sync::mpsc;
 
 use crate::bulk::{self, AllowedBlobs, PictureOf};
 use crate::client_session::{self, Visitor};
-use crate::cluster::Micros;
 use crate::gate::Gate;
-use crate::repetition::Repetitions;
 use crate::requests::RequestQueues;
 use crate::server_session;
 use crate::session::Event;

@@ -10,7 +10,6 @@ use std::process::Stdio;
 use std::time::Duration;
 
 use polyptych_files::blob::{BlobFolder, BlobHash};
-use polyptych_protocol::codec;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::SceneSummary;
@@ -18,7 +17,7 @@ use polyptych_scene::{Scene, SceneFeatures};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
 use tokio::process::Command;
 
-use crate::cluster::ImportedScene;
+use polyptych_core::ImportedScene;
 
 /// Longest bake; a scene of ten gigabytes takes a few minutes.
 const BAKE_TIME_MAX: Duration = Duration::from_mins(30);
@@ -106,7 +105,7 @@ pub(crate) async fn import(
 pub(crate) fn read_manifest(folder: &BlobFolder, hash: BlobHash) -> Result<Import, String> {
     let bytes = folder.read(hash).map_err(|error| error.to_string())?;
     let bytes = bytes.ok_or("the baker wrote no manifest")?;
-    let scene: Scene = codec::decode_manifest(&bytes).map_err(|error| error.to_string())?;
+    let scene: Scene = polyptych_scene::decode(&bytes).map_err(|error| error.to_string())?;
     if let Some(fault) = scene.fault() {
         return Err(fault);
     }

@@ -3,12 +3,10 @@
 //! [`cluster`] is the brain: plain structs without sockets or a clock. [`run`] gives it both.
 //! [`bake`] turns foreign files into blobs; the manager runs it as a child process only.
 
-pub mod bake;
 mod brain;
 mod bulk;
 pub mod capture;
 mod client_session;
-pub mod cluster;
 mod delivery;
 mod door;
 mod gate;
@@ -16,7 +14,6 @@ pub mod import;
 mod memory;
 mod metrics;
 pub mod record;
-mod repetition;
 pub mod replay;
 mod requests;
 mod run;

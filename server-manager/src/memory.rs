@@ -16,12 +16,10 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use disk::{Disk, System};
+use polyptych_core::Memory;
 use polyptych_files::blob::BlobHash;
-use polyptych_protocol::codec;
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
 use polyptych_wall::Wall;
-
-use crate::cluster::Memory;
 pub(crate) use reconcile::{Reconciled, reconcile};
 
 /// Maximum size of a file that is read: a few hundred bytes, the wall, and what was tuned of it.
@@ -111,14 +109,15 @@ fn decode(bytes: &[u8]) -> Result<Saved, String> {
     if BlobHash::of(saved).0 != hash {
         return Err("it was damaged".to_owned());
     }
-    let (wall, memory) = codec::decode(saved).map_err(|error| error.to_string())?;
+    let (wall, memory) =
+        polyptych_protocol::framing::decode(saved).map_err(|error| error.to_string())?;
     Ok(Saved { wall, memory })
 }
 
 impl StateFile {
     /// The state file of this wall at this path; written by [`save`](Self::save) only.
     pub fn new(path: PathBuf, wall: &Wall) -> Self {
-        Self { path, wall: codec::encode(&wall.without_paths()).to_vec() }
+        Self { path, wall: polyptych_codec::encode(&wall.without_paths()).to_vec() }
     }
 
     /// Where it is.
@@ -139,7 +138,7 @@ impl StateFile {
         let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let folder = folder.unwrap_or(Path::new("."));
         disk.make_folder(folder)?;
-        let saved = [&self.wall[..], &codec::encode(memory)].concat();
+        let saved = [&self.wall[..], &polyptych_codec::encode(memory)].concat();
         let bytes = [&MAGIC[..], &BlobHash::of(&saved).0, &saved].concat();
         // Always the same name, so that a killed manager leaves one such file at most: no other
         // manager has this state.
@@ -187,7 +186,7 @@ mod tests {
     use polyptych_wall::view::View;
 
     use super::*;
-    use crate::cluster::Further;
+    use polyptych_core::Further;
 
     #[test]
     fn what_is_saved_comes_back_and_damage_is_noticed() {

@@ -24,13 +24,11 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use buffer::Buffer;
 use decision::Decision;
-use polyptych_protocol::codec;
+use polyptych_core::{Checkpoint, CheckpointOf, Cluster, Input, Memory, Micros};
 use polyptych_protocol::ids::Epoch;
 use polyptych_wall::Wall;
 use ring::{Ring, RingError};
 use serde::{Deserialize, Serialize};
-
-use crate::cluster::{Checkpoint, CheckpointOf, Cluster, Input, Memory, Micros};
 
 /// Longest that an input waits in memory: what a killed manager loses of its recording.
 const FLUSH_PERIOD: Duration = Duration::from_millis(100);
@@ -179,7 +177,7 @@ impl Recorder {
     }
 
     fn note(&self, record: &RecordOf<'_>) {
-        self.buffer.append(|bytes| codec::append_framed(record, bytes));
+        self.buffer.append(|bytes| polyptych_codec::append_framed(record, bytes));
     }
 }
 

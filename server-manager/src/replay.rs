@@ -5,15 +5,14 @@ pub mod invariants;
 mod timeline;
 mod words;
 
-use polyptych_protocol::codec;
+use invariants::Invariants;
+use polyptych_core::{Cluster, Input, Micros, Output};
 use serde::Serialize;
+use timeline::Timeline;
 
-use crate::cluster::{Cluster, Input, Micros, Output};
 use crate::record::decision::Decision;
 use crate::record::ring::{RingError, RingReader};
 use crate::record::{Beginning, Record, Segment};
-use invariants::Invariants;
-use timeline::Timeline;
 pub use timeline::{Event, Summary};
 
 /// What came of a replay.
@@ -151,7 +150,8 @@ impl Replay {
             return;
         };
         // The same inputs have led to the same state, or something else than inputs did.
-        let [ours, theirs] = [&player.cluster, &cluster].map(|c| codec::encode(&c.checkpoint()));
+        let [ours, theirs] =
+            [&player.cluster, &cluster].map(|c| polyptych_codec::encode(&c.checkpoint()));
         if ours != theirs {
             let difference = Difference {
                 part: self.replayed.parts.len() + 1,

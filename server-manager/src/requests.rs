@@ -4,10 +4,9 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use polyptych_core::{Micros, SessionId};
 use polyptych_protocol::request::Call;
 use tokio::sync::{Notify, OwnedSemaphorePermit};
-
-use crate::cluster::{Micros, SessionId};
 
 /// Maximum size of the requests of one client that wait, in bytes on the wire.
 pub(crate) const REQUEST_BYTES_MAX: usize = 128 << 10;

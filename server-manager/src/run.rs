@@ -17,8 +17,9 @@ use std::time::Duration;
 use clients::{ClientSeat, progress_of, wait_for_news};
 use importing::{Baking, Imported};
 use network::Network;
+use polyptych_core::repetition::Repetitions;
+use polyptych_core::{self, Input, Micros, Output, RequestOf, SessionId};
 use polyptych_files::blob::BlobFolder;
-use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::identity::Identity;
@@ -31,12 +32,10 @@ use tokio::time::Instant;
 use crate::brain::Brain;
 use crate::bulk::{AllowedBlobs, PictureOf};
 use crate::capture::{Collection, PictureMemory, WallShapes};
-use crate::cluster::{self, Input, Micros, Output, RequestOf, SessionId};
 use crate::gate::Gate;
 use crate::import::Baker;
 use crate::memory::keeper::Keeper;
 use crate::record::Recorder;
-use crate::repetition::Repetitions;
 use crate::requests::Turns;
 use crate::server_session::ServerLink;
 use crate::session::{EVENTS_MAX, Event};
@@ -355,7 +354,7 @@ impl Hub {
             }
             Event::ServerSays { from, status, bytes } => {
                 self.traffic.control_received(bytes);
-                let status = cluster::shortened(status);
+                let status = polyptych_core::shortened(status);
                 self.note_drawing(from, &status);
                 let wire_bytes = bytes as u32;
                 self.tell(now, Input::Status { from, status, wire_bytes });
@@ -400,7 +399,7 @@ impl Hub {
         while let Some(output) = self.cluster.poll_output() {
             match output {
                 Output::Command { to, bytes } => {
-                    let frame = codec::framed(&bytes);
+                    let frame = polyptych_codec::framed(&bytes);
                     for session in to {
                         let Some(link) = self.servers.get(&session) else { continue };
                         self.traffic.control_sent(bytes.len());
@@ -417,7 +416,7 @@ impl Hub {
                 Output::Close { session, reason } => {
                     if let Some(link) = self.servers.get(&session) {
                         let goodbye = Command::Goodbye(Goodbye::closed(reason.as_str()));
-                        link.send(&codec::framed(&codec::encode(&goodbye)));
+                        link.send(&polyptych_codec::framed(&polyptych_codec::encode(&goodbye)));
                     }
                     self.forget(session, &reason);
                 }

@@ -11,7 +11,7 @@ use std::sync::{Arc, OnceLock};
 
 use bytes::{Bytes, BytesMut};
 use futures_util::StreamExt;
-use polyptych_protocol::codec;
+use polyptych_core::{Micros, SessionId};
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::connection::{self, Frames};
 use polyptych_protocol::handshake::{Proof, ServerHello};
@@ -26,7 +26,6 @@ use tokio::time::Instant;
 use tokio_util::codec::{FramedParts, FramedRead, LengthDelimitedCodec};
 use tokio_util::sync::CancellationToken;
 
-use crate::cluster::{Micros, SessionId};
 use crate::door::Door;
 use crate::session::{DRAIN_TIME_MAX, Event, OUTBOX_MESSAGES_MAX};
 
@@ -210,7 +209,7 @@ fn say_goodbye(lane: &Lane, fault: &str) {
 
 /// A whole frame that says what a peer did.
 fn goodbye(fault: &str) -> Bytes {
-    codec::framed(&codec::encode(&Command::Goodbye(Goodbye::closed(fault))))
+    polyptych_codec::framed(&polyptych_codec::encode(&Command::Goodbye(Goodbye::closed(fault))))
 }
 
 /// Serves one connection until it ends, and tells the brain why it did.
@@ -324,7 +323,7 @@ async fn hear(
         };
         // Whoever is slow to look at it, this server lives.
         lane.heard.store(started.elapsed().as_micros() as Micros, Ordering::Relaxed);
-        let status = match codec::decode::<Status>(&bytes) {
+        let status = match polyptych_protocol::framing::decode::<Status>(&bytes) {
             Ok(status) => status,
             Err(error) => return Err(format!("it sent something malformed: {error}")),
         };

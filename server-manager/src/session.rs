@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use futures_util::SinkExt;
+use polyptych_core::SessionId;
 use polyptych_protocol::handshake::{ServerHello, Welcome};
 use polyptych_protocol::identity::Identity;
 use polyptych_protocol::status::Status;
@@ -15,7 +16,6 @@ use tokio::sync::{mpsc, oneshot};
 use tokio_util::codec::{FramedWrite, LengthDelimitedCodec};
 use tokio_util::sync::CancellationToken;
 
-use crate::cluster::SessionId;
 use crate::metrics::Sample;
 use crate::server_session::ServerLink;
 

@@ -12,7 +12,7 @@ use polyptych_protocol::identity::Identity;
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::log::Replica;
 use polyptych_protocol::status::{Drawn, Ping, Prepared, Shown, Status};
-use polyptych_protocol::{codec, connection, stream};
+use polyptych_protocol::{connection, stream};
 use polyptych_wall::ChannelId;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use tokio_util::sync::CancellationToken;
@@ -142,16 +142,17 @@ async fn converse(
         if received - pinged > PING_PERIOD {
             pinged = received;
             let ping = Status::Ping(Ping { sent_us: 0, memory_bytes: 0 });
-            frames.send(codec::encode(&ping)).await?;
+            frames.send(polyptych_codec::encode(&ping)).await?;
         }
-        let answer = match codec::decode::<Command>(&bytes)? {
+        let answer = match polyptych_protocol::framing::decode::<Command>(&bytes)? {
             Command::Prepare(prepare) => {
                 let prepared = prepare_replica(prepare, &mut replica);
                 digest = prepared.digest;
-                codec::encode(&Status::Prepared(prepared))
+                polyptych_codec::encode(&Status::Prepared(prepared))
             }
             Command::Frame(frame) => {
-                let answer = codec::encode(&drawn(&frame, index, replica.revision, digest));
+                let answer =
+                    polyptych_codec::encode(&drawn(&frame, index, replica.revision, digest));
                 seen.sizes.frame = bytes.len();
                 seen.sizes.drawn = answer.len();
                 answer
@@ -164,7 +165,7 @@ async fn converse(
                     at_us: 0,
                     clock_error_us: 0,
                 });
-                let answer = codec::encode(&shown);
+                let answer = polyptych_codec::encode(&shown);
                 seen.swaps.push((swap.frame, received));
                 seen.sizes.swap = bytes.len();
                 seen.sizes.shown = answer.len();

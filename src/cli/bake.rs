@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use polyptych_manager::bake::map::{MapUse, bake_map};
-use polyptych_manager::bake::{Progress, Store, bake};
+use polyptych_baker::map::{MapUse, bake_map};
+use polyptych_baker::{Progress, Store, bake};
 use polyptych_text::counted;
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 

@@ -10,11 +10,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, UVec2};
+use polyptych_baker::{self, Store};
 use polyptych_files::blob::BlobHash;
-use polyptych_manager::bake::{self, Store};
-use polyptych_protocol::codec;
 use polyptych_render::apply;
-use polyptych_render::renderer::{
+use polyptych_renderer::{
     self, Content, Correction, CorrectionDesc, Gpu, LightMap, Renderer, Scene, SceneBuilder,
     SourceEye, SourcePlane, Target, ViewDesc, WarpVertex,
 };
@@ -71,7 +70,7 @@ impl Corrected {
         let eye = DVec3::ZERO;
         let plan = SourcePlan::new(&mesh, &[eye], NEAR_M, gpu.facts().texture_side_max)?;
         let vertices = mesh.vertices.iter();
-        let warp = renderer::WarpMesh {
+        let warp = polyptych_renderer::WarpMesh {
             vertices: vertices
                 .map(|v| WarpVertex { pixel: v.pixel.to_array(), point: v.point })
                 .collect(),
@@ -220,13 +219,13 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
 fn open(gpu: &Gpu, path: &Path) -> Result<(Scene, Camera), Failure> {
     let folder = tempfile::tempdir()?;
     let store = Store::open(folder.path())?;
-    let baked = bake::bake(path, &store, &mut |_| {}, &AtomicBool::new(false))?;
+    let baked = polyptych_baker::bake(path, &store, &mut |_| {}, &AtomicBool::new(false))?;
     let blobs = store.blobs();
     let read = |hash: BlobHash| {
         let bytes = blobs.read(hash)?;
         bytes.ok_or_else(|| Failure::from(format!("blob {hash} is missing")))
     };
-    let manifest: Manifest = codec::decode_manifest(&read(baked.manifest)?)?;
+    let manifest: Manifest = polyptych_scene::decode(&read(baked.manifest)?)?;
     let mut builder = SceneBuilder::new(gpu, apply::scene(&manifest))?;
     for (index, texture) in manifest.textures.iter().enumerate() {
         builder.upload_texture(gpu, index, &read(texture.blob)?)?;

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use polyptych_render::renderer::Gpu;
+use polyptych_renderer::Gpu;
 
 /// The best adapter of this machine; software will do.
 pub fn gpu() -> &'static Gpu {

@@ -9,10 +9,10 @@ const FOLDERS: [&str; 2] = ["assets", "walls"];
 fn main() {
     println!("cargo::rustc-check-cfg=cfg(has_shared_files)");
     let package = PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
-    let shared = package.ancestors().map(|folder| folder.join("../shared"));
+    let root = package.ancestors().find(|folder| folder.join("Cargo.lock").is_file());
+    let shared = root.map(|root| root.join("../shared"));
     let has_all = |shared: &Path| FOLDERS.iter().all(|name| shared.join(name).is_dir());
-    // A package of the repository, or the repository itself.
-    match shared.take(2).find(|shared| has_all(shared)) {
+    match shared.filter(|shared| has_all(shared)) {
         Some(shared) => {
             println!("cargo::rustc-cfg=has_shared_files");
             println!("cargo::rerun-if-changed={}", shared.join(FOLDERS[0]).display());

@@ -6,20 +6,18 @@ use std::sync::atomic::AtomicBool;
 
 use glam::UVec2;
 use image::RgbaImage;
+use polyptych_baker::{Store, bake};
 use polyptych_client::{Bounds, Camera, DisplayMode, Wall};
-use polyptych_manager::bake::{Store, bake};
-use polyptych_protocol::codec;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
+use polyptych_render::apply;
+use polyptych_renderer::{Renderer, Scene, SceneBuilder, Target, ViewDesc, read_pixels};
 use polyptych_wall::ChannelId;
 use polyptych_wall::view::View;
 
-use crate::reference;
-use polyptych_render::apply;
-use polyptych_render::renderer::{Renderer, Scene, SceneBuilder, Target, ViewDesc, read_pixels};
-
 use super::adapter::gpu;
 use super::place::Place;
+use crate::reference;
 
 /// What the renderer needs to draw a channel of a wall.
 pub struct Stage {
@@ -35,7 +33,7 @@ impl Stage {
         let baked = bake(path, &store, &mut |_| {}, &AtomicBool::new(false)).expect("baked");
         let blob = |hash| store.blobs().read(hash).expect("readable").expect("there");
         let manifest: polyptych_scene::Scene =
-            codec::decode_manifest(&blob(baked.manifest)).expect("a manifest");
+            polyptych_scene::decode(&blob(baked.manifest)).expect("a manifest");
         let gpu = gpu();
         let mut builder = SceneBuilder::new(gpu, apply::scene(&manifest)).expect("described");
         for (index, texture) in manifest.textures.iter().enumerate() {

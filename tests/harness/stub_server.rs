@@ -13,7 +13,7 @@ use polyptych_protocol::handshake::{Adapter, Hello, Role, Secret, ServerHello};
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::log::Replica;
 use polyptych_protocol::status::{Drawn, Ping, Prepared, Status};
-use polyptych_protocol::{codec, token};
+use polyptych_protocol::token;
 use polyptych_wall::ChannelId;
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpStream;
@@ -183,15 +183,15 @@ async fn converse(address: &str, hello: &Hello, shared: &Shared) -> Ended {
         tokio::select! {
             message = frames.next() => {
                 let bytes = message.ok_or("it closed the connection")??;
-                let command = codec::decode::<Command>(&bytes)?;
+                let command = polyptych_protocol::framing::decode::<Command>(&bytes)?;
                 shared.state().heard.push(command.clone());
                 if let Some(answer) = answer(command, shared) {
-                    frames.send(codec::encode(&answer)).await?;
+                    frames.send(polyptych_codec::encode(&answer)).await?;
                 }
             }
             _ = ping.tick() => {
                 let ping = Status::Ping(Ping { sent_us: 0, memory_bytes: 0 });
-                frames.send(codec::encode(&ping)).await?;
+                frames.send(polyptych_codec::encode(&ping)).await?;
             }
             () = shared.wake.notified() => {
                 let raw = std::mem::take(&mut shared.state().raw);
@@ -214,7 +214,7 @@ fn answer(command: Command, shared: &Shared) -> Option<Status> {
             if !state.holds_prepared {
                 return Some(prepared);
             }
-            state.raw = codec::framed(&codec::encode(&prepared)).to_vec();
+            state.raw = polyptych_codec::framed(&polyptych_codec::encode(&prepared)).to_vec();
             None
         }
         Command::Frame(frame) => {

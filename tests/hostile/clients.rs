@@ -18,7 +18,7 @@ use polyptych_protocol::connection::introduce;
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::Call;
-use polyptych_protocol::{codec, token};
+use polyptych_protocol::token;
 use polyptych_wall::tuning::{Change, Move};
 
 /// Names another number of stub servers: 64 are those of the long form.
@@ -85,7 +85,7 @@ fn connect(local: &LocalWall, name: &str) -> TcpStream {
 }
 
 fn call(id: u64, request: Request) -> Vec<u8> {
-    codec::framed(&codec::encode(&Call { id: RequestId(id), request })).to_vec()
+    polyptych_codec::framed(&polyptych_codec::encode(&Call { id: RequestId(id), request })).to_vec()
 }
 
 fn servers() -> u32 {

@@ -7,7 +7,6 @@ use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
 use crate::harness::place::Place;
-use polyptych_protocol::codec;
 use polyptych_protocol::handshake::{
     Answer, Introduction, Nonces, Preamble, Role, Secret, Welcome,
 };
@@ -44,11 +43,12 @@ fn pose(mut stream: TcpStream, heard: &mut Vec<u8>) {
     stream.read_exact(&mut length).expect("a message");
     let mut message = vec![0; u32::from_le_bytes(length) as usize];
     stream.read_exact(&mut message).expect("the whole message");
-    let introduction: Introduction = codec::decode(&message).expect("an introduction");
+    let introduction: Introduction =
+        polyptych_protocol::framing::decode(&message).expect("an introduction");
     let nonces = Nonces { manager: nonce, peer: introduction.nonce };
     let proof = nonces.proof_of_manager(&Secret("0123456789abcdef".into()));
     let given = Welcome { epoch: Epoch(1), session: 1, wall: "w".into(), heartbeat_ms: 2000 };
-    let answer = codec::framed(&codec::encode(&Answer::Welcome(given, proof)));
+    let answer = polyptych_codec::framed(&polyptych_codec::encode(&Answer::Welcome(given, proof)));
     stream.write_all(&answer).expect("written");
     heard.extend_from_slice(&preamble);
     heard.extend_from_slice(&message);

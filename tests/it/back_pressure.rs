@@ -15,7 +15,7 @@ use polyptych_protocol::connection::{Frames, introduce};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::{Call, Request};
-use polyptych_protocol::{codec, token};
+use polyptych_protocol::token;
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpStream;
 
@@ -130,7 +130,7 @@ fn flood(local: &LocalWall, request: impl Fn(u64) -> Request, most: u64) -> (u64
 }
 
 fn call(id: u64, request: Request) -> Vec<u8> {
-    codec::framed(&codec::encode(&Call { id: RequestId(id), request })).to_vec()
+    polyptych_codec::framed(&polyptych_codec::encode(&Call { id: RequestId(id), request })).to_vec()
 }
 
 fn runtime() -> tokio::runtime::Runtime {

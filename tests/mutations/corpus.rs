@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 
 use crate::message::{KINDS, Kind};
 use crate::seeds::{maps, messages, scenes, walls};
-use polyptych_protocol::codec;
 use polyptych_protocol::handshake::{Preamble, Role};
 
 #[test]
@@ -27,7 +26,8 @@ fn every_target_has_something_to_begin_from() {
             _ => continue,
         };
         greeted += 1;
-        let said = [&[first], &Preamble::of(role).to_bytes()[..], &codec::framed(&bytes)].concat();
+        let said = [&[first], &Preamble::of(role).to_bytes()[..], &polyptych_codec::framed(&bytes)]
+            .concat();
         write(&folder, "handshake", i, &said);
     }
     assert!(greeted > 4);

@@ -14,7 +14,6 @@ use crate::server::{Server, show};
 use allocation_counter::measure;
 use bytes::{Bytes, BytesMut};
 use fastrand::Rng;
-use polyptych_protocol::codec;
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
 use tokio_util::codec::Decoder;
 
@@ -138,12 +137,12 @@ impl Line {
     /// Takes one frame as it would come from a socket. Gives how many messages it held, and how
     /// many bytes were held at once to find that out.
     fn take(&mut self, kind: Kind, bytes: &[u8], rng: &mut Rng) -> (u64, u64) {
-        let mut frame = codec::framed(&Bytes::copy_from_slice(bytes)).to_vec();
+        let mut frame = polyptych_codec::framed(&Bytes::copy_from_slice(bytes)).to_vec();
         if rng.u8(0..8) == 0 {
             // The length itself, or what follows it.
             mutate(rng, &mut frame, bytes);
         }
-        let mut framing = codec::frames(MESSAGE_BYTES_MAX);
+        let mut framing = polyptych_protocol::framing::frames(MESSAGE_BYTES_MAX);
         let (mut stream, mut decoded, mut held) = (BytesMut::new(), 0, 0);
         let mut rest = &frame[..];
         while !rest.is_empty() {

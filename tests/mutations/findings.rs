@@ -6,13 +6,11 @@ use crate::scene_file::with_place;
 use crate::seeds::{messages, scenes};
 use crate::server::Server;
 use allocation_counter::measure;
-use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Pong};
 use polyptych_protocol::handshake::Introduction;
 use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
 use polyptych_protocol::request::{Call, Request};
 use polyptych_protocol::status::{Drawn, Status};
-use polyptych_scene::Scene;
 use polyptych_wall::ChannelId;
 use polyptych_wall::limits::CANVAS_SIDE_MAX;
 
@@ -24,10 +22,11 @@ const SATURATED: usize = 70_000;
 #[test]
 fn a_length_field_makes_no_room() {
     let hello = [0, 252, 0xf0, 0xff, 0x3f, 0];
-    let info = measure(|| assert!(codec::decode::<Introduction>(&hello).is_err()));
+    let info =
+        measure(|| assert!(polyptych_protocol::framing::decode::<Introduction>(&hello).is_err()));
     assert!(info.bytes_max < 128 << 10, "{info:?}");
     let scene = [252, 0xf0, 0xff, 0xff, 0x1f];
-    let info = measure(|| assert!(codec::decode_manifest::<Scene>(&scene).is_err()));
+    let info = measure(|| assert!(polyptych_scene::decode(&scene).is_err()));
     assert!(info.bytes_max < 128 << 10, "{info:?}");
 }
 

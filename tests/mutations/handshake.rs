@@ -18,7 +18,6 @@ use polyptych_client::ConnectOptions;
 use polyptych_client::blocking::Client;
 use polyptych_manager::import::Baker;
 use polyptych_manager::{ManagerOptions, run};
-use polyptych_protocol::codec;
 use polyptych_protocol::handshake::{Preamble, Role};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use tokio::sync::Notify;
@@ -101,7 +100,7 @@ fn seeds() -> Vec<Vec<u8>> {
     for role in [Role::Client, Role::Server, Role::Bulk, Role::Manager] {
         for (_, bytes) in messages::all().into_iter().take(8) {
             let preamble = Preamble::of(role).to_bytes();
-            all.push([&preamble[..], &codec::framed(&bytes)].concat());
+            all.push([&preamble[..], &polyptych_codec::framed(&bytes)].concat());
         }
     }
     all

@@ -5,8 +5,8 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use polyptych_manager::bake::Store;
-use polyptych_manager::bake::map::{MapUse, bake_map, mpcdi};
+use polyptych_baker::Store;
+use polyptych_baker::map::{MapUse, bake_map, mpcdi};
 use polyptych_wall::warp::WallMap;
 
 /// Longest reason for a refusal: file, place, what is wrong and what would be right.

@@ -4,7 +4,6 @@ use std::fmt::Debug;
 
 use bytes::Bytes;
 use polyptych_protocol::bulk::{BulkDown, BulkUp};
-use polyptych_protocol::codec;
 use polyptych_protocol::command::Command;
 use polyptych_protocol::handshake::{Answer as Greeting, Introduction};
 use polyptych_protocol::request::{Answer, Call};
@@ -57,16 +56,22 @@ impl Message {
     /// What these bytes are, if they are a message of this kind.
     pub fn decode(kind: Kind, bytes: &[u8]) -> Option<Self> {
         match kind {
-            Kind::Introduction => codec::decode(bytes).ok().map(Self::Introduction),
-            Kind::Greeting => codec::decode(bytes).ok().map(Self::Greeting),
-            Kind::Command => codec::decode(bytes).ok().map(|m| Self::Command(Box::new(m))),
-            Kind::Status => codec::decode(bytes).ok().map(Self::Status),
-            Kind::Call => codec::decode(bytes).ok().map(Self::Call),
-            Kind::Answer => codec::decode(bytes).ok().map(|m| Self::Answer(Box::new(m))),
-            Kind::BulkUp => codec::decode(bytes).ok().map(Self::BulkUp),
-            Kind::BulkDown => codec::decode(bytes).ok().map(Self::BulkDown),
+            Kind::Introduction => {
+                polyptych_protocol::framing::decode(bytes).ok().map(Self::Introduction)
+            }
+            Kind::Greeting => polyptych_protocol::framing::decode(bytes).ok().map(Self::Greeting),
+            Kind::Command => {
+                polyptych_protocol::framing::decode(bytes).ok().map(|m| Self::Command(Box::new(m)))
+            }
+            Kind::Status => polyptych_protocol::framing::decode(bytes).ok().map(Self::Status),
+            Kind::Call => polyptych_protocol::framing::decode(bytes).ok().map(Self::Call),
+            Kind::Answer => {
+                polyptych_protocol::framing::decode(bytes).ok().map(|m| Self::Answer(Box::new(m)))
+            }
+            Kind::BulkUp => polyptych_protocol::framing::decode(bytes).ok().map(Self::BulkUp),
+            Kind::BulkDown => polyptych_protocol::framing::decode(bytes).ok().map(Self::BulkDown),
             Kind::Manifest => {
-                codec::decode_manifest(bytes).ok().map(|m| Self::Manifest(Box::new(m)))
+                polyptych_scene::decode(bytes).ok().map(|m| Self::Manifest(Box::new(m)))
             }
         }
     }
@@ -74,7 +79,7 @@ impl Message {
     /// As it travels.
     pub fn encode(&self) -> Bytes {
         fn bytes<T: Serialize + Debug>(message: &T) -> Bytes {
-            codec::encode(message)
+            polyptych_codec::encode(message)
         }
         match self {
             Self::Introduction(message) => bytes(message),

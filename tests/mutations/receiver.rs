@@ -2,13 +2,10 @@
 
 use std::collections::VecDeque;
 
-use crate::message::Message;
-use crate::seeds::messages;
+use polyptych_core::{Cluster, ImportedScene, Output, RequestOf, SessionId};
 use polyptych_files::blob::{BlobFolder, BlobHash};
 use polyptych_manager::capture::{Collection, PictureMemory, WallShapes};
-use polyptych_manager::cluster::{Cluster, ImportedScene, Output, RequestOf, SessionId};
 use polyptych_protocol::bulk::BulkUp;
-use polyptych_protocol::codec;
 use polyptych_protocol::command::{Command, Frame};
 use polyptych_protocol::handshake::{Hello, Introduction};
 use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
@@ -17,6 +14,9 @@ use polyptych_protocol::request::{Request, SceneSummary};
 use polyptych_protocol::status::{Drawn, Prepared, Status};
 use polyptych_scene::{Scene, SceneFeatures, Texture};
 use polyptych_wall::{ChannelId, Wall};
+
+use crate::message::Message;
+use crate::seeds::messages;
 
 /// Most outputs of the brain that may wait at once: one call asks for no more than a few things
 /// of every peer.
@@ -140,7 +140,8 @@ impl Receiver {
             assert!(read < OUTPUTS_MAX, "the brain does not come to an end: {output:?}");
             match output {
                 Output::Command { to, bytes } => {
-                    let command = codec::decode::<Command>(&bytes).expect("the brain's own");
+                    let command = polyptych_protocol::framing::decode::<Command>(&bytes)
+                        .expect("the brain's own");
                     self.sent.extend(to.into_iter().map(|server| (server, command.clone())));
                 }
                 Output::Close { session, .. } => self.servers.retain(|server| *server != session),

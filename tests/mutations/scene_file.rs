@@ -5,8 +5,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use polyptych_manager::bake::{Store, bake};
-use polyptych_protocol::codec;
+use polyptych_baker::{Store, bake};
 use polyptych_scene::Scene;
 
 /// Longest reason for a refusal: file, place, what is wrong and what would be right.
@@ -47,7 +46,7 @@ impl Place {
         let is_baked = match baked {
             Ok(baked) => {
                 let manifest = store.blobs().read(baked.manifest).expect("read").expect("there");
-                let scene: Scene = codec::decode_manifest(&manifest).expect("a manifest");
+                let scene: Scene = polyptych_scene::decode(&manifest).expect("a manifest");
                 assert_eq!(scene.fault(), None);
                 for hash in scene.blobs() {
                     assert!(store.blobs().path_of(hash).is_file(), "{hash} is not there");

@@ -3,14 +3,15 @@
 
 use std::time::Duration;
 
-use crate::seeds::messages;
 use polyptych_protocol::command::{Command, Frame, Prepare};
 use polyptych_protocol::log::Replica;
+use polyptych_render::apply;
 use polyptych_render::clock::ClockEstimate;
 use polyptych_render::playback::{Act, Playback};
-use polyptych_render::{apply, renderer};
 use polyptych_scene::Scene;
 use polyptych_wall::{ChannelId, Wall};
+
+use crate::seeds::messages;
 
 /// A server's state between its threads.
 #[derive(Debug)]
@@ -88,7 +89,7 @@ impl Server {
 pub fn show(scene: &Scene) {
     if scene.fault().is_none() {
         let _ = apply::warm_up_camera(scene);
-        let description: renderer::SceneDesc = apply::scene(scene);
+        let description: polyptych_renderer::SceneDesc = apply::scene(scene);
         assert_eq!(description.nodes.len(), scene.nodes.len());
     }
 }

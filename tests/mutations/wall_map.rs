@@ -2,13 +2,14 @@
 
 use std::time::{Duration, Instant};
 
+use allocation_counter::measure;
+use fastrand::Rng;
+use polyptych_wall::warp::WallMap;
+
 use crate::map_file::{KINDS, check};
 use crate::mutation::mutate;
 use crate::seeds::maps;
 use crate::wall_shape::lit;
-use allocation_counter::measure;
-use fastrand::Rng;
-use polyptych_wall::warp::WallMap;
 
 /// Of each kind.
 const FILES: u64 = 1500;
@@ -110,7 +111,7 @@ fn replace_word(rng: &mut Rng, bytes: &mut Vec<u8>) {
 #[test]
 fn damaged_blobs_of_maps_are_maps_or_one_line() {
     let folder = tempfile::tempdir().expect("a folder");
-    let store = polyptych_manager::bake::Store::open(folder.path()).expect("a store");
+    let store = polyptych_baker::Store::open(folder.path()).expect("a store");
     let seeds: Vec<Vec<u8>> = maps::all()
         .into_iter()
         .zip(KINDS)
@@ -118,8 +119,7 @@ fn damaged_blobs_of_maps_are_maps_or_one_line() {
             let file = folder.path().join(kind.0);
             std::fs::write(&file, bytes).expect("written");
             let go_on = std::sync::atomic::AtomicBool::new(false);
-            let baked =
-                polyptych_manager::bake::map::bake_map(&file, kind.1?, &store, &go_on).ok()?;
+            let baked = polyptych_baker::map::bake_map(&file, kind.1?, &store, &go_on).ok()?;
             Some(store.blobs().read(baked.blob).expect("read").expect("there").to_vec())
         })
         .collect();

@@ -5,7 +5,6 @@ use futures_util::{SinkExt, StreamExt};
 use polyptych_client::{
     Client, ConnectOptions, Epoch, Feedback, FrameId, Reply, Request, RequestId, Revision,
 };
-use polyptych_protocol::codec;
 use polyptych_protocol::connection::{Frames, Introduced, receive_introduction, welcome};
 use polyptych_protocol::handshake::{Hello, Secret, Welcome};
 use polyptych_protocol::request::{Answer, Call, Failure, PicturePart};
@@ -50,7 +49,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Manager<S> {
     /// The next request; `None` once the client has closed.
     pub async fn next(&mut self) -> Option<(RequestId, Request)> {
         let bytes = self.frames.next().await?.expect("a message");
-        let Call { id, request } = codec::decode(&bytes).expect("a call");
+        let Call { id, request } = polyptych_protocol::framing::decode(&bytes).expect("a call");
         Some((id, request))
     }
 
@@ -62,7 +61,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Manager<S> {
     }
 
     pub async fn send(&mut self, answer: Answer) {
-        self.frames.send(codec::encode(&answer)).await.expect("sent");
+        self.frames.send(polyptych_codec::encode(&answer)).await.expect("sent");
     }
 
     pub async fn reply(&mut self, id: RequestId, reply: Reply) {

@@ -18,7 +18,8 @@ pub use material::{AlphaMode, Material, TextureRef};
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 
-use crate::limits::{DRAWS_MAX, LIT_DRAWS_MAX, NOTE_BYTES_MAX, NOTES_MAX};
+use crate::limits::{DRAWS_MAX, LIT_DRAWS_MAX, MANIFEST_BYTES_MAX, NOTE_BYTES_MAX, NOTES_MAX};
+use polyptych_codec::{DecodeError, decode_within};
 use polyptych_files::blob::BlobHash;
 
 /// A whole scene: nodes, and the lists that they point into.
@@ -124,6 +125,14 @@ impl Bounds {
     pub fn radius(&self) -> f64 {
         (self.max - self.min).length() * 0.5
     }
+}
+
+/// Decodes a manifest; [`Scene::fault`] says whether what it holds is sound.
+///
+/// # Errors
+/// [`DecodeError`] if these bytes are not one scene.
+pub fn decode(bytes: &[u8]) -> Result<Scene, DecodeError> {
+    decode_within::<Scene, MANIFEST_BYTES_MAX>(bytes)
 }
 
 impl Scene {

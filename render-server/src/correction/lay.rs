@@ -3,6 +3,7 @@
 //! over the channel's picture by the pixels that show it.
 
 use glam::{DMat3, DVec3};
+use polyptych_renderer::{Correction, Gpu, Shape, SourceEye, SourcePlane};
 use polyptych_wall::maps::Maps;
 use polyptych_wall::shapes::Shaped;
 use polyptych_wall::source::window::WindowPlan;
@@ -13,7 +14,6 @@ use polyptych_wall::{ChannelId, Viewpoint};
 use super::renderer_mesh;
 use super::shots::Shots;
 use crate::apply::Sight;
-use crate::renderer::{Correction, Gpu, Shape, SourceEye, SourcePlane};
 
 /// A view's pixels on one channel. It stays while the view stays where it is, whatever its camera
 /// sees.

@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use glam::DMat4;
 use polyptych_protocol::command::Frame;
+use polyptych_renderer::{SourceEye, SourcePlane, ViewDesc};
 use polyptych_wall::source::SourcePlan;
 use polyptych_wall::view::View;
 use polyptych_wall::warp_mesh::WarpMesh;
 use polyptych_wall::{ChannelId, Viewpoint, Wall};
 
 use crate::apply::{self, Sight};
-use crate::renderer::{SourceEye, SourcePlane, ViewDesc};
 
 /// What is drawn into a source, and how it is read.
 #[derive(Clone, Debug)]

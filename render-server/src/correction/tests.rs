@@ -7,18 +7,22 @@ use glam::{DAffine3, DQuat, DVec2, DVec3, UVec2, Vec3};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
 use polyptych_wall::camera::Camera;
+use polyptych_wall::color::linear_from_srgb;
 use polyptych_wall::maps::Maps;
 use polyptych_wall::surface::{Cylinder, Plane, Sphere};
 use polyptych_wall::view::View;
 use polyptych_wall::{Channel, Screen, Surface};
 
 mod around;
+#[expect(dead_code, reason = "the renderer's own tests use the rest")]
+#[path = "../../renderer/src/tests/harness.rs"]
+mod harness;
 mod lays;
 
+use harness::{Shape, Stage, gpu, matt};
+
 use super::*;
-use crate::renderer::tests::harness::{Shape, Stage, gpu, matt};
-use crate::renderer::tone::linear_from_srgb;
-use crate::renderer::{LightDesc, LightKind, MaterialDesc, TextureUse, read_picture};
+use polyptych_renderer::{LightDesc, LightKind, MaterialDesc, TextureUse, read_picture};
 
 /// A bright spot that faces the origin: where it is, and its half side, in metres.
 #[derive(Clone, Copy)]
@@ -125,7 +129,7 @@ fn drawn(wall: &Wall, scene: &Scene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
         let shots = corrector.shots.as_ref().expect("shots");
         println!("eye {eye}: {} planes, source {:?}", shots.eyes[0].planes.len(), shots.size);
         let bytes = read_picture(gpu(), output.picture().expect("a picture")).expect("read");
-        let linear = |code: &[u8]| linear_from_srgb(code[0]);
+        let linear = |code: &[u8]| linear_from_srgb(f64::from(code[0]) / 255.0);
         bytes.chunks(4).map(linear).collect()
     };
     eyes.iter().map(&mut draw).collect()
@@ -327,7 +331,10 @@ fn tiles_that_overlap_share_their_light() {
         let drawing = (&mut renderer, &scene);
         corrector.draw(gpu(), drawing, &shared, &frame, &mut output).expect("drawn");
         let bytes = read_picture(gpu(), output.picture().expect("a picture")).expect("read");
-        bytes.chunks(4).map(|code| linear_from_srgb(code[0])).collect::<Vec<f64>>()
+        bytes
+            .chunks(4)
+            .map(|code| linear_from_srgb(f64::from(code[0]) / 255.0))
+            .collect::<Vec<f64>>()
     });
     // Of a sky of one light, two projectors together show as much as one alone.
     let alone = pictures[0][0];

@@ -73,7 +73,7 @@ impl Stage {
         };
         let mesh = Mesh { name: String::new(), primitives: vec![primitive; primitives] };
         let scene = Scene { nodes: vec![node; nodes], meshes: vec![mesh], ..Scene::default() };
-        let manifest = self.cache.write(&codec::encode(&scene)).expect("written");
+        let manifest = self.cache.write(&polyptych_codec::encode(&scene)).expect("written");
         let operations = vec![Operation::OpenScene(SceneRef { name: "it".into(), manifest })];
         let revision = Revision(revision);
         let prepare = Prepare { epoch: Epoch(1), base: None, revision, operations };

@@ -8,11 +8,11 @@ use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3, IVec2};
 use image::{GrayImage, RgbaImage};
+use polyptych_renderer::ink;
 use polyptych_wall::{Screen, Wall};
 
 use super::places::{Place, Places};
 use super::{BLACK, code};
-use crate::renderer::ink;
 
 /// In pixels of the canvas.
 const LINE_WIDTH: f64 = 2.0;

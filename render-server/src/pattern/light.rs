@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3, UVec2};
 use image::{Rgba, RgbaImage};
+use polyptych_renderer::{Label, Place};
 use polyptych_wall::blend::{self, Blend, Masks};
 use polyptych_wall::color::linear_from_srgb;
 use polyptych_wall::maps::Maps;
@@ -13,7 +14,6 @@ use rayon::prelude::*;
 use super::places::{BLOCK, Block, Places};
 use super::{BLACK, blank, label, opaque};
 use crate::correction::light_map;
-use crate::renderer::{Label, Place};
 
 /// Where one channel lights, and two, three, four or more.
 const COUNTS: [[u8; 3]; 4] = [[0, 40, 120], [0, 160, 0], [230, 200, 0], [255, 0, 0]];

@@ -5,13 +5,13 @@ use std::sync::Arc;
 use glam::DVec3;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::pattern::Pattern;
+use polyptych_renderer::{DrawStats, Gpu, Picture};
 use polyptych_wall::maps::Maps;
 use polyptych_wall::shapes::Shaped;
 use polyptych_wall::{ChannelId, EyeOf, Wall};
 
 use super::RenderThread;
 use crate::pattern;
-use crate::renderer::{DrawStats, Gpu, Picture};
 
 /// A pattern that was drawn, on the GPU, and what it depends on.
 #[derive(Debug)]

@@ -1,10 +1,10 @@
 //! Pictures that somebody asked for.
 
 use polyptych_protocol::ids::FrameId;
+use polyptych_renderer::read_picture;
 use polyptych_wall::ChannelId;
 
 use super::RenderThread;
-use crate::renderer::read_picture;
 use crate::report::{self, PictureReport, Report};
 
 impl RenderThread {

@@ -9,6 +9,7 @@ use std::time::Instant;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::FrameId;
+use polyptych_renderer::{Content, Scene, SceneBuilder, SceneDesc, Target};
 use polyptych_wall::view::View;
 
 use super::{Correctors, Drawable, RenderThread, STATES_MAX, WARM_UP_SIDE};
@@ -16,7 +17,6 @@ use crate::apply;
 use crate::correction::Corrector;
 use crate::loader::LoadedState;
 use crate::output::Output;
-use crate::renderer::{Content, Scene, SceneBuilder, SceneDesc, Target};
 
 impl RenderThread {
     /// Makes a state drawable. Gives the bytes of its scene.

@@ -7,9 +7,9 @@
 use std::time::{Duration, Instant};
 
 use polyptych_protocol::status::Status;
+use polyptych_renderer::{Gpu, GpuFault, GpuFaultKind, Renderer};
 
 use super::{Job, RenderThread};
-use crate::renderer::{Gpu, GpuFault, GpuFaultKind, Renderer};
 use crate::report::Report;
 
 /// How long a driver may refuse to open its adapter again: it is reset meanwhile.

@@ -8,6 +8,7 @@ use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::status::{Drawn, Shown, Status};
+use polyptych_renderer::{Picture, SceneDesc};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::Head;
 use polyptych_wall::maps::Maps;
@@ -20,7 +21,6 @@ use crate::correction;
 use crate::mismatch::NOTE_TIME;
 use crate::monitor::Monitor;
 use crate::notice::ManagerState;
-use crate::renderer::{Picture, SceneDesc};
 
 const SIZE: [u32; 2] = [160, 90];
 const EPOCH: Epoch = Epoch(3);

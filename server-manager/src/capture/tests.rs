@@ -1,6 +1,7 @@
 //! Pictures of walls, from those of their channels.
 
 use glam::{DVec2, DVec3, UVec2};
+use polyptych_core::SessionId;
 use polyptych_files::blob::BlobFolder;
 use polyptych_protocol::ids::RequestId;
 use polyptych_wall::blend::{Blend, Masks};
@@ -8,7 +9,6 @@ use polyptych_wall::surface::{Plane, Surface};
 use polyptych_wall::{EyeOf, Packing, Screen, Turn};
 
 use super::*;
-use crate::cluster::SessionId;
 
 /// A wall of two tiles of 6 × 4 pixels, the second one `apart` pixels behind the first one's
 /// begin.

@@ -85,8 +85,8 @@ mod tests {
     use polyptych_wall::head::Head;
 
     use super::*;
-    use crate::cluster::{Further, Memory};
     use crate::memory::{StateFile, decode};
+    use polyptych_core::{Further, Memory};
 
     /// States that are acknowledged in an ordinary run.
     const ACKNOWLEDGED: u64 = 100_000;

@@ -8,11 +8,11 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::Builder;
 use std::time::{Duration, Instant};
 
+use polyptych_core::{Memory, SessionId};
 use polyptych_protocol::request::Answer;
 use tokio::sync::watch;
 
 use super::StateFile;
-use crate::cluster::{Memory, SessionId};
 
 /// Maximum time that an answer waits for the disk.
 const HOLD_TIME_MAX: Duration = Duration::from_millis(500);
@@ -267,7 +267,7 @@ mod tests {
     use polyptych_wall::view::View;
 
     use super::*;
-    use crate::cluster::Cluster;
+    use polyptych_core::Cluster;
 
     /// A disk that does what the test says, one write after the other.
     struct Disk {

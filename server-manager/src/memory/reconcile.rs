@@ -4,6 +4,7 @@
 //! saved wall + state, new wall -> state of the new wall, what changed, what was dropped
 //! ```
 
+use polyptych_core::Memory;
 use polyptych_wall::Wall;
 use polyptych_wall::head::Head;
 use polyptych_wall::tuning::carry_over::{CarriedOver, carried_over};
@@ -12,7 +13,6 @@ use polyptych_wall::view::{Area, View};
 use polyptych_wall_file::difference::{KeyChange, differences};
 
 use super::Saved;
-use crate::cluster::Memory;
 
 /// A state that is valid for the wall.
 #[derive(Debug)]

@@ -5,6 +5,7 @@
 
 use std::fmt;
 
+use polyptych_core::Histogram;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::process;
 use prometheus_client::collector::Collector;
@@ -13,7 +14,6 @@ use prometheus_client::metrics::MetricType;
 use prometheus_client::registry::{Registry, Unit};
 
 use super::Sample;
-use crate::cluster::Histogram;
 
 /// What HTTP calls this format.
 pub(super) const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";

@@ -1,12 +1,10 @@
 //! What the brain decided on one input, as short as it can be compared.
 
+use polyptych_core::Output;
 use polyptych_files::blob::BlobHash;
-use polyptych_protocol::codec;
 use polyptych_protocol::feedback::Feedback;
 use polyptych_protocol::request::{Answer, Reply};
 use serde::{Deserialize, Serialize};
-
-use crate::cluster::Output;
 
 /// Outputs of one input that are listed; more are only in the digest.
 const KINDS_MAX: usize = 32;
@@ -69,34 +67,38 @@ impl Decision {
 
 fn describe(output: &Output) -> (char, Vec<u8>) {
     match output {
-        Output::Command { to, bytes } => ('c', [&codec::encode(to)[..], &bytes[..]].concat()),
+        Output::Command { to, bytes } => {
+            ('c', [&polyptych_codec::encode(to)[..], &bytes[..]].concat())
+        }
         Output::Answer { to, answer: Answer::Feedback(feedback) } => {
-            ('f', codec::encode(&(to, frame(feedback))).to_vec())
+            ('f', polyptych_codec::encode(&(to, frame(feedback))).to_vec())
         }
         Output::Answer { to, answer: Answer::Reply { id, reply } } => {
-            let head = codec::encode(&(to, id));
+            let head = polyptych_codec::encode(&(to, id));
             let reply = match reply {
-                Ok(Reply::Frame(feedback)) => codec::encode(&frame(feedback)),
+                Ok(Reply::Frame(feedback)) => polyptych_codec::encode(&frame(feedback)),
                 Ok(Reply::Status(status)) => {
-                    codec::encode(&(status.revision, status.digest, status.frame))
+                    polyptych_codec::encode(&(status.revision, status.digest, status.frame))
                 }
                 Ok(Reply::Tuned(tuned)) => {
-                    codec::encode(&(tuned.revision, tuned.frames, frame(&tuned.feedback)))
+                    polyptych_codec::encode(&(tuned.revision, tuned.frames, frame(&tuned.feedback)))
                 }
-                Ok(Reply::Statistics(_)) => codec::encode(&"statistics"),
-                other => codec::encode(other),
+                Ok(Reply::Statistics(_)) => polyptych_codec::encode(&"statistics"),
+                other => polyptych_codec::encode(other),
             };
             ('a', [&head[..], &reply[..]].concat())
         }
-        Output::Answer { to, answer } => ('a', codec::encode(&(to, answer)).to_vec()),
-        Output::Import { job, path } => ('i', codec::encode(&(job, path)).to_vec()),
+        Output::Answer { to, answer } => ('a', polyptych_codec::encode(&(to, answer)).to_vec()),
+        Output::Import { job, path } => ('i', polyptych_codec::encode(&(job, path)).to_vec()),
         Output::Collect { job, frame, channels, missing } => {
-            ('p', codec::encode(&(job, frame, channels, missing)).to_vec())
+            ('p', polyptych_codec::encode(&(job, frame, channels, missing)).to_vec())
         }
-        Output::Close { session, reason } => ('l', codec::encode(&(session, reason)).to_vec()),
-        Output::Remember(memory) => ('r', codec::encode(&**memory).to_vec()),
+        Output::Close { session, reason } => {
+            ('l', polyptych_codec::encode(&(session, reason)).to_vec())
+        }
+        Output::Remember(memory) => ('r', polyptych_codec::encode(&**memory).to_vec()),
         Output::Stop => ('s', Vec::new()),
-        Output::StopServers { job } => ('S', codec::encode(job).to_vec()),
+        Output::StopServers { job } => ('S', polyptych_codec::encode(job).to_vec()),
     }
 }
 

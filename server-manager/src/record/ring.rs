@@ -17,7 +17,6 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use polyptych_files::output_file;
-use polyptych_protocol::codec;
 use polyptych_protocol::limits::PROTOCOL_VERSION;
 
 use super::Record;
@@ -253,7 +252,10 @@ impl RingReader {
                 let (record, after) = after
                     .split_at_checked(length)
                     .ok_or_else(|| malformed("a record is longer than its piece".into()))?;
-                records.push(codec::decode(record).map_err(|e| malformed(e.to_string()))?);
+                records.push(
+                    polyptych_protocol::framing::decode(record)
+                        .map_err(|e| malformed(e.to_string()))?,
+                );
                 rest = after;
             }
         }

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use glam::{DVec2, DVec3, UVec2};
+use polyptych_core::{ImportedScene, Output, RequestOf, SessionId};
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
@@ -20,7 +21,6 @@ use ring::RingReader;
 
 use super::*;
 use crate::brain::Brain;
-use crate::cluster::{ImportedScene, Output, RequestOf, SessionId};
 use crate::replay::incident::{Cut, Incident};
 use crate::replay::{Replayed, replay};
 
@@ -82,7 +82,8 @@ impl Life {
         while let Some(output) = self.brain.poll_output() {
             match output {
                 Output::Command { to, bytes } => {
-                    let command: Command = codec::decode(&bytes).expect("a command");
+                    let command: Command =
+                        polyptych_protocol::framing::decode(&bytes).expect("a command");
                     for session in to {
                         self.obey(session, &command);
                     }
@@ -309,7 +310,7 @@ fn another_decision_is_found() {
         let kept = records.iter().cloned_by_codec().enumerate();
         let mut body = Vec::new();
         for record in kept.filter_map(|(index, record)| change(index, record)) {
-            body.extend_from_slice(&codec::framed(&codec::encode(&record)));
+            body.extend_from_slice(&polyptych_codec::framed(&polyptych_codec::encode(&record)));
         }
         ring.write(0, &body).expect("written");
         replayed(&other)
@@ -335,7 +336,9 @@ fn another_decision_is_found() {
 trait ClonedByCodec<'a>: Iterator<Item = &'a Record> + Sized {
     /// A checkpoint has no other way.
     fn cloned_by_codec(self) -> impl Iterator<Item = Record> {
-        self.map(|record| codec::decode(&codec::encode(record)).expect("the same"))
+        self.map(|record| {
+            polyptych_protocol::framing::decode(&polyptych_codec::encode(record)).expect("the same")
+        })
     }
 }
 

@@ -8,12 +8,11 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use polyptych_protocol::codec;
+use polyptych_core::{Checkpoint, Cluster, Input, Micros};
 use serde::{Deserialize, Serialize};
 
 use super::invariants::Invariants;
 use super::tell;
-use crate::cluster::{Checkpoint, Cluster, Input, Micros};
 use crate::record::ring::RingReader;
 use crate::record::{Beginning, Record};
 
@@ -238,11 +237,11 @@ impl Parts {
 
 /// A brain as it stands.
 fn written_down(cluster: &Cluster) -> Option<Checkpoint> {
-    codec::decode(&codec::encode(&cluster.checkpoint())).ok()
+    polyptych_protocol::framing::decode(&polyptych_codec::encode(&cluster.checkpoint())).ok()
 }
 
 fn clone_of(beginning: &Beginning) -> Option<Beginning> {
-    codec::decode(&codec::encode(beginning)).ok()
+    polyptych_protocol::framing::decode(&polyptych_codec::encode(beginning)).ok()
 }
 
 /// A brain that is told an incident.
@@ -253,7 +252,7 @@ struct Check {
     deadline: Micros,
     checked: Checked,
     /// Bakes that have not ended.
-    imports: Vec<crate::cluster::RequestOf>,
+    imports: Vec<polyptych_core::RequestOf>,
 }
 
 impl Check {
@@ -278,7 +277,7 @@ impl Check {
             }
         }
         for output in outputs {
-            if let crate::cluster::Output::Import { job, .. } = output {
+            if let polyptych_core::Output::Import { job, .. } = output {
                 self.imports.push(job);
             }
         }

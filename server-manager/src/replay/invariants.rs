@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use polyptych_protocol::codec;
+use polyptych_core::{Cluster, Input, Micros, Output, RequestOf, SessionId};
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::FrameId;
@@ -10,7 +10,6 @@ use polyptych_protocol::request::Answer;
 use polyptych_protocol::status::Status;
 use polyptych_wall::ChannelId;
 
-use crate::cluster::{Cluster, Input, Micros, Output, RequestOf, SessionId};
 use crate::replay::words;
 
 /// Looks at all that a brain is told and decides.
@@ -108,7 +107,7 @@ impl Invariants {
 
     fn look_at(&mut self, now: Micros, output: &Output) -> Result<(), String> {
         match output {
-            Output::Command { to, bytes } => match codec::decode(bytes) {
+            Output::Command { to, bytes } => match polyptych_protocol::framing::decode(bytes) {
                 Ok(Command::Frame(frame)) => self.begin(now, frame.frame, to),
                 Ok(Command::Swap(swap)) => self.swap(swap.frame, to),
                 Ok(_) => Ok(()),

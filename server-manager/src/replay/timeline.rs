@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use polyptych_protocol::codec;
+use polyptych_core::{Cluster, Input, Micros, Output, SessionId};
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::request::{Answer, Request};
 use serde::Serialize;
 
-use crate::cluster::{Cluster, Input, Micros, Output, SessionId};
 use crate::replay::words;
 
 /// Events that are kept: more than anybody reads; the rest is counted.
@@ -192,19 +191,21 @@ impl Timeline {
 
     fn note_output(&mut self, now: Micros, output: &Output) {
         match output {
-            Output::Command { bytes, .. } => match codec::decode::<Command>(bytes) {
-                Ok(Command::Frame(_)) => self.began = Some(now),
-                Ok(Command::Swap(_)) => {
-                    self.summary.frames += 1;
-                    let began = self.began.take().unwrap_or(now);
-                    let took_ms = now.saturating_sub(began) as f64 / 1000.0;
-                    if took_ms > self.summary.longest_frame_ms {
-                        self.summary.longest_frame_ms = took_ms;
-                        self.summary.longest_frame_at_s = now as f64 / 1e6;
+            Output::Command { bytes, .. } => {
+                match polyptych_protocol::framing::decode::<Command>(bytes) {
+                    Ok(Command::Frame(_)) => self.began = Some(now),
+                    Ok(Command::Swap(_)) => {
+                        self.summary.frames += 1;
+                        let began = self.began.take().unwrap_or(now);
+                        let took_ms = now.saturating_sub(began) as f64 / 1000.0;
+                        if took_ms > self.summary.longest_frame_ms {
+                            self.summary.longest_frame_ms = took_ms;
+                            self.summary.longest_frame_at_s = now as f64 / 1e6;
+                        }
                     }
+                    _ => {}
                 }
-                _ => {}
-            },
+            }
             Output::Answer { to, answer: Answer::Reply { reply, .. } } => {
                 self.summary.answers += 1;
                 if let Err(failure) = reply {

@@ -1,11 +1,10 @@
 //! What a manager was told, in plain words.
 
+use polyptych_core::Input;
 use polyptych_protocol::request::{Pace, Request};
 use polyptych_protocol::status::Status;
 use polyptych_text::counted;
 use polyptych_wall::tuning::Change;
-
-use crate::cluster::Input;
 
 /// Maximum length of a text of a peer that is repeated, in characters.
 const TEXT_CHARS_MAX: usize = 200;
@@ -114,7 +113,7 @@ mod tests {
     use polyptych_wall::ChannelId;
 
     use super::*;
-    use crate::cluster::SessionId;
+    use polyptych_core::SessionId;
 
     #[test]
     fn inputs_are_sentences_without_the_marks_of_a_program() {

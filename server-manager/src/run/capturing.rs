@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use polyptych_core::{RequestOf, SessionId};
 use polyptych_protocol::bulk::PictureChunk;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::{Answer, Failure};
@@ -11,7 +12,6 @@ use tokio::time::Instant;
 
 use super::Hub;
 use crate::capture::Collection;
-use crate::cluster::{RequestOf, SessionId};
 use crate::delivery;
 
 /// How long a capture waits for its pictures, once the frame was swapped.

@@ -1,6 +1,6 @@
 //! What the hub does for clients: lets them in, serves their requests in turn, and answers.
 
-use polyptych_protocol::codec;
+use polyptych_core::{Input, Micros, SessionId};
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::process;
@@ -8,7 +8,6 @@ use polyptych_protocol::request::{Answer, Reply};
 use tokio::time::{Duration, Instant};
 
 use super::Hub;
-use crate::cluster::{Input, Micros, SessionId};
 use crate::memory::keeper::{Keeper, tells_of_change};
 use crate::requests::{Asked, RequestQueues};
 use crate::session::Link;
@@ -114,7 +113,7 @@ impl Hub {
             status.warnings.extend(self.cluster.warning());
             status.memory_bytes = process::resident_bytes().unwrap_or(0);
         }
-        let is_sent = link.send(codec::encode(&answer));
+        let is_sent = link.send(polyptych_codec::encode(&answer));
         // One that is gone already says why itself.
         if !is_sent && !may_be_lost && !link.outbox.is_closed() {
             self.let_client_go(to, "it does not read its answers");
@@ -125,7 +124,7 @@ impl Hub {
     fn let_client_go(&mut self, session: SessionId, reason: &str) {
         if let Some(seat) = self.clients.get(&session) {
             // Behind its answers, if it reads on after all.
-            let goodbye = codec::encode(&Answer::Goodbye(Goodbye::closed(reason)));
+            let goodbye = polyptych_codec::encode(&Answer::Goodbye(Goodbye::closed(reason)));
             let _ = seat.link.pieces.try_send(goodbye);
             self.forget(session, reason);
         }

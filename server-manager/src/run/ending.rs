@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use polyptych_protocol::codec;
+use polyptych_core::{RequestOf, SessionId};
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::request::{Answer, Reply, StoppedServers};
 use polyptych_protocol::status::Status;
@@ -11,7 +11,6 @@ use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout_at};
 
 use super::Hub;
-use crate::cluster::{RequestOf, SessionId};
 use crate::session::{DRAIN_TIME_MAX, Event};
 
 /// Longest wait for the goodbyes of servers that were told to end: their network threads answer
@@ -21,8 +20,8 @@ const STOP_TIME_MAX: Duration = Duration::from_secs(5);
 impl Hub {
     /// Tells all servers to end, waits until each has said goodbye, and answers the client.
     pub(super) async fn stop_servers(&mut self, job: RequestOf, inbox: &mut mpsc::Receiver<Event>) {
-        let goodbye = codec::encode(&Command::Goodbye(Goodbye::StoppedWithServers));
-        let goodbye = codec::framed(&goodbye);
+        let goodbye = polyptych_codec::encode(&Command::Goodbye(Goodbye::StoppedWithServers));
+        let goodbye = polyptych_codec::framed(&goodbye);
         let mut waiting: BTreeMap<SessionId, String> = BTreeMap::new();
         for (session, link) in &self.servers {
             // One that reads nothing is waited for as the others are, and says nothing.
@@ -65,9 +64,9 @@ impl Hub {
     /// Tells everyone why, and gives them a moment to hear it.
     pub(super) async fn say_goodbye(self, goodbye: &Goodbye) {
         tracing::info!(reason = %goodbye, "the manager ends");
-        let to_servers = codec::encode(&Command::Goodbye(goodbye.clone()));
-        let to_servers = codec::framed(&to_servers);
-        let to_clients = codec::encode(&Answer::Goodbye(goodbye.clone()));
+        let to_servers = polyptych_codec::encode(&Command::Goodbye(goodbye.clone()));
+        let to_servers = polyptych_codec::framed(&to_servers);
+        let to_clients = polyptych_codec::encode(&Answer::Goodbye(goodbye.clone()));
         for link in self.servers.values() {
             link.send(&to_servers);
             link.close.cancel();

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
+use polyptych_core::{Input, RequestOf};
 use polyptych_protocol::progress::{OpenProgress, OpenStage};
 use tracing::Instrument;
 
 use super::Hub;
-use crate::cluster::{Input, RequestOf};
 use crate::import::{self, Import};
 
 /// How far the bake has come that a client waits for.

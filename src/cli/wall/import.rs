@@ -26,7 +26,7 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, bail};
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_manager::bake::map::mpcdi::{
+use polyptych_baker::map::mpcdi::{
     self, Imported, ImportedBuffer, ImportedRegion, Profile, Pyramid,
 };
 use polyptych_text::counted;

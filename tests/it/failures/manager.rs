@@ -12,7 +12,7 @@ use polyptych_protocol::connection::introduce;
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::Call;
-use polyptych_protocol::{codec, token};
+use polyptych_protocol::token;
 
 use super::{RATE, brisk, hold, in_time};
 
@@ -79,7 +79,7 @@ fn a_wall_goes_on_when_the_client_that_moves_it_is_killed() {
             introduce(stream, Role::Client, &hello, &Secret(token)).await.expect("let in");
         let request = Request::Run(Pace::Rate(RATE));
         let call = Call { id: RequestId(1), request };
-        frames.send(codec::encode(&call)).await.expect("asked");
+        frames.send(polyptych_codec::encode(&call)).await.expect("asked");
         frames.into_inner().into_std().expect("a socket")
     });
     assert!(feedbacks.next().is_some(), "it moves");

@@ -3,9 +3,9 @@
 use crate::message::Kind;
 use bytes::Bytes;
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, Quat, UVec2, Vec3};
+use polyptych_codec::encode;
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::bulk::{BlobChunk, BulkDown, BulkUp, PictureChunk};
-use polyptych_protocol::codec::encode;
 use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::feedback::{

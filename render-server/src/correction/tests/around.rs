@@ -53,7 +53,8 @@ fn places(name: &str, wall: &Wall, spots: &[Spot]) -> Vec<[DVec2; 2]> {
         println!("{name}: {} planes, source {:?}", shots.eyes[0].planes.len(), shots.size);
         assert!(shots.eyes[0].planes.len() > 6, "{name}: one eye for too much");
         let bytes = read_picture(gpu(), output.picture().expect("a picture")).expect("read");
-        let light: Vec<f64> = bytes.chunks(4).map(|code| linear_from_srgb(code[0])).collect();
+        let light: Vec<f64> =
+            bytes.chunks(4).map(|code| linear_from_srgb(f64::from(code[0]) / 255.0)).collect();
         // Where the parts do not suffice, the plan says what they come to.
         let mesh = corrector.plan.warp.as_ref().expect("a mesh");
         let eyes = wall.viewpoints(&wall.channels[0]);

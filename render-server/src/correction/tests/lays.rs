@@ -98,7 +98,8 @@ fn check_lay(
     for projection in lenses() {
         let view = laid(rect, projection);
         let drawn = codes(wall, maps, &scene, &[away(), view.clone()]);
-        let light: Vec<f64> = drawn.iter().map(|code| linear_from_srgb(code[0])).collect();
+        let light: Vec<f64> =
+            drawn.iter().map(|code| linear_from_srgb(f64::from(code[0]) / 255.0)).collect();
         let places: Vec<Option<DVec2>> = (0..size.y)
             .flat_map(|row| (0..size.x).map(move |column| UVec2::new(column, row)))
             .map(|pixel| {

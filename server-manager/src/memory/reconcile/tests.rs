@@ -1,13 +1,13 @@
 //! Remembered states that meet a changed wall.
 
 use glam::{DVec2, DVec3};
+use polyptych_core::Further;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::Revision;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::{Adjustment, EYE_SEPARATION_DEFAULT_M};
 
 use super::*;
-use crate::cluster::Further;
 
 const WALL: &str = r#"
     [wall]

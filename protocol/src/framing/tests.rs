@@ -1,0 +1,291 @@
+//! The wire: what goes out comes back, its bytes stay what they are, rubbish is refused.
+
+use std::fmt::Debug;
+
+use bytes::Bytes;
+use glam::{DQuat, DVec3};
+use polyptych_files::blob::BlobHash;
+use polyptych_scene::Scene;
+use polyptych_wall::ChannelId;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::tuning::{Change, Corner, Move};
+use polyptych_wall::view::{Area, View, ViewProjection};
+use proptest::prelude::*;
+
+use polyptych_codec::{append_framed, encode, framed};
+use serde::Serialize;
+
+use super::*;
+use crate::bulk::{BlobChunk, BulkDown, BulkUp, PictureChunk};
+use crate::command::{Command, Frame, Pong, Prepare, Swap};
+use crate::display::DisplayMode;
+use crate::handshake::{Adapter, Answer, ClientHello, Hello, Refused, ServerHello};
+use crate::ids::{Digest, Epoch, FrameId, RequestId, Revision};
+use crate::log::{Operation, SceneRef};
+use crate::pattern::Pattern;
+use crate::request::{self, Call, Failure, Pace, Reply, Request};
+use crate::status::{Drawn, Ping, Prepared, Shown, Status};
+
+fn camera() -> Camera {
+    Camera { position: DVec3::new(1.0, -2.0, 1e7), rotation: DQuat::IDENTITY, scale: 0.5 }
+}
+
+fn frame() -> Frame {
+    Frame {
+        epoch: Epoch(0x0102_0304_0506_0708),
+        frame: FrameId(300),
+        time_s: 1.5,
+        revision: Revision(2),
+        views: vec![View::of_wall(camera())],
+        head: Head::at(DVec3::new(0.0, 1.6, 0.0), 0.064),
+        exposure: 1.0,
+        error_bound_px: 0.0,
+        capture: true,
+        display: DisplayMode::Blank,
+        pattern: Some(Pattern::Density),
+    }
+}
+
+fn drawn() -> Drawn {
+    Drawn {
+        epoch: Epoch(1),
+        frame: FrameId(300),
+        channel: ChannelId(3),
+        revision: Revision(2),
+        digest: Digest(u64::MAX),
+        draw_us: 20_000,
+        triangles: 100_000,
+        draw_calls: 6,
+    }
+}
+
+/// One message of each kind, with the hexadecimal digits that it has on the wire.
+///
+/// A change here is a change of the protocol: raise `PROTOCOL_VERSION` with it.
+#[expect(clippy::too_many_lines, reason = "a list of messages, one after the other")]
+fn golden() -> Vec<(Bytes, &'static str)> {
+    let client = ClientHello { name: "ann".into() };
+    let server = ServerHello {
+        name: "a".into(),
+        channels: vec!["left".into()],
+        pid: 4242,
+        adapter: Adapter::default(),
+    };
+    let scene = SceneRef { name: "t".into(), manifest: BlobHash([0xab; 32]) };
+    let prepare = Prepare {
+        epoch: Epoch(1),
+        base: Some(Revision(1)),
+        revision: Revision(2),
+        operations: vec![Operation::OpenScene(scene), Operation::CloseScene],
+    };
+    let prepared = Prepared {
+        epoch: Epoch(1),
+        revision: Revision(2),
+        digest: Digest(3),
+        features: vec!["blend".into()],
+        scene_bytes: 1000,
+    };
+    let shown = Shown {
+        epoch: Epoch(1),
+        frame: FrameId(300),
+        channel: ChannelId(3),
+        at_us: 70_000,
+        clock_error_us: 40,
+    };
+    let chunk = PictureChunk {
+        channel: ChannelId(1),
+        frame: FrameId(2),
+        width: 1,
+        height: 1,
+        offset: 0,
+        bytes: Bytes::from_static(&[1, 2, 3, 4]),
+    };
+    let piece = BlobChunk {
+        hash: BlobHash([1; 32]),
+        total: 2,
+        offset: 0,
+        bytes: Bytes::from_static(&[9, 8]),
+    };
+    let failure = request::Answer::Reply { id: RequestId(5), reply: Err(Failure::new("no")) };
+    let done = request::Answer::Reply { id: RequestId(5), reply: Ok(Reply::Done) };
+    let run = Call { id: RequestId(5), request: Request::Run(Pace::Rate(60.0)) };
+    let freeze = Call { id: RequestId(7), request: Request::SetDisplays(DisplayMode::Freeze) };
+    let pattern = Call { id: RequestId(8), request: Request::SetPattern(Some(Pattern::Weights)) };
+    let to = Move::By(glam::DVec2::new(1.5, -0.5));
+    let changes = vec![Change::Pin { corner: Corner::UpperRight, to }];
+    let tune = Request::Tune { channel: "a".into(), changes };
+    let tune = Call { id: RequestId(9), request: tune };
+    let open = Call { id: RequestId(6), request: Request::OpenScene { path: "a.glb".into() } };
+    let head = Call { id: RequestId(8), request: Request::SetHead(frame().head) };
+    let plan = View {
+        area: Area::Screen { screen: 1, rect: [0, 2, 300, 4] },
+        projection: ViewProjection::Orthographic { height_m: 1.5 },
+        ..View::of_wall(Camera::IDENTITY)
+    };
+    let views = Call { id: RequestId(9), request: Request::SetViews(vec![plan]) };
+    vec![
+        (encode(&Hello::Client(client)), "0003616e6e"),
+        (encode(&Hello::Server(server)), "01016101046c656674fb921000000000"),
+        (encode(&Answer::Refused(Refused { reason: "no".into() })), "00026e6f"),
+        (
+            encode(&Command::Prepare(prepare)),
+            "000101010202030174abababababababababababababababababababababababababababababababab04",
+        ),
+        (
+            encode(&Command::Frame(frame())),
+            "01fd0807060504030201fb2c01000000000000f83f0201000000000000f03f00000000000000c000\
+             000000d0126341000000000000000000000000000000000000000000000000000000000000f03f00\
+             0000000000e03f00000000000000000000009a9999999999f93f0000000000000000000000000000\
+             000000000000000000000000000000000000000000000000f03ffca9f1d24d62b03f0000803f0000\
+             00000102 0105",
+        ),
+        (
+            encode(&Command::Swap(Swap { epoch: Epoch(1), frame: FrameId(300), not_after_us: 9 })),
+            "0201fb2c0109",
+        ),
+        (encode(&Command::Pong(Pong { sent_us: 1, received_us: 2, answered_us: 3 })), "03010203"),
+        (encode(&Status::Prepared(prepared)), "000102030105626c656e64fbe803"),
+        (encode(&Status::Drawn(drawn())), "0201fb2c010302fdfffffffffffffffffb204efca086010006"),
+        (encode(&Status::Shown(shown)), "0401fb2c0103fc7011010028"),
+        (encode(&Status::Ping(Ping { sent_us: 1, memory_bytes: 2 })), "050102"),
+        (encode(&Status::Goodbye { reason: "end".into() }), "0703656e64"),
+        (encode(&Status::StateLost { reason: "end".into() }), "0903656e64"),
+        (encode(&BulkUp::Picture(chunk)), "0101020101000401020304"),
+        (
+            encode(&BulkDown::Chunk(piece)),
+            "0001010101010101010101010101010101010101010101010101010101010101010200020908",
+        ),
+        (encode(&run), "0506010000000000004e40"),
+        (encode(&open), "060005612e676c62"),
+        (encode(&freeze), "070e03"),
+        (
+            encode(&head),
+            "080f00000000000000009a9999999999f93f00000000000000000000000000000000000000000000\
+             00000000000000000000000000000000f03ffca9f1d24d62b03f",
+        ),
+        (
+            encode(&views),
+            "09100100000000000000000000000000000000000000000000000000000000000000000000000000\
+             0000000000000000000000000000000000f03f000000000000f03f0001010002fb2c010402000000\
+             000000f83f",
+        ),
+        (encode(&pattern), "08120103"),
+        (encode(&tune), "0913016101000101000000000000f83f000000000000e0bf"),
+        (encode(&failure), "000501026e6f"),
+        (encode(&done), "00050000"),
+    ]
+}
+
+fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        write!(text, "{byte:02x}").expect("a String takes everything");
+        text
+    })
+}
+
+#[test]
+fn the_bytes_stay_what_they_are() {
+    let differing: Vec<String> = golden()
+        .into_iter()
+        .filter(|(bytes, expected)| hex(bytes) != expected.replace(char::is_whitespace, ""))
+        .map(|(bytes, expected)| format!("expected {expected}\n     got {}", hex(&bytes)))
+        .collect();
+    assert!(differing.is_empty(), "{}", differing.join("\n"));
+}
+
+fn comes_back<T: Serialize + DeserializeOwned + PartialEq + Debug>(message: &T) {
+    assert_eq!(decode::<T>(&encode(message)).as_ref(), Ok(message));
+}
+
+#[test]
+fn what_goes_out_comes_back() {
+    comes_back(&Command::Frame(frame()));
+    comes_back(&Status::Drawn(drawn()));
+    comes_back(&Scene::default());
+    comes_back(&Request::SetCamera(camera()));
+    let rect = [1, 2, 3, u32::MAX];
+    comes_back(&View {
+        camera: camera(),
+        scene_root: Some(7),
+        area: Area::Screen { screen: 2, rect },
+        projection: ViewProjection::Perspective { fov_y_rad: 0.5 },
+    });
+}
+
+#[test]
+fn a_length_that_lies_allocates_nothing() {
+    // A status whose list of features claims 2^60 entries.
+    let mut bytes = encode(&Status::Prepared(Prepared {
+        epoch: Epoch(1),
+        revision: Revision(2),
+        digest: Digest(3),
+        features: Vec::new(),
+        scene_bytes: 0,
+    }))
+    .to_vec();
+    let at = bytes.len() - 2;
+    bytes.splice(at..=at, [0xfd, 0, 0, 0, 0, 0, 0, 0, 0x10]);
+    assert!(decode::<Status>(&bytes).is_err());
+    assert!(
+        polyptych_scene::decode(&[0xfd, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x7f]).is_err()
+    );
+}
+
+#[test]
+fn bytes_behind_a_message_are_refused() {
+    let mut bytes = encode(&Request::Status).to_vec();
+    bytes.push(0);
+    assert_eq!(decode::<Request>(&bytes), Err(DecodeError::Trailing { what: "Request", extra: 1 }));
+}
+
+fn decode_all(bytes: &[u8]) {
+    // Whether they are messages doesn't matter; that it is found out in peace does.
+    let _ = decode::<Hello>(bytes);
+    let _ = decode::<Answer>(bytes);
+    let _ = decode::<Command>(bytes);
+    let _ = decode::<Status>(bytes);
+    let _ = decode::<Call>(bytes);
+    let _ = decode::<request::Answer>(bytes);
+    let _ = decode::<BulkUp>(bytes);
+    let _ = decode::<BulkDown>(bytes);
+    let _ = polyptych_scene::decode(bytes).map(|scene| scene.fault());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 20_000, ..ProptestConfig::default() })]
+
+    #[test]
+    fn rubbish_never_panics(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
+        decode_all(&bytes);
+    }
+
+    #[test]
+    fn damaged_messages_never_panic(
+        which in any::<prop::sample::Index>(),
+        changes in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+        cut in any::<prop::sample::Index>(),
+    ) {
+        let golden = golden();
+        let (bytes, _) = which.get(&golden);
+        let mut bytes = bytes.to_vec();
+        for (at, value) in changes {
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+        }
+        decode_all(&bytes);
+        bytes.truncate(cut.index(bytes.len()));
+        decode_all(&bytes);
+    }
+}
+
+#[test]
+fn a_frame_behind_others_is_the_frame_alone() {
+    let mut frames = vec![9];
+    for message in ["a", "", "longer"] {
+        let start = frames.len();
+        append_framed(&message, &mut frames);
+        assert_eq!(frames[start..], framed(&encode(&message))[..]);
+    }
+}

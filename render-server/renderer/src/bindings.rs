@@ -1,0 +1,116 @@
+//! The bind groups, said once: 0 frame, 1 pass, 2 material; instances are a vertex buffer.
+//!
+//! wgpu takes equal layouts for the same, so whoever needs one makes it here.
+
+use super::gpu::Gpu;
+use super::pass::correct::{CellRecord, CorrectionUniform};
+use super::scene::MaterialUniform;
+use super::view::{FrameUniform, LampRecord};
+
+/// The step from one uniform block to the next in a buffer, in bytes.
+pub(crate) fn uniform_stride(gpu: &Gpu, size: usize) -> usize {
+    size.next_multiple_of(gpu.device.limits().min_uniform_buffer_offset_alignment as usize)
+}
+
+fn buffer(
+    binding: u32,
+    visibility: wgpu::ShaderStages,
+    ty: wgpu::BufferBindingType,
+    has_dynamic_offset: bool,
+    size: usize,
+) -> wgpu::BindGroupLayoutEntry {
+    let min_binding_size = wgpu::BufferSize::new(size as u64);
+    let ty = wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size };
+    wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
+}
+
+fn texture(binding: u32, filterable: bool) -> wgpu::BindGroupLayoutEntry {
+    texture_of(binding, filterable, wgpu::TextureViewDimension::D2)
+}
+
+fn texture_of(
+    binding: u32,
+    filterable: bool,
+    view_dimension: wgpu::TextureViewDimension,
+) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::FRAGMENT,
+        ty: wgpu::BindingType::Texture {
+            sample_type: wgpu::TextureSampleType::Float { filterable },
+            view_dimension,
+            multisampled: false,
+        },
+        count: None,
+    }
+}
+
+fn sampler(binding: u32) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::FRAGMENT,
+        ty: wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+        count: None,
+    }
+}
+
+/// Group 0: the view's uniforms and lamps, each at an offset, the lists of lamps, and the table of
+/// [`albedo`](super::albedo) with its sampler.
+pub(crate) fn frame_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
+    let fragment = wgpu::ShaderStages::FRAGMENT;
+    let storage = wgpu::BufferBindingType::Storage { read_only: true };
+    let uniform = wgpu::BufferBindingType::Uniform;
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("frame/layout"),
+        entries: &[
+            buffer(0, both, uniform, true, size_of::<FrameUniform>()),
+            buffer(1, fragment, storage, true, size_of::<LampRecord>()),
+            buffer(2, fragment, storage, false, size_of::<u32>()),
+            texture(3, true),
+            sampler(4),
+        ],
+    })
+}
+
+/// Group 1 of the passes that read a picture: the picture, and a sampler.
+pub(crate) fn picture_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("picture/layout"),
+        entries: &[texture(0, true), sampler(1)],
+    })
+}
+
+/// Group 1 of the correction: the source, its sampler, uniforms, light map, measured codes, and
+/// planes that have triangles of their own.
+pub(crate) fn correction_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
+    let fragment = wgpu::ShaderStages::FRAGMENT;
+    let storage = wgpu::BufferBindingType::Storage { read_only: true };
+    let uniform = wgpu::BufferBindingType::Uniform;
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("correction/layout"),
+        entries: &[
+            texture(0, true),
+            sampler(1),
+            buffer(2, both, uniform, false, size_of::<CorrectionUniform>()),
+            texture_of(3, true, wgpu::TextureViewDimension::D2Array),
+            buffer(4, fragment, storage, false, 2 * size_of::<[f32; 4]>()),
+            sampler(5),
+            buffer(6, wgpu::ShaderStages::VERTEX, storage, false, size_of::<CellRecord>()),
+        ],
+    })
+}
+
+/// Group 2: factors, five textures, five samplers.
+pub(crate) fn material_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let fragment = wgpu::ShaderStages::FRAGMENT;
+    let uniform = wgpu::BufferBindingType::Uniform;
+    let mut entries = vec![buffer(0, fragment, uniform, false, size_of::<MaterialUniform>())];
+    entries.extend((1..=5).map(|binding| texture(binding, true)));
+    entries.extend((6..=10).map(sampler));
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("material/layout"),
+        entries: &entries,
+    })
+}

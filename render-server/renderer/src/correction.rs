@@ -1,0 +1,327 @@
+//! What stands between a scene's light and a display: where its pixels lie, and what they make of
+//! codes. Plain data; `pass/correct.rs` draws with it.
+//!
+//! ```text
+//! scene → light, linear, 0 to 1 → resampled → matrix → × multiply + add → curve → dither → codes
+//! ```
+
+use std::sync::Arc;
+
+use glam::{DMat3, DMat4, DVec3};
+
+/// Source planes that one eye's picture may be put together from.
+pub const SOURCE_PLANES_MAX: usize = 6;
+
+/// Source planes that one eye's picture may be put together from where each has triangles of its
+/// own.
+pub const SOURCE_CELLS_MAX: usize = 64;
+
+/// Source pixels around each plane's own ones: filters reach over its edge without seeing a
+/// neighbour in the atlas or nothing at all.
+pub const SOURCE_GUARD: u32 = 2;
+
+/// Points of a measured curve.
+pub const CURVE_POINTS_MAX: usize = 4096;
+
+/// All that a channel's picture goes through on its way to the display.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CorrectionDesc {
+    /// Of the upright picture of one eye, in pixels.
+    pub upright: [u32; 2],
+    /// How the display hangs.
+    pub turn: Turn,
+    /// Left and right of each eye's picture are exchanged, before anything is packed or turned.
+    pub is_mirrored: bool,
+    /// How two eyes share the display.
+    pub packing: Packing,
+    /// Where the upright picture's pixels lie; without it, they are the source's pixels.
+    pub warp: Option<Arc<WarpMesh>>,
+    /// Blend weights, masks and black level.
+    pub light_map: Option<Arc<LightMap>>,
+    /// Applied to linear light; what leaves 0 to 1 is clipped.
+    pub color: DMat3,
+    /// From light to codes.
+    pub curve: Curve,
+    /// A number of the channel's own: noise of ± half a code, another on every channel, goes onto
+    /// the codes before they are rounded.
+    pub dither: Option<u32>,
+    /// Whether the display has 1,024 codes and not 256.
+    pub is_fine: bool,
+}
+
+/// How a display hangs: where its own upper side is, as the viewer sees it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Turn {
+    /// Upright.
+    #[default]
+    None,
+    /// At the left.
+    Left,
+    /// At the right.
+    Right,
+    /// Below.
+    Half,
+}
+
+/// How two eyes share a display.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Packing {
+    /// There is one.
+    #[default]
+    None,
+    /// The left eye's in the left half of a picture twice as wide.
+    SideBySide,
+    /// The left eye's in the upper half of a picture twice as high.
+    TopBottom,
+    /// Red of the left eye's, green and blue of the right eye's.
+    Anaglyph,
+}
+
+/// Where an upright picture's pixels lie in display space. Between its points, in each triangle,
+/// the place is linear; pixels outside of all triangles stay black.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct WarpMesh {
+    /// Its points.
+    pub vertices: Vec<WarpVertex>,
+    /// Indices of corners, in any order.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// A point of a [`WarpMesh`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WarpVertex {
+    /// Of the upright picture, from the upper left corner of its upper left pixel, y down.
+    pub pixel: [f64; 2],
+    /// In metres of display space.
+    pub point: DVec3,
+}
+
+/// What linear light is multiplied by, and what is added to it, at each pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightMap {
+    /// Row by row from the upper left of the upright picture: factor and addend in 1/65,535 of
+    /// `multiply` and `add`. A weight is off by 1/131,070 at most, so that the sum of four
+    /// projectors' weights keeps 1/4096 eight times over. Once for all colours, or for red, then
+    /// all for green, then all for blue.
+    pub texels: Vec<[u16; 2]>,
+    /// What a factor of 65,535 stands for.
+    pub multiply: f64,
+    /// What an addend of 65,535 stands for, in red, green and blue.
+    pub add: DVec3,
+}
+
+/// How a display makes light of codes.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Curve {
+    /// IEC 61966-2-1.
+    Srgb,
+    /// code^γ, in red, green and blue.
+    Gamma(DVec3),
+    /// Light of equally spaced codes, 2 to [`CURVE_POINTS_MAX`], rising from 0 to 1; linear
+    /// between them.
+    Measured(Vec<DVec3>),
+}
+
+/// The planes that an eye's picture is put together from. Without a warp mesh the one plane's
+/// rectangle is the upright picture, pixel for pixel and without a guard.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SourceEye {
+    /// Without `triangles` all have one eye, and the first one that holds a point shows it.
+    pub planes: Vec<SourcePlane>,
+    /// For each plane the triangles of the mesh that it shows, the same for all eyes.
+    pub triangles: Option<Arc<Vec<Vec<u32>>>>,
+}
+
+/// A planar picture in the source target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SourcePlane {
+    /// The eye that sees it, in metres of display space.
+    pub eye_in_display: DVec3,
+    /// From vectors from the eye in display space to the clip space of `rect`.
+    pub clip_from_eye: DMat4,
+    /// x, y, width and height in pixels of the source target, [`SOURCE_GUARD`] on all sides
+    /// included.
+    pub rect: [u32; 4],
+}
+
+/// Why a picture cannot be corrected.
+#[derive(Debug, thiserror::Error)]
+pub enum CorrectionError {
+    /// The display's picture is empty or too large.
+    #[error(transparent)]
+    Target(#[from] super::TargetError),
+    /// A mesh that points outside of itself or of the picture, or has a number that is none.
+    #[error("the warp mesh: {0}")]
+    Mesh(String),
+    /// Not a texel for each pixel.
+    #[error("the light map has {found} texels, where the picture has {wanted}")]
+    LightMap {
+        /// How many there are.
+        found: usize,
+        /// How many there should be.
+        wanted: usize,
+    },
+    /// A curve that does not rise, or a matrix that is not finite.
+    #[error("the colours: {0}")]
+    Color(&'static str),
+    /// Other eyes or planes than the description needs.
+    #[error("{0}")]
+    Source(&'static str),
+    /// The device is lost, hangs, or is out of memory.
+    #[error("the GPU failed: {0}")]
+    Gpu(String),
+}
+
+impl Packing {
+    /// How many eyes' pictures there are.
+    pub fn eyes(self) -> usize {
+        if self == Self::None { 1 } else { 2 }
+    }
+}
+
+impl LightMap {
+    /// A map of factors and addends, the addends being shares of `add`; all from 0 on. Factors are
+    /// scaled by the largest.
+    pub fn new(pixels: &[[f64; 2]], add: DVec3) -> Self {
+        let largest = |at: usize| pixels.iter().map(|p| p[at]).fold(0.0, f64::max);
+        let (multiply, share) = (largest(0), largest(1));
+        let texel = |value: f64, whole: f64| {
+            if whole > 0.0 { (value / whole * 65535.0).round() as u16 } else { 0 }
+        };
+        let texels = pixels.iter().map(|[f, a]| [texel(*f, multiply), texel(*a, share)]).collect();
+        Self { texels, multiply, add: add * share }
+    }
+}
+
+impl CorrectionDesc {
+    /// A description that changes nothing.
+    pub fn identity(upright: [u32; 2]) -> Self {
+        Self {
+            upright,
+            turn: Turn::None,
+            is_mirrored: false,
+            packing: Packing::None,
+            warp: None,
+            light_map: None,
+            color: DMat3::IDENTITY,
+            curve: Curve::Srgb,
+            dither: None,
+            is_fine: false,
+        }
+    }
+
+    /// Width and height of the packed pictures, before they are turned.
+    fn packed(&self) -> [u32; 2] {
+        let [width, height] = self.upright;
+        match self.packing {
+            Packing::None | Packing::Anaglyph => [width, height],
+            Packing::SideBySide => [width.saturating_mul(2), height],
+            Packing::TopBottom => [width, height.saturating_mul(2)],
+        }
+    }
+
+    /// Width and height of the display's own picture, in pixels.
+    pub fn display_size(&self) -> [u32; 2] {
+        let [width, height] = self.packed();
+        match self.turn {
+            Turn::None | Turn::Half => [width, height],
+            Turn::Left | Turn::Right => [height, width],
+        }
+    }
+
+    /// The affine map from an eye's upright pixels to the display's, as rows x and y; exact, being
+    /// made of 0, 1, −1 and whole numbers.
+    pub(crate) fn display_from_upright(&self, eye: usize) -> [[f64; 3]; 2] {
+        let [upright_w, upright_h] = self.upright.map(f64::from);
+        let [width, height] = self.packed().map(f64::from);
+        let second = eye as f64;
+        let (dx, dy) = match self.packing {
+            Packing::None | Packing::Anaglyph => (0.0, 0.0),
+            Packing::SideBySide => (upright_w * second, 0.0),
+            Packing::TopBottom => (0.0, upright_h * second),
+        };
+        let x = if self.is_mirrored { [-1.0, 0.0, upright_w + dx] } else { [1.0, 0.0, dx] };
+        let y = [0.0, 1.0, dy];
+        let from = |side: f64, row: [f64; 3]| [-row[0], -row[1], side - row[2]];
+        match self.turn {
+            Turn::None => [x, y],
+            Turn::Left => [from(height, y), x],
+            Turn::Right => [y, from(width, x)],
+            Turn::Half => [from(width, x), from(height, y)],
+        }
+    }
+
+    /// What is wrong with it, if anything.
+    pub(crate) fn fault(&self) -> Option<CorrectionError> {
+        if !self.color.is_finite() {
+            return Some(CorrectionError::Color("the matrix is not finite"));
+        }
+        if let Some(reason) = self.curve.fault() {
+            return Some(CorrectionError::Color(reason));
+        }
+        let wanted = self.upright[0] as usize * self.upright[1] as usize;
+        let is_wrong = |map: &&Arc<LightMap>| ![wanted, 3 * wanted].contains(&map.texels.len());
+        if let Some(map) = self.light_map.as_ref().filter(is_wrong) {
+            return Some(CorrectionError::LightMap { found: map.texels.len(), wanted });
+        }
+        let reason = self.warp.as_ref()?.fault(self.upright)?;
+        Some(CorrectionError::Mesh(reason))
+    }
+}
+
+impl WarpMesh {
+    /// What is wrong with it for an upright picture of this size, if anything.
+    pub(crate) fn fault(&self, [width, height]: [u32; 2]) -> Option<String> {
+        if self.triangles.is_empty() {
+            return Some("there is no triangle".to_owned());
+        }
+        let count = self.vertices.len();
+        if self.triangles.iter().flatten().any(|index| *index as usize >= count) {
+            return Some(format!("a triangle has a corner beyond the {count} points"));
+        }
+        let is_inside = |v: &WarpVertex| {
+            let [x, y] = v.pixel;
+            let is_on = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
+            is_on(x, width) && is_on(y, height) && v.point.is_finite()
+        };
+        let outside = self.vertices.iter().find(|vertex| !is_inside(vertex))?;
+        let ([x, y], point) = (outside.pixel, outside.point);
+        Some(format!("pixel ({x}, {y}) at {point} m is not one of {width} × {height}"))
+    }
+}
+
+impl Curve {
+    fn fault(&self) -> Option<&'static str> {
+        match self {
+            Self::Srgb => None,
+            Self::Gamma(gamma) => (!gamma.is_finite() || gamma.cmple(DVec3::ZERO).any())
+                .then_some("a gamma is not above 0"),
+            Self::Measured(light) => {
+                let rises = light.windows(2).all(|pair| pair[0].cmple(pair[1]).all());
+                let ends = (light.first(), light.last()) == (Some(&DVec3::ZERO), Some(&DVec3::ONE));
+                let is_good = (2..=CURVE_POINTS_MAX).contains(&light.len()) && rises && ends;
+                (!is_good).then_some("a curve does not rise from 0 to 1")
+            }
+        }
+    }
+
+    /// Codes, 0 to 1, of the lights (i / (count − 1))²: their distances follow the curves of
+    /// displays, so that lines between them are off by less than a hundredth of a code.
+    pub(crate) fn codes(&self, count: usize) -> Vec<DVec3> {
+        let Self::Measured(light) = self else { return Vec::new() };
+        let last = (count - 1).max(1) as f64;
+        let code = |target: f64, at: usize| {
+            // The first of equal lights: a code that adds none is not sent.
+            let above = light.partition_point(|point| point[at] < target);
+            let Some(below) = above.checked_sub(1) else { return 0.0 };
+            let high = light.get(above).map_or(1.0, |point| point[at]);
+            let low = light[below][at];
+            (below as f64 + (target - low) / (high - low)) / (light.len() - 1) as f64
+        };
+        let of = |i: usize| {
+            let target = (i as f64 / last).powi(2);
+            DVec3::new(code(target, 0), code(target, 1), code(target, 2))
+        };
+        (0..count).map(of).collect()
+    }
+}

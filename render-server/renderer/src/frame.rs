@@ -1,0 +1,409 @@
+//! One frame: cull, write, encode the passes in order, submit, wait.
+
+use std::time::{Duration, Instant};
+
+use glam::{DMat3, DMat4, DVec3, Vec3};
+
+use super::bindings::uniform_stride;
+use super::draw_list::{Draw, DrawList, Scratch, samples_of};
+use super::gpu::{Gpu, GpuFaultKind};
+use super::pass::tonemap::{Tonemap, light_color};
+use super::pass::{opaque, transparent};
+use super::pipeline::{InstanceRecord, Pipelines};
+use super::scene::Scene;
+use super::target::Target;
+use super::tone::{LIGHT_MAX, tone_map};
+use super::view::{FrameUniform, LampRecord, ViewDesc};
+use super::{DrawError, DrawStats, albedo};
+
+/// A frame that takes longer is taken for a GPU that hangs.
+const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
+
+/// Maximum number of primitives that all views of a frame show: 120 bytes each here, and at most
+/// 240 on the GPU. Views multiply a scene: this is twice the largest, or one for two eyes.
+const RECORDS_MAX: usize = 4 << 20;
+
+/// How many times more than a frame needs is kept for the next ones: a camera that looks away and
+/// back costs nothing, and a heavy scene leaves its memory when another one is shown.
+const KEPT_FACTOR: u64 = 16;
+
+/// Bytes that are kept in any case.
+const KEPT_BYTES: u64 = 1 << 20;
+
+fn is_too_large(bytes: u64, needed: u64) -> bool {
+    bytes > KEPT_BYTES && bytes / KEPT_FACTOR > needed
+}
+
+/// A buffer that is written once a frame. It grows to twice what is needed when it is too small,
+/// and shrinks to that when it is far too large.
+#[derive(Debug)]
+struct FrameBuffer {
+    label: &'static str,
+    usage: wgpu::BufferUsages,
+    buffer: Option<wgpu::Buffer>,
+}
+
+impl FrameBuffer {
+    fn new(label: &'static str, usage: wgpu::BufferUsages) -> Self {
+        Self { label, usage: usage | wgpu::BufferUsages::COPY_DST, buffer: None }
+    }
+
+    fn write(&mut self, gpu: &Gpu, bytes: &[u8]) -> &wgpu::Buffer {
+        let needed = bytes.len().max(4) as u64;
+        let buffer = match self.buffer.take() {
+            Some(buffer) if buffer.size() >= needed && !is_too_large(buffer.size(), needed) => {
+                buffer
+            }
+            _ => gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(self.label),
+                size: (needed * 2).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
+                usage: self.usage,
+                mapped_at_creation: false,
+            }),
+        };
+        if !bytes.is_empty() {
+            gpu.queue.write_buffer(&buffer, 0, bytes);
+        }
+        self.buffer.insert(buffer)
+    }
+}
+
+/// What frames need again and again.
+#[derive(Debug)]
+pub(crate) struct Frames {
+    uniforms: FrameBuffer,
+    lamps: FrameBuffer,
+    instances: FrameBuffer,
+    group_layout: wgpu::BindGroupLayout,
+    /// See [`albedo`].
+    albedo: wgpu::TextureView,
+    albedo_sampler: wgpu::Sampler,
+    tonemap: Tonemap,
+    scratch: Scratch,
+    records: Vec<InstanceRecord>,
+}
+
+/// What the passes draw with.
+pub(crate) struct DrawContext<'a> {
+    scene: &'a Scene,
+    pipelines: Vec<&'a wgpu::RenderPipeline>,
+    views: Vec<&'a ViewDesc>,
+    pub lists: &'a [DrawList],
+    group: wgpu::BindGroup,
+    instances: &'a wgpu::Buffer,
+    uniform_stride: u32,
+    lamp_stride: u32,
+    /// No more indices of a geometry than this are drawn.
+    index_count_max: u32,
+}
+
+impl DrawContext<'_> {
+    /// Encodes draws of one view; sets only what changes from draw to draw.
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, view: usize, draws: &[Draw]) {
+        if draws.is_empty() {
+            return;
+        }
+        let [x, y, width, height] = self.views[view].viewport.map(|number| number as f32);
+        pass.set_viewport(x, y, width, height, 0.0, 1.0);
+        let [x, y, width, height] = self.lists[view].rectangle;
+        pass.set_scissor_rect(x, y, width, height);
+        let index = view as u32;
+        let offsets = [index * self.uniform_stride, index * self.lamp_stride];
+        pass.set_bind_group(0, &self.group, &offsets);
+        pass.set_vertex_buffer(1, self.instances.slice(..));
+        let (mut pipeline, mut material, mut geometry) = (None, None, None);
+        for draw in draws {
+            let batch = &self.scene.layout.batches[draw.batch as usize];
+            if pipeline.replace(draw.pipeline) != Some(draw.pipeline) {
+                pass.set_pipeline(self.pipelines[draw.pipeline as usize]);
+            }
+            if material.replace(batch.material) != Some(batch.material) {
+                pass.set_bind_group(2, &self.scene.materials[batch.material as usize], &[]);
+            }
+            let shape = &self.scene.geometries[batch.geometry as usize];
+            if geometry.replace(batch.geometry) != Some(batch.geometry) {
+                pass.set_vertex_buffer(0, shape.buffer.slice(..shape.vertex_bytes));
+                let indices = shape.buffer.slice(shape.vertex_bytes..);
+                pass.set_index_buffer(indices, shape.index_format);
+            }
+            let [start, count] = draw.part.unwrap_or([0, shape.index_count]);
+            let indices = start..start + count.min(self.index_count_max);
+            pass.draw_indexed(indices, 0, draw.first..draw.first + draw.count);
+        }
+    }
+}
+
+impl Frames {
+    pub fn new(gpu: &Gpu) -> Self {
+        let vertex = wgpu::BufferUsages::VERTEX;
+        Self {
+            uniforms: FrameBuffer::new("frame/uniforms", wgpu::BufferUsages::UNIFORM),
+            lamps: FrameBuffer::new("frame/lamps", wgpu::BufferUsages::STORAGE),
+            instances: FrameBuffer::new("frame/instances", vertex),
+            group_layout: super::bindings::frame_layout(&gpu.device),
+            albedo: albedo::texture(gpu),
+            albedo_sampler: albedo::sampler(gpu),
+            tonemap: Tonemap::new(gpu),
+            scratch: Scratch::default(),
+            records: Vec::new(),
+        }
+    }
+
+    /// Bytes that are held for the primitives of a frame, here and on the GPU.
+    #[cfg(test)]
+    pub fn held_bytes(&self) -> u64 {
+        let on_gpu = self.instances.buffer.as_ref().map_or(0, wgpu::Buffer::size);
+        on_gpu + (self.records.capacity() * size_of::<InstanceRecord>()) as u64
+    }
+
+    /// Draws the views of a frame, and waits until the picture is there.
+    pub fn draw(
+        &mut self,
+        gpu: &Gpu,
+        pipelines: &Pipelines,
+        scene: &Scene,
+        target: &Target,
+        views: &[ViewDesc],
+    ) -> Result<DrawStats, DrawError> {
+        let start = Instant::now();
+        self.records.clear();
+        let extent = scene.extent();
+        let views: Vec<ViewDesc> = views.iter().map(|view| view.fitted(&extent)).collect();
+        let mut lists = Vec::with_capacity(views.len());
+        let mut seen = Vec::with_capacity(views.len());
+        for view in &views {
+            let Some(rectangle) = view.rectangle(target.size()) else { continue };
+            let (scratch, records) = (&mut self.scratch, &mut self.records);
+            lists.push(DrawList::new(scene, view, rectangle, scratch, records));
+            check_records(gpu, self.records.len())
+                .map_err(|reason| DrawError::View { index: seen.len(), reason })?;
+            seen.push(view);
+        }
+        let culled = start.elapsed();
+        let sky = sky(scene, &views);
+        let clear_display = if scene.layout.blends {
+            self.tonemap.sky_color(gpu, sky, target.content())?
+        } else {
+            light_color(tone_map(sky))
+        };
+        let ready = ready(pipelines, scene, target)?;
+        let context = self.context(gpu, ready, scene, seen, &lists);
+        let mut encoder = gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        {
+            let clear_scene = if scene.layout.blends { light_color(sky) } else { clear_display };
+            let mut pass = begin(&mut encoder, target, clear_scene);
+            opaque::encode(&mut pass, &context);
+            transparent::encode(&mut pass, &context);
+        }
+        let touched = lists.iter().filter_map(|list| list.touched).reduce(around);
+        self.tonemap.encode(gpu, &mut encoder, target, clear_display, touched);
+        let index = gpu.queue.submit([encoder.finish()]);
+        let encoded = start.elapsed();
+        let records_bytes = |records: usize| (records * size_of::<InstanceRecord>()) as u64;
+        let (held, needed) = (self.records.capacity(), self.records.len());
+        if is_too_large(records_bytes(held), records_bytes(needed)) {
+            self.records = Vec::new();
+            self.scratch = Scratch::default();
+        }
+        wait(gpu, index)?;
+        let microseconds = |duration: Duration| duration.as_micros() as u64;
+        let visible: u32 = lists.iter().map(|list| list.visible).sum();
+        Ok(DrawStats {
+            triangles: lists.iter().map(|list| list.triangles).sum(),
+            draw_calls: lists.iter().map(|l| l.opaque.len() + l.transparent.len()).sum::<usize>()
+                as u32,
+            visible,
+            culled: (scene.layout.items.len() * lists.len()) as u32 - visible,
+            cull_us: microseconds(culled),
+            encode_us: microseconds(encoded.saturating_sub(culled)),
+            gpu_us: microseconds(start.elapsed().saturating_sub(encoded)),
+        })
+    }
+
+    /// Draws a little with everything that the scene draws with, onto a target of one pixel, so
+    /// that the driver compiles now and not in the first frame. Nothing shows: the one instance
+    /// has a matrix of zeros.
+    pub fn warm(
+        &mut self,
+        gpu: &Gpu,
+        pipelines: &Pipelines,
+        scene: &Scene,
+        target: &Target,
+    ) -> Result<(), DrawError> {
+        let view = ViewDesc {
+            eye_in_world: DVec3::ZERO,
+            middle_eye_in_world: DVec3::ZERO,
+            view_from_world: DMat3::IDENTITY,
+            clip_from_view: DMat4::IDENTITY,
+            viewport: [0.0, 0.0, 1.0, 1.0],
+            scissor: None,
+            exposure: 1.0,
+        };
+        let opaque = samples_of(scene);
+        let lists = [DrawList { rectangle: [0, 0, 1, 1], opaque, ..DrawList::default() }];
+        self.records.clear();
+        self.records.push(InstanceRecord::default());
+        let ready = ready(pipelines, scene, target)?;
+        let mut context = self.context(gpu, ready, scene, vec![&view], &lists);
+        // A multiple of what points, lines and triangles take.
+        context.index_count_max = 6;
+        let mut encoder = gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("warm") });
+        opaque::encode(&mut begin(&mut encoder, target, wgpu::Color::BLACK), &context);
+        self.tonemap.encode(gpu, &mut encoder, target, wgpu::Color::BLACK, Some([0, 0, 1, 1]));
+        wait(gpu, gpu.queue.submit([encoder.finish()]))
+    }
+
+    fn context<'a>(
+        &'a mut self,
+        gpu: &Gpu,
+        pipelines: Vec<&'a wgpu::RenderPipeline>,
+        scene: &'a Scene,
+        views: Vec<&'a ViewDesc>,
+        lists: &'a [DrawList],
+    ) -> DrawContext<'a> {
+        let uniform_size = uniform_stride(gpu, size_of::<FrameUniform>());
+        let lamp_count = scene.layout.lights.lamps.len().max(1);
+        let lamp_size = lamp_count * size_of::<LampRecord>();
+        let alignment = gpu.device.limits().min_storage_buffer_offset_alignment as usize;
+        let lamp_stride = lamp_size.next_multiple_of(alignment);
+        let mut uniforms = vec![0; uniform_size * views.len().max(1)];
+        let mut lamps = vec![0; lamp_stride * views.len().max(1)];
+        for (index, view) in views.iter().enumerate() {
+            let uniform = view.uniform(scene);
+            let bytes = bytemuck::bytes_of(&uniform);
+            uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
+            let eye = view.eye_in_world;
+            let records: Vec<_> =
+                scene.layout.lights.lamps.iter().map(|lamp| LampRecord::new(lamp, eye)).collect();
+            let bytes = bytemuck::cast_slice(&records);
+            lamps[index * lamp_stride..][..bytes.len()].copy_from_slice(bytes);
+        }
+        let uniforms = self.uniforms.write(gpu, &uniforms);
+        let lamps = self.lamps.write(gpu, &lamps);
+        let part = |buffer, size: usize| {
+            let size = wgpu::BufferSize::new(size as u64);
+            wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size })
+        };
+        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("frame/group"),
+            layout: &self.group_layout,
+            entries: &[
+                wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: part(uniforms, size_of::<FrameUniform>()),
+                },
+                wgpu::BindGroupEntry { binding: 1, resource: part(lamps, lamp_size) },
+                wgpu::BindGroupEntry {
+                    binding: 2,
+                    resource: scene.lamp_indices.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 3,
+                    resource: wgpu::BindingResource::TextureView(&self.albedo),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 4,
+                    resource: wgpu::BindingResource::Sampler(&self.albedo_sampler),
+                },
+            ],
+        });
+        DrawContext {
+            scene,
+            pipelines,
+            views,
+            lists,
+            group,
+            instances: self.instances.write(gpu, bytemuck::cast_slice(&self.records)),
+            uniform_stride: uniform_size as u32,
+            lamp_stride: lamp_stride as u32,
+            index_count_max: u32::MAX,
+        }
+    }
+}
+
+/// Refuses a frame whose views show more than is held for one.
+fn check_records(gpu: &Gpu, records: usize) -> Result<(), String> {
+    // The buffer grows to twice what is needed.
+    let fit = gpu.device.limits().max_buffer_size as usize / (2 * size_of::<InstanceRecord>());
+    let records_max = RECORDS_MAX.min(fit);
+    if records <= records_max {
+        return Ok(());
+    }
+    Err(format!(
+        "with those before it, it shows {records} primitives, where {records_max} can be shown in \
+         a frame; show fewer views of this scene"
+    ))
+}
+
+/// The scene's pipelines for such a target.
+fn ready<'a>(
+    pipelines: &'a Pipelines,
+    scene: &Scene,
+    target: &Target,
+) -> Result<Vec<&'a wgpu::RenderPipeline>, DrawError> {
+    let found = scene.layout.keys.iter().map(|key| pipelines.get(key, target.content()));
+    found.collect::<Option<_>>().ok_or(DrawError::NotPrepared)
+}
+
+/// Exposed light of the sky, within what the targets hold.
+fn sky(scene: &Scene, views: &[ViewDesc]) -> Vec3 {
+    let exposure = views.first().map_or(1.0, |view| view.exposure);
+    (scene.layout.sky * exposure).max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX))
+}
+
+/// Begins the pass over the scene.
+fn begin<'a>(
+    encoder: &'a mut wgpu::CommandEncoder,
+    target: &Target,
+    sky: wgpu::Color,
+) -> wgpu::RenderPass<'a> {
+    let (view, resolve_target) = target.scene();
+    // What has been resolved need not be kept.
+    let store =
+        if resolve_target.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store };
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some("scene/pass"),
+        color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+            view,
+            depth_slice: None,
+            resolve_target,
+            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(sky), store },
+        })],
+        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+            view: target.depth(),
+            depth_ops: Some(wgpu::Operations {
+                load: wgpu::LoadOp::Clear(0.0),
+                store: wgpu::StoreOp::Discard,
+            }),
+            stencil_ops: None,
+        }),
+        ..Default::default()
+    })
+}
+
+fn around(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
+    let (x, y) = (a[0].min(b[0]), a[1].min(b[1]));
+    [x, y, (a[0] + a[2]).max(b[0] + b[2]) - x, (a[1] + a[3]).max(b[1] + b[3]) - y]
+}
+
+/// Waits until the GPU is done with what was submitted.
+pub(crate) fn wait(gpu: &Gpu, index: wgpu::SubmissionIndex) -> Result<(), DrawError> {
+    let waited = gpu
+        .device
+        .poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: Some(GPU_WAIT_MAX) });
+    if matches!(waited, Err(wgpu::PollError::Timeout)) {
+        // One that is only busy ends within this time, and its channel is late.
+        let seconds = GPU_WAIT_MAX.as_secs();
+        let reason = format!("the GPU or its driver hangs: no frame within {seconds} s");
+        gpu.give_up(GpuFaultKind::Hangs, &reason);
+    }
+    match (gpu.fault(), waited) {
+        (Some(fault), _) => Err(DrawError::Gpu(fault)),
+        (None, Err(error)) => Err(DrawError::Gpu(error.to_string())),
+        (None, Ok(_)) => Ok(()),
+    }
+}

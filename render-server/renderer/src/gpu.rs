@@ -1,0 +1,261 @@
+//! The adapter, its device and queue, and what went wrong on them.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use tracing::{info, warn};
+
+/// Why no GPU could be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum GpuError {
+    /// Not even a software driver.
+    #[error(
+        "no Vulkan or GL driver was found; on Debian or Ubuntu: apt install mesa-vulkan-drivers"
+    )]
+    NoAdapter,
+    /// There are drivers, but none that can present to the given window.
+    #[error("none of the drivers can draw to this window: {0}")]
+    NoneForSurface(String),
+    /// The driver refused to make a device.
+    #[error("{adapter} refused to open: {reason}")]
+    Device {
+        /// Which adapter.
+        adapter: String,
+        /// In the driver's words.
+        reason: String,
+    },
+}
+
+/// What there is to know about an adapter, as reports give it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AdapterFacts {
+    /// For example "llvmpipe (LLVM 15.0.6, 256 bits)".
+    pub name: String,
+    /// The driver's name.
+    pub driver: String,
+    /// Its version; pictures are bit-equal only between equal drivers.
+    pub driver_info: String,
+    /// "vulkan" or "gl".
+    pub backend: String,
+    /// "DiscreteGpu", "IntegratedGpu", "VirtualGpu", "Cpu" or "Other".
+    pub device_type: String,
+    /// Largest width and height of a texture, in pixels.
+    pub texture_side_max: u32,
+}
+
+/// One opened adapter. The device reports faults here instead of panicking.
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    /// Also makes surfaces.
+    pub instance: wgpu::Instance,
+    /// The one that was chosen.
+    pub adapter: wgpu::Adapter,
+    /// Makes buffers, textures and pipelines.
+    pub device: wgpu::Device,
+    /// Takes work.
+    pub queue: wgpu::Queue,
+    fault: Arc<Mutex<Option<GpuFault>>>,
+    losses: Arc<AtomicU64>,
+}
+
+/// Why a device can not be used any more.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GpuFault {
+    /// What must be done about it.
+    pub kind: GpuFaultKind,
+    /// In the driver's words.
+    pub reason: String,
+}
+
+/// What must be done about a fault of a device, beside opening another one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GpuFaultKind {
+    /// Nothing: its driver was reset, or refused a call.
+    Lost,
+    /// Less must be kept on it.
+    OutOfMemory,
+    /// It may never give back what it holds: it does not finish its work.
+    Hangs,
+}
+
+impl Gpu {
+    /// Opens the best adapter without a window.
+    ///
+    /// # Errors
+    /// No driver, or the driver refuses.
+    pub fn headless() -> Result<Self, GpuError> {
+        Self::open(Self::instance(wgpu::InstanceDescriptor::new_without_display_handle), None)
+    }
+
+    /// An instance of Vulkan where there is a driver for it, else of GL; `WGPU_BACKEND` and,
+    /// through the loader, `VK_DRIVER_FILES` are honoured. `describe` gives the window system.
+    ///
+    /// GL is not even looked at where Vulkan will do: its libraries complain on machines without
+    /// a screen.
+    pub fn instance(describe: impl Fn() -> wgpu::InstanceDescriptor) -> wgpu::Instance {
+        let chosen = wgpu::Backends::from_env();
+        let with = |backends| {
+            let mut descriptor = describe().with_env();
+            descriptor.backends = backends;
+            // Nothing is drawn indirectly, so the pipelines that check such draws are not needed.
+            descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
+            wgpu::Instance::new(descriptor)
+        };
+        let first = with(chosen.unwrap_or(wgpu::Backends::VULKAN));
+        let found = pollster::block_on(first.enumerate_adapters(wgpu::Backends::all()));
+        if found.is_empty() && chosen.is_none() { with(wgpu::Backends::GL) } else { first }
+    }
+
+    /// Opens the best adapter that can present to the surface: hardware Vulkan, else software
+    /// Vulkan, else GL.
+    ///
+    /// # Errors
+    /// No driver, none for this surface, or the driver refuses.
+    pub fn open(
+        instance: wgpu::Instance,
+        compatible_surface: Option<&wgpu::Surface<'_>>,
+    ) -> Result<Self, GpuError> {
+        let backends = wgpu::Backends::VULKAN | wgpu::Backends::GL;
+        let mut adapters = pollster::block_on(instance.enumerate_adapters(backends));
+        if adapters.is_empty() {
+            return Err(GpuError::NoAdapter);
+        }
+        let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
+        if let Some(surface) = compatible_surface {
+            adapters.retain(|adapter| adapter.is_surface_supported(surface));
+        }
+        let best = adapters.into_iter().min_by_key(|adapter| rank(&adapter.get_info()));
+        let adapter = best.ok_or_else(|| GpuError::NoneForSurface(names.join(", ")))?;
+        let gpu = Self::of(instance, adapter, Arc::default())?;
+        let facts = gpu.facts();
+        info!(adapter = facts.name, driver = facts.driver_info, backend = facts.backend, "gpu");
+        Ok(gpu)
+    }
+
+    fn of(
+        instance: wgpu::Instance,
+        adapter: wgpu::Adapter,
+        losses: Arc<AtomicU64>,
+    ) -> Result<Self, GpuError> {
+        let (device, queue) = open_device(&adapter)?;
+        let gpu = Self { instance, adapter, device, queue, fault: Arc::default(), losses };
+        gpu.watch();
+        Ok(gpu)
+    }
+
+    /// Returns the number of devices of this adapter that had a fault; it goes on rising when the
+    /// adapter is opened again. Other threads learn from it that what they had made is gone.
+    pub fn losses(&self) -> Arc<AtomicU64> {
+        Arc::clone(&self.losses)
+    }
+
+    /// Opens the same adapter again, after its device was lost. Nothing that was made on the lost
+    /// device can be used on the new one.
+    ///
+    /// # Errors
+    /// The driver refuses; while it resets, it may do so for a moment.
+    pub fn reopened(&self) -> Result<Self, GpuError> {
+        Self::of(self.instance.clone(), self.adapter.clone(), self.losses())
+    }
+
+    /// Gives the device up for a fault, unless it has one already. What is done with it fails from
+    /// then on.
+    pub fn give_up(&self, kind: GpuFaultKind, reason: &str) {
+        keep(&self.fault, &self.losses, kind, reason.to_owned());
+        // A device that hangs is not told to do anything more.
+        if kind != GpuFaultKind::Hangs {
+            self.device.destroy();
+        }
+    }
+
+    fn watch(&self) {
+        let (fault, losses) = (Arc::clone(&self.fault), self.losses());
+        self.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            let kind = match error {
+                wgpu::Error::OutOfMemory { .. } => GpuFaultKind::OutOfMemory,
+                _ => GpuFaultKind::Lost,
+            };
+            keep(&fault, &losses, kind, error.to_string());
+        }));
+        let (fault, losses) = (Arc::clone(&self.fault), self.losses());
+        self.device.set_device_lost_callback(move |reason, message| {
+            // Dropping the device on purpose is no fault.
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                keep(&fault, &losses, GpuFaultKind::Lost, format!("device lost: {message}"));
+            }
+        });
+    }
+
+    /// What there is to know about the adapter.
+    pub fn facts(&self) -> AdapterFacts {
+        let info = self.adapter.get_info();
+        AdapterFacts {
+            name: info.name,
+            driver: info.driver,
+            driver_info: info.driver_info,
+            backend: info.backend.to_string(),
+            device_type: format!("{:?}", info.device_type),
+            texture_side_max: self.device.limits().max_texture_dimension_2d,
+        }
+    }
+
+    /// Whether a texture can be written as sRGB and as plain bytes; GL cannot.
+    pub(crate) fn views_other_formats(&self) -> bool {
+        let flags = self.adapter.get_downlevel_capabilities().flags;
+        flags.contains(wgpu::DownlevelFlags::VIEW_FORMATS)
+    }
+
+    /// The first fault of the device since it was opened, in words.
+    pub fn fault(&self) -> Option<String> {
+        self.first_fault().map(|fault| fault.reason)
+    }
+
+    /// The first fault of the device since it was opened: lost, out of memory, or a mistake of
+    /// ours. The owner opens a new [`Gpu`] then.
+    pub fn first_fault(&self) -> Option<GpuFault> {
+        self.fault.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// Lower is better. GL comes last also because its depth from −1 to 1 costs reversed depth its
+/// precision far away.
+fn rank(info: &wgpu::AdapterInfo) -> u32 {
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    };
+    if info.backend == wgpu::Backend::Vulkan { kind } else { 10 + kind }
+}
+
+fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
+    let offered = adapter.limits();
+    // The portable floor, but with room for large canvases and large scenes.
+    let limits = wgpu::Limits {
+        max_texture_dimension_2d: offered.max_texture_dimension_2d,
+        max_buffer_size: offered.max_buffer_size,
+        max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
+        ..wgpu::Limits::downlevel_defaults()
+    };
+    let request = adapter.request_device(&wgpu::DeviceDescriptor {
+        label: Some("gpu/device"),
+        required_limits: limits,
+        ..Default::default()
+    });
+    pollster::block_on(request).map_err(|error| GpuError::Device {
+        adapter: adapter.get_info().name,
+        reason: error.to_string(),
+    })
+}
+
+fn keep(fault: &Mutex<Option<GpuFault>>, losses: &AtomicU64, kind: GpuFaultKind, reason: String) {
+    let mut first = fault.lock().unwrap_or_else(PoisonError::into_inner);
+    // What follows from it is not news: every call on a lost device fails.
+    if first.is_none() {
+        warn!(fault = reason, "gpu");
+        *first = Some(GpuFault { kind, reason });
+        losses.fetch_add(1, Ordering::SeqCst);
+    }
+}

@@ -1,0 +1,186 @@
+//! Draws a scene onto targets. Knows no wire, no wall and no window.
+//!
+//! **Invariants.** World positions are f64 until the eye is subtracted. What is drawn and in which
+//! order is a function of the scene and the view, never of the target or of earlier frames.
+//! Nothing here panics: faults of the GPU come back as errors.
+//!
+//! Light: lux and candela are taken as they are, so that a white matt surface under π lux has the
+//! radiance 1, and exposure scales radiance before the tone mapping.
+
+mod albedo;
+mod bindings;
+mod correction;
+mod cull;
+mod draw_list;
+mod frame;
+mod gpu;
+mod pass;
+mod picture;
+mod pipeline;
+mod readback;
+mod scene;
+mod shader;
+mod target;
+// The harness of tests serves the render server's too, so it names this crate as that one does.
+#[cfg(test)]
+extern crate self as polyptych_renderer;
+#[cfg(test)]
+mod tests;
+mod text;
+mod tone;
+mod view;
+
+pub use correction::{
+    CURVE_POINTS_MAX, CorrectionDesc, CorrectionError, Curve, LightMap, Packing, SOURCE_GUARD,
+    SOURCE_PLANES_MAX, SourceEye, SourcePlane, Turn, WarpMesh, WarpVertex,
+};
+pub use gpu::{AdapterFacts, Gpu, GpuError, GpuFault, GpuFaultKind};
+pub use pass::correct::{Correction, Shape, TAPS_MAX};
+pub use pass::idle;
+pub use pass::label::{Label, Place};
+pub use pass::output::{Output, letterbox};
+pub use pass::tonemap::SkyError;
+pub use picture::{Content, FINE_FORMAT, Picture};
+pub use readback::{ReadError, read_picture, read_pixels};
+pub use scene::{
+    AlphaMode, ContentName, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter,
+    NodeDesc, PrimitiveDesc, SamplerDesc, Scene, SceneBuilder, SceneDesc, SceneError, SceneLayout,
+    TextureDesc, TextureUse, Topology, VertexLayout, Wrap,
+};
+pub use target::{Target, TargetError};
+pub use text::ink;
+pub use view::ViewDesc;
+
+/// Why a frame was not drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum DrawError {
+    /// [`Renderer::prepare`] has not seen this scene.
+    #[error("the scene's pipelines have not been prepared")]
+    NotPrepared,
+    /// The target was made for other samples, or for a scene that blends where this does not.
+    #[error("the target was not made for this renderer and scene")]
+    Target,
+    /// A view cannot be drawn.
+    #[error("view {index}: {reason}")]
+    View {
+        /// Which of the views.
+        index: usize,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The sky's colour could not be found.
+    #[error(transparent)]
+    Sky(#[from] SkyError),
+    /// The device is lost, hangs, or is out of memory.
+    #[error("the GPU failed: {0}")]
+    Gpu(String),
+}
+
+/// What a frame took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DrawStats {
+    /// Of all visible items.
+    pub triangles: u64,
+    /// Encoded.
+    pub draw_calls: u32,
+    /// Primitives in their places that passed culling, over all views.
+    pub visible: u32,
+    /// Primitives in their places that did not.
+    pub culled: u32,
+    /// Microseconds to cull and sort.
+    pub cull_us: u64,
+    /// Microseconds to write buffers, encode and submit.
+    pub encode_us: u64,
+    /// Microseconds from there until the GPU was done.
+    pub gpu_us: u64,
+}
+
+impl DrawStats {
+    /// Those of both, one after the other.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            triangles: self.triangles + other.triangles,
+            draw_calls: self.draw_calls + other.draw_calls,
+            visible: self.visible + other.visible,
+            culled: self.culled + other.culled,
+            cull_us: self.cull_us + other.cull_us,
+            encode_us: self.encode_us + other.encode_us,
+            gpu_us: self.gpu_us + other.gpu_us,
+        }
+    }
+}
+
+/// Draws scenes with a fixed number of samples per pixel.
+#[derive(Debug)]
+pub struct Renderer {
+    samples: u32,
+    pipelines: pipeline::Pipelines,
+    frames: frame::Frames,
+}
+
+impl Renderer {
+    /// A renderer with 1 or 4 samples per pixel.
+    ///
+    /// # Errors
+    /// Other numbers of samples.
+    pub fn new(gpu: &Gpu, samples: u32) -> Result<Self, TargetError> {
+        if samples != 1 && samples != 4 {
+            return Err(TargetError::Samples(samples));
+        }
+        let (pipelines, frames) = (pipeline::Pipelines::new(gpu, samples), frame::Frames::new(gpu));
+        Ok(Self { samples, pipelines, frames })
+    }
+
+    /// Samples per pixel.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// Makes the pipelines that the scene needs and that are not there yet, and has the driver
+    /// compile them: up to a second with a software driver, which the first frame is spared.
+    ///
+    /// A fault of the GPU shows in [`Gpu::fault`] and in the next [`Self::draw`].
+    pub fn prepare(&mut self, gpu: &Gpu, scene: &Scene) {
+        self.prepare_for(gpu, scene, Content::Srgb);
+    }
+
+    /// As [`Self::prepare`], for targets of this content.
+    pub fn prepare_for(&mut self, gpu: &Gpu, scene: &Scene, content: Content) {
+        self.pipelines.prepare(gpu, &scene.layout.keys, content);
+        let warmed = Target::of(gpu, [1, 1], self.samples, scene.blends(), content)
+            .map_err(|error| error.to_string())
+            .and_then(|target| {
+                let warmed = self.frames.warm(gpu, &self.pipelines, scene, &target);
+                warmed.map_err(|error| error.to_string())
+            });
+        if let Err(reason) = warmed {
+            tracing::warn!(reason, "the pipelines could not be warmed");
+        }
+    }
+
+    /// Draws views of the scene into the target and waits until the picture is there. Pixels
+    /// outside of all views show the sky, exposed as in the first view. Views should not overlap:
+    /// they share one depth.
+    ///
+    /// # Errors
+    /// The scene was not prepared, target or view do not fit, or the GPU failed.
+    pub fn draw(
+        &mut self,
+        gpu: &Gpu,
+        scene: &Scene,
+        target: &mut Target,
+        views: &[ViewDesc],
+    ) -> Result<DrawStats, DrawError> {
+        if target.samples() != self.samples || target.linear().is_some() != scene.blends() {
+            return Err(DrawError::Target);
+        }
+        let side_max = gpu.device.limits().max_texture_dimension_2d;
+        for (index, view) in views.iter().enumerate() {
+            if let Some(reason) = view.fault(side_max) {
+                return Err(DrawError::View { index, reason });
+            }
+        }
+        self.frames.draw(gpu, &self.pipelines, scene, target, views)
+    }
+}

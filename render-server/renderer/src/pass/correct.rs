@@ -1,0 +1,417 @@
+//! From the light of a source target to the codes of one display.
+//!
+//! The warp mesh itself is drawn, so that its points are interpolated by the rasteriser and no map
+//! is read; mesh and maps go to the GPU once, and a frame brings two kilobytes.
+
+mod cells;
+mod pipelines;
+mod shape;
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::Arc;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DMat3, DVec3, DVec4};
+use wgpu::util::DeviceExt;
+
+use crate::correction::{
+    CorrectionDesc, CorrectionError, Curve, SOURCE_CELLS_MAX, SOURCE_GUARD, SOURCE_PLANES_MAX,
+    SourceEye, SourcePlane, WarpMesh,
+};
+use crate::frame::wait;
+use crate::gpu::Gpu;
+use crate::pass::tonemap::{clear, resume};
+use crate::picture::{Content, Picture};
+use crate::target::{Target, TargetError};
+
+pub(crate) use cells::CellRecord;
+use pipelines::{Pipelines, Sampling};
+pub use shape::Shape;
+
+/// Source pixels beyond a plane's own that still count as its own: rounding must leave no point
+/// between two planes.
+const INNER_MARGIN: f64 = 0.5;
+
+/// Entries of a measured curve as the shader reads it.
+const CODE_COUNT: usize = 4096;
+
+/// Samples for a pixel, across and down, at most: the source is then six times as dense as the
+/// display.
+pub const TAPS_MAX: u32 = 4;
+
+/// Twin of `SourcePlane` in `correct.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct PlaneRecord {
+    pub across: [f32; 4],
+    pub down: [f32; 4],
+    pub depth: [f32; 4],
+    pub inner: [f32; 4],
+}
+
+/// Twin of `Eye` in `correct.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct EyeRecord {
+    pub position: [f32; 4],
+    pub clip_x: [f32; 4],
+    pub clip_y: [f32; 4],
+    pub upright_x: [f32; 4],
+    pub upright_y: [f32; 4],
+}
+
+/// Twin of `Correction` in `correct.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct CorrectionUniform {
+    pub eyes: [EyeRecord; 2],
+    pub planes: [PlaneRecord; 2 * SOURCE_PLANES_MAX],
+    pub red: [f32; 4],
+    pub green: [f32; 4],
+    pub blue: [f32; 4],
+    pub light_scale: [f32; 4],
+    pub inverse_gamma: [f32; 4],
+    pub texel: [f32; 2],
+    pub pad: [f32; 2],
+}
+
+/// One channel's correction, on the GPU.
+#[derive(Debug)]
+pub struct Correction {
+    desc: CorrectionDesc,
+    shape: Rc<Shape>,
+    light_map: wgpu::TextureView,
+    codes: wgpu::Buffer,
+    pipelines: Rc<RefCell<Pipelines>>,
+}
+
+impl Correction {
+    /// Takes a description to the GPU.
+    ///
+    /// # Errors
+    /// What is wrong with the description.
+    pub fn new(gpu: &Gpu, desc: CorrectionDesc) -> Result<Self, CorrectionError> {
+        Self::after(gpu, desc, None)
+    }
+
+    /// Takes a description to the GPU; what it has in common with that of a `known` correction on
+    /// the same GPU, and all that was compiled, is shared with it.
+    ///
+    /// # Errors
+    /// What is wrong with the description.
+    pub fn after(
+        gpu: &Gpu,
+        desc: CorrectionDesc,
+        known: Option<&Self>,
+    ) -> Result<Self, CorrectionError> {
+        check(gpu, &desc)?;
+        let same_shape = known.filter(|known| {
+            is_same(known.desc.warp.as_ref(), desc.warp.as_ref())
+                && known.desc.upright == desc.upright
+        });
+        let shape = match same_shape {
+            Some(known) => Rc::clone(&known.shape),
+            None => Rc::new(Shape::new(gpu, desc.upright, desc.warp.as_deref())),
+        };
+        let same_light =
+            known.filter(|known| is_same(known.desc.light_map.as_ref(), desc.light_map.as_ref()));
+        let light_map = match same_light {
+            Some(known) => known.light_map.clone(),
+            None => light_map(gpu, &desc),
+        };
+        let pipelines = match known {
+            Some(known) => Rc::clone(&known.pipelines),
+            None => Rc::new(RefCell::new(Pipelines::new(gpu))),
+        };
+        let codes = codes(gpu, &desc.curve);
+        Ok(Self { desc, shape, light_map, codes, pipelines })
+    }
+
+    /// Returns whether all is compiled that such a draw needs.
+    pub fn is_warm(&self, eyes: &[SourceEye], taps: [u32; 2]) -> bool {
+        let sampling = Sampling::new(eyes, taps);
+        let pipelines = self.pipelines.borrow();
+        (0..self.desc.packing.eyes()).all(|eye| pipelines.has(&self.desc, sampling, eye))
+    }
+
+    /// Width and height of the display's picture, in pixels.
+    pub fn display_size(&self) -> [u32; 2] {
+        self.desc.display_size()
+    }
+
+    /// What its pictures hold.
+    pub fn content(&self) -> Content {
+        if self.desc.is_fine { Content::FineCodes } else { Content::Codes }
+    }
+
+    /// A picture that [`Self::draw`] can draw onto, in pixels of the display.
+    pub fn picture(&self, gpu: &Gpu) -> Picture {
+        Picture::new(gpu, self.display_size(), self.content())
+    }
+
+    /// The pixels of a mesh, to be drawn over others of this correction ([`Self::draw_over`]).
+    ///
+    /// # Errors
+    /// What is wrong with the mesh, or that the correction resamples nothing.
+    pub fn shape(&self, gpu: &Gpu, warp: &WarpMesh) -> Result<Shape, CorrectionError> {
+        if self.desc.warp.is_none() {
+            return Err(CorrectionError::Source("a correction without a warp has one shape"));
+        }
+        match warp.fault(self.desc.upright) {
+            Some(reason) => Err(CorrectionError::Mesh(reason)),
+            None => Ok(Shape::new(gpu, self.desc.upright, Some(warp))),
+        }
+    }
+
+    /// Draws what the eyes see of the source and waits until it is there: one eye, or the left and
+    /// the right one. `taps` are the samples across and down that one display pixel takes, 1 to 4
+    /// each.
+    ///
+    /// # Errors
+    /// The source holds no light, or not these planes; the picture is none of [`Self::picture`];
+    /// or the GPU failed.
+    pub fn draw(
+        &mut self,
+        gpu: &Gpu,
+        source: &Target,
+        eyes: &[SourceEye],
+        taps: [u32; 2],
+        onto: &Picture,
+    ) -> Result<(), CorrectionError> {
+        self.draw_shape(gpu, None, source, (eyes, taps), onto)
+    }
+
+    /// As [`Self::draw`], of the pixels of a shape of this correction only: the others stay.
+    ///
+    /// # Errors
+    /// As of [`Self::draw`].
+    pub fn draw_over(
+        &mut self,
+        gpu: &Gpu,
+        shape: &Shape,
+        source: &Target,
+        eyes_and_taps: (&[SourceEye], [u32; 2]),
+        onto: &Picture,
+    ) -> Result<(), CorrectionError> {
+        self.draw_shape(gpu, Some(shape), source, eyes_and_taps, onto)
+    }
+
+    fn draw_shape(
+        &mut self,
+        gpu: &Gpu,
+        over: Option<&Shape>,
+        source: &Target,
+        (eyes, taps): (&[SourceEye], [u32; 2]),
+        onto: &Picture,
+    ) -> Result<(), CorrectionError> {
+        if source.content() != Content::Light {
+            return Err(CorrectionError::Source("the source does not hold light"));
+        }
+        if onto.content() != self.content() || onto.size() != self.display_size() {
+            return Err(CorrectionError::Source("the picture is not this display's"));
+        }
+        self.check_planes(source.size(), eyes)?;
+        let sampling = Sampling::new(eyes, taps);
+        let mut pipelines = self.pipelines.borrow_mut();
+        let drawn: Vec<_> = (0..self.desc.packing.eyes())
+            .map(|eye| pipelines.of(gpu, &self.desc, sampling, eye))
+            .collect();
+        let shape = over.unwrap_or(&self.shape);
+        let uniform = self.uniform(shape.origin_in_display, source.size(), eyes);
+        gpu.queue.write_buffer(&shape.uniform, 0, bytemuck::bytes_of(&uniform));
+        let cells = cells::records(gpu, eyes, shape.origin_in_display);
+        let parts = shape.parts(gpu, eyes);
+        let resources = [
+            wgpu::BindingResource::TextureView(source.display_view()),
+            shape.uniform.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&self.light_map),
+            self.codes.as_entire_binding(),
+            cells.as_entire_binding(),
+        ];
+        let group = pipelines.group(gpu, resources);
+        let mut encoder = gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("correct") });
+        {
+            let view = onto.codes_view(gpu);
+            let mut pass = match over {
+                None => clear(&mut encoder, "correct/pass", &view, wgpu::Color::BLACK),
+                Some(_) => resume(&mut encoder, "correct/pass", &view),
+            };
+            pass.set_bind_group(1, &group, &[]);
+            pass.set_vertex_buffer(0, shape.corners.slice(..));
+            pass.set_index_buffer(parts.indices.slice(..), wgpu::IndexFormat::Uint32);
+            for pipeline in &drawn {
+                pass.set_pipeline(pipeline);
+                for (cell, part) in (0..).zip(&parts.ranges) {
+                    pass.draw_indexed(part.clone(), 0, cell..cell + 1);
+                }
+            }
+        }
+        let index = gpu.queue.submit([encoder.finish()]);
+        wait(gpu, index).map_err(|error| CorrectionError::Gpu(error.to_string()))
+    }
+
+    /// Checks that eyes have the planes that this correction needs.
+    fn check_planes(
+        &self,
+        [width, height]: [u32; 2],
+        eyes: &[SourceEye],
+    ) -> Result<(), CorrectionError> {
+        let refused = |reason| Err(CorrectionError::Source(reason));
+        if eyes.len() != self.desc.packing.eyes() {
+            return refused("as many eyes are needed as the packing has");
+        }
+        let count = eyes.iter().map(|eye| eye.planes.len()).max().unwrap_or(0);
+        let has_cells = eyes.iter().any(|eye| eye.triangles.is_some());
+        let most = if has_cells { SOURCE_CELLS_MAX } else { SOURCE_PLANES_MAX };
+        if !(1..=most).contains(&count) || eyes.iter().any(|e| e.planes.is_empty()) {
+            return refused("an eye has 1 to 6 planes, or 64 with triangles of their own");
+        }
+        let is_odd = |eye: &SourceEye| {
+            let owned = eye.triangles.as_ref().map_or(count, |owned| owned.len());
+            eye.triangles.is_some() != has_cells || owned != count || eye.planes.len() != count
+        };
+        if has_cells && eyes.iter().any(is_odd) {
+            return refused("each eye needs a plane for each list of triangles");
+        }
+        let is_exact = self.desc.warp.is_none();
+        let guard = if is_exact { 0 } else { 2 * SOURCE_GUARD };
+        for plane in eyes.iter().flat_map(|eye| &eye.planes) {
+            let [x, y, w, h] = plane.rect;
+            let is_inside = |at: u32, length: u32, side: u32| {
+                length > guard && at.checked_add(length).is_some_and(|end| end <= side)
+            };
+            if !(is_inside(x, w, width) && is_inside(y, h, height)) {
+                return refused("a plane does not lie in the source");
+            }
+            if is_exact && [w, h] != self.desc.upright {
+                return refused("a plane has not the size of the upright picture");
+            }
+        }
+        Ok(())
+    }
+
+    fn uniform(
+        &self,
+        origin_in_display: DVec3,
+        source: [u32; 2],
+        eyes: &[SourceEye],
+    ) -> CorrectionUniform {
+        let [width, height] = self.display_size().map(f64::from);
+        let mut uniform = CorrectionUniform {
+            texel: source.map(|side| (1.0 / f64::from(side)) as f32),
+            ..CorrectionUniform::default()
+        };
+        let is_exact = self.desc.warp.is_none();
+        for (index, eye) in eyes.iter().enumerate() {
+            let [x, y] = self.desc.display_from_upright(index);
+            let clip_x = [x[0] * 2.0 / width, x[1] * 2.0 / width, x[2] * 2.0 / width - 1.0];
+            let clip_y = [-y[0] * 2.0 / height, -y[1] * 2.0 / height, 1.0 - y[2] * 2.0 / height];
+            let back = DMat3::from_cols_array(&[x[0], y[0], 0.0, x[1], y[1], 0.0, x[2], y[2], 1.0])
+                .inverse();
+            let position = eye.planes[0].eye_in_display - origin_in_display;
+            uniform.eyes[index] = EyeRecord {
+                position: row(position.extend(0.0)),
+                clip_x: row(DVec3::from(clip_x).extend(0.0)),
+                clip_y: row(DVec3::from(clip_y).extend(0.0)),
+                upright_x: row(back.row(0).extend(0.0)),
+                upright_y: row(back.row(1).extend(0.0)),
+            };
+            // Eyes with fewer planes than the other have their last one again.
+            for slot in 0..SOURCE_PLANES_MAX {
+                if let Some(plane) = eye.planes.get(slot).or(eye.planes.last()) {
+                    uniform.planes[index * SOURCE_PLANES_MAX + slot] = plane.record(is_exact);
+                }
+            }
+        }
+        let color = &self.desc.color;
+        [uniform.red, uniform.green, uniform.blue] =
+            [0, 1, 2].map(|at| row(color.row(at).extend(0.0)));
+        if let Some(map) = &self.desc.light_map {
+            uniform.light_scale = row(map.add.extend(map.multiply));
+        }
+        if let Curve::Gamma(gamma) = &self.desc.curve {
+            uniform.inverse_gamma = row(gamma.recip().extend(0.0));
+        }
+        uniform
+    }
+}
+
+impl SourcePlane {
+    /// The rows of the matrix to texels, multiplied in f64.
+    fn record(&self, is_exact: bool) -> PlaneRecord {
+        let [x, y, width, height] = self.rect.map(f64::from);
+        let [across, up, depth] = [0, 1, 3].map(|at| self.clip_from_eye.row(at));
+        let guard = if is_exact { 0.0 } else { f64::from(SOURCE_GUARD) - INNER_MARGIN };
+        let inner = [x + guard, y + guard, x + width - guard, y + height - guard];
+        PlaneRecord {
+            across: row(depth * (x + width / 2.0) + across * (width / 2.0)),
+            down: row(depth * (y + height / 2.0) - up * (height / 2.0)),
+            depth: row(depth),
+            inner: inner.map(|number| number as f32),
+        }
+    }
+}
+
+fn row(row: DVec4) -> [f32; 4] {
+    row.as_vec4().to_array()
+}
+
+/// Returns whether two descriptions share a part, or both are without it.
+fn is_same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
+    match (a, b) {
+        (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+        (a, b) => a.is_none() && b.is_none(),
+    }
+}
+
+/// The codes of a measured curve; of another one, two that nobody reads.
+fn codes(gpu: &Gpu, curve: &Curve) -> wgpu::Buffer {
+    let codes = match curve {
+        Curve::Measured(_) => curve.codes(CODE_COUNT),
+        _ => vec![DVec3::ZERO; 2],
+    };
+    let codes: Vec<[f32; 4]> = codes.iter().map(|code| row(code.extend(0.0))).collect();
+    gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some("correct/codes"),
+        contents: bytemuck::cast_slice(&codes),
+        usage: wgpu::BufferUsages::STORAGE,
+    })
+}
+
+/// The light map of an upright picture; where there is none, one texel that nobody reads.
+fn light_map(gpu: &Gpu, desc: &CorrectionDesc) -> wgpu::TextureView {
+    let ([width, height], texels) = match &desc.light_map {
+        Some(map) => (desc.upright, map.texels.as_slice()),
+        None => ([1, 1], [[0; 2]].as_slice()),
+    };
+    let layers = (texels.len() / (width as usize * height as usize)) as u32;
+    // The shader takes the lower byte first, whatever the machine does.
+    let bytes: Vec<u8> = texels.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
+    let descriptor = wgpu::TextureDescriptor {
+        label: Some("correct/light_map"),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba8Unorm,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    };
+    let order = wgpu::util::TextureDataOrder::default();
+    let texture = gpu.device.create_texture_with_data(&gpu.queue, &descriptor, order, &bytes);
+    let dimension = Some(wgpu::TextureViewDimension::D2Array);
+    texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() })
+}
+
+/// What is wrong with a description on this adapter, if anything.
+fn check(gpu: &Gpu, desc: &CorrectionDesc) -> Result<(), CorrectionError> {
+    let [width, height] = desc.display_size();
+    let side_max = gpu.device.limits().max_texture_dimension_2d;
+    if [width, height].iter().any(|side| !(1..=side_max).contains(side)) {
+        return Err(TargetError::Size { width, height, side_max }.into());
+    }
+    desc.fault().map_or(Ok(()), Err)
+}

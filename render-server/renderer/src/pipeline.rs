@@ -1,0 +1,297 @@
+//! Pipelines: one for each combination that the scene has, and no other.
+
+use std::collections::BTreeMap;
+
+use super::bindings;
+use super::gpu::Gpu;
+use super::pass::{opaque, transparent};
+use super::picture::Content;
+use super::scene::{Topology, VertexLayout};
+use super::shader::{self, Interface};
+use super::target::{DEPTH_FORMAT, DISPLAY_FORMAT, LINEAR_FORMAT};
+
+/// How alpha is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Alpha {
+    Opaque,
+    Mask,
+    Blend,
+}
+
+/// Where a texture's coordinates come from. The numbers stand in `include/material.wgsl`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum TextureSlot {
+    None = 0,
+    Uv0 = 1,
+    Uv1 = 2,
+    /// The vertices lack the coordinates: always (0, 0).
+    Corner = 3,
+}
+
+/// What a material asks of its pipeline.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct MaterialFeatures {
+    pub alpha: Alpha,
+    pub double_sided: bool,
+    pub lit: bool,
+    pub base_color: TextureSlot,
+    pub metallic_roughness: TextureSlot,
+    pub normal: TextureSlot,
+    pub occlusion: TextureSlot,
+    pub occlusion_packed: bool,
+    pub emissive: TextureSlot,
+    pub glowing: bool,
+    pub uv_transformed: bool,
+}
+
+/// Which faces are left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Cull {
+    Nothing,
+    Back,
+    Front,
+}
+
+/// Everything that a pipeline depends on, but the samples of a renderer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct PipelineKey {
+    pub layout: VertexLayout,
+    pub topology: Topology,
+    pub material: MaterialFeatures,
+    pub cull: Cull,
+    pub mirrored: bool,
+    pub sun_count: u8,
+    pub lamps: bool,
+    /// Into the float target, which is tone-mapped later.
+    pub linear: bool,
+}
+
+impl PipelineKey {
+    fn interface(&self) -> Interface {
+        let m = &self.material;
+        let slots = [m.base_color, m.metallic_roughness, m.normal, m.occlusion, m.emissive];
+        let attributes = VertexLayout {
+            tangent: m.normal != TextureSlot::None,
+            uv0: slots.contains(&TextureSlot::Uv0),
+            uv1: slots.contains(&TextureSlot::Uv1),
+            color: self.layout.color,
+        };
+        Interface { attributes, lit: m.lit, lamps: self.lamps && m.lit }
+    }
+
+    fn constants(&self) -> Vec<(&'static str, f64)> {
+        let m = &self.material;
+        let flag = |on: bool| f64::from(u8::from(on));
+        let slot = |slot: TextureSlot| f64::from(slot as u8);
+        let mut constants = vec![
+            ("BASE_COLOR", slot(m.base_color)),
+            ("METALLIC_ROUGHNESS", slot(m.metallic_roughness)),
+            ("NORMAL", slot(m.normal)),
+            ("OCCLUSION", slot(m.occlusion)),
+            ("OCCLUSION_PACKED", flag(m.occlusion_packed)),
+            ("EMISSIVE", slot(m.emissive)),
+            ("GLOWING", flag(m.glowing)),
+            ("UV_TRANSFORMED", flag(m.uv_transformed)),
+            ("MASKED", flag(m.alpha == Alpha::Mask)),
+            ("DOUBLE_SIDED", flag(m.double_sided)),
+            ("LIT", flag(m.lit)),
+            ("SUN_COUNT", f64::from(self.sun_count)),
+            ("LAMPS", flag(self.lamps)),
+            ("MIRRORED", flag(self.mirrored)),
+        ];
+        if m.alpha != Alpha::Blend {
+            constants.push(("TONE_MAPPED", flag(!self.linear)));
+        }
+        constants
+    }
+}
+
+/// One record per drawn item, stepped per instance.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+pub(crate) struct InstanceRecord {
+    /// Rows of the affine matrix from `position - near` to eye-relative world axes.
+    pub rows: [[f32; 4]; 3],
+    /// Rows of the matrix for normals.
+    pub normal_rows: [[f32; 3]; 3],
+    /// Start and count in the list of lamp indices.
+    pub lamps: [u32; 2],
+    /// Subtracted from positions first; see `Item::relative_to`.
+    pub near: [f32; 3],
+    /// Where `near` stands in clip space.
+    pub clip_offset: [f32; 4],
+}
+
+/// The pipelines of a renderer, made on demand.
+#[derive(Debug)]
+pub(crate) struct Pipelines {
+    samples: u32,
+    layout: wgpu::PipelineLayout,
+    modules: BTreeMap<(Interface, bool), wgpu::ShaderModule>,
+    ready: BTreeMap<(PipelineKey, bool), wgpu::RenderPipeline>,
+}
+
+impl Pipelines {
+    pub fn new(gpu: &Gpu, samples: u32) -> Self {
+        let frame = bindings::frame_layout(&gpu.device);
+        let material = bindings::material_layout(&gpu.device);
+        let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("scene/pipeline_layout"),
+            bind_group_layouts: &[Some(&frame), None, Some(&material)],
+            immediate_size: 0,
+        });
+        Self { samples, layout, modules: BTreeMap::new(), ready: BTreeMap::new() }
+    }
+
+    /// Makes what is missing for a scene that is drawn onto pictures of this content.
+    pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey], content: Content) {
+        for key in keys {
+            let is_float = is_float(key, content);
+            if !self.ready.contains_key(&(*key, is_float)) {
+                let pipeline = self.build(gpu, key, is_float);
+                self.ready.insert((*key, is_float), pipeline);
+            }
+        }
+    }
+
+    pub fn get(&self, key: &PipelineKey, content: Content) -> Option<&wgpu::RenderPipeline> {
+        self.ready.get(&(*key, is_float(key, content)))
+    }
+
+    fn build(&mut self, gpu: &Gpu, key: &PipelineKey, is_float: bool) -> wgpu::RenderPipeline {
+        let blended = key.material.alpha == Alpha::Blend;
+        let interface = key.interface();
+        let pass = if blended { transparent::SOURCE } else { opaque::SOURCE };
+        let module = self.modules.entry((interface, blended)).or_insert_with(|| {
+            gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(if blended { "transparent/shader" } else { "opaque/shader" }),
+                source: wgpu::ShaderSource::Wgsl(shader::surface(interface, pass).into()),
+            })
+        });
+        let vertex_attributes = vertex_attributes(key.layout, interface);
+        let instance_attributes = instance_attributes(interface);
+        let buffers = [
+            Some(wgpu::VertexBufferLayout {
+                array_stride: key.layout.stride(),
+                step_mode: wgpu::VertexStepMode::Vertex,
+                attributes: &vertex_attributes,
+            }),
+            Some(wgpu::VertexBufferLayout {
+                array_stride: size_of::<InstanceRecord>() as u64,
+                step_mode: wgpu::VertexStepMode::Instance,
+                attributes: &instance_attributes,
+            }),
+        ];
+        let constants = key.constants();
+        let compilation_options =
+            || wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
+        let target = wgpu::ColorTargetState {
+            format: if is_float { LINEAR_FORMAT } else { DISPLAY_FORMAT },
+            blend: blended.then(|| blend_state(key.material.lit)),
+            write_mask: wgpu::ColorWrites::ALL,
+        };
+        gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some(if blended { "transparent/pipeline" } else { "opaque/pipeline" }),
+            layout: Some(&self.layout),
+            vertex: wgpu::VertexState {
+                module,
+                entry_point: Some("vertex"),
+                compilation_options: compilation_options(),
+                buffers: &buffers,
+            },
+            primitive: primitive_state(key),
+            depth_stencil: Some(wgpu::DepthStencilState {
+                format: DEPTH_FORMAT,
+                depth_write_enabled: Some(!blended),
+                // Depth is reversed; of equal depths the first drawn stays.
+                depth_compare: Some(wgpu::CompareFunction::Greater),
+                stencil: wgpu::StencilState::default(),
+                bias: wgpu::DepthBiasState::default(),
+            }),
+            multisample: wgpu::MultisampleState { count: self.samples, ..Default::default() },
+            fragment: Some(wgpu::FragmentState {
+                module,
+                entry_point: Some(if blended { "transparent" } else { "opaque" }),
+                compilation_options: compilation_options(),
+                targets: &[Some(target)],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+    }
+}
+
+/// Whether the scene is drawn into a float texture: what is tone-mapped later always is.
+fn is_float(key: &PipelineKey, content: Content) -> bool {
+    key.linear || content.format() == LINEAR_FORMAT
+}
+
+/// Blending of premultiplied colours. The target's alpha is the part of its colour that is scene
+/// light, see `include/tone.wgsl`: lit surfaces add their coverage to it, unlit ones take theirs.
+fn blend_state(lit: bool) -> wgpu::BlendState {
+    let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
+    if lit {
+        return over;
+    }
+    let alpha = wgpu::BlendComponent { src_factor: wgpu::BlendFactor::Zero, ..over.alpha };
+    wgpu::BlendState { alpha, ..over }
+}
+
+fn primitive_state(key: &PipelineKey) -> wgpu::PrimitiveState {
+    wgpu::PrimitiveState {
+        topology: match key.topology {
+            Topology::Points => wgpu::PrimitiveTopology::PointList,
+            Topology::Lines => wgpu::PrimitiveTopology::LineList,
+            Topology::Triangles => wgpu::PrimitiveTopology::TriangleList,
+        },
+        front_face: if key.mirrored { wgpu::FrontFace::Cw } else { wgpu::FrontFace::Ccw },
+        cull_mode: match key.cull {
+            Cull::Nothing => None,
+            Cull::Back => Some(wgpu::Face::Back),
+            Cull::Front => Some(wgpu::Face::Front),
+        },
+        ..Default::default()
+    }
+}
+
+fn vertex_attributes(layout: VertexLayout, interface: Interface) -> Vec<wgpu::VertexAttribute> {
+    let (two, three, four) = (
+        wgpu::VertexFormat::Float32x2,
+        wgpu::VertexFormat::Float32x3,
+        wgpu::VertexFormat::Float32x4,
+    );
+    let read = interface.attributes;
+    [
+        (true, three, 0, 0),
+        (interface.lit, three, 12, 1),
+        (read.tangent, four, VertexLayout::tangent_offset(), 2),
+        (read.uv0, two, layout.uv0_offset(), 3),
+        (read.uv1, two, layout.uv1_offset(), 4),
+        (read.color, four, layout.color_offset(), 5),
+    ]
+    .into_iter()
+    .filter(|(there, ..)| *there)
+    .map(|(_, format, offset, shader_location)| wgpu::VertexAttribute {
+        format,
+        offset,
+        shader_location,
+    })
+    .collect()
+}
+
+fn instance_attributes(interface: Interface) -> Vec<wgpu::VertexAttribute> {
+    let attribute =
+        |format, offset, shader_location| wgpu::VertexAttribute { format, offset, shader_location };
+    let row = |i: u32| attribute(wgpu::VertexFormat::Float32x4, u64::from(i) * 16, 6 + i);
+    let normal = |i: u32| attribute(wgpu::VertexFormat::Float32x3, 48 + u64::from(i) * 12, 9 + i);
+    let mut attributes: Vec<_> = (0..3).map(row).collect();
+    attributes.push(attribute(wgpu::VertexFormat::Float32x3, 92, 13));
+    attributes.push(attribute(wgpu::VertexFormat::Float32x4, 104, 14));
+    if interface.lit {
+        attributes.extend((0..3).map(normal));
+    }
+    if interface.lamps {
+        attributes.push(attribute(wgpu::VertexFormat::Uint32x2, 84, 12));
+    }
+    attributes
+}

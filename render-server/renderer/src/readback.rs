@@ -1,0 +1,87 @@
+//! Pictures back from the GPU.
+
+use super::gpu::Gpu;
+use super::picture::{Content, Picture};
+use super::target::Target;
+
+/// Why a picture did not come back.
+#[derive(Debug, thiserror::Error)]
+#[error("the picture could not be read back: {0}")]
+pub struct ReadError(String);
+
+/// The finished picture: RGBA8 as sRGB, or as the target's content is, rows from the top, without
+/// padding.
+///
+/// # Errors
+/// The GPU is lost or out of memory.
+pub fn read_pixels(gpu: &Gpu, target: &Target) -> Result<Vec<u8>, ReadError> {
+    read_picture(gpu, target.picture())
+}
+
+/// As [`read_pixels`], of any picture; codes of ten bits are rounded to eight.
+///
+/// # Errors
+/// The GPU is lost or out of memory.
+pub fn read_picture(gpu: &Gpu, picture: &Picture) -> Result<Vec<u8>, ReadError> {
+    let mut pixels = read_raw(gpu, picture)?;
+    if picture.content() == Content::FineCodes {
+        pixels.chunks_exact_mut(4).for_each(round_fine);
+    }
+    Ok(pixels)
+}
+
+/// The bytes of a picture, rows from the top, without padding.
+pub(crate) fn read_raw(gpu: &Gpu, picture: &Picture) -> Result<Vec<u8>, ReadError> {
+    let [width, height] = picture.size();
+    let pixel_bytes = picture.texture().format().block_copy_size(None).unwrap_or(4);
+    let row_bytes = width as usize * pixel_bytes as usize;
+    let padded = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
+    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("readback/buffer"),
+        size: padded as u64 * u64::from(height),
+        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    });
+    let mut encoder = gpu
+        .device
+        .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("readback") });
+    encoder.copy_texture_to_buffer(
+        picture.texture().as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &buffer,
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(padded as u32),
+                rows_per_image: None,
+            },
+        },
+        wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+    );
+    gpu.queue.submit([encoder.finish()]);
+    let (sender, receiver) = std::sync::mpsc::sync_channel(1);
+    buffer.slice(..).map_async(wgpu::MapMode::Read, move |result| {
+        // The receiver is gone only when waiting failed, which is reported there.
+        let _ = sender.send(result);
+    });
+    let failed = |reason: &dyn std::fmt::Display| {
+        ReadError(gpu.fault().unwrap_or_else(|| reason.to_string()))
+    };
+    gpu.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(&error))?;
+    let mapped = receiver.recv().map_err(|error| failed(&error))?;
+    mapped.map_err(|error| failed(&error))?;
+    let view = buffer.get_mapped_range(..).map_err(|error| failed(&error))?;
+    let mut pixels = Vec::with_capacity(row_bytes * height as usize);
+    for row in view.chunks_exact(padded) {
+        pixels.extend_from_slice(&row[..row_bytes]);
+    }
+    Ok(pixels)
+}
+
+/// RGB10A2 to RGBA8, each code to the nearest.
+fn round_fine(pixel: &mut [u8]) {
+    let bits = pixel.iter().rev().fold(0, |bits, byte| bits << 8 | u32::from(*byte));
+    for (at, byte) in pixel.iter_mut().enumerate() {
+        let code = bits >> (10 * at) & 1023;
+        *byte = if at == 3 { 255 } else { ((code * 255 + 511) / 1023) as u8 };
+    }
+}

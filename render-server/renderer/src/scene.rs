@@ -1,0 +1,83 @@
+//! A scene on the GPU: everything about it that does not change from frame to frame.
+
+mod builder;
+mod cluster;
+mod description;
+mod geometry;
+mod layout;
+mod light;
+mod material;
+mod placement;
+mod texture;
+mod tree;
+
+use std::sync::Arc;
+
+pub use builder::{SceneBuilder, SceneError};
+pub(crate) use cluster::Cluster;
+pub use description::{
+    AlphaMode, ContentName, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter,
+    NodeDesc, PrimitiveDesc, SamplerDesc, SceneDesc, TextureDesc, TextureUse, Topology,
+    VertexLayout, Wrap,
+};
+pub(crate) use geometry::Geometry;
+pub use layout::SceneLayout;
+pub(crate) use light::Lamp;
+pub(crate) use material::MaterialUniform;
+pub(crate) use placement::{Bounds, Relative};
+#[cfg(test)]
+pub(crate) use tree::Tree;
+
+/// Items that one draw call can draw: one geometry, one material, one winding.
+#[derive(Clone, Debug)]
+pub(crate) struct Batch {
+    /// An index into [`Scene::geometries`].
+    pub geometry: u32,
+    /// An index into [`Scene::materials`].
+    pub material: u32,
+    /// An index into [`SceneLayout::keys`].
+    pub pipeline: u32,
+    /// Draws the back faces first; only for double-sided blended triangles.
+    pub back_pipeline: Option<u32>,
+    pub blended: bool,
+    /// Around all items, visible or not.
+    pub bounds: Bounds,
+    /// Of one item.
+    pub triangles: u64,
+}
+
+/// A scene on the GPU.
+#[derive(Debug)]
+pub struct Scene {
+    pub(crate) layout: Arc<SceneLayout>,
+    pub(crate) geometries: Vec<Geometry>,
+    pub(crate) materials: Vec<wgpu::BindGroup>,
+    pub(crate) lamp_indices: wgpu::Buffer,
+}
+
+impl Scene {
+    /// Whether anything in it is blended; its targets are linear then.
+    pub fn blends(&self) -> bool {
+        self.layout.blends
+    }
+
+    /// Around everything in it.
+    pub(crate) fn extent(&self) -> Bounds {
+        self.layout.batches.iter().fold(Bounds::EMPTY, |all, batch| all.union(batch.bounds))
+    }
+
+    /// Primitives in all their places.
+    pub fn item_count(&self) -> usize {
+        self.layout.items.len()
+    }
+
+    /// The clusters of a batch's geometry; none where it is always drawn whole.
+    pub(crate) fn clusters_of(&self, batch: u32) -> &[Cluster] {
+        &self.geometries[self.layout.batches[batch as usize].geometry as usize].clusters
+    }
+
+    /// Different pipelines that it needs.
+    pub fn pipeline_count(&self) -> usize {
+        self.layout.keys.len()
+    }
+}

@@ -1,0 +1,201 @@
+//! Brings a scene to the GPU piece by piece, as its meshes and textures arrive.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::description::{SamplerDesc, SceneDesc};
+use super::geometry::{self, Geometry};
+use super::layout::SceneLayout;
+use super::{Scene, material, texture};
+use crate::gpu::Gpu;
+
+/// Why a scene cannot be brought to the GPU.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// An index points nowhere, or a number is out of bounds.
+    #[error("the scene's description is wrong: {0}")]
+    Description(String),
+    /// The bytes are not those of the description.
+    #[error("{what} has {got} bytes, where its description says {wanted}")]
+    Size {
+        /// Which texture or primitive.
+        what: String,
+        /// Bytes given.
+        got: u64,
+        /// Bytes described.
+        wanted: u64,
+    },
+    /// An index in the data points behind the vertices.
+    #[error("{what} has the index {index}, but only {vertex_count} vertices")]
+    Index {
+        /// Which primitive.
+        what: String,
+        /// The largest index.
+        index: u32,
+        /// Vertices there are.
+        vertex_count: u32,
+    },
+    /// Nobody wants it any more.
+    #[error("the preparation was cancelled")]
+    Cancelled,
+    /// Not everything has been uploaded.
+    #[error("not uploaded yet: {0}")]
+    Missing(String),
+    /// The adapter could not take it.
+    #[error("the GPU did not take {what}: {reason}")]
+    Gpu {
+        /// What was being made.
+        what: String,
+        /// In the driver's words.
+        reason: String,
+    },
+}
+
+/// A scene under way to the GPU.
+#[derive(Debug)]
+pub struct SceneBuilder {
+    layout: Arc<SceneLayout>,
+    /// By slot; `None` until its bytes come.
+    textures: Vec<Option<wgpu::TextureView>>,
+    geometries: Vec<Option<Geometry>>,
+    levels_left_out: u32,
+}
+
+impl SceneBuilder {
+    /// Checks the description and makes room.
+    ///
+    /// # Errors
+    /// An index points nowhere, a parent stands behind its child, a number is out of bounds.
+    pub fn new(gpu: &Gpu, desc: SceneDesc) -> Result<Self, SceneError> {
+        Self::of(gpu, Arc::new(SceneLayout::new(desc, &|| false)?))
+    }
+
+    /// Makes room for a scene that was laid out elsewhere, which takes seconds for a large one.
+    ///
+    /// # Errors
+    /// It has a texture or a primitive that is too large for this GPU.
+    pub fn of(gpu: &Gpu, layout: Arc<SceneLayout>) -> Result<Self, SceneError> {
+        let limits = gpu.device.limits();
+        let (side_max, bytes_max) = (limits.max_texture_dimension_2d, limits.max_buffer_size);
+        if let Some(fault) = layout.desc.size_fault(side_max, bytes_max) {
+            return Err(SceneError::Description(fault));
+        }
+        let textures = (0..layout.textures.count).map(|_| None).collect();
+        let geometries = (0..layout.geometries.count).map(|_| None).collect();
+        Ok(Self { layout, textures, geometries, levels_left_out: 0 })
+    }
+
+    /// Leaves the largest levels of all textures out, where smaller ones remain: each takes a
+    /// quarter of the memory of the level above it.
+    #[must_use]
+    pub fn without_levels(self, levels_left_out: u32) -> Self {
+        Self { levels_left_out, ..self }
+    }
+
+    /// Uploads a texture; does nothing where an equal one is there already.
+    ///
+    /// # Errors
+    /// No such texture, or not the described number of bytes.
+    pub fn upload_texture(
+        &mut self,
+        gpu: &Gpu,
+        index: usize,
+        bytes: &[u8],
+    ) -> Result<(), SceneError> {
+        let what = format!("texture {index}");
+        let desc = self.layout.desc.textures.get(index).ok_or_else(|| nowhere(&what))?;
+        check_size(&what, bytes, desc.bytes())?;
+        let slot = &mut self.textures[self.layout.textures.of[index]];
+        if slot.is_none() {
+            *slot = Some(texture::upload(gpu, desc, bytes, self.levels_left_out));
+        }
+        Ok(())
+    }
+
+    /// Uploads a primitive's vertices and indices; does nothing where equal ones are there.
+    ///
+    /// # Errors
+    /// No such primitive, not the described number of bytes, or an index behind the vertices.
+    pub fn upload_primitive(
+        &mut self,
+        gpu: &Gpu,
+        mesh: usize,
+        primitive: usize,
+        bytes: &[u8],
+    ) -> Result<(), SceneError> {
+        let what = format!("primitive {primitive} of mesh {mesh}");
+        let in_mesh = self.layout.desc.meshes.get(mesh).and_then(|m| m.primitives.get(primitive));
+        let desc = in_mesh.ok_or_else(|| nowhere(&what))?;
+        check_size(&what, bytes, desc.bytes())?;
+        let slot = self.layout.geometries.of[self.layout.first_primitive[mesh] + primitive];
+        if self.geometries[slot].is_some() {
+            return Ok(());
+        }
+        if let Some(index) = geometry::index_beyond(desc, bytes) {
+            return Err(SceneError::Index { what, index, vertex_count: desc.vertex_count });
+        }
+        let geometry = Geometry::upload(gpu, desc, bytes)
+            .map_err(|reason| SceneError::Gpu { what, reason })?;
+        self.geometries[slot] = Some(geometry);
+        Ok(())
+    }
+
+    /// Brings all that is not there yet to the GPU.
+    ///
+    /// # Errors
+    /// A mesh or a texture has not been uploaded.
+    pub fn finish(self, gpu: &Gpu) -> Result<Scene, SceneError> {
+        if let Some(index) = self.layout.textures.first_missing(&self.textures) {
+            return Err(SceneError::Missing(format!("texture {index}")));
+        }
+        if let Some(index) = self.layout.geometries.first_missing(&self.geometries) {
+            let first_primitive = &self.layout.first_primitive;
+            let mesh = first_primitive.partition_point(|&first| first <= index) - 1;
+            let primitive = index - first_primitive[mesh];
+            return Err(SceneError::Missing(format!("primitive {primitive} of mesh {mesh}")));
+        }
+        let lamp_indices = index_buffer(gpu, &self.layout.lights.indices);
+        let materials = self.materials(gpu);
+        let geometries = self.geometries.into_iter().flatten().collect();
+        Ok(Scene { layout: self.layout, geometries, materials, lamp_indices })
+    }
+
+    fn materials(&self, gpu: &Gpu) -> Vec<wgpu::BindGroup> {
+        let mut known = HashMap::new();
+        let mut sampler =
+            |desc| known.entry(desc).or_insert_with(|| texture::sampler(gpu, desc)).clone();
+        let described = self.layout.desc.textures.iter().map(|texture| texture.sampler);
+        let samplers: Vec<_> =
+            described.chain([SamplerDesc::default()]).map(&mut sampler).collect();
+        let view = |&slot: &usize| self.textures[slot].clone();
+        let uploaded = self.layout.textures.of.iter().filter_map(view);
+        let views: Vec<_> = uploaded.chain([texture::placeholder(gpu)]).collect();
+        material::bind_groups(gpu, &self.layout.desc, &views, &samplers)
+    }
+}
+
+fn nowhere(what: &str) -> SceneError {
+    SceneError::Description(format!("there is no {what}"))
+}
+
+fn check_size(what: &str, bytes: &[u8], wanted: u64) -> Result<(), SceneError> {
+    let got = bytes.len() as u64;
+    if got == wanted {
+        Ok(())
+    } else {
+        Err(SceneError::Size { what: what.to_owned(), got, wanted })
+    }
+}
+
+fn index_buffer(gpu: &Gpu, indices: &[u32]) -> wgpu::Buffer {
+    // A binding must hold at least one element.
+    let indices = if indices.is_empty() { &[0] } else { indices };
+    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("frame/lamp_indices"),
+        size: size_of_val(indices) as u64,
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(indices));
+    buffer
+}

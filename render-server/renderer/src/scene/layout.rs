@@ -1,0 +1,247 @@
+//! The layout of a scene: all of it that needs no GPU, and so can be made on any thread.
+//!
+//! A million draws take a second to place and sort, so who makes a layout can stop it. It outlives
+//! a lost device: only buffers, textures and materials are made anew then.
+
+use std::collections::{BTreeSet, HashMap};
+
+use glam::Vec3;
+
+use super::description::{
+    AlphaMode, ContentName, MaterialDesc, PrimitiveDesc, SceneDesc, TextureDesc, Topology,
+};
+use super::light::{GROUND, Lights};
+use super::placement::{self, Bounds, Item, Placement, Stance};
+use super::tree::Tree;
+use super::{Batch, SceneError, material};
+use crate::pipeline::{Alpha, Cull, PipelineKey};
+
+/// Draws that are placed between two looks at whether to stop: a millisecond.
+const DRAWS_BETWEEN_CHECKS: usize = 1 << 12;
+
+/// Where equal contents go; they share one slot.
+#[derive(Debug)]
+pub(super) struct Slots {
+    /// Slot of each described thing, in the order of the description.
+    pub of: Vec<usize>,
+    pub count: usize,
+}
+
+impl Slots {
+    fn new<K: std::hash::Hash + Eq>(names: impl Iterator<Item = Option<K>>) -> Self {
+        let (mut of, mut count) = (Vec::new(), 0);
+        let mut known = HashMap::new();
+        for name in names {
+            let next = count;
+            let slot = name.map_or(next, |name| *known.entry(name).or_insert(next));
+            count += usize::from(slot == next);
+            of.push(slot);
+        }
+        Self { of, count }
+    }
+
+    /// Returns the first described thing whose slot is empty.
+    pub fn first_missing<T>(&self, filled: &[Option<T>]) -> Option<usize> {
+        self.of.iter().position(|&slot| filled[slot].is_none())
+    }
+}
+
+/// All of a scene that does not depend on a GPU.
+#[derive(Debug)]
+pub struct SceneLayout {
+    /// Without its nodes and lights, which are placed.
+    pub(super) desc: SceneDesc,
+    pub(super) textures: Slots,
+    pub(super) geometries: Slots,
+    /// Index of each mesh's first primitive in the order of all primitives.
+    pub(super) first_primitive: Vec<usize>,
+    pub(crate) items: Vec<Item>,
+    /// Named by items.
+    pub(crate) stances: Vec<Stance>,
+    /// In the order of the items.
+    pub(crate) bounds: Vec<Bounds>,
+    /// One for each described primitive: its mesh, in the primitive's space.
+    pub(crate) mesh_boxes: Vec<Bounds>,
+    pub(crate) tree: Tree,
+    pub(crate) batches: Vec<Batch>,
+    pub(crate) keys: Vec<PipelineKey>,
+    pub(crate) lights: Lights,
+    pub(crate) sky: Vec3,
+    pub(crate) ground: Vec3,
+    pub(crate) blends: bool,
+}
+
+impl SceneLayout {
+    /// Checks the description, places everything in the world and sorts it into batches.
+    ///
+    /// # Errors
+    /// An index points nowhere, a parent stands behind its child, a number is out of bounds; or
+    /// [`SceneError::Cancelled`], soon after `is_cancelled` returns `true`.
+    pub fn new(mut desc: SceneDesc, is_cancelled: &dyn Fn() -> bool) -> Result<Self, SceneError> {
+        if let Some(fault) = desc.fault() {
+            return Err(SceneError::Description(fault));
+        }
+        let (mut first_primitive, mut count) = (Vec::new(), 0);
+        for mesh in &desc.meshes {
+            first_primitive.push(count);
+            count += mesh.primitives.len();
+        }
+        let textures = Slots::new(desc.textures.iter().map(texture_name));
+        let primitives = desc.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        let geometries = Slots::new(primitives.map(geometry_name));
+        let world = placement::world_from_nodes(&desc.nodes);
+        let mut lights = Lights::new(&desc, &world);
+        let mut sorter = Sorter::new(&desc, &lights);
+        let (mut items, mut bounds) = (Vec::new(), Vec::new());
+        let stances = placement::place(&desc, &world, |placement| {
+            if items.len().is_multiple_of(DRAWS_BETWEEN_CHECKS) && is_cancelled() {
+                return Err(SceneError::Cancelled);
+            }
+            let primitive = first_primitive[placement.mesh as usize] + placement.primitive as usize;
+            items.push(Item {
+                origin: placement.origin,
+                stance: placement.stance,
+                lamps: lights.reaching(&placement.bounds)?,
+                batch: sorter.batch_of(&desc, geometries.of[primitive], &placement),
+                mesh_box: primitive as u32,
+            });
+            bounds.push(placement.bounds);
+            Ok(())
+        })?;
+        lights.seal();
+        let Sorter { batches, keys, template, .. } = sorter;
+        let (sky, mesh_boxes) = (desc.sky, placement::mesh_boxes(&desc));
+        let ground = desc.ground.unwrap_or(sky * GROUND);
+        desc.nodes = Vec::new();
+        desc.lights = Vec::new();
+        Ok(Self {
+            tree: Tree::new(&bounds, is_cancelled).ok_or(SceneError::Cancelled)?,
+            desc,
+            textures,
+            geometries,
+            first_primitive,
+            items,
+            stances,
+            bounds,
+            mesh_boxes,
+            batches,
+            keys,
+            lights,
+            sky,
+            ground,
+            blends: template.linear,
+        })
+    }
+}
+
+/// Finds the batch of each placement, and collects the pipelines that they need.
+struct Sorter {
+    default_material: MaterialDesc,
+    /// What all pipelines of the scene have in common.
+    template: Template,
+    batches: Vec<Batch>,
+    keys: Vec<PipelineKey>,
+    known: HashMap<(usize, u32, bool), u32>,
+}
+
+struct Template {
+    sun_count: u8,
+    lamps: bool,
+    linear: bool,
+}
+
+impl Sorter {
+    fn new(desc: &SceneDesc, lights: &Lights) -> Self {
+        let blends = |primitive: &PrimitiveDesc| {
+            let material = primitive.material.and_then(|m| desc.materials.get(m as usize));
+            material.is_some_and(|material| material.alpha_mode == AlphaMode::Blend)
+        };
+        let used: BTreeSet<u32> = desc.nodes.iter().filter_map(|node| node.mesh).collect();
+        let mut drawn = used.iter().flat_map(|&mesh| &desc.meshes[mesh as usize].primitives);
+        let template = Template {
+            sun_count: lights.suns.len() as u8,
+            lamps: !lights.lamps.is_empty(),
+            linear: drawn.any(blends),
+        };
+        Self {
+            default_material: MaterialDesc::default(),
+            template,
+            batches: Vec::new(),
+            keys: Vec::new(),
+            known: HashMap::new(),
+        }
+    }
+
+    /// Returns the batch of a placement, whose geometry is in this slot.
+    fn batch_of(&mut self, desc: &SceneDesc, geometry: usize, placement: &Placement<'_>) -> u32 {
+        let primitive = placement.desc;
+        // The default material stands behind all others.
+        let material = primitive.material.unwrap_or(desc.materials.len() as u32);
+        let mirrored = placement.is_mirrored;
+        let next = self.batches.len() as u32;
+        let index = *self.known.entry((geometry, material, mirrored)).or_insert(next);
+        if index == next {
+            let described = desc.materials.get(material as usize);
+            let features =
+                material::features(described.unwrap_or(&self.default_material), primitive.layout);
+            let batch = self.batch(primitive, features, mirrored);
+            self.batches.push(Batch { geometry: geometry as u32, material, ..batch });
+        }
+        let batch = &mut self.batches[index as usize];
+        batch.bounds = batch.bounds.union(placement.bounds);
+        index
+    }
+
+    fn batch(
+        &mut self,
+        primitive: &PrimitiveDesc,
+        features: crate::pipeline::MaterialFeatures,
+        mirrored: bool,
+    ) -> Batch {
+        let blended = features.alpha == Alpha::Blend;
+        let key = PipelineKey {
+            layout: primitive.layout,
+            topology: primitive.topology,
+            material: features,
+            cull: if features.double_sided { Cull::Nothing } else { Cull::Back },
+            mirrored,
+            sun_count: self.template.sun_count,
+            lamps: self.template.lamps,
+            linear: self.template.linear,
+        };
+        let two_passes =
+            blended && features.double_sided && primitive.topology == Topology::Triangles;
+        let (pipeline, back_pipeline) = if two_passes {
+            let back = self.key_index(PipelineKey { cull: Cull::Front, ..key });
+            (self.key_index(PipelineKey { cull: Cull::Back, ..key }), Some(back))
+        } else {
+            (self.key_index(key), None)
+        };
+        Batch {
+            geometry: 0,
+            material: 0,
+            pipeline,
+            back_pipeline,
+            blended,
+            bounds: Bounds::EMPTY,
+            triangles: primitive.triangles(),
+        }
+    }
+
+    fn key_index(&mut self, key: PipelineKey) -> u32 {
+        let known = self.keys.iter().position(|one| *one == key);
+        known.unwrap_or_else(|| {
+            self.keys.push(key);
+            self.keys.len() - 1
+        }) as u32
+    }
+}
+
+fn texture_name(t: &TextureDesc) -> Option<(ContentName, bool, u32, u32, u32)> {
+    t.content.map(|content| (content, t.srgb, t.width, t.height, t.mip_count))
+}
+
+fn geometry_name(p: &PrimitiveDesc) -> Option<(ContentName, impl std::hash::Hash + Eq + use<>)> {
+    let rest = (p.layout, p.vertex_count, p.index_count, p.wide_indices);
+    p.content.map(|content| (content, rest))
+}

@@ -1,0 +1,147 @@
+//! Lights as placed in the world, and which items each can reach.
+
+use std::collections::HashMap;
+
+use glam::{DAffine3, DVec3, Vec3};
+
+use super::SceneError;
+use super::description::{LightDesc, LightKind, SceneDesc};
+use super::placement::Bounds;
+use crate::view::SUNS_MAX;
+
+/// Shines where a scene has no light of its own: from above, the right and the front, a little
+/// warm. Given as the direction towards it, and lux.
+const DEFAULT_SUN: Sun =
+    Sun { toward: Vec3::new(0.453, 0.754, 0.476), irradiance: Vec3::new(3.1, 2.95, 2.7) };
+
+/// Radiance from below as a factor of the sky's, where a scene does not say: a matt, warm ground.
+pub(crate) const GROUND: Vec3 = Vec3::new(0.36, 0.32, 0.28);
+
+/// Maximum number of entries of all lists of lamps: 64 MiB here and on the GPU, and as much again
+/// while they are made.
+const LAMP_INDICES_MAX: usize = 16 << 20;
+
+/// Widens the reach of a lamp by more than the shader's rounding.
+const REACH_SLACK: f64 = 1.0 + 1e-5;
+
+/// A directional light.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sun {
+    /// Unit vector towards it, in world axes.
+    pub toward: Vec3,
+    /// Lux, as linear RGB.
+    pub irradiance: Vec3,
+}
+
+/// A light that is not among the first directional ones: its place is looked up per item.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lamp {
+    pub position: DVec3,
+    /// Unit vector along which it shines.
+    pub direction: Vec3,
+    /// Candela as linear RGB; lux where directional.
+    pub intensity: Vec3,
+    /// 0 for an unlimited one.
+    pub inverse_range: f32,
+    /// Scale and offset of the cone, applied to the cosine; 0 and 1 for a point light.
+    /// `KHR_lights_punctual`, "Inner and Outer Cone Angles".
+    pub cone: [f32; 2],
+    pub directional: bool,
+    range: Option<f64>,
+}
+
+/// The lights of a scene.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Lights {
+    /// At most [`SUNS_MAX`]: these are in the frame's uniforms and shine on everything.
+    pub suns: Vec<Sun>,
+    /// All others.
+    pub lamps: Vec<Lamp>,
+    /// Lists of lamps; each item has a range of it.
+    pub indices: Vec<u32>,
+    known: HashMap<Vec<u32>, [u32; 2]>,
+}
+
+impl Lights {
+    /// All lights of the scene, or the default sun.
+    pub fn new(desc: &SceneDesc, world: &[DAffine3]) -> Self {
+        let mut lights = Self::default();
+        for (node, world_from_node) in desc.nodes.iter().zip(world) {
+            let Some(light) = node.light.map(|light| &desc.lights[light as usize]) else {
+                continue;
+            };
+            let lamp = Lamp::new(light, world_from_node);
+            if lamp.directional && lights.suns.len() < SUNS_MAX {
+                lights.suns.push(Sun { toward: -lamp.direction, irradiance: lamp.intensity });
+            } else {
+                lights.lamps.push(lamp);
+            }
+        }
+        if lights.suns.is_empty() && lights.lamps.is_empty() {
+            lights.suns.push(DEFAULT_SUN);
+        }
+        lights
+    }
+
+    /// Returns start and count of the list of the lamps that reach a box. Equal lists are shared.
+    ///
+    /// # Errors
+    /// All lists together would be longer than [`LAMP_INDICES_MAX`].
+    pub fn reaching(&mut self, bounds: &Bounds) -> Result<[u32; 2], SceneError> {
+        let reaches = |&index: &u32| self.lamps[index as usize].reaches(bounds);
+        let list: Vec<u32> = (0..self.lamps.len() as u32).filter(reaches).collect();
+        if let Some(&range) = self.known.get(&list) {
+            return Ok(range);
+        }
+        if self.indices.len() + list.len() > LAMP_INDICES_MAX {
+            return Err(SceneError::Description(format!(
+                "the lists of lights that reach each primitive have more than {LAMP_INDICES_MAX} \
+                 entries; give the lights shorter ranges"
+            )));
+        }
+        let range = [self.indices.len() as u32, list.len() as u32];
+        self.indices.extend_from_slice(&list);
+        self.known.insert(list, range);
+        Ok(range)
+    }
+
+    /// Forgets which lists are equal, once all are made: that takes as much memory as the lists.
+    pub fn seal(&mut self) {
+        self.known = HashMap::new();
+    }
+}
+
+impl Lamp {
+    fn new(light: &LightDesc, world_from_node: &DAffine3) -> Self {
+        let along = world_from_node.transform_vector3(DVec3::NEG_Z);
+        let direction = along.try_normalize().unwrap_or(DVec3::NEG_Z).as_vec3();
+        let cone = match light.kind {
+            LightKind::Spot { inner_rad, outer_rad } => {
+                let (inner, outer) = (inner_rad.cos(), outer_rad.cos());
+                let scale = 1.0 / (inner - outer).max(0.001);
+                [scale, -outer * scale]
+            }
+            LightKind::Point | LightKind::Directional => [0.0, 1.0],
+        };
+        // A range of 0 or less is no range: the schema asks for more than 0.
+        let range = light.range.filter(|range| *range > 0.0 && range.is_finite());
+        Self {
+            position: world_from_node.translation,
+            direction,
+            intensity: light.color * light.intensity,
+            inverse_range: range.map_or(0.0, f32::recip),
+            cone,
+            directional: light.kind == LightKind::Directional,
+            range: range.map(f64::from),
+        }
+    }
+
+    /// Exact, because the shader's falloff is 0 from the range on.
+    fn reaches(&self, bounds: &Bounds) -> bool {
+        let Some(range) = self.range.filter(|_| !self.directional) else { return true };
+        // Written so that a box that is not finite is reached.
+        let reach = range * REACH_SLACK;
+        let beyond = bounds.distance_squared(self.position) > reach * reach;
+        !beyond
+    }
+}

@@ -1,0 +1,143 @@
+//! Materials on the GPU, and what each asks of its pipeline.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Affine2;
+
+use super::description::{AlphaMode, MaterialDesc, SceneDesc, VertexLayout};
+use crate::bindings;
+use crate::gpu::Gpu;
+use crate::pipeline::{Alpha, MaterialFeatures, TextureSlot};
+
+/// Twin of `Material` in `include/material.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(crate) struct MaterialUniform {
+    pub base_color: [f32; 4],
+    pub emissive: [f32; 3],
+    pub roughness: f32,
+    pub metallic: f32,
+    pub normal_scale: f32,
+    pub occlusion_strength: f32,
+    pub alpha_cutoff: f32,
+    /// Per texture, in the order of the bindings: columns x and y, then the offset.
+    pub uv_transforms: [UvTransform; 5],
+}
+
+/// Twin of `UvTransform` in `include/material.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(crate) struct UvTransform {
+    pub columns: [f32; 4],
+    pub offset: [f32; 4],
+}
+
+impl MaterialUniform {
+    fn new(desc: &MaterialDesc) -> Self {
+        let transform = |affine: Affine2| {
+            let (x, y, offset) = (affine.x_axis, affine.y_axis, affine.translation);
+            UvTransform { columns: [x.x, x.y, y.x, y.y], offset: [offset.x, offset.y, 0.0, 0.0] }
+        };
+        let uses = desc.texture_uses();
+        Self {
+            base_color: desc.base_color.to_array(),
+            emissive: desc.emissive.to_array(),
+            roughness: desc.roughness,
+            metallic: desc.metallic,
+            normal_scale: desc.normal_scale,
+            occlusion_strength: desc.occlusion_strength,
+            alpha_cutoff: if let AlphaMode::Mask(cutoff) = desc.alpha_mode { cutoff } else { 0.0 },
+            uv_transforms: uses
+                .map(|one| transform(one.map_or(Affine2::IDENTITY, |one| one.uv_transform))),
+        }
+    }
+}
+
+/// What a material asks of the pipeline of a primitive with this layout. Texture coordinates
+/// that the vertices lack are zero, a normal map without tangents is left out.
+pub(crate) fn features(desc: &MaterialDesc, layout: VertexLayout) -> MaterialFeatures {
+    let uses = desc.texture_uses();
+    let slot = |index: usize| {
+        uses[index].map_or(TextureSlot::None, |one| match one.uv_set {
+            0 if layout.uv0 => TextureSlot::Uv0,
+            1 if layout.uv1 => TextureSlot::Uv1,
+            _ => TextureSlot::Corner,
+        })
+    };
+    let lit = !desc.unlit;
+    let only_lit = |slot| if lit { slot } else { TextureSlot::None };
+    // glTF packs occlusion and roughness into one image: then one fetch serves both.
+    let packed = uses[3].is_some() && uses[3] == uses[1];
+    let normal = if layout.tangent { slot(2) } else { TextureSlot::None };
+    let occlusion = if packed { TextureSlot::None } else { slot(3) };
+    MaterialFeatures {
+        alpha: match desc.alpha_mode {
+            AlphaMode::Opaque => Alpha::Opaque,
+            AlphaMode::Mask(_) => Alpha::Mask,
+            AlphaMode::Blend => Alpha::Blend,
+        },
+        double_sided: desc.double_sided,
+        lit,
+        base_color: slot(0),
+        metallic_roughness: only_lit(slot(1)),
+        normal: only_lit(normal),
+        occlusion: only_lit(occlusion),
+        occlusion_packed: packed && lit,
+        emissive: only_lit(slot(4)),
+        glowing: lit && desc.emissive.max_element() > 0.0,
+        uv_transformed: uses.iter().flatten().any(|one| one.uv_transform != Affine2::IDENTITY),
+    }
+}
+
+/// Bind group 2 of every material, the default material last.
+pub(crate) fn bind_groups(
+    gpu: &Gpu,
+    desc: &SceneDesc,
+    views: &[wgpu::TextureView],
+    samplers: &[wgpu::Sampler],
+) -> Vec<wgpu::BindGroup> {
+    let default = MaterialDesc::default();
+    let materials: Vec<&MaterialDesc> = desc.materials.iter().chain([&default]).collect();
+    let stride = bindings::uniform_stride(gpu, size_of::<MaterialUniform>());
+    let mut bytes = vec![0; stride * materials.len()];
+    for (slot, material) in bytes.chunks_exact_mut(stride).zip(&materials) {
+        let uniform = MaterialUniform::new(material);
+        slot[..size_of::<MaterialUniform>()].copy_from_slice(bytemuck::bytes_of(&uniform));
+    }
+    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("material/uniforms"),
+        size: bytes.len() as u64,
+        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    gpu.queue.write_buffer(&buffer, 0, &bytes);
+    let layout = bindings::material_layout(&gpu.device);
+    let (empty_view, empty_sampler) = (views.len() - 1, samplers.len() - 1);
+    let group = |(index, material): (usize, &&MaterialDesc)| {
+        let uses = material.texture_uses();
+        let at = |one: usize, empty: usize| uses[one].map_or(empty, |one| one.texture as usize);
+        let mut entries = vec![wgpu::BindGroupEntry {
+            binding: 0,
+            resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer: &buffer,
+                offset: (index * stride) as u64,
+                size: wgpu::BufferSize::new(size_of::<MaterialUniform>() as u64),
+            }),
+        }];
+        for slot in 0..5 {
+            entries.push(wgpu::BindGroupEntry {
+                binding: 1 + slot as u32,
+                resource: wgpu::BindingResource::TextureView(&views[at(slot, empty_view)]),
+            });
+            entries.push(wgpu::BindGroupEntry {
+                binding: 6 + slot as u32,
+                resource: wgpu::BindingResource::Sampler(&samplers[at(slot, empty_sampler)]),
+            });
+        }
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("material/group"),
+            layout: &layout,
+            entries: &entries,
+        })
+    };
+    materials.iter().enumerate().map(group).collect()
+}

@@ -1,0 +1,58 @@
+//! WGSL from its parts: joined as they stand, less the lines that an interface does not need.
+
+use super::scene::VertexLayout;
+
+const FRAME: &str = include_str!("include/frame.wgsl");
+const VERTEX: &str = include_str!("include/vertex.wgsl");
+const MATERIAL: &str = include_str!("include/material.wgsl");
+const SURFACE: &str = include_str!("include/surface.wgsl");
+const TONE: &str = include_str!("include/tone.wgsl");
+const SCREEN: &str = include_str!("include/screen.wgsl");
+
+/// What goes from the vertices through to the fragments. Override constants cannot take away an
+/// attribute, and each costs time per vertex and per triangle, so these select lines of text.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct Interface {
+    /// Which attributes are read; may be fewer than the vertices have.
+    pub attributes: VertexLayout,
+    /// Positions and normals are needed for light.
+    pub lit: bool,
+    /// Each item has a list of lamps.
+    pub lamps: bool,
+}
+
+impl Interface {
+    fn has(self, name: &str) -> bool {
+        match name {
+            "lit" => self.lit,
+            "tangent" => self.attributes.tangent,
+            "uv0" => self.attributes.uv0,
+            "uv1" => self.attributes.uv1,
+            "color" => self.attributes.color,
+            "lamps" => self.lamps,
+            _ => false,
+        }
+    }
+
+    /// Keeps the lines that have no mark `//? name`, or whose name holds.
+    fn select(self, text: &str) -> String {
+        let keep = |line: &&str| match line.split_once("//? ") {
+            Some((_, mark)) => match mark.strip_prefix('!') {
+                Some(absent) => !self.has(absent),
+                None => self.has(mark),
+            },
+            None => true,
+        };
+        text.lines().filter(keep).flat_map(|line| [line, "\n"]).collect()
+    }
+}
+
+/// A pass over the scene: `pass` holds its fragment stage.
+pub(crate) fn surface(interface: Interface, pass: &str) -> String {
+    [FRAME, &interface.select(VERTEX), MATERIAL, SURFACE, TONE, pass].concat()
+}
+
+/// A pass over the pixels of a picture.
+pub(crate) fn screen(pass: &str) -> String {
+    [SCREEN, TONE, pass].concat()
+}

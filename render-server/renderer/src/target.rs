@@ -1,0 +1,173 @@
+//! What a channel is drawn into.
+
+use super::gpu::Gpu;
+use super::picture::{Content, Picture};
+
+/// Bytes are sRGB; blending and resolving happen in linear light.
+pub(crate) const DISPLAY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
+/// Exposed light before tone mapping; its alpha is said in `include/tone.wgsl`.
+pub(crate) const LINEAR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+/// Reversed: 0 is infinitely far.
+pub(crate) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
+/// Why a target cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum TargetError {
+    /// Nothing, or more than the adapter can.
+    #[error("a target of {width} × {height} pixels, where 1 to {side_max} can be")]
+    Size {
+        /// Pixels across.
+        width: u32,
+        /// Pixels down.
+        height: u32,
+        /// The adapter's limit.
+        side_max: u32,
+    },
+    /// Neither 1 nor 4.
+    #[error("{0} samples per pixel, where 1 or 4 can be")]
+    Samples(u32),
+}
+
+/// The textures of one channel, in pixels of the channel.
+#[derive(Debug)]
+pub struct Target {
+    size: [u32; 2],
+    samples: u32,
+    display: Picture,
+    /// Only where the scene blends.
+    linear: Option<wgpu::TextureView>,
+    /// Only with several samples per pixel.
+    multisampled: Option<wgpu::TextureView>,
+    depth: wgpu::TextureView,
+}
+
+impl Target {
+    /// Textures for pictures of a size in pixels. `samples` is the renderer's; `linear` is
+    /// [`Scene::blends`](super::Scene::blends).
+    ///
+    /// # Errors
+    /// A side of 0 or beyond the adapter; samples other than 1 or 4.
+    pub fn new(gpu: &Gpu, size: [u32; 2], samples: u32, linear: bool) -> Result<Self, TargetError> {
+        Self::of(gpu, size, samples, linear, Content::Srgb)
+    }
+
+    /// As [`Self::new`], for pictures of this content: of light, where they are to be corrected.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn of(
+        gpu: &Gpu,
+        size: [u32; 2],
+        samples: u32,
+        linear: bool,
+        content: Content,
+    ) -> Result<Self, TargetError> {
+        let [width, height] = size;
+        let side_max = gpu.device.limits().max_texture_dimension_2d;
+        if size.iter().any(|side| !(1..=side_max).contains(side)) {
+            return Err(TargetError::Size { width, height, side_max });
+        }
+        if samples != 1 && samples != 4 {
+            return Err(TargetError::Samples(samples));
+        }
+        let make = |label, format, sample_count, usage| {
+            gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage,
+                view_formats: &[],
+            })
+        };
+        let whole = wgpu::TextureViewDescriptor::default();
+        let view = |texture: &wgpu::Texture| texture.create_view(&whole);
+        let drawn = wgpu::TextureUsages::RENDER_ATTACHMENT;
+        let read = drawn | wgpu::TextureUsages::TEXTURE_BINDING;
+        let scene_format = if linear { LINEAR_FORMAT } else { content.format() };
+        Ok(Self {
+            size,
+            samples,
+            display: Picture::new(gpu, size, content),
+            linear: linear.then(|| view(&make("target/linear", LINEAR_FORMAT, 1, read))),
+            multisampled: (samples > 1)
+                .then(|| view(&make("target/multisampled", scene_format, samples, drawn))),
+            depth: view(&make("target/depth", DEPTH_FORMAT, samples, drawn)),
+        })
+    }
+
+    /// Width and height in pixels.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// Samples per pixel.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// Whether it holds light before tone mapping, as a scene that blends needs.
+    pub fn is_linear(&self) -> bool {
+        self.linear.is_some()
+    }
+
+    /// Gives the finished picture away, as the one that a display shows, while the next one is
+    /// drawn. `spare` is drawn over from now on, where it has the target's size.
+    #[must_use = "the target has no picture any more"]
+    pub fn take_picture(&mut self, gpu: &Gpu, spare: Option<Picture>) -> Picture {
+        let next = self.display.next(gpu, spare);
+        std::mem::replace(&mut self.display, next)
+    }
+
+    /// Makes a picture of the target's size its finished one, once the GPU is at it.
+    pub fn copy_from(&self, gpu: &Gpu, picture: &Picture) {
+        let [width, height] = self.size;
+        let descriptor = wgpu::CommandEncoderDescriptor { label: Some("target/copy") };
+        let mut encoder = gpu.device.create_command_encoder(&descriptor);
+        encoder.copy_texture_to_texture(
+            picture.texture().as_image_copy(),
+            self.display.texture().as_image_copy(),
+            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        );
+        gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// What its finished picture holds.
+    pub fn content(&self) -> Content {
+        self.display.content()
+    }
+
+    /// The finished picture: RGBA8 as sRGB, unless its content is another.
+    pub fn picture(&self) -> &Picture {
+        &self.display
+    }
+
+    /// The finished picture's texture.
+    pub fn display(&self) -> &wgpu::Texture {
+        self.display.texture()
+    }
+
+    /// A view of [`Self::display`].
+    pub fn display_view(&self) -> &wgpu::TextureView {
+        self.display.view()
+    }
+
+    pub(crate) fn linear(&self) -> Option<&wgpu::TextureView> {
+        self.linear.as_ref()
+    }
+
+    pub(crate) fn depth(&self) -> &wgpu::TextureView {
+        &self.depth
+    }
+
+    /// Where the scene is drawn, and what it is resolved to.
+    pub(crate) fn scene(&self) -> (&wgpu::TextureView, Option<&wgpu::TextureView>) {
+        let single = self.linear.as_ref().unwrap_or(self.display.view());
+        match &self.multisampled {
+            Some(many) => (many, Some(single)),
+            None => (single, None),
+        }
+    }
+}

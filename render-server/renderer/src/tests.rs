@@ -1,0 +1,14 @@
+//! Tests that draw. They need a Vulkan or GL driver, software ones included, and fail without.
+
+mod correction;
+mod furnace;
+#[expect(dead_code, reason = "the render server's tests use the rest")]
+mod harness;
+mod labels;
+mod order;
+mod parallel;
+mod robustness;
+mod shaders;
+mod shading;
+mod tiles;
+mod unlit;

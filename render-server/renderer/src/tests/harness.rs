@@ -1,0 +1,279 @@
+//! Shapes, scenes and cameras for the tests.
+
+use std::sync::OnceLock;
+
+use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4, Vec2, Vec3};
+
+use polyptych_renderer::{
+    DrawStats, Gpu, MaterialDesc, MeshDesc, NodeDesc, PrimitiveDesc, Renderer, SamplerDesc, Scene,
+    SceneBuilder, SceneDesc, Target, TextureDesc, Topology, VertexLayout, ViewDesc, Wrap,
+    read_pixels,
+};
+
+/// The one adapter of all tests.
+pub fn gpu() -> &'static Gpu {
+    static GPU: OnceLock<Gpu> = OnceLock::new();
+    GPU.get_or_init(|| Gpu::headless().unwrap_or_else(|error| panic!("{error}")))
+}
+
+/// Vertices with position, normal, tangent and texture coordinates.
+#[derive(Clone, Default)]
+pub struct Shape {
+    pub vertices: Vec<[f32; 12]>,
+    pub indices: Vec<u32>,
+}
+
+impl Shape {
+    pub const LAYOUT: VertexLayout =
+        VertexLayout { tangent: true, uv0: true, uv1: false, color: false };
+
+    fn push(&mut self, p: Vec3, n: Vec3, t: Vec3, uv: Vec2) -> u32 {
+        self.vertices.push([p.x, p.y, p.z, n.x, n.y, n.z, t.x, t.y, t.z, 1.0, uv.x, uv.y]);
+        self.vertices.len() as u32 - 1
+    }
+
+    /// A unit sphere.
+    pub fn sphere(rings: u32) -> Self {
+        let mut shape = Self::default();
+        let sectors = rings * 2;
+        for ring in 0..=rings {
+            for sector in 0..=sectors {
+                let (v, u) = (ring as f32 / rings as f32, sector as f32 / sectors as f32);
+                let (polar, azimuth) = (v * std::f32::consts::PI, u * std::f32::consts::TAU);
+                let (sin, cos) = polar.sin_cos();
+                let p = Vec3::new(sin * azimuth.sin(), cos, sin * azimuth.cos());
+                let t = Vec3::new(azimuth.cos(), 0.0, -azimuth.sin());
+                shape.push(p, p, t, Vec2::new(u, v) * 4.0);
+            }
+        }
+        for ring in 0..rings {
+            for sector in 0..sectors {
+                let a = ring * (sectors + 1) + sector;
+                let b = a + sectors + 1;
+                shape.indices.extend([a, b, a + 1, a + 1, b, b + 1]);
+            }
+        }
+        shape
+    }
+
+    /// A rectangle of half sides x and y in the plane z = 0, seen from +z.
+    pub fn rectangle(x: f32, y: f32) -> Self {
+        let mut shape = Self::default();
+        for (sx, sy) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+            let uv = Vec2::new(sx * 0.5 + 0.5, 0.5 - sy * 0.5);
+            shape.push(Vec3::new(sx * x, sy * y, 0.0), Vec3::Z, Vec3::X, uv);
+        }
+        shape.indices.extend([0, 1, 2, 0, 2, 3]);
+        shape
+    }
+
+    /// One triangle.
+    pub fn triangle(corners: [Vec3; 3], normal: Vec3) -> Self {
+        let mut shape = Self::default();
+        for (corner, uv) in corners.into_iter().zip([Vec2::ZERO, Vec2::X, Vec2::Y]) {
+            shape.push(corner, normal, Vec3::X, uv);
+        }
+        shape.indices.extend([0, 1, 2]);
+        shape
+    }
+
+    pub fn primitive(&self, material: Option<u32>) -> PrimitiveDesc {
+        let points = || self.vertices.iter().map(|v| Vec3::new(v[0], v[1], v[2]));
+        PrimitiveDesc {
+            content: None,
+            layout: Self::LAYOUT,
+            vertex_count: self.vertices.len() as u32,
+            index_count: self.indices.len() as u32,
+            wide_indices: true,
+            topology: Topology::Triangles,
+            material,
+            origin: DVec3::ZERO,
+            min: points().fold(Vec3::INFINITY, Vec3::min),
+            max: points().fold(Vec3::NEG_INFINITY, Vec3::max),
+        }
+    }
+
+    pub fn bytes(&self) -> Vec<u8> {
+        let mut bytes = bytemuck::cast_slice(&self.vertices).to_vec();
+        bytes.extend_from_slice(bytemuck::cast_slice(&self.indices));
+        bytes
+    }
+}
+
+/// A scene under construction.
+#[derive(Default)]
+pub struct Stage {
+    pub desc: SceneDesc,
+    shapes: Vec<Shape>,
+    pub textures: Vec<Vec<u8>>,
+}
+
+impl Stage {
+    pub fn new() -> Self {
+        let desc = SceneDesc { sky: Vec3::new(0.3, 0.4, 0.5), ..SceneDesc::default() };
+        Self { desc, ..Self::default() }
+    }
+
+    /// A mesh of one primitive.
+    pub fn mesh(&mut self, shape: &Shape, material: Option<u32>) -> u32 {
+        self.desc.meshes.push(MeshDesc { primitives: vec![shape.primitive(material)] });
+        self.shapes.push(shape.clone());
+        self.desc.meshes.len() as u32 - 1
+    }
+
+    pub fn material(&mut self, material: MaterialDesc) -> u32 {
+        self.desc.materials.push(material);
+        self.desc.materials.len() as u32 - 1
+    }
+
+    pub fn node(&mut self, mesh: u32, local: DAffine3) -> u32 {
+        self.desc.nodes.push(NodeDesc { local, mesh: Some(mesh), ..NodeDesc::default() });
+        self.desc.nodes.len() as u32 - 1
+    }
+
+    pub fn light(&mut self, light: polyptych_renderer::LightDesc, local: DAffine3) {
+        self.desc.lights.push(light);
+        let light = Some(self.desc.lights.len() as u32 - 1);
+        self.desc.nodes.push(NodeDesc { local, light, ..NodeDesc::default() });
+    }
+
+    /// A checkerboard with all its levels.
+    pub fn checkers(&mut self, side: u32, srgb: bool) -> u32 {
+        let mut bytes = Vec::new();
+        let mut level_side = side;
+        loop {
+            for y in 0..level_side {
+                for x in 0..level_side {
+                    let dark = (x * 8 / level_side + y * 8 / level_side).is_multiple_of(2);
+                    bytes.extend(if dark { [40, 90, 160, 255] } else { [230, 200, 120, 255] });
+                }
+            }
+            if level_side == 1 {
+                break;
+            }
+            level_side /= 2;
+        }
+        self.textures.push(bytes);
+        self.desc.textures.push(TextureDesc {
+            content: None,
+            srgb,
+            width: side,
+            height: side,
+            mip_count: side.ilog2() + 1,
+            sampler: SamplerDesc::default(),
+        });
+        self.desc.textures.len() as u32 - 1
+    }
+
+    /// A grey texture of linear light, with all its levels; clamped at its edges.
+    pub fn grey(&mut self, side: u32, light: impl Fn(f64, f64) -> f64) -> u32 {
+        let (mut bytes, mut level) = (Vec::new(), side);
+        while level > 0 {
+            let middle = |at: u32| (f64::from(at) + 0.5) / f64::from(level);
+            for (y, x) in (0..level).flat_map(|y| (0..level).map(move |x| (y, x))) {
+                let grey = (light(middle(x), middle(y)) * 255.0).round() as u8;
+                bytes.extend([grey, grey, grey, 255]);
+            }
+            level /= 2;
+        }
+        self.textures.push(bytes);
+        self.desc.textures.push(TextureDesc {
+            content: None,
+            srgb: false,
+            width: side,
+            height: side,
+            mip_count: side.ilog2() + 1,
+            sampler: SamplerDesc {
+                wrap_u: Wrap::Clamp,
+                wrap_v: Wrap::Clamp,
+                ..SamplerDesc::default()
+            },
+        });
+        self.desc.textures.len() as u32 - 1
+    }
+
+    pub fn build(&self) -> Scene {
+        let mut builder = SceneBuilder::new(gpu(), self.desc.clone()).unwrap();
+        for (index, bytes) in self.textures.iter().enumerate() {
+            builder.upload_texture(gpu(), index, bytes).unwrap();
+        }
+        for (mesh, shape) in self.shapes.iter().enumerate() {
+            builder.upload_primitive(gpu(), mesh, 0, &shape.bytes()).unwrap();
+        }
+        builder.finish(gpu()).unwrap()
+    }
+}
+
+/// A camera at `eye` that looks at `at`, with a canvas of the given size and a vertical field of
+/// 60°.
+pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
+    let z = (eye - at).normalize();
+    let x = DVec3::Y.cross(z).normalize_or(DVec3::X);
+    let f = 1.0 / 30f64.to_radians().tan();
+    let aspect = f64::from(canvas[0]) / f64::from(canvas[1]);
+    ViewDesc {
+        eye_in_world: eye,
+        middle_eye_in_world: eye,
+        view_from_world: DMat3::from_cols(x, z.cross(x), z).transpose(),
+        clip_from_view: DMat4::from_cols(
+            DVec4::X * f / aspect,
+            DVec4::Y * f,
+            -DVec4::W,
+            DVec4::Z * 0.05,
+        ),
+        viewport: [0.0, 0.0, f64::from(canvas[0]), f64::from(canvas[1])],
+        scissor: None,
+        exposure: 1.0,
+    }
+}
+
+/// Draws with a renderer of its own.
+pub fn draw_sampled(
+    scene: &Scene,
+    size: [u32; 2],
+    samples: u32,
+    views: &[ViewDesc],
+) -> (Vec<[u8; 4]>, DrawStats) {
+    let mut renderer = Renderer::new(gpu(), samples).unwrap();
+    renderer.prepare(gpu(), scene);
+    let mut target = Target::new(gpu(), size, samples, scene.blends()).unwrap();
+    let stats = renderer.draw(gpu(), scene, &mut target, views).unwrap();
+    let pixels = read_pixels(gpu(), &target).unwrap();
+    (pixels.as_chunks::<4>().0.to_vec(), stats)
+}
+
+/// Draws one view, one sample per pixel.
+pub fn draw(scene: &Scene, size: [u32; 2], view: &ViewDesc) -> Vec<[u8; 4]> {
+    draw_sampled(scene, size, 1, std::slice::from_ref(view)).0
+}
+
+pub fn pixel(pixels: &[[u8; 4]], size: [u32; 2], x: u32, y: u32) -> [u8; 4] {
+    pixels[(y * size[0] + x) as usize]
+}
+
+/// Pixels that differ, that differ by more than 1 and by more than 8 levels.
+pub fn differences(a: &[[u8; 4]], b: &[[u8; 4]]) -> [usize; 3] {
+    assert_eq!(a.len(), b.len());
+    let mut counts = [0; 3];
+    for (a, b) in a.iter().zip(b) {
+        let most = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0);
+        for (count, limit) in counts.iter_mut().zip([0, 1, 8]) {
+            *count += usize::from(most > limit);
+        }
+    }
+    counts
+}
+
+/// Whether everything that was drawn differs from the sky at the corner.
+pub fn drawn(pixels: &[[u8; 4]]) -> usize {
+    pixels.iter().filter(|pixel| **pixel != pixels[0]).count()
+}
+
+/// A matt material of one colour.
+pub fn matt(r: f32, g: f32, b: f32) -> MaterialDesc {
+    MaterialDesc {
+        base_color: glam::Vec4::new(r, g, b, 1.0),
+        metallic: 0.0,
+        ..MaterialDesc::default()
+    }
+}

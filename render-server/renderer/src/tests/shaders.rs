@@ -1,0 +1,99 @@
+//! Every shader is valid, and every uniform has the layout of its Rust twin.
+
+use std::mem::offset_of;
+
+use wgpu::naga;
+
+use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
+use crate::pass::{opaque, transparent};
+use crate::scene::{MaterialUniform, VertexLayout};
+use crate::shader::{Interface, screen, surface};
+use crate::view::{FrameUniform, LampRecord, SunRecord};
+
+fn module(name: &str, text: &str) -> naga::Module {
+    let module = naga::front::wgsl::parse_str(text)
+        .unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(text)));
+    let mut validator = naga::valid::Validator::new(
+        naga::valid::ValidationFlags::all(),
+        naga::valid::Capabilities::default(),
+    );
+    if let Err(error) = validator.validate(&module) {
+        panic!("{name}: {}", error.emit_to_string(text));
+    }
+    module
+}
+
+fn interfaces() -> impl Iterator<Item = Interface> {
+    (0..64u32).map(|bits| {
+        let bit = |at: u32| bits >> at & 1 == 1;
+        let attributes = VertexLayout { tangent: bit(0), uv0: bit(1), uv1: bit(2), color: bit(3) };
+        Interface { attributes, lit: bit(4), lamps: bit(5) }
+    })
+}
+
+#[test]
+fn every_shader_validates() {
+    for interface in interfaces() {
+        module("opaque", &surface(interface, opaque::SOURCE));
+        module("transparent", &surface(interface, transparent::SOURCE));
+    }
+    module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
+    module("output", &screen(include_str!("../pass/output.wgsl")));
+    module("correct", include_str!("../pass/correct.wgsl"));
+}
+
+#[test]
+fn uniforms_match_their_twins() {
+    let interface = Interface { lit: true, lamps: true, ..Interface::default() };
+    let opaque = module("opaque", &surface(interface, opaque::SOURCE));
+    let correct = module("correct", include_str!("../pass/correct.wgsl"));
+    let check = |name: &str, size: usize, offsets: &[(&str, usize)]| {
+        let mut types = opaque.types.iter().chain(correct.types.iter());
+        let found = types.find(|(_, ty)| ty.name.as_deref() == Some(name));
+        let (_, ty) = found.unwrap_or_else(|| panic!("no {name}"));
+        let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name}") };
+        assert_eq!(*span as usize, size, "size of {name}");
+        let got: Vec<(&str, usize)> = members
+            .iter()
+            .map(|member| (member.name.as_deref().unwrap_or(""), member.offset as usize))
+            .filter(|(name, _)| !name.starts_with("pad"))
+            .collect();
+        assert_eq!(got, offsets, "offsets in {name}");
+    };
+    macro_rules! twin {
+        ($wgsl:literal, $rust:ty, $($field:ident),+) => {{
+            let offsets = [$((stringify!($field), offset_of!($rust, $field))),+];
+            check($wgsl, size_of::<$rust>(), &offsets);
+        }};
+    }
+    twin!("SourcePlane", PlaneRecord, across, down, depth, inner);
+    twin!("Cell", CellRecord, position, across, down, depth);
+    twin!("Eye", EyeRecord, position, clip_x, clip_y, upright_x, upright_y);
+    twin!(
+        "Correction",
+        CorrectionUniform,
+        eyes,
+        planes,
+        red,
+        green,
+        blue,
+        light_scale,
+        inverse_gamma,
+        texel
+    );
+    twin!("Frame", FrameUniform, clip_from_eye, sky, exposure, ground, eye, suns);
+    twin!("Sun", SunRecord, toward, irradiance);
+    twin!("Lamp", LampRecord, position, inverse_range, intensity, directional, direction, cone);
+    twin!(
+        "Material",
+        MaterialUniform,
+        base_color,
+        emissive,
+        roughness,
+        metallic,
+        normal_scale,
+        occlusion_strength,
+        alpha_cutoff,
+        uv_transforms
+    );
+}

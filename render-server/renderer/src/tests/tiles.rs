@@ -1,0 +1,155 @@
+//! A wall's tiles against the picture of one camera, as tabled in the design of walls.
+
+use glam::{Affine2, DAffine3, DVec3, Vec3};
+
+use super::harness::{Shape, Stage, differences, draw, draw_sampled, look, matt, pixel};
+use crate::{AlphaMode, MaterialDesc, Scene, TextureUse, ViewDesc};
+
+const CANVAS: [u32; 2] = [384, 256];
+const TILE: [u32; 2] = [192, 128];
+
+/// Textured spheres on a textured floor that passes behind the eye, and a pane.
+fn scene(place: DVec3, alpha_mode: AlphaMode) -> Scene {
+    let mut stage = Stage::new();
+    let texture = stage.checkers(64, true);
+    let normals = stage.checkers(64, false);
+    let with = |texture| TextureUse { texture, uv_set: 0, uv_transform: Affine2::IDENTITY };
+    let checkered = stage.material(MaterialDesc {
+        base_color_texture: Some(with(texture)),
+        normal_texture: Some(with(normals)),
+        roughness: 0.4,
+        ..matt(1.0, 1.0, 1.0)
+    });
+    let pane = stage.material(MaterialDesc {
+        base_color: glam::Vec4::new(0.9, 0.3, 0.2, 0.4),
+        double_sided: true,
+        alpha_mode,
+        ..matt(1.0, 1.0, 1.0)
+    });
+    let sphere = stage.mesh(&Shape::sphere(24), Some(checkered));
+    let floor = stage.mesh(&Shape::rectangle(60.0, 60.0), Some(checkered));
+    let glass = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(pane));
+    let flat = DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2);
+    let at = |offset: DVec3| DAffine3::from_translation(place + offset);
+    stage.node(floor, at(-DVec3::Y) * flat);
+    for x in -1..=1 {
+        stage.node(sphere, at(DVec3::new(f64::from(x) * 2.2, 0.0, -3.0)));
+    }
+    stage.node(glass, at(DVec3::new(0.4, 0.2, -1.0)));
+    stage.build()
+}
+
+fn crop(whole: &[[u8; 4]], [x, y]: [u32; 2]) -> Vec<[u8; 4]> {
+    (0..TILE[1])
+        .flat_map(|row| (0..TILE[0]).map(move |column| (x + column, y + row)))
+        .map(|(x, y)| pixel(whole, CANVAS, x, y))
+        .collect()
+}
+
+fn tiles() -> [[u32; 2]; 4] {
+    [[0, 0], [192, 0], [0, 128], [192, 128]]
+}
+
+fn view(place: DVec3) -> ViewDesc {
+    look(place + DVec3::new(0.3, 0.6, 1.5), place + DVec3::new(0.0, 0.0, -3.0), CANVAS)
+}
+
+fn check_tiles(alpha_mode: AlphaMode, samples: u32) {
+    let place = DVec3::ZERO;
+    let (scene, view) = (scene(place, alpha_mode), view(place));
+    let whole = draw_sampled(&scene, CANVAS, samples, std::slice::from_ref(&view)).0;
+    let mut total = [0; 3];
+    for [x, y] in tiles() {
+        let shifted = ViewDesc {
+            viewport: [-f64::from(x), -f64::from(y), f64::from(CANVAS[0]), f64::from(CANVAS[1])],
+            ..view.clone()
+        };
+        let tile = draw_sampled(&scene, TILE, samples, &[shifted]).0;
+        for (sum, count) in total.iter_mut().zip(differences(&tile, &crop(&whole, [x, y]))) {
+            *sum += count;
+        }
+        let oracle = ViewDesc { scissor: Some([x, y, TILE[0], TILE[1]]), ..view.clone() };
+        let oracle = draw_sampled(&scene, CANVAS, samples, &[oracle]).0;
+        let counts = differences(&crop(&oracle, [x, y]), &crop(&whole, [x, y]));
+        assert_eq!(counts, [0; 3], "the scissor oracle differs at {x}, {y}");
+    }
+    let pixels = whole.len();
+    println!("{alpha_mode:?} ×{samples}: {total:?} of {pixels}");
+    assert!(total[0] * 200 <= pixels, "{} of {pixels} differ: more than 0.5 %", total[0]);
+    assert!(total[1] * 10_000 <= pixels, "{} of {pixels} differ by more than 1", total[1]);
+}
+
+#[test]
+fn shifted_viewports_agree_with_one_camera() {
+    check_tiles(AlphaMode::Opaque, 1);
+}
+
+#[test]
+fn shifted_viewports_agree_where_the_scene_blends() {
+    check_tiles(AlphaMode::Blend, 1);
+}
+
+#[test]
+fn shifted_viewports_agree_with_four_samples() {
+    check_tiles(AlphaMode::Opaque, 4);
+    check_tiles(AlphaMode::Blend, 4);
+}
+
+#[test]
+fn several_views_share_one_target() {
+    let (scene, view) = (scene(DVec3::ZERO, AlphaMode::Blend), view(DVec3::ZERO));
+    let whole = draw(&scene, CANVAS, &view);
+    let halves = [[0, 0, 192, 256], [192, 0, 192, 256]]
+        .map(|scissor| ViewDesc { scissor: Some(scissor), ..view.clone() });
+    let (both, stats) = draw_sampled(&scene, CANVAS, 1, &halves);
+    assert_eq!(differences(&both, &whole), [0; 3]);
+    assert!(stats.draw_calls >= 6, "{stats:?}");
+}
+
+#[test]
+fn a_channel_of_one_pixel_shows_its_pixel() {
+    let (scene, view) = (scene(DVec3::ZERO, AlphaMode::Blend), view(DVec3::ZERO));
+    let whole = draw(&scene, CANVAS, &view);
+    for [x, y] in [[0, 0], [100, 60], [200, 140], [382, 254]] {
+        let viewport = [-f64::from(x), -f64::from(y), f64::from(CANVAS[0]), f64::from(CANVAS[1])];
+        let one = draw(&scene, [1, 1], &ViewDesc { viewport, ..view.clone() });
+        let most = one[0].iter().zip(pixel(&whole, CANVAS, x, y)).map(|(a, b)| a.abs_diff(b)).max();
+        assert!(most <= Some(2), "pixel {x}, {y}: {most:?} levels off");
+    }
+}
+
+#[test]
+fn a_scene_far_from_the_origin_looks_the_same() {
+    let near = draw(&scene(DVec3::ZERO, AlphaMode::Opaque), CANVAS, &view(DVec3::ZERO));
+    let place = DVec3::new(1e7, -2.5e6, 0.75e7);
+    let far = draw(&scene(place, AlphaMode::Opaque), CANVAS, &view(place));
+    let [_, more_than_1, more_than_8] = differences(&near, &far);
+    println!("1e7 m: {:?}", differences(&near, &far));
+    assert!(more_than_1 * 1000 <= near.len(), "{more_than_1} differ by more than 1 level");
+    assert!(more_than_8 * 10_000 <= near.len(), "{more_than_8} differ by more than 8 levels");
+}
+
+#[test]
+fn a_triangle_through_all_channels_and_behind_the_eye_has_no_gap() {
+    let mut stage = Stage::new();
+    let red = stage.material(MaterialDesc { unlit: true, ..matt(1.0, 0.0, 0.0) });
+    let corners = [
+        Vec3::new(-500.0, -1.0, -500.0),
+        Vec3::new(0.0, -1.0, 400.0),
+        Vec3::new(500.0, -1.0, -500.0),
+    ];
+    let mesh = stage.mesh(&Shape::triangle(corners, Vec3::Y), Some(red));
+    stage.node(mesh, DAffine3::IDENTITY);
+    let scene = stage.build();
+    let view = look(DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.0, -0.3, 0.0), CANVAS);
+    let whole = draw(&scene, CANVAS, &view);
+    for x in 0..CANVAS[0] {
+        let [r, g, b, _] = pixel(&whole, CANVAS, x, 255);
+        assert!(r > 200 && g < 60 && b < 60, "bottom at {x}: {r} {g} {b}");
+    }
+    for [x, y] in tiles() {
+        let viewport = [-f64::from(x), -f64::from(y), f64::from(CANVAS[0]), f64::from(CANVAS[1])];
+        let tile = draw(&scene, TILE, &ViewDesc { viewport, ..view.clone() });
+        assert!(differences(&tile, &crop(&whole, [x, y]))[0] <= 4, "tile at {x}, {y}");
+    }
+}

@@ -1,0 +1,217 @@
+//! Colours without light: displays show them as they are, whatever is drawn around them.
+
+use glam::{DAffine3, DVec3, Vec3, Vec4};
+
+use super::harness::{Shape, Stage, draw_sampled, gpu, look, matt, pixel};
+use crate::tone::{linear_from_srgb, tone_map};
+use crate::{
+    AlphaMode, Content, Correction, CorrectionDesc, MaterialDesc, Packing, Renderer, Scene,
+    SourceEye, SourcePlane, Target, ViewDesc, read_picture,
+};
+
+/// Sixteen rectangles of eight pixels along each side.
+const SIZE: [u32; 2] = [128, 128];
+const SIDE: u32 = 16;
+
+fn flat(rgb: [u8; 3], alpha: f32) -> MaterialDesc {
+    let [r, g, b] = rgb.map(|code| linear_from_srgb(code) as f32);
+    MaterialDesc {
+        base_color: Vec4::new(r, g, b, alpha),
+        unlit: true,
+        alpha_mode: if alpha < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque },
+        ..MaterialDesc::default()
+    }
+}
+
+/// All 256 codes in each of three orders: greys, then pairs that are saturated and bright.
+fn colors(variant: u8) -> impl Iterator<Item = [u8; 3]> {
+    (0..=255u8).map(move |code| match variant {
+        0 => [code; 3],
+        1 => [code, 255 - code, 0],
+        _ => [255, 0, code],
+    })
+}
+
+/// Rectangles of all these colours over the whole picture. `is_blended` adds a pane behind them,
+/// so that the scene is drawn into the float target; `mode` is that of the colours.
+fn cards(variant: u8, is_blended: bool, mode: AlphaMode) -> Scene {
+    let mut stage = Stage::new();
+    for (index, color) in (0..).zip(colors(variant)) {
+        let material = MaterialDesc { alpha_mode: mode, ..flat(color, 1.0) };
+        let material = stage.material(material);
+        let mesh = stage.mesh(&Shape::rectangle(0.5, 0.5), Some(material));
+        let (x, y) = (f64::from(index % SIDE) - 7.5, 7.5 - f64::from(index / SIDE));
+        stage.node(mesh, DAffine3::from_translation(DVec3::new(x, y, 0.0)));
+    }
+    if is_blended {
+        let pane = stage.material(flat([200, 10, 10], 0.5));
+        let mesh = stage.mesh(&Shape::rectangle(60.0, 60.0), Some(pane));
+        // Its centre is farther from the eye than any card's.
+        stage.node(mesh, DAffine3::from_translation(DVec3::Z * -40.0));
+    }
+    stage.build()
+}
+
+/// Exactly the cards.
+fn view(exposure: f32) -> ViewDesc {
+    let distance = 8.0 * 3f64.sqrt();
+    ViewDesc { exposure, ..look(DVec3::Z * distance, DVec3::ZERO, SIZE) }
+}
+
+/// Maximum difference from the colours, of every pixel that only one rectangle covers.
+#[track_caller]
+fn assert_colors(name: &str, pixels: &[[u8; 4]], variant: u8, levels_max: u8) {
+    for (index, color) in (0..).zip(colors(variant)) {
+        for (dx, dy) in [(1, 1), (4, 4), (6, 6), (1, 6)] {
+            let at = [index % SIDE * 8 + dx, index / SIDE * 8 + dy];
+            let got = pixel(pixels, SIZE, at[0], at[1]);
+            let most = got.iter().zip(color).map(|(a, b)| a.abs_diff(b)).max();
+            assert!(most <= Some(levels_max), "{name}: {got:?} instead of {color:?}");
+            assert_eq!(got[3], 255, "{name}: alpha of {color:?}");
+        }
+    }
+}
+
+#[test]
+fn every_code_of_an_unlit_colour_stays_in_every_pass() {
+    for variant in 0..3 {
+        for (is_blended, mode) in [
+            (false, AlphaMode::Opaque),
+            (false, AlphaMode::Mask(0.5)),
+            (true, AlphaMode::Opaque),
+            (true, AlphaMode::Blend),
+        ] {
+            let scene = cards(variant, is_blended, mode);
+            for (samples, exposure) in [(1, 1.0), (1, 0.0), (1, 1e-6), (1, 1e30), (4, 0.25)] {
+                let name = format!("{variant} {is_blended} {mode:?} ×{samples} at {exposure}");
+                let (pixels, _) = draw_sampled(&scene, SIZE, samples, &[view(exposure)]);
+                assert_colors(&name, &pixels, variant, 0);
+            }
+        }
+    }
+}
+
+/// The scene through a correction, with both eyes in the middle.
+fn corrected(scene: &Scene, packing: Packing, exposure: f32) -> Vec<[u8; 4]> {
+    let mut renderer = Renderer::new(gpu(), 1).unwrap();
+    renderer.prepare_for(gpu(), scene, Content::Light);
+    let mut source = Target::of(gpu(), SIZE, 1, scene.blends(), Content::Light).unwrap();
+    renderer.draw(gpu(), scene, &mut source, &[view(exposure)]).unwrap();
+    let desc = CorrectionDesc { packing, ..CorrectionDesc::identity(SIZE) };
+    let plane = SourcePlane {
+        eye_in_display: DVec3::ZERO,
+        clip_from_eye: glam::DMat4::IDENTITY,
+        rect: [0, 0, SIZE[0], SIZE[1]],
+    };
+    let eye = SourceEye { planes: vec![plane], triangles: None };
+    let eyes = vec![eye; packing.eyes()];
+    let mut correction = Correction::new(gpu(), desc).unwrap();
+    let picture = correction.picture(gpu());
+    correction.draw(gpu(), &source, &eyes, [1, 1], &picture).unwrap();
+    read_picture(gpu(), &picture).unwrap().as_chunks::<4>().0.to_vec()
+}
+
+#[test]
+fn every_code_of_an_unlit_colour_stays_on_corrected_channels() {
+    for packing in [Packing::None, Packing::Anaglyph] {
+        for (is_blended, mode) in
+            [(false, AlphaMode::Opaque), (true, AlphaMode::Opaque), (true, AlphaMode::Blend)]
+        {
+            for variant in 0..3 {
+                let pixels = corrected(&cards(variant, is_blended, mode), packing, 3.0);
+                let name = format!("{packing:?} {variant} {is_blended} {mode:?}");
+                assert_colors(&name, &pixels, variant, 0);
+            }
+        }
+    }
+}
+
+/// The code of linear display light.
+fn code(light: f32) -> u8 {
+    let curved =
+        if light <= 0.0031308 { light * 12.92 } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };
+    (curved.clamp(0.0, 1.0) * 255.0).round() as u8
+}
+
+/// A pane of half coverage over a card, each without light or glowing by so much.
+fn pane_over_card(card: MaterialDesc, pane: MaterialDesc, exposure: f32) -> u8 {
+    let mut stage = Stage::new();
+    stage.desc.sky = Vec3::ZERO;
+    stage.light(
+        crate::LightDesc {
+            kind: crate::LightKind::Directional,
+            color: Vec3::ZERO,
+            intensity: 0.0,
+            range: None,
+        },
+        DAffine3::IDENTITY,
+    );
+    for (material, z) in [(card, 0.0), (pane, 0.5)] {
+        let material = stage.material(material);
+        let mesh = stage.mesh(&Shape::rectangle(3.0, 3.0), Some(material));
+        stage.node(mesh, DAffine3::from_translation(DVec3::Z * z));
+    }
+    let view = ViewDesc { exposure, ..look(DVec3::Z * 3.0, DVec3::ZERO, [8, 8]) };
+    let (pixels, _) = draw_sampled(&stage.build(), [8, 8], 1, &[view]);
+    pixel(&pixels, [8, 8], 4, 4)[0]
+}
+
+fn glowing(light: f32) -> MaterialDesc {
+    MaterialDesc { emissive: Vec3::splat(light), ..matt(0.0, 0.0, 0.0) }
+}
+
+fn half(material: &MaterialDesc) -> MaterialDesc {
+    let base_color = material.base_color.truncate().extend(0.5);
+    MaterialDesc { base_color, alpha_mode: AlphaMode::Blend, ..material.clone() }
+}
+
+#[test]
+fn blending_with_unlit_colours_mixes_what_each_shows() {
+    let [dark, bright] = [60, 220].map(|code| (flat([code; 3], 1.0), linear_from_srgb(code)));
+    // Both unlit: linear light is mixed, and nothing is mapped.
+    let mixed = code(f64::midpoint(dark.1, bright.1) as f32);
+    for exposure in [0.0, 1.0, 50.0] {
+        let got = pane_over_card(dark.0.clone(), half(&bright.0), exposure);
+        assert!(got.abs_diff(mixed) <= 1, "{got} instead of {mixed} at {exposure}");
+    }
+    // One lit: half of what either shows alone. This is exact where the mapper only shifts light,
+    // and 0.02 too dark in front of black.
+    for (light, exposure, levels_max) in
+        [(0.3, 1.0, 1), (0.15, 2.0, 1), (0.6, 1.0, 1), (0.0, 1.0, 5), (0.6, 0.0, 5)]
+    {
+        let exposed = light * exposure;
+        let shown = f32::midpoint(bright.1 as f32, tone_map(Vec3::splat(exposed)).x);
+        let over = pane_over_card(glowing(light), half(&bright.0), exposure);
+        let under = pane_over_card(bright.0.clone(), half(&glowing(light)), exposure);
+        for got in [over, under] {
+            let wanted = code(shown);
+            assert!(got.abs_diff(wanted) <= levels_max, "{got} instead of {wanted}");
+        }
+    }
+    // Light beyond white stays within white and what is nearer.
+    let over = pane_over_card(glowing(50.0), half(&dark.0), 1.0);
+    assert!(over >= code(0.5), "{over}");
+}
+
+#[test]
+fn edges_between_unlit_and_lit_surfaces_lie_between_both() {
+    for is_blended in [false, true] {
+        let mut stage = Stage::new();
+        stage.desc.sky = Vec3::splat(0.5);
+        let card = stage.material(flat([40; 3], 1.0));
+        let mesh = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(card));
+        stage.node(mesh, DAffine3::from_rotation_z(0.3));
+        if is_blended {
+            let pane = stage.material(flat([40; 3], 0.5));
+            let mesh = stage.mesh(&Shape::rectangle(0.2, 0.2), Some(pane));
+            stage.node(mesh, DAffine3::from_translation(DVec3::Z * 0.1));
+        }
+        let view = look(DVec3::Z * 4.0, DVec3::ZERO, [64, 64]);
+        let (pixels, _) = draw_sampled(&stage.build(), [64, 64], 4, &[view]);
+        let sky = pixels[0][0];
+        let greys: std::collections::BTreeSet<u8> = pixels.iter().map(|p| p[0]).collect();
+        assert!(greys.len() > 3, "no edge is smooth: {greys:?}");
+        assert_eq!(greys.first(), Some(&40), "{greys:?}");
+        assert_eq!(greys.last(), Some(&sky), "{greys:?}");
+    }
+}

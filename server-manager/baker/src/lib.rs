@@ -1,0 +1,364 @@
+//! The baker: foreign scene files in, content-addressed blobs and a manifest out.
+//!
+//! Only this module reads glTF and images. It runs in a child process, but trusts nothing all the
+//! same: every index, length and number of a file is checked before it is used, and what a
+//! message says names the file, the place in it, what is wrong and what would be right.
+//!
+//! One primitive or one image is in memory at a time, beside the source's buffers.
+//!
+//! ```text
+//! container -> document -> node (pose) -> mesh (geometry, tangent, split, order) -> texture (mip)
+//!      \-> source, uri, accessor: bytes                    \-> material, light -> manifest
+//! ```
+
+mod accessor;
+mod bounds;
+mod container;
+mod document;
+mod error;
+mod exposure;
+mod extensions;
+mod geometry;
+mod image_format;
+mod json;
+mod light;
+pub mod map;
+mod material;
+mod mesh;
+mod mip;
+mod node;
+mod notes;
+mod numbers;
+mod order;
+mod placeholder;
+mod pose;
+mod source;
+mod split;
+mod store;
+mod tangent;
+#[cfg(test)]
+mod tests;
+mod texture;
+mod topology;
+mod uri;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use glam::Vec3;
+use polyptych_files::blob::{BLOB_BYTES_MAX, BlobFolder, BlobHash};
+use polyptych_scene::limits::MANIFEST_BYTES_MAX;
+use polyptych_scene::{self, Mesh, Node, Scene};
+use serde::{Deserialize, Serialize};
+
+pub use error::BakeError;
+pub use store::Store;
+
+use material::Palette;
+use notes::Notes;
+use source::Source;
+
+/// Part of every bake's key: a baker that writes other bytes must have another number.
+const BAKER_VERSION: u32 = 4;
+
+/// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
+/// lit surfaces stand out against it.
+pub const SKY_DEFAULT: Vec3 = Vec3::new(0.20, 0.32, 0.50);
+
+/// How far a bake has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// `reading`, `nodes`, `meshes`, `textures` or `manifest`, in this order.
+    pub stage: &'static str,
+    /// How many of the stage's parts are done.
+    pub done: u64,
+    /// How many parts the stage has.
+    pub total: u64,
+}
+
+impl Progress {
+    /// Returns the share of the whole bake that is done, in percent: 0 to 100. Meshes and images
+    /// take nearly all of the time; how they share it differs from file to file, so this is rough.
+    pub fn percent(&self) -> u8 {
+        let (from, to) = match self.stage {
+            "reading" => (0, 5),
+            "nodes" => (5, 10),
+            "meshes" => (10, 45),
+            "textures" => (45, 98),
+            _ => (98, 100),
+        };
+        let done = self.done.min(self.total) * (to - from) / self.total.max(1);
+        u8::try_from(from + done).unwrap_or(100)
+    }
+}
+
+/// What a bake gave.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Baked {
+    /// The blob that is the scene; 64 hexadecimal digits in JSON.
+    #[serde(with = "hex")]
+    pub manifest: BlobHash,
+    /// Whether the store had it already.
+    #[serde(default)]
+    pub reused: bool,
+    /// The scene's name: the file's stem.
+    pub name: String,
+    /// Nodes of the shown scene.
+    pub nodes: u64,
+    /// Meshes that are drawn.
+    pub meshes: u64,
+    /// Textures that are used.
+    pub textures: u64,
+    /// Triangles drawn, each instance counted.
+    pub triangles: u64,
+    /// Bytes of all blobs, the manifest among them; one that is used twice counts once.
+    pub bytes: u64,
+    /// What is not drawn, or not as it is there; see [`Scene::notes`].
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+mod hex {
+    //! Hashes as text, for people and for `jq`.
+
+    use polyptych_files::blob::BlobHash;
+    use serde::{Deserialize, Deserializer, Serializer, de};
+
+    pub(super) fn serialize<S: Serializer>(hash: &BlobHash, to: S) -> Result<S::Ok, S::Error> {
+        to.collect_str(hash)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<BlobHash, D::Error> {
+        let text = String::deserialize(from)?;
+        BlobHash::from_hex(&text).ok_or_else(|| de::Error::custom("a hash has 64 hex digits"))
+    }
+}
+
+/// Bakes a scene file into the store, or finds that it is there already.
+///
+/// # Errors
+/// [`BakeError`], with the store as consistent as before: what was written is whole blobs.
+pub fn bake(
+    source: &Path,
+    store: &Store,
+    progress: &mut dyn FnMut(Progress),
+    cancel: &AtomicBool,
+) -> Result<Baked, BakeError> {
+    bake_file(source, store, progress, cancel).map_err(|error| error.about(source))
+}
+
+fn bake_file(
+    path: &Path,
+    store: &Store,
+    progress: &mut dyn FnMut(Progress),
+    cancel: &AtomicBool,
+) -> Result<Baked, BakeError> {
+    progress(Progress { stage: "reading", done: 0, total: 1 });
+    let source = Source::open(path, cancel)?;
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let key = key(&source, &name);
+    if let Some(baked) = store.find(key) {
+        return Ok(baked);
+    }
+    let mut job = Job::new(&source, store.blobs(), progress, cancel);
+    let scene = job.scene(name)?;
+    let baked = job.finish(&scene)?;
+    store.record(key, &baked)?;
+    Ok(baked)
+}
+
+fn key(source: &Source, name: &str) -> BlobHash {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&BAKER_VERSION.to_le_bytes());
+    hasher.update(&source.digest.0);
+    hasher.update(name.as_bytes());
+    BlobHash(*hasher.finalize().as_bytes())
+}
+
+/// Stops a bake whose caller wants no more.
+fn check(cancel: &AtomicBool) -> Result<(), BakeError> {
+    if cancel.load(Ordering::Relaxed) { Err(BakeError::Cancelled) } else { Ok(()) }
+}
+
+/// One bake under way.
+struct Job<'a> {
+    source: &'a Source,
+    blobs: &'a BlobFolder,
+    progress: &'a mut dyn FnMut(Progress),
+    cancel: &'a AtomicBool,
+    notes: Notes,
+    /// The first part that is not drawn, as a place, what is wrong, and what would be right.
+    left_out: Option<[String; 3]>,
+    written: BTreeMap<BlobHash, u64>,
+}
+
+impl<'a> Job<'a> {
+    fn new(
+        source: &'a Source,
+        blobs: &'a BlobFolder,
+        progress: &'a mut dyn FnMut(Progress),
+        cancel: &'a AtomicBool,
+    ) -> Self {
+        let (notes, left_out, written) = (Notes::default(), None, BTreeMap::new());
+        Self { source, blobs, progress, cancel, notes, left_out, written }
+    }
+}
+
+impl Job<'_> {
+    fn check(&self) -> Result<(), BakeError> {
+        check(self.cancel)
+    }
+
+    /// Reports how far a stage is, and stops if no one wants to know.
+    fn step(&mut self, stage: &'static str, done: u64, total: u64) -> Result<(), BakeError> {
+        (self.progress)(Progress { stage, done, total });
+        self.check()
+    }
+
+    /// Keeps a note, `PLACE: WHAT`; see [`Notes::add`].
+    fn warn(&mut self, note: &str) {
+        self.notes.add(note);
+    }
+
+    /// Notes a part that is not drawn.
+    fn leave_out(&mut self, place: &str, what: &str, right: &str) {
+        self.warn(&format!("{place}: {what} and is not drawn"));
+        self.left_out.get_or_insert_with(|| [place, what, right].map(str::to_owned));
+    }
+
+    fn write(&mut self, bytes: &[u8], place: &str) -> Result<BlobHash, BakeError> {
+        let length = bytes.len() as u64;
+        if length > BLOB_BYTES_MAX {
+            let right = format!("at most {BLOB_BYTES_MAX} can be stored");
+            return Err(BakeError::at(place, format!("it takes {length} bytes"), right));
+        }
+        let hash = self.blobs.write(bytes)?;
+        self.written.insert(hash, length);
+        Ok(hash)
+    }
+
+    fn scene(&mut self, name: String) -> Result<Scene, BakeError> {
+        self.note_what_is_left_out();
+        let node::Placed { nodes, meshes } = node::read(self)?;
+        let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, ..Scene::default() };
+        let scales = bounds::scales(&scene.nodes, &scene.world_from_nodes());
+        let json: &[document::Mesh] = &self.source.document.meshes;
+        let primitives = |used: u32| {
+            let used = meshes.uses.get(used as usize);
+            let mesh = used.and_then(|used| json.get(used.mesh as usize));
+            mesh.map_or(0, |mesh| mesh.primitives.len() as u64)
+        };
+        check_expansion(&scene.nodes, polyptych_scene::draws(&scene.nodes, primitives))?;
+        let mut palette = Palette::default();
+        scene.meshes = mesh::write_all(self, &mut palette, &meshes, &scales)?;
+        self.check_anything_is_drawn(&scene.meshes)?;
+        let mesh_of: BTreeMap<u32, u32> = scales.keys().copied().zip(0..).collect();
+        renumber(&mut scene.nodes, |node| &mut node.mesh, &mesh_of);
+        // Again, since large primitives were split.
+        check_expansion(&scene.nodes, scene.draws())?;
+
+        let used = scene.nodes.iter().filter_map(|node| node.light);
+        let light_of: BTreeMap<u32, u32> = used.map(|light| (light, 0)).collect();
+        let light_of: BTreeMap<u32, u32> = light_of.into_keys().zip(0..).collect();
+        let lights = light_of.keys().map(|&light| light::convert(self, light));
+        scene.lights = lights.collect::<Result<_, _>>()?;
+        renumber(&mut scene.nodes, |node| &mut node.light, &light_of);
+
+        scene.bounds = bounds::of_scene(&scene)?;
+        let textures = texture::write_all(self, &palette.textures)?;
+        scene.textures = textures.list;
+        scene.materials = palette.materials;
+        placeholder::darken(&mut scene.materials, &textures.placeholders);
+        scene.exposure = exposure::suggest(&scene);
+        if let Some(exposure) = scene.exposure {
+            // The sky is ours, and stays as bright beside what it lights.
+            scene.sky /= exposure;
+            self.warn(&format!(
+                "lit in real units: exposure set to {exposure}; --exposure changes it"
+            ));
+        }
+        scene.notes = std::mem::take(&mut self.notes).into_lines();
+        Ok(scene)
+    }
+
+    /// A scene of which nothing is left is no success; one that is empty is shown, with a note.
+    fn check_anything_is_drawn(&mut self, meshes: &[Mesh]) -> Result<(), BakeError> {
+        if meshes.iter().any(|mesh| !mesh.primitives.is_empty()) {
+            return Ok(());
+        }
+        if let Some([place, what, right]) = self.left_out.take() {
+            return Err(BakeError::at(place, format!("{what}; nothing is left to draw"), right));
+        }
+        self.warn("scenes: the shown scene has no mesh, so nothing is drawn");
+        Ok(())
+    }
+
+    fn note_what_is_left_out(&mut self) {
+        let document = &self.source.document;
+        for note in document.extension_uses.notes(&document.extensions_used) {
+            self.warn(&note);
+        }
+        let counts = [
+            ("animations", document.animations.len(), "not played: the scene stands at rest"),
+            ("cameras", document.cameras.len(), "not used: the wall has a camera of its own"),
+            ("scenes", document.scenes.len().saturating_sub(1), "not shown beside the one that is"),
+            (
+                "variants",
+                document.extensions.variants(),
+                "not shown: parts have their own material",
+            ),
+            ("COLOR_1", document.further_colors(), "not drawn: a part has one set of colours"),
+        ];
+        for (what, count, why) in counts.into_iter().filter(|(_, count, _)| *count > 0) {
+            self.warn(&format!("{what}: {count}, {why}"));
+        }
+    }
+
+    fn finish(mut self, scene: &Scene) -> Result<Baked, BakeError> {
+        self.step("manifest", 0, 1)?;
+        if let Some(fault) = scene.fault() {
+            return Err(BakeError::at("manifest", fault, "please report this as a bug"));
+        }
+        let bytes = polyptych_codec::encode(scene);
+        if bytes.is_empty() || bytes.len() > MANIFEST_BYTES_MAX {
+            let what = format!("the scene's list of nodes takes {} bytes", bytes.len());
+            let right = format!("at most {MANIFEST_BYTES_MAX} can be stored");
+            return Err(BakeError::at("nodes", what, right));
+        }
+        let manifest = self.write(&bytes, "manifest")?;
+        self.step("manifest", 1, 1)?;
+        Ok(Baked {
+            manifest,
+            reused: false,
+            name: scene.name.clone(),
+            nodes: scene.nodes.len() as u64,
+            meshes: scene.meshes.len() as u64,
+            textures: scene.textures.len() as u64,
+            triangles: scene.triangles(),
+            bytes: self.written.values().sum(),
+            warnings: scene.notes.clone(),
+        })
+    }
+}
+
+/// Refuses a scene that render servers could not hold; see [`limits::DRAWS_MAX`].
+///
+/// [`limits::DRAWS_MAX`]: polyptych_scene::limits::DRAWS_MAX
+fn check_expansion(nodes: &[Node], draws: u64) -> Result<(), BakeError> {
+    let right = "join primitives of one material, or draw fewer copies with fewer lights";
+    let fault = polyptych_scene::expansion_fault(nodes, draws);
+    fault.map_or(Ok(()), |fault| Err(BakeError::at("nodes", fault, right)))
+}
+
+/// Replaces the file's indices by the scene's.
+fn renumber(
+    nodes: &mut [Node],
+    index_of: impl Fn(&mut Node) -> &mut Option<u32>,
+    new_of: &BTreeMap<u32, u32>,
+) {
+    for node in nodes {
+        let index = index_of(node);
+        *index = index.and_then(|old| new_of.get(&old).copied());
+    }
+}

@@ -1,0 +1,452 @@
+//! The brain of the wall: what the manager decides, without sockets and without a clock.
+//!
+//! What arrives goes into a `handle_*` function, with `now` in microseconds of manager time; what
+//! is to be done comes out of [`Cluster::poll_output`]; [`Cluster::poll_timeout`] says when
+//! [`Cluster::handle_timeout`] is due. Every failure of a wall is so a short deterministic test.
+
+mod aggregate;
+mod barrier;
+mod change;
+mod checkpoint;
+mod deadline;
+mod input;
+mod membership;
+mod memory;
+mod navigate;
+mod outcome;
+mod pace;
+mod progress;
+mod registry;
+pub mod repetition;
+mod sight;
+mod skew;
+mod snapshot;
+mod span;
+mod statistics;
+mod supersede;
+#[cfg(test)]
+mod tests;
+mod totals;
+mod translate;
+mod tune;
+
+use std::collections::{BTreeMap, VecDeque};
+
+use barrier::{Barrier, FrameOrder, Wish};
+use bytes::Bytes;
+use change::{Change, Changes};
+use polyptych_protocol::command::{Command, Pong};
+use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId};
+use polyptych_protocol::log::{Operation, Replica};
+use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::progress::OpenProgress;
+use polyptych_protocol::request::{Answer, Failure, Pace, Reply, SceneSummary};
+use polyptych_protocol::status::Status;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::Head;
+use polyptych_wall::view::View;
+use polyptych_wall::{ChannelId, Wall};
+use serde::{Deserialize, Serialize};
+
+use crate::repetition::Repetitions;
+pub use checkpoint::{Checkpoint, CheckpointOf};
+pub use input::Input;
+pub use memory::{Further, Memory};
+use pace::Pacer;
+use registry::Registry;
+use skew::PresentCalls;
+pub use snapshot::Snapshot;
+use statistics::Gathered;
+pub use totals::{ChannelTotals, Histogram, Totals};
+
+/// Microseconds since the manager started.
+pub type Micros = u64;
+
+/// One connection, of a server or a client. Numbers are not used twice.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
+pub struct SessionId(pub u64);
+
+/// Most requests of one client that wait for a frame: enough to keep a wall busy, too few to
+/// fill the manager's memory.
+pub const FRAME_ORDERS_MAX: usize = 64;
+
+/// Longest reason of a server that is kept and passed on: it stands in every status.
+const REASON_BYTES_MAX: usize = 1024;
+
+/// What the brain wants done. In order.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Output {
+    /// Send this encoded [`Command`] to these servers; it was encoded once for all of them.
+    Command {
+        /// The control connections.
+        to: Vec<SessionId>,
+        /// An encoded [`Command`].
+        bytes: Bytes,
+    },
+    /// Send this to a client.
+    Answer {
+        /// Its connection.
+        to: SessionId,
+        /// What to send.
+        answer: Answer,
+    },
+    /// Bake this scene and come back with [`Cluster::handle_import`].
+    Import {
+        /// Who asked; names the import.
+        job: RequestOf,
+        /// As the client gave it.
+        path: String,
+    },
+    /// Collect the pictures of a frame from these channels, stitch them and answer the client.
+    Collect {
+        /// Who asked.
+        job: RequestOf,
+        /// The frame.
+        frame: FrameId,
+        /// The channels that are sent it, and will send its picture once they have drawn it.
+        channels: Vec<ChannelId>,
+        /// The others, with the reason.
+        missing: Vec<(String, String)>,
+    },
+    /// Close a connection, telling the peer why.
+    Close {
+        /// Which.
+        session: SessionId,
+        /// Why.
+        reason: String,
+    },
+    /// Keep this for the next life of the manager, before anything that follows.
+    Remember(Box<Memory>),
+    /// End the manager.
+    Stop,
+    /// End all servers, answer this request with what became of them, and end the manager.
+    StopServers {
+        /// The client's request.
+        job: RequestOf,
+    },
+}
+
+/// A request and the client that waits for its answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct RequestOf {
+    /// The client's connection.
+    pub client: SessionId,
+    /// The client's number.
+    pub id: RequestId,
+}
+
+/// A scene that was baked and can be shown.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImportedScene {
+    /// Its name and manifest.
+    pub scene: polyptych_protocol::log::SceneRef,
+    /// What the client is told; the revision is filled in by the brain.
+    pub summary: SceneSummary,
+}
+
+/// A scene that is being baked.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Importing {
+    job: RequestOf,
+    scene: String,
+    progress: OpenProgress,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct ClientState {
+    name: String,
+    is_subscribed: bool,
+}
+
+/// The brain of the wall.
+///
+/// All of it can be written down, see [`Checkpoint`].
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Cluster {
+    epoch: Epoch,
+    /// As the wall file describes it.
+    file: Wall,
+    /// As it is tuned, in the state that frames name.
+    wall: Wall,
+    /// What frames name: the state that live channels can draw.
+    shown: Replica,
+    shown_digest: Digest,
+    features: Vec<String>,
+    /// What of the shown scene is not drawn.
+    #[serde(default)]
+    notes: Vec<String>,
+    changes: Changes,
+    tuners: tune::Tuners,
+    /// Scenes that are being baked.
+    imports: Vec<Importing>,
+    #[serde(default)]
+    outcomes: outcome::Outcomes,
+    registry: Registry,
+    clients: BTreeMap<SessionId, ClientState>,
+    orders: VecDeque<FrameOrder>,
+    barrier: Option<Barrier>,
+    beginnings: barrier::Beginnings,
+    /// The last frame that was begun.
+    frame: FrameId,
+    /// The last frame that was swapped.
+    swapped: FrameId,
+    camera: Camera,
+    head: Head,
+    /// They lie over the wall's own picture.
+    views: Vec<View>,
+    exposure: f32,
+    displays: DisplayMode,
+    pattern: Option<Pattern>,
+    navigator: navigate::Navigator,
+    /// Whether the wall has gone on from what another manager remembered, and no client has
+    /// asked for a frame yet.
+    is_going_on: bool,
+    /// A frame that nobody has ordered, for channels that would see none otherwise.
+    wants_frame: bool,
+    /// Scene time of the last frame that was begun.
+    time_s: f64,
+    pacer: Pacer,
+    deadline: deadline::Deadline,
+    /// Measurements decide nothing, and take more room than all else.
+    #[serde(skip)]
+    gathered: Gathered,
+    #[serde(skip)]
+    present_calls: PresentCalls,
+    remembered: Option<Memory>,
+    remembered_at: Micros,
+    #[serde(skip)]
+    repetitions: Repetitions,
+    /// Empty whenever the brain is written down.
+    #[serde(skip)]
+    outputs: VecDeque<Output>,
+}
+
+impl Cluster {
+    /// The brain of this wall, in a new life of the manager.
+    pub fn new(wall: Wall, epoch: Epoch) -> Self {
+        let mut shown = Replica::default();
+        shown.apply(Operation::SetWall(Box::new(wall.clone())));
+        let heartbeat_us = Micros::from(wall.heartbeat_ms) * 1000;
+        Self {
+            epoch,
+            shown_digest: shown.digest(),
+            shown,
+            features: Vec::new(),
+            notes: Vec::new(),
+            changes: Changes::default(),
+            tuners: tune::Tuners::default(),
+            imports: Vec::new(),
+            outcomes: outcome::Outcomes::default(),
+            registry: Registry::new(&wall, heartbeat_us),
+            clients: BTreeMap::new(),
+            orders: VecDeque::new(),
+            barrier: None,
+            beginnings: barrier::Beginnings::default(),
+            frame: FrameId(0),
+            swapped: FrameId(0),
+            camera: Camera::IDENTITY,
+            head: wall.head(),
+            views: Vec::new(),
+            exposure: 1.0,
+            displays: DisplayMode::Normal,
+            pattern: None,
+            navigator: navigate::Navigator::default(),
+            is_going_on: false,
+            wants_frame: false,
+            time_s: 0.0,
+            pacer: Pacer::default(),
+            deadline: deadline::Deadline::new(wall.deadline),
+            gathered: Gathered::new(wall.channels.len()),
+            present_calls: PresentCalls::new(wall.channels.len()),
+            remembered: None,
+            remembered_at: 0,
+            repetitions: Repetitions::default(),
+            outputs: VecDeque::new(),
+            file: wall.clone(),
+            wall,
+        }
+    }
+
+    /// This life of the manager.
+    pub fn epoch(&self) -> Epoch {
+        self.epoch
+    }
+
+    /// A render server reports. `wire_bytes` is the size of the message.
+    pub fn handle_status(
+        &mut self,
+        now: Micros,
+        from: SessionId,
+        status: Status,
+        wire_bytes: usize,
+    ) {
+        if !self.registry.heard(from, now) {
+            return;
+        }
+        let status = shortened(status);
+        match status {
+            Status::Prepared(prepared) => self.handle_prepared(now, from, &prepared),
+            Status::PrepareFailed { epoch, revision, reason } => {
+                if epoch == self.epoch {
+                    self.handle_prepare_failed(now, from, revision, &reason);
+                }
+            }
+            Status::Drawn(drawn) => {
+                self.gathered.add_wire_bytes(wire_bytes);
+                self.handle_drawn(now, from, &drawn);
+            }
+            Status::DrawFailed { channel, frame, reason } => {
+                self.handle_draw_failed(now, from, channel, frame, reason);
+            }
+            Status::Shown(shown) => {
+                self.gathered.add_wire_bytes(wire_bytes);
+                let is_real = shown.epoch == self.epoch && shown.frame <= self.frame;
+                if is_real && self.registry.drives(from, shown.channel) {
+                    self.registry.shown(&shown);
+                    self.gathered.add_shown(&shown);
+                    if let Some(compared) = self.present_calls.add(&shown, now) {
+                        self.gathered.add_skews(&compared);
+                    }
+                }
+            }
+            Status::Display { channel, warning } => {
+                if self.registry.drives(from, channel) {
+                    self.registry.set_display_warning(channel, warning);
+                }
+            }
+            Status::StateLost { reason } => self.disbelieve(now, from, &reason),
+            Status::Navigate(navigation) => self.handle_navigation(now, from, &navigation),
+            Status::Goodbye { reason } => {
+                self.close(from, "goodbye".into());
+                self.handle_server_gone(now, from, &format!("it left: {reason}"));
+            }
+            Status::Ping(ping) => {
+                self.registry.set_memory(from, ping.memory_bytes);
+                let pong = Pong { sent_us: ping.sent_us, received_us: now, answered_us: now };
+                self.command(vec![from], &Command::Pong(pong));
+            }
+        }
+    }
+
+    /// A message of this server came at `at`, and waits to be read: it is not silent.
+    pub fn handle_life(&mut self, from: SessionId, at: Micros) {
+        let _ = self.registry.heard(from, at);
+    }
+
+    /// When the next server will have been silent for too long, if ever.
+    pub fn next_silence(&self) -> Option<Micros> {
+        self.registry.next_silence()
+    }
+
+    /// Returns whether this client wants to hear of every frame, or waits for a scene, a frame or a
+    /// tuning.
+    pub fn expects_more(&self, client: SessionId) -> bool {
+        let jobs = self.imports.iter().map(|import| import.job);
+        let jobs = jobs.chain(self.orders.iter().map(|order| order.job));
+        let jobs = jobs.chain(self.changes.jobs()).chain(self.tuners.jobs());
+        let is_subscribed = self.clients.get(&client).is_some_and(|of| of.is_subscribed);
+        is_subscribed || jobs.into_iter().any(|job| job.client == client)
+    }
+
+    /// Time has passed; see [`Cluster::poll_timeout`].
+    pub fn handle_timeout(&mut self, now: Micros) {
+        for session in self.registry.silent(now) {
+            let reason = format!("silent for more than {} ms", self.wall.heartbeat_ms);
+            self.close(session, reason.clone());
+            self.handle_server_gone(now, session, &reason);
+        }
+        let to_retry = self.registry.take_retries(now);
+        self.prompt(to_retry);
+        self.expire_change(now);
+        self.remember_navigation(now);
+        self.advance_frame(now);
+    }
+
+    /// When [`Cluster::handle_timeout`] is due next, if ever.
+    pub fn poll_timeout(&self) -> Option<Micros> {
+        let frame = match &self.barrier {
+            Some(barrier) => Some(barrier.deadline()),
+            None if self.is_asked_for_a_frame() => Some(0),
+            None => self.pacer.next_start(),
+        };
+        [
+            frame,
+            self.registry.next_silence(),
+            self.registry.next_retry(),
+            self.changes.next_expiry(),
+            self.navigator.remember_at,
+        ]
+        .into_iter()
+        .flatten()
+        .min()
+    }
+
+    /// What is to be done next.
+    pub fn poll_output(&mut self) -> Option<Output> {
+        self.outputs.pop_front()
+    }
+
+    /// Moves the frame on as far as it goes now: ends the present one, begins the next.
+    fn advance_frame(&mut self, now: Micros) {
+        if let Some(barrier) = &self.barrier
+            && (barrier.is_complete() || now >= barrier.deadline())
+        {
+            self.finish_frame(now);
+            // The next begins once the swap is on its way, which `poll_timeout` asks for at once:
+            // its own time then counts from its own command.
+            return;
+        }
+        // One frame begins at most: a wall without channels would otherwise never let go.
+        if self.barrier.is_none() && (self.is_asked_for_a_frame() || self.pacer.is_due(now)) {
+            self.begin_frame(now);
+        }
+    }
+
+    fn is_asked_for_a_frame(&self) -> bool {
+        self.wants_frame || !self.orders.is_empty()
+    }
+
+    fn command(&mut self, to: Vec<SessionId>, command: &Command) {
+        if to.is_empty() {
+            return;
+        }
+        let bytes = polyptych_codec::encode(command);
+        if matches!(command, Command::Frame(_) | Command::Swap(_)) {
+            self.gathered.add_wire_bytes(bytes.len() * to.len());
+        }
+        self.outputs.push_back(Output::Command { to, bytes });
+    }
+
+    fn send_reply(&mut self, to: RequestOf, reply: Result<Reply, Failure>) {
+        let answer = Answer::Reply { id: to.id, reply };
+        self.outputs.push_back(Output::Answer { to: to.client, answer });
+    }
+
+    fn close(&mut self, session: SessionId, reason: String) {
+        self.outputs.push_back(Output::Close { session, reason });
+    }
+
+    fn set_pace(&mut self, pace: Option<Pace>, now: Micros) {
+        self.is_going_on = false;
+        self.pacer.set(pace, now);
+        // The frame that a tuning waits for would have come by itself.
+        let drawing = self.barrier.as_ref().map(|barrier| barrier.revision);
+        self.wants_frame |= !self.pacer.is_soon(now) && self.tuners.wait_beyond(drawing);
+    }
+}
+
+/// The same with only the beginning of what a server says in words: it stands in every status.
+pub fn shortened(mut status: Status) -> Status {
+    if let Status::PrepareFailed { reason, .. }
+    | Status::DrawFailed { reason, .. }
+    | Status::Display { warning: Some(reason), .. }
+    | Status::StateLost { reason }
+    | Status::Goodbye { reason } = &mut status
+    {
+        reason.truncate(reason.floor_char_boundary(REASON_BYTES_MAX));
+    }
+    status
+}
