@@ -1,20 +1,13 @@
 //! The one command that an operator installs. It parses arguments and calls the crates.
 
 mod authority;
-mod barrier;
 mod cli;
-mod ending;
-mod faults;
-mod local_wall;
 mod log;
 mod outputs;
 mod pictures;
 mod progress;
-mod prove;
-mod report;
+mod simulator;
 mod state_lock;
-mod supervise;
-mod town;
 
 use std::process::ExitCode;
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::say;
-use crate::barrier::{BarrierCost, measure};
+use crate::simulator::barrier::{BarrierCost, measure};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Bench {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::{bake_files, load_wall, log_file_warnings, manager, say, simulate};
-use crate::prove::{self, Walls};
+use crate::simulator::prove::{self, Walls};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

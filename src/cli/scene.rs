@@ -6,7 +6,7 @@ use polyptych_text::counted;
 
 use super::say;
 use crate::outputs;
-use crate::town::{TownOptions, generate};
+use crate::simulator::town::{TownOptions, generate};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Scene {

@@ -19,7 +19,7 @@ use polyptych_render::{
 use rustix::process::{Signal, getpid, kill_process};
 
 use super::{MANAGER_VARIABLE, address, asked_to_end, cache_folder, say};
-use crate::local_wall::WINDOW_CLOSED;
+use crate::simulator::local_wall::WINDOW_CLOSED;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

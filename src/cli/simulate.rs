@@ -18,11 +18,11 @@ use super::seen::Seen;
 use super::{
     bake_files, cache_folder, exposure, load_wall, log_file_warnings, manager, rate, say, seconds,
 };
-use crate::ending::Ending;
-use crate::faults::{self, Fault, Faults, Needs};
-use crate::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
-use crate::prove::Shown;
-use crate::report::Report;
+use crate::simulator::ending::Ending;
+use crate::simulator::faults::{self, Fault, Faults, Needs};
+use crate::simulator::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
+use crate::simulator::prove::Shown;
+use crate::simulator::report::Report;
 use crate::{log, outputs, pictures, progress};
 
 /// Frames of a run, where nothing else is said.
@@ -314,7 +314,7 @@ pub(super) fn shown(scene: Option<&Path>) -> anyhow::Result<Shown> {
 
 /// The scene of the demo, kept in this user's cache folder once it was made.
 fn generated_town() -> anyhow::Result<Shown> {
-    use crate::town::{TownOptions, generate};
+    use crate::simulator::town::{TownOptions, generate};
     const TOWN: TownOptions = TownOptions { blocks: 4, seed: 1 };
     let folder = cache_folder()?.join("scenes");
     outputs::make_folder(&folder)?;

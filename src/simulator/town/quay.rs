@@ -2,15 +2,14 @@
 
 use glam::{Vec3, vec3};
 
-use super::boat;
 use super::color::{Color, srgb};
 use super::glb::{Glb, Node, Placement};
 use super::ground::{BLOCK, Ground, QUAY_HEIGHT};
-use super::landmark;
 use super::material::Material;
 use super::random::Random;
 use super::surface::{Extent, Frame, Hidden, Model};
 use super::terrain::LINES;
+use super::{boat, landmark};
 
 /// From the first street to the water, in metres.
 const APRON: f32 = 8.0;

@@ -17,7 +17,7 @@ use polyptych_files::output_file;
 use polyptych_wall::Wall;
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::local_wall::LocalWall;
+use crate::simulator::local_wall::LocalWall;
 pub(crate) use plan::{Fault, What, parse};
 pub(crate) use record::FaultRecord;
 use record::{End, Happened, Recorder};

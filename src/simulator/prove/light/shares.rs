@@ -16,8 +16,8 @@ use polyptych_wall::shapes::Shaped;
 use polyptych_wall::superposition::{ChannelLight, Side};
 use polyptych_wall::{Adjustment, Channel, Cover, Curve, Packing, Surface, Wall};
 
-use crate::prove::fields::{Fields, GREYS};
-use crate::prove::table::{Table, Target};
+use crate::simulator::prove::fields::{Fields, GREYS};
+use crate::simulator::prove::table::{Table, Target};
 
 /// How far off the field's light the light of overlaps may be at white: half a level there is
 /// 0.5 %, of two displays together up to twice that.
@@ -53,7 +53,7 @@ const AROUND_PX: f64 = 1.5;
 ///
 /// # Errors
 /// A channel without a picture, or one of another size than its display's.
-pub(in crate::prove) fn prove(
+pub(in crate::simulator::prove) fn prove(
     shaped: Shaped<'_>,
     files: &Maps,
     fields: &Fields,

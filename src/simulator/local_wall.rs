@@ -18,10 +18,10 @@ use polyptych_protocol::token;
 use polyptych_wall::Wall;
 use tokio_util::sync::CancellationToken;
 
-use crate::ending::{EndRequest, Ending};
-use crate::faults::{Needs, Relay};
 use crate::log;
-use crate::supervise::{ChildCommand, ChildState, OnLine, Supervisor};
+use crate::simulator::ending::{EndRequest, Ending};
+use crate::simulator::faults::{Needs, Relay};
+use crate::simulator::supervise::{ChildCommand, ChildState, OnLine, Supervisor};
 
 /// How long all servers together may take to come: a machine with two cores opens sixteen
 /// software devices in about ten seconds.

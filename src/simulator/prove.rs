@@ -19,9 +19,9 @@ use polyptych_wall::shapes::{Shaped, Shapes};
 use polyptych_wall::{Channel, Wall};
 use table::Table;
 
-use crate::faults::Needs;
-use crate::local_wall::{LocalWall, LocalWallOptions};
 use crate::progress::Steps;
+use crate::simulator::faults::Needs;
+use crate::simulator::local_wall::{LocalWall, LocalWallOptions};
 use crate::{outputs, pictures};
 
 /// Where the camera looks from when pictures are compared, in radians around the vertical.

@@ -4,8 +4,8 @@ use polyptych_client::{SceneSummary, Statistics};
 use polyptych_text::counted;
 use serde::Serialize;
 
-use crate::ending::Ending;
-use crate::faults::FaultRecord;
+use crate::simulator::ending::Ending;
+use crate::simulator::faults::FaultRecord;
 
 /// Faults that a summary lists; the report has them all.
 const FAULTS_SAID_MAX: usize = 20;

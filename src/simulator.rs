@@ -1,0 +1,10 @@
+//! The laboratory: a wall on one machine, faults on purpose, measurements, and a scene to show.
+
+pub(crate) mod barrier;
+pub(crate) mod ending;
+pub(crate) mod faults;
+pub(crate) mod local_wall;
+pub(crate) mod prove;
+pub(crate) mod report;
+mod supervise;
+pub(crate) mod town;
