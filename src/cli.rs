@@ -219,9 +219,11 @@ pub(crate) fn start_log(cli: &Cli) {
     let level = match cli.command {
         Command::Manager(_) | Command::Server(_) => "info",
         // What its own manager would warn of, the command says itself.
-        Command::Simulate(_) | Command::Demo(_) => "warn,polyptych_manager=error",
+        Command::Simulate(_) | Command::Demo(_) => {
+            "warn,polyptych_core=error,polyptych_manager=error"
+        }
         // Its brain would warn of what happened long ago.
-        Command::Replay(_) => "warn,polyptych_manager=off",
+        Command::Replay(_) => "warn,polyptych_core=off",
         _ => "warn",
     };
     log::start(cli.log.as_ref(), level, cli.process());

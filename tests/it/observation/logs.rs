@@ -2,12 +2,13 @@
 
 use std::collections::BTreeSet;
 
+use polyptych_client::ChannelState;
+use serde_json::Value;
+
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::stub_server::StubServer;
-use polyptych_client::ChannelState;
-use serde_json::Value;
 
 /// All lines, each of which must be an object with what every line has.
 fn objects(text: &[u8]) -> Vec<Value> {
@@ -48,8 +49,8 @@ fn every_line_of_a_simulated_wall_says_who_wrote_it_and_about_what() {
     let wall = place.write("wall.toml", wall).display().to_string();
     let scene = town().display().to_string();
     // All that this program says, and of others what matters.
-    let ours = ["polyptych", "polyptych_manager", "polyptych_render", "polyptych_client"];
-    let log = ours.map(|name| format!("{name}=debug")).join(",");
+    let ours = ["", "_client", "_core", "_manager", "_render", "_renderer"];
+    let log = ours.map(|name| format!("polyptych{name}=debug")).join(",");
     let log = format!("json,info,{log}");
     let arguments = ["simulate", &wall, &scene, "--frames", "3", "--log", &log];
     let output = place.command(arguments).output().expect("it ran");
