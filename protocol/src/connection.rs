@@ -3,6 +3,7 @@
 //! Neither end waits here for ever: callers put [`crate::limits::HANDSHAKE_TIME_MAX`] around it.
 
 use futures_util::{SinkExt, StreamExt};
+use polyptych_codec::DecodeError;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio_util::codec::{Framed, LengthDelimitedCodec};
 
@@ -12,7 +13,6 @@ use crate::handshake::{
 };
 use crate::limits::{BULK_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::tls;
-use polyptych_codec::DecodeError;
 
 /// A byte stream cut into messages.
 pub type Frames<S> = Framed<S, LengthDelimitedCodec>;

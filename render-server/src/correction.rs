@@ -15,8 +15,8 @@ use glam::DVec3;
 use lay::{Ground, Lay};
 use polyptych_protocol::command::Frame;
 use polyptych_renderer::{
-    self, Content, Correction, CorrectionDesc, Curve, DrawStats, Gpu, LightMap, Packing, Renderer,
-    Scene, Target, Turn, ViewDesc, WarpVertex,
+    self, Content, Correction, CorrectionDesc, Curve, DrawStats, Gpu, GpuScene, LightMap, Packing,
+    Renderer, Target, Turn, ViewDesc, WarpVertex,
 };
 use polyptych_wall::blend::{self, Blend, LightInputs, Masks};
 use polyptych_wall::head::Head;
@@ -319,7 +319,7 @@ impl Corrector {
     pub fn draw(
         &mut self,
         gpu: &Gpu,
-        (renderer, scene): (&mut Renderer, &Scene),
+        (renderer, scene): (&mut Renderer, &GpuScene),
         wall: &Wall,
         frame: &Frame,
         output: &mut Output,

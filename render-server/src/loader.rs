@@ -18,7 +18,7 @@ use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::log::{Replica, SceneRef};
 use polyptych_protocol::status::{Prepared, Status};
 use polyptych_renderer::SceneLayout;
-use polyptych_scene::{Scene, SceneFeatures};
+use polyptych_scene::{Mesh, SceneFeatures};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::maps::Maps;
 use polyptych_wall::shapes::{Shaped, Shapes};
@@ -308,30 +308,33 @@ impl Loader {
         }
         let stores = stores(replica.wall.as_deref());
         let bytes = self.blob(scene.manifest, &stores, line)?;
-        let manifest: Scene =
+        let manifest =
             polyptych_scene::decode(&bytes).map_err(|error| format!("manifest: {error}"))?;
         drop(bytes);
         if let Some(fault) = manifest.fault() {
             return Err(format!("manifest of scene {}: {fault}", scene.name));
         }
-        let desc = apply::scene(&manifest);
-        let layout = SceneLayout::new(desc, &|| self.fault(line).is_some());
+        let known = (SceneFeatures::of(&manifest), apply::warm_up_camera(&manifest));
+        let textures: Vec<BlobHash> = manifest.textures.iter().map(|t| t.blob).collect();
+        let blobs_of = |mesh: &Mesh| mesh.primitives.iter().map(|p| p.blob).collect();
+        let meshes: Vec<Vec<BlobHash>> = manifest.meshes.iter().map(blobs_of).collect();
+        let layout = SceneLayout::new(manifest, &|| self.fault(line).is_some());
         let layout = layout.map_err(|error| match self.fault(line) {
             Some(fault) => fault.to_owned(),
             None => error.to_string(),
         })?;
         self.upload(Upload::Begin(Arc::new(layout)))?;
-        for (index, texture) in manifest.textures.iter().enumerate() {
-            let bytes = self.blob(texture.blob, &stores, line)?;
+        for (index, blob) in textures.into_iter().enumerate() {
+            let bytes = self.blob(blob, &stores, line)?;
             self.upload(Upload::Texture { index, bytes })?;
         }
-        for (mesh, of_mesh) in manifest.meshes.iter().enumerate() {
-            for (primitive, of_primitive) in of_mesh.primitives.iter().enumerate() {
-                let bytes = self.blob(of_primitive.blob, &stores, line)?;
+        for (mesh, primitives) in meshes.into_iter().enumerate() {
+            for (primitive, blob) in primitives.into_iter().enumerate() {
+                let bytes = self.blob(blob, &stores, line)?;
                 self.upload(Upload::Primitive { mesh, primitive, bytes })?;
             }
         }
-        Ok((SceneFeatures::of(&manifest), apply::warm_up_camera(&manifest)))
+        Ok(known)
     }
 
     fn blob(&self, hash: BlobHash, stores: &[BlobFolder], line: &Line) -> Result<Bytes, String> {

@@ -17,7 +17,7 @@ use crossbeam_channel::{Receiver, select};
 use patterns::PatternPicture;
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, Revision};
-use polyptych_renderer::{DrawStats, Gpu, Renderer, Scene, SceneBuilder};
+use polyptych_renderer::{DrawStats, Gpu, GpuScene, Renderer, SceneBuilder};
 use polyptych_wall::{ChannelId, Wall};
 use recovery::Losses;
 use tokio::sync::mpsc;
@@ -95,7 +95,7 @@ pub(crate) type SendMonitorNames = Box<dyn Fn(BTreeMap<String, String>) + Send>;
 /// A state whose scene is on the GPU.
 struct Drawable {
     state: Arc<LoadedState>,
-    scene: Rc<Scene>,
+    scene: Rc<GpuScene>,
     scene_bytes: u64,
     correctors: Correctors,
 }
@@ -307,7 +307,7 @@ impl RenderThread {
         index: usize,
         (wall, id): (&Wall, ChannelId),
         frame: &Frame,
-        scene: &Scene,
+        scene: &GpuScene,
         correctors: &Correctors,
     ) -> Result<DrawStats, String> {
         if let Some(pattern) = frame.pattern {

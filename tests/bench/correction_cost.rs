@@ -14,10 +14,9 @@ use polyptych_baker::{self, Store};
 use polyptych_files::blob::BlobHash;
 use polyptych_render::apply;
 use polyptych_renderer::{
-    self, Content, Correction, CorrectionDesc, Gpu, LightMap, Renderer, Scene, SceneBuilder,
+    self, Content, Correction, CorrectionDesc, Gpu, GpuScene, LightMap, Renderer, SceneBuilder,
     SourceEye, SourcePlane, Target, ViewDesc, WarpVertex,
 };
-use polyptych_scene::Scene as Manifest;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::source::SourcePlan;
 use polyptych_wall::surface::{Cylinder, Surface};
@@ -216,7 +215,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
 }
 
 /// A scene on the GPU, and a camera that has all of it in sight.
-fn open(gpu: &Gpu, path: &Path) -> Result<(Scene, Camera), Failure> {
+fn open(gpu: &Gpu, path: &Path) -> Result<(GpuScene, Camera), Failure> {
     let folder = tempfile::tempdir()?;
     let store = Store::open(folder.path())?;
     let baked = polyptych_baker::bake(path, &store, &mut |_| {}, &AtomicBool::new(false))?;
@@ -225,8 +224,8 @@ fn open(gpu: &Gpu, path: &Path) -> Result<(Scene, Camera), Failure> {
         let bytes = blobs.read(hash)?;
         bytes.ok_or_else(|| Failure::from(format!("blob {hash} is missing")))
     };
-    let manifest: Manifest = polyptych_scene::decode(&read(baked.manifest)?)?;
-    let mut builder = SceneBuilder::new(gpu, apply::scene(&manifest))?;
+    let manifest = polyptych_scene::decode(&read(baked.manifest)?)?;
+    let mut builder = SceneBuilder::new(gpu, manifest.clone())?;
     for (index, texture) in manifest.textures.iter().enumerate() {
         builder.upload_texture(gpu, index, &read(texture.blob)?)?;
     }

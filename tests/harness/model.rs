@@ -3,12 +3,12 @@
 
 use std::sync::Arc;
 
-use crate::reference::facet::{Corner, Facet, Texels};
-use crate::reference::tone;
 use glam::{DMat4, DVec2, DVec3, Quat, Vec3};
 use serde_json::{Value, json};
 
 use super::scenes::Gltf;
+use crate::reference::facet::{Corner, Facet, Texels};
+use crate::reference::tone;
 
 /// Parts without light, each below a chain of nodes.
 #[derive(Clone, Default)]

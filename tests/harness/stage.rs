@@ -11,7 +11,7 @@ use polyptych_client::{Bounds, Camera, DisplayMode, Wall};
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
 use polyptych_render::apply;
-use polyptych_renderer::{Renderer, Scene, SceneBuilder, Target, ViewDesc, read_pixels};
+use polyptych_renderer::{GpuScene, Renderer, SceneBuilder, Target, ViewDesc, read_pixels};
 use polyptych_wall::ChannelId;
 use polyptych_wall::view::View;
 
@@ -22,7 +22,7 @@ use crate::reference;
 /// What the renderer needs to draw a channel of a wall.
 pub struct Stage {
     renderer: Renderer,
-    scene: Scene,
+    scene: GpuScene,
     pub bounds: Bounds,
 }
 
@@ -32,10 +32,9 @@ impl Stage {
         let store = Store::open(place.path("store")).expect("a store");
         let baked = bake(path, &store, &mut |_| {}, &AtomicBool::new(false)).expect("baked");
         let blob = |hash| store.blobs().read(hash).expect("readable").expect("there");
-        let manifest: polyptych_scene::Scene =
-            polyptych_scene::decode(&blob(baked.manifest)).expect("a manifest");
+        let manifest = polyptych_scene::decode(&blob(baked.manifest)).expect("a manifest");
         let gpu = gpu();
-        let mut builder = SceneBuilder::new(gpu, apply::scene(&manifest)).expect("described");
+        let mut builder = SceneBuilder::new(gpu, manifest.clone()).expect("described");
         for (index, texture) in manifest.textures.iter().enumerate() {
             builder.upload_texture(gpu, index, &blob(texture.blob)).expect("a texture");
         }

@@ -8,10 +8,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
-use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, tiled};
-use crate::harness::place::Place;
-use crate::harness::stub_server::StubServer;
-use crate::harness::wait;
 use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, ChannelState, Pace, Request};
 use polyptych_protocol::connection::introduce;
@@ -20,6 +16,11 @@ use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::Call;
 use polyptych_protocol::token;
 use polyptych_wall::tuning::{Change, Move};
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, tiled};
+use crate::harness::place::Place;
+use crate::harness::stub_server::StubServer;
+use crate::harness::wait;
 
 /// Names another number of stub servers: 64 are those of the long form.
 const SERVERS_VARIABLE: &str = "POLYPTYCH_HOSTILE_SERVERS";

@@ -4,12 +4,13 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use polyptych_client::{ChannelState, Pace};
+use serde_json::Value;
+
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::place::Place;
 use crate::harness::process::Process;
 use crate::harness::wait;
-use polyptych_client::{ChannelState, Pace};
-use serde_json::Value;
 
 #[test]
 fn a_state_that_cannot_be_kept_is_said_in_the_answer_and_in_status() {

@@ -8,9 +8,10 @@ use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
+use polyptych_client::ChannelState;
+
 use crate::harness::local_wall::{LocalWall, await_states, small};
 use crate::harness::wait;
-use polyptych_client::ChannelState;
 
 /// Connections that one flood holds open; beyond, it closes its oldest.
 const HELD: usize = 600;

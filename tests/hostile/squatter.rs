@@ -6,11 +6,12 @@ use std::net::{TcpListener, TcpStream};
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
-use crate::harness::place::Place;
 use polyptych_protocol::handshake::{
     Answer, Introduction, Nonces, Preamble, Role, Secret, Welcome,
 };
 use polyptych_protocol::ids::Epoch;
+
+use crate::harness::place::Place;
 
 /// Maximum time for a peer's next bytes.
 const SILENCE: Duration = Duration::from_secs(10);

@@ -4,11 +4,6 @@
 use std::net::SocketAddr;
 use std::path::Path;
 
-use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small, start_server};
-use crate::harness::place::Place;
-use crate::harness::relay::Relay;
-use crate::harness::scenes::{Gltf, town};
-use crate::harness::{signals, wait};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, Pace};
 use polyptych_protocol::connection::{Frames, introduce};
@@ -18,6 +13,12 @@ use polyptych_protocol::request::{Call, Request};
 use polyptych_protocol::token;
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpStream;
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small, start_server};
+use crate::harness::place::Place;
+use crate::harness::relay::Relay;
+use crate::harness::scenes::{Gltf, town};
+use crate::harness::{signals, wait};
 
 /// What a peer may cost the manager here: its outbox of 512 answers of a kilobyte, a few pictures
 /// of a mebibyte, and what an allocator keeps of both.

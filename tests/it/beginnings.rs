@@ -4,6 +4,10 @@
 use std::fs;
 use std::process::Command;
 
+use polyptych_client::ChannelState;
+use rcgen::ExtendedKeyUsagePurpose;
+use rustix::process::Signal;
+
 use crate::harness::keys::{self, Forged};
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::place::Place;
@@ -11,9 +15,6 @@ use crate::harness::process::Process;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
-use polyptych_client::ChannelState;
-use rcgen::ExtendedKeyUsagePurpose;
-use rustix::process::Signal;
 
 const MANAGER: [&str; 4] = ["manager", "wall.toml", "--listen", ANY_PORT];
 

@@ -1,9 +1,10 @@
 //! `polyptych check` and `polyptych wall`, as an integrator runs them: no number is missing, wrong
 //! or infinite, and what a wall file is made of is said.
 
+use serde_json::Value;
+
 use crate::harness::maps;
 use crate::harness::place::Place;
-use serde_json::Value;
 
 /// Three projectors in front of a cylinder of 120°, each wider than its part, with keystone.
 const OVERSHOOT: &str = r#"[wall]

@@ -4,13 +4,14 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use polyptych_client::glam::{DQuat, DVec3};
+use polyptych_client::{Camera, Client, Feedback, Pace};
+
 use crate::harness::local_wall::{LocalWall, screen_of, shot, small};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
 use crate::harness::process::Process;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
-use polyptych_client::glam::{DQuat, DVec3};
-use polyptych_client::{Camera, Client, Feedback, Pace};
 
 fn start(columns: u32, rows: u32) -> LocalWall {
     LocalWall::start(&small(columns, rows), &[town().parent().expect("a folder")])

@@ -5,11 +5,12 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use serde_json::Value;
+
 use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
 use crate::harness::place::Place;
 use crate::harness::process::Process;
 use crate::harness::wait;
-use serde_json::Value;
 
 fn repository() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -2,6 +2,11 @@
 
 use std::path::Path;
 
+use image::{Rgba, RgbaImage, imageops};
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, DisplayMode, Pace, Wall};
+use serde_json::Value;
+
 use crate::harness::display::Display;
 use crate::harness::local_wall::{
     ANY_PORT, LocalWall, await_states, screen_of, shot, small, start_server_with,
@@ -10,10 +15,6 @@ use crate::harness::pictures::{Difference, IDENTICAL, check, color_count};
 use crate::harness::place::Place;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
-use image::{Rgba, RgbaImage, imageops};
-use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, DisplayMode, Pace, Wall};
-use serde_json::Value;
 
 /// Of the panels that words stand on.
 const PANEL: Rgba<u8> = Rgba([18, 22, 28, 255]);

@@ -7,13 +7,14 @@ mod planes;
 mod points;
 mod shapes;
 
+use glam::DVec3;
+use polyptych_client::{Camera, Wall};
+use polyptych_wall::ChannelId;
+
 use crate::harness::model::Model;
 use crate::harness::stage::{Stage, reference_view};
 use crate::reference::raster::{self, Sample};
 use crate::reference::tone;
-use glam::DVec3;
-use polyptych_client::{Camera, Wall};
-use polyptych_wall::ChannelId;
 
 /// The sky that the baker gives to scenes which bring none.
 const SKY: DVec3 = DVec3::new(0.2, 0.32, 0.5);

@@ -10,13 +10,14 @@ mod manager;
 mod network;
 mod servers;
 
+use polyptych_client::Wall;
+use serde_json::Value;
+
 use crate::harness::local_wall::tiled;
 use crate::harness::place::Place;
 use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
-use polyptych_client::Wall;
-use serde_json::Value;
 
 /// How often a time is tried.
 const TRIES: usize = 3;

@@ -1,6 +1,12 @@
 //! What a person sees of a scene right after it was opened: all of it, large, at a sensible
 //! brightness; and what is said of parts that cannot be shown.
 
+use image::{Rgba, RgbaImage};
+use polyptych_client::Capture;
+use polyptych_client::blocking::Client;
+use polyptych_client::glam::{DMat4, DVec3, Vec3};
+use serde_json::json;
+
 use crate::harness::local_wall::{LocalWall, of_repository, screen_of, small};
 use crate::harness::model::{Model, Part};
 use crate::harness::pictures::{color_count, read};
@@ -8,11 +14,6 @@ use crate::harness::place::Place;
 use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
-use image::{Rgba, RgbaImage};
-use polyptych_client::Capture;
-use polyptych_client::blocking::Client;
-use polyptych_client::glam::{DMat4, DVec3, Vec3};
-use serde_json::json;
 
 /// A plate of this size in metres, red and without light.
 fn plate(size: Vec3, at: DVec3) -> Gltf {

@@ -9,17 +9,18 @@ mod waves;
 
 use std::path::Path;
 
+use glam::{DMat2, DVec2, DVec3};
+use image::RgbaImage;
+use polyptych_client::Wall;
+use reading::Reading;
+use waves::{Pattern, Seat};
+
 use crate::harness::local_wall::{self, LocalWall};
 use crate::harness::maps::{self, Entry, Png, png};
 use crate::harness::pictures;
 use crate::harness::place::Place;
 use crate::harness::scenes::foreign_wall;
 use crate::reference::tone;
-use glam::{DMat2, DVec2, DVec3};
-use image::RgbaImage;
-use polyptych_client::Wall;
-use reading::Reading;
-use waves::{Pattern, Seat};
 
 /// How far points may be off in pixels of the channel: half of them, and 99.9 % of them. What is
 /// worse lies where maps are so steep that a wave is longer than the picture.

@@ -2,6 +2,9 @@
 
 use std::path::Path;
 
+use image::{Rgba, RgbaImage, imageops};
+use polyptych_client::{ChannelState, Wall};
+
 use crate::harness::display::{Display, SIZE};
 use crate::harness::local_wall::{
     ANY_PORT, LocalWall, await_states, screen_of, shot, start_server_with, tiled,
@@ -11,8 +14,6 @@ use crate::harness::place::Place;
 use crate::harness::process::Process;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
-use image::{Rgba, RgbaImage, imageops};
-use polyptych_client::{ChannelState, Wall};
 
 const BLACK: Rgba<u8> = Rgba([0, 0, 0, 255]);
 /// Of the panels that words stand on.

@@ -7,14 +7,15 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
-use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, screen_of, small};
-use crate::harness::place::Place;
-use crate::harness::scenes::Gltf;
-use crate::harness::wait;
 use image::RgbaImage;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{Camera, ChannelState, Feedback, Pace, Spread};
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, screen_of, small};
+use crate::harness::place::Place;
+use crate::harness::scenes::Gltf;
+use crate::harness::wait;
 
 /// Kills in an ordinary run: enough to hit opening, closing and moving, each a second or less.
 const KILLS: usize = 8;

@@ -1,12 +1,13 @@
 //! What of a scene is not drawn reaches everybody who should know: the answer of `open`, the
 //! status, the log, the report of `simulate`, and a client.
 
+use serde_json::{Value, json};
+
 use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
 use crate::harness::place::Place;
 use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
-use serde_json::{Value, json};
 
 /// A triangle with an animation that is not played and an extension whose name would move a
 /// cursor.

@@ -5,15 +5,16 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
-use crate::harness::local_wall::small;
-use crate::harness::place::Place;
-use crate::harness::{scenes, wait};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions, Wall, overview};
 use polyptych_manager::import::Baker;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_render::{OutputKind, ServerOptions, TokenSource, run as run_server};
 use tokio::sync::Notify;
+
+use crate::harness::local_wall::small;
+use crate::harness::place::Place;
+use crate::harness::{scenes, wait};
 
 pub(super) const TOKEN: &str = "0123456789abcdef";
 

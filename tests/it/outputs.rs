@@ -6,11 +6,12 @@ use std::os::unix::net::UnixListener;
 use std::path::Path;
 use std::process::Command;
 
+use rustix::process::Signal;
+
 use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
 use crate::harness::maps::{self, Region};
 use crate::harness::place::Place;
 use crate::harness::wait;
-use rustix::process::Signal;
 
 /// What stands where a file was to be written. Tests may run as root: no real device is named.
 const KINDS: [&str; 5] = ["folder", "FIFO", "socket", "link to FIFO", "link to nothing"];

@@ -1,9 +1,10 @@
 //! `polyptych prove`, on real servers: of walls that are right, and of others that are not.
 
+use serde_json::Value;
+
 use crate::harness::maps::{Png, png};
 use crate::harness::place::Place;
 use crate::harness::scenes::{Gltf, town};
-use serde_json::Value;
 
 /// Two overlapping projectors whose black leaks.
 const WALL: &str = r#"[wall]

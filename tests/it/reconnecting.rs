@@ -1,10 +1,11 @@
 //! A program that drives a wall goes on when its manager is killed and started again.
 
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, ClientError, ConnectOptions, Reconnect, Request};
+
 use crate::harness::local_wall::{LocalWall, await_states, small};
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
-use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, ClientError, ConnectOptions, Reconnect, Request};
 
 #[test]
 fn an_orbit_and_its_feedback_outlive_the_manager() {

@@ -2,14 +2,15 @@
 
 use std::fs;
 
+use polyptych_client::ChannelState;
+use rustix::process::Signal;
+use serde_json::Value;
+
 use crate::harness::local_wall::{await_states, small};
 use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
-use polyptych_client::ChannelState;
-use rustix::process::Signal;
-use serde_json::Value;
 
 #[test]
 fn an_incident_is_recorded_replayed_and_kept() {

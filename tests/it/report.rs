@@ -1,15 +1,16 @@
 //! What a simulated wall writes: pictures and a report.
 
+use image::imageops;
+use polyptych_client::Wall;
+use rustix::process::Signal;
+use serde_json::{Value, json};
+
 use crate::harness::local_wall::small;
 use crate::harness::pictures::{IDENTICAL, check, color_count, read};
 use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
-use image::imageops;
-use polyptych_client::Wall;
-use rustix::process::Signal;
-use serde_json::{Value, json};
 
 const FRAMES: u64 = 20;
 

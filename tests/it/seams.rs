@@ -2,17 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::harness::local_wall::{LocalWall, of_repository, screen_of, shot};
-use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
-use crate::harness::place::Place;
-use crate::harness::scenes::{asset, poses, town};
-use crate::harness::stage::{Stage, frame};
 use glam::DVec3;
 use image::{RgbaImage, imageops};
 use polyptych_client::Camera;
 use polyptych_client::blocking::Client;
 use polyptych_render::apply;
 use polyptych_wall::ChannelId;
+
+use crate::harness::local_wall::{LocalWall, of_repository, screen_of, shot};
+use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
+use crate::harness::place::Place;
+use crate::harness::scenes::{asset, poses, town};
+use crate::harness::stage::{Stage, frame};
 
 /// Colours below which a picture shows too little to say anything about seams.
 const COLORS_MIN: usize = 100;

@@ -1,6 +1,8 @@
 //! Exit codes: every command says whether its effect is seen, and names the displays that do not
 //! show it.
 
+use polyptych_client::ChannelState;
+
 use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
 use crate::harness::place::Place;
 use crate::harness::process::Finished;
@@ -8,7 +10,6 @@ use crate::harness::scenes::{Gltf, town};
 use crate::harness::simulation::Simulation;
 use crate::harness::stub_server::StubServer;
 use crate::harness::wait;
-use polyptych_client::ChannelState;
 
 /// Every command whose effect is to be seen, in an order in which all can be done.
 const COMMANDS: [&[&str]; 17] = [

@@ -5,12 +5,13 @@
 
 use std::time::Duration;
 
+use serde_json::Value;
+
 use crate::harness::local_wall::tiled;
 use crate::harness::place::Place;
 use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
-use serde_json::Value;
 
 /// Frames of an ordinary run.
 const FRAMES: u64 = 3_000;

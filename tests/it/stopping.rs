@@ -1,10 +1,11 @@
 //! A wall is stopped: with its servers or without, by a command or by a signal.
 
+use polyptych_client::ChannelState;
+use rustix::process::Signal;
+
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::place::Place;
 use crate::harness::wait;
-use polyptych_client::ChannelState;
-use rustix::process::Signal;
 
 #[test]
 fn servers_wait_quietly_for_the_next_manager() {

@@ -2,13 +2,14 @@
 
 use std::fs;
 
-use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
-use crate::harness::pictures::{color_count, read};
-use crate::harness::place::Place;
 use image::RgbaImage;
 use polyptych_client::glam::DVec2;
 use polyptych_client::tuning::{Change, Corner, Move};
 use polyptych_client::{ChannelState, Pace, Wall};
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
+use crate::harness::pictures::{color_count, read};
+use crate::harness::place::Place;
 
 /// The picture of the whole wall, as the command saves it.
 fn shot(local: &LocalWall, name: &str) -> RgbaImage {

@@ -1,12 +1,13 @@
 //! The same commands give the same bytes, whoever draws.
 
+use polyptych_client::blocking::Client;
+use polyptych_client::{Camera, Capture, ChannelState, Wall};
+
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, shot, small};
 use crate::harness::pictures::{IDENTICAL, check, color_count, image_of};
 use crate::harness::place::Place;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
-use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, Capture, ChannelState, Wall};
 
 /// Opens the town; gives a few poses of it.
 fn open_town(client: &Client) -> Vec<Camera> {

@@ -1,13 +1,14 @@
 //! Unlit colours are shown as their files say, on every kind of channel and at any exposure.
 
+use polyptych_client::Camera;
+use polyptych_wall::{EyeOf, Packing};
+use serde_json::json;
+
 use crate::harness::local_wall::{LocalWall, shot, tiled};
 use crate::harness::pictures::image_of;
 use crate::harness::place::Place;
 use crate::harness::scenes::Gltf;
 use crate::reference::tone;
-use polyptych_client::Camera;
-use polyptych_wall::{EyeOf, Packing};
-use serde_json::json;
 
 /// A triangle of one colour that covers the wall.
 fn card(codes: [u8; 3], mode: &str) -> Gltf {

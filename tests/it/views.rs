@@ -1,11 +1,6 @@
 //! Both eyes, and views of other cameras on parts of the wall: each shows what a display shows
 //! that has nothing else to show.
 
-use crate::harness::local_wall::{LocalWall, screen_of, small, tiled};
-use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
-use crate::harness::place::Place;
-use crate::harness::scenes::{Gltf, poses, town};
-use crate::harness::stage::{Stage, frame};
 use glam::{DVec3, UVec2};
 use image::{RgbaImage, imageops};
 use polyptych_client::{Area, Camera, Head, View, ViewProjection, Wall};
@@ -13,6 +8,12 @@ use polyptych_protocol::command::Frame;
 use polyptych_render::apply;
 use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, ChannelId, EyeOf, Screen, Surface};
+
+use crate::harness::local_wall::{LocalWall, screen_of, small, tiled};
+use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
+use crate::harness::place::Place;
+use crate::harness::scenes::{Gltf, poses, town};
+use crate::harness::stage::{Stage, frame};
 
 const CANVAS: [u32; 2] = [320, 176];
 

@@ -3,12 +3,6 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::harness::local_wall::{LocalWall, small};
-use crate::harness::maps::{self, Png, Region, png};
-use crate::harness::pictures::{self, Policy};
-use crate::harness::place::Place;
-use crate::harness::{scenes, wait};
-use crate::one_process::{TOKEN, start_manager, start_server};
 use image::RgbaImage;
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions, Wall, overview};
@@ -17,6 +11,13 @@ use polyptych_manager::import::{Baker, bake_wall_files};
 use polyptych_wall::color::{linear_from_srgb, srgb_from_linear};
 use polyptych_wall::warp::WallMap;
 use polyptych_wall::{FileKind, MapFile};
+
+use crate::harness::local_wall::{LocalWall, small};
+use crate::harness::maps::{self, Png, Region, png};
+use crate::harness::pictures::{self, Policy};
+use crate::harness::place::Place;
+use crate::harness::{scenes, wait};
+use crate::one_process::{TOKEN, start_manager, start_server};
 
 /// A wall of one channel with a warp map and a mask beside its wall file.
 fn wall_with_files(place: &Place) -> Wall {

@@ -2,6 +2,10 @@
 
 use std::net::TcpListener;
 
+use polyptych_client::{ChannelState, Feedback};
+use rustix::process::Signal;
+use serde_json::Value;
+
 use crate::harness::local_wall::{LocalWall, await_states, small, start_server};
 use crate::harness::pictures::{color_count, read};
 use crate::harness::place::Place;
@@ -9,9 +13,6 @@ use crate::harness::process::Process;
 use crate::harness::scenes::{poses, town};
 use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
-use polyptych_client::{ChannelState, Feedback};
-use rustix::process::Signal;
-use serde_json::Value;
 
 #[test]
 fn processes_start_in_any_order_and_the_command_drives_them() {

@@ -2,6 +2,11 @@
 
 use std::path::Path;
 
+use polyptych_client::blocking::Client;
+use polyptych_client::{Camera, ChannelState, Wall};
+use polyptych_wall::unfold::WindowLayout;
+use serde_json::Value;
+
 use crate::harness::display::{Display, SIZE};
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small, start_server_with};
 use crate::harness::mouse::{LEFT, RIGHT, Rect, WHEEL_DOWN, WHEEL_UP};
@@ -9,10 +14,6 @@ use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
-use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, ChannelState, Wall};
-use polyptych_wall::unfold::WindowLayout;
-use serde_json::Value;
 
 /// Three sides of a cube; 400 pixels each, so that they are scaled to a display of 1024.
 const CAVE: &str = r#"[wall]

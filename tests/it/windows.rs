@@ -1,5 +1,10 @@
 //! Pictures reach a display: each channel in a window of its own, all together the wall.
 
+use image::imageops;
+use polyptych_client::ChannelState;
+use rustix::process::Signal;
+use serde_json::Value;
+
 use crate::harness::display::Display;
 use crate::harness::local_wall::{await_states, screen_of, small};
 use crate::harness::pictures::{Difference, IDENTICAL, check, color_count};
@@ -7,10 +12,6 @@ use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
-use image::imageops;
-use polyptych_client::ChannelState;
-use rustix::process::Signal;
-use serde_json::Value;
 
 #[test]
 fn windows_show_the_wall_as_it_hangs() {

@@ -4,9 +4,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use polyptych_protocol::handshake::{Preamble, Role};
+
 use crate::message::{KINDS, Kind};
 use crate::seeds::{maps, messages, scenes, walls};
-use polyptych_protocol::handshake::{Preamble, Role};
 
 #[test]
 fn every_target_has_something_to_begin_from() {

@@ -6,16 +6,17 @@ use std::sync::mpsc::sync_channel;
 use std::thread::Builder;
 use std::time::{Duration, Instant};
 
-use crate::message::{KINDS, Kind, Message};
-use crate::mutation::mutate;
-use crate::receiver::Receiver;
-use crate::seeds::messages;
-use crate::server::{Server, show};
 use allocation_counter::measure;
 use bytes::{Bytes, BytesMut};
 use fastrand::Rng;
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
 use tokio_util::codec::Decoder;
+
+use crate::message::{KINDS, Kind, Message};
+use crate::mutation::mutate;
+use crate::receiver::Receiver;
+use crate::seeds::messages;
+use crate::server::{Server, show};
 
 /// As the issue has it.
 const FRAMES: u64 = 1_000_000;

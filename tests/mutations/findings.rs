@@ -1,10 +1,5 @@
 //! What mutations found once, as small as it became.
 
-use crate::message::{Kind, Message};
-use crate::receiver::Receiver;
-use crate::scene_file::with_place;
-use crate::seeds::{messages, scenes};
-use crate::server::Server;
 use allocation_counter::measure;
 use polyptych_protocol::command::{Command, Pong};
 use polyptych_protocol::handshake::Introduction;
@@ -13,6 +8,12 @@ use polyptych_protocol::request::{Call, Request};
 use polyptych_protocol::status::{Drawn, Status};
 use polyptych_wall::ChannelId;
 use polyptych_wall::limits::CANVAS_SIDE_MAX;
+
+use crate::message::{Kind, Message};
+use crate::receiver::Receiver;
+use crate::scene_file::with_place;
+use crate::seeds::{messages, scenes};
+use crate::server::Server;
 
 /// More than the manager keeps of one kind of measurement.
 const SATURATED: usize = 70_000;

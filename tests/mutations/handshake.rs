@@ -11,8 +11,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use crate::mutation::mutate;
-use crate::seeds::messages;
 use fastrand::Rng;
 use polyptych_client::ConnectOptions;
 use polyptych_client::blocking::Client;
@@ -21,6 +19,9 @@ use polyptych_manager::{ManagerOptions, run};
 use polyptych_protocol::handshake::{Preamble, Role};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use tokio::sync::Notify;
+
+use crate::mutation::mutate;
+use crate::seeds::messages;
 
 /// Strangers one after the other, some of them several at once.
 const STRANGERS: u64 = 3000;

@@ -4,12 +4,13 @@
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use crate::mutation::mutate;
-use crate::scene_file::{Place, with_place};
-use crate::seeds::scenes::{self, Parts};
 use allocation_counter::measure;
 use fastrand::Rng;
 use serde_json::{Value, json};
+
+use crate::mutation::mutate;
+use crate::scene_file::{Place, with_place};
+use crate::seeds::scenes::{self, Parts};
 
 /// Each writes some twenty files.
 const FILES: u64 = 1500;

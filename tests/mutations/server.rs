@@ -8,6 +8,7 @@ use polyptych_protocol::log::Replica;
 use polyptych_render::apply;
 use polyptych_render::clock::ClockEstimate;
 use polyptych_render::playback::{Act, Playback};
+use polyptych_renderer::SceneLayout;
 use polyptych_scene::Scene;
 use polyptych_wall::{ChannelId, Wall};
 
@@ -89,7 +90,7 @@ impl Server {
 pub fn show(scene: &Scene) {
     if scene.fault().is_none() {
         let _ = apply::warm_up_camera(scene);
-        let description: polyptych_renderer::SceneDesc = apply::scene(scene);
-        assert_eq!(description.nodes.len(), scene.nodes.len());
+        let layout = SceneLayout::new(scene.clone(), &|| false);
+        assert!(layout.is_ok(), "{layout:?}");
     }
 }

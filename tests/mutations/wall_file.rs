@@ -2,11 +2,12 @@
 
 use std::time::{Duration, Instant};
 
+use allocation_counter::measure;
+use fastrand::Rng;
+
 use crate::mutation::mutate;
 use crate::seeds::walls::SEEDS;
 use crate::wall_text;
-use allocation_counter::measure;
-use fastrand::Rng;
 
 const FILES: u64 = 20_000;
 

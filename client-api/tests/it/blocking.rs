@@ -4,14 +4,15 @@ use std::net::SocketAddr;
 use std::sync::mpsc;
 use std::thread;
 
-use crate::calls::{answer, summary};
-use crate::manager::{Manager, feedback, options};
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{Camera, ClientError, DisplayMode, Pace, Reply, Request, overview};
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::request::Answer;
 use tokio::net::TcpListener;
+
+use crate::calls::{answer, summary};
+use crate::manager::{Manager, feedback, options};
 
 /// A manager for one client, on a thread of its own; a frame's feedback comes with each frame.
 fn manager() -> (SocketAddr, thread::JoinHandle<()>) {

@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use crate::manager::{feedback, pair};
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
     Camera, ClientError, Digest, DisplayMode, Epoch, FrameId, Head, OPEN_REQUESTS_MAX,
@@ -10,6 +9,8 @@ use polyptych_client::{
     SceneSummary, Sight, Spread, Statistics, Tuned, View, Wall, WallStatus, tuning::Change,
 };
 use polyptych_protocol::request::Answer;
+
+use crate::manager::{feedback, pair};
 
 pub fn summary() -> SceneSummary {
     SceneSummary {

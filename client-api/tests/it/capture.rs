@@ -1,9 +1,10 @@
 //! Pictures: pieces come before their description, and may be too many.
 
-use crate::calls::answer;
-use crate::manager::{options, pair, pair_with};
 use polyptych_client::{ClientError, ConnectOptions, FrameId, Reply, Request, RequestId};
 use polyptych_protocol::request::{Captured, PictureInfo};
+
+use crate::calls::answer;
+use crate::manager::{options, pair, pair_with};
 
 fn info(name: &str, is_screen: bool, width: u32, height: u32) -> PictureInfo {
     PictureInfo { name: name.into(), is_screen, width, height }

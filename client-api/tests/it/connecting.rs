@@ -2,13 +2,14 @@
 
 use std::os::unix::fs::PermissionsExt;
 
-use crate::calls::answer;
-use crate::manager::{Manager, TOKEN, options};
 use polyptych_client::{Client, ClientError, ConnectOptions};
 use polyptych_protocol::connection::{Introduced, receive_introduction, refuse};
 use polyptych_protocol::handshake::{Preamble, Role, Secret};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::net::TcpListener;
+
+use crate::calls::answer;
+use crate::manager::{Manager, TOKEN, options};
 
 /// What a client says of a peer that follows `script`.
 async fn refused_by<F: Future<Output = ()>>(script: impl FnOnce(DuplexStream) -> F) -> String {

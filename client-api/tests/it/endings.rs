@@ -2,13 +2,14 @@
 
 use std::time::Duration;
 
-use crate::manager::{options, pair, pair_with};
 use bytes::Bytes;
 use futures_util::SinkExt;
 use polyptych_client::{ClientError, Request};
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::request::Answer;
 use tokio::io::AsyncWriteExt;
+
+use crate::manager::{options, pair, pair_with};
 
 #[tokio::test]
 async fn a_manager_that_closes_leaves_no_request_open() {

@@ -1,10 +1,11 @@
 //! The feedback stream: slow readers, several readers, the end of the subscription.
 
-use crate::calls::answer;
-use crate::manager::{Manager, feedback, pair};
 use polyptych_client::{Client, FEEDBACK_QUEUE_MAX, Feedbacks, Reply, Request};
 use polyptych_protocol::request::Answer;
 use tokio::io::DuplexStream;
+
+use crate::calls::answer;
+use crate::manager::{Manager, feedback, pair};
 
 async fn subscribe(client: &Client, manager: &mut Manager<DuplexStream>) -> Feedbacks {
     let (feedbacks, ()) = tokio::join!(client.feedback(), async {

@@ -2,8 +2,6 @@
 
 use std::time::Duration;
 
-use crate::calls::answer;
-use crate::manager::{Manager, TOKEN, feedback, options};
 use polyptych_client::{
     Client, ClientError, ConnectOptions, Epoch, OpenProgress, OpenStage, Pace, Reconnect, Reply,
     Request, RequestId,
@@ -13,6 +11,9 @@ use polyptych_protocol::connection::{Introduced, receive_introduction, refuse, w
 use polyptych_protocol::handshake::{Secret, Welcome};
 use polyptych_protocol::request::Answer;
 use tokio::net::{TcpListener, TcpStream};
+
+use crate::calls::answer;
+use crate::manager::{Manager, TOKEN, feedback, options};
 
 async fn listen() -> (TcpListener, String) {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");

@@ -49,7 +49,7 @@ pub struct Scene {
 }
 
 /// One place in the scene.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Node {
     /// As in the source; may be empty or stand twice.
     pub name: String,
@@ -204,6 +204,9 @@ impl Scene {
         for (i, mesh) in self.meshes.iter().enumerate() {
             if mesh.primitives.iter().any(|p| beyond(p.material, self.materials.len())) {
                 return Some(format!("mesh {i} names a material that is not there"));
+            }
+            if mesh.primitives.iter().any(|p| p.index_count == 0 || p.vertex_count == 0) {
+                return Some(format!("mesh {i} has a primitive of nothing"));
             }
         }
         for (i, material) in self.materials.iter().enumerate() {

@@ -84,16 +84,20 @@ impl Default for Material {
 }
 
 impl Material {
-    /// The textures that it has.
-    pub fn textures(&self) -> impl Iterator<Item = &TextureRef> {
+    /// Its textures in the order in which shaders bind them: base colour, metallic-roughness,
+    /// normal, occlusion, emissive.
+    pub fn texture_slots(&self) -> [Option<TextureRef>; 5] {
         [
-            &self.base_color_texture,
-            &self.metallic_roughness_texture,
-            &self.normal_texture,
-            &self.occlusion_texture,
-            &self.emissive_texture,
+            self.base_color_texture,
+            self.metallic_roughness_texture,
+            self.normal_texture,
+            self.occlusion_texture,
+            self.emissive_texture,
         ]
-        .into_iter()
-        .flatten()
+    }
+
+    /// The textures that it has.
+    pub fn textures(&self) -> impl Iterator<Item = TextureRef> {
+        self.texture_slots().into_iter().flatten()
     }
 }

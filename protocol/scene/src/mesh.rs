@@ -46,7 +46,9 @@ pub struct Primitive {
 ///
 /// A vertex is interleaved, in this order, all f32: position 3, normal 3, then as present:
 /// tangent 4, uv0 2, uv1 2, color 4 (linear RGBA).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
 pub struct VertexLayout {
     /// xyz along +u of the normal map, w the sign of the bitangent.
     pub tangent: bool,
@@ -59,14 +61,27 @@ pub struct VertexLayout {
 }
 
 impl VertexLayout {
+    /// Bytes before the tangent.
+    pub const TANGENT_OFFSET: u32 = 24;
+
+    /// Bytes before the first texture coordinates.
+    pub fn uv0_offset(self) -> u32 {
+        Self::TANGENT_OFFSET + 16 * u32::from(self.tangent)
+    }
+
+    /// Bytes before the second texture coordinates.
+    pub fn uv1_offset(self) -> u32 {
+        self.uv0_offset() + 8 * u32::from(self.uv0)
+    }
+
+    /// Bytes before the colour.
+    pub fn color_offset(self) -> u32 {
+        self.uv1_offset() + 8 * u32::from(self.uv1)
+    }
+
     /// Bytes of one vertex.
     pub fn stride(self) -> u32 {
-        let floats = 6
-            + 4 * u32::from(self.tangent)
-            + 2 * u32::from(self.uv0)
-            + 2 * u32::from(self.uv1)
-            + 4 * u32::from(self.color);
-        floats * 4
+        self.color_offset() + 16 * u32::from(self.color)
     }
 }
 
@@ -80,7 +95,7 @@ pub enum IndexFormat {
 }
 
 /// What indices make. The baker turns strips, loops and fans into these.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Topology {
     /// Each index a point of one pixel.
     Points,
@@ -103,6 +118,11 @@ impl Primitive {
             IndexFormat::U32 => 4,
         };
         u64::from(self.index_count) * width
+    }
+
+    /// Bytes of the whole blob.
+    pub fn bytes(&self) -> u64 {
+        self.vertex_bytes() + self.index_bytes()
     }
 
     /// Triangles that it draws.

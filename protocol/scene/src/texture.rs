@@ -93,15 +93,16 @@ impl Default for Sampler {
 }
 
 impl Texture {
-    /// Width and height of a level.
-    pub fn level_size(&self, level: u32) -> (u32, u32) {
-        ((self.width >> level).max(1), (self.height >> level).max(1))
+    /// Width and height of a level in pixels.
+    pub fn level_size(&self, level: u32) -> [u32; 2] {
+        let side = |pixels: u32| pixels.checked_shr(level).unwrap_or(0).max(1);
+        [side(self.width), side(self.height)]
     }
 
     /// Bytes of the whole blob.
     pub fn bytes(&self) -> u64 {
         let level_bytes = |level| {
-            let (width, height) = self.level_size(level);
+            let [width, height] = self.level_size(level);
             u64::from(width) * u64::from(height) * 4
         };
         (0..self.mip_count).map(level_bytes).sum()

@@ -4,6 +4,7 @@ use std::fmt::Debug;
 
 use bytes::Bytes;
 use glam::{DQuat, DVec3};
+use polyptych_codec::{append_framed, encode, framed};
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::Scene;
 use polyptych_wall::ChannelId;
@@ -12,8 +13,6 @@ use polyptych_wall::head::Head;
 use polyptych_wall::tuning::{Change, Corner, Move};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use proptest::prelude::*;
-
-use polyptych_codec::{append_framed, encode, framed};
 use serde::Serialize;
 
 use super::*;

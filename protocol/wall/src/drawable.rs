@@ -1,7 +1,6 @@
 //! What a server draws of a channel, and why it cannot: the same for those that check a wall
 //! before and those that draw it.
 
-use crate::limits::CHANNEL_SIDE_MAX;
 use glam::DVec3;
 
 use super::maps::Maps;
@@ -10,6 +9,7 @@ use super::source::{SourceError, SourcePlan};
 use super::warp_mesh::{MeshRule, WarpMesh};
 use super::{Cover, Surface};
 use crate::ChannelId;
+use crate::limits::CHANNEL_SIDE_MAX;
 
 impl Shaped<'_> {
     /// The mesh that a channel is drawn through, with its pins and bends: nothing of it lies

@@ -11,10 +11,10 @@ mod layout;
 pub mod window;
 
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, UVec2};
+use group::Group;
 
 use super::viewpoint::Viewpoint;
 use super::warp_mesh::WarpMesh;
-use group::Group;
 
 /// Planes for one eye: a cube has six sides.
 pub const SOURCE_PLANES_MAX: usize = 6;

@@ -9,7 +9,7 @@ use glam::{DMat4, DVec3};
 
 use super::cull::Planes;
 use super::pipeline::{Cull, InstanceRecord};
-use super::scene::{Bounds, Cluster, Relative, Scene};
+use super::scene::{Bounds, Cluster, GpuScene, Relative};
 use super::view::ViewDesc;
 
 /// Beyond so many visible items it costs more to find what of the target they touch than it
@@ -60,7 +60,7 @@ pub(crate) struct Scratch {
 impl DrawList {
     /// Culls and sorts; appends the instance records.
     pub fn new(
-        scene: &Scene,
+        scene: &GpuScene,
         view: &ViewDesc,
         rectangle: [u32; 4],
         scratch: &mut Scratch,
@@ -112,7 +112,7 @@ impl DrawList {
 }
 
 /// One draw of each pipeline with each material: all that a driver may have to compile.
-pub(crate) fn samples_of(scene: &Scene) -> Vec<Draw> {
+pub(crate) fn samples_of(scene: &GpuScene) -> Vec<Draw> {
     let mut known = BTreeSet::new();
     let mut draws = Vec::new();
     for (batch, b) in (0u32..).zip(&scene.layout.batches) {
@@ -160,7 +160,7 @@ impl Sight {
 /// Draws the clusters of an item that the rectangle may show and that may face the eye, joined
 /// where they follow each other. Gives the triangles within the rectangle.
 fn draw_parts(
-    scene: &Scene,
+    scene: &GpuScene,
     index: u32,
     planes: &Planes,
     whole: Draw,
@@ -202,7 +202,7 @@ fn draw_parts(
 
 /// Writes an item's record, relative to the eye; returns its index.
 fn push(
-    scene: &Scene,
+    scene: &GpuScene,
     index: u32,
     (eye, clip_from_eye): (DVec3, &DMat4),
     instances: &mut Vec<InstanceRecord>,
@@ -223,7 +223,7 @@ fn push(
 
 /// Opaque: by batch, nearest batch first, and within it the nearest item first. Blended: the
 /// farthest item first. Ties go by index, that is by node, instance, primitive.
-fn sort(scene: &Scene, view: &ViewDesc, scratch: &mut Scratch) {
+fn sort(scene: &GpuScene, view: &ViewDesc, scratch: &mut Scratch) {
     let mut batches: Vec<(f64, u32)> = (0u32..)
         .zip(&scene.layout.batches)
         .map(|(index, batch)| (view.remoteness(&batch.bounds, true), index))
@@ -261,7 +261,7 @@ fn rising(number: f64) -> u64 {
 /// The rectangle around the corners of all visible boxes, or all that the view may touch where
 /// a box reaches behind the near plane.
 fn touched(
-    scene: &Scene,
+    scene: &GpuScene,
     view: &ViewDesc,
     rectangle: [u32; 4],
     visible: &[u32],

@@ -10,7 +10,7 @@ use super::gpu::{Gpu, GpuFaultKind};
 use super::pass::tonemap::{Tonemap, light_color};
 use super::pass::{opaque, transparent};
 use super::pipeline::{InstanceRecord, Pipelines};
-use super::scene::Scene;
+use super::scene::GpuScene;
 use super::target::Target;
 use super::tone::{LIGHT_MAX, tone_map};
 use super::view::{FrameUniform, LampRecord, ViewDesc};
@@ -85,7 +85,7 @@ pub(crate) struct Frames {
 
 /// What the passes draw with.
 pub(crate) struct DrawContext<'a> {
-    scene: &'a Scene,
+    scene: &'a GpuScene,
     pipelines: Vec<&'a wgpu::RenderPipeline>,
     views: Vec<&'a ViewDesc>,
     pub lists: &'a [DrawList],
@@ -161,7 +161,7 @@ impl Frames {
         &mut self,
         gpu: &Gpu,
         pipelines: &Pipelines,
-        scene: &Scene,
+        scene: &GpuScene,
         target: &Target,
         views: &[ViewDesc],
     ) -> Result<DrawStats, DrawError> {
@@ -229,7 +229,7 @@ impl Frames {
         &mut self,
         gpu: &Gpu,
         pipelines: &Pipelines,
-        scene: &Scene,
+        scene: &GpuScene,
         target: &Target,
     ) -> Result<(), DrawError> {
         let view = ViewDesc {
@@ -261,7 +261,7 @@ impl Frames {
         &'a mut self,
         gpu: &Gpu,
         pipelines: Vec<&'a wgpu::RenderPipeline>,
-        scene: &'a Scene,
+        scene: &'a GpuScene,
         views: Vec<&'a ViewDesc>,
         lists: &'a [DrawList],
     ) -> DrawContext<'a> {
@@ -342,7 +342,7 @@ fn check_records(gpu: &Gpu, records: usize) -> Result<(), String> {
 /// The scene's pipelines for such a target.
 fn ready<'a>(
     pipelines: &'a Pipelines,
-    scene: &Scene,
+    scene: &GpuScene,
     target: &Target,
 ) -> Result<Vec<&'a wgpu::RenderPipeline>, DrawError> {
     let found = scene.layout.keys.iter().map(|key| pipelines.get(key, target.content()));
@@ -350,7 +350,7 @@ fn ready<'a>(
 }
 
 /// Exposed light of the sky, within what the targets hold.
-fn sky(scene: &Scene, views: &[ViewDesc]) -> Vec3 {
+fn sky(scene: &GpuScene, views: &[ViewDesc]) -> Vec3 {
     let exposure = views.first().map_or(1.0, |view| view.exposure);
     (scene.layout.sky * exposure).max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX))
 }

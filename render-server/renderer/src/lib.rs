@@ -42,11 +42,7 @@ pub use pass::output::{Output, letterbox};
 pub use pass::tonemap::SkyError;
 pub use picture::{Content, FINE_FORMAT, Picture};
 pub use readback::{ReadError, read_picture, read_pixels};
-pub use scene::{
-    AlphaMode, ContentName, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter,
-    NodeDesc, PrimitiveDesc, SamplerDesc, Scene, SceneBuilder, SceneDesc, SceneError, SceneLayout,
-    TextureDesc, TextureUse, Topology, VertexLayout, Wrap,
-};
+pub use scene::{GpuScene, SceneBuilder, SceneError, SceneLayout};
 pub use target::{Target, TargetError};
 pub use text::ink;
 pub use view::ViewDesc;
@@ -141,12 +137,12 @@ impl Renderer {
     /// compile them: up to a second with a software driver, which the first frame is spared.
     ///
     /// A fault of the GPU shows in [`Gpu::fault`] and in the next [`Self::draw`].
-    pub fn prepare(&mut self, gpu: &Gpu, scene: &Scene) {
+    pub fn prepare(&mut self, gpu: &Gpu, scene: &GpuScene) {
         self.prepare_for(gpu, scene, Content::Srgb);
     }
 
     /// As [`Self::prepare`], for targets of this content.
-    pub fn prepare_for(&mut self, gpu: &Gpu, scene: &Scene, content: Content) {
+    pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: Content) {
         self.pipelines.prepare(gpu, &scene.layout.keys, content);
         let warmed = Target::of(gpu, [1, 1], self.samples, scene.blends(), content)
             .map_err(|error| error.to_string())
@@ -168,7 +164,7 @@ impl Renderer {
     pub fn draw(
         &mut self,
         gpu: &Gpu,
-        scene: &Scene,
+        scene: &GpuScene,
         target: &mut Target,
         views: &[ViewDesc],
     ) -> Result<DrawStats, DrawError> {

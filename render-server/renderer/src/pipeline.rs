@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use polyptych_scene::{Topology, VertexLayout};
+
 use super::bindings;
 use super::gpu::Gpu;
 use super::pass::{opaque, transparent};
 use super::picture::Content;
-use super::scene::{Topology, VertexLayout};
 use super::shader::{self, Interface};
 use super::target::{DEPTH_FORMAT, DISPLAY_FORMAT, LINEAR_FORMAT};
 
@@ -172,7 +173,7 @@ impl Pipelines {
         let instance_attributes = instance_attributes(interface);
         let buffers = [
             Some(wgpu::VertexBufferLayout {
-                array_stride: key.layout.stride(),
+                array_stride: u64::from(key.layout.stride()),
                 step_mode: wgpu::VertexStepMode::Vertex,
                 attributes: &vertex_attributes,
             }),
@@ -264,7 +265,7 @@ fn vertex_attributes(layout: VertexLayout, interface: Interface) -> Vec<wgpu::Ve
     [
         (true, three, 0, 0),
         (interface.lit, three, 12, 1),
-        (read.tangent, four, VertexLayout::tangent_offset(), 2),
+        (read.tangent, four, VertexLayout::TANGENT_OFFSET, 2),
         (read.uv0, two, layout.uv0_offset(), 3),
         (read.uv1, two, layout.uv1_offset(), 4),
         (read.color, four, layout.color_offset(), 5),
@@ -273,7 +274,7 @@ fn vertex_attributes(layout: VertexLayout, interface: Interface) -> Vec<wgpu::Ve
     .filter(|(there, ..)| *there)
     .map(|(_, format, offset, shader_location)| wgpu::VertexAttribute {
         format,
-        offset,
+        offset: u64::from(offset),
         shader_location,
     })
     .collect()

@@ -2,7 +2,6 @@
 
 mod builder;
 mod cluster;
-mod description;
 mod geometry;
 mod layout;
 mod light;
@@ -15,11 +14,6 @@ use std::sync::Arc;
 
 pub use builder::{SceneBuilder, SceneError};
 pub(crate) use cluster::Cluster;
-pub use description::{
-    AlphaMode, ContentName, InstanceDesc, LightDesc, LightKind, MaterialDesc, MeshDesc, MipFilter,
-    NodeDesc, PrimitiveDesc, SamplerDesc, SceneDesc, TextureDesc, TextureUse, Topology,
-    VertexLayout, Wrap,
-};
 pub(crate) use geometry::Geometry;
 pub use layout::SceneLayout;
 pub(crate) use light::Lamp;
@@ -31,9 +25,9 @@ pub(crate) use tree::Tree;
 /// Items that one draw call can draw: one geometry, one material, one winding.
 #[derive(Clone, Debug)]
 pub(crate) struct Batch {
-    /// An index into [`Scene::geometries`].
+    /// An index into [`GpuScene::geometries`].
     pub geometry: u32,
-    /// An index into [`Scene::materials`].
+    /// An index into [`GpuScene::materials`].
     pub material: u32,
     /// An index into [`SceneLayout::keys`].
     pub pipeline: u32,
@@ -48,14 +42,14 @@ pub(crate) struct Batch {
 
 /// A scene on the GPU.
 #[derive(Debug)]
-pub struct Scene {
+pub struct GpuScene {
     pub(crate) layout: Arc<SceneLayout>,
     pub(crate) geometries: Vec<Geometry>,
     pub(crate) materials: Vec<wgpu::BindGroup>,
     pub(crate) lamp_indices: wgpu::Buffer,
 }
 
-impl Scene {
+impl GpuScene {
     /// Whether anything in it is blended; its targets are linear then.
     pub fn blends(&self) -> bool {
         self.layout.blends

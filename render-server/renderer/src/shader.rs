@@ -1,6 +1,6 @@
 //! WGSL from its parts: joined as they stand, less the lines that an interface does not need.
 
-use super::scene::VertexLayout;
+use polyptych_scene::VertexLayout;
 
 const FRAME: &str = include_str!("include/frame.wgsl");
 const VERTEX: &str = include_str!("include/vertex.wgsl");

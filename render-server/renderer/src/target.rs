@@ -43,7 +43,7 @@ pub struct Target {
 
 impl Target {
     /// Textures for pictures of a size in pixels. `samples` is the renderer's; `linear` is
-    /// [`Scene::blends`](super::Scene::blends).
+    /// [`GpuScene::blends`](super::GpuScene::blends).
     ///
     /// # Errors
     /// A side of 0 or beyond the adapter; samples other than 1 or 4.

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec4};
 
 use super::cull::Planes;
-use super::scene::{Bounds, Lamp, Scene};
+use super::scene::{Bounds, GpuScene, Lamp};
 
 /// Directional lights in the uniforms; further ones are looked up like lamps.
 pub(crate) const SUNS_MAX: usize = 4;
@@ -169,7 +169,7 @@ impl ViewDesc {
     }
 
     /// The uniforms of this view.
-    pub(crate) fn uniform(&self, scene: &Scene) -> FrameUniform {
+    pub(crate) fn uniform(&self, scene: &GpuScene) -> FrameUniform {
         let mut suns = [SunRecord::default(); SUNS_MAX];
         for (record, sun) in suns.iter_mut().zip(&scene.layout.lights.suns) {
             record.toward = sun.toward.to_array();

@@ -22,7 +22,8 @@ mod lays;
 use harness::{Shape, Stage, gpu, matt};
 
 use super::*;
-use polyptych_renderer::{LightDesc, LightKind, MaterialDesc, TextureUse, read_picture};
+use polyptych_renderer::read_picture;
+use polyptych_scene::{LightKind, Material, TextureRef};
 
 /// A bright spot that faces the origin: where it is, and its half side, in metres.
 #[derive(Clone, Copy)]
@@ -66,19 +67,23 @@ fn tone(light: f64) -> f64 {
 }
 
 /// Spots in the dark.
-fn scene(spots: &[Spot]) -> Scene {
+fn scene(spots: &[Spot]) -> GpuScene {
     let mut stage = Stage::new();
     stage.desc.sky = Vec3::ZERO;
     let texture = stage.grey(128, |u, v| gauss(DVec2::new(u, v) * 2.0 - 1.0));
-    let used = TextureUse { texture, uv_set: 0, uv_transform: glam::Affine2::IDENTITY };
-    let material = stage.material(MaterialDesc {
+    let used = TextureRef { texture, uv_set: 0, uv_transform: glam::Affine2::IDENTITY };
+    let material = stage.material(Material {
         emissive: Vec3::ONE,
         emissive_texture: Some(used),
         ..matt(0.0, 0.0, 0.0)
     });
     // Without any light there would be the default sun.
-    let dark =
-        LightDesc { kind: LightKind::Directional, color: Vec3::ZERO, intensity: 0.0, range: None };
+    let dark = polyptych_scene::Light {
+        kind: LightKind::Directional,
+        color: Vec3::ZERO,
+        intensity: 0.0,
+        range: None,
+    };
     stage.light(dark, DAffine3::IDENTITY);
     let mesh = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(material));
     for spot in spots {
@@ -115,7 +120,7 @@ fn frame(head: Head) -> Frame {
 }
 
 /// The channel's picture as linear light of its red.
-fn drawn(wall: &Wall, scene: &Scene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
+fn drawn(wall: &Wall, scene: &GpuScene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
     let plan =
         Plan::new(wall, &Maps::default(), ChannelId(0)).expect("a plan").expect("a correction");
     let mut corrector = Corrector::new(gpu(), plan, wall, None).expect("a corrector");

@@ -6,7 +6,7 @@ use crossbeam_channel::bounded;
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::log::Operation;
-use polyptych_scene::{IndexFormat, Mesh, Node, Primitive, Topology, VertexLayout};
+use polyptych_scene::{IndexFormat, Node, Primitive, Scene, Topology, VertexLayout};
 
 use super::*;
 

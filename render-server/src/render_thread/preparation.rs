@@ -9,7 +9,8 @@ use std::time::Instant;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::FrameId;
-use polyptych_renderer::{Content, Scene, SceneBuilder, SceneDesc, Target};
+use polyptych_renderer::{Content, GpuScene, SceneBuilder, Target};
+use polyptych_scene::Scene;
 use polyptych_wall::view::View;
 
 use super::{Correctors, Drawable, RenderThread, STATES_MAX, WARM_UP_SIDE};
@@ -30,7 +31,7 @@ impl RenderThread {
         } else if let Some(latest) = latest {
             (Rc::clone(&latest.scene), latest.scene_bytes)
         } else if state.scene.is_none() {
-            let nothing = SceneBuilder::new(&self.gpu, SceneDesc::default());
+            let nothing = SceneBuilder::new(&self.gpu, Scene::default());
             let nothing = nothing.and_then(|builder| builder.finish(&self.gpu));
             (Rc::new(nothing.map_err(|error| error.to_string())?), 0)
         } else {
@@ -74,7 +75,7 @@ impl RenderThread {
     }
 
     /// Makes the pipelines of a scene for the targets that this server's channels have.
-    pub(super) fn prepare(&mut self, state: &LoadedState, scene: &Scene) {
+    pub(super) fn prepare(&mut self, state: &LoadedState, scene: &GpuScene) {
         let is_corrected = |output: &Output| state.plans.contains_key(&output.name);
         for (content, corrected) in [(Content::Srgb, false), (Content::Light, true)] {
             if self.outputs.iter().any(|output| is_corrected(output) == corrected) {
@@ -88,7 +89,7 @@ impl RenderThread {
     fn warm_up(
         &mut self,
         state: &LoadedState,
-        scene: &Scene,
+        scene: &GpuScene,
         correctors: &Correctors,
     ) -> Result<(), String> {
         let Some(wall) = state.replica.wall.as_deref() else { return Ok(()) };

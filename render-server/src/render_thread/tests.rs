@@ -8,7 +8,8 @@ use polyptych_protocol::display::DisplayMode;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::status::{Drawn, Shown, Status};
-use polyptych_renderer::{Picture, SceneDesc};
+use polyptych_renderer::Picture;
+use polyptych_scene::Scene;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::Head;
 use polyptych_wall::maps::Maps;
@@ -101,7 +102,7 @@ impl Stage {
             maps: Maps::default(),
             shapes: Arc::default(),
         };
-        let desc = SceneDesc { sky: Vec3::new(0.2, 0.3, 0.4), ..SceneDesc::default() };
+        let desc = Scene { sky: Vec3::new(0.2, 0.3, 0.4), ..Scene::default() };
         let builder = SceneBuilder::new(&self.thread.gpu, desc).expect("a scene");
         self.thread.building = Some((builder, 0));
         let (answer, answered) = sync_channel(1);

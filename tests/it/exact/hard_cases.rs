@@ -8,9 +8,6 @@
 
 use std::path::Path;
 
-use crate::harness::local_wall::of_repository;
-use crate::harness::model::{Model, Part};
-use crate::harness::stage::{Stage, frame, reference_view};
 use glam::{DMat4, DVec3, UVec2, Vec3};
 use polyptych_client::{Camera, Wall};
 use polyptych_render::apply;
@@ -18,6 +15,9 @@ use polyptych_wall::{ChannelId, Cover};
 
 use super::shapes::cube;
 use super::{assert_right, channels, verdict};
+use crate::harness::local_wall::of_repository;
+use crate::harness::model::{Model, Part};
+use crate::harness::stage::{Stage, frame, reference_view};
 
 /// A wall file of the repository with fewer pixels.
 pub fn shrunk(name: &str, by: u32) -> Wall {

@@ -1,11 +1,12 @@
 //! The reference against numbers that can be checked by hand, and its halves against each other.
 
+use glam::{DQuat, DVec2, DVec3};
+
 use crate::reference::clip::clip;
 use crate::reference::facet::{Corner, Facet};
 use crate::reference::raster::{self, Projected};
 use crate::reference::tone;
 use crate::reference::view::{Pose, Seat, Seen, View};
-use glam::{DQuat, DVec2, DVec3};
 
 /// A screen of 2 × 1 m, a metre before the eye, of 200 × 100 pixels.
 fn view() -> View {

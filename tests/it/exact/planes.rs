@@ -1,13 +1,13 @@
 //! Planes a centimetre apart, ten kilometres away, with a near plane of ten centimetres: the one
 //! behind must not show, in any channel, wherever the viewer goes.
 
-use crate::harness::model::{Model, Part};
-use crate::harness::stage::Stage;
 use glam::{DMat4, DQuat, DVec3, Vec3};
 use polyptych_client::{Camera, Wall};
 
 use super::channels;
 use super::hard_cases::shrunk;
+use crate::harness::model::{Model, Part};
+use crate::harness::stage::Stage;
 
 const AWAY_M: f64 = 10_000.0;
 const APART_M: f64 = 0.01;

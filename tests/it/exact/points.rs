@@ -4,18 +4,18 @@
 //! they are rounded to 8 bits, and how they change as the marker moves; so the least squares of
 //! what was drawn against that give the marker's displacement, to about 0.002 pixels.
 
-use crate::harness::local_wall::small;
-use crate::harness::model::{Instance, Model, Part};
-use crate::harness::stage::{Stage, reference_view};
-use crate::reference::raster::Projected;
-use crate::reference::tone;
-use crate::reference::view::View;
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, EulerRot, UVec2, Vec3};
 use polyptych_client::{Camera, Wall};
 use polyptych_wall::ChannelId;
 
 use super::channels;
 use super::hard_cases::all_planar;
+use crate::harness::local_wall::small;
+use crate::harness::model::{Instance, Model, Part};
+use crate::harness::stage::{Stage, reference_view};
+use crate::reference::raster::Projected;
+use crate::reference::tone;
+use crate::reference::view::View;
 
 /// The bar of walls.md, in pixels.
 const ERROR_MAX: f64 = 0.01;

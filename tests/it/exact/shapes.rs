@@ -1,12 +1,12 @@
 //! Matrices as they are given: shears, mirrors, flat ones, and chains of them.
 
-use crate::harness::model::{Model, Part};
-use crate::harness::stage::Stage;
 use glam::{DMat3, DMat4, DVec3, Vec3};
 use polyptych_client::Camera;
 
 use super::hard_cases::shrunk;
 use super::{assert_right, channels, verdict};
+use crate::harness::model::{Model, Part};
+use crate::harness::stage::Stage;
 
 /// A box of six colours around the origin, counter-clockwise from outside.
 pub fn cube(place: DMat4) -> Part {

@@ -3,16 +3,16 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, shot};
-use crate::harness::place::Place;
-use crate::harness::scenes::{poses, town};
-use crate::harness::{signals, wait};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, Pace};
 use polyptych_files::blob::BlobHash;
 use rustix::process::Signal;
 
 use super::{RATE, brisk};
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, shot};
+use crate::harness::place::Place;
+use crate::harness::scenes::{poses, town};
+use crate::harness::{signals, wait};
 
 #[test]
 fn a_client_is_told_of_a_baker_that_dies_and_the_wall_goes_on() {

@@ -3,6 +3,10 @@
 use std::fs;
 use std::path::PathBuf;
 
+use image::imageops;
+use polyptych_client::blocking::Client;
+use polyptych_client::{Capture, ChannelState, WallStatus};
+
 use crate::harness::display::Display;
 use crate::harness::local_wall::{
     ANY_PORT, LocalWall, await_states, screen_of, shot, small, start_server_with,
@@ -12,9 +16,6 @@ use crate::harness::place::Place;
 use crate::harness::process::Process;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
-use image::imageops;
-use polyptych_client::blocking::Client;
-use polyptych_client::{Capture, ChannelState, WallStatus};
 
 /// A server whose GPU fails when a file says so.
 struct Stage {

@@ -2,9 +2,6 @@
 
 use std::time::Instant;
 
-use crate::harness::local_wall::LocalWall;
-use crate::harness::scenes::{poses, town};
-use crate::harness::wait;
 use futures_util::SinkExt;
 use polyptych_client::blocking::{Client, Feedbacks};
 use polyptych_client::{ChannelState, Feedback, Pace, Request};
@@ -15,6 +12,9 @@ use polyptych_protocol::request::Call;
 use polyptych_protocol::token;
 
 use super::{RATE, brisk, hold, in_time};
+use crate::harness::local_wall::LocalWall;
+use crate::harness::scenes::{poses, town};
+use crate::harness::wait;
 
 /// Whether all channels showed this frame's predecessors and have drawn it.
 fn is_whole(feedback: &Feedback) -> bool {

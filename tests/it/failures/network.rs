@@ -1,9 +1,5 @@
 //! Connections that carry rubbish, break off or fall silent, and replicas that disagree.
 
-use crate::harness::local_wall::{ANY_PORT, LocalWall};
-use crate::harness::place::Place;
-use crate::harness::stub_server::StubServer;
-use crate::harness::wait;
 use polyptych_client::blocking::Feedbacks;
 use polyptych_client::{ChannelFeedback, ChannelState, FrameId, Pace};
 use polyptych_protocol::command::{Command, Frame, Swap};
@@ -12,6 +8,10 @@ use polyptych_protocol::status::{Drawn, Status};
 use polyptych_wall::ChannelId;
 
 use super::{RATE, Run, brisk, hold, in_time};
+use crate::harness::local_wall::{ANY_PORT, LocalWall};
+use crate::harness::place::Place;
+use crate::harness::stub_server::StubServer;
+use crate::harness::wait;
 
 #[test]
 fn corrupted_bytes_end_a_connection_with_a_reason_on_both_sides() {

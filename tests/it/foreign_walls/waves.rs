@@ -4,10 +4,11 @@
 //! so that one of them is far from its turns everywhere. Waves are linear in light between their
 //! turns, so that no symmetric filter moves them.
 
-use crate::harness::model::{Model, Part};
-use crate::reference::tone;
 use glam::{DMat4, DVec2, DVec3, Vec3};
 use polyptych_client::{Camera, Wall};
+
+use crate::harness::model::{Model, Part};
+use crate::reference::tone;
 
 /// Pixels of the canvas from turn to turn of a wave and back; the last one is longer than any
 /// canvas here.

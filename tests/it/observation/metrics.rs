@@ -3,14 +3,14 @@
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
-use crate::harness::place::Place;
-use crate::harness::scenes::town;
-use crate::harness::wait;
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, Pace};
 
 use super::exposition::Exposition;
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
+use crate::harness::place::Place;
+use crate::harness::scenes::town;
+use crate::harness::wait;
 
 /// More connections than the manager serves at once.
 const SILENT: usize = 12;

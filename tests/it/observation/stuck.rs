@@ -5,13 +5,14 @@ use std::process::{Child, Stdio};
 use std::thread::Builder;
 use std::time::Instant;
 
+use polyptych_client::blocking::Client;
+use polyptych_client::{ChannelState, ConnectOptions, Pace};
+use rustix::process::Signal;
+
 use crate::harness::local_wall::{await_states, small, start_server};
 use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::{signals, wait};
-use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, ConnectOptions, Pace};
-use rustix::process::Signal;
 
 /// Connections that log more than a pipe of 64 KiB and the queue of 256 KiB take: two lines of
 /// more than 100 bytes each.

@@ -5,12 +5,13 @@ use std::io::{Read, Write};
 use std::process::{Child, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
-use crate::harness::place::Place;
-use crate::harness::wait;
 use rustix::process::Signal;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
+use crate::harness::place::Place;
+use crate::harness::wait;
 
 fn manager() -> LocalWall {
     LocalWall::manager(Place::new(), &small(2, 1), &[], ANY_PORT)

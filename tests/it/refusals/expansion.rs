@@ -2,12 +2,13 @@
 
 use std::time::{Duration, Instant};
 
+use polyptych_client::{ChannelState, OpenStage};
+use serde_json::json;
+
 use crate::harness::local_wall::{LocalWall, await_states, shot, small};
 use crate::harness::place::Place;
 use crate::harness::scenes::{Gltf, poses, town};
 use crate::harness::wait;
-use polyptych_client::{ChannelState, OpenStage};
-use serde_json::json;
 
 /// How long the next scene may take, from its request until it is live: a bake that exists, half a
 /// second for the scene before it, and what a busy machine needs for a few pixels.

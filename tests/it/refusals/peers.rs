@@ -3,14 +3,15 @@
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 
-use crate::harness::local_wall::{LocalWall, shot, small};
-use crate::harness::scenes::{poses, town};
-use crate::harness::wait;
 use polyptych_client::ChannelState;
 use polyptych_protocol::connection::introduce;
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::token;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
+
+use crate::harness::local_wall::{LocalWall, shot, small};
+use crate::harness::scenes::{poses, town};
+use crate::harness::wait;
 
 /// Says this to the manager; gives what it answers before it closes the connection.
 #[track_caller]

@@ -3,12 +3,13 @@
 use std::os::unix::fs::symlink;
 use std::path::Path;
 
-use crate::harness::local_wall::{LocalWall, shot, small};
-use crate::harness::place::Place;
-use crate::harness::scenes::{Gltf, poses, town};
 use polyptych_client::blocking::Client;
 use polyptych_client::{Capture, WallStatus};
 use serde_json::json;
+
+use crate::harness::local_wall::{LocalWall, shot, small};
+use crate::harness::place::Place;
+use crate::harness::scenes::{Gltf, poses, town};
 
 /// A wall that shows something, and what it shows.
 struct Stage {

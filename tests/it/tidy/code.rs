@@ -121,11 +121,6 @@ pub fn lines_with(code: &str, word: &str) -> Vec<usize> {
     lines
 }
 
-/// The code in front of the module of tests, which stands last in a file.
-pub fn without_tests(code: &str) -> &str {
-    &code[..start_of_tests(code)]
-}
-
 /// The code of the module of tests; nothing where there is none.
 pub fn tests_only(code: &str) -> &str {
     &code[start_of_tests(code)..]

@@ -46,7 +46,11 @@ const LAYERS: &[Layer] = &[
         ours: &["codec", "core", "files", "protocol", "scene", "text", "wall", "wall-file"],
         refused: &["bincode", "gltf", "image", "wgpu"],
     },
-    Layer { folder: "render-server/renderer", ours: &[], refused: &["tokio", "winit"] },
+    Layer {
+        folder: "render-server/renderer",
+        ours: &["files", "scene"],
+        refused: &["tokio", "winit"],
+    },
     Layer {
         folder: "render-server",
         ours: &["codec", "files", "protocol", "renderer", "scene", "wall"],

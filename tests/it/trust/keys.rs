@@ -4,9 +4,10 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
+use rcgen::ExtendedKeyUsagePurpose;
+
 use crate::harness::keys::Forged;
 use crate::harness::place::Place;
-use rcgen::ExtendedKeyUsagePurpose;
 
 const WALL: &str = r#"[wall]
 name = "pair"

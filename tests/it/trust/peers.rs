@@ -7,11 +7,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use crate::harness::keys::{self, Forged};
-use crate::harness::local_wall::{LocalWall, small};
-use crate::harness::place::Place;
-use crate::harness::process::Process;
-use crate::harness::wait;
 use polyptych_protocol::connection::{Frames, introduce};
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, ClientHello, Hello, Preamble, Role, Secret, ServerHello, Welcome,
@@ -26,6 +21,12 @@ use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::{ClientConfig, RootCertStore, ServerConfig, version};
+
+use crate::harness::keys::{self, Forged};
+use crate::harness::local_wall::{LocalWall, small};
+use crate::harness::place::Place;
+use crate::harness::process::Process;
+use crate::harness::wait;
 
 /// A wall of two channels with keys.
 fn secured() -> LocalWall {

@@ -1,11 +1,12 @@
 //! A wall that is encrypted from end to end, as an operator starts it.
 
+use polyptych_client::blocking::Client;
+
 use crate::harness::local_wall::{LocalWall, small};
 use crate::harness::pictures::{color_count, read};
 use crate::harness::place::Place;
 use crate::harness::scenes::town;
 use crate::harness::{keys, wait};
-use polyptych_client::blocking::Client;
 
 #[test]
 fn a_wall_with_keys_is_driven_by_all_commands() {

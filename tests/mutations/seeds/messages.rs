@@ -1,6 +1,5 @@
 //! A valid message of every variant, as it stands on the wire.
 
-use crate::message::Kind;
 use bytes::Bytes;
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, Quat, UVec2, Vec3};
 use polyptych_codec::encode;
@@ -34,6 +33,8 @@ use polyptych_wall::head::Head;
 use polyptych_wall::tuning::{Change, Corner, Move, Side};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Wall};
+
+use crate::message::Kind;
 
 /// The manager's life in all seeds, so that the brain takes them for its own.
 pub const EPOCH: Epoch = Epoch(7);

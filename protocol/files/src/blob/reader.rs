@@ -4,10 +4,10 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::PathBuf;
 
-use super::CHUNK_BYTES_MAX;
 use bytes::Bytes;
 
 use super::BlobHash;
+use super::CHUNK_BYTES_MAX;
 use super::folder::BlobError;
 
 /// An open blob, hashed as it is read.

@@ -3,10 +3,11 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::description::{SamplerDesc, SceneDesc};
+use polyptych_scene::{Sampler, Scene};
+
 use super::geometry::{self, Geometry};
 use super::layout::SceneLayout;
-use super::{Scene, material, texture};
+use super::{GpuScene, material, texture};
 use crate::gpu::Gpu;
 
 /// Why a scene cannot be brought to the GPU.
@@ -66,7 +67,7 @@ impl SceneBuilder {
     ///
     /// # Errors
     /// An index points nowhere, a parent stands behind its child, a number is out of bounds.
-    pub fn new(gpu: &Gpu, desc: SceneDesc) -> Result<Self, SceneError> {
+    pub fn new(gpu: &Gpu, desc: Scene) -> Result<Self, SceneError> {
         Self::of(gpu, Arc::new(SceneLayout::new(desc, &|| false)?))
     }
 
@@ -77,7 +78,7 @@ impl SceneBuilder {
     pub fn of(gpu: &Gpu, layout: Arc<SceneLayout>) -> Result<Self, SceneError> {
         let limits = gpu.device.limits();
         let (side_max, bytes_max) = (limits.max_texture_dimension_2d, limits.max_buffer_size);
-        if let Some(fault) = layout.desc.size_fault(side_max, bytes_max) {
+        if let Some(fault) = layout.size_fault(side_max, bytes_max) {
             return Err(SceneError::Description(fault));
         }
         let textures = (0..layout.textures.count).map(|_| None).collect();
@@ -144,7 +145,7 @@ impl SceneBuilder {
     ///
     /// # Errors
     /// A mesh or a texture has not been uploaded.
-    pub fn finish(self, gpu: &Gpu) -> Result<Scene, SceneError> {
+    pub fn finish(self, gpu: &Gpu) -> Result<GpuScene, SceneError> {
         if let Some(index) = self.layout.textures.first_missing(&self.textures) {
             return Err(SceneError::Missing(format!("texture {index}")));
         }
@@ -157,7 +158,7 @@ impl SceneBuilder {
         let lamp_indices = index_buffer(gpu, &self.layout.lights.indices);
         let materials = self.materials(gpu);
         let geometries = self.geometries.into_iter().flatten().collect();
-        Ok(Scene { layout: self.layout, geometries, materials, lamp_indices })
+        Ok(GpuScene { layout: self.layout, geometries, materials, lamp_indices })
     }
 
     fn materials(&self, gpu: &Gpu) -> Vec<wgpu::BindGroup> {
@@ -165,8 +166,7 @@ impl SceneBuilder {
         let mut sampler =
             |desc| known.entry(desc).or_insert_with(|| texture::sampler(gpu, desc)).clone();
         let described = self.layout.desc.textures.iter().map(|texture| texture.sampler);
-        let samplers: Vec<_> =
-            described.chain([SamplerDesc::default()]).map(&mut sampler).collect();
+        let samplers: Vec<_> = described.chain([Sampler::default()]).map(&mut sampler).collect();
         let view = |&slot: &usize| self.textures[slot].clone();
         let uploaded = self.layout.textures.of.iter().filter_map(view);
         let views: Vec<_> = uploaded.chain([texture::placeholder(gpu)]).collect();

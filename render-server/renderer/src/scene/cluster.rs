@@ -6,8 +6,7 @@
 //! rectangle, and where all of its triangles face away from the eye, whom all channels share.
 
 use glam::{DVec3, Vec3};
-
-use super::description::{PrimitiveDesc, Topology};
+use polyptych_scene::{IndexFormat, Primitive, Topology};
 
 /// Triangles of a cluster: few enough to be compact, enough that testing one costs a thousandth
 /// of drawing it.
@@ -52,7 +51,7 @@ impl Cluster {
 }
 
 /// The clusters of a primitive's checked bytes; none where it is small, or not of triangles.
-pub(crate) fn clusters(desc: &PrimitiveDesc, bytes: &[u8]) -> Vec<Cluster> {
+pub(crate) fn clusters(desc: &Primitive, bytes: &[u8]) -> Vec<Cluster> {
     let triangles = desc.index_count as usize / 3;
     if desc.topology != Topology::Triangles || triangles < CLUSTERS_MIN * CLUSTER_TRIANGLES {
         return Vec::new();
@@ -66,7 +65,7 @@ pub(crate) fn clusters(desc: &PrimitiveDesc, bytes: &[u8]) -> Vec<Cluster> {
         Vec3::new(x, y, z)
     };
     let index = |at: usize| {
-        if desc.wide_indices {
+        if desc.index_format == IndexFormat::U32 {
             let (words, _) = indices.as_chunks::<4>();
             u32::from_le_bytes(words[at])
         } else {
@@ -114,10 +113,11 @@ fn cluster(first_index: u32, triangles: &[[Vec3; 3]]) -> Cluster {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::VertexLayout;
+    use polyptych_files::blob::BlobHash;
+    use polyptych_scene::VertexLayout;
 
     /// A sphere of triangles around the origin, counter-clockwise from outside.
-    fn sphere(rows: u32) -> (PrimitiveDesc, Vec<u8>) {
+    fn sphere(rows: u32) -> (Primitive, Vec<u8>) {
         let mut vertices = Vec::new();
         for row in 0..=rows {
             for column in 0..=rows {
@@ -137,12 +137,12 @@ mod tests {
                 indices.extend([a, b, a + 1, a + 1, b, b + 1]);
             }
         }
-        let desc = PrimitiveDesc {
-            content: None,
+        let desc = Primitive {
+            blob: BlobHash([0; 32]),
             layout: VertexLayout::default(),
             vertex_count: (rows + 1) * (rows + 1),
             index_count: indices.len() as u32,
-            wide_indices: true,
+            index_format: IndexFormat::U32,
             topology: Topology::Triangles,
             material: None,
             origin: DVec3::ZERO,

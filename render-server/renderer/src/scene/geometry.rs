@@ -1,7 +1,8 @@
 //! Vertices and indices on the GPU.
 
+use polyptych_scene::{IndexFormat, Primitive};
+
 use super::cluster::{Cluster, clusters};
-use super::description::PrimitiveDesc;
 use crate::gpu::Gpu;
 
 /// One buffer that holds the vertices and, behind them, the indices.
@@ -18,7 +19,7 @@ pub(crate) struct Geometry {
 
 impl Geometry {
     /// Copies checked bytes to the GPU.
-    pub fn upload(gpu: &Gpu, desc: &PrimitiveDesc, bytes: &[u8]) -> Result<Self, String> {
+    pub fn upload(gpu: &Gpu, desc: &Primitive, bytes: &[u8]) -> Result<Self, String> {
         let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("geometry/buffer"),
             // An odd number of short indices ends between two multiples of 4.
@@ -31,8 +32,11 @@ impl Geometry {
             view.slice(..bytes.len()).copy_from_slice(bytes);
         }
         buffer.unmap();
-        let index_format =
-            if desc.wide_indices { wgpu::IndexFormat::Uint32 } else { wgpu::IndexFormat::Uint16 };
+        let index_format = if desc.index_format == IndexFormat::U32 {
+            wgpu::IndexFormat::Uint32
+        } else {
+            wgpu::IndexFormat::Uint16
+        };
         let (vertex_bytes, index_count) = (desc.vertex_bytes(), desc.index_count);
         let clusters = clusters(desc, bytes);
         Ok(Self { buffer, vertex_bytes, index_count, index_format, clusters })
@@ -40,9 +44,9 @@ impl Geometry {
 }
 
 /// The largest index in the bytes, where it points beyond the vertices.
-pub(crate) fn index_beyond(desc: &PrimitiveDesc, bytes: &[u8]) -> Option<u32> {
+pub(crate) fn index_beyond(desc: &Primitive, bytes: &[u8]) -> Option<u32> {
     let indices = bytes.get(desc.vertex_bytes() as usize..)?;
-    let largest = if desc.wide_indices {
+    let largest = if desc.index_format == IndexFormat::U32 {
         let (words, _) = indices.as_chunks::<4>();
         words.iter().map(|word| u32::from_le_bytes(*word)).max()
     } else {

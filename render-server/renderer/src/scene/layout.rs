@@ -6,10 +6,12 @@
 use std::collections::{BTreeSet, HashMap};
 
 use glam::Vec3;
-
-use super::description::{
-    AlphaMode, ContentName, MaterialDesc, PrimitiveDesc, SceneDesc, TextureDesc, Topology,
+use polyptych_files::blob::BlobHash;
+use polyptych_scene::{
+    AlphaMode, IndexFormat, Material, Primitive, Scene, Texture, TextureFormat, Topology,
+    VertexLayout,
 };
+
 use super::light::{GROUND, Lights};
 use super::placement::{self, Bounds, Item, Placement, Stance};
 use super::tree::Tree;
@@ -28,12 +30,12 @@ pub(super) struct Slots {
 }
 
 impl Slots {
-    fn new<K: std::hash::Hash + Eq>(names: impl Iterator<Item = Option<K>>) -> Self {
+    fn new<K: std::hash::Hash + Eq>(names: impl Iterator<Item = K>) -> Self {
         let (mut of, mut count) = (Vec::new(), 0);
         let mut known = HashMap::new();
         for name in names {
             let next = count;
-            let slot = name.map_or(next, |name| *known.entry(name).or_insert(next));
+            let slot = *known.entry(name).or_insert(next);
             count += usize::from(slot == next);
             of.push(slot);
         }
@@ -50,7 +52,7 @@ impl Slots {
 #[derive(Debug)]
 pub struct SceneLayout {
     /// Without its nodes and lights, which are placed.
-    pub(super) desc: SceneDesc,
+    pub(super) desc: Scene,
     pub(super) textures: Slots,
     pub(super) geometries: Slots,
     /// Index of each mesh's first primitive in the order of all primitives.
@@ -77,7 +79,7 @@ impl SceneLayout {
     /// # Errors
     /// An index points nowhere, a parent stands behind its child, a number is out of bounds; or
     /// [`SceneError::Cancelled`], soon after `is_cancelled` returns `true`.
-    pub fn new(mut desc: SceneDesc, is_cancelled: &dyn Fn() -> bool) -> Result<Self, SceneError> {
+    pub fn new(mut desc: Scene, is_cancelled: &dyn Fn() -> bool) -> Result<Self, SceneError> {
         if let Some(fault) = desc.fault() {
             return Err(SceneError::Description(fault));
         }
@@ -111,7 +113,7 @@ impl SceneLayout {
         lights.seal();
         let Sorter { batches, keys, template, .. } = sorter;
         let (sky, mesh_boxes) = (desc.sky, placement::mesh_boxes(&desc));
-        let ground = desc.ground.unwrap_or(sky * GROUND);
+        let ground = sky * GROUND;
         desc.nodes = Vec::new();
         desc.lights = Vec::new();
         Ok(Self {
@@ -134,9 +136,34 @@ impl SceneLayout {
     }
 }
 
+impl SceneLayout {
+    /// Sets the radiance from below, linear RGB, instead of what a matt, warm ground makes of the
+    /// sky's.
+    #[must_use]
+    pub fn with_ground(self, ground: Vec3) -> Self {
+        Self { ground, ..self }
+    }
+
+    /// Returns what of it is too large for a GPU, if anything: textures of a longer side than
+    /// `side_max` pixels, primitives of more than `bytes_max` bytes.
+    pub(super) fn size_fault(&self, side_max: u32, bytes_max: u64) -> Option<String> {
+        for (i, mesh) in self.desc.meshes.iter().enumerate() {
+            let sizes = mesh.primitives.iter().map(Primitive::bytes);
+            if let Some(bytes) = sizes.max().filter(|bytes| *bytes > bytes_max) {
+                return Some(format!("mesh {i}: {bytes} bytes, where {bytes_max} can be"));
+            }
+        }
+        self.desc.textures.iter().enumerate().find_map(|(i, texture)| {
+            let (width, height) = (texture.width, texture.height);
+            (width.max(height) > side_max)
+                .then(|| format!("texture {i}: {width} × {height}, where 1 to {side_max} can be"))
+        })
+    }
+}
+
 /// Finds the batch of each placement, and collects the pipelines that they need.
 struct Sorter {
-    default_material: MaterialDesc,
+    default_material: Material,
     /// What all pipelines of the scene have in common.
     template: Template,
     batches: Vec<Batch>,
@@ -151,8 +178,8 @@ struct Template {
 }
 
 impl Sorter {
-    fn new(desc: &SceneDesc, lights: &Lights) -> Self {
-        let blends = |primitive: &PrimitiveDesc| {
+    fn new(desc: &Scene, lights: &Lights) -> Self {
+        let blends = |primitive: &Primitive| {
             let material = primitive.material.and_then(|m| desc.materials.get(m as usize));
             material.is_some_and(|material| material.alpha_mode == AlphaMode::Blend)
         };
@@ -164,7 +191,7 @@ impl Sorter {
             linear: drawn.any(blends),
         };
         Self {
-            default_material: MaterialDesc::default(),
+            default_material: Material::default(),
             template,
             batches: Vec::new(),
             keys: Vec::new(),
@@ -173,7 +200,7 @@ impl Sorter {
     }
 
     /// Returns the batch of a placement, whose geometry is in this slot.
-    fn batch_of(&mut self, desc: &SceneDesc, geometry: usize, placement: &Placement<'_>) -> u32 {
+    fn batch_of(&mut self, desc: &Scene, geometry: usize, placement: &Placement<'_>) -> u32 {
         let primitive = placement.desc;
         // The default material stands behind all others.
         let material = primitive.material.unwrap_or(desc.materials.len() as u32);
@@ -194,7 +221,7 @@ impl Sorter {
 
     fn batch(
         &mut self,
-        primitive: &PrimitiveDesc,
+        primitive: &Primitive,
         features: crate::pipeline::MaterialFeatures,
         mirrored: bool,
     ) -> Batch {
@@ -237,11 +264,12 @@ impl Sorter {
     }
 }
 
-fn texture_name(t: &TextureDesc) -> Option<(ContentName, bool, u32, u32, u32)> {
-    t.content.map(|content| (content, t.srgb, t.width, t.height, t.mip_count))
+/// Textures of one name share a slot.
+fn texture_name(t: &Texture) -> (BlobHash, TextureFormat, [u32; 3]) {
+    (t.blob, t.format, [t.width, t.height, t.mip_count])
 }
 
-fn geometry_name(p: &PrimitiveDesc) -> Option<(ContentName, impl std::hash::Hash + Eq + use<>)> {
-    let rest = (p.layout, p.vertex_count, p.index_count, p.wide_indices);
-    p.content.map(|content| (content, rest))
+/// Primitives of one name share a slot.
+fn geometry_name(p: &Primitive) -> (BlobHash, VertexLayout, IndexFormat, [u32; 2]) {
+    (p.blob, p.layout, p.index_format, [p.vertex_count, p.index_count])
 }

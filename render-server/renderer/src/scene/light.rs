@@ -3,9 +3,9 @@
 use std::collections::HashMap;
 
 use glam::{DAffine3, DVec3, Vec3};
+use polyptych_scene::{Light, LightKind, Scene};
 
 use super::SceneError;
-use super::description::{LightDesc, LightKind, SceneDesc};
 use super::placement::Bounds;
 use crate::view::SUNS_MAX;
 
@@ -64,7 +64,7 @@ pub(crate) struct Lights {
 
 impl Lights {
     /// All lights of the scene, or the default sun.
-    pub fn new(desc: &SceneDesc, world: &[DAffine3]) -> Self {
+    pub fn new(desc: &Scene, world: &[DAffine3]) -> Self {
         let mut lights = Self::default();
         for (node, world_from_node) in desc.nodes.iter().zip(world) {
             let Some(light) = node.light.map(|light| &desc.lights[light as usize]) else {
@@ -112,7 +112,7 @@ impl Lights {
 }
 
 impl Lamp {
-    fn new(light: &LightDesc, world_from_node: &DAffine3) -> Self {
+    fn new(light: &Light, world_from_node: &DAffine3) -> Self {
         let along = world_from_node.transform_vector3(DVec3::NEG_Z);
         let direction = along.try_normalize().unwrap_or(DVec3::NEG_Z).as_vec3();
         let cone = match light.kind {

@@ -2,8 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Affine2;
+use polyptych_scene::{AlphaMode, Material, Scene, VertexLayout};
 
-use super::description::{AlphaMode, MaterialDesc, SceneDesc, VertexLayout};
 use crate::bindings;
 use crate::gpu::Gpu;
 use crate::pipeline::{Alpha, MaterialFeatures, TextureSlot};
@@ -32,12 +32,12 @@ pub(crate) struct UvTransform {
 }
 
 impl MaterialUniform {
-    fn new(desc: &MaterialDesc) -> Self {
+    fn new(desc: &Material) -> Self {
         let transform = |affine: Affine2| {
             let (x, y, offset) = (affine.x_axis, affine.y_axis, affine.translation);
             UvTransform { columns: [x.x, x.y, y.x, y.y], offset: [offset.x, offset.y, 0.0, 0.0] }
         };
-        let uses = desc.texture_uses();
+        let uses = desc.texture_slots();
         Self {
             base_color: desc.base_color.to_array(),
             emissive: desc.emissive.to_array(),
@@ -54,8 +54,8 @@ impl MaterialUniform {
 
 /// What a material asks of the pipeline of a primitive with this layout. Texture coordinates
 /// that the vertices lack are zero, a normal map without tangents is left out.
-pub(crate) fn features(desc: &MaterialDesc, layout: VertexLayout) -> MaterialFeatures {
-    let uses = desc.texture_uses();
+pub(crate) fn features(desc: &Material, layout: VertexLayout) -> MaterialFeatures {
+    let uses = desc.texture_slots();
     let slot = |index: usize| {
         uses[index].map_or(TextureSlot::None, |one| match one.uv_set {
             0 if layout.uv0 => TextureSlot::Uv0,
@@ -91,12 +91,12 @@ pub(crate) fn features(desc: &MaterialDesc, layout: VertexLayout) -> MaterialFea
 /// Bind group 2 of every material, the default material last.
 pub(crate) fn bind_groups(
     gpu: &Gpu,
-    desc: &SceneDesc,
+    desc: &Scene,
     views: &[wgpu::TextureView],
     samplers: &[wgpu::Sampler],
 ) -> Vec<wgpu::BindGroup> {
-    let default = MaterialDesc::default();
-    let materials: Vec<&MaterialDesc> = desc.materials.iter().chain([&default]).collect();
+    let default = Material::default();
+    let materials: Vec<&Material> = desc.materials.iter().chain([&default]).collect();
     let stride = bindings::uniform_stride(gpu, size_of::<MaterialUniform>());
     let mut bytes = vec![0; stride * materials.len()];
     for (slot, material) in bytes.chunks_exact_mut(stride).zip(&materials) {
@@ -112,8 +112,8 @@ pub(crate) fn bind_groups(
     gpu.queue.write_buffer(&buffer, 0, &bytes);
     let layout = bindings::material_layout(&gpu.device);
     let (empty_view, empty_sampler) = (views.len() - 1, samplers.len() - 1);
-    let group = |(index, material): (usize, &&MaterialDesc)| {
-        let uses = material.texture_uses();
+    let group = |(index, material): (usize, &&Material)| {
+        let uses = material.texture_slots();
         let at = |one: usize, empty: usize| uses[one].map_or(empty, |one| one.texture as usize);
         let mut entries = vec![wgpu::BindGroupEntry {
             binding: 0,

@@ -1,8 +1,7 @@
 //! Where each primitive stands: everything about it that does not change from frame to frame.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
-
-use super::description::{NodeDesc, PrimitiveDesc, SceneDesc};
+use polyptych_scene::{Node, Primitive, Scene};
 
 /// A box with its sides along the world's axes; unbounded where the source was not finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,14 +39,14 @@ impl Bounds {
     }
 
     /// The box around a primitive in its mesh's space.
-    fn of(primitive: &PrimitiveDesc) -> Self {
+    fn of(primitive: &Primitive) -> Self {
         let (a, b) = (primitive.min.as_dvec3(), primitive.max.as_dvec3());
         Self { min: a.min(b) + primitive.origin, max: a.max(b) + primitive.origin }
     }
 
     /// The world box around a primitive's box; `|M|·h` as in Arvo, "Transforming Axis-Aligned
     /// Bounding Boxes", Graphics Gems (1990).
-    fn around(world_from_mesh: &DAffine3, primitive: &PrimitiveDesc) -> Self {
+    fn around(world_from_mesh: &DAffine3, primitive: &Primitive) -> Self {
         let Self { min, max } = Self::of(primitive);
         let center = world_from_mesh.transform_point3((min + max) * 0.5);
         let half_local = (max - min) * 0.5;
@@ -139,13 +138,13 @@ pub(crate) struct Placement<'a> {
     pub origin: DVec3,
     pub stance: u32,
     pub is_mirrored: bool,
-    pub desc: &'a PrimitiveDesc,
+    pub desc: &'a Primitive,
     pub bounds: Bounds,
 }
 
 /// For each primitive, in the order of the description, the box around all of its mesh in the
 /// primitive's own space.
-pub(crate) fn mesh_boxes(desc: &SceneDesc) -> Vec<Bounds> {
+pub(crate) fn mesh_boxes(desc: &Scene) -> Vec<Bounds> {
     let mut boxes = Vec::new();
     for mesh in &desc.meshes {
         let whole = mesh.primitives.iter().map(Bounds::of).fold(Bounds::EMPTY, Bounds::union);
@@ -158,7 +157,7 @@ pub(crate) fn mesh_boxes(desc: &SceneDesc) -> Vec<Bounds> {
 }
 
 /// World space from each node's space.
-pub(crate) fn world_from_nodes(nodes: &[NodeDesc]) -> Vec<DAffine3> {
+pub(crate) fn world_from_nodes(nodes: &[Node]) -> Vec<DAffine3> {
     let mut world: Vec<DAffine3> = Vec::with_capacity(nodes.len());
     for node in nodes {
         let parent = node.parent.and_then(|parent| world.get(parent as usize));
@@ -170,7 +169,7 @@ pub(crate) fn world_from_nodes(nodes: &[NodeDesc]) -> Vec<DAffine3> {
 /// Gives every primitive in every place, in the order of the nodes, and returns the stances that
 /// they name. Ends early where `give` fails.
 pub(crate) fn place<'a, E>(
-    desc: &'a SceneDesc,
+    desc: &'a Scene,
     world: &[DAffine3],
     mut give: impl FnMut(Placement<'a>) -> Result<(), E>,
 ) -> Result<Vec<Stance>, E> {

@@ -1,6 +1,8 @@
 //! Textures and samplers on the GPU.
 
-use super::description::{MipFilter, SamplerDesc, TextureDesc, Wrap};
+use polyptych_files::blob::BlobHash;
+use polyptych_scene::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
+
 use crate::gpu::Gpu;
 
 /// Longest side in pixels of a texture of which no level is left out: others take the memory.
@@ -10,7 +12,7 @@ const SMALL_SIDE: u32 = 64;
 /// remain. `bytes` has been checked against the description.
 pub(crate) fn upload(
     gpu: &Gpu,
-    desc: &TextureDesc,
+    desc: &Texture,
     bytes: &[u8],
     levels_left_out: u32,
 ) -> wgpu::TextureView {
@@ -18,10 +20,9 @@ pub(crate) fn upload(
     let smallest = (0..desc.mip_count).find(is_small).unwrap_or(desc.mip_count - 1);
     let first = levels_left_out.min(smallest);
     let [width, height] = desc.level_size(first);
-    let format = if desc.srgb {
-        wgpu::TextureFormat::Rgba8UnormSrgb
-    } else {
-        wgpu::TextureFormat::Rgba8Unorm
+    let format = match desc.format {
+        TextureFormat::Rgba8Srgb => wgpu::TextureFormat::Rgba8UnormSrgb,
+        TextureFormat::Rgba8Linear => wgpu::TextureFormat::Rgba8Unorm,
     };
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("material/texture"),
@@ -54,9 +55,10 @@ pub(crate) fn upload(
 }
 
 /// The sampler of a description.
-pub(crate) fn sampler(gpu: &Gpu, desc: SamplerDesc) -> wgpu::Sampler {
-    let filter = |linear| {
-        if linear { wgpu::FilterMode::Linear } else { wgpu::FilterMode::Nearest }
+pub(crate) fn sampler(gpu: &Gpu, desc: Sampler) -> wgpu::Sampler {
+    let filter = |filter| match filter {
+        Filter::Linear => wgpu::FilterMode::Linear,
+        Filter::Nearest => wgpu::FilterMode::Nearest,
     };
     let wrap = |wrap| match wrap {
         Wrap::Clamp => wgpu::AddressMode::ClampToEdge,
@@ -74,8 +76,8 @@ pub(crate) fn sampler(gpu: &Gpu, desc: SamplerDesc) -> wgpu::Sampler {
         label: Some("material/sampler"),
         address_mode_u: wrap(desc.wrap_u),
         address_mode_v: wrap(desc.wrap_v),
-        mag_filter: filter(desc.mag_linear),
-        min_filter: filter(desc.min_linear),
+        mag_filter: filter(desc.mag),
+        min_filter: filter(desc.min),
         mipmap_filter,
         lod_max_clamp,
         ..Default::default()
@@ -84,13 +86,13 @@ pub(crate) fn sampler(gpu: &Gpu, desc: SamplerDesc) -> wgpu::Sampler {
 
 /// A white texture of one pixel, for bindings that a material leaves empty. No shader reads it.
 pub(crate) fn placeholder(gpu: &Gpu) -> wgpu::TextureView {
-    let desc = TextureDesc {
-        content: None,
-        srgb: false,
+    let desc = Texture {
+        blob: BlobHash([0; 32]),
+        format: TextureFormat::Rgba8Linear,
         width: 1,
         height: 1,
         mip_count: 1,
-        sampler: SamplerDesc::default(),
+        sampler: Sampler::default(),
     };
     upload(gpu, &desc, &[255; 4], 0)
 }

@@ -3,29 +3,30 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
+use polyptych_scene::{AlphaMode, Material};
 
 use super::harness::{Shape, Stage, differences, draw_sampled, gpu, look, matt};
 use crate::readback::read_raw;
 use crate::tone::f16_from_bits;
 use crate::{
-    AlphaMode, Content, Correction, CorrectionDesc, CorrectionError, Curve, LightMap, MaterialDesc,
-    Output, Packing, Picture, Renderer, Scene, SourceEye, SourcePlane, Target, Turn, ViewDesc,
-    WarpMesh, WarpVertex, read_picture, read_pixels,
+    Content, Correction, CorrectionDesc, CorrectionError, Curve, GpuScene, LightMap, Output,
+    Packing, Picture, Renderer, SourceEye, SourcePlane, Target, Turn, ViewDesc, WarpMesh,
+    WarpVertex, read_picture, read_pixels,
 };
 
 const SIZE: [u32; 2] = [96, 64];
 
 /// Spheres of three colours on a light ground, from dark to bright.
-fn scene(alpha_mode: AlphaMode) -> Scene {
+fn scene(alpha_mode: AlphaMode) -> GpuScene {
     let mut stage = Stage::new();
     for (x, color) in [(-1.5, [0.9, 0.1, 0.05]), (0.0, [0.2, 0.8, 0.1]), (1.5, [0.1, 0.2, 0.9])] {
         let [r, g, b] = color;
-        let color = MaterialDesc { alpha_mode, ..matt(r, g, b) };
+        let color = Material { alpha_mode, ..matt(r, g, b) };
         let material = stage.material(color);
         let mesh = stage.mesh(&Shape::sphere(12), Some(material));
         stage.node(mesh, DAffine3::from_translation(DVec3::new(x, 0.2 * x, -2.0)));
     }
-    let white = stage.material(MaterialDesc { unlit: true, ..matt(1.0, 1.0, 1.0) });
+    let white = stage.material(Material { unlit: true, ..matt(1.0, 1.0, 1.0) });
     let card = stage.mesh(&Shape::rectangle(0.3, 0.2), Some(white));
     stage.node(card, DAffine3::from_translation(DVec3::new(-0.4, 0.9, -1.0)));
     stage.build()
@@ -36,7 +37,7 @@ fn view() -> ViewDesc {
 }
 
 /// The views' light, side by side.
-fn light(scene: &Scene, samples: u32, views: &[ViewDesc]) -> Target {
+fn light(scene: &GpuScene, samples: u32, views: &[ViewDesc]) -> Target {
     let mut renderer = Renderer::new(gpu(), samples).unwrap();
     renderer.prepare_for(gpu(), scene, Content::Light);
     let size = [SIZE[0] * views.len() as u32, SIZE[1]];

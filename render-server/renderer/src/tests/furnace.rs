@@ -4,23 +4,24 @@
 use std::f64::consts::PI;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3, Vec4};
+use polyptych_scene::{Light, LightKind, Material};
 
 use super::harness::{Shape, Stage, draw, gpu, look, pixel};
 use crate::albedo::tests::integrated;
 use crate::tone::f16_from_bits;
-use crate::{Content, LightDesc, LightKind, MaterialDesc, Renderer, Target, ViewDesc, read_pixels};
+use crate::{Content, Renderer, Target, ViewDesc, read_pixels};
 
 const F0: f64 = 0.04;
 
 /// Radiance at which measured surfaces are kept: the tone mapper only shifts it.
 const MIDDLE: f64 = 0.4;
 
-fn material(base: f64, metallic: f64, roughness: f64) -> MaterialDesc {
-    MaterialDesc {
+fn material(base: f64, metallic: f64, roughness: f64) -> Material {
+    Material {
         base_color: Vec3::splat(base as f32).extend(1.0),
         metallic: metallic as f32,
         roughness: roughness as f32,
-        ..MaterialDesc::default()
+        ..Material::default()
     }
 }
 
@@ -30,7 +31,7 @@ fn aslant(cos: f64) -> DVec3 {
 }
 
 fn shine(stage: &mut Stage, toward: DVec3, irradiance: f64) {
-    let light = LightDesc {
+    let light = Light {
         kind: LightKind::Directional,
         color: Vec3::ONE,
         intensity: irradiance as f32,
@@ -42,10 +43,10 @@ fn shine(stage: &mut Stage, toward: DVec3, irradiance: f64) {
 
 /// Radiance of a plate that faces +z, in one pixel, seen at an angle of this cosine. It hangs in
 /// uniform surroundings, under lights given by the direction towards them and their irradiance.
-fn radiance(material: MaterialDesc, mu: f64, around: f64, lights: &[(DVec3, f64)]) -> f64 {
+fn radiance(material: Material, mu: f64, around: f64, lights: &[(DVec3, f64)]) -> f64 {
     let mut stage = Stage::new();
     stage.desc.sky = Vec3::splat(around as f32);
-    stage.desc.ground = Some(stage.desc.sky);
+    stage.ground = Some(stage.desc.sky);
     let material = stage.material(material);
     let mesh = stage.mesh(&Shape::rectangle(50.0, 50.0), Some(material));
     stage.node(mesh, DAffine3::IDENTITY);
@@ -177,7 +178,7 @@ fn a_normal_that_turns_away_from_the_eye_reflects_as_at_a_grazing_angle() {
     let brightness = |away: f32| {
         let mut stage = Stage::new();
         stage.desc.sky = Vec3::splat(0.3);
-        stage.desc.ground = Some(stage.desc.sky);
+        stage.ground = Some(stage.desc.sky);
         let black = stage.material(material(0.0, 0.0, 0.0));
         let corners = [Vec3::new(-9.0, -9.0, 0.0), Vec3::X * 9.0, Vec3::Y * 9.0];
         let normal = Vec3::new((1.0 - away * away).sqrt(), 0.0, -away);
@@ -201,8 +202,8 @@ fn small_smooth_metal_has_its_highlight_wherever_it_stands() {
     for shift in 0..16 {
         let mut stage = Stage::new();
         stage.desc.sky = Vec3::splat(0.02);
-        let smooth = MaterialDesc { roughness: 0.05, ..MaterialDesc::default() };
-        let smooth = stage.material(MaterialDesc { base_color: Vec4::ONE, ..smooth });
+        let smooth = Material { roughness: 0.05, ..Material::default() };
+        let smooth = stage.material(Material { base_color: Vec4::ONE, ..smooth });
         let ball = stage.mesh(&Shape::sphere(32), Some(smooth));
         // Four pixels of radius, moved by parts of one.
         let moved = DVec3::new(f64::from(shift % 4), f64::from(shift / 4), 0.0) * 0.25;

@@ -1,13 +1,15 @@
 //! Shapes, scenes and cameras for the tests.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4, Vec2, Vec3};
-
+use polyptych_files::blob::BlobHash;
 use polyptych_renderer::{
-    DrawStats, Gpu, MaterialDesc, MeshDesc, NodeDesc, PrimitiveDesc, Renderer, SamplerDesc, Scene,
-    SceneBuilder, SceneDesc, Target, TextureDesc, Topology, VertexLayout, ViewDesc, Wrap,
-    read_pixels,
+    DrawStats, Gpu, GpuScene, Renderer, SceneBuilder, SceneLayout, Target, ViewDesc, read_pixels,
+};
+use polyptych_scene::{
+    IndexFormat, Material, Mesh, Node, Primitive, Sampler, Scene, Texture, TextureFormat, Topology,
+    VertexLayout, Wrap,
 };
 
 /// The one adapter of all tests.
@@ -77,14 +79,14 @@ impl Shape {
         shape
     }
 
-    pub fn primitive(&self, material: Option<u32>) -> PrimitiveDesc {
+    pub fn primitive(&self, material: Option<u32>) -> Primitive {
         let points = || self.vertices.iter().map(|v| Vec3::new(v[0], v[1], v[2]));
-        PrimitiveDesc {
-            content: None,
+        Primitive {
+            blob: BlobHash::of(&self.bytes()),
             layout: Self::LAYOUT,
             vertex_count: self.vertices.len() as u32,
             index_count: self.indices.len() as u32,
-            wide_indices: true,
+            index_format: IndexFormat::U32,
             topology: Topology::Triangles,
             material,
             origin: DVec3::ZERO,
@@ -103,38 +105,42 @@ impl Shape {
 /// A scene under construction.
 #[derive(Default)]
 pub struct Stage {
-    pub desc: SceneDesc,
+    pub desc: Scene,
     shapes: Vec<Shape>,
     pub textures: Vec<Vec<u8>>,
+    /// Radiance from below; as the layout makes it if `None`.
+    pub ground: Option<Vec3>,
 }
 
 impl Stage {
     pub fn new() -> Self {
-        let desc = SceneDesc { sky: Vec3::new(0.3, 0.4, 0.5), ..SceneDesc::default() };
+        let desc = Scene { sky: Vec3::new(0.3, 0.4, 0.5), ..Scene::default() };
         Self { desc, ..Self::default() }
     }
 
     /// A mesh of one primitive.
     pub fn mesh(&mut self, shape: &Shape, material: Option<u32>) -> u32 {
-        self.desc.meshes.push(MeshDesc { primitives: vec![shape.primitive(material)] });
+        self.desc
+            .meshes
+            .push(Mesh { primitives: vec![shape.primitive(material)], ..Mesh::default() });
         self.shapes.push(shape.clone());
         self.desc.meshes.len() as u32 - 1
     }
 
-    pub fn material(&mut self, material: MaterialDesc) -> u32 {
+    pub fn material(&mut self, material: Material) -> u32 {
         self.desc.materials.push(material);
         self.desc.materials.len() as u32 - 1
     }
 
     pub fn node(&mut self, mesh: u32, local: DAffine3) -> u32 {
-        self.desc.nodes.push(NodeDesc { local, mesh: Some(mesh), ..NodeDesc::default() });
+        self.desc.nodes.push(Node { local, mesh: Some(mesh), ..Node::default() });
         self.desc.nodes.len() as u32 - 1
     }
 
-    pub fn light(&mut self, light: polyptych_renderer::LightDesc, local: DAffine3) {
+    pub fn light(&mut self, light: polyptych_scene::Light, local: DAffine3) {
         self.desc.lights.push(light);
         let light = Some(self.desc.lights.len() as u32 - 1);
-        self.desc.nodes.push(NodeDesc { local, light, ..NodeDesc::default() });
+        self.desc.nodes.push(Node { local, light, ..Node::default() });
     }
 
     /// A checkerboard with all its levels.
@@ -153,15 +159,16 @@ impl Stage {
             }
             level_side /= 2;
         }
-        self.textures.push(bytes);
-        self.desc.textures.push(TextureDesc {
-            content: None,
-            srgb,
+        let format = if srgb { TextureFormat::Rgba8Srgb } else { TextureFormat::Rgba8Linear };
+        self.desc.textures.push(Texture {
+            blob: BlobHash::of(&bytes),
+            format,
             width: side,
             height: side,
             mip_count: side.ilog2() + 1,
-            sampler: SamplerDesc::default(),
+            sampler: Sampler::default(),
         });
+        self.textures.push(bytes);
         self.desc.textures.len() as u32 - 1
     }
 
@@ -176,24 +183,24 @@ impl Stage {
             }
             level /= 2;
         }
-        self.textures.push(bytes);
-        self.desc.textures.push(TextureDesc {
-            content: None,
-            srgb: false,
+        self.desc.textures.push(Texture {
+            blob: BlobHash::of(&bytes),
+            format: TextureFormat::Rgba8Linear,
             width: side,
             height: side,
             mip_count: side.ilog2() + 1,
-            sampler: SamplerDesc {
-                wrap_u: Wrap::Clamp,
-                wrap_v: Wrap::Clamp,
-                ..SamplerDesc::default()
-            },
+            sampler: Sampler { wrap_u: Wrap::Clamp, wrap_v: Wrap::Clamp, ..Sampler::default() },
         });
+        self.textures.push(bytes);
         self.desc.textures.len() as u32 - 1
     }
 
-    pub fn build(&self) -> Scene {
-        let mut builder = SceneBuilder::new(gpu(), self.desc.clone()).unwrap();
+    pub fn build(&self) -> GpuScene {
+        let mut layout = SceneLayout::new(self.desc.clone(), &|| false).unwrap();
+        if let Some(ground) = self.ground {
+            layout = layout.with_ground(ground);
+        }
+        let mut builder = SceneBuilder::of(gpu(), Arc::new(layout)).unwrap();
         for (index, bytes) in self.textures.iter().enumerate() {
             builder.upload_texture(gpu(), index, bytes).unwrap();
         }
@@ -229,7 +236,7 @@ pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
 
 /// Draws with a renderer of its own.
 pub fn draw_sampled(
-    scene: &Scene,
+    scene: &GpuScene,
     size: [u32; 2],
     samples: u32,
     views: &[ViewDesc],
@@ -243,7 +250,7 @@ pub fn draw_sampled(
 }
 
 /// Draws one view, one sample per pixel.
-pub fn draw(scene: &Scene, size: [u32; 2], view: &ViewDesc) -> Vec<[u8; 4]> {
+pub fn draw(scene: &GpuScene, size: [u32; 2], view: &ViewDesc) -> Vec<[u8; 4]> {
     draw_sampled(scene, size, 1, std::slice::from_ref(view)).0
 }
 
@@ -270,10 +277,6 @@ pub fn drawn(pixels: &[[u8; 4]]) -> usize {
 }
 
 /// A matt material of one colour.
-pub fn matt(r: f32, g: f32, b: f32) -> MaterialDesc {
-    MaterialDesc {
-        base_color: glam::Vec4::new(r, g, b, 1.0),
-        metallic: 0.0,
-        ..MaterialDesc::default()
-    }
+pub fn matt(r: f32, g: f32, b: f32) -> Material {
+    Material { base_color: glam::Vec4::new(r, g, b, 1.0), metallic: 0.0, ..Material::default() }
 }

@@ -1,20 +1,21 @@
 //! Depth, blending, instances: what is in front, and what is one.
 
 use glam::{DAffine3, DVec3, Quat, Vec3, Vec4};
+use polyptych_scene::{AlphaMode, Instance, Material, Node};
 
 use super::harness::{
     Shape, Stage, differences, draw, draw_sampled, drawn, gpu, look, matt, pixel,
 };
-use crate::{AlphaMode, InstanceDesc, MaterialDesc, NodeDesc, Renderer, Target, read_pixels};
+use crate::{Renderer, Target, read_pixels};
 
 const SIZE: [u32; 2] = [128, 128];
 
-fn flat(r: f32, g: f32, b: f32, a: f32) -> MaterialDesc {
-    MaterialDesc {
+fn flat(r: f32, g: f32, b: f32, a: f32) -> Material {
+    Material {
         base_color: Vec4::new(r, g, b, a),
         unlit: true,
         alpha_mode: if a < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque },
-        ..MaterialDesc::default()
+        ..Material::default()
     }
 }
 
@@ -45,8 +46,8 @@ fn a_centimetre_is_resolved_at_ten_kilometres() {
 #[test]
 fn blended_panes_are_sorted_from_both_sides() {
     let mut stage = Stage::new();
-    let red = stage.material(MaterialDesc { double_sided: true, ..flat(1.0, 0.0, 0.0, 0.5) });
-    let blue = stage.material(MaterialDesc { double_sided: true, ..flat(0.0, 0.0, 1.0, 0.5) });
+    let red = stage.material(Material { double_sided: true, ..flat(1.0, 0.0, 0.0, 0.5) });
+    let blue = stage.material(Material { double_sided: true, ..flat(0.0, 0.0, 1.0, 0.5) });
     let first = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(red));
     let second = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(blue));
     stage.node(first, DAffine3::IDENTITY);
@@ -80,19 +81,19 @@ fn a_blended_pane_behind_an_opaque_one_does_not_show() {
 fn instances_equal_separate_nodes() {
     let places = (0..40).map(|i| {
         let i = i as f32;
-        InstanceDesc {
+        Instance {
             translation: Vec3::new((i * 0.7).sin() * 3.0, (i * 1.3).cos() * 2.0, -i * 0.3),
             rotation: Quat::from_rotation_y(i),
             scale: Vec3::new(0.3, if i % 3.0 == 0.0 { -0.4 } else { 0.2 }, 0.3),
         }
     });
-    let places: Vec<InstanceDesc> = places.collect();
+    let places: Vec<Instance> = places.collect();
     let shape = Shape::sphere(8);
     let mut together = Stage::new();
     let material = together.material(matt(0.8, 0.5, 0.2));
     let mesh = together.mesh(&shape, Some(material));
     let (mesh, instances) = (Some(mesh), places.clone());
-    together.desc.nodes.push(NodeDesc { mesh, instances, ..NodeDesc::default() });
+    together.desc.nodes.push(Node { mesh, instances, ..Node::default() });
     let mut apart = Stage::new();
     let material = apart.material(matt(0.8, 0.5, 0.2));
     let mesh = apart.mesh(&shape, Some(material));

@@ -1,9 +1,10 @@
 //! Parallel rays: depth, light, order, culling; and the order that both eyes share.
 
 use glam::{DAffine3, DMat4, DVec3, DVec4, Vec3, Vec4};
+use polyptych_scene::{AlphaMode, Light, LightKind, Material};
 
 use super::harness::{Shape, Stage, differences, draw, draw_sampled, drawn, look, pixel};
-use crate::{AlphaMode, LightDesc, LightKind, MaterialDesc, ViewDesc};
+use crate::ViewDesc;
 
 const SIZE: [u32; 2] = [96, 64];
 
@@ -20,13 +21,13 @@ fn plan(eye: DVec3, at: DVec3, height: f64) -> ViewDesc {
     ViewDesc { clip_from_view, ..look(eye, at, SIZE) }
 }
 
-fn flat(color: [f32; 3], alpha: f32) -> MaterialDesc {
-    MaterialDesc {
+fn flat(color: [f32; 3], alpha: f32) -> Material {
+    Material {
         base_color: Vec3::from(color).extend(alpha),
         unlit: true,
         double_sided: true,
         alpha_mode: if alpha < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque },
-        ..MaterialDesc::default()
+        ..Material::default()
     }
 }
 
@@ -76,16 +77,15 @@ fn what_is_behind_the_camera_of_a_plan_is_cut_away() {
 #[test]
 fn a_mirror_shows_one_light_to_parallel_rays() {
     let mut stage = Stage::new();
-    let metal = stage.material(MaterialDesc {
+    let metal = stage.material(Material {
         base_color: Vec4::ONE,
         metallic: 1.0,
         roughness: 0.35,
-        ..MaterialDesc::default()
+        ..Material::default()
     });
     let mirror = stage.mesh(&Shape::rectangle(50.0, 50.0), Some(metal));
     stage.node(mirror, DAffine3::IDENTITY);
-    let sun =
-        LightDesc { kind: LightKind::Directional, color: Vec3::ONE, intensity: 0.5, range: None };
+    let sun = Light { kind: LightKind::Directional, color: Vec3::ONE, intensity: 0.5, range: None };
     stage.light(sun, DAffine3::IDENTITY);
     let scene = stage.build();
     let spread = |view: &ViewDesc| {
@@ -154,7 +154,7 @@ fn culling_a_plan_changes_no_pixel() {
     let mut stage = Stage::new();
     let material = stage.material(flat([0.8, 0.5, 0.2], 1.0));
     // Fine enough that its clusters are culled one by one, and facing one way.
-    let single = MaterialDesc { double_sided: false, ..flat([0.2, 0.7, 0.3], 1.0) };
+    let single = Material { double_sided: false, ..flat([0.2, 0.7, 0.3], 1.0) };
     let single = stage.material(single);
     let ball = stage.mesh(&Shape::sphere(40), Some(single));
     let tile = stage.mesh(&Shape::rectangle(0.4, 0.4), Some(material));

@@ -1,12 +1,10 @@
 //! Degenerate input gives a picture without holes and NaN, wrong input an error that says why.
 
 use glam::{Affine2, DAffine3, DMat3, DVec3, Vec3};
+use polyptych_scene::{AlphaMode, Instance, Light, LightKind, Material, TextureRef};
 
 use super::harness::{Shape, Stage, draw, drawn, gpu, look, matt, pixel};
-use crate::{
-    AlphaMode, DrawError, InstanceDesc, LightDesc, LightKind, MaterialDesc, Renderer, SceneBuilder,
-    SceneError, Target, TextureUse, ViewDesc,
-};
+use crate::{DrawError, Renderer, SceneBuilder, SceneError, Target, ViewDesc};
 
 const SIZE: [u32; 2] = [96, 96];
 
@@ -28,8 +26,8 @@ fn check_no_black(stage: &mut Stage, view: &ViewDesc) {
 fn degenerate_shapes_and_matrices_do_no_harm() {
     let mut stage = Stage::new();
     let normals = stage.checkers(16, false);
-    let normals = TextureUse { texture: normals, uv_set: 0, uv_transform: Affine2::IDENTITY };
-    let material = stage.material(MaterialDesc {
+    let normals = TextureRef { texture: normals, uv_set: 0, uv_transform: Affine2::IDENTITY };
+    let material = stage.material(Material {
         normal_texture: Some(normals),
         roughness: 0.0,
         ..matt(0.9, 0.8, 0.7)
@@ -63,7 +61,7 @@ fn lamps_at_the_surface_and_closed_cones_do_no_harm() {
     let material = stage.material(matt(0.9, 0.8, 0.7));
     let floor = stage.mesh(&Shape::rectangle(5.0, 5.0), Some(material));
     stage.node(floor, DAffine3::IDENTITY);
-    let lamp = |kind, range| LightDesc { kind, color: Vec3::ONE, intensity: 30.0, range };
+    let lamp = |kind, range| Light { kind, color: Vec3::ONE, intensity: 30.0, range };
     let closed = LightKind::Spot { inner_rad: 0.0, outer_rad: 0.0 };
     stage.light(lamp(LightKind::Point, Some(3.0)), DAffine3::IDENTITY);
     stage.light(lamp(LightKind::Point, None), DAffine3::from_translation(DVec3::Z * 1e-9));
@@ -80,8 +78,8 @@ fn lamps_at_the_surface_and_closed_cones_do_no_harm() {
 #[test]
 fn infinite_light_stays_within_the_target() {
     let mut stage = Stage::new();
-    let material = stage
-        .material(MaterialDesc { emissive: Vec3::splat(f32::INFINITY), ..matt(0.9, 0.8, 0.7) });
+    let material =
+        stage.material(Material { emissive: Vec3::splat(f32::INFINITY), ..matt(0.9, 0.8, 0.7) });
     let sphere = stage.mesh(&Shape::sphere(12), Some(material));
     stage.node(sphere, DAffine3::IDENTITY);
     let view = look(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO, SIZE);
@@ -98,12 +96,8 @@ fn a_sun_straight_above_lights_as_one_aslant_does() {
         let material = stage.material(matt(0.5, 0.5, 0.5));
         let mesh = stage.mesh(&Shape::rectangle(2.0, 2.0), Some(material));
         stage.node(mesh, turn);
-        let sun = LightDesc {
-            kind: LightKind::Directional,
-            color: Vec3::ONE,
-            intensity: 2.0,
-            range: None,
-        };
+        let sun =
+            Light { kind: LightKind::Directional, color: Vec3::ONE, intensity: 2.0, range: None };
         stage.light(sun, turn);
         stage.desc.sky = Vec3::ZERO;
         let eye = turn.transform_point3(DVec3::Z * 3.0);
@@ -122,9 +116,9 @@ fn a_sun_straight_above_lights_as_one_aslant_does() {
 fn a_black_frame_stays_black_under_any_exposure() {
     let mut stage = Stage::new();
     stage.desc.sky = Vec3::ZERO;
-    let black = MaterialDesc { unlit: true, ..matt(0.0, 0.0, 0.0) };
+    let black = Material { unlit: true, ..matt(0.0, 0.0, 0.0) };
     for alpha_mode in [AlphaMode::Opaque, AlphaMode::Blend] {
-        let material = stage.material(MaterialDesc { alpha_mode, ..black.clone() });
+        let material = stage.material(Material { alpha_mode, ..black.clone() });
         let sphere = stage.mesh(&Shape::sphere(12), Some(material));
         stage.node(sphere, DAffine3::IDENTITY);
         let scene = stage.build();
@@ -174,7 +168,6 @@ fn equal_contents_are_uploaded_once() {
     let shape = Shape::rectangle(1.0, 1.0);
     let (a, b) = (stage.mesh(&shape, None), stage.mesh(&shape, None));
     for mesh in [a, b] {
-        stage.desc.meshes[mesh as usize].primitives[0].content = Some([7; 32]);
         stage.node(mesh, DAffine3::from_translation(DVec3::X * f64::from(mesh)));
     }
     let mut builder = SceneBuilder::new(gpu(), stage.desc.clone()).unwrap();
@@ -237,8 +230,8 @@ fn leaves_out_the_largest_levels_of_textures_but_not_all_of_them() {
     let mut bytes: Vec<u8> = levels.collect();
     bytes.resize(stage.textures[0].len(), 0);
     stage.textures[0] = bytes;
-    let uses = TextureUse { texture, uv_set: 0, uv_transform: Affine2::IDENTITY };
-    let material = stage.material(MaterialDesc {
+    let uses = TextureRef { texture, uv_set: 0, uv_transform: Affine2::IDENTITY };
+    let material = stage.material(Material {
         base_color_texture: Some(uses),
         unlit: true,
         ..matt(1.0, 1.0, 1.0)
@@ -267,7 +260,7 @@ fn a_heavy_scene_leaves_its_memory_when_another_one_is_drawn() {
         let mesh = stage.mesh(&Shape::rectangle(0.01, 0.01), None);
         let node = stage.node(mesh, DAffine3::IDENTITY) as usize;
         let (rotation, scale) = (glam::Quat::IDENTITY, Vec3::ONE);
-        let copy = InstanceDesc { translation: Vec3::ZERO, rotation, scale };
+        let copy = Instance { translation: Vec3::ZERO, rotation, scale };
         stage.desc.nodes[node].instances = vec![copy; copies];
         stage.build()
     };

@@ -2,11 +2,12 @@
 
 use std::mem::offset_of;
 
+use polyptych_scene::VertexLayout;
 use wgpu::naga;
 
 use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
 use crate::pass::{opaque, transparent};
-use crate::scene::{MaterialUniform, VertexLayout};
+use crate::scene::MaterialUniform;
 use crate::shader::{Interface, screen, surface};
 use crate::view::{FrameUniform, LampRecord, SunRecord};
 

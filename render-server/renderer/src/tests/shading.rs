@@ -1,21 +1,19 @@
 //! Light and colour: what materials, lamps and the last step to the display do.
 
 use glam::{Affine2, DAffine3, DVec3, Vec3, Vec4};
+use polyptych_scene::{AlphaMode, Light, LightKind, Material, TextureRef};
 
 use super::harness::{Shape, Stage, draw, draw_sampled, gpu, look, matt, pixel};
-use crate::{
-    AlphaMode, LightDesc, LightKind, MaterialDesc, Output, Scene, Target, TextureUse, ViewDesc,
-    idle, read_picture, read_pixels,
-};
+use crate::{GpuScene, Output, Target, ViewDesc, idle, read_picture, read_pixels};
 
 const SIZE: [u32; 2] = [64, 64];
 
-fn flat(color: Vec4) -> MaterialDesc {
-    MaterialDesc { base_color: color, unlit: true, ..MaterialDesc::default() }
+fn flat(color: Vec4) -> Material {
+    Material { base_color: color, unlit: true, ..Material::default() }
 }
 
 /// A wall of 2 × 2 m at z = 0, under the lamps, without ambient light.
-fn wall(material: MaterialDesc, lamps: &[(LightDesc, DVec3)]) -> Scene {
+fn wall(material: Material, lamps: &[(Light, DVec3)]) -> GpuScene {
     let mut stage = Stage::new();
     stage.desc.sky = Vec3::ZERO;
     let material = stage.material(material);
@@ -27,13 +25,13 @@ fn wall(material: MaterialDesc, lamps: &[(LightDesc, DVec3)]) -> Scene {
     stage.build()
 }
 
-fn middle(scene: &Scene) -> [u8; 4] {
+fn middle(scene: &GpuScene) -> [u8; 4] {
     let view = look(DVec3::Z * 3.0, DVec3::ZERO, SIZE);
     pixel(&draw(scene, SIZE, &view), SIZE, 32, 32)
 }
 
-fn lamp(kind: LightKind, intensity: f32, range: Option<f32>) -> LightDesc {
-    LightDesc { kind, color: Vec3::ONE, intensity, range }
+fn lamp(kind: LightKind, intensity: f32, range: Option<f32>) -> Light {
+    Light { kind, color: Vec3::ONE, intensity, range }
 }
 
 /// What a grey of this linear light becomes on the display.
@@ -58,7 +56,7 @@ fn brdf_head_on(base: f32, roughness: f32) -> f32 {
 #[test]
 fn emitted_greys_go_through_the_curve() {
     for light in [0.02, 0.2, 0.5, 1.0, 4.0] {
-        let glowing = MaterialDesc { emissive: Vec3::splat(light), ..matt(0.0, 0.0, 0.0) };
+        let glowing = Material { emissive: Vec3::splat(light), ..matt(0.0, 0.0, 0.0) };
         let dark = lamp(LightKind::Directional, 0.0, None);
         assert_grey(middle(&wall(glowing, &[(dark, DVec3::ZERO)])), light);
     }
@@ -67,7 +65,7 @@ fn emitted_greys_go_through_the_curve() {
 #[test]
 fn lux_and_candela_match_the_formula() {
     for roughness in [0.5, 1.0] {
-        let material = MaterialDesc { roughness, ..matt(0.5, 0.5, 0.5) };
+        let material = Material { roughness, ..matt(0.5, 0.5, 0.5) };
         let wanted = brdf_head_on(0.5, roughness);
         let sun = lamp(LightKind::Directional, 1.5, None);
         assert_grey(middle(&wall(material.clone(), &[(sun.clone(), DVec3::ZERO)])), 1.5 * wanted);
@@ -115,11 +113,11 @@ fn each_item_loops_over_the_lamps_that_reach_it() {
 #[test]
 fn masks_cut_and_double_sides_turn() {
     let mut stage = Stage::new();
-    let cut = stage.material(MaterialDesc {
+    let cut = stage.material(Material {
         alpha_mode: AlphaMode::Mask(0.5),
         ..flat(Vec4::new(1.0, 1.0, 1.0, 0.4))
     });
-    let both = stage.material(MaterialDesc { double_sided: true, ..matt(1.0, 1.0, 1.0) });
+    let both = stage.material(Material { double_sided: true, ..matt(1.0, 1.0, 1.0) });
     let one = stage.material(matt(1.0, 1.0, 1.0));
     let meshes = [cut, both, one].map(|m| stage.mesh(&Shape::rectangle(1.0, 1.0), Some(m)));
     for (mesh, x) in meshes.into_iter().zip([-3.0, 0.0, 3.0]) {
@@ -140,7 +138,7 @@ fn masks_cut_and_double_sides_turn() {
 #[test]
 fn metals_are_not_black_without_lamps_in_sight() {
     let mut stage = Stage::new();
-    let metal = stage.material(MaterialDesc { roughness: 0.2, ..MaterialDesc::default() });
+    let metal = stage.material(Material { roughness: 0.2, ..Material::default() });
     let sphere = stage.mesh(&Shape::sphere(24), Some(metal));
     stage.node(sphere, DAffine3::IDENTITY);
     let pixels = draw(&stage.build(), SIZE, &look(DVec3::Z * 2.5, DVec3::ZERO, SIZE));
@@ -152,7 +150,7 @@ fn the_sky_is_one_colour_whoever_fills_it() {
     for sky in [Vec3::new(0.3, 0.4, 0.5), Vec3::new(0.011, 0.2, 3.7), Vec3::splat(0.0501)] {
         let mut stage = Stage::new();
         stage.desc.sky = sky;
-        let pane = stage.material(MaterialDesc {
+        let pane = stage.material(Material {
             alpha_mode: AlphaMode::Blend,
             ..flat(Vec4::new(1.0, 0.2, 0.2, 0.5))
         });
@@ -180,9 +178,9 @@ fn uv_transforms_and_missing_coordinates_are_applied() {
         0.0,
         glam::Vec2::splat(0.19),
     );
-    let used = |uv_set, uv_transform| Some(TextureUse { texture, uv_set, uv_transform });
-    let scaled = MaterialDesc { base_color_texture: used(0, transform), ..flat(Vec4::ONE) };
-    let missing = MaterialDesc { base_color_texture: used(1, transform), ..flat(Vec4::ONE) };
+    let used = |uv_set, uv_transform| Some(TextureRef { texture, uv_set, uv_transform });
+    let scaled = Material { base_color_texture: used(0, transform), ..flat(Vec4::ONE) };
+    let missing = Material { base_color_texture: used(1, transform), ..flat(Vec4::ONE) };
     for (index, material) in [scaled, missing].into_iter().enumerate() {
         let material = stage.material(material);
         let mesh = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(material));

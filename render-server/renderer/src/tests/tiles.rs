@@ -1,26 +1,27 @@
 //! A wall's tiles against the picture of one camera, as tabled in the design of walls.
 
 use glam::{Affine2, DAffine3, DVec3, Vec3};
+use polyptych_scene::{AlphaMode, Material, TextureRef};
 
 use super::harness::{Shape, Stage, differences, draw, draw_sampled, look, matt, pixel};
-use crate::{AlphaMode, MaterialDesc, Scene, TextureUse, ViewDesc};
+use crate::{GpuScene, ViewDesc};
 
 const CANVAS: [u32; 2] = [384, 256];
 const TILE: [u32; 2] = [192, 128];
 
 /// Textured spheres on a textured floor that passes behind the eye, and a pane.
-fn scene(place: DVec3, alpha_mode: AlphaMode) -> Scene {
+fn scene(place: DVec3, alpha_mode: AlphaMode) -> GpuScene {
     let mut stage = Stage::new();
     let texture = stage.checkers(64, true);
     let normals = stage.checkers(64, false);
-    let with = |texture| TextureUse { texture, uv_set: 0, uv_transform: Affine2::IDENTITY };
-    let checkered = stage.material(MaterialDesc {
+    let with = |texture| TextureRef { texture, uv_set: 0, uv_transform: Affine2::IDENTITY };
+    let checkered = stage.material(Material {
         base_color_texture: Some(with(texture)),
         normal_texture: Some(with(normals)),
         roughness: 0.4,
         ..matt(1.0, 1.0, 1.0)
     });
-    let pane = stage.material(MaterialDesc {
+    let pane = stage.material(Material {
         base_color: glam::Vec4::new(0.9, 0.3, 0.2, 0.4),
         double_sided: true,
         alpha_mode,
@@ -132,7 +133,7 @@ fn a_scene_far_from_the_origin_looks_the_same() {
 #[test]
 fn a_triangle_through_all_channels_and_behind_the_eye_has_no_gap() {
     let mut stage = Stage::new();
-    let red = stage.material(MaterialDesc { unlit: true, ..matt(1.0, 0.0, 0.0) });
+    let red = stage.material(Material { unlit: true, ..matt(1.0, 0.0, 0.0) });
     let corners = [
         Vec3::new(-500.0, -1.0, -500.0),
         Vec3::new(0.0, -1.0, 400.0),

@@ -1,25 +1,26 @@
 //! Colours without light: displays show them as they are, whatever is drawn around them.
 
 use glam::{DAffine3, DVec3, Vec3, Vec4};
+use polyptych_scene::{AlphaMode, Material};
 
 use super::harness::{Shape, Stage, draw_sampled, gpu, look, matt, pixel};
 use crate::tone::{linear_from_srgb, tone_map};
 use crate::{
-    AlphaMode, Content, Correction, CorrectionDesc, MaterialDesc, Packing, Renderer, Scene,
-    SourceEye, SourcePlane, Target, ViewDesc, read_picture,
+    Content, Correction, CorrectionDesc, GpuScene, Packing, Renderer, SourceEye, SourcePlane,
+    Target, ViewDesc, read_picture,
 };
 
 /// Sixteen rectangles of eight pixels along each side.
 const SIZE: [u32; 2] = [128, 128];
 const SIDE: u32 = 16;
 
-fn flat(rgb: [u8; 3], alpha: f32) -> MaterialDesc {
+fn flat(rgb: [u8; 3], alpha: f32) -> Material {
     let [r, g, b] = rgb.map(|code| linear_from_srgb(code) as f32);
-    MaterialDesc {
+    Material {
         base_color: Vec4::new(r, g, b, alpha),
         unlit: true,
         alpha_mode: if alpha < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque },
-        ..MaterialDesc::default()
+        ..Material::default()
     }
 }
 
@@ -34,10 +35,10 @@ fn colors(variant: u8) -> impl Iterator<Item = [u8; 3]> {
 
 /// Rectangles of all these colours over the whole picture. `is_blended` adds a pane behind them,
 /// so that the scene is drawn into the float target; `mode` is that of the colours.
-fn cards(variant: u8, is_blended: bool, mode: AlphaMode) -> Scene {
+fn cards(variant: u8, is_blended: bool, mode: AlphaMode) -> GpuScene {
     let mut stage = Stage::new();
     for (index, color) in (0..).zip(colors(variant)) {
-        let material = MaterialDesc { alpha_mode: mode, ..flat(color, 1.0) };
+        let material = Material { alpha_mode: mode, ..flat(color, 1.0) };
         let material = stage.material(material);
         let mesh = stage.mesh(&Shape::rectangle(0.5, 0.5), Some(material));
         let (x, y) = (f64::from(index % SIDE) - 7.5, 7.5 - f64::from(index / SIDE));
@@ -92,7 +93,7 @@ fn every_code_of_an_unlit_colour_stays_in_every_pass() {
 }
 
 /// The scene through a correction, with both eyes in the middle.
-fn corrected(scene: &Scene, packing: Packing, exposure: f32) -> Vec<[u8; 4]> {
+fn corrected(scene: &GpuScene, packing: Packing, exposure: f32) -> Vec<[u8; 4]> {
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
     renderer.prepare_for(gpu(), scene, Content::Light);
     let mut source = Target::of(gpu(), SIZE, 1, scene.blends(), Content::Light).unwrap();
@@ -134,12 +135,12 @@ fn code(light: f32) -> u8 {
 }
 
 /// A pane of half coverage over a card, each without light or glowing by so much.
-fn pane_over_card(card: MaterialDesc, pane: MaterialDesc, exposure: f32) -> u8 {
+fn pane_over_card(card: Material, pane: Material, exposure: f32) -> u8 {
     let mut stage = Stage::new();
     stage.desc.sky = Vec3::ZERO;
     stage.light(
-        crate::LightDesc {
-            kind: crate::LightKind::Directional,
+        polyptych_scene::Light {
+            kind: polyptych_scene::LightKind::Directional,
             color: Vec3::ZERO,
             intensity: 0.0,
             range: None,
@@ -156,13 +157,13 @@ fn pane_over_card(card: MaterialDesc, pane: MaterialDesc, exposure: f32) -> u8 {
     pixel(&pixels, [8, 8], 4, 4)[0]
 }
 
-fn glowing(light: f32) -> MaterialDesc {
-    MaterialDesc { emissive: Vec3::splat(light), ..matt(0.0, 0.0, 0.0) }
+fn glowing(light: f32) -> Material {
+    Material { emissive: Vec3::splat(light), ..matt(0.0, 0.0, 0.0) }
 }
 
-fn half(material: &MaterialDesc) -> MaterialDesc {
+fn half(material: &Material) -> Material {
     let base_color = material.base_color.truncate().extend(0.5);
-    MaterialDesc { base_color, alpha_mode: AlphaMode::Blend, ..material.clone() }
+    Material { base_color, alpha_mode: AlphaMode::Blend, ..material.clone() }
 }
 
 #[test]

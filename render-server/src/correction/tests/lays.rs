@@ -15,7 +15,7 @@ use polyptych_wall::{FileKind, MapFile};
 use super::*;
 
 /// The codes of a channel that shows these views.
-fn codes(wall: &Wall, maps: &Maps, scene: &Scene, views: &[View]) -> Vec<[u8; 4]> {
+fn codes(wall: &Wall, maps: &Maps, scene: &GpuScene, views: &[View]) -> Vec<[u8; 4]> {
     let plan = Plan::new(wall, maps, ChannelId(0)).expect("a plan").expect("a correction");
     let mut corrector = Corrector::new(gpu(), plan, wall, None).expect("a corrector");
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
