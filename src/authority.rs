@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use polyptych_files::output_file;
-use polyptych_protocol::identity::Identity;
-use polyptych_protocol::keys::{self, AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Keys};
+use polyptych_protocol::identity::NodeIdentity;
+use polyptych_protocol::keys::{self, AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE};
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose,
     GeneralSubtree, IsCa, Issuer, KeyPair, KeyUsagePurpose, NameConstraints,
@@ -31,7 +31,7 @@ const CLOCK_SLACK: Duration = Duration::days(1);
 const NAME: &str = "Polyptych wall authority";
 
 /// The authority of one wall, able to sign.
-pub(crate) struct Authority {
+pub(crate) struct CertificateAuthority {
     folder: PathBuf,
     certificate: String,
     issuer: Issuer<'static, KeyPair>,
@@ -39,20 +39,20 @@ pub(crate) struct Authority {
 
 /// What became of a node's folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Done {
+pub(crate) enum IssueOutcome {
     Made,
     Kept,
     Renewed,
 }
 
-impl Authority {
+impl CertificateAuthority {
     /// The authority in this folder, which is made where it is not there.
     ///
     /// # Errors
     /// What can't be read or written.
-    pub fn open_or_make(folder: &Path) -> anyhow::Result<(Self, Done)> {
+    pub fn open_or_make(folder: &Path) -> anyhow::Result<(Self, IssueOutcome)> {
         if folder.exists() {
-            return Ok((Self::open(folder)?, Done::Kept));
+            return Ok((Self::open(folder)?, IssueOutcome::Kept));
         }
         let key = KeyPair::generate()?;
         let mut params = params(NAME);
@@ -65,7 +65,10 @@ impl Authority {
         let certificate = params.self_signed(&key)?.pem();
         let files = [(CERTIFICATE_FILE, &certificate), (KEY_FILE, &key.serialize_pem())];
         place(folder, &files, |_| Ok(()))?;
-        Ok((Self { folder: folder.to_owned(), certificate, issuer: issuer(key) }, Done::Made))
+        Ok((
+            Self { folder: folder.to_owned(), certificate, issuer: issuer(key) },
+            IssueOutcome::Made,
+        ))
     }
 
     fn open(folder: &Path) -> anyhow::Result<Self> {
@@ -87,19 +90,26 @@ impl Authority {
     ///
     /// # Errors
     /// What can't be written, or is wrong with what is there.
-    pub fn provide(&self, node: &Identity, folder: &Path, renew: bool) -> anyhow::Result<Done> {
+    pub fn provide(
+        &self,
+        node: &NodeIdentity,
+        folder: &Path,
+        renew: bool,
+    ) -> anyhow::Result<IssueOutcome> {
         let is_there = folder.exists();
         if is_there && !renew {
             self.check(node, folder).context("or replace it: --renew")?;
-            return Ok(Done::Kept);
+            return Ok(IssueOutcome::Kept);
         }
         let mut params = params(&node.to_string());
         params.subject_alt_names = CertificateParams::new([node.dns_name()])?.subject_alt_names;
         params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
         // A node's certificate is worth nothing on the manager's side of a connection.
         params.extended_key_usages = vec![match node {
-            Identity::Manager => ExtendedKeyUsagePurpose::ServerAuth,
-            Identity::Server(_) | Identity::Client(_) => ExtendedKeyUsagePurpose::ClientAuth,
+            NodeIdentity::Manager => ExtendedKeyUsagePurpose::ServerAuth,
+            NodeIdentity::Server(_) | NodeIdentity::Client(_) => {
+                ExtendedKeyUsagePurpose::ClientAuth
+            }
         }];
         let key = KeyPair::generate()?;
         let certificate = params.signed_by(&key, &self.issuer)?.pem();
@@ -109,12 +119,12 @@ impl Authority {
             (AUTHORITY_FILE, &self.certificate),
         ];
         place(folder, &files, |made| self.check(node, made))?;
-        Ok(if is_there { Done::Renewed } else { Done::Made })
+        Ok(if is_there { IssueOutcome::Renewed } else { IssueOutcome::Made })
     }
 
     /// That a folder holds keys of this node, by this authority.
-    fn check(&self, node: &Identity, folder: &Path) -> anyhow::Result<()> {
-        Keys::load(folder)?.require(node)?;
+    fn check(&self, node: &NodeIdentity, folder: &Path) -> anyhow::Result<()> {
+        Credentials::load(folder)?.require(node)?;
         let ours = self.folder.join(CERTIFICATE_FILE);
         let theirs = folder.join(AUTHORITY_FILE);
         ensure!(

@@ -33,18 +33,18 @@ use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use polyptych_client::DisplayMode;
+use polyptych_client::OutputMode;
 use polyptych_client::blocking::Client;
-use polyptych_files::blob::BlobFolder;
+use polyptych_files::blob::BlobStore;
 use polyptych_manager::import::{Baker, bake_wall_files, read_wall_files};
 use polyptych_text::printable;
 use polyptych_wall::Wall;
 use polyptych_wall::limits::PORT_DEFAULT;
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::{Shaped, Shapes};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
 use rustix::process::{Signal, set_parent_process_death_signal};
 
-use crate::log::{self, LogWish};
+use crate::log::{self, LogOptions};
 
 /// One scene, many displays, one frame.
 #[derive(Debug, Parser)]
@@ -55,8 +55,8 @@ pub(crate) struct Cli {
     /// server, else warn]
     #[arg(long, global = true, env = "POLYPTYCH_LOG", value_name = "LOG")]
     #[arg(help_heading = "Options of every command", display_order = 1000)]
-    #[arg(value_parser = LogWish::parse)]
-    log: Option<LogWish>,
+    #[arg(value_parser = LogOptions::parse)]
+    log: Option<LogOptions>,
     #[command(subcommand)]
     command: Command,
 }
@@ -103,7 +103,7 @@ enum Command {
     Prove(prove::Arguments),
     /// Make a wall file
     #[command(subcommand)]
-    Wall(wall::Wall),
+    Wall(wall::WallCommand),
     /// Decide again what a recorded manager decided, and say what happened
     Replay(replay::Arguments),
     /// Generate a scene
@@ -193,9 +193,9 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Eye(arguments) => return sight::eye(&arguments),
         Command::View(arguments) => return sight::view(&arguments),
         Command::Shot(arguments) => return drive::shot(&arguments),
-        Command::Identify(arguments) => return displays::run(DisplayMode::Identify, &arguments),
-        Command::Blank(arguments) => return displays::run(DisplayMode::Blank, &arguments),
-        Command::Freeze(arguments) => return displays::run(DisplayMode::Freeze, &arguments),
+        Command::Identify(arguments) => return displays::run(OutputMode::Identify, &arguments),
+        Command::Blank(arguments) => return displays::run(OutputMode::Blank, &arguments),
+        Command::Freeze(arguments) => return displays::run(OutputMode::Freeze, &arguments),
         Command::Pattern(arguments) => return pattern::run(&arguments),
         Command::Tune(arguments) => return tune::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
@@ -255,8 +255,8 @@ pub(crate) fn one_line(error: &anyhow::Error) -> String {
 /// The calibration files of a wall, as read.
 #[derive(Default)]
 struct WallFiles {
-    maps: Maps,
-    shapes: Shapes,
+    maps: CalibrationMaps,
+    shapes: WallGeometry,
     /// What works, but may not be meant.
     warnings: Vec<String>,
 }
@@ -269,10 +269,10 @@ fn bake_files(wall: &mut Wall, path: &Path, baker: &Baker) -> anyhow::Result<Wal
     let about = |reason: String| anyhow!("{}: {reason}", path.display());
     let folder = path.parent().unwrap_or(Path::new(""));
     let warnings = bake_wall_files(wall, folder, baker).map_err(about)?;
-    let maps = read_wall_files(wall, &BlobFolder::new(baker.store.join("blobs")));
+    let maps = read_wall_files(wall, &BlobStore::new(baker.store.join("blobs")));
     let maps = maps.map_err(about)?;
-    let shapes = Shapes::new(wall, &maps);
-    Shaped { wall, shapes: &shapes }.check_files(&maps).map_err(about)?;
+    let shapes = WallGeometry::new(wall, &maps);
+    ResolvedWall { wall, shapes: &shapes }.check_files(&maps).map_err(about)?;
     Ok(WallFiles { maps, shapes, warnings })
 }
 

@@ -43,13 +43,13 @@ const FLUSH_TIME_MAX: Duration = Duration::from_millis(300);
 
 /// What the log is like, as `--log` says: `json` or `text`, and a filter.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct LogWish {
+pub(crate) struct LogOptions {
     is_json: bool,
     filter: Option<String>,
 }
 
 /// What was chosen at the start; like the subscriber, one for the process.
-static CHOSEN: OnceLock<LogWish> = OnceLock::new();
+static CHOSEN: OnceLock<LogOptions> = OnceLock::new();
 
 /// Lines on their way to standard error; `None` if the system gave no thread for it.
 static QUEUE: OnceLock<Option<Queue>> = OnceLock::new();
@@ -57,7 +57,7 @@ static QUEUE: OnceLock<Option<Queue>> = OnceLock::new();
 /// What this process is, as every line of JSON says.
 static PROCESS: OnceLock<&'static str> = OnceLock::new();
 
-impl LogWish {
+impl LogOptions {
     /// Reads `json`, `text`, a filter, or both with a comma between.
     ///
     /// # Errors
@@ -83,7 +83,7 @@ impl LogWish {
 
 /// Begins the log. `level` is the filter where none was asked for; `process` stands in every line
 /// of JSON.
-pub(crate) fn start(wish: Option<&LogWish>, level: &str, process: &'static str) {
+pub(crate) fn start(wish: Option<&LogOptions>, level: &str, process: &'static str) {
     let process = PROCESS.get_or_init(|| process);
     let wish = CHOSEN.get_or_init(|| wish.cloned().unwrap_or_default());
     // The driver libraries log what is of interest to their own developers.
@@ -94,7 +94,7 @@ pub(crate) fn start(wish: Option<&LogWish>, level: &str, process: &'static str) 
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(|| LogWriter);
     let budgets = Budgets::default();
     if wish.is_json {
-        let lines = JsonLines { json: Format::default().json(), head: Head::new(process) };
+        let lines = JsonLines { json: Format::default().json(), head: LinePrefix::new(process) };
         let lines = Limited { lines, budgets };
         log.fmt_fields(JsonFields::new()).event_format(lines).init();
     } else {
@@ -202,7 +202,7 @@ fn process() -> &'static str {
 fn json_line(level: &str, process: &'static str, text: &str) -> String {
     let message = cut(text, CUT_BYTES_MAX);
     let rest = json!({ "level": level, "fields": { "message": message }, "target": "polyptych" });
-    Head::new(process).before(&rest.to_string())
+    LinePrefix::new(process).before(&rest.to_string())
 }
 
 /// A line that says how many others are missing.
@@ -224,7 +224,7 @@ fn missing_line(count: u64, key: &str, why: &str) -> String {
         "fields": { "message": why, key: count },
         "target": "polyptych",
     });
-    Head::new(process()).before(&rest.to_string())
+    LinePrefix::new(process()).before(&rest.to_string())
 }
 
 /// Hands a line to the thread that writes.
@@ -260,12 +260,12 @@ impl Write for LogWriter {
 
 /// What every line begins with.
 #[derive(Debug)]
-struct Head {
+struct LinePrefix {
     process: &'static str,
     pid: u32,
 }
 
-impl Head {
+impl LinePrefix {
     fn new(process: &'static str) -> Self {
         Self { process, pid: std::process::id() }
     }
@@ -318,7 +318,7 @@ where
 #[derive(Debug)]
 struct JsonLines {
     json: Format<Json>,
-    head: Head,
+    head: LinePrefix,
 }
 
 impl<S, N> FormatEvent<S, N> for JsonLines
@@ -367,16 +367,16 @@ mod tests {
     #[test]
     fn a_wish_is_a_form_and_a_filter() {
         let wish = |is_json, filter: Option<&str>| {
-            Ok(LogWish { is_json, filter: filter.map(str::to_owned) })
+            Ok(LogOptions { is_json, filter: filter.map(str::to_owned) })
         };
-        assert_eq!(LogWish::parse("json"), wish(true, None));
-        assert_eq!(LogWish::parse("text"), wish(false, None));
-        assert_eq!(LogWish::parse("info"), wish(false, Some("info")));
+        assert_eq!(LogOptions::parse("json"), wish(true, None));
+        assert_eq!(LogOptions::parse("text"), wish(false, None));
+        assert_eq!(LogOptions::parse("info"), wish(false, Some("info")));
         assert_eq!(
-            LogWish::parse("json,warn,polyptych_render=debug"),
+            LogOptions::parse("json,warn,polyptych_render=debug"),
             wish(true, Some("warn,polyptych_render=debug"))
         );
-        assert!(LogWish::parse("json,a=b=c").is_err());
+        assert!(LogOptions::parse("json,a=b=c").is_err());
     }
 
     #[test]
@@ -427,7 +427,7 @@ mod tests {
     fn lines_of(work: impl FnOnce()) -> Vec<Value> {
         let kept = Kept::default();
         let writer = kept.clone();
-        let lines = JsonLines { json: Format::default().json(), head: Head::new("manager") };
+        let lines = JsonLines { json: Format::default().json(), head: LinePrefix::new("manager") };
         let log = tracing_subscriber::fmt()
             .fmt_fields(JsonFields::new())
             .event_format(lines)

@@ -5,18 +5,18 @@ use std::path::Path;
 
 use anyhow::Context;
 use image::{ImageFormat, RgbaImage};
-use polyptych_client::Picture;
+use polyptych_client::Image;
 
 use crate::outputs;
 
 /// A picture of a capture as an image.
-pub(crate) fn to_image(picture: &Picture) -> anyhow::Result<RgbaImage> {
+pub(crate) fn to_image(picture: &Image) -> anyhow::Result<RgbaImage> {
     RgbaImage::from_raw(picture.width, picture.height, picture.rgba.clone())
         .with_context(|| format!("the picture of {} has the wrong size", picture.name))
 }
 
 /// The screens of a wall in the order of its file, from left to right, their tops in line.
-pub(crate) fn side_by_side(screens: &[Picture]) -> anyhow::Result<RgbaImage> {
+pub(crate) fn side_by_side(screens: &[Image]) -> anyhow::Result<RgbaImage> {
     if let [screen] = screens {
         return to_image(screen);
     }

@@ -8,7 +8,7 @@ use std::error::Error;
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-use polyptych_client::{Client, ClientError, Feedbacks, Shown, orbit};
+use polyptych_client::{Client, ClientError, FeedbackStream, Shown, orbit};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
 /// One turn in this many seconds.
@@ -79,7 +79,7 @@ async fn circle(
 }
 
 /// Prints feedback until the client ends.
-async fn print(mut feedbacks: Feedbacks) {
+async fn print(mut feedbacks: FeedbackStream) {
     while let Some(feedback) = feedbacks.next().await {
         let slowest = feedback.channels.iter().filter_map(|c| Some((c.draw_us?, &c.name))).max();
         let (draw_us, name) = slowest.map_or((0, "none"), |(us, name)| (us, name.as_str()));

@@ -22,22 +22,24 @@ use std::task::{Context, Poll, Wake, Waker};
 use std::thread::{self, Thread};
 
 use glam::DVec3;
-use polyptych_protocol::display::DisplayMode;
-use polyptych_protocol::feedback::{Feedback, Statistics, Tuned, WallStatus};
+use polyptych_protocol::display::OutputMode;
+use polyptych_protocol::feedback::{FrameFeedback, Statistics, Tuned, WallStatus};
 use polyptych_protocol::ids::{Epoch, RequestId};
-use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight, StoppedServers};
+use polyptych_protocol::request::{
+    Pacing, Request, Response, SceneSummary, StoppedServers, ViewState,
+};
 use polyptych_wall::Wall;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
-use polyptych_wall::tuning::Change;
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::tuning::CalibrationChange;
 use polyptych_wall::view::View;
 
 use crate::client::Client as AsyncClient;
 use crate::connect::{ConnectOptions, connect_tcp, thread_ended};
 use crate::error::ClientError;
-use crate::feedback::Feedbacks as AsyncFeedbacks;
+use crate::feedback::FeedbackStream as AsyncFeedbacks;
 use crate::pending::Pending as AsyncPending;
 use crate::picture::Capture;
 
@@ -57,10 +59,10 @@ pub struct Pending {
     inner: AsyncPending,
 }
 
-/// The feedback of every frame from the subscription on, as [`crate::Feedbacks`]. The iterator
+/// The feedback of every frame from the subscription on, as [`crate::FeedbackStream`]. The iterator
 /// waits for each, and ends with the client.
 #[derive(Debug)]
-pub struct Feedbacks {
+pub struct FeedbackStream {
     inner: AsyncFeedbacks,
 }
 
@@ -158,7 +160,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn call(&self, request: Request) -> Result<Reply, ClientError> {
+    pub fn call(&self, request: Request) -> Result<Response, ClientError> {
         wait(self.inner.call(request))
     }
 
@@ -219,7 +221,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn set_head(&self, head: Head) -> Result<(), ClientError> {
+    pub fn set_head(&self, head: HeadPose) -> Result<(), ClientError> {
         wait(self.inner.set_head(head))
     }
 
@@ -243,7 +245,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn sight(&self) -> Result<Sight, ClientError> {
+    pub fn sight(&self) -> Result<ViewState, ClientError> {
         wait(self.inner.sight())
     }
 
@@ -259,7 +261,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn render_frame(&self) -> Result<Feedback, ClientError> {
+    pub fn render_frame(&self) -> Result<FrameFeedback, ClientError> {
         wait(self.inner.render_frame())
     }
 
@@ -271,7 +273,7 @@ impl Client {
         &self,
         camera: Option<Camera>,
         time_s: Option<f64>,
-    ) -> Result<Feedback, ClientError> {
+    ) -> Result<FrameFeedback, ClientError> {
         wait(self.inner.render_frame_at(camera, time_s))
     }
 
@@ -279,7 +281,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn run(&self, pace: Pace) -> Result<(), ClientError> {
+    pub fn run(&self, pace: Pacing) -> Result<(), ClientError> {
         wait(self.inner.run(pace))
     }
 
@@ -295,7 +297,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn set_displays(&self, mode: DisplayMode) -> Result<Feedback, ClientError> {
+    pub fn set_displays(&self, mode: OutputMode) -> Result<FrameFeedback, ClientError> {
         wait(self.inner.set_displays(mode))
     }
 
@@ -303,7 +305,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn set_pattern(&self, pattern: Option<Pattern>) -> Result<Feedback, ClientError> {
+    pub fn set_pattern(&self, pattern: Option<TestPattern>) -> Result<FrameFeedback, ClientError> {
         wait(self.inner.set_pattern(pattern))
     }
 
@@ -314,7 +316,7 @@ impl Client {
     pub fn tune(
         &self,
         channel: impl Into<String>,
-        changes: Vec<Change>,
+        changes: Vec<CalibrationChange>,
     ) -> Result<Tuned, ClientError> {
         wait(self.inner.tune(channel, changes))
     }
@@ -355,8 +357,8 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn feedback(&self) -> Result<Feedbacks, ClientError> {
-        Ok(Feedbacks { inner: wait(self.inner.feedback())? })
+    pub fn feedback(&self) -> Result<FeedbackStream, ClientError> {
+        Ok(FeedbackStream { inner: wait(self.inner.feedback())? })
     }
 
     /// As [`crate::Client::stop`].
@@ -386,7 +388,7 @@ impl Pending {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn query(&mut self) -> Option<Result<Reply, ClientError>> {
+    pub fn query(&mut self) -> Option<Result<Response, ClientError>> {
         self.inner.query()
     }
 
@@ -394,32 +396,32 @@ impl Pending {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn wait(self) -> Result<Reply, ClientError> {
+    pub fn wait(self) -> Result<Response, ClientError> {
         wait(self.inner)
     }
 }
 
-impl Feedbacks {
-    /// As [`crate::Feedbacks::gaps`].
+impl FeedbackStream {
+    /// As [`crate::FeedbackStream::gaps`].
     pub fn gaps(&self) -> u64 {
         self.inner.gaps()
     }
 
-    /// As [`crate::Feedbacks::epoch`].
+    /// As [`crate::FeedbackStream::epoch`].
     pub fn epoch(&self) -> Epoch {
         self.inner.epoch()
     }
 
-    /// As [`crate::Feedbacks::dropped`].
+    /// As [`crate::FeedbackStream::dropped`].
     pub fn dropped(&self) -> u64 {
         self.inner.dropped()
     }
 }
 
-impl Iterator for Feedbacks {
-    type Item = Feedback;
+impl Iterator for FeedbackStream {
+    type Item = FrameFeedback;
 
-    fn next(&mut self) -> Option<Feedback> {
+    fn next(&mut self) -> Option<FrameFeedback> {
         wait(self.inner.next())
     }
 }
@@ -430,7 +432,7 @@ impl Iterator for Feedbacks {
 /// thread has the clock and the socket. They are unconstrained, since tokio would otherwise make
 /// them yield, and a thread that is parked inside of a task never gives the task a new budget.
 fn wait<F: Future>(future: F) -> F::Output {
-    let waker = Waker::from(Arc::new(Unpark(thread::current())));
+    let waker = Waker::from(Arc::new(ThreadWaker(thread::current())));
     let mut context = Context::from_waker(&waker);
     let mut future = pin!(tokio::task::unconstrained(future));
     loop {
@@ -441,9 +443,9 @@ fn wait<F: Future>(future: F) -> F::Output {
     }
 }
 
-struct Unpark(Thread);
+struct ThreadWaker(Thread);
 
-impl Wake for Unpark {
+impl Wake for ThreadWaker {
     fn wake(self: Arc<Self>) {
         self.0.unpark();
     }

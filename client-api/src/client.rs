@@ -3,30 +3,32 @@
 use std::pin::pin;
 
 use glam::DVec3;
-use polyptych_protocol::display::DisplayMode;
-use polyptych_protocol::feedback::{Feedback, Statistics, Tuned, WallStatus};
+use polyptych_protocol::display::OutputMode;
+use polyptych_protocol::feedback::{FrameFeedback, Statistics, Tuned, WallStatus};
 use polyptych_protocol::ids::Epoch;
-use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight, StoppedServers};
+use polyptych_protocol::request::{
+    Pacing, Request, Response, SceneSummary, StoppedServers, ViewState,
+};
 use polyptych_wall::Wall;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
-use polyptych_wall::tuning::Change;
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::tuning::CalibrationChange;
 use polyptych_wall::view::View;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::watch;
 
 use crate::connect::{ConnectOptions, connect_over, connect_tcp};
 use crate::error::ClientError;
-use crate::feedback::Feedbacks;
-use crate::link::{Link, Wanted, wrong_answer};
+use crate::feedback::FeedbackStream;
+use crate::link::{ConnectionHandle, Wanted, wrong_answer};
 use crate::pending::Pending;
 use crate::picture::Capture;
 
 /// A connection with a wall's manager.
 ///
-/// Clones share the connection, which closes when the last clone, [`Pending`] and [`Feedbacks`]
+/// Clones share the connection, which closes when the last clone, [`Pending`] and [`FeedbackStream`]
 /// are dropped. Requests reach the manager in the order in which they are made, and several may
 /// be open at once. Dropping the future of a call gives up its answer and frees its place; the
 /// manager may do the request all the same.
@@ -43,7 +45,7 @@ use crate::picture::Capture;
 /// connection, and [`Client::feedback`] goes on. The manager remembers scene, camera and pace.
 #[derive(Clone, Debug)]
 pub struct Client {
-    link: Link,
+    link: ConnectionHandle,
 }
 
 impl Client {
@@ -88,7 +90,7 @@ impl Client {
         Ok(Self { link })
     }
 
-    pub(crate) fn from_link(link: Link) -> Self {
+    pub(crate) fn from_link(link: ConnectionHandle) -> Self {
         Self { link }
     }
 
@@ -154,7 +156,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn call(&self, request: Request) -> Result<Reply, ClientError> {
+    pub async fn call(&self, request: Request) -> Result<Response, ClientError> {
         self.post(request)?.await
     }
 
@@ -196,7 +198,7 @@ impl Client {
             }
         };
         match reply {
-            Reply::SceneOpened(summary) => Ok(summary),
+            Response::SceneOpened(summary) => Ok(summary),
             other => Err(wrong_answer("open the scene", &other)),
         }
     }
@@ -237,7 +239,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`]; [`ClientError::Failed`] where one of the eyes would not see the front of a
     /// screen.
-    pub async fn set_head(&self, head: Head) -> Result<(), ClientError> {
+    pub async fn set_head(&self, head: HeadPose) -> Result<(), ClientError> {
         self.done("set the head", Request::SetHead(head)).await
     }
 
@@ -271,9 +273,9 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn sight(&self) -> Result<Sight, ClientError> {
+    pub async fn sight(&self) -> Result<ViewState, ClientError> {
         match self.call(Request::DescribeSight).await? {
-            Reply::Sight(sight) => Ok(*sight),
+            Response::Sight(sight) => Ok(*sight),
             other => Err(wrong_answer("read what the wall looks at", &other)),
         }
     }
@@ -290,11 +292,11 @@ impl Client {
     /// Draws and shows one frame on all channels; returns what it became.
     ///
     /// A frame that no display showed is no error: a wall may have no servers yet, and goes on
-    /// without those that it loses. [`Feedback::shown`] says who saw it.
+    /// without those that it loses. [`FrameFeedback::shown`] says who saw it.
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn render_frame(&self) -> Result<Feedback, ClientError> {
+    pub async fn render_frame(&self) -> Result<FrameFeedback, ClientError> {
         self.render_frame_at(None, None).await
     }
 
@@ -307,7 +309,7 @@ impl Client {
         &self,
         camera: Option<Camera>,
         time_s: Option<f64>,
-    ) -> Result<Feedback, ClientError> {
+    ) -> Result<FrameFeedback, ClientError> {
         self.frame("render a frame", Request::RenderFrame { camera, time_s }).await
     }
 
@@ -315,7 +317,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn run(&self, pace: Pace) -> Result<(), ClientError> {
+    pub async fn run(&self, pace: Pacing) -> Result<(), ClientError> {
         self.done("run", Request::Run(pace)).await
     }
 
@@ -334,7 +336,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn set_displays(&self, mode: DisplayMode) -> Result<Feedback, ClientError> {
+    pub async fn set_displays(&self, mode: OutputMode) -> Result<FrameFeedback, ClientError> {
         self.frame("change the displays", Request::SetDisplays(mode)).await
     }
 
@@ -343,7 +345,10 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn set_pattern(&self, pattern: Option<Pattern>) -> Result<Feedback, ClientError> {
+    pub async fn set_pattern(
+        &self,
+        pattern: Option<TestPattern>,
+    ) -> Result<FrameFeedback, ClientError> {
         self.frame("change the pattern", Request::SetPattern(pattern)).await
     }
 
@@ -356,10 +361,10 @@ impl Client {
     pub async fn tune(
         &self,
         channel: impl Into<String>,
-        changes: Vec<Change>,
+        changes: Vec<CalibrationChange>,
     ) -> Result<Tuned, ClientError> {
         match self.call(Request::Tune { channel: channel.into(), changes }).await? {
-            Reply::Tuned(tuned) => Ok(tuned),
+            Response::Tuned(tuned) => Ok(tuned),
             other => Err(wrong_answer("tune the channel", &other)),
         }
     }
@@ -375,7 +380,7 @@ impl Client {
             self.link.post(Request::Capture, Wanted { pictures: true, progress: None })?;
         let answered = std::future::poll_fn(|context| pending.poll_answered(context)).await?;
         match (answered.reply, answered.parts) {
-            (Reply::Captured(captured), Some(parts)) => parts.assemble(captured),
+            (Response::Captured(captured), Some(parts)) => parts.assemble(captured),
             (other, _) => Err(wrong_answer("capture the wall", &other)),
         }
     }
@@ -386,7 +391,7 @@ impl Client {
     /// [`ClientError`].
     pub async fn status(&self) -> Result<WallStatus, ClientError> {
         match self.call(Request::Status).await? {
-            Reply::Status(status) => Ok(*status),
+            Response::Status(status) => Ok(*status),
             other => Err(wrong_answer("read the status", &other)),
         }
     }
@@ -397,7 +402,7 @@ impl Client {
     /// [`ClientError`].
     pub async fn wall(&self) -> Result<Wall, ClientError> {
         match self.call(Request::DescribeWall).await? {
-            Reply::Wall(wall) => Ok(*wall),
+            Response::Wall(wall) => Ok(*wall),
             other => Err(wrong_answer("read the wall's description", &other)),
         }
     }
@@ -408,7 +413,7 @@ impl Client {
     /// [`ClientError`].
     pub async fn statistics(&self, reset: bool) -> Result<Statistics, ClientError> {
         match self.call(Request::Statistics { reset }).await? {
-            Reply::Statistics(statistics) => Ok(*statistics),
+            Response::Statistics(statistics) => Ok(*statistics),
             other => Err(wrong_answer("read the statistics", &other)),
         }
     }
@@ -418,7 +423,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn feedback(&self) -> Result<Feedbacks, ClientError> {
+    pub async fn feedback(&self) -> Result<FeedbackStream, ClientError> {
         self.link.subscribe().await
     }
 
@@ -433,9 +438,13 @@ impl Client {
         }
     }
 
-    async fn frame(&self, name: &'static str, request: Request) -> Result<Feedback, ClientError> {
+    async fn frame(
+        &self,
+        name: &'static str,
+        request: Request,
+    ) -> Result<FrameFeedback, ClientError> {
         match self.call(request).await? {
-            Reply::Frame(feedback) => Ok(feedback),
+            Response::Frame(feedback) => Ok(feedback),
             other => Err(wrong_answer(name, &other)),
         }
     }
@@ -447,14 +456,14 @@ impl Client {
     /// [`ClientError`].
     pub async fn stop_with_servers(&self) -> Result<StoppedServers, ClientError> {
         match self.call(Request::StopServers).await? {
-            Reply::ServersStopped(stopped) => Ok(stopped),
+            Response::ServersStopped(stopped) => Ok(stopped),
             other => Err(wrong_answer("stop the manager and its servers", &other)),
         }
     }
 
     async fn done(&self, name: &'static str, request: Request) -> Result<(), ClientError> {
         match self.call(request).await? {
-            Reply::Done => Ok(()),
+            Response::Done => Ok(()),
             other => Err(wrong_answer(name, &other)),
         }
     }

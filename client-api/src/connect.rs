@@ -8,10 +8,10 @@ use std::{fmt, io};
 
 use polyptych_protocol::connection::{ConnectionError, introduce};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
-use polyptych_protocol::keys::{KEYS_VARIABLE, Keys};
+use polyptych_protocol::keys::{Credentials, KEYS_VARIABLE};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::request::Request;
-use polyptych_protocol::stream::{self, DialError, Stream};
+use polyptych_protocol::stream::{self, ConnectError, Stream};
 use polyptych_protocol::token;
 use polyptych_text::make_printable;
 use polyptych_wall::limits::{NAME_BYTES_MAX, PORT_DEFAULT};
@@ -20,9 +20,9 @@ use tokio::time::{sleep, timeout};
 
 use crate::connection::drive;
 use crate::error::ClientError;
-use crate::link::Link;
+use crate::link::ConnectionHandle;
 use crate::picture::CAPTURE_BYTES_MAX;
-use crate::reconnect::{Introduced, Reconnect, Redial};
+use crate::reconnect::{HandshakeResult, ReconnectPolicy, Reconnector};
 
 /// Further attempts where a connection ends without a word, and the wait before the first; before
 /// each other one it is as much longer.
@@ -63,7 +63,7 @@ pub struct ConnectOptions {
     /// ends the client with its connection, which is right for a program that asks once.
     ///
     /// Only connections that [`crate::Client::connect_with`] makes can be made again.
-    pub reconnect: Option<Reconnect>,
+    pub reconnect: Option<ReconnectPolicy>,
 }
 
 /// How long this client waits for the answers to requests.
@@ -108,14 +108,14 @@ impl ConnectOptions {
             name: stem.map_or_else(|| "client".into(), |s| s.to_string_lossy().into_owned()),
             timeouts: Timeouts::default(),
             capture_bytes_max: CAPTURE_BYTES_MAX,
-            reconnect: Some(Reconnect::default()),
+            reconnect: Some(ReconnectPolicy::default()),
         }
     }
 
     /// The keys, whose client's name then is this one's.
-    fn read_keys(&mut self) -> Result<Option<Keys>, ClientError> {
+    fn read_keys(&mut self) -> Result<Option<Credentials>, ClientError> {
         let Some(folder) = &self.keys else { return Ok(None) };
-        let keys = Keys::load(folder)?;
+        let keys = Credentials::load(folder)?;
         keys.client_name()?.clone_into(&mut self.name);
         for warning in keys.warnings() {
             tracing::warn!("{warning}");
@@ -151,7 +151,7 @@ impl fmt::Debug for ConnectOptions {
 /// Connects over TCP; the future that comes with the link runs the connection.
 pub(crate) async fn connect_tcp(
     mut options: ConnectOptions,
-) -> Result<(Link, impl Future<Output = ()> + Send + 'static), ClientError> {
+) -> Result<(ConnectionHandle, impl Future<Output = ()> + Send + 'static), ClientError> {
     options.address = with_port(&options.address);
     let (frames, welcome) = dial_through_a_flood(&options).await?;
     let dialled = options.clone();
@@ -162,16 +162,18 @@ pub(crate) async fn connect_tcp(
             let options = dialled.clone();
             async move { dial_and_introduce(&options).await }
         };
-        Redial { reconnect, dial }
+        Reconnector { reconnect, dial }
     });
-    let (link, messages) = Link::new(options, welcome);
+    let (link, messages) = ConnectionHandle::new(options, welcome);
     let driver = drive(frames, link.shared.clone(), messages, redial);
     Ok((link, driver))
 }
 
 /// Connects, though a manager that is flooded with connections may end this one before it has
 /// spoken.
-async fn dial_through_a_flood(options: &ConnectOptions) -> Result<Introduced<Stream>, ClientError> {
+async fn dial_through_a_flood(
+    options: &ConnectOptions,
+) -> Result<HandshakeResult<Stream>, ClientError> {
     let first = match dial_and_introduce(options).await {
         Err(error) if was_torn(&error) => error,
         other => return other,
@@ -200,7 +202,9 @@ fn was_torn(error: &ClientError) -> bool {
 }
 
 /// One attempt to connect, with the token as its file has it now.
-async fn dial_and_introduce(options: &ConnectOptions) -> Result<Introduced<Stream>, ClientError> {
+async fn dial_and_introduce(
+    options: &ConnectOptions,
+) -> Result<HandshakeResult<Stream>, ClientError> {
     let address = &options.address;
     let connecting = async {
         let mut options = options.clone();
@@ -217,13 +221,13 @@ async fn dial_and_introduce(options: &ConnectOptions) -> Result<Introduced<Strea
 }
 
 /// A way to connect again where there is none.
-type NoDial<S> = fn() -> Ready<Result<Introduced<S>, ClientError>>;
+type NoReconnect<S> = fn() -> Ready<Result<HandshakeResult<S>, ClientError>>;
 
 /// As [`connect_tcp`], over a stream that is there already.
 pub(crate) async fn connect_over<S>(
     stream: S,
     mut options: ConnectOptions,
-) -> Result<(Link, impl Future<Output = ()> + Send + 'static), ClientError>
+) -> Result<(ConnectionHandle, impl Future<Output = ()> + Send + 'static), ClientError>
 where
     S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
 {
@@ -235,22 +239,22 @@ where
     let (frames, welcome) = introduced.map_err(timed_out)??;
     // Where the stream came from there may be no other.
     (options.token, options.reconnect) = (None, None);
-    let (link, messages) = Link::new(options, welcome);
-    let no_redial: Option<Redial<NoDial<S>>> = None;
+    let (link, messages) = ConnectionHandle::new(options, welcome);
+    let no_redial: Option<Reconnector<NoReconnect<S>>> = None;
     let driver = drive(frames, link.shared.clone(), messages, no_redial);
     Ok((link, driver))
 }
 
 async fn dial(
     address: &str,
-    keys: Option<&Keys>,
+    keys: Option<&Credentials>,
     is_insecure: bool,
 ) -> Result<Stream, ClientError> {
     let dialed = stream::dial(address, keys, is_insecure).await;
     let address = address.to_owned();
     dialed.map_err(|error| match error {
-        DialError::Unresolved(source) => ClientError::Unresolved { address, source },
-        DialError::Unreachable(source) => ClientError::NoManager { address, source },
+        ConnectError::Unresolved(source) => ClientError::Unresolved { address, source },
+        ConnectError::Unreachable(source) => ClientError::NoManager { address, source },
         source => ClientError::NotSecured { address, source },
     })
 }
@@ -259,7 +263,7 @@ async fn handshake<S>(
     stream: S,
     options: &ConnectOptions,
     token: String,
-) -> Result<Introduced<S>, ClientError>
+) -> Result<HandshakeResult<S>, ClientError>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {

@@ -9,15 +9,15 @@ use std::time::Duration;
 use bytes::Bytes;
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
-use polyptych_protocol::connection::Frames;
-use polyptych_protocol::request::Answer;
+use polyptych_protocol::connection::MessageStream;
+use polyptych_protocol::request::MessageToClient;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep_until, timeout};
 
 use crate::error::ClientError;
-use crate::link::{End, Outgoing, Shared};
-use crate::reconnect::{Introduced, Redial};
+use crate::link::{CloseReason, Outgoing, Shared};
+use crate::reconnect::{HandshakeResult, Reconnector};
 
 /// A manager that takes nothing for so long is gone, or as good as.
 const WRITE_TIME_MAX: Duration = Duration::from_secs(30);
@@ -29,18 +29,18 @@ const CLOSE_TIME_MAX: Duration = Duration::from_secs(1);
 /// Runs a connection until it ends, and further ones where it may be made again; then tells
 /// everyone who waits.
 pub(crate) fn drive<S, D, F>(
-    frames: Frames<S>,
+    frames: MessageStream<S>,
     shared: Arc<Shared>,
     messages: mpsc::Receiver<Outgoing>,
-    redial: Option<Redial<D>>,
+    redial: Option<Reconnector<D>>,
 ) -> impl Future<Output = ()>
 where
     S: AsyncRead + AsyncWrite + Unpin,
     D: FnMut() -> F,
-    F: Future<Output = Result<Introduced<S>, ClientError>>,
+    F: Future<Output = Result<HandshakeResult<S>, ClientError>>,
 {
     // Made before the first poll: a runtime may be shut down before it comes to that.
-    let guard = EndGuard(shared);
+    let guard = CloseOnDrop(shared);
     async move {
         let shared = &*guard.0;
         let end = tokio::select! {
@@ -52,15 +52,15 @@ where
 }
 
 async fn run<S, D, F>(
-    mut frames: Frames<S>,
+    mut frames: MessageStream<S>,
     shared: &Shared,
     mut messages: mpsc::Receiver<Outgoing>,
-    mut redial: Option<Redial<D>>,
-) -> End
+    mut redial: Option<Reconnector<D>>,
+) -> CloseReason
 where
     S: AsyncRead + AsyncWrite + Unpin,
     D: FnMut() -> F,
-    F: Future<Output = Result<Introduced<S>, ClientError>>,
+    F: Future<Output = Result<HandshakeResult<S>, ClientError>>,
 {
     let mut greeting = Vec::new();
     loop {
@@ -81,11 +81,11 @@ where
 
 /// Runs one connection. Gives why it ended, and whether another one is wanted.
 async fn serve<S>(
-    frames: Frames<S>,
+    frames: MessageStream<S>,
     shared: &Shared,
     greeting: Vec<Bytes>,
     messages: &mut mpsc::Receiver<Outgoing>,
-) -> (End, bool)
+) -> (CloseReason, bool)
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
@@ -97,50 +97,50 @@ where
             let heard = timeout(CLOSE_TIME_MAX, reading).await;
             match (written, heard) {
                 (Err(_), Ok(end)) => (end, true),
-                (Err(reason), Err(_)) => (End::lost(reason), true),
-                (Ok(()), _) => (End::lost("this client closed it"), false),
+                (Err(reason), Err(_)) => (CloseReason::lost(reason), true),
+                (Ok(()), _) => (CloseReason::lost("this client closed it"), false),
             }
         }
     }
 }
 
 /// Ends the connection where its future is dropped with its runtime: nobody must wait for ever.
-struct EndGuard(Arc<Shared>);
+struct CloseOnDrop(Arc<Shared>);
 
-impl Drop for EndGuard {
+impl Drop for CloseOnDrop {
     fn drop(&mut self) {
-        self.0.handle_end(&End::lost("the client's runtime was shut down"));
+        self.0.handle_end(&CloseReason::lost("the client's runtime was shut down"));
     }
 }
 
 /// Hands out what comes, until the other end says that it is over.
-async fn read<S>(mut stream: SplitStream<Frames<S>>, shared: &Shared) -> End
+async fn read<S>(mut stream: SplitStream<MessageStream<S>>, shared: &Shared) -> CloseReason
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
     loop {
         let bytes = match stream.next().await {
             Some(Ok(bytes)) => bytes,
-            Some(Err(error)) => return End::lost(error.to_string()),
-            None => return End::lost("the manager closed it"),
+            Some(Err(error)) => return CloseReason::lost(error.to_string()),
+            None => return CloseReason::lost("the manager closed it"),
         };
-        match polyptych_protocol::framing::decode::<Answer>(&bytes) {
-            Ok(Answer::Reply { id, reply }) => shared.handle_reply(id, reply),
-            Ok(Answer::Feedback(feedback)) => shared.handle_feedback(feedback),
-            Ok(Answer::Picture(part)) => shared.handle_part(&part),
-            Ok(Answer::Progress { id, progress }) => shared.handle_progress(id, progress),
-            Ok(Answer::Warning { warning, .. }) => tracing::warn!("{warning}"),
-            Ok(Answer::Goodbye(goodbye)) => {
-                return End { reason: goodbye.to_string(), is_goodbye: true };
+        match polyptych_protocol::framing::decode::<MessageToClient>(&bytes) {
+            Ok(MessageToClient::Reply { id, reply }) => shared.handle_reply(id, reply),
+            Ok(MessageToClient::Feedback(feedback)) => shared.handle_feedback(feedback),
+            Ok(MessageToClient::Picture(part)) => shared.handle_part(&part),
+            Ok(MessageToClient::Progress { id, progress }) => shared.handle_progress(id, progress),
+            Ok(MessageToClient::Warning { warning, .. }) => tracing::warn!("{warning}"),
+            Ok(MessageToClient::Goodbye(goodbye)) => {
+                return CloseReason { reason: goodbye.to_string(), is_goodbye: true };
             }
-            Err(error) => return End::lost(format!("a message made no sense: {error}")),
+            Err(error) => return CloseReason::lost(format!("a message made no sense: {error}")),
         }
     }
 }
 
 /// Writes the greeting and what callers post, until the last caller is gone.
 async fn write<S>(
-    mut sink: SplitSink<Frames<S>, Bytes>,
+    mut sink: SplitSink<MessageStream<S>, Bytes>,
     shared: &Shared,
     greeting: Vec<Bytes>,
     messages: &mut mpsc::Receiver<Outgoing>,
@@ -181,7 +181,7 @@ where
 }
 
 /// Tells those whose time is over, for ever.
-async fn expire(shared: &Shared) -> End {
+async fn expire(shared: &Shared) -> CloseReason {
     loop {
         let moved = shared.deadline_moved.notified();
         match shared.poll_timeout() {

@@ -4,8 +4,8 @@ use std::io;
 use std::time::Duration;
 
 use polyptych_protocol::connection::ConnectionError;
-use polyptych_protocol::keys::KeysError;
-use polyptych_protocol::stream::DialError;
+use polyptych_protocol::keys::CredentialsError;
+use polyptych_protocol::stream::ConnectError;
 use polyptych_protocol::token::TokenError;
 
 /// Why a call did not do what it says.
@@ -48,14 +48,14 @@ pub enum ClientError {
     Token(#[from] TokenError),
     /// This client's keys cannot be used.
     #[error("no keys to show to the manager: {0}")]
-    Keys(#[from] KeysError),
+    Keys(#[from] CredentialsError),
     /// The connection would not be encrypted, or the two ends do not believe each other.
     #[error("no secure connection to the manager at {address}: {source}")]
     NotSecured {
         /// Host and port.
         address: String,
         /// What is wrong, and what would be right.
-        source: DialError,
+        source: ConnectError,
     },
     /// The manager said no.
     #[error("the manager at {address} refused this client: {reason}")]
@@ -93,7 +93,7 @@ pub enum ClientError {
         request: &'static str,
         /// Host and port.
         address: String,
-        /// How long it waited; [`crate::Reconnect::wait`] sets it.
+        /// How long it waited; [`crate::ReconnectPolicy::wait`] sets it.
         after: Duration,
         /// Why there is no connection.
         reason: String,

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use polyptych_protocol::feedback::Feedback;
+use polyptych_protocol::feedback::FrameFeedback;
 use polyptych_protocol::ids::Epoch;
 use tokio::sync::broadcast;
 use tokio::sync::broadcast::error::RecvError;
 
-use crate::link::{Link, Shown};
+use crate::link::{ConnectionHandle, TaggedFeedback};
 
 /// Most feedbacks that wait for a slow reader: four seconds at 60 frames per second. Beyond it the
 /// oldest are dropped and counted; the connection never waits.
@@ -17,34 +17,34 @@ pub const FEEDBACK_QUEUE_MAX: usize = 256;
 ///
 /// Dropping the last one of a connection ends the subscription.
 #[derive(Debug)]
-pub struct Feedbacks {
-    receiver: broadcast::Receiver<Shown>,
+pub struct FeedbackStream {
+    receiver: broadcast::Receiver<TaggedFeedback>,
     dropped: u64,
     connection: u64,
     gaps: u64,
     epoch: Epoch,
-    link: Link,
+    link: ConnectionHandle,
 }
 
-impl Feedbacks {
+impl FeedbackStream {
     pub(crate) fn new(
-        receiver: broadcast::Receiver<Shown>,
+        receiver: broadcast::Receiver<TaggedFeedback>,
         connection: u64,
         epoch: Epoch,
-        link: Link,
+        link: ConnectionHandle,
     ) -> Self {
         Self { receiver, dropped: 0, connection, gaps: 0, epoch, link }
     }
 
     /// Waits for the next frame's feedback; `None` once the client has ended. Why it ended is the
     /// error of every later call, and [`crate::Client::end_reason`]. Where the connection is made
-    /// again, the stream goes on after a gap; see [`Feedbacks::gaps`].
+    /// again, the stream goes on after a gap; see [`FeedbackStream::gaps`].
     ///
     /// Dropping the future loses nothing.
-    pub async fn next(&mut self) -> Option<Feedback> {
+    pub async fn next(&mut self) -> Option<FrameFeedback> {
         loop {
             match self.receiver.recv().await {
-                Ok(Shown { feedback, epoch, connection }) => {
+                Ok(TaggedFeedback { feedback, epoch, connection }) => {
                     self.gaps += connection.saturating_sub(self.connection);
                     (self.connection, self.epoch) = (connection, epoch);
                     return Some(Arc::unwrap_or_clone(feedback));
@@ -73,7 +73,7 @@ impl Feedbacks {
     }
 }
 
-impl Drop for Feedbacks {
+impl Drop for FeedbackStream {
     fn drop(&mut self) {
         self.link.unsubscribe();
     }

@@ -17,7 +17,7 @@ const FOR_EVER: Duration = Duration::from_hours(8760);
 
 /// A request that waits.
 #[derive(Debug)]
-pub(crate) struct Open<W> {
+pub(crate) struct OpenRequest<W> {
     /// What was asked, for messages.
     pub request: &'static str,
     /// How long it may take.
@@ -32,7 +32,7 @@ pub(crate) struct Open<W> {
 /// All requests that wait.
 #[derive(Debug)]
 pub(crate) struct InFlight<W> {
-    open: BTreeMap<RequestId, Open<W>>,
+    open: BTreeMap<RequestId, OpenRequest<W>>,
     deadlines: BTreeSet<(Instant, RequestId)>,
     next: u64,
 }
@@ -58,7 +58,7 @@ impl<W> InFlight<W> {
         self.next += 1;
         let deadline = now.checked_add(after).unwrap_or(now + FOR_EVER);
         self.deadlines.insert((deadline, id));
-        self.open.insert(id, Open { request, after, waiter, is_sent: false, deadline });
+        self.open.insert(id, OpenRequest { request, after, waiter, is_sent: false, deadline });
         Some(id)
     }
 
@@ -103,7 +103,7 @@ impl<W> InFlight<W> {
     }
 
     /// Takes the requests out that were sent and that `leaves` says of, the oldest first.
-    pub fn drain_sent(&mut self, leaves: impl Fn(&W) -> bool) -> Vec<Open<W>> {
+    pub fn drain_sent(&mut self, leaves: impl Fn(&W) -> bool) -> Vec<OpenRequest<W>> {
         let sent = self.open.iter().filter(|(_, open)| open.is_sent && leaves(&open.waiter));
         let ids: Vec<RequestId> = sent.map(|(id, _)| *id).collect();
         ids.into_iter().filter_map(|id| self.remove(id)).collect()
@@ -116,7 +116,7 @@ impl<W> InFlight<W> {
     }
 
     /// Takes a request out.
-    pub fn remove(&mut self, id: RequestId) -> Option<Open<W>> {
+    pub fn remove(&mut self, id: RequestId) -> Option<OpenRequest<W>> {
         let open = self.open.remove(&id)?;
         self.deadlines.remove(&(open.deadline, id));
         Some(open)
@@ -133,13 +133,13 @@ impl<W> InFlight<W> {
     }
 
     /// Takes one request out whose time is over; call it until it gives `None`.
-    pub fn expire(&mut self, now: Instant) -> Option<Open<W>> {
+    pub fn expire(&mut self, now: Instant) -> Option<OpenRequest<W>> {
         let (deadline, id) = *self.deadlines.first()?;
         if deadline > now { None } else { self.remove(id) }
     }
 
     /// Takes all requests out, the oldest first.
-    pub fn drain(&mut self) -> impl Iterator<Item = Open<W>> + use<W> {
+    pub fn drain(&mut self) -> impl Iterator<Item = OpenRequest<W>> + use<W> {
         self.deadlines.clear();
         std::mem::take(&mut self.open).into_values()
     }

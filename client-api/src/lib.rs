@@ -52,26 +52,28 @@ pub use camera::{orbit, overview};
 pub use client::Client;
 pub use connect::{ConnectOptions, Timeouts};
 pub use error::ClientError;
-pub use feedback::{FEEDBACK_QUEUE_MAX, Feedbacks};
+pub use feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream};
 pub use in_flight::OPEN_REQUESTS_MAX;
 pub use pending::Pending;
-pub use picture::{CAPTURE_BYTES_MAX, Capture, Picture};
-pub use reconnect::Reconnect;
+pub use picture::{CAPTURE_BYTES_MAX, Capture, Image};
+pub use reconnect::ReconnectPolicy;
 
 pub use glam;
-pub use polyptych_protocol::display::DisplayMode;
+pub use polyptych_protocol::display::OutputMode;
 pub use polyptych_protocol::feedback::Tuned;
 pub use polyptych_protocol::feedback::{
-    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Shown, Skew, Spread,
-    Statistics, WallStatus,
+    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles,
+    Shown, Skew, Statistics, WallStatus,
 };
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
-pub use polyptych_protocol::pattern::Pattern;
+pub use polyptych_protocol::pattern::TestPattern;
 pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
-pub use polyptych_protocol::request::{Pace, Reply, Request, SceneSummary, Sight, StoppedServers};
+pub use polyptych_protocol::request::{
+    Pacing, Request, Response, SceneSummary, StoppedServers, ViewState,
+};
 pub use polyptych_scene::{Bounds, SceneFeatures};
 pub use polyptych_wall::camera::Camera;
-pub use polyptych_wall::head::Head;
+pub use polyptych_wall::head::HeadPose;
 pub use polyptych_wall::tuning;
 pub use polyptych_wall::view::{Area, View, ViewProjection};
 pub use polyptych_wall::{Channel, Screen, Wall};

@@ -5,24 +5,24 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
-use polyptych_protocol::feedback::Feedback;
+use polyptych_protocol::feedback::FrameFeedback;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::{Epoch, RequestId};
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{Call, Failure, PicturePart, Reply, Request};
+use polyptych_protocol::request::{ImageChunk, Request, RequestError, RequestMessage, Response};
 use tokio::sync::{Notify, broadcast, mpsc, oneshot, watch};
 
 use crate::connect::ConnectOptions;
 use crate::error::ClientError;
-use crate::feedback::{FEEDBACK_QUEUE_MAX, Feedbacks};
-use crate::in_flight::{InFlight, OPEN_REQUESTS_MAX, Open};
+use crate::feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream};
+use crate::in_flight::{InFlight, OPEN_REQUESTS_MAX, OpenRequest};
 use crate::pending::Pending;
-use crate::picture::PictureParts;
+use crate::picture::ImageAssembler;
 
 /// The callers' end of a connection. The connection is closed when the last one is dropped.
 #[derive(Clone, Debug)]
-pub(crate) struct Link {
+pub(crate) struct ConnectionHandle {
     pub shared: Arc<Shared>,
     outgoing: mpsc::Sender<Outgoing>,
 }
@@ -45,7 +45,7 @@ pub(crate) struct Shared {
 struct State {
     open: InFlight<Waiter>,
     /// `None` once the connection has ended, so that the readers end too.
-    feedback: Option<broadcast::Sender<Shown>>,
+    feedback: Option<broadcast::Sender<TaggedFeedback>>,
     subscribers: usize,
     /// The life of the manager that this client talks to, or has talked to last.
     epoch: Epoch,
@@ -56,15 +56,15 @@ struct State {
     /// Whether this client has asked the manager to end: then no other one is wanted.
     has_stopped: bool,
     /// Why there is no connection now, while another one is tried.
-    lost: Option<End>,
+    lost: Option<CloseReason>,
     /// Why there is none any more.
-    end: Option<End>,
+    end: Option<CloseReason>,
 }
 
 /// A frame's feedback and where it came from.
 #[derive(Clone, Debug)]
-pub(crate) struct Shown {
-    pub feedback: Arc<Feedback>,
+pub(crate) struct TaggedFeedback {
+    pub feedback: Arc<FrameFeedback>,
     pub epoch: Epoch,
     pub connection: u64,
 }
@@ -81,14 +81,14 @@ pub(crate) struct Outgoing {
 
 /// Why a connection ended.
 #[derive(Clone, Debug)]
-pub(crate) struct End {
+pub(crate) struct CloseReason {
     /// For a person.
     pub reason: String,
     /// Whether the manager said that it ends.
     pub is_goodbye: bool,
 }
 
-impl End {
+impl CloseReason {
     /// For any reason but a goodbye.
     pub fn lost(reason: impl Into<String>) -> Self {
         Self { reason: reason.into(), is_goodbye: false }
@@ -98,8 +98,8 @@ impl End {
 /// Who waits for an answer, and the pictures that came until then, if they are wanted.
 #[derive(Debug)]
 struct Waiter {
-    answer: oneshot::Sender<Result<Answered, ClientError>>,
-    parts: Option<PictureParts>,
+    answer: oneshot::Sender<Result<CompletedResponse, ClientError>>,
+    parts: Option<ImageAssembler>,
     /// Holds the newest progress, for requests that tell theirs.
     progress: Option<watch::Sender<OpenProgress>>,
     /// Whether the outcome can be asked for over another connection.
@@ -119,12 +119,12 @@ pub(crate) struct Wanted {
 
 /// A reply, and the pieces of pictures that came before it.
 #[derive(Debug)]
-pub(crate) struct Answered {
-    pub reply: Reply,
-    pub parts: Option<PictureParts>,
+pub(crate) struct CompletedResponse {
+    pub reply: Response,
+    pub parts: Option<ImageAssembler>,
 }
 
-impl Link {
+impl ConnectionHandle {
     /// A new connection's, with the queue that the connection task empties.
     pub fn new(options: ConnectOptions, welcome: Welcome) -> (Self, mpsc::Receiver<Outgoing>) {
         // A message may wait after its request was given up, so this queue can be full before
@@ -171,7 +171,7 @@ impl Link {
             return Err(ClientError::Closed { request: name, address, reason });
         }
         let (answer, receiver) = oneshot::channel();
-        let parts = wanted.pictures.then(|| PictureParts::new(shared.options.capture_bytes_max));
+        let parts = wanted.pictures.then(|| ImageAssembler::new(shared.options.capture_bytes_max));
         let after = shared.options.timeouts.of(&request);
         // tokio's clock, which tests own.
         let now = tokio::time::Instant::now().into_std();
@@ -183,7 +183,7 @@ impl Link {
         let id = state.open.insert(now, name, first_after, waiter).ok_or_else(full)?;
 
         let is_stop = matches!(request, Request::Stop | Request::StopServers);
-        let message = polyptych_codec::encode(&Call { id, request });
+        let message = polyptych_codec::encode(&RequestMessage { id, request });
         let (bytes, limit) = (message.len(), MESSAGE_BYTES_MAX);
         let sent = if bytes > limit {
             Err(ClientError::RequestTooLarge { request: name, bytes, limit })
@@ -201,7 +201,7 @@ impl Link {
     }
 
     /// Subscribes to the feedback of every frame.
-    pub async fn subscribe(&self) -> Result<Feedbacks, ClientError> {
+    pub async fn subscribe(&self) -> Result<FeedbackStream, ClientError> {
         let (receiver, connection, epoch, posted) = {
             let state = &mut *self.shared.lock();
             // After the end, posting fails, and the receiver only has to exist.
@@ -214,9 +214,9 @@ impl Link {
             let posted = self.post_in(state, Request::Subscribe(true), Wanted::default());
             (receiver, connection, epoch, posted)
         };
-        let feedbacks = Feedbacks::new(receiver, connection, epoch, self.clone());
+        let feedbacks = FeedbackStream::new(receiver, connection, epoch, self.clone());
         match posted?.await? {
-            Reply::Done => Ok(feedbacks),
+            Response::Done => Ok(feedbacks),
             other => Err(wrong_answer("subscribe to feedback", &other)),
         }
     }
@@ -270,7 +270,7 @@ impl Shared {
     /// Why there will be none.
     pub fn connection(&self) -> Result<Option<Epoch>, ClientError> {
         let state = self.lock();
-        let closed = |end: &End| ClientError::Closed {
+        let closed = |end: &CloseReason| ClientError::Closed {
             request: "wait for a connection",
             address: self.address.clone(),
             reason: end.reason.clone(),
@@ -308,7 +308,7 @@ impl Shared {
 
     /// The connection has ended, and another one is tried. What was sent is told so, once; what
     /// can be asked for over the next connection waits for it, unless the manager has ended.
-    pub fn handle_loss(&self, end: &End) {
+    pub fn handle_loss(&self, end: &CloseReason) {
         let now = tokio::time::Instant::now().into_std();
         let sent = {
             let state = &mut *self.lock();
@@ -322,7 +322,7 @@ impl Shared {
 
     /// Why the last attempt to connect has failed.
     pub fn note_reason(&self, reason: &str) {
-        self.lock().lost = Some(End::lost(reason));
+        self.lock().lost = Some(CloseReason::lost(reason));
     }
 
     /// There is a connection again. Returns what must be sent first.
@@ -338,14 +338,16 @@ impl Shared {
             let gone = state.open.drain_sent(|_| !is_same);
             let asked = |(id, waiter): (RequestId, &Waiter)| {
                 let request = Request::OpenOutcome { session: waiter.session, of: id };
-                polyptych_codec::encode(&Call { id, request })
+                polyptych_codec::encode(&RequestMessage { id, request })
             };
             let mut greeting: Vec<Bytes> = state.open.sent().map(asked).collect();
             if state.subscribers > 0 {
                 // Should it fail, the stream is silent, as that of a wall that draws nothing.
                 let id = state.open.number();
-                greeting
-                    .push(polyptych_codec::encode(&Call { id, request: Request::Subscribe(true) }));
+                greeting.push(polyptych_codec::encode(&RequestMessage {
+                    id,
+                    request: Request::Subscribe(true),
+                }));
             }
             (greeting, gone, lost)
         };
@@ -357,14 +359,14 @@ impl Shared {
     }
 
     /// An answer came.
-    pub fn handle_reply(&self, id: RequestId, reply: Result<Reply, Failure>) {
-        let Some(Open { request, waiter, .. }) = self.lock().open.remove(id) else {
+    pub fn handle_reply(&self, id: RequestId, reply: Result<Response, RequestError>) {
+        let Some(OpenRequest { request, waiter, .. }) = self.lock().open.remove(id) else {
             tracing::debug!(request = id.0, "an answer that nobody waits for");
             return;
         };
         let answer = match reply {
-            Ok(reply) => Ok(Answered { reply, parts: waiter.parts }),
-            Err(Failure { reason }) => Err(ClientError::Failed { request, reason }),
+            Ok(reply) => Ok(CompletedResponse { reply, parts: waiter.parts }),
+            Err(RequestError { reason }) => Err(ClientError::Failed { request, reason }),
         };
         deliver(waiter.answer, answer);
     }
@@ -383,7 +385,7 @@ impl Shared {
     }
 
     /// A piece of a picture came.
-    pub fn handle_part(&self, part: &PicturePart) {
+    pub fn handle_part(&self, part: &ImageChunk) {
         let mut state = self.lock();
         let parts = state.open.waiter_mut(part.id).and_then(|waiter| waiter.parts.as_mut());
         let Some(parts) = parts else {
@@ -399,14 +401,15 @@ impl Shared {
     }
 
     /// A frame's feedback came.
-    pub fn handle_feedback(&self, feedback: Feedback) {
+    pub fn handle_feedback(&self, feedback: FrameFeedback) {
         let (sender, epoch, connection) = {
             let state = self.lock();
             (state.feedback.clone(), state.epoch, state.connection)
         };
         if let Some(sender) = sender {
             // An error says that nobody subscribes any more, and the manager will know soon.
-            let _readers = sender.send(Shown { feedback: Arc::new(feedback), epoch, connection });
+            let _readers =
+                sender.send(TaggedFeedback { feedback: Arc::new(feedback), epoch, connection });
         }
     }
 
@@ -422,9 +425,9 @@ impl Shared {
                 let state = &mut *self.lock();
                 (state.open.expire(now), state.lost.clone())
             };
-            let Some(Open { request, after, waiter, is_sent, .. }) = expired else { return };
+            let Some(OpenRequest { request, after, waiter, is_sent, .. }) = expired else { return };
             let error = match lost.filter(|_| !is_sent) {
-                Some(End { reason, .. }) => {
+                Some(CloseReason { reason, .. }) => {
                     let address = self.address.clone();
                     ClientError::NotConnected { request, address, after, reason }
                 }
@@ -435,7 +438,7 @@ impl Shared {
     }
 
     /// The connection has ended: tells everyone who waits. The first reason holds.
-    pub fn handle_end(&self, end: &End) {
+    pub fn handle_end(&self, end: &CloseReason) {
         let (open, readers) = {
             let state = &mut *self.lock();
             if state.end.is_some() {
@@ -450,8 +453,8 @@ impl Shared {
         self.tell_of_end(open, end);
     }
 
-    fn tell_of_end(&self, open: Vec<Open<Waiter>>, end: &End) {
-        for Open { request, waiter, is_sent, .. } in open {
+    fn tell_of_end(&self, open: Vec<OpenRequest<Waiter>>, end: &CloseReason) {
+        for OpenRequest { request, waiter, is_sent, .. } in open {
             let (address, reason) = (self.address.clone(), end.reason.clone());
             let error = if !is_sent {
                 ClientError::Closed { request, address, reason }
@@ -467,25 +470,25 @@ impl Shared {
 
 /// A caller who gave up in this very moment does not want to know.
 fn deliver(
-    waiter: oneshot::Sender<Result<Answered, ClientError>>,
-    answer: Result<Answered, ClientError>,
+    waiter: oneshot::Sender<Result<CompletedResponse, ClientError>>,
+    answer: Result<CompletedResponse, ClientError>,
 ) {
     let _unwanted = waiter.send(answer);
 }
 
 /// The error of a reply that belongs to some other request.
-pub(crate) fn wrong_answer(request: &'static str, reply: &Reply) -> ClientError {
+pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientError {
     let answer = match reply {
-        Reply::Done => "done",
-        Reply::SceneOpened(_) => "a scene's summary",
-        Reply::Frame(_) => "a frame's feedback",
-        Reply::Captured(_) => "pictures",
-        Reply::Status(_) => "the status",
-        Reply::Wall(_) => "the wall's description",
-        Reply::Statistics(_) => "statistics",
-        Reply::Sight(_) => "what the wall looks at",
-        Reply::Tuned(_) => "a tuning",
-        Reply::ServersStopped(_) => "the stopped servers",
+        Response::Done => "done",
+        Response::SceneOpened(_) => "a scene's summary",
+        Response::Frame(_) => "a frame's feedback",
+        Response::Captured(_) => "pictures",
+        Response::Status(_) => "the status",
+        Response::Wall(_) => "the wall's description",
+        Response::Statistics(_) => "statistics",
+        Response::Sight(_) => "what the wall looks at",
+        Response::Tuned(_) => "a tuning",
+        Response::ServersStopped(_) => "the stopped servers",
     };
     ClientError::WrongAnswer { request, answer }
 }

@@ -4,12 +4,12 @@ use std::pin::Pin;
 use std::task::{Context, Poll};
 
 use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::request::Reply;
+use polyptych_protocol::request::Response;
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 
 use crate::error::ClientError;
-use crate::link::{Answered, Link};
+use crate::link::{CompletedResponse, ConnectionHandle};
 
 /// A request that was sent: await it, ask it from time to time, or drop it.
 ///
@@ -21,16 +21,16 @@ pub struct Pending {
     id: RequestId,
     request: &'static str,
     /// `None` once the answer was given out.
-    answer: Option<oneshot::Receiver<Result<Answered, ClientError>>>,
-    link: Link,
+    answer: Option<oneshot::Receiver<Result<CompletedResponse, ClientError>>>,
+    link: ConnectionHandle,
 }
 
 impl Pending {
     pub(crate) fn new(
         id: RequestId,
         request: &'static str,
-        answer: oneshot::Receiver<Result<Answered, ClientError>>,
-        link: Link,
+        answer: oneshot::Receiver<Result<CompletedResponse, ClientError>>,
+        link: ConnectionHandle,
     ) -> Self {
         Self { id, request, answer: Some(answer), link }
     }
@@ -44,7 +44,7 @@ impl Pending {
     ///
     /// # Errors
     /// What came of the request: see [`ClientError`]. [`ClientError::AnswerTaken`] after that.
-    pub fn query(&mut self) -> Option<Result<Reply, ClientError>> {
+    pub fn query(&mut self) -> Option<Result<Response, ClientError>> {
         let Some(answer) = &mut self.answer else {
             return Some(Err(ClientError::AnswerTaken { request: self.request }));
         };
@@ -61,7 +61,7 @@ impl Pending {
     pub(crate) fn poll_answered(
         &mut self,
         context: &mut Context<'_>,
-    ) -> Poll<Result<Answered, ClientError>> {
+    ) -> Poll<Result<CompletedResponse, ClientError>> {
         let Some(answer) = &mut self.answer else {
             return Poll::Ready(Err(ClientError::AnswerTaken { request: self.request }));
         };
@@ -83,7 +83,7 @@ impl Pending {
 }
 
 impl Future for Pending {
-    type Output = Result<Reply, ClientError>;
+    type Output = Result<Response, ClientError>;
 
     fn poll(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
         let answered = self.get_mut().poll_answered(context);

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use polyptych_protocol::ids::FrameId;
-use polyptych_protocol::request::Captured;
+use polyptych_protocol::request::CaptureInfo;
 use polyptych_wall::limits::{CHANNELS_MAX, SCREENS_MAX};
 
 use crate::error::ClientError;
@@ -22,16 +22,16 @@ pub struct Capture {
     pub frame: FrameId,
     /// One for each screen, in the wall's order: its channels as they hang on the wall, and dark
     /// where there is a bezel or a channel is missing.
-    pub screens: Vec<Picture>,
+    pub screens: Vec<Image>,
     /// One for each channel that sent a picture, in the wall's order.
-    pub channels: Vec<Picture>,
+    pub channels: Vec<Image>,
     /// The channels that sent none, by name, each with the reason.
     pub missing: Vec<(String, String)>,
 }
 
 /// A picture of a screen or channel.
 #[derive(Clone, PartialEq, Eq)]
-pub struct Picture {
+pub struct Image {
     /// Of the screen or channel.
     pub name: String,
     /// Pixels across.
@@ -42,7 +42,7 @@ pub struct Picture {
     pub rgba: Vec<u8>,
 }
 
-impl fmt::Debug for Picture {
+impl fmt::Debug for Image {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { name, width, height, rgba } = self;
         write!(f, "Picture({name}, {width} x {height}, {} bytes)", rgba.len())
@@ -51,13 +51,13 @@ impl fmt::Debug for Picture {
 
 /// The pieces of a capture's pictures, which come before their description does.
 #[derive(Debug)]
-pub(crate) struct PictureParts {
+pub(crate) struct ImageAssembler {
     pictures: Vec<Vec<u8>>,
     bytes: usize,
     bytes_max: usize,
 }
 
-impl PictureParts {
+impl ImageAssembler {
     /// None yet.
     pub fn new(bytes_max: usize) -> Self {
         Self { pictures: Vec::new(), bytes: 0, bytes_max }
@@ -89,8 +89,8 @@ impl PictureParts {
     ///
     /// # Errors
     /// [`ClientError::MalformedPicture`] where a picture has more or fewer bytes than it says.
-    pub fn assemble(self, captured: Captured) -> Result<Capture, ClientError> {
-        let Captured { frame, pictures, missing } = captured;
+    pub fn assemble(self, captured: CaptureInfo) -> Result<Capture, ClientError> {
+        let CaptureInfo { frame, pictures, missing } = captured;
         if self.pictures.len() > pictures.len() {
             let (sent, said) = (self.pictures.len(), pictures.len());
             let reason = format!("pieces of {sent} pictures came, and {said} are described");
@@ -110,7 +110,7 @@ impl PictureParts {
                 return Err(ClientError::MalformedPicture { reason });
             }
             let list = if info.is_screen { &mut capture.screens } else { &mut capture.channels };
-            list.push(Picture { name: info.name, width, height, rgba });
+            list.push(Image { name: info.name, width, height, rgba });
         }
         Ok(capture)
     }
@@ -118,20 +118,23 @@ impl PictureParts {
 
 #[cfg(test)]
 mod tests {
-    use polyptych_protocol::request::PictureInfo;
+    use polyptych_protocol::request::ImageInfo;
 
     use super::*;
 
-    fn captured(sizes: &[(bool, u32, u32)]) -> Captured {
-        let pictures = sizes.iter().enumerate().map(|(i, &(is_screen, width, height))| {
-            PictureInfo { name: format!("p{i}"), is_screen, width, height }
+    fn captured(sizes: &[(bool, u32, u32)]) -> CaptureInfo {
+        let pictures = sizes.iter().enumerate().map(|(i, &(is_screen, width, height))| ImageInfo {
+            name: format!("p{i}"),
+            is_screen,
+            width,
+            height,
         });
-        Captured { frame: FrameId(7), pictures: pictures.collect(), missing: Vec::new() }
+        CaptureInfo { frame: FrameId(7), pictures: pictures.collect(), missing: Vec::new() }
     }
 
     #[test]
     fn pieces_of_several_pictures_may_be_mixed() {
-        let mut parts = PictureParts::new(100);
+        let mut parts = ImageAssembler::new(100);
         for (index, piece) in [(1, [5; 4]), (0, [1; 4]), (1, [6; 4]), (0, [2; 4])] {
             parts.add(index, &piece).expect("taken");
         }
@@ -145,8 +148,8 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_refused() {
-        let check = |pieces: &[(u32, usize)], said: Captured, expected: &str| {
-            let mut parts = PictureParts::new(100);
+        let check = |pieces: &[(u32, usize)], said: CaptureInfo, expected: &str| {
+            let mut parts = ImageAssembler::new(100);
             let taken = pieces.iter().try_for_each(|&(i, len)| parts.add(i, &vec![0; len]));
             let error = taken.and_then(|()| parts.assemble(said)).expect_err("refused");
             assert!(error.to_string().contains(expected), "{error}");

@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use polyptych_protocol::connection::Frames;
+use polyptych_protocol::connection::MessageStream;
 use polyptych_protocol::handshake::Welcome;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep};
 
 use crate::error::ClientError;
-use crate::link::{End, Outgoing, Shared};
+use crate::link::{CloseReason, Outgoing, Shared};
 
 /// Pause before the first attempt: a manager that is restarted finds its clients at once.
 const RETRY_FIRST: Duration = Duration::from_millis(50);
@@ -18,7 +18,7 @@ const RETRY_LONGEST: Duration = Duration::from_secs(2);
 
 /// How a client goes on when its connection has ended; see [`crate::ConnectOptions::reconnect`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Reconnect {
+pub struct ReconnectPolicy {
     /// How long a request waits for a connection before it fails with
     /// [`ClientError::NotConnected`]; ten seconds by default, in which a manager is started anew.
     pub wait: Duration,
@@ -26,22 +26,22 @@ pub struct Reconnect {
     pub give_up_after: Option<Duration>,
 }
 
-impl Default for Reconnect {
+impl Default for ReconnectPolicy {
     fn default() -> Self {
         Self { wait: Duration::from_secs(10), give_up_after: None }
     }
 }
 
 /// How a new connection is made.
-pub(crate) struct Redial<D> {
-    pub reconnect: Reconnect,
+pub(crate) struct Reconnector<D> {
+    pub reconnect: ReconnectPolicy,
     pub dial: D,
 }
 
 /// A connection on which both sides have introduced themselves.
-pub(crate) type Introduced<S> = (Frames<S>, Welcome);
+pub(crate) type HandshakeResult<S> = (MessageStream<S>, Welcome);
 
-impl<D> Redial<D> {
+impl<D> Reconnector<D> {
     /// Connects again.
     ///
     /// # Errors
@@ -50,10 +50,10 @@ impl<D> Redial<D> {
         &mut self,
         shared: &Shared,
         messages: &mpsc::Receiver<Outgoing>,
-    ) -> Result<Introduced<S>, End>
+    ) -> Result<HandshakeResult<S>, CloseReason>
     where
         D: FnMut() -> F,
-        F: Future<Output = Result<Introduced<S>, ClientError>>,
+        F: Future<Output = Result<HandshakeResult<S>, ClientError>>,
     {
         let began = Instant::now();
         let mut pause = RETRY_FIRST;
@@ -65,7 +65,7 @@ impl<D> Redial<D> {
             // What was posted last may still be wanted though everyone is gone.
             let is_wanted = !messages.is_empty() && began.elapsed() < self.reconnect.wait;
             if messages.is_closed() && !is_wanted {
-                return Err(End::lost("this client closed it"));
+                return Err(CloseReason::lost("this client closed it"));
             }
             let reason = match (self.dial)().await {
                 Ok((_, welcome)) if welcome.wall != shared.wall => {
@@ -81,7 +81,9 @@ impl<D> Redial<D> {
                 last_reason = reason;
             }
             if let Some(limit) = self.reconnect.give_up_after.filter(|l| began.elapsed() >= *l) {
-                return Err(End::lost(format!("no connection within {limit:?}: {last_reason}")));
+                return Err(CloseReason::lost(format!(
+                    "no connection within {limit:?}: {last_reason}"
+                )));
             }
         }
     }

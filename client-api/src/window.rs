@@ -1,7 +1,7 @@
 //! The window of a wall: the rectangle in front of its eye that a scene is fitted to.
 
 use glam::{DMat3, DVec2, DVec3};
-use polyptych_wall::{Cover, Screen, Surface, Wall};
+use polyptych_wall::{ChannelKind, Screen, Surface, Wall};
 
 /// Share of the rectangle around several screens of one plane that they must cover to count as
 /// one screen: bezels between them are allowed, gaps are not.
@@ -190,7 +190,7 @@ fn lit_corners(wall: &Wall, screen: &Screen) -> Option<[DVec3; 4]> {
     };
     let channels = || wall.channels.iter().filter(|channel| is_here(channel.screen));
     let (mut min, mut max) = (DVec2::ZERO, screen.canvas.as_dvec2());
-    if channels().next().is_some() && channels().all(|channel| channel.cover == Cover::Tile) {
+    if channels().next().is_some() && channels().all(|channel| channel.cover == ChannelKind::Tile) {
         let ends = channels().map(|c| (c.origin.as_dvec2(), (c.origin + c.size).as_dvec2()));
         (min, max) = ends.fold((max, min), |(min, max), (a, b)| (min.min(a), max.max(b)));
     }

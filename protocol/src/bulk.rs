@@ -9,16 +9,16 @@ use crate::ids::FrameId;
 
 /// What a server sends over its bulk connection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum BulkUp {
+pub enum BulkToManager {
     /// Asks for a blob of a scene that it was sent.
     Want(BlobHash),
     /// A piece of the picture that a channel drew for a frame.
-    Picture(PictureChunk),
+    Picture(CaptureChunk),
 }
 
 /// What the manager sends over a server's bulk connection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum BulkDown {
+pub enum BulkToServer {
     /// A piece of a blob; pieces come in order.
     Chunk(BlobChunk),
     /// It is not to be had, and why.
@@ -46,7 +46,7 @@ pub struct BlobChunk {
 /// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a picture: sRGB RGBA8, rows
 /// from the top.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PictureChunk {
+pub struct CaptureChunk {
     /// The channel that drew it.
     pub channel: ChannelId,
     /// The frame that it shows.

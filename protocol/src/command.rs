@@ -1,14 +1,14 @@
 //! What the manager tells a render server on its control connection.
 
 use polyptych_text::text_of_peer;
-use polyptych_wall::head::Head;
+use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
-use crate::display::DisplayMode;
+use crate::display::OutputMode;
 use crate::ids::{Epoch, FrameId, Revision};
 use crate::log::Operation;
-use crate::pattern::Pattern;
+use crate::pattern::TestPattern;
 
 /// One message from the manager to a render server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,7 +82,7 @@ pub struct Frame {
     /// What is shown where; later views lie over earlier ones.
     pub views: Vec<View>,
     /// Where the viewer's eyes are.
-    pub head: Head,
+    pub head: HeadPose,
     /// Light is multiplied by this before tone mapping.
     pub exposure: f32,
     /// The error in wall pixels that a channel may make to draw faster; 0: none.
@@ -90,9 +90,9 @@ pub struct Frame {
     /// Whether every server sends the picture of this frame over its bulk connection, once drawn.
     pub capture: bool,
     /// What displays show once the frame is swapped.
-    pub display: DisplayMode,
+    pub display: OutputMode,
     /// What channels draw instead of the scene.
-    pub pattern: Option<Pattern>,
+    pub pattern: Option<TestPattern>,
 }
 
 /// Show the frame, unless it is too late.

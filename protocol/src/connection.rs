@@ -8,14 +8,14 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio_util::codec::{Framed, LengthDelimitedCodec};
 
 use crate::handshake::{
-    Answer, Hello, Introduction, Nonce, Nonces, PREAMBLE_BYTES, Preamble, PreambleError, Proof,
-    Refused, Role, Secret, Welcome,
+    Hello, HelloReply, Introduction, Nonce, Nonces, PREAMBLE_BYTES, Preamble, PreambleError, Proof,
+    Rejection, Role, Secret, Welcome,
 };
 use crate::limits::{BULK_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::tls;
 
 /// A byte stream cut into messages.
-pub type Frames<S> = Framed<S, LengthDelimitedCodec>;
+pub type MessageStream<S> = Framed<S, LengthDelimitedCodec>;
 
 /// Why two ends did not come together.
 #[derive(Debug, thiserror::Error)]
@@ -63,7 +63,7 @@ pub async fn introduce<S>(
     role: Role,
     hello: &Hello,
     secret: &Secret,
-) -> Result<(Frames<S>, Welcome), ConnectionError>
+) -> Result<(MessageStream<S>, Welcome), ConnectionError>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
@@ -100,12 +100,12 @@ where
     if let Some(error) = version_error {
         return Err(error.into());
     }
-    match crate::framing::decode::<Answer>(&answer??)? {
-        Answer::Refused(Refused { reason }) => Err(ConnectionError::Refused(reason)),
-        Answer::Welcome(_, proof) if !proof.is(&nonces.proof_of_manager(secret)) => {
+    match crate::framing::decode::<HelloReply>(&answer??)? {
+        HelloReply::Refused(Rejection { reason }) => Err(ConnectionError::Refused(reason)),
+        HelloReply::Welcome(_, proof) if !proof.is(&nonces.proof_of_manager(secret)) => {
             Err(ConnectionError::Unproven)
         }
-        Answer::Welcome(welcome, _) => Ok((widen(frames, role), welcome)),
+        HelloReply::Welcome(welcome, _) => Ok((widen(frames, role), welcome)),
     }
 }
 
@@ -113,7 +113,7 @@ where
 #[derive(Debug)]
 pub struct Introduced<S> {
     /// Its connection.
-    pub frames: Frames<S>,
+    pub frames: MessageStream<S>,
     /// What it says of itself.
     pub hello: Hello,
     /// Whether it knows the token.
@@ -184,11 +184,11 @@ fn refusal_of(error: &PreambleError) -> String {
 ///
 /// # Errors
 /// [`ConnectionError::Io`] where it can't be told.
-pub async fn refuse<S>(frames: &mut Frames<S>, reason: String) -> Result<(), ConnectionError>
+pub async fn refuse<S>(frames: &mut MessageStream<S>, reason: String) -> Result<(), ConnectionError>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    let answer = Answer::Refused(Refused { reason });
+    let answer = HelloReply::Refused(Rejection { reason });
     frames.send(polyptych_codec::encode(&answer)).await?;
     Ok(())
 }
@@ -218,14 +218,14 @@ where
 /// # Errors
 /// [`ConnectionError::Io`] where it can't be told.
 pub async fn welcome<S>(
-    frames: &mut Frames<S>,
+    frames: &mut MessageStream<S>,
     welcome: Welcome,
     proof: Proof,
 ) -> Result<(), ConnectionError>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    frames.send(polyptych_codec::encode(&Answer::Welcome(welcome, proof))).await?;
+    frames.send(polyptych_codec::encode(&HelloReply::Welcome(welcome, proof))).await?;
     Ok(())
 }
 
@@ -257,7 +257,7 @@ async fn read_exactly<S: AsyncRead + Unpin>(
 }
 
 /// After the handshake a peer is trusted with larger messages.
-fn widen<S>(mut frames: Frames<S>, role: Role) -> Frames<S> {
+fn widen<S>(mut frames: MessageStream<S>, role: Role) -> MessageStream<S> {
     let bytes_max = if role == Role::Bulk { BULK_BYTES_MAX } else { MESSAGE_BYTES_MAX };
     frames.codec_mut().set_max_frame_length(bytes_max);
     frames

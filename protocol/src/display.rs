@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// every mode, and captures are of what is drawn: a mode is a matter of displays only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum DisplayMode {
+pub enum OutputMode {
     /// The wall's picture.
     #[default]
     Normal,
@@ -20,7 +20,7 @@ pub enum DisplayMode {
     Freeze,
 }
 
-impl DisplayMode {
+impl OutputMode {
     /// As commands and JSON call it.
     pub fn name(self) -> &'static str {
         match self {

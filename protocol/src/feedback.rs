@@ -5,9 +5,9 @@ use std::fmt;
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
-use crate::display::DisplayMode;
+use crate::display::OutputMode;
 use crate::ids::{Digest, Epoch, FrameId, Revision};
-use crate::pattern::Pattern;
+use crate::pattern::TestPattern;
 use crate::progress::Opening;
 
 /// Where a channel stands.
@@ -48,7 +48,7 @@ impl fmt::Display for ChannelState {
     }
 }
 
-/// Which displays showed a frame; see [`Feedback::shown`].
+/// Which displays showed a frame; see [`FrameFeedback::shown`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shown {
@@ -62,7 +62,7 @@ pub enum Shown {
 
 /// What a frame became.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Feedback {
+pub struct FrameFeedback {
     /// The frame.
     pub frame: FrameId,
     /// Scene time in seconds.
@@ -80,7 +80,7 @@ pub struct Feedback {
     pub channels: Vec<ChannelFeedback>,
 }
 
-impl Feedback {
+impl FrameFeedback {
     /// Returns which displays showed the frame. A frame is done whether or not anybody saw it: a
     /// wall without servers makes frames too, which are [`Shown::ByNone`].
     pub fn shown(&self) -> Shown {
@@ -183,9 +183,9 @@ pub struct WallStatus {
     /// Present length of the frame deadline.
     pub deadline_ms: f64,
     /// What all displays show.
-    pub displays: DisplayMode,
+    pub displays: OutputMode,
     /// What channels draw instead of the scene.
-    pub pattern: Option<Pattern>,
+    pub pattern: Option<TestPattern>,
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelStatus>,
     /// Connected clients, by name.
@@ -251,14 +251,14 @@ pub struct Statistics {
     pub seconds: f64,
     /// From frame command to swap command, in milliseconds; of frames whose deadline passed, that
     /// long. Frames that waited for no channel are left out.
-    pub frame_ms: Spread,
+    pub frame_ms: Quantiles,
     /// The slowest waited-for channel's own drawing time, in milliseconds, of frames that at least
     /// one of these had drawn when they were swapped.
-    pub draw_ms: Spread,
+    pub draw_ms: Quantiles,
     /// What of a frame the slowest channel did not draw, in microseconds.
-    pub barrier_us: Spread,
+    pub barrier_us: Quantiles,
     /// From the first to the last channel's present call of a frame, in microseconds.
-    pub swap_skew_us: Spread,
+    pub swap_skew_us: Quantiles,
     /// Deadlines missed, over all channels.
     pub late: u64,
     /// Of the last frame, over all channels.
@@ -285,11 +285,11 @@ pub struct ChannelStatistics {
     /// Frames shown.
     pub frames: u64,
     /// From frame command to the arrival of its report, in milliseconds; late reports too.
-    pub frame_ms: Spread,
+    pub frame_ms: Quantiles,
     /// Its own drawing time, in milliseconds.
-    pub draw_ms: Spread,
+    pub draw_ms: Quantiles,
     /// Its present call after the first channel's of the same frame, in microseconds.
-    pub swap_skew_us: Spread,
+    pub swap_skew_us: Quantiles,
     /// How far off its clock estimate may be, in microseconds.
     pub clock_error_us: u32,
     /// The longest time between two shown frames.
@@ -309,7 +309,7 @@ pub struct ChannelStatistics {
 
 /// Where a set of measurements lies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Spread {
+pub struct Quantiles {
     /// How many.
     pub count: u64,
     /// Half are below.
@@ -322,7 +322,7 @@ pub struct Spread {
     pub max: f64,
 }
 
-impl Spread {
+impl Quantiles {
     /// Where these values lie: the quantile q is the least value that q of all do not exceed.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let mut sorted: Vec<f64> = values.into_iter().collect();
@@ -344,14 +344,14 @@ pub struct Tuned {
     /// Frames that were begun from the request to the first one with it, that one among them.
     pub frames: u64,
     /// What the first frame with it became: which displays show it, and which do not.
-    pub feedback: Feedback,
+    pub feedback: FrameFeedback,
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn feedback(channels: &[(ChannelState, Option<u32>)]) -> Feedback {
+    fn feedback(channels: &[(ChannelState, Option<u32>)]) -> FrameFeedback {
         let channel = |(state, draw_us): &(ChannelState, Option<u32>)| ChannelFeedback {
             name: format!("{state}-{}", draw_us.is_some()),
             state: *state,
@@ -363,7 +363,7 @@ mod tests {
             draw_calls: 0,
             skew: Skew::default(),
         };
-        Feedback {
+        FrameFeedback {
             frame: FrameId(1),
             time_s: 0.0,
             revision: Revision(1),
@@ -400,10 +400,10 @@ mod tests {
 
     #[test]
     fn quantiles_are_values_that_were_measured() {
-        let spread = Spread::of((1..=100).rev().map(f64::from));
-        let expected = Spread { count: 100, p50: 50.0, p95: 95.0, p99: 99.0, max: 100.0 };
+        let spread = Quantiles::of((1..=100).rev().map(f64::from));
+        let expected = Quantiles { count: 100, p50: 50.0, p95: 95.0, p99: 99.0, max: 100.0 };
         assert_eq!(spread, expected);
-        assert_eq!(Spread::of([]), Spread::default());
-        assert_eq!(Spread::of([7.0]).p50, 7.0);
+        assert_eq!(Quantiles::of([]), Quantiles::default());
+        assert_eq!(Quantiles::of([7.0]).p50, 7.0);
     }
 }

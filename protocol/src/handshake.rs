@@ -244,16 +244,16 @@ pub struct Adapter {
 
 /// The manager's answer to a [`Hello`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Answer {
+pub enum HelloReply {
     /// No, and why. It is the first variant in every version, so that all can read it.
-    Refused(Refused),
+    Refused(Rejection),
     /// Come in.
     Welcome(Welcome, Proof),
 }
 
 /// Why a peer may not come in.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Refused {
+pub struct Rejection {
     /// For the log and the operator.
     pub reason: String,
 }

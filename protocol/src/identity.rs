@@ -21,7 +21,7 @@ const HEX_LABEL_BYTES: usize = 28;
 
 /// A node of the wall.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Identity {
+pub enum NodeIdentity {
     /// The one process that decides.
     Manager,
     /// A render server, by its name in the wall file.
@@ -30,7 +30,7 @@ pub enum Identity {
     Client(String),
 }
 
-impl Identity {
+impl NodeIdentity {
     /// The DNS name that its certificate has.
     pub fn dns_name(&self) -> String {
         match self {
@@ -40,7 +40,7 @@ impl Identity {
         }
     }
 
-    /// The node that has this DNS name, if any: exactly what [`Identity::dns_name`] writes.
+    /// The node that has this DNS name, if any: exactly what [`NodeIdentity::dns_name`] writes.
     pub fn from_dns_name(text: &str) -> Option<Self> {
         let node = text.strip_suffix(DOMAIN)?.strip_suffix('.')?;
         let identity = match node.rsplit_once('.') {
@@ -84,7 +84,7 @@ impl Identity {
     }
 }
 
-impl fmt::Display for Identity {
+impl fmt::Display for NodeIdentity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Manager => f.write_str("the manager"),
@@ -133,16 +133,16 @@ mod tests {
     #[test]
     fn names_are_written_as_dns_can_hold_them() {
         for (identity, dns_name) in [
-            (Identity::Manager, "manager.polyptych"),
-            (Identity::Server("front-1-1".into()), "front-1-1.server.polyptych"),
-            (Identity::Client("operator".into()), "operator.client.polyptych"),
-            (Identity::Server("Left".into()), "hex-4c656674.server.polyptych"),
-            (Identity::Server("a.b".into()), "hex-612e62.server.polyptych"),
-            (Identity::Client("hex-61".into()), "hex-6865782d3631.client.polyptych"),
-            (Identity::Server("*".into()), "hex-2a.server.polyptych"),
+            (NodeIdentity::Manager, "manager.polyptych"),
+            (NodeIdentity::Server("front-1-1".into()), "front-1-1.server.polyptych"),
+            (NodeIdentity::Client("operator".into()), "operator.client.polyptych"),
+            (NodeIdentity::Server("Left".into()), "hex-4c656674.server.polyptych"),
+            (NodeIdentity::Server("a.b".into()), "hex-612e62.server.polyptych"),
+            (NodeIdentity::Client("hex-61".into()), "hex-6865782d3631.client.polyptych"),
+            (NodeIdentity::Server("*".into()), "hex-2a.server.polyptych"),
         ] {
             assert_eq!(identity.dns_name(), dns_name);
-            assert_eq!(Identity::from_dns_name(dns_name), Some(identity));
+            assert_eq!(NodeIdentity::from_dns_name(dns_name), Some(identity));
         }
         for dns_name in [
             "polyptych",
@@ -164,7 +164,7 @@ mod tests {
             "hex-.server.polyptych",
             "hex-+a.server.polyptych",
         ] {
-            assert_eq!(Identity::from_dns_name(dns_name), None, "{dns_name}");
+            assert_eq!(NodeIdentity::from_dns_name(dns_name), None, "{dns_name}");
         }
     }
 
@@ -172,16 +172,16 @@ mod tests {
         #[test]
         fn every_name_comes_back_and_fits_dns(name in ".{1,64}", is_server: bool) {
             prop_assume!(name.len() <= NAME_BYTES_MAX);
-            let identity = if is_server { Identity::Server(name) } else { Identity::Client(name) };
+            let identity = if is_server { NodeIdentity::Server(name) } else { NodeIdentity::Client(name) };
             let dns_name = identity.dns_name();
             prop_assert!(ServerName::try_from(dns_name.as_str()).is_ok(), "{}", dns_name);
-            prop_assert_eq!(Identity::from_dns_name(&dns_name), Some(identity));
+            prop_assert_eq!(NodeIdentity::from_dns_name(&dns_name), Some(identity));
         }
 
         #[test]
         fn two_names_are_never_one(a in "[A-Za-z0-9._-]{1,6}", b in "[A-Za-z0-9._-]{1,6}") {
             prop_assume!(a != b);
-            let [a, b] = [a, b].map(|name| Identity::Server(name).dns_name());
+            let [a, b] = [a, b].map(|name| NodeIdentity::Server(name).dns_name());
             prop_assert!(!a.eq_ignore_ascii_case(&b));
         }
     }

@@ -20,7 +20,7 @@ use tokio_rustls::rustls::version::TLS13;
 use tokio_rustls::rustls::{ClientConfig, Error, RootCertStore, ServerConfig};
 use tokio_rustls::{TlsAcceptor, TlsConnector};
 
-use crate::identity::Identity;
+use crate::identity::NodeIdentity;
 use crate::tls;
 
 /// Names a client's folder of keys. Servers and managers are told by `--keys` only: one
@@ -44,7 +44,7 @@ const WARN_TIME: Duration = Duration::from_hours(60 * 24);
 
 /// Why keys cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub enum KeysError {
+pub enum CredentialsError {
     /// A file is missing.
     #[error(
         "{path} is not there; --keys takes a node's folder, as polyptych keys WALL.toml makes it"
@@ -80,7 +80,7 @@ pub enum KeysError {
         /// The certificate.
         path: PathBuf,
         /// Whose it is.
-        identity: Identity,
+        identity: NodeIdentity,
     },
     /// The keys are good, but another node's.
     #[error("{path} is the certificate of {found}, and that of {wanted} is needed")]
@@ -88,7 +88,7 @@ pub enum KeysError {
         /// The certificate.
         path: PathBuf,
         /// Whose it is.
-        found: Identity,
+        found: NodeIdentity,
         /// Whose it must be.
         wanted: String,
     },
@@ -96,21 +96,21 @@ pub enum KeysError {
 
 /// A node's keys, checked.
 #[derive(Clone)]
-pub struct Keys {
+pub struct Credentials {
     certificate: PathBuf,
-    identity: Identity,
+    identity: NodeIdentity,
     warnings: Vec<String>,
-    side: Side,
+    side: TlsSide,
 }
 
 /// A manager accepts, all others connect.
 #[derive(Clone)]
-enum Side {
+enum TlsSide {
     Manager(TlsAcceptor),
     Node(TlsConnector, ServerName<'static>),
 }
 
-impl fmt::Debug for Keys {
+impl fmt::Debug for Credentials {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { certificate, identity, .. } = self;
         f.debug_struct("Keys")
@@ -120,13 +120,13 @@ impl fmt::Debug for Keys {
     }
 }
 
-impl Keys {
+impl Credentials {
     /// Reads and checks a node's folder.
     ///
     /// # Errors
-    /// [`KeysError`], which names the file: missing, malformed, of another authority, not valid
+    /// [`CredentialsError`], which names the file: missing, malformed, of another authority, not valid
     /// now, open to other users, or a key that does not fit its certificate.
-    pub fn load(folder: &Path) -> Result<Self, KeysError> {
+    pub fn load(folder: &Path) -> Result<Self, CredentialsError> {
         let path = |name: &str| folder.join(name);
         let certificate = certificate(&path(CERTIFICATE_FILE))?;
         let authority = certificate_of(&path(AUTHORITY_FILE), "a certificate authority's")?;
@@ -134,19 +134,23 @@ impl Keys {
         let key = PrivateKeyDer::from_pem_slice(&key_bytes)
             .map_err(|error| unfit(&path(KEY_FILE), format!("it holds no private key: {error}")))?;
         let unfit_certificate = |what| unfit(&path(CERTIFICATE_FILE), what);
-        let identity = Identity::of_certificate(&certificate).map_err(unfit_certificate)?;
+        let identity = NodeIdentity::of_certificate(&certificate).map_err(unfit_certificate)?;
 
         let mut roots = RootCertStore::empty();
         roots.add(authority).map_err(|error| {
             unfit(&path(AUTHORITY_FILE), format!("it is no authority's certificate: {error}"))
         })?;
-        let judge = Judge { provider: Arc::new(ring::default_provider()), roots: Arc::new(roots) };
+        let judge =
+            PeerVerifier { provider: Arc::new(ring::default_provider()), roots: Arc::new(roots) };
         let now = UnixTime::now();
         let verdict = |at| judge.verify(&identity, &certificate, at);
         match verdict(now) {
             Ok(()) => {}
             Err(Error::InvalidCertificate(fault)) if tls::is_not_yet_valid(&fault) => {
-                return Err(KeysError::NotYetValid { path: path(CERTIFICATE_FILE), identity });
+                return Err(CredentialsError::NotYetValid {
+                    path: path(CERTIFICATE_FILE),
+                    identity,
+                });
             }
             Err(error) => return Err(unfit_certificate(own_fault(&error))),
         }
@@ -161,9 +165,9 @@ impl Keys {
             ));
         }
         let facts = fs::metadata(path(KEY_FILE))
-            .map_err(|source| KeysError::Io { path: path(KEY_FILE), source })?;
+            .map_err(|source| CredentialsError::Io { path: path(KEY_FILE), source })?;
         if let Some(fault) = private_file::fault(&path(KEY_FILE), &facts) {
-            return Err(KeysError::Open(fault));
+            return Err(CredentialsError::Open(fault));
         }
         let side = judge.side(&identity, certificate, key);
         let side = side.map_err(|error| {
@@ -173,7 +177,7 @@ impl Keys {
     }
 
     /// Whose they are.
-    pub fn identity(&self) -> &Identity {
+    pub fn identity(&self) -> &NodeIdentity {
         &self.identity
     }
 
@@ -185,18 +189,18 @@ impl Keys {
     /// That they are this node's.
     ///
     /// # Errors
-    /// [`KeysError::AnotherNode`].
-    pub fn require(&self, wanted: &Identity) -> Result<(), KeysError> {
+    /// [`CredentialsError::AnotherNode`].
+    pub fn require(&self, wanted: &NodeIdentity) -> Result<(), CredentialsError> {
         if self.identity == *wanted { Ok(()) } else { Err(self.of_another(wanted.to_string())) }
     }
 
     /// The name of the render server whose they are.
     ///
     /// # Errors
-    /// [`KeysError::AnotherNode`].
-    pub fn server_name(&self) -> Result<&str, KeysError> {
+    /// [`CredentialsError::AnotherNode`].
+    pub fn server_name(&self) -> Result<&str, CredentialsError> {
         match &self.identity {
-            Identity::Server(name) => Ok(name),
+            NodeIdentity::Server(name) => Ok(name),
             _ => Err(self.of_another("a server".into())),
         }
     }
@@ -204,41 +208,41 @@ impl Keys {
     /// The name of the client whose they are.
     ///
     /// # Errors
-    /// [`KeysError::AnotherNode`].
-    pub fn client_name(&self) -> Result<&str, KeysError> {
+    /// [`CredentialsError::AnotherNode`].
+    pub fn client_name(&self) -> Result<&str, CredentialsError> {
         match &self.identity {
-            Identity::Client(name) => Ok(name),
+            NodeIdentity::Client(name) => Ok(name),
             _ => Err(self.of_another("a client".into())),
         }
     }
 
-    fn of_another(&self, wanted: String) -> KeysError {
+    fn of_another(&self, wanted: String) -> CredentialsError {
         let (path, found) = (self.certificate.clone(), self.identity.clone());
-        KeysError::AnotherNode { path, found, wanted }
+        CredentialsError::AnotherNode { path, found, wanted }
     }
 
     /// The manager's side of TLS; `None` for the keys of other nodes.
     pub(crate) fn acceptor(&self) -> Option<&TlsAcceptor> {
-        if let Side::Manager(acceptor) = &self.side { Some(acceptor) } else { None }
+        if let TlsSide::Manager(acceptor) = &self.side { Some(acceptor) } else { None }
     }
 
     /// The side of everyone else, and whom to expect; `None` for a manager's keys.
     pub(crate) fn connector(&self) -> Option<(&TlsConnector, &ServerName<'static>)> {
-        if let Side::Node(connector, name) = &self.side { Some((connector, name)) } else { None }
+        if let TlsSide::Node(connector, name) = &self.side { Some((connector, name)) } else { None }
     }
 }
 
 /// Checks certificates against one authority.
-struct Judge {
+struct PeerVerifier {
     provider: Arc<CryptoProvider>,
     roots: Arc<RootCertStore>,
 }
 
-impl Judge {
+impl PeerVerifier {
     /// Whether the other side would believe this certificate then.
     fn verify(
         &self,
-        identity: &Identity,
+        identity: &NodeIdentity,
         certificate: &CertificateDer<'_>,
         at: UnixTime,
     ) -> Result<(), Error> {
@@ -248,13 +252,13 @@ impl Judge {
             Error::General(error.to_string())
         };
         match identity {
-            Identity::Manager => {
+            NodeIdentity::Manager => {
                 let verifier = WebPkiServerVerifier::builder_with_provider(roots, provider);
                 let verifier = verifier.build().map_err(no_verifier)?;
                 let name = manager_name()?;
                 verifier.verify_server_cert(certificate, &[], &name, &[], at).map(drop)
             }
-            Identity::Server(_) | Identity::Client(_) => {
+            NodeIdentity::Server(_) | NodeIdentity::Client(_) => {
                 let verifier = WebPkiClientVerifier::builder_with_provider(roots, provider);
                 let verifier = verifier.build().map_err(no_verifier)?;
                 verifier.verify_client_cert(certificate, &[], at).map(drop)
@@ -264,13 +268,13 @@ impl Judge {
 
     fn side(
         self,
-        identity: &Identity,
+        identity: &NodeIdentity,
         certificate: CertificateDer<'static>,
         key: PrivateKeyDer<'static>,
-    ) -> Result<Side, Error> {
+    ) -> Result<TlsSide, Error> {
         let Self { provider, roots } = self;
         let chain = vec![certificate];
-        if *identity == Identity::Manager {
+        if *identity == NodeIdentity::Manager {
             let verifier = WebPkiClientVerifier::builder_with_provider(roots, provider.clone())
                 .build()
                 .map_err(|error| Error::General(error.to_string()))?;
@@ -280,39 +284,39 @@ impl Judge {
             let mut config = config.with_single_cert(chain, key)?;
             config.session_storage = Arc::new(NoServerSessionStorage {});
             config.send_tls13_tickets = 0;
-            Ok(Side::Manager(Arc::new(config).into()))
+            Ok(TlsSide::Manager(Arc::new(config).into()))
         } else {
             let config = ClientConfig::builder_with_provider(provider);
             let config = config.with_protocol_versions(&[&TLS13])?;
             let config = config.with_root_certificates(roots);
             let mut config = config.with_client_auth_cert(chain, key)?;
             config.resumption = Resumption::disabled();
-            Ok(Side::Node(Arc::new(config).into(), manager_name()?))
+            Ok(TlsSide::Node(Arc::new(config).into(), manager_name()?))
         }
     }
 }
 
 /// The name that every manager's certificate has.
 fn manager_name() -> Result<ServerName<'static>, Error> {
-    let name = ServerName::try_from(Identity::Manager.dns_name());
+    let name = ServerName::try_from(NodeIdentity::Manager.dns_name());
     name.map_err(|error| Error::General(error.to_string()))
 }
 
 /// The one certificate in a file.
 ///
 /// # Errors
-/// [`KeysError`] where there is none.
-pub fn certificate(path: &Path) -> Result<CertificateDer<'static>, KeysError> {
+/// [`CredentialsError`] where there is none.
+pub fn certificate(path: &Path) -> Result<CertificateDer<'static>, CredentialsError> {
     certificate_of(path, "a node's")
 }
 
-fn certificate_of(path: &Path, whose: &str) -> Result<CertificateDer<'static>, KeysError> {
+fn certificate_of(path: &Path, whose: &str) -> Result<CertificateDer<'static>, CredentialsError> {
     CertificateDer::from_pem_slice(&read(path)?)
         .map_err(|error| unfit(path, format!("it is not {whose} certificate: {error}")))
 }
 
-fn unfit(path: &Path, what: String) -> KeysError {
-    KeysError::Unfit { path: path.to_owned(), what }
+fn unfit(path: &Path, what: String) -> CredentialsError {
+    CredentialsError::Unfit { path: path.to_owned(), what }
 }
 
 /// What is wrong with this end's own certificate.
@@ -324,10 +328,10 @@ fn own_fault(error: &Error) -> String {
 }
 
 /// A small plain file, whole.
-fn read(path: &Path) -> Result<Vec<u8>, KeysError> {
+fn read(path: &Path) -> Result<Vec<u8>, CredentialsError> {
     let io_error = |source: io::Error| match source.kind() {
-        io::ErrorKind::NotFound => KeysError::NotThere { path: path.to_owned() },
-        _ => KeysError::Io { path: path.to_owned(), source },
+        io::ErrorKind::NotFound => CredentialsError::NotThere { path: path.to_owned() },
+        _ => CredentialsError::Io { path: path.to_owned(), source },
     };
     let facts = fs::metadata(path).map_err(io_error)?;
     // A device has no length and no end either.

@@ -4,7 +4,7 @@
 
 use glam::DVec2;
 use polyptych_files::blob::BlobHash;
-use polyptych_wall::{Adjustment, ChannelId, Wall};
+use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
 use crate::ids::{Digest, Revision};
@@ -20,7 +20,7 @@ pub enum Operation {
         /// Its index in the wall.
         channel: ChannelId,
         /// All of its adjustment.
-        adjustment: Box<Adjustment>,
+        adjustment: Box<ChannelCalibration>,
     },
     /// Points of a channel's bend are moved.
     MoveBend {
@@ -98,7 +98,7 @@ fn part(kind: u8, bytes: &[u8]) -> u64 {
     hash.as_bytes().iter().take(8).fold(0u64, |sum, &byte| (sum << 8) | u64::from(byte))
 }
 
-fn part_of_adjustment(index: usize, adjustment: &Adjustment) -> u64 {
+fn part_of_adjustment(index: usize, adjustment: &ChannelCalibration) -> u64 {
     part(4, &polyptych_codec::encode(&(index as u64, adjustment)))
 }
 
@@ -108,7 +108,7 @@ impl Parts {
         let adjustments = adjustments.map(|(index, of)| part_of_adjustment(index, of)).collect();
         let mut bare = wall.clone();
         for channel in &mut bare.channels {
-            channel.adjustment = Adjustment::default();
+            channel.adjustment = ChannelCalibration::default();
         }
         Self { wall: part(1, &polyptych_codec::encode(&bare)), adjustments }
     }
@@ -141,7 +141,7 @@ impl Replica {
     }
 
     /// Changes a channel's adjustment. What a wall does not have is left alone: the digest tells.
-    fn adjust(&mut self, channel: ChannelId, change: impl FnOnce(&mut Adjustment)) {
+    fn adjust(&mut self, channel: ChannelId, change: impl FnOnce(&mut ChannelCalibration)) {
         let index = usize::from(channel.0);
         let channel = self.wall.as_mut().and_then(|wall| wall.channels.get_mut(index));
         if let (Some(channel), Some(part)) = (channel, self.parts.adjustments.get_mut(index)) {
@@ -184,7 +184,7 @@ mod tests {
 
     use super::*;
     use polyptych_wall::Channel;
-    use polyptych_wall::adjustment::Bend;
+    use polyptych_wall::adjustment::ControlGrid;
 
     #[test]
     fn a_snapshot_folds_to_the_same_digest() {
@@ -207,8 +207,9 @@ mod tests {
         let wall = Wall::new("w", Vec::new(), vec![tile("a"), tile("b")]);
         let mut replica = Replica::default();
         replica.apply(Operation::SetWall(Box::new(wall)));
-        let bend = Bend { points: UVec2::splat(2), moves: vec![DVec2::ZERO; 4].into() };
-        let adjustment = Box::new(Adjustment { bend: Some(bend), ..Adjustment::default() });
+        let bend = ControlGrid { points: UVec2::splat(2), moves: vec![DVec2::ZERO; 4].into() };
+        let adjustment =
+            Box::new(ChannelCalibration { bend: Some(bend), ..ChannelCalibration::default() });
         let channel = ChannelId(1);
         for operation in [
             Operation::Adjust { channel, adjustment },

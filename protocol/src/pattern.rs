@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// with the same frame, captures show it, and a server that joins has it with its first one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Pattern {
+pub enum TestPattern {
     /// Lines along the screen, with the numbers of the canvas's pixels and the channel's name:
     /// where channels overlap, their lines fall together.
     Grid,
@@ -31,7 +31,7 @@ pub enum Pattern {
     Border,
 }
 
-impl Pattern {
+impl TestPattern {
     /// All there are.
     pub const ALL: [Self; 10] = [
         Self::Grid,
@@ -91,10 +91,10 @@ mod tests {
 
     #[test]
     fn names_are_those_of_json_and_come_back() {
-        for pattern in Pattern::ALL {
-            assert_eq!(Pattern::named(pattern.name()), Some(pattern));
+        for pattern in TestPattern::ALL {
+            assert_eq!(TestPattern::named(pattern.name()), Some(pattern));
             assert_eq!(serde_json::to_value(pattern).expect("JSON"), pattern.name());
         }
-        assert_eq!(Pattern::named("plasma"), None);
+        assert_eq!(TestPattern::named("plasma"), None);
     }
 }

@@ -8,21 +8,21 @@ use polyptych_scene::{Bounds, SceneFeatures};
 use polyptych_text::text_of_peer;
 use polyptych_wall::Wall;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
-use polyptych_wall::tuning::Change;
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::tuning::CalibrationChange;
 use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
 use crate::command::Goodbye;
-use crate::display::DisplayMode;
-use crate::feedback::{Feedback, Statistics, Tuned, WallStatus};
+use crate::display::OutputMode;
+use crate::feedback::{FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::ids::{FrameId, RequestId, Revision};
-use crate::pattern::Pattern;
+use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
 
 /// A message from a client.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Call {
+pub struct RequestMessage {
     /// The client's own number, unique among its open requests.
     pub id: RequestId,
     /// What it asks.
@@ -55,7 +55,7 @@ pub enum Request {
         time_s: Option<f64>,
     },
     /// Goes on drawing frames by itself.
-    Run(Pace),
+    Run(Pacing),
     /// Stops that.
     Pause,
     /// Draws and shows one frame, and sends its pictures.
@@ -75,10 +75,10 @@ pub enum Request {
     Stop,
     /// Changes what all displays show; answered by the feedback of the frame that carries it. A
     /// wall that is paused makes one for it.
-    SetDisplays(DisplayMode),
+    SetDisplays(OutputMode),
     /// Moves the viewer's head, from the next frame on; refused where one of its eyes would not
     /// see the front of a screen.
-    SetHead(Head),
+    SetHead(HeadPose),
     /// Lays these views over the wall's own picture, later ones over earlier ones, from the next
     /// frame on; none: takes them away.
     SetViews(Vec<View>),
@@ -86,14 +86,14 @@ pub enum Request {
     DescribeSight,
     /// Lets all channels draw a test pattern instead of the scene, or the scene again; answered
     /// as [`Request::SetDisplays`] is.
-    SetPattern(Option<Pattern>),
+    SetPattern(Option<TestPattern>),
     /// Changes a channel's adjustment, all of it or nothing; answered once a frame with it was
     /// swapped. A wall that is paused makes one for it.
     Tune {
         /// The channel's name.
         channel: String,
         /// What to change, in order.
-        changes: Vec<Change>,
+        changes: Vec<CalibrationChange>,
     },
     /// Ends all servers and then the manager; answered with what became of the servers.
     StopServers,
@@ -139,7 +139,7 @@ impl Request {
 
 /// How fast the wall draws by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Pace {
+pub enum Pacing {
     /// As fast as its slowest live channel.
     Free,
     /// At this many frames per second, if it can.
@@ -148,18 +148,18 @@ pub enum Pace {
 
 /// A message to a client.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Answer {
+pub enum MessageToClient {
     /// The one answer to a request.
     Reply {
         /// The client's number of the request.
         id: RequestId,
         /// What came of it.
-        reply: Result<Reply, Failure>,
+        reply: Result<Response, RequestError>,
     },
     /// What a frame became, for those who subscribed.
-    Feedback(Feedback),
+    Feedback(FrameFeedback),
     /// A piece of a picture; all pieces come before the reply to the capture.
-    Picture(PicturePart),
+    Picture(ImageChunk),
     /// The manager ends the connection.
     Goodbye(Goodbye),
     /// How far a request to open a scene has come: with every percent at most, and at least every
@@ -182,16 +182,16 @@ pub enum Answer {
 
 /// What came of a request that succeeded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Reply {
+pub enum Response {
     /// It was done.
     Done,
     /// To [`Request::OpenScene`].
     SceneOpened(SceneSummary),
     /// To [`Request::RenderFrame`], [`Request::SetDisplays`] and [`Request::SetPattern`]: the frame
     /// from which on it holds.
-    Frame(Feedback),
+    Frame(FrameFeedback),
     /// To [`Request::Capture`]: which frame, and the pictures that were sent before this.
-    Captured(Captured),
+    Captured(CaptureInfo),
     /// To [`Request::Status`].
     Status(Box<WallStatus>),
     /// To [`Request::DescribeWall`].
@@ -199,14 +199,14 @@ pub enum Reply {
     /// To [`Request::Statistics`].
     Statistics(Box<Statistics>),
     /// To [`Request::DescribeSight`].
-    Sight(Box<Sight>),
+    Sight(Box<ViewState>),
     /// To [`Request::Tune`].
     Tuned(Tuned),
     /// To [`Request::StopServers`].
     ServersStopped(StoppedServers),
 }
 
-impl Reply {
+impl Response {
     /// Returns whether it says that something has changed, which then must outlive the manager.
     pub fn tells_of_change(&self) -> bool {
         match self {
@@ -237,11 +237,11 @@ pub struct StoppedServers {
 
 /// What the wall looks at, and from where.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Sight {
+pub struct ViewState {
     /// Where display space stands in the scene, for the wall's own picture.
     pub camera: Camera,
     /// Where the viewer's eyes are.
-    pub head: Head,
+    pub head: HeadPose,
     /// What lies over the wall's own picture, later ones over earlier ones.
     pub views: Vec<View>,
 }
@@ -249,13 +249,13 @@ pub struct Sight {
 /// Why a request was not done; the wall is as it was before.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[error("{reason}")]
-pub struct Failure {
+pub struct RequestError {
     /// What failed and where, and what would be right.
     #[serde(deserialize_with = "text_of_peer")]
     pub reason: String,
 }
 
-impl Failure {
+impl RequestError {
     /// A failure for this reason.
     pub fn new(reason: impl Into<String>) -> Self {
         Self { reason: reason.into() }
@@ -287,11 +287,11 @@ pub struct SceneSummary {
 
 /// The pictures of one frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Captured {
+pub struct CaptureInfo {
     /// The frame that they all show.
     pub frame: FrameId,
     /// One for each screen, then one for each channel.
-    pub pictures: Vec<PictureInfo>,
+    pub pictures: Vec<ImageInfo>,
     /// Channels that sent none, with the reason; their part of the screen is left dark.
     #[serde(deserialize_with = "text_of_peer")]
     pub missing: Vec<(String, String)>,
@@ -299,7 +299,7 @@ pub struct Captured {
 
 /// What a picture shows.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct PictureInfo {
+pub struct ImageInfo {
     /// Of the screen or channel.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
@@ -314,10 +314,10 @@ pub struct PictureInfo {
 /// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a picture: sRGB RGBA8,
 /// rows from the top.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PicturePart {
+pub struct ImageChunk {
     /// The capture that it answers.
     pub id: RequestId,
-    /// Its place in [`Captured::pictures`].
+    /// Its place in [`CaptureInfo::pictures`].
     pub index: u32,
     /// The bytes, following those that came before.
     pub bytes: Bytes,

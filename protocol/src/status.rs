@@ -9,7 +9,7 @@ use crate::navigation::Navigation;
 
 /// One message from a render server to the manager.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Status {
+pub enum ServerMessage {
     /// It could draw this revision at once.
     Prepared(Prepared),
     /// It cannot draw this revision.
@@ -23,7 +23,7 @@ pub enum Status {
         reason: String,
     },
     /// A channel has drawn a frame into its own target; nothing is shown yet.
-    Drawn(Drawn),
+    Drawn(FrameRendered),
     /// A channel could not draw a frame.
     DrawFailed {
         /// Which channel.
@@ -35,7 +35,7 @@ pub enum Status {
         reason: String,
     },
     /// A channel has shown a frame.
-    Shown(Shown),
+    Shown(FramePresented),
     /// A sign of life, and the first timestamp of a clock estimate.
     Ping(Ping),
     /// The mouse over a window moves the wall's camera.
@@ -80,7 +80,7 @@ pub struct Prepared {
 
 /// A channel has drawn a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Drawn {
+pub struct FrameRendered {
     /// Which life of the manager.
     pub epoch: Epoch,
     /// The frame.
@@ -101,7 +101,7 @@ pub struct Drawn {
 
 /// A channel has shown a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Shown {
+pub struct FramePresented {
     /// Which life of the manager.
     pub epoch: Epoch,
     /// The frame.

@@ -15,8 +15,8 @@ use tokio::net::TcpStream;
 use tokio_rustls::TlsStream;
 
 use crate::connection;
-use crate::identity::Identity;
-use crate::keys::Keys;
+use crate::identity::NodeIdentity;
+use crate::keys::Credentials;
 use crate::limits::HANDSHAKE_BYTES_MAX;
 use crate::tls;
 
@@ -32,7 +32,7 @@ pub enum Stream {
     /// In the clear.
     Plain(TcpStream),
     /// Encrypted, with both sides authenticated.
-    Tls(Box<TlsStream<Metered>>),
+    Tls(Box<TlsStream<LimitedStream>>),
 }
 
 /// How long a connection may be idle before the system asks whether the other end is there, how
@@ -79,7 +79,7 @@ pub fn deepen_queue(listener: &std::net::TcpListener) -> io::Result<()> {
 
 /// Why no manager was reached.
 #[derive(Debug, thiserror::Error)]
-pub enum DialError {
+pub enum ConnectError {
     /// The address names no machine.
     #[error("{0}")]
     Unresolved(io::Error),
@@ -109,21 +109,21 @@ fn in_the_clear(address: &SocketAddr) -> String {
 /// or `is_insecure` says that the network is trusted.
 ///
 /// # Errors
-/// [`DialError`].
+/// [`ConnectError`].
 pub async fn dial(
     address: &str,
-    keys: Option<&Keys>,
+    keys: Option<&Credentials>,
     is_insecure: bool,
-) -> Result<Stream, DialError> {
-    let found = tokio::net::lookup_host(address).await.map_err(DialError::Unresolved)?;
+) -> Result<Stream, ConnectError> {
+    let found = tokio::net::lookup_host(address).await.map_err(ConnectError::Unresolved)?;
     let found: Vec<SocketAddr> = found.collect();
     check_addresses(&found, keys.is_some() || is_insecure)?;
-    let tcp = TcpStream::connect(&found[..]).await.map_err(DialError::Unreachable)?;
-    tune(&tcp).map_err(DialError::Unreachable)?;
+    let tcp = TcpStream::connect(&found[..]).await.map_err(ConnectError::Unreachable)?;
+    tune(&tcp).map_err(ConnectError::Unreachable)?;
     let Some(keys) = keys else { return Ok(Stream::Plain(tcp)) };
-    let (connector, manager) = keys.connector().ok_or(DialError::ManagersKeys)?;
-    let connected = connector.connect(manager.clone(), Metered::new(tcp)).await;
-    let mut tls = connected.map_err(DialError::Tls)?;
+    let (connector, manager) = keys.connector().ok_or(ConnectError::ManagersKeys)?;
+    let connected = connector.connect(manager.clone(), LimitedStream::new(tcp)).await;
+    let mut tls = connected.map_err(ConnectError::Tls)?;
     tls.get_mut().0.lift();
     Ok(Stream::Tls(Box::new(TlsStream::Client(tls))))
 }
@@ -131,10 +131,10 @@ pub async fn dial(
 /// That none of these addresses leads over a network, where it must not.
 ///
 /// # Errors
-/// [`DialError::InTheClear`].
-pub fn check_addresses(addresses: &[SocketAddr], may_leave: bool) -> Result<(), DialError> {
+/// [`ConnectError::InTheClear`].
+pub fn check_addresses(addresses: &[SocketAddr], may_leave: bool) -> Result<(), ConnectError> {
     match addresses.iter().find(|address| !address.ip().to_canonical().is_loopback()) {
-        Some(&open) if !may_leave => Err(DialError::InTheClear(open)),
+        Some(&open) if !may_leave => Err(ConnectError::InTheClear(open)),
         _ => Ok(()),
     }
 }
@@ -148,13 +148,13 @@ pub fn check_addresses(addresses: &[SocketAddr], may_leave: bool) -> Result<(), 
 /// Why the peer may not come in; it was told so, as far as it can understand.
 pub async fn accept(
     mut tcp: TcpStream,
-    keys: Option<&Keys>,
-) -> Result<(Stream, Option<Identity>), String> {
+    keys: Option<&Credentials>,
+) -> Result<(Stream, Option<NodeIdentity>), String> {
     tune(&tcp).map_err(|error| error.to_string())?;
     let mut first = [0];
     let seen = tcp.peek(&mut first).await.map_err(|error| error.to_string())?;
     let is_tls = seen == 1 && first == [TLS_FIRST_BYTE];
-    match keys.map(Keys::acceptor) {
+    match keys.map(Credentials::acceptor) {
         None if is_tls => {
             // Whether it hears it is its own affair.
             let _ = tcp.write_all(&TLS_ALERT).await;
@@ -165,7 +165,7 @@ pub async fn accept(
         Some(None) => Err("this manager's keys are another node's".into()),
         Some(Some(_)) if !is_tls => Err(turn_away(tcp).await),
         Some(Some(acceptor)) => {
-            let accepted = acceptor.accept(Metered::new(tcp)).into_fallible().await;
+            let accepted = acceptor.accept(LimitedStream::new(tcp)).into_fallible().await;
             let mut tls = match accepted {
                 Ok(tls) => tls,
                 Err((error, metered)) => {
@@ -178,7 +178,7 @@ pub async fn accept(
             metered.lift();
             let shown = session.peer_certificates().and_then(|chain| chain.first());
             let shown = shown.ok_or("the peer shows no certificate")?;
-            let identity = Identity::of_certificate(shown)
+            let identity = NodeIdentity::of_certificate(shown)
                 .map_err(|what| format!("the peer's certificate is refused: {what}"))?;
             Ok((Stream::Tls(Box::new(TlsStream::Server(tls))), Some(identity)))
         }
@@ -208,13 +208,13 @@ async fn linger(mut tcp: TcpStream) {
 
 /// A TCP stream from which only so much comes until its peer has shown who it is.
 #[derive(Debug)]
-pub struct Metered {
+pub struct LimitedStream {
     tcp: TcpStream,
     /// Bytes that may still come; any number once the meter is lifted.
     left: Option<usize>,
 }
 
-impl Metered {
+impl LimitedStream {
     fn new(tcp: TcpStream) -> Self {
         Self { tcp, left: Some(HANDSHAKE_BYTES_MAX) }
     }
@@ -224,7 +224,7 @@ impl Metered {
     }
 }
 
-impl AsyncRead for Metered {
+impl AsyncRead for LimitedStream {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -249,7 +249,7 @@ impl AsyncRead for Metered {
     }
 }
 
-impl AsyncWrite for Metered {
+impl AsyncWrite for LimitedStream {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,

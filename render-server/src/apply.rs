@@ -6,12 +6,12 @@ use polyptych_renderer::ViewDesc;
 use polyptych_scene::Scene;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::limits::VIEWS_MAX;
-use polyptych_wall::view::{View, ViewPart, ViewProjection};
-use polyptych_wall::{ChannelId, EyeOf, Wall};
+use polyptych_wall::view::{View, ViewProjection, ViewRect};
+use polyptych_wall::{ChannelId, Eye, Wall};
 
 /// From where, and onto which pixels, a channel or a part of it is seen.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Sight {
+pub(crate) struct ViewTransform {
     /// In metres of display space.
     pub eye_in_display: DVec3,
     /// Turns a vector from the eye in display space into view space.
@@ -22,7 +22,7 @@ pub(crate) struct Sight {
     pub viewport: [f64; 4],
 }
 
-impl Sight {
+impl ViewTransform {
     /// What this view of a frame is from here, on all of the pixels.
     pub fn view(&self, view: &View, frame: &Frame) -> ViewDesc {
         let camera = &view.camera;
@@ -51,7 +51,7 @@ impl Sight {
 ///
 /// # Errors
 /// Too many of them, or what this server cannot draw.
-pub(crate) fn parts(wall: &Wall, id: ChannelId, frame: &Frame) -> Result<Vec<ViewPart>, String> {
+pub(crate) fn parts(wall: &Wall, id: ChannelId, frame: &Frame) -> Result<Vec<ViewRect>, String> {
     check(frame)?;
     wall.view_parts(id, &frame.views).map_err(|error| error.to_string())
 }
@@ -80,9 +80,9 @@ pub(crate) fn sight(
     id: ChannelId,
     view: &View,
     eye_in_display: DVec3,
-) -> Result<Sight, String> {
+) -> Result<ViewTransform, String> {
     let frustum = wall.view_frustum(id, view, eye_in_display).map_err(|error| error.to_string())?;
-    Ok(Sight {
+    Ok(ViewTransform {
         eye_in_display: frustum.eye,
         view_from_display: frustum.view_from_display,
         clip_from_view: frustum.clip_from_view,
@@ -96,7 +96,7 @@ pub(crate) fn sight(
 /// # Errors
 /// A view that cannot be shown, an eye that no frustum can be made for.
 pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewDesc>, String> {
-    let eye = wall.channel(channel).map_or_else(EyeOf::default, |c| c.adjustment.eye);
+    let eye = wall.channel(channel).map_or_else(Eye::default, |c| c.adjustment.eye);
     let size = wall.channel(channel).map_or([0; 2], |channel| channel.size.to_array());
     let described = parts(wall, channel, frame)?.into_iter().map(|part| {
         let view = &frame.views[part.view];

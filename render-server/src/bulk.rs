@@ -6,12 +6,12 @@ use bytes::{Bytes, BytesMut};
 use futures_util::{SinkExt, StreamExt};
 use polyptych_files::blob::CHUNK_BYTES_MAX;
 use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash};
-use polyptych_protocol::bulk::{BulkDown, BulkUp, PictureChunk};
-use polyptych_protocol::connection::Frames;
+use polyptych_protocol::bulk::{BulkToManager, BulkToServer, CaptureChunk};
+use polyptych_protocol::connection::MessageStream;
 use polyptych_protocol::stream::Stream;
 use tokio::sync::mpsc;
 
-use crate::report::PictureReport;
+use crate::report::CapturedImage;
 
 /// Jobs that wait for the bulk connection.
 pub(crate) const BULK_JOBS_MAX: usize = 16;
@@ -22,11 +22,14 @@ pub(crate) enum BulkJob {
     /// Fetch a blob; the answer is checked against its name.
     Fetch { hash: BlobHash, answer: SyncSender<Result<Bytes, String>> },
     /// Send a picture.
-    Send(PictureReport),
+    Send(CapturedImage),
 }
 
 /// Does jobs until the connection or the server ends; says why it did.
-pub(crate) async fn serve(mut frames: Frames<Stream>, mut jobs: mpsc::Receiver<BulkJob>) -> String {
+pub(crate) async fn serve(
+    mut frames: MessageStream<Stream>,
+    mut jobs: mpsc::Receiver<BulkJob>,
+) -> String {
     while let Some(job) = jobs.recv().await {
         let done = match job {
             BulkJob::Fetch { hash, answer } => match fetch(&mut frames, hash).await {
@@ -51,22 +54,22 @@ pub(crate) async fn serve(mut frames: Frames<Stream>, mut jobs: mpsc::Receiver<B
 
 /// The outer error is the connection's, the inner one the blob's.
 async fn fetch(
-    frames: &mut Frames<Stream>,
+    frames: &mut MessageStream<Stream>,
     hash: BlobHash,
 ) -> Result<Result<Bytes, String>, String> {
-    let want = frames.send(polyptych_codec::encode(&BulkUp::Want(hash))).await;
+    let want = frames.send(polyptych_codec::encode(&BulkToManager::Want(hash))).await;
     want.map_err(|error| error.to_string())?;
     let mut blob = BytesMut::new();
     loop {
         let message = frames.next().await.ok_or("the manager closed it")?;
         let message = message.map_err(|error| error.to_string())?;
-        let down = polyptych_protocol::framing::decode::<BulkDown>(&message)
+        let down = polyptych_protocol::framing::decode::<BulkToServer>(&message)
             .map_err(|error| error.to_string())?;
         match down {
-            BulkDown::Missing { hash, reason } => {
+            BulkToServer::Missing { hash, reason } => {
                 return Ok(Err(format!("blob {hash} is not to be had: {reason}")));
             }
-            BulkDown::Chunk(chunk) => {
+            BulkToServer::Chunk(chunk) => {
                 let is_next = chunk.hash == hash && chunk.offset == blob.len() as u64;
                 if !is_next || chunk.total > BLOB_BYTES_MAX || chunk.bytes.is_empty() {
                     return Err(format!("a piece of blob {hash} came out of order"));
@@ -88,10 +91,10 @@ async fn fetch(
     }
 }
 
-async fn send(frames: &mut Frames<Stream>, picture: &PictureReport) -> Result<(), String> {
+async fn send(frames: &mut MessageStream<Stream>, picture: &CapturedImage) -> Result<(), String> {
     for start in (0..picture.bytes.len()).step_by(CHUNK_BYTES_MAX) {
         let end = picture.bytes.len().min(start + CHUNK_BYTES_MAX);
-        let chunk = PictureChunk {
+        let chunk = CaptureChunk {
             channel: picture.channel,
             frame: picture.frame,
             width: picture.width,
@@ -99,7 +102,7 @@ async fn send(frames: &mut Frames<Stream>, picture: &PictureReport) -> Result<()
             offset: start as u64,
             bytes: picture.bytes.slice(start..end),
         };
-        let sent = frames.send(polyptych_codec::encode(&BulkUp::Picture(chunk))).await;
+        let sent = frames.send(polyptych_codec::encode(&BulkToManager::Picture(chunk))).await;
         sent.map_err(|error| error.to_string())?;
     }
     Ok(())

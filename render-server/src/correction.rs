@@ -12,31 +12,34 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec3;
-use lay::{Ground, Lay};
+use lay::{Overlay, OverlayContext};
 use polyptych_protocol::command::Frame;
 use polyptych_renderer::{
-    self, Content, Correction, CorrectionDesc, Curve, DrawStats, Gpu, GpuScene, LightMap, Packing,
-    Renderer, Target, Turn, ViewDesc, WarpVertex,
+    self, BlendMapDesc, Correction, CorrectionDesc, DrawStats, Gpu, GpuScene, ImageEncoding,
+    Orientation, Renderer, StereoPacking, Target, TransferFunction, ViewDesc, WarpVertexDesc,
 };
-use polyptych_wall::blend::{self, Blend, LightInputs, Masks};
-use polyptych_wall::head::Head;
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::{Shaped, Shapes};
+use polyptych_wall::blend::{self, BlendModel, ChannelMasks, LightInputs};
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::warp::Mask;
 use polyptych_wall::warp_mesh::WarpMesh;
-use polyptych_wall::{self, Adjustment, Bits, ChannelId, Cover, EyeOf, MapFile, Viewpoint, Wall};
-use shots::Shots;
+use polyptych_wall::{
+    self, BitDepth, CalibrationFile, ChannelCalibration, ChannelId, ChannelKind, Eye, Viewpoint,
+    Wall,
+};
+use shots::EyeViews;
 
 use crate::apply;
-use crate::output::Output;
+use crate::output::ChannelOutput;
 
 /// The plans of a server's channels, by name; those that need none are not there.
-pub(crate) type Plans = BTreeMap<String, Plan>;
+pub(crate) type CorrectionPlans = BTreeMap<String, CorrectionPlan>;
 
 /// How a channel that is not shown as it is drawn is corrected.
 #[derive(Clone, Debug)]
-pub(crate) struct Plan {
+pub(crate) struct CorrectionPlan {
     channel: ChannelId,
     desc: CorrectionDesc,
     /// What its light map was made from.
@@ -46,10 +49,10 @@ pub(crate) struct Plan {
     /// Where its pixels lie; `None` where they are pixels of its screen.
     warp: Option<Arc<WarpMesh>>,
     /// Whose pictures it shows.
-    eyes: Vec<EyeOf>,
+    eyes: Vec<Eye>,
     /// Where views of their own find what lies where.
-    maps: Maps,
-    shapes: Shapes,
+    maps: CalibrationMaps,
+    shapes: WallGeometry,
 }
 
 /// What decides where a channel's pixels lie: equal ones make equal meshes.
@@ -60,14 +63,15 @@ struct Form {
     screen: polyptych_wall::Screen,
     /// Without its colours and the widths of its blends.
     channel: polyptych_wall::Channel,
-    files: Vec<MapFile>,
+    files: Vec<CalibrationFile>,
 }
 
 impl Form {
     fn new(wall: &Wall, channel: &polyptych_wall::Channel) -> Self {
         let mut channel = channel.clone();
-        let Adjustment { pin, bend, warp, .. } = std::mem::take(&mut channel.adjustment);
-        channel.adjustment = Adjustment { pin, bend, warp, ..Adjustment::default() };
+        let ChannelCalibration { pin, bend, warp, .. } = std::mem::take(&mut channel.adjustment);
+        channel.adjustment =
+            ChannelCalibration { pin, bend, warp, ..ChannelCalibration::default() };
         let screen = wall.screen_of(&channel).clone();
         let eyes = wall.viewpoints(&channel);
         Self { eye: wall.eye, eyes, screen, channel, files: wall.files.clone() }
@@ -79,19 +83,19 @@ impl Form {
 /// # Errors
 /// Which channel cannot be shown, and why.
 pub(crate) fn plans<'a>(
-    of: impl Into<Shaped<'a>>,
-    maps: &Maps,
+    of: impl Into<ResolvedWall<'a>>,
+    maps: &CalibrationMaps,
     channels: &[String],
-    known: Option<&Plans>,
-) -> Result<Plans, String> {
+    known: Option<&CorrectionPlans>,
+) -> Result<CorrectionPlans, String> {
     let shaped = of.into();
     let wall = shaped.wall;
-    let blend = Blend::new(shaped);
-    let mut plans = Plans::new();
+    let blend = BlendModel::new(shaped);
+    let mut plans = CorrectionPlans::new();
     for name in channels {
         let Some((id, _)) = wall.channel_named(name) else { continue };
         let known = known.and_then(|plans| plans.get(name));
-        let plan = Plan::after(shaped, &blend, maps, id, known);
+        let plan = CorrectionPlan::after(shaped, &blend, maps, id, known);
         let plan = plan.map_err(|reason| format!("channel {name}: {reason}"))?;
         if let Some(plan) = plan {
             plans.insert(name.clone(), plan);
@@ -100,34 +104,35 @@ pub(crate) fn plans<'a>(
     Ok(plans)
 }
 
-impl Plan {
+impl CorrectionPlan {
     /// The plan of a channel; `None` where it is shown as it is drawn.
     ///
     /// # Errors
     /// Nothing of its picture lies on its screen.
     #[cfg(test)]
     pub fn new<'a>(
-        of: impl Into<Shaped<'a>>,
-        maps: &Maps,
+        of: impl Into<ResolvedWall<'a>>,
+        maps: &CalibrationMaps,
         id: ChannelId,
     ) -> Result<Option<Self>, String> {
         let shaped = of.into();
-        Self::after(shaped, &Blend::new(shaped), maps, id, None)
+        Self::after(shaped, &BlendModel::new(shaped), maps, id, None)
     }
 
     /// The plan of a channel after a `known` one of it, whose light map and mesh it has where
     /// nothing has changed that they are made from.
     fn after(
-        shaped: Shaped<'_>,
-        blend: &Blend<'_>,
-        maps: &Maps,
+        shaped: ResolvedWall<'_>,
+        blend: &BlendModel<'_>,
+        maps: &CalibrationMaps,
         id: ChannelId,
         known: Option<&Self>,
     ) -> Result<Option<Self>, String> {
         let wall = shaped.wall;
         let channel = wall.channel(id).ok_or("the wall has no such channel")?;
         let adjustment = &channel.adjustment;
-        let is_flat = channel.cover == Cover::Tile && wall.screen_of(channel).plane().is_some();
+        let is_flat =
+            channel.cover == ChannelKind::Tile && wall.screen_of(channel).plane().is_some();
         // Parts of a picture with eyes of their own are drawn as those of a curve are.
         let is_tile = is_flat && !wall.is_omnidirectional(channel);
         let light_inputs = blend.light_inputs(id).ok_or("the wall has no such channel")?;
@@ -162,15 +167,15 @@ impl Plan {
             color: color.made(),
             curve: curve(&color.curve),
             dither: wall.dither.then_some(u32::from(id.0)),
-            is_fine: adjustment.bits == Bits::Ten,
+            is_fine: adjustment.bits == BitDepth::Ten,
         };
         let (maps, shapes) = (maps.clone(), shaped.shapes.clone());
         Ok(Some(Self { channel: id, desc, light_inputs, form, warp, eyes, maps, shapes }))
     }
 }
 
-impl Plan {
-    fn viewpoints(&self, wall: &Wall, head: &Head) -> Vec<Viewpoint> {
+impl CorrectionPlan {
+    fn viewpoints(&self, wall: &Wall, head: &HeadPose) -> Vec<Viewpoint> {
         self.eyes.iter().map(|eye| wall.viewpoint(head, *eye)).collect()
     }
 
@@ -188,56 +193,58 @@ impl Plan {
 /// What a channel's light is multiplied by and what is added: its part in blends, its masks, and
 /// the light of its warp's corners.
 pub(crate) fn light_map(
-    shaped: Shaped<'_>,
-    blend: &Blend<'_>,
-    maps: &Maps,
+    shaped: ResolvedWall<'_>,
+    blend: &BlendModel<'_>,
+    maps: &CalibrationMaps,
     id: ChannelId,
-) -> Option<blend::LightMap> {
+) -> Option<blend::BlendMap> {
     let channel = shaped.wall.channel(id)?;
     let light = shaped.pixel_map(id).and_then(|map| maps.light(channel, &map));
     let light = light.as_ref().and_then(Mask::texels);
-    let masks = Masks { light, ..maps.masks(&channel.adjustment) };
+    let masks = ChannelMasks { light, ..maps.masks(&channel.adjustment) };
     blend.light_map(id, &masks)
 }
 
-fn renderer_mesh(mesh: &WarpMesh) -> polyptych_renderer::WarpMesh {
-    let vertex = |vertex: &polyptych_wall::warp_mesh::WarpVertex| WarpVertex {
+fn renderer_mesh(mesh: &WarpMesh) -> polyptych_renderer::WarpMeshDesc {
+    let vertex = |vertex: &polyptych_wall::warp_mesh::WarpVertex| WarpVertexDesc {
         pixel: vertex.pixel.to_array(),
         point: vertex.point,
     };
-    polyptych_renderer::WarpMesh {
+    polyptych_renderer::WarpMeshDesc {
         vertices: mesh.vertices.iter().map(vertex).collect(),
         triangles: mesh.triangles.clone(),
     }
 }
 
-fn renderer_light(map: blend::LightMap) -> LightMap {
-    LightMap { texels: map.texels, multiply: 1.0, add: map.add }
+fn renderer_light(map: blend::BlendMap) -> BlendMapDesc {
+    BlendMapDesc { texels: map.texels, multiply: 1.0, add: map.add }
 }
 
-fn turn(turn: polyptych_wall::Turn) -> Turn {
+fn turn(turn: polyptych_wall::Orientation) -> Orientation {
     match turn {
-        polyptych_wall::Turn::None => Turn::None,
-        polyptych_wall::Turn::Left => Turn::Left,
-        polyptych_wall::Turn::Right => Turn::Right,
-        polyptych_wall::Turn::Half => Turn::Half,
+        polyptych_wall::Orientation::None => Orientation::None,
+        polyptych_wall::Orientation::Left => Orientation::Left,
+        polyptych_wall::Orientation::Right => Orientation::Right,
+        polyptych_wall::Orientation::Half => Orientation::Half,
     }
 }
 
-fn packing(packing: polyptych_wall::Packing) -> Packing {
+fn packing(packing: polyptych_wall::StereoPacking) -> StereoPacking {
     match packing {
-        polyptych_wall::Packing::None => Packing::None,
-        polyptych_wall::Packing::SideBySide => Packing::SideBySide,
-        polyptych_wall::Packing::TopBottom => Packing::TopBottom,
-        polyptych_wall::Packing::Anaglyph => Packing::Anaglyph,
+        polyptych_wall::StereoPacking::None => StereoPacking::None,
+        polyptych_wall::StereoPacking::SideBySide => StereoPacking::SideBySide,
+        polyptych_wall::StereoPacking::TopBottom => StereoPacking::TopBottom,
+        polyptych_wall::StereoPacking::Anaglyph => StereoPacking::Anaglyph,
     }
 }
 
-fn curve(curve: &polyptych_wall::Curve) -> Curve {
+fn curve(curve: &polyptych_wall::TransferFunction) -> TransferFunction {
     match curve {
-        polyptych_wall::Curve::Srgb => Curve::Srgb,
-        polyptych_wall::Curve::Gamma(gamma) => Curve::Gamma(*gamma),
-        polyptych_wall::Curve::Measured(light) => Curve::Measured(light.clone()),
+        polyptych_wall::TransferFunction::Srgb => TransferFunction::Srgb,
+        polyptych_wall::TransferFunction::Gamma(gamma) => TransferFunction::Gamma(*gamma),
+        polyptych_wall::TransferFunction::Measured(light) => {
+            TransferFunction::Measured(light.clone())
+        }
     }
 }
 
@@ -251,7 +258,7 @@ fn beneath(frame: &Frame) -> Option<usize> {
 /// What is drawn and corrected in one go.
 #[derive(Debug)]
 struct Layer {
-    shots: Shots,
+    shots: EyeViews,
     views: Vec<ViewDesc>,
     /// Whose pixels it has; `None` for all of the channel's.
     lay: Option<usize>,
@@ -260,14 +267,14 @@ struct Layer {
 /// A plan on the GPU.
 #[derive(Debug)]
 pub(crate) struct Corrector {
-    plan: Plan,
+    plan: CorrectionPlan,
     correction: Correction,
     /// The wall's.
     near_m: f64,
     /// What the last eyes see; a tracked eye costs a fit for each frame, others none.
-    shots: Option<Shots>,
+    shots: Option<EyeViews>,
     /// Of the last frame's views; made where a view is new or was moved.
-    lays: Vec<Lay>,
+    lays: Vec<Overlay>,
 }
 
 impl Corrector {
@@ -277,7 +284,12 @@ impl Corrector {
     ///
     /// # Errors
     /// The plan or the head leave no picture, or the GPU failed; the channel's name is said.
-    pub fn new(gpu: &Gpu, plan: Plan, wall: &Wall, known: Option<&Self>) -> Result<Self, String> {
+    pub fn new(
+        gpu: &Gpu,
+        plan: CorrectionPlan,
+        wall: &Wall,
+        known: Option<&Self>,
+    ) -> Result<Self, String> {
         let name = wall.channel(plan.channel).map_or("", |channel| &channel.name);
         // Who tunes wants to know which, where its reason does not say.
         Self::warmed(gpu, plan, wall, known).map_err(|reason| {
@@ -288,7 +300,12 @@ impl Corrector {
         })
     }
 
-    fn warmed(gpu: &Gpu, plan: Plan, wall: &Wall, known: Option<&Self>) -> Result<Self, String> {
+    fn warmed(
+        gpu: &Gpu,
+        plan: CorrectionPlan,
+        wall: &Wall,
+        known: Option<&Self>,
+    ) -> Result<Self, String> {
         let before = known.map(|known| &known.correction);
         let correction = Correction::after(gpu, plan.desc.clone(), before);
         let correction = correction.map_err(|error| error.to_string())?;
@@ -304,7 +321,7 @@ impl Corrector {
         if corrector.correction.is_warm(&shots.eyes, shots.taps) {
             return Ok(corrector);
         }
-        let source = Target::of(gpu, shots.size, 1, false, Content::Light);
+        let source = Target::of(gpu, shots.size, 1, false, ImageEncoding::Light);
         let source = source.map_err(|error| error.to_string())?;
         let picture = corrector.correction.picture(gpu);
         let warmed = corrector.correction.draw(gpu, &source, &shots.eyes, shots.taps, &picture);
@@ -322,7 +339,7 @@ impl Corrector {
         (renderer, scene): (&mut Renderer, &GpuScene),
         wall: &Wall,
         frame: &Frame,
-        output: &mut Output,
+        output: &mut ChannelOutput,
     ) -> Result<DrawStats, String> {
         apply::check(frame)?;
         let layers = self.layers(gpu, wall, frame)?;
@@ -336,7 +353,7 @@ impl Corrector {
             stats = stats.and(drawn.map_err(|error| error.to_string())?);
             let start = Instant::now();
             let (source, picture) = output.corrected_of(gpu, &self.correction)?;
-            let Shots { eyes, taps, .. } = &layer.shots;
+            let EyeViews { eyes, taps, .. } = &layer.shots;
             let sheet = layer.lay.and_then(|index| self.lays[index].sheet());
             let drawn = match sheet {
                 None => self.correction.draw(gpu, source, eyes, *taps, picture),
@@ -361,13 +378,13 @@ impl Corrector {
         }
         let eyes = self.plan.viewpoints(wall, &frame.head);
         let (maps, shapes) = (self.plan.maps.clone(), self.plan.shapes.clone());
-        let shaped = Shaped { wall, shapes: &shapes };
-        let ground = Ground { gpu, shaped, maps: &maps, channel: self.plan.channel };
+        let shaped = ResolvedWall { wall, shapes: &shapes };
+        let ground = OverlayContext { gpu, shaped, maps: &maps, channel: self.plan.channel };
         let mut known = std::mem::take(&mut self.lays);
         for view in &frame.views[beneath(frame).map_or(0, |beneath| beneath + 1)..] {
             let mut lay = match known.iter().position(|lay| lay.is_of(view)) {
                 Some(index) => known.swap_remove(index),
-                None => Lay::new(ground, view, &self.correction)?,
+                None => Overlay::new(ground, view, &self.correction)?,
             };
             if let Some(sheet) = lay.sheet() {
                 let shots = sheet.shots(ground, view, &eyes)?;
@@ -398,14 +415,14 @@ impl Corrector {
         Ok(beneath.map_or_else(Vec::new, |view| shots.of_view(view, frame)))
     }
 
-    fn shots(&mut self, gpu: &Gpu, wall: &Wall, head: &Head) -> Result<&Shots, String> {
+    fn shots(&mut self, gpu: &Gpu, wall: &Wall, head: &HeadPose) -> Result<&EyeViews, String> {
         let eyes = self.plan.viewpoints(wall, head);
         let known = self.shots.take().filter(|shots| shots.is_for(&eyes));
         let shots = if let Some(shots) = known {
             shots
         } else {
             let side_max = gpu.facts().texture_side_max;
-            Shots::new(wall, self.plan.channel, self.plan.warp.as_deref(), &eyes, side_max)?
+            EyeViews::new(wall, self.plan.channel, self.plan.warp.as_deref(), &eyes, side_max)?
         };
         Ok(self.shots.insert(shots))
     }

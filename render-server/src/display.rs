@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use polyptych_renderer::{Content, FINE_FORMAT, Gpu, Label, Output, Picture};
+use polyptych_renderer::{FINE_FORMAT, Gpu, ImageEncoding, Label, OutputTexture, PresentPass};
 use winit::dpi::{PhysicalPosition, PhysicalSize};
 use winit::monitor::MonitorHandle;
 use winit::window::Window;
@@ -12,16 +12,16 @@ const MONITOR_UNKNOWN_SIDE: u32 = 1 << 20;
 
 /// A window and its surface.
 #[derive(Debug)]
-pub struct WindowDisplay {
+pub struct WindowOutput {
     window: Arc<Window>,
     surface: wgpu::Surface<'static>,
     configuration: Option<wgpu::SurfaceConfiguration>,
-    output: Option<Output>,
+    output: Option<PresentPass>,
     /// It shows codes of ten bits.
     is_fine: bool,
 }
 
-impl WindowDisplay {
+impl WindowOutput {
     pub(crate) fn new(window: Arc<Window>, surface: wgpu::Surface<'static>) -> Self {
         Self { window, surface, configuration: None, output: None, is_fine: false }
     }
@@ -58,7 +58,7 @@ impl WindowDisplay {
         self.surface.configure(&gpu.device, &configuration);
         let format = configuration.format;
         if self.configuration.as_ref().map(|c| c.format) != Some(format) {
-            self.output = Some(Output::new(gpu, format));
+            self.output = Some(PresentPass::new(gpu, format));
         }
         self.configuration = Some(configuration);
     }
@@ -111,11 +111,11 @@ impl WindowDisplay {
     pub(crate) fn present(
         &mut self,
         gpu: &Gpu,
-        picture: Option<&Picture>,
+        picture: Option<&OutputTexture>,
         labels: &[Label],
     ) -> Result<(), String> {
         use wgpu::CurrentSurfaceTexture as Current;
-        let is_fine = picture.is_some_and(|it| it.content() == Content::FineCodes);
+        let is_fine = picture.is_some_and(|it| it.content() == ImageEncoding::FineCodes);
         // Black is shown as what was there.
         let is_other = picture.is_some() && self.is_fine != is_fine;
         if self.configuration.is_none() || is_other {

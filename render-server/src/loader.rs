@@ -12,24 +12,24 @@ use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
-use polyptych_files::blob::{Abandoned, BlobFolder, BlobHash};
+use polyptych_files::blob::{Abandoned, BlobHash, BlobStore};
 use polyptych_protocol::command::Prepare;
 use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::log::{Replica, SceneRef};
-use polyptych_protocol::status::{Prepared, Status};
+use polyptych_protocol::status::{Prepared, ServerMessage};
 use polyptych_renderer::SceneLayout;
 use polyptych_scene::{Mesh, SceneFeatures};
 use polyptych_wall::camera::Camera;
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::{Shaped, Shapes};
-use polyptych_wall::warp::WallMap;
-use polyptych_wall::{Adjustment, Wall};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
+use polyptych_wall::warp::CalibrationMap;
+use polyptych_wall::{ChannelCalibration, Wall};
 use tokio::sync::mpsc;
 
 use crate::apply;
 use crate::bulk::BulkJob;
-use crate::correction::{self, Plans};
-use crate::report::Report;
+use crate::correction::{self, CorrectionPlans};
+use crate::report::RenderEvent;
 
 /// Orders that wait for the loader; the manager sends one change at a time.
 pub(crate) const ORDERS_MAX: usize = 16;
@@ -53,11 +53,11 @@ pub(crate) struct LoadedState {
     pub scene: Option<BlobHash>,
     pub warm_up: Camera,
     /// Of the channels of this server; the same as before where the wall is.
-    pub plans: Arc<Plans>,
+    pub plans: Arc<CorrectionPlans>,
     /// The decoded files of its wall.
-    pub maps: Maps,
+    pub maps: CalibrationMaps,
     /// What they make of it, on the screens of this server's channels.
-    pub shapes: Arc<Shapes>,
+    pub shapes: Arc<WallGeometry>,
 }
 
 impl LoadedState {
@@ -86,21 +86,21 @@ pub(crate) enum Upload {
 #[derive(Debug)]
 pub(crate) struct LoadOrder {
     pub prepare: Prepare,
-    pub line: Line,
+    pub line: LoaderLink,
 }
 
 /// What the loader needs of the connection that an order came from.
 #[derive(Clone, Debug)]
-pub(crate) struct Line {
+pub(crate) struct LoaderLink {
     pub bulk: mpsc::Sender<BulkJob>,
-    pub reports: mpsc::Sender<Report>,
+    pub reports: mpsc::Sender<RenderEvent>,
     pub is_cut: Arc<AtomicBool>,
 }
 
 /// The loader's own state.
 #[derive(Debug)]
 pub(crate) struct Loader {
-    cache: BlobFolder,
+    cache: BlobStore,
     orders: Receiver<LoadOrder>,
     uploads: Sender<Upload>,
     /// See [`Gpu::losses`](polyptych_renderer::Gpu::losses); what was made ready before is gone.
@@ -110,19 +110,19 @@ pub(crate) struct Loader {
     channels: Vec<String>,
     /// What was made ready last; the render thread still holds its scene.
     ready: Option<(Epoch, Replica)>,
-    ready_plans: Option<(Wall, Arc<Plans>)>,
+    ready_plans: Option<(Wall, Arc<CorrectionPlans>)>,
     ready_scene: Option<(BlobHash, SceneFeatures, Camera)>,
     /// The decoded files of the last wall: it changes in small things while it is adjusted.
-    ready_maps: BTreeMap<BlobHash, Arc<WallMap>>,
+    ready_maps: BTreeMap<BlobHash, Arc<CalibrationMap>>,
     /// What these make of a wall, which is kept as it was before it was adjusted.
-    ready_shapes: Option<(Wall, Arc<Shapes>)>,
+    ready_shapes: Option<(Wall, Arc<WallGeometry>)>,
     /// Whether the cache's last write failed: said once, not for each of ten thousand blobs.
     is_cacheless: AtomicBool,
 }
 
 impl Loader {
     pub fn new(
-        cache: BlobFolder,
+        cache: BlobStore,
         orders: Receiver<LoadOrder>,
         uploads: Sender<Upload>,
         losses: Arc<AtomicU64>,
@@ -160,21 +160,25 @@ impl Loader {
             let (epoch, revision) = (prepare.epoch, prepare.revision);
             let _span = tracing::error_span!("prepare", revision = revision.0).entered();
             let status = match self.load_on_any_device(&prepare, &line) {
-                Ok(prepared) => Status::Prepared(prepared),
+                Ok(prepared) => ServerMessage::Prepared(prepared),
                 Err(reason) => {
                     if self.uploads.send(Upload::Abandon).is_err() {
                         return;
                     }
-                    Status::PrepareFailed { epoch, revision, reason }
+                    ServerMessage::PrepareFailed { epoch, revision, reason }
                 }
             };
             // The connection may be gone; the next one gets a new order.
-            let _ = line.reports.blocking_send(Report::Status(status));
+            let _ = line.reports.blocking_send(RenderEvent::Status(status));
         }
     }
 
     /// Loads again where the GPU was lost meanwhile, until it was lost too often for its thread.
-    fn load_on_any_device(&mut self, prepare: &Prepare, line: &Line) -> Result<Prepared, String> {
+    fn load_on_any_device(
+        &mut self,
+        prepare: &Prepare,
+        line: &LoaderLink,
+    ) -> Result<Prepared, String> {
         loop {
             let loaded = self.load(prepare.clone(), line);
             let is_lost = self.losses.load(Ordering::SeqCst) != self.ready_losses;
@@ -185,7 +189,7 @@ impl Loader {
         }
     }
 
-    fn load(&mut self, prepare: Prepare, line: &Line) -> Result<Prepared, String> {
+    fn load(&mut self, prepare: Prepare, line: &LoaderLink) -> Result<Prepared, String> {
         let epoch = prepare.epoch;
         let losses = self.losses.load(Ordering::SeqCst);
         if std::mem::replace(&mut self.ready_losses, losses) != losses {
@@ -197,7 +201,7 @@ impl Loader {
         }
         let maps = match replica.wall.as_deref() {
             Some(wall) => self.load_maps(wall, line)?,
-            None => Maps::default(),
+            None => CalibrationMaps::default(),
         };
         let (features, warm_up) = match &replica.scene {
             None => (SceneFeatures::default(), Camera::IDENTITY),
@@ -221,21 +225,21 @@ impl Loader {
     }
 
     /// The same as before where only what does not move its shapes was adjusted.
-    fn shapes(&mut self, wall: Option<&Wall>, maps: &Maps) -> Arc<Shapes> {
+    fn shapes(&mut self, wall: Option<&Wall>, maps: &CalibrationMaps) -> Arc<WallGeometry> {
         let Some(wall) = wall.filter(|wall| !wall.files.is_empty()) else {
             return Arc::default();
         };
         let mut bare = wall.clone();
         for channel in &mut bare.channels {
             let warp = channel.adjustment.warp;
-            channel.adjustment = Adjustment { warp, ..Adjustment::default() };
+            channel.adjustment = ChannelCalibration { warp, ..ChannelCalibration::default() };
         }
         if let Some((_, shapes)) = self.ready_shapes.as_ref().filter(|(known, _)| *known == bare) {
             return Arc::clone(shapes);
         }
         let own = |name: &String| wall.channel_named(name).map(|(_, channel)| channel.screen);
         let screens: Vec<u16> = self.channels.iter().filter_map(own).collect();
-        let shapes = Arc::new(Shapes::of(wall, maps, |screen| screens.contains(&screen)));
+        let shapes = Arc::new(WallGeometry::of(wall, maps, |screen| screens.contains(&screen)));
         self.ready_shapes = Some((bare, Arc::clone(&shapes)));
         shapes
     }
@@ -243,16 +247,16 @@ impl Loader {
     fn plans(
         &mut self,
         wall: Option<&Wall>,
-        maps: &Maps,
-        shapes: &Shapes,
-    ) -> Result<Arc<Plans>, String> {
+        maps: &CalibrationMaps,
+        shapes: &WallGeometry,
+    ) -> Result<Arc<CorrectionPlans>, String> {
         let Some(wall) = wall else { return Ok(Arc::default()) };
         if let Some((_, plans)) = self.ready_plans.as_ref().filter(|(known, _)| known == wall) {
             return Ok(Arc::clone(plans));
         }
         let start = Instant::now();
         let known = self.ready_plans.as_ref().map(|(_, plans)| &**plans);
-        let shaped = Shaped { wall, shapes };
+        let shaped = ResolvedWall { wall, shapes };
         let plans = Arc::new(correction::plans(shaped, maps, &self.channels, known)?);
         let plan_us = start.elapsed().as_micros() as u64;
         tracing::debug!(plan_us, "the channels' corrections were planned");
@@ -278,16 +282,16 @@ impl Loader {
     }
 
     /// The files of a wall, decoded here and not between frames.
-    fn load_maps(&mut self, wall: &Wall, line: &Line) -> Result<Maps, String> {
+    fn load_maps(&mut self, wall: &Wall, line: &LoaderLink) -> Result<CalibrationMaps, String> {
         let stores = stores(Some(wall));
         let mut maps = BTreeMap::new();
-        let loaded = Maps::load(wall, |hash| {
+        let loaded = CalibrationMaps::load(wall, |hash| {
             if let Some(known) = maps.get(&hash).or_else(|| self.ready_maps.get(&hash)) {
                 let known = Arc::clone(known);
                 maps.insert(hash, Arc::clone(&known));
                 return Ok(known);
             }
-            let map = Arc::new(WallMap::decode(&self.blob(hash, &stores, line)?)?);
+            let map = Arc::new(CalibrationMap::decode(&self.blob(hash, &stores, line)?)?);
             maps.insert(hash, Arc::clone(&map));
             Ok(map)
         })?;
@@ -299,7 +303,7 @@ impl Loader {
         &self,
         scene: &SceneRef,
         replica: &Replica,
-        line: &Line,
+        line: &LoaderLink,
     ) -> Result<(SceneFeatures, Camera), String> {
         if let Some((manifest, features, warm_up)) = self.ready_scene
             && manifest == scene.manifest
@@ -337,7 +341,12 @@ impl Loader {
         Ok(known)
     }
 
-    fn blob(&self, hash: BlobHash, stores: &[BlobFolder], line: &Line) -> Result<Bytes, String> {
+    fn blob(
+        &self,
+        hash: BlobHash,
+        stores: &[BlobStore],
+        line: &LoaderLink,
+    ) -> Result<Bytes, String> {
         self.check(line)?;
         for folder in stores.iter().chain([&self.cache]) {
             match folder.read(hash) {
@@ -373,7 +382,7 @@ impl Loader {
     }
 
     /// Returns why a preparation is not wanted any more, if it is not.
-    fn fault(&self, line: &Line) -> Option<&'static str> {
+    fn fault(&self, line: &LoaderLink) -> Option<&'static str> {
         if line.is_cut.load(Ordering::Relaxed) {
             return Some("the connection that asked for it has ended");
         }
@@ -383,7 +392,7 @@ impl Loader {
 
     /// # Errors
     /// The preparation is not wanted any more.
-    fn check(&self, line: &Line) -> Result<(), String> {
+    fn check(&self, line: &LoaderLink) -> Result<(), String> {
         self.fault(line).map_or(Ok(()), |fault| Err(fault.to_owned()))
     }
 
@@ -393,9 +402,9 @@ impl Loader {
 }
 
 /// Where a wall's servers look for blobs before they ask the manager.
-fn stores(wall: Option<&Wall>) -> Vec<BlobFolder> {
+fn stores(wall: Option<&Wall>) -> Vec<BlobStore> {
     let stores = wall.map_or(&[][..], |wall| &wall.stores);
-    stores.iter().map(|store| BlobFolder::new(store.as_str())).collect()
+    stores.iter().map(|store| BlobStore::new(store.as_str())).collect()
 }
 
 #[cfg(test)]

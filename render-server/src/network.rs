@@ -10,26 +10,26 @@ use bytes::Bytes;
 use crossbeam_channel::Sender;
 use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::command::{Command, Goodbye};
-use polyptych_protocol::connection::{self, ConnectionError, Frames};
+use polyptych_protocol::connection::{self, ConnectionError, MessageStream};
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, Hello, Role, Secret, ServerHello, Welcome,
 };
-use polyptych_protocol::identity::Identity;
-use polyptych_protocol::keys::Keys;
+use polyptych_protocol::identity::NodeIdentity;
+use polyptych_protocol::keys::Credentials;
 use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
 use polyptych_protocol::process;
-use polyptych_protocol::status::{Ping, Status};
-use polyptych_protocol::stream::{self, DialError, Stream};
+use polyptych_protocol::status::{Ping, ServerMessage};
+use polyptych_protocol::stream::{self, ConnectError, Stream};
 use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
 
 use crate::bulk::{self, BULK_JOBS_MAX, BulkJob};
 use crate::clock::{Clock, ClockEstimate};
 use crate::ending::Ending;
-use crate::loader::{Line, LoadOrder};
-use crate::notice::{ManagerState, Notice, time_of_day};
-use crate::render_thread::Job;
-use crate::report::Report;
+use crate::loader::{LoadOrder, LoaderLink};
+use crate::notice::{ConnectionStatus, ManagerState, time_of_day};
+use crate::render_thread::RenderTask;
+use crate::report::RenderEvent;
 use crate::run::{ServerError, ServerOptions, Shutdown};
 
 /// First and longest wait before another try. The first is short: a restarted manager should find
@@ -69,10 +69,10 @@ impl End {
     }
 }
 
-impl From<DialError> for End {
-    fn from(error: DialError) -> Self {
+impl From<ConnectError> for End {
+    fn from(error: ConnectError) -> Self {
         match error {
-            DialError::Unresolved(_) | DialError::Unreachable(_) => {
+            ConnectError::Unresolved(_) | ConnectError::Unreachable(_) => {
                 Self::Unreachable(error.to_string())
             }
             _ => Self::failed(error),
@@ -96,10 +96,10 @@ impl From<ConnectionError> for End {
 pub(crate) struct Network {
     pub options: ServerOptions,
     pub adapter: Adapter,
-    pub jobs: Sender<Job>,
+    pub jobs: Sender<RenderTask>,
     pub orders: Sender<LoadOrder>,
-    pub reports: mpsc::Sender<Report>,
-    pub waiting_reports: mpsc::Receiver<Report>,
+    pub reports: mpsc::Sender<RenderEvent>,
+    pub waiting_reports: mpsc::Receiver<RenderEvent>,
     pub clock: Arc<Clock>,
     /// This machine's, as the manager sees it.
     pub address: Option<SocketAddr>,
@@ -205,7 +205,7 @@ impl Network {
         }
     }
 
-    async fn connect(&self) -> Result<(Frames<Stream>, Welcome), End> {
+    async fn connect(&self) -> Result<(MessageStream<Stream>, Welcome), End> {
         let hello = Hello::Server(ServerHello {
             name: self.options.name.clone(),
             channels: self.options.channels.clone(),
@@ -215,7 +215,11 @@ impl Network {
         self.introduce(Role::Server, &hello).await
     }
 
-    async fn introduce(&self, role: Role, hello: &Hello) -> Result<(Frames<Stream>, Welcome), End> {
+    async fn introduce(
+        &self,
+        role: Role,
+        hello: &Hello,
+    ) -> Result<(MessageStream<Stream>, Welcome), End> {
         let introduce = async {
             let secret = self.secret().map_err(End::Failed)?;
             let keys = self.keys().map_err(End::Failed)?;
@@ -230,10 +234,10 @@ impl Network {
     }
 
     /// This server's keys, where it has any, as they are now.
-    fn keys(&self) -> Result<Option<Keys>, String> {
+    fn keys(&self) -> Result<Option<Credentials>, String> {
         let Some(folder) = &self.options.keys else { return Ok(None) };
-        let keys = Keys::load(folder).map_err(|error| error.to_string())?;
-        let wanted = Identity::Server(self.options.name.clone());
+        let keys = Credentials::load(folder).map_err(|error| error.to_string())?;
+        let wanted = NodeIdentity::Server(self.options.name.clone());
         keys.require(&wanted).map_err(|error| error.to_string())?;
         Ok(Some(keys))
     }
@@ -249,7 +253,7 @@ impl Network {
     /// Serves one connection until it ends, and says why it did, to the manager too.
     async fn serve(
         &mut self,
-        mut frames: Frames<Stream>,
+        mut frames: MessageStream<Stream>,
         welcome: Welcome,
         ending: &Ending,
     ) -> End {
@@ -258,14 +262,14 @@ impl Network {
             end = self.serve_both(&mut frames, &welcome) => end,
         };
         // A manager that is gone, or reads nothing, is not waited for.
-        let goodbye = polyptych_codec::encode(&Status::Goodbye { reason: end.to_string() });
+        let goodbye = polyptych_codec::encode(&ServerMessage::Goodbye { reason: end.to_string() });
         let _ = tokio::time::timeout(GOODBYE_TIME_MAX, frames.send(goodbye)).await;
-        let _ = self.jobs.try_send(Job::Disconnected);
+        let _ = self.jobs.try_send(RenderTask::Disconnected);
         end
     }
 
     /// Serves a control connection and its bulk connection until one of them ends; says why.
-    async fn serve_both(&mut self, frames: &mut Frames<Stream>, welcome: &Welcome) -> End {
+    async fn serve_both(&mut self, frames: &mut MessageStream<Stream>, welcome: &Welcome) -> End {
         let manager = &self.options.manager;
         tracing::info!(manager, wall = welcome.wall, epoch = %welcome.epoch, "connected");
         self.address = frames.get_ref().local_addr().ok();
@@ -283,7 +287,8 @@ impl Network {
         };
         let (bulk_jobs, waiting) = mpsc::channel(BULK_JOBS_MAX);
         let is_cut = Arc::new(AtomicBool::new(false));
-        let line = Line { bulk: bulk_jobs, reports: self.reports.clone(), is_cut: is_cut.clone() };
+        let line =
+            LoaderLink { bulk: bulk_jobs, reports: self.reports.clone(), is_cut: is_cut.clone() };
         let end = {
             let mut conversation = pin!(self.converse(frames, welcome, line));
             tokio::select! {
@@ -301,9 +306,9 @@ impl Network {
 
     async fn converse(
         &mut self,
-        frames: &mut Frames<Stream>,
+        frames: &mut MessageStream<Stream>,
         welcome: &Welcome,
-        line: Line,
+        line: LoaderLink,
     ) -> End {
         let heartbeat = Duration::from_millis(u64::from(welcome.heartbeat_ms.max(1)));
         let mut ping = tokio::time::interval(heartbeat / PINGS_PER_HEARTBEAT);
@@ -325,14 +330,14 @@ impl Network {
                     continue;
                 }
                 Some(report) = self.waiting_reports.recv() => match report {
-                    Report::Status(status) => {
-                        if matches!(status, Status::Prepared(_)) {
+                    RenderEvent::Status(status) => {
+                        if matches!(status, ServerMessage::Prepared(_)) {
                             let what = format!("wall {}: ready, no frame yet", welcome.wall);
                             self.notice(&what, ManagerState::Expected);
                         }
                         polyptych_codec::encode(&status)
                     }
-                    Report::Picture(picture) => {
+                    RenderEvent::Picture(picture) => {
                         if line.bulk.try_send(BulkJob::Send(picture)).is_err() {
                             tracing::warn!("a picture was dropped: the bulk connection is busy");
                         }
@@ -346,7 +351,7 @@ impl Network {
                     }
                     let sent_us = self.clock.local_us();
                     let memory_bytes = process::resident_bytes().unwrap_or(0);
-                    polyptych_codec::encode(&Status::Ping(Ping { sent_us, memory_bytes }))
+                    polyptych_codec::encode(&ServerMessage::Ping(Ping { sent_us, memory_bytes }))
                 }
             };
             match tokio::time::timeout(heartbeat, frames.send(outgoing)).await {
@@ -357,13 +362,18 @@ impl Network {
         }
     }
 
-    fn obey(&self, bytes: &[u8], estimate: &mut ClockEstimate, line: &Line) -> Result<(), End> {
+    fn obey(
+        &self,
+        bytes: &[u8],
+        estimate: &mut ClockEstimate,
+        line: &LoaderLink,
+    ) -> Result<(), End> {
         let malformed = |error| End::failed(format_args!("it sent something malformed: {error}"));
         let command = polyptych_protocol::framing::decode::<Command>(bytes).map_err(malformed)?;
         match command {
             // A full queue is a render thread that stands still: what it misses, it is late with.
-            Command::Frame(frame) => drop(self.jobs.try_send(Job::Frame(Box::new(frame)))),
-            Command::Swap(swap) => drop(self.jobs.try_send(Job::Swap(swap))),
+            Command::Frame(frame) => drop(self.jobs.try_send(RenderTask::Frame(Box::new(frame)))),
+            Command::Swap(swap) => drop(self.jobs.try_send(RenderTask::Swap(swap))),
             Command::Prepare(prepare) => {
                 let order = LoadOrder { prepare, line: line.clone() };
                 if self.orders.try_send(order).is_err() {
@@ -386,8 +396,9 @@ impl Network {
             0 => address.ip().to_string(),
             _ => address.to_string(),
         });
-        let notice = Notice { what: what.to_owned(), since: time_of_day(), address, manager };
-        let _ = self.jobs.try_send(Job::Notice(notice));
+        let notice =
+            ConnectionStatus { what: what.to_owned(), since: time_of_day(), address, manager };
+        let _ = self.jobs.try_send(RenderTask::Notice(notice));
     }
 }
 

@@ -4,7 +4,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// How the connection stands, as the network thread tells it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Notice {
+pub struct ConnectionStatus {
     /// In words.
     pub what: String,
     /// Since when, in UTC: hours, minutes and seconds.
@@ -31,17 +31,22 @@ pub enum ManagerState {
 
 /// What a server is, beside its channels and its address.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Identity {
+pub struct ServerInfo {
     /// As logs and status call it.
     pub server: String,
     /// What it draws with.
     pub adapter: String,
 }
 
-impl Identity {
+impl ServerInfo {
     /// The lines by which a person finds out which display stands before them, and where its
     /// pictures come from.
-    pub fn label(&self, channel: &str, size: [u32; 2], notice: Option<&Notice>) -> Vec<String> {
+    pub fn label(
+        &self,
+        channel: &str,
+        size: [u32; 2],
+        notice: Option<&ConnectionStatus>,
+    ) -> Vec<String> {
         let mut lines = self.head(channel, notice);
         lines.push(format!("{} x {} pixels", size[0], size[1]));
         lines.push(self.adapter.clone());
@@ -49,7 +54,7 @@ impl Identity {
     }
 
     /// The lines of a display that has no picture: what it is, why, and since when.
-    pub fn idle(&self, channel: &str, notice: &Notice, is_frozen: bool) -> Vec<String> {
+    pub fn idle(&self, channel: &str, notice: &ConnectionStatus, is_frozen: bool) -> Vec<String> {
         let mut lines = self.head(channel, Some(notice));
         lines.push(if is_frozen {
             "the displays are frozen, and this one had no picture to keep".to_owned()
@@ -63,7 +68,7 @@ impl Identity {
         lines
     }
 
-    fn head(&self, channel: &str, notice: Option<&Notice>) -> Vec<String> {
+    fn head(&self, channel: &str, notice: Option<&ConnectionStatus>) -> Vec<String> {
         let mut lines = vec![channel.to_owned(), format!("server {}", self.server)];
         lines.extend(notice.and_then(|notice| notice.address.clone()));
         lines

@@ -3,29 +3,31 @@
 use std::time::Instant;
 
 use glam::UVec2;
-use polyptych_renderer::{Content, Correction, Gpu, Label, Picture, Place, Target, idle};
+use polyptych_renderer::{
+    Correction, Gpu, ImageEncoding, Label, LabelPosition, OutputTexture, Target, idle,
+};
 use polyptych_wall::unfold::{WindowLayout, WindowRect};
-use polyptych_wall::{Adjustment, ChannelId, Wall};
+use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
 use winit::dpi::PhysicalSize;
 
-use crate::display::WindowDisplay;
+use crate::display::WindowOutput;
 use crate::mismatch::{DisplayMismatch, MonitorAssignment, NOTE_TIME, NoteTime, Sizes, mismatch};
-use crate::notice::Identity;
-use crate::showing::{Look, Showing};
+use crate::notice::ServerInfo;
+use crate::showing::{DisplayContent, PresentationState};
 
 /// One channel of this server.
 #[derive(Debug)]
-pub(crate) struct Output {
+pub(crate) struct ChannelOutput {
     pub name: String,
-    surface: Surface,
+    surface: OutputSurface,
     target: Option<Target>,
     /// What was made of the target, where the channel is corrected; else `None`.
-    corrected: Option<Picture>,
+    corrected: Option<OutputTexture>,
     /// Where the window was placed last; a user may have moved it since.
     arranged: Option<WindowRect>,
     /// What the display took last. A frame is drawn while the one before is shown, and a display
     /// may have to show that again at any time: uncovered, frozen, or with words over it.
-    shown: Option<Shown>,
+    shown: Option<PresentedImage>,
     /// The monitor in full screen; else `None`.
     assignment: Option<MonitorAssignment>,
     /// The channel on the wall that was prepared last, and the sizes that its picture should have.
@@ -45,38 +47,38 @@ struct Expected {
     /// Width and height of the display picture in pixels.
     picture: [u32; 2],
     /// By which an upright picture gets its display's size; nothing else is kept of it.
-    form: Adjustment,
+    form: ChannelCalibration,
 }
 
 /// Where pictures go.
 #[derive(Debug)]
-enum Surface {
+enum OutputSurface {
     /// Nowhere: the target is all there is, and nobody sees what would be shown.
     Nowhere,
-    Window(Box<WindowDisplay>),
+    Window(Box<WindowOutput>),
     /// As a window would have it.
     #[cfg(test)]
-    Offscreen(Box<(polyptych_renderer::Output, Picture)>),
+    Offscreen(Box<(polyptych_renderer::PresentPass, OutputTexture)>),
 }
 
 #[derive(Debug)]
-struct Shown {
-    picture: Picture,
+struct PresentedImage {
+    picture: OutputTexture,
     /// The words of an idle picture; `None` for a frame.
     idle: Option<Vec<String>>,
 }
 
-impl Output {
+impl ChannelOutput {
     /// An output that shows in a window, which in full screen fills a monitor; or nowhere.
     pub fn new(
         name: String,
-        display: Option<WindowDisplay>,
+        display: Option<WindowOutput>,
         assignment: Option<MonitorAssignment>,
     ) -> Self {
-        let window = |display| Surface::Window(Box::new(display));
+        let window = |display| OutputSurface::Window(Box::new(display));
         Self {
             name,
-            surface: display.map_or(Surface::Nowhere, window),
+            surface: display.map_or(OutputSurface::Nowhere, window),
             target: None,
             corrected: None,
             arranged: None,
@@ -90,7 +92,7 @@ impl Output {
     }
 
     /// What was drawn last, as a display gets it.
-    pub fn picture(&self) -> Option<&Picture> {
+    pub fn picture(&self) -> Option<&OutputTexture> {
         self.corrected.as_ref().or(self.target.as_ref().map(Target::picture))
     }
 
@@ -106,7 +108,7 @@ impl Output {
         samples_and_linear: (u32, bool),
     ) -> Result<&mut Target, String> {
         self.corrected = None;
-        self.target_like(gpu, size, samples_and_linear, Content::Srgb)
+        self.target_like(gpu, size, samples_and_linear, ImageEncoding::Srgb)
     }
 
     /// A target of light of this size in pixels, for a channel that is corrected.
@@ -119,7 +121,7 @@ impl Output {
         size: [u32; 2],
         samples_and_linear: (u32, bool),
     ) -> Result<&mut Target, String> {
-        self.target_like(gpu, size, samples_and_linear, Content::Light)
+        self.target_like(gpu, size, samples_and_linear, ImageEncoding::Light)
     }
 
     /// The source that was drawn, and a picture for what is made of it.
@@ -130,9 +132,9 @@ impl Output {
         &mut self,
         gpu: &Gpu,
         correction: &Correction,
-    ) -> Result<(&Target, &Picture), String> {
+    ) -> Result<(&Target, &OutputTexture), String> {
         let size = correction.display_size();
-        let fits = |it: &Picture| it.size() == size && it.content() == correction.content();
+        let fits = |it: &OutputTexture| it.size() == size && it.content() == correction.content();
         let known = self.corrected.take().filter(fits);
         let picture = self.corrected.insert(known.unwrap_or_else(|| correction.picture(gpu)));
         let source = self.target.as_ref().ok_or("there is no target")?;
@@ -144,7 +146,7 @@ impl Output {
         gpu: &Gpu,
         size: [u32; 2],
         (samples, is_linear): (u32, bool),
-        content: Content,
+        content: ImageEncoding,
     ) -> Result<&mut Target, String> {
         let fits = |target: &Target| {
             target.size() == size
@@ -162,7 +164,7 @@ impl Output {
     /// Places the window of this channel among those of the whole wall, unless it was placed
     /// there already. In full screen it stays on its monitor.
     pub fn arrange(&mut self, wall: &Wall, id: ChannelId) {
-        let Surface::Window(display) = &self.surface else { return };
+        let OutputSurface::Window(display) = &self.surface else { return };
         if self.assignment.is_some() {
             return;
         }
@@ -176,10 +178,10 @@ impl Output {
     /// Whether codes of ten bits can be shown; where nobody looks, they can.
     pub fn takes_fine_codes(&self, gpu: &Gpu) -> bool {
         match &self.surface {
-            Surface::Window(display) => display.takes_fine_codes(gpu),
-            Surface::Nowhere => true,
+            OutputSurface::Window(display) => display.takes_fine_codes(gpu),
+            OutputSurface::Nowhere => true,
             #[cfg(test)]
-            Surface::Offscreen(_) => true,
+            OutputSurface::Offscreen(_) => true,
         }
     }
 
@@ -194,10 +196,10 @@ impl Output {
             std::mem::forget(old);
         }
         match &mut self.surface {
-            Surface::Nowhere => Ok(()),
-            Surface::Window(display) => display.reopen(gpu),
+            OutputSurface::Nowhere => Ok(()),
+            OutputSurface::Window(display) => display.reopen(gpu),
             #[cfg(test)]
-            Surface::Offscreen(offscreen) => {
+            OutputSurface::Offscreen(offscreen) => {
                 let again = Self::offscreen(gpu, &self.name, offscreen.1.size(), None);
                 self.surface = again.surface;
                 Ok(())
@@ -212,7 +214,7 @@ impl Output {
 
     /// The window has another size.
     pub fn resize(&mut self, gpu: &Gpu, size: PhysicalSize<u32>) {
-        if let Surface::Window(display) = &mut self.surface {
+        if let OutputSurface::Window(display) = &mut self.surface {
             display.resize(gpu, size);
         }
     }
@@ -220,8 +222,8 @@ impl Output {
     /// Learns what the wall that was prepared says of this channel's display.
     pub fn expect(&mut self, wall: &Wall) {
         self.expected = wall.channel_named(&self.name).map(|(id, channel)| {
-            let Adjustment { turn, packing, .. } = channel.adjustment;
-            let form = Adjustment { turn, packing, ..Adjustment::default() };
+            let ChannelCalibration { turn, packing, .. } = channel.adjustment;
+            let form = ChannelCalibration { turn, packing, ..ChannelCalibration::default() };
             Expected { id, picture: channel.display_size().to_array(), form }
         });
     }
@@ -282,10 +284,10 @@ impl Output {
     /// The display takes the picture that was drawn; the next one is drawn elsewhere.
     pub fn take_picture(&mut self, gpu: &Gpu) {
         // A second picture costs memory, which those that nobody sees are spared.
-        if matches!(self.surface, Surface::Nowhere) {
+        if matches!(self.surface, OutputSurface::Nowhere) {
             return;
         }
-        let spare = |shown: &mut Option<Shown>| shown.take().map(|shown| shown.picture);
+        let spare = |shown: &mut Option<PresentedImage>| shown.take().map(|shown| shown.picture);
         let picture = if let Some(corrected) = &mut self.corrected {
             let next = corrected.next(gpu, spare(&mut self.shown));
             std::mem::replace(corrected, next)
@@ -294,7 +296,7 @@ impl Output {
         } else {
             return;
         };
-        self.shown = Some(Shown { picture, idle: None });
+        self.shown = Some(PresentedImage { picture, idle: None });
     }
 
     /// Shows what is to be shown now.
@@ -304,40 +306,40 @@ impl Output {
     pub fn present(
         &mut self,
         gpu: &Gpu,
-        showing: &Showing,
-        identity: &Identity,
+        showing: &PresentationState,
+        identity: &ServerInfo,
     ) -> Result<(), String> {
         let Some(display_size) = self.display_size() else { return Ok(()) };
         let has_picture = self.shown.as_ref().is_some_and(|shown| shown.idle.is_none());
         let mut labels = Vec::new();
         let is_black = match showing.look(has_picture) {
-            Look::Black => true,
-            Look::Idle { notice: None, .. } => return Ok(()),
-            Look::Idle { notice: Some(notice), is_frozen } => {
+            DisplayContent::Black => true,
+            DisplayContent::Idle { notice: None, .. } => return Ok(()),
+            DisplayContent::Idle { notice: Some(notice), is_frozen } => {
                 let mut lines = identity.idle(&self.name, &notice, is_frozen);
                 lines.extend(self.mismatch.as_ref().map(|mismatch| mismatch.note.clone()));
                 self.show_idle(gpu, display_size, lines);
                 false
             }
-            Look::Picture { is_named, outdated } => {
-                let size = self.picture().map_or(display_size, Picture::size);
+            DisplayContent::Picture { is_named, outdated } => {
+                let size = self.picture().map_or(display_size, OutputTexture::size);
                 if is_named {
                     let lines = identity.label(&self.name, size, showing.notice());
-                    labels.push(Label { lines, place: Place::Middle });
+                    labels.push(Label { lines, place: LabelPosition::Middle });
                 }
                 let lines: Vec<String> = outdated.into_iter().chain(self.note(is_named)).collect();
                 if !lines.is_empty() {
-                    labels.push(Label { lines, place: Place::Corner });
+                    labels.push(Label { lines, place: LabelPosition::Corner });
                 }
                 false
             }
         };
         let picture = self.shown.as_ref().map(|shown| &shown.picture).filter(|_| !is_black);
         match &mut self.surface {
-            Surface::Nowhere => Ok(()),
-            Surface::Window(display) => display.present(gpu, picture, &labels),
+            OutputSurface::Nowhere => Ok(()),
+            OutputSurface::Window(display) => display.present(gpu, picture, &labels),
             #[cfg(test)]
-            Surface::Offscreen(offscreen) => {
+            OutputSurface::Offscreen(offscreen) => {
                 let (output, surface) = &mut **offscreen;
                 output.draw(gpu, picture, &labels, surface.view(), surface.size());
                 Ok(())
@@ -346,27 +348,28 @@ impl Output {
     }
 
     fn show_idle(&mut self, gpu: &Gpu, size: [u32; 2], lines: Vec<String>) {
-        let is_it =
-            |shown: &Shown| shown.picture.size() == size && shown.idle.as_ref() == Some(&lines);
+        let is_it = |shown: &PresentedImage| {
+            shown.picture.size() == size && shown.idle.as_ref() == Some(&lines)
+        };
         if !self.shown.as_ref().is_some_and(is_it) {
             let picture = idle::picture(gpu, size, &lines);
-            self.shown = Some(Shown { picture, idle: Some(lines) });
+            self.shown = Some(PresentedImage { picture, idle: Some(lines) });
         }
     }
 
     /// In pixels; `None` where nobody sees anything.
     fn display_size(&self) -> Option<[u32; 2]> {
         match &self.surface {
-            Surface::Nowhere => None,
-            Surface::Window(display) => Some(display.size()),
+            OutputSurface::Nowhere => None,
+            OutputSurface::Window(display) => Some(display.size()),
             #[cfg(test)]
-            Surface::Offscreen(offscreen) => Some(offscreen.1.size()),
+            OutputSurface::Offscreen(offscreen) => Some(offscreen.1.size()),
         }
     }
 }
 
 #[cfg(test)]
-impl Output {
+impl ChannelOutput {
     /// A display that a test can look at, of this size in pixels.
     pub fn offscreen(
         gpu: &Gpu,
@@ -376,14 +379,14 @@ impl Output {
     ) -> Self {
         let target = Target::new(gpu, size, 1, false);
         let surface = target.expect("a target").take_picture(gpu, None);
-        let output = polyptych_renderer::Output::new(gpu, surface.texture().format());
-        let surface = Surface::Offscreen(Box::new((output, surface)));
+        let output = polyptych_renderer::PresentPass::new(gpu, surface.texture().format());
+        let surface = OutputSurface::Offscreen(Box::new((output, surface)));
         Self { surface, ..Self::new(name.into(), None, assignment) }
     }
 
     /// What the display shows, RGBA8 as sRGB.
     pub fn seen(&self, gpu: &Gpu) -> Vec<u8> {
-        let Surface::Offscreen(offscreen) = &self.surface else { panic!("nobody sees it") };
+        let OutputSurface::Offscreen(offscreen) = &self.surface else { panic!("nobody sees it") };
         polyptych_renderer::read_picture(gpu, &offscreen.1).expect("read back")
     }
 }

@@ -14,13 +14,13 @@ mod tests;
 
 use glam::{DVec3, UVec2};
 use image::{Rgba, RgbaImage, imageops};
-use places::Places;
-use polyptych_protocol::pattern::Pattern;
-use polyptych_renderer::{Label, Place};
+use places::PixelPositions;
+use polyptych_protocol::pattern::TestPattern;
+use polyptych_renderer::{Label, LabelPosition};
 use polyptych_wall::color::srgb_from_linear;
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall::{Adjustment, Channel, ChannelId, Packing, Turn};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::{Channel, ChannelCalibration, ChannelId, Orientation, StereoPacking};
 
 /// Black, and no light at all.
 const BLACK: [u8; 3] = [0; 3];
@@ -32,9 +32,9 @@ const BLACK: [u8; 3] = [0; 3];
 /// # Errors
 /// There is no such channel, or its pins leave no picture.
 fn picture(
-    shaped: Shaped<'_>,
+    shaped: ResolvedWall<'_>,
     id: ChannelId,
-    pattern: Pattern,
+    pattern: TestPattern,
     eye: DVec3,
 ) -> Result<RgbaImage, String> {
     let wall = shaped.wall;
@@ -42,31 +42,35 @@ fn picture(
     let screen = wall.screen_of(channel);
     let no_picture = || format!("the pins of channel {} leave no picture", channel.name);
     let map = shaped.pixel_map(id).ok_or_else(no_picture)?;
-    let places = Places::new(&map, channel.size);
+    let places = PixelPositions::new(&map, channel.size);
     let follows_canvas = matches!(
         pattern,
-        Pattern::Grid | Pattern::Checker | Pattern::Crosshair | Pattern::Overlap | Pattern::Density
+        TestPattern::Grid
+            | TestPattern::Checker
+            | TestPattern::Crosshair
+            | TestPattern::Overlap
+            | TestPattern::Density
     );
     if follows_canvas && !map.is_known() {
         // Said on the display: a channel that fails would keep its last picture.
         return Ok(words(channel, "where its pixels lie stands in a file that is not there"));
     }
     Ok(match pattern {
-        Pattern::Grid => {
+        TestPattern::Grid => {
             let mut grid = canvas::grid(wall, screen, &places);
-            let name = Label { lines: vec![channel.name.clone()], place: Place::Middle };
+            let name = Label { lines: vec![channel.name.clone()], place: LabelPosition::Middle };
             label(&mut grid, &name);
             grid
         }
-        Pattern::Checker => canvas::checker(wall, screen, &places),
-        Pattern::Crosshair => canvas::crosshair(wall, screen, &places, eye),
-        Pattern::Overlap => light::overlap(shaped, id, &places),
-        Pattern::Density => light::density(channel, &map, eye),
-        Pattern::Weights => light::weights(shaped, id),
-        Pattern::Ramp => own::ramp(channel.size),
-        Pattern::ColorBars => own::color_bars(channel.size),
-        Pattern::Focus => own::focus(channel.size),
-        Pattern::Border => own::border(channel.size),
+        TestPattern::Checker => canvas::checker(wall, screen, &places),
+        TestPattern::Crosshair => canvas::crosshair(wall, screen, &places, eye),
+        TestPattern::Overlap => light::overlap(shaped, id, &places),
+        TestPattern::Density => light::density(channel, &map, eye),
+        TestPattern::Weights => light::weights(shaped, id),
+        TestPattern::Ramp => own::ramp(channel.size),
+        TestPattern::ColorBars => own::color_bars(channel.size),
+        TestPattern::Focus => own::focus(channel.size),
+        TestPattern::Border => own::border(channel.size),
     })
 }
 
@@ -76,10 +80,10 @@ fn picture(
 /// # Errors
 /// As [`picture`].
 pub(crate) fn display<'a>(
-    of: impl Into<Shaped<'a>>,
-    maps: &Maps,
+    of: impl Into<ResolvedWall<'a>>,
+    maps: &CalibrationMaps,
     id: ChannelId,
-    pattern: Pattern,
+    pattern: TestPattern,
     eye: DVec3,
 ) -> Result<RgbaImage, String> {
     let shaped = of.into();
@@ -92,13 +96,13 @@ pub(crate) fn display<'a>(
 }
 
 /// An upright picture as a display shows it that hangs like this.
-fn hung(adjustment: &Adjustment, upright: &RgbaImage) -> RgbaImage {
+fn hung(adjustment: &ChannelCalibration, upright: &RgbaImage) -> RgbaImage {
     let one = if adjustment.mirror { imageops::flip_horizontal(upright) } else { upright.clone() };
     let (width, height) = one.dimensions();
     let second = match adjustment.packing {
-        Packing::None | Packing::Anaglyph => None,
-        Packing::SideBySide => Some([width, 0]),
-        Packing::TopBottom => Some([0, height]),
+        StereoPacking::None | StereoPacking::Anaglyph => None,
+        StereoPacking::SideBySide => Some([width, 0]),
+        StereoPacking::TopBottom => Some([0, height]),
     };
     let packed = match second {
         None => one,
@@ -110,18 +114,18 @@ fn hung(adjustment: &Adjustment, upright: &RgbaImage) -> RgbaImage {
         }
     };
     match adjustment.turn {
-        Turn::None => packed,
+        Orientation::None => packed,
         // Its upper side is at the viewer's left: what is up to the viewer is at its right.
-        Turn::Left => imageops::rotate90(&packed),
-        Turn::Right => imageops::rotate270(&packed),
-        Turn::Half => imageops::rotate180(&packed),
+        Orientation::Left => imageops::rotate90(&packed),
+        Orientation::Right => imageops::rotate270(&packed),
+        Orientation::Half => imageops::rotate180(&packed),
     }
 }
 
 fn words(channel: &Channel, what: &str) -> RgbaImage {
     let mut image = blank(channel.size);
     let lines = vec![channel.name.clone(), what.to_owned()];
-    label(&mut image, &Label { lines, place: Place::Middle });
+    label(&mut image, &Label { lines, place: LabelPosition::Middle });
     image
 }
 

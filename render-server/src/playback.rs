@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use polyptych_protocol::command::{Frame, Swap};
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::{Epoch, FrameId};
 
 /// How much later than it should a frame may be shown at most, because it took so long to draw: a
@@ -15,7 +15,7 @@ pub const SLOW_GRACE_MAX: Duration = Duration::from_secs(1);
 
 /// What to do next.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Act {
+pub enum FrameAction {
     /// Draw this frame into the channels' own targets.
     Draw(Box<Frame>),
     /// Show the frame that was drawn last.
@@ -25,29 +25,29 @@ pub enum Act {
         /// The frame.
         frame: FrameId,
         /// What it wants displays to show.
-        display: DisplayMode,
+        display: OutputMode,
     },
 }
 
 /// The newest commands that wait, and what was done.
 #[derive(Debug, Default)]
-pub struct Playback {
+pub struct FrameScheduler {
     waiting_frame: Option<Box<Frame>>,
     waiting_swap: Option<Swap>,
-    drawn: Option<Drawn>,
+    drawn: Option<RenderedFrame>,
     shown: Option<(Epoch, FrameId)>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Drawn {
+struct RenderedFrame {
     epoch: Epoch,
     frame: FrameId,
-    display: DisplayMode,
+    display: OutputMode,
     /// How long that took.
     took_us: u64,
 }
 
-impl Playback {
+impl FrameScheduler {
     /// A frame command: it takes the place of an older one that was not drawn.
     pub fn handle_frame(&mut self, frame: Box<Frame>) {
         self.waiting_frame = Some(frame);
@@ -55,15 +55,15 @@ impl Playback {
 
     /// A swap command. `Some` is to be done at once: the frame behind it may follow in the same
     /// breath.
-    pub fn handle_swap(&mut self, swap: Swap, manager_us: Option<u64>) -> Option<Act> {
+    pub fn handle_swap(&mut self, swap: Swap, manager_us: Option<u64>) -> Option<FrameAction> {
         self.waiting_swap = Some(swap);
         self.take_show(manager_us)
     }
 
     /// What to do now, all commands having been taken. `manager_us` is manager time, where it is
-    /// known. A drawn frame must be noted by [`Playback::has_drawn`] before this is asked again.
-    pub fn poll(&mut self, manager_us: Option<u64>) -> Option<Act> {
-        self.take_show(manager_us).or_else(|| self.waiting_frame.take().map(Act::Draw))
+    /// known. A drawn frame must be noted by [`FrameScheduler::has_drawn`] before this is asked again.
+    pub fn poll(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
+        self.take_show(manager_us).or_else(|| self.waiting_frame.take().map(FrameAction::Draw))
     }
 
     /// The channels have drawn this frame in this time; it may be shown. `Some` is to be done at
@@ -74,10 +74,10 @@ impl Playback {
         frame: &Frame,
         took: Duration,
         manager_us: Option<u64>,
-    ) -> Option<Act> {
+    ) -> Option<FrameAction> {
         let took_us = took.min(SLOW_GRACE_MAX).as_micros() as u64;
         let Frame { epoch, frame, display, .. } = *frame;
-        self.drawn = Some(Drawn { epoch, frame, display, took_us });
+        self.drawn = Some(RenderedFrame { epoch, frame, display, took_us });
         self.take_show(manager_us)
     }
 
@@ -86,7 +86,7 @@ impl Playback {
         *self = Self { shown: self.shown, ..Self::default() };
     }
 
-    fn take_show(&mut self, manager_us: Option<u64>) -> Option<Act> {
+    fn take_show(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
         let swap = self.waiting_swap?;
         let drawn = self.drawn?;
         let is_old =
@@ -105,7 +105,7 @@ impl Playback {
         }
         self.waiting_swap = None;
         self.shown = Some((swap.epoch, swap.frame));
-        Some(Act::Show { epoch: swap.epoch, frame: swap.frame, display: drawn.display })
+        Some(FrameAction::Show { epoch: swap.epoch, frame: swap.frame, display: drawn.display })
     }
 }
 
@@ -113,7 +113,7 @@ impl Playback {
 mod tests {
     use glam::DVec3;
     use polyptych_protocol::ids::Revision;
-    use polyptych_wall::head::Head;
+    use polyptych_wall::head::HeadPose;
 
     use super::*;
 
@@ -126,11 +126,11 @@ mod tests {
             time_s: 0.0,
             revision: Revision(1),
             views: Vec::new(),
-            head: Head::at(DVec3::ZERO, 0.0),
+            head: HeadPose::at(DVec3::ZERO, 0.0),
             exposure: 1.0,
             error_bound_px: 0.0,
             capture: false,
-            display: DisplayMode::Normal,
+            display: OutputMode::Normal,
             pattern: None,
         }
     }
@@ -139,15 +139,15 @@ mod tests {
         Swap { epoch: EPOCH, frame: FrameId(n), not_after_us }
     }
 
-    fn show(n: u64) -> Act {
-        Act::Show { epoch: EPOCH, frame: FrameId(n), display: DisplayMode::Normal }
+    fn show(n: u64) -> FrameAction {
+        FrameAction::Show { epoch: EPOCH, frame: FrameId(n), display: OutputMode::Normal }
     }
 
     #[test]
     fn a_frame_is_drawn_and_then_shown_once() {
-        let mut playback = Playback::default();
+        let mut playback = FrameScheduler::default();
         playback.handle_frame(Box::new(frame(1)));
-        assert_eq!(playback.poll(Some(0)), Some(Act::Draw(Box::new(frame(1)))));
+        assert_eq!(playback.poll(Some(0)), Some(FrameAction::Draw(Box::new(frame(1)))));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), None);
         let act = playback.has_drawn(&frame(1), Duration::ZERO, Some(20));
         assert_eq!(act, Some(show(1)));
@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn whoever_wakes_goes_to_the_newest_frame() {
-        let mut playback = Playback::default();
+        let mut playback = FrameScheduler::default();
         playback.handle_frame(Box::new(frame(1)));
         playback.poll(Some(0));
         assert_eq!(playback.has_drawn(&frame(1), Duration::ZERO, None), None);
@@ -165,14 +165,14 @@ mod tests {
             assert_eq!(playback.handle_swap(swap(n - 1, n * 10), Some(9_999)), None);
             playback.handle_frame(Box::new(frame(n)));
         }
-        assert_eq!(playback.poll(Some(9_999)), Some(Act::Draw(Box::new(frame(49)))));
+        assert_eq!(playback.poll(Some(9_999)), Some(FrameAction::Draw(Box::new(frame(49)))));
         assert_eq!(playback.has_drawn(&frame(49), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(49, 10_100), Some(10_000)), Some(show(49)));
     }
 
     #[test]
     fn an_expired_swap_shows_nothing() {
-        let mut playback = Playback::default();
+        let mut playback = FrameScheduler::default();
         assert_eq!(playback.has_drawn(&frame(3), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(3, 100), Some(101)), None);
         assert_eq!(playback.poll(Some(50)), None);
@@ -180,24 +180,25 @@ mod tests {
 
     #[test]
     fn displays_change_with_the_frame_that_is_shown_and_not_with_the_one_that_is_drawn() {
-        let mut playback = Playback::default();
-        let black = Frame { display: DisplayMode::Blank, ..frame(2) };
+        let mut playback = FrameScheduler::default();
+        let black = Frame { display: OutputMode::Blank, ..frame(2) };
         assert_eq!(playback.has_drawn(&frame(1), Duration::ZERO, None), None);
         playback.handle_frame(Box::new(black.clone()));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), Some(show(1)));
         playback.poll(Some(10));
         assert_eq!(playback.has_drawn(&black, Duration::ZERO, None), None);
-        let expected = Act::Show { epoch: EPOCH, frame: FrameId(2), display: DisplayMode::Blank };
+        let expected =
+            FrameAction::Show { epoch: EPOCH, frame: FrameId(2), display: OutputMode::Blank };
         assert_eq!(playback.handle_swap(swap(2, 100), Some(20)), Some(expected));
     }
 
     #[test]
     fn a_swap_and_the_next_frame_in_one_breath_are_both_done() {
-        let mut playback = Playback::default();
+        let mut playback = FrameScheduler::default();
         assert_eq!(playback.has_drawn(&frame(1), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(1, 100), None), Some(show(1)));
         playback.handle_frame(Box::new(frame(2)));
-        assert_eq!(playback.poll(None), Some(Act::Draw(Box::new(frame(2)))));
+        assert_eq!(playback.poll(None), Some(FrameAction::Draw(Box::new(frame(2)))));
     }
 
     #[test]
@@ -210,7 +211,7 @@ mod tests {
             // It stood still while it drew: a frame of a minute ago is none to show.
             (minute, 60_000_000, false),
         ] {
-            let mut playback = Playback::default();
+            let mut playback = FrameScheduler::default();
             assert_eq!(playback.has_drawn(&frame(3), took, None), None);
             let shown = playback.handle_swap(swap(3, 100_000), Some(at_us));
             assert_eq!(shown.is_some(), is_shown, "{took:?} {at_us}");

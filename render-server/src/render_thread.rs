@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, select};
-use patterns::PatternPicture;
+use patterns::PatternImage;
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_renderer::{DrawStats, Gpu, GpuScene, Renderer, SceneBuilder};
@@ -28,12 +28,12 @@ use crate::clock::Clock;
 use crate::correction::Corrector;
 use crate::loader::{LoadedState, Upload};
 use crate::mismatch::MonitorAssignment;
-use crate::notice::{Identity, Notice};
-use crate::output::Output;
-use crate::playback::{Act, Playback};
-use crate::report::{self, Report};
-use crate::showing::Showing;
-use crate::slowness::Slowness;
+use crate::notice::{ConnectionStatus, ServerInfo};
+use crate::output::ChannelOutput;
+use crate::playback::{FrameAction, FrameScheduler};
+use crate::report::{self, RenderEvent};
+use crate::showing::PresentationState;
+use crate::slowness::DrawDelay;
 
 /// States that are held at once: the one shown, and those that the next frames may name.
 const STATES_MAX: usize = 4;
@@ -47,13 +47,13 @@ const WARM_UP_SIDE: u32 = 64;
 
 /// What the other threads want of this one.
 #[derive(Debug)]
-pub enum Job {
+pub enum RenderTask {
     /// Draw this, unless a newer one comes.
     Frame(Box<Frame>),
     /// Show what was drawn.
     Swap(Swap),
     /// What displays say that have no picture to show, or an old one.
-    Notice(Notice),
+    Notice(ConnectionStatus),
     /// The connection ended: what waits belongs to it.
     Disconnected,
     /// A window has another size.
@@ -81,9 +81,9 @@ pub enum Job {
 
 /// The queues of the render thread.
 pub(crate) struct Queues {
-    pub jobs: Receiver<Job>,
+    pub jobs: Receiver<RenderTask>,
     pub uploads: Receiver<Upload>,
-    pub reports: mpsc::Sender<Report>,
+    pub reports: mpsc::Sender<RenderEvent>,
     /// Takes what a wall file says of the monitors of this server's channels; `None` where there
     /// are no windows.
     pub monitor_names: Option<SendMonitorNames>,
@@ -93,7 +93,7 @@ pub(crate) struct Queues {
 pub(crate) type SendMonitorNames = Box<dyn Fn(BTreeMap<String, String>) + Send>;
 
 /// A state whose scene is on the GPU.
-struct Drawable {
+struct ReadyState {
     state: Arc<LoadedState>,
     scene: Rc<GpuScene>,
     scene_bytes: u64,
@@ -107,18 +107,18 @@ type Correctors = Rc<RefCell<BTreeMap<String, Corrector>>>;
 pub(crate) struct RenderThread {
     gpu: Gpu,
     renderer: Renderer,
-    outputs: Vec<Output>,
+    outputs: Vec<ChannelOutput>,
     queues: Queues,
     clock: Arc<Clock>,
-    slowness: Slowness,
-    playback: Playback,
+    slowness: DrawDelay,
+    playback: FrameScheduler,
     /// Oldest first; the last one was finished last.
-    states: VecDeque<Drawable>,
+    states: VecDeque<ReadyState>,
     building: Option<(SceneBuilder, u64)>,
-    showing: Showing,
+    showing: PresentationState,
     /// The test patterns of channels, by their names, while there are any.
-    patterns: BTreeMap<String, PatternPicture>,
-    identity: Identity,
+    patterns: BTreeMap<String, PatternImage>,
+    identity: ServerInfo,
     /// The names of monitors that the window system's thread was told last.
     names_sent: Option<BTreeMap<String, String>>,
     present_delay: Duration,
@@ -129,12 +129,12 @@ pub(crate) struct RenderThread {
 impl RenderThread {
     pub fn new(
         gpu: Gpu,
-        outputs: Vec<Output>,
+        outputs: Vec<ChannelOutput>,
         queues: Queues,
         clock: Arc<Clock>,
-        identity: Identity,
+        identity: ServerInfo,
         present_delay: Duration,
-        slowness: Slowness,
+        slowness: DrawDelay,
     ) -> Result<Self, String> {
         let renderer = Renderer::new(&gpu, 1).map_err(|error| error.to_string())?;
         Ok(Self {
@@ -144,10 +144,10 @@ impl RenderThread {
             queues,
             clock,
             slowness,
-            playback: Playback::default(),
+            playback: FrameScheduler::default(),
             states: VecDeque::new(),
             building: None,
-            showing: Showing::default(),
+            showing: PresentationState::default(),
             patterns: BTreeMap::new(),
             identity,
             names_sent: None,
@@ -196,44 +196,44 @@ impl RenderThread {
         }
     }
 
-    fn handle(&mut self, job: Job) {
+    fn handle(&mut self, job: RenderTask) {
         match job {
-            Job::Frame(frame) => self.playback.handle_frame(frame),
-            Job::Swap(swap) => {
+            RenderTask::Frame(frame) => self.playback.handle_frame(frame),
+            RenderTask::Swap(swap) => {
                 if let Some(act) = self.playback.handle_swap(swap, self.manager_us()) {
                     self.perform(act);
                 }
             }
-            Job::Notice(notice) => {
+            RenderTask::Notice(notice) => {
                 self.showing.handle_notice(notice);
                 for index in 0..self.outputs.len() {
                     self.show_again(index);
                 }
             }
-            Job::Disconnected => {
+            RenderTask::Disconnected => {
                 self.playback.restart();
                 self.reset_reported();
             }
-            Job::Resized { channel, size } => {
+            RenderTask::Resized { channel, size } => {
                 if let Some(index) = self.index_of(&channel) {
                     self.outputs[index].resize(&self.gpu, size);
                     self.check_displays();
                     self.show_again(index);
                 }
             }
-            Job::MonitorAssigned { channel, assignment } => {
+            RenderTask::MonitorAssigned { channel, assignment } => {
                 if let Some(index) = self.index_of(&channel) {
                     self.outputs[index].set_assignment(assignment);
                     self.check_displays();
                     self.show_again(index);
                 }
             }
-            Job::Redraw { channel } => {
+            RenderTask::Redraw { channel } => {
                 if let Some(index) = self.index_of(&channel) {
                     self.show_again(index);
                 }
             }
-            Job::Stop => self.is_stopping = true,
+            RenderTask::Stop => self.is_stopping = true,
         }
     }
 
@@ -241,10 +241,10 @@ impl RenderThread {
         self.outputs.iter().position(|output| output.name == name)
     }
 
-    fn perform(&mut self, act: Act) {
+    fn perform(&mut self, act: FrameAction) {
         match act {
-            Act::Draw(frame) => self.draw(&frame),
-            Act::Show { epoch, frame, display } => {
+            FrameAction::Draw(frame) => self.draw(&frame),
+            FrameAction::Show { epoch, frame, display } => {
                 let _span = tracing::error_span!("show", frame = frame.0).entered();
                 self.show(epoch, frame, display);
             }
@@ -295,7 +295,7 @@ impl RenderThread {
 
     /// Makes the state of this revision the one that is drawn, and forgets older ones.
     fn promote(&mut self, epoch: Epoch, revision: Revision) -> bool {
-        let is_it = |d: &Drawable| d.state.epoch == epoch && d.state.replica.revision == revision;
+        let is_it = |d: &ReadyState| d.state.epoch == epoch && d.state.replica.revision == revision;
         // The newest: one that was resynchronised holds a wrong state of the same number before it.
         let Some(index) = self.states.iter().rposition(is_it) else { return false };
         self.states.drain(..index);
@@ -386,7 +386,7 @@ impl RenderThread {
         Ok(())
     }
 
-    fn send(&self, report: Report) {
+    fn send(&self, report: RenderEvent) {
         // A full queue means that the network stands still; the manager knows that already.
         if self.queues.reports.try_send(report).is_err() {
             tracing::debug!("a report was dropped");

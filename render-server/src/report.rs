@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::{Epoch, FrameId};
-use polyptych_protocol::status::{Drawn, Shown, Status};
+use polyptych_protocol::status::{FramePresented, FrameRendered, ServerMessage};
 use polyptych_renderer::DrawStats;
 use polyptych_wall::ChannelId;
 
@@ -12,7 +12,7 @@ use crate::loader::LoadedState;
 
 /// A picture that goes to the manager over the bulk connection: sRGB RGBA8, rows from the top.
 #[derive(Clone, Debug)]
-pub(crate) struct PictureReport {
+pub(crate) struct CapturedImage {
     pub channel: ChannelId,
     pub frame: FrameId,
     pub width: u32,
@@ -22,9 +22,9 @@ pub(crate) struct PictureReport {
 
 /// What the render thread tells the network's.
 #[derive(Debug)]
-pub(crate) enum Report {
-    Status(Status),
-    Picture(PictureReport),
+pub(crate) enum RenderEvent {
+    Status(ServerMessage),
+    Picture(CapturedImage),
 }
 
 pub(crate) fn drawn(
@@ -33,8 +33,8 @@ pub(crate) fn drawn(
     state: &LoadedState,
     stats: &DrawStats,
     draw_us: u64,
-) -> Report {
-    Report::Status(Status::Drawn(Drawn {
+) -> RenderEvent {
+    RenderEvent::Status(ServerMessage::Drawn(FrameRendered {
         epoch: frame.epoch,
         frame: frame.frame,
         channel,
@@ -46,8 +46,13 @@ pub(crate) fn drawn(
     }))
 }
 
-pub(crate) fn shown(epoch: Epoch, frame: FrameId, channel: ChannelId, clock: &Clock) -> Report {
-    Report::Status(Status::Shown(Shown {
+pub(crate) fn shown(
+    epoch: Epoch,
+    frame: FrameId,
+    channel: ChannelId,
+    clock: &Clock,
+) -> RenderEvent {
+    RenderEvent::Status(ServerMessage::Shown(FramePresented {
         epoch,
         frame,
         channel,
@@ -56,11 +61,11 @@ pub(crate) fn shown(epoch: Epoch, frame: FrameId, channel: ChannelId, clock: &Cl
     }))
 }
 
-pub(crate) fn draw_failed(frame: FrameId, channel: ChannelId, reason: String) -> Report {
-    Report::Status(Status::DrawFailed { channel, frame, reason })
+pub(crate) fn draw_failed(frame: FrameId, channel: ChannelId, reason: String) -> RenderEvent {
+    RenderEvent::Status(ServerMessage::DrawFailed { channel, frame, reason })
 }
 
 /// What is wrong with a channel's display, or that nothing is any more.
-pub(crate) fn display(channel: ChannelId, warning: Option<String>) -> Report {
-    Report::Status(Status::Display { channel, warning })
+pub(crate) fn display(channel: ChannelId, warning: Option<String>) -> RenderEvent {
+    RenderEvent::Status(ServerMessage::Display { channel, warning })
 }

@@ -9,7 +9,7 @@ use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
-use polyptych_files::blob::BlobFolder;
+use polyptych_files::blob::BlobStore;
 use polyptych_protocol::handshake::Adapter;
 use polyptych_protocol::token::{self, TokenError};
 use polyptych_renderer::{Gpu, GpuError};
@@ -23,11 +23,11 @@ use crate::fullscreen::Fullscreen;
 use crate::loader::{LoadOrder, Loader, ORDERS_MAX, UPLOADS_MAX};
 use crate::monitor::Monitor;
 use crate::network::{self, Network};
-use crate::notice::Identity;
-use crate::output::Output;
-use crate::render_thread::{JOBS_MAX, Job, Queues, RenderThread, SendMonitorNames};
-use crate::report::Report;
-use crate::slowness::Slowness;
+use crate::notice::ServerInfo;
+use crate::output::ChannelOutput;
+use crate::render_thread::{JOBS_MAX, Queues, RenderTask, RenderThread, SendMonitorNames};
+use crate::report::RenderEvent;
+use crate::slowness::DrawDelay;
 use crate::window::{self, Ended, Links, Message, WindowWish, Windows};
 
 /// Reports that wait for the network.
@@ -148,7 +148,7 @@ pub fn run(options: ServerOptions, shutdown: Shutdown) -> Result<(), ServerError
     match options.output {
         OutputKind::Headless => {
             let gpu = Gpu::headless()?;
-            let output = |name: &String| Output::new(name.clone(), None, None);
+            let output = |name: &String| ChannelOutput::new(name.clone(), None, None);
             let outputs = options.channels.iter().map(output).collect();
             let own = OwnThread { on_end: Arc::new(|| {}), monitor_names: None };
             let threads = Threads::start(options, gpu, outputs, shutdown, own)?;
@@ -190,7 +190,8 @@ fn run_windows(mut options: ServerOptions, shutdown: Shutdown) -> Result<(), Ser
         let Windows { instance, displays } = windows;
         let surface = displays.first().map(|(_, display, _)| display.surface());
         let gpu = Gpu::open(instance, surface).map_err(|error| error.to_string())?;
-        let output = |(name, display, assignment)| Output::new(name, Some(display), assignment);
+        let output =
+            |(name, display, assignment)| ChannelOutput::new(name, Some(display), assignment);
         let outputs = displays.into_iter().map(output).collect();
         let threads = Threads::start(options, gpu, outputs, shutdown, OwnThread::of(proxy))
             .map_err(|error| error.to_string())?;
@@ -236,8 +237,8 @@ impl OwnThread {
 
 /// The threads beside the main one.
 struct Threads {
-    jobs: Sender<Job>,
-    reports: mpsc::Sender<Report>,
+    jobs: Sender<RenderTask>,
+    reports: mpsc::Sender<RenderEvent>,
     ending: Arc<Ending>,
     network: JoinHandle<Result<(), ServerError>>,
     /// What the render thread ended with, once it has.
@@ -248,7 +249,7 @@ impl Threads {
     fn start(
         options: ServerOptions,
         gpu: Gpu,
-        outputs: Vec<Output>,
+        outputs: Vec<ChannelOutput>,
         shutdown: Shutdown,
         own: OwnThread,
     ) -> Result<Self, ServerError> {
@@ -267,7 +268,7 @@ impl Threads {
         };
         let OwnThread { on_end, monitor_names } = own;
         let span = tracing::Span::current();
-        let identity = Identity { server: options.name.clone(), adapter: adapter.name.clone() };
+        let identity = ServerInfo { server: options.name.clone(), adapter: adapter.name.clone() };
         let delay = options.present_delay.min(PRESENT_DELAY_MAX);
 
         let queues = Queues {
@@ -277,7 +278,7 @@ impl Threads {
             monitor_names,
         };
         let ending = Arc::new(Ending::default());
-        let slowness = Slowness::new(options.slow_draw.clone());
+        let slowness = DrawDelay::new(options.slow_draw.clone());
         let (render_clock, stop, end) = (clock.clone(), ending.clone(), on_end.clone());
         let (render_result, rendered) = bounded(1);
         let server = span.clone();
@@ -293,7 +294,7 @@ impl Threads {
         })?;
 
         let loader =
-            Loader::new(BlobFolder::new(&options.cache), waiting_orders, uploads, losses, channels);
+            Loader::new(BlobStore::new(&options.cache), waiting_orders, uploads, losses, channels);
         let server = span.clone();
         let load = move || server.in_scope(|| loader.run());
         Builder::new().name("loader".into()).spawn(load)?;
@@ -314,7 +315,7 @@ impl Threads {
             };
             let result = network::run(network, shutdown, &stop);
             // The render thread ends with the process at the latest.
-            let _ = render_jobs.send_timeout(Job::Stop, RENDER_END_TIME_MAX);
+            let _ = render_jobs.send_timeout(RenderTask::Stop, RENDER_END_TIME_MAX);
             on_end();
             result
         })?;

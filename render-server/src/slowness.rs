@@ -12,11 +12,11 @@ const SLOWNESS_MAX: Duration = Duration::from_mins(1);
 /// What a file says is to happen with the next frame. The file is read before each frame, so that
 /// it can change while the server draws.
 #[derive(Debug)]
-pub(crate) struct Slowness {
+pub(crate) struct DrawDelay {
     file: Option<PathBuf>,
 }
 
-impl Slowness {
+impl DrawDelay {
     /// As the file says; not slowed without one.
     pub fn new(file: Option<PathBuf>) -> Self {
         Self { file }
@@ -67,10 +67,10 @@ mod tests {
 
     #[test]
     fn a_file_says_once_what_happens_to_the_gpu() {
-        assert_eq!(Slowness::new(None).wait(), None);
+        assert_eq!(DrawDelay::new(None).wait(), None);
         let folder = tempfile::tempdir().expect("a temporary folder");
         let file = folder.path().join("slow");
-        let slowness = Slowness::new(Some(file.clone()));
+        let slowness = DrawDelay::new(Some(file.clone()));
         assert_eq!(slowness.wait(), None, "no file");
         for (text, fault) in [
             ("lose\n", GpuFaultKind::Lost),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crossbeam_channel::Sender;
-use polyptych_protocol::status::Status;
+use polyptych_protocol::status::ServerMessage;
 use polyptych_renderer::Gpu;
 use tokio::sync::mpsc;
 use winit::application::ApplicationHandler;
@@ -15,12 +15,12 @@ use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
-use crate::display::WindowDisplay;
+use crate::display::WindowOutput;
 use crate::fullscreen::Fullscreen;
 use crate::mismatch::MonitorAssignment;
 use crate::mouse::Mouse;
-use crate::render_thread::Job;
-use crate::report::Report;
+use crate::render_thread::RenderTask;
+use crate::report::RenderEvent;
 
 /// What a window has before the wall says more, in pixels.
 const FIRST_SIZE: PhysicalSize<u32> = PhysicalSize::new(640, 360);
@@ -48,13 +48,13 @@ pub(crate) enum Ended {
 /// The windows, as the render thread takes them over.
 pub(crate) struct Windows {
     pub instance: wgpu::Instance,
-    pub displays: Vec<(String, WindowDisplay, Option<MonitorAssignment>)>,
+    pub displays: Vec<(String, WindowOutput, Option<MonitorAssignment>)>,
 }
 
 /// The ways from the windows to the other threads.
 pub(crate) struct Links {
-    pub jobs: Sender<Job>,
-    pub reports: mpsc::Sender<Report>,
+    pub jobs: Sender<RenderTask>,
+    pub reports: mpsc::Sender<RenderEvent>,
 }
 
 /// What windows are wanted.
@@ -145,7 +145,7 @@ impl App {
                 Some(fullscreen) => fullscreen.adopt(Arc::clone(&window))?,
                 None => None,
             };
-            displays.push((channel.clone(), WindowDisplay::new(window, surface), assignment));
+            displays.push((channel.clone(), WindowOutput::new(window, surface), assignment));
         }
         let instance = self.instance.clone();
         self.links = Some(start(Windows { instance, displays })?);
@@ -167,11 +167,11 @@ impl App {
     /// Tells the render thread which monitors its displays are now.
     fn send_assignments(&self, all: Vec<(String, MonitorAssignment)>) {
         for (channel, assignment) in all {
-            self.send(Job::MonitorAssigned { channel, assignment });
+            self.send(RenderTask::MonitorAssigned { channel, assignment });
         }
     }
 
-    fn send(&self, job: Job) {
+    fn send(&self, job: RenderTask) {
         if let Some(links) = &self.links {
             // A full queue is a render thread that has more important things to do.
             let _ = links.jobs.try_send(job);
@@ -185,7 +185,7 @@ impl App {
         if let Ok(place) = links.reports.try_reserve()
             && let Some(navigation) = mouse.take(Instant::now())
         {
-            place.send(Report::Status(Status::Navigate(navigation)));
+            place.send(RenderEvent::Status(ServerMessage::Navigate(navigation)));
         }
     }
 }
@@ -230,8 +230,8 @@ impl ApplicationHandler<Message> for App {
             fullscreen.restore(id);
         }
         match event {
-            WindowEvent::Resized(size) => self.send(Job::Resized { channel, size }),
-            WindowEvent::RedrawRequested => self.send(Job::Redraw { channel }),
+            WindowEvent::Resized(size) => self.send(RenderTask::Resized { channel, size }),
+            WindowEvent::RedrawRequested => self.send(RenderTask::Redraw { channel }),
             WindowEvent::CloseRequested => match self.on_close {
                 Some(tell) => tell(&channel),
                 None => self.end(event_loop, Ok(Ended::Closed)),

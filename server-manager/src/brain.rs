@@ -4,20 +4,20 @@
 use std::collections::VecDeque;
 use std::ops::Deref;
 
-use polyptych_core::{Cluster, Input, Micros, Output};
+use polyptych_core::{Cluster, Effect, Input, Micros};
 
-use crate::record::decision::Decision;
-use crate::record::{Fresh, Recorder};
+use crate::record::decision::EffectDigest;
+use crate::record::{ClusterConfig, Recorder};
 
-/// A [`Cluster`] that can be asked anything, and told things by [`Brain::handle`] only.
+/// A [`Meshlet`] that can be asked anything, and told things by [`RecordedCluster::handle`] only.
 #[derive(Debug)]
-pub(crate) struct Brain {
+pub(crate) struct RecordedCluster {
     cluster: Cluster,
-    outputs: VecDeque<Output>,
+    outputs: VecDeque<Effect>,
     recorder: Option<Recorder>,
 }
 
-impl Deref for Brain {
+impl Deref for RecordedCluster {
     type Target = Cluster;
 
     fn deref(&self) -> &Cluster {
@@ -25,9 +25,9 @@ impl Deref for Brain {
     }
 }
 
-impl Brain {
+impl RecordedCluster {
     /// A new brain, recorded where there is a recorder.
-    pub fn new(fresh: Fresh, mut recorder: Option<Recorder>) -> Self {
+    pub fn new(fresh: ClusterConfig, mut recorder: Option<Recorder>) -> Self {
         let cluster = fresh.to_cluster();
         if let Some(recorder) = &mut recorder {
             recorder.begin(fresh);
@@ -50,7 +50,7 @@ impl Brain {
         let before = self.outputs.len();
         self.outputs.extend(std::iter::from_fn(|| self.cluster.poll_output()));
         let refusal = done.as_ref().err().map(String::as_str);
-        if let Some(decision) = Decision::of(self.outputs.range(before..), refusal) {
+        if let Some(decision) = EffectDigest::of(self.outputs.range(before..), refusal) {
             recorder.decided(decision);
         }
         done
@@ -62,7 +62,7 @@ impl Brain {
     }
 
     /// What is to be done next.
-    pub fn poll_output(&mut self) -> Option<Output> {
+    pub fn poll_output(&mut self) -> Option<Effect> {
         self.outputs.pop_front()
     }
 }

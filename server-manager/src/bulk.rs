@@ -6,11 +6,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
 use polyptych_core::SessionId;
-use polyptych_files::blob::{BlobFolder, BlobHash, BlobReader};
-use polyptych_protocol::bulk::{BlobChunk, BulkDown, BulkUp, PictureChunk};
-use polyptych_protocol::connection::{self, Frames};
+use polyptych_files::blob::{BlobHash, BlobReader, BlobStore};
+use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
+use polyptych_protocol::connection::{self, MessageStream};
 use polyptych_protocol::handshake::{Proof, Welcome};
-use polyptych_protocol::identity::Identity;
+use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::stream::Stream;
 use tokio::sync::{mpsc, oneshot};
 
@@ -19,9 +19,9 @@ use crate::traffic::Traffic;
 
 /// The blobs of the wall and of scenes that servers were sent: a hash is a name, not a permission.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct AllowedBlobs(Arc<Mutex<HashSet<BlobHash>>>);
+pub(crate) struct BlobAllowlist(Arc<Mutex<HashSet<BlobHash>>>);
 
-impl AllowedBlobs {
+impl BlobAllowlist {
     pub fn allow(&self, blobs: &[BlobHash]) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).extend(blobs);
     }
@@ -32,27 +32,27 @@ impl AllowedBlobs {
 }
 
 /// A piece of a picture, and the server that it comes from.
-pub(crate) type PictureOf = (SessionId, PictureChunk);
+pub(crate) type PictureOf = (SessionId, CaptureChunk);
 
 /// The blobs that a peer may be sent.
-pub(crate) struct Store {
-    pub folder: BlobFolder,
-    pub allowed: AllowedBlobs,
+pub(crate) struct ServedBlobs {
+    pub folder: BlobStore,
+    pub allowed: BlobAllowlist,
 }
 
 /// Which server's second connection it says to be, and who it has proven to be.
-pub(crate) struct Claim {
+pub(crate) struct BulkPeer {
     /// With the session of the control connection.
     pub welcome: Welcome,
-    pub proven: Option<Identity>,
+    pub proven: Option<NodeIdentity>,
 }
 
 /// Serves one connection until it ends.
 pub(crate) async fn serve(
-    (mut frames, proof): (Frames<Stream>, Proof),
-    Claim { welcome, proven }: Claim,
+    (mut frames, proof): (MessageStream<Stream>, Proof),
+    BulkPeer { welcome, proven }: BulkPeer,
     (events, pictures): (mpsc::Sender<Event>, mpsc::Sender<PictureOf>),
-    store: Store,
+    store: ServedBlobs,
     traffic: Traffic,
 ) {
     let session = SessionId(welcome.session);
@@ -75,15 +75,15 @@ pub(crate) async fn serve(
 }
 
 async fn converse(
-    mut frames: Frames<Stream>,
+    mut frames: MessageStream<Stream>,
     session: SessionId,
     (events, pictures): (&mpsc::Sender<Event>, &mpsc::Sender<PictureOf>),
-    store: &Store,
+    store: &ServedBlobs,
     traffic: &Traffic,
 ) {
     while let Some(Ok(bytes)) = frames.next().await {
         traffic.bulk_received(bytes.len());
-        let up = match polyptych_protocol::framing::decode::<BulkUp>(&bytes) {
+        let up = match polyptych_protocol::framing::decode::<BulkToManager>(&bytes) {
             Ok(up) => up,
             Err(error) => {
                 let reason = format!("it sent something malformed on the bulk connection: {error}");
@@ -92,12 +92,12 @@ async fn converse(
             }
         };
         match up {
-            BulkUp::Want(hash) => {
+            BulkToManager::Want(hash) => {
                 if send_blob(&mut frames, hash, store, traffic).await.is_err() {
                     return;
                 }
             }
-            BulkUp::Picture(chunk) => {
+            BulkToManager::Picture(chunk) => {
                 if pictures.send((session, chunk)).await.is_err() {
                     return;
                 }
@@ -109,9 +109,9 @@ async fn converse(
 /// Sends a blob piece by piece, or the reason why it does not come. However slow the link is, one
 /// piece of it is held here.
 async fn send_blob(
-    frames: &mut Frames<Stream>,
+    frames: &mut MessageStream<Stream>,
     hash: BlobHash,
-    store: &Store,
+    store: &ServedBlobs,
     traffic: &Traffic,
 ) -> std::io::Result<()> {
     let mut next = if store.allowed.contains(hash) {
@@ -124,7 +124,7 @@ async fn send_blob(
         match next {
             Ok(Some((reader, offset, bytes))) => {
                 let chunk = BlobChunk { hash, total: reader.total(), offset, bytes };
-                let message = polyptych_codec::encode(&BulkDown::Chunk(chunk));
+                let message = polyptych_codec::encode(&BulkToServer::Chunk(chunk));
                 traffic.bulk_sent(message.len());
                 frames.send(message).await?;
                 next = off_thread(move || go_on(reader)).await;
@@ -132,7 +132,7 @@ async fn send_blob(
             Ok(None) => return Ok(()),
             Err(reason) => {
                 return frames
-                    .send(polyptych_codec::encode(&BulkDown::Missing { hash, reason }))
+                    .send(polyptych_codec::encode(&BulkToServer::Missing { hash, reason }))
                     .await;
             }
         }
@@ -150,7 +150,7 @@ async fn off_thread(
     read.unwrap_or_else(|error| Err(error.to_string()))
 }
 
-fn begin(folder: &BlobFolder, hash: BlobHash) -> Result<Option<Piece>, String> {
+fn begin(folder: &BlobStore, hash: BlobHash) -> Result<Option<Piece>, String> {
     let reader = folder.open(hash).map_err(|error| error.to_string())?;
     let reader =
         reader.ok_or("the manager has lost it; open the scene again, or start the manager")?;

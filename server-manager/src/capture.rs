@@ -7,17 +7,17 @@ mod wall_shapes;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use polyptych_core::RequestOf;
-use polyptych_protocol::bulk::PictureChunk;
+use polyptych_core::ClientRequest;
+use polyptych_protocol::bulk::CaptureChunk;
 use polyptych_protocol::ids::FrameId;
-use polyptych_protocol::request::PictureInfo;
+use polyptych_protocol::request::ImageInfo;
 use polyptych_wall::color::SrgbCodes;
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall::superposition::{DisplayPicture, Side, Superposition, is_superposed};
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::superposition::{DisplayImage, LightComposite, StereoEye, is_superposed};
 use polyptych_wall::{Channel, ChannelId, Wall};
 use rayon::prelude::*;
 
-pub use wall_shapes::WallShapes;
+pub use wall_shapes::GeometryCache;
 
 /// What stands where no channel shows anything: bezels, and channels that sent no picture.
 const DARK: [u8; 4] = [12, 12, 12, 255];
@@ -29,24 +29,25 @@ pub const CAPTURE_BYTES_MAX: u64 = 1 << 30;
 /// What the captures on their way take: a client that asks for many and reads none fills it, not
 /// the machine.
 #[derive(Clone, Debug, Default)]
-pub struct PictureMemory(Arc<AtomicU64>);
+pub struct CaptureBudget(Arc<AtomicU64>);
 
 /// The part of it that one capture takes, until it is dropped.
 #[derive(Debug)]
-pub struct Room {
+pub struct BudgetGuard {
     bytes: u64,
-    of: PictureMemory,
+    of: CaptureBudget,
 }
 
-impl PictureMemory {
+impl CaptureBudget {
     /// Room for the pictures of a wall.
     ///
     /// # Errors
     /// Where the wall is too large to be captured at once, or others take the room.
-    pub fn room_for(&self, wall: &Wall) -> Result<Room, String> {
+    pub fn room_for(&self, wall: &Wall) -> Result<BudgetGuard, String> {
         let pixels = |x: u32, y: u32| u64::from(x) * u64::from(y);
         let screens = (0..).zip(&wall.screens);
-        let sides = screens.map(|(index, screen)| (Side::of(wall, index).len() as u64, screen));
+        let sides =
+            screens.map(|(index, screen)| (StereoEye::of(wall, index).len() as u64, screen));
         let screens: u64 = sides.map(|(n, s)| n * pixels(s.canvas.x, s.canvas.y)).sum();
         let displays = wall.channels.iter().map(Channel::display_size);
         let all: u64 = displays.map(|size| pixels(size.x, size.y)).sum();
@@ -58,7 +59,7 @@ impl PictureMemory {
             ));
         }
         let taken = self.0.fetch_add(bytes, Ordering::Relaxed);
-        let room = Room { bytes, of: self.clone() };
+        let room = BudgetGuard { bytes, of: self.clone() };
         if taken + bytes > CAPTURE_BYTES_MAX {
             return Err(format!(
                 "captures on their way take {} MiB of {most} MiB, and this one takes {takes} MiB; \
@@ -70,7 +71,7 @@ impl PictureMemory {
     }
 }
 
-impl Drop for Room {
+impl Drop for BudgetGuard {
     fn drop(&mut self) {
         self.of.0.fetch_sub(self.bytes, Ordering::Relaxed);
     }
@@ -78,22 +79,22 @@ impl Drop for Room {
 
 /// The pictures of one frame as they come in.
 #[derive(Debug)]
-pub struct Collection {
+pub struct CaptureJob {
     /// Who asked for them.
-    pub job: RequestOf,
+    pub job: ClientRequest,
     /// The frame that they show.
     pub frame: FrameId,
     /// Channels that will send none, with the reason.
     pub missing: Vec<(String, String)>,
-    parts: Vec<Part>,
+    parts: Vec<ChannelImage>,
     /// As the frame shows it.
     wall: Wall,
-    shapes: WallShapes,
-    room: Room,
+    shapes: GeometryCache,
+    room: BudgetGuard,
 }
 
 #[derive(Debug)]
-struct Part {
+struct ChannelImage {
     channel: ChannelId,
     /// Its picture is on the way, then.
     has_drawn: bool,
@@ -105,27 +106,27 @@ struct Part {
 
 /// A picture as it is sent to a client: sRGB RGBA8, rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Picture {
+pub struct CaptureImage {
     /// Its name and size.
-    pub info: PictureInfo,
+    pub info: ImageInfo,
     /// `4 · width · height` bytes.
     pub rgba: Vec<u8>,
 }
 
-impl Collection {
+impl CaptureJob {
     /// Waits for the pictures of these channels.
     pub fn new(
-        job: RequestOf,
+        job: ClientRequest,
         frame: FrameId,
         channels: &[ChannelId],
         missing: Vec<(String, String)>,
-        (wall, shapes): (&Wall, &WallShapes),
-        room: Room,
+        (wall, shapes): (&Wall, &GeometryCache),
+        room: BudgetGuard,
     ) -> Self {
         let part = |&id: &ChannelId| {
             let channel = wall.channel(id)?;
             let (width, height) = channel.display_size().into();
-            Some(Part {
+            Some(ChannelImage {
                 channel: id,
                 has_drawn: false,
                 name: channel.name.clone(),
@@ -142,7 +143,7 @@ impl Collection {
     ///
     /// # Errors
     /// What does not fit, where the sender is at fault.
-    pub fn add(&mut self, chunk: &PictureChunk) -> Result<(), String> {
+    pub fn add(&mut self, chunk: &CaptureChunk) -> Result<(), String> {
         if chunk.frame != self.frame {
             return Ok(());
         }
@@ -187,8 +188,9 @@ impl Collection {
 
     /// These channels will send nothing more, for this reason.
     pub fn give_up_on(&mut self, channels: &[ChannelId], reason: &str) {
-        let gone =
-            |part: &Part| channels.contains(&part.channel) && part.bytes.len() < part.bytes_total;
+        let gone = |part: &ChannelImage| {
+            channels.contains(&part.channel) && part.bytes.len() < part.bytes_total
+        };
         for part in self.parts.extract_if(.., |part| gone(part)) {
             self.missing.push((part.name, reason.to_owned()));
         }
@@ -203,35 +205,40 @@ impl Collection {
     /// A picture for each screen and eye, then one for each channel that sent its own, as its
     /// display gets it; and the room that they take. What the right eye sees of a screen, where
     /// that is something else, has the screen's name and `-right`.
-    pub fn stitch(self) -> (Vec<Picture>, Room) {
+    pub fn stitch(self) -> (Vec<CaptureImage>, BudgetGuard) {
         let wall = &self.wall;
         let shapes = self.shapes.of(wall);
-        let of = Shaped { wall, shapes: &shapes };
+        let of = ResolvedWall { wall, shapes: &shapes };
         let mut pictures = Vec::new();
         for index in 0..u16::try_from(wall.screens.len()).unwrap_or(u16::MAX) {
-            let sides = Side::of(wall, index).iter();
+            let sides = StereoEye::of(wall, index).iter();
             pictures.extend(sides.map(|side| screen_picture(of, index, *side, &self.parts)));
         }
-        for Part { name, size: (width, height), bytes, .. } in self.parts {
-            let info = PictureInfo { name, is_screen: false, width, height };
-            pictures.push(Picture { info, rgba: bytes });
+        for ChannelImage { name, size: (width, height), bytes, .. } in self.parts {
+            let info = ImageInfo { name, is_screen: false, width, height };
+            pictures.push(CaptureImage { info, rgba: bytes });
         }
         (pictures, self.room)
     }
 }
 
 /// What one eye sees of a screen.
-fn screen_picture(of: Shaped<'_>, index: u16, side: Side, parts: &[Part]) -> Picture {
+fn screen_picture(
+    of: ResolvedWall<'_>,
+    index: u16,
+    side: StereoEye,
+    parts: &[ChannelImage],
+) -> CaptureImage {
     let wall = of.wall;
     let screen = &wall.screens[usize::from(index)];
     let name = match side {
-        Side::Left => screen.name.clone(),
-        Side::Right => format!("{}-right", screen.name),
+        StereoEye::Left => screen.name.clone(),
+        StereoEye::Right => format!("{}-right", screen.name),
     };
     let (width, height) = screen.canvas.into();
     let rgba = DARK.repeat(width as usize * height as usize);
-    let info = PictureInfo { name, is_screen: true, width, height };
-    let mut picture = Picture { info, rgba };
+    let info = ImageInfo { name, is_screen: true, width, height };
+    let mut picture = CaptureImage { info, rgba };
     if is_superposed(wall, index, side) {
         superpose(&mut picture, of, index, side, parts);
         return picture;
@@ -246,12 +253,18 @@ fn screen_picture(of: Shaped<'_>, index: u16, side: Side, parts: &[Part]) -> Pic
 }
 
 /// The sum of the channels' light, sRGB again. Row by row, so that it needs no room of its own.
-fn superpose(picture: &mut Picture, of: Shaped<'_>, index: u16, side: Side, parts: &[Part]) {
+fn superpose(
+    picture: &mut CaptureImage,
+    of: ResolvedWall<'_>,
+    index: u16,
+    side: StereoEye,
+    parts: &[ChannelImage],
+) {
     let pictures: Vec<_> = parts
         .iter()
-        .map(|part| DisplayPicture { channel: part.channel, rgba: &part.bytes })
+        .map(|part| DisplayImage { channel: part.channel, rgba: &part.bytes })
         .collect();
-    let shown = Superposition::new(of, index, side, &pictures);
+    let shown = LightComposite::new(of, index, side, &pictures);
     let codes = SrgbCodes::default();
     let row_bytes = 4 * picture.info.width.max(1) as usize;
     picture.rgba.par_chunks_exact_mut(row_bytes).enumerate().for_each(|(y, row)| {
@@ -263,7 +276,7 @@ fn superpose(picture: &mut Picture, of: Shaped<'_>, index: u16, side: Side, part
     });
 }
 
-fn paste(screen: &mut Picture, channel: &Channel, rgba: &[u8]) {
+fn paste(screen: &mut CaptureImage, channel: &Channel, rgba: &[u8]) {
     let row_bytes = 4 * channel.size.x as usize;
     let screen_row_bytes = 4 * screen.info.width as usize;
     for (y, row) in rgba.chunks_exact(row_bytes).enumerate() {

@@ -4,21 +4,21 @@ use std::sync::Arc;
 
 use futures_util::StreamExt;
 use polyptych_core::SessionId;
-use polyptych_protocol::connection::{self, Frames};
+use polyptych_protocol::connection::{self, MessageStream};
 use polyptych_protocol::handshake::Proof;
 use polyptych_protocol::limits::CALL_BYTES_MAX;
-use polyptych_protocol::request::Call;
+use polyptych_protocol::request::RequestMessage;
 use polyptych_protocol::stream::Stream;
 use tokio::io::ReadHalf;
 use tokio::sync::{Semaphore, mpsc, oneshot};
 use tokio_util::codec::{FramedParts, FramedRead, FramedWrite, LengthDelimitedCodec};
 
 use crate::requests::{Asked, REQUEST_BYTES_MAX, REQUEST_BYTES_MIN, RequestQueues};
-use crate::session::{Event, Link, write_all};
+use crate::session::{ClientHandle, Event, write_all};
 
 /// A client that may come in.
 pub(crate) struct Visitor {
-    pub frames: Frames<Stream>,
+    pub frames: MessageStream<Stream>,
     /// The manager's, for its welcome.
     pub proof: Proof,
     pub name: String,
@@ -29,7 +29,7 @@ pub(crate) struct Visitor {
 /// Serves one connection until it ends.
 pub(crate) async fn serve(visitor: Visitor, events: mpsc::Sender<Event>, queues: RequestQueues) {
     let Visitor { mut frames, proof, name, is_local } = visitor;
-    let (link, waiting) = Link::new();
+    let (link, waiting) = ClientHandle::new();
     let close = link.close.clone();
     let (verdict, answer) = oneshot::channel();
     if events.send(Event::ClientJoins { name, is_local, link, verdict }).await.is_err() {
@@ -75,7 +75,7 @@ async fn hear(
             Some(Err(error)) => return format!("the connection failed: {error}"),
             Some(Ok(bytes)) => bytes,
         };
-        let call: Call = match polyptych_protocol::framing::decode(&bytes) {
+        let call: RequestMessage = match polyptych_protocol::framing::decode(&bytes) {
             Ok(call) => call,
             Err(error) => return format!("it sent something malformed: {error}"),
         };

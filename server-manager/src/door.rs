@@ -5,19 +5,19 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use polyptych_core::Micros;
-use polyptych_core::repetition::Repetitions;
-use polyptych_files::blob::BlobFolder;
+use polyptych_core::repetition::LogLimiter;
+use polyptych_files::blob::BlobStore;
 use polyptych_protocol::connection;
 use polyptych_protocol::handshake::{Hello, Welcome};
-use polyptych_protocol::identity::Identity;
+use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::stream::{self, Stream};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc;
 
-use crate::bulk::{self, AllowedBlobs, PictureOf};
+use crate::bulk::{self, BlobAllowlist, PictureOf};
 use crate::client_session::{self, Visitor};
-use crate::gate::Gate;
+use crate::gate::Authenticator;
 use crate::requests::RequestQueues;
 use crate::server_session;
 use crate::session::Event;
@@ -29,12 +29,12 @@ const FIRST_BYTES_TIME_MAX: Duration = Duration::from_millis(500);
 
 /// Who was refused, and why: each is said once and then counted.
 #[derive(Clone, Debug)]
-pub(crate) struct Refusals {
+pub(crate) struct RejectionLog {
     since: Instant,
-    repetitions: Arc<Mutex<Repetitions>>,
+    repetitions: Arc<Mutex<LogLimiter>>,
 }
 
-impl Refusals {
+impl RejectionLog {
     pub fn new() -> Self {
         Self { since: Instant::now(), repetitions: Arc::default() }
     }
@@ -50,22 +50,22 @@ impl Refusals {
 
 /// What a stranger meets.
 #[derive(Clone)]
-pub(crate) struct Door {
-    pub refusals: Refusals,
-    pub gate: Gate,
+pub(crate) struct AcceptContext {
+    pub refusals: RejectionLog,
+    pub gate: Authenticator,
     pub events: mpsc::Sender<Event>,
     pub pictures: mpsc::Sender<PictureOf>,
     pub queues: RequestQueues,
     /// When the manager's clock began.
     pub started: tokio::time::Instant,
-    pub folder: BlobFolder,
-    pub allowed: AllowedBlobs,
+    pub folder: BlobStore,
+    pub allowed: BlobAllowlist,
     pub traffic: Traffic,
     pub welcome: Welcome,
 }
 
 /// Lets peers in, for ever.
-pub(crate) async fn accept(listener: TcpListener, door: Door) {
+pub(crate) async fn accept(listener: TcpListener, door: AcceptContext) {
     let strangers = Strangers::default();
     loop {
         match listener.accept().await {
@@ -87,7 +87,7 @@ pub(crate) async fn accept(listener: TcpListener, door: Door) {
 }
 
 /// Hears who a connection is, and serves it if it may come in.
-async fn meet(stream: TcpStream, address: SocketAddr, guest: Guest, door: Door) {
+async fn meet(stream: TcpStream, address: SocketAddr, guest: Guest, door: AcceptContext) {
     let introduced = async {
         let first = tokio::time::timeout(FIRST_BYTES_TIME_MAX, stream.readable()).await;
         if first.is_err() {
@@ -120,9 +120,9 @@ async fn meet(stream: TcpStream, address: SocketAddr, guest: Guest, door: Door) 
 }
 
 /// A peer that may come in: its connection, what it says, and who it has proven to be.
-type LetIn = (connection::Introduced<Stream>, Option<Identity>);
+type LetIn = (connection::Introduced<Stream>, Option<NodeIdentity>);
 
-async fn let_in(tcp: TcpStream, door: &Door) -> Result<LetIn, String> {
+async fn let_in(tcp: TcpStream, door: &AcceptContext) -> Result<LetIn, String> {
     let (stream, proven) = stream::accept(tcp, door.gate.keys.as_ref()).await?;
     let introduced = connection::receive_introduction(stream, &door.gate.secret).await;
     let mut peer = introduced.map_err(|error| error.to_string())?;
@@ -134,7 +134,7 @@ async fn let_in(tcp: TcpStream, door: &Door) -> Result<LetIn, String> {
     Ok((peer, proven))
 }
 
-async fn serve((peer, proven): LetIn, address: SocketAddr, door: Door) {
+async fn serve((peer, proven): LetIn, address: SocketAddr, door: AcceptContext) {
     let connection::Introduced { frames, hello, proof, .. } = peer;
     match hello {
         Hello::Client(hello) => {
@@ -147,8 +147,8 @@ async fn serve((peer, proven): LetIn, address: SocketAddr, door: Door) {
         }
         Hello::Bulk(hello) => {
             let welcome = Welcome { session: hello.session, ..door.welcome };
-            let store = bulk::Store { folder: door.folder, allowed: door.allowed };
-            let who = bulk::Claim { welcome, proven };
+            let store = bulk::ServedBlobs { folder: door.folder, allowed: door.allowed };
+            let who = bulk::BulkPeer { welcome, proven };
             bulk::serve((frames, proof), who, (door.events, door.pictures), store, door.traffic)
                 .await;
         }

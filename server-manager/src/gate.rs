@@ -4,24 +4,24 @@
 //! the certificate proves more, which node of this very wall it is, and for that node only.
 
 use polyptych_protocol::handshake::{Hello, Secret};
-use polyptych_protocol::identity::Identity;
-use polyptych_protocol::keys::Keys;
+use polyptych_protocol::identity::NodeIdentity;
+use polyptych_protocol::keys::Credentials;
 use polyptych_wall::Wall;
 use polyptych_wall::limits::NAME_BYTES_MAX;
 
 /// What the door holds peers against.
 #[derive(Clone, Debug)]
-pub(crate) struct Gate {
+pub(crate) struct Authenticator {
     /// TLS for all connections, where there are any.
-    pub keys: Option<Keys>,
+    pub keys: Option<Credentials>,
     /// The token; empty with keys.
     pub secret: Secret,
     /// Every channel and the server that the wall file gives it.
     owners: Vec<(String, String)>,
 }
 
-impl Gate {
-    pub fn new(token: String, keys: Option<Keys>, wall: &Wall) -> Self {
+impl Authenticator {
+    pub fn new(token: String, keys: Option<Credentials>, wall: &Wall) -> Self {
         let owner = |c: &polyptych_wall::Channel| (c.name.clone(), c.server.clone());
         // Over TLS no peer knows a token, and certificates prove more.
         let secret = Secret(if keys.is_some() { String::new() } else { token });
@@ -36,7 +36,7 @@ impl Gate {
         &self,
         hello: &Hello,
         knows_token: bool,
-        proven: Option<&Identity>,
+        proven: Option<&NodeIdentity>,
     ) -> Result<(), String> {
         let name = match hello {
             Hello::Client(hello) => hello.name.as_str(),
@@ -57,16 +57,16 @@ impl Gate {
         }
     }
 
-    fn check_identity(&self, hello: &Hello, identity: &Identity) -> Result<(), String> {
+    fn check_identity(&self, hello: &Hello, identity: &NodeIdentity) -> Result<(), String> {
         let (said, is_same) = match (hello, identity) {
-            (Hello::Client(hello), Identity::Client(name)) => {
+            (Hello::Client(hello), NodeIdentity::Client(name)) => {
                 (format!("client {}", hello.name), hello.name == *name)
             }
-            (Hello::Server(hello), Identity::Server(name)) => {
+            (Hello::Server(hello), NodeIdentity::Server(name)) => {
                 (format!("server {}", hello.name), hello.name == *name)
             }
             // Its control connection said the name; the brain's thread compares.
-            (Hello::Bulk(_), Identity::Server(_)) => ("a server".into(), true),
+            (Hello::Bulk(_), NodeIdentity::Server(_)) => ("a server".into(), true),
             (Hello::Client(hello), _) => (format!("client {}", hello.name), false),
             (Hello::Server(hello), _) => (format!("server {}", hello.name), false),
             (Hello::Bulk(_), _) => ("a server".into(), false),
@@ -132,13 +132,13 @@ mod tests {
     #[test]
     fn a_peer_is_only_what_it_has_proven() {
         let wall = polyptych_wall_file::parse(WALL, "gate.toml".as_ref()).expect("a wall");
-        let gate = Gate::new("0123456789abcdef".into(), None, &wall);
+        let gate = Authenticator::new("0123456789abcdef".into(), None, &wall);
         let bulk = Hello::Bulk(BulkHello { session: 1 });
-        let is = |text: &str| -> Option<Identity> {
+        let is = |text: &str| -> Option<NodeIdentity> {
             Some(match text.split_once(' ') {
-                Some(("server", name)) => Identity::Server(name.into()),
-                Some((_, name)) => Identity::Client(name.into()),
-                None => Identity::Manager,
+                Some(("server", name)) => NodeIdentity::Server(name.into()),
+                Some((_, name)) => NodeIdentity::Client(name.into()),
+                None => NodeIdentity::Manager,
             })
         };
         for (hello, knows_token, proven, fault) in [

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
 
-use polyptych_files::blob::{BlobFolder, BlobHash};
+use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::SceneSummary;
@@ -97,12 +97,12 @@ pub(crate) async fn import(
     let hash = baked.pointer("/manifest").and_then(|hash| hash.as_str());
     let hash = hash.and_then(BlobHash::from_hex);
     let hash = hash.ok_or_else(|| format!("{path}: the baker named no manifest"))?;
-    let folder = BlobFolder::new(baker.store.join("blobs"));
+    let folder = BlobStore::new(baker.store.join("blobs"));
     let read = tokio::task::spawn_blocking(move || read_manifest(&folder, hash)).await;
     read.map_err(|error| error.to_string())?.map_err(|reason| format!("{path}: {reason}"))
 }
 
-pub(crate) fn read_manifest(folder: &BlobFolder, hash: BlobHash) -> Result<Import, String> {
+pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import, String> {
     let bytes = folder.read(hash).map_err(|error| error.to_string())?;
     let bytes = bytes.ok_or("the baker wrote no manifest")?;
     let scene: Scene = polyptych_scene::decode(&bytes).map_err(|error| error.to_string())?;

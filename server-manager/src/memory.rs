@@ -16,7 +16,7 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use disk::{Disk, System};
-use polyptych_core::Memory;
+use polyptych_core::PersistentState;
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
 use polyptych_wall::Wall;
@@ -38,7 +38,7 @@ pub(crate) struct Saved {
     /// The wall of the wall file at that time, without paths.
     pub wall: Wall,
     /// The state of this wall.
-    pub memory: Memory,
+    pub memory: PersistentState,
 }
 
 /// Writes the state of one wall.
@@ -130,11 +130,16 @@ impl StateFile {
     ///
     /// # Errors
     /// The folder or the file can't be written.
-    pub fn save(&self, memory: &Memory, is_durable: bool) -> io::Result<()> {
+    pub fn save(&self, memory: &PersistentState, is_durable: bool) -> io::Result<()> {
         self.save_on(&mut System, memory, is_durable)
     }
 
-    fn save_on(&self, disk: &mut impl Disk, memory: &Memory, is_durable: bool) -> io::Result<()> {
+    fn save_on(
+        &self,
+        disk: &mut impl Disk,
+        memory: &PersistentState,
+        is_durable: bool,
+    ) -> io::Result<()> {
         let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let folder = folder.unwrap_or(Path::new("."));
         disk.make_folder(folder)?;
@@ -175,37 +180,40 @@ impl StateFile {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
-    use polyptych_protocol::display::DisplayMode;
+    use polyptych_protocol::display::OutputMode;
     use polyptych_protocol::ids::Revision;
-    use polyptych_protocol::pattern::Pattern;
-    use polyptych_protocol::request::Pace;
+    use polyptych_protocol::pattern::TestPattern;
+    use polyptych_protocol::request::Pacing;
     use polyptych_scene::Bounds;
-    use polyptych_wall::Adjustment;
+    use polyptych_wall::ChannelCalibration;
     use polyptych_wall::camera::Camera;
-    use polyptych_wall::head::Head;
+    use polyptych_wall::head::HeadPose;
     use polyptych_wall::view::View;
 
     use super::*;
-    use polyptych_core::Further;
+    use polyptych_core::PersistentStateV2;
 
     #[test]
     fn what_is_saved_comes_back_and_damage_is_noticed() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("state/wall");
         assert_eq!(load(&path), None);
-        let memory = Memory {
+        let memory = PersistentState {
             revision: Revision(9),
             scene: None,
             camera: Camera { scale: 0.1, ..Camera::IDENTITY },
-            head: Head::at(DVec3::new(0.1, 1.6, 0.3), 0.06),
+            head: HeadPose::at(DVec3::new(0.1, 1.6, 0.3), 0.06),
             views: vec![View::of_wall(Camera::IDENTITY)],
             exposure: 1.5,
-            pace: Some(Pace::Rate(60.0)),
-            displays: DisplayMode::Blank,
-            further: Further {
+            pace: Some(Pacing::Rate(60.0)),
+            displays: OutputMode::Blank,
+            further: PersistentStateV2 {
                 bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
-                pattern: Some(Pattern::Grid),
-                tunings: vec![("a".into(), Adjustment { mirror: true, ..Adjustment::default() })],
+                pattern: Some(TestPattern::Grid),
+                tunings: vec![(
+                    "a".into(),
+                    ChannelCalibration { mirror: true, ..ChannelCalibration::default() },
+                )],
                 notes: vec!["animations: 1 is not played".into()],
             },
         };

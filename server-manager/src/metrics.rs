@@ -43,7 +43,7 @@ const ACCEPT_WAIT: Duration = Duration::from_millis(100);
 
 /// What the manager knows when it is asked.
 #[derive(Debug)]
-pub(crate) struct Sample {
+pub(crate) struct MetricsSnapshot {
     pub snapshot: Snapshot,
     pub queues: Vec<Queue>,
     /// Connection, direction and bytes so far.
@@ -136,13 +136,13 @@ async fn answer(
     })
 }
 
-async fn sample(events: &mpsc::Sender<Event>) -> Option<Sample> {
+async fn sample(events: &mpsc::Sender<Event>) -> Option<MetricsSnapshot> {
     let (answer, sample) = oneshot::channel();
     events.send(Event::Watched { answer }).await.ok()?;
     sample.await.ok()
 }
 
-fn exposed(sample: Sample) -> Response<String> {
+fn exposed(sample: MetricsSnapshot) -> Response<String> {
     match exposition::text_of(sample) {
         Ok(text) => with_type(StatusCode::OK, exposition::CONTENT_TYPE, text),
         Err(error) => plain(StatusCode::INTERNAL_SERVER_ERROR, &format!("{error}\n")),

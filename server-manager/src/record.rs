@@ -23,8 +23,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use buffer::Buffer;
-use decision::Decision;
-use polyptych_core::{Checkpoint, CheckpointOf, Cluster, Input, Memory, Micros};
+use decision::EffectDigest;
+use polyptych_core::{Checkpoint, CheckpointOf, Cluster, Input, Micros, PersistentState};
 use polyptych_protocol::ids::Epoch;
 use polyptych_wall::Wall;
 use ring::{Ring, RingError};
@@ -46,7 +46,7 @@ pub enum Record<C = Checkpoint, I = Input> {
         input: I,
     },
     /// What it decided on the last input; where this is missing, nothing.
-    Decided(Decision),
+    Decided(EffectDigest),
     /// The manager ended in order.
     End,
 }
@@ -63,33 +63,33 @@ pub struct Segment<C = Checkpoint> {
     /// Whether every input since the segment before is in that one.
     pub is_contiguous: bool,
     /// Where the brain stood.
-    pub beginning: Beginning<C>,
+    pub beginning: InitialState<C>,
 }
 
 /// Where a brain stood before the first input.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub enum Beginning<C = Checkpoint> {
+pub enum InitialState<C = Checkpoint> {
     /// It was new.
-    Fresh(Box<Fresh>),
+    Fresh(Box<ClusterConfig>),
     /// It had been told something before.
     Checkpoint(C),
 }
 
 /// What a brain is made of.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Fresh {
+pub struct ClusterConfig {
     /// The wall.
     pub wall: Wall,
     /// The life of the manager.
     pub epoch: Epoch,
     /// What the life before had remembered.
-    pub memory: Option<Memory>,
+    pub memory: Option<PersistentState>,
     /// Whether the mouse over its windows moves the camera.
     #[serde(default)]
     pub is_navigable: bool,
 }
 
-impl Fresh {
+impl ClusterConfig {
     /// The brain.
     pub fn to_cluster(&self) -> Cluster {
         let mut cluster = match &self.memory {
@@ -101,7 +101,7 @@ impl Fresh {
     }
 }
 
-impl Beginning {
+impl InitialState {
     /// The brain.
     pub fn into_cluster(self) -> Cluster {
         match self {
@@ -111,7 +111,7 @@ impl Beginning {
     }
 }
 
-type RecordOf<'a> = Record<CheckpointOf<'a>, &'a Input>;
+type RecordRef<'a> = Record<CheckpointOf<'a>, &'a Input>;
 
 /// Writes a recording. Dropping it writes what is left.
 #[derive(Debug)]
@@ -141,24 +141,24 @@ impl Recorder {
     }
 
     /// A life of the manager begins.
-    pub(crate) fn begin(&mut self, fresh: Fresh) {
+    pub(crate) fn begin(&mut self, fresh: ClusterConfig) {
         self.epoch = Some(fresh.epoch);
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         self.started_unix_us = since_1970.as_micros() as u64;
-        let beginning: Beginning<CheckpointOf<'_>> = Beginning::Fresh(Box::new(fresh));
+        let beginning: InitialState<CheckpointOf<'_>> = InitialState::Fresh(Box::new(fresh));
         self.segment(false, beginning);
     }
 
     /// The brain is about to be told something.
     pub(crate) fn input(&mut self, cluster: &Cluster, now: Micros, input: &Input) {
         if let Some(is_contiguous) = self.buffer.wants_segment() {
-            self.segment(is_contiguous, Beginning::Checkpoint(cluster.checkpoint()));
+            self.segment(is_contiguous, InitialState::Checkpoint(cluster.checkpoint()));
         }
         self.note(&Record::Input { now, input });
     }
 
     /// What came of the last input.
-    pub(crate) fn decided(&mut self, decision: Decision) {
+    pub(crate) fn decided(&mut self, decision: EffectDigest) {
         self.note(&Record::Decided(decision));
     }
 
@@ -167,7 +167,7 @@ impl Recorder {
         self.buffer.failure()
     }
 
-    fn segment(&mut self, is_contiguous: bool, beginning: Beginning<CheckpointOf<'_>>) {
+    fn segment(&mut self, is_contiguous: bool, beginning: InitialState<CheckpointOf<'_>>) {
         let Some(epoch) = self.epoch else { return };
         self.buffer.begin_segment();
         let program = env!("CARGO_PKG_VERSION").to_owned();
@@ -176,7 +176,7 @@ impl Recorder {
         self.note(&Record::Begin(segment));
     }
 
-    fn note(&self, record: &RecordOf<'_>) {
+    fn note(&self, record: &RecordRef<'_>) {
         self.buffer.append(|bytes| polyptych_codec::append_framed(record, bytes));
     }
 }

@@ -6,20 +6,20 @@ mod timeline;
 mod words;
 
 use invariants::Invariants;
-use polyptych_core::{Cluster, Input, Micros, Output};
+use polyptych_core::{Cluster, Effect, Input, Micros};
 use serde::Serialize;
 use timeline::Timeline;
 
-use crate::record::decision::Decision;
+use crate::record::decision::EffectDigest;
 use crate::record::ring::{RingError, RingReader};
-use crate::record::{Beginning, Record, Segment};
+use crate::record::{InitialState, Record, Segment};
 pub use timeline::{Event, Summary};
 
 /// What came of a replay.
 #[derive(Debug, Default, Serialize)]
-pub struct Replayed {
+pub struct ReplayReport {
     /// Each stretch of inputs without a gap, in order: the life of a manager, or a part of one.
-    pub parts: Vec<Part>,
+    pub parts: Vec<ReplayRun>,
     /// Inputs that were told again.
     pub inputs: u64,
     /// Inputs on which something was decided, and compared.
@@ -27,14 +27,14 @@ pub struct Replayed {
     /// How many of them were decided in another way.
     pub differences: u64,
     /// The first of those.
-    pub first_difference: Option<Difference>,
+    pub first_difference: Option<Divergence>,
     /// The first invariant that was broken, then as now.
     pub violation: Option<String>,
 }
 
 /// A stretch of inputs without a gap.
 #[derive(Debug, Serialize)]
-pub struct Part {
+pub struct ReplayRun {
     /// The version of the program that recorded it.
     pub program: String,
     /// The life of the manager, as in status and logs.
@@ -52,7 +52,7 @@ pub struct Part {
 
 /// An input on which this program decides in another way than the one that recorded it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Difference {
+pub struct Divergence {
     /// In which part, from 1.
     pub part: usize,
     /// Manager time in seconds.
@@ -68,20 +68,20 @@ pub struct Difference {
 }
 
 /// A brain on its way through a part.
-struct Player {
+struct Replayer {
     cluster: Cluster,
     timeline: Timeline,
     invariants: Invariants,
-    part: Part,
+    part: ReplayRun,
     inputs: u64,
-    last: Option<Told>,
+    last: Option<PendingCheck>,
 }
 
 /// What the last input came to, until the recording has said what it should.
-struct Told {
+struct PendingCheck {
     now: Micros,
     input: Input,
-    decision: Option<Decision>,
+    decision: Option<EffectDigest>,
     is_compared: bool,
 }
 
@@ -89,7 +89,7 @@ struct Told {
 ///
 /// # Errors
 /// [`RingError`] where it can't be read, or was made by a program that this one does not know.
-pub fn replay(reader: &RingReader) -> Result<Replayed, RingError> {
+pub fn replay(reader: &RingReader) -> Result<ReplayReport, RingError> {
     let mut all = Replay::default();
     for &number in reader.segments() {
         for record in reader.read(number)? {
@@ -102,8 +102,8 @@ pub fn replay(reader: &RingReader) -> Result<Replayed, RingError> {
 
 #[derive(Default)]
 struct Replay {
-    replayed: Replayed,
-    player: Option<Player>,
+    replayed: ReplayReport,
+    player: Option<Replayer>,
 }
 
 impl Replay {
@@ -131,7 +131,7 @@ impl Replay {
 
     fn begin(&mut self, segment: Segment) {
         let Segment { program, epoch, started_unix_us, is_contiguous, beginning } = segment;
-        let is_from_start = matches!(beginning, Beginning::Fresh(_));
+        let is_from_start = matches!(beginning, InitialState::Fresh(_));
         let goes_on =
             is_contiguous && self.player.as_ref().is_some_and(|p| p.cluster.epoch() == epoch);
         if goes_on {
@@ -144,16 +144,22 @@ impl Replay {
             let number = self.replayed.parts.len() + 1;
             let epoch = epoch.to_string();
             let summary = Summary::default();
-            let part =
-                Part { program, epoch, started_unix_us, is_from_start, has_end: false, summary };
-            self.player = Some(Player::new(cluster, part, number));
+            let part = ReplayRun {
+                program,
+                epoch,
+                started_unix_us,
+                is_from_start,
+                has_end: false,
+                summary,
+            };
+            self.player = Some(Replayer::new(cluster, part, number));
             return;
         };
         // The same inputs have led to the same state, or something else than inputs did.
         let [ours, theirs] =
             [&player.cluster, &cluster].map(|c| polyptych_codec::encode(&c.checkpoint()));
         if ours != theirs {
-            let difference = Difference {
+            let difference = Divergence {
                 part: self.replayed.parts.len() + 1,
                 at_s: player.timeline.now_s(),
                 number: player.inputs,
@@ -168,7 +174,7 @@ impl Replay {
     }
 
     /// The recording says what came of the last input.
-    fn compare(&mut self, recorded: &Decision) {
+    fn compare(&mut self, recorded: &EffectDigest) {
         let Some(player) = &mut self.player else { return };
         let Some(told) = &mut player.last else { return };
         self.replayed.decisions += 1;
@@ -183,7 +189,7 @@ impl Replay {
     /// nobody knows.
     fn settle(&mut self, is_torn: bool) {
         let Some(player) = &mut self.player else { return };
-        let is_silent = |told: &Told| !told.is_compared && told.decision.is_some();
+        let is_silent = |told: &PendingCheck| !told.is_compared && told.decision.is_some();
         if player.last.as_ref().is_some_and(is_silent) && !is_torn {
             let difference = player.difference(self.replayed.parts.len() + 1, None);
             self.replayed.note(difference);
@@ -195,20 +201,20 @@ impl Replay {
         self.settle(true);
         if let Some(player) = self.player.take() {
             let summary = player.timeline.finish(&player.cluster);
-            self.replayed.parts.push(Part { summary, ..player.part });
+            self.replayed.parts.push(ReplayRun { summary, ..player.part });
         }
     }
 }
 
-impl Replayed {
-    fn note(&mut self, difference: Difference) {
+impl ReplayReport {
+    fn note(&mut self, difference: Divergence) {
         self.differences += 1;
         self.first_difference.get_or_insert(difference);
     }
 }
 
-impl Player {
-    fn new(cluster: Cluster, part: Part, number: usize) -> Self {
+impl Replayer {
+    fn new(cluster: Cluster, part: ReplayRun, number: usize) -> Self {
         let timeline = Timeline::new(&cluster);
         let invariants = Invariants::new(&cluster, part.is_from_start, format!("part {number}"));
         Self { cluster, timeline, invariants, part, inputs: 0, last: None }
@@ -220,21 +226,22 @@ impl Player {
         let (outputs, refusal) = tell(&mut self.cluster, now, input.clone());
         self.timeline.observe(now, &input, &outputs, refusal.as_deref(), &self.cluster);
         let broken = self.invariants.observe(now, &input, &outputs, &self.cluster).err();
-        let decision = Decision::of(outputs.iter(), refusal.as_deref());
-        self.last = Some(Told { now, input, decision, is_compared: false });
+        let decision = EffectDigest::of(outputs.iter(), refusal.as_deref());
+        self.last = Some(PendingCheck { now, input, decision, is_compared: false });
         broken
     }
 
-    fn difference(&self, part: usize, recorded: Option<&Decision>) -> Difference {
+    fn difference(&self, part: usize, recorded: Option<&EffectDigest>) -> Divergence {
         let told = self.last.as_ref();
-        let words =
-            |decision: Option<&Decision>| decision.map_or("nothing".into(), Decision::words);
+        let words = |decision: Option<&EffectDigest>| {
+            decision.map_or("nothing".into(), EffectDigest::words)
+        };
         let replayed = told.and_then(|told| told.decision.as_ref());
         let (recorded, mut replayed) = (words(recorded), words(replayed));
         if recorded == replayed {
             replayed.push_str(" (of another content)");
         }
-        Difference {
+        Divergence {
             part,
             at_s: told.map_or(0, |told| told.now) as f64 / 1e6,
             number: self.inputs,
@@ -246,7 +253,7 @@ impl Player {
 }
 
 /// Tells a brain something; gives what came of it.
-fn tell(cluster: &mut Cluster, now: Micros, input: Input) -> (Vec<Output>, Option<String>) {
+fn tell(cluster: &mut Cluster, now: Micros, input: Input) -> (Vec<Effect>, Option<String>) {
     let refusal = cluster.handle(now, input).err();
     (std::iter::from_fn(|| cluster.poll_output()).collect(), refusal)
 }

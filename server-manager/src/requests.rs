@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use polyptych_core::{Micros, SessionId};
-use polyptych_protocol::request::Call;
+use polyptych_protocol::request::RequestMessage;
 use tokio::sync::{Notify, OwnedSemaphorePermit};
 
 /// Maximum size of the requests of one client that wait, in bytes on the wire.
@@ -29,7 +29,7 @@ const REQUESTS_PER_PERIOD: u32 = 32;
 #[derive(Debug)]
 pub(crate) enum Asked {
     /// A request, and its share of [`REQUEST_BYTES_MAX`].
-    Call(Call, OwnedSemaphorePermit),
+    Call(RequestMessage, OwnedSemaphorePermit),
     /// The connection has ended, for this reason; nothing follows.
     Gone(String),
 }
@@ -138,7 +138,7 @@ mod tests {
 
     fn ask(turns: &Turns, session: u64, id: u64) {
         let room = Arc::new(Semaphore::new(1)).try_acquire_owned().expect("free");
-        let call = Call { id: RequestId(id), request: Request::Status };
+        let call = RequestMessage { id: RequestId(id), request: Request::Status };
         turns.queues().push(SessionId(session), Asked::Call(call, room));
     }
 

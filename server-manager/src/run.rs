@@ -17,27 +17,27 @@ use std::time::Duration;
 use clients::{ClientSeat, progress_of, wait_for_news};
 use importing::{Baking, Imported};
 use network::Network;
-use polyptych_core::repetition::Repetitions;
-use polyptych_core::{self, Input, Micros, Output, RequestOf, SessionId};
-use polyptych_files::blob::BlobFolder;
+use polyptych_core::repetition::LogLimiter;
+use polyptych_core::{self, ClientRequest, Effect, Input, Micros, SessionId};
+use polyptych_files::blob::BlobStore;
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::handshake::Welcome;
-use polyptych_protocol::identity::Identity;
+use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::ids::Epoch;
-use polyptych_protocol::keys::{Keys, KeysError};
+use polyptych_protocol::keys::{Credentials, CredentialsError};
 use polyptych_wall::Wall;
 use tokio::sync::{Semaphore, mpsc};
 use tokio::time::Instant;
 
-use crate::brain::Brain;
-use crate::bulk::{AllowedBlobs, PictureOf};
-use crate::capture::{Collection, PictureMemory, WallShapes};
-use crate::gate::Gate;
+use crate::brain::RecordedCluster;
+use crate::bulk::{BlobAllowlist, PictureOf};
+use crate::capture::{CaptureBudget, CaptureJob, GeometryCache};
+use crate::gate::Authenticator;
 use crate::import::Baker;
 use crate::memory::keeper::Keeper;
 use crate::record::Recorder;
 use crate::requests::Turns;
-use crate::server_session::ServerLink;
+use crate::server_session::ServerHandle;
 use crate::session::{EVENTS_MAX, Event};
 use crate::traffic::Traffic;
 use crate::{door, memory, metrics};
@@ -87,7 +87,7 @@ pub enum ManagerError {
     Random(getrandom::Error),
     /// Its keys are not to be used.
     #[error(transparent)]
-    Keys(#[from] KeysError),
+    Keys(#[from] CredentialsError),
     /// A file of its wall was not baked.
     #[error("the wall's file {0} was not baked")]
     WallFile(String),
@@ -128,15 +128,15 @@ pub async fn run(
     let epoch = Epoch(u64::from_le_bytes(epoch));
     let metrics = options.metrics.take().map(|at| metrics::start(at, events.clone()));
     let metrics = metrics.transpose().map_err(ManagerError::Metrics)?;
-    let mut hub = Hub::new(options, epoch, events)?;
-    let door = door::Door {
-        refusals: door::Refusals::new(),
-        gate: Gate::new(hub.options.token.clone(), keys, &hub.options.wall),
+    let mut hub = EventLoop::new(options, epoch, events)?;
+    let door = door::AcceptContext {
+        refusals: door::RejectionLog::new(),
+        gate: Authenticator::new(hub.options.token.clone(), keys, &hub.options.wall),
         events: hub.events.clone(),
         pictures: hub.pictures_of_servers.0.clone(),
         queues: hub.turns.queues().clone(),
         started: hub.started,
-        folder: BlobFolder::new(hub.options.baker.store.join("blobs")),
+        folder: BlobStore::new(hub.options.baker.store.join("blobs")),
         allowed: hub.allowed.clone(),
         traffic: hub.traffic.clone(),
         welcome: hub.welcome(SessionId(0)),
@@ -154,9 +154,9 @@ pub async fn run(
 }
 
 /// The manager's own keys, fit for use now.
-fn load_keys(folder: &Path) -> Result<Keys, KeysError> {
-    let keys = Keys::load(folder)?;
-    keys.require(&Identity::Manager)?;
+fn load_keys(folder: &Path) -> Result<Credentials, CredentialsError> {
+    let keys = Credentials::load(folder)?;
+    keys.require(&NodeIdentity::Manager)?;
     for warning in keys.warnings() {
         tracing::warn!("{warning}");
     }
@@ -164,20 +164,20 @@ fn load_keys(folder: &Path) -> Result<Keys, KeysError> {
 }
 
 /// The brain and what it holds on to.
-struct Hub {
+struct EventLoop {
     options: ManagerOptions,
-    cluster: Brain,
+    cluster: RecordedCluster,
     keeper: Option<Keeper>,
     events: mpsc::Sender<Event>,
     imported: (mpsc::Sender<Imported>, mpsc::Receiver<Imported>),
     /// What bakers say of their progress.
     progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),
-    allowed: AllowedBlobs,
+    allowed: BlobAllowlist,
     traffic: Traffic,
-    repetitions: Repetitions,
+    repetitions: LogLimiter,
     started: Instant,
     next_session: u64,
-    servers: BTreeMap<SessionId, ServerLink>,
+    servers: BTreeMap<SessionId, ServerHandle>,
     clients: BTreeMap<SessionId, ClientSeat>,
     /// What clients ask.
     turns: Turns,
@@ -185,9 +185,9 @@ struct Hub {
     pictures_of_servers: (mpsc::Sender<PictureOf>, mpsc::Receiver<PictureOf>),
     /// Turns since the queue of events was last seen empty.
     busy_turns: u32,
-    collections: Vec<(Instant, Collection)>,
-    pictures: PictureMemory,
-    shapes: WallShapes,
+    collections: Vec<(Instant, CaptureJob)>,
+    pictures: CaptureBudget,
+    shapes: GeometryCache,
     bakes: Arc<Semaphore>,
     stopping: Option<Stopping>,
 }
@@ -197,18 +197,18 @@ struct Hub {
 enum Stopping {
     Manager,
     /// Answered once the servers have ended.
-    WithServers(RequestOf),
+    WithServers(ClientRequest),
 }
 
-impl Hub {
+impl EventLoop {
     fn new(
         mut options: ManagerOptions,
         epoch: Epoch,
         events: mpsc::Sender<Event>,
     ) -> Result<Self, ManagerError> {
-        let allowed = AllowedBlobs::default();
+        let allowed = BlobAllowlist::default();
         allowed.allow(&options.wall.blobs().collect::<Vec<_>>());
-        let blobs = BlobFolder::new(options.baker.store.join("blobs"));
+        let blobs = BlobStore::new(options.baker.store.join("blobs"));
         let (cluster, state) = beginning::begin(&mut options, epoch, &allowed);
         let keeper = state.map(Keeper::of).transpose().map_err(ManagerError::Thread)?;
         Ok(Self {
@@ -220,7 +220,7 @@ impl Hub {
             progress: mpsc::channel(16),
             allowed,
             traffic: Traffic::default(),
-            repetitions: Repetitions::default(),
+            repetitions: LogLimiter::default(),
             started: Instant::now(),
             next_session: 1,
             servers: BTreeMap::new(),
@@ -229,8 +229,8 @@ impl Hub {
             pictures_of_servers: mpsc::channel(PICTURE_PIECES_MAX),
             busy_turns: 0,
             collections: Vec::new(),
-            pictures: PictureMemory::default(),
-            shapes: WallShapes::new(blobs),
+            pictures: CaptureBudget::default(),
+            shapes: GeometryCache::new(blobs),
             bakes: Arc::new(Semaphore::new(BAKES_MAX)),
             stopping: None,
         })
@@ -365,7 +365,7 @@ impl Hub {
             Event::BulkJoins { session, proven, is_known } => {
                 let link = self.servers.get_mut(&session);
                 let link = link.filter(|link| link.is_of(proven.as_ref()));
-                let _ = is_known.send(link.map(ServerLink::begin_bulk));
+                let _ = is_known.send(link.map(ServerHandle::begin_bulk));
             }
             Event::Watched { answer } => {
                 // Who asked may have given up.
@@ -398,7 +398,7 @@ impl Hub {
     fn carry_out(&mut self) {
         while let Some(output) = self.cluster.poll_output() {
             match output {
-                Output::Command { to, bytes } => {
+                Effect::Command { to, bytes } => {
                     let frame = polyptych_codec::framed(&bytes);
                     for session in to {
                         let Some(link) = self.servers.get(&session) else { continue };
@@ -408,25 +408,25 @@ impl Hub {
                         }
                     }
                 }
-                Output::Answer { to, answer } => self.answer(to, answer),
-                Output::Import { job, path } => self.import(job, path),
-                Output::Collect { job, frame, channels, missing } => {
+                Effect::Answer { to, answer } => self.answer(to, answer),
+                Effect::Import { job, path } => self.import(job, path),
+                Effect::Collect { job, frame, channels, missing } => {
                     self.begin_collection(job, frame, &channels, missing);
                 }
-                Output::Close { session, reason } => {
+                Effect::Close { session, reason } => {
                     if let Some(link) = self.servers.get(&session) {
                         let goodbye = Command::Goodbye(Goodbye::closed(reason.as_str()));
                         link.send(&polyptych_codec::framed(&polyptych_codec::encode(&goodbye)));
                     }
                     self.forget(session, &reason);
                 }
-                Output::Remember(memory) => {
+                Effect::Remember(memory) => {
                     if let Some(keeper) = &mut self.keeper {
                         keeper.keep(*memory);
                     }
                 }
-                Output::Stop => self.stopping = Some(Stopping::Manager),
-                Output::StopServers { job } => self.stopping = Some(Stopping::WithServers(job)),
+                Effect::Stop => self.stopping = Some(Stopping::Manager),
+                Effect::StopServers { job } => self.stopping = Some(Stopping::WithServers(job)),
             }
         }
     }

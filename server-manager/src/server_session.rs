@@ -13,10 +13,10 @@ use bytes::{Bytes, BytesMut};
 use futures_util::StreamExt;
 use polyptych_core::{Micros, SessionId};
 use polyptych_protocol::command::{Command, Goodbye};
-use polyptych_protocol::connection::{self, Frames};
+use polyptych_protocol::connection::{self, MessageStream};
 use polyptych_protocol::handshake::{Proof, ServerHello};
-use polyptych_protocol::identity::Identity;
-use polyptych_protocol::status::Status;
+use polyptych_protocol::identity::NodeIdentity;
+use polyptych_protocol::status::ServerMessage;
 use polyptych_protocol::stream::Stream;
 use polyptych_wall::ChannelId;
 use tokio::io::{AsyncRead, AsyncWriteExt, WriteHalf};
@@ -26,12 +26,12 @@ use tokio::time::Instant;
 use tokio_util::codec::{FramedParts, FramedRead, LengthDelimitedCodec};
 use tokio_util::sync::CancellationToken;
 
-use crate::door::Door;
+use crate::door::AcceptContext;
 use crate::session::{DRAIN_TIME_MAX, Event, OUTBOX_MESSAGES_MAX};
 
 /// The brain's end of a server's connection. Only the brain sends.
 #[derive(Debug)]
-pub(crate) struct ServerLink {
+pub(crate) struct ServerHandle {
     pub outbox: mpsc::Sender<Bytes>,
     /// Closes the connection after what is in the outbox.
     pub close: CancellationToken,
@@ -39,14 +39,14 @@ pub(crate) struct ServerLink {
     pub channels: Vec<ChannelId>,
     /// Ends its second connection.
     bulk: CancellationToken,
-    lane: Arc<Lane>,
+    lane: Arc<DirectWriter>,
     /// Its name, which over TLS its certificate has too.
     server: String,
 }
 
 /// The way to the socket, which the brain and the writer share.
 #[derive(Debug, Default)]
-struct Lane {
+struct DirectWriter {
     /// There once the peer was welcomed, where it is plain TCP.
     half: OnceLock<OwnedWriteHalf>,
     /// Messages that are in the outbox or partly written. While there are any, the writer alone
@@ -65,7 +65,7 @@ struct Ears<'a> {
     started: Instant,
 }
 
-impl ServerLink {
+impl ServerHandle {
     fn new(server: &str) -> (Self, mpsc::Receiver<Bytes>) {
         let (outbox, inbox) = mpsc::channel(OUTBOX_MESSAGES_MAX);
         let (close, lane) = (CancellationToken::new(), Arc::default());
@@ -102,9 +102,9 @@ impl ServerLink {
     }
 
     /// Whether a peer that has proven this may open the second connection of this server.
-    pub fn is_of(&self, proven: Option<&Identity>) -> bool {
+    pub fn is_of(&self, proven: Option<&NodeIdentity>) -> bool {
         // In the clear everyone with the token is as good as everyone else.
-        proven.is_none_or(|proven| *proven == Identity::Server(self.server.clone()))
+        proven.is_none_or(|proven| *proven == NodeIdentity::Server(self.server.clone()))
     }
 
     /// A second connection begins: one that was there before ends, and this one does so at the
@@ -124,7 +124,11 @@ impl ServerLink {
 
 /// Writes what is in the outbox until the connection is closed from one side; then what is left,
 /// as far as the peer takes it in [`DRAIN_TIME_MAX`].
-async fn write_rest(lane: Arc<Lane>, mut outbox: mpsc::Receiver<Bytes>, close: CancellationToken) {
+async fn write_rest(
+    lane: Arc<DirectWriter>,
+    mut outbox: mpsc::Receiver<Bytes>,
+    close: CancellationToken,
+) {
     let work = async {
         while let Some(mut frame) = next(&mut outbox, &close).await {
             let Some(half) = lane.half.get() else { return };
@@ -198,7 +202,7 @@ async fn next(outbox: &mut mpsc::Receiver<Bytes>, close: &CancellationToken) -> 
 }
 
 /// Tells a peer what it did, where nothing stands half written before that.
-fn say_goodbye(lane: &Lane, fault: &str) {
+fn say_goodbye(lane: &DirectWriter, fault: &str) {
     if let Some(half) = lane.half.get()
         && lane.waiting.load(Ordering::Acquire) == 0
     {
@@ -214,12 +218,12 @@ fn goodbye(fault: &str) -> Bytes {
 
 /// Serves one connection until it ends, and tells the brain why it did.
 pub(crate) async fn serve(
-    (mut frames, proof): (Frames<Stream>, Proof),
+    (mut frames, proof): (MessageStream<Stream>, Proof),
     hello: ServerHello,
     address: SocketAddr,
-    Door { events, refusals, started, .. }: Door,
+    AcceptContext { events, refusals, started, .. }: AcceptContext,
 ) {
-    let (link, outbox) = ServerLink::new(&hello.name);
+    let (link, outbox) = ServerHandle::new(&hello.name);
     let (close, lane) = (link.close.clone(), Arc::clone(&link.lane));
     let (verdict, answer) = oneshot::channel();
     let name = hello.name.clone();
@@ -255,9 +259,9 @@ pub(crate) async fn serve(
 
 /// Carries messages both ways until the connection ends; says why it did.
 async fn converse(
-    frames: Frames<Stream>,
+    frames: MessageStream<Stream>,
     ears: Ears<'_>,
-    lane: Arc<Lane>,
+    lane: Arc<DirectWriter>,
     outbox: mpsc::Receiver<Bytes>,
     close: CancellationToken,
 ) -> String {
@@ -310,7 +314,7 @@ async fn hear(
     // What the peer sent behind its hello.
     read_buf: BytesMut,
     Ears { session, events, started }: Ears<'_>,
-    lane: &Lane,
+    lane: &DirectWriter,
 ) -> Result<String, String> {
     let mut stream = FramedRead::new(read_half, codec);
     *stream.read_buffer_mut() = read_buf;
@@ -323,7 +327,7 @@ async fn hear(
         };
         // Whoever is slow to look at it, this server lives.
         lane.heard.store(started.elapsed().as_micros() as Micros, Ordering::Relaxed);
-        let status = match polyptych_protocol::framing::decode::<Status>(&bytes) {
+        let status = match polyptych_protocol::framing::decode::<ServerMessage>(&bytes) {
             Ok(status) => status,
             Err(error) => return Err(format!("it sent something malformed: {error}")),
         };

@@ -8,16 +8,16 @@ use bytes::Bytes;
 use futures_util::SinkExt;
 use polyptych_core::SessionId;
 use polyptych_protocol::handshake::{ServerHello, Welcome};
-use polyptych_protocol::identity::Identity;
-use polyptych_protocol::status::Status;
+use polyptych_protocol::identity::NodeIdentity;
+use polyptych_protocol::status::ServerMessage;
 use polyptych_protocol::stream::Stream;
 use tokio::io::WriteHalf;
 use tokio::sync::{mpsc, oneshot};
 use tokio_util::codec::{FramedWrite, LengthDelimitedCodec};
 use tokio_util::sync::CancellationToken;
 
-use crate::metrics::Sample;
-use crate::server_session::ServerLink;
+use crate::metrics::MetricsSnapshot;
+use crate::server_session::ServerHandle;
 
 /// Most messages that wait to be sent to one peer. A server that stands still for two seconds at
 /// 60 frames per second has 240; a peer beyond this reads too slowly and is let go.
@@ -35,30 +35,30 @@ pub(crate) enum Event {
     ServerJoins {
         hello: ServerHello,
         address: String,
-        link: ServerLink,
+        link: ServerHandle,
         verdict: oneshot::Sender<Result<Welcome, String>>,
     },
     ServerSays {
         from: SessionId,
-        status: Status,
+        status: ServerMessage,
         bytes: usize,
     },
     ClientJoins {
         name: String,
         /// Whether it is on the manager's machine.
         is_local: bool,
-        link: Link,
+        link: ClientHandle,
         verdict: oneshot::Sender<Result<Welcome, String>>,
     },
     BulkJoins {
         session: SessionId,
         /// Over TLS: a bulk connection is for the server that opened it.
-        proven: Option<Identity>,
+        proven: Option<NodeIdentity>,
         /// What ends it, where it may begin.
         is_known: oneshot::Sender<Option<CancellationToken>>,
     },
     Watched {
-        answer: oneshot::Sender<Sample>,
+        answer: oneshot::Sender<MetricsSnapshot>,
     },
     /// A server is gone; of a client [`Asked::Gone`] says so.
     ///
@@ -85,7 +85,7 @@ pub(crate) const ANSWER_BYTES_MAX: usize = 256 << 10;
 
 /// The brain's end of a client's connection.
 #[derive(Clone, Debug)]
-pub(crate) struct Link {
+pub(crate) struct ClientHandle {
     pub outbox: mpsc::Sender<Bytes>,
     /// What is sent where the outbox is empty: pictures, and the answers that follow them.
     pub pieces: mpsc::Sender<Bytes>,
@@ -97,18 +97,19 @@ pub(crate) struct Link {
 
 /// What waits to be sent to a client.
 #[derive(Debug)]
-pub(crate) struct Waiting {
+pub(crate) struct OutboxReceiver {
     outbox: mpsc::Receiver<Bytes>,
     pieces: mpsc::Receiver<Bytes>,
     unread: Arc<AtomicUsize>,
 }
 
-impl Link {
-    pub fn new() -> (Self, Waiting) {
+impl ClientHandle {
+    pub fn new() -> (Self, OutboxReceiver) {
         let (outbox, messages) = mpsc::channel(OUTBOX_MESSAGES_MAX);
         let (pieces, waiting) = mpsc::channel(PIECES_MAX);
         let unread = Arc::<AtomicUsize>::default();
-        let waiting = Waiting { outbox: messages, pieces: waiting, unread: Arc::clone(&unread) };
+        let waiting =
+            OutboxReceiver { outbox: messages, pieces: waiting, unread: Arc::clone(&unread) };
         (Self { outbox, pieces, close: CancellationToken::new(), unread }, waiting)
     }
 
@@ -131,7 +132,7 @@ impl Link {
 /// [`DRAIN_TIME_MAX`]: a peer that has stopped reading holds nothing.
 pub(crate) async fn write_all(
     sink: FramedWrite<WriteHalf<Stream>, LengthDelimitedCodec>,
-    waiting: Waiting,
+    waiting: OutboxReceiver,
     close: CancellationToken,
 ) -> String {
     let hard_end = async {
@@ -146,7 +147,7 @@ pub(crate) async fn write_all(
 
 async fn write_until_closed(
     mut sink: FramedWrite<WriteHalf<Stream>, LengthDelimitedCodec>,
-    mut waiting: Waiting,
+    mut waiting: OutboxReceiver,
     close: &CancellationToken,
 ) -> String {
     loop {

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_baker::map::{MapUse, bake_map};
-use polyptych_baker::{Progress, Store, bake};
+use polyptych_baker::{BakeCache, Progress, bake};
 use polyptych_text::counted;
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
@@ -74,7 +74,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     arguments.memory_mib.map_or(Ok(()), limit_memory)?;
     let cancel = Arc::new(AtomicBool::new(false));
     cancel_on_interrupt(Arc::clone(&cancel), arguments.with_parent)?;
-    let store = Store::open(&arguments.output)
+    let store = BakeCache::open(&arguments.output)
         .with_context(|| format!("cannot use {}", arguments.output.display()))?;
     if let Some(used_as) = arguments.used_as {
         return run_map(arguments, used_as, &store, &cancel);
@@ -156,7 +156,7 @@ pub(super) fn limit_memory(mib: u64) -> anyhow::Result<()> {
 fn run_map(
     arguments: &Arguments,
     used_as: Use,
-    store: &Store,
+    store: &BakeCache,
     cancel: &AtomicBool,
 ) -> anyhow::Result<()> {
     let is_shape = |aspect: &f64| aspect.is_finite() && *aspect > 0.0;

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall_file::table::WallTable;
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall_file::table::CheckReport;
 
 use super::{WallFiles, bake_files, manager, say};
 
@@ -25,8 +25,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             } else {
                 bake_files(&mut wall, &arguments.wall, &manager::default_baker()?)?
             };
-            let shaped = Shaped { wall: &wall, shapes: &files.shapes };
-            let mut table = WallTable::with_files(shaped, &files.maps);
+            let shaped = ResolvedWall { wall: &wall, shapes: &files.shapes };
+            let mut table = CheckReport::with_files(shaped, &files.maps);
             table.warnings.extend(files.warnings);
             if arguments.json {
                 say(serde_json::to_string_pretty(&table)?)?;

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use anyhow::bail;
-use polyptych_client::DisplayMode;
+use polyptych_client::OutputMode;
 
 use super::seen::Seen;
 use super::{ManagerAddress, say};
@@ -17,16 +17,16 @@ pub(super) struct Arguments {
     manager: ManagerAddress,
 }
 
-pub(super) fn run(mode: DisplayMode, arguments: &Arguments) -> anyhow::Result<ExitCode> {
+pub(super) fn run(mode: OutputMode, arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     let command = mode.name();
     if !arguments.off {
         let seen = Seen::of(&client, &client.set_displays(mode)?)?;
         let what = match mode {
-            DisplayMode::Normal => "shows its picture",
-            DisplayMode::Identify => "shows what it is",
-            DisplayMode::Blank => "is black",
-            DisplayMode::Freeze => "keeps what it shows",
+            OutputMode::Normal => "shows its picture",
+            OutputMode::Identify => "shows what it is",
+            OutputMode::Blank => "is black",
+            OutputMode::Freeze => "keeps what it shows",
         };
         let who = seen.displays();
         say(format_args!("{who} {what}; end it with: polyptych {command} --off"))?;
@@ -34,11 +34,11 @@ pub(super) fn run(mode: DisplayMode, arguments: &Arguments) -> anyhow::Result<Ex
     }
     // Someone may have asked for another mode since; that is not ours to end.
     let present = client.status()?.displays;
-    if present != mode && present != DisplayMode::Normal {
+    if present != mode && present != OutputMode::Normal {
         let present = present.name();
         bail!("displays are in {present}, not {command}; end it with: polyptych {present} --off");
     }
-    let seen = Seen::of(&client, &client.set_displays(DisplayMode::Normal)?)?;
+    let seen = Seen::of(&client, &client.set_displays(OutputMode::Normal)?)?;
     say(format_args!("{} shows its picture", seen.displays()))?;
     Ok(seen.conclude())
 }

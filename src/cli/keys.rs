@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use polyptych_protocol::identity::Identity;
+use polyptych_protocol::identity::NodeIdentity;
 use polyptych_wall::Wall;
 use polyptych_wall::limits::NAME_BYTES_MAX;
 
 use super::{load_wall, say};
-use crate::authority::{Authority, Done};
+use crate::authority::{CertificateAuthority, IssueOutcome};
 
 /// The client that every wall has: whoever types commands.
 const CLIENT_DEFAULT: &str = "operator";
@@ -30,7 +30,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let wall = load_wall(&arguments.wall)?;
-    let (authority, done) = Authority::open_or_make(&arguments.out.join("authority"))?;
+    let (authority, done) = CertificateAuthority::open_or_make(&arguments.out.join("authority"))?;
     say(format_args!(
         "{} {}: stays here; whoever has its key.pem can join the wall",
         word(done),
@@ -44,22 +44,22 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn word(done: Done) -> &'static str {
+fn word(done: IssueOutcome) -> &'static str {
     match done {
-        Done::Made => "made",
-        Done::Kept => "kept",
-        Done::Renewed => "renewed",
+        IssueOutcome::Made => "made",
+        IssueOutcome::Kept => "kept",
+        IssueOutcome::Renewed => "renewed",
     }
 }
 
 /// Every node, and how its folder is used.
-fn nodes(wall: &Wall, arguments: &Arguments) -> Vec<(Identity, String)> {
+fn nodes(wall: &Wall, arguments: &Arguments) -> Vec<(NodeIdentity, String)> {
     let file = arguments.wall.display();
     let port = wall.listen.rsplit_once(':').map_or("7878", |(_, port)| port);
     let manager = format!(
         "copy it to the manager: polyptych manager {file} --listen 0.0.0.0:{port} --keys manager"
     );
-    let mut nodes = vec![(Identity::Manager, manager)];
+    let mut nodes = vec![(NodeIdentity::Manager, manager)];
     let mut servers: BTreeMap<&str, String> = BTreeMap::new();
     for channel in &wall.channels {
         let channels = servers.entry(&channel.server).or_default();
@@ -67,7 +67,7 @@ fn nodes(wall: &Wall, arguments: &Arguments) -> Vec<(Identity, String)> {
         channels.push_str(&channel.name);
     }
     nodes.extend(servers.into_iter().map(|(name, channels)| {
-        let node = Identity::Server(name.into());
+        let node = NodeIdentity::Server(name.into());
         let folder = node.folder();
         let server = format!(
             "copy it to that machine: polyptych server --manager HOST:{port} --keys {folder}\
@@ -78,7 +78,7 @@ fn nodes(wall: &Wall, arguments: &Arguments) -> Vec<(Identity, String)> {
     let mut clients = vec![CLIENT_DEFAULT.to_owned()];
     clients.extend(arguments.client.iter().filter(|name| *name != CLIENT_DEFAULT).cloned());
     nodes.extend(clients.into_iter().map(|name| {
-        let node = Identity::Client(name);
+        let node = NodeIdentity::Client(name);
         let folder = node.folder();
         let client = format!(
             "copy it to who drives the wall: polyptych status --manager HOST:{port} --keys \

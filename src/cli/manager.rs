@@ -4,12 +4,12 @@ use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
-use polyptych_baker::Store;
+use polyptych_baker::BakeCache;
 use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
-use polyptych_protocol::identity::Identity;
-use polyptych_protocol::keys::Keys;
+use polyptych_protocol::identity::NodeIdentity;
+use polyptych_protocol::keys::Credentials;
 use polyptych_protocol::token;
 
 use super::{asked_to_end, bake_files, cache_folder, load_wall, log_file_warnings};
@@ -68,7 +68,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let mut wall = load_wall(&arguments.wall)?;
     let listen = arguments.listen.unwrap_or_else(|| wall.listen.clone());
     if let Some(folder) = &arguments.keys {
-        Keys::load(folder)?.require(&Identity::Manager)?;
+        Credentials::load(folder)?.require(&NodeIdentity::Manager)?;
     }
     let listener = bind(&listen, arguments.keys.is_some() || arguments.insecure)?;
     let metrics = arguments.metrics.map(|at| bind_metrics(&at, arguments.insecure)).transpose()?;
@@ -144,7 +144,7 @@ fn file_name(wall: &str) -> String {
 pub(super) fn baker(store: PathBuf, memory_mib: u64) -> anyhow::Result<Baker> {
     let program = std::env::current_exe().context("this program's own file is not known")?;
     // A store that can't be opened is told to who opens a scene.
-    if let Ok(store) = Store::open(&store) {
+    if let Ok(store) = BakeCache::open(&store) {
         store.remove_abandoned();
     }
     Ok(Baker { program, memory_mib, store })

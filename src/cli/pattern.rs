@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use polyptych_client::Pattern;
+use polyptych_client::TestPattern;
 
 use super::seen::Seen;
 use super::{ManagerAddress, say};
@@ -12,7 +12,7 @@ use super::{ManagerAddress, say};
 pub(super) struct Arguments {
     /// What every channel draws instead of the scene
     #[arg(required_unless_present = "off", conflicts_with = "off", value_parser = pattern())]
-    name: Option<Pattern>,
+    name: Option<TestPattern>,
     /// End it: channels draw the scene again
     #[arg(long)]
     off: bool,
@@ -20,9 +20,9 @@ pub(super) struct Arguments {
     manager: ManagerAddress,
 }
 
-fn pattern() -> impl TypedValueParser<Value = Pattern> {
-    PossibleValuesParser::new(Pattern::ALL.map(Pattern::name))
-        .try_map(|name| Pattern::named(&name).ok_or("there is no such pattern"))
+fn pattern() -> impl TypedValueParser<Value = TestPattern> {
+    PossibleValuesParser::new(TestPattern::ALL.map(TestPattern::name))
+        .try_map(|name| TestPattern::named(&name).ok_or("there is no such pattern"))
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {

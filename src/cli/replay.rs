@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, bail};
 use polyptych_manager::record::ring::RingReader;
-use polyptych_manager::replay::incident::{Cut, Incident};
-use polyptych_manager::replay::{Part, Replayed, replay};
+use polyptych_manager::replay::incident::{Incident, TimeRange};
+use polyptych_manager::replay::{ReplayReport, ReplayRun, replay};
 use polyptych_text::{counted, printable};
 use time::OffsetDateTime;
 
@@ -106,7 +106,7 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
         bail!("{INCIDENTS} is not here; run this in a checkout, or name a path: ./{name}.incident");
     };
     outputs::check_source(&path, arguments.force)?;
-    let cut = Cut { part: arguments.part, from_s: arguments.from, to_s: arguments.to };
+    let cut = TimeRange { part: arguments.part, from_s: arguments.from, to_s: arguments.to };
     let named = || arguments.file.display().to_string();
     let incident = Incident::cut(reader, &cut, &arguments.about);
     let incident = incident.map_err(|reason| anyhow!("{reason}")).with_context(named)?;
@@ -129,7 +129,7 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
     }
 }
 
-fn print(replayed: &Replayed, took: Duration) -> anyhow::Result<()> {
+fn print(replayed: &ReplayReport, took: Duration) -> anyhow::Result<()> {
     for (number, part) in (1..).zip(&replayed.parts) {
         print_part(number, part)?;
     }
@@ -157,7 +157,7 @@ fn print(replayed: &Replayed, took: Duration) -> anyhow::Result<()> {
     })
 }
 
-fn print_part(number: usize, part: &Part) -> anyhow::Result<()> {
+fn print_part(number: usize, part: &ReplayRun) -> anyhow::Result<()> {
     let summary = &part.summary;
     let begin = if part.is_from_start { "from its start" } else { "from a checkpoint" };
     let end = if part.has_end { "it ended in order" } else { "it breaks off" };
@@ -199,7 +199,7 @@ fn print_part(number: usize, part: &Part) -> anyhow::Result<()> {
 }
 
 /// The time of day, in UTC, at a time of a part's manager.
-fn clock(part: &Part, at_s: f64) -> Clock {
+fn clock(part: &ReplayRun, at_s: f64) -> Clock {
     let nanos = i128::from(part.started_unix_us) * 1000 + (at_s * 1e9) as i128;
     Clock(OffsetDateTime::from_unix_timestamp_nanos(nanos).unwrap_or(OffsetDateTime::UNIX_EPOCH))
 }

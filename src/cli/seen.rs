@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use polyptych_client::blocking::Client;
 use polyptych_client::{
-    Capture, ChannelFeedback, ChannelState, ChannelStatus, Feedback, FrameId, Statistics,
+    Capture, ChannelFeedback, ChannelState, ChannelStatus, FrameFeedback, FrameId, Statistics,
 };
 use polyptych_text::{counted, printable};
 
@@ -77,7 +77,7 @@ impl Seen {
     ///
     /// # Errors
     /// The manager does not answer any more.
-    pub fn of(client: &Client, feedback: &Feedback) -> anyhow::Result<Self> {
+    pub fn of(client: &Client, feedback: &FrameFeedback) -> anyhow::Result<Self> {
         let late = feedback.missing_channels().filter(|c| c.state != ChannelState::Lost);
         let late: Vec<&str> = late.map(|channel| channel.name.as_str()).collect();
         let shown_late = await_late(client, &late, feedback.frame)?;

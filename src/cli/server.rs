@@ -8,8 +8,8 @@ use std::process::Command;
 use std::time::Duration;
 
 use anyhow::{anyhow, bail};
-use polyptych_protocol::identity::Identity;
-use polyptych_protocol::keys::{Keys, KeysError};
+use polyptych_protocol::identity::NodeIdentity;
+use polyptych_protocol::keys::{Credentials, CredentialsError};
 use polyptych_protocol::stream::check_addresses;
 use polyptych_protocol::token;
 use polyptych_render::{
@@ -206,9 +206,9 @@ fn name(arguments: &Arguments, manager: &str) -> anyhow::Result<String> {
         check_addresses(&found, arguments.insecure)?;
         return Ok(given.unwrap_or(&arguments.channel[0]).clone());
     };
-    let keys = match Keys::load(folder) {
+    let keys = match Credentials::load(folder) {
         // Machines without a battery start in the past: this one waits for its clock.
-        Err(error @ KeysError::NotYetValid { .. }) => {
+        Err(error @ CredentialsError::NotYetValid { .. }) => {
             tracing::warn!(%error, "waiting for the right time");
             return waiting_name(error, given);
         }
@@ -218,14 +218,14 @@ fn name(arguments: &Arguments, manager: &str) -> anyhow::Result<String> {
         tracing::warn!("{warning}");
     }
     let name = keys.server_name()?.to_owned();
-    keys.require(&Identity::Server(given.unwrap_or(&name).clone()))?;
+    keys.require(&NodeIdentity::Server(given.unwrap_or(&name).clone()))?;
     Ok(name)
 }
 
 /// What a server is called whose keys are not valid yet.
-fn waiting_name(error: KeysError, given: Option<&String>) -> anyhow::Result<String> {
+fn waiting_name(error: CredentialsError, given: Option<&String>) -> anyhow::Result<String> {
     match &error {
-        KeysError::NotYetValid { identity: Identity::Server(name), .. }
+        CredentialsError::NotYetValid { identity: NodeIdentity::Server(name), .. }
             if given.is_none_or(|given| given == name) =>
         {
             Ok(name.clone())

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, bail};
 use polyptych_client::glam::DVec3;
-use polyptych_client::{Area, Camera, Head, View, ViewProjection, Wall};
+use polyptych_client::{Area, Camera, HeadPose, View, ViewProjection, Wall};
 
 use super::drive::{field_of_view, numbers, point, positive};
 use super::seen::show;
@@ -48,11 +48,11 @@ pub(super) fn eye(arguments: &EyeArguments) -> anyhow::Result<ExitCode> {
         None => at_rest.rotation,
     };
     let eye_separation_m = arguments.separation.unwrap_or(at_rest.eye_separation_m);
-    client.set_head(Head { position, rotation, eye_separation_m })?;
+    client.set_head(HeadPose { position, rotation, eye_separation_m })?;
     show(&client)
 }
 
-fn in_words(head: &Head) -> String {
+fn in_words(head: &HeadPose) -> String {
     let ahead = head.rotation * DVec3::NEG_Z;
     let list = |v: DVec3| format!("{:.4},{:.4},{:.4}", v.x, v.y, v.z);
     format!(
@@ -66,11 +66,11 @@ fn in_words(head: &Head) -> String {
 #[derive(Debug, clap::Args)]
 pub(super) struct ViewArguments {
     #[command(subcommand)]
-    what: What,
+    what: ViewCommand,
 }
 
 #[derive(Debug, clap::Subcommand)]
-enum What {
+enum ViewCommand {
     /// Lay a camera's picture over a part of the wall
     Add(AddArguments),
     /// Say which views there are
@@ -114,14 +114,14 @@ struct AddArguments {
 
 pub(super) fn view(arguments: &ViewArguments) -> anyhow::Result<ExitCode> {
     match &arguments.what {
-        What::Add(add) => {
+        ViewCommand::Add(add) => {
             let client = add.manager.connect()?;
             let mut views = client.sight()?.views;
             views.push(add.view(&client.wall()?)?);
             client.set_views(views)?;
             show(&client)
         }
-        What::List(manager) => {
+        ViewCommand::List(manager) => {
             let client = manager.connect()?;
             let (wall, views) = (client.wall()?, client.sight()?.views);
             if views.is_empty() {
@@ -130,7 +130,7 @@ pub(super) fn view(arguments: &ViewArguments) -> anyhow::Result<ExitCode> {
             views.iter().try_for_each(|view| say(line(view, &wall)))?;
             Ok(ExitCode::SUCCESS)
         }
-        What::Clear(manager) => {
+        ViewCommand::Clear(manager) => {
             let client = manager.connect()?;
             client.clear_views()?;
             show(&client)

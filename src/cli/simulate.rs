@@ -19,10 +19,10 @@ use super::{
     bake_files, cache_folder, exposure, load_wall, log_file_warnings, manager, rate, say, seconds,
 };
 use crate::simulator::ending::Ending;
-use crate::simulator::faults::{self, Fault, Faults, Needs};
+use crate::simulator::faults::{self, Fault, FaultHooks, Faults};
 use crate::simulator::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
-use crate::simulator::prove::Shown;
-use crate::simulator::report::Report;
+use crate::simulator::prove::ReferenceScene;
+use crate::simulator::report::RunReport;
 use crate::{log, outputs, pictures, progress};
 
 /// Frames of a run, where nothing else is said.
@@ -92,7 +92,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 }
 
 pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let needs = Needs::of(&arguments.fault, wall)?;
+    let needs = FaultHooks::of(&arguments.fault, wall)?;
     if let Some(count) = frame_count(arguments)
         && let Some(late) = arguments.fault.iter().find(|fault| fault.first_frame() > count)
     {
@@ -172,7 +172,7 @@ fn broken_off(ending: Ending) -> anyhow::Result<ExitCode> {
 fn drive(
     local: &LocalWall,
     wall: &Wall,
-    shown: &Shown,
+    shown: &ReferenceScene,
     arguments: &Arguments,
 ) -> anyhow::Result<ExitCode> {
     let client = &local.client;
@@ -215,7 +215,7 @@ fn drive(
     let whole = pictures::side_by_side(&capture.screens)?;
     pictures::save_png(&arguments.out.join(WALL_PICTURE), &whole)?;
     let seen = Seen::in_pictures(&capture).and_never_shown(&statistics);
-    let mut report = Report::new(&wall.name, &summary, statistics);
+    let mut report = RunReport::new(&wall.name, &summary, statistics);
     report.ended = ending.into();
     report.restarts = local.restarts();
     report.missing = capture.missing;
@@ -288,7 +288,7 @@ fn draw_frames(
     Ok(())
 }
 
-fn print_summary(report: &Report, out: &Path) -> anyhow::Result<()> {
+fn print_summary(report: &RunReport, out: &Path) -> anyhow::Result<()> {
     say(report.summary())?;
     if !report.faults.is_empty() {
         report.fault_lines().try_for_each(say)?;
@@ -306,14 +306,14 @@ fn step(what: &'static str) -> ProgressBar {
 }
 
 /// The scene of a file, or the generated one.
-pub(super) fn shown(scene: Option<&Path>) -> anyhow::Result<Shown> {
+pub(super) fn shown(scene: Option<&Path>) -> anyhow::Result<ReferenceScene> {
     let Some(scene) = scene else { return generated_town() };
     let file = scene.canonicalize().with_context(|| scene.display().to_string())?;
-    Ok(Shown { file, focus: None })
+    Ok(ReferenceScene { file, focus: None })
 }
 
 /// The scene of the demo, kept in this user's cache folder once it was made.
-fn generated_town() -> anyhow::Result<Shown> {
+fn generated_town() -> anyhow::Result<ReferenceScene> {
     use crate::simulator::town::{TownOptions, generate};
     const TOWN: TownOptions = TownOptions { blocks: 4, seed: 1 };
     let folder = cache_folder()?.join("scenes");
@@ -323,5 +323,5 @@ fn generated_town() -> anyhow::Result<Shown> {
     // Written anew each time: it is quick, and an older version may lie there.
     outputs::write(&path, &bytes)?;
     let (min, max) = TOWN.focus();
-    Ok(Shown { file: path.canonicalize()?, focus: Some(Bounds { min, max }) })
+    Ok(ReferenceScene { file: path.canonicalize()?, focus: Some(Bounds { min, max }) })
 }

@@ -6,9 +6,9 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 use polyptych_client::Wall;
-use polyptych_client::tuning::{Change, Corner, Side};
+use polyptych_client::tuning::{CalibrationChange, Corner, Edge};
 use polyptych_text::counted;
-use polyptych_wall::Curve;
+use polyptych_wall::TransferFunction;
 
 use super::seen::Seen;
 use super::{ManagerAddress, say};
@@ -28,7 +28,7 @@ pub(super) struct Arguments {
         conflicts_with = "show",
         value_parser = key::change
     )]
-    changes: Vec<Change>,
+    changes: Vec<CalibrationChange>,
     /// Print what the channel's adjustment is now, as changes that lead to it
     #[arg(long)]
     show: bool,
@@ -79,9 +79,9 @@ fn show(wall: &Wall, name: &str) -> anyhow::Result<()> {
     say(format_args!("matrix={}", list(&color.matrix.transpose().to_cols_array())))?;
     say(format_args!("gain={}", list(&color.gain.to_array())))?;
     match &color.curve {
-        Curve::Srgb => say("gamma=srgb")?,
-        Curve::Gamma(gamma) => say(format_args!("gamma={}", list(&gamma.to_array())))?,
-        Curve::Measured(points) => {
+        TransferFunction::Srgb => say("gamma=srgb")?,
+        TransferFunction::Gamma(gamma) => say(format_args!("gamma={}", list(&gamma.to_array())))?,
+        TransferFunction::Measured(points) => {
             let points = counted(points.len(), "point");
             say(format_args!("# a measured curve of {points}; gamma= replaces it"))?;
         }
@@ -89,7 +89,7 @@ fn show(wall: &Wall, name: &str) -> anyhow::Result<()> {
     let leak = color.leak.map_or_else(|| "auto".into(), |leak| list(&leak.to_array()));
     say(format_args!("leak={leak}"))?;
     let edges = &adjustment.edges;
-    for (side, width) in Side::ALL.iter().zip([edges.left, edges.right, edges.top, edges.bottom]) {
+    for (side, width) in Edge::ALL.iter().zip([edges.left, edges.right, edges.top, edges.bottom]) {
         let width = width.map_or_else(|| "auto".into(), |width| width.to_string());
         say(format_args!("edge.{}={width}", side.name()))?;
     }

@@ -19,13 +19,13 @@ use std::process::ExitCode;
 
 use anyhow::anyhow;
 use polyptych_text::counted;
-use polyptych_wall_file::table::WallTable;
+use polyptych_wall_file::table::CheckReport;
 
 use super::say;
 use crate::outputs;
 
 #[derive(Debug, clap::Subcommand)]
-pub(super) enum Wall {
+pub(super) enum WallCommand {
     /// Displays or projectors in columns and rows on one plane, with bezels or overlaps
     Grid(grid::Arguments),
     /// Flat screens in an arch around the viewer, displays or each with a projector
@@ -69,20 +69,20 @@ pub(super) struct Common {
     force: bool,
 }
 
-pub(super) fn run(wall: &Wall) -> anyhow::Result<ExitCode> {
+pub(super) fn run(wall: &WallCommand) -> anyhow::Result<ExitCode> {
     match wall {
-        Wall::Grid(arguments) => write(&arguments.text()?, &arguments.common)?,
-        Wall::Arch(arguments) => write(&arguments.text()?, &arguments.common)?,
-        Wall::Cylinder(arguments) => write(&arguments.text()?, &arguments.common)?,
-        Wall::Cave(arguments) => write(&arguments.text()?, &arguments.common)?,
-        Wall::Dome(arguments) => write(&arguments.text()?, &arguments.common)?,
-        Wall::Fisheye(arguments) => arguments.run()?,
-        Wall::Equirectangular(arguments) => arguments.run()?,
-        Wall::CubeMap(arguments) => arguments.run()?,
-        Wall::Mirror(arguments) => arguments.run()?,
-        Wall::Import(arguments) => import::run(arguments)?,
-        Wall::Save(arguments) => save::run(arguments)?,
-        Wall::Schema => say(polyptych_wall_file::schema().trim_end())?,
+        WallCommand::Grid(arguments) => write(&arguments.text()?, &arguments.common)?,
+        WallCommand::Arch(arguments) => write(&arguments.text()?, &arguments.common)?,
+        WallCommand::Cylinder(arguments) => write(&arguments.text()?, &arguments.common)?,
+        WallCommand::Cave(arguments) => write(&arguments.text()?, &arguments.common)?,
+        WallCommand::Dome(arguments) => write(&arguments.text()?, &arguments.common)?,
+        WallCommand::Fisheye(arguments) => arguments.run()?,
+        WallCommand::Equirectangular(arguments) => arguments.run()?,
+        WallCommand::CubeMap(arguments) => arguments.run()?,
+        WallCommand::Mirror(arguments) => arguments.run()?,
+        WallCommand::Import(arguments) => import::run(arguments)?,
+        WallCommand::Save(arguments) => save::run(arguments)?,
+        WallCommand::Schema => say(polyptych_wall_file::schema().trim_end())?,
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -96,14 +96,14 @@ fn write(text: &str, common: &Common) -> anyhow::Result<()> {
     let Some(path) = &common.output else { return say(text.trim_end()) };
     outputs::check_source(path, common.force)?;
     outputs::write(path, text.as_bytes())?;
-    let table = WallTable::of(&wall);
+    let table = CheckReport::of(&wall);
     say(format_args!("{}: {}", path.display(), kind(&table)))?;
     table.warnings.iter().try_for_each(|warning| say(format_args!("warning: {warning}")))?;
     say(format_args!("polyptych check {} prints it", path.display()))
 }
 
 /// What the channels of a wall are, in one line.
-fn kind(table: &WallTable) -> String {
+fn kind(table: &CheckReport) -> String {
     let count = counted(table.channels.len(), "channel");
     let projectors: Vec<_> = table.channels.iter().filter_map(|row| row.projector).collect();
     let Some(first) = projectors.first() else {

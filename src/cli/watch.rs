@@ -16,8 +16,8 @@ use std::time::{Duration, Instant};
 use polyptych_client::WallStatus;
 
 use super::{ManagerAddress, asked_to_end};
-use screen::Screen;
-use source::{Latest, Source};
+use screen::Terminal;
+use source::{Latest, StatusPoller};
 
 /// Between two looks at keys and news: quick for a hand, idle for a processor.
 const LOOK_PERIOD: Duration = Duration::from_millis(50);
@@ -39,14 +39,14 @@ pub(super) fn table(status: &WallStatus) -> String {
 /// The terminal or standard output failed.
 pub(super) fn run(manager: &ManagerAddress, json: bool) -> anyhow::Result<()> {
     let is_over = ended_by_signal()?;
-    let source = Source::start(manager)?;
+    let source = StatusPoller::start(manager)?;
     if json || !std::io::stdout().is_terminal() {
         return print_lines(&source, json, &is_over);
     }
-    let mut screen = Screen::open()?;
+    let mut screen = Terminal::open()?;
     let mut drawn: Option<(u64, Instant)> = None;
     while !is_over.load(Ordering::Relaxed) {
-        let input = Screen::await_input(LOOK_PERIOD)?;
+        let input = Terminal::await_input(LOOK_PERIOD)?;
         if input.is_end {
             break;
         }
@@ -54,7 +54,7 @@ pub(super) fn run(manager: &ManagerAddress, json: bool) -> anyhow::Result<()> {
         let is_news = drawn.is_none_or(|(number, _)| number != latest.number);
         let is_old = drawn.is_none_or(|(_, at)| at.elapsed() >= DRAW_PERIOD);
         if is_news || is_old || input.is_resized {
-            let (width, height) = Screen::size()?;
+            let (width, height) = Terminal::size()?;
             screen.draw(&table::lines(&latest.view(), width, height))?;
             drawn = Some((latest.number, Instant::now()));
         }
@@ -62,7 +62,7 @@ pub(super) fn run(manager: &ManagerAddress, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn print_lines(source: &Source, json: bool, is_over: &AtomicBool) -> anyhow::Result<()> {
+fn print_lines(source: &StatusPoller, json: bool, is_over: &AtomicBool) -> anyhow::Result<()> {
     // The first line is worth waiting for an answer, the others come by the clock.
     let mut due = Instant::now() + LINE_PERIOD;
     while source.latest().number == 0 && Instant::now() < due {

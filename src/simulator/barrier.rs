@@ -17,13 +17,13 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, ConnectOptions, Pace, Spread};
+use polyptych_client::{ChannelState, ConnectOptions, Pacing, Quantiles};
 use polyptych_manager::import::Baker;
 use polyptych_manager::record::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
-use polyptych_protocol::identity::Identity;
+use polyptych_protocol::identity::NodeIdentity;
 use polyptych_wall::surface::Plane;
-use polyptych_wall::{Channel, DeadlineRule, Screen, Surface, Wall};
+use polyptych_wall::{Channel, DeadlinePolicy, Screen, Surface, Wall};
 use secrets::Secrets;
 use serde::Serialize;
 use tokio_util::sync::CancellationToken;
@@ -58,9 +58,9 @@ pub(crate) struct BarrierCost {
 #[derive(Debug, Serialize)]
 pub(crate) struct Measured {
     /// From the frame command to the swap command.
-    pub barrier_us: Spread,
+    pub barrier_us: Quantiles,
     /// From the first to the last server that received the swap command.
-    pub skew_us: Spread,
+    pub skew_us: Quantiles,
 }
 
 /// Measures a number of servers over a number of frames, ours over TLS where `is_encrypted`.
@@ -95,11 +95,11 @@ fn measure_ours(
     recorder: Option<Recorder>,
     is_encrypted: bool,
 ) -> anyhow::Result<(Duration, Measured, stub::Sizes)> {
-    let client_node = Identity::Client("bench".into());
-    let mut nodes = vec![Identity::Manager, client_node.clone()];
-    nodes.extend((0..servers).map(|index| Identity::Server(stub::channel_name(index))));
+    let client_node = NodeIdentity::Client("bench".into());
+    let mut nodes = vec![NodeIdentity::Manager, client_node.clone()];
+    nodes.extend((0..servers).map(|index| NodeIdentity::Server(stub::channel_name(index))));
     let secrets = Arc::new(Secrets::new(is_encrypted, &nodes)?);
-    let (token, keys) = (secrets.token().0, secrets.folder(&Identity::Manager));
+    let (token, keys) = (secrets.token().0, secrets.folder(&NodeIdentity::Manager));
     let listener = std::net::TcpListener::bind("127.0.0.1:0").context("no port is free")?;
     let address = listener.local_addr()?.to_string();
     let stop = CancellationToken::new();
@@ -130,7 +130,7 @@ fn measure_ours(
     connect.keys = secrets.folder(&client_node);
     let client = Client::connect_with(connect)?;
     // Frames begin at once, so that channels become live as they come.
-    client.run(Pace::Free)?;
+    client.run(Pacing::Free)?;
     while !client.status()?.channels.iter().all(|c| c.state == ChannelState::Live) {
         anyhow::ensure!(began.elapsed() < JOIN_TIME_MAX, "the stub servers did not come");
         std::thread::sleep(Duration::from_millis(1));
@@ -147,8 +147,10 @@ fn measure_ours(
     client.stop()?;
     stop.cancel();
     let sights = stubs.sights()?;
-    let measured =
-        Measured { barrier_us: statistics.barrier_us, skew_us: Spread::of(sights.skews_us(first)) };
+    let measured = Measured {
+        barrier_us: statistics.barrier_us,
+        skew_us: Quantiles::of(sights.skews_us(first)),
+    };
     let sizes = sights.sizes();
     // Its error, if any, has shown in the client's calls.
     let _ = manager.join();
@@ -164,7 +166,7 @@ fn wall(channels: u16) -> Wall {
     let canvas = UVec2::new(u32::from(channels) * SIDE, SIDE);
     let screens = vec![Screen::new("front", Surface::Plane(plane), canvas)];
     Wall {
-        deadline: DeadlineRule { factor: 4.0, min_ms: 2000, max_ms: 2000 },
+        deadline: DeadlinePolicy { factor: 4.0, min_ms: 2000, max_ms: 2000 },
         heartbeat_ms: 5000,
         ..Wall::new("barrier", screens, (0..channels).map(channel).collect())
     }

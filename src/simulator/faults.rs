@@ -12,30 +12,30 @@ use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use polyptych_client::Feedback;
+use polyptych_client::FrameFeedback;
 use polyptych_files::output_file;
 use polyptych_wall::Wall;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::simulator::local_wall::LocalWall;
-pub(crate) use plan::{Fault, What, parse};
+pub(crate) use plan::{Fault, FaultKind, parse};
 pub(crate) use record::FaultRecord;
-use record::{End, Happened, Recorder};
-pub(crate) use relay::Relay;
+use record::{FaultEnd, FaultEvent, FaultRecorder};
+pub(crate) use relay::FaultProxy;
 
 /// Faults that wait for their end at once; a wall with more of them under way learns nothing.
 const ENDS_MAX: usize = 64;
 
 /// What a wall must have so that it can be hurt: servers by name.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Needs {
+pub(crate) struct FaultHooks {
     /// Those whose connections go through a relay.
     pub relayed: BTreeSet<String>,
     /// Those that can be slowed down.
     pub slowed: BTreeSet<String>,
 }
 
-impl Needs {
+impl FaultHooks {
     /// What these faults need on this wall.
     ///
     /// # Errors
@@ -47,7 +47,7 @@ impl Needs {
             let hit = wall.channels.iter().filter(|channel| fault.may_hit(&channel.name));
             let servers = hit.map(|channel| channel.server.clone());
             match fault.what {
-                What::Slow { .. } | What::LoseGpu => needs.slowed.extend(servers),
+                FaultKind::Slow { .. } | FaultKind::LoseGpu => needs.slowed.extend(servers),
                 what if what.is_of_network() => needs.relayed.extend(servers),
                 _ => {}
             }
@@ -63,11 +63,11 @@ pub(crate) struct Faults<'a> {
     /// A channel's name and its server's, in the wall's order.
     channels: Vec<(String, String)>,
     chance: fastrand::Rng,
-    recorder: Recorder,
+    recorder: FaultRecorder,
     stopped: BTreeMap<String, Instant>,
     /// Until when servers are slowed or delayed; `None`: to the end.
     lasting: BTreeMap<(&'static str, String), Option<Instant>>,
-    ends: Ends,
+    ends: FaultTimer,
 }
 
 impl<'a> Faults<'a> {
@@ -86,12 +86,12 @@ impl<'a> Faults<'a> {
         Ok(Self {
             plan,
             local,
-            recorder: Recorder::new(channels.iter().cloned(), Instant::now()),
+            recorder: FaultRecorder::new(channels.iter().cloned(), Instant::now()),
             channels,
             chance: fastrand::Rng::with_seed(seed),
             stopped: BTreeMap::new(),
             lasting: BTreeMap::new(),
-            ends: Ends::start()?,
+            ends: FaultTimer::start()?,
         })
     }
 
@@ -99,7 +99,7 @@ impl<'a> Faults<'a> {
     ///
     /// # Errors
     /// The manager is gone.
-    pub fn note(&mut self, frame: u64, feedback: &Feedback) -> anyhow::Result<()> {
+    pub fn note(&mut self, frame: u64, feedback: &FrameFeedback) -> anyhow::Result<()> {
         let local = self.local;
         self.recorder.note(feedback, &|server| local.restarts_of(server), Instant::now());
         for fault in self.plan.iter().filter(|fault| fault.is_due(frame)) {
@@ -110,12 +110,12 @@ impl<'a> Faults<'a> {
             let restarts = local.restarts_of(&server);
             let skipped = self.inflict(fault.what, &server).err();
             let end = match fault.what {
-                What::Kill => End::Restart(restarts + 1),
-                what if what.lasts() => End::Never,
-                what => what.length().map_or(End::AtOnce, End::After),
+                FaultKind::Kill => FaultEnd::Restart(restarts + 1),
+                what if what.lasts() => FaultEnd::Never,
+                what => what.length().map_or(FaultEnd::AtOnce, FaultEnd::After),
             };
             let what = fault.what.to_string();
-            let happened = Happened { frame, what, channel, skipped, deadline_ms, end };
+            let happened = FaultEvent { frame, what, channel, skipped, deadline_ms, end };
             self.recorder.add(happened, Instant::now());
         }
         Ok(())
@@ -128,13 +128,13 @@ impl<'a> Faults<'a> {
     }
 
     /// Does it. The error is the reason why it could not be done.
-    fn inflict(&mut self, what: What, server: &str) -> Result<(), String> {
+    fn inflict(&mut self, what: FaultKind, server: &str) -> Result<(), String> {
         let no_relay = || format!("the server {server} has no relay");
         let relay = || self.local.relay(server).ok_or_else(no_relay);
         match what {
-            What::Kill => signal(self.pid_of(server)?, Signal::KILL)?,
-            What::Stop(length) => self.stop(server, length)?,
-            What::Slow { by, length } => {
+            FaultKind::Kill => signal(self.pid_of(server)?, Signal::KILL)?,
+            FaultKind::Stop(length) => self.stop(server, length)?,
+            FaultKind::Slow { by, length } => {
                 self.begin_alone("slowed", server, length)?;
                 let file = self.local.slow_file(server).ok_or("the server can't be slowed")?;
                 let text = format!("{}\n", by.as_millis());
@@ -142,15 +142,15 @@ impl<'a> Faults<'a> {
                 // A file that is gone already slows nobody.
                 self.ends.add(length, move || drop(std::fs::remove_file(file)));
             }
-            What::LoseGpu => {
+            FaultKind::LoseGpu => {
                 // It is read before the next frame, and removed.
                 let file = self.local.slow_file(server).ok_or("the server has no such file")?;
                 output_file::write(&file, b"lose\n").map_err(|error| error.to_string())?;
             }
-            What::Corrupt { up, down } => relay()?.corrupt(up, down),
-            What::Cut => relay()?.cut(),
-            What::Unplug(length) => relay()?.unplug(length),
-            What::Delay { by, length } => {
+            FaultKind::Corrupt { up, down } => relay()?.corrupt(up, down),
+            FaultKind::Cut => relay()?.cut(),
+            FaultKind::Unplug(length) => relay()?.unplug(length),
+            FaultKind::Delay { by, length } => {
                 relay()?;
                 self.begin_alone("delayed", server, length)?;
                 let relay = Arc::clone(relay()?);
@@ -203,17 +203,17 @@ fn signal(pid: Pid, signal: Signal) -> Result<(), String> {
 
 /// Ends faults when their time is over, on a thread of their own: frames don't wait for them,
 /// and they not for frames.
-struct Ends {
-    due: Option<SyncSender<DueEnd>>,
+struct FaultTimer {
+    due: Option<SyncSender<DueExpiry>>,
     thread: Option<JoinHandle<()>>,
 }
 
-struct DueEnd {
+struct DueExpiry {
     at: Instant,
     act: Box<dyn FnOnce() + Send>,
 }
 
-impl Ends {
+impl FaultTimer {
     fn start() -> anyhow::Result<Self> {
         let (due, waiting) = sync_channel(ENDS_MAX);
         let thread = Builder::new().name("fault-ends".into()).spawn(move || Self::run(&waiting))?;
@@ -224,12 +224,12 @@ impl Ends {
     fn add(&self, length: Option<Duration>, act: impl FnOnce() + Send + 'static) {
         if let (Some(length), Some(due)) = (length, &self.due) {
             // Its thread ends only after this end of the queue.
-            let _ = due.send(DueEnd { at: Instant::now() + length, act: Box::new(act) });
+            let _ = due.send(DueExpiry { at: Instant::now() + length, act: Box::new(act) });
         }
     }
 
-    fn run(waiting: &Receiver<DueEnd>) {
-        let mut ends: Vec<DueEnd> = Vec::new();
+    fn run(waiting: &Receiver<DueExpiry>) {
+        let mut ends: Vec<DueExpiry> = Vec::new();
         loop {
             let now = Instant::now();
             for end in ends.extract_if(.., |end| end.at <= now) {
@@ -250,7 +250,7 @@ impl Ends {
     }
 }
 
-impl Drop for Ends {
+impl Drop for FaultTimer {
     fn drop(&mut self) {
         drop(self.due.take());
         if let Some(thread) = self.thread.take() {

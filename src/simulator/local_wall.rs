@@ -20,7 +20,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::log;
 use crate::simulator::ending::{EndRequest, Ending};
-use crate::simulator::faults::{Needs, Relay};
+use crate::simulator::faults::{FaultHooks, FaultProxy};
 use crate::simulator::supervise::{ChildCommand, ChildState, OnLine, Supervisor};
 
 /// How long all servers together may take to come: a machine with two cores opens sixteen
@@ -50,13 +50,13 @@ pub(crate) struct LocalWallOptions {
     pub windows: bool,
     pub recorder: Option<Recorder>,
     /// What it must have so that it can be hurt.
-    pub needs: Needs,
+    pub needs: FaultHooks,
 }
 
 /// How a server can be hurt, beside by its process.
 #[derive(Debug, Default)]
-struct Hurt {
-    relay: Option<Arc<Relay>>,
+struct FaultHook {
+    relay: Option<Arc<FaultProxy>>,
     /// The file that says by how much every frame is slowed.
     slow_file: Option<PathBuf>,
 }
@@ -70,7 +70,7 @@ pub(crate) struct LocalWall {
     manager: Option<JoinHandle<()>>,
     pub end: Arc<EndRequest>,
     /// By server.
-    hurts: BTreeMap<String, Hurt>,
+    hurts: BTreeMap<String, FaultHook>,
     /// Holds the token, and what slows servers.
     #[expect(dead_code, reason = "it is removed when this ends")]
     folder: tempfile::TempDir,
@@ -157,7 +157,7 @@ impl LocalWall {
     }
 
     /// The relay that this server's connections go through.
-    pub fn relay(&self, server: &str) -> Option<&Arc<Relay>> {
+    pub fn relay(&self, server: &str) -> Option<&Arc<FaultProxy>> {
         self.hurts.get(server)?.relay.as_ref()
     }
 
@@ -223,13 +223,13 @@ fn start_manager(
 }
 
 fn hurts(
-    needs: &Needs,
+    needs: &FaultHooks,
     manager: SocketAddr,
     folder: &Path,
-) -> anyhow::Result<BTreeMap<String, Hurt>> {
-    let mut hurts: BTreeMap<String, Hurt> = BTreeMap::new();
+) -> anyhow::Result<BTreeMap<String, FaultHook>> {
+    let mut hurts: BTreeMap<String, FaultHook> = BTreeMap::new();
     for server in &needs.relayed {
-        let relay = Relay::start(manager).context("no relay can be had")?;
+        let relay = FaultProxy::start(manager).context("no relay can be had")?;
         hurts.entry(server.clone()).or_default().relay = Some(Arc::new(relay));
     }
     for (index, server) in needs.slowed.iter().enumerate() {
@@ -245,7 +245,7 @@ fn server_commands(
     address: &str,
     token_file: &Path,
     windows: bool,
-    hurts: &BTreeMap<String, Hurt>,
+    hurts: &BTreeMap<String, FaultHook>,
 ) -> anyhow::Result<Vec<ChildCommand>> {
     let program = std::env::current_exe().context("this program's own file is not known")?;
     let mut servers: BTreeMap<&str, Vec<&str>> = BTreeMap::new();

@@ -12,15 +12,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use polyptych_client::{Bounds, Capture, orbit};
-use polyptych_files::blob::BlobFolder;
+use polyptych_files::blob::BlobStore;
 use polyptych_manager::import::{Baker, read_wall_files};
 use polyptych_text::counted;
-use polyptych_wall::shapes::{Shaped, Shapes};
+use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
 use polyptych_wall::{Channel, Wall};
-use table::Table;
+use table::VerificationReport;
 
 use crate::progress::Steps;
-use crate::simulator::faults::Needs;
+use crate::simulator::faults::FaultHooks;
 use crate::simulator::local_wall::{LocalWall, LocalWallOptions};
 use crate::{outputs, pictures};
 
@@ -43,27 +43,27 @@ pub(crate) struct Walls<'a> {
 /// cannot be written. A target that is missed is no error: the table says so.
 pub(crate) fn prove(
     walls: Walls<'_>,
-    shown: Shown,
+    shown: ReferenceScene,
     baker: &Baker,
     out: &Path,
-) -> anyhow::Result<Table> {
+) -> anyhow::Result<VerificationReport> {
     outputs::make_folder(out)?;
     let report = out.join("prove.json");
     outputs::check(&report)?;
     let wall = walls.drawn;
     walls.check()?;
-    let mut table = Table::default();
+    let mut table = VerificationReport::default();
     let read = |wall: &Wall| {
-        let files = read_wall_files(wall, &BlobFolder::new(baker.store.join("blobs")));
+        let files = read_wall_files(wall, &BlobStore::new(baker.store.join("blobs")));
         files.map_err(anyhow::Error::msg)
     };
     let files = read(wall)?;
-    let shapes = Shapes::new(wall, &files);
+    let shapes = WallGeometry::new(wall, &files);
     let built = walls.built.unwrap_or(wall);
     let built_files = read(built)?;
-    let built_shapes = Shapes::new(built, &built_files);
-    let shaped = Shaped { wall, shapes: &shapes };
-    let built = Shaped { wall: built, shapes: &built_shapes };
+    let built_shapes = WallGeometry::new(built, &built_files);
+    let shaped = ResolvedWall { wall, shapes: &shapes };
+    let built = ResolvedWall { wall: built, shapes: &built_shapes };
     let judged: Vec<u16> =
         (0..wall.screens.len() as u16).filter(|&index| oracle::can_judge(wall, index)).collect();
     let mut steps = Steps::new((5 + geometry::SCENES + judged.len()) as u64);
@@ -71,7 +71,8 @@ pub(crate) fn prove(
     light::prove_sampling(shaped, &mut table)?;
     let corrections = light::corrections(shaped, &files);
     let folder = tempfile::Builder::new().prefix("polyptych-prove-").tempdir()?;
-    let prover = Prover { shown, folder: folder.path().canonicalize()?, baker: baker.clone(), out };
+    let prover =
+        Verifier { shown, folder: folder.path().canonicalize()?, baker: baker.clone(), out };
     let capture = {
         steps.begin(format_args!("starting {}", counted(wall.channels.len(), "channel")));
         let local = prover.start(wall)?;
@@ -127,7 +128,7 @@ impl Walls<'_> {
 
 /// The scene whose pictures are compared.
 #[derive(Debug)]
-pub(crate) struct Shown {
+pub(crate) struct ReferenceScene {
     /// An absolute path.
     pub file: PathBuf,
     /// What to look at, where it is not the whole scene.
@@ -135,15 +136,15 @@ pub(crate) struct Shown {
 }
 
 /// What all parts of a proof are made with.
-struct Prover<'a> {
-    shown: Shown,
+struct Verifier<'a> {
+    shown: ReferenceScene,
     /// For scenes that it makes itself.
     folder: PathBuf,
     baker: Baker,
     out: &'a Path,
 }
 
-impl Prover<'_> {
+impl Verifier<'_> {
     fn start(&self, wall: &Wall) -> anyhow::Result<LocalWall> {
         let root = self.shown.file.parent().unwrap_or(Path::new("/")).to_owned();
         LocalWall::start(LocalWallOptions {
@@ -152,7 +153,7 @@ impl Prover<'_> {
             baker: self.baker.clone(),
             windows: false,
             recorder: None,
-            needs: Needs::default(),
+            needs: FaultHooks::default(),
         })
     }
 
@@ -176,7 +177,7 @@ impl Prover<'_> {
         wall: &Wall,
         index: u16,
         capture: &Capture,
-        table: &mut Table,
+        table: &mut VerificationReport,
     ) -> anyhow::Result<()> {
         let single = oracle::single(wall, index);
         let local = self.start(&single)?;

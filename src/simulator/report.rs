@@ -34,7 +34,7 @@ impl From<Option<Ending>> for EndOfRun {
 
 /// The whole report. Times say their unit; spreads are over the frames of the run.
 #[derive(Debug, Serialize)]
-pub(crate) struct Report {
+pub(crate) struct RunReport {
     /// The wall's name.
     pub wall: String,
     /// The scene's name.
@@ -58,7 +58,7 @@ pub(crate) struct Report {
     pub statistics: Statistics,
 }
 
-impl Report {
+impl RunReport {
     pub fn new(wall: &str, scene: &SceneSummary, statistics: Statistics) -> Self {
         let mut adapters: Vec<String> = Vec::new();
         for adapter in statistics.channels.iter().filter_map(|c| c.adapter.clone()) {

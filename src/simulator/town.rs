@@ -42,8 +42,8 @@ use std::fmt;
 use block::{Block, Shared};
 use glam::{DVec3, Vec3};
 use glb::{Glb, Node, Placement};
-use ground::{Ground, rim_cells};
-use terrain::Cover;
+use ground::{Heightfield, rim_cells};
+use terrain::GroundCover;
 use tree::Tree;
 
 /// The largest town: 128 × 128 blocks are five kilometres wide.
@@ -125,7 +125,7 @@ pub fn generate(options: &TownOptions) -> Result<Vec<u8>, TownError> {
     if !(1..=BLOCKS_MAX).contains(&blocks) {
         return Err(TownError::Blocks { blocks });
     }
-    let ground = Ground::new(blocks, seed);
+    let ground = Heightfield::new(blocks, seed);
     let mut file = Glb::default();
     material::write_all(&mut file)?;
     let shared = share(&mut file);
@@ -140,15 +140,15 @@ pub fn generate(options: &TownOptions) -> Result<Vec<u8>, TownError> {
             }
             let place = [column, row];
             let cover = match is_town {
-                true if has_church(size, place) => Cover::Square,
-                true => Cover::Lot,
-                false => Cover::Wild,
+                true if has_church(size, place) => GroundCover::Square,
+                true => GroundCover::Lot,
+                false => GroundCover::Wild,
             };
             let mut block = Block::new(&mut file, &ground, &shared, seed, place, cover);
             match cover {
-                Cover::Lot => block.furnish(),
-                Cover::Square => block.church(),
-                Cover::Wild => block.grow(),
+                GroundCover::Lot => block.furnish(),
+                GroundCover::Square => block.church(),
+                GroundCover::Wild => block.grow(),
             }
             roots.extend(block.finish());
         }

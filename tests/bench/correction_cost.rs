@@ -10,17 +10,17 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, UVec2};
-use polyptych_baker::{self, Store};
+use polyptych_baker::{self, BakeCache};
 use polyptych_files::blob::BlobHash;
 use polyptych_render::apply;
 use polyptych_renderer::{
-    self, Content, Correction, CorrectionDesc, Gpu, GpuScene, LightMap, Renderer, SceneBuilder,
-    SourceEye, SourcePlane, Target, ViewDesc, WarpVertex,
+    self, AtlasViewDesc, BlendMapDesc, Correction, CorrectionDesc, EyeAtlas, Gpu, GpuScene,
+    ImageEncoding, Renderer, SceneBuilder, Target, ViewDesc, WarpVertexDesc,
 };
 use polyptych_wall::camera::Camera;
-use polyptych_wall::source::SourcePlan;
+use polyptych_wall::source::ViewAtlas;
 use polyptych_wall::surface::{Cylinder, Surface};
-use polyptych_wall::warp_mesh::{MeshRule, WarpMesh};
+use polyptych_wall::warp_mesh::{TessellationOptions, WarpMesh};
 
 const SIZE: [u32; 2] = [1920, 1080];
 const ROUNDS: usize = 15;
@@ -57,21 +57,21 @@ fn point(pixel: DVec2) -> Option<DVec3> {
 /// A correction of the screen, and the planes of its source.
 struct Corrected {
     correction: Correction,
-    plan: SourcePlan,
-    eyes: Vec<SourceEye>,
+    plan: ViewAtlas,
+    eyes: Vec<EyeAtlas>,
     points: usize,
     off_px: f64,
 }
 
 impl Corrected {
-    fn new(gpu: &Gpu, rule: MeshRule, is_weighted: bool) -> Result<Self, Failure> {
+    fn new(gpu: &Gpu, rule: TessellationOptions, is_weighted: bool) -> Result<Self, Failure> {
         let mesh = WarpMesh::new(UVec2::from(SIZE), rule, point);
         let eye = DVec3::ZERO;
-        let plan = SourcePlan::new(&mesh, &[eye], NEAR_M, gpu.facts().texture_side_max)?;
+        let plan = ViewAtlas::new(&mesh, &[eye], NEAR_M, gpu.facts().texture_side_max)?;
         let vertices = mesh.vertices.iter();
-        let warp = polyptych_renderer::WarpMesh {
+        let warp = polyptych_renderer::WarpMeshDesc {
             vertices: vertices
-                .map(|v| WarpVertex { pixel: v.pixel.to_array(), point: v.point })
+                .map(|v| WarpVertexDesc { pixel: v.pixel.to_array(), point: v.point })
                 .collect(),
             triangles: mesh.triangles.clone(),
         };
@@ -84,13 +84,13 @@ impl Corrected {
         let weights: Vec<_> = (0..SIZE[0] * SIZE[1]).map(weight).collect();
         let desc = CorrectionDesc {
             warp: Some(warp.into()),
-            light_map: is_weighted.then(|| LightMap::new(&weights, DVec3::splat(0.003)).into()),
+            light_map: is_weighted.then(|| BlendMapDesc::new(&weights, DVec3::splat(0.003)).into()),
             dither: is_weighted.then_some(7),
             ..CorrectionDesc::identity(SIZE)
         };
         let planes = plan.planes[0].iter();
         let planes = planes
-            .map(|plane| SourcePlane {
+            .map(|plane| AtlasViewDesc {
                 eye_in_display: eye,
                 clip_from_eye: plane.clip_from_eye(),
                 rect: plane.rect,
@@ -99,7 +99,7 @@ impl Corrected {
         Ok(Self {
             correction: Correction::new(gpu, desc)?,
             plan,
-            eyes: vec![SourceEye { planes, triangles: None }],
+            eyes: vec![EyeAtlas { planes, triangles: None }],
             points: mesh.vertices.len(),
             off_px: off_px(&mesh),
         })
@@ -138,13 +138,13 @@ fn median(mut times: Vec<f64>) -> f64 {
 /// The size of cells against error and time, over a source of nothing.
 fn meshes(gpu: &Gpu) -> Result<(), Failure> {
     let steps = [128, 64, 32, 16, 8, 4];
-    let rules = steps.map(|step_px| MeshRule { step_px, error_px: f64::INFINITY });
+    let rules = steps.map(|step_px| TessellationOptions { step_px, error_px: f64::INFINITY });
     let mut all = Vec::new();
-    for rule in rules.into_iter().chain([MeshRule::default()]) {
+    for rule in rules.into_iter().chain([TessellationOptions::default()]) {
         all.push((rule, Corrected::new(gpu, rule, false)?, Vec::new()));
     }
     let size = all.iter().fold(UVec2::ZERO, |size, (_, one, _)| size.max(one.plan.size));
-    let source = Target::of(gpu, size.to_array(), 1, false, Content::Light)?;
+    let source = Target::of(gpu, size.to_array(), 1, false, ImageEncoding::Light)?;
     for round in 0..=ROUNDS {
         for (_, corrected, times) in &mut all {
             let took = corrected.correct(gpu, &source)?;
@@ -164,14 +164,14 @@ fn meshes(gpu: &Gpu) -> Result<(), Failure> {
 
 fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
     let (scene, camera) = open(gpu, path)?;
-    let mut corrected = Corrected::new(gpu, MeshRule::default(), true)?;
-    let mut warped = Corrected::new(gpu, MeshRule::default(), false)?;
+    let mut corrected = Corrected::new(gpu, TessellationOptions::default(), true)?;
+    let mut warped = Corrected::new(gpu, TessellationOptions::default(), false)?;
     let mut renderer = Renderer::new(gpu, 1)?;
-    renderer.prepare_for(gpu, &scene, Content::Srgb);
-    renderer.prepare_for(gpu, &scene, Content::Light);
+    renderer.prepare_for(gpu, &scene, ImageEncoding::Srgb);
+    renderer.prepare_for(gpu, &scene, ImageEncoding::Light);
     let mut plain = Target::new(gpu, SIZE, 1, scene.blends())?;
     let size = corrected.plan.size.to_array();
-    let mut source = Target::of(gpu, size, 1, scene.blends(), Content::Light)?;
+    let mut source = Target::of(gpu, size, 1, scene.blends(), ImageEncoding::Light)?;
     let plane = corrected.plan.planes[0][0];
     let view = |viewport: [u32; 4]| ViewDesc {
         eye_in_world: camera.world_from_display(DVec3::ZERO),
@@ -217,7 +217,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
 /// A scene on the GPU, and a camera that has all of it in sight.
 fn open(gpu: &Gpu, path: &Path) -> Result<(GpuScene, Camera), Failure> {
     let folder = tempfile::tempdir()?;
-    let store = Store::open(folder.path())?;
+    let store = BakeCache::open(folder.path())?;
     let baked = polyptych_baker::bake(path, &store, &mut |_| {}, &AtomicBool::new(false))?;
     let blobs = store.blobs();
     let read = |hash: BlobHash| {

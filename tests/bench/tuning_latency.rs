@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DVec2, DVec3};
-use polyptych_client::tuning::{Change, Corner, Move, Side};
+use polyptych_client::tuning::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_client::{ChannelState, ConnectOptions};
 
 /// Each change is made so often.
@@ -22,7 +22,7 @@ const TIMES: u32 = 5;
 const START_TIME_MAX: Duration = Duration::from_mins(2);
 
 /// What is changed, and how in the n-th time.
-type Tuning = (&'static str, fn(f64) -> Change);
+type Tuning = (&'static str, fn(f64) -> CalibrationChange);
 
 /// A process that ends with its measurement.
 struct Ended(Child);
@@ -88,13 +88,16 @@ fn measure(path: &Path) -> Result<(), Box<dyn Error>> {
 /// The changes that are measured; another one each time.
 fn changes() -> [Tuning; 4] {
     [
-        ("a gain", |time| Change::Gain(DVec3::splat(0.95 - 0.01 * time))),
-        ("a gamma", |time| Change::Gamma(Some(DVec3::splat(2.2 + 0.01 * time)))),
-        ("a pin", |time| Change::Pin {
+        ("a gain", |time| CalibrationChange::Gain(DVec3::splat(0.95 - 0.01 * time))),
+        ("a gamma", |time| CalibrationChange::Gamma(Some(DVec3::splat(2.2 + 0.01 * time)))),
+        ("a pin", |time| CalibrationChange::Pin {
             corner: Corner::UpperLeft,
-            to: Move::To(DVec2::new(3.0 + time, 2.0)),
+            to: Offset::To(DVec2::new(3.0 + time, 2.0)),
         }),
-        ("an edge", |time| Change::Edge { side: Side::Right, width: Some(120.0 + time) }),
+        ("an edge", |time| CalibrationChange::Edge {
+            side: Edge::Right,
+            width: Some(120.0 + time),
+        }),
     ]
 }
 

@@ -11,16 +11,16 @@ use rcgen::{
 };
 use time::{Duration, OffsetDateTime};
 
-use super::place::Place;
+use super::place::TestDir;
 
 /// Makes keys for a wall; whatever is started in this place then uses them.
-pub fn make(place: &Place, wall: &Wall) {
+pub fn make(place: &TestDir, wall: &Wall) {
     place.write("wall.toml", polyptych_wall_file::to_toml(wall));
     place.run(["keys", "wall.toml"]).succeeded();
 }
 
 /// A node's folder, where this place has keys.
-pub fn of(place: &Place, node: &str) -> Option<PathBuf> {
+pub fn of(place: &TestDir, node: &str) -> Option<PathBuf> {
     let folder = place.path("keys").join(node);
     folder.exists().then_some(folder)
 }

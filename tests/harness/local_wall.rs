@@ -10,7 +10,7 @@ use polyptych_client::{
     Camera, Capture, ChannelState, ChannelStatus, ConnectOptions, Wall, WallStatus,
 };
 
-use super::place::Place;
+use super::place::TestDir;
 use super::process::{Finished, Process};
 use super::{keys, pictures, wait};
 
@@ -24,7 +24,7 @@ pub const ANY_PORT: &str = "127.0.0.1:0";
 /// A manager and its servers; they end with it.
 #[derive(Debug)]
 pub struct LocalWall {
-    pub place: Place,
+    pub place: TestDir,
     pub address: String,
     pub manager: Process,
     /// By name.
@@ -79,11 +79,11 @@ impl LocalWall {
     /// Starts the manager and a server for each that the wall file names, and waits until all
     /// channels could draw.
     pub fn start(wall: &Wall, scenes: &[&Path]) -> Self {
-        Self::start_in(Place::new(), wall, scenes, ANY_PORT)
+        Self::start_in(TestDir::new(), wall, scenes, ANY_PORT)
     }
 
     /// The same in a place that is there, with the keys that it may have.
-    pub fn start_in(place: Place, wall: &Wall, scenes: &[&Path], listen: &str) -> Self {
+    pub fn start_in(place: TestDir, wall: &Wall, scenes: &[&Path], listen: &str) -> Self {
         let mut local = Self::manager(place, wall, scenes, listen);
         let servers: Vec<String> = wall.channels.iter().map(|c| c.server.clone()).collect();
         for server in servers {
@@ -97,13 +97,13 @@ impl LocalWall {
     }
 
     /// Starts only the manager.
-    pub fn manager(place: Place, wall: &Wall, scenes: &[&Path], listen: &str) -> Self {
+    pub fn manager(place: TestDir, wall: &Wall, scenes: &[&Path], listen: &str) -> Self {
         Self::manager_with(place, wall, scenes, listen, &[])
     }
 
     /// As [`Self::manager`], with more arguments.
     pub fn manager_with(
-        place: Place,
+        place: TestDir,
         wall: &Wall,
         scenes: &[&Path],
         listen: &str,
@@ -189,13 +189,13 @@ pub fn await_states(client: &Client, states: &[ChannelState]) -> WallStatus {
 }
 
 /// Starts a server with all channels that the wall gives it, whether there is a manager or not.
-pub fn start_server(place: &Place, wall: &Wall, name: &str, manager: &str) -> Process {
+pub fn start_server(place: &TestDir, wall: &Wall, name: &str, manager: &str) -> Process {
     start_server_with(place, wall, name, manager, &["--headless"], &[])
 }
 
 /// As [`start_server`], with these arguments and variables.
 pub fn start_server_with(
-    place: &Place,
+    place: &TestDir,
     wall: &Wall,
     name: &str,
     manager: &str,

@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use image::{Rgba, RgbaImage};
-use polyptych_client::Picture;
+use polyptych_client::Image;
 
 /// How far two pictures of the same size are apart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -80,7 +80,7 @@ impl fmt::Display for Difference {
 }
 
 /// A picture of a capture as an image.
-pub fn image_of(picture: &Picture) -> RgbaImage {
+pub fn image_of(picture: &Image) -> RgbaImage {
     let image = RgbaImage::from_raw(picture.width, picture.height, picture.rgba.clone());
     image.expect("as many bytes as pixels")
 }

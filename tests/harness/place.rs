@@ -17,13 +17,13 @@ const POLYPTYCH: &str = env!("CARGO_BIN_EXE_polyptych");
 
 /// A folder that is gone with the test.
 #[derive(Debug)]
-pub struct Place {
+pub struct TestDir {
     folder: TempDir,
     cache: PathBuf,
     shaders: PathBuf,
 }
 
-impl Place {
+impl TestDir {
     /// An empty folder; baked scenes are shared with the other tests of this run.
     pub fn new() -> Self {
         let [cache, shaders] = ["cache", "shaders"].map(|name| of_this_run().join(name));

@@ -9,7 +9,7 @@ use polyptych_client::glam::DVec3;
 use polyptych_client::{Bounds, Camera};
 use serde_json::{Value, json};
 
-use super::place::{Place, of_this_run};
+use super::place::{TestDir, of_this_run};
 
 /// A town of four blocks, generated once for each run of the tests.
 pub fn town() -> &'static Path {
@@ -18,7 +18,7 @@ pub fn town() -> &'static Path {
         let path = of_this_run().join("scenes/town.glb");
         std::fs::create_dir_all(path.parent().expect("a folder")).expect("made");
         let town = ["scene", "town", "--blocks", "2", "--seed", "1", "-o"].map(PathBuf::from);
-        Place::new().run(town.iter().chain([&path])).succeeded();
+        TestDir::new().run(town.iter().chain([&path])).succeeded();
         path
     })
 }

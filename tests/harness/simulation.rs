@@ -9,26 +9,26 @@ use polyptych_client::{ConnectOptions, Wall};
 use polyptych_protocol::token::TOKEN_FILE_VARIABLE;
 use rustix::process::Signal;
 
-use super::place::Place;
+use super::place::TestDir;
 use super::process::Process;
 use super::{signals, wait};
 
 /// A wall on one machine, as the command starts it.
 #[derive(Debug)]
 pub struct Simulation {
-    pub place: Place,
+    pub place: TestDir,
     pub process: Process,
 }
 
 impl Simulation {
     /// Starts it; pictures go to `out` in its place.
-    pub fn start(place: Place, wall: &Wall, scene: &Path, arguments: &[&str]) -> Self {
+    pub fn start(place: TestDir, wall: &Wall, scene: &Path, arguments: &[&str]) -> Self {
         Self::start_with(place, wall, scene, arguments, &[])
     }
 
     /// As [`Self::start`], with more variables in its environment.
     pub fn start_with(
-        place: Place,
+        place: TestDir,
         wall: &Wall,
         scene: &Path,
         arguments: &[&str],

@@ -6,8 +6,8 @@ use std::sync::atomic::AtomicBool;
 
 use glam::UVec2;
 use image::RgbaImage;
-use polyptych_baker::{Store, bake};
-use polyptych_client::{Bounds, Camera, DisplayMode, Wall};
+use polyptych_baker::{BakeCache, bake};
+use polyptych_client::{Bounds, Camera, OutputMode, Wall};
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
 use polyptych_render::apply;
@@ -16,20 +16,20 @@ use polyptych_wall::ChannelId;
 use polyptych_wall::view::View;
 
 use super::adapter::gpu;
-use super::place::Place;
+use super::place::TestDir;
 use crate::reference;
 
 /// What the renderer needs to draw a channel of a wall.
-pub struct Stage {
+pub struct RenderFixture {
     renderer: Renderer,
     scene: GpuScene,
     pub bounds: Bounds,
 }
 
-impl Stage {
+impl RenderFixture {
     pub fn new(path: &Path) -> Self {
-        let place = Place::new();
-        let store = Store::open(place.path("store")).expect("a store");
+        let place = TestDir::new();
+        let store = BakeCache::open(place.path("store")).expect("a store");
         let baked = bake(path, &store, &mut |_| {}, &AtomicBool::new(false)).expect("baked");
         let blob = |hash| store.blobs().read(hash).expect("readable").expect("there");
         let manifest = polyptych_scene::decode(&blob(baked.manifest)).expect("a manifest");
@@ -52,7 +52,7 @@ impl Stage {
 
     /// Of a glTF made in code.
     pub fn of(gltf: &super::scenes::Gltf) -> Self {
-        let place = Place::new();
+        let place = TestDir::new();
         Self::new(&place.write("scene.glb", gltf.glb()))
     }
 
@@ -85,17 +85,17 @@ pub fn frame(wall: &Wall, camera: Camera) -> Frame {
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: false,
-        display: DisplayMode::Normal,
+        display: OutputMode::Normal,
         pattern: None,
     }
 }
 
 /// What the reference needs to know of a channel: the numbers of the wall file.
-pub fn seat(wall: &Wall, id: ChannelId) -> reference::view::Seat {
+pub fn seat(wall: &Wall, id: ChannelId) -> reference::view::ScreenView {
     let channel = wall.channel(id).expect("a channel");
     let screen = wall.screen_of(channel);
     let plane = screen.plane().expect("a planar screen");
-    reference::view::Seat {
+    reference::view::ScreenView {
         corners: [plane.lower_left, plane.lower_right, plane.upper_left],
         canvas: screen.canvas.to_array(),
         origin: channel.origin.to_array(),

@@ -12,7 +12,7 @@ use polyptych_protocol::connection::introduce;
 use polyptych_protocol::handshake::{Adapter, Hello, Role, Secret, ServerHello};
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::log::Replica;
-use polyptych_protocol::status::{Drawn, Ping, Prepared, Status};
+use polyptych_protocol::status::{FrameRendered, Ping, Prepared, ServerMessage};
 use polyptych_protocol::token;
 use polyptych_wall::ChannelId;
 use tokio::io::AsyncWriteExt;
@@ -28,7 +28,7 @@ const PING_PERIOD: Duration = Duration::from_millis(200);
 /// stands behind it.
 pub const HOSTILE_NAME: &str = "stub\u{1b}[2J\r\n ERROR forged\u{9b}31m\u{202e}";
 
-type Answer = Box<dyn FnOnce(&Frame) -> Status + Send>;
+type Answer = Box<dyn FnOnce(&Frame) -> ServerMessage + Send>;
 
 /// A server for the first channel of a wall, on a thread. Where its connection ends, it stays away
 /// until it is told to rejoin.
@@ -91,7 +91,7 @@ impl StubServer {
     }
 
     /// What an honest server answers to a frame.
-    pub fn drawn_honestly(&self) -> impl Fn(&Frame) -> Drawn + Clone + Send + use<> {
+    pub fn drawn_honestly(&self) -> impl Fn(&Frame) -> FrameRendered + Clone + Send + use<> {
         let shared = Arc::clone(&self.shared);
         move |frame| shared.drawn(frame)
     }
@@ -99,7 +99,7 @@ impl StubServer {
     /// Answers the next frame so, once; gives the frame.
     pub fn answer_once(
         &self,
-        answer: impl FnOnce(&Frame) -> Status + Send + 'static,
+        answer: impl FnOnce(&Frame) -> ServerMessage + Send + 'static,
     ) -> Receiver<FrameId> {
         let (sender, receiver) = sync_channel(1);
         self.shared.state().answer = Some((Box::new(answer), sender));
@@ -157,9 +157,9 @@ impl Shared {
     }
 
     /// What an honest server answers to a frame, at once.
-    fn drawn(&self, frame: &Frame) -> Drawn {
+    fn drawn(&self, frame: &Frame) -> FrameRendered {
         let digest = self.state().digests.get(&frame.revision).copied();
-        Drawn {
+        FrameRendered {
             epoch: frame.epoch,
             frame: frame.frame,
             channel: self.channel,
@@ -190,7 +190,7 @@ async fn converse(address: &str, hello: &Hello, shared: &Shared) -> Ended {
                 }
             }
             _ = ping.tick() => {
-                let ping = Status::Ping(Ping { sent_us: 0, memory_bytes: 0 });
+                let ping = ServerMessage::Ping(Ping { sent_us: 0, memory_bytes: 0 });
                 frames.send(polyptych_codec::encode(&ping)).await?;
             }
             () = shared.wake.notified() => {
@@ -204,7 +204,7 @@ async fn converse(address: &str, hello: &Hello, shared: &Shared) -> Ended {
     }
 }
 
-fn answer(command: Command, shared: &Shared) -> Option<Status> {
+fn answer(command: Command, shared: &Shared) -> Option<ServerMessage> {
     match command {
         Command::Prepare(prepare) => {
             let mut state = shared.state();
@@ -220,7 +220,7 @@ fn answer(command: Command, shared: &Shared) -> Option<Status> {
         Command::Frame(frame) => {
             let asked = shared.state().answer.take();
             let Some((answer, sender)) = asked else {
-                return Some(Status::Drawn(shared.drawn(&frame)));
+                return Some(ServerMessage::Drawn(shared.drawn(&frame)));
             };
             let answer = answer(&frame);
             // A test that has ended asks no more.
@@ -231,7 +231,7 @@ fn answer(command: Command, shared: &Shared) -> Option<Status> {
     }
 }
 
-fn prepare_replica(prepare: Prepare, replica: &mut Replica) -> Status {
+fn prepare_replica(prepare: Prepare, replica: &mut Replica) -> ServerMessage {
     let (epoch, revision) = (prepare.epoch, prepare.revision);
     if prepare.base.is_none() {
         *replica = Replica::from_snapshot(revision, prepare.operations);
@@ -239,5 +239,11 @@ fn prepare_replica(prepare: Prepare, replica: &mut Replica) -> Status {
         prepare.operations.into_iter().for_each(|operation| replica.apply(operation));
     }
     let digest = replica.digest();
-    Status::Prepared(Prepared { epoch, revision, digest, features: Vec::new(), scene_bytes: 0 })
+    ServerMessage::Prepared(Prepared {
+        epoch,
+        revision,
+        digest,
+        features: Vec::new(),
+        scene_bytes: 0,
+    })
 }

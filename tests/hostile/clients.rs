@@ -9,16 +9,16 @@ use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, ChannelState, Pace, Request};
+use polyptych_client::{Camera, ChannelState, Pacing, Request};
 use polyptych_protocol::connection::introduce;
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::request::Call;
+use polyptych_protocol::request::RequestMessage;
 use polyptych_protocol::token;
-use polyptych_wall::tuning::{Change, Move};
+use polyptych_wall::tuning::{CalibrationChange, Offset};
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, tiled};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::stub_server::StubServer;
 use crate::harness::wait;
 
@@ -86,7 +86,11 @@ fn connect(local: &LocalWall, name: &str) -> TcpStream {
 }
 
 fn call(id: u64, request: Request) -> Vec<u8> {
-    polyptych_codec::framed(&polyptych_codec::encode(&Call { id: RequestId(id), request })).to_vec()
+    polyptych_codec::framed(&polyptych_codec::encode(&RequestMessage {
+        id: RequestId(id),
+        request,
+    }))
+    .to_vec()
 }
 
 fn servers() -> u32 {
@@ -106,13 +110,13 @@ fn greedy_clients_starve_neither_servers_nor_each_other() {
     let mut wall = tiled([servers(), 1], [64 * servers(), 64]);
     // The machine is busy with the clients themselves: late is not what is asked here.
     (wall.deadline.min_ms, wall.deadline.max_ms) = (5000, 5000);
-    let local = LocalWall::manager(Place::new(), &wall, &[], ANY_PORT);
+    let local = LocalWall::manager(TestDir::new(), &wall, &[], ANY_PORT);
     let names: Vec<String> = wall.channels.iter().map(|channel| channel.name.clone()).collect();
     let _stubs: Vec<_> = names.iter().map(|name| StubServer::start(&local, name)).collect();
     let client = local.client();
-    client.run(Pace::Rate(RATE)).expect("running");
+    client.run(Pacing::Rate(RATE)).expect("running");
     await_states(&client, &[ChannelState::Live]);
-    let grid = vec![Change::Grid(Some(glam::UVec2::splat(32)))];
+    let grid = vec![CalibrationChange::Grid(Some(glam::UVec2::splat(32)))];
     client.tune(&names[0], grid).expect("a bend");
     let quiet = frame_rate(&client);
 
@@ -166,8 +170,8 @@ fn drag(hostile: &mut Hostile, local: &LocalWall, channel: &str, dragged: &Arc<A
         let pending: Vec<_> = (0..50)
             .map(|_| {
                 step += 0.001;
-                let to = Move::To(glam::DVec2::splat(step));
-                let changes = vec![Change::Bend { column: 5, row: 5, to }];
+                let to = Offset::To(glam::DVec2::splat(step));
+                let changes = vec![CalibrationChange::Bend { column: 5, row: 5, to }];
                 let channel = channel.clone();
                 client.post(Request::Tune { channel, changes }).expect("asked")
             })
@@ -175,7 +179,7 @@ fn drag(hostile: &mut Hostile, local: &LocalWall, channel: &str, dragged: &Arc<A
         let mut last = None;
         for answer in pending {
             let revision = match answer.wait().expect("tuned") {
-                polyptych_client::Reply::Tuned(tuned) => tuned.revision,
+                polyptych_client::Response::Tuned(tuned) => tuned.revision,
                 other => panic!("{other:?}"),
             };
             assert!(Some(revision) >= last, "answers in order");
@@ -191,11 +195,11 @@ const HOSTILE_CLIENTS: u64 = 256;
 #[test]
 fn many_clients_that_do_not_read_hold_little_memory() {
     let wall = tiled([4, 1], [256, 64]);
-    let local = LocalWall::manager(Place::new(), &wall, &[], ANY_PORT);
+    let local = LocalWall::manager(TestDir::new(), &wall, &[], ANY_PORT);
     let stubs: Vec<_> =
         wall.channels.iter().map(|channel| StubServer::start(&local, &channel.name)).collect();
     let client = local.client();
-    client.run(Pace::Rate(RATE)).expect("running");
+    client.run(Pacing::Rate(RATE)).expect("running");
     await_states(&client, &[ChannelState::Live]);
     let long = Request::OpenScene { path: "x".repeat(4000) };
     let mut held = Vec::new();

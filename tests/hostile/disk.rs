@@ -4,17 +4,17 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use polyptych_client::{ChannelState, Pace};
+use polyptych_client::{ChannelState, Pacing};
 use serde_json::Value;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::wait;
 
 #[test]
 fn a_state_that_cannot_be_kept_is_said_in_the_answer_and_in_status() {
-    let place = Place::new();
+    let place = TestDir::new();
     let state = place.path("disk/wall.state");
     fs::create_dir_all(state.parent().expect("a folder")).expect("made");
     let path = state.display().to_string();
@@ -24,7 +24,7 @@ fn a_state_that_cannot_be_kept_is_said_in_the_answer_and_in_status() {
     local.start_server(&wall.channels[0].server.clone());
     let client = local.client();
     await_states(&client, &[ChannelState::Ready, ChannelState::Live]);
-    client.run(Pace::Rate(60.0)).expect("running");
+    client.run(Pacing::Rate(60.0)).expect("running");
     let warnings = || {
         let status = local.run(&["status", "--json"]).succeeded();
         let status: Value = serde_json::from_str(&status).expect("JSON");
@@ -62,7 +62,7 @@ fn a_state_that_cannot_be_kept_is_said_in_the_answer_and_in_status() {
 /// A file that may not grow fails as one on a full disk does.
 #[test]
 fn a_recording_that_breaks_off_is_said_in_status() {
-    let place = Place::new();
+    let place = TestDir::new();
     let wall = place.write("wall.toml", polyptych_wall_file::to_toml(&small(1, 1)));
     let recording = place.path("wall.recording").display().to_string();
     let arguments = ["manager", "--listen", ANY_PORT, "--record", &recording];

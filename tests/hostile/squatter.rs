@@ -7,11 +7,11 @@ use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
 use polyptych_protocol::handshake::{
-    Answer, Introduction, Nonces, Preamble, Role, Secret, Welcome,
+    HelloReply, Introduction, Nonces, Preamble, Role, Secret, Welcome,
 };
 use polyptych_protocol::ids::Epoch;
 
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 
 /// Maximum time for a peer's next bytes.
 const SILENCE: Duration = Duration::from_secs(10);
@@ -49,7 +49,8 @@ fn pose(mut stream: TcpStream, heard: &mut Vec<u8>) {
     let nonces = Nonces { manager: nonce, peer: introduction.nonce };
     let proof = nonces.proof_of_manager(&Secret("0123456789abcdef".into()));
     let given = Welcome { epoch: Epoch(1), session: 1, wall: "w".into(), heartbeat_ms: 2000 };
-    let answer = polyptych_codec::framed(&polyptych_codec::encode(&Answer::Welcome(given, proof)));
+    let answer =
+        polyptych_codec::framed(&polyptych_codec::encode(&HelloReply::Welcome(given, proof)));
     stream.write_all(&answer).expect("written");
     heard.extend_from_slice(&preamble);
     heard.extend_from_slice(&message);
@@ -60,7 +61,7 @@ fn pose(mut stream: TcpStream, heard: &mut Vec<u8>) {
 
 #[test]
 fn a_stranger_on_the_port_learns_nothing_and_is_not_believed() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.write("state/token", TOKEN);
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address").to_string();

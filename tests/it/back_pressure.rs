@@ -5,17 +5,17 @@ use std::net::SocketAddr;
 use std::path::Path;
 
 use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, Pace};
-use polyptych_protocol::connection::{Frames, introduce};
+use polyptych_client::{ChannelState, Pacing};
+use polyptych_protocol::connection::{MessageStream, introduce};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::request::{Call, Request};
+use polyptych_protocol::request::{Request, RequestMessage};
 use polyptych_protocol::token;
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpStream;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small, start_server};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::relay::Relay;
 use crate::harness::scenes::{Gltf, town};
 use crate::harness::{signals, wait};
@@ -64,7 +64,7 @@ fn pictures_that_nobody_reads_wait_in_a_bounded_space() {
 
 #[test]
 fn a_scene_on_a_link_that_stands_still_holds_nobody_else() {
-    let place = Place::new();
+    let place = TestDir::new();
     let scenes = place.path("scenes");
     place.write("scenes/heavy.glb", heavy());
     let wall = small(2, 1);
@@ -96,7 +96,7 @@ fn a_scene_on_a_link_that_stands_still_holds_nobody_else() {
 /// A client that has the wall draw at 60 frames per second, and has measured nothing yet.
 fn running(local: &LocalWall) -> Client {
     let client = local.client();
-    client.run(Pace::Rate(60.0)).expect("running");
+    client.run(Pacing::Rate(60.0)).expect("running");
     wait::until("a live channel", || {
         let channels = client.status().expect("status").channels;
         channels.iter().any(|channel| channel.state == ChannelState::Live).then_some(())
@@ -131,7 +131,11 @@ fn flood(local: &LocalWall, request: impl Fn(u64) -> Request, most: u64) -> (u64
 }
 
 fn call(id: u64, request: Request) -> Vec<u8> {
-    polyptych_codec::framed(&polyptych_codec::encode(&Call { id: RequestId(id), request })).to_vec()
+    polyptych_codec::framed(&polyptych_codec::encode(&RequestMessage {
+        id: RequestId(id),
+        request,
+    }))
+    .to_vec()
 }
 
 fn runtime() -> tokio::runtime::Runtime {
@@ -146,7 +150,7 @@ async fn connect(local: &LocalWall) -> TcpStream {
     let hello = ClientHello { name: "flood".into() };
     let stream = TcpStream::connect(address).await.expect("connected");
     let introduced = introduce(stream, Role::Client, &Hello::Client(hello), &Secret(token)).await;
-    let (frames, _): (Frames<TcpStream>, _) = introduced.expect("welcome");
+    let (frames, _): (MessageStream<TcpStream>, _) = introduced.expect("welcome");
     frames.into_inner()
 }
 

@@ -10,7 +10,7 @@ use rustix::process::Signal;
 
 use crate::harness::keys::{self, Forged};
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
@@ -21,7 +21,7 @@ const MANAGER: [&str; 4] = ["manager", "wall.toml", "--listen", ANY_PORT];
 #[test]
 fn a_state_file_has_one_manager_at_a_time() {
     let state = ["--state", "wall.state"];
-    let mut first = LocalWall::manager_with(Place::new(), &small(1, 1), &[], ANY_PORT, &state);
+    let mut first = LocalWall::manager_with(TestDir::new(), &small(1, 1), &[], ANY_PORT, &state);
     let place = &first.place;
     let pid = first.manager.pid().to_string();
     let second = MANAGER.iter().chain(&state);
@@ -34,7 +34,7 @@ fn a_state_file_has_one_manager_at_a_time() {
 
 #[test]
 fn a_state_that_is_no_file_is_refused_at_once() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.run(["wall", "grid", "-o", "wall.toml"]).succeeded();
     assert!(Command::new("mkfifo").arg(place.path("fifo")).status().expect("mkfifo").success());
     fs::create_dir(place.path("folder")).expect("made");
@@ -52,13 +52,13 @@ fn a_state_that_is_no_file_is_refused_at_once() {
 fn a_scene_folder_that_is_missing_is_named_at_the_start() {
     let mut wall = small(1, 1);
     wall.scenes = vec!["no-such-folder".to_owned()];
-    let mut local = LocalWall::manager(Place::new(), &wall, &[], ANY_PORT);
+    let mut local = LocalWall::manager(TestDir::new(), &wall, &[], ANY_PORT);
     local.manager.await_line(&["WARN", "a scene folder", "does not exist", "no-such-folder"]);
 }
 
 #[test]
 fn a_bake_works_under_a_lower_limit_of_the_system() {
-    let place = Place::cold();
+    let place = TestDir::cold();
     let scene = town().display();
     let program = place.command([""; 0]).get_program().to_owned();
     let bake = |kib: u32| {
@@ -77,13 +77,13 @@ fn a_bake_works_under_a_lower_limit_of_the_system() {
 
 #[test]
 fn a_server_whose_keys_are_not_valid_yet_waits_for_its_clock() {
-    let (place, wall) = (Place::new(), small(1, 1));
+    let (place, wall) = (TestDir::new(), small(1, 1));
     keys::make(&place, &wall);
     let mut local = LocalWall::manager(place, &wall, &[], ANY_PORT);
     let name = wall.channels[0].server.clone();
     let folder = keys::of(&local.place, &format!("server-{name}")).expect("keys");
     let forged = |from| Forged {
-        names: vec![polyptych_protocol::identity::Identity::Server(name.clone()).dns_name()],
+        names: vec![polyptych_protocol::identity::NodeIdentity::Server(name.clone()).dns_name()],
         days: [from, 365],
         purpose: ExtendedKeyUsagePurpose::ClientAuth,
     };
@@ -104,7 +104,7 @@ fn a_server_whose_keys_are_not_valid_yet_waits_for_its_clock() {
 fn children_that_were_stopped_end_with_a_simulation_however_it_ends() {
     for end in [Signal::TERM, Signal::KILL] {
         let arguments = ["--rate", "10", "--seconds", "600"];
-        let mut simulation = Simulation::start(Place::new(), &small(2, 1), town(), &arguments);
+        let mut simulation = Simulation::start(TestDir::new(), &small(2, 1), town(), &arguments);
         simulation.process.await_line(&["scene town"]);
         let children = simulation.children("server");
         assert_eq!(children.len(), 2);

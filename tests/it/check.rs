@@ -4,7 +4,7 @@
 use serde_json::Value;
 
 use crate::harness::maps;
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 
 /// Three projectors in front of a cylinder of 120°, each wider than its part, with keystone.
 const OVERSHOOT: &str = r#"[wall]
@@ -32,7 +32,7 @@ projector = { position = [1.0, 3.0, 0.2], look_at = [2.1, 1.5, -2.1], degrees = 
 "#;
 
 /// Runs `check` in both forms; refuses text and JSON in which a number is none.
-fn check(place: &Place, name: &str) -> (String, Value) {
+fn check(place: &TestDir, name: &str) -> (String, Value) {
     let text = place.run(["check", name]).succeeded();
     let mut words = text.split(|c: char| !c.is_alphanumeric());
     assert!(!words.any(|word| matches!(word, "NaN" | "inf" | "infinity")), "{text}");
@@ -43,7 +43,7 @@ fn check(place: &Place, name: &str) -> (String, Value) {
 
 #[test]
 fn projectors_that_overshoot_a_cylinder_have_finite_figures() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.write("wall.toml", OVERSHOOT);
     let (text, json) = check(&place, "wall.toml");
     for channel in json["channels"].as_array().expect("channels") {
@@ -59,7 +59,7 @@ fn projectors_that_overshoot_a_cylinder_have_finite_figures() {
 
 #[test]
 fn walls_of_calibration_files_have_finite_figures() {
-    let place = Place::new();
+    let place = TestDir::new();
     // Some pixels are unlit, some beside the screen.
     let value = |x: u32, y: u32| match (x, y) {
         (0, 0) => [f32::NAN; 3],
@@ -93,7 +93,7 @@ fn walls_of_calibration_files_have_finite_figures() {
 
 #[test]
 fn stereo_orientation_and_hidden_pixels_are_told() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.write(
         "wall.toml",
         "[wall]\nname = \"w\"\n[[screen]]\nname = \"s\"\nsize = [5.4, 2.7]\ncenter = [0, 0, -4]\n\
@@ -116,7 +116,7 @@ fn stereo_orientation_and_hidden_pixels_are_told() {
 
 #[test]
 fn a_screen_of_four_kilometres_is_warned_of() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.write(
         "wall.toml",
         "[wall]\nname = \"w\"\n[[screen]]\nname = \"s\"\nsize = [4000, 2250]\n\
@@ -127,7 +127,7 @@ fn a_screen_of_four_kilometres_is_warned_of() {
 }
 
 /// What the command says of what it wrote, and what `check` says of that.
-fn generated(place: &Place, arguments: &[&str]) -> (String, String) {
+fn generated(place: &TestDir, arguments: &[&str]) -> (String, String) {
     let said = place.run(["wall"].iter().chain(arguments).chain(&["-o", "made.toml"])).succeeded();
     let (checked, _) = check(place, "made.toml");
     assert!(!said.contains("warning") && !checked.contains("warning"), "{said}\n{checked}");
@@ -137,7 +137,7 @@ fn generated(place: &Place, arguments: &[&str]) -> (String, String) {
 
 #[test]
 fn generated_walls_say_whether_they_are_panels_or_projectors() {
-    let place = Place::new();
+    let place = TestDir::new();
     let (said, checked) = generated(&place, &["cylinder", "--degrees", "180", "--overlap", "100"]);
     assert!(said.contains("14 channels on the surface: panels, or projectors that"), "{said}");
     assert!(checked.contains("  tile  "), "{checked}");

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use polyptych_client::glam::{DQuat, DVec3};
-use polyptych_client::{Camera, Client, Feedback, Pace};
+use polyptych_client::{Camera, Client, FrameFeedback, Pacing};
 
 use crate::harness::local_wall::{LocalWall, screen_of, shot, small};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
@@ -68,8 +68,8 @@ fn feedback_comes_for_every_frame_in_order() {
     let client = local.client();
     client.open_scene("town.glb").expect("opened");
     let mut feedbacks = client.feedback().expect("a stream");
-    client.run(Pace::Rate(60.0)).expect("running");
-    let some: Vec<Feedback> =
+    client.run(Pacing::Rate(60.0)).expect("running");
+    let some: Vec<FrameFeedback> =
         wait::within("feedback", move || feedbacks.by_ref().take(30).collect());
     client.pause().expect("paused");
     for pair in some.windows(2) {

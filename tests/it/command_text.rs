@@ -8,7 +8,7 @@ use std::process::Command;
 use serde_json::Value;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::wait;
 
@@ -18,7 +18,7 @@ fn repository() -> &'static Path {
 
 #[test]
 fn the_schema_is_printed_as_it_stands_in_the_repository() {
-    let printed = Place::new().run(["wall", "schema"]).succeeded();
+    let printed = TestDir::new().run(["wall", "schema"]).succeeded();
     let kept = fs::read_to_string(repository().join("configs/wall.schema.json")).expect("a file");
     assert_eq!(printed.trim_end(), kept.trim_end());
     let schema: Value = serde_json::from_str(&printed).expect("JSON");
@@ -27,7 +27,7 @@ fn the_schema_is_printed_as_it_stands_in_the_repository() {
 
 #[test]
 fn a_value_in_the_place_of_a_word_lists_the_words_in_every_command() {
-    let place = Place::new();
+    let place = TestDir::new();
     let wall = fs::read_to_string(repository().join("configs/single.toml")).expect("a file");
     let name = "channel.front";
     let header = if wall.contains(&format!("[{name}]")) { "" } else { "\n[channel.front]\n" };
@@ -41,7 +41,7 @@ fn a_value_in_the_place_of_a_word_lists_the_words_in_every_command() {
 
 #[test]
 fn completions_and_manuals_name_every_command() {
-    let place = Place::new();
+    let place = TestDir::new();
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = place.run(["completions", shell]).succeeded();
         for word in ["simulate", "completions", "manager"] {
@@ -61,7 +61,7 @@ fn completions_and_manuals_name_every_command() {
 
 #[test]
 fn sources_are_not_overwritten_without_force_and_pictures_are() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.write("mine.glb", "edited");
     let town = ["scene", "town", "--blocks", "1", "-o", "mine.glb"];
     place.run(town).failed(&["mine.glb is there already", "--force"]);
@@ -84,7 +84,7 @@ fn sources_are_not_overwritten_without_force_and_pictures_are() {
 #[test]
 fn a_variable_names_the_manager_for_clients_and_servers() {
     let wall = small(1, 1);
-    let mut local = LocalWall::manager(Place::new(), &wall, &[], ANY_PORT);
+    let mut local = LocalWall::manager(TestDir::new(), &wall, &[], ANY_PORT);
     let channel = wall.channels[0].name.as_str();
     let run = |arguments: &[&str]| {
         let mut command = local.place.command(arguments);
@@ -105,7 +105,7 @@ fn a_variable_names_the_manager_for_clients_and_servers() {
 #[test]
 fn a_server_without_a_runtime_folder_prints_no_complaint_of_its_libraries() {
     let wall = small(1, 1);
-    let local = LocalWall::manager(Place::new(), &wall, &[], ANY_PORT);
+    let local = LocalWall::manager(TestDir::new(), &wall, &[], ANY_PORT);
     let channel = wall.channels[0].name.as_str();
     let arguments = ["server", "--with-parent", "--headless", "--channel", channel, "--manager"];
     let mut command = local.place.command(arguments);

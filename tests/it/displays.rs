@@ -4,7 +4,7 @@ use std::path::Path;
 
 use image::{Rgba, RgbaImage, imageops};
 use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, DisplayMode, Pace, Wall};
+use polyptych_client::{ChannelState, OutputMode, Pacing, Wall};
 use serde_json::Value;
 
 use crate::harness::display::Display;
@@ -12,7 +12,7 @@ use crate::harness::local_wall::{
     ANY_PORT, LocalWall, await_states, screen_of, shot, small, start_server_with,
 };
 use crate::harness::pictures::{Difference, IDENTICAL, check, color_count};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
 
@@ -29,7 +29,7 @@ struct Seen {
 impl Seen {
     fn start(wall: Wall, folder: &Path) -> Self {
         let display = Display::start();
-        let mut local = LocalWall::manager(Place::new(), &wall, &[folder], ANY_PORT);
+        let mut local = LocalWall::manager(TestDir::new(), &wall, &[folder], ANY_PORT);
         for channel in &wall.channels {
             let (name, place) = (&channel.server, &local.place);
             let environment = [("DISPLAY", display.name.as_str())];
@@ -135,7 +135,7 @@ fn displays_show_names_and_kept_pictures_and_captures_never_do() {
     seen.local.run(&["identify"]).succeeded();
     seen.await_parts("a name on each display", &plain, is_named);
     check("displays captured", &capture(&client), &plain, &IDENTICAL);
-    assert_eq!(client.status().expect("status").displays, DisplayMode::Identify);
+    assert_eq!(client.status().expect("status").displays, OutputMode::Identify);
     let said = seen.local.run(&["status"]).succeeded();
     assert!(said.contains("displays: identify") && said.contains("SKEW"), "{said}");
     seen.local.run(&["blank", "--off"]).failed(&["identify", "polyptych identify --off"]);
@@ -176,7 +176,7 @@ fn a_lost_manager_is_told_in_a_corner_and_never_lights_a_black_wall() {
     wait::until("all displays back and none of them lit", || {
         assert!(seen.is_black(), "a display lights up");
         let status = client.status().expect("status");
-        assert_eq!(status.displays, DisplayMode::Blank);
+        assert_eq!(status.displays, OutputMode::Blank);
         let is_back = status.channels.iter().all(|channel| channel.state == ChannelState::Live);
         is_back.then_some(())
     });
@@ -193,14 +193,14 @@ fn a_present_call_that_is_delayed_by_5_ms_is_read_as_that() {
     let mut wall = small(2, 1);
     // A ping every half second, for an estimate of the clock that is worth something.
     wall.heartbeat_ms = 2_000;
-    let mut local = LocalWall::manager(Place::new(), &wall, &[], ANY_PORT);
+    let mut local = LocalWall::manager(TestDir::new(), &wall, &[], ANY_PORT);
     for (channel, delay) in wall.channels.iter().zip(["0ms", "5ms"]) {
         let (name, delayed) = (&channel.server, ["--headless", "--present-delay", delay]);
         let server = start_server_with(&local.place, &wall, name, &local.address, &delayed, &[]);
         local.servers.insert(name.clone(), server);
     }
     let client = local.client();
-    client.run(Pace::Rate(60.0)).expect("running");
+    client.run(Pacing::Rate(60.0)).expect("running");
     await_states(&client, &[ChannelState::Live]);
     let is_right = |us: f64| (4_500.0..=5_500.0).contains(&us);
     let mut read = Vec::new();

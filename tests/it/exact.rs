@@ -12,7 +12,7 @@ use polyptych_client::{Camera, Wall};
 use polyptych_wall::ChannelId;
 
 use crate::harness::model::Model;
-use crate::harness::stage::{Stage, reference_view};
+use crate::harness::stage::{RenderFixture, reference_view};
 use crate::reference::raster::{self, Sample};
 use crate::reference::tone;
 
@@ -35,7 +35,13 @@ struct Verdict {
 }
 
 /// Draws a channel both ways.
-fn verdict(stage: &mut Stage, model: &Model, wall: &Wall, id: ChannelId, at: Camera) -> Verdict {
+fn verdict(
+    stage: &mut RenderFixture,
+    model: &Model,
+    wall: &Wall,
+    id: ChannelId,
+    at: Camera,
+) -> Verdict {
     let view = reference_view(wall, id, at).expect("an eye in front of the screen");
     let sky = DVec3::from_array(SKY.to_array().map(|light| f64::from(light as f32)));
     let expected = raster::draw(&view, &model.facets(), sky);

@@ -14,7 +14,7 @@ use polyptych_client::Wall;
 use serde_json::Value;
 
 use crate::harness::local_wall::tiled;
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
@@ -74,7 +74,7 @@ impl Run {
         let mut arguments = vec!["--rate", "30", "--frames", &frames, "--fault", CONTROL];
         arguments.extend(faults.iter().flat_map(|fault| ["--fault", fault]));
         let logged = [("POLYPTYCH_LOG", "info")];
-        let place = Place::new();
+        let place = TestDir::new();
         let scene = place.write("triangle.glb", Gltf::triangle().glb());
         let mut simulation =
             Simulation::start_with(place, &brisk(2, 2), &scene, &arguments, &logged);

@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::harness::local_wall::{LocalWall, of_repository, screen_of, small};
 use crate::harness::model::{Model, Part};
 use crate::harness::pictures::{color_count, read};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
@@ -46,7 +46,7 @@ fn red_part(picture: &RgbaImage) -> [f64; 3] {
 
 #[test]
 fn a_flat_city_takes_the_width_of_a_wall_when_it_is_simulated() {
-    let place = Place::new();
+    let place = TestDir::new();
     let city = plate(Vec3::new(800.0, 12.0, 600.0), DVec3::new(6.4e6, 30.0, -2e5));
     let scene = place.write("city.glb", city.glb());
     let wall = of_repository("wall-3x1.toml");
@@ -60,14 +60,14 @@ fn a_flat_city_takes_the_width_of_a_wall_when_it_is_simulated() {
 
 /// A wall that opens scenes of a folder.
 struct Stage {
-    scenes: Place,
+    scenes: TestDir,
     local: LocalWall,
     client: Client,
 }
 
 impl Stage {
     fn new() -> Self {
-        let scenes = Place::new();
+        let scenes = TestDir::new();
         let folder = scenes.path("scenes");
         std::fs::create_dir(&folder).expect("a folder");
         let local = LocalWall::start(&small(2, 1), &[&folder]);

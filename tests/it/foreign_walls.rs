@@ -18,7 +18,7 @@ use waves::{Pattern, Seat};
 use crate::harness::local_wall::{self, LocalWall};
 use crate::harness::maps::{self, Entry, Png, png};
 use crate::harness::pictures;
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::foreign_wall;
 use crate::reference::tone;
 
@@ -50,7 +50,7 @@ struct Shown {
 }
 
 /// Draws all patterns on the wall of this file.
-fn show(place: &Place, path: &Path) -> Shown {
+fn show(place: &TestDir, path: &Path) -> Shown {
     let mut wall = polyptych_wall_file::load(path).unwrap_or_else(|error| panic!("{error}"));
     let folder = path.parent().expect("a folder");
     for file in &mut wall.files {
@@ -216,7 +216,7 @@ fn in_pixels(slope: DMat2, off: DVec2) -> f64 {
 
 /// A wall of one channel whose warp is a file, on a plane.
 fn wall_of(
-    place: &Place,
+    place: &TestDir,
     (name, bytes): (&str, &[u8]),
     [pixels, canvas]: [[u32; 2]; 2],
     [eye, screen]: [f64; 2],
@@ -241,7 +241,7 @@ fn float_maps_show_what_they_say() {
     let maps = [("sgct-dome-channel1_warp.pfm", [320, 160]), ("sgct-surface1.pfm", [240, 180])];
     for (name, pixels) in maps {
         let path = foreign_wall(name);
-        let place = Place::new();
+        let place = TestDir::new();
         let bytes = std::fs::read(path).expect("read");
         let wall = wall_of(&place, (name, &bytes), [pixels, [320, 200]], [0.0, -1.5], "");
         let shown = show(&place, &wall);
@@ -261,11 +261,11 @@ fn a_mesh_of_sgct_shows_its_points_and_is_refused_where_it_is_folded() {
     let whole = std::fs::read_to_string(path).expect("read");
     let sgct = "warp_obj = \"sgct\"\n";
     let (sizes, depths) = ([[240, 240], [300, 300]], [2.0, -0.5]);
-    let place = Place::new();
+    let place = TestDir::new();
     let wall = wall_of(&place, (name, whole.as_bytes()), sizes, depths, sgct);
     let wall = wall.display().to_string();
     place.run(["check", &wall]).failed(&["channel.one.warp", "line 9461", "turned over"]);
-    let place = Place::new();
+    let place = TestDir::new();
     let wall = wall_of(&place, (name, whole.as_bytes()), sizes, depths, "");
     let shown = show(&place, &wall);
     let reading = reading::obj(&whole).reading(sizes[0], |value| value);
@@ -277,7 +277,7 @@ fn a_mesh_of_sgct_shows_its_points_and_is_refused_where_it_is_folded() {
 fn a_mesh_of_bourke_shows_what_it_says() {
     let name = "bourke-standard_16x9.data";
     let path = foreign_wall(name);
-    let place = Place::new();
+    let place = TestDir::new();
     let pixels = [480, 270];
     let text = std::fs::read_to_string(path).expect("read");
     let wall = wall_of(&place, (name, text.as_bytes()), [pixels; 2], [0.0, -2.0], "");
@@ -289,7 +289,7 @@ fn a_mesh_of_bourke_shows_what_it_says() {
 
 /// Imports an archive, draws it, and compares it with a reading of the archive's own bytes.
 fn compare_archive(name: &str, path: &Path) {
-    let place = Place::new();
+    let place = TestDir::new();
     let out = place.path("imported").display().to_string();
     let file = path.display().to_string();
     place.run(["wall", "import", &file, "-o", &out]).succeeded();
@@ -312,7 +312,7 @@ fn archives_of_the_reference_library_show_what_they_say() {
 #[cfg_attr(not(has_shared_files), ignore = "no assets and walls in ../shared")]
 fn an_archive_with_beta_shows_light_by_the_standard() {
     let path = foreign_wall("Media2D.mpcdi");
-    let place = Place::new();
+    let place = TestDir::new();
     let archive = archive::Archive::read(&path);
     let texels: Vec<u16> = (0..40 * 30).map(|i| i % 40 + i / 40).collect();
     let beta = png(&Png { size: [40, 30], color: 0, bits: 8, gamma: None, texels: &texels });
@@ -340,7 +340,7 @@ fn an_archive_with_beta_shows_light_by_the_standard() {
 #[cfg_attr(not(has_shared_files), ignore = "no assets and walls in ../shared")]
 fn an_archive_of_profile_a3_is_refused_by_name_and_leaves_nothing() {
     let path = foreign_wall("Advanced3D.mpcdi");
-    let place = Place::new();
+    let place = TestDir::new();
     let out = place.path("a3").display().to_string();
     let file = path.display().to_string();
     place.run(["wall", "import", &file, "-o", &out]).failed(&["MPCDI.profile", "a3"]);

@@ -10,7 +10,7 @@ use crate::harness::local_wall::{
     ANY_PORT, LocalWall, await_states, screen_of, shot, start_server_with, tiled,
 };
 use crate::harness::pictures::{Difference, IDENTICAL, check, color_count};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
@@ -41,7 +41,7 @@ fn pair(pixels: [u32; 2]) -> Wall {
 
 fn manager(wall: &Wall) -> LocalWall {
     let scenes: &Path = town().parent().expect("a folder");
-    LocalWall::manager(Place::new(), wall, &[scenes], ANY_PORT)
+    LocalWall::manager(TestDir::new(), wall, &[scenes], ANY_PORT)
 }
 
 fn server(

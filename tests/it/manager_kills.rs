@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 use image::RgbaImage;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{Camera, ChannelState, Feedback, Pace, Spread};
+use polyptych_client::{Camera, ChannelState, FrameFeedback, Pacing, Quantiles};
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, screen_of, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::Gltf;
 use crate::harness::wait;
 
@@ -36,12 +36,12 @@ struct Shown {
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Deed {
+enum ClientAction {
     Scene(Option<&'static str>),
     Camera(usize),
 }
 
-impl Deed {
+impl ClientAction {
     fn on(self, before: Shown) -> Shown {
         match self {
             Self::Scene(scene) => Shown { scene, ..before },
@@ -82,8 +82,8 @@ impl Driver {
         let work = move || {
             for acknowledged in 0.. {
                 let deed = match random_below(choices) {
-                    at @ 0..3 => Deed::Scene(SCENES[at]),
-                    at => Deed::Camera(at % 2),
+                    at @ 0..3 => ClientAction::Scene(SCENES[at]),
+                    at => ClientAction::Camera(at % 2),
                 };
                 // Nobody may be listening any more.
                 let _ = begins.try_send(());
@@ -116,7 +116,7 @@ fn random_below(end: u64) -> usize {
 
 #[test]
 fn nothing_that_was_acknowledged_is_lost() {
-    let place = Place::new();
+    let place = TestDir::new();
     let scenes = place.path("scenes");
     place.write("scenes/left.glb", Gltf::triangle().glb());
     let moved =
@@ -130,7 +130,7 @@ fn nothing_that_was_acknowledged_is_lost() {
     let client = local.client();
     await_states(&client, &[ChannelState::Ready]);
     let pictures = pictures_of_all(&client);
-    client.run(Pace::Rate(60.0)).expect("running");
+    client.run(Pacing::Rate(60.0)).expect("running");
 
     let mut possible = vec![Shown { scene: SCENES[2], camera: 1 }];
     let mut revision = client.status().expect("status").revision;
@@ -167,7 +167,7 @@ fn nothing_that_was_acknowledged_is_lost() {
         assert!(!found.is_empty(), "{kill}: {scene:?} and its picture are none of {possible:?}");
         possible = found;
     }
-    let spread = Spread::of(still_ms.iter().copied());
+    let spread = Quantiles::of(still_ms.iter().copied());
     println!(
         "{acknowledged} requests acknowledged, {} kills; from start to moving, ms: {spread:?}",
         still_ms.len()
@@ -179,7 +179,8 @@ fn nothing_that_was_acknowledged_is_lost() {
 fn await_moving(client: &Client) {
     let mut feedbacks = client.feedback().expect("a stream");
     wait::within("a frame of all channels", move || {
-        let is_whole = |feedback: &Feedback| feedback.channels.iter().all(|c| c.draw_us.is_some());
+        let is_whole =
+            |feedback: &FrameFeedback| feedback.channels.iter().all(|c| c.draw_us.is_some());
         feedbacks.find(is_whole).expect("the stream goes on");
     });
 }
@@ -197,9 +198,9 @@ impl Pictures {
 fn pictures_of_all(client: &Client) -> Pictures {
     let mut pictures = Vec::new();
     for scene in SCENES {
-        Deed::Scene(scene).ask(client).expect("shown");
+        ClientAction::Scene(scene).ask(client).expect("shown");
         for camera in 0..cameras().len() {
-            Deed::Camera(camera).ask(client).expect("set");
+            ClientAction::Camera(camera).ask(client).expect("set");
             let capture = client.capture().expect("a picture");
             assert_eq!(capture.missing, []);
             pictures.push((Shown { scene, camera }, screen_of(&capture)));

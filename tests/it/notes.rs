@@ -4,7 +4,7 @@
 use serde_json::{Value, json};
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
@@ -38,7 +38,7 @@ fn listed(json: &Value) -> Vec<String> {
 
 #[test]
 fn notes_reach_open_status_log_and_client_and_outlive_a_manager() {
-    let place = Place::new();
+    let place = TestDir::new();
     let wall = small(1, 1);
     let file = place.write("scenes/shimmer.glb", scene().glb());
     let folder = file.parent().expect("a folder").to_owned();
@@ -69,7 +69,7 @@ fn notes_reach_open_status_log_and_client_and_outlive_a_manager() {
 
 #[test]
 fn a_simulation_says_its_notes_and_reports_them() {
-    let place = Place::new();
+    let place = TestDir::new();
     let file = place.write("shimmer.glb", scene().glb());
     let mut simulation = Simulation::start(place, &small(1, 1), &file, &["--frames", "2"]);
     check_notes(&noted(&simulation.process.finish(wait::LIMIT).succeeded()));

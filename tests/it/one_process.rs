@@ -13,13 +13,13 @@ use polyptych_render::{OutputKind, ServerOptions, TokenSource, run as run_server
 use tokio::sync::Notify;
 
 use crate::harness::local_wall::small;
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::{scenes, wait};
 
 pub(super) const TOKEN: &str = "0123456789abcdef";
 
 /// A manager on a thread, ended by the notice that is given back.
-pub(super) fn start_manager(wall: Wall, place: &Place) -> (String, Arc<Notify>, JoinHandle<()>) {
+pub(super) fn start_manager(wall: Wall, place: &TestDir) -> (String, Arc<Notify>, JoinHandle<()>) {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port");
     let address = listener.local_addr().expect("an address").to_string();
     let baker = Baker {
@@ -57,7 +57,7 @@ pub(super) fn start_manager(wall: Wall, place: &Place) -> (String, Arc<Notify>, 
 pub(super) fn start_server(
     address: &str,
     channel: &str,
-    place: &Place,
+    place: &TestDir,
 ) -> (Arc<Notify>, JoinHandle<Result<(), String>>) {
     let options = ServerOptions {
         manager: address.to_owned(),
@@ -83,7 +83,7 @@ pub(super) fn start_server(
 
 #[test]
 fn a_wall_of_threads_shows_a_scene_and_ends_in_order() {
-    let place = Place::new();
+    let place = TestDir::new();
     let wall = small(2, 1);
     let (address, end_manager, manager) = start_manager(wall.clone(), &place);
     let servers: Vec<_> =

@@ -10,7 +10,7 @@ use rustix::process::Signal;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
 use crate::harness::maps::{self, Region};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::wait;
 
 /// What stands where a file was to be written. Tests may run as root: no real device is named.
@@ -38,7 +38,7 @@ fn make_fifo(path: &Path) {
 }
 
 /// Runs a command for each kind of file at a path that it would write.
-fn refuses(place: &Place, command: &str, name: &str) {
+fn refuses(place: &TestDir, command: &str, name: &str) {
     let path = place.path(name);
     fs::create_dir_all(path.parent().expect("a folder")).expect("made");
     for kind in KINDS {
@@ -65,7 +65,7 @@ fn refuses(place: &Place, command: &str, name: &str) {
 
 #[test]
 fn commands_that_make_a_file_replace_only_regular_files() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.run(["wall", "grid", "-o", "wall.toml"]).succeeded();
     for (command, name) in [
         ("scene town --blocks 1 -o TARGET", "town.glb"),
@@ -91,7 +91,7 @@ fn commands_that_make_a_file_replace_only_regular_files() {
 
 #[test]
 fn folders_of_results_are_folders() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.run(["wall", "grid", "-o", "wall.toml"]).succeeded();
     place.write("file", "mine");
     make_fifo(&place.path("fifo"));
@@ -121,7 +121,7 @@ fn folders_of_results_are_folders() {
 
 #[test]
 fn incidents_and_maps_replace_only_regular_files() {
-    let place = Place::new();
+    let place = TestDir::new();
     let record = ["--record", "wall.rec"];
     let mut local = LocalWall::manager_with(place, &small(1, 1), &[], ANY_PORT, &record);
     local.manager.signal(Signal::TERM);

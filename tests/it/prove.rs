@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::harness::maps::{Png, png};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::{Gltf, town};
 
 /// Two overlapping projectors whose black leaks.
@@ -30,7 +30,7 @@ struct Proof {
 
 impl Proof {
     /// Runs `prove` on the text of a wall file, and of one as built.
-    fn of(place: &Place, wall: &str, built: Option<&str>, scene: &str) -> Self {
+    fn of(place: &TestDir, wall: &str, built: Option<&str>, scene: &str) -> Self {
         let wall = place.write("wall.toml", wall).display().to_string();
         let out = place.path("out").display().to_string();
         let mut arguments = vec!["prove".to_owned(), wall, scene.to_owned(), "--out".into(), out];
@@ -59,7 +59,7 @@ impl Proof {
 
 #[test]
 fn a_proof_says_what_it_does_and_what_its_rows_mean() {
-    let place = Place::new();
+    let place = TestDir::new();
     let proof = Proof::of(&place, WALL, None, &town().display().to_string());
     let Proof { code, rows, said } = &proof;
     // It says what it does before it prints what came of that.
@@ -97,7 +97,7 @@ fn small(keys: &str) -> String {
 
 /// Masks that fade over the overlap, to the right and to the left, and one that does so some
 /// pixels too early.
-fn write_masks(place: &Place) {
+fn write_masks(place: &TestDir) {
     // Where its light ends, and which way it fades.
     let masks = [("right.png", 160.0, -1.0), ("left.png", 0.0, 1.0), ("early.png", 156.0, -1.0)];
     for (name, edge, way) in masks {
@@ -118,7 +118,7 @@ fn shared_by(alpha: &str) -> String {
 
 #[test]
 fn each_fault_fails_a_row_and_no_right_wall_does() {
-    let place = Place::new();
+    let place = TestDir::new();
     let scene = place.write("triangle.glb", Gltf::triangle().glb()).display().to_string();
     write_masks(&place);
     let [alphas, shifted] = ["right.png", "early.png"].map(shared_by);
@@ -160,7 +160,7 @@ fn each_fault_fails_a_row_and_no_right_wall_does() {
 
 #[test]
 fn an_eye_close_to_its_screen_is_proved_too() {
-    let place = Place::new();
+    let place = TestDir::new();
     let scene = place.write("triangle.glb", Gltf::triangle().glb()).display().to_string();
     let wall = small("").replace("center = [0.0, 0.0, -1.5]", "center = [0.0, 0.0, -0.005]");
     let proof = Proof::of(&place, &wall, None, &scene);

@@ -1,7 +1,7 @@
 //! A program that drives a wall goes on when its manager is killed and started again.
 
 use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, ClientError, ConnectOptions, Reconnect, Request};
+use polyptych_client::{ChannelState, ClientError, ConnectOptions, ReconnectPolicy, Request};
 
 use crate::harness::local_wall::{LocalWall, await_states, small};
 use crate::harness::scenes::{poses, town};
@@ -13,7 +13,7 @@ fn an_orbit_and_its_feedback_outlive_the_manager() {
     let folder = town().parent().expect("a folder");
     let mut local = LocalWall::start(&wall, &[folder]);
     let options =
-        ConnectOptions { reconnect: Some(Reconnect::default()), ..local.connect_options() };
+        ConnectOptions { reconnect: Some(ReconnectPolicy::default()), ..local.connect_options() };
     let client = Client::connect_with(options).expect("connected");
     let bounds = client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
     let known = client.status().expect("status");

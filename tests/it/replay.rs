@@ -7,14 +7,14 @@ use rustix::process::Signal;
 use serde_json::Value;
 
 use crate::harness::local_wall::{await_states, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
 
 #[test]
 fn an_incident_is_recorded_replayed_and_kept() {
-    let place = Place::new();
+    let place = TestDir::new();
     let record = place.path("wall.rec");
     let text = record.to_str().expect("text").to_owned();
     let arguments = ["--orbit", "--rate", "30", "--seconds", "600", "--record", &text];

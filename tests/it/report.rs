@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::harness::local_wall::small;
 use crate::harness::pictures::{IDENTICAL, check, color_count, read};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
@@ -16,7 +16,7 @@ const FRAMES: u64 = 20;
 
 fn simulated() -> (Simulation, Value) {
     let arguments = ["--orbit", "--frames", "20"];
-    let mut simulation = Simulation::start(Place::new(), &small(2, 2), town(), &arguments);
+    let mut simulation = Simulation::start(TestDir::new(), &small(2, 2), town(), &arguments);
     let said = simulation.process.finish(wait::LIMIT).succeeded();
     assert!(said.contains("wall small: 4 channels on 1 screen"), "{said}");
     assert!(said.contains("pictures and report: "), "{said}");
@@ -81,7 +81,7 @@ fn a_report_says_what_was_drawn_and_how_long_it_took() {
 /// A run without an end.
 fn endless(wall: &Wall) -> Simulation {
     let arguments = ["--orbit", "--seconds", "600"];
-    let mut simulation = Simulation::start(Place::new(), wall, town(), &arguments);
+    let mut simulation = Simulation::start(TestDir::new(), wall, town(), &arguments);
     simulation.process.await_line(&["scene town"]);
     simulation
 }
@@ -117,7 +117,7 @@ fn an_interrupted_run_writes_what_it_has_drawn() {
 #[test]
 fn a_run_that_is_interrupted_before_its_first_frame_says_that_there_is_no_report() {
     let arguments = ["--seconds", "600"];
-    let mut simulation = Simulation::start(Place::new(), &small(1, 1), town(), &arguments);
+    let mut simulation = Simulation::start(TestDir::new(), &small(1, 1), town(), &arguments);
     simulation.process.await_line(&["wall small"]);
     wait::until("a server", || (!simulation.children("server").is_empty()).then_some(()));
     simulation.interrupt(Signal::INT, "before the first frame");
@@ -155,7 +155,7 @@ fn late_frames_are_told_as_they_were() {
     // Both are slowed behind the first frame; each frame from then on ends at its deadline.
     let slow = ["at 1 slow 5s front-1-1", "at 1 slow 5s front-2-1"];
     let arguments = ["--frames", "4", "--fault", slow[0], "--fault", slow[1]];
-    let mut simulation = Simulation::start(Place::new(), &wall, town(), &arguments);
+    let mut simulation = Simulation::start(TestDir::new(), &wall, town(), &arguments);
     let finished = simulation.process.finish(wait::LIMIT);
     let said = finished.output;
     let report = read_report(&simulation);

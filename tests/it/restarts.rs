@@ -6,7 +6,7 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
 
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::wait;
 
@@ -43,14 +43,14 @@ scenes = ["scenes"]
 
 /// A wall's manager, started again and again; no server is needed to tune.
 struct Desk {
-    place: Place,
+    place: TestDir,
     address: String,
     manager: Process,
 }
 
 impl Desk {
     fn start() -> Self {
-        let place = Place::new();
+        let place = TestDir::new();
         fs::create_dir_all(place.path("t3/scenes")).expect("made");
         let path = place.write("t3/t.toml", WALL);
         let (manager, address) = start(&place, &place.path("t3"), &path, "127.0.0.1:0");
@@ -130,7 +130,7 @@ impl Desk {
     }
 }
 
-fn start(place: &Place, folder: &Path, path: &Path, listen: &str) -> (Process, String) {
+fn start(place: &TestDir, folder: &Path, path: &Path, listen: &str) -> (Process, String) {
     let mut command = place.command(["manager", "--listen", listen]);
     command.arg(path).current_dir(folder);
     let mut manager = Process::start("manager", &mut command);

@@ -11,9 +11,9 @@ use polyptych_wall::ChannelId;
 
 use crate::harness::local_wall::{LocalWall, of_repository, screen_of, shot};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::{asset, poses, town};
-use crate::harness::stage::{Stage, frame};
+use crate::harness::stage::{RenderFixture, frame};
 
 /// Colours below which a picture shows too little to say anything about seams.
 const COLORS_MIN: usize = 100;
@@ -68,7 +68,7 @@ fn check_tiles(name: &str, client: &Client, camera: Camera, expected: &RgbaImage
 fn check_oracle(path: &Path) {
     let single = of_repository("single.toml");
     let canvas = single.screens[0].canvas;
-    let mut stage = Stage::new(path);
+    let mut stage = RenderFixture::new(path);
     for (number, camera) in poses(&stage.bounds).into_iter().enumerate() {
         let views = apply::views(&single, ChannelId(0), &frame(&single, camera)).expect("views");
         let expected = stage.draw(canvas, &views);
@@ -109,13 +109,13 @@ fn with_the_scissor_oracle_no_pixel_of_the_helmet_differs() {
 /// One adapter draws all; a corner of all four tiles lies in the middle of a triangle's edge.
 #[test]
 fn a_triangle_over_all_tiles_and_behind_the_eye_has_no_seam() {
-    let place = Place::new();
+    let place = TestDir::new();
     let big = crate::harness::scenes::Gltf::triangle().with(|gltf| {
         gltf.json["nodes"][0]["scale"] = serde_json::json!([40.0, 40.0, 40.0]);
         gltf.json["nodes"][0]["translation"] = serde_json::json!([-13.0, -13.0, 0.0]);
     });
     let path = place.write("big.glb", big.glb());
-    let mut stage = Stage::new(&path);
+    let mut stage = RenderFixture::new(&path);
     let wall = of_repository("wall-2x2.toml");
     let single = of_repository("single.toml");
     // Nearly in its plane, and rolled: one corner is behind the eye, and the edge between the

@@ -4,7 +4,7 @@
 use polyptych_client::ChannelState;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::process::Finished;
 use crate::harness::scenes::{Gltf, town};
 use crate::harness::simulation::Simulation;
@@ -56,7 +56,7 @@ fn check_unseen(finished: Finished, missing: &[(&str, &str)]) -> String {
 
 #[test]
 fn exit_codes_say_whether_no_some_or_all_displays_show_what_a_command_did() {
-    let place = Place::new();
+    let place = TestDir::new();
     let wall = small(2, 1);
     let file = place.write("scenes/triangle.glb", Gltf::triangle().glb());
     let folder = file.parent().expect("a folder").to_owned();
@@ -111,7 +111,7 @@ fn exit_codes_say_whether_no_some_or_all_displays_show_what_a_command_did() {
 
 #[test]
 fn open_waits_for_displays_that_get_ready_and_says_so() {
-    let place = Place::new();
+    let place = TestDir::new();
     let wall = small(2, 1);
     let file = place.write("scenes/triangle.glb", Gltf::triangle().glb());
     let folder = file.parent().expect("a folder").to_owned();
@@ -128,7 +128,7 @@ fn open_waits_for_displays_that_get_ready_and_says_so() {
 
 #[test]
 fn open_says_how_far_it_is_and_so_does_the_status() {
-    let place = Place::new();
+    let place = TestDir::new();
     let file = place.write("scenes/slow\u{1b}x.glb", Gltf::triangle().glb());
     let folder = file.parent().expect("a folder").to_owned();
     let local = LocalWall::manager(place, &small(1, 1), &[&folder], ANY_PORT);
@@ -157,7 +157,7 @@ fn open_says_how_far_it_is_and_so_does_the_status() {
 #[test]
 fn a_client_hears_how_far_a_bake_is() {
     let folder = town().parent().expect("a folder");
-    let local = LocalWall::manager(Place::cold(), &small(1, 1), &[folder], ANY_PORT);
+    let local = LocalWall::manager(TestDir::cold(), &small(1, 1), &[folder], ANY_PORT);
     let mut heard = Vec::new();
     local.client().open_scene_with("town.glb", |progress| heard.push(progress)).expect("opened");
     let baking = heard.iter().filter(|p| p.stage == polyptych_client::OpenStage::Baking);
@@ -169,7 +169,7 @@ fn a_client_hears_how_far_a_bake_is() {
 #[test]
 fn a_simulation_whose_last_picture_lacks_a_channel_is_done_but_not_seen() {
     let fault = ["--frames", "5", "--fault", "at 5 kill front-2-1"];
-    let mut simulation = Simulation::start(Place::new(), &small(2, 1), town(), &fault);
+    let mut simulation = Simulation::start(TestDir::new(), &small(2, 1), town(), &fault);
     let finished = simulation.process.finish(wait::LIMIT);
     assert_eq!(finished.code(), 3, "{}", finished.output);
     assert!(finished.output.contains("warning: channel front-2-1 is not in the picture"));

@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde_json::Value;
 
 use crate::harness::local_wall::tiled;
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
@@ -47,7 +47,7 @@ struct Look {
 fn kills_and_stops_leave_nothing_behind() {
     let wish = std::env::var("POLYPTYCH_SOAK").ok().and_then(|frames| frames.parse().ok());
     let frames: u64 = wish.unwrap_or(FRAMES);
-    let place = Place::new();
+    let place = TestDir::new();
     let scene = place.write("triangle.glb", Gltf::triangle().glb());
     let twice = 2 * FRAMES_PER_FAULT;
     let faults = [

@@ -4,7 +4,7 @@ use polyptych_client::ChannelState;
 use rustix::process::Signal;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::wait;
 
 #[test]
@@ -68,7 +68,7 @@ fn stopped_servers_end_and_one_that_hangs_is_named() {
 #[test]
 fn a_server_that_is_not_there_is_no_reason_not_to_end_the_others() {
     let wall = small(2, 1);
-    let mut local = LocalWall::manager(Place::new(), &wall, &[], ANY_PORT);
+    let mut local = LocalWall::manager(TestDir::new(), &wall, &[], ANY_PORT);
     let here = wall.channels[0].server.clone();
     local.start_server(&here);
     let client = local.client();

@@ -4,12 +4,12 @@ use std::fs;
 
 use image::RgbaImage;
 use polyptych_client::glam::DVec2;
-use polyptych_client::tuning::{Change, Corner, Move};
-use polyptych_client::{ChannelState, Pace, Wall};
+use polyptych_client::tuning::{CalibrationChange, Corner, Offset};
+use polyptych_client::{ChannelState, Pacing, Wall};
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::pictures::{color_count, read};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 
 /// The picture of the whole wall, as the command saves it.
 fn shot(local: &LocalWall, name: &str) -> RgbaImage {
@@ -38,7 +38,7 @@ fn restarted(mut local: LocalWall, wall: &Wall) -> LocalWall {
 fn a_tuning_moves_the_picture_outlives_the_manager_and_is_saved() {
     let wall = small(2, 1);
     let [left, right] = [0, 1].map(|index: usize| wall.channels[index].name.clone());
-    let local = LocalWall::start_in(Place::new(), &wall, &[], ANY_PORT);
+    let local = LocalWall::start_in(TestDir::new(), &wall, &[], ANY_PORT);
     let path = local.place.path("wall.toml");
     let before = shot(&local, "none.png");
     local.run(&["pattern", "grid"]).succeeded();
@@ -87,11 +87,11 @@ fn a_wall_that_runs_shows_tunings_on_all_channels_and_none_is_late() {
     let wall = small(2, 1);
     let local = LocalWall::start(&wall, &[]);
     let client = local.client();
-    client.run(Pace::Rate(30.0)).expect("running");
+    client.run(Pacing::Rate(30.0)).expect("running");
     let name = wall.channels[1].name.as_str();
     let nudge = || {
-        let to = Move::By(DVec2::new(0.1, 0.0));
-        vec![Change::Pin { corner: Corner::LowerRight, to }]
+        let to = Offset::By(DVec2::new(0.1, 0.0));
+        vec![CalibrationChange::Pin { corner: Corner::LowerRight, to }]
     };
     let mut frames: Vec<u64> =
         (0..50).map(|_| client.tune(name, nudge()).expect("tuned").frames).collect();
@@ -145,7 +145,7 @@ fn a_tuning_that_one_server_cannot_show_is_refused_and_all_stay_live() {
         .unwrap_or_else(|error| panic!("{error}"));
     let local = LocalWall::start(&wall, &[]);
     let client = local.client();
-    client.run(Pace::Rate(30.0)).expect("running");
+    client.run(Pacing::Rate(30.0)).expect("running");
     await_states(&client, &[ChannelState::Live]);
     client.pause().expect("pausing");
     local.run(&["tune", "left", "gain=0.9"]).succeeded();

@@ -5,7 +5,7 @@ use polyptych_client::{Camera, Capture, ChannelState, Wall};
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, shot, small};
 use crate::harness::pictures::{IDENTICAL, check, color_count, image_of};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
 
@@ -71,7 +71,7 @@ fn a_server_that_comes_late_draws_what_it_would_have_drawn() {
     let (_complete, client, poses) = start(&wall);
     let expected = shot(&client, poses[0]);
     let folder = town().parent().expect("a folder");
-    let mut late = LocalWall::manager(Place::new(), &wall, &[folder], ANY_PORT);
+    let mut late = LocalWall::manager(TestDir::new(), &wall, &[folder], ANY_PORT);
     let [early_one, late_one] = [0, 1].map(|channel| wall.channels[channel].server.clone());
     late.start_server(&early_one);
     let client = late.client();

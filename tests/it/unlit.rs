@@ -1,12 +1,12 @@
 //! Unlit colours are shown as their files say, on every kind of channel and at any exposure.
 
 use polyptych_client::Camera;
-use polyptych_wall::{EyeOf, Packing};
+use polyptych_wall::{Eye, StereoPacking};
 use serde_json::json;
 
 use crate::harness::local_wall::{LocalWall, shot, tiled};
 use crate::harness::pictures::image_of;
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::Gltf;
 use crate::reference::tone;
 
@@ -29,10 +29,10 @@ fn card(codes: [u8; 3], mode: &str) -> Gltf {
 #[test]
 fn unlit_colours_keep_their_codes_on_plain_warped_and_stereo_channels_at_any_exposure() {
     let mut wall = tiled([4, 1], [256, 48]);
-    wall.channels[1].adjustment.eye = EyeOf::Right;
-    wall.channels[2].adjustment.packing = Packing::Anaglyph;
+    wall.channels[1].adjustment.eye = Eye::Right;
+    wall.channels[2].adjustment.packing = StereoPacking::Anaglyph;
     wall.channels[3].adjustment.pin[1].x = -1.5;
-    let place = Place::new();
+    let place = TestDir::new();
     let local = LocalWall::start(&wall, &[&place.path(".")]);
     let client = local.client();
     for (codes, mode) in [([128; 3], "OPAQUE"), ([128; 3], "BLEND"), ([255, 0, 7], "BLEND")] {

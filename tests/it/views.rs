@@ -3,17 +3,17 @@
 
 use glam::{DVec3, UVec2};
 use image::{RgbaImage, imageops};
-use polyptych_client::{Area, Camera, Head, View, ViewProjection, Wall};
+use polyptych_client::{Area, Camera, HeadPose, View, ViewProjection, Wall};
 use polyptych_protocol::command::Frame;
 use polyptych_render::apply;
 use polyptych_wall::surface::Plane;
-use polyptych_wall::{Channel, ChannelId, EyeOf, Screen, Surface};
+use polyptych_wall::{Channel, ChannelId, Eye, Screen, Surface};
 
 use crate::harness::local_wall::{LocalWall, screen_of, small, tiled};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::{Gltf, poses, town};
-use crate::harness::stage::{Stage, frame};
+use crate::harness::stage::{RenderFixture, frame};
 
 const CANVAS: [u32; 2] = [320, 176];
 
@@ -31,7 +31,7 @@ fn part(picture: &RgbaImage, [x, y, width, height]: [u32; 4]) -> RgbaImage {
 }
 
 /// A plan and a camera's picture side by side, over all tiles; neither ends where a tile does.
-fn two_plans(stage: &Stage) -> [(View, [u32; 4]); 2] {
+fn two_plans(stage: &RenderFixture) -> [(View, [u32; 4]); 2] {
     let (center, radius) = (stage.bounds.center(), stage.bounds.radius());
     let above = Camera::look_at(center + DVec3::Y * radius, center, DVec3::NEG_Z);
     let beside = poses(&stage.bounds)[4];
@@ -51,7 +51,7 @@ fn with_views(wall: &Wall, views: Vec<View>) -> Frame {
 
 #[test]
 fn two_plans_over_four_tiles_are_what_two_displays_show() {
-    let mut stage = Stage::new(town());
+    let mut stage = RenderFixture::new(town());
     let wall = tiled([2, 2], CANVAS);
     let views = two_plans(&stage);
     let both = with_views(&wall, views.iter().map(|(view, _)| view.clone()).collect());
@@ -91,7 +91,7 @@ fn two_plans_over_four_tiles_are_what_two_displays_show() {
 
 #[test]
 fn a_view_over_another_has_its_own_depth() {
-    let mut stage = Stage::new(town());
+    let mut stage = RenderFixture::new(town());
     let wall = tiled([1, 1], [160, 88]);
     let rect = [30, 20, 70, 50];
     let base = View::of_wall(poses(&stage.bounds)[0]);
@@ -121,27 +121,27 @@ fn middle_column(picture: &RgbaImage) -> f64 {
 
 #[test]
 fn each_eye_has_its_own_picture_and_near_things_are_apart() {
-    let place = Place::new();
+    let place = TestDir::new();
     // Half as far as the screen, in front of its middle.
     let near = Gltf::triangle().with(|gltf| {
         gltf.json["nodes"][0]["scale"] = serde_json::json!([0.2, 0.2, 0.2]);
         gltf.json["nodes"][0]["translation"] = serde_json::json!([-0.07, -0.07, -0.652]);
     });
-    let mut stage = Stage::new(&place.write("near.glb", near.glb()));
+    let mut stage = RenderFixture::new(&place.write("near.glb", near.glb()));
     let mut wall = tiled([1, 1], CANVAS);
     let second = Channel { name: "right".into(), ..wall.channels[0].clone() };
     wall.channels.push(second);
-    wall.channels[0].adjustment.eye = EyeOf::Left;
-    wall.channels[1].adjustment.eye = EyeOf::Right;
-    let head = Head { eye_separation_m: 0.06, ..wall.head() };
+    wall.channels[0].adjustment.eye = Eye::Left;
+    wall.channels[1].adjustment.eye = Eye::Right;
+    let head = HeadPose { eye_separation_m: 0.06, ..wall.head() };
     let stereo = Frame { head, ..frame(&wall, Camera::IDENTITY) };
     let size = UVec2::from_array(CANVAS);
-    let [left, right] = [(0, EyeOf::Left), (1, EyeOf::Right)].map(|(index, eye)| {
+    let [left, right] = [(0, Eye::Left), (1, Eye::Right)].map(|(index, eye)| {
         let drawn = apply::views(&wall, ChannelId(index), &stereo).expect("views");
         let drawn = stage.draw(size, &drawn);
         // What one eye alone sees from there.
         let mono = tiled([1, 1], CANVAS);
-        let moved = Head::at(head.eye(eye), 0.0);
+        let moved = HeadPose::at(head.eye(eye), 0.0);
         let mono_frame = Frame { head: moved, ..frame(&mono, Camera::IDENTITY) };
         let expected = apply::views(&mono, ChannelId(0), &mono_frame).expect("views");
         check("one eye", &drawn, &stage.draw(size, &expected), &IDENTICAL);
@@ -174,7 +174,7 @@ fn a_client_moves_the_head_and_lays_views_over_a_wall_of_processes() {
         client.set_camera(poses(&bounds)[4]).expect("set");
     }
     let at_rest = pictures();
-    let head = Head::at(DVec3::new(0.4, 0.1, 0.2), 0.07);
+    let head = HeadPose::at(DVec3::new(0.4, 0.1, 0.2), 0.07);
     for client in &clients {
         client.set_head(head).expect("set");
     }

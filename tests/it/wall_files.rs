@@ -6,29 +6,31 @@ use std::path::{Path, PathBuf};
 use image::RgbaImage;
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions, Wall, overview};
-use polyptych_files::blob::{BlobFolder, BlobHash};
+use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_manager::import::{Baker, bake_wall_files};
 use polyptych_wall::color::{linear_from_srgb, srgb_from_linear};
-use polyptych_wall::warp::WallMap;
-use polyptych_wall::{FileKind, MapFile};
+use polyptych_wall::warp::CalibrationMap;
+use polyptych_wall::{CalibrationFile, CalibrationFileKind};
 
 use crate::harness::local_wall::{LocalWall, small};
 use crate::harness::maps::{self, Png, Region, png};
 use crate::harness::pictures::{self, Policy};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::{scenes, wait};
 use crate::one_process::{TOKEN, start_manager, start_server};
 
 /// A wall of one channel with a warp map and a mask beside its wall file.
-fn wall_with_files(place: &Place) -> Wall {
+fn wall_with_files(place: &TestDir) -> Wall {
     let mut wall = small(1, 1);
     let value = |x: u32, y: u32| [x as f32 * 0.24 - 0.84, 0.4 - y as f32 * 0.27, -1.304];
     place.write("front.pfm", maps::pfm([8, 4], 3, true, value));
     let texels = [0, 128, 255, 64];
     let mask = Png { size: [2, 2], color: 0, bits: 8, gamma: Some(45_455), texels: &texels };
     place.write("front.png", png(&mask));
-    for (path, kind) in [("front.pfm", FileKind::Warp), ("front.png", FileKind::Alpha)] {
-        wall.files.push(MapFile {
+    for (path, kind) in
+        [("front.pfm", CalibrationFileKind::Warp), ("front.png", CalibrationFileKind::Alpha)]
+    {
+        wall.files.push(CalibrationFile {
             path: path.to_owned(),
             kind,
             blob: None,
@@ -41,14 +43,14 @@ fn wall_with_files(place: &Place) -> Wall {
     wall
 }
 
-fn baker(place: &Place) -> Baker {
+fn baker(place: &TestDir) -> Baker {
     let program = PathBuf::from(env!("CARGO_BIN_EXE_polyptych"));
     Baker { program, memory_mib: 4096, store: place.path("store") }
 }
 
 #[test]
 fn a_wall_with_files_comes_up_and_its_servers_hold_them() {
-    let place = Place::new();
+    let place = TestDir::new();
     let mut wall = wall_with_files(&place);
     bake_wall_files(&mut wall, place.folder(), &baker(&place)).expect("baked");
     let blobs: Vec<BlobHash> = wall.blobs().collect();
@@ -66,10 +68,10 @@ fn a_wall_with_files_comes_up_and_its_servers_hold_them() {
     let capture = client.capture().expect("captured");
     assert!(capture.missing.is_empty(), "{:?}", capture.missing);
     // They came over the bulk connection: the server knows no other folder.
-    let cache = BlobFolder::new(place.path("blobs"));
+    let cache = BlobStore::new(place.path("blobs"));
     for blob in blobs {
         let bytes = cache.read(blob).expect("read").expect("the server fetched it");
-        WallMap::decode(&bytes).expect("a map");
+        CalibrationMap::decode(&bytes).expect("a map");
     }
     end.notify_one();
     server.join().expect("no panic").expect("ended in order");
@@ -80,7 +82,7 @@ fn a_wall_with_files_comes_up_and_its_servers_hold_them() {
 /// What a server gets is checked again: by its kind, and by whether it is to be had at all.
 #[test]
 fn a_server_refuses_a_file_that_is_none_by_its_key() {
-    let place = Place::new();
+    let place = TestDir::new();
     let mut wall = wall_with_files(&place);
     bake_wall_files(&mut wall, place.folder(), &baker(&place)).expect("baked");
     wall.files[0].blob = wall.files[1].blob;
@@ -104,7 +106,7 @@ fn a_server_refuses_a_file_that_is_none_by_its_key() {
 /// The baker child's reason, behind the key and the file; and a file that has changed is another.
 #[test]
 fn files_of_a_wall_are_refused_before_it_starts() {
-    let place = Place::new();
+    let place = TestDir::new();
     let mut wall = wall_with_files(&place);
     let baker = baker(&place);
     bake_wall_files(&mut wall, place.folder(), &baker).expect("baked");
@@ -133,7 +135,7 @@ fn files_of_a_wall_are_refused_before_it_starts() {
 /// The command makes a folder with a wall file and all that it names, and refuses by entry.
 #[test]
 fn an_mpcdi_archive_becomes_a_wall_file() {
-    let place = Place::new();
+    let place = TestDir::new();
     let texels: Vec<u16> = (0..5000).map(|i| i % 256).collect();
     let size = [100, 50];
     let mask = png(&Png { size, color: 0, bits: 8, gamma: None, texels: &texels });
@@ -185,7 +187,7 @@ fn an_mpcdi_archive_becomes_a_wall_file() {
 /// Every kind of file by the command, which says what it is.
 #[test]
 fn the_baker_says_what_a_file_of_a_wall_is() {
-    let place = Place::new();
+    let place = TestDir::new();
     let obj = maps::obj([3, 2], |u, v| ([u, v, -1.0], [u, v]));
     let node = |x: u32, y: u32| [f64::from(x) - 1.0, f64::from(y) - 0.5, 0.5, 0.5, 1.0];
     let bourke = maps::bourke([3, 2], node);
@@ -304,7 +306,7 @@ fn show(path: &Path) -> Shown {
 /// A screen that stands in a file as a mesh shows what a plane in the same place does.
 #[test]
 fn a_screen_of_a_mesh_shows_what_its_points_say() {
-    let place = Place::new();
+    let place = TestDir::new();
     let mut obj = String::new();
     for i in 0..=24 {
         let (u, v) = (f64::from(i % 5) / 4.0, f64::from(i / 5) / 4.0);
@@ -350,7 +352,7 @@ fn board() -> String {
 /// show, share and add up to what they do on a plane.
 #[test]
 fn projectors_on_a_mesh_and_their_maps_show_what_they_do_on_a_plane() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.write("screen.obj", board());
     let by_plane = projectors(BY_GEOMETRY);
     let plane = "size = [4.0, 2.0]\ncenter = [0.0, 0.0, -4.0]\n";
@@ -387,7 +389,7 @@ fn projectors_on_a_mesh_and_their_maps_show_what_they_do_on_a_plane() {
 /// A Bourke mesh dims its picture where it says so: codes are those of as much light.
 #[test]
 fn the_light_of_a_mesh_is_drawn() {
-    let place = Place::new();
+    let place = TestDir::new();
     let mesh = |light: [f64; 3]| {
         maps::bourke([3, 2], move |x, y| {
             let (x, y) = (x as usize, f64::from(y));
@@ -424,7 +426,7 @@ fn the_light_of_a_mesh_is_drawn() {
 /// geometry.
 #[test]
 fn an_imported_wall_shows_what_its_geometry_would() {
-    let place = Place::new();
+    let place = TestDir::new();
     let town = scenes::town().display().to_string();
     let due = show(&place.write("geometry.toml", BY_GEOMETRY));
     assert!(pictures::color_count(&due.channels[0]) > 100, "no town");

@@ -2,13 +2,13 @@
 
 use std::net::TcpListener;
 
-use polyptych_client::{ChannelState, Feedback};
+use polyptych_client::{ChannelState, FrameFeedback};
 use rustix::process::Signal;
 use serde_json::Value;
 
 use crate::harness::local_wall::{LocalWall, await_states, small, start_server};
 use crate::harness::pictures::{color_count, read};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::scenes::{poses, town};
 use crate::harness::simulation::Simulation;
@@ -17,7 +17,7 @@ use crate::harness::{signals, wait};
 #[test]
 fn processes_start_in_any_order_and_the_command_drives_them() {
     let wall = small(2, 1);
-    let place = Place::new();
+    let place = TestDir::new();
     // A port that was free a moment ago: the server must know it before the manager does.
     let address = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
     let address = address.expect("a free port").to_string();
@@ -86,7 +86,7 @@ fn check_status(local: &LocalWall, status: &Value) {
 #[test]
 fn a_server_that_is_killed_comes_back_and_the_wall_goes_on() {
     let arguments = ["--orbit", "--rate", "30", "--seconds", "600"];
-    let mut simulation = Simulation::start(Place::new(), &small(2, 1), town(), &arguments);
+    let mut simulation = Simulation::start(TestDir::new(), &small(2, 1), town(), &arguments);
     simulation.process.await_line(&["scene town"]);
     let client = simulation.client();
     await_states(&client, &[ChannelState::Live]);
@@ -97,7 +97,7 @@ fn a_server_that_is_killed_comes_back_and_the_wall_goes_on() {
     signals::send(pid, Signal::KILL);
     let (lost, back) = wait::within("lost and back", move || {
         let mut of_state = |state| {
-            let is_it = |feedback: &Feedback| feedback.channels[0].state == state;
+            let is_it = |feedback: &FrameFeedback| feedback.channels[0].state == state;
             feedbacks.find(is_it).expect("the stream goes on")
         };
         (of_state(ChannelState::Lost), of_state(ChannelState::Live))
@@ -118,7 +118,7 @@ fn a_server_that_is_killed_comes_back_and_the_wall_goes_on() {
 fn an_interrupted_simulation_leaves_nothing_behind() {
     let begin = || {
         let arguments = ["--orbit", "--seconds", "600"];
-        Simulation::start(Place::cold(), &small(2, 1), town(), &arguments)
+        Simulation::start(TestDir::cold(), &small(2, 1), town(), &arguments)
     };
     let has = |simulation: &Simulation, child: &str| {
         wait::until(child, || (!simulation.children(child).is_empty()).then_some(()));
@@ -141,17 +141,17 @@ fn an_interrupted_simulation_leaves_nothing_behind() {
 
 #[test]
 fn children_end_with_a_simulation_that_is_killed() {
-    let begin = |place: Place| {
+    let begin = |place: TestDir| {
         let arguments = ["--orbit", "--seconds", "600"];
         Simulation::start(place, &small(2, 1), town(), &arguments)
     };
-    let mut simulation = begin(Place::new());
+    let mut simulation = begin(TestDir::new());
     simulation.process.await_line(&["scene town"]);
     assert_eq!(simulation.children("server").len(), 2);
     simulation.process.kill();
     simulation.await_no_orphans("killed while it draws");
 
-    let mut simulation = begin(Place::cold());
+    let mut simulation = begin(TestDir::cold());
     wait::until("a bake", || simulation.children("bake").pop());
     wait::until("its end", || simulation.children("bake").is_empty().then_some(()));
     simulation.process.kill();

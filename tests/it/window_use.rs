@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::harness::display::{Display, SIZE};
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small, start_server_with};
 use crate::harness::mouse::{LEFT, RIGHT, Rect, WHEEL_DOWN, WHEEL_UP};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
@@ -48,7 +48,7 @@ tiles.pixels = [400, 400]
 fn simulate(display: &Display, wall: &Wall, arguments: &[&str]) -> Simulation {
     let environment = [("DISPLAY", display.name.as_str())];
     let mut simulation =
-        Simulation::start_with(Place::new(), wall, town(), arguments, &environment);
+        Simulation::start_with(TestDir::new(), wall, town(), arguments, &environment);
     simulation.process.await_line(&["scene town"]);
     simulation
 }
@@ -163,7 +163,7 @@ fn a_mouse_over_a_simulated_wall_takes_the_camera_over() {
 fn by_hand(display: &Display, options: &[&str], fullscreen: bool) -> LocalWall {
     let wall = small(1, 1);
     let folder = town().parent().expect("a folder");
-    let mut local = LocalWall::manager_with(Place::new(), &wall, &[folder], ANY_PORT, options);
+    let mut local = LocalWall::manager_with(TestDir::new(), &wall, &[folder], ANY_PORT, options);
     let (name, environment) = ("front", [("DISPLAY", display.name.as_str())]);
     let how = [if fullscreen { "--fullscreen" } else { "--window" }];
     let server = start_server_with(&local.place, &wall, name, &local.address, &how, &environment);
@@ -213,7 +213,7 @@ fn a_mouse_moves_nothing_where_the_manager_does_not_let_it_or_in_full_screen() {
 
 #[test]
 fn the_demo_in_windows_stays_until_one_is_closed() {
-    let (display, place) = (Display::start(), Place::new());
+    let (display, place) = (Display::start(), TestDir::new());
     let out = place.path("out").display().to_string();
     let mut command = place.command(["demo", "--windows", "--out", &out]);
     command.env("DISPLAY", &display.name);

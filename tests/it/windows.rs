@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::harness::display::Display;
 use crate::harness::local_wall::{await_states, screen_of, small};
 use crate::harness::pictures::{Difference, IDENTICAL, check, color_count};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
@@ -19,7 +19,7 @@ fn windows_show_the_wall_as_it_hangs() {
     let wall = small(2, 2);
     let environment = [("DISPLAY", display.name.as_str())];
     let start = |arguments: &[&str]| {
-        Simulation::start_with(Place::new(), &wall, town(), arguments, &environment)
+        Simulation::start_with(TestDir::new(), &wall, town(), arguments, &environment)
     };
     // The camera stands still, so that what is seen is what a capture shows.
     let mut simulation = start(&["--windows", "--rate", "20", "--seconds", "600"]);
@@ -57,7 +57,7 @@ fn windows_show_the_wall_as_it_hangs() {
 
 #[test]
 fn without_a_display_a_window_is_refused_with_what_would_be_right() {
-    let place = Place::new();
+    let place = TestDir::new();
     let arguments = ["server", "--once", "--window", "--channel", "a", "--manager", "127.0.0.1:9"];
     place.run(arguments).failed(&["no window can be opened", "--headless"]);
 }

@@ -4,8 +4,8 @@ use allocation_counter::measure;
 use polyptych_protocol::command::{Command, Pong};
 use polyptych_protocol::handshake::Introduction;
 use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
-use polyptych_protocol::request::{Call, Request};
-use polyptych_protocol::status::{Drawn, Status};
+use polyptych_protocol::request::{Request, RequestMessage};
+use polyptych_protocol::status::{FrameRendered, ServerMessage};
 use polyptych_wall::ChannelId;
 use polyptych_wall::limits::CANVAS_SIDE_MAX;
 
@@ -36,7 +36,7 @@ fn a_length_field_makes_no_room() {
 fn counts_that_a_server_makes_up_are_added_up() {
     let mut receiver = Receiver::new();
     for channel in 0..3 {
-        let drawn = Drawn {
+        let drawn = FrameRendered {
             epoch: messages::EPOCH,
             frame: FrameId(0),
             channel: ChannelId(channel),
@@ -46,10 +46,10 @@ fn counts_that_a_server_makes_up_are_added_up() {
             triangles: u64::MAX,
             draw_calls: u32::MAX,
         };
-        receiver.take_for_each_frame(Status::Drawn(drawn));
+        receiver.take_for_each_frame(ServerMessage::Drawn(drawn));
     }
     let request = Request::Statistics { reset: false };
-    receiver.take(Message::Call(Call { id: RequestId(1), request }), 1);
+    receiver.take(Message::Call(RequestMessage { id: RequestId(1), request }), 1);
 }
 
 /// A server that repeats itself filled the manager's memory: reports of one frame were all kept.
@@ -116,7 +116,7 @@ fn a_client_opens_a_few_scenes_at_a_time() {
         let open = |receiver: &mut Receiver, id: u64| {
             let request = Request::OpenScene { path: "town.glb".into() };
             let id = RequestId(if same { 7 } else { id });
-            receiver.take(Message::Call(Call { id, request }), 1);
+            receiver.take(Message::Call(RequestMessage { id, request }), 1);
             receiver.imports_held()
         };
         let mut receiver = Receiver::new();

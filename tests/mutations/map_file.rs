@@ -5,9 +5,9 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use polyptych_baker::Store;
+use polyptych_baker::BakeCache;
 use polyptych_baker::map::{MapUse, bake_map, mpcdi};
-use polyptych_wall::warp::WallMap;
+use polyptych_wall::warp::CalibrationMap;
 
 /// Longest reason for a refusal: file, place, what is wrong and what would be right.
 const ERROR_BYTES_MAX: usize = 4096;
@@ -41,10 +41,10 @@ fn check_in(folder: &Path, kind: usize, bytes: &[u8]) -> bool {
     fs::create_dir_all(&out).expect("made");
     let go_on = AtomicBool::new(false);
     let result = if let Some(used_as) = used_as {
-        let store = Store::open(&out).expect("a store");
+        let store = BakeCache::open(&out).expect("a store");
         bake_map(&file, used_as, &store, &go_on).map(|baked| {
             let blob = store.blobs().read(baked.blob).expect("read").expect("there");
-            let map = WallMap::decode(&blob).expect("what the baker wrote");
+            let map = CalibrationMap::decode(&blob).expect("what the baker wrote");
             assert_eq!(map.fault(), None);
         })
     } else {

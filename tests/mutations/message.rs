@@ -3,11 +3,11 @@
 use std::fmt::Debug;
 
 use bytes::Bytes;
-use polyptych_protocol::bulk::{BulkDown, BulkUp};
+use polyptych_protocol::bulk::{BulkToManager, BulkToServer};
 use polyptych_protocol::command::Command;
-use polyptych_protocol::handshake::{Answer as Greeting, Introduction};
-use polyptych_protocol::request::{Answer, Call};
-use polyptych_protocol::status::Status;
+use polyptych_protocol::handshake::{HelloReply as Greeting, Introduction};
+use polyptych_protocol::request::{MessageToClient, RequestMessage};
+use polyptych_protocol::status::ServerMessage;
 use polyptych_scene::Scene;
 use serde::Serialize;
 
@@ -44,11 +44,11 @@ pub enum Message {
     Introduction(Introduction),
     Greeting(Greeting),
     Command(Box<Command>),
-    Status(Status),
-    Call(Call),
-    Answer(Box<Answer>),
-    BulkUp(BulkUp),
-    BulkDown(BulkDown),
+    Status(ServerMessage),
+    Call(RequestMessage),
+    Answer(Box<MessageToClient>),
+    BulkUp(BulkToManager),
+    BulkDown(BulkToServer),
     Manifest(Box<Scene>),
 }
 

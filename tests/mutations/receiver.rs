@@ -2,16 +2,16 @@
 
 use std::collections::VecDeque;
 
-use polyptych_core::{Cluster, ImportedScene, Output, RequestOf, SessionId};
-use polyptych_files::blob::{BlobFolder, BlobHash};
-use polyptych_manager::capture::{Collection, PictureMemory, WallShapes};
-use polyptych_protocol::bulk::BulkUp;
+use polyptych_core::{ClientRequest, Cluster, Effect, ImportedScene, SessionId};
+use polyptych_files::blob::{BlobHash, BlobStore};
+use polyptych_manager::capture::{CaptureBudget, CaptureJob, GeometryCache};
+use polyptych_protocol::bulk::BulkToManager;
 use polyptych_protocol::command::{Command, Frame};
 use polyptych_protocol::handshake::{Hello, Introduction};
 use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
 use polyptych_protocol::log::{Operation, Replica, SceneRef};
 use polyptych_protocol::request::{Request, SceneSummary};
-use polyptych_protocol::status::{Drawn, Prepared, Status};
+use polyptych_protocol::status::{FrameRendered, Prepared, ServerMessage};
 use polyptych_scene::{Scene, SceneFeatures, Texture};
 use polyptych_wall::{ChannelId, Wall};
 
@@ -37,9 +37,9 @@ pub struct Receiver {
     /// Of the state that was prepared last.
     digest: Digest,
     /// Where `Some`, imports wait here instead of being done at once.
-    imports: Option<Vec<RequestOf>>,
+    imports: Option<Vec<ClientRequest>>,
     /// What servers say of each frame that they are sent, instead of having drawn it well.
-    says: Vec<Status>,
+    says: Vec<ServerMessage>,
     /// What servers were sent and have not answered yet.
     sent: VecDeque<(SessionId, Command)>,
 }
@@ -102,14 +102,14 @@ impl Receiver {
                 }
             }
             Message::Manifest(scene) => read_manifest(&scene),
-            Message::BulkUp(BulkUp::Picture(chunk)) => {
-                let job = RequestOf { client: CLIENT, id: RequestId(1) };
+            Message::BulkUp(BulkToManager::Picture(chunk)) => {
+                let job = ClientRequest { client: CLIENT, id: RequestId(1) };
                 let ids: Vec<_> = self.wall.channel_ids().collect();
-                let room = PictureMemory::default().room_for(&self.wall).expect("a small wall");
+                let room = CaptureBudget::default().room_for(&self.wall).expect("a small wall");
                 // A wall without files asks for none of its blobs.
-                let shapes = WallShapes::new(BlobFolder::new("nowhere"));
+                let shapes = GeometryCache::new(BlobStore::new("nowhere"));
                 let wall = (&self.wall, &shapes);
-                let mut collection = Collection::new(job, FrameId(1), &ids, Vec::new(), wall, room);
+                let mut collection = CaptureJob::new(job, FrameId(1), &ids, Vec::new(), wall, room);
                 let _ = collection.add(&chunk);
             }
             _ => {}
@@ -139,13 +139,13 @@ impl Receiver {
             read += 1;
             assert!(read < OUTPUTS_MAX, "the brain does not come to an end: {output:?}");
             match output {
-                Output::Command { to, bytes } => {
+                Effect::Command { to, bytes } => {
                     let command = polyptych_protocol::framing::decode::<Command>(&bytes)
                         .expect("the brain's own");
                     self.sent.extend(to.into_iter().map(|server| (server, command.clone())));
                 }
-                Output::Close { session, .. } => self.servers.retain(|server| *server != session),
-                Output::Import { job, .. } => match &mut self.imports {
+                Effect::Close { session, .. } => self.servers.retain(|server| *server != session),
+                Effect::Import { job, .. } => match &mut self.imports {
                     Some(imports) => imports.push(job),
                     None => self.cluster.handle_import(self.now, job, Ok(imported())),
                 },
@@ -184,20 +184,20 @@ impl Receiver {
                     features: Vec::new(),
                     scene_bytes: 0,
                 };
-                self.cluster.handle_status(self.now, server, Status::Prepared(prepared), 32);
+                self.cluster.handle_status(self.now, server, ServerMessage::Prepared(prepared), 32);
             }
             Command::Frame(frame) => {
                 for channel in self.cluster.channels_of(server) {
                     let mut status = drawn(frame, channel, self.digest);
                     for said in &self.says {
-                        if let Status::Drawn(said) = said
+                        if let ServerMessage::Drawn(said) = said
                             && said.channel == channel
                         {
-                            let Drawn { draw_us, triangles, draw_calls, .. } = *said;
-                            status = Drawn { draw_us, triangles, draw_calls, ..status };
+                            let FrameRendered { draw_us, triangles, draw_calls, .. } = *said;
+                            status = FrameRendered { draw_us, triangles, draw_calls, ..status };
                         }
                     }
-                    self.cluster.handle_status(self.now, server, Status::Drawn(status), 32);
+                    self.cluster.handle_status(self.now, server, ServerMessage::Drawn(status), 32);
                 }
             }
             _ => {}
@@ -224,7 +224,7 @@ impl Receiver {
     }
 
     /// Says this of the frame that comes next, in place of what a server in good health says.
-    pub fn take_for_each_frame(&mut self, status: Status) {
+    pub fn take_for_each_frame(&mut self, status: ServerMessage) {
         self.says.push(status);
         for _ in 0..4 {
             self.order_frame();
@@ -233,8 +233,8 @@ impl Receiver {
     }
 }
 
-fn drawn(frame: &Frame, channel: ChannelId, digest: Digest) -> Drawn {
-    Drawn {
+fn drawn(frame: &Frame, channel: ChannelId, digest: Digest) -> FrameRendered {
+    FrameRendered {
         epoch: frame.epoch,
         frame: frame.frame,
         channel,

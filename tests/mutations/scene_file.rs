@@ -5,7 +5,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use polyptych_baker::{Store, bake};
+use polyptych_baker::{BakeCache, bake};
 use polyptych_scene::Scene;
 
 /// Longest reason for a refusal: file, place, what is wrong and what would be right.
@@ -13,12 +13,12 @@ const ERROR_BYTES_MAX: usize = 4096;
 
 /// A folder with a scene and a store.
 #[derive(Debug)]
-pub struct Place {
+pub struct SceneFixture {
     folder: tempfile::TempDir,
     file: PathBuf,
 }
 
-impl Place {
+impl SceneFixture {
     pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("scene.glb");
@@ -41,7 +41,7 @@ impl Place {
     pub fn check(&self, bytes: &[u8]) -> bool {
         self.write(bytes);
         let path = self.path("store");
-        let store = Store::open(&path).expect("a store");
+        let store = BakeCache::open(&path).expect("a store");
         let baked = bake(&self.file, &store, &mut |_| {}, &AtomicBool::new(false));
         let is_baked = match baked {
             Ok(baked) => {
@@ -68,9 +68,9 @@ impl Place {
 }
 
 /// One folder for each thread.
-pub fn with_place<T>(work: impl FnOnce(&Place) -> T) -> T {
+pub fn with_place<T>(work: impl FnOnce(&SceneFixture) -> T) -> T {
     thread_local! {
-        static PLACE: RefCell<Option<Place>> = const { RefCell::new(None) };
+        static PLACE: RefCell<Option<SceneFixture>> = const { RefCell::new(None) };
     }
-    PLACE.with_borrow_mut(|place| work(place.get_or_insert_with(Place::new)))
+    PLACE.with_borrow_mut(|place| work(place.get_or_insert_with(SceneFixture::new)))
 }

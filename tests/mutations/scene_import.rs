@@ -9,7 +9,7 @@ use fastrand::Rng;
 use serde_json::{Value, json};
 
 use crate::mutation::mutate;
-use crate::scene_file::{Place, with_place};
+use crate::scene_file::{SceneFixture, with_place};
 use crate::seeds::scenes::{self, Parts};
 
 /// Each writes some twenty files.
@@ -164,7 +164,7 @@ fn a_small_image_cannot_be_named_for_ever() {
 
 /// What the command, a process of its own with a limit, says of a file that it refuses.
 fn refusal(parts: &Parts) -> String {
-    let place = Place::new();
+    let place = SceneFixture::new();
     let (file, store) = (place.write(&parts.glb()), place.path("store"));
     let mut command = Command::new(env!("CARGO_BIN_EXE_polyptych"));
     command.arg("bake").arg(file).arg("-o").arg(store).args(["--json", "--memory-mib", "4096"]);

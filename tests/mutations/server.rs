@@ -7,7 +7,7 @@ use polyptych_protocol::command::{Command, Frame, Prepare};
 use polyptych_protocol::log::Replica;
 use polyptych_render::apply;
 use polyptych_render::clock::ClockEstimate;
-use polyptych_render::playback::{Act, Playback};
+use polyptych_render::playback::{FrameAction, FrameScheduler};
 use polyptych_renderer::SceneLayout;
 use polyptych_scene::Scene;
 use polyptych_wall::{ChannelId, Wall};
@@ -20,7 +20,7 @@ pub struct Server {
     wall: Wall,
     now: u64,
     replica: Replica,
-    playback: Playback,
+    playback: FrameScheduler,
     clock: ClockEstimate,
 }
 
@@ -31,7 +31,7 @@ impl Server {
             wall: messages::wall(),
             now: 1_000_000,
             replica: Replica::default(),
-            playback: Playback::default(),
+            playback: FrameScheduler::default(),
             clock: ClockEstimate::default(),
         }
     }
@@ -53,7 +53,7 @@ impl Server {
             Command::Goodbye(_) => self.playback.restart(),
         }
         while let Some(act) = self.playback.poll(Some(self.now)) {
-            if let Act::Draw(frame) = act {
+            if let FrameAction::Draw(frame) = act {
                 drop(self.playback.has_drawn(&frame, Duration::ZERO, Some(self.now)));
             }
         }

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use allocation_counter::measure;
 use fastrand::Rng;
-use polyptych_wall::warp::WallMap;
+use polyptych_wall::warp::CalibrationMap;
 
 use crate::map_file::{KINDS, check};
 use crate::mutation::mutate;
@@ -111,7 +111,7 @@ fn replace_word(rng: &mut Rng, bytes: &mut Vec<u8>) {
 #[test]
 fn damaged_blobs_of_maps_are_maps_or_one_line() {
     let folder = tempfile::tempdir().expect("a folder");
-    let store = polyptych_baker::Store::open(folder.path()).expect("a store");
+    let store = polyptych_baker::BakeCache::open(folder.path()).expect("a store");
     let seeds: Vec<Vec<u8>> = maps::all()
         .into_iter()
         .zip(KINDS)
@@ -131,7 +131,7 @@ fn damaged_blobs_of_maps_are_maps_or_one_line() {
         let mut bytes = seeds[rng.usize(0..seeds.len())].clone();
         mutate(&mut rng, &mut bytes, &seeds[0]);
         let mut decoded = None;
-        let info = measure(|| decoded = Some(WallMap::decode(&bytes)));
+        let info = measure(|| decoded = Some(CalibrationMap::decode(&bytes)));
         let allowed = 4096 + 8 * bytes.len() as u64;
         assert!(info.bytes_max < allowed, "POLYPTYCH_SEED={seed}: {info:?}");
         match decoded.expect("decoded") {

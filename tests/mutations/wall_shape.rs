@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use polyptych_files::blob::BlobHash;
-use polyptych_wall::blend::{Masks, light_map};
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::{Shaped, Shapes};
-use polyptych_wall::superposition::{DisplayPicture, Side, Superposition};
-use polyptych_wall::warp::{Mask, WallMap};
-use polyptych_wall::{ChannelId, Cover, FileKind, MapFile};
+use polyptych_wall::blend::{ChannelMasks, light_map};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
+use polyptych_wall::superposition::{DisplayImage, LightComposite, StereoEye};
+use polyptych_wall::warp::{CalibrationMap, Mask};
+use polyptych_wall::{CalibrationFile, CalibrationFileKind, ChannelId, ChannelKind};
 
 const WALL: &str = r#"
 [wall]
@@ -30,29 +30,36 @@ pixels = [40, 32]
 
 /// Lets one of two channels lie where the map says, and counts the pixels of the screen that it
 /// lights; `None` of a mask.
-pub fn lit(map: &WallMap) -> Option<usize> {
+pub fn lit(map: &CalibrationMap) -> Option<usize> {
     let mut wall = polyptych_wall_file::parse(WALL, "w.toml".as_ref()).expect("a wall");
-    let WallMap::Warp(warp) = map else { return None };
+    let CalibrationMap::Warp(warp) = map else { return None };
     let (path, blob, front) = ("x".to_owned(), Some(BlobHash([0; 32])), warp.front());
-    wall.files.push(MapFile { path, kind: FileKind::Warp, blob, is_for_one_eye: false, front });
-    wall.channels[1].cover = Cover::Map;
+    wall.files.push(CalibrationFile {
+        path,
+        kind: CalibrationFileKind::Warp,
+        blob,
+        is_for_one_eye: false,
+        front,
+    });
+    wall.channels[1].cover = ChannelKind::Map;
     wall.channels[1].adjustment.warp = Some(0);
     assert_eq!(wall.fault(), None, "what its file says of its front is sound");
-    let maps = Maps::load(&wall, |_| Ok(Arc::new(map.clone()))).expect("a warp");
-    let shapes = Shapes::new(&wall, &maps);
-    let shaped = Shaped { wall: &wall, shapes: &shapes };
+    let maps = CalibrationMaps::load(&wall, |_| Ok(Arc::new(map.clone()))).expect("a warp");
+    let shapes = WallGeometry::new(&wall, &maps);
+    let shaped = ResolvedWall { wall: &wall, shapes: &shapes };
     let pixels = shaped.pixel_map(ChannelId(1)).expect("no pins");
     let light = maps.light(&wall.channels[1], &pixels);
-    let masks = Masks { light: light.as_ref().and_then(Mask::texels), ..Masks::default() };
-    for (id, masks) in [(ChannelId(0), Masks::default()), (ChannelId(1), masks)] {
+    let masks =
+        ChannelMasks { light: light.as_ref().and_then(Mask::texels), ..ChannelMasks::default() };
+    for (id, masks) in [(ChannelId(0), ChannelMasks::default()), (ChannelId(1), masks)] {
         let Some(map) = light_map(shaped, id, &masks) else { continue };
         let all = (0..32).flat_map(|y| (0..40).map(move |x| (x, y)));
         let is_share = |light: f64| (0.0..=1.0).contains(&light);
         assert!(all.into_iter().all(|(x, y)| is_share(map.at(x, y, 0)[0])));
     }
     let rgba = vec![255; 4 * 40 * 32];
-    let picture = [DisplayPicture { channel: ChannelId(1), rgba: &rgba }];
-    let shown = Superposition::new(shaped, 0, Side::Left, &picture);
+    let picture = [DisplayImage { channel: ChannelId(1), rgba: &rgba }];
+    let shown = LightComposite::new(shaped, 0, StereoEye::Left, &picture);
     let rows = (0..32).flat_map(|y| shown.row(y));
     Some(rows.flatten().filter(|light| light.is_finite()).count())
 }

@@ -1,9 +1,9 @@
 //! Clipping before the division (Sutherland and Hodgman, "Reentrant Polygon Clipping", 1974).
 
-use super::view::Seen;
+use super::view::HomogeneousPixel;
 
 /// How far inside a boundary a point is, times some positive number; linear in the point.
-type Boundary = fn(&Seen, [f64; 3]) -> f64;
+type Boundary = fn(&HomogeneousPixel, [f64; 3]) -> f64;
 
 /// The near plane first: what is left of it has `w` above 0, so no edge goes through the ideal
 /// point. The sixth boundary, the far plane, is at infinity, where nothing is.
@@ -16,7 +16,11 @@ const BOUNDARIES: [Boundary; 5] = [
 ];
 
 /// The part of a triangle that lies before the near plane and within a picture of this size.
-pub fn clip(triangle: [Seen; 3], [width, height]: [u32; 2], near_m: f64) -> Vec<Seen> {
+pub fn clip(
+    triangle: [HomogeneousPixel; 3],
+    [width, height]: [u32; 2],
+    near_m: f64,
+) -> Vec<HomogeneousPixel> {
     let limits = [f64::from(width), f64::from(height), near_m];
     let mut polygon = triangle.to_vec();
     for boundary in BOUNDARIES {
@@ -38,9 +42,13 @@ pub fn clip(triangle: [Seen; 3], [width, height]: [u32; 2], near_m: f64) -> Vec<
 
 /// Where an edge meets a boundary. From the inside outwards, so that triangles which share the
 /// edge get the same point to the last bit.
-fn crossing(a: (Seen, f64), b: (Seen, f64)) -> Seen {
+fn crossing(a: (HomogeneousPixel, f64), b: (HomogeneousPixel, f64)) -> HomogeneousPixel {
     let ((inner, d1), (outer, d2)) = if a.1 > 0.0 { (a, b) } else { (b, a) };
     let t = d1 / (d1 - d2);
     let mix = |from: f64, to: f64| from + (to - from) * t;
-    Seen { x: mix(inner.x, outer.x), y: mix(inner.y, outer.y), w: mix(inner.w, outer.w) }
+    HomogeneousPixel {
+        x: mix(inner.x, outer.x),
+        y: mix(inner.y, outer.y),
+        w: mix(inner.w, outer.w),
+    }
 }

@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3};
 
 use super::clip::clip;
 use super::facet::Facet;
-use super::view::{Seen, View};
+use super::view::{HomogeneousPixel, View};
 
 /// Pixels by which a hardware rasteriser may see an edge elsewhere: Vulkan guarantees corners on
 /// a grid of 1/16 pixel, what is in use has 1/256.
@@ -47,7 +47,7 @@ impl<'a> Projected<'a> {
     /// `None` where it is not seen: it is outside, turns its back, or has no area.
     pub fn new(view: &View, facet: &'a Facet) -> Option<Self> {
         let seen = facet.corners.map(|corner| view.see(corner.place));
-        let [a, b, c] = seen.map(|s: Seen| DVec3::new(s.x, s.y, s.w));
+        let [a, b, c] = seen.map(|s: HomogeneousPixel| DVec3::new(s.x, s.y, s.w));
         let edges = [b.cross(c), c.cross(a), a.cross(b)];
         let determinant = a.dot(edges[0]);
         // Rows go down, so counter-clockwise is negative.

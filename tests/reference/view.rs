@@ -4,7 +4,7 @@ use glam::{DQuat, DVec2, DVec3};
 
 /// A rectangle of a planar screen, and who looks at it.
 #[derive(Clone, Copy, Debug)]
-pub struct Seat {
+pub struct ScreenView {
     /// Lower left, lower right and upper left in metres of display space.
     pub corners: [DVec3; 3],
     /// Pixels of the whole screen.
@@ -30,7 +30,7 @@ pub struct Pose {
 /// A point before the division: it is seen at `(x, y) / w`, in pixels from the channel's upper
 /// left, y down; `w` is its distance in metres along the screen's normal, negative behind the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct HomogeneousPixel {
     pub x: f64,
     pub y: f64,
     pub w: f64,
@@ -59,7 +59,7 @@ pub struct View {
 
 impl View {
     /// A channel's view from a pose; why not, where the eye is not in front of the screen.
-    pub fn new(seat: &Seat, pose: &Pose) -> Result<Self, String> {
+    pub fn new(seat: &ScreenView, pose: &Pose) -> Result<Self, String> {
         let [a, b, c] = seat.corners;
         let right = direction(b - a)?;
         // Square to the right one, as measured corners are not quite.
@@ -95,12 +95,12 @@ impl View {
     /// Where the ray from the eye to a point of the world meets the screen's plane.
     ///
     /// The ray meets it at `v · distance / w`; all is multiplied by `w`, which may be 0.
-    pub fn see(&self, world: DVec3) -> Seen {
+    pub fn see(&self, world: DVec3) -> HomogeneousPixel {
         let v = self.seen_from_eye(world);
         let w = -self.toward.dot(v);
         let x = self.right.dot(v) * self.distance - self.left * w;
         let y = self.top * w - self.up.dot(v) * self.distance;
-        Seen {
+        HomogeneousPixel {
             x: x * self.pixels_per_metre.x - self.origin.x * w,
             y: y * self.pixels_per_metre.y - self.origin.y * w,
             w,

@@ -6,9 +6,9 @@ use std::thread;
 
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{Camera, ClientError, DisplayMode, Pace, Reply, Request, overview};
+use polyptych_client::{Camera, ClientError, OutputMode, Pacing, Request, Response, overview};
 use polyptych_protocol::command::Goodbye;
-use polyptych_protocol::request::Answer;
+use polyptych_protocol::request::MessageToClient;
 use tokio::net::TcpListener;
 
 use crate::calls::{answer, summary};
@@ -26,12 +26,12 @@ fn manager() -> (SocketAddr, thread::JoinHandle<()>) {
         let mut manager = Manager::accept(stream).await;
         while let Some((id, request)) = manager.next().await {
             if matches!(request, Request::RenderFrame { .. }) {
-                manager.send(Answer::Feedback(feedback(id.0))).await;
+                manager.send(MessageToClient::Feedback(feedback(id.0))).await;
             }
             let stops = request == Request::Stop;
             manager.reply(id, answer(&request)).await;
             if stops {
-                manager.send(Answer::Goodbye(Goodbye::closed("asked to"))).await;
+                manager.send(MessageToClient::Goodbye(Goodbye::closed("asked to"))).await;
                 return;
             }
         }
@@ -61,15 +61,15 @@ fn every_call_waits_for_its_reply() {
     let drawn = client.render_frame_at(Some(Camera::IDENTITY), Some(4.0)).expect("drawn");
     assert_eq!(drawn, feedback(4));
     assert!(feedbacks.next().is_some());
-    client.run(Pace::Free).expect("running");
+    client.run(Pacing::Free).expect("running");
     client.pause().expect("paused");
-    client.set_displays(DisplayMode::Freeze).expect("frozen");
+    client.set_displays(OutputMode::Freeze).expect("frozen");
     assert_eq!(client.status().expect("status").wall, "lab");
     assert_eq!(client.statistics(false).expect("statistics").frames, 3);
     let mut pending = client.post(Request::CloseScene).expect("posted");
-    assert_eq!(client.call(Request::CloseScene).expect("closed"), Reply::Done);
-    assert_eq!(pending.query().expect("came before").expect("closed"), Reply::Done);
-    assert_eq!(client.post(Request::Pause).expect("posted").wait().expect("done"), Reply::Done);
+    assert_eq!(client.call(Request::CloseScene).expect("closed"), Response::Done);
+    assert_eq!(pending.query().expect("came before").expect("closed"), Response::Done);
+    assert_eq!(client.post(Request::Pause).expect("posted").wait().expect("done"), Response::Done);
     assert!(matches!(client.capture(), Err(ClientError::WrongAnswer { .. })));
     client.close_scene().expect("closed");
     client.stop().expect("stopped");

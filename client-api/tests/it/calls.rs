@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
-    Camera, ClientError, Digest, DisplayMode, Epoch, FrameId, Head, OPEN_REQUESTS_MAX,
-    OpenProgress, OpenStage, Pace, Pattern, Reply, Request, RequestId, Revision, SceneFeatures,
-    SceneSummary, Sight, Spread, Statistics, Tuned, View, Wall, WallStatus, tuning::Change,
+    Camera, ClientError, Digest, Epoch, FrameId, HeadPose, OPEN_REQUESTS_MAX, OpenProgress,
+    OpenStage, OutputMode, Pacing, Quantiles, Request, RequestId, Response, Revision,
+    SceneFeatures, SceneSummary, Statistics, TestPattern, Tuned, View, ViewState, Wall, WallStatus,
+    tuning::CalibrationChange,
 };
-use polyptych_protocol::request::Answer;
+use polyptych_protocol::request::MessageToClient;
 
 use crate::manager::{feedback, pair};
 
@@ -33,7 +34,7 @@ fn status() -> WallStatus {
         frame: FrameId(9),
         scene: None,
         deadline_ms: 50.0,
-        displays: DisplayMode::Normal,
+        displays: OutputMode::Normal,
         pattern: None,
         channels: Vec::new(),
         clients: vec!["test".into()],
@@ -45,7 +46,7 @@ fn status() -> WallStatus {
 }
 
 fn statistics() -> Statistics {
-    let spread = Spread::default();
+    let spread = Quantiles::default();
     Statistics {
         frames: 3,
         complete: 2,
@@ -77,9 +78,9 @@ pub fn wall() -> Wall {
     polyptych_wall_file::parse(text, "lab.toml".as_ref()).expect("a wall")
 }
 
-fn sight() -> Sight {
-    let head = Head::at(DVec3::X, 0.05);
-    Sight { camera: Camera::IDENTITY, head, views: Vec::new() }
+fn sight() -> ViewState {
+    let head = HeadPose::at(DVec3::X, 0.05);
+    ViewState { camera: Camera::IDENTITY, head, views: Vec::new() }
 }
 
 fn tuned() -> Tuned {
@@ -87,17 +88,19 @@ fn tuned() -> Tuned {
 }
 
 /// Answers every request but a capture as a manager would.
-pub fn answer(request: &Request) -> Reply {
+pub fn answer(request: &Request) -> Response {
     match request {
-        Request::OpenScene { .. } => Reply::SceneOpened(summary()),
-        Request::RenderFrame { time_s, .. } => Reply::Frame(feedback(time_s.map_or(9, |t| t as _))),
-        Request::SetDisplays(_) | Request::SetPattern(_) => Reply::Frame(feedback(9)),
-        Request::Status => Reply::Status(Box::new(status())),
-        Request::DescribeWall => Reply::Wall(Box::new(wall())),
-        Request::Statistics { .. } => Reply::Statistics(Box::new(statistics())),
-        Request::DescribeSight => Reply::Sight(Box::new(sight())),
-        Request::Tune { .. } => Reply::Tuned(tuned()),
-        _ => Reply::Done,
+        Request::OpenScene { .. } => Response::SceneOpened(summary()),
+        Request::RenderFrame { time_s, .. } => {
+            Response::Frame(feedback(time_s.map_or(9, |t| t as _)))
+        }
+        Request::SetDisplays(_) | Request::SetPattern(_) => Response::Frame(feedback(9)),
+        Request::Status => Response::Status(Box::new(status())),
+        Request::DescribeWall => Response::Wall(Box::new(wall())),
+        Request::Statistics { .. } => Response::Statistics(Box::new(statistics())),
+        Request::DescribeSight => Response::Sight(Box::new(sight())),
+        Request::Tune { .. } => Response::Tuned(tuned()),
+        _ => Response::Done,
     }
 }
 
@@ -121,7 +124,7 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     client.set_camera(camera).await.expect("set");
     client.look_at(DVec3::X, DVec3::ZERO, DVec3::Y).await.expect("set");
     client.set_eye(DVec3::Z).await.expect("set");
-    let head = Head::at(DVec3::Z, 0.06);
+    let head = HeadPose::at(DVec3::Z, 0.06);
     client.set_head(head).await.expect("set");
     let view = View::of_wall(camera);
     client.set_views(vec![view.clone()]).await.expect("set");
@@ -131,12 +134,12 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     assert_eq!(client.render_frame().await.expect("drawn"), feedback(9));
     let drawn = client.render_frame_at(Some(camera), Some(4.0)).await.expect("drawn");
     assert_eq!(drawn, feedback(4));
-    client.run(Pace::Rate(30.0)).await.expect("running");
+    client.run(Pacing::Rate(30.0)).await.expect("running");
     client.pause().await.expect("paused");
-    assert_eq!(client.set_displays(DisplayMode::Blank).await.expect("blank"), feedback(9));
-    let drawn = client.set_pattern(Some(Pattern::Grid)).await.expect("a pattern");
+    assert_eq!(client.set_displays(OutputMode::Blank).await.expect("blank"), feedback(9));
+    let drawn = client.set_pattern(Some(TestPattern::Grid)).await.expect("a pattern");
     assert_eq!(drawn, feedback(9));
-    let change = Change::Gain(DVec3::splat(0.9));
+    let change = CalibrationChange::Gain(DVec3::splat(0.9));
     assert_eq!(client.tune("left", vec![change.clone()]).await.expect("tuned"), tuned());
     assert_eq!(client.status().await.expect("status"), status());
     assert_eq!(client.wall().await.expect("wall"), wall());
@@ -156,10 +159,10 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
         Request::SetExposure(0.5),
         Request::RenderFrame { camera: None, time_s: None },
         Request::RenderFrame { camera: Some(camera), time_s: Some(4.0) },
-        Request::Run(Pace::Rate(30.0)),
+        Request::Run(Pacing::Rate(30.0)),
         Request::Pause,
-        Request::SetDisplays(DisplayMode::Blank),
-        Request::SetPattern(Some(Pattern::Grid)),
+        Request::SetDisplays(OutputMode::Blank),
+        Request::SetPattern(Some(TestPattern::Grid)),
         Request::Tune { channel: "left".into(), changes: vec![change] },
         Request::Status,
         Request::DescribeWall,
@@ -183,10 +186,10 @@ async fn answers_may_come_in_any_order() {
     ];
     assert_eq!(ids, [first.id(), second.id(), third.id()]);
     manager.fail(ids[2], "nothing runs").await;
-    manager.reply(ids[1], Reply::Wall(Box::new(wall()))).await;
-    manager.reply(ids[0], Reply::Status(Box::new(status()))).await;
-    assert_eq!(first.await.expect("status"), Reply::Status(Box::new(status())));
-    assert_eq!(second.await.expect("wall"), Reply::Wall(Box::new(wall())));
+    manager.reply(ids[1], Response::Wall(Box::new(wall()))).await;
+    manager.reply(ids[0], Response::Status(Box::new(status()))).await;
+    assert_eq!(first.await.expect("status"), Response::Status(Box::new(status())));
+    assert_eq!(second.await.expect("wall"), Response::Wall(Box::new(wall())));
     let error = third.await.expect_err("failed");
     assert_eq!(error.to_string(), "cannot pause: nothing runs");
     assert!(matches!(error, ClientError::Failed { .. }));
@@ -199,12 +202,12 @@ async fn a_posted_request_is_asked_later() {
     let mut pending = client.post(Request::Pause).expect("posted");
     assert!(pending.query().is_none());
     let id = manager.expect(Request::Pause).await;
-    manager.reply(id, Reply::Done).await;
+    manager.reply(id, Response::Done).await;
     // The connection task has run once this later request is answered.
     let later = client.post(Request::CloseScene).expect("posted");
-    manager.reply(later.id(), Reply::Done).await;
+    manager.reply(later.id(), Response::Done).await;
     later.await.expect("answered");
-    assert_eq!(pending.query().expect("there").expect("done"), Reply::Done);
+    assert_eq!(pending.query().expect("there").expect("done"), Response::Done);
     assert!(matches!(pending.query(), Some(Err(ClientError::AnswerTaken { .. }))));
     assert!(matches!(pending.await, Err(ClientError::AnswerTaken { .. })));
 }
@@ -214,9 +217,9 @@ async fn a_wrong_answer_is_named_and_one_to_nobody_ignored() {
     let (client, mut manager) = pair().await;
     let script = async {
         let id = manager.expect(Request::Status).await;
-        manager.reply(RequestId(u64::MAX), Reply::Done).await;
+        manager.reply(RequestId(u64::MAX), Response::Done).await;
         manager.piece(RequestId(99), 0, &[1, 2, 3]).await;
-        manager.reply(id, Reply::Done).await;
+        manager.reply(id, Response::Done).await;
     };
     let (status, ()) = tokio::join!(client.status(), script);
     let error = status.expect_err("no status");
@@ -234,7 +237,7 @@ async fn a_dropped_call_frees_its_place() {
             _ = &mut call => panic!("nobody answered"),
             id = manager.expect(Request::RenderFrame { camera: None, time_s: None }) => {
                 assert_eq!(client.open_requests(), 1);
-                manager.reply(id, Reply::Done).await;
+                manager.reply(id, Response::Done).await;
             }
         }
     }
@@ -296,7 +299,7 @@ async fn a_manager_that_never_answers_is_not_waited_for() {
     assert!(error.to_string().contains("\"open the scene\" within 120s"), "{error}");
     // The connection holds, and an answer that is late is nobody's.
     let id = manager.next().await.expect("the first").0;
-    manager.reply(id, Reply::Frame(feedback(1))).await;
+    manager.reply(id, Response::Frame(feedback(1))).await;
     let mut pending = client.post(Request::Pause).expect("posted");
     tokio::time::advance(Duration::from_secs(29)).await;
     tokio::task::yield_now().await;
@@ -314,12 +317,12 @@ async fn progress_of_an_opening_is_heard_and_gives_it_its_time_again() {
         for percent in [10, 50, 90] {
             tokio::time::advance(Duration::from_secs(8)).await;
             let progress = OpenProgress { stage: OpenStage::Baking, percent };
-            manager.send(Answer::Progress { id, progress }).await;
+            manager.send(MessageToClient::Progress { id, progress }).await;
             // Of a request that nobody waits for: nothing happens.
-            manager.send(Answer::Progress { id: RequestId(77), progress }).await;
+            manager.send(MessageToClient::Progress { id: RequestId(77), progress }).await;
         }
         tokio::time::advance(Duration::from_secs(8)).await;
-        manager.reply(id, Reply::SceneOpened(summary())).await;
+        manager.reply(id, Response::SceneOpened(summary())).await;
     };
     let mut heard = Vec::new();
     let opening = client.open_scene_with("a.glb", |progress| heard.push(progress.percent));

@@ -1,18 +1,18 @@
 //! Pictures: pieces come before their description, and may be too many.
 
-use polyptych_client::{ClientError, ConnectOptions, FrameId, Reply, Request, RequestId};
-use polyptych_protocol::request::{Captured, PictureInfo};
+use polyptych_client::{ClientError, ConnectOptions, FrameId, Request, RequestId, Response};
+use polyptych_protocol::request::{CaptureInfo, ImageInfo};
 
 use crate::calls::answer;
 use crate::manager::{options, pair, pair_with};
 
-fn info(name: &str, is_screen: bool, width: u32, height: u32) -> PictureInfo {
-    PictureInfo { name: name.into(), is_screen, width, height }
+fn info(name: &str, is_screen: bool, width: u32, height: u32) -> ImageInfo {
+    ImageInfo { name: name.into(), is_screen, width, height }
 }
 
-fn captured(pictures: Vec<PictureInfo>) -> Reply {
+fn captured(pictures: Vec<ImageInfo>) -> Response {
     let missing = vec![("right".to_owned(), "no server drives it".to_owned())];
-    Reply::Captured(Captured { frame: FrameId(5), pictures, missing })
+    Response::Captured(CaptureInfo { frame: FrameId(5), pictures, missing })
 }
 
 #[tokio::test]
@@ -81,5 +81,5 @@ async fn a_raw_capture_keeps_no_pictures() {
         manager.reply(id, captured(vec![info("s", true, 1, 1)])).await;
     };
     let (reply, ()) = tokio::join!(client.call(Request::Capture), script);
-    assert!(matches!(reply, Ok(Reply::Captured(_))));
+    assert!(matches!(reply, Ok(Response::Captured(_))));
 }

@@ -6,7 +6,7 @@ use bytes::Bytes;
 use futures_util::SinkExt;
 use polyptych_client::{ClientError, Request};
 use polyptych_protocol::command::Goodbye;
-use polyptych_protocol::request::Answer;
+use polyptych_protocol::request::MessageToClient;
 use tokio::io::AsyncWriteExt;
 
 use crate::manager::{options, pair, pair_with};
@@ -42,14 +42,14 @@ async fn a_goodbye_is_passed_on() {
     let mut feedbacks = {
         let (feedbacks, ()) = tokio::join!(client.feedback(), async {
             let id = manager.expect(Request::Subscribe(true)).await;
-            manager.reply(id, polyptych_client::Reply::Done).await;
+            manager.reply(id, polyptych_client::Response::Done).await;
         });
         feedbacks.expect("subscribed")
     };
     let script = async {
         manager.next().await.expect("a request");
         manager.next().await.expect("a stop");
-        manager.send(Answer::Goodbye(Goodbye::closed("ctrl-c"))).await;
+        manager.send(MessageToClient::Goodbye(Goodbye::closed("ctrl-c"))).await;
     };
     let (frame, stop, ()) = tokio::join!(client.render_frame(), client.stop(), script);
     let error = frame.expect_err("ended");

@@ -1,16 +1,16 @@
 //! The feedback stream: slow readers, several readers, the end of the subscription.
 
-use polyptych_client::{Client, FEEDBACK_QUEUE_MAX, Feedbacks, Reply, Request};
-use polyptych_protocol::request::Answer;
+use polyptych_client::{Client, FEEDBACK_QUEUE_MAX, FeedbackStream, Request, Response};
+use polyptych_protocol::request::MessageToClient;
 use tokio::io::DuplexStream;
 
 use crate::calls::answer;
 use crate::manager::{Manager, feedback, pair};
 
-async fn subscribe(client: &Client, manager: &mut Manager<DuplexStream>) -> Feedbacks {
+async fn subscribe(client: &Client, manager: &mut Manager<DuplexStream>) -> FeedbackStream {
     let (feedbacks, ()) = tokio::join!(client.feedback(), async {
         let id = manager.expect(Request::Subscribe(true)).await;
-        manager.reply(id, Reply::Done).await;
+        manager.reply(id, Response::Done).await;
     });
     feedbacks.expect("subscribed")
 }
@@ -21,7 +21,7 @@ async fn a_flood_drops_the_oldest_and_never_blocks_the_connection() {
     let mut feedbacks = subscribe(&client, &mut manager).await;
     let sent = 10 * FEEDBACK_QUEUE_MAX as u64;
     for frame in 0..sent {
-        manager.send(Answer::Feedback(feedback(frame))).await;
+        manager.send(MessageToClient::Feedback(feedback(frame))).await;
     }
     // Nobody has read yet, and a call gets through.
     let id = {
@@ -48,7 +48,7 @@ async fn each_reader_gets_all_and_the_last_ends_the_subscription() {
     let (client, mut manager) = pair().await;
     let mut first = subscribe(&client, &mut manager).await;
     let mut second = subscribe(&client.clone(), &mut manager).await;
-    manager.send(Answer::Feedback(feedback(1))).await;
+    manager.send(MessageToClient::Feedback(feedback(1))).await;
     assert_eq!(first.next().await, Some(feedback(1)));
     assert_eq!(second.next().await, Some(feedback(1)));
     drop(first);
@@ -58,13 +58,13 @@ async fn each_reader_gets_all_and_the_last_ends_the_subscription() {
         manager.reply(id, answer(&Request::Status)).await;
     });
     status.expect("status");
-    manager.send(Answer::Feedback(feedback(2))).await;
+    manager.send(MessageToClient::Feedback(feedback(2))).await;
     assert_eq!(second.next().await, Some(feedback(2)));
     drop(second);
     manager.expect(Request::Subscribe(false)).await;
     assert_eq!(client.open_requests(), 0);
     // A client without readers takes what still comes.
-    manager.send(Answer::Feedback(feedback(3))).await;
+    manager.send(MessageToClient::Feedback(feedback(3))).await;
     let (status, ()) = tokio::join!(async move { client.status().await }, manager.serve(answer));
     status.expect("the connection holds");
 }
@@ -86,7 +86,7 @@ async fn feedback_keeps_the_connection_open() {
     let (client, mut manager) = pair().await;
     let mut feedbacks = subscribe(&client, &mut manager).await;
     drop(client);
-    manager.send(Answer::Feedback(feedback(1))).await;
+    manager.send(MessageToClient::Feedback(feedback(1))).await;
     assert_eq!(feedbacks.next().await, Some(feedback(1)));
     drop(feedbacks);
     manager.expect(Request::Subscribe(false)).await;

@@ -3,18 +3,18 @@
 use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
 use polyptych_client::{
-    Client, ConnectOptions, Epoch, Feedback, FrameId, Reply, Request, RequestId, Revision,
+    Client, ConnectOptions, Epoch, FrameFeedback, FrameId, Request, RequestId, Response, Revision,
 };
-use polyptych_protocol::connection::{Frames, Introduced, receive_introduction, welcome};
+use polyptych_protocol::connection::{Introduced, MessageStream, receive_introduction, welcome};
 use polyptych_protocol::handshake::{Hello, Secret, Welcome};
-use polyptych_protocol::request::{Answer, Call, Failure, PicturePart};
+use polyptych_protocol::request::{ImageChunk, MessageToClient, RequestError, RequestMessage};
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 
 pub const TOKEN: &str = "0123456789abcdef";
 
 /// One connection, from the manager's side.
 pub struct Manager<S> {
-    pub frames: Frames<S>,
+    pub frames: MessageStream<S>,
 }
 
 pub fn options(address: &str) -> ConnectOptions {
@@ -49,7 +49,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Manager<S> {
     /// The next request; `None` once the client has closed.
     pub async fn next(&mut self) -> Option<(RequestId, Request)> {
         let bytes = self.frames.next().await?.expect("a message");
-        let Call { id, request } = polyptych_protocol::framing::decode(&bytes).expect("a call");
+        let RequestMessage { id, request } =
+            polyptych_protocol::framing::decode(&bytes).expect("a call");
         Some((id, request))
     }
 
@@ -60,33 +61,33 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Manager<S> {
         id
     }
 
-    pub async fn send(&mut self, answer: Answer) {
+    pub async fn send(&mut self, answer: MessageToClient) {
         self.frames.send(polyptych_codec::encode(&answer)).await.expect("sent");
     }
 
-    pub async fn reply(&mut self, id: RequestId, reply: Reply) {
-        self.send(Answer::Reply { id, reply: Ok(reply) }).await;
+    pub async fn reply(&mut self, id: RequestId, reply: Response) {
+        self.send(MessageToClient::Reply { id, reply: Ok(reply) }).await;
     }
 
     pub async fn fail(&mut self, id: RequestId, reason: &str) {
-        self.send(Answer::Reply { id, reply: Err(Failure::new(reason)) }).await;
+        self.send(MessageToClient::Reply { id, reply: Err(RequestError::new(reason)) }).await;
     }
 
     pub async fn piece(&mut self, id: RequestId, index: u32, bytes: &[u8]) {
         let bytes = Bytes::copy_from_slice(bytes);
-        self.send(Answer::Picture(PicturePart { id, index, bytes })).await;
+        self.send(MessageToClient::Picture(ImageChunk { id, index, bytes })).await;
     }
 
     /// Answers each request as `answer` says, until the client closes.
-    pub async fn serve(mut self, answer: impl Fn(&Request) -> Reply) {
+    pub async fn serve(mut self, answer: impl Fn(&Request) -> Response) {
         while let Some((id, request)) = self.next().await {
             self.reply(id, answer(&request)).await;
         }
     }
 }
 
-pub fn feedback(frame: u64) -> Feedback {
-    Feedback {
+pub fn feedback(frame: u64) -> FrameFeedback {
+    FrameFeedback {
         frame: FrameId(frame),
         time_s: 0.5,
         revision: Revision(3),

@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use polyptych_client::{
-    Client, ClientError, ConnectOptions, Epoch, OpenProgress, OpenStage, Pace, Reconnect, Reply,
-    Request, RequestId,
+    Client, ClientError, ConnectOptions, Epoch, OpenProgress, OpenStage, Pacing, ReconnectPolicy,
+    Request, RequestId, Response,
 };
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::connection::{Introduced, receive_introduction, refuse, welcome};
 use polyptych_protocol::handshake::{Secret, Welcome};
-use polyptych_protocol::request::Answer;
+use polyptych_protocol::request::MessageToClient;
 use tokio::net::{TcpListener, TcpStream};
 
 use crate::calls::answer;
@@ -21,7 +21,7 @@ async fn listen() -> (TcpListener, String) {
     (listener, address)
 }
 
-fn with(address: &str, reconnect: Reconnect) -> ConnectOptions {
+fn with(address: &str, reconnect: ReconnectPolicy) -> ConnectOptions {
     ConnectOptions { reconnect: Some(reconnect), ..options(address) }
 }
 
@@ -92,7 +92,7 @@ async fn a_scene_that_was_being_opened_is_asked_for_over_the_next_connection() {
             drop(asked_for_outcome(&listener, 1).await);
             let (mut manager, id) = asked_for_outcome(&listener, 1).await;
             let progress = OpenProgress { stage: OpenStage::Baking, percent: 40 };
-            manager.send(Answer::Progress { id, progress }).await;
+            manager.send(MessageToClient::Progress { id, progress }).await;
             manager.reply(id, answer(&Request::OpenScene { path: "a.glb".into() })).await;
             manager
         }
@@ -125,16 +125,16 @@ async fn requests_wait_in_order_and_dropped_ones_are_done_too() {
     // Once this has failed, the loss is known.
     let _ = client.pause().await;
     drop(client.post(Request::SetExposure(2.0)).expect("posted"));
-    let (run, ()) = tokio::join!(client.run(Pace::Free), async {
+    let (run, ()) = tokio::join!(client.run(Pacing::Free), async {
         let mut manager = accept(&listener, 2, "lab").await;
         let mut seen = Vec::new();
-        while seen.last() != Some(&Request::Run(Pace::Free)) {
+        while seen.last() != Some(&Request::Run(Pacing::Free)) {
             let (id, request) = manager.next().await.expect("a request");
-            manager.reply(id, Reply::Done).await;
+            manager.reply(id, Response::Done).await;
             seen.push(request);
         }
         // The pause was sent to the first manager, or it waited too: never both.
-        let expected = [Request::SetExposure(2.0), Request::Run(Pace::Free)];
+        let expected = [Request::SetExposure(2.0), Request::Run(Pacing::Free)];
         assert!(seen.ends_with(&expected), "{seen:?}");
     });
     run.expect("done");
@@ -144,7 +144,7 @@ async fn requests_wait_in_order_and_dropped_ones_are_done_too() {
 async fn a_request_fails_by_name_after_its_wait_and_is_never_sent() {
     let (listener, address) = listen().await;
     let wait = Duration::from_millis(300);
-    let reconnect = Reconnect { wait, give_up_after: None };
+    let reconnect = ReconnectPolicy { wait, give_up_after: None };
     let (client, manager) = connected(&listener, with(&address, reconnect)).await;
     drop((manager, listener));
     let lost = async {
@@ -181,18 +181,18 @@ async fn feedback_goes_on_behind_a_gap() {
     let (client, mut manager) = connected(&listener, options(&address)).await;
     let (feedbacks, ()) = tokio::join!(client.feedback(), async {
         let id = manager.expect(Request::Subscribe(true)).await;
-        manager.reply(id, Reply::Done).await;
+        manager.reply(id, Response::Done).await;
     });
     let mut feedbacks = feedbacks.expect("subscribed");
-    manager.send(Answer::Feedback(feedback(70))).await;
+    manager.send(MessageToClient::Feedback(feedback(70))).await;
     assert_eq!(feedbacks.next().await, Some(feedback(70)));
     assert_eq!((feedbacks.gaps(), feedbacks.epoch()), (0, Epoch(1)));
-    manager.send(Answer::Goodbye(Goodbye::closed("an upgrade"))).await;
+    manager.send(MessageToClient::Goodbye(Goodbye::closed("an upgrade"))).await;
     drop(manager);
     let mut manager = accept(&listener, 2, "lab").await;
     let id = manager.expect(Request::Subscribe(true)).await;
-    manager.reply(id, Reply::Done).await;
-    manager.send(Answer::Feedback(feedback(1))).await;
+    manager.reply(id, Response::Done).await;
+    manager.send(MessageToClient::Feedback(feedback(1))).await;
     assert_eq!(feedbacks.next().await, Some(feedback(1)));
     assert_eq!((feedbacks.gaps(), feedbacks.epoch(), feedbacks.dropped()), (1, Epoch(2), 0));
     drop(feedbacks);
@@ -221,7 +221,7 @@ async fn a_refusal_and_another_wall_are_not_what_was_meant() {
 async fn a_client_gives_up_where_it_is_told_to() {
     let (listener, address) = listen().await;
     let give_up_after = Some(Duration::from_millis(200));
-    let reconnect = Reconnect { give_up_after, ..Reconnect::default() };
+    let reconnect = ReconnectPolicy { give_up_after, ..ReconnectPolicy::default() };
     let (client, manager) = connected(&listener, with(&address, reconnect)).await;
     drop((manager, listener));
     let error = client.connected().await;

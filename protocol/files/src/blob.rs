@@ -5,7 +5,7 @@ mod hash;
 mod reader;
 mod temporary;
 
-pub use folder::{BlobError, BlobFolder};
+pub use folder::{BlobError, BlobStore};
 pub use hash::BlobHash;
 pub use reader::BlobReader;
 pub use temporary::{Abandoned, place, remove_abandoned};

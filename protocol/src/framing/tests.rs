@@ -9,22 +9,22 @@ use polyptych_files::blob::BlobHash;
 use polyptych_scene::Scene;
 use polyptych_wall::ChannelId;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
-use polyptych_wall::tuning::{Change, Corner, Move};
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::tuning::{CalibrationChange, Corner, Offset};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use proptest::prelude::*;
 use serde::Serialize;
 
 use super::*;
-use crate::bulk::{BlobChunk, BulkDown, BulkUp, PictureChunk};
+use crate::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
 use crate::command::{Command, Frame, Pong, Prepare, Swap};
-use crate::display::DisplayMode;
-use crate::handshake::{Adapter, Answer, ClientHello, Hello, Refused, ServerHello};
+use crate::display::OutputMode;
+use crate::handshake::{Adapter, ClientHello, Hello, HelloReply, Rejection, ServerHello};
 use crate::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use crate::log::{Operation, SceneRef};
-use crate::pattern::Pattern;
-use crate::request::{self, Call, Failure, Pace, Reply, Request};
-use crate::status::{Drawn, Ping, Prepared, Shown, Status};
+use crate::pattern::TestPattern;
+use crate::request::{self, Pacing, Request, RequestError, RequestMessage, Response};
+use crate::status::{FramePresented, FrameRendered, Ping, Prepared, ServerMessage};
 
 fn camera() -> Camera {
     Camera { position: DVec3::new(1.0, -2.0, 1e7), rotation: DQuat::IDENTITY, scale: 0.5 }
@@ -37,17 +37,17 @@ fn frame() -> Frame {
         time_s: 1.5,
         revision: Revision(2),
         views: vec![View::of_wall(camera())],
-        head: Head::at(DVec3::new(0.0, 1.6, 0.0), 0.064),
+        head: HeadPose::at(DVec3::new(0.0, 1.6, 0.0), 0.064),
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: true,
-        display: DisplayMode::Blank,
-        pattern: Some(Pattern::Density),
+        display: OutputMode::Blank,
+        pattern: Some(TestPattern::Density),
     }
 }
 
-fn drawn() -> Drawn {
-    Drawn {
+fn drawn() -> FrameRendered {
+    FrameRendered {
         epoch: Epoch(1),
         frame: FrameId(300),
         channel: ChannelId(3),
@@ -85,14 +85,14 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         features: vec!["blend".into()],
         scene_bytes: 1000,
     };
-    let shown = Shown {
+    let shown = FramePresented {
         epoch: Epoch(1),
         frame: FrameId(300),
         channel: ChannelId(3),
         at_us: 70_000,
         clock_error_us: 40,
     };
-    let chunk = PictureChunk {
+    let chunk = CaptureChunk {
         channel: ChannelId(1),
         frame: FrameId(2),
         width: 1,
@@ -106,27 +106,33 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         offset: 0,
         bytes: Bytes::from_static(&[9, 8]),
     };
-    let failure = request::Answer::Reply { id: RequestId(5), reply: Err(Failure::new("no")) };
-    let done = request::Answer::Reply { id: RequestId(5), reply: Ok(Reply::Done) };
-    let run = Call { id: RequestId(5), request: Request::Run(Pace::Rate(60.0)) };
-    let freeze = Call { id: RequestId(7), request: Request::SetDisplays(DisplayMode::Freeze) };
-    let pattern = Call { id: RequestId(8), request: Request::SetPattern(Some(Pattern::Weights)) };
-    let to = Move::By(glam::DVec2::new(1.5, -0.5));
-    let changes = vec![Change::Pin { corner: Corner::UpperRight, to }];
+    let failure =
+        request::MessageToClient::Reply { id: RequestId(5), reply: Err(RequestError::new("no")) };
+    let done = request::MessageToClient::Reply { id: RequestId(5), reply: Ok(Response::Done) };
+    let run = RequestMessage { id: RequestId(5), request: Request::Run(Pacing::Rate(60.0)) };
+    let freeze =
+        RequestMessage { id: RequestId(7), request: Request::SetDisplays(OutputMode::Freeze) };
+    let pattern = RequestMessage {
+        id: RequestId(8),
+        request: Request::SetPattern(Some(TestPattern::Weights)),
+    };
+    let to = Offset::By(glam::DVec2::new(1.5, -0.5));
+    let changes = vec![CalibrationChange::Pin { corner: Corner::UpperRight, to }];
     let tune = Request::Tune { channel: "a".into(), changes };
-    let tune = Call { id: RequestId(9), request: tune };
-    let open = Call { id: RequestId(6), request: Request::OpenScene { path: "a.glb".into() } };
-    let head = Call { id: RequestId(8), request: Request::SetHead(frame().head) };
+    let tune = RequestMessage { id: RequestId(9), request: tune };
+    let open =
+        RequestMessage { id: RequestId(6), request: Request::OpenScene { path: "a.glb".into() } };
+    let head = RequestMessage { id: RequestId(8), request: Request::SetHead(frame().head) };
     let plan = View {
         area: Area::Screen { screen: 1, rect: [0, 2, 300, 4] },
         projection: ViewProjection::Orthographic { height_m: 1.5 },
         ..View::of_wall(Camera::IDENTITY)
     };
-    let views = Call { id: RequestId(9), request: Request::SetViews(vec![plan]) };
+    let views = RequestMessage { id: RequestId(9), request: Request::SetViews(vec![plan]) };
     vec![
         (encode(&Hello::Client(client)), "0003616e6e"),
         (encode(&Hello::Server(server)), "01016101046c656674fb921000000000"),
-        (encode(&Answer::Refused(Refused { reason: "no".into() })), "00026e6f"),
+        (encode(&HelloReply::Refused(Rejection { reason: "no".into() })), "00026e6f"),
         (
             encode(&Command::Prepare(prepare)),
             "000101010202030174abababababababababababababababababababababababababababababababab04",
@@ -144,15 +150,18 @@ fn golden() -> Vec<(Bytes, &'static str)> {
             "0201fb2c0109",
         ),
         (encode(&Command::Pong(Pong { sent_us: 1, received_us: 2, answered_us: 3 })), "03010203"),
-        (encode(&Status::Prepared(prepared)), "000102030105626c656e64fbe803"),
-        (encode(&Status::Drawn(drawn())), "0201fb2c010302fdfffffffffffffffffb204efca086010006"),
-        (encode(&Status::Shown(shown)), "0401fb2c0103fc7011010028"),
-        (encode(&Status::Ping(Ping { sent_us: 1, memory_bytes: 2 })), "050102"),
-        (encode(&Status::Goodbye { reason: "end".into() }), "0703656e64"),
-        (encode(&Status::StateLost { reason: "end".into() }), "0903656e64"),
-        (encode(&BulkUp::Picture(chunk)), "0101020101000401020304"),
+        (encode(&ServerMessage::Prepared(prepared)), "000102030105626c656e64fbe803"),
         (
-            encode(&BulkDown::Chunk(piece)),
+            encode(&ServerMessage::Drawn(drawn())),
+            "0201fb2c010302fdfffffffffffffffffb204efca086010006",
+        ),
+        (encode(&ServerMessage::Shown(shown)), "0401fb2c0103fc7011010028"),
+        (encode(&ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 2 })), "050102"),
+        (encode(&ServerMessage::Goodbye { reason: "end".into() }), "0703656e64"),
+        (encode(&ServerMessage::StateLost { reason: "end".into() }), "0903656e64"),
+        (encode(&BulkToManager::Picture(chunk)), "0101020101000401020304"),
+        (
+            encode(&BulkToServer::Chunk(piece)),
             "0001010101010101010101010101010101010101010101010101010101010101010200020908",
         ),
         (encode(&run), "0506010000000000004e40"),
@@ -201,7 +210,7 @@ fn comes_back<T: Serialize + DeserializeOwned + PartialEq + Debug>(message: &T) 
 #[test]
 fn what_goes_out_comes_back() {
     comes_back(&Command::Frame(frame()));
-    comes_back(&Status::Drawn(drawn()));
+    comes_back(&ServerMessage::Drawn(drawn()));
     comes_back(&Scene::default());
     comes_back(&Request::SetCamera(camera()));
     let rect = [1, 2, 3, u32::MAX];
@@ -216,7 +225,7 @@ fn what_goes_out_comes_back() {
 #[test]
 fn a_length_that_lies_allocates_nothing() {
     // A status whose list of features claims 2^60 entries.
-    let mut bytes = encode(&Status::Prepared(Prepared {
+    let mut bytes = encode(&ServerMessage::Prepared(Prepared {
         epoch: Epoch(1),
         revision: Revision(2),
         digest: Digest(3),
@@ -226,7 +235,7 @@ fn a_length_that_lies_allocates_nothing() {
     .to_vec();
     let at = bytes.len() - 2;
     bytes.splice(at..=at, [0xfd, 0, 0, 0, 0, 0, 0, 0, 0x10]);
-    assert!(decode::<Status>(&bytes).is_err());
+    assert!(decode::<ServerMessage>(&bytes).is_err());
     assert!(
         polyptych_scene::decode(&[0xfd, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x7f]).is_err()
     );
@@ -242,13 +251,13 @@ fn bytes_behind_a_message_are_refused() {
 fn decode_all(bytes: &[u8]) {
     // Whether they are messages doesn't matter; that it is found out in peace does.
     let _ = decode::<Hello>(bytes);
-    let _ = decode::<Answer>(bytes);
+    let _ = decode::<HelloReply>(bytes);
     let _ = decode::<Command>(bytes);
-    let _ = decode::<Status>(bytes);
-    let _ = decode::<Call>(bytes);
-    let _ = decode::<request::Answer>(bytes);
-    let _ = decode::<BulkUp>(bytes);
-    let _ = decode::<BulkDown>(bytes);
+    let _ = decode::<ServerMessage>(bytes);
+    let _ = decode::<RequestMessage>(bytes);
+    let _ = decode::<request::MessageToClient>(bytes);
+    let _ = decode::<BulkToManager>(bytes);
+    let _ = decode::<BulkToServer>(bytes);
     let _ = polyptych_scene::decode(bytes).map(|scene| scene.fault());
 }
 

@@ -1,21 +1,23 @@
-//! From `[channel.NAME]` to a channel's [`Adjustment`](polyptych_wall::Adjustment).
+//! From `[channel.NAME]` to a channel's [`ChannelCalibration`](polyptych_wall::Adjustment).
 
 use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec2, DVec3, UVec2};
 use polyptych_text::counted;
-use polyptych_wall::adjustment::{Bend, Bits, Curve, Edges};
+use polyptych_wall::adjustment::{BitDepth, BlendWidths, ControlGrid, TransferFunction};
 use polyptych_wall::channel::is_monitor_name;
 use polyptych_wall::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX, LEAK_MAX, NAME_BYTES_MAX};
-use polyptych_wall::{Cover, EyeOf, FileKind, Packing, Projection, Ramps, fold};
+use polyptych_wall::{
+    CalibrationFileKind, ChannelKind, Eye, FrustumMode, Ramps, StereoPacking, fold,
+};
 
 use super::check::check_numbers;
-use super::document::{AdjustSection, BendSection, EdgesSection, Light, WarpObj, WarpZero};
+use super::document::{AdjustSection, BendSection, EdgesSection, ScalarOrRgb, WarpObj, WarpZero};
 use super::error::WallFileError;
 use super::explain::suggest;
 use super::files::Files;
-use super::screen::Draft;
-use super::source::{Source, quoted};
+use super::screen::ChannelDraft;
+use super::source::{SourceText, quoted};
 
 /// Farthest that a pin or a point of a bend moves anything: some channels' widths.
 const MOVE_MAX_PX: f64 = 65_536.0;
@@ -28,9 +30,9 @@ const NAMES_LISTED_MAX: usize = 12;
 
 /// Gives every channel what its table says.
 pub(super) fn channels(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     sections: &BTreeMap<String, AdjustSection>,
-    drafts: &mut [Draft],
+    drafts: &mut [ChannelDraft],
     files: &mut Files,
 ) -> Result<(), WallFileError> {
     let names: Vec<String> = drafts.iter().map(|draft| draft.channel.name.clone()).collect();
@@ -46,7 +48,7 @@ pub(super) fn channels(
         if let Some(section) = sections.get(&draft.channel.name) {
             Table { source, key, section }.apply(draft, files)?;
         }
-        if draft.channel.cover == Cover::Map && draft.channel.adjustment.warp.is_none() {
+        if draft.channel.cover == ChannelKind::Map && draft.channel.adjustment.warp.is_none() {
             let what = format!("nobody knows what channel {:?} shows", draft.channel.name);
             let remedy = "give origin or projector, or a warp file in [channel.NAME]";
             return Err(source.error(format!("{}.origin", draft.key), what, remedy));
@@ -56,7 +58,7 @@ pub(super) fn channels(
 }
 
 /// Refuses two channels of one server on one monitor.
-fn check_monitors(source: &Source<'_>, drafts: &[Draft]) -> Result<(), WallFileError> {
+fn check_monitors(source: &SourceText<'_>, drafts: &[ChannelDraft]) -> Result<(), WallFileError> {
     let mut taken = BTreeMap::new();
     for channel in drafts.iter().map(|draft| &draft.channel) {
         let Some(monitor) = &channel.monitor else { continue };
@@ -71,7 +73,7 @@ fn check_monitors(source: &Source<'_>, drafts: &[Draft]) -> Result<(), WallFileE
 
 /// One `[channel.NAME]`.
 struct Table<'a> {
-    source: &'a Source<'a>,
+    source: &'a SourceText<'a>,
     key: String,
     section: &'a AdjustSection,
 }
@@ -81,7 +83,7 @@ impl Table<'_> {
         self.source.error(format!("{}.{name}", self.key), what, remedy)
     }
 
-    fn apply(&self, draft: &mut Draft, files: &mut Files) -> Result<(), WallFileError> {
+    fn apply(&self, draft: &mut ChannelDraft, files: &mut Files) -> Result<(), WallFileError> {
         let s = self.section;
         draft.channel.monitor = self.monitor()?;
         let size = draft.channel.size;
@@ -90,7 +92,7 @@ impl Table<'_> {
         adjustment.mirror = s.mirror.unwrap_or_default();
         adjustment.eye = s.eye.unwrap_or_default();
         adjustment.packing = s.stereo.unwrap_or_default();
-        if adjustment.packing != Packing::None && adjustment.eye != EyeOf::Center {
+        if adjustment.packing != StereoPacking::None && adjustment.eye != Eye::Center {
             let what = "a display that shows both eyes is not for one of them";
             return Err(self.error("eye", what, "leave out eye, or stereo"));
         }
@@ -98,8 +100,8 @@ impl Table<'_> {
             adjustment.edges = self.edges(edges, size)?;
         }
         adjustment.bits = match s.bits {
-            None | Some(8) => Bits::Eight,
-            Some(10) => Bits::Ten,
+            None | Some(8) => BitDepth::Eight,
+            Some(10) => BitDepth::Ten,
             Some(other) => {
                 let what = format!("codes of {other} bits are not possible");
                 return Err(self.error("bits", what, "write 8 or 10"));
@@ -116,8 +118,8 @@ impl Table<'_> {
             path.as_ref().map(|path| files.index(self.source, &key, path, kind)).transpose()
         };
         adjustment.warp = file("warp", &s.warp, self.warp_kind()?)?;
-        adjustment.alpha = file("alpha", &s.alpha, FileKind::Alpha)?;
-        adjustment.beta = file("beta", &s.beta, FileKind::Beta)?;
+        adjustment.alpha = file("alpha", &s.alpha, CalibrationFileKind::Alpha)?;
+        adjustment.beta = file("beta", &s.beta, CalibrationFileKind::Beta)?;
         adjustment.ramps = self.ramps()?;
         if let Some(pin) = s.pin {
             for (index, pair) in pin.iter().enumerate() {
@@ -135,17 +137,17 @@ impl Table<'_> {
         if s.warp.is_none() {
             return Ok(());
         }
-        if let Cover::Projector(_) = draft.channel.cover {
+        if let ChannelKind::Projector(_) = draft.channel.cover {
             let what = "where its pixels lie is given twice, by a warp file and by a projector";
             return Err(self.error("warp", what, "keep one of the two"));
         }
         // No canvas is shared with it.
-        (draft.channel.cover, draft.channel.projection) = (Cover::Map, Projection::Own);
+        (draft.channel.cover, draft.channel.projection) = (ChannelKind::Map, FrustumMode::Own);
         Ok(())
     }
 
     /// What its warp file is, if it has one.
-    fn warp_kind(&self) -> Result<FileKind, WallFileError> {
+    fn warp_kind(&self) -> Result<CalibrationFileKind, WallFileError> {
         let s = self.section;
         if s.warp_zero.is_some() && s.warp.is_none() {
             let what = "there is no warp whose points at (0, 0, 0) could be dark";
@@ -160,9 +162,9 @@ impl Table<'_> {
                 let what = "an OBJ has no pixels that could be dark by warp_zero";
                 Err(self.error("warp_obj", what, "keep one of the two"))
             }
-            (Some(WarpZero::Dark), _) => Ok(FileKind::WarpDarkZeros),
-            (_, Some(WarpObj::Sgct)) => Ok(FileKind::WarpSgct),
-            _ => Ok(FileKind::Warp),
+            (Some(WarpZero::Dark), _) => Ok(CalibrationFileKind::WarpDarkZeros),
+            (_, Some(WarpObj::Sgct)) => Ok(CalibrationFileKind::WarpSgct),
+            _ => Ok(CalibrationFileKind::Warp),
         }
     }
 
@@ -196,7 +198,7 @@ impl Table<'_> {
         Ok(ramps)
     }
 
-    fn edges(&self, edges: &EdgesSection, size: UVec2) -> Result<Edges, WallFileError> {
+    fn edges(&self, edges: &EdgesSection, size: UVec2) -> Result<BlendWidths, WallFileError> {
         let given = [
             ("edges.left", edges.left, size.x),
             ("edges.right", edges.right, size.x),
@@ -212,7 +214,7 @@ impl Table<'_> {
             }
         }
         let EdgesSection { left, right, top, bottom } = *edges;
-        Ok(Edges { left, right, top, bottom })
+        Ok(BlendWidths { left, right, top, bottom })
     }
 
     fn matrix(&self) -> Result<DMat3, WallFileError> {
@@ -225,7 +227,7 @@ impl Table<'_> {
     }
 
     /// Numbers from 0 by which light is multiplied.
-    fn light(&self, name: &str, light: Light) -> Result<DVec3, WallFileError> {
+    fn light(&self, name: &str, light: ScalarOrRgb) -> Result<DVec3, WallFileError> {
         let found = rgb(light);
         let odd = found.to_array().into_iter().find(|n| !(0.0..=LIGHT_FACTOR_MAX).contains(n));
         odd.map_or(Ok(found), |number| {
@@ -235,7 +237,7 @@ impl Table<'_> {
     }
 
     /// Shares of white that black has.
-    fn leak(&self, leak: Light) -> Result<DVec3, WallFileError> {
+    fn leak(&self, leak: ScalarOrRgb) -> Result<DVec3, WallFileError> {
         let found = rgb(leak);
         let odd = found.to_array().into_iter().find(|share| !(0.0..=LEAK_MAX).contains(share));
         odd.map_or(Ok(found), |share| {
@@ -245,9 +247,9 @@ impl Table<'_> {
         })
     }
 
-    fn curve(&self) -> Result<Curve, WallFileError> {
+    fn curve(&self) -> Result<TransferFunction, WallFileError> {
         match (self.section.gamma, &self.section.curve) {
-            (None, None) => Ok(Curve::Srgb),
+            (None, None) => Ok(TransferFunction::Srgb),
             (Some(_), Some(_)) => {
                 let what = "how codes become light is given twice, by gamma and by curve";
                 Err(self.error("curve", what, "keep one of the two"))
@@ -256,16 +258,16 @@ impl Table<'_> {
                 let gamma = rgb(gamma);
                 let is_odd = |n: &f64| !(n.is_finite() && *n > 0.0);
                 let odd = gamma.to_array().into_iter().find(is_odd);
-                odd.map_or(Ok(Curve::Gamma(gamma)), |number| {
+                odd.map_or(Ok(TransferFunction::Gamma(gamma)), |number| {
                     let what = format!("a gamma of {number:?} is not possible");
                     Err(self.error("gamma", what, "write a number above 0, such as 2.2"))
                 })
             }
-            (None, Some(points)) => self.measured(points).map(Curve::Measured),
+            (None, Some(points)) => self.measured(points).map(TransferFunction::Measured),
         }
     }
 
-    fn measured(&self, points: &[Light]) -> Result<Vec<DVec3>, WallFileError> {
+    fn measured(&self, points: &[ScalarOrRgb]) -> Result<Vec<DVec3>, WallFileError> {
         let light: Vec<DVec3> = points.iter().map(|point| rgb(*point)).collect();
         if !(2..=CURVE_POINTS_MAX).contains(&light.len()) {
             let what = format!("a curve of {}", counted(light.len(), "point"));
@@ -283,7 +285,7 @@ impl Table<'_> {
         })
     }
 
-    fn bend(&self, bend: &BendSection) -> Result<Bend, WallFileError> {
+    fn bend(&self, bend: &BendSection) -> Result<ControlGrid, WallFileError> {
         let points = UVec2::from_array(bend.points);
         let count = u64::from(points.x) * u64::from(points.y);
         if points.min_element() < 2 || count > BEND_POINTS_MAX as u64 {
@@ -302,13 +304,13 @@ impl Table<'_> {
             check_numbers(self.source, &key, &pair.0, MOVE_MAX_PX, "pixels")?;
         }
         let moves = bend.moves.iter().map(|pair| DVec2::from_array(pair.0)).collect();
-        Ok(Bend { points, moves })
+        Ok(ControlGrid { points, moves })
     }
 }
 
-fn rgb(light: Light) -> DVec3 {
+fn rgb(light: ScalarOrRgb) -> DVec3 {
     match light {
-        Light::Gray(number) => DVec3::splat(number),
-        Light::Rgb(numbers) => DVec3::from_array(numbers),
+        ScalarOrRgb::Gray(number) => DVec3::splat(number),
+        ScalarOrRgb::Rgb(numbers) => DVec3::from_array(numbers),
     }
 }

@@ -3,18 +3,18 @@
 use glam::{DVec2, UVec2};
 use polyptych_wall::limits::{CANVAS_SIDE_MAX, CHANNELS_MAX};
 use polyptych_wall::projector::Projector;
-use polyptych_wall::{Cover, Screen};
+use polyptych_wall::{ChannelKind, Screen};
 
 use super::check::check_name;
 use super::document::ChannelSection;
 use super::error::WallFileError;
 use super::projector::projector;
-use super::screen::{Draft, Place};
+use super::screen::{ChannelDraft, Section};
 use crate::tiling::Rect;
 
-impl Place<'_> {
+impl Section<'_> {
     /// Channels by hand; sets the screen's canvas.
-    pub fn channels(&self, screen: &mut Screen) -> Result<Vec<Draft>, WallFileError> {
+    pub fn channels(&self, screen: &mut Screen) -> Result<Vec<ChannelDraft>, WallFileError> {
         let Some(canvas) = self.section.pixels.map(UVec2::from_array) else {
             let what = "with channels by hand the canvas must be given";
             return Err(self.error("pixels", what, "add pixels = [width, height]"));
@@ -39,7 +39,7 @@ impl Place<'_> {
         at: usize,
         section: &ChannelSection,
         screen: &Screen,
-    ) -> Result<Draft, WallFileError> {
+    ) -> Result<ChannelDraft, WallFileError> {
         let ChannelSection { name, origin, pixels, projector: thrown, server } = section;
         let key = format!("channel[{at}]");
         let name_key = self.key(&format!("{key}.name"));
@@ -51,14 +51,14 @@ impl Place<'_> {
         let cover = match (thrown, origin) {
             (Some(section), _) => {
                 let key = self.key(&format!("{key}.projector"));
-                Cover::Projector(Box::new(projector(self.source, &key, section)?))
+                ChannelKind::Projector(Box::new(projector(self.source, &key, section)?))
             }
-            (None, Some(_)) => Cover::Tile,
+            (None, Some(_)) => ChannelKind::Tile,
             // A warp file must say it, which stands in another table.
-            (None, None) => Cover::Map,
+            (None, None) => ChannelKind::Map,
         };
         let origin = origin.unwrap_or_else(|| match &cover {
-            Cover::Projector(projector) => window_origin(projector, screen, size),
+            ChannelKind::Projector(projector) => window_origin(projector, screen, size),
             _ => UVec2::ZERO,
         });
         let rect = Rect { origin, size };

@@ -7,7 +7,7 @@ use polyptych_wall::head::{EYE_SEPARATION_MAX_M, HEAD_REACH_MAX_M};
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use polyptych_wall::limits::{CHANNELS_MAX, LEAK_MAX, NAME_BYTES_MAX, PORT_DEFAULT, SCREENS_MAX};
 use polyptych_wall::viewpoint::STEREO_ERROR_RANGE_PX;
-use polyptych_wall::{BlendRule, DeadlineRule, Screen, StereoRule, Wall};
+use polyptych_wall::{BlendConfig, DeadlinePolicy, Screen, StereoRule, Wall};
 
 use super::document::{
     BlendSection, DeadlineSection, Document, NetworkSection, ScreenSection, StorageSection,
@@ -15,8 +15,8 @@ use super::document::{
 };
 use super::error::WallFileError;
 use super::files::Files;
-use super::screen::{self, Draft, Place};
-use super::source::Source;
+use super::screen::{self, ChannelDraft, Section};
+use super::source::SourceText;
 use super::{adjust, sight};
 
 /// Farthest coordinate of display space: a thousand kilometres is a slip of the unit, and larger
@@ -36,7 +36,7 @@ const HEARTBEAT_MS_MIN: u32 = 20;
 const WAIT_MS_MAX: u32 = 60_000;
 
 /// The wall that a document describes.
-pub(super) fn wall(source: &Source<'_>, document: &Document) -> Result<Wall, WallFileError> {
+pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall, WallFileError> {
     check_head(source, &document.wall)?;
     let deadline = deadline(source, &document.deadline)?;
     check_network(source, &document.network)?;
@@ -49,7 +49,7 @@ pub(super) fn wall(source: &Source<'_>, document: &Document) -> Result<Wall, Wal
     check_names(source, &document.screen, &channels)?;
     adjust::channels(source, &document.channel, &mut channels, &mut files)?;
     for ((index, section), screen) in (0u16..).zip(&document.screen).zip(&screens) {
-        Place { source, index, section }.check_cover(screen, &channels)?;
+        Section { source, index, section }.check_cover(screen, &channels)?;
     }
     sight::check(source, eye, &screens, &channels)?;
     Ok(Wall {
@@ -73,7 +73,11 @@ pub(super) fn wall(source: &Source<'_>, document: &Document) -> Result<Wall, Wal
 }
 
 /// Refuses a name that is no good as a file name or on a command line.
-pub(super) fn check_name(source: &Source<'_>, key: &str, name: &str) -> Result<(), WallFileError> {
+pub(super) fn check_name(
+    source: &SourceText<'_>,
+    key: &str,
+    name: &str,
+) -> Result<(), WallFileError> {
     let what = if name.is_empty() {
         "the name is empty".to_owned()
     } else if name.len() > NAME_BYTES_MAX {
@@ -97,7 +101,7 @@ pub(super) fn check_name(source: &Source<'_>, key: &str, name: &str) -> Result<(
 
 /// Refuses numbers that are not finite or larger than `limit` either way.
 pub(super) fn check_numbers(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     key: &str,
     numbers: &[f64],
     limit: f64,
@@ -115,7 +119,7 @@ pub(super) fn check_numbers(
     })
 }
 
-fn check_head(source: &Source<'_>, head: &WallSection) -> Result<(), WallFileError> {
+fn check_head(source: &SourceText<'_>, head: &WallSection) -> Result<(), WallFileError> {
     check_name(source, "wall.name", &head.name)?;
     check_numbers(source, "wall.eye", &head.eye, COORDINATE_MAX_M, "metres")?;
     let (low, high) = NEAR_RANGE_M;
@@ -142,7 +146,7 @@ fn check_head(source: &Source<'_>, head: &WallSection) -> Result<(), WallFileErr
     Ok(())
 }
 
-fn blend(source: &Source<'_>, section: &BlendSection) -> Result<BlendRule, WallFileError> {
+fn blend(source: &SourceText<'_>, section: &BlendSection) -> Result<BlendConfig, WallFileError> {
     let &BlendSection { exponent, leak } = section;
     let (low, high) = EXPONENT_RANGE;
     if !(low..=high).contains(&exponent) {
@@ -155,10 +159,13 @@ fn blend(source: &Source<'_>, section: &BlendSection) -> Result<BlendRule, WallF
         let remedy = format!("write a share from 0 to {LEAK_MAX}, such as 0.003");
         return Err(source.error("blend.leak", what, remedy));
     }
-    Ok(BlendRule { exponent, leak })
+    Ok(BlendConfig { exponent, leak })
 }
 
-fn deadline(source: &Source<'_>, section: &DeadlineSection) -> Result<DeadlineRule, WallFileError> {
+fn deadline(
+    source: &SourceText<'_>,
+    section: &DeadlineSection,
+) -> Result<DeadlinePolicy, WallFileError> {
     let &DeadlineSection { factor, min_ms, max_ms } = section;
     if !factor.is_finite() || factor < 1.0 {
         let what = format!("a deadline of {factor} times the draw time is not possible");
@@ -178,10 +185,10 @@ fn deadline(source: &Source<'_>, section: &DeadlineSection) -> Result<DeadlineRu
         let what = format!("the shortest deadline, {min_ms} ms, is above the longest, {max_ms} ms");
         return Err(source.error("deadline.min_ms", what, format!("write {max_ms} or less")));
     }
-    Ok(DeadlineRule { factor, min_ms, max_ms })
+    Ok(DeadlinePolicy { factor, min_ms, max_ms })
 }
 
-fn check_network(source: &Source<'_>, network: &NetworkSection) -> Result<(), WallFileError> {
+fn check_network(source: &SourceText<'_>, network: &NetworkSection) -> Result<(), WallFileError> {
     if network.heartbeat_ms > WAIT_MS_MAX {
         let what = format!("a heartbeat of {} ms", network.heartbeat_ms);
         let remedy = format!("write {WAIT_MS_MAX} or less, such as 2000");
@@ -213,7 +220,7 @@ fn check_network(source: &Source<'_>, network: &NetworkSection) -> Result<(), Wa
 
 /// Folders, absolute: what they mean must not change with the folder that a program starts in.
 fn folders(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     key: &str,
     storage: &StorageSection,
 ) -> Result<Vec<String>, WallFileError> {
@@ -233,10 +240,10 @@ fn folders(
 }
 
 fn screens(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     sections: &[ScreenSection],
     files: &mut Files,
-) -> Result<(Vec<Screen>, Vec<Draft>), WallFileError> {
+) -> Result<(Vec<Screen>, Vec<ChannelDraft>), WallFileError> {
     if sections.is_empty() {
         let remedy = "add [[screen]] with name, place and channels";
         return Err(source.error("screen", "the wall has no screen", remedy));
@@ -262,9 +269,9 @@ fn screens(
 
 /// Names must differ, and not in case only: files on some systems don't.
 fn check_names(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     screens: &[ScreenSection],
-    channels: &[Draft],
+    channels: &[ChannelDraft],
 ) -> Result<(), WallFileError> {
     let screen_names = screens
         .iter()
@@ -276,7 +283,7 @@ fn check_names(
 }
 
 fn check_unique<'n>(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     kind: &str,
     names: impl Iterator<Item = (&'n str, String)>,
 ) -> Result<(), WallFileError> {

@@ -2,11 +2,11 @@
 
 use glam::UVec2;
 use polyptych_text::counted;
-use polyptych_wall::{Cover, EyeOf, Screen};
+use polyptych_wall::{ChannelKind, Eye, Screen};
 
 use super::document::ScreenSection;
 use super::error::WallFileError;
-use super::screen::{Draft, Place};
+use super::screen::{ChannelDraft, Section};
 use super::source::quoted;
 use crate::coverage::{Footprint, eyes, is_plain, is_seen_by};
 use crate::tiling::{self, Rect};
@@ -14,17 +14,21 @@ use crate::tiling::{self, Rect};
 /// Most hidden rectangles of one screen: more than a grid of 1,024 tiles has gaps.
 const HIDDEN_MAX: usize = 4096;
 
-impl Place<'_> {
+impl Section<'_> {
     /// Every pixel of the canvas must be shown or hidden where channels are plain tiles that do
     /// not overlap. Where they blend, a hole is what [`coverage`](crate::coverage) reports:
     /// the light of projectors has no straight ends.
-    pub fn check_cover(&self, screen: &Screen, drafts: &[Draft]) -> Result<(), WallFileError> {
-        let on_screen: Vec<&Draft> =
+    pub fn check_cover(
+        &self,
+        screen: &Screen,
+        drafts: &[ChannelDraft],
+    ) -> Result<(), WallFileError> {
+        let on_screen: Vec<&ChannelDraft> =
             drafts.iter().filter(|draft| draft.channel.screen == self.index).collect();
         self.check_inside(screen.canvas, &on_screen)?;
         let hidden = self.hidden(screen.canvas, &on_screen)?;
         for eye in eyes(on_screen.iter().map(|draft| &draft.channel)) {
-            let seen: Vec<&Draft> =
+            let seen: Vec<&ChannelDraft> =
                 on_screen.iter().copied().filter(|d| is_seen_by(&d.channel, *eye)).collect();
             self.check_edges(screen, &seen)?;
             let shown: Vec<Rect> = seen.iter().map(|draft| draft.rect()).collect();
@@ -37,9 +41,10 @@ impl Place<'_> {
         Ok(())
     }
 
-    fn check_inside(&self, canvas: UVec2, drafts: &[&Draft]) -> Result<(), WallFileError> {
-        let is_outside =
-            |draft: &&&Draft| draft.channel.cover == Cover::Tile && !draft.rect().lies_on(canvas);
+    fn check_inside(&self, canvas: UVec2, drafts: &[&ChannelDraft]) -> Result<(), WallFileError> {
+        let is_outside = |draft: &&&ChannelDraft| {
+            draft.channel.cover == ChannelKind::Tile && !draft.rect().lies_on(canvas)
+        };
         let Some(draft) = drafts.iter().find(is_outside) else { return Ok(()) };
         let what = format!(
             "channel {:?}, {}, leaves the canvas of {}×{} pixels",
@@ -55,7 +60,7 @@ impl Place<'_> {
     fn check_holes(
         &self,
         canvas: UVec2,
-        eye: EyeOf,
+        eye: Eye,
         shown: &[Rect],
         hidden: &[Rect],
     ) -> Result<(), WallFileError> {
@@ -64,9 +69,9 @@ impl Place<'_> {
         let total: u64 = gaps.iter().map(|gap| gap.area()).sum();
         let count = shown.len();
         let of_eye = match eye {
-            EyeOf::Center => "",
-            EyeOf::Left => " for the left eye",
-            EyeOf::Right => " for the right eye",
+            Eye::Center => "",
+            Eye::Left => " for the left eye",
+            Eye::Right => " for the right eye",
         };
         let leave = if count == 1 { "leaves" } else { "leave" };
         let what = format!(
@@ -81,8 +86,8 @@ impl Place<'_> {
     }
 
     /// Refuses ramps without width where another channel is.
-    fn check_edges(&self, screen: &Screen, seen: &[&Draft]) -> Result<(), WallFileError> {
-        let has_hard = |draft: &&&Draft| {
+    fn check_edges(&self, screen: &Screen, seen: &[&ChannelDraft]) -> Result<(), WallFileError> {
+        let has_hard = |draft: &&&ChannelDraft| {
             let edges = draft.channel.adjustment.edges;
             [edges.left, edges.right, edges.top, edges.bottom].contains(&Some(0.0))
         };
@@ -107,7 +112,7 @@ impl Place<'_> {
     }
 
     /// What no channel need show: what the file hides, and what is between the tiles of a grid.
-    fn hidden(&self, canvas: UVec2, drafts: &[&Draft]) -> Result<Vec<Rect>, WallFileError> {
+    fn hidden(&self, canvas: UVec2, drafts: &[&ChannelDraft]) -> Result<Vec<Rect>, WallFileError> {
         let ScreenSection { hidden, tiles, .. } = self.section;
         if tiles.is_some() {
             let tiles: Vec<Rect> = drafts.iter().map(|draft| draft.rect()).collect();

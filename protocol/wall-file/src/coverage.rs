@@ -6,10 +6,10 @@
 use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_wall::adjustment::{EyeOf, Packing};
-use polyptych_wall::pixels::PixelMap;
-use polyptych_wall::shapes::{Ground, Shaped, Shapes};
-use polyptych_wall::{Channel, Cover, Screen, Surface};
+use polyptych_wall::adjustment::{Eye, StereoPacking};
+use polyptych_wall::pixels::ChannelMapping;
+use polyptych_wall::shapes::{ResolvedWall, ScreenGeometry, WallGeometry};
+use polyptych_wall::{Channel, ChannelKind, Screen, Surface};
 
 use super::tiling::Rect;
 
@@ -33,11 +33,11 @@ const EDGE_SLACK_PX: f64 = 0.01;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
     /// Whose eye it is; the middle where no channel is for one of both.
-    pub eye: EyeOf,
+    pub eye: Eye,
     /// Most channels that show one place.
     pub layers_max: u32,
     /// Parts that no channel shows, the largest first.
-    pub holes: Vec<Patch>,
+    pub holes: Vec<Region>,
     /// Pairs of channels that show the same, in the order of the file.
     pub overlaps: Vec<Overlap>,
     /// How far apart the places are that were looked at, in pixels of the canvas; zero where
@@ -47,7 +47,7 @@ pub struct Coverage {
 
 /// A part of a canvas.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Patch {
+pub struct Region {
     /// Its upper left corner in pixels of the canvas.
     pub origin: DVec2,
     /// Width and height of the rectangle around it.
@@ -62,50 +62,48 @@ pub struct Overlap {
     /// Their places in the list of the wall's channels.
     pub channels: [usize; 2],
     /// Where.
-    pub patch: Patch,
+    pub patch: Region,
     /// Whether their light is shared there; not where one ends in a ramp without width.
     pub is_blended: bool,
 }
 
 /// Whether this eye sees the channel.
-pub(super) fn is_seen_by(channel: &Channel, eye: EyeOf) -> bool {
+pub(super) fn is_seen_by(channel: &Channel, eye: Eye) -> bool {
     let of = channel.adjustment.eye;
-    let is_for_both = of == EyeOf::Center || channel.adjustment.packing != Packing::None;
+    let is_for_both = of == Eye::Center || channel.adjustment.packing != StereoPacking::None;
     is_for_both || of == eye
 }
 
 /// The eyes for which a screen with these channels is covered.
-pub(super) fn eyes<'a>(channels: impl IntoIterator<Item = &'a Channel>) -> &'static [EyeOf] {
-    let is_for_one = |channel: &Channel| channel.adjustment.eye != EyeOf::Center;
-    if channels.into_iter().any(is_for_one) {
-        &[EyeOf::Left, EyeOf::Right]
-    } else {
-        &[EyeOf::Center]
-    }
+pub(super) fn eyes<'a>(channels: impl IntoIterator<Item = &'a Channel>) -> &'static [Eye] {
+    let is_for_one = |channel: &Channel| channel.adjustment.eye != Eye::Center;
+    if channels.into_iter().any(is_for_one) { &[Eye::Left, Eye::Right] } else { &[Eye::Center] }
 }
 
 /// A tile whose pixels lie where its rectangle says.
 pub(super) fn is_plain(channel: &Channel) -> bool {
     let adjustment = &channel.adjustment;
-    channel.cover == Cover::Tile && adjustment.pin == [DVec2::ZERO; 4] && adjustment.bend.is_none()
+    channel.cover == ChannelKind::Tile
+        && adjustment.pin == [DVec2::ZERO; 4]
+        && adjustment.bend.is_none()
 }
 
 /// What a channel covers.
 pub(super) struct Footprint<'a> {
     channel: &'a Channel,
-    ground: Ground<'a>,
-    map: Option<PixelMap<'a>>,
+    ground: ScreenGeometry<'a>,
+    map: Option<ChannelMapping<'a>>,
 }
 
 impl<'a> Footprint<'a> {
     /// The footprint of a channel without calibration files.
     pub fn new(channel: &'a Channel, screen: &'a Screen) -> Self {
-        Self::shaped(channel, screen, Shapes::none())
+        Self::shaped(channel, screen, WallGeometry::none())
     }
 
     /// The footprint of a channel with the geometry of its calibration files.
-    pub fn shaped(channel: &'a Channel, screen: &'a Screen, shapes: &'a Shapes) -> Self {
-        let map = PixelMap::shaped(channel, screen, shapes);
+    pub fn shaped(channel: &'a Channel, screen: &'a Screen, shapes: &'a WallGeometry) -> Self {
+        let map = ChannelMapping::shaped(channel, screen, shapes);
         Self { channel, ground: shapes.ground(screen), map }
     }
 
@@ -116,7 +114,7 @@ impl<'a> Footprint<'a> {
 
     /// The place of the channel's picture, in pixels, that shows this place of the canvas.
     pub fn pixel_at(&self, canvas: DVec2) -> Option<DVec2> {
-        if let Cover::Projector(projector) = &self.channel.cover {
+        if let ChannelKind::Projector(projector) = &self.channel.cover {
             // The far side of a curved screen lies in the same direction, but in the dark.
             let point = self.ground.display_from_canvas(canvas)?;
             let hit = self.map.as_ref()?.lit_along(point - projector.position);
@@ -133,7 +131,7 @@ impl<'a> Footprint<'a> {
     pub fn lit_point(&self, pixel: DVec2) -> Option<DVec3> {
         let map = self.map.as_ref()?;
         let canvas = map.canvas_from_pixel(pixel)?;
-        let is_rounded = self.channel.cover == Cover::Map || self.ground.is_mesh();
+        let is_rounded = self.channel.cover == ChannelKind::Map || self.ground.is_mesh();
         let slack = DVec2::splat(if is_rounded { EDGE_SLACK_PX } else { 0.0 });
         let high = self.ground.screen.canvas.as_dvec2() + slack;
         let is_on = canvas.cmpge(-slack).all() && canvas.cmple(high).all();
@@ -141,15 +139,15 @@ impl<'a> Footprint<'a> {
     }
 
     /// The pixel map of the channel; `None` if its pins leave no picture.
-    pub fn map(&self) -> Option<&PixelMap<'a>> {
+    pub fn map(&self) -> Option<&ChannelMapping<'a>> {
         self.map.as_ref()
     }
 
     /// Returns whether everything that says where its pixels lie is known, calibration files too.
     pub fn is_known(&self) -> bool {
         let is_mesh = matches!(self.ground.screen.surface, Surface::Mesh(_));
-        let is_placed = !is_mesh || self.ground.is_mesh() || self.channel.cover == Cover::Map;
-        is_placed && self.map.as_ref().is_some_and(PixelMap::is_known)
+        let is_placed = !is_mesh || self.ground.is_mesh() || self.channel.cover == ChannelKind::Map;
+        is_placed && self.map.as_ref().is_some_and(ChannelMapping::is_known)
     }
 
     /// The side at which this channel ends in a ramp without width, though another is there.
@@ -173,19 +171,19 @@ impl<'a> Footprint<'a> {
 }
 
 /// How a screen is covered, for each eye; empty if calibration files say it that are not read.
-pub fn coverage<'a>(of: impl Into<Shaped<'a>>, screen: usize) -> Vec<Coverage> {
-    let of: Shaped<'a> = of.into();
+pub fn coverage<'a>(of: impl Into<ResolvedWall<'a>>, screen: usize) -> Vec<Coverage> {
+    let of: ResolvedWall<'a> = of.into();
     let wall = of.wall;
     let Some(surface) = wall.screens.get(screen) else { return Vec::new() };
     let on_screen = |channel: &&Channel| usize::from(channel.screen) == screen;
     let is_unknown = |channel: &Channel| {
-        let map = PixelMap::shaped(channel, surface, of.shapes);
+        let map = ChannelMapping::shaped(channel, surface, of.shapes);
         !map.is_none_or(|map| map.is_known())
     };
     if wall.channels.iter().filter(on_screen).any(is_unknown) {
         return Vec::new();
     }
-    let of_eye = |eye: &EyeOf| {
+    let of_eye = |eye: &Eye| {
         let indices: Vec<usize> = (0..wall.channels.len())
             .filter(|index| on_screen(&&wall.channels[*index]))
             .filter(|index| is_seen_by(&wall.channels[*index], *eye))
@@ -195,7 +193,7 @@ pub fn coverage<'a>(of: impl Into<Shaped<'a>>, screen: usize) -> Vec<Coverage> {
     eyes(wall.channels.iter().filter(on_screen)).iter().map(of_eye).collect()
 }
 
-fn of_group(of: Shaped<'_>, screen: &Screen, eye: EyeOf, indices: &[usize]) -> Coverage {
+fn of_group(of: ResolvedWall<'_>, screen: &Screen, eye: Eye, indices: &[usize]) -> Coverage {
     let print = |index: &usize| Footprint::shaped(&of.wall.channels[*index], screen, of.shapes);
     let prints: Vec<Footprint<'_>> = indices.iter().map(print).collect();
     let (cells, pairs) = if prints.iter().all(|print| is_plain(print.channel)) {
@@ -203,7 +201,7 @@ fn of_group(of: Shaped<'_>, screen: &Screen, eye: EyeOf, indices: &[usize]) -> C
     } else {
         sampled(screen.canvas, &prints)
     };
-    let overlap = |((a, b), patch): ((usize, usize), Patch)| Overlap {
+    let overlap = |((a, b), patch): ((usize, usize), Region)| Overlap {
         channels: [indices[a], indices[b]],
         patch,
         is_blended: prints[a].hard_side(&prints[b]).is_none()
@@ -219,7 +217,7 @@ fn of_group(of: Shaped<'_>, screen: &Screen, eye: EyeOf, indices: &[usize]) -> C
 }
 
 /// Overlapping channels, by their places in the group.
-type Pairs = BTreeMap<(usize, usize), Patch>;
+type Pairs = BTreeMap<(usize, usize), Region>;
 
 /// A canvas cut by columns and rows, and how many channels show each cell.
 struct Cells {
@@ -271,7 +269,7 @@ fn exact(canvas: UVec2, prints: &[Footprint<'_>]) -> (Cells, Pairs) {
         for (first, other) in rects[..second].iter().enumerate() {
             if let Some(both) = rect.intersection(*other) {
                 let (origin, size) = (both.origin.as_dvec2(), both.size.as_dvec2());
-                pairs.insert((first, second), Patch { origin, size, area: both.area() as f64 });
+                pairs.insert((first, second), Region { origin, size, area: both.area() as f64 });
             }
         }
     }
@@ -299,11 +297,11 @@ fn sampled(canvas: UVec2, prints: &[Footprint<'_>]) -> (Cells, Pairs) {
             let there: Vec<usize> =
                 (0..prints.len()).filter(|index| prints[*index].covers(middle)).collect();
             count.push(there.len() as u32);
-            let cell = Patch { origin, size: step_px, area: step_px.x * step_px.y };
+            let cell = Region { origin, size: step_px, area: step_px.x * step_px.y };
             for (at, second) in there.iter().enumerate() {
                 for first in &there[..at] {
                     let patch =
-                        pairs.entry((*first, *second)).or_insert(Patch { area: 0.0, ..cell });
+                        pairs.entry((*first, *second)).or_insert(Region { area: 0.0, ..cell });
                     *patch = patch.with(cell);
                 }
             }
@@ -312,7 +310,7 @@ fn sampled(canvas: UVec2, prints: &[Footprint<'_>]) -> (Cells, Pairs) {
     (Cells { xs, ys, count, step_px }, pairs)
 }
 
-impl Patch {
+impl Region {
     /// Both, and the rectangle around them.
     fn with(self, other: Self) -> Self {
         let origin = self.origin.min(other.origin);
@@ -323,7 +321,7 @@ impl Patch {
 
 impl Cells {
     /// The cells that no channel shows, those that touch each other together; largest first.
-    fn holes(&self) -> Vec<Patch> {
+    fn holes(&self) -> Vec<Region> {
         let width = self.xs.len() - 1;
         let mut is_open: Vec<bool> = self.count.iter().map(|layers| *layers == 0).collect();
         let mut holes = Vec::new();
@@ -332,7 +330,7 @@ impl Cells {
                 continue;
             }
             is_open[start] = false;
-            let mut hole = Patch { area: 0.0, ..self.cell(start) };
+            let mut hole = Region { area: 0.0, ..self.cell(start) };
             let mut next = vec![start];
             while let Some(at) = next.pop() {
                 hole = hole.with(self.cell(at));
@@ -355,11 +353,11 @@ impl Cells {
         holes
     }
 
-    fn cell(&self, at: usize) -> Patch {
+    fn cell(&self, at: usize) -> Region {
         let (x, y) = (at % (self.xs.len() - 1), at / (self.xs.len() - 1));
         let origin = DVec2::new(self.xs[x], self.ys[y]);
         let size = DVec2::new(self.xs[x + 1], self.ys[y + 1]) - origin;
-        Patch { origin, size, area: size.x * size.y }
+        Region { origin, size, area: size.x * size.y }
     }
 }
 

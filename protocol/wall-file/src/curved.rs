@@ -2,19 +2,19 @@
 
 use glam::DVec3;
 use polyptych_wall::surface::{Cylinder, Sphere};
-use polyptych_wall::{FileKind, Surface};
+use polyptych_wall::{CalibrationFileKind, Surface};
 
 use super::check::{COORDINATE_MAX_M, check_numbers};
 use super::document::{CylinderSection, SphereSection};
 use super::error::WallFileError;
 use super::files::Files;
 use super::rotation::rotation;
-use super::screen::{Place, SCREEN_SIDE_MIN_M};
+use super::screen::{SCREEN_SIDE_MIN_M, Section};
 
 /// Fewest degrees that a patch spans: less is a slip of the unit, and nearly a plane.
 const SWEEP_DEGREES_MIN: f64 = 0.01;
 
-impl Place<'_> {
+impl Section<'_> {
     /// The screen's surface where it is no rectangle; `None` where it is one.
     pub fn curved(&self, files: &mut Files) -> Result<Option<Surface>, WallFileError> {
         let s = self.section;
@@ -41,7 +41,12 @@ impl Place<'_> {
             (_, Some(section), _) => Some(Surface::Sphere(self.sphere(section)?)),
             (_, _, Some(path)) => {
                 let key = self.key("mesh");
-                Some(Surface::Mesh(files.index(self.source, &key, path, FileKind::ScreenMesh)?))
+                Some(Surface::Mesh(files.index(
+                    self.source,
+                    &key,
+                    path,
+                    CalibrationFileKind::ScreenMesh,
+                )?))
             }
             _ => None,
         })

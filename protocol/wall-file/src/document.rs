@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 pub(super) use adjust::{AdjustSection, BendSection, EdgesSection, WarpObj, WarpZero};
 pub(super) use curved::{CylinderSection, ProjectorSection, SphereSection};
-pub(super) use lists::{Light, Pair, Rotation, Row};
+pub(super) use lists::{Pair, Rotation, Row, ScalarOrRgb};
 use lists::{exact, some_exact};
 
 use polyptych_wall::limits::{
@@ -20,7 +20,7 @@ use polyptych_wall::limits::{
     PORT_DEFAULT,
 };
 use polyptych_wall::viewpoint::STEREO_ERROR_DEFAULT_PX;
-use polyptych_wall::{BlendRule, EYE_SEPARATION_DEFAULT_M, NEAR_DEFAULT_M, StereoMode};
+use polyptych_wall::{BlendConfig, EYE_SEPARATION_DEFAULT_M, NEAR_DEFAULT_M, StereoMode};
 
 /// A wall: the screens of a display system and the channels that tile them. Lengths are in
 /// metres of display space (+X right, +Y up, the viewer looks along −Z), angles in degrees.
@@ -266,7 +266,7 @@ impl Default for DeadlineSection {
 
 impl Default for BlendSection {
     fn default() -> Self {
-        let BlendRule { exponent, leak } = BlendRule::default();
+        let BlendConfig { exponent, leak } = BlendConfig::default();
         Self { exponent, leak }
     }
 }

@@ -1,7 +1,7 @@
 //! serde's complaints in the words of someone who writes a wall file.
 
 /// A complaint, translated.
-pub(super) struct Complaint {
+pub(super) struct Explanation {
     /// The name of the key that is missing, where one is.
     pub missing: Option<String>,
     /// What is wrong.
@@ -11,19 +11,19 @@ pub(super) struct Complaint {
 }
 
 /// Translates one message of serde or of the toml crate; what it cannot translate it repeats.
-pub(super) fn explain(message: &str) -> Complaint {
+pub(super) fn explain(message: &str) -> Explanation {
     if let Some((name, valid)) = unknown(message, "unknown field ") {
         let what = format!("there is no key {name:?} here");
-        return Complaint { missing: None, what, remedy: suggest(&name, &valid, "keys") };
+        return Explanation { missing: None, what, remedy: suggest(&name, &valid, "keys") };
     }
     if let Some((name, valid)) = unknown(message, "unknown variant ") {
         let what = format!("{name:?} is none of the values possible");
-        return Complaint { missing: None, what, remedy: suggest(&name, &valid, "values") };
+        return Explanation { missing: None, what, remedy: suggest(&name, &valid, "values") };
     }
     if let Some(name) = message.strip_prefix("missing field ") {
         let name = name.trim_matches('`').to_owned();
         let remedy = format!("add {name} = …");
-        return Complaint { missing: Some(name), what: "the key is missing".to_owned(), remedy };
+        return Explanation { missing: Some(name), what: "the key is missing".to_owned(), remedy };
     }
     let invalid = ["invalid type: ", "invalid value: ", "invalid length "];
     if let Some(rest) = invalid.iter().find_map(|prefix| message.strip_prefix(prefix))
@@ -31,21 +31,21 @@ pub(super) fn explain(message: &str) -> Complaint {
     {
         let what = format!("found {}", found_words(found));
         let remedy = format!("write {}", expected_words(expected));
-        return Complaint { missing: None, what, remedy };
+        return Explanation { missing: None, what, remedy };
     }
     if message.ends_with("number overflowed") {
         let what = "the number is too large".to_owned();
-        return Complaint { missing: None, what, remedy: "write a smaller one".to_owned() };
+        return Explanation { missing: None, what, remedy: "write a smaller one".to_owned() };
     }
     let remedy = "polyptych wall schema prints what may stand here".to_owned();
-    Complaint { missing: None, what: message.to_owned(), remedy }
+    Explanation { missing: None, what: message.to_owned(), remedy }
 }
 
 /// What is wrong with a value in the place of one of these words.
-pub(super) fn explain_words(found: &str, words: &[String]) -> Complaint {
+pub(super) fn explain_words(found: &str, words: &[String]) -> Explanation {
     let quoted: Vec<_> = words.iter().map(|word| format!("{word:?}")).collect();
     let remedy = format!("write one of {}", quoted.join(", "));
-    Complaint { missing: None, what: format!("found {found}"), remedy }
+    Explanation { missing: None, what: format!("found {found}"), remedy }
 }
 
 /// The name and the valid names in "unknown field `x`, expected `a` or `b`".

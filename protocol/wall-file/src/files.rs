@@ -1,23 +1,23 @@
 //! The files of others that a wall file names, each once, in the order in which it names them.
 
 use polyptych_wall::limits::PATH_BYTES_MAX;
-use polyptych_wall::{FileKind, MapFile};
+use polyptych_wall::{CalibrationFile, CalibrationFileKind};
 
 use super::error::WallFileError;
-use super::source::Source;
+use super::source::SourceText;
 
 /// Those that were named so far.
 #[derive(Default)]
-pub(super) struct Files(Vec<MapFile>);
+pub(super) struct Files(Vec<CalibrationFile>);
 
 impl Files {
     /// The index of the file that this key names; nothing is read from it here.
     pub fn index(
         &mut self,
-        source: &Source<'_>,
+        source: &SourceText<'_>,
         key: &str,
         path: &str,
-        kind: FileKind,
+        kind: CalibrationFileKind,
     ) -> Result<u16, WallFileError> {
         if path.is_empty() || path.contains('\0') || path.len() > PATH_BYTES_MAX {
             let what = format!("{:?} is no file", path.chars().take(80).collect::<String>());
@@ -26,7 +26,7 @@ impl Files {
         }
         let known = self.0.iter().position(|file| file.path == path && file.kind == kind);
         let index = known.unwrap_or_else(|| {
-            self.0.push(MapFile {
+            self.0.push(CalibrationFile {
                 path: path.to_owned(),
                 kind,
                 blob: None,
@@ -40,7 +40,7 @@ impl Files {
     }
 
     /// All of them.
-    pub fn into_list(self) -> Vec<MapFile> {
+    pub fn into_list(self) -> Vec<CalibrationFile> {
         self.0
     }
 }

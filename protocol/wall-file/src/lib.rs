@@ -56,7 +56,7 @@ pub use schema::schema;
 pub use write::to_toml;
 
 use polyptych_wall::Wall;
-use source::Source;
+use source::SourceText;
 
 /// Largest wall file: 1,024 channels by hand take 100 KiB.
 pub const WALL_FILE_BYTES_MAX: usize = 1 << 20;
@@ -121,7 +121,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Wall, WallFileError> {
             remedy: "give the path of a wall file".to_owned(),
         });
     }
-    let source = Source::parse(text, path)?;
+    let source = SourceText::parse(text, path)?;
     let document = source.document()?;
     check::wall(&source, &document)
 }

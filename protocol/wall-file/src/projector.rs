@@ -8,7 +8,7 @@ use super::check::{COORDINATE_MAX_M, check_numbers};
 use super::document::ProjectorSection;
 use super::error::WallFileError;
 use super::rotation::rotation;
-use super::source::Source;
+use super::source::SourceText;
 
 /// Narrowest and widest picture, across or down: a laser spot, and what a pinhole still can.
 const DEGREES_RANGE: (f64, f64) = (0.001, 175.0);
@@ -24,7 +24,7 @@ const LOOK_DISTANCE_MIN_M: f64 = 1e-6;
 
 /// The projector that a table of this key describes.
 pub(super) fn projector(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     key: &str,
     section: &ProjectorSection,
 ) -> Result<Projector, WallFileError> {
@@ -57,7 +57,7 @@ pub(super) fn projector(
 
 /// Left, right, bottom, top.
 fn tangents(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     key: &str,
     section: &ProjectorSection,
 ) -> Result<[f64; 4], WallFileError> {

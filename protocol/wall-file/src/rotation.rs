@@ -6,7 +6,7 @@ use glam::DQuat;
 use super::check::check_numbers;
 use super::document::Rotation;
 use super::error::WallFileError;
-use super::source::Source;
+use super::source::SourceText;
 
 /// How far from 1 the length of a quaternion may be; as what travels is checked for.
 const LENGTH_ERROR_MAX: f64 = 1e-6;
@@ -17,7 +17,7 @@ const ULPS_MAX: i64 = 4;
 
 /// What a rotation of the file means; none is no rotation.
 pub(super) fn rotation(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     key: &str,
     rotation: Option<Rotation>,
 ) -> Result<DQuat, WallFileError> {

@@ -1,16 +1,16 @@
-//! From a screen's section to a [`Screen`]: its place, its form and its projection. Its channels
+//! From a screen's section to a [`Terminal`]: its place, its form and its projection. Its channels
 //! come from [`tiles`](super::tiles) or [`by_hand`](super::by_hand).
 
 use glam::{DMat3, DVec2, DVec3, UVec2};
 use polyptych_wall::limits::{CHANNEL_SIDE_MAX, SHARED_CANVAS_SIDE_MAX};
 use polyptych_wall::surface::Plane;
-use polyptych_wall::{Adjustment, Channel, Cover, Projection, Screen, Surface};
+use polyptych_wall::{Channel, ChannelCalibration, ChannelKind, FrustumMode, Screen, Surface};
 
 use super::check::{COORDINATE_MAX_M, check_name, check_numbers};
 use super::document::{ProjectionChoice, ScreenSection};
 use super::error::WallFileError;
 use super::files::Files;
-use super::source::Source;
+use super::source::SourceText;
 use crate::tiling::Rect;
 
 /// Shortest side of a screen: the smallest displays made are some millimetres wide.
@@ -21,7 +21,7 @@ pub(super) const SCREEN_SIDE_MIN_M: f64 = 1e-3;
 const RIGHT_ANGLE_COSINE_MAX: f64 = 1e-3;
 
 /// A channel, with the keys that errors about it name.
-pub(super) struct Draft {
+pub(super) struct ChannelDraft {
     /// What it will be.
     pub channel: Channel,
     /// Where its name comes from.
@@ -30,7 +30,7 @@ pub(super) struct Draft {
     pub key: String,
 }
 
-impl Draft {
+impl ChannelDraft {
     /// What it shows.
     pub fn rect(&self) -> Rect {
         Rect { origin: self.channel.origin, size: self.channel.size }
@@ -38,9 +38,9 @@ impl Draft {
 }
 
 /// A section, where it stands and what it is read from.
-pub(super) struct Place<'a> {
+pub(super) struct Section<'a> {
     /// The file.
-    pub source: &'a Source<'a>,
+    pub source: &'a SourceText<'a>,
     /// The screen's place in the list of screens.
     pub index: u16,
     /// What the file says.
@@ -49,12 +49,12 @@ pub(super) struct Place<'a> {
 
 /// The screen of this index and its channels.
 pub(super) fn screen(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     index: u16,
     section: &ScreenSection,
     files: &mut Files,
-) -> Result<(Screen, Vec<Draft>), WallFileError> {
-    let place = Place { source, index, section };
+) -> Result<(Screen, Vec<ChannelDraft>), WallFileError> {
+    let place = Section { source, index, section };
     check_name(source, &place.key("name"), &section.name)?;
     let surface = if let Some(surface) = place.curved(files)? {
         surface
@@ -81,15 +81,15 @@ pub(super) fn screen(
     let projection = place.projection(screen.canvas)?;
     for draft in &mut drafts {
         draft.channel.projection = match draft.channel.cover {
-            Cover::Tile => projection,
+            ChannelKind::Tile => projection,
             // No canvas is shared with it.
-            Cover::Projector(_) | Cover::Map => Projection::Own,
+            ChannelKind::Projector(_) | ChannelKind::Map => FrustumMode::Own,
         };
     }
     Ok((screen, drafts))
 }
 
-impl Place<'_> {
+impl Section<'_> {
     /// The whole key of one of the section's keys.
     pub fn key(&self, name: &str) -> String {
         format!("screen[{}].{name}", self.index)
@@ -200,7 +200,7 @@ impl Place<'_> {
         Err(self.error("upper_left", what, &remedy))
     }
 
-    fn projection(&self, canvas: UVec2) -> Result<Projection, WallFileError> {
+    fn projection(&self, canvas: UVec2) -> Result<FrustumMode, WallFileError> {
         let fits = canvas.max_element() <= SHARED_CANVAS_SIDE_MAX;
         match self.section.projection {
             Some(ProjectionChoice::Shared) if !fits => {
@@ -213,9 +213,9 @@ impl Place<'_> {
                 );
                 Err(self.error("projection", what, &remedy))
             }
-            Some(ProjectionChoice::Own) => Ok(Projection::Own),
-            None if !fits => Ok(Projection::Own),
-            Some(ProjectionChoice::Shared) | None => Ok(Projection::Shared),
+            Some(ProjectionChoice::Own) => Ok(FrustumMode::Own),
+            None if !fits => Ok(FrustumMode::Own),
+            Some(ProjectionChoice::Shared) | None => Ok(FrustumMode::Shared),
         }
     }
 
@@ -238,7 +238,7 @@ impl Place<'_> {
         rect: Rect,
         name_key: String,
         key: String,
-    ) -> Draft {
+    ) -> ChannelDraft {
         let channel = Channel {
             name,
             screen: self.index,
@@ -246,11 +246,11 @@ impl Place<'_> {
             size: rect.size,
             server,
             monitor: None,
-            projection: Projection::Shared,
-            cover: Cover::Tile,
-            adjustment: Adjustment::default(),
+            projection: FrustumMode::Shared,
+            cover: ChannelKind::Tile,
+            adjustment: ChannelCalibration::default(),
         };
-        Draft { channel, name_key, key }
+        ChannelDraft { channel, name_key, key }
     }
 }
 

@@ -2,12 +2,12 @@
 
 use glam::{DVec2, DVec3};
 use polyptych_wall::frustum::EYE_DISTANCE_MIN_M;
-use polyptych_wall::pixels::PixelMap;
-use polyptych_wall::{Channel, Cover, Screen};
+use polyptych_wall::pixels::ChannelMapping;
+use polyptych_wall::{Channel, ChannelKind, Screen};
 
 use super::error::WallFileError;
-use super::screen::Draft;
-use super::source::Source;
+use super::screen::ChannelDraft;
+use super::source::SourceText;
 use crate::coverage::Footprint;
 
 /// Places of a channel, across and down, at which it is looked at: corners and middles, and some
@@ -16,10 +16,10 @@ const SIDE: u32 = 9;
 
 /// The eye must see the front of every screen, and every projector light its own.
 pub(super) fn check(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     eye: DVec3,
     screens: &[Screen],
-    drafts: &[Draft],
+    drafts: &[ChannelDraft],
 ) -> Result<(), WallFileError> {
     for (index, screen) in screens.iter().enumerate() {
         let drafts = drafts.iter().filter(|draft| usize::from(draft.channel.screen) == index);
@@ -29,7 +29,7 @@ pub(super) fn check(
             check_distance(source, eye, screen, first, distance_m)?;
         }
         for draft in drafts {
-            let is_thrown = matches!(draft.channel.cover, Cover::Projector(_));
+            let is_thrown = matches!(draft.channel.cover, ChannelKind::Projector(_));
             check_nearness(source, eye, screen, &draft.channel)?;
             if screen.plane().is_some() && !is_thrown {
                 continue;
@@ -49,7 +49,7 @@ pub(super) fn check(
 }
 
 fn check_distance(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     eye: DVec3,
     screen: &Screen,
     channel: &str,
@@ -76,7 +76,7 @@ fn check_distance(
 }
 
 fn check_nearness(
-    source: &Source<'_>,
+    source: &SourceText<'_>,
     eye: DVec3,
     screen: &Screen,
     channel: &Channel,
@@ -97,7 +97,11 @@ fn check_nearness(
 }
 
 /// A projector whose pixels all miss may still light a screen that is small in its picture.
-fn check_lit(source: &Source<'_>, screen: &Screen, draft: &Draft) -> Result<(), WallFileError> {
+fn check_lit(
+    source: &SourceText<'_>,
+    screen: &Screen,
+    draft: &ChannelDraft,
+) -> Result<(), WallFileError> {
     let canvas = screen.canvas.as_dvec2();
     let print = Footprint::new(&draft.channel, screen);
     let is_file = screen.display_from_canvas(canvas / 2.0).is_none();
@@ -114,7 +118,7 @@ fn check_lit(source: &Source<'_>, screen: &Screen, draft: &Draft) -> Result<(), 
 
 /// Places of the canvas that a channel shows; none where only files know.
 fn places(channel: &Channel, screen: &Screen) -> Vec<DVec2> {
-    let Some(map) = PixelMap::new(channel, screen) else { return Vec::new() };
+    let Some(map) = ChannelMapping::new(channel, screen) else { return Vec::new() };
     let canvas = screen.canvas.as_dvec2();
     let is_on = |at: &DVec2| at.cmpge(DVec2::ZERO).all() && at.cmple(canvas).all();
     let pixels = grid(channel.size.as_dvec2());

@@ -9,18 +9,18 @@ use toml::de::{DeTable, DeValue};
 
 use super::document::Document;
 use super::error::WallFileError;
-use super::explain::{Complaint, explain, explain_words};
+use super::explain::{Explanation, explain, explain_words};
 use super::schema::words_at;
 use super::syntax::{Slip, TomlError, diagnose};
 
 /// The text, and what stands where in it.
-pub(super) struct Source<'a> {
+pub(super) struct SourceText<'a> {
     path: &'a Path,
     text: &'a str,
     root: Spanned<DeTable<'a>>,
 }
 
-impl<'a> Source<'a> {
+impl<'a> SourceText<'a> {
     /// Reads the text as TOML, whatever it may say.
     pub fn parse(text: &'a str, path: &'a Path) -> Result<Self, WallFileError> {
         let (root, errors) = DeTable::parse_recoverable(text);
@@ -45,7 +45,7 @@ impl<'a> Source<'a> {
             let is_word = error.message().starts_with("unknown ");
             let complaint = complaint.filter(|_| !is_word);
             let complaint = complaint.unwrap_or_else(|| explain(error.message()));
-            let Complaint { missing, what, remedy } = complaint;
+            let Explanation { missing, what, remedy } = complaint;
             match missing {
                 // The place is the table's; the key is the one that should be in it. What must
                 // stand above all tables is itself a table.
@@ -199,7 +199,7 @@ impl<'a> Source<'a> {
     }
 
     /// What is wrong with a value that stands where the schema wants one of a few words.
-    fn words_wanted(&self, key: &str, offset: usize) -> Option<Complaint> {
+    fn words_wanted(&self, key: &str, offset: usize) -> Option<Explanation> {
         let words = words_at(key);
         if !words.is_empty() {
             return Some(explain_words(&self.value_at(offset), &words));

@@ -13,12 +13,12 @@ mod text;
 mod warnings;
 
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::{Ground, Shaped};
-use polyptych_wall::{Channel, EyeOf, Packing, Screen, Surface, Wall};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::{ResolvedWall, ScreenGeometry};
+use polyptych_wall::{Channel, Eye, Screen, StereoPacking, Surface, Wall};
 use serde::Serialize;
 
-use crate::coverage::{self, Coverage, Patch, is_plain};
+use crate::coverage::{self, Coverage, Region, is_plain};
 
 pub use blend_row::BlendRow;
 pub use channel_row::{ChannelRow, ProjectorRow};
@@ -28,7 +28,7 @@ const NEAREST_SIDE: u32 = 64;
 
 /// A wall in numbers. Displays as text with units; serialises for `--json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct WallTable {
+pub struct CheckReport {
     /// The wall's name.
     pub name: String,
     /// Pixels of all displays together, both eyes' where they are packed.
@@ -97,7 +97,7 @@ pub struct ScreenRow {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CoverageRow {
     /// `center`, `left` or `right`.
-    pub eye: EyeOf,
+    pub eye: Eye,
     /// The share of the canvas that a channel shows.
     pub covered: f64,
     /// Maximum number of channels that show one place.
@@ -107,7 +107,7 @@ pub struct CoverageRow {
     /// Number of pixels that no channel shows, all parts together.
     pub uncovered_pixels: f64,
     /// Parts that no channel shows, the largest first.
-    pub uncovered: Vec<PatchRow>,
+    pub uncovered: Vec<RegionRow>,
     /// Channels that show the same.
     pub overlaps: Vec<OverlapRow>,
     /// How far apart the places are that were looked at, in pixels; 0 where all were counted.
@@ -116,7 +116,7 @@ pub struct CoverageRow {
 
 /// A part of a canvas.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct PatchRow {
+pub struct RegionRow {
     /// The upper left of the rectangle around it, in pixels of the canvas.
     pub origin: [f64; 2],
     /// That rectangle's width and height in pixels.
@@ -137,7 +137,7 @@ pub struct OverlapRow {
     /// Their names.
     pub channels: [String; 2],
     /// What both show.
-    pub patch: PatchRow,
+    pub patch: RegionRow,
     /// Whether they share their light there.
     pub is_blended: bool,
 }
@@ -153,14 +153,14 @@ pub struct BezelRow {
     pub in_force_m: [f64; 2],
 }
 
-impl WallTable {
+impl CheckReport {
     /// The numbers of a wall, from its own eye, as far as the geometry of its files says.
-    pub fn of<'a>(of: impl Into<Shaped<'a>>) -> Self {
-        Self::with_files(of.into(), &Maps::default())
+    pub fn of<'a>(of: impl Into<ResolvedWall<'a>>) -> Self {
+        Self::with_files(of.into(), &CalibrationMaps::default())
     }
 
     /// The numbers of a wall, from its own eye, with what its calibration files say.
-    pub fn with_files(of: Shaped<'_>, maps: &Maps) -> Self {
+    pub fn with_files(of: ResolvedWall<'_>, maps: &CalibrationMaps) -> Self {
         let wall = of.wall;
         let screens: Vec<ScreenRow> =
             (0..wall.screens.len()).map(|index| screen_row(of, index)).collect();
@@ -188,8 +188,8 @@ fn area(size: UVec2) -> u64 {
 
 fn stereo(wall: &Wall) -> Stereo {
     let adjustments = || wall.channels.iter().map(|channel| &channel.adjustment);
-    let is_packed = adjustments().any(|of| of.packing != Packing::None);
-    let is_passive = adjustments().any(|of| of.eye != EyeOf::Center);
+    let is_packed = adjustments().any(|of| of.packing != StereoPacking::None);
+    let is_passive = adjustments().any(|of| of.eye != Eye::Center);
     match (is_passive, is_packed) {
         (false, false) => Stereo::None,
         (true, false) => Stereo::Passive,
@@ -207,7 +207,7 @@ fn finite<const N: usize>(numbers: [f64; N]) -> Option<[f64; N]> {
     numbers.iter().all(|number| number.is_finite()).then_some(numbers)
 }
 
-fn screen_row(of: Shaped<'_>, index: usize) -> ScreenRow {
+fn screen_row(of: ResolvedWall<'_>, index: usize) -> ScreenRow {
     let wall = of.wall;
     let screen = &wall.screens[index];
     let surface = match screen.surface {
@@ -243,7 +243,7 @@ fn screen_row(of: Shaped<'_>, index: usize) -> ScreenRow {
 }
 
 /// Width and height of a mesh along the middle of its canvas.
-fn mesh_size_m(ground: Ground<'_>, eye: DVec3) -> Option<[f64; 2]> {
+fn mesh_size_m(ground: ScreenGeometry<'_>, eye: DVec3) -> Option<[f64; 2]> {
     let canvas = ground.screen.canvas.as_dvec2();
     let along = |axis: DVec2| {
         let place = |t: f64| ground.display_from_canvas(canvas * (0.5 + axis * (t - 0.5)));
@@ -253,7 +253,7 @@ fn mesh_size_m(ground: Ground<'_>, eye: DVec3) -> Option<[f64; 2]> {
 }
 
 /// The least distance to a curved screen, at a grid of its places.
-fn nearest_m(ground: Ground<'_>, eye: DVec3) -> Option<f64> {
+fn nearest_m(ground: ScreenGeometry<'_>, eye: DVec3) -> Option<f64> {
     let at = |step: u32| f64::from(step) / f64::from(NEAREST_SIDE);
     let places =
         (0..=NEAREST_SIDE).flat_map(|y| (0..=NEAREST_SIDE).map(move |x| DVec2::new(at(x), at(y))));
@@ -263,7 +263,7 @@ fn nearest_m(ground: Ground<'_>, eye: DVec3) -> Option<f64> {
     distances.min_by(f64::total_cmp)
 }
 
-fn coverage_row(of: Shaped<'_>, index: usize, coverage: &Coverage) -> CoverageRow {
+fn coverage_row(of: ResolvedWall<'_>, index: usize, coverage: &Coverage) -> CoverageRow {
     let wall = of.wall;
     let screen = &wall.screens[index];
     let open: f64 = coverage.holes.iter().map(|hole| hole.area).sum();
@@ -292,8 +292,8 @@ fn coverage_row(of: Shaped<'_>, index: usize, coverage: &Coverage) -> CoverageRo
     }
 }
 
-fn patch_row(ground: Ground<'_>, eye: DVec3, patch: Patch) -> PatchRow {
-    let Patch { origin, size, area } = patch;
+fn patch_row(ground: ScreenGeometry<'_>, eye: DVec3, patch: Region) -> RegionRow {
+    let Region { origin, size, area } = patch;
     let middle = origin + size / 2.0;
     let along = |axis: DVec2| {
         let place = |t: f64| ground.display_from_canvas(middle + axis * size * (t - 0.5));
@@ -301,7 +301,7 @@ fn patch_row(ground: Ground<'_>, eye: DVec3, patch: Patch) -> PatchRow {
     };
     let is_even = matches!(ground.screen.surface, Surface::Plane(_) | Surface::Cylinder(_));
     let pixel_m2 = pitch_m(ground.screen).element_product();
-    PatchRow {
+    RegionRow {
         origin: origin.to_array(),
         pixels: size.to_array(),
         size_m: along(DVec2::X).zip(along(DVec2::Y)).map(|(across, down)| [across, down]),

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_wall::limits::SHARED_CANVAS_SIDE_MAX;
-use polyptych_wall::{DeadlineRule, Projection, Wall};
+use polyptych_wall::{DeadlinePolicy, FrustumMode, Wall};
 
 use super::{load, parse, schema, to_toml};
 
@@ -92,7 +92,7 @@ fn the_smallest_wall_has_the_defaults() {
     let wall = read(SMALLEST);
     assert_eq!(wall.eye, DVec3::ZERO);
     assert_eq!((wall.near_m, wall.samples, wall.heartbeat_ms), (0.05, 1, 2000));
-    assert_eq!(wall.deadline, DeadlineRule { factor: 4.0, min_ms: 50, max_ms: 2000 });
+    assert_eq!(wall.deadline, DeadlinePolicy { factor: 4.0, min_ms: 50, max_ms: 2000 });
     assert_eq!(wall.listen, "127.0.0.1:7878");
     assert_eq!((wall.stores.len(), wall.scenes.as_slice()), (0, &["/walls".to_owned()][..]));
     let screen = &wall.screens[0];
@@ -104,7 +104,7 @@ fn the_smallest_wall_has_the_defaults() {
     let [channel] = wall.channels.as_slice() else { panic!("{:?}", wall.channels) };
     assert_eq!((channel.name.as_str(), channel.server.as_str()), ("front", "front"));
     assert_eq!((channel.origin, channel.size), (UVec2::ZERO, UVec2::new(200, 100)));
-    assert_eq!(channel.projection, Projection::Shared);
+    assert_eq!(channel.projection, FrustumMode::Shared);
 }
 
 #[test]
@@ -162,10 +162,10 @@ fn turned_screens_stand_where_the_document_says() {
 #[test]
 fn long_canvases_get_frusta_of_their_own() {
     let tiles = format!("{SMALLEST}columns = 50\n");
-    assert_eq!(read(&tiles).channels[49].projection, Projection::Own);
+    assert_eq!(read(&tiles).channels[49].projection, FrustumMode::Own);
     const { assert!(50 * 200 > SHARED_CANVAS_SIDE_MAX) };
     let own = SMALLEST.replace("[screen.tiles]", "projection = \"own\"\n[screen.tiles]");
-    assert_eq!(read(&own).channels[0].projection, Projection::Own);
+    assert_eq!(read(&own).channels[0].projection, FrustumMode::Own);
 }
 
 #[test]

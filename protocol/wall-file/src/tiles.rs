@@ -7,16 +7,16 @@ use polyptych_wall::{Bezel, Screen, Surface};
 use super::check::{COORDINATE_MAX_M, check_name, check_numbers};
 use super::document::TilesSection;
 use super::error::WallFileError;
-use super::screen::{Draft, Place};
+use super::screen::{ChannelDraft, Section};
 use crate::tiling::{self, Rect};
 
-impl Place<'_> {
+impl Section<'_> {
     /// Channels as a grid; sets the screen's canvas and bezel.
     pub fn tiles(
         &self,
         tiles: &TilesSection,
         screen: &mut Screen,
-    ) -> Result<Vec<Draft>, WallFileError> {
+    ) -> Result<Vec<ChannelDraft>, WallFileError> {
         self.check_grid(tiles)?;
         let grid = UVec2::new(tiles.columns, tiles.rows);
         let tile = self.check_channel_size("tiles.pixels", tiles.pixels)?;
@@ -116,7 +116,12 @@ impl Place<'_> {
     }
 
     /// The tile at this place of the list, row by row.
-    fn tile(&self, tiles: &TilesSection, at: usize, rect: Rect) -> Result<Draft, WallFileError> {
+    fn tile(
+        &self,
+        tiles: &TilesSection,
+        at: usize,
+        rect: Rect,
+    ) -> Result<ChannelDraft, WallFileError> {
         let default_name = || {
             let columns = tiles.columns as usize;
             let (column, row) = (at % columns + 1, at / columns + 1);

@@ -6,7 +6,7 @@ use glam::{DVec3, UVec2};
 use polyptych_wall::limits::SHARED_CANVAS_SIDE_MAX;
 use polyptych_wall::projector::Projector;
 use polyptych_wall::surface::{Cylinder, Sphere};
-use polyptych_wall::{Bezel, Channel, Cover, Projection, Screen, Surface, Wall};
+use polyptych_wall::{Bezel, Channel, ChannelKind, FrustumMode, Screen, Surface, Wall};
 
 use super::document::{
     AdjustSection, BlendSection, ChannelSection, CylinderSection, DeadlineSection, Document,
@@ -58,10 +58,10 @@ fn adjusted(wall: &Wall, channel: &Channel) -> Option<(String, AdjustSection)> {
 fn section(wall: &Wall, at: u16, screen: &Screen) -> ScreenSection {
     let channels: Vec<&Channel> = wall.channels.iter().filter(|c| c.screen == at).collect();
     let fits = screen.canvas.max_element() <= SHARED_CANVAS_SIDE_MAX;
-    let tile = channels.iter().find(|channel| channel.cover == Cover::Tile);
+    let tile = channels.iter().find(|channel| channel.cover == ChannelKind::Tile);
     let projection = match tile.map(|channel| channel.projection) {
         // What is the default anyway is not written.
-        Some(Projection::Own) if fits => Some(ProjectionChoice::Own),
+        Some(FrustumMode::Own) if fits => Some(ProjectionChoice::Own),
         _ => None,
     };
     let place = ScreenSection { projection, ..place(wall, screen) };
@@ -116,8 +116,8 @@ fn place(wall: &Wall, screen: &Screen) -> ScreenSection {
     }
 }
 
-fn thrown(cover: &Cover) -> Option<ProjectorSection> {
-    let Cover::Projector(projector) = cover else { return None };
+fn thrown(cover: &ChannelKind) -> Option<ProjectorSection> {
+    let ChannelKind::Projector(projector) = cover else { return None };
     let Projector { position, rotation, tangents } = **projector;
     Some(ProjectorSection {
         position: position.to_array(),

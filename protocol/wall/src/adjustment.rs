@@ -14,26 +14,26 @@ use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX, LEAK_MAX};
 
 /// How a channel differs from a tile that is shown as it is drawn. The default is no difference.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Adjustment {
+pub struct ChannelCalibration {
     /// How the display hangs.
-    pub turn: Turn,
+    pub turn: Orientation,
     /// Left and right are exchanged, as for projection from behind, before it is turned.
     pub mirror: bool,
     /// Whose eye it is for.
-    pub eye: EyeOf,
+    pub eye: Eye,
     /// How the pictures of both eyes share one display.
-    pub packing: Packing,
+    pub packing: StereoPacking,
     /// By how many pixels, x right and y down, the corners are moved: upper left, upper right,
     /// lower left, lower right. The picture follows by the homography of the four.
     pub pin: [DVec2; 4],
     /// A grid of points that are moved, after the pins.
-    pub bend: Option<Bend>,
+    pub bend: Option<ControlGrid>,
     /// Where its blends begin.
-    pub edges: Edges,
+    pub edges: BlendWidths,
     /// Who says how its light fades where others light the same places.
     pub ramps: Ramps,
     /// Its light.
-    pub color: Color,
+    pub color: ColorCorrection,
     /// An index into [`Wall::files`](super::Wall::files): where each of its pixels lies.
     pub warp: Option<u16>,
     /// An index into [`Wall::files`](super::Wall::files): multiplies its light.
@@ -41,14 +41,14 @@ pub struct Adjustment {
     /// An index into [`Wall::files`](super::Wall::files): its least light.
     pub beta: Option<u16>,
     /// How fine its display's codes are.
-    pub bits: Bits,
+    pub bits: BitDepth,
 }
 
 /// How a display hangs: by which turn its upper side went.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-pub enum Turn {
+pub enum Orientation {
     /// Upright.
     #[default]
     None,
@@ -75,7 +75,7 @@ pub enum Ramps {
 
 /// Bits of each of a display's red, green and blue codes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Bits {
+pub enum BitDepth {
     /// 256 codes.
     #[default]
     Eight,
@@ -87,7 +87,7 @@ pub enum Bits {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-pub enum EyeOf {
+pub enum Eye {
     /// The middle of both.
     #[default]
     Center,
@@ -101,7 +101,7 @@ pub enum EyeOf {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-pub enum Packing {
+pub enum StereoPacking {
     /// There is one picture.
     #[default]
     None,
@@ -116,7 +116,7 @@ pub enum Packing {
 /// A grid of control points over the channel's picture, moved by pixels; between them the move is
 /// a Catmull-Rom spline's, which passes through each.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Bend {
+pub struct ControlGrid {
     /// Points across and down, from edge to edge; 2 or more each.
     pub points: UVec2,
     /// By how many pixels each is moved, row by row from the upper left.
@@ -170,7 +170,7 @@ impl PartialEq for Moves {
 
 /// How wide the ramps at a channel's edges are, in its pixels; `None`: as wide as the overlap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Edges {
+pub struct BlendWidths {
     /// At the left edge.
     pub left: Option<f64>,
     /// At the right edge.
@@ -183,21 +183,21 @@ pub struct Edges {
 
 /// What a channel's light is turned into before it becomes codes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Color {
+pub struct ColorCorrection {
     /// Linear light is multiplied by it first.
     pub matrix: DMat3,
     /// Then red, green and blue by these.
     pub gain: DVec3,
     /// How codes become light on this display.
-    pub curve: Curve,
+    pub curve: TransferFunction,
     /// What it shows of black, as a share of its white, in its red, green and blue; `None`: as
-    /// the wall's projectors do ([`BlendRule::leak`](super::BlendRule)).
+    /// the wall's projectors do ([`BlendConfig::leak`](super::BlendRule)).
     pub leak: Option<DVec3>,
 }
 
 /// How a display turns codes into light.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub enum Curve {
+pub enum TransferFunction {
     /// IEC 61966-2-1.
     #[default]
     Srgb,
@@ -207,13 +207,18 @@ pub enum Curve {
     Measured(Vec<DVec3>),
 }
 
-impl Default for Color {
+impl Default for ColorCorrection {
     fn default() -> Self {
-        Self { matrix: DMat3::IDENTITY, gain: DVec3::ONE, curve: Curve::Srgb, leak: None }
+        Self {
+            matrix: DMat3::IDENTITY,
+            gain: DVec3::ONE,
+            curve: TransferFunction::Srgb,
+            leak: None,
+        }
     }
 }
 
-impl Adjustment {
+impl ChannelCalibration {
     /// What is shown is what was drawn, but for the turn, and for light that others share.
     pub fn is_plain(&self) -> bool {
         *self == Self { eye: self.eye, edges: self.edges, ..Self::default() }
@@ -222,13 +227,13 @@ impl Adjustment {
     /// The display's own width and height, for an upright picture of this size.
     pub fn display_size(&self, upright: UVec2) -> UVec2 {
         let packed = match self.packing {
-            Packing::None | Packing::Anaglyph => upright,
-            Packing::SideBySide => upright * UVec2::new(2, 1),
-            Packing::TopBottom => upright * UVec2::new(1, 2),
+            StereoPacking::None | StereoPacking::Anaglyph => upright,
+            StereoPacking::SideBySide => upright * UVec2::new(2, 1),
+            StereoPacking::TopBottom => upright * UVec2::new(1, 2),
         };
         match self.turn {
-            Turn::None | Turn::Half => packed,
-            Turn::Left | Turn::Right => UVec2::new(packed.y, packed.x),
+            Orientation::None | Orientation::Half => packed,
+            Orientation::Left | Orientation::Right => UVec2::new(packed.y, packed.x),
         }
     }
 
@@ -236,13 +241,13 @@ impl Adjustment {
     /// of [`Self::display_size`]. `None` if two pictures would have to share an odd side.
     pub fn upright_size(&self, display: UVec2) -> Option<UVec2> {
         let packed = match self.turn {
-            Turn::None | Turn::Half => display,
-            Turn::Left | Turn::Right => UVec2::new(display.y, display.x),
+            Orientation::None | Orientation::Half => display,
+            Orientation::Left | Orientation::Right => UVec2::new(display.y, display.x),
         };
         let parts = match self.packing {
-            Packing::None | Packing::Anaglyph => UVec2::ONE,
-            Packing::SideBySide => UVec2::new(2, 1),
-            Packing::TopBottom => UVec2::new(1, 2),
+            StereoPacking::None | StereoPacking::Anaglyph => UVec2::ONE,
+            StereoPacking::SideBySide => UVec2::new(2, 1),
+            StereoPacking::TopBottom => UVec2::new(1, 2),
         };
         (packed % parts == UVec2::ZERO).then(|| packed / parts)
     }
@@ -277,7 +282,7 @@ impl Adjustment {
     }
 }
 
-impl Color {
+impl ColorCorrection {
     fn fault(&self) -> Option<String> {
         let is_light = |light: DVec3| light.is_finite() && light.cmpge(DVec3::ZERO).all();
         if !(self.matrix.is_finite() && is_light(self.gain)) {
@@ -288,10 +293,11 @@ impl Color {
             return Some(format!("a leak of {leak}, where 0 to {LEAK_MAX} can be"));
         }
         match &self.curve {
-            Curve::Srgb => None,
-            Curve::Gamma(gamma) => (!gamma.is_finite() || gamma.cmple(DVec3::ZERO).any())
-                .then(|| format!("a gamma of {gamma}, where numbers above 0 can be")),
-            Curve::Measured(light) => {
+            TransferFunction::Srgb => None,
+            TransferFunction::Gamma(gamma) => (!gamma.is_finite()
+                || gamma.cmple(DVec3::ZERO).any())
+            .then(|| format!("a gamma of {gamma}, where numbers above 0 can be")),
+            TransferFunction::Measured(light) => {
                 let rises = light.windows(2).all(|pair| pair[0].cmple(pair[1]).all());
                 let ends = (light.first(), light.last()) == (Some(&DVec3::ZERO), Some(&DVec3::ONE));
                 let is_good = (2..=CURVE_POINTS_MAX).contains(&light.len()) && rises && ends;

@@ -12,7 +12,7 @@
 //! its white) and C_i its gains times its matrix, which make the light of the wall of its own: it
 //! shows C_i⁻¹·(b_i + (1 − b_i)·light), so that all of them together show
 //! Σ l_j + (B − Σ l_j) + (1 − B)·I = B + (1 − B)·I, whichever light the place. (1 − B) and
-//! 1 / (1 − b_i) are in the colours ([`Blend::color`]), the rest is in the light map.
+//! 1 / (1 − b_i) are in the colours ([`BlendModel::color`]), the rest is in the light map.
 //!
 //! Where an edge of a picture runs through a pixel of another one, l is its mean over the pixel's
 //! area: no pixel can end its black where the edge is, but all of it has the right sum.
@@ -20,7 +20,7 @@
 //! A weight depends on the place and not on the pixel that shows it, so that channels whose
 //! pixels lie askew agree. Channels for different eyes share nothing: glasses hide the others'.
 //! What is for both eyes has the light that keeps both sums (`eyes.rs`).
-//! Channels whose pixels lie where a file says ([`Cover::Map`](super::Cover::Map)) have weight 1
+//! Channels whose pixels lie where a file says ([`ChannelKind::Map`](super::Cover::Map)) have weight 1
 //! where that file brings its own shares of light: an alpha mask, or light at a mesh's corners.
 
 mod eyes;
@@ -32,23 +32,23 @@ mod raster;
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
 
-use eyes::Light;
+use eyes::EyeContribution;
 use glam::{DMat3, DVec2, DVec3, UVec2};
-use lamp::Lamp;
+use lamp::BlendChannel;
 
-use super::shapes::Shaped;
-use super::{Channel, Color, EyeOf, MapFile, Screen};
+use super::shapes::ResolvedWall;
+use super::{CalibrationFile, Channel, ColorCorrection, Eye, Screen};
 use crate::ChannelId;
 
-pub use mask::{MaskTexels, Masks};
+pub use mask::{ChannelMasks, MaskTexels};
 
-/// What a texel of 1 is in a [`LightMap`].
+/// What a texel of 1 is in a [`BlendMap`].
 pub const TEXEL_ONE: u16 = u16::MAX;
 
 /// What the light of each pixel of a channel's upright picture is multiplied by, and what is then
 /// added, in linear light.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LightMap {
+pub struct BlendMap {
     /// Of the upright picture, in pixels.
     pub size: UVec2,
     /// Row by row from the top: factor in parts of [`TEXEL_ONE`], and addend in those of `add`;
@@ -60,13 +60,13 @@ pub struct LightMap {
 }
 
 /// The light map of a channel, or `None` where it changes nothing: its light is its own, nothing
-/// leaks and nothing is masked. Who asks for several makes a [`Blend`] first.
+/// leaks and nothing is masked. Who asks for several makes a [`BlendModel`] first.
 pub fn light_map<'a>(
-    of: impl Into<Shaped<'a>>,
+    of: impl Into<ResolvedWall<'a>>,
     id: ChannelId,
-    masks: &Masks<'_>,
-) -> Option<LightMap> {
-    Blend::new(of).light_map(id, masks)
+    masks: &ChannelMasks<'_>,
+) -> Option<BlendMap> {
+    BlendModel::new(of).light_map(id, masks)
 }
 
 /// All that a channel's light map is made from: equal ones make equal maps.
@@ -74,18 +74,18 @@ pub fn light_map<'a>(
 pub struct LightInputs {
     eye: DVec3,
     exponent: f64,
-    /// As [`Blend::black`] has it.
+    /// As [`BlendModel::black`] has it.
     black: DVec3,
     /// What the channel's addends are multiplied by, where there are any.
     mix: DMat3,
     screen: Screen,
-    files: Vec<MapFile>,
+    files: Vec<CalibrationFile>,
     /// The channel and those on which its weights depend, without their colours; with what they
     /// leak and the widths of their ramps.
     channels: Vec<(ChannelId, Channel, DVec3, [Option<f64>; 4])>,
 }
 
-impl LightMap {
+impl BlendMap {
     /// Factors and addends of red, green and blue at a pixel, as they are after rounding.
     pub fn light_at(&self, x: u32, y: u32) -> [DVec3; 2] {
         let [red, green, blue] = [0, 1, 2].map(|colour| self.at(x, y, colour));
@@ -105,7 +105,7 @@ impl LightMap {
 
 /// A channel's part in the light of a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Share {
+pub struct BlendWeight {
     /// Of the picture's light; all channels' together 1. Zero where the channel lights nothing.
     pub weight: f64,
     /// What all channels leak that light the place, in light of the wall; of a pixel, the mean
@@ -116,20 +116,21 @@ pub struct Share {
 
 /// Who lights what on a wall.
 #[derive(Clone, Debug)]
-pub struct Blend<'a> {
+pub struct BlendModel<'a> {
     wall: &'a super::Wall,
     /// One for each channel.
-    lamps: Vec<Lamp<'a>>,
+    lamps: Vec<BlendChannel<'a>>,
     /// See [`Self::black`]; found when somebody asks.
     black: OnceLock<DVec3>,
 }
 
-impl<'a> Blend<'a> {
+impl<'a> BlendModel<'a> {
     /// The blends of a wall; without its shapes, channels that files place share nothing.
-    pub fn new(of: impl Into<Shaped<'a>>) -> Self {
+    pub fn new(of: impl Into<ResolvedWall<'a>>) -> Self {
         let shaped = of.into();
         let wall = shaped.wall;
-        let mut lamps: Vec<_> = wall.channels.iter().map(|c| Lamp::new(shaped, c)).collect();
+        let mut lamps: Vec<_> =
+            wall.channels.iter().map(|c| BlendChannel::new(shaped, c)).collect();
         overlap::find_neighbours(&mut lamps);
         Self { wall, lamps, black: OnceLock::new() }
     }
@@ -145,14 +146,14 @@ impl<'a> Blend<'a> {
 
     /// What a channel's light is turned into before it becomes codes, so that its black is that of
     /// the wall; `None` where there is no such channel.
-    pub fn color(&self, id: ChannelId) -> Option<Color> {
+    pub fn color(&self, id: ChannelId) -> Option<ColorCorrection> {
         let color = self.wall.channel(id)?.adjustment.color.clone();
         let black = self.black();
         if black == DVec3::ZERO {
             return Some(color);
         }
         let matrix = self.mix(id) * DMat3::from_diagonal(DVec3::ONE - black);
-        Some(Color { matrix, gain: DVec3::ONE, ..color })
+        Some(ColorCorrection { matrix, gain: DVec3::ONE, ..color })
     }
 
     /// From light of the wall to that of a channel's codes, which is what it shows above black.
@@ -168,7 +169,7 @@ impl<'a> Blend<'a> {
         let screen = wall.screen_of(wall.channel(id)?).clone();
         let of = |id: ChannelId| {
             let mut channel = wall.channel(id)?.clone();
-            channel.adjustment.color = Color::default();
+            channel.adjustment.color = ColorCorrection::default();
             Some((id, channel, self.lamps.get(usize::from(id.0))?.leak, self.widths(id)))
         };
         let black = self.black();
@@ -184,10 +185,10 @@ impl<'a> Blend<'a> {
     }
 
     /// The light map of a channel, as [`light_map`] has it.
-    pub fn light_map(&self, id: ChannelId, masks: &Masks<'_>) -> Option<LightMap> {
+    pub fn light_map(&self, id: ChannelId, masks: &ChannelMasks<'_>) -> Option<BlendMap> {
         let (channel, lamp) = (self.wall.channel(id)?, self.lamps.get(usize::from(id.0))?);
         let (black, mix) = (self.black(), self.mix(id));
-        let missing = |share: Share| (black - share.black).max(DVec3::ZERO);
+        let missing = |share: BlendWeight| (black - share.black).max(DVec3::ZERO);
         let size = channel.size;
         // No share of what is missing is larger, whatever the signs of a matrix make of it.
         let bound = DMat3::from_cols(mix.x_axis.abs(), mix.y_axis.abs(), mix.z_axis.abs());
@@ -198,14 +199,14 @@ impl<'a> Blend<'a> {
         let parts = |value: f64, whole: f64| {
             if whole > 0.0 { (value / whole * f64::from(TEXEL_ONE)).round() as u16 } else { 0 }
         };
-        let texel = |at: UVec2, share: Share, colour: usize| {
+        let texel = |at: UVec2, share: BlendWeight, colour: usize| {
             let (own, least) = masks.at(at.x, at.y, size, colour);
             let raised = mix.row(colour).dot(missing(share)) * share.weight;
             [parts(share.weight * own, 1.0), parts(raised * own + least, add[colour])]
         };
         // They are the same where there is no mask: most of the picture.
         let alone = [0, 1, 2].map(|colour| texel(UVec2::ZERO, lamp.alone(), colour));
-        let is_alone = |share: Share| masks.is_empty() && share == lamp.alone();
+        let is_alone = |share: BlendWeight| masks.is_empty() && share == lamp.alone();
         let mut texels;
         if masks.is_coloured() || self.is_coloured(id) {
             let mut colours = vec![[[0; 2]; 3]; size.x as usize * size.y as usize];
@@ -221,7 +222,7 @@ impl<'a> Blend<'a> {
             });
         }
         let is_plain = texels.iter().all(|texel| *texel == [TEXEL_ONE, 0]);
-        (!is_plain).then_some(LightMap { size, texels, add })
+        (!is_plain).then_some(BlendMap { size, texels, add })
     }
 
     /// Returns whether what is added to a channel's light may have a colour.
@@ -236,21 +237,22 @@ impl<'a> Blend<'a> {
     /// their weights: in pixels from the canvas's upper left.
     pub fn weights(&self, id: ChannelId, canvas: DVec2) -> Vec<(ChannelId, f64)> {
         let Some(lamp) = self.lamps.get(usize::from(id.0)) else { return Vec::new() };
-        let side = if lamp.eye() == EyeOf::Right { EyeOf::Right } else { EyeOf::Left };
+        let side = if lamp.eye() == Eye::Right { Eye::Right } else { Eye::Left };
         let screen = lamp.channel.screen;
         let on_screen = self.wall.channel_ids().zip(&self.lamps);
         let on_screen = on_screen.filter(|(_, other)| other.channel.screen == screen);
         let lit: Vec<_> = on_screen
             .filter_map(|(id, lamp)| {
                 let step = lamp.step(lamp.lit(canvas)?, self.widths(id));
-                Some((id, Light::whole(lamp, step)))
+                Some((id, EyeContribution::whole(lamp, step)))
             })
             .collect();
-        let seen = lit.iter().filter(|(_, light)| [EyeOf::Center, side].contains(&light.eye));
+        let seen = lit.iter().filter(|(_, light)| [Eye::Center, side].contains(&light.eye));
         let shared = seen.map(|(id, own)| {
             let others = lit.iter().filter(|(other, _)| other != id);
-            let others: Vec<_> =
-                others.map(|(other, light)| Light { is_before: other < id, ..*light }).collect();
+            let others: Vec<_> = others
+                .map(|(other, light)| EyeContribution { is_before: other < id, ..*light })
+                .collect();
             (*id, eyes::share(*own, &others, self.wall.blend.exponent).weight)
         });
         shared.collect()
@@ -270,7 +272,7 @@ impl<'a> Blend<'a> {
     fn family(&self, id: ChannelId) -> Vec<ChannelId> {
         let lamp = |id: &ChannelId| &self.lamps[usize::from(id.0)];
         let own = self.neighbours(id);
-        let of_both = own.iter().map(lamp).filter(|lamp| lamp.eye() == EyeOf::Center);
+        let of_both = own.iter().map(lamp).filter(|lamp| lamp.eye() == Eye::Center);
         let further = of_both.flat_map(|lamp| &lamp.neighbours).filter(|other| **other != id);
         let family: BTreeSet<_> = own.iter().chain(further).copied().collect();
         family.into_iter().collect()
@@ -287,8 +289,8 @@ impl<'a> Blend<'a> {
     }
 
     /// The most that channels which light one place have together of what `of` says of each.
-    fn most_of(&self, of: impl Fn(&Lamp<'_>) -> DVec3) -> DVec3 {
-        let most = |lamp: &Lamp<'_>| overlap::most(lamp, &self.lamps, &of);
+    fn most_of(&self, of: impl Fn(&BlendChannel<'_>) -> DVec3) -> DVec3 {
+        let most = |lamp: &BlendChannel<'_>| overlap::most(lamp, &self.lamps, &of);
         self.lamps.iter().map(most).fold(DVec3::ZERO, DVec3::max)
     }
 }

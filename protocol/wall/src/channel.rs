@@ -5,7 +5,7 @@ use std::fmt;
 use glam::UVec2;
 use serde::{Deserialize, Serialize};
 
-use super::adjustment::Adjustment;
+use super::adjustment::ChannelCalibration;
 use super::projector::Projector;
 use crate::limits::NAME_BYTES_MAX;
 
@@ -20,7 +20,7 @@ impl fmt::Display for ChannelId {
 }
 
 /// One output image, drawn upright as the viewer sees it; a display that is turned, mirrored or
-/// packed for two eyes gets it so ([`Adjustment`]).
+/// packed for two eyes gets it so ([`ChannelCalibration`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Channel {
     /// Unique within the wall.
@@ -38,27 +38,27 @@ pub struct Channel {
     /// for it; `None`: the next one that no other channel of the server takes.
     pub monitor: Option<String>,
     /// How it is projected; fixed by the wall file, never by what one server can do.
-    pub projection: Projection,
+    pub projection: FrustumMode,
     /// What part of the screen it covers.
-    pub cover: Cover,
+    pub cover: ChannelKind,
     /// What makes its picture right on the display that it has.
-    pub adjustment: Adjustment,
+    pub adjustment: ChannelCalibration,
 }
 
 /// What part of its screen a channel covers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Cover {
+pub enum ChannelKind {
     /// The pixels of the canvas from `origin`, one to one.
     Tile,
     /// What a projector throws light on.
     Projector(Box<Projector>),
-    /// What the channel's warp file says ([`Adjustment::warp`]).
+    /// What the channel's warp file says ([`ChannelCalibration::warp`]).
     Map,
 }
 
 /// How a tile of a planar screen gets its frustum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Projection {
+pub enum FrustumMode {
     /// The screen's matrix, with a viewport shifted by whole pixels: tiles of one screen compute
     /// identical clip positions.
     Shared,
@@ -66,7 +66,7 @@ pub enum Projection {
     Own,
 }
 
-impl Cover {
+impl ChannelKind {
     pub(super) fn fault(&self) -> Option<String> {
         match self {
             Self::Tile | Self::Map => None,
@@ -91,9 +91,9 @@ impl Channel {
             size,
             server: name.to_owned(),
             monitor: None,
-            projection: Projection::Shared,
-            cover: Cover::Tile,
-            adjustment: Adjustment::default(),
+            projection: FrustumMode::Shared,
+            cover: ChannelKind::Tile,
+            adjustment: ChannelCalibration::default(),
         }
     }
 

@@ -3,9 +3,9 @@
 
 use glam::{DMat3, DVec3};
 
-use super::{Color, Curve};
+use super::{ColorCorrection, TransferFunction};
 
-impl Color {
+impl ColorCorrection {
     /// What linear light is multiplied by: the matrix, then the gains.
     pub fn made(&self) -> DMat3 {
         DMat3::from_diagonal(self.gain) * self.matrix
@@ -19,7 +19,7 @@ impl Color {
     }
 }
 
-impl Curve {
+impl TransferFunction {
     /// The codes, 0 to 1, with which a display shows this light; what leaves 0 to 1 is clipped.
     pub fn encode(&self, light: DVec3) -> DVec3 {
         let light = light.clamp(DVec3::ZERO, DVec3::ONE);

@@ -3,21 +3,21 @@
 
 use glam::DVec3;
 
-use super::maps::Maps;
-use super::shapes::Shaped;
-use super::source::{SourceError, SourcePlan};
-use super::warp_mesh::{MeshRule, WarpMesh};
-use super::{Cover, Surface};
+use super::maps::CalibrationMaps;
+use super::shapes::ResolvedWall;
+use super::source::{AtlasError, ViewAtlas};
+use super::warp_mesh::{TessellationOptions, WarpMesh};
+use super::{ChannelKind, Surface};
 use crate::ChannelId;
 use crate::limits::CHANNEL_SIDE_MAX;
 
-impl Shaped<'_> {
+impl ResolvedWall<'_> {
     /// The mesh that a channel is drawn through, with its pins and bends: nothing of it lies
     /// beside the channel's picture.
     ///
     /// # Errors
     /// Why nothing of the channel can be drawn.
-    pub fn drawn_mesh(&self, maps: &Maps, id: ChannelId) -> Result<WarpMesh, String> {
+    pub fn drawn_mesh(&self, maps: &CalibrationMaps, id: ChannelId) -> Result<WarpMesh, String> {
         let map = self.pixel_map(id).ok_or("its corner pins leave no picture")?;
         let channel = self.wall.channel(id).ok_or("the wall has no such channel")?;
         let screen = self.wall.screen_of(channel);
@@ -27,13 +27,13 @@ impl Shaped<'_> {
                 let warp = maps.warp(file).ok_or("its warp file is not there")?;
                 warp.channel_mesh(channel, &ground, &map)
             }
-            (None, Surface::Mesh(file)) if channel.cover == Cover::Tile => {
+            (None, Surface::Mesh(file)) if channel.cover == ChannelKind::Tile => {
                 let surface = maps.warp(*file).ok_or("its screen's file is not there")?;
                 surface.screen_mesh(channel, &ground, &map)
             }
             _ => {
                 let point = |pixel| map.display_from_pixel(pixel);
-                WarpMesh::new(channel.size, MeshRule::default(), point)
+                WarpMesh::new(channel.size, TessellationOptions::default(), point)
             }
         };
         if mesh.triangles.is_empty() {
@@ -54,7 +54,7 @@ impl Shaped<'_> {
     ///
     /// # Errors
     /// As said.
-    pub fn check_files(&self, maps: &Maps) -> Result<(), String> {
+    pub fn check_files(&self, maps: &CalibrationMaps) -> Result<(), String> {
         let wall = self.wall;
         for (id, channel) in wall.channel_ids().zip(&wall.channels) {
             let file = match (channel.adjustment.warp, &wall.screen_of(channel).surface) {
@@ -69,15 +69,15 @@ impl Shaped<'_> {
             let units = "check the units, the origin and the places of the file, pins and bends";
             let mesh = self.drawn_mesh(maps, id).map_err(|why| about(why, units))?;
             let eyes = wall.viewpoints(channel);
-            let plan = SourcePlan::new(&mesh, &eyes, wall.near_m, CHANNEL_SIDE_MAX);
+            let plan = ViewAtlas::new(&mesh, &eyes, wall.near_m, CHANNEL_SIDE_MAX);
             plan.map_err(|error| {
                 let remedy = match error {
-                    SourceError::EyeOnSurface { .. } => {
+                    AtlasError::EyeOnSurface { .. } => {
                         "move wall.eye; if pixels at (0, 0, 0) are meant to be dark, write \
                          warp_zero = \"dark\" or NaN"
                     }
-                    SourceError::EyeBehind { .. } => "move wall.eye, or mend the file",
-                    SourceError::Nothing | SourceError::Coarse(_) => units,
+                    AtlasError::EyeBehind { .. } => "move wall.eye, or mend the file",
+                    AtlasError::Nothing | AtlasError::Coarse(_) => units,
                 };
                 about(error.to_string(), remedy)
             })?;

@@ -5,8 +5,8 @@ use glam::{DVec2, DVec3, UVec2};
 
 use super::frustum::{EYE_DISTANCE_MIN_M, FrustumError, seen_from_front};
 use super::source::SOURCE_DISTANCE_MIN_M;
-use super::{Channel, Cover, EyeOf, Packing, Screen, Wall};
-use crate::head::Head;
+use super::{Channel, ChannelKind, Eye, Screen, StereoPacking, Wall};
+use crate::head::HeadPose;
 
 /// By how much the rounding of directions from the eye to f32 may move anything on a display, in
 /// pixels.
@@ -38,7 +38,7 @@ pub enum HeadError {
     #[error("the {} does not see its screen: {error}", name(*.of))]
     Eye {
         /// Which of the eyes.
-        of: EyeOf,
+        of: Eye,
         /// Channel, eye and distance.
         error: FrustumError,
     },
@@ -54,7 +54,7 @@ pub enum HeadError {
         /// The screen's name.
         screen: String,
         /// Which of the eyes.
-        of: EyeOf,
+        of: Eye,
         /// In metres of display space.
         eye: DVec3,
         /// From the screen's plane, in metres.
@@ -64,22 +64,22 @@ pub enum HeadError {
     },
 }
 
-fn name(of: EyeOf) -> &'static str {
+fn name(of: Eye) -> &'static str {
     match of {
-        EyeOf::Center => "middle of the eyes",
-        EyeOf::Left => "left eye",
-        EyeOf::Right => "right eye",
+        Eye::Center => "middle of the eyes",
+        Eye::Left => "left eye",
+        Eye::Right => "right eye",
     }
 }
 
 impl Channel {
     /// Whose eyes it is drawn for: both where their pictures share its display.
-    pub fn eyes(&self) -> &'static [EyeOf] {
+    pub fn eyes(&self) -> &'static [Eye] {
         match (self.adjustment.packing, self.adjustment.eye) {
-            (Packing::None, EyeOf::Center) => &[EyeOf::Center],
-            (Packing::None, EyeOf::Left) => &[EyeOf::Left],
-            (Packing::None, EyeOf::Right) => &[EyeOf::Right],
-            _ => &[EyeOf::Left, EyeOf::Right],
+            (StereoPacking::None, Eye::Center) => &[Eye::Center],
+            (StereoPacking::None, Eye::Left) => &[Eye::Left],
+            (StereoPacking::None, Eye::Right) => &[Eye::Right],
+            _ => &[Eye::Left, Eye::Right],
         }
     }
 }
@@ -92,8 +92,8 @@ impl Screen {
         const F32_ROUNDING: f64 = 0.5 * f32::EPSILON as f64;
         self.plane()?;
         let (begin, end) = match channel.cover {
-            Cover::Tile => (channel.origin, channel.origin + channel.size),
-            Cover::Projector(_) | Cover::Map => (UVec2::ZERO, self.canvas),
+            ChannelKind::Tile => (channel.origin, channel.origin + channel.size),
+            ChannelKind::Projector(_) | ChannelKind::Map => (UVec2::ZERO, self.canvas),
         };
         let (begin, end) = (begin.as_dvec2(), end.as_dvec2());
         let corners = [begin, end, DVec2::new(begin.x, end.y), DVec2::new(end.x, begin.y)];
@@ -106,15 +106,15 @@ impl Screen {
 
 impl Wall {
     /// The viewer's head as the wall file has it, until a client moves it.
-    pub fn head(&self) -> Head {
-        Head::at(self.eye, self.eye_separation_m)
+    pub fn head(&self) -> HeadPose {
+        HeadPose::at(self.eye, self.eye_separation_m)
     }
 
     /// Whether every channel can be drawn for its eyes of this head.
     ///
     /// # Errors
     /// The first channel that cannot, by name, with the eye and its distance from the screen.
-    pub fn check_head(&self, head: &Head) -> Result<(), HeadError> {
+    pub fn check_head(&self, head: &HeadPose) -> Result<(), HeadError> {
         if let Some(fault) = head.fault() {
             return Err(HeadError::Numbers(fault));
         }
@@ -142,7 +142,7 @@ impl Wall {
         }
     }
 
-    fn check_nearness(&self, channel: &Channel, of: EyeOf, eye: DVec3) -> Result<(), HeadError> {
+    fn check_nearness(&self, channel: &Channel, of: Eye, eye: DVec3) -> Result<(), HeadError> {
         let screen = self.screen_of(channel);
         let distances = match screen.eye_distance_least_m(channel, eye) {
             Some(least_m) => screen.frustum(eye).map(|seen| (seen.distance_m, least_m)),
@@ -163,7 +163,7 @@ impl Wall {
             let (channel, screen) = (channel.name.clone(), screen.name.clone());
             return Err(FrustumError::EyeBehind { channel, screen, eye, distance_m });
         }
-        if channel.cover == Cover::Map {
+        if channel.cover == ChannelKind::Map {
             // Its own points count, wherever its screen is.
             return Ok(());
         }
@@ -188,7 +188,7 @@ mod tests {
 
     use super::*;
     use crate::surface::{Cylinder, Plane};
-    use crate::{FileKind, MapFile, Screen, Surface};
+    use crate::{CalibrationFile, CalibrationFileKind, Screen, Surface};
 
     fn wall(surface: Surface) -> Wall {
         let screen = Screen::new("front", surface, UVec2::new(64, 32));
@@ -204,12 +204,12 @@ mod tests {
     fn an_eye_behind_a_screen_is_named_with_channel_and_distance() {
         let wall = plane();
         assert_eq!(wall.check_head(&wall.head()), Ok(()));
-        let behind = Head::at(DVec3::new(0.25, 0.0, -1.5), 0.06);
+        let behind = HeadPose::at(DVec3::new(0.25, 0.0, -1.5), 0.06);
         let error = wall.check_head(&behind).expect_err("behind").to_string();
         for part in ["c0", "front", "0.25", "-1.5", "0.500000 m behind", "middle"] {
             assert!(error.contains(part), "{part} is not in {error}");
         }
-        let within = Head::at(DVec3::NEG_Z, 0.06);
+        let within = HeadPose::at(DVec3::NEG_Z, 0.06);
         let error = wall.check_head(&within).expect_err("in the plane").to_string();
         assert!(error.contains("in the plane of screen front"), "{error}");
     }
@@ -217,7 +217,7 @@ mod tests {
     #[test]
     fn an_eye_so_near_that_pixels_are_one_is_told_how_near_it_may_be() {
         let wall = plane();
-        let at = |distance_m: f64| Head::at(DVec3::new(0.9, 0.0, -1.0 + distance_m), 0.06);
+        let at = |distance_m: f64| HeadPose::at(DVec3::new(0.9, 0.0, -1.0 + distance_m), 0.06);
         let error = wall.check_head(&at(1e-6)).expect_err("too near");
         let HeadError::TooNear { least_m, .. } = error else { panic!("{error}") };
         // Two metres with pixels of 31 mm.
@@ -239,7 +239,7 @@ mod tests {
             height_m: [-0.5, 0.5],
         };
         let wall = wall(Surface::Cylinder(cylinder));
-        let at = |distance_m: f64| Head::at(DVec3::NEG_Z * (3.0 - distance_m), 0.0);
+        let at = |distance_m: f64| HeadPose::at(DVec3::NEG_Z * (3.0 - distance_m), 0.0);
         let error = wall.check_head(&at(1e-7)).expect_err("too near").to_string();
         assert!(error.contains("channel c0") && error.contains("is enough"), "{error}");
         assert_eq!(wall.check_head(&at(2.0)), Ok(()));
@@ -249,16 +249,18 @@ mod tests {
     fn each_eye_of_a_separated_pair_is_looked_at() {
         // Turned by a quarter to the left, the right eye is ahead: through the screen.
         let rotation = DQuat::from_rotation_y(90_f64.to_radians());
-        let head = Head { position: DVec3::Z * -0.99, rotation, eye_separation_m: 0.06 };
-        let of = |eye: EyeOf, packing: Packing| {
+        let head = HeadPose { position: DVec3::Z * -0.99, rotation, eye_separation_m: 0.06 };
+        let of = |eye: Eye, packing: StereoPacking| {
             let mut wall = plane();
             wall.channels[0].adjustment.eye = eye;
             wall.channels[0].adjustment.packing = packing;
             wall.check_head(&head)
         };
-        assert_eq!(of(EyeOf::Center, Packing::None), Ok(()));
-        assert_eq!(of(EyeOf::Left, Packing::None), Ok(()));
-        for error in [of(EyeOf::Right, Packing::None), of(EyeOf::Center, Packing::TopBottom)] {
+        assert_eq!(of(Eye::Center, StereoPacking::None), Ok(()));
+        assert_eq!(of(Eye::Left, StereoPacking::None), Ok(()));
+        for error in
+            [of(Eye::Right, StereoPacking::None), of(Eye::Center, StereoPacking::TopBottom)]
+        {
             let error = error.expect_err("the right eye is behind").to_string();
             assert!(error.contains("right eye") && error.contains("0.020000 m behind"), "{error}");
         }
@@ -269,11 +271,11 @@ mod tests {
         let mut wall = plane();
         wall.eye_separation_m = 0.06;
         let head = wall.head();
-        let x = |of: EyeOf, point: DVec3| {
+        let x = |of: Eye, point: DVec3| {
             let seen = wall.pixel_from_display(crate::ChannelId(0), head.eye(of), point);
             seen.expect("ahead").x
         };
-        let apart = |z: f64| x(EyeOf::Left, DVec3::Z * z) - x(EyeOf::Right, DVec3::Z * z);
+        let apart = |z: f64| x(Eye::Left, DVec3::Z * z) - x(Eye::Right, DVec3::Z * z);
         // Of 64 pixels over 2 m, at half the distance both pictures are one separation apart.
         assert!((apart(-0.5) - 0.06 * 32.0).abs() < 1e-9, "{}", apart(-0.5));
         assert!(apart(-1.0).abs() < 1e-9, "on the screen they are one");
@@ -283,8 +285,8 @@ mod tests {
     #[test]
     fn a_warp_for_one_eye_refuses_to_follow_a_head() {
         let mut wall = plane();
-        let (path, kind) = ("left.png".to_owned(), FileKind::Warp);
-        wall.files.push(MapFile {
+        let (path, kind) = ("left.png".to_owned(), CalibrationFileKind::Warp);
+        wall.files.push(CalibrationFile {
             path,
             kind,
             blob: None,
@@ -293,7 +295,7 @@ mod tests {
         });
         wall.channels[0].adjustment.warp = Some(0);
         assert_eq!(wall.check_head(&wall.head()), Ok(()), "where the wall file has it");
-        let moved = Head::at(DVec3::X * 0.1, wall.eye_separation_m);
+        let moved = HeadPose::at(DVec3::X * 0.1, wall.eye_separation_m);
         let error = wall.check_head(&moved).expect_err("moved").to_string();
         assert!(error.contains("c0") && error.contains("left.png"), "{error}");
         wall.files[0].is_for_one_eye = false;
@@ -306,11 +308,11 @@ mod tests {
         let (azimuth_rad, height_m) = ([-3.0, 3.0], [0.0, 2.0]);
         let cylinder = Cylinder { center, rotation, radius_m: 3.0, azimuth_rad, height_m };
         let wall = wall(Surface::Cylinder(cylinder));
-        assert_eq!(wall.check_head(&Head::at(DVec3::new(2.0, 1.0, -2.0), 0.06)), Ok(()));
-        let outside = wall.check_head(&Head::at(DVec3::X * 3.5, 0.06));
+        assert_eq!(wall.check_head(&HeadPose::at(DVec3::new(2.0, 1.0, -2.0), 0.06)), Ok(()));
+        let outside = wall.check_head(&HeadPose::at(DVec3::X * 3.5, 0.06));
         let error = outside.expect_err("outside").to_string();
         assert!(error.contains("c0") && error.contains("0.500000 m behind"), "{error}");
-        let numbers = wall.check_head(&Head::at(DVec3::NAN, 0.06)).expect_err("no numbers");
+        let numbers = wall.check_head(&HeadPose::at(DVec3::NAN, 0.06)).expect_err("no numbers");
         assert!(matches!(numbers, HeadError::Numbers(_)), "{numbers}");
     }
 }

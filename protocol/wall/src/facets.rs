@@ -33,10 +33,10 @@ const STACK_MAX: usize = 64;
 
 /// Triangles with places in a picture and points in display space.
 #[derive(Clone, Debug)]
-pub struct Facets {
+pub struct MeshBvh {
     mesh: WarpMesh,
-    by_point: Tree,
-    by_place: Tree,
+    by_point: Bvh,
+    by_place: Bvh,
 }
 
 /// Where a ray meets a mesh.
@@ -50,14 +50,14 @@ pub struct Hit {
     pub is_front: bool,
 }
 
-impl Facets {
+impl MeshBvh {
     /// The triangles of a mesh; its "pixels" are the places, whatever they count.
     pub fn new(mesh: WarpMesh) -> Self {
         let points = mesh.vertices.iter().map(|vertex| vertex.point).collect::<Vec<_>>();
         let places = mesh.vertices.iter().map(|vertex| vertex.pixel.extend(0.0));
         let places = places.collect::<Vec<_>>();
-        let by_point = Tree::new(&points, &mesh.triangles);
-        let by_place = Tree::new(&places, &mesh.triangles);
+        let by_point = Bvh::new(&points, &mesh.triangles);
+        let by_place = Bvh::new(&places, &mesh.triangles);
         Self { mesh, by_point, by_place }
     }
 
@@ -107,14 +107,14 @@ struct Node {
 
 /// Boxes in boxes, with triangles in the smallest ones.
 #[derive(Clone, Debug, Default)]
-struct Tree {
+struct Bvh {
     /// The first one holds all.
     nodes: Vec<Node>,
     /// Triangles, box after box.
     order: Vec<u32>,
 }
 
-impl Tree {
+impl Bvh {
     fn new(points: &[DVec3], triangles: &[[u32; 3]]) -> Self {
         let corners = |triangle: u32| triangles[triangle as usize].map(|at| points[at as usize]);
         let mut tree = Self { nodes: Vec::new(), order: (0..triangles.len() as u32).collect() };

@@ -4,9 +4,9 @@
 
 use glam::{DVec2, UVec2};
 
-use super::pixels::PixelMap;
+use super::pixels::ChannelMapping;
 use super::surface::Surface;
-use super::{Channel, Cover, Screen};
+use super::{Channel, ChannelKind, Screen};
 
 /// Steps of a bend's cells at which it is looked at: between two points it is a cubic spline, which
 /// has at most two turns.
@@ -18,7 +18,7 @@ const ASTRAY_MAX_PX: f64 = 1e-3;
 /// A picture that cannot be shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}; {remedy}")]
-pub struct Fold {
+pub struct FoldoverError {
     /// `pin` or `bend`.
     pub key: &'static str,
     /// What is wrong.
@@ -28,17 +28,17 @@ pub struct Fold {
 }
 
 /// What is folded of a channel's picture, if anything.
-pub fn fault(channel: &Channel) -> Option<Fold> {
+pub fn fault(channel: &Channel) -> Option<FoldoverError> {
     // Of pins and bends only the picture's own size matters: as a tile of nothing, whatever it is.
     let nothing = Screen::new("", Surface::Mesh(0), UVec2::ONE);
     let mut tile = channel.clone();
-    (tile.cover, tile.origin) = (Cover::Tile, UVec2::ZERO);
+    (tile.cover, tile.origin) = (ChannelKind::Tile, UVec2::ZERO);
     let bend = tile.adjustment.bend.take();
     let is_flat = |tile: &Channel, steps| {
-        PixelMap::new(tile, &nothing).is_some_and(|map| is_flat(&map, tile.size, steps))
+        ChannelMapping::new(tile, &nothing).is_some_and(|map| is_flat(&map, tile.size, steps))
     };
     if tile.adjustment.pin != [DVec2::ZERO; 4] && !is_flat(&tile, UVec2::ONE) {
-        return Some(Fold {
+        return Some(FoldoverError {
             key: "pin",
             what: "the pins fold the picture, or mirror it",
             remedy: "move corners by less than they are apart; to mirror, see mirror",
@@ -46,7 +46,7 @@ pub fn fault(channel: &Channel) -> Option<Fold> {
     }
     let steps = (bend.as_ref()?.points - 1) * STEPS_OF_CELL;
     tile.adjustment.bend = bend;
-    (!is_flat(&tile, steps)).then_some(Fold {
+    (!is_flat(&tile, steps)).then_some(FoldoverError {
         key: "bend",
         what: "the bend folds the picture, or nearly",
         remedy: "move its points by less than they are apart, and neighbours alike",
@@ -54,7 +54,7 @@ pub fn fault(channel: &Channel) -> Option<Fold> {
 }
 
 /// Whether the picture keeps its side everywhere, and all its pixels are found again.
-fn is_flat(map: &PixelMap<'_>, size: UVec2, steps: UVec2) -> bool {
+fn is_flat(map: &ChannelMapping<'_>, size: UVec2, steps: UVec2) -> bool {
     let place = |x: u32, y: u32| {
         let at = UVec2::new(x, y).as_dvec2() / steps.as_dvec2() * size.as_dvec2();
         let pixel = map.pixel_from_canvas(at)?;

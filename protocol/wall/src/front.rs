@@ -4,8 +4,8 @@
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::warp::{MapSpace, WarpGrid, WarpMap, WarpMesh, WarpShape};
-use super::{Channel, Cover, Surface, Wall};
+use super::warp::{ImportedMesh, MapCoordinates, WarpGeometry, WarpGrid, WarpMap};
+use super::{Channel, ChannelKind, Surface, Wall};
 
 /// Most places of one file: each stands for a fourth of a percent of it, where servers refuse what
 /// shows its back in one percent. Walls of 256 meshes then stay below 3 MiB.
@@ -17,7 +17,7 @@ const BACK_SHARE_MAX: f64 = 0.01;
 
 /// A place of a surface that stands in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrontPlace {
+pub struct SurfaceSample {
     /// In its picture, from (0, 0) to (1, 1): the screen's canvas, or the channel.
     pub place: Vec2,
     /// In metres of display space.
@@ -29,17 +29,17 @@ pub struct FrontPlace {
 impl WarpMap {
     /// Places that are spread evenly over its picture; none of a map of the canvas, which has no
     /// points.
-    pub fn front(&self) -> Vec<FrontPlace> {
+    pub fn front(&self) -> Vec<SurfaceSample> {
         match (&self.shape, self.space) {
-            (_, MapSpace::Canvas) => Vec::new(),
-            (WarpShape::Mesh(mesh), _) => of_mesh(mesh),
-            (WarpShape::Grid(grid), _) => of_grid(grid),
+            (_, MapCoordinates::Canvas) => Vec::new(),
+            (WarpGeometry::Mesh(mesh), _) => of_mesh(mesh),
+            (WarpGeometry::Grid(grid), _) => of_grid(grid),
         }
     }
 }
 
 /// Triangle by triangle, each as often as its share of the picture has it.
-fn of_mesh(mesh: &WarpMesh) -> Vec<FrontPlace> {
+fn of_mesh(mesh: &ImportedMesh) -> Vec<SurfaceSample> {
     let corners = |of: &[u32; 3]| of.map(|corner| mesh.vertices[corner as usize]);
     let doubled = |of: &[u32; 3]| {
         let [a, b, c] = corners(of).map(|corner| corner.place.as_dvec2());
@@ -67,7 +67,7 @@ fn of_mesh(mesh: &WarpMesh) -> Vec<FrontPlace> {
 }
 
 /// Lit cell by lit cell.
-fn of_grid(grid: &WarpGrid) -> Vec<FrontPlace> {
+fn of_grid(grid: &WarpGrid) -> Vec<SurfaceSample> {
     let (across, down) = (grid.size.x as usize, grid.size.y as usize);
     if across < 2 || down < 2 {
         return Vec::new();
@@ -92,12 +92,12 @@ fn of_grid(grid: &WarpGrid) -> Vec<FrontPlace> {
     chosen.filter_map(place).collect()
 }
 
-fn front_place(place: Vec2, point: DVec3, normal: DVec3) -> Option<FrontPlace> {
+fn front_place(place: Vec2, point: DVec3, normal: DVec3) -> Option<SurfaceSample> {
     let normal = normal.try_normalize()?.as_vec3();
-    Some(FrontPlace { place, point: point.as_vec3(), normal })
+    Some(SurfaceSample { place, point: point.as_vec3(), normal })
 }
 
-impl FrontPlace {
+impl SurfaceSample {
     /// Whether its numbers are such.
     pub(super) fn is_sound(&self) -> bool {
         self.place.is_finite() && self.point.is_finite() && self.normal.is_finite()
@@ -130,16 +130,16 @@ impl Wall {
         let screen = self.screen_of(channel);
         let Surface::Mesh(file) = screen.surface else { return None };
         let canvas = screen.canvas.as_dvec2();
-        let is_shown = |front: &&FrontPlace| match &channel.cover {
-            Cover::Tile => {
+        let is_shown = |front: &&SurfaceSample| match &channel.cover {
+            ChannelKind::Tile => {
                 let at = front.place.as_dvec2() * canvas - channel.origin.as_dvec2();
                 at.cmpge(DVec2::ZERO).all() && at.cmple(channel.size.as_dvec2()).all()
             }
-            Cover::Projector(projector) => {
+            ChannelKind::Projector(projector) => {
                 let at = projector.place(front.point.as_dvec3());
                 at.is_some_and(|at| at.cmpge(DVec2::ZERO).all() && at.cmple(DVec2::ONE).all())
             }
-            Cover::Map => true,
+            ChannelKind::Map => true,
         };
         let shown = places(file)?.iter().filter(is_shown);
         worst(&shown.map(|front| front.distance_m(eye)).collect::<Vec<_>>())
@@ -156,9 +156,9 @@ fn worst(distances: &[f64]) -> Option<f64> {
 mod tests {
     use glam::UVec2;
 
-    use super::super::{FileKind, MapFile, Screen};
+    use super::super::{CalibrationFile, CalibrationFileKind, Screen};
     use super::*;
-    use crate::head::Head;
+    use crate::head::HeadPose;
 
     /// A half cylinder around the origin as a grid of points, seen from within.
     fn arch(size: UVec2) -> WarpGrid {
@@ -172,11 +172,11 @@ mod tests {
     }
 
     /// The same with its cells as triangles.
-    fn arch_mesh(size: UVec2) -> WarpMesh {
+    fn arch_mesh(size: UVec2) -> ImportedMesh {
         let values = arch(size).values;
         let vertex = |(i, value): (u32, &Vec3)| {
             let place = UVec2::new(i % size.x, i / size.x).as_vec2() / (size - 1).as_vec2();
-            super::super::warp::WarpVertex { place, value: *value, light: 1.0 }
+            super::super::warp::ImportedVertex { place, value: *value, light: 1.0 }
         };
         let cell = |i: u32| {
             let at = i / (size.x - 1) * size.x + i % (size.x - 1);
@@ -184,20 +184,20 @@ mod tests {
         };
         let vertices = (0..).zip(&values).map(vertex).collect();
         let triangles = (0..(size.x - 1) * (size.y - 1)).flat_map(cell).collect();
-        WarpMesh { vertices, triangles }
+        ImportedMesh { vertices, triangles }
     }
 
-    fn front(shape: WarpShape) -> Vec<FrontPlace> {
-        WarpMap { space: MapSpace::Display, shape }.front()
+    fn front(shape: WarpGeometry) -> Vec<SurfaceSample> {
+        WarpMap { space: MapCoordinates::Display, shape }.front()
     }
 
     #[test]
     fn places_are_spread_over_all_and_look_inwards() {
         for shape in [
-            WarpShape::Grid(arch(UVec2::new(160, 90))),
-            WarpShape::Grid(arch(UVec2::new(5, 4))),
-            WarpShape::Mesh(arch_mesh(UVec2::new(161, 91))),
-            WarpShape::Mesh(arch_mesh(UVec2::new(5, 4))),
+            WarpGeometry::Grid(arch(UVec2::new(160, 90))),
+            WarpGeometry::Grid(arch(UVec2::new(5, 4))),
+            WarpGeometry::Mesh(arch_mesh(UVec2::new(161, 91))),
+            WarpGeometry::Mesh(arch_mesh(UVec2::new(5, 4))),
         ] {
             let places = front(shape);
             assert!((12..=FRONT_PLACES_MAX).contains(&places.len()), "{}", places.len());
@@ -207,7 +207,7 @@ mod tests {
                 assert!(cosine > 0.99, "{front:?}");
             }
             for quarter in [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE] {
-                let is_in = |at: &&FrontPlace| {
+                let is_in = |at: &&SurfaceSample| {
                     at.place.cmpgt(Vec2::splat(0.5)) == quarter.cmpgt(Vec2::splat(0.5))
                 };
                 let share = places.iter().filter(is_in).count() as f64 / places.len() as f64;
@@ -216,50 +216,50 @@ mod tests {
         }
     }
 
-    fn wall(shape: WarpShape, is_screen: bool) -> Wall {
+    fn wall(shape: WarpGeometry, is_screen: bool) -> Wall {
         let (surface, kind) = if is_screen {
-            (Surface::Mesh(0), FileKind::ScreenMesh)
+            (Surface::Mesh(0), CalibrationFileKind::ScreenMesh)
         } else {
             let plane = super::super::surface::Plane::upright(DVec3::NEG_Z * 9.0, DVec2::ONE);
-            (Surface::Plane(plane), FileKind::Warp)
+            (Surface::Plane(plane), CalibrationFileKind::Warp)
         };
         let mut channel = Channel::tile("c0", 0, UVec2::ZERO, UVec2::new(64, 32));
         if !is_screen {
-            (channel.cover, channel.adjustment.warp) = (Cover::Map, Some(0));
+            (channel.cover, channel.adjustment.warp) = (ChannelKind::Map, Some(0));
         }
         let screen = Screen::new("front", surface, UVec2::new(64, 32));
         let mut wall = Wall::new("w", vec![screen], vec![channel]);
         let front = front(shape);
         let path = "x".to_owned();
-        wall.files.push(MapFile { path, kind, blob: None, is_for_one_eye: false, front });
+        wall.files.push(CalibrationFile { path, kind, blob: None, is_for_one_eye: false, front });
         wall
     }
 
     #[test]
     fn a_head_behind_a_mesh_or_a_map_is_refused_by_name() {
         let size = UVec2::new(161, 91);
-        let by_map = wall(WarpShape::Grid(arch(size)), false);
-        for wall in [wall(WarpShape::Mesh(arch_mesh(size)), true), by_map] {
+        let by_map = wall(WarpGeometry::Grid(arch(size)), false);
+        for wall in [wall(WarpGeometry::Mesh(arch_mesh(size)), true), by_map] {
             for within in [DVec3::ZERO, DVec3::new(1.0, 0.5, -1.0), DVec3::new(-1.5, 0.0, 0.0)] {
-                assert_eq!(wall.check_head(&Head::at(within, 0.06)), Ok(()), "{within}");
+                assert_eq!(wall.check_head(&HeadPose::at(within, 0.06)), Ok(()), "{within}");
             }
             for beside in [DVec3::new(0.0, 0.0, -3.0), DVec3::new(2.5, 0.0, -1.0)] {
-                let error = wall.check_head(&Head::at(beside, 0.06)).expect_err("behind");
+                let error = wall.check_head(&HeadPose::at(beside, 0.06)).expect_err("behind");
                 let error = error.to_string();
                 assert!(error.contains("c0") && error.contains("m behind screen front"), "{error}");
             }
         }
         // From behind it all, a screen is refused; a map for a projector behind it is mirrored.
-        let far = Head::at(DVec3::new(0.0, 0.0, -300.0), 0.06);
-        assert!(wall(WarpShape::Mesh(arch_mesh(size)), true).check_head(&far).is_err());
+        let far = HeadPose::at(DVec3::new(0.0, 0.0, -300.0), 0.06);
+        assert!(wall(WarpGeometry::Mesh(arch_mesh(size)), true).check_head(&far).is_err());
     }
 
     #[test]
     fn a_tile_minds_its_own_part_of_a_mesh_only() {
-        let mut wall = wall(WarpShape::Mesh(arch_mesh(UVec2::new(161, 91))), true);
+        let mut wall = wall(WarpGeometry::Mesh(arch_mesh(UVec2::new(161, 91))), true);
         wall.channels[0].size = UVec2::new(16, 32);
         // Behind the right side, before the left one.
-        let aside = Head::at(DVec3::new(2.5, 0.0, -0.5), 0.06);
+        let aside = HeadPose::at(DVec3::new(2.5, 0.0, -0.5), 0.06);
         assert_eq!(wall.check_head(&aside), Ok(()));
         wall.channels[0].origin = UVec2::new(48, 0);
         assert!(wall.check_head(&aside).is_err());

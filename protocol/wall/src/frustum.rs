@@ -14,7 +14,7 @@
 
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
 
-use super::{Channel, Projection, Screen, Wall};
+use super::{Channel, FrustumMode, Screen, Wall};
 use crate::ChannelId;
 
 /// An eye nearer to a screen's plane than this is in it: a nanometre is beneath what f64 can
@@ -101,7 +101,7 @@ pub struct ChannelFrustum {
     /// In metres of display space.
     pub eye: DVec3,
     /// Where the matrix's picture lies in this channel's target: x, y, width, height in pixels.
-    /// The whole canvas, shifted, for [`Projection::Shared`]; the target for [`Projection::Own`].
+    /// The whole canvas, shifted, for [`FrustumMode::Shared`]; the target for [`FrustumMode::Own`].
     pub viewport: [f64; 4],
     /// The near plane's distance in metres of display space.
     pub near_m: f64,
@@ -191,8 +191,8 @@ impl Wall {
         let (canvas, origin, size) =
             (screen.canvas.as_dvec2(), channel.origin.as_dvec2(), channel.size.as_dvec2());
         let (part, viewport) = match channel.projection {
-            Projection::Shared => (seen, [-origin.x, -origin.y, canvas.x, canvas.y]),
-            Projection::Own => {
+            FrustumMode::Shared => (seen, [-origin.x, -origin.y, canvas.x, canvas.y]),
+            FrustumMode::Own => {
                 let part = seen.part(origin / canvas, (origin + size) / canvas);
                 (part, [0.0, 0.0, size.x, size.y])
             }

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::EyeOf;
+use crate::Eye;
 
 /// Farthest from the origin of display space that a head may be: a thousand kilometres are a slip
 /// of the unit, and larger numbers would overflow when they are squared and multiplied.
@@ -14,7 +14,7 @@ pub const EYE_SEPARATION_MAX_M: f64 = 1e3;
 
 /// The pose of the viewer's head in display space. All frusta of a frame follow from it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Head {
+pub struct HeadPose {
     /// The middle between the eyes, in metres.
     pub position: DVec3,
     /// A unit quaternion; at rest the head looks along −Z, +X is at its right.
@@ -23,18 +23,18 @@ pub struct Head {
     pub eye_separation_m: f64,
 }
 
-impl Head {
+impl HeadPose {
     /// A head at rest.
     pub fn at(position: DVec3, eye_separation_m: f64) -> Self {
         Self { position, rotation: DQuat::IDENTITY, eye_separation_m }
     }
 
     /// Where an eye is, in metres of display space.
-    pub fn eye(&self, of: EyeOf) -> DVec3 {
+    pub fn eye(&self, of: Eye) -> DVec3 {
         let sideways = match of {
-            EyeOf::Center => return self.position,
-            EyeOf::Left => -0.5,
-            EyeOf::Right => 0.5,
+            Eye::Center => return self.position,
+            Eye::Left => -0.5,
+            Eye::Right => 0.5,
         };
         self.position + self.rotation * DVec3::new(sideways * self.eye_separation_m, 0.0, 0.0)
     }
@@ -64,26 +64,26 @@ mod tests {
 
     #[test]
     fn the_right_eye_is_at_the_right_of_the_left_one() {
-        let head = Head::at(DVec3::new(0.0, 1.7, 0.5), 0.06);
-        assert!(head.eye(EyeOf::Left).distance(DVec3::new(-0.03, 1.7, 0.5)) < 1e-15);
-        assert!(head.eye(EyeOf::Right).distance(DVec3::new(0.03, 1.7, 0.5)) < 1e-15);
-        assert_eq!(head.eye(EyeOf::Center), head.position);
+        let head = HeadPose::at(DVec3::new(0.0, 1.7, 0.5), 0.06);
+        assert!(head.eye(Eye::Left).distance(DVec3::new(-0.03, 1.7, 0.5)) < 1e-15);
+        assert!(head.eye(Eye::Right).distance(DVec3::new(0.03, 1.7, 0.5)) < 1e-15);
+        assert_eq!(head.eye(Eye::Center), head.position);
         // Who looks to the left, along −X, has the right eye ahead of the room's own −Z.
-        let turned = Head { rotation: DQuat::from_rotation_y(90_f64.to_radians()), ..head };
-        assert!(turned.eye(EyeOf::Right).distance(DVec3::new(0.0, 1.7, 0.47)) < 1e-12);
+        let turned = HeadPose { rotation: DQuat::from_rotation_y(90_f64.to_radians()), ..head };
+        assert!(turned.eye(Eye::Right).distance(DVec3::new(0.0, 1.7, 0.47)) < 1e-12);
     }
 
     #[test]
     fn numbers_that_are_no_head_are_told() {
-        let head = Head::at(DVec3::ZERO, 0.06);
+        let head = HeadPose::at(DVec3::ZERO, 0.06);
         assert_eq!(head.fault(), None);
         for bad in [
-            Head { position: DVec3::NAN, ..head },
-            Head { position: DVec3::Y * 1e7, ..head },
-            Head { eye_separation_m: 1e9, ..head },
-            Head { rotation: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.5), ..head },
-            Head { eye_separation_m: -0.06, ..head },
-            Head { eye_separation_m: f64::NAN, ..head },
+            HeadPose { position: DVec3::NAN, ..head },
+            HeadPose { position: DVec3::Y * 1e7, ..head },
+            HeadPose { eye_separation_m: 1e9, ..head },
+            HeadPose { rotation: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.5), ..head },
+            HeadPose { eye_separation_m: -0.06, ..head },
+            HeadPose { eye_separation_m: f64::NAN, ..head },
         ] {
             assert!(bad.fault().is_some(), "{bad:?}");
         }

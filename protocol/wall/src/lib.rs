@@ -37,8 +37,11 @@ use glam::DVec3;
 use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
-pub use adjustment::{Adjustment, Bits, Color, Curve, Edges, EyeOf, Packing, Ramps, Turn};
-pub use channel::{Channel, ChannelId, Cover, Projection};
+pub use adjustment::{
+    BitDepth, BlendWidths, ChannelCalibration, ColorCorrection, Eye, Orientation, Ramps,
+    StereoPacking, TransferFunction,
+};
+pub use channel::{Channel, ChannelId, ChannelKind, FrustumMode};
 pub use screen::{Bezel, Screen};
 pub use surface::Surface;
 pub use viewpoint::{StereoMode, StereoRule, Viewpoint};
@@ -76,13 +79,13 @@ pub struct Wall {
     /// Samples per pixel: 1 or 4.
     pub samples: u32,
     /// How channels that light the same places share the light.
-    pub blend: BlendRule,
+    pub blend: BlendConfig,
     /// Whether codes are dithered where a channel's light is corrected.
     pub dither: bool,
     /// Files of others that channels and screens refer to, by their index in this list.
-    pub files: Vec<MapFile>,
+    pub files: Vec<CalibrationFile>,
     /// How long a frame waits for a channel.
-    pub deadline: DeadlineRule,
+    pub deadline: DeadlinePolicy,
     /// A peer that is silent this long is lost.
     pub heartbeat_ms: u32,
     /// Where the manager listens.
@@ -95,7 +98,7 @@ pub struct Wall {
 
 /// How long a frame waits: `factor` × the wall's median draw time, within bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DeadlineRule {
+pub struct DeadlinePolicy {
     /// Times the median draw time.
     pub factor: f64,
     /// Never shorter than this.
@@ -106,7 +109,7 @@ pub struct DeadlineRule {
 
 /// How channels share the light of a place that several of them light.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct BlendRule {
+pub struct BlendConfig {
     /// Steepness of the ramps: 1 is a smooth step, larger numbers are steeper in the middle.
     pub exponent: f64,
     /// What a projector shows of black, as a share of its white; 0 for panels.
@@ -115,11 +118,11 @@ pub struct BlendRule {
 
 /// A file that somebody else wrote: a map of pixels, a mesh of a screen, a mask.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct MapFile {
+pub struct CalibrationFile {
     /// Where it is, as the wall file says.
     pub path: String,
     /// What it is.
-    pub kind: FileKind,
+    pub kind: CalibrationFileKind,
     /// What it was baked to; `None` until that was done, never in a wall that servers get.
     pub blob: Option<BlobHash>,
     /// Whether it is right for the eye of the wall file only, as maps on a canvas are: then no
@@ -127,12 +130,12 @@ pub struct MapFile {
     pub is_for_one_eye: bool,
     /// Some places of its surface, if it has any, by which it is known where no eye can be. Known
     /// once it was baked.
-    pub front: Vec<front::FrontPlace>,
+    pub front: Vec<front::SurfaceSample>,
 }
 
 /// What a wall's file is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum FileKind {
+pub enum CalibrationFileKind {
     /// Where each pixel of a channel lies.
     Warp,
     /// The surface of a screen.
@@ -148,7 +151,7 @@ pub enum FileKind {
     WarpSgct,
 }
 
-impl Default for BlendRule {
+impl Default for BlendConfig {
     fn default() -> Self {
         Self { exponent: 1.0, leak: 0.0 }
     }
@@ -172,10 +175,10 @@ impl Wall {
             stereo: StereoRule::default(),
             near_m: NEAR_DEFAULT_M,
             samples: 1,
-            blend: BlendRule::default(),
+            blend: BlendConfig::default(),
             dither: false,
             files: Vec::new(),
-            deadline: DeadlineRule {
+            deadline: DeadlinePolicy {
                 factor: DEADLINE_FACTOR_DEFAULT,
                 min_ms: DEADLINE_MIN_DEFAULT.as_millis() as u32,
                 max_ms: DEADLINE_MAX_DEFAULT.as_millis() as u32,
@@ -204,7 +207,7 @@ impl Wall {
             return Some(format!("screen {} is longer than {CANVAS_SIDE_MAX} pixels", screen.name));
         }
         let is_separate = self.eye_separation_m.is_finite() && self.eye_separation_m >= 0.0;
-        let BlendRule { exponent, leak } = self.blend;
+        let BlendConfig { exponent, leak } = self.blend;
         if !(is_separate && exponent > 0.0 && exponent.is_finite() && (0.0..1.0).contains(&leak)) {
             return Some("the eye separation or the rule of blends is out of range".into());
         }
@@ -214,9 +217,9 @@ impl Wall {
         if self.files.len() > WALL_FILES_MAX {
             return Some(format!("the wall has more than {WALL_FILES_MAX} files"));
         }
-        let is_odd = |file: &MapFile| {
+        let is_odd = |file: &CalibrationFile| {
             file.front.len() > front::FRONT_PLACES_MAX
-                || !file.front.iter().all(front::FrontPlace::is_sound)
+                || !file.front.iter().all(front::SurfaceSample::is_sound)
         };
         if self.files.iter().any(is_odd) {
             return Some("a file has more places than it may have, or no numbers".into());
@@ -233,7 +236,7 @@ impl Wall {
             let end = channel.origin.saturating_add(channel.size);
             channel.size.min_element() == 0
                 || channel.size.max_element() > CHANNEL_SIDE_MAX
-                || (channel.cover == Cover::Tile && end.cmpgt(screen.canvas).any())
+                || (channel.cover == ChannelKind::Tile && end.cmpgt(screen.canvas).any())
         });
         if is_bad {
             return Some(format!("channel {} does not lie on its screen", channel.name));

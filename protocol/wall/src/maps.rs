@@ -4,18 +4,18 @@ use std::sync::Arc;
 
 use polyptych_files::blob::BlobHash;
 
-use super::blend::Masks;
-use super::pixels::PixelMap;
-use super::warp::{MapSpace, Mask, WallMap, WarpMap, WarpShape};
-use super::{Adjustment, Channel, FileKind, MapFile, Surface, Wall};
+use super::blend::ChannelMasks;
+use super::pixels::ChannelMapping;
+use super::warp::{CalibrationMap, MapCoordinates, Mask, WarpGeometry, WarpMap};
+use super::{CalibrationFile, CalibrationFileKind, Channel, ChannelCalibration, Surface, Wall};
 
 /// What the files of a wall became: each is there, sound, and of the kind that the wall says.
 #[derive(Clone, Debug, Default)]
-pub struct Maps {
-    files: Vec<Arc<WallMap>>,
+pub struct CalibrationMaps {
+    files: Vec<Arc<CalibrationMap>>,
 }
 
-impl Maps {
+impl CalibrationMaps {
     /// The decoded files of this wall; `read` gives the map of a blob.
     ///
     /// # Errors
@@ -23,9 +23,9 @@ impl Maps {
     /// file in the wall file.
     pub fn load(
         wall: &Wall,
-        mut read: impl FnMut(BlobHash) -> Result<Arc<WallMap>, String>,
+        mut read: impl FnMut(BlobHash) -> Result<Arc<CalibrationMap>, String>,
     ) -> Result<Self, String> {
-        let load = |(index, file): (usize, &MapFile)| {
+        let load = |(index, file): (usize, &CalibrationFile)| {
             let about =
                 |what: String| format!("{}: {}: {what}", wall.key_of_file(index), file.path);
             let blob = file.blob.ok_or_else(|| about("it was not baked".to_owned()))?;
@@ -40,30 +40,30 @@ impl Maps {
     }
 
     /// The file of this index.
-    pub fn get(&self, file: u16) -> Option<&Arc<WallMap>> {
+    pub fn get(&self, file: u16) -> Option<&Arc<CalibrationMap>> {
         self.files.get(usize::from(file))
     }
 
     /// The warp map or mesh of this index.
     pub fn warp(&self, file: u16) -> Option<&WarpMap> {
         match self.get(file)?.as_ref() {
-            WallMap::Warp(warp) => Some(warp),
-            WallMap::Mask(_) => None,
+            CalibrationMap::Warp(warp) => Some(warp),
+            CalibrationMap::Mask(_) => None,
         }
     }
 
     /// The masks of a channel.
-    pub fn masks(&self, adjustment: &Adjustment) -> Masks<'_> {
+    pub fn masks(&self, adjustment: &ChannelCalibration) -> ChannelMasks<'_> {
         let mask = |file: Option<u16>| match self.get(file?)?.as_ref() {
-            WallMap::Mask(mask) => mask.texels(),
-            WallMap::Warp(_) => None,
+            CalibrationMap::Mask(mask) => mask.texels(),
+            CalibrationMap::Warp(_) => None,
         };
-        Masks { alpha: mask(adjustment.alpha), beta: mask(adjustment.beta), light: None }
+        ChannelMasks { alpha: mask(adjustment.alpha), beta: mask(adjustment.beta), light: None }
     }
 
     /// The light that a channel's warp mesh says at its corners, for each of its pixels; `None`
     /// where it is all of it. It belongs to the channel's [`masks`](Self::masks).
-    pub fn light(&self, channel: &Channel, pixels: &PixelMap<'_>) -> Option<Mask> {
+    pub fn light(&self, channel: &Channel, pixels: &ChannelMapping<'_>) -> Option<Mask> {
         self.warp(channel.adjustment.warp?)?.light_mask(channel.size, pixels)
     }
 
@@ -79,17 +79,24 @@ impl Maps {
 }
 
 /// What is wrong with a map for this use.
-fn mismatch(kind: FileKind, map: &WallMap) -> Option<&'static str> {
+fn mismatch(kind: CalibrationFileKind, map: &CalibrationMap) -> Option<&'static str> {
     match (kind, map) {
-        (FileKind::Warp | FileKind::WarpDarkZeros | FileKind::WarpSgct, WallMap::Warp(_))
-        | (FileKind::Alpha | FileKind::Beta, WallMap::Mask(_)) => None,
-        (FileKind::ScreenMesh, WallMap::Warp(warp)) => {
-            let is_surface = matches!(warp.shape, WarpShape::Mesh(_));
-            let is_in_room = warp.space == MapSpace::Display;
+        (
+            CalibrationFileKind::Warp
+            | CalibrationFileKind::WarpDarkZeros
+            | CalibrationFileKind::WarpSgct,
+            CalibrationMap::Warp(_),
+        )
+        | (CalibrationFileKind::Alpha | CalibrationFileKind::Beta, CalibrationMap::Mask(_)) => None,
+        (CalibrationFileKind::ScreenMesh, CalibrationMap::Warp(warp)) => {
+            let is_surface = matches!(warp.shape, WarpGeometry::Mesh(_));
+            let is_in_room = warp.space == MapCoordinates::Display;
             (!is_surface || !is_in_room).then_some("it is no mesh of points in metres")
         }
-        (FileKind::Alpha | FileKind::Beta, WallMap::Warp(_)) => Some("it is no mask"),
-        (_, WallMap::Mask(_)) => Some("it is a mask"),
+        (CalibrationFileKind::Alpha | CalibrationFileKind::Beta, CalibrationMap::Warp(_)) => {
+            Some("it is no mask")
+        }
+        (_, CalibrationMap::Mask(_)) => Some("it is a mask"),
     }
 }
 
@@ -126,33 +133,38 @@ mod tests {
     use super::super::warp::WarpGrid;
     use super::*;
 
-    fn warp() -> WallMap {
+    fn warp() -> CalibrationMap {
         let grid = WarpGrid { size: UVec2::ONE, values: vec![Vec3::ZERO] };
-        WallMap::Warp(WarpMap { space: MapSpace::Canvas, shape: WarpShape::Grid(grid) })
+        CalibrationMap::Warp(WarpMap {
+            space: MapCoordinates::Canvas,
+            shape: WarpGeometry::Grid(grid),
+        })
     }
 
-    fn mask() -> WallMap {
-        WallMap::Mask(Mask { size: UVec2::ONE, components: 1, texels: vec![7] })
+    fn mask() -> CalibrationMap {
+        CalibrationMap::Mask(Mask { size: UVec2::ONE, components: 1, texels: vec![7] })
     }
 
-    fn wall(kind: FileKind) -> Wall {
+    fn wall(kind: CalibrationFileKind) -> Wall {
         let mut channel = Channel::tile("left", 0, UVec2::ZERO, UVec2::ONE);
         let mut wall = Wall::new("w", Vec::new(), Vec::new());
         let mut surface = Surface::Mesh(0);
         match kind {
-            FileKind::Warp | FileKind::WarpDarkZeros | FileKind::WarpSgct => {
+            CalibrationFileKind::Warp
+            | CalibrationFileKind::WarpDarkZeros
+            | CalibrationFileKind::WarpSgct => {
                 channel.adjustment.warp = Some(0);
             }
-            FileKind::Alpha => channel.adjustment.alpha = Some(0),
-            FileKind::Beta => channel.adjustment.beta = Some(0),
-            FileKind::ScreenMesh => {}
+            CalibrationFileKind::Alpha => channel.adjustment.alpha = Some(0),
+            CalibrationFileKind::Beta => channel.adjustment.beta = Some(0),
+            CalibrationFileKind::ScreenMesh => {}
         }
-        if kind != FileKind::ScreenMesh {
+        if kind != CalibrationFileKind::ScreenMesh {
             surface = Surface::Mesh(9);
         }
         wall.screens.push(Screen::new("hill", surface, UVec2::ONE));
         wall.channels.push(channel);
-        wall.files.push(MapFile {
+        wall.files.push(CalibrationFile {
             path: "x".into(),
             kind,
             blob: Some(BlobHash([3; 32])),
@@ -164,27 +176,38 @@ mod tests {
 
     #[test]
     fn a_file_is_what_the_wall_says_or_is_refused_by_its_key() {
-        let load = |kind, map: WallMap| Maps::load(&wall(kind), |_| Ok(Arc::new(map.clone())));
-        let maps = load(FileKind::Warp, warp()).expect("a warp");
+        let load = |kind, map: CalibrationMap| {
+            CalibrationMaps::load(&wall(kind), |_| Ok(Arc::new(map.clone())))
+        };
+        let maps = load(CalibrationFileKind::Warp, warp()).expect("a warp");
         assert_eq!((maps.len(), maps.warp(0), maps.warp(1)), (1, maps.warp(0), None));
         assert!(maps.warp(0).is_some());
-        let maps = load(FileKind::Beta, mask()).expect("a mask");
-        let masks = maps.masks(&wall(FileKind::Beta).channels[0].adjustment);
+        let maps = load(CalibrationFileKind::Beta, mask()).expect("a mask");
+        let masks = maps.masks(&wall(CalibrationFileKind::Beta).channels[0].adjustment);
         assert!(masks.beta.is_some() && masks.alpha.is_none());
         let refused = |kind, map| load(kind, map).expect_err("refused");
-        assert_eq!(refused(FileKind::Warp, mask()), "channel.left.warp: x: it is a mask");
-        assert_eq!(refused(FileKind::Alpha, warp()), "channel.left.alpha: x: it is no mask");
-        assert_eq!(refused(FileKind::Beta, warp()), "channel.left.beta: x: it is no mask");
-        let line = refused(FileKind::ScreenMesh, warp());
+        assert_eq!(
+            refused(CalibrationFileKind::Warp, mask()),
+            "channel.left.warp: x: it is a mask"
+        );
+        assert_eq!(
+            refused(CalibrationFileKind::Alpha, warp()),
+            "channel.left.alpha: x: it is no mask"
+        );
+        assert_eq!(
+            refused(CalibrationFileKind::Beta, warp()),
+            "channel.left.beta: x: it is no mask"
+        );
+        let line = refused(CalibrationFileKind::ScreenMesh, warp());
         assert_eq!(line, "screen.hill.mesh: x: it is no mesh of points in metres");
     }
 
     #[test]
     fn a_file_that_was_not_baked_is_refused() {
-        let mut wall = wall(FileKind::Warp);
+        let mut wall = wall(CalibrationFileKind::Warp);
         assert_eq!(wall.blobs().collect::<Vec<_>>(), [BlobHash([3; 32])]);
         wall.files[0].blob = None;
-        let line = Maps::load(&wall, |_| Ok(Arc::new(warp()))).expect_err("refused");
+        let line = CalibrationMaps::load(&wall, |_| Ok(Arc::new(warp()))).expect_err("refused");
         assert_eq!(line, "channel.left.warp: x: it was not baked");
         assert_eq!(wall.blobs().count(), 0);
     }

@@ -12,7 +12,7 @@ const LINES: usize = 128;
 
 /// The outline of what is lit, in pixels before pins and bends.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Outline {
+pub(super) struct LitArea {
     /// The rectangle around all of it.
     pub low: DVec2,
     pub high: DVec2,
@@ -22,14 +22,14 @@ pub(super) struct Outline {
 
 /// A side of an outline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Side {
+pub(super) enum Edge {
     Left,
     Right,
     Top,
     Bottom,
 }
 
-impl Outline {
+impl LitArea {
     /// What the triangles of a mesh cover.
     pub fn new(mesh: &WarpMesh) -> Self {
         let corners = mesh.triangles.iter().flatten();
@@ -62,12 +62,12 @@ impl Outline {
     }
 
     /// A place of the rectangle, moved to this side of the outline.
-    pub fn moved_to(&self, side: Side, at: DVec2) -> DVec2 {
+    pub fn moved_to(&self, side: Edge, at: DVec2) -> DVec2 {
         let (along, end) = match side {
-            Side::Left => (0, 0),
-            Side::Right => (0, 1),
-            Side::Top => (1, 0),
-            Side::Bottom => (1, 1),
+            Edge::Left => (0, 0),
+            Edge::Right => (0, 1),
+            Edge::Top => (1, 0),
+            Edge::Bottom => (1, 1),
         };
         let mut moved = at;
         moved[along] = self.line(along, at)[end];
@@ -105,7 +105,7 @@ fn lines(mesh: &WarpMesh, along: usize, low: DVec2, high: DVec2) -> Vec<DVec2> {
 mod tests {
     use glam::UVec2;
 
-    use super::super::warp_mesh::MeshRule;
+    use super::super::warp_mesh::TessellationOptions;
     use super::*;
 
     #[test]
@@ -115,9 +115,10 @@ mod tests {
         let inset = |y: f64| 20.0 * (1.0 - y / 160.0);
         let is_lit =
             |at: DVec2| at.x >= inset(at.y) && at.x <= 200.0 - inset(at.y) && at.y <= 150.0;
-        let mesh =
-            WarpMesh::new(size, MeshRule::default(), |at| is_lit(at).then(|| at.extend(-1.0)));
-        let outline = Outline::new(&mesh);
+        let mesh = WarpMesh::new(size, TessellationOptions::default(), |at| {
+            is_lit(at).then(|| at.extend(-1.0))
+        });
+        let outline = LitArea::new(&mesh);
         for at in [[60.0, 40.0], [150.0, 100.0], [100.0, 149.0], [30.0, 80.0]] {
             let at = DVec2::from(at);
             let due = [at.x - inset(at.y), 200.0 - inset(at.y) - at.x, at.y, 150.0 - at.y];
@@ -126,16 +127,18 @@ mod tests {
             assert!(off < 1.5, "{at}: {found:?}, {due:?}");
         }
         assert!(outline.distances(DVec2::new(5.0, 20.0))[0] < 0.0, "beyond");
-        let moved = outline.moved_to(Side::Right, DVec2::new(200.0, 80.0));
+        let moved = outline.moved_to(Edge::Right, DVec2::new(200.0, 80.0));
         assert!((moved.x - 190.0).abs() < 1.5 && moved.y == 80.0, "{moved}");
     }
 
     #[test]
     fn a_mesh_of_nothing_or_of_a_line_has_an_outline() {
-        let nothing = Outline::new(&WarpMesh::default());
+        let nothing = LitArea::new(&WarpMesh::default());
         assert_eq!(nothing.distances(DVec2::ONE), [0.0; 4]);
-        let line = WarpMesh::new(UVec2::new(1, 50), MeshRule::default(), |at| Some(at.extend(0.0)));
-        let distances = Outline::new(&line).distances(DVec2::new(0.5, 20.0));
+        let line = WarpMesh::new(UVec2::new(1, 50), TessellationOptions::default(), |at| {
+            Some(at.extend(0.0))
+        });
+        let distances = LitArea::new(&line).distances(DVec2::new(0.5, 20.0));
         assert!(distances.iter().all(|distance| distance.is_finite()), "{distances:?}");
     }
 }

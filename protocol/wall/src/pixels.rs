@@ -11,10 +11,10 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::adjustment::Bend;
-use super::facets::Facets;
-use super::shapes::{Ground, Shaped, Shapes};
-use super::{Channel, Cover, Screen, Surface, Wall};
+use super::adjustment::ControlGrid;
+use super::facets::MeshBvh;
+use super::shapes::{ResolvedWall, ScreenGeometry, WallGeometry};
+use super::{Channel, ChannelKind, Screen, Surface, Wall};
 use crate::ChannelId;
 
 /// Steps of the search for the pixel that a bend moves to a place; each at least halves the error.
@@ -26,11 +26,11 @@ const LAYER_PX: f64 = 1.0;
 
 /// The places of one channel's pixels.
 #[derive(Clone, Debug)]
-pub struct PixelMap<'a> {
+pub struct ChannelMapping<'a> {
     channel: &'a Channel,
-    ground: Ground<'a>,
+    ground: ScreenGeometry<'a>,
     /// Its warp, and the eye that sees it on the canvas.
-    warp: Option<(&'a Facets, DVec3)>,
+    warp: Option<(&'a MeshBvh, DVec3)>,
     /// Whether its projector stands behind the screen.
     is_rear: bool,
     /// From where a pixel is meant to be to where the pins move it, and back.
@@ -38,21 +38,25 @@ pub struct PixelMap<'a> {
 }
 
 impl Wall {
-    /// Where the pixels of a channel lie, as far as no file has to say it ([`Shaped::pixel_map`]);
+    /// Where the pixels of a channel lie, as far as no file has to say it ([`ResolvedWall::pixel_map`]);
     /// `None` where there is no such channel, or where its pins leave no picture.
-    pub fn pixel_map(&self, id: ChannelId) -> Option<PixelMap<'_>> {
-        Shaped::from(self).pixel_map(id)
+    pub fn pixel_map(&self, id: ChannelId) -> Option<ChannelMapping<'_>> {
+        ResolvedWall::from(self).pixel_map(id)
     }
 }
 
-impl<'a> PixelMap<'a> {
+impl<'a> ChannelMapping<'a> {
     /// The map of a channel on its screen, without files; `None` where its pins leave no picture.
     pub fn new(channel: &'a Channel, screen: &'a Screen) -> Option<Self> {
-        Self::shaped(channel, screen, Shapes::none())
+        Self::shaped(channel, screen, WallGeometry::none())
     }
 
     /// The map of a channel on its screen; `None` where its pins leave no picture.
-    pub fn shaped(channel: &'a Channel, screen: &'a Screen, shapes: &'a Shapes) -> Option<Self> {
+    pub fn shaped(
+        channel: &'a Channel,
+        screen: &'a Screen,
+        shapes: &'a WallGeometry,
+    ) -> Option<Self> {
         let pin = match channel.adjustment.pin {
             moves if moves == [DVec2::ZERO; 4] => None,
             moves => {
@@ -66,8 +70,8 @@ impl<'a> PixelMap<'a> {
         };
         let ground = shapes.ground(screen);
         let is_rear = match &channel.cover {
-            Cover::Projector(projector) => ground.is_rear(projector),
-            Cover::Tile | Cover::Map => false,
+            ChannelKind::Projector(projector) => ground.is_rear(projector),
+            ChannelKind::Tile | ChannelKind::Map => false,
         };
         Some(Self { channel, ground, warp: shapes.warp_of(channel), is_rear, pin })
     }
@@ -76,9 +80,9 @@ impl<'a> PixelMap<'a> {
     pub fn canvas_from_pixel(&self, pixel: DVec2) -> Option<DVec2> {
         let meant = self.meant_from_pixel(pixel)?;
         match &self.channel.cover {
-            Cover::Tile => Some(self.channel.origin.as_dvec2() + meant),
-            Cover::Projector(_) => self.lit(meant).map(|(_, canvas)| canvas),
-            Cover::Map => {
+            ChannelKind::Tile => Some(self.channel.origin.as_dvec2() + meant),
+            ChannelKind::Projector(_) => self.lit(meant).map(|(_, canvas)| canvas),
+            ChannelKind::Map => {
                 let (facets, eye) = self.warp?;
                 self.ground.canvas_seen(eye, facets.point_at(meant)?)
             }
@@ -88,7 +92,7 @@ impl<'a> PixelMap<'a> {
     /// The place of the channel's picture that shows a place of the canvas; it may lie outside.
     pub fn pixel_from_canvas(&self, canvas: DVec2) -> Option<DVec2> {
         let point = match self.channel.cover {
-            Cover::Tile => None,
+            ChannelKind::Tile => None,
             _ => self.ground.display_from_canvas(canvas),
         };
         self.pixel_at(canvas, point)
@@ -98,9 +102,11 @@ impl<'a> PixelMap<'a> {
     /// tiles do without.
     pub(crate) fn pixel_at(&self, canvas: DVec2, point: Option<DVec3>) -> Option<DVec2> {
         let meant = match &self.channel.cover {
-            Cover::Tile => canvas - self.channel.origin.as_dvec2(),
-            Cover::Projector(projector) => projector.place(point?)? * self.channel.size.as_dvec2(),
-            Cover::Map => self.warped_to(canvas, point?)?,
+            ChannelKind::Tile => canvas - self.channel.origin.as_dvec2(),
+            ChannelKind::Projector(projector) => {
+                projector.place(point?)? * self.channel.size.as_dvec2()
+            }
+            ChannelKind::Map => self.warped_to(canvas, point?)?,
         };
         self.pixel_from_meant(meant)
     }
@@ -108,12 +114,12 @@ impl<'a> PixelMap<'a> {
     /// The point of display space, in metres, that a place of the channel's picture shows.
     pub fn display_from_pixel(&self, pixel: DVec2) -> Option<DVec3> {
         match (&self.channel.cover, self.warp) {
-            (Cover::Projector(projector), _) => {
+            (ChannelKind::Projector(projector), _) => {
                 let meant = self.meant_from_pixel(pixel)?;
                 let direction = projector.direction(meant / self.channel.size.as_dvec2());
                 self.point_along(direction)
             }
-            (Cover::Map, Some((facets, _))) => facets.point_at(self.meant_from_pixel(pixel)?),
+            (ChannelKind::Map, Some((facets, _))) => facets.point_at(self.meant_from_pixel(pixel)?),
             _ => self.ground.display_from_canvas(self.canvas_from_pixel(pixel)?),
         }
     }
@@ -121,11 +127,11 @@ impl<'a> PixelMap<'a> {
     /// Whether all is there that says where its pixels lie; else a file is wanted.
     pub fn is_known(&self) -> bool {
         match self.channel.cover {
-            Cover::Tile => true,
-            Cover::Projector(_) => {
+            ChannelKind::Tile => true,
+            ChannelKind::Projector(_) => {
                 !matches!(self.ground.screen.surface, Surface::Mesh(_)) || self.ground.is_mesh()
             }
-            Cover::Map => self.warp.is_some(),
+            ChannelKind::Map => self.warp.is_some(),
         }
     }
 
@@ -135,25 +141,25 @@ impl<'a> PixelMap<'a> {
     }
 
     /// The screen that it lies on.
-    pub(crate) fn ground(&self) -> Ground<'a> {
+    pub(crate) fn ground(&self) -> ScreenGeometry<'a> {
         self.ground
     }
 
     /// What a projector lights with this place of its picture, and where on the canvas that is.
     fn lit(&self, meant: DVec2) -> Option<(DVec3, DVec2)> {
-        let Cover::Projector(projector) = &self.channel.cover else { return None };
+        let ChannelKind::Projector(projector) = &self.channel.cover else { return None };
         self.lit_along(projector.direction(meant / self.channel.size.as_dvec2()))
     }
 
     /// What a projector lights in this direction.
     pub(crate) fn point_along(&self, direction: DVec3) -> Option<DVec3> {
-        let Cover::Projector(projector) = &self.channel.cover else { return None };
+        let ChannelKind::Projector(projector) = &self.channel.cover else { return None };
         self.ground.point_side(projector.position, direction, self.is_rear)
     }
 
     /// What a projector lights in this direction, and where on the canvas that is.
     pub fn lit_along(&self, direction: DVec3) -> Option<(DVec3, DVec2)> {
-        let Cover::Projector(projector) = &self.channel.cover else { return None };
+        let ChannelKind::Projector(projector) = &self.channel.cover else { return None };
         self.ground.hit_side(projector.position, direction, self.is_rear)
     }
 
@@ -191,7 +197,7 @@ impl<'a> PixelMap<'a> {
     /// no `line.dot((x, y, 1))` is negative. A bend leaves a margin.
     pub(crate) fn lines_around_picture(&self) -> [DVec3; 4] {
         let size = self.channel.size.as_dvec2();
-        let margin = self.channel.adjustment.bend.as_ref().map_or(0.0, Bend::reach);
+        let margin = self.channel.adjustment.bend.as_ref().map_or(0.0, ControlGrid::reach);
         let (low, high) = (DVec2::splat(-margin), size + margin);
         // In homogeneous coordinates, so that what lies behind the horizon of pins is cut off too:
         // J. Blinn, M. Newell, *Clipping using homogeneous coordinates*, 1978.
@@ -210,7 +216,7 @@ impl<'a> PixelMap<'a> {
     }
 }
 
-impl Bend {
+impl ControlGrid {
     /// A bound of how far any place is moved, in pixels: weights of a cubic sum up to 1.25 each
     /// way, and what goes on beyond the grid is at most three times as much as in it.
     fn reach(&self) -> f64 {

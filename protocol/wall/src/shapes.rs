@@ -14,74 +14,78 @@ use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
-use super::facets::{Facets, Hit};
-use super::maps::Maps;
-use super::outline::Outline;
-use super::pixels::PixelMap;
+use super::facets::{Hit, MeshBvh};
+use super::maps::CalibrationMaps;
+use super::outline::LitArea;
+use super::pixels::ChannelMapping;
 use super::projector::Projector;
-use super::warp::{WarpMap, WarpShape};
+use super::warp::{WarpGeometry, WarpMap};
 use super::warp_mesh::WarpMesh;
-use super::{Adjustment, Channel, Screen, Surface, Wall};
+use super::{Channel, ChannelCalibration, Screen, Surface, Wall};
 
 /// The shapes of a wall; none at all of one that has no files, or whose files nobody has read.
 #[derive(Clone, Debug, Default)]
-pub struct Shapes {
+pub struct WallGeometry {
     eye: DVec3,
     /// By file; their places are u and v.
-    screens: BTreeMap<u16, Arc<Facets>>,
+    screens: BTreeMap<u16, Arc<MeshBvh>>,
     /// By name; their places are pixels.
-    channels: BTreeMap<String, ChannelShape>,
+    channels: BTreeMap<String, ChannelGeometry>,
 }
 
 /// Where the pixels of a channel lie that a file places.
 #[derive(Clone, Debug)]
-struct ChannelShape {
-    facets: Arc<Facets>,
-    outline: Arc<Outline>,
+struct ChannelGeometry {
+    facets: Arc<MeshBvh>,
+    outline: Arc<LitArea>,
     /// Whether the file says how light its corners are, too.
     has_light: bool,
 }
 
-static NONE: Shapes =
-    Shapes { eye: DVec3::ZERO, screens: BTreeMap::new(), channels: BTreeMap::new() };
+static NONE: WallGeometry =
+    WallGeometry { eye: DVec3::ZERO, screens: BTreeMap::new(), channels: BTreeMap::new() };
 
 /// A wall with its shapes. Of a wall alone: as if nobody had its files.
 #[derive(Clone, Copy, Debug)]
-pub struct Shaped<'a> {
+pub struct ResolvedWall<'a> {
     /// The wall.
     pub wall: &'a Wall,
     /// What its files make of it.
-    pub shapes: &'a Shapes,
+    pub shapes: &'a WallGeometry,
 }
 
-impl<'a> From<&'a Wall> for Shaped<'a> {
+impl<'a> From<&'a Wall> for ResolvedWall<'a> {
     fn from(wall: &'a Wall) -> Self {
         Self { wall, shapes: &NONE }
     }
 }
 
-impl<'a> Shaped<'a> {
+impl<'a> ResolvedWall<'a> {
     /// Where the pixels of a channel lie, as [`Wall::pixel_map`], with what its files say.
-    pub fn pixel_map(&self, id: crate::ChannelId) -> Option<PixelMap<'a>> {
+    pub fn pixel_map(&self, id: crate::ChannelId) -> Option<ChannelMapping<'a>> {
         let channel = self.wall.channel(id)?;
-        PixelMap::shaped(channel, self.wall.screens.get(usize::from(channel.screen))?, self.shapes)
+        ChannelMapping::shaped(
+            channel,
+            self.wall.screens.get(usize::from(channel.screen))?,
+            self.shapes,
+        )
     }
 }
 
-impl Shapes {
+impl WallGeometry {
     /// No shapes, for whatever wall.
     pub fn none() -> &'static Self {
         &NONE
     }
 
     /// The shapes of all screens and channels.
-    pub fn new(wall: &Wall, maps: &Maps) -> Self {
+    pub fn new(wall: &Wall, maps: &CalibrationMaps) -> Self {
         Self::of(wall, maps, |_| true)
     }
 
     /// The shapes of those screens for which `is_wanted`, and of the channels on them. A file
     /// that is not there, or of no use for what names it, makes none.
-    pub fn of(wall: &Wall, maps: &Maps, is_wanted: impl Fn(u16) -> bool) -> Self {
+    pub fn of(wall: &Wall, maps: &CalibrationMaps, is_wanted: impl Fn(u16) -> bool) -> Self {
         let mut shapes = Self { eye: wall.eye, ..Self::default() };
         let wanted = (0u16..).zip(&wall.screens).filter(|(index, _)| is_wanted(*index));
         for (_, screen) in wanted {
@@ -89,11 +93,11 @@ impl Shapes {
                 && !shapes.screens.contains_key(&file)
                 && let Some(facets) = maps.warp(file).and_then(WarpMap::surface)
             {
-                shapes.screens.insert(file, Arc::new(Facets::new(facets)));
+                shapes.screens.insert(file, Arc::new(MeshBvh::new(facets)));
             }
         }
         // Channels of one size on one screen may share a file.
-        let mut known: BTreeMap<(u16, u16, [u32; 2]), ChannelShape> = BTreeMap::new();
+        let mut known: BTreeMap<(u16, u16, [u32; 2]), ChannelGeometry> = BTreeMap::new();
         for channel in wall.channels.iter().filter(|channel| is_wanted(channel.screen)) {
             let Some(file) = channel.adjustment.warp else { continue };
             let key = (file, channel.screen, channel.size.to_array());
@@ -111,43 +115,43 @@ impl Shapes {
     fn channel_shape(
         &self,
         wall: &Wall,
-        maps: &Maps,
+        maps: &CalibrationMaps,
         channel: &Channel,
         file: u16,
-    ) -> Option<ChannelShape> {
+    ) -> Option<ChannelGeometry> {
         let warp = maps.warp(file)?;
         let screen = wall.screens.get(usize::from(channel.screen))?;
-        let straight = Channel { adjustment: Adjustment::default(), ..channel.clone() };
-        let pixels = PixelMap::shaped(&straight, screen, self)?;
+        let straight = Channel { adjustment: ChannelCalibration::default(), ..channel.clone() };
+        let pixels = ChannelMapping::shaped(&straight, screen, self)?;
         let mesh: WarpMesh = warp.channel_mesh(&straight, &self.ground(screen), &pixels);
         let has_light = match &warp.shape {
-            WarpShape::Grid(_) => false,
-            WarpShape::Mesh(mesh) => mesh.vertices.iter().any(|vertex| vertex.light < 1.0),
+            WarpGeometry::Grid(_) => false,
+            WarpGeometry::Mesh(mesh) => mesh.vertices.iter().any(|vertex| vertex.light < 1.0),
         };
         if mesh.triangles.is_empty() {
             return None;
         }
-        let outline = Arc::new(Outline::new(&mesh));
-        Some(ChannelShape { facets: Arc::new(Facets::new(mesh)), outline, has_light })
+        let outline = Arc::new(LitArea::new(&mesh));
+        Some(ChannelGeometry { facets: Arc::new(MeshBvh::new(mesh)), outline, has_light })
     }
 
     /// A screen, with its mesh where it is one.
-    pub fn ground<'a>(&'a self, screen: &'a Screen) -> Ground<'a> {
+    pub fn ground<'a>(&'a self, screen: &'a Screen) -> ScreenGeometry<'a> {
         let facets = match screen.surface {
             Surface::Mesh(file) => self.screens.get(&file).map(Arc::as_ref),
             _ => None,
         };
-        Ground { screen, facets }
+        ScreenGeometry { screen, facets }
     }
 
     /// The warp of a channel, and the eye that its canvas is seen from.
-    pub(super) fn warp_of(&self, channel: &Channel) -> Option<(&Facets, DVec3)> {
+    pub(super) fn warp_of(&self, channel: &Channel) -> Option<(&MeshBvh, DVec3)> {
         let shape = self.channels.get(&channel.name)?;
         Some((shape.facets.as_ref(), self.eye))
     }
 
     /// What of a channel's picture its warp lights.
-    pub(super) fn outline_of(&self, channel: &Channel) -> Option<&Outline> {
+    pub(super) fn outline_of(&self, channel: &Channel) -> Option<&LitArea> {
         self.channels.get(&channel.name).map(|shape| shape.outline.as_ref())
     }
 
@@ -157,22 +161,22 @@ impl Shapes {
     pub fn is_blended_by_file(&self, channel: &Channel) -> bool {
         let adjustment = &channel.adjustment;
         let has_light = self.channels.get(&channel.name).is_some_and(|shape| shape.has_light);
-        let is_implied = channel.cover == super::Cover::Map
+        let is_implied = channel.cover == super::ChannelKind::Map
             && (has_light || adjustment.alpha.is_some())
-            && adjustment.edges == super::Edges::default();
+            && adjustment.edges == super::BlendWidths::default();
         is_implied || adjustment.ramps == super::Ramps::Alpha
     }
 }
 
 /// A screen, and its mesh where it stands in a file that is there.
 #[derive(Clone, Copy, Debug)]
-pub struct Ground<'a> {
+pub struct ScreenGeometry<'a> {
     /// The screen.
     pub screen: &'a Screen,
-    facets: Option<&'a Facets>,
+    facets: Option<&'a MeshBvh>,
 }
 
-impl Ground<'_> {
+impl ScreenGeometry<'_> {
     /// The point of display space at a place of the canvas, as [`Screen::display_from_canvas`].
     pub fn display_from_canvas(&self, canvas: DVec2) -> Option<DVec3> {
         match self.facets {

@@ -48,7 +48,7 @@ const TAP_SPACING: f64 = 1.5;
 
 /// Why a channel has no source.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum SourceError {
+pub enum AtlasError {
     /// No pixel is lit.
     #[error("none of its pixels lies on its screen")]
     Nothing,
@@ -78,7 +78,7 @@ pub enum SourceError {
 
 /// One planar picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plane {
+pub struct AtlasView {
     /// The eye that sees it, in metres of display space.
     pub eye: DVec3,
     /// Turns a vector from the eye in display space into view space, which looks along −Z.
@@ -90,7 +90,7 @@ pub struct Plane {
     pub rect: [u32; 4],
 }
 
-impl Plane {
+impl AtlasView {
     /// From vectors from the eye in display space to clip space.
     pub fn clip_from_eye(&self) -> DMat4 {
         self.clip_from_view * DMat4::from_mat3(self.view_from_display)
@@ -109,10 +109,10 @@ impl Plane {
 
 /// What one channel is drawn from, for the eyes that it shows.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SourcePlan {
+pub struct ViewAtlas {
     /// For each eye, its planes; the first one that holds a point shows it, unless `triangles`
     /// say otherwise.
-    pub planes: Vec<Vec<Plane>>,
+    pub planes: Vec<Vec<AtlasView>>,
     /// The triangles of the mesh that each plane shows, of all eyes alike; empty without
     /// omnidirectional stereo.
     pub triangles: Vec<Vec<u32>>,
@@ -133,7 +133,7 @@ pub struct SourcePlan {
     pub taps: UVec2,
 }
 
-impl SourcePlan {
+impl ViewAtlas {
     /// The plan of a channel for its eyes, in metres of display space: one, or left and right of
     /// one head.
     /// `near_m` is the wall's; `side_max` the adapter's largest texture, in pixels.
@@ -145,7 +145,7 @@ impl SourcePlan {
         eyes: &[E],
         near_m: f64,
         side_max: u32,
-    ) -> Result<Self, SourceError> {
+    ) -> Result<Self, AtlasError> {
         let eyes: Vec<Viewpoint> = eyes.iter().map(|eye| (*eye).into()).collect();
         let (mut groups, mut triangles) = (Vec::with_capacity(eyes.len()), Vec::new());
         let (mut pixels, mut stereo_error_px) = (0.0, 0.0);
@@ -214,11 +214,11 @@ fn inner([_, _, width, height]: [u32; 4]) -> DVec2 {
 }
 
 /// The plane of a group whose picture has this place in the atlas.
-fn plane(group: &Group, rect: [u32; 4], near_m: f64) -> Plane {
+fn plane(group: &Group, rect: [u32; 4], near_m: f64) -> AtlasView {
     let guard = (group.high - group.low) * f64::from(SOURCE_GUARD) / inner(rect);
     let (low, high) = (group.low - guard, group.high + guard);
     let (scale, middle) = (2.0 / (high - low), (high + low) / (high - low));
-    Plane {
+    AtlasView {
         eye: group.eye,
         view_from_display: group.view_from_display,
         clip_from_view: DMat4::from_cols(

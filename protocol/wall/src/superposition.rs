@@ -14,9 +14,12 @@ use std::ops::Range;
 
 use glam::{DVec2, DVec3, UVec2};
 
-use super::blend::lamp::Lamp;
-use super::shapes::Shaped;
-use super::{Adjustment, Channel, Cover, Curve, EyeOf, Packing, Turn, Wall};
+use super::blend::lamp::BlendChannel;
+use super::shapes::ResolvedWall;
+use super::{
+    Channel, ChannelCalibration, ChannelKind, Eye, Orientation, StereoPacking, TransferFunction,
+    Wall,
+};
 use crate::ChannelId;
 
 /// Pixels of a row whose places are found at its ends and its middle only, where that is as good.
@@ -27,7 +30,7 @@ const PLACE_ERROR_MAX: f64 = 1e-3;
 
 /// The picture of a channel as its display gets it.
 #[derive(Clone, Copy, Debug)]
-pub struct DisplayPicture<'a> {
+pub struct DisplayImage<'a> {
     /// Whose it is.
     pub channel: ChannelId,
     /// RGBA8, rows from the top, of the channel's
@@ -37,7 +40,7 @@ pub struct DisplayPicture<'a> {
 
 /// Which of a viewer's eyes sees a screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum StereoEye {
     /// The left one, or both where channels are for the middle of both.
     Left,
     /// The right one.
@@ -46,20 +49,20 @@ pub enum Side {
 
 /// The light of one screen, as one eye sees it.
 #[derive(Clone, Debug)]
-pub struct Superposition<'a> {
+pub struct LightComposite<'a> {
     canvas: UVec2,
-    shown: Vec<ChannelLight<'a>>,
+    shown: Vec<LinearImage<'a>>,
 }
 
-impl Side {
+impl StereoEye {
     /// Whether this eye sees a channel.
     pub fn sees(self, channel: &Channel) -> bool {
-        let Adjustment { packing, eye, .. } = channel.adjustment;
-        packing != Packing::None
+        let ChannelCalibration { packing, eye, .. } = channel.adjustment;
+        packing != StereoPacking::None
             || match eye {
-                EyeOf::Center => true,
-                EyeOf::Left => self == Self::Left,
-                EyeOf::Right => self == Self::Right,
+                Eye::Center => true,
+                Eye::Left => self == Self::Left,
+                Eye::Right => self == Self::Right,
             }
     }
 
@@ -67,39 +70,40 @@ impl Side {
     /// where a channel is for it.
     pub fn of(wall: &Wall, screen: u16) -> &'static [Self] {
         let is_right = |channel: &Channel| {
-            let Adjustment { packing, eye, .. } = channel.adjustment;
-            channel.screen == screen && (packing != Packing::None || eye == EyeOf::Right)
+            let ChannelCalibration { packing, eye, .. } = channel.adjustment;
+            channel.screen == screen && (packing != StereoPacking::None || eye == Eye::Right)
         };
         if wall.channels.iter().any(is_right) { &[Self::Left, Self::Right] } else { &[Self::Left] }
     }
 }
 
 /// Whether what a side sees of a screen differs from the codes of its tiles beside each other.
-pub fn is_superposed(wall: &Wall, screen: u16, side: Side) -> bool {
+pub fn is_superposed(wall: &Wall, screen: u16, side: StereoEye) -> bool {
     let seen = |channel: &&Channel| channel.screen == screen && side.sees(channel);
     let lamps: Vec<_> =
-        wall.channels.iter().filter(seen).map(|channel| Lamp::new(wall, channel)).collect();
-    let is_plain = |lamp: &Lamp<'_>| {
+        wall.channels.iter().filter(seen).map(|channel| BlendChannel::new(wall, channel)).collect();
+    let is_plain = |lamp: &BlendChannel<'_>| {
         let adjustment = &lamp.channel.adjustment;
         lamp.is_rect()
-            && adjustment.color.curve == Curve::Srgb
-            && adjustment.packing == Packing::None
-            && adjustment.turn == Turn::None
+            && adjustment.color.curve == TransferFunction::Srgb
+            && adjustment.packing == StereoPacking::None
+            && adjustment.turn == Orientation::None
             && !adjustment.mirror
     };
-    let meets = |(at, lamp): (usize, &Lamp<'_>)| lamps[..at].iter().any(|o| lamp.may_meet(o));
+    let meets =
+        |(at, lamp): (usize, &BlendChannel<'_>)| lamps[..at].iter().any(|o| lamp.may_meet(o));
     let leaks = lamps.iter().any(|lamp| wall.leak_of(lamp.channel) != DVec3::ZERO);
     leaks || !lamps.iter().all(is_plain) || lamps.iter().enumerate().any(meets)
 }
 
-impl<'a> Superposition<'a> {
+impl<'a> LightComposite<'a> {
     /// Of the pictures that belong to this screen and are seen from this side; what is not there,
     /// or not of its channel's size, gives no light.
     pub fn new(
-        of: impl Into<Shaped<'a>>,
+        of: impl Into<ResolvedWall<'a>>,
         screen: u16,
-        side: Side,
-        pictures: &[DisplayPicture<'a>],
+        side: StereoEye,
+        pictures: &[DisplayImage<'a>],
     ) -> Self {
         let shaped = of.into();
         let wall = shaped.wall;
@@ -107,7 +111,7 @@ impl<'a> Superposition<'a> {
         let shown = pictures.iter().filter_map(|picture| {
             let channel = wall.channel(picture.channel)?;
             let is_seen = channel.screen == screen && side.sees(channel);
-            is_seen.then(|| ChannelLight::new(shaped, picture.channel, side, picture.rgba))?
+            is_seen.then(|| LinearImage::new(shaped, picture.channel, side, picture.rgba))?
         });
         // Where only a file knows that nobody has read, nothing is seen.
         let shown = shown.filter(|shown| shown.lamp.is_known());
@@ -153,24 +157,24 @@ impl<'a> Superposition<'a> {
 
 /// A channel's picture, and the light of its codes.
 #[derive(Clone, Debug)]
-pub struct ChannelLight<'a> {
-    lamp: Lamp<'a>,
+pub struct LinearImage<'a> {
+    lamp: BlendChannel<'a>,
     rgba: &'a [u8],
     /// From upright pixels to those of the display.
-    hang: Hang,
+    hang: DisplayTransform,
     /// The light of each code, of the colours that pass the eye's glass.
     light: Vec<DVec3>,
     /// What the display shows of black.
     leak: DVec3,
 }
 
-impl<'a> ChannelLight<'a> {
+impl<'a> LinearImage<'a> {
     /// The picture of a channel, RGBA8 as its display gets it, as an eye sees it; `None` where
     /// it is not of the display's size.
     pub fn new(
-        of: impl Into<Shaped<'a>>,
+        of: impl Into<ResolvedWall<'a>>,
         id: ChannelId,
-        side: Side,
+        side: StereoEye,
         rgba: &'a [u8],
     ) -> Option<Self> {
         let shaped = of.into();
@@ -181,16 +185,16 @@ impl<'a> ChannelLight<'a> {
         }
         let adjustment = &channel.adjustment;
         let glass = match (adjustment.packing, side) {
-            (Packing::Anaglyph, Side::Left) => DVec3::X,
-            (Packing::Anaglyph, Side::Right) => DVec3::new(0.0, 1.0, 1.0),
+            (StereoPacking::Anaglyph, StereoEye::Left) => DVec3::X,
+            (StereoPacking::Anaglyph, StereoEye::Right) => DVec3::new(0.0, 1.0, 1.0),
             _ => DVec3::ONE,
         };
         let curve = &adjustment.color.curve;
         let light = |code: u8| curve.decode(DVec3::splat(f64::from(code) / 255.0)) * glass;
         Some(Self {
-            lamp: Lamp::new(shaped, channel),
+            lamp: BlendChannel::new(shaped, channel),
             rgba,
-            hang: Hang::new(adjustment, channel.size, side),
+            hang: DisplayTransform::new(adjustment, channel.size, side),
             light: (0..=u8::MAX).map(light).collect(),
             leak: shaped.wall.leak_of(channel),
         })
@@ -212,7 +216,7 @@ impl<'a> ChannelLight<'a> {
     /// picture that does: exact where the span is bent, else between both ends.
     fn span(&self, y: u32, columns: Range<u32>, mut put: impl FnMut(u32, DVec2)) {
         let place = |x: f64| self.lamp.pixel(DVec2::new(x, f64::from(y) + 0.5));
-        if self.lamp.channel.cover == Cover::Map {
+        if self.lamp.channel.cover == ChannelKind::Map {
             // Between the ends of a span a map may have holes, and ends.
             let places = columns.map(|x| (x, place(f64::from(x) + 0.5)));
             let lit = places.filter_map(|(x, pixel)| Some((x, pixel?)));
@@ -260,8 +264,8 @@ impl<'a> ChannelLight<'a> {
 
 /// How an upright picture becomes a part of a display's: mirrored, packed, then turned.
 #[derive(Clone, Copy, Debug)]
-struct Hang {
-    turn: Turn,
+struct DisplayTransform {
+    turn: Orientation,
     is_mirrored: bool,
     upright: UVec2,
     /// Where it begins among both eyes' pictures.
@@ -269,14 +273,14 @@ struct Hang {
     packed: UVec2,
 }
 
-impl Hang {
-    fn new(adjustment: &Adjustment, upright: UVec2, side: Side) -> Self {
+impl DisplayTransform {
+    fn new(adjustment: &ChannelCalibration, upright: UVec2, side: StereoEye) -> Self {
         let (step, packed) = match adjustment.packing {
-            Packing::None | Packing::Anaglyph => (UVec2::ZERO, upright),
-            Packing::SideBySide => (UVec2::X, upright * UVec2::new(2, 1)),
-            Packing::TopBottom => (UVec2::Y, upright * UVec2::new(1, 2)),
+            StereoPacking::None | StereoPacking::Anaglyph => (UVec2::ZERO, upright),
+            StereoPacking::SideBySide => (UVec2::X, upright * UVec2::new(2, 1)),
+            StereoPacking::TopBottom => (UVec2::Y, upright * UVec2::new(1, 2)),
         };
-        let begin = if side == Side::Right { step * upright } else { UVec2::ZERO };
+        let begin = if side == StereoEye::Right { step * upright } else { UVec2::ZERO };
         let (turn, is_mirrored) = (adjustment.turn, adjustment.mirror);
         Self { turn, is_mirrored, upright, begin, packed }
     }
@@ -287,10 +291,10 @@ impl Hang {
         let at = self.begin + UVec2::new(x, pixel.y);
         let from_end = self.packed - 1 - at;
         let (x, y, width) = match self.turn {
-            Turn::None => (at.x, at.y, self.packed.x),
-            Turn::Left => (from_end.y, at.x, self.packed.y),
-            Turn::Right => (at.y, from_end.x, self.packed.y),
-            Turn::Half => (from_end.x, from_end.y, self.packed.x),
+            Orientation::None => (at.x, at.y, self.packed.x),
+            Orientation::Left => (from_end.y, at.x, self.packed.y),
+            Orientation::Right => (at.y, from_end.x, self.packed.y),
+            Orientation::Half => (from_end.x, from_end.y, self.packed.x),
         };
         y as usize * width as usize + x as usize
     }

@@ -10,9 +10,9 @@ mod tests;
 use glam::{DMat3, DVec2, DVec3, UVec2};
 use serde::{Deserialize, Serialize};
 
-use crate::adjustment::Bend;
+use crate::adjustment::ControlGrid;
 use crate::limits::{BEND_POINTS_MAX, LEAK_MAX, TUNE_CHANGES_MAX};
-use crate::{Adjustment, Channel, Curve, Ramps, Wall, fold};
+use crate::{Channel, ChannelCalibration, Ramps, TransferFunction, Wall, fold};
 
 /// Largest factor of light and largest γ: beyond it a slip of the finger is likelier than a
 /// display that is like that.
@@ -20,13 +20,13 @@ const FACTOR_MAX: f64 = 16.0;
 
 /// One change of a channel's adjustment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Change {
+pub enum CalibrationChange {
     /// Moves a corner of the picture.
     Pin {
         /// Which.
         corner: Corner,
         /// To where, in pixels from where it was drawn; x right, y down.
-        to: Move,
+        to: Offset,
     },
     /// Gives the bend so many points across and down, which lie on the present bend; `None`: no
     /// bend.
@@ -38,7 +38,7 @@ pub enum Change {
         /// From 0 at the top.
         row: u32,
         /// To where, in pixels from where it was; x right, y down.
-        to: Move,
+        to: Offset,
     },
     /// Light of red, green and blue is multiplied by these, last.
     Gain(DVec3),
@@ -52,7 +52,7 @@ pub enum Change {
     /// The width of a blend in pixels; `None`: as wide as the overlap.
     Edge {
         /// At which edge.
-        side: Side,
+        side: Edge,
         /// In pixels.
         width: Option<f64>,
     },
@@ -62,7 +62,7 @@ pub enum Change {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Corner {
-    /// Its index in [`Adjustment::pin`] is that of this list.
+    /// Its index in [`ChannelCalibration::pin`] is that of this list.
     UpperLeft,
     /// The second.
     UpperRight,
@@ -75,7 +75,7 @@ pub enum Corner {
 /// An edge of a channel's upright picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Side {
+pub enum Edge {
     /// At the viewer's left.
     Left,
     /// At the viewer's right.
@@ -88,7 +88,7 @@ pub enum Side {
 
 /// Where something is moved, in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Move {
+pub enum Offset {
     /// So far from where it would be without any.
     To(DVec2),
     /// So much further than it is.
@@ -96,7 +96,7 @@ pub enum Move {
 }
 
 impl Corner {
-    /// All, in the order of [`Adjustment::pin`].
+    /// All, in the order of [`ChannelCalibration::pin`].
     pub const ALL: [Self; 4] =
         [Self::UpperLeft, Self::UpperRight, Self::LowerLeft, Self::LowerRight];
 
@@ -111,7 +111,7 @@ impl Corner {
     }
 }
 
-impl Side {
+impl Edge {
     /// All.
     pub const ALL: [Self; 4] = [Self::Left, Self::Right, Self::Top, Self::Bottom];
 
@@ -130,7 +130,7 @@ impl Side {
     }
 }
 
-impl Move {
+impl Offset {
     fn of(self, present: DVec2) -> DVec2 {
         match self {
             Self::To(to) => to,
@@ -139,7 +139,7 @@ impl Move {
     }
 }
 
-impl Change {
+impl CalibrationChange {
     /// As commands call it.
     pub fn key(&self) -> String {
         match self {
@@ -158,7 +158,7 @@ impl Change {
     ///
     /// # Errors
     /// What is wrong with it by itself, or with the point that it names.
-    fn make(&self, adjustment: &mut Adjustment, size: DVec2) -> Result<(), String> {
+    fn make(&self, adjustment: &mut ChannelCalibration, size: DVec2) -> Result<(), String> {
         match self {
             Self::Pin { corner, to } => {
                 let pin = &mut adjustment.pin[*corner as usize];
@@ -211,10 +211,10 @@ impl Change {
                 }
                 let edges = &mut adjustment.edges;
                 *match side {
-                    Side::Left => &mut edges.left,
-                    Side::Right => &mut edges.right,
-                    Side::Top => &mut edges.top,
-                    Side::Bottom => &mut edges.bottom,
+                    Edge::Left => &mut edges.left,
+                    Edge::Right => &mut edges.right,
+                    Edge::Top => &mut edges.top,
+                    Edge::Bottom => &mut edges.bottom,
                 } = *width;
             }
         }
@@ -223,7 +223,7 @@ impl Change {
 }
 
 /// A move that leaves a point within two pictures of where it was.
-fn moved(to: Move, present: DVec2, size: DVec2) -> Result<DVec2, String> {
+fn moved(to: Offset, present: DVec2, size: DVec2) -> Result<DVec2, String> {
     let moved = to.of(present);
     let fits = moved.is_finite() && moved.abs().cmple(size).all();
     fits.then_some(moved).ok_or_else(|| {
@@ -232,7 +232,11 @@ fn moved(to: Move, present: DVec2, size: DVec2) -> Result<DVec2, String> {
 }
 
 /// The present bend at so many points.
-fn regridded(adjustment: &Adjustment, points: UVec2, size: DVec2) -> Result<Bend, String> {
+fn regridded(
+    adjustment: &ChannelCalibration,
+    points: UVec2,
+    size: DVec2,
+) -> Result<ControlGrid, String> {
     let count = u64::from(points.x) * u64::from(points.y);
     if points.min_element() < 2 || count > BEND_POINTS_MAX as u64 {
         return Err(format!("2x2 to {BEND_POINTS_MAX} points in all can be"));
@@ -245,13 +249,13 @@ fn regridded(adjustment: &Adjustment, points: UVec2, size: DVec2) -> Result<Bend
     let moves = rows.flat_map(|row| (0..points.x).map(move |column| present(place(row, column))));
     let moves: Vec<_> = moves.collect();
     debug_assert!(size.is_finite() && moves.len() as u64 == count);
-    Ok(Bend { points, moves: moves.into() })
+    Ok(ControlGrid { points, moves: moves.into() })
 }
 
-fn curve(gamma: Option<DVec3>) -> Result<Curve, String> {
-    let Some(gamma) = gamma else { return Ok(Curve::Srgb) };
+fn curve(gamma: Option<DVec3>) -> Result<TransferFunction, String> {
+    let Some(gamma) = gamma else { return Ok(TransferFunction::Srgb) };
     let fits = gamma.cmpgt(DVec3::splat(0.1)).all() && gamma.cmple(DVec3::splat(FACTOR_MAX)).all();
-    fits.then_some(Curve::Gamma(gamma))
+    fits.then_some(TransferFunction::Gamma(gamma))
         .ok_or_else(|| "numbers above 0.1, up to 16, can be, or srgb".into())
 }
 
@@ -259,7 +263,7 @@ fn curve(gamma: Option<DVec3>) -> Result<Curve, String> {
 ///
 /// # Errors
 /// Which channel or key is wrong, what is wrong with it, and what would be right.
-pub fn tuned(wall: &Wall, channel: &str, changes: &[Change]) -> Result<Wall, String> {
+pub fn tuned(wall: &Wall, channel: &str, changes: &[CalibrationChange]) -> Result<Wall, String> {
     let Some((id, _)) = wall.channel_named(channel) else {
         let names: Vec<_> = wall.channels.iter().map(|channel| channel.name.as_str()).collect();
         return Err(format!("this wall has no channel {channel:?}; it has {}", names.join(", ")));
@@ -277,7 +281,8 @@ pub fn tuned(wall: &Wall, channel: &str, changes: &[Change]) -> Result<Wall, Str
     }
     if let Some(fault) = fold::fault(&wall.channels[usize::from(id.0)]) {
         // The key that was turned last is what a person wants to hear of.
-        let key = changes.iter().rev().map(Change::key).find(|key| key.starts_with(fault.key));
+        let key =
+            changes.iter().rev().map(CalibrationChange::key).find(|key| key.starts_with(fault.key));
         let key = key.unwrap_or_else(|| fault.key.to_owned());
         return Err(format!("{channel}: {key}: {fault}"));
     }
@@ -287,7 +292,7 @@ pub fn tuned(wall: &Wall, channel: &str, changes: &[Change]) -> Result<Wall, Str
 
 /// What was tuned of the channels of a wall, by their names: those whose adjustment is not the
 /// file's.
-pub fn differences(file: &Wall, tuned: &Wall) -> Vec<(String, Adjustment)> {
+pub fn differences(file: &Wall, tuned: &Wall) -> Vec<(String, ChannelCalibration)> {
     let pairs = file.channels.iter().zip(&tuned.channels);
     let differing = pairs.filter(|(before, now)| before.adjustment != now.adjustment);
     differing.map(|(_, now)| (now.name.clone(), now.adjustment.clone())).collect()
@@ -297,7 +302,7 @@ pub fn differences(file: &Wall, tuned: &Wall) -> Vec<(String, Adjustment)> {
 ///
 /// # Errors
 /// What does not fit.
-pub fn restored(file: &Wall, tunings: &[(String, Adjustment)]) -> Result<Wall, String> {
+pub fn restored(file: &Wall, tunings: &[(String, ChannelCalibration)]) -> Result<Wall, String> {
     let mut wall = file.clone();
     for (name, adjustment) in tunings {
         let found = wall.channels.iter_mut().find(|channel| channel.name == *name);
@@ -318,7 +323,7 @@ fn fold_or(channel: &Channel) -> Result<(), String> {
 }
 
 /// Whether one differs from the other only in what can be tuned.
-pub fn is_tuning_of(file: &Adjustment, tuned: &Adjustment) -> bool {
-    let Adjustment { pin, bend, edges, color, .. } = file.clone();
-    *file == Adjustment { pin, bend, edges, color, ..tuned.clone() }
+pub fn is_tuning_of(file: &ChannelCalibration, tuned: &ChannelCalibration) -> bool {
+    let ChannelCalibration { pin, bend, edges, color, .. } = file.clone();
+    *file == ChannelCalibration { pin, bend, edges, color, ..tuned.clone() }
 }

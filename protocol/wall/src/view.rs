@@ -16,12 +16,12 @@ use polyptych_text::counted;
 use serde::{Deserialize, Serialize};
 
 use super::frustum::{ChannelFrustum, FrustumError, ScreenFrustum};
-use super::{Channel, Cover, Projection, Screen, Surface, Wall};
+use super::{Channel, ChannelKind, FrustumMode, Screen, Surface, Wall};
 use crate::ChannelId;
 use crate::camera::Camera;
 use crate::limits::{SHARED_CANVAS_SIDE_MAX, VIEW_PARTS_MAX, VIEWS_MAX};
 
-pub use part_mesh::{CanvasPart, PointOf};
+pub use part_mesh::{CanvasRect, PointSpace};
 
 /// Where the depth of parallel rays ends, in metres behind the near plane, until who draws has
 /// fitted it to the scene.
@@ -168,7 +168,7 @@ pub enum ViewError {
 
 /// A rectangle of a channel that shows one view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ViewPart {
+pub struct ViewRect {
     /// An index into the frame's views.
     pub view: usize,
     /// x, y, width, height in pixels of the channel.
@@ -232,7 +232,7 @@ impl Wall {
         }
         let has_no_canvas = |channel: &&Channel| {
             channel.screen == index
-                && (channel.cover != Cover::Tile || channel.adjustment.warp.is_some())
+                && (channel.cover != ChannelKind::Tile || channel.adjustment.warp.is_some())
         };
         self.channels.iter().find(has_no_canvas).map_or(Ok(()), |channel| {
             let (screen, channel) = (screen.name.clone(), channel.name.clone());
@@ -251,7 +251,7 @@ impl Wall {
     ///
     /// # Errors
     /// [`ViewError::Parts`] where there would be too many.
-    pub fn view_parts(&self, id: ChannelId, views: &[View]) -> Result<Vec<ViewPart>, ViewError> {
+    pub fn view_parts(&self, id: ChannelId, views: &[View]) -> Result<Vec<ViewRect>, ViewError> {
         let Some(channel) = self.channel(id) else { return Ok(Vec::new()) };
         let rects: Vec<_> = views.iter().map(|view| channel.covered_by(&view.area)).collect();
         let mut parts = Vec::new();
@@ -263,7 +263,7 @@ impl Wall {
                     break;
                 }
             }
-            parts.extend(left.into_iter().map(|rect| ViewPart { view, rect }));
+            parts.extend(left.into_iter().map(|rect| ViewRect { view, rect }));
             if parts.len() > VIEW_PARTS_MAX {
                 return Err(ViewError::Parts { channel: channel.name.clone() });
             }
@@ -290,7 +290,7 @@ impl Wall {
         let window = self.window(channel, &view.area)?;
         let size = channel.size.as_dvec2();
         let [x, y, width, height] = window.viewport;
-        let is_shared = channel.projection == Projection::Shared
+        let is_shared = channel.projection == FrustumMode::Shared
             && width.max(height) <= f64::from(SHARED_CANVAS_SIDE_MAX);
         let (part, viewport) = if is_shared {
             ([DVec2::ZERO, DVec2::ONE], window.viewport)
@@ -312,7 +312,7 @@ impl Wall {
     ///
     /// # Errors
     /// Screens that do not lie in one plane.
-    pub fn canvas_part(&self, channel: &Channel, area: &Area) -> Result<CanvasPart, ViewError> {
+    pub fn canvas_part(&self, channel: &Channel, area: &Area) -> Result<CanvasRect, ViewError> {
         let screen = self.screen_of(channel);
         let (begin, end) = match *area {
             Area::Screen { rect: [x, y, width, height], .. } => {
@@ -333,15 +333,15 @@ impl Wall {
             }
             Area::Wall => (DVec2::ZERO, screen.canvas.as_dvec2()),
         };
-        Ok(CanvasPart { begin, end })
+        Ok(CanvasRect { begin, end })
     }
 
     /// Where the window of an area lies in a channel's pixels. It was checked.
-    fn window(&self, channel: &Channel, area: &Area) -> Result<Window, ViewError> {
+    fn window(&self, channel: &Channel, area: &Area) -> Result<OverlayRect, ViewError> {
         let part = self.canvas_part(channel, area)?;
         let (at, size) = (part.begin - channel.origin.as_dvec2(), part.end - part.begin);
         let size_m = self.screen_of(channel).part_size_m(&part);
-        Ok(Window { size_m, viewport: [at.x, at.y, size.x, size.y] })
+        Ok(OverlayRect { size_m, viewport: [at.x, at.y, size.x, size.y] })
     }
 
     /// The matrix with which a part of a camera's own picture is drawn, reversed in depth: from
@@ -350,7 +350,7 @@ impl Wall {
         &self,
         channel: &Channel,
         view: &View,
-        whole: &CanvasPart,
+        whole: &CanvasRect,
         part: [DVec2; 2],
     ) -> DMat4 {
         let size_m = self.screen_of(channel).part_size_m(whole);
@@ -363,7 +363,7 @@ impl Screen {
     /// Width and height in metres of a part of the canvas as it lies on the surface, measured
     /// across and down its middle; those of pixels where the surface stands in a file, whose
     /// pixels count as square.
-    fn part_size_m(&self, part: &CanvasPart) -> DVec2 {
+    fn part_size_m(&self, part: &CanvasRect) -> DVec2 {
         let (canvas, size) = (self.canvas.as_dvec2(), part.end - part.begin);
         let size_m = match &self.surface {
             Surface::Mesh(_) => return size,
@@ -380,7 +380,7 @@ impl Screen {
 }
 
 /// The part of the wall that one camera's own picture fills.
-struct Window {
+struct OverlayRect {
     size_m: DVec2,
     /// x, y, width and height in pixels of a channel.
     viewport: [f64; 4],

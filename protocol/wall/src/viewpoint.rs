@@ -13,8 +13,8 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::{Channel, EyeOf, Wall};
-use crate::head::Head;
+use super::{Channel, Eye, Wall};
+use crate::head::HeadPose;
 
 /// Elevations in radians from where on, and up to where, the eyes come together.
 const MERGE_RAD: [f64; 2] = [std::f64::consts::FRAC_PI_3, 5.0 * std::f64::consts::PI / 12.0];
@@ -142,7 +142,7 @@ fn kept(elevation: f64) -> f64 {
 impl Wall {
     /// Returns whether the eyes of a channel are other ones for each direction.
     pub fn is_omnidirectional(&self, channel: &Channel) -> bool {
-        let is_for_one = *channel.eyes() != [EyeOf::Center];
+        let is_for_one = *channel.eyes() != [Eye::Center];
         self.stereo.mode == StereoMode::Omnidirectional && is_for_one
     }
 
@@ -153,11 +153,11 @@ impl Wall {
     }
 
     /// Where an eye of a head is for the points of this wall's screens.
-    pub fn viewpoint(&self, head: &Head, of: EyeOf) -> Viewpoint {
+    pub fn viewpoint(&self, head: &HeadPose, of: Eye) -> Viewpoint {
         let side = match of {
-            EyeOf::Center => 0.0,
-            EyeOf::Left => -0.5,
-            EyeOf::Right => 0.5,
+            Eye::Center => 0.0,
+            Eye::Left => -0.5,
+            Eye::Right => 0.5,
         };
         let offset_m = side * head.eye_separation_m;
         if self.stereo.mode == StereoMode::Head || offset_m == 0.0 {
@@ -220,16 +220,16 @@ mod tests {
     fn a_middle_eye_or_no_distance_between_eyes_is_one_place() {
         let mut wall = Wall::new("w", Vec::new(), Vec::new());
         wall.stereo.mode = StereoMode::Omnidirectional;
-        let head = Head::at(DVec3::Y, 0.06);
-        assert_eq!(wall.viewpoint(&head, EyeOf::Center), Viewpoint::Fixed(DVec3::Y));
-        let flat = Head::at(DVec3::Y, 0.0);
-        assert_eq!(wall.viewpoint(&flat, EyeOf::Left), Viewpoint::Fixed(DVec3::Y));
-        let Viewpoint::Around(around) = wall.viewpoint(&head, EyeOf::Left) else {
+        let head = HeadPose::at(DVec3::Y, 0.06);
+        assert_eq!(wall.viewpoint(&head, Eye::Center), Viewpoint::Fixed(DVec3::Y));
+        let flat = HeadPose::at(DVec3::Y, 0.0);
+        assert_eq!(wall.viewpoint(&flat, Eye::Left), Viewpoint::Fixed(DVec3::Y));
+        let Viewpoint::Around(around) = wall.viewpoint(&head, Eye::Left) else {
             panic!("one place for all directions");
         };
         assert_eq!((around.head, around.offset_m), (DVec3::Y, -0.03));
         wall.stereo.mode = StereoMode::Head;
-        let left = wall.viewpoint(&head, EyeOf::Left);
+        let left = wall.viewpoint(&head, Eye::Left);
         assert_eq!(left, Viewpoint::Fixed(DVec3::new(-0.03, 1.0, 0.0)));
     }
 }

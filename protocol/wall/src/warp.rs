@@ -43,7 +43,7 @@ const HEAD_BYTES: usize = 16;
 
 /// A decoded file of a wall.
 #[derive(Clone, Debug, PartialEq)]
-pub enum WallMap {
+pub enum CalibrationMap {
     /// Where each place of a picture lies.
     Warp(WarpMap),
     /// How much light each pixel of a channel gets, or has anyway.
@@ -52,7 +52,7 @@ pub enum WallMap {
 
 /// What the values of a map are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MapSpace {
+pub enum MapCoordinates {
     /// (u, v, 0) on the screen's canvas: (0, 0) its upper left corner, (1, 1) its lower right.
     /// It holds for one eye only, so walls that use it refuse tracking.
     Canvas,
@@ -64,18 +64,18 @@ pub enum MapSpace {
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarpMap {
     /// What the values are.
-    pub space: MapSpace,
+    pub space: MapCoordinates,
     /// Where there are values.
-    pub shape: WarpShape,
+    pub shape: WarpGeometry,
 }
 
 /// Where a map has values.
 #[derive(Clone, Debug, PartialEq)]
-pub enum WarpShape {
+pub enum WarpGeometry {
     /// At pixel centres.
     Grid(WarpGrid),
     /// At the vertices of triangles, linear between them in the picture.
-    Mesh(WarpMesh),
+    Mesh(ImportedMesh),
 }
 
 /// Values at the centres of equal cells that fill a picture.
@@ -89,16 +89,16 @@ pub struct WarpGrid {
 
 /// Values at the vertices of triangles; unlit where none lies.
 #[derive(Clone, Debug, PartialEq)]
-pub struct WarpMesh {
+pub struct ImportedMesh {
     /// In the order of the file.
-    pub vertices: Vec<WarpVertex>,
+    pub vertices: Vec<ImportedVertex>,
     /// Indices into the vertices. No two triangles lie over each other in the picture.
     pub triangles: Vec<[u32; 3]>,
 }
 
 /// A vertex of a [`WarpMesh`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WarpVertex {
+pub struct ImportedVertex {
     /// In the channel's picture (a screen mesh: on the screen's canvas): (0, 0) the upper left
     /// corner, (1, 1) the lower right.
     pub place: Vec2,
@@ -119,7 +119,7 @@ pub struct Mask {
     pub texels: Vec<u16>,
 }
 
-impl WallMap {
+impl CalibrationMap {
     /// The bytes of its blob.
     pub fn encode(&self) -> Vec<u8> {
         let (kind, extra, a, b) = self.head();
@@ -134,11 +134,11 @@ impl WallMap {
             }
         };
         match self {
-            Self::Warp(WarpMap { shape: WarpShape::Grid(grid), .. }) => {
+            Self::Warp(WarpMap { shape: WarpGeometry::Grid(grid), .. }) => {
                 grid.values.iter().for_each(|value| put(&value.to_array()));
             }
-            Self::Warp(WarpMap { shape: WarpShape::Mesh(mesh), .. }) => {
-                for WarpVertex { place, value, light } in &mesh.vertices {
+            Self::Warp(WarpMap { shape: WarpGeometry::Mesh(mesh), .. }) => {
+                for ImportedVertex { place, value, light } in &mesh.vertices {
                     put(&[place.x, place.y, value.x, value.y, value.z, *light]);
                 }
                 for corner in mesh.triangles.iter().flatten() {
@@ -182,15 +182,15 @@ impl WallMap {
             Self::Mask(Mask { size: UVec2::new(a, b), components: extra, texels })
         } else {
             let space = match extra {
-                0 => MapSpace::Canvas,
-                1 => MapSpace::Display,
+                0 => MapCoordinates::Canvas,
+                1 => MapCoordinates::Display,
                 _ => return Err(format!("a map of a wall is in space {extra}, which is unknown")),
             };
             let shape = if kind == 1 {
                 let values = body.chunks_exact(12).map(|cell| Vec3::from_array(floats(cell)));
-                WarpShape::Grid(WarpGrid { size: UVec2::new(a, b), values: values.collect() })
+                WarpGeometry::Grid(WarpGrid { size: UVec2::new(a, b), values: values.collect() })
             } else {
-                WarpShape::Mesh(decode_mesh(body, a as usize * 24))
+                WarpGeometry::Mesh(decode_mesh(body, a as usize * 24))
             };
             Self::Warp(WarpMap { space, shape })
         };
@@ -209,10 +209,10 @@ impl WallMap {
     fn head(&self) -> (u8, u8, u32, u32) {
         match self {
             Self::Warp(WarpMap { space, shape }) => {
-                let extra = u8::from(*space == MapSpace::Display);
+                let extra = u8::from(*space == MapCoordinates::Display);
                 match shape {
-                    WarpShape::Grid(grid) => (1, extra, grid.size.x, grid.size.y),
-                    WarpShape::Mesh(mesh) => {
+                    WarpGeometry::Grid(grid) => (1, extra, grid.size.x, grid.size.y),
+                    WarpGeometry::Mesh(mesh) => {
                         (2, extra, mesh.vertices.len() as u32, mesh.triangles.len() as u32)
                     }
                 }
@@ -223,8 +223,8 @@ impl WallMap {
 
     fn body_bytes(&self) -> usize {
         match self {
-            Self::Warp(WarpMap { shape: WarpShape::Grid(grid), .. }) => grid.values.len() * 12,
-            Self::Warp(WarpMap { shape: WarpShape::Mesh(mesh), .. }) => {
+            Self::Warp(WarpMap { shape: WarpGeometry::Grid(grid), .. }) => grid.values.len() * 12,
+            Self::Warp(WarpMap { shape: WarpGeometry::Mesh(mesh), .. }) => {
                 mesh.vertices.len() * 24 + mesh.triangles.len() * 12
             }
             Self::Mask(mask) => mask.texels.len() * 2,
@@ -232,15 +232,15 @@ impl WallMap {
     }
 }
 
-fn decode_mesh(body: &[u8], vertex_bytes: usize) -> WarpMesh {
+fn decode_mesh(body: &[u8], vertex_bytes: usize) -> ImportedMesh {
     let (vertices, triangles) = body.split_at(vertex_bytes.min(body.len()));
     let vertex = |bytes: &[u8]| {
         let [u, v, x, y, z, light] = floats(bytes);
-        WarpVertex { place: Vec2::new(u, v), value: Vec3::new(x, y, z), light }
+        ImportedVertex { place: Vec2::new(u, v), value: Vec3::new(x, y, z), light }
     };
     let corner = |four: &[u8]| u32::from_le_bytes([four[0], four[1], four[2], four[3]]);
     let triangle = |b: &[u8]| [corner(&b[..4]), corner(&b[4..8]), corner(&b[8..12])];
-    WarpMesh {
+    ImportedMesh {
         vertices: vertices.chunks_exact(24).map(vertex).collect(),
         triangles: triangles.chunks_exact(12).map(triangle).collect(),
     }
@@ -265,26 +265,26 @@ fn size_fault(size: UVec2, len: usize, components: usize) -> Option<String> {
 impl WarpMap {
     fn fault(&self) -> Option<String> {
         let reach = match self.space {
-            MapSpace::Canvas => PLACE_REACH_MAX,
-            MapSpace::Display => WARP_REACH_M_MAX,
+            MapCoordinates::Canvas => PLACE_REACH_MAX,
+            MapCoordinates::Display => WARP_REACH_M_MAX,
         };
         // Not `abs() > reach`: NaN has to be false.
         let is_near = |value: &Vec3| value.abs().max_element() <= reach && value.is_finite();
-        let is_flat = |value: &Vec3| self.space == MapSpace::Display || value.z == 0.0;
+        let is_flat = |value: &Vec3| self.space == MapCoordinates::Display || value.z == 0.0;
         match &self.shape {
-            WarpShape::Grid(grid) => {
+            WarpGeometry::Grid(grid) => {
                 let is_unlit = |value: &Vec3| value.to_array().iter().all(|n| n.is_nan());
                 let is_bad = |v: &&Vec3| !(is_unlit(v) || (is_near(v) && is_flat(v)));
                 let bad = grid.values.iter().find(is_bad);
                 size_fault(grid.size, grid.values.len(), 1)
                     .or_else(|| bad.map(|value| format!("a value is {value}, beyond {reach}")))
             }
-            WarpShape::Mesh(mesh) => mesh.fault(|value| is_near(value) && is_flat(value)),
+            WarpGeometry::Mesh(mesh) => mesh.fault(|value| is_near(value) && is_flat(value)),
         }
     }
 }
 
-impl WarpMesh {
+impl ImportedMesh {
     fn fault(&self, is_value: impl Fn(&Vec3) -> bool) -> Option<String> {
         let (vertices, triangles) = (self.vertices.len(), self.triangles.len());
         let is_large = vertices > MAP_VERTICES_MAX as usize;
@@ -294,7 +294,7 @@ impl WarpMesh {
                  and 1 to {MAP_TRIANGLES_MAX} can be"
             ));
         }
-        let is_bad = |vertex: &&WarpVertex| {
+        let is_bad = |vertex: &&ImportedVertex| {
             let is_placed = vertex.place.is_finite()
                 && vertex.place.abs().max_element() <= PLACE_REACH_MAX
                 && (0.0..=1.0).contains(&vertex.light);

@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use glam::{DVec2, DVec3, UVec2};
 
 /// Points of one mesh. A channel of 8,192 × 8,192 pixels has a quarter of a million cells of
-/// [`MeshRule::default`]; what is so rough that it wants more is given a larger error.
+/// [`TessellationOptions::default`]; what is so rough that it wants more is given a larger error.
 pub const WARP_VERTICES_MAX: usize = 4 << 20;
 
 /// Where a channel's pixels lie. In each triangle, the place is linear in the pixel.
@@ -35,7 +35,7 @@ pub struct WarpVertex {
 
 /// How fine a mesh is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MeshRule {
+pub struct TessellationOptions {
     /// Sides of the largest cells, in pixels.
     pub step_px: u32,
     /// No point between corners is further than this from where it should be, in pixels of the
@@ -43,7 +43,7 @@ pub struct MeshRule {
     pub error_px: f64,
 }
 
-impl Default for MeshRule {
+impl Default for TessellationOptions {
     /// A fifth of what a curved screen may be off by. On a cylinder of 3 m radius with pixels of
     /// 1.4 mm, cells of 16 pixels are off by 0.015 pixels, those of 32 by 0.06.
     fn default() -> Self {
@@ -59,7 +59,7 @@ struct Cell {
 }
 
 /// A mesh under construction.
-struct Maker<F> {
+struct Tessellator<F> {
     point: F,
     error_px: f64,
     mesh: WarpMesh,
@@ -70,21 +70,29 @@ struct Maker<F> {
 impl WarpMesh {
     /// The mesh of a picture of this size, whose places show what `point` gives: `None` where
     /// there is nothing. It is asked beyond no edge of the picture.
-    pub fn new(size: UVec2, rule: MeshRule, point: impl FnMut(DVec2) -> Option<DVec3>) -> Self {
+    pub fn new(
+        size: UVec2,
+        rule: TessellationOptions,
+        point: impl FnMut(DVec2) -> Option<DVec3>,
+    ) -> Self {
         Self::within(WARP_VERTICES_MAX, size, rule, point)
     }
 
     fn within(
         vertices_max: usize,
         size: UVec2,
-        rule: MeshRule,
+        rule: TessellationOptions,
         mut point: impl FnMut(DVec2) -> Option<DVec3>,
     ) -> Self {
         let mut error_px = rule.error_px;
         loop {
             let finite = |pixel| point(pixel).filter(|point| point.is_finite());
-            let mut maker =
-                Maker { point: finite, error_px, mesh: Self::default(), known: HashMap::new() };
+            let mut maker = Tessellator {
+                point: finite,
+                error_px,
+                mesh: Self::default(),
+                known: HashMap::new(),
+            };
             if maker.fill(size, rule.step_px.max(1), vertices_max) {
                 return maker.mesh;
             }
@@ -106,7 +114,7 @@ impl WarpMesh {
     }
 }
 
-impl<F: FnMut(DVec2) -> Option<DVec3>> Maker<F> {
+impl<F: FnMut(DVec2) -> Option<DVec3>> Tessellator<F> {
     /// Whether the mesh had room.
     fn fill(&mut self, size: UVec2, step: u32, vertices_max: usize) -> bool {
         for y in (0..size.y).step_by(step as usize) {

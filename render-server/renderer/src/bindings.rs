@@ -5,7 +5,7 @@
 use super::gpu::Gpu;
 use super::pass::correct::{CellRecord, CorrectionUniform};
 use super::scene::MaterialUniform;
-use super::view::{FrameUniform, LampRecord};
+use super::view::{FrameUniform, LocalLightRecord};
 
 /// The step from one uniform block to the next in a buffer, in bytes.
 pub(crate) fn uniform_stride(gpu: &Gpu, size: usize) -> usize {
@@ -65,7 +65,7 @@ pub(crate) fn frame_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
         label: Some("frame/layout"),
         entries: &[
             buffer(0, both, uniform, true, size_of::<FrameUniform>()),
-            buffer(1, fragment, storage, true, size_of::<LampRecord>()),
+            buffer(1, fragment, storage, true, size_of::<LocalLightRecord>()),
             buffer(2, fragment, storage, false, size_of::<u32>()),
             texture(3, true),
             sampler(4),

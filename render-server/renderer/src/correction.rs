@@ -29,19 +29,19 @@ pub struct CorrectionDesc {
     /// Of the upright picture of one eye, in pixels.
     pub upright: [u32; 2],
     /// How the display hangs.
-    pub turn: Turn,
+    pub turn: Orientation,
     /// Left and right of each eye's picture are exchanged, before anything is packed or turned.
     pub is_mirrored: bool,
     /// How two eyes share the display.
-    pub packing: Packing,
+    pub packing: StereoPacking,
     /// Where the upright picture's pixels lie; without it, they are the source's pixels.
-    pub warp: Option<Arc<WarpMesh>>,
+    pub warp: Option<Arc<WarpMeshDesc>>,
     /// Blend weights, masks and black level.
-    pub light_map: Option<Arc<LightMap>>,
+    pub light_map: Option<Arc<BlendMapDesc>>,
     /// Applied to linear light; what leaves 0 to 1 is clipped.
     pub color: DMat3,
     /// From light to codes.
-    pub curve: Curve,
+    pub curve: TransferFunction,
     /// A number of the channel's own: noise of ± half a code, another on every channel, goes onto
     /// the codes before they are rounded.
     pub dither: Option<u32>,
@@ -51,7 +51,7 @@ pub struct CorrectionDesc {
 
 /// How a display hangs: where its own upper side is, as the viewer sees it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Turn {
+pub enum Orientation {
     /// Upright.
     #[default]
     None,
@@ -65,7 +65,7 @@ pub enum Turn {
 
 /// How two eyes share a display.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Packing {
+pub enum StereoPacking {
     /// There is one.
     #[default]
     None,
@@ -80,16 +80,16 @@ pub enum Packing {
 /// Where an upright picture's pixels lie in display space. Between its points, in each triangle,
 /// the place is linear; pixels outside of all triangles stay black.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct WarpMesh {
+pub struct WarpMeshDesc {
     /// Its points.
-    pub vertices: Vec<WarpVertex>,
+    pub vertices: Vec<WarpVertexDesc>,
     /// Indices of corners, in any order.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// A point of a [`WarpMesh`].
+/// A point of a [`WarpMeshDesc`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WarpVertex {
+pub struct WarpVertexDesc {
     /// Of the upright picture, from the upper left corner of its upper left pixel, y down.
     pub pixel: [f64; 2],
     /// In metres of display space.
@@ -98,7 +98,7 @@ pub struct WarpVertex {
 
 /// What linear light is multiplied by, and what is added to it, at each pixel.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LightMap {
+pub struct BlendMapDesc {
     /// Row by row from the upper left of the upright picture: factor and addend in 1/65,535 of
     /// `multiply` and `add`. A weight is off by 1/131,070 at most, so that the sum of four
     /// projectors' weights keeps 1/4096 eight times over. Once for all colours, or for red, then
@@ -112,7 +112,7 @@ pub struct LightMap {
 
 /// How a display makes light of codes.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Curve {
+pub enum TransferFunction {
     /// IEC 61966-2-1.
     Srgb,
     /// code^γ, in red, green and blue.
@@ -125,16 +125,16 @@ pub enum Curve {
 /// The planes that an eye's picture is put together from. Without a warp mesh the one plane's
 /// rectangle is the upright picture, pixel for pixel and without a guard.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SourceEye {
+pub struct EyeAtlas {
     /// Without `triangles` all have one eye, and the first one that holds a point shows it.
-    pub planes: Vec<SourcePlane>,
+    pub planes: Vec<AtlasViewDesc>,
     /// For each plane the triangles of the mesh that it shows, the same for all eyes.
     pub triangles: Option<Arc<Vec<Vec<u32>>>>,
 }
 
 /// A planar picture in the source target.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SourcePlane {
+pub struct AtlasViewDesc {
     /// The eye that sees it, in metres of display space.
     pub eye_in_display: DVec3,
     /// From vectors from the eye in display space to the clip space of `rect`.
@@ -172,14 +172,14 @@ pub enum CorrectionError {
     Gpu(String),
 }
 
-impl Packing {
+impl StereoPacking {
     /// How many eyes' pictures there are.
     pub fn eyes(self) -> usize {
         if self == Self::None { 1 } else { 2 }
     }
 }
 
-impl LightMap {
+impl BlendMapDesc {
     /// A map of factors and addends, the addends being shares of `add`; all from 0 on. Factors are
     /// scaled by the largest.
     pub fn new(pixels: &[[f64; 2]], add: DVec3) -> Self {
@@ -198,13 +198,13 @@ impl CorrectionDesc {
     pub fn identity(upright: [u32; 2]) -> Self {
         Self {
             upright,
-            turn: Turn::None,
+            turn: Orientation::None,
             is_mirrored: false,
-            packing: Packing::None,
+            packing: StereoPacking::None,
             warp: None,
             light_map: None,
             color: DMat3::IDENTITY,
-            curve: Curve::Srgb,
+            curve: TransferFunction::Srgb,
             dither: None,
             is_fine: false,
         }
@@ -214,9 +214,9 @@ impl CorrectionDesc {
     fn packed(&self) -> [u32; 2] {
         let [width, height] = self.upright;
         match self.packing {
-            Packing::None | Packing::Anaglyph => [width, height],
-            Packing::SideBySide => [width.saturating_mul(2), height],
-            Packing::TopBottom => [width, height.saturating_mul(2)],
+            StereoPacking::None | StereoPacking::Anaglyph => [width, height],
+            StereoPacking::SideBySide => [width.saturating_mul(2), height],
+            StereoPacking::TopBottom => [width, height.saturating_mul(2)],
         }
     }
 
@@ -224,8 +224,8 @@ impl CorrectionDesc {
     pub fn display_size(&self) -> [u32; 2] {
         let [width, height] = self.packed();
         match self.turn {
-            Turn::None | Turn::Half => [width, height],
-            Turn::Left | Turn::Right => [height, width],
+            Orientation::None | Orientation::Half => [width, height],
+            Orientation::Left | Orientation::Right => [height, width],
         }
     }
 
@@ -236,18 +236,18 @@ impl CorrectionDesc {
         let [width, height] = self.packed().map(f64::from);
         let second = eye as f64;
         let (dx, dy) = match self.packing {
-            Packing::None | Packing::Anaglyph => (0.0, 0.0),
-            Packing::SideBySide => (upright_w * second, 0.0),
-            Packing::TopBottom => (0.0, upright_h * second),
+            StereoPacking::None | StereoPacking::Anaglyph => (0.0, 0.0),
+            StereoPacking::SideBySide => (upright_w * second, 0.0),
+            StereoPacking::TopBottom => (0.0, upright_h * second),
         };
         let x = if self.is_mirrored { [-1.0, 0.0, upright_w + dx] } else { [1.0, 0.0, dx] };
         let y = [0.0, 1.0, dy];
         let from = |side: f64, row: [f64; 3]| [-row[0], -row[1], side - row[2]];
         match self.turn {
-            Turn::None => [x, y],
-            Turn::Left => [from(height, y), x],
-            Turn::Right => [y, from(width, x)],
-            Turn::Half => [from(width, x), from(height, y)],
+            Orientation::None => [x, y],
+            Orientation::Left => [from(height, y), x],
+            Orientation::Right => [y, from(width, x)],
+            Orientation::Half => [from(width, x), from(height, y)],
         }
     }
 
@@ -260,7 +260,7 @@ impl CorrectionDesc {
             return Some(CorrectionError::Color(reason));
         }
         let wanted = self.upright[0] as usize * self.upright[1] as usize;
-        let is_wrong = |map: &&Arc<LightMap>| ![wanted, 3 * wanted].contains(&map.texels.len());
+        let is_wrong = |map: &&Arc<BlendMapDesc>| ![wanted, 3 * wanted].contains(&map.texels.len());
         if let Some(map) = self.light_map.as_ref().filter(is_wrong) {
             return Some(CorrectionError::LightMap { found: map.texels.len(), wanted });
         }
@@ -269,7 +269,7 @@ impl CorrectionDesc {
     }
 }
 
-impl WarpMesh {
+impl WarpMeshDesc {
     /// What is wrong with it for an upright picture of this size, if anything.
     pub(crate) fn fault(&self, [width, height]: [u32; 2]) -> Option<String> {
         if self.triangles.is_empty() {
@@ -279,7 +279,7 @@ impl WarpMesh {
         if self.triangles.iter().flatten().any(|index| *index as usize >= count) {
             return Some(format!("a triangle has a corner beyond the {count} points"));
         }
-        let is_inside = |v: &WarpVertex| {
+        let is_inside = |v: &WarpVertexDesc| {
             let [x, y] = v.pixel;
             let is_on = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
             is_on(x, width) && is_on(y, height) && v.point.is_finite()
@@ -290,7 +290,7 @@ impl WarpMesh {
     }
 }
 
-impl Curve {
+impl TransferFunction {
     fn fault(&self) -> Option<&'static str> {
         match self {
             Self::Srgb => None,

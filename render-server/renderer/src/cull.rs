@@ -12,7 +12,7 @@ const SLACK: f64 = 1e-9;
 /// Taken from the rows of the projection, as in Gribb and Hartmann, "Fast Extraction of Viewing
 /// Frustum Planes from the World-View-Projection Matrix" (2001).
 #[derive(Clone, Debug)]
-pub(crate) struct Planes {
+pub(crate) struct FrustumPlanes {
     eye: DVec3,
     /// Along all rays, where they do not meet in the eye.
     rays: Option<DVec3>,
@@ -20,7 +20,7 @@ pub(crate) struct Planes {
     sides: [DVec4; 6],
 }
 
-impl Planes {
+impl FrustumPlanes {
     /// Every plane is still to be tested.
     pub const ALL: u8 = 0b11_1111;
 
@@ -92,7 +92,7 @@ impl Planes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Bounds, Tree};
+    use crate::scene::{Bounds, Bvh};
 
     /// A small generator, so that the scenes are random but always the same.
     struct Random(u64);
@@ -143,14 +143,14 @@ mod tests {
             let clip = reversed_infinite(0.1) * turn;
             let (x, y) = (random.unit() * 2.0 - 1.0, random.unit() * 2.0 - 1.0);
             let rectangle = [x, y, x + 0.5, y + 0.5];
-            let planes = Planes::new(eye, &clip, rectangle);
+            let planes = FrustumPlanes::new(eye, &clip, rectangle);
             let mut found = Vec::new();
-            Tree::new(&boxes, &|| false).expect("not cancelled").visible(&planes, &mut found);
+            Bvh::new(&boxes, &|| false).expect("not cancelled").visible(&planes, &mut found);
             found.sort_unstable();
             assert!(found.windows(2).all(|pair| pair[0] < pair[1]), "an item came twice");
             for (index, b) in boxes.iter().enumerate() {
                 let kept = found.binary_search(&(index as u32)).is_ok();
-                let brute = planes.test(b.center(), b.half(), Planes::ALL).is_some();
+                let brute = planes.test(b.center(), b.half(), FrustumPlanes::ALL).is_some();
                 assert_eq!(kept, brute, "the tree and the single test disagree on {b:?}");
                 assert!(kept || !any_point_shows(b, eye, &clip, rectangle), "lost {b:?}");
                 rejected += u32::from(!kept);
@@ -161,11 +161,14 @@ mod tests {
 
     #[test]
     fn boxes_around_the_eye_and_without_bounds_stay() {
-        let planes = Planes::new(DVec3::ZERO, &reversed_infinite(0.1), [-1.0, -1.0, 1.0, 1.0]);
-        assert!(planes.test(DVec3::ZERO, DVec3::splat(100.0), Planes::ALL).is_some());
-        assert!(planes.test(DVec3::ZERO, DVec3::splat(f64::INFINITY), Planes::ALL).is_some());
-        assert!(planes.test(DVec3::NAN, DVec3::splat(f64::INFINITY), Planes::ALL).is_some());
-        assert!(planes.test(DVec3::Z * 10.0, DVec3::ONE, Planes::ALL).is_none(), "behind");
+        let planes =
+            FrustumPlanes::new(DVec3::ZERO, &reversed_infinite(0.1), [-1.0, -1.0, 1.0, 1.0]);
+        assert!(planes.test(DVec3::ZERO, DVec3::splat(100.0), FrustumPlanes::ALL).is_some());
+        assert!(
+            planes.test(DVec3::ZERO, DVec3::splat(f64::INFINITY), FrustumPlanes::ALL).is_some()
+        );
+        assert!(planes.test(DVec3::NAN, DVec3::splat(f64::INFINITY), FrustumPlanes::ALL).is_some());
+        assert!(planes.test(DVec3::Z * 10.0, DVec3::ONE, FrustumPlanes::ALL).is_none(), "behind");
     }
 
     #[test]
@@ -177,8 +180,8 @@ mod tests {
                 Bounds { min: center - 0.5, max: center + 0.5 }
             })
             .collect();
-        let tree = Tree::new(&boxes, &|| false).expect("not cancelled");
-        let planes = Planes::new(DVec3::ZERO, &reversed_infinite(0.1), [0.0, 0.0, 0.3, 0.3]);
+        let tree = Bvh::new(&boxes, &|| false).expect("not cancelled");
+        let planes = FrustumPlanes::new(DVec3::ZERO, &reversed_infinite(0.1), [0.0, 0.0, 0.3, 0.3]);
         let mut found = Vec::new();
         let start = std::time::Instant::now();
         tree.visible(&planes, &mut found);

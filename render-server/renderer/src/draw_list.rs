@@ -7,9 +7,9 @@ use std::collections::BTreeSet;
 
 use glam::{DMat4, DVec3};
 
-use super::cull::Planes;
+use super::cull::FrustumPlanes;
 use super::pipeline::{Cull, InstanceRecord};
-use super::scene::{Bounds, Cluster, GpuScene, Relative};
+use super::scene::{Bounds, EyeRelativeTransform, GpuScene, Meshlet};
 use super::view::ViewDesc;
 
 /// Beyond so many visible items it costs more to find what of the target they touch than it
@@ -142,14 +142,14 @@ fn extend(draws: &mut Vec<Draw>, draw: Draw) {
 
 /// From where, or along what, an item is seen, in its own space.
 #[derive(Clone, Copy, Debug)]
-enum Sight {
+enum CullView {
     From(DVec3),
     Along(DVec3),
 }
 
-impl Sight {
+impl CullView {
     /// Whether only backs of the cluster are seen.
-    fn misses(self, cluster: &Cluster) -> bool {
+    fn misses(self, cluster: &Meshlet) -> bool {
         match self {
             Self::From(eye) => eye.is_finite() && cluster.faces_away_from(eye),
             Self::Along(rays) => rays.is_finite() && cluster.faces_along(rays),
@@ -162,7 +162,7 @@ impl Sight {
 fn draw_parts(
     scene: &GpuScene,
     index: u32,
-    planes: &Planes,
+    planes: &FrustumPlanes,
     whole: Draw,
     draws: &mut Vec<Draw>,
 ) -> u64 {
@@ -173,13 +173,13 @@ fn draw_parts(
     // A flat item has no side that an eye could be on.
     let is_solid = linear.determinant().abs() > f64::MIN_POSITIVE;
     let sight = (culls_back && is_solid).then(|| match planes.rays() {
-        Some(rays) => Sight::Along((linear.inverse() * rays).normalize_or_zero()),
-        None => Sight::From(linear.inverse() * (planes.eye() - item.origin)),
+        Some(rays) => CullView::Along((linear.inverse() * rays).normalize_or_zero()),
+        None => CullView::From(linear.inverse() * (planes.eye() - item.origin)),
     });
     let mut triangles = 0;
     let mut part: Option<[u32; 2]> = None;
     for cluster in scene.clusters_of(whole.batch) {
-        if local.test(cluster.center, cluster.half, Planes::ALL).is_none() {
+        if local.test(cluster.center, cluster.half, FrustumPlanes::ALL).is_none() {
             continue;
         }
         triangles += u64::from(cluster.index_count / 3);
@@ -210,7 +210,8 @@ fn push(
     let item = &scene.layout.items[index as usize];
     let stance = &scene.layout.stances[item.stance as usize];
     let mesh_box = &scene.layout.mesh_boxes[item.mesh_box as usize];
-    let Relative { near, rows, offset } = item.relative_to(stance.linear, eye, mesh_box);
+    let EyeRelativeTransform { near, rows, offset } =
+        item.relative_to(stance.linear, eye, mesh_box);
     instances.push(InstanceRecord {
         rows,
         normal_rows: stance.normal_rows,

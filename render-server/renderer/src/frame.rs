@@ -13,7 +13,7 @@ use super::pipeline::{InstanceRecord, Pipelines};
 use super::scene::GpuScene;
 use super::target::Target;
 use super::tone::{LIGHT_MAX, tone_map};
-use super::view::{FrameUniform, LampRecord, ViewDesc};
+use super::view::{FrameUniform, LocalLightRecord, ViewDesc};
 use super::{DrawError, DrawStats, albedo};
 
 /// A frame that takes longer is taken for a GPU that hangs.
@@ -70,7 +70,7 @@ impl FrameBuffer {
 
 /// What frames need again and again.
 #[derive(Debug)]
-pub(crate) struct Frames {
+pub(crate) struct FrameResources {
     uniforms: FrameBuffer,
     lamps: FrameBuffer,
     instances: FrameBuffer,
@@ -133,7 +133,7 @@ impl DrawContext<'_> {
     }
 }
 
-impl Frames {
+impl FrameResources {
     pub fn new(gpu: &Gpu) -> Self {
         let vertex = wgpu::BufferUsages::VERTEX;
         Self {
@@ -267,7 +267,7 @@ impl Frames {
     ) -> DrawContext<'a> {
         let uniform_size = uniform_stride(gpu, size_of::<FrameUniform>());
         let lamp_count = scene.layout.lights.lamps.len().max(1);
-        let lamp_size = lamp_count * size_of::<LampRecord>();
+        let lamp_size = lamp_count * size_of::<LocalLightRecord>();
         let alignment = gpu.device.limits().min_storage_buffer_offset_alignment as usize;
         let lamp_stride = lamp_size.next_multiple_of(alignment);
         let mut uniforms = vec![0; uniform_size * views.len().max(1)];
@@ -277,8 +277,13 @@ impl Frames {
             let bytes = bytemuck::bytes_of(&uniform);
             uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
             let eye = view.eye_in_world;
-            let records: Vec<_> =
-                scene.layout.lights.lamps.iter().map(|lamp| LampRecord::new(lamp, eye)).collect();
+            let records: Vec<_> = scene
+                .layout
+                .lights
+                .lamps
+                .iter()
+                .map(|lamp| LocalLightRecord::new(lamp, eye))
+                .collect();
             let bytes = bytemuck::cast_slice(&records);
             lamps[index * lamp_stride..][..bytes.len()].copy_from_slice(bytes);
         }

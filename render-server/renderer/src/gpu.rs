@@ -28,7 +28,7 @@ pub enum GpuError {
 
 /// What there is to know about an adapter, as reports give it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct AdapterFacts {
+pub struct AdapterInfo {
     /// For example "llvmpipe (LLVM 15.0.6, 256 bits)".
     pub name: String,
     /// The driver's name.
@@ -187,9 +187,9 @@ impl Gpu {
     }
 
     /// What there is to know about the adapter.
-    pub fn facts(&self) -> AdapterFacts {
+    pub fn facts(&self) -> AdapterInfo {
         let info = self.adapter.get_info();
-        AdapterFacts {
+        AdapterInfo {
             name: info.name,
             driver: info.driver,
             driver_info: info.driver_info,

@@ -31,16 +31,17 @@ mod tone;
 mod view;
 
 pub use correction::{
-    CURVE_POINTS_MAX, CorrectionDesc, CorrectionError, Curve, LightMap, Packing, SOURCE_GUARD,
-    SOURCE_PLANES_MAX, SourceEye, SourcePlane, Turn, WarpMesh, WarpVertex,
+    AtlasViewDesc, BlendMapDesc, CURVE_POINTS_MAX, CorrectionDesc, CorrectionError, EyeAtlas,
+    Orientation, SOURCE_GUARD, SOURCE_PLANES_MAX, StereoPacking, TransferFunction, WarpMeshDesc,
+    WarpVertexDesc,
 };
-pub use gpu::{AdapterFacts, Gpu, GpuError, GpuFault, GpuFaultKind};
-pub use pass::correct::{Correction, Shape, TAPS_MAX};
+pub use gpu::{AdapterInfo, Gpu, GpuError, GpuFault, GpuFaultKind};
+pub use pass::correct::{Correction, CorrectionMesh, TAPS_MAX};
 pub use pass::idle;
-pub use pass::label::{Label, Place};
-pub use pass::output::{Output, letterbox};
+pub use pass::label::{Label, LabelPosition};
+pub use pass::output::{PresentPass, letterbox};
 pub use pass::tonemap::SkyError;
-pub use picture::{Content, FINE_FORMAT, Picture};
+pub use picture::{FINE_FORMAT, ImageEncoding, OutputTexture};
 pub use readback::{ReadError, read_picture, read_pixels};
 pub use scene::{GpuScene, SceneBuilder, SceneError, SceneLayout};
 pub use target::{Target, TargetError};
@@ -112,7 +113,7 @@ impl DrawStats {
 pub struct Renderer {
     samples: u32,
     pipelines: pipeline::Pipelines,
-    frames: frame::Frames,
+    frames: frame::FrameResources,
 }
 
 impl Renderer {
@@ -124,7 +125,8 @@ impl Renderer {
         if samples != 1 && samples != 4 {
             return Err(TargetError::Samples(samples));
         }
-        let (pipelines, frames) = (pipeline::Pipelines::new(gpu, samples), frame::Frames::new(gpu));
+        let (pipelines, frames) =
+            (pipeline::Pipelines::new(gpu, samples), frame::FrameResources::new(gpu));
         Ok(Self { samples, pipelines, frames })
     }
 
@@ -138,11 +140,11 @@ impl Renderer {
     ///
     /// A fault of the GPU shows in [`Gpu::fault`] and in the next [`Self::draw`].
     pub fn prepare(&mut self, gpu: &Gpu, scene: &GpuScene) {
-        self.prepare_for(gpu, scene, Content::Srgb);
+        self.prepare_for(gpu, scene, ImageEncoding::Srgb);
     }
 
     /// As [`Self::prepare`], for targets of this content.
-    pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: Content) {
+    pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: ImageEncoding) {
         self.pipelines.prepare(gpu, &scene.layout.keys, content);
         let warmed = Target::of(gpu, [1, 1], self.samples, scene.blends(), content)
             .map_err(|error| error.to_string())

@@ -11,7 +11,7 @@ pub const FINE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgb10a2Unorm;
 
 /// What the pixels of a picture hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Content {
+pub enum ImageEncoding {
     /// RGBA8 as sRGB, drawn in linear light: what a display gets.
     Srgb,
     /// RGBA8 for a display with a curve of its own: codes that are written as they stand.
@@ -22,7 +22,7 @@ pub enum Content {
     Light,
 }
 
-impl Content {
+impl ImageEncoding {
     /// The format that it is drawn in.
     pub(crate) fn format(self) -> wgpu::TextureFormat {
         match self {
@@ -35,19 +35,19 @@ impl Content {
 
 /// A picture as displays get it: RGBA8 as sRGB, drawn in linear light, or as its content says.
 #[derive(Debug)]
-pub struct Picture {
+pub struct OutputTexture {
     size: [u32; 2],
-    content: Content,
+    content: ImageEncoding,
     texture: wgpu::Texture,
     view: wgpu::TextureView,
 }
 
-impl Picture {
+impl OutputTexture {
     /// A picture of a size in pixels, which the adapter must be able to hold.
-    pub(crate) fn new(gpu: &Gpu, size: [u32; 2], content: Content) -> Self {
+    pub(crate) fn new(gpu: &Gpu, size: [u32; 2], content: ImageEncoding) -> Self {
         let [width, height] = size;
         let codes = [CODES_FORMAT];
-        let has_codes = content == Content::Codes && gpu.views_other_formats();
+        let has_codes = content == ImageEncoding::Codes && gpu.views_other_formats();
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("picture/texture"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
@@ -73,7 +73,7 @@ impl Picture {
 
     /// The picture of these pixels: RGBA8 as sRGB, rows from the top, as many as `size` says.
     pub fn of_pixels(gpu: &Gpu, size: [u32; 2], rgba: &[u8]) -> Self {
-        let picture = Self::new(gpu, size, Content::Srgb);
+        let picture = Self::new(gpu, size, ImageEncoding::Srgb);
         let [width, height] = size;
         gpu.queue.write_texture(
             picture.texture.as_image_copy(),
@@ -94,14 +94,14 @@ impl Picture {
     }
 
     /// What its pixels hold.
-    pub fn content(&self) -> Content {
+    pub fn content(&self) -> ImageEncoding {
         self.content
     }
 
     /// A view whose bytes are what is written; of the sRGB format, which encodes what is written,
     /// where the driver knows one format a texture.
     pub(crate) fn codes_view(&self, gpu: &Gpu) -> wgpu::TextureView {
-        let has_codes = self.content == Content::Codes && gpu.views_other_formats();
+        let has_codes = self.content == ImageEncoding::Codes && gpu.views_other_formats();
         self.texture.create_view(&wgpu::TextureViewDescriptor {
             label: Some("picture/codes"),
             format: has_codes.then_some(CODES_FORMAT),

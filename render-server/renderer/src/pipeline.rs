@@ -7,7 +7,7 @@ use polyptych_scene::{Topology, VertexLayout};
 use super::bindings;
 use super::gpu::Gpu;
 use super::pass::{opaque, transparent};
-use super::picture::Content;
+use super::picture::ImageEncoding;
 use super::shader::{self, Interface};
 use super::target::{DEPTH_FORMAT, DISPLAY_FORMAT, LINEAR_FORMAT};
 
@@ -117,7 +117,7 @@ pub(crate) struct InstanceRecord {
     pub normal_rows: [[f32; 3]; 3],
     /// Start and count in the list of lamp indices.
     pub lamps: [u32; 2],
-    /// Subtracted from positions first; see `Item::relative_to`.
+    /// Subtracted from positions first; see `DrawItem::relative_to`.
     pub near: [f32; 3],
     /// Where `near` stands in clip space.
     pub clip_offset: [f32; 4],
@@ -145,7 +145,7 @@ impl Pipelines {
     }
 
     /// Makes what is missing for a scene that is drawn onto pictures of this content.
-    pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey], content: Content) {
+    pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey], content: ImageEncoding) {
         for key in keys {
             let is_float = is_float(key, content);
             if !self.ready.contains_key(&(*key, is_float)) {
@@ -155,7 +155,7 @@ impl Pipelines {
         }
     }
 
-    pub fn get(&self, key: &PipelineKey, content: Content) -> Option<&wgpu::RenderPipeline> {
+    pub fn get(&self, key: &PipelineKey, content: ImageEncoding) -> Option<&wgpu::RenderPipeline> {
         self.ready.get(&(*key, is_float(key, content)))
     }
 
@@ -223,7 +223,7 @@ impl Pipelines {
 }
 
 /// Whether the scene is drawn into a float texture: what is tone-mapped later always is.
-fn is_float(key: &PipelineKey, content: Content) -> bool {
+fn is_float(key: &PipelineKey, content: ImageEncoding) -> bool {
     key.linear || content.format() == LINEAR_FORMAT
 }
 

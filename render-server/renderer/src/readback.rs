@@ -1,7 +1,7 @@
 //! Pictures back from the GPU.
 
 use super::gpu::Gpu;
-use super::picture::{Content, Picture};
+use super::picture::{ImageEncoding, OutputTexture};
 use super::target::Target;
 
 /// Why a picture did not come back.
@@ -22,16 +22,16 @@ pub fn read_pixels(gpu: &Gpu, target: &Target) -> Result<Vec<u8>, ReadError> {
 ///
 /// # Errors
 /// The GPU is lost or out of memory.
-pub fn read_picture(gpu: &Gpu, picture: &Picture) -> Result<Vec<u8>, ReadError> {
+pub fn read_picture(gpu: &Gpu, picture: &OutputTexture) -> Result<Vec<u8>, ReadError> {
     let mut pixels = read_raw(gpu, picture)?;
-    if picture.content() == Content::FineCodes {
+    if picture.content() == ImageEncoding::FineCodes {
         pixels.chunks_exact_mut(4).for_each(round_fine);
     }
     Ok(pixels)
 }
 
 /// The bytes of a picture, rows from the top, without padding.
-pub(crate) fn read_raw(gpu: &Gpu, picture: &Picture) -> Result<Vec<u8>, ReadError> {
+pub(crate) fn read_raw(gpu: &Gpu, picture: &OutputTexture) -> Result<Vec<u8>, ReadError> {
     let [width, height] = picture.size();
     let pixel_bytes = picture.texture().format().block_copy_size(None).unwrap_or(4);
     let row_bytes = width as usize * pixel_bytes as usize;

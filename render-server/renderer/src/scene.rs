@@ -13,14 +13,14 @@ mod tree;
 use std::sync::Arc;
 
 pub use builder::{SceneBuilder, SceneError};
-pub(crate) use cluster::Cluster;
+pub(crate) use cluster::Meshlet;
 pub(crate) use geometry::Geometry;
 pub use layout::SceneLayout;
-pub(crate) use light::Lamp;
+pub(crate) use light::LocalLight;
 pub(crate) use material::MaterialUniform;
-pub(crate) use placement::{Bounds, Relative};
+pub(crate) use placement::{Bounds, EyeRelativeTransform};
 #[cfg(test)]
-pub(crate) use tree::Tree;
+pub(crate) use tree::Bvh;
 
 /// Items that one draw call can draw: one geometry, one material, one winding.
 #[derive(Clone, Debug)]
@@ -66,7 +66,7 @@ impl GpuScene {
     }
 
     /// The clusters of a batch's geometry; none where it is always drawn whole.
-    pub(crate) fn clusters_of(&self, batch: u32) -> &[Cluster] {
+    pub(crate) fn clusters_of(&self, batch: u32) -> &[Meshlet] {
         &self.geometries[self.layout.batches[batch as usize].geometry as usize].clusters
     }
 

@@ -1,7 +1,7 @@
 //! What a channel is drawn into.
 
 use super::gpu::Gpu;
-use super::picture::{Content, Picture};
+use super::picture::{ImageEncoding, OutputTexture};
 
 /// Bytes are sRGB; blending and resolving happen in linear light.
 pub(crate) const DISPLAY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
@@ -33,7 +33,7 @@ pub enum TargetError {
 pub struct Target {
     size: [u32; 2],
     samples: u32,
-    display: Picture,
+    display: OutputTexture,
     /// Only where the scene blends.
     linear: Option<wgpu::TextureView>,
     /// Only with several samples per pixel.
@@ -48,7 +48,7 @@ impl Target {
     /// # Errors
     /// A side of 0 or beyond the adapter; samples other than 1 or 4.
     pub fn new(gpu: &Gpu, size: [u32; 2], samples: u32, linear: bool) -> Result<Self, TargetError> {
-        Self::of(gpu, size, samples, linear, Content::Srgb)
+        Self::of(gpu, size, samples, linear, ImageEncoding::Srgb)
     }
 
     /// As [`Self::new`], for pictures of this content: of light, where they are to be corrected.
@@ -60,7 +60,7 @@ impl Target {
         size: [u32; 2],
         samples: u32,
         linear: bool,
-        content: Content,
+        content: ImageEncoding,
     ) -> Result<Self, TargetError> {
         let [width, height] = size;
         let side_max = gpu.device.limits().max_texture_dimension_2d;
@@ -90,7 +90,7 @@ impl Target {
         Ok(Self {
             size,
             samples,
-            display: Picture::new(gpu, size, content),
+            display: OutputTexture::new(gpu, size, content),
             linear: linear.then(|| view(&make("target/linear", LINEAR_FORMAT, 1, read))),
             multisampled: (samples > 1)
                 .then(|| view(&make("target/multisampled", scene_format, samples, drawn))),
@@ -116,13 +116,13 @@ impl Target {
     /// Gives the finished picture away, as the one that a display shows, while the next one is
     /// drawn. `spare` is drawn over from now on, where it has the target's size.
     #[must_use = "the target has no picture any more"]
-    pub fn take_picture(&mut self, gpu: &Gpu, spare: Option<Picture>) -> Picture {
+    pub fn take_picture(&mut self, gpu: &Gpu, spare: Option<OutputTexture>) -> OutputTexture {
         let next = self.display.next(gpu, spare);
         std::mem::replace(&mut self.display, next)
     }
 
     /// Makes a picture of the target's size its finished one, once the GPU is at it.
-    pub fn copy_from(&self, gpu: &Gpu, picture: &Picture) {
+    pub fn copy_from(&self, gpu: &Gpu, picture: &OutputTexture) {
         let [width, height] = self.size;
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("target/copy") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
@@ -135,12 +135,12 @@ impl Target {
     }
 
     /// What its finished picture holds.
-    pub fn content(&self) -> Content {
+    pub fn content(&self) -> ImageEncoding {
         self.display.content()
     }
 
     /// The finished picture: RGBA8 as sRGB, unless its content is another.
-    pub fn picture(&self) -> &Picture {
+    pub fn picture(&self) -> &OutputTexture {
         &self.display
     }
 

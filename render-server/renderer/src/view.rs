@@ -3,8 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec4};
 
-use super::cull::Planes;
-use super::scene::{Bounds, GpuScene, Lamp};
+use super::cull::FrustumPlanes;
+use super::scene::{Bounds, GpuScene, LocalLight};
 
 /// Directional lights in the uniforms; further ones are looked up like lamps.
 pub(crate) const SUNS_MAX: usize = 4;
@@ -46,7 +46,7 @@ pub struct ViewDesc {
     pub exposure: f32,
 }
 
-/// Twin of `Frame` in `include/frame.wgsl`.
+/// Twin of `LocalFrame` in `include/frame.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(crate) struct FrameUniform {
@@ -56,23 +56,23 @@ pub(crate) struct FrameUniform {
     pub ground: [f32; 3],
     pub pad: f32,
     pub eye: [f32; 4],
-    pub suns: [SunRecord; SUNS_MAX],
+    pub suns: [DirectionalLightRecord; SUNS_MAX],
 }
 
-/// Twin of `Sun` in `include/frame.wgsl`.
+/// Twin of `DirectionalLight` in `include/frame.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub(crate) struct SunRecord {
+pub(crate) struct DirectionalLightRecord {
     pub toward: [f32; 3],
     pub pad0: f32,
     pub irradiance: [f32; 3],
     pub pad1: f32,
 }
 
-/// Twin of `Lamp` in `include/frame.wgsl`.
+/// Twin of `LocalLight` in `include/frame.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub(crate) struct LampRecord {
+pub(crate) struct LocalLightRecord {
     pub position: [f32; 3],
     pub inverse_range: f32,
     pub intensity: [f32; 3],
@@ -83,9 +83,9 @@ pub(crate) struct LampRecord {
     pub pad2: [f32; 2],
 }
 
-impl LampRecord {
+impl LocalLightRecord {
     /// The lamp as seen from the eye; subtracted in f64.
-    pub fn new(lamp: &Lamp, eye: DVec3) -> Self {
+    pub fn new(lamp: &LocalLight, eye: DVec3) -> Self {
         Self {
             position: (lamp.position - eye).as_vec3().to_array(),
             inverse_range: lamp.inverse_range,
@@ -170,7 +170,7 @@ impl ViewDesc {
 
     /// The uniforms of this view.
     pub(crate) fn uniform(&self, scene: &GpuScene) -> FrameUniform {
-        let mut suns = [SunRecord::default(); SUNS_MAX];
+        let mut suns = [DirectionalLightRecord::default(); SUNS_MAX];
         for (record, sun) in suns.iter_mut().zip(&scene.layout.lights.suns) {
             record.toward = sun.toward.to_array();
             record.irradiance = sun.irradiance.to_array();
@@ -205,7 +205,7 @@ impl ViewDesc {
     }
 
     /// The planes around a rectangle of the target.
-    pub(crate) fn planes(&self, rectangle: [u32; 4]) -> Planes {
+    pub(crate) fn planes(&self, rectangle: [u32; 4]) -> FrustumPlanes {
         let [x, y, width, height] = rectangle.map(f64::from);
         let [vx, vy, vw, vh] = self.viewport;
         let across = |pixel: f64| (pixel - vx) / vw * 2.0 - 1.0;
@@ -213,7 +213,7 @@ impl ViewDesc {
         let left = across(x - CULL_MARGIN);
         let right = across(x + width + CULL_MARGIN);
         let (bottom, top) = (up(y + height + CULL_MARGIN), up(y - CULL_MARGIN));
-        Planes::new(self.eye_in_world, &self.clip_from_eye(), [left, bottom, right, top])
+        FrustumPlanes::new(self.eye_in_world, &self.clip_from_eye(), [left, bottom, right, top])
     }
 
     /// Where a world point falls, in pixels of the target; `None` at or behind the near plane.

@@ -3,57 +3,61 @@
 //! over the channel's picture by the pixels that show it.
 
 use glam::{DMat3, DVec3};
-use polyptych_renderer::{Correction, Gpu, Shape, SourceEye, SourcePlane};
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall::source::window::WindowPlan;
-use polyptych_wall::view::{Area, CanvasPart, PointOf, View, ViewProjection};
+use polyptych_renderer::{AtlasViewDesc, Correction, CorrectionMesh, EyeAtlas, Gpu};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::source::window::OverlayView;
+use polyptych_wall::view::{Area, CanvasRect, PointSpace, View, ViewProjection};
 use polyptych_wall::warp_mesh::WarpMesh;
 use polyptych_wall::{ChannelId, Viewpoint};
 
 use super::renderer_mesh;
-use super::shots::Shots;
-use crate::apply::Sight;
+use super::shots::EyeViews;
+use crate::apply::ViewTransform;
 
 /// A view's pixels on one channel. It stays while the view stays where it is, whatever its camera
 /// sees.
 #[derive(Debug)]
-pub(super) struct Lay {
+pub(super) struct Overlay {
     area: Area,
     is_own: bool,
     /// `None` where no pixel of the channel shows it.
-    sheet: Option<Sheet>,
+    sheet: Option<OverlayMesh>,
 }
 
 /// What is there of a view.
 #[derive(Debug)]
-pub(super) struct Sheet {
+pub(super) struct OverlayMesh {
     /// Its pixels.
-    pub shape: Shape,
-    part: CanvasPart,
+    pub shape: CorrectionMesh,
+    part: CanvasRect,
     mesh: WarpMesh,
     /// For a camera's own picture.
-    plan: Option<WindowPlan>,
+    plan: Option<OverlayView>,
     /// As the eyes saw it last, for the wall's frusta.
-    shots: Option<Shots>,
+    shots: Option<EyeViews>,
 }
 
 /// Where lays are made.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Ground<'a> {
+pub(super) struct OverlayContext<'a> {
     pub gpu: &'a Gpu,
-    pub shaped: Shaped<'a>,
-    pub maps: &'a Maps,
+    pub shaped: ResolvedWall<'a>,
+    pub maps: &'a CalibrationMaps,
     pub channel: ChannelId,
 }
 
-impl Lay {
+impl Overlay {
     /// The pixels of a view on a channel with this correction.
     ///
     /// # Errors
     /// The channel's pixels have no place on its canvas, or fold there.
-    pub fn new(ground: Ground<'_>, view: &View, correction: &Correction) -> Result<Self, String> {
-        let Ground { gpu, shaped, maps, channel: id } = ground;
+    pub fn new(
+        ground: OverlayContext<'_>,
+        view: &View,
+        correction: &Correction,
+    ) -> Result<Self, String> {
+        let OverlayContext { gpu, shaped, maps, channel: id } = ground;
         let wall = shaped.wall;
         let is_own = view.projection != ViewProjection::Wall;
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
@@ -63,19 +67,19 @@ impl Lay {
             return Ok(lay(None));
         }
         let part = wall.canvas_part(channel, &view.area).map_err(|error| error.to_string())?;
-        let of = if is_own { PointOf::Canvas } else { PointOf::Surface };
+        let of = if is_own { PointSpace::Canvas } else { PointSpace::Surface };
         let mesh = shaped.part_mesh(maps, id, part, of).map_err(named)?;
         let mesh = if is_own { mesh } else { mesh.refined_for(&wall.viewpoints(channel)) };
         if mesh.triangles.is_empty() {
             return Ok(lay(None));
         }
         let side_max = gpu.facts().texture_side_max;
-        let plan = is_own.then(|| WindowPlan::new(&mesh, side_max)).transpose();
+        let plan = is_own.then(|| OverlayView::new(&mesh, side_max)).transpose();
         let plan = plan.map_err(|error| named(error.to_string()))?;
         let shape = correction
             .shape(gpu, &renderer_mesh(&mesh))
             .map_err(|error| named(error.to_string()))?;
-        Ok(lay(Some(Sheet { shape, part, mesh, plan, shots: None })))
+        Ok(lay(Some(OverlayMesh { shape, part, mesh, plan, shots: None })))
     }
 
     /// Whether it is that view's, wherever its camera stands.
@@ -84,23 +88,23 @@ impl Lay {
     }
 
     /// What is there of it.
-    pub fn sheet(&mut self) -> Option<&mut Sheet> {
+    pub fn sheet(&mut self) -> Option<&mut OverlayMesh> {
         self.sheet.as_mut()
     }
 }
 
-impl Sheet {
+impl OverlayMesh {
     /// What is drawn into its source for these eyes.
     ///
     /// # Errors
     /// An eye that sees no picture.
     pub fn shots(
         &mut self,
-        ground: Ground<'_>,
+        ground: OverlayContext<'_>,
         view: &View,
         eyes: &[Viewpoint],
-    ) -> Result<Shots, String> {
-        let Ground { gpu, shaped, channel: id, .. } = ground;
+    ) -> Result<EyeViews, String> {
+        let OverlayContext { gpu, shaped, channel: id, .. } = ground;
         let wall = shaped.wall;
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         let Some(plan) = &self.plan else {
@@ -109,12 +113,12 @@ impl Sheet {
                 shots
             } else {
                 let side_max = gpu.facts().texture_side_max;
-                Shots::new(wall, id, Some(&self.mesh), eyes, side_max)?
+                EyeViews::new(wall, id, Some(&self.mesh), eyes, side_max)?
             };
             return Ok(self.shots.insert(shots).clone());
         };
         let rect = plan.plane.rect;
-        let sight = Sight {
+        let sight = ViewTransform {
             eye_in_display: DVec3::ZERO,
             view_from_display: DMat3::IDENTITY,
             clip_from_view: wall.window_matrix(channel, view, &self.part, plan.part),
@@ -122,10 +126,11 @@ impl Sheet {
         };
         // Both eyes see the same, in the plane of the screen.
         let eye_in_display = DVec3::ZERO;
-        let plane = SourcePlane { eye_in_display, clip_from_eye: plan.plane.clip_from_eye(), rect };
-        let eye = SourceEye { planes: vec![plane], triangles: None };
+        let plane =
+            AtlasViewDesc { eye_in_display, clip_from_eye: plan.plane.clip_from_eye(), rect };
+        let eye = EyeAtlas { planes: vec![plane], triangles: None };
         let eyes = vec![eye; eyes.len()];
         let planes = vec![(sight, rect)];
-        Ok(Shots::of(plan.size.to_array(), eyes, plan.taps.to_array(), planes))
+        Ok(EyeViews::of(plan.size.to_array(), eyes, plan.taps.to_array(), planes))
     }
 }

@@ -4,30 +4,30 @@ use std::sync::Arc;
 
 use glam::DMat4;
 use polyptych_protocol::command::Frame;
-use polyptych_renderer::{SourceEye, SourcePlane, ViewDesc};
-use polyptych_wall::source::SourcePlan;
+use polyptych_renderer::{AtlasViewDesc, EyeAtlas, ViewDesc};
+use polyptych_wall::source::ViewAtlas;
 use polyptych_wall::view::View;
 use polyptych_wall::warp_mesh::WarpMesh;
 use polyptych_wall::{ChannelId, Viewpoint, Wall};
 
-use crate::apply::{self, Sight};
+use crate::apply::{self, ViewTransform};
 
 /// What is drawn into a source, and how it is read.
 #[derive(Clone, Debug)]
-pub(crate) struct Shots {
+pub(crate) struct EyeViews {
     /// Of the source, in pixels.
     pub size: [u32; 2],
     /// Where the eyes are that see it.
     viewpoints: Vec<Viewpoint>,
     /// Each with its planes.
-    pub eyes: Vec<SourceEye>,
+    pub eyes: Vec<EyeAtlas>,
     /// Samples of the source for each display pixel, across and down.
     pub taps: [u32; 2],
     /// What each plane is drawn with, and its rectangle of the source.
-    planes: Vec<(Sight, [u32; 4])>,
+    planes: Vec<(ViewTransform, [u32; 4])>,
 }
 
-impl Shots {
+impl EyeViews {
     /// The pictures of a channel that these eyes see.
     ///
     /// # Errors
@@ -41,7 +41,7 @@ impl Shots {
     ) -> Result<Self, String> {
         match warp {
             Some(mesh) => {
-                let plan = SourcePlan::new(mesh, eyes, wall.near_m, side_max).map_err(|error| {
+                let plan = ViewAtlas::new(mesh, eyes, wall.near_m, side_max).map_err(|error| {
                     let name = wall.channel(id).map_or("", |channel| &channel.name);
                     format!("channel {name}: {error}")
                 })?;
@@ -51,7 +51,7 @@ impl Shots {
         }
     }
 
-    fn planar(plan: SourcePlan, eyes: &[Viewpoint]) -> Self {
+    fn planar(plan: ViewAtlas, eyes: &[Viewpoint]) -> Self {
         let triangles = (!plan.triangles.is_empty()).then(|| Arc::new(plan.triangles));
         let mut shots = Self {
             size: plan.size.to_array(),
@@ -61,15 +61,15 @@ impl Shots {
             planes: Vec::new(),
         };
         for planes in &plan.planes {
-            let of = |plane: &polyptych_wall::source::Plane| SourcePlane {
+            let of = |plane: &polyptych_wall::source::AtlasView| AtlasViewDesc {
                 eye_in_display: plane.eye,
                 clip_from_eye: plane.clip_from_eye(),
                 rect: plane.rect,
             };
             let planes_of = planes.iter().map(of).collect();
-            shots.eyes.push(SourceEye { planes: planes_of, triangles: triangles.clone() });
+            shots.eyes.push(EyeAtlas { planes: planes_of, triangles: triangles.clone() });
             shots.planes.extend(planes.iter().map(|plane| {
-                let sight = Sight {
+                let sight = ViewTransform {
                     eye_in_display: plane.eye,
                     view_from_display: plane.view_from_display,
                     clip_from_view: plane.clip_from_view,
@@ -96,7 +96,7 @@ impl Shots {
             let frustum = wall.frustum(id, eye).map_err(|error| error.to_string())?;
             let rect = [slot * width, 0, width, height];
             let [x, y, w, h] = frustum.viewport;
-            let sight = Sight {
+            let sight = ViewTransform {
                 eye_in_display: eye,
                 view_from_display: frustum.view_from_display,
                 clip_from_view: frustum.clip_from_view,
@@ -104,8 +104,8 @@ impl Shots {
             };
             let clip_from_eye =
                 frustum.clip_from_view * DMat4::from_mat3(frustum.view_from_display);
-            let planes = vec![SourcePlane { eye_in_display: eye, clip_from_eye, rect }];
-            shots.eyes.push(SourceEye { planes, triangles: None });
+            let planes = vec![AtlasViewDesc { eye_in_display: eye, clip_from_eye, rect }];
+            shots.eyes.push(EyeAtlas { planes, triangles: None });
             shots.planes.push((sight, rect));
         }
         Ok(shots)
@@ -114,9 +114,9 @@ impl Shots {
     /// Pictures of this size that hold these planes.
     pub fn of(
         size: [u32; 2],
-        eyes: Vec<SourceEye>,
+        eyes: Vec<EyeAtlas>,
         taps: [u32; 2],
-        planes: Vec<(Sight, [u32; 4])>,
+        planes: Vec<(ViewTransform, [u32; 4])>,
     ) -> Self {
         Self { size, viewpoints: Vec::new(), eyes, taps, planes }
     }
@@ -128,7 +128,7 @@ impl Shots {
 
     /// What the renderer draws of one view, into all planes.
     pub fn of_view(&self, view: &View, frame: &Frame) -> Vec<ViewDesc> {
-        let drawn = |(seen, rect): &(Sight, [u32; 4])| ViewDesc {
+        let drawn = |(seen, rect): &(ViewTransform, [u32; 4])| ViewDesc {
             scissor: Some(*rect),
             ..seen.view(view, frame)
         };

@@ -4,11 +4,11 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DQuat, DVec2, DVec3, UVec2, Vec3};
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::color::linear_from_srgb;
-use polyptych_wall::maps::Maps;
+use polyptych_wall::maps::CalibrationMaps;
 use polyptych_wall::surface::{Cylinder, Plane, Sphere};
 use polyptych_wall::view::View;
 use polyptych_wall::{Channel, Screen, Surface};
@@ -19,7 +19,7 @@ mod around;
 mod harness;
 mod lays;
 
-use harness::{Shape, Stage, gpu, matt};
+use harness::{MeshFixture, SceneFixture, gpu, matt};
 
 use super::*;
 use polyptych_renderer::read_picture;
@@ -68,7 +68,7 @@ fn tone(light: f64) -> f64 {
 
 /// Spots in the dark.
 fn scene(spots: &[Spot]) -> GpuScene {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     stage.desc.sky = Vec3::ZERO;
     let texture = stage.grey(128, |u, v| gauss(DVec2::new(u, v) * 2.0 - 1.0));
     let used = TextureRef { texture, uv_set: 0, uv_transform: glam::Affine2::IDENTITY };
@@ -85,7 +85,7 @@ fn scene(spots: &[Spot]) -> GpuScene {
         range: None,
     };
     stage.light(dark, DAffine3::IDENTITY);
-    let mesh = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(material));
+    let mesh = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(material));
     for spot in spots {
         let place = DAffine3::from_scale_rotation_translation(
             DVec3::splat(spot.half),
@@ -103,7 +103,7 @@ fn wall(surface: Surface, size: [u32; 2]) -> Wall {
     Wall { near_m: 0.1, ..Wall::new("test", screens, channels) }
 }
 
-fn frame(head: Head) -> Frame {
+fn frame(head: HeadPose) -> Frame {
     Frame {
         epoch: Epoch(1),
         frame: FrameId(1),
@@ -114,21 +114,22 @@ fn frame(head: Head) -> Frame {
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: false,
-        display: DisplayMode::Normal,
+        display: OutputMode::Normal,
         pattern: None,
     }
 }
 
 /// The channel's picture as linear light of its red.
 fn drawn(wall: &Wall, scene: &GpuScene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
-    let plan =
-        Plan::new(wall, &Maps::default(), ChannelId(0)).expect("a plan").expect("a correction");
+    let plan = CorrectionPlan::new(wall, &CalibrationMaps::default(), ChannelId(0))
+        .expect("a plan")
+        .expect("a correction");
     let mut corrector = Corrector::new(gpu(), plan, wall, None).expect("a corrector");
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
-    renderer.prepare_for(gpu(), scene, Content::Light);
-    let mut output = Output::new("curve".into(), None, None);
+    renderer.prepare_for(gpu(), scene, ImageEncoding::Light);
+    let mut output = ChannelOutput::new("curve".into(), None, None);
     let mut draw = |eye: &DVec3| {
-        let frame = frame(Head::at(*eye, 0.0));
+        let frame = frame(HeadPose::at(*eye, 0.0));
         let drawing = (&mut renderer, scene);
         corrector.draw(gpu(), drawing, wall, &frame, &mut output).expect("drawn");
         let shots = corrector.shots.as_ref().expect("shots");
@@ -256,15 +257,15 @@ fn tiles_that_are_shown_as_they_are_drawn_have_no_plan() {
     let mut flat = wall(plane(), [64, 36]);
     flat.dither = true;
     let names = ["curve".to_owned(), "elsewhere".to_owned()];
-    assert!(plans(&flat, &Maps::default(), &names, None).expect("plans").is_empty());
+    assert!(plans(&flat, &CalibrationMaps::default(), &names, None).expect("plans").is_empty());
     flat.channels[0].adjustment.color.gain.x = 0.9;
-    let planned = plans(&flat, &Maps::default(), &names, None).expect("plans");
+    let planned = plans(&flat, &CalibrationMaps::default(), &names, None).expect("plans");
     let plan = &planned["curve"];
     assert!(plan.warp.is_none(), "its pixels stay where they are");
     assert_eq!(plan.desc.dither, Some(0));
     // A warp whose file is not there lights nothing.
-    flat.channels[0].cover = Cover::Map;
-    let said = plans(&flat, &Maps::default(), &names, None).expect_err("refused");
+    flat.channels[0].cover = ChannelKind::Map;
+    let said = plans(&flat, &CalibrationMaps::default(), &names, None).expect_err("refused");
     assert_eq!(said, "channel curve: none of its pixels lies on its screen");
 }
 
@@ -278,10 +279,10 @@ fn a_tuning_leaves_what_it_does_not_change() {
         .into();
     row.channels[0].adjustment.pin[3] = DVec2::ONE;
     let names = ["left".to_owned(), "right".to_owned()];
-    let planned = |wall: &Wall, known: Option<&Plans>| {
-        plans(wall, &Maps::default(), &names, known).expect("plans")
+    let planned = |wall: &Wall, known: Option<&CorrectionPlans>| {
+        plans(wall, &CalibrationMaps::default(), &names, known).expect("plans")
     };
-    let is_same = |a: &Plan, b: &Plan| {
+    let is_same = |a: &CorrectionPlan, b: &CorrectionPlan| {
         let (a_map, b_map) = (a.desc.light_map.as_ref(), b.desc.light_map.as_ref());
         let has_same_map = Arc::ptr_eq(a_map.expect("a map"), b_map.expect("a map"));
         let pair = a.warp.as_ref().zip(b.warp.as_ref());
@@ -321,18 +322,18 @@ fn tiles_that_overlap_share_their_light() {
     shared.channels = [("left", 0), ("right", 32)]
         .map(|(name, x)| Channel::tile(name, 0, UVec2::new(x, 0), UVec2::new(64, 36)))
         .into();
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     stage.desc.sky = Vec3::splat(0.5);
     let scene = stage.build();
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
-    renderer.prepare_for(gpu(), &scene, Content::Light);
+    renderer.prepare_for(gpu(), &scene, ImageEncoding::Light);
     let pictures = [0, 1].map(|id| {
-        let plan = Plan::new(&shared, &Maps::default(), ChannelId(id))
+        let plan = CorrectionPlan::new(&shared, &CalibrationMaps::default(), ChannelId(id))
             .expect("a plan")
             .expect("a correction");
         let mut corrector = Corrector::new(gpu(), plan, &shared, None).expect("a corrector");
-        let mut output = Output::new("curve".into(), None, None);
-        let frame = frame(Head::at(DVec3::ZERO, 0.0));
+        let mut output = ChannelOutput::new("curve".into(), None, None);
+        let frame = frame(HeadPose::at(DVec3::ZERO, 0.0));
         let drawing = (&mut renderer, &scene);
         corrector.draw(gpu(), drawing, &shared, &frame, &mut output).expect("drawn");
         let bytes = read_picture(gpu(), output.picture().expect("a picture")).expect("read");
@@ -357,11 +358,12 @@ fn tiles_that_overlap_share_their_light() {
 #[test]
 fn an_eye_behind_a_curve_is_refused_by_name() {
     let ring = wall(cylinder(1.0, DQuat::IDENTITY), [64, 36]);
-    let plan =
-        Plan::new(&ring, &Maps::default(), ChannelId(0)).expect("a plan").expect("a correction");
+    let plan = CorrectionPlan::new(&ring, &CalibrationMaps::default(), ChannelId(0))
+        .expect("a plan")
+        .expect("a correction");
     let mut corrector = Corrector::new(gpu(), plan, &ring, None).expect("a corrector");
     // In the surface's tangent plane beside it: one half shows its front, the other its back.
-    let behind = frame(Head::at(DVec3::new(4.0, 0.0, -3.2), 0.0));
+    let behind = frame(HeadPose::at(DVec3::new(4.0, 0.0, -3.2), 0.0));
     let said = corrector.views(gpu(), &ring, &behind).expect_err("refused");
     assert!(said.starts_with("channel curve: the eye"), "{said}");
 }

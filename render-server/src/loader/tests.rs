@@ -12,10 +12,10 @@ use super::*;
 
 /// A loader whose cache has what a test writes, and a render thread that takes all.
 struct Stage {
-    cache: BlobFolder,
+    cache: BlobStore,
     orders: Sender<LoadOrder>,
-    line: Line,
-    reports: mpsc::Receiver<Report>,
+    line: LoaderLink,
+    reports: mpsc::Receiver<RenderEvent>,
     /// How many scenes were begun, once the loader has ended.
     begun: thread::JoinHandle<usize>,
     loader: Option<Loader>,
@@ -25,12 +25,12 @@ struct Stage {
 impl Stage {
     fn new() -> Self {
         let root = tempfile::tempdir().expect("a temporary folder");
-        let cache = BlobFolder::new(root.path());
+        let cache = BlobStore::new(root.path());
         let (orders, waiting) = bounded(ORDERS_MAX);
         let (uploads, uploaded) = bounded(UPLOADS_MAX);
         let (bulk, _) = mpsc::channel(1);
         let (reporter, reports) = mpsc::channel(16);
-        let line = Line { bulk, reports: reporter, is_cut: Arc::default() };
+        let line = LoaderLink { bulk, reports: reporter, is_cut: Arc::default() };
         let take = move || {
             let mut begun = 0;
             for upload in uploaded {
@@ -86,10 +86,10 @@ impl Stage {
         drop((self.orders, self.line));
         loader.run();
         let mut said = Vec::new();
-        while let Ok(Report::Status(status)) = self.reports.try_recv() {
+        while let Ok(RenderEvent::Status(status)) = self.reports.try_recv() {
             said.push(match status {
-                Status::Prepared(prepared) => Ok(prepared.revision),
-                Status::PrepareFailed { reason, .. } => Err(reason),
+                ServerMessage::Prepared(prepared) => Ok(prepared.revision),
+                ServerMessage::PrepareFailed { reason, .. } => Err(reason),
                 other => panic!("{other:?}"),
             });
         }

@@ -11,7 +11,7 @@ use image::{GrayImage, RgbaImage};
 use polyptych_renderer::ink;
 use polyptych_wall::{Screen, Wall};
 
-use super::places::{Place, Places};
+use super::places::{PixelPosition, PixelPositions};
 use super::{BLACK, code};
 
 /// In pixels of the canvas.
@@ -40,10 +40,10 @@ pub(super) fn line_spacing(wall: &Wall, screen: &Screen) -> f64 {
     f64::from((shortest / 16).max(1).ilog2().max(3)).exp2()
 }
 
-pub(super) fn grid(wall: &Wall, screen: &Screen, places: &Places<'_>) -> RgbaImage {
+pub(super) fn grid(wall: &Wall, screen: &Screen, places: &PixelPositions<'_>) -> RgbaImage {
     let minor = line_spacing(wall, screen);
     let major = minor * MINOR_PER_MAJOR;
-    let numbers = Numbers::new(major, places);
+    let numbers = GridLabels::new(major, places);
     places.paint(
         |_| (),
         |(), place| {
@@ -65,12 +65,12 @@ pub(super) fn grid(wall: &Wall, screen: &Screen, places: &Places<'_>) -> RgbaIma
     )
 }
 
-pub(super) fn checker(wall: &Wall, screen: &Screen, places: &Places<'_>) -> RgbaImage {
+pub(super) fn checker(wall: &Wall, screen: &Screen, places: &PixelPositions<'_>) -> RgbaImage {
     let side = line_spacing(wall, screen) * 2.0;
     places.paint(
         |_| (),
         |(), place| {
-            let Some(Place { at, extent }) = place else { return BLACK };
+            let Some(PixelPosition { at, extent }) = place else { return BLACK };
             let sign = |at: f64, extent: f64| mean_of_squares(at / side, extent / side);
             let light = 0.5 + 0.5 * sign(at.x, extent.x) * sign(at.y, extent.y);
             [code(light); 3]
@@ -81,7 +81,7 @@ pub(super) fn checker(wall: &Wall, screen: &Screen, places: &Places<'_>) -> Rgba
 pub(super) fn crosshair(
     wall: &Wall,
     screen: &Screen,
-    places: &Places<'_>,
+    places: &PixelPositions<'_>,
     eye: DVec3,
 ) -> RgbaImage {
     let ring = line_spacing(wall, screen) * MINOR_PER_MAJOR;
@@ -89,7 +89,7 @@ pub(super) fn crosshair(
     places.paint(
         |_| (),
         |(), place| {
-            let Some((Place { at, extent }, foot)) = place.zip(foot) else { return BLACK };
+            let Some((PixelPosition { at, extent }, foot)) = place.zip(foot) else { return BLACK };
             let from = at - foot;
             let lines = share(from.x, extent.x).max(share(from.y, extent.y));
             let radius = from.length();
@@ -124,15 +124,15 @@ fn mean_of_squares(at: f64, extent: f64) -> f64 {
 }
 
 /// The numbers of the canvas's pixels beside crossings of lines, on the canvas themselves.
-struct Numbers {
+struct GridLabels {
     step: f64,
     offset: DVec2,
     scale: f64,
     inks: BTreeMap<(i32, i32), GrayImage>,
 }
 
-impl Numbers {
-    fn new(major: f64, places: &Places<'_>) -> Self {
+impl GridLabels {
+    fn new(major: f64, places: &PixelPositions<'_>) -> Self {
         let step = major * (NUMBER_SPACING / major).ceil().max(1.0);
         let scale = (step / 512.0).floor().max(1.0);
         let offset = DVec2::splat(LINE_WIDTH + 2.0);

@@ -2,16 +2,16 @@
 
 use glam::{DVec2, DVec3, UVec2};
 use image::{Rgba, RgbaImage};
-use polyptych_renderer::{Label, Place};
-use polyptych_wall::blend::{self, Blend, Masks};
+use polyptych_renderer::{Label, LabelPosition};
+use polyptych_wall::blend::{self, BlendModel, ChannelMasks};
 use polyptych_wall::color::linear_from_srgb;
-use polyptych_wall::maps::Maps;
-use polyptych_wall::pixels::PixelMap;
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall::{Channel, ChannelId, Color};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::pixels::ChannelMapping;
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::{Channel, ChannelId, ColorCorrection};
 use rayon::prelude::*;
 
-use super::places::{BLOCK, Block, Places};
+use super::places::{BLOCK, Block, PixelPositions};
 use super::{BLACK, blank, label, opaque};
 use crate::correction::light_map;
 
@@ -25,12 +25,12 @@ const DENSITIES: [[u8; 3]; 6] =
 
 /// Another channel of the screen, and what of a block it lights.
 struct Neighbour<'a> {
-    map: PixelMap<'a>,
+    map: ChannelMapping<'a>,
     size: DVec2,
 }
 
 /// What is known of a whole block.
-struct Lit<'a> {
+struct BlockCoverage<'a> {
     /// Channels that light all of it.
     everywhere: usize,
     /// Those that light a part of it.
@@ -67,7 +67,11 @@ impl Neighbour<'_> {
 }
 
 /// How many channels of the screen light each pixel, for the eye that the channel is for.
-pub(super) fn overlap(shaped: Shaped<'_>, id: ChannelId, places: &Places<'_>) -> RgbaImage {
+pub(super) fn overlap(
+    shaped: ResolvedWall<'_>,
+    id: ChannelId,
+    places: &PixelPositions<'_>,
+) -> RgbaImage {
     let wall = shaped.wall;
     let Some(own) = wall.channel(id) else { return RgbaImage::default() };
     let is_beside =
@@ -76,12 +80,12 @@ pub(super) fn overlap(shaped: Shaped<'_>, id: ChannelId, places: &Places<'_>) ->
     let others = others.filter(|(other, channel)| *other != id && is_beside(channel));
     let neighbours: Vec<_> = others
         .filter_map(|(other, channel)| {
-            let map = shaped.pixel_map(other).filter(PixelMap::is_known)?;
+            let map = shaped.pixel_map(other).filter(ChannelMapping::is_known)?;
             Some(Neighbour { map, size: channel.size.as_dvec2() })
         })
         .collect();
     let prepare = |block: &Block<'_>| {
-        let mut lit = Lit { everywhere: 1, partly: Vec::new() };
+        let mut lit = BlockCoverage { everywhere: 1, partly: Vec::new() };
         for neighbour in &neighbours {
             match block.corners().and_then(|corners| neighbour.lights_all(corners)) {
                 Some(true) => lit.everywhere += 1,
@@ -97,20 +101,20 @@ pub(super) fn overlap(shaped: Shaped<'_>, id: ChannelId, places: &Places<'_>) ->
         COUNTS[(lit.everywhere + partly - 1).min(COUNTS.len() - 1)]
     });
     let lines = vec![own.name.clone(), "blue 1, green 2, yellow 3, red 4 channels".to_owned()];
-    label(&mut image, &Label { lines, place: Place::Corner });
+    label(&mut image, &Label { lines, place: LabelPosition::Corner });
     image
 }
 
 /// The channel's share of the light, as its display shows it: on a wall that is right, all of them
 /// together are white.
-pub(super) fn weights(shaped: Shaped<'_>, id: ChannelId) -> RgbaImage {
+pub(super) fn weights(shaped: ResolvedWall<'_>, id: ChannelId) -> RgbaImage {
     let Some(channel) = shaped.wall.channel(id) else { return RgbaImage::default() };
     // The weights alone, whatever else the light is changed by.
     let mut wall = shaped.wall.clone();
     wall.blend.leak = 0.0;
     wall.channels.iter_mut().for_each(|channel| channel.adjustment.color.leak = None);
-    let unleaking = Shaped { wall: &wall, shapes: shaped.shapes };
-    let map = blend::light_map(unleaking, id, &Masks::default());
+    let unleaking = ResolvedWall { wall: &wall, shapes: shaped.shapes };
+    let map = blend::light_map(unleaking, id, &ChannelMasks::default());
     let curve = &channel.adjustment.color.curve;
     let mut last = (f64::NAN, opaque(BLACK));
     RgbaImage::from_fn(channel.size.x, channel.size.y, |x, y| {
@@ -124,10 +128,16 @@ pub(super) fn weights(shaped: Shaped<'_>, id: ChannelId) -> RgbaImage {
 
 /// Does to a picture what is done to the scene's: its light is shared with other channels, masked,
 /// coloured and encoded for the display.
-pub(super) fn share(image: &mut RgbaImage, shaped: Shaped<'_>, maps: &Maps, id: ChannelId) {
-    let blend = Blend::new(shaped);
+pub(super) fn share(
+    image: &mut RgbaImage,
+    shaped: ResolvedWall<'_>,
+    maps: &CalibrationMaps,
+    id: ChannelId,
+) {
+    let blend = BlendModel::new(shaped);
     let map = light_map(shaped, &blend, maps, id);
-    let Some(color) = blend.color(id).filter(|color| map.is_some() || *color != Color::default())
+    let Some(color) =
+        blend.color(id).filter(|color| map.is_some() || *color != ColorCorrection::default())
     else {
         return;
     };
@@ -160,7 +170,7 @@ fn codes(codes: DVec3) -> Rgba<u8> {
 
 /// How many pixels the viewer has for a degree, in the direction in which they are fewest. A
 /// change of colour stands for the root of two.
-pub(super) fn density(channel: &Channel, map: &PixelMap<'_>, eye: DVec3) -> RgbaImage {
+pub(super) fn density(channel: &Channel, map: &ChannelMapping<'_>, eye: DVec3) -> RgbaImage {
     let (width, height) = (channel.size.x, channel.size.y);
     let blocks = channel.size.map(|side| side.div_ceil(BLOCK)) + 1;
     let corner = |index: u32| UVec2::new(index % blocks.x, index / blocks.x) * BLOCK;
@@ -195,13 +205,13 @@ pub(super) fn density(channel: &Channel, map: &PixelMap<'_>, eye: DVec3) -> Rgba
         "nothing is seen from here".to_owned()
     };
     let lines = vec![channel.name.clone(), what];
-    label(&mut image, &Label { lines, place: Place::Corner });
+    label(&mut image, &Label { lines, place: LabelPosition::Corner });
     image
 }
 
 /// Pixels for a degree around a place of the picture, in the direction in which they are fewest;
 /// `None` where nothing is seen.
-pub(super) fn density_at(map: &PixelMap<'_>, eye: DVec3, pixel: DVec2) -> Option<f64> {
+pub(super) fn density_at(map: &ChannelMapping<'_>, eye: DVec3, pixel: DVec2) -> Option<f64> {
     let ray = |at: DVec2| Some((map.display_from_pixel(at)? - eye).normalize());
     let from = ray(pixel)?;
     let across = ray(pixel + DVec2::X)? - from;

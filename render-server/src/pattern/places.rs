@@ -6,7 +6,7 @@
 
 use glam::{DVec2, UVec2};
 use image::RgbaImage;
-use polyptych_wall::pixels::PixelMap;
+use polyptych_wall::pixels::ChannelMapping;
 use rayon::prelude::*;
 
 use super::opaque;
@@ -20,14 +20,14 @@ const ERROR_MAX: f64 = 0.001;
 
 /// The places of one channel's pixels.
 #[derive(Debug)]
-pub(super) struct Places<'a> {
-    map: &'a PixelMap<'a>,
+pub(super) struct PixelPositions<'a> {
+    map: &'a ChannelMapping<'a>,
     size: UVec2,
 }
 
 /// Where a pixel lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Place {
+pub(super) struct PixelPosition {
     /// Its middle, in pixels of the canvas.
     pub at: DVec2,
     /// How long it is there along the canvas's x and y: the root of the sum of squares of both
@@ -38,14 +38,14 @@ pub(super) struct Place {
 /// A block of pixels, with what is known of all of them.
 #[derive(Debug)]
 pub(super) struct Block<'a> {
-    map: &'a PixelMap<'a>,
+    map: &'a ChannelMapping<'a>,
     pub origin: UVec2,
     /// The places of its corners, where interpolation between them is exact.
     corners: Option<[DVec2; 4]>,
 }
 
-impl<'a> Places<'a> {
-    pub fn new(map: &'a PixelMap<'a>, size: UVec2) -> Self {
+impl<'a> PixelPositions<'a> {
+    pub fn new(map: &'a ChannelMapping<'a>, size: UVec2) -> Self {
         Self { map, size }
     }
 
@@ -67,7 +67,7 @@ impl<'a> Places<'a> {
     pub fn paint<T>(
         &self,
         prepare: impl Fn(&Block<'_>) -> T + Sync,
-        shade: impl Fn(&T, Option<Place>) -> [u8; 3] + Sync,
+        shade: impl Fn(&T, Option<PixelPosition>) -> [u8; 3] + Sync,
     ) -> RgbaImage {
         let (width, height) = (self.size.x, self.size.y);
         let mut bytes = vec![0; width as usize * height as usize * 4];
@@ -92,7 +92,7 @@ impl<'a> Places<'a> {
 }
 
 impl<'a> Block<'a> {
-    fn new(map: &'a PixelMap<'a>, origin: UVec2) -> Self {
+    fn new(map: &'a ChannelMapping<'a>, origin: UVec2) -> Self {
         let (from, side) = (origin.as_dvec2(), f64::from(BLOCK));
         let find = |at: DVec2| map.canvas_from_pixel(from + at * side);
         let between = |corners: &[DVec2; 4], at: DVec2| {
@@ -108,7 +108,7 @@ impl<'a> Block<'a> {
     }
 
     /// Of a pixel of the block.
-    fn place(&self, pixel: UVec2) -> Option<Place> {
+    fn place(&self, pixel: UVec2) -> Option<PixelPosition> {
         let middle = pixel.as_dvec2() + 0.5;
         let (at, across, down) = if let Some(corners) = &self.corners {
             let at = middle / f64::from(BLOCK);
@@ -127,7 +127,7 @@ impl<'a> Block<'a> {
             (at, beside(DVec2::X)?, beside(DVec2::Y)?)
         };
         let extent = DVec2::new(across.x.hypot(down.x), across.y.hypot(down.y));
-        Some(Place { at, extent: extent.max(DVec2::splat(1e-9)) })
+        Some(PixelPosition { at, extent: extent.max(DVec2::splat(1e-9)) })
     }
 
     /// The places of its corners, where the whole block lies on the screen without a bend.

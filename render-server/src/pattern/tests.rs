@@ -1,11 +1,11 @@
 //! Patterns to the pixel: where lines lie, what adds up, what is counted.
 
 use glam::{DQuat, DVec2, DVec3, UVec2};
-use polyptych_wall::adjustment::Bend;
-use polyptych_wall::blend::Blend;
+use polyptych_wall::adjustment::ControlGrid;
+use polyptych_wall::blend::BlendModel;
 use polyptych_wall::projector::Projector;
 use polyptych_wall::surface::{Cylinder, Plane};
-use polyptych_wall::{Cover, Curve, Projection, Screen, Surface, Wall};
+use polyptych_wall::{ChannelKind, FrustumMode, Screen, Surface, TransferFunction, Wall};
 
 use super::*;
 
@@ -47,8 +47,8 @@ fn projectors() -> Wall {
         let position = DVec3::new(0.1, 0.05, 0.3);
         let projector = Projector { position, rotation, tangents: [-0.5, 0.5, -0.3, 0.3] };
         Channel {
-            cover: Cover::Projector(Box::new(projector)),
-            projection: Projection::Own,
+            cover: ChannelKind::Projector(Box::new(projector)),
+            projection: FrustumMode::Own,
             ..Channel::tile(name, 0, UVec2::ZERO, SIZE)
         }
     };
@@ -57,11 +57,11 @@ fn projectors() -> Wall {
     let adjustment = &mut wall.channels[1].adjustment;
     adjustment.pin[1] = DVec2::new(-4.0, 3.0);
     let moves = (0..9).map(|i| DVec2::new(f64::from(i * 5 % 4), f64::from(i * 7 % 3)) * 0.7);
-    adjustment.bend = Some(Bend { points: UVec2::splat(3), moves: moves.collect() });
+    adjustment.bend = Some(ControlGrid { points: UVec2::splat(3), moves: moves.collect() });
     wall
 }
 
-fn draw(wall: &Wall, channel: u16, pattern: Pattern) -> RgbaImage {
+fn draw(wall: &Wall, channel: u16, pattern: TestPattern) -> RgbaImage {
     let image = picture(wall.into(), ChannelId(channel), pattern, wall.eye).expect("a picture");
     assert_eq!(image.dimensions(), SIZE.into());
     image
@@ -75,7 +75,7 @@ fn rgb(image: &RgbaImage, x: u32, y: u32) -> [u8; 3] {
 
 #[test]
 fn the_border_is_one_pixel_and_nothing_else() {
-    let image = draw(&single(), 0, Pattern::Border);
+    let image = draw(&single(), 0, TestPattern::Border);
     for (x, y, _) in image.enumerate_pixels() {
         let is_edge = x == 0 || y == 0 || x == SIZE.x - 1 || y == SIZE.y - 1;
         assert_eq!(rgb(&image, x, y), if is_edge { [255; 3] } else { [0; 3] }, "{x} {y}");
@@ -84,7 +84,7 @@ fn the_border_is_one_pixel_and_nothing_else() {
 
 #[test]
 fn the_ramp_has_every_code_in_order_and_each_colour() {
-    let image = draw(&single(), 0, Pattern::Ramp);
+    let image = draw(&single(), 0, TestPattern::Ramp);
     let row: Vec<u8> = (0..SIZE.x).map(|x| rgb(&image, x, 0)[1]).collect();
     assert!(row.is_sorted() && row[0] == 0 && row[319] == 255);
     assert!((0..=255).all(|code| row.contains(&code)), "{row:?}");
@@ -95,7 +95,7 @@ fn the_ramp_has_every_code_in_order_and_each_colour() {
 
 #[test]
 fn bars_fall_in_luminance_and_end_in_steps() {
-    let image = draw(&single(), 0, Pattern::ColorBars);
+    let image = draw(&single(), 0, TestPattern::ColorBars);
     let luminance = |[r, g, b]: [u8; 3]| 0.2126 * light(r) + 0.7152 * light(g) + 0.0722 * light(b);
     let bars: Vec<f64> = (0..8).map(|bar| luminance(rgb(&image, bar * 40 + 20, 10))).collect();
     assert!(bars.windows(2).all(|pair| pair[0] > pair[1]), "{bars:?}");
@@ -105,7 +105,7 @@ fn bars_fall_in_luminance_and_end_in_steps() {
 
 #[test]
 fn focus_is_half_lit_everywhere() {
-    let image = draw(&single(), 0, Pattern::Focus);
+    let image = draw(&single(), 0, TestPattern::Focus);
     for (left, top) in [(0, 0), (32, 0), (0, 32), (32, 32), (288, 96)] {
         let lit = (0..32 * 32).filter(|i| rgb(&image, left + i % 32, top + i / 32)[0] == 255);
         assert_eq!(lit.count(), 512, "{left} {top}");
@@ -117,7 +117,7 @@ fn focus_is_half_lit_everywhere() {
 fn lines_of_a_plain_tile_are_two_whole_pixels_around_their_number() {
     let wall = single();
     let (step, image) =
-        (canvas::line_spacing(&wall, &wall.screens[0]), draw(&wall, 0, Pattern::Grid));
+        (canvas::line_spacing(&wall, &wall.screens[0]), draw(&wall, 0, TestPattern::Grid));
     assert_eq!(step, 8.0);
     // Rows between lines, below numbers of 16 pixels at 4 and 132, and beside the name.
     for (x, y) in (0..SIZE.x).flat_map(|x| [26, 36, 156, 163].map(|y| (x, y))) {
@@ -136,7 +136,7 @@ fn lines_of_a_plain_tile_are_two_whole_pixels_around_their_number() {
 
 #[test]
 fn a_checker_is_even_and_sharp() {
-    let image = draw(&single(), 0, Pattern::Checker);
+    let image = draw(&single(), 0, TestPattern::Checker);
     for (x, y, _) in image.enumerate_pixels() {
         let is_lit = (x / 16 + y / 16) % 2 == 0;
         assert_eq!(rgb(&image, x, y), if is_lit { [255; 3] } else { [0; 3] }, "{x} {y}");
@@ -145,7 +145,7 @@ fn a_checker_is_even_and_sharp() {
 
 /// Where bright lines cross a row, found by their light, as places of the canvas.
 fn crossings(wall: &Wall, channel: u16, y: u32) -> Vec<f64> {
-    let image = draw(wall, channel, Pattern::Grid);
+    let image = draw(wall, channel, TestPattern::Grid);
     let map = wall.pixel_map(ChannelId(channel)).expect("a map");
     // Blue has no numbers in it.
     let row: Vec<f64> = (0..SIZE.x).map(|x| light(rgb(&image, x, y)[2])).collect();
@@ -192,7 +192,7 @@ fn the_crosshair_is_at_the_foot_of_the_eye() {
     let mut wall = single();
     // 0.4 m right and 0.3 m up of the middle, 100 pixels a metre.
     wall.eye = DVec3::new(0.4, 0.3, 1.0);
-    let image = draw(&wall, 0, Pattern::Crosshair);
+    let image = draw(&wall, 0, TestPattern::Crosshair);
     let lit: Vec<u32> = (0..SIZE.x).filter(|&x| rgb(&image, x, 3)[0] == 255).collect();
     assert_eq!(lit, [199, 200]);
     let lit: Vec<u32> = (0..SIZE.y).filter(|&y| rgb(&image, 3, y)[0] == 255).collect();
@@ -206,7 +206,7 @@ fn overlaps_are_counted_as_brute_force_counts_them() {
     // To the right and up, so that either of the two lights what the other does not.
     wall.channels[2].adjustment.pin[0] = DVec2::new(40.0, -30.0);
     for channel in 0..3 {
-        let image = draw(&wall, channel, Pattern::Overlap);
+        let image = draw(&wall, channel, TestPattern::Overlap);
         let map = wall.pixel_map(ChannelId(channel)).expect("a map");
         let mut seen = [0; 4];
         // Not where the words are.
@@ -233,10 +233,10 @@ fn overlaps_are_counted_as_brute_force_counts_them() {
 fn weights_of_all_channels_are_white_together() {
     let mut wall = projectors();
     wall.blend.leak = 0.003;
-    let images = [0, 1].map(|channel| draw(&wall, channel, Pattern::Weights));
+    let images = [0, 1].map(|channel| draw(&wall, channel, TestPattern::Weights));
     let map = |channel| wall.pixel_map(ChannelId(channel)).expect("a map");
     let (from, to) = (map(0), map(1));
-    let blend = Blend::new(&wall);
+    let blend = BlendModel::new(&wall);
     let (mut shared, mut seen_together) = (0, 0);
     for (x, y, pixel) in images[0].enumerate_pixels() {
         let at = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
@@ -263,7 +263,7 @@ fn weights_of_all_channels_are_white_together() {
     }
     assert!(shared > 500, "only {shared} pixels share their light");
     assert!(seen_together * 10 > shared * 8, "{seen_together} of {shared}");
-    assert_eq!(rgb(&draw(&single(), 0, Pattern::Weights), 7, 7), [255; 3], "alone");
+    assert_eq!(rgb(&draw(&single(), 0, TestPattern::Weights), 7, 7), [255; 3], "alone");
 }
 
 /// `None` where four pixels differ by more than a twentieth of all light.
@@ -284,9 +284,11 @@ fn patterns_of_light_are_not_corrected_and_others_are() {
     let mut wall = single();
     let color = &mut wall.channels[0].adjustment.color;
     color.gain = DVec3::new(1.0, 0.25, 1.0);
-    color.curve = Curve::Gamma(DVec3::splat(2.0));
-    let see = |pattern| display(&wall, &Maps::default(), ChannelId(0), pattern, DVec3::ZERO);
-    let [bars, border] = [Pattern::ColorBars, Pattern::Border].map(|p| see(p).expect("drawn"));
+    color.curve = TransferFunction::Gamma(DVec3::splat(2.0));
+    let see =
+        |pattern| display(&wall, &CalibrationMaps::default(), ChannelId(0), pattern, DVec3::ZERO);
+    let [bars, border] =
+        [TestPattern::ColorBars, TestPattern::Border].map(|p| see(p).expect("drawn"));
     assert_eq!(rgb(&bars, 20, 10), [255, 128, 255], "√0.25 of 255");
     assert_eq!(rgb(&border, 0, 0), [255; 3]);
 }
@@ -312,27 +314,43 @@ fn sampling_is_that_of_a_flat_screen() {
     {
         let mut wall = wall.clone();
         wall.eye.z = 0.01 / 1.0_f64.to_radians() * density - 2.0;
-        assert_eq!(rgb(&draw(&wall, 0, Pattern::Density), 160, 90), color, "{density}");
+        assert_eq!(rgb(&draw(&wall, 0, TestPattern::Density), 160, 90), color, "{density}");
     }
 }
 
 #[test]
 fn displays_get_it_as_they_hang() {
     let mut wall = single();
-    let upright = draw(&wall, 0, Pattern::Ramp);
-    for turn in [Turn::None, Turn::Left, Turn::Right, Turn::Half] {
-        for packing in [Packing::None, Packing::SideBySide, Packing::TopBottom, Packing::Anaglyph] {
+    let upright = draw(&wall, 0, TestPattern::Ramp);
+    for turn in [Orientation::None, Orientation::Left, Orientation::Right, Orientation::Half] {
+        for packing in [
+            StereoPacking::None,
+            StereoPacking::SideBySide,
+            StereoPacking::TopBottom,
+            StereoPacking::Anaglyph,
+        ] {
             let adjustment = &mut wall.channels[0].adjustment;
             (adjustment.turn, adjustment.packing) = (turn, packing);
-            let image = display(&wall, &Maps::default(), ChannelId(0), Pattern::Ramp, DVec3::ZERO)
-                .expect("drawn");
+            let image = display(
+                &wall,
+                &CalibrationMaps::default(),
+                ChannelId(0),
+                TestPattern::Ramp,
+                DVec3::ZERO,
+            )
+            .expect("drawn");
             assert_eq!(image.dimensions(), wall.channels[0].display_size().into(), "{turn:?}");
         }
     }
     let adjustment = &mut wall.channels[0].adjustment;
-    *adjustment = Adjustment { turn: Turn::Left, mirror: true, ..Adjustment::default() };
+    *adjustment = ChannelCalibration {
+        turn: Orientation::Left,
+        mirror: true,
+        ..ChannelCalibration::default()
+    };
     let image =
-        display(&wall, &Maps::default(), ChannelId(0), Pattern::Ramp, DVec3::ZERO).expect("drawn");
+        display(&wall, &CalibrationMaps::default(), ChannelId(0), TestPattern::Ramp, DVec3::ZERO)
+            .expect("drawn");
     // The viewer's upper left is mirrored to the upper right, which is the display's lower right.
     assert_eq!(image.get_pixel(SIZE.y - 1, SIZE.x - 1), upright.get_pixel(0, 0));
     assert_eq!(image.get_pixel(0, 0), upright.get_pixel(SIZE.x - 1, SIZE.y - 1));
@@ -341,8 +359,8 @@ fn displays_get_it_as_they_hang() {
 #[test]
 fn a_channel_that_a_file_maps_says_so() {
     let mut wall = single();
-    wall.channels[0].cover = Cover::Map;
-    let image = draw(&wall, 0, Pattern::Grid);
+    wall.channels[0].cover = ChannelKind::Map;
+    let image = draw(&wall, 0, TestPattern::Grid);
     assert!(image.pixels().filter(|pixel| pixel.0[0] > 100).count() > 100, "there are words");
-    assert_eq!(draw(&wall, 0, Pattern::Border), draw(&single(), 0, Pattern::Border));
+    assert_eq!(draw(&wall, 0, TestPattern::Border), draw(&single(), 0, TestPattern::Border));
 }

@@ -4,19 +4,19 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::{Epoch, FrameId};
 
 use super::RenderThread;
 use crate::loader::LoadedState;
-use crate::output::Output;
+use crate::output::ChannelOutput;
 use crate::report;
 
 /// Between two looks at notes where none is shown.
 const IDLE_WAIT: Duration = Duration::from_mins(10);
 
 impl RenderThread {
-    pub(super) fn show(&mut self, epoch: Epoch, frame: FrameId, mode: DisplayMode) {
+    pub(super) fn show(&mut self, epoch: Epoch, frame: FrameId, mode: OutputMode) {
         let state = self.states.front().map(|drawable| Arc::clone(&drawable.state));
         let Some(state) = state.filter(|state| state.epoch == epoch) else { return };
         let Some(wall) = state.replica.wall.as_deref() else { return };
@@ -97,7 +97,7 @@ impl RenderThread {
 
     /// Returns the time until the next note over a picture ends.
     pub(super) fn note_wait(&self) -> Duration {
-        let ends = self.outputs.iter().filter_map(Output::note_end);
+        let ends = self.outputs.iter().filter_map(ChannelOutput::note_end);
         let wait = |end: Instant| end.saturating_duration_since(Instant::now());
         ends.min().map_or(IDLE_WAIT, wait)
     }

@@ -4,39 +4,39 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use polyptych_protocol::command::Frame;
-use polyptych_protocol::pattern::Pattern;
-use polyptych_renderer::{DrawStats, Gpu, Picture};
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall::{ChannelId, EyeOf, Wall};
+use polyptych_protocol::pattern::TestPattern;
+use polyptych_renderer::{DrawStats, Gpu, OutputTexture};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::{ChannelId, Eye, Wall};
 
 use super::RenderThread;
 use crate::pattern;
 
 /// A pattern that was drawn, on the GPU, and what it depends on.
 #[derive(Debug)]
-pub(super) struct PatternPicture {
-    pattern: Pattern,
+pub(super) struct PatternImage {
+    pattern: TestPattern,
     eye: DVec3,
     wall: Wall,
-    picture: Picture,
+    picture: OutputTexture,
 }
 
-impl PatternPicture {
+impl PatternImage {
     fn new(
         gpu: &Gpu,
-        (shaped, maps): (Shaped<'_>, &Maps),
+        (shaped, maps): (ResolvedWall<'_>, &CalibrationMaps),
         id: ChannelId,
-        pattern: Pattern,
+        pattern: TestPattern,
         eye: DVec3,
     ) -> Result<Self, String> {
         let image = pattern::display(shaped, maps, id, pattern, eye)?;
-        let picture = Picture::of_pixels(gpu, [image.width(), image.height()], &image);
+        let picture = OutputTexture::of_pixels(gpu, [image.width(), image.height()], &image);
         Ok(Self { pattern, eye, wall: shaped.wall.clone(), picture })
     }
 
     /// Whether it would be drawn the same. Tunings of other channels matter to few patterns.
-    fn is_of(&self, wall: &Wall, id: ChannelId, pattern: Pattern, eye: DVec3) -> bool {
+    fn is_of(&self, wall: &Wall, id: ChannelId, pattern: TestPattern, eye: DVec3) -> bool {
         let is_same_wall = || {
             let (old, new) = (self.wall.channel(id), wall.channel(id));
             let is_near = old == new
@@ -56,11 +56,11 @@ impl RenderThread {
         index: usize,
         (wall, id): (&Wall, ChannelId),
         frame: &Frame,
-        pattern: Pattern,
+        pattern: TestPattern,
         is_linear: bool,
     ) -> Result<DrawStats, String> {
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
-        let eye = frame.head.eye(EyeOf::Center);
+        let eye = frame.head.eye(Eye::Center);
         let known = self.patterns.remove(&channel.name);
         let known = known.filter(|known| known.is_of(wall, id, pattern, eye));
         let drawn = if let Some(known) = known {
@@ -69,8 +69,8 @@ impl RenderThread {
             let state = self.states.front().map(|drawable| &drawable.state);
             let maps = state.map(|state| state.maps.clone()).unwrap_or_default();
             let shapes = state.map(|state| Arc::clone(&state.shapes)).unwrap_or_default();
-            let shaped = Shaped { wall, shapes: &shapes };
-            PatternPicture::new(&self.gpu, (shaped, &maps), id, pattern, eye)?
+            let shaped = ResolvedWall { wall, shapes: &shapes };
+            PatternImage::new(&self.gpu, (shaped, &maps), id, pattern, eye)?
         };
         let (size, output) = (drawn.picture.size(), &mut self.outputs[index]);
         let target = output.target_of(&self.gpu, size, (wall.samples, is_linear))?;

@@ -5,7 +5,7 @@ use polyptych_renderer::read_picture;
 use polyptych_wall::ChannelId;
 
 use super::RenderThread;
-use crate::report::{self, PictureReport, Report};
+use crate::report::{self, CapturedImage, RenderEvent};
 
 impl RenderThread {
     /// Sends the picture of a channel as it was drawn, whether or not it comes to be shown: a
@@ -16,8 +16,8 @@ impl RenderThread {
         match read_picture(&self.gpu, picture) {
             Ok(pixels) => {
                 let bytes = pixels.into();
-                let picture = PictureReport { channel, frame, width, height, bytes };
-                self.send(Report::Picture(picture));
+                let picture = CapturedImage { channel, frame, width, height, bytes };
+                self.send(RenderEvent::Picture(picture));
             }
             Err(error) => self.send(report::draw_failed(frame, channel, error.to_string())),
         }

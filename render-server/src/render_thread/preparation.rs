@@ -7,17 +7,17 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use polyptych_protocol::command::Frame;
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::FrameId;
-use polyptych_renderer::{Content, GpuScene, SceneBuilder, Target};
+use polyptych_renderer::{GpuScene, ImageEncoding, SceneBuilder, Target};
 use polyptych_scene::Scene;
 use polyptych_wall::view::View;
 
-use super::{Correctors, Drawable, RenderThread, STATES_MAX, WARM_UP_SIDE};
+use super::{Correctors, ReadyState, RenderThread, STATES_MAX, WARM_UP_SIDE};
 use crate::apply;
 use crate::correction::Corrector;
 use crate::loader::LoadedState;
-use crate::output::Output;
+use crate::output::ChannelOutput;
 
 impl RenderThread {
     /// Makes a state drawable. Gives the bytes of its scene.
@@ -50,13 +50,13 @@ impl RenderThread {
         if self.states.len() == STATES_MAX {
             self.states.remove(1);
         }
-        self.states.push_back(Drawable { state, scene, scene_bytes, correctors });
+        self.states.push_back(ReadyState { state, scene, scene_bytes, correctors });
         Ok(scene_bytes)
     }
 
     /// What corrects the channels of a state: as before, where its wall is.
     fn correctors(&self, state: &LoadedState) -> Result<Correctors, String> {
-        let is_it = |d: &&Drawable| Arc::ptr_eq(&d.state.plans, &state.plans);
+        let is_it = |d: &&ReadyState| Arc::ptr_eq(&d.state.plans, &state.plans);
         if let Some(drawable) = self.states.iter().rfind(is_it) {
             return Ok(Rc::clone(&drawable.correctors));
         }
@@ -76,8 +76,8 @@ impl RenderThread {
 
     /// Makes the pipelines of a scene for the targets that this server's channels have.
     pub(super) fn prepare(&mut self, state: &LoadedState, scene: &GpuScene) {
-        let is_corrected = |output: &Output| state.plans.contains_key(&output.name);
-        for (content, corrected) in [(Content::Srgb, false), (Content::Light, true)] {
+        let is_corrected = |output: &ChannelOutput| state.plans.contains_key(&output.name);
+        for (content, corrected) in [(ImageEncoding::Srgb, false), (ImageEncoding::Light, true)] {
             if self.outputs.iter().any(|output| is_corrected(output) == corrected) {
                 self.renderer.prepare_for(&self.gpu, scene, content);
             }
@@ -109,12 +109,12 @@ impl RenderThread {
             exposure: 1.0,
             error_bound_px: 0.0,
             capture: false,
-            display: DisplayMode::Normal,
+            display: OutputMode::Normal,
             pattern: None,
         };
         let (mut views, content) = match correctors.borrow_mut().get_mut(&channel.name) {
-            Some(corrector) => (corrector.views(&self.gpu, wall, &frame)?, Content::Light),
-            None => (apply::views(wall, id, &frame)?, Content::Srgb),
+            Some(corrector) => (corrector.views(&self.gpu, wall, &frame)?, ImageEncoding::Light),
+            None => (apply::views(wall, id, &frame)?, ImageEncoding::Srgb),
         };
         // Planes share their depth here, where only one is drawn.
         views.truncate(1);

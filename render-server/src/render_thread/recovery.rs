@@ -6,11 +6,11 @@
 
 use std::time::{Duration, Instant};
 
-use polyptych_protocol::status::Status;
+use polyptych_protocol::status::ServerMessage;
 use polyptych_renderer::{Gpu, GpuFault, GpuFaultKind, Renderer};
 
-use super::{Job, RenderThread};
-use crate::report::Report;
+use super::{RenderTask, RenderThread};
+use crate::report::RenderEvent;
 
 /// How long a driver may refuse to open its adapter again: it is reset meanwhile.
 const REOPEN_TIME_MAX: Duration = Duration::from_secs(20);
@@ -115,7 +115,7 @@ impl RenderThread {
         let ms = begun.elapsed().as_millis() as u64;
         tracing::info!(ms, "the GPU is open again");
         let reason = format!("its GPU was lost: {reason}");
-        self.send(Report::Status(Status::StateLost { reason }));
+        self.send(RenderEvent::Status(ServerMessage::StateLost { reason }));
         self.check_displays();
         Ok(())
     }
@@ -131,19 +131,22 @@ impl RenderThread {
             // The queue must not fill up meanwhile; frames can't be drawn.
             while let Ok(job) = self.queues.jobs.try_recv() {
                 match job {
-                    Job::Stop => self.is_stopping = true,
-                    Job::Notice(notice) => self.showing.handle_notice(notice),
-                    Job::Disconnected => {
+                    RenderTask::Stop => self.is_stopping = true,
+                    RenderTask::Notice(notice) => self.showing.handle_notice(notice),
+                    RenderTask::Disconnected => {
                         self.playback.restart();
                         self.reset_reported();
                     }
-                    Job::MonitorAssigned { channel, assignment } => {
+                    RenderTask::MonitorAssigned { channel, assignment } => {
                         if let Some(index) = self.index_of(&channel) {
                             self.outputs[index].set_assignment(assignment);
                         }
                     }
                     // Windows are set up with the size that they have then.
-                    Job::Frame(_) | Job::Swap(_) | Job::Resized { .. } | Job::Redraw { .. } => {}
+                    RenderTask::Frame(_)
+                    | RenderTask::Swap(_)
+                    | RenderTask::Resized { .. }
+                    | RenderTask::Redraw { .. } => {}
                 }
             }
             if self.is_stopping {

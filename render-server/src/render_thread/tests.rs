@@ -4,18 +4,18 @@ use std::sync::mpsc::sync_channel;
 
 use crossbeam_channel::{Sender, bounded};
 use glam::{DVec2, DVec3, UVec2, Vec3};
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::log::{Operation, Replica};
-use polyptych_protocol::status::{Drawn, Shown, Status};
-use polyptych_renderer::Picture;
+use polyptych_protocol::status::{FramePresented, FrameRendered, ServerMessage};
+use polyptych_renderer::OutputTexture;
 use polyptych_scene::Scene;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
-use polyptych_wall::maps::Maps;
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::maps::CalibrationMaps;
 use polyptych_wall::surface::{Cylinder, Plane};
 use polyptych_wall::view::View;
-use polyptych_wall::{Channel, Screen, Surface, Turn};
+use polyptych_wall::{Channel, Orientation, Screen, Surface};
 
 use super::*;
 use crate::correction;
@@ -27,12 +27,12 @@ const SIZE: [u32; 2] = [160, 90];
 const EPOCH: Epoch = Epoch(3);
 
 /// A render thread with one display, whose commands the test gives.
-struct Stage {
+struct RenderThreadFixture {
     thread: RenderThread,
-    reports: mpsc::Receiver<Report>,
+    reports: mpsc::Receiver<RenderEvent>,
     frame: u64,
     // A thread whose queues have no sender ends.
-    _senders: (Sender<Job>, Sender<Upload>),
+    _senders: (Sender<RenderTask>, Sender<Upload>),
 }
 
 fn wall() -> Wall {
@@ -43,13 +43,18 @@ fn wall() -> Wall {
     Wall { near_m: 0.1, ..Wall::new("test", screens, channels) }
 }
 
-fn notice(what: &str, is_lost: bool) -> Job {
+fn notice(what: &str, is_lost: bool) -> RenderTask {
     let manager = if is_lost { ManagerState::Lost } else { ManagerState::Expected };
     let (what, since) = (what.to_owned(), "12:03:10 UTC".to_owned());
-    Job::Notice(Notice { what, since, address: Some("127.0.0.1:5".into()), manager })
+    RenderTask::Notice(ConnectionStatus {
+        what,
+        since,
+        address: Some("127.0.0.1:5".into()),
+        manager,
+    })
 }
 
-impl Stage {
+impl RenderThreadFixture {
     fn new() -> Self {
         Self::in_full_screen(None)
     }
@@ -57,7 +62,7 @@ impl Stage {
     /// With a display in full screen.
     fn in_full_screen(assigned: Option<MonitorAssignment>) -> Self {
         let gpu = Gpu::headless().unwrap_or_else(|error| panic!("{error}"));
-        let outputs = vec![Output::offscreen(&gpu, "front-1-1", SIZE, assigned)];
+        let outputs = vec![ChannelOutput::offscreen(&gpu, "front-1-1", SIZE, assigned)];
         let (jobs, waiting_jobs) = bounded(1);
         let (uploads, waiting_uploads) = bounded(1);
         let (reporter, reports) = mpsc::channel(100);
@@ -67,9 +72,9 @@ impl Stage {
             reports: reporter,
             monitor_names: None,
         };
-        let identity = Identity { server: "left".into(), adapter: "a pencil".into() };
+        let identity = ServerInfo { server: "left".into(), adapter: "a pencil".into() };
         let clock = Arc::new(Clock::default());
-        let (delay, slowness) = (Duration::ZERO, Slowness::new(None));
+        let (delay, slowness) = (Duration::ZERO, DrawDelay::new(None));
         let thread = RenderThread::new(gpu, outputs, queues, clock, identity, delay, slowness);
         let mut stage = Self {
             thread: thread.expect("a renderer"),
@@ -83,8 +88,9 @@ impl Stage {
 
     /// A state whose pictures are as bright as the exposure says.
     fn prepare(&mut self, wall: Wall) {
-        let plans = correction::plans(&wall, &Maps::default(), &["front-1-1".to_owned()], None)
-            .expect("plans");
+        let plans =
+            correction::plans(&wall, &CalibrationMaps::default(), &["front-1-1".to_owned()], None)
+                .expect("plans");
         let revision = Revision(self.thread.states.len() as u64);
         let replica = Replica::from_snapshot(
             Revision(revision.0 + 1),
@@ -99,7 +105,7 @@ impl Stage {
             scene,
             warm_up,
             plans,
-            maps: Maps::default(),
+            maps: CalibrationMaps::default(),
             shapes: Arc::default(),
         };
         let desc = Scene { sky: Vec3::new(0.2, 0.3, 0.4), ..Scene::default() };
@@ -110,7 +116,7 @@ impl Stage {
         answered.recv().expect("answered").expect("finished");
     }
 
-    fn draw(&mut self, exposure: f32, display: DisplayMode) {
+    fn draw(&mut self, exposure: f32, display: OutputMode) {
         self.frame += 1;
         let revision = self.thread.states.back().expect("a state").state.replica.revision;
         let frame = Frame {
@@ -119,31 +125,35 @@ impl Stage {
             time_s: 0.0,
             revision,
             views: vec![View::of_wall(Camera::IDENTITY)],
-            head: Head::at(DVec3::ZERO, 0.0),
+            head: HeadPose::at(DVec3::ZERO, 0.0),
             exposure,
             error_bound_px: 0.0,
             capture: true,
             display,
             pattern: None,
         };
-        self.thread.handle(Job::Frame(Box::new(frame)));
+        self.thread.handle(RenderTask::Frame(Box::new(frame)));
         self.turn();
     }
 
     /// Draws and shows a frame. Gives the picture of it that a capture gets.
-    fn show(&mut self, exposure: f32, display: DisplayMode) -> Vec<u8> {
+    fn show(&mut self, exposure: f32, display: OutputMode) -> Vec<u8> {
         self.draw(exposure, display);
         let swap = Swap { epoch: EPOCH, frame: FrameId(self.frame), not_after_us: u64::MAX };
-        self.thread.handle(Job::Swap(swap));
+        self.thread.handle(RenderTask::Swap(swap));
         self.turn();
         let (mut captured, mut drawn, mut shown) = (Vec::new(), false, false);
         while let Ok(report) = self.reports.try_recv() {
             let number = FrameId(self.frame);
             match report {
-                Report::Picture(picture) => captured = picture.bytes.to_vec(),
-                Report::Status(Status::Drawn(Drawn { frame, .. })) => drawn |= frame == number,
-                Report::Status(Status::Shown(Shown { frame, .. })) => shown |= frame == number,
-                Report::Status(other) => panic!("{other:?}"),
+                RenderEvent::Picture(picture) => captured = picture.bytes.to_vec(),
+                RenderEvent::Status(ServerMessage::Drawn(FrameRendered { frame, .. })) => {
+                    drawn |= frame == number
+                }
+                RenderEvent::Status(ServerMessage::Shown(FramePresented { frame, .. })) => {
+                    shown |= frame == number
+                }
+                RenderEvent::Status(other) => panic!("{other:?}"),
             }
         }
         assert!(drawn && shown, "the channel answers in every mode");
@@ -175,27 +185,27 @@ impl Stage {
 
 #[test]
 fn a_display_shows_what_was_swapped_and_not_what_is_drawn_next() {
-    let mut stage = Stage::new();
-    let first = stage.show(0.5, DisplayMode::Normal);
+    let mut stage = RenderThreadFixture::new();
+    let first = stage.show(0.5, OutputMode::Normal);
     assert_eq!(stage.seen(), first);
-    stage.draw(1.0, DisplayMode::Normal);
+    stage.draw(1.0, OutputMode::Normal);
     // Uncovered, it shows the same again.
-    stage.thread.handle(Job::Redraw { channel: "front-1-1".into() });
+    stage.thread.handle(RenderTask::Redraw { channel: "front-1-1".into() });
     assert_eq!(stage.seen(), first, "the next frame may never be swapped");
-    let third = stage.show(0.8, DisplayMode::Normal);
+    let third = stage.show(0.8, OutputMode::Normal);
     assert_ne!(third, first);
     assert_eq!(stage.seen(), third);
 }
 
 #[test]
 fn a_wall_whose_displays_are_turned_and_curved_shows_it_from_the_next_frame_on() {
-    let mut stage = Stage::new();
-    let upright = stage.show(0.5, DisplayMode::Normal);
+    let mut stage = RenderThreadFixture::new();
+    let upright = stage.show(0.5, OutputMode::Normal);
     let mut turned = wall();
-    turned.channels[0].adjustment.turn = Turn::Left;
+    turned.channels[0].adjustment.turn = Orientation::Left;
     stage.prepare(turned);
-    let picture = stage.show(0.5, DisplayMode::Normal);
-    let size = stage.thread.outputs[0].picture().map(Picture::size);
+    let picture = stage.show(0.5, OutputMode::Normal);
+    let size = stage.thread.outputs[0].picture().map(OutputTexture::size);
     assert_eq!(size, Some([SIZE[1], SIZE[0]]), "a display on its side");
     assert_eq!(picture.len(), upright.len());
     assert!(picture.iter().zip(&upright).all(|(a, b)| a.abs_diff(*b) <= 1), "all is sky");
@@ -209,112 +219,117 @@ fn a_wall_whose_displays_are_turned_and_curved_shows_it_from_the_next_frame_on()
         height_m: [-0.9, 0.9],
     });
     stage.prepare(curved);
-    let first = stage.show(0.5, DisplayMode::Normal);
+    let first = stage.show(0.5, OutputMode::Normal);
     assert!(first.iter().zip(&upright).all(|(a, b)| a.abs_diff(*b) <= 1), "all is sky");
     assert_eq!(stage.seen(), first);
-    let second = stage.show(0.9, DisplayMode::Normal);
+    let second = stage.show(0.9, OutputMode::Normal);
     assert_ne!(first, second);
-    stage.draw(0.3, DisplayMode::Normal);
-    stage.thread.handle(Job::Redraw { channel: "front-1-1".into() });
+    stage.draw(0.3, OutputMode::Normal);
+    stage.thread.handle(RenderTask::Redraw { channel: "front-1-1".into() });
     assert_eq!(stage.seen(), second, "the next frame may never be swapped");
 
     stage.prepare(wall());
-    assert_eq!(stage.show(0.5, DisplayMode::Normal), upright, "and as before");
+    assert_eq!(stage.show(0.5, OutputMode::Normal), upright, "and as before");
 }
 
 #[test]
 fn a_mode_changes_what_is_seen_and_not_what_is_captured() {
-    let mut stage = Stage::new();
-    let plain = stage.show(0.5, DisplayMode::Normal);
-    assert_eq!(stage.show(0.5, DisplayMode::Identify), plain, "captures are of what is drawn");
+    let mut stage = RenderThreadFixture::new();
+    let plain = stage.show(0.5, OutputMode::Normal);
+    assert_eq!(stage.show(0.5, OutputMode::Identify), plain, "captures are of what is drawn");
     let [left, top, right, bottom] = stage.differing(&plain).expect("a label");
     assert!(left > 0 && top > 0 && right < 159 && bottom < 89, "in the middle");
     let named = stage.seen();
 
-    assert_eq!(stage.show(0.5, DisplayMode::Blank), plain);
+    assert_eq!(stage.show(0.5, OutputMode::Blank), plain);
     assert!(stage.seen().chunks_exact(4).all(|pixel| pixel == [0, 0, 0, 255]));
-    stage.thread.handle(Job::Redraw { channel: "front-1-1".into() });
+    stage.thread.handle(RenderTask::Redraw { channel: "front-1-1".into() });
     assert!(stage.seen().chunks_exact(4).all(|pixel| pixel == [0, 0, 0, 255]));
 
-    stage.show(0.5, DisplayMode::Identify);
-    let other = stage.show(0.9, DisplayMode::Freeze);
+    stage.show(0.5, OutputMode::Identify);
+    let other = stage.show(0.9, OutputMode::Freeze);
     assert_ne!(other, plain, "drawing goes on");
     assert_eq!(stage.seen(), named, "frozen with its name");
-    stage.show(0.7, DisplayMode::Freeze);
-    stage.thread.handle(Job::Redraw { channel: "front-1-1".into() });
+    stage.show(0.7, OutputMode::Freeze);
+    stage.thread.handle(RenderTask::Redraw { channel: "front-1-1".into() });
     assert_eq!(stage.seen(), named);
-    let last = stage.show(0.7, DisplayMode::Normal);
+    let last = stage.show(0.7, OutputMode::Normal);
     assert_eq!(stage.seen(), last);
 }
 
 #[test]
 fn a_lost_manager_is_told_in_a_corner_until_a_frame_is_shown() {
-    let mut stage = Stage::new();
+    let mut stage = RenderThreadFixture::new();
     stage.thread.handle(notice("connecting", false));
     let idle = stage.seen();
-    let plain = stage.show(0.5, DisplayMode::Normal);
+    let plain = stage.show(0.5, OutputMode::Normal);
     assert_eq!(stage.seen(), plain);
     assert_ne!(idle, plain);
     // It had drawn the next frame already, which no swap came for.
-    stage.draw(1.0, DisplayMode::Normal);
+    stage.draw(1.0, OutputMode::Normal);
     stage.thread.handle(notice("manager lost at 127.0.0.1:7878: killed", true));
-    stage.thread.handle(Job::Disconnected);
+    stage.thread.handle(RenderTask::Disconnected);
     let [left, _, right, bottom] = stage.differing(&plain).expect("words");
     assert!(left < 16 && right < 159 && bottom == 89, "lower left");
     let lost = stage.seen();
     stage.thread.handle(notice("wall test: getting the scene ready", false));
     assert_eq!(stage.seen(), lost, "the picture is as old as before");
-    let captured = stage.show(0.5, DisplayMode::Normal);
+    let captured = stage.show(0.5, OutputMode::Normal);
     assert_eq!((captured, stage.seen()), (plain.clone(), plain), "and they are gone");
 }
 
 #[test]
 fn a_stopped_wall_says_so_instead_of_its_last_picture() {
-    let mut stage = Stage::new();
-    let plain = stage.show(0.5, DisplayMode::Normal);
+    let mut stage = RenderThreadFixture::new();
+    let plain = stage.show(0.5, OutputMode::Normal);
     let (what, since) = ("wall stopped at 12:03:10 UTC".to_owned(), "12:03:10 UTC".to_owned());
     let manager = ManagerState::Stopped;
-    stage.thread.handle(Job::Notice(Notice { what, since, address: None, manager }));
+    stage.thread.handle(RenderTask::Notice(ConnectionStatus {
+        what,
+        since,
+        address: None,
+        manager,
+    }));
     let stopped = stage.seen();
-    stage.thread.handle(Job::Disconnected);
+    stage.thread.handle(RenderTask::Disconnected);
     assert_eq!(stage.seen(), stopped);
     // All of it is other pixels: the sky is nowhere, not even between the words.
     assert_eq!(stage.differing(&plain), Some([0, 0, SIZE[0] as usize - 1, SIZE[1] as usize - 1]));
     stage.thread.handle(notice("wall test: getting the scene ready", false));
     assert_ne!(stage.seen(), plain, "not yet");
-    let again = stage.show(0.5, DisplayMode::Normal);
+    let again = stage.show(0.5, OutputMode::Normal);
     assert_eq!((&again, &stage.seen()), (&plain, &plain));
 }
 
 #[test]
 fn a_black_display_stays_black_when_its_manager_is_lost() {
-    let mut stage = Stage::new();
-    stage.show(0.5, DisplayMode::Blank);
+    let mut stage = RenderThreadFixture::new();
+    stage.show(0.5, OutputMode::Blank);
     let black = stage.seen();
     stage.thread.handle(notice("manager lost at 127.0.0.1:7878: killed", true));
-    stage.thread.handle(Job::Disconnected);
+    stage.thread.handle(RenderTask::Disconnected);
     stage.thread.handle(notice("wall test: ready, no frame yet", false));
     assert_eq!(stage.seen(), black);
 }
 
 #[test]
 fn a_display_that_starts_frozen_says_so_and_keeps_saying_it() {
-    let mut stage = Stage::new();
+    let mut stage = RenderThreadFixture::new();
     stage.thread.handle(notice("wall test: ready, no frame yet", false));
     let idle = stage.seen();
-    stage.show(0.5, DisplayMode::Freeze);
+    stage.show(0.5, OutputMode::Freeze);
     let frozen = stage.seen();
     assert_ne!(frozen, idle, "other words");
-    stage.show(0.9, DisplayMode::Freeze);
+    stage.show(0.9, OutputMode::Freeze);
     assert_eq!(stage.seen(), frozen);
-    let plain = stage.show(0.9, DisplayMode::Normal);
+    let plain = stage.show(0.9, OutputMode::Normal);
     assert_eq!(stage.seen(), plain);
 }
 
 #[test]
 fn an_idle_picture_says_name_server_address_state_and_since_when() {
-    let identity = Identity { server: "left".into(), adapter: "a pencil".into() };
-    let Job::Notice(notice) = notice("no manager at 127.0.0.1:7878: refused", false) else {
+    let identity = ServerInfo { server: "left".into(), adapter: "a pencil".into() };
+    let RenderTask::Notice(notice) = notice("no manager at 127.0.0.1:7878: refused", false) else {
         panic!("a notice")
     };
     assert_eq!(
@@ -339,17 +354,17 @@ fn a_picture_that_does_not_fit_its_monitor_is_told_for_a_while_on_it_and_to_each
     let monitor = Monitor { name, position, size: SIZE, is_primary: false, is_automatic: true };
     let assigned =
         |monitor: &Monitor| MonitorAssignment { monitor: monitor.clone(), is_connected: true };
-    let mut stage = Stage::in_full_screen(Some(assigned(&monitor)));
-    let told = |stage: &mut Stage| {
+    let mut stage = RenderThreadFixture::in_full_screen(Some(assigned(&monitor)));
+    let told = |stage: &mut RenderThreadFixture| {
         let reports = std::iter::from_fn(|| stage.reports.try_recv().ok());
         let warnings = reports.filter_map(|report| match report {
-            Report::Status(Status::Display { warning, .. }) => Some(warning),
+            RenderEvent::Status(ServerMessage::Display { warning, .. }) => Some(warning),
             _ => None,
         });
         warnings.collect::<Vec<_>>()
     };
     assert_eq!(told(&mut stage), [], "it fits");
-    let plain = stage.show(0.5, DisplayMode::Normal);
+    let plain = stage.show(0.5, OutputMode::Normal);
     assert_eq!(stage.seen(), plain);
 
     let mut smaller = wall();
@@ -359,7 +374,7 @@ fn a_picture_that_does_not_fit_its_monitor_is_told_for_a_while_on_it_and_to_each
                    is scaled: set the monitor to 80x45, or write pixels = [160, 90] for it in the \
                    wall file";
     assert_eq!(told(&mut stage), [Some(warning.to_owned())]);
-    stage.show(0.5, DisplayMode::Normal);
+    stage.show(0.5, OutputMode::Normal);
     let noted = stage.seen();
     stage.thread.outputs[0].end_note(Instant::now() + 2 * NOTE_TIME);
     stage.thread.show_again(0);
@@ -367,10 +382,10 @@ fn a_picture_that_does_not_fit_its_monitor_is_told_for_a_while_on_it_and_to_each
     let [left, _, _, bottom] = stage.differing(&noted).expect("the note has gone");
     assert!(left < 16 && bottom == 89, "it stood in the lower left");
     assert!(stage.thread.note_wait() > NOTE_TIME, "no other one is waited for");
-    stage.show(0.5, DisplayMode::Normal);
+    stage.show(0.5, OutputMode::Normal);
     assert_eq!(stage.seen(), clean, "said once");
 
-    stage.thread.handle(Job::Disconnected);
+    stage.thread.handle(RenderTask::Disconnected);
     stage.thread.check_displays();
     assert_eq!(told(&mut stage), [Some(warning.to_owned())], "the next manager hears it too");
     stage.prepare(wall());

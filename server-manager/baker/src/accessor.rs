@@ -6,7 +6,7 @@
 use polyptych_text::counted;
 
 use super::error::BakeError;
-use super::source::Source;
+use super::source::GltfSource;
 
 /// Most elements of an accessor that has no bytes of its own (all zeros, perhaps with some
 /// replaced): larger counts would be memory for nothing.
@@ -83,7 +83,7 @@ impl Component {
 
 /// Returns whether an accessor has values of its own: without, all are 0 by glTF's rules, which is
 /// what files have whose data only an extension holds.
-pub(super) fn has_data(source: &Source, index: u32) -> bool {
+pub(super) fn has_data(source: &GltfSource, index: u32) -> bool {
     let json = source.document.accessors.get(index as usize);
     json.is_none_or(|json| json.buffer_view.is_some() || json.sparse.is_some())
 }
@@ -133,7 +133,11 @@ pub(super) struct Indices {
 
 impl<'a> Accessor<'a> {
     /// Checks the accessor that `used_at` points at.
-    pub(super) fn open(source: &'a Source, index: u32, used_at: &str) -> Result<Self, BakeError> {
+    pub(super) fn open(
+        source: &'a GltfSource,
+        index: u32,
+        used_at: &str,
+    ) -> Result<Self, BakeError> {
         let json = source.document.accessors.at(index, used_at)?;
         let place = format!("accessors[{index}]");
         let component = Component::of(json.component_type, &place)?;
@@ -231,7 +235,7 @@ impl<'a> Accessor<'a> {
 }
 
 fn open_sparse<'a>(
-    source: &'a Source,
+    source: &'a GltfSource,
     sparse: &super::document::Sparse,
     size: usize,
     count: u64,
@@ -265,7 +269,7 @@ fn open_sparse<'a>(
 
 /// The bytes of `count` elements of `size` bytes each, checked to lie inside the view.
 fn elements<'a>(
-    source: &'a Source,
+    source: &'a GltfSource,
     view: u32,
     offset: u64,
     size: usize,

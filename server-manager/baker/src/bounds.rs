@@ -45,10 +45,10 @@ fn stretch(matrix: DMat3) -> f64 {
 
 /// The box around everything drawn.
 pub(super) fn of_scene(scene: &Scene) -> Result<Option<Bounds>, BakeError> {
-    let mut sum = Sum { min: DVec3::MAX, max: DVec3::MIN };
+    let mut sum = BoundsAccumulator { min: DVec3::MAX, max: DVec3::MIN };
     let mesh_boxes: Vec<_> = scene.meshes.iter().map(whole).collect();
     for (node, world) in scene.nodes.iter().zip(scene.world_from_nodes()) {
-        let mut drawn = Sum { min: DVec3::MAX, max: DVec3::MIN };
+        let mut drawn = BoundsAccumulator { min: DVec3::MAX, max: DVec3::MIN };
         if !world.is_finite() {
             let place = format!("nodes '{}'", node.name);
             let right = "smaller numbers would be right";
@@ -91,12 +91,12 @@ fn whole(mesh: &Mesh) -> Option<(DVec3, DVec3)> {
     boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
-struct Sum {
+struct BoundsAccumulator {
     min: DVec3,
     max: DVec3,
 }
 
-impl Sum {
+impl BoundsAccumulator {
     /// Adds the box around a box that was transformed.
     fn add(&mut self, world: DAffine3, min: DVec3, max: DVec3) {
         let center = world.transform_point3(min + (max - min) * 0.5);

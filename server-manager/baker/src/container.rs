@@ -5,7 +5,7 @@
 //! chunk = length type bytes                     "JSON" first, then "BIN\0"
 //! ```
 
-use super::document::{Document, Head};
+use super::document::{AssetHeader, Document};
 use super::error::BakeError;
 use super::extensions::ExtensionUses;
 use super::json::{self, JsonError};
@@ -102,7 +102,7 @@ fn parse_json(bytes: &[u8]) -> Result<Document, BakeError> {
         let error = uri::shorten_middle(&error.to_string());
         BakeError::at(place, format!("{what}{error}"), "glTF 2.0 would be right")
     };
-    let head: Head = json::from_slice(text).map_err(|error| {
+    let head: AssetHeader = json::from_slice(text).map_err(|error| {
         // Text that is no JSON, such as `NaN`: the document's own error says in which key.
         let of_document = json::from_slice::<Document>(text).err();
         malformed(of_document.filter(|_| error.error.is_syntax()).unwrap_or(error))
@@ -113,7 +113,7 @@ fn parse_json(bytes: &[u8]) -> Result<Document, BakeError> {
     Ok(document)
 }
 
-fn check_head(head: &Head) -> Result<(), BakeError> {
+fn check_head(head: &AssetHeader) -> Result<(), BakeError> {
     let right = "glTF 2.0 would be right, with asset.version \"2.0\"";
     let asset = head.asset.as_ref();
     let Some(version) = asset.and_then(|asset| asset.version.as_ref()) else {

@@ -20,7 +20,7 @@ use super::numbers;
 /// What must be understood before anything else is looked at.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
-pub(super) struct Head {
+pub(super) struct AssetHeader {
     pub asset: Option<Asset>,
     #[serde(default)]
     pub extensions_required: Vec<String>,

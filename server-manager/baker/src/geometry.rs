@@ -6,9 +6,9 @@ use polyptych_text::counted;
 
 use super::accessor::{self, Accessor};
 use super::error::BakeError;
-use super::material::Needs;
+use super::material::VertexRequirements;
 use super::pose::{Pose, Vertices};
-use super::{Job, document, topology};
+use super::{BakeJob, document, topology};
 
 /// A primitive before it is split and interleaved.
 #[derive(Debug)]
@@ -37,9 +37,9 @@ pub(super) enum Tangents {
 
 /// Reads a primitive, shaped by a pose if it has one; `None` where it draws nothing.
 pub(super) fn read(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     json: &document::Primitive,
-    needs: &Needs,
+    needs: &VertexRequirements,
     pose: Option<&Pose>,
     place: &str,
 ) -> Result<Option<Geometry>, BakeError> {
@@ -99,7 +99,7 @@ pub(super) fn read(
 
 /// Leaves a primitive out whose positions or indices have no data: drawn as glTF says, all zeros,
 /// it would be one point.
-fn lacks_data(job: &mut Job<'_>, json: &document::Primitive, place: &str) -> bool {
+fn lacks_data(job: &mut BakeJob<'_>, json: &document::Primitive, place: &str) -> bool {
     let positions = json.attributes.get("POSITION").copied();
     let has_data = |index: Option<u32>| index.is_none_or(|i| accessor::has_data(job.source, i));
     let missing = match (has_data(positions), has_data(json.indices)) {
@@ -130,7 +130,7 @@ pub(super) fn turn(indices: &mut [u32], mirrored: &[bool], topology: Topology) {
 
 /// `TEXCOORD_set`, finite; zeros, with a note, where there are none.
 fn coordinates(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     json: &document::Primitive,
     set: u32,
     pose: Option<&Pose>,
@@ -151,7 +151,7 @@ fn coordinates(
 
 /// Adds what morph targets change of an attribute that skins leave alone.
 fn morph<const N: usize>(
-    job: &Job<'_>,
+    job: &BakeJob<'_>,
     json: &document::Primitive,
     name: &str,
     pose: Option<&Pose>,
@@ -169,7 +169,7 @@ fn morph<const N: usize>(
 }
 
 pub(super) fn attribute<const N: usize>(
-    job: &Job<'_>,
+    job: &BakeJob<'_>,
     json: &document::Primitive,
     name: &str,
     count: Option<usize>,
@@ -186,7 +186,7 @@ pub(super) fn attribute<const N: usize>(
 }
 
 fn colors(
-    job: &Job<'_>,
+    job: &BakeJob<'_>,
     json: &document::Primitive,
     pose: Option<&Pose>,
     count: Option<usize>,
@@ -212,7 +212,7 @@ fn colors(
 }
 
 pub(super) fn indices(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     json: &document::Primitive,
     count: usize,
     place: &str,

@@ -47,17 +47,17 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
-use polyptych_files::blob::{BLOB_BYTES_MAX, BlobFolder, BlobHash};
+use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash, BlobStore};
 use polyptych_scene::limits::MANIFEST_BYTES_MAX;
 use polyptych_scene::{self, Mesh, Node, Scene};
 use serde::{Deserialize, Serialize};
 
 pub use error::BakeError;
-pub use store::Store;
+pub use store::BakeCache;
 
 use material::Palette;
 use notes::Notes;
-use source::Source;
+use source::GltfSource;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
 const BAKER_VERSION: u32 = 4;
@@ -141,7 +141,7 @@ mod hex {
 /// [`BakeError`], with the store as consistent as before: what was written is whole blobs.
 pub fn bake(
     source: &Path,
-    store: &Store,
+    store: &BakeCache,
     progress: &mut dyn FnMut(Progress),
     cancel: &AtomicBool,
 ) -> Result<Baked, BakeError> {
@@ -150,25 +150,25 @@ pub fn bake(
 
 fn bake_file(
     path: &Path,
-    store: &Store,
+    store: &BakeCache,
     progress: &mut dyn FnMut(Progress),
     cancel: &AtomicBool,
 ) -> Result<Baked, BakeError> {
     progress(Progress { stage: "reading", done: 0, total: 1 });
-    let source = Source::open(path, cancel)?;
+    let source = GltfSource::open(path, cancel)?;
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let key = key(&source, &name);
     if let Some(baked) = store.find(key) {
         return Ok(baked);
     }
-    let mut job = Job::new(&source, store.blobs(), progress, cancel);
+    let mut job = BakeJob::new(&source, store.blobs(), progress, cancel);
     let scene = job.scene(name)?;
     let baked = job.finish(&scene)?;
     store.record(key, &baked)?;
     Ok(baked)
 }
 
-fn key(source: &Source, name: &str) -> BlobHash {
+fn key(source: &GltfSource, name: &str) -> BlobHash {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&BAKER_VERSION.to_le_bytes());
     hasher.update(&source.digest.0);
@@ -182,9 +182,9 @@ fn check(cancel: &AtomicBool) -> Result<(), BakeError> {
 }
 
 /// One bake under way.
-struct Job<'a> {
-    source: &'a Source,
-    blobs: &'a BlobFolder,
+struct BakeJob<'a> {
+    source: &'a GltfSource,
+    blobs: &'a BlobStore,
     progress: &'a mut dyn FnMut(Progress),
     cancel: &'a AtomicBool,
     notes: Notes,
@@ -193,10 +193,10 @@ struct Job<'a> {
     written: BTreeMap<BlobHash, u64>,
 }
 
-impl<'a> Job<'a> {
+impl<'a> BakeJob<'a> {
     fn new(
-        source: &'a Source,
-        blobs: &'a BlobFolder,
+        source: &'a GltfSource,
+        blobs: &'a BlobStore,
         progress: &'a mut dyn FnMut(Progress),
         cancel: &'a AtomicBool,
     ) -> Self {
@@ -205,7 +205,7 @@ impl<'a> Job<'a> {
     }
 }
 
-impl Job<'_> {
+impl BakeJob<'_> {
     fn check(&self) -> Result<(), BakeError> {
         check(self.cancel)
     }

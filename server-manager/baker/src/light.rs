@@ -5,14 +5,14 @@ use gltf::json::extensions::scene::khr_lights_punctual::Type;
 use gltf::json::validation::Checked;
 use polyptych_scene::{Light, LightKind};
 
-use super::Job;
+use super::BakeJob;
 use super::error::BakeError;
 
 /// Least width of a spot's soft rim, in radians: a division by it stays finite.
 const RIM_RAD_MIN: f32 = 1e-3;
 
 /// The light at this place of the file's list, which is known to be there.
-pub(super) fn convert(job: &mut Job<'_>, index: u32) -> Result<Light, BakeError> {
+pub(super) fn convert(job: &mut BakeJob<'_>, index: u32) -> Result<Light, BakeError> {
     let place = format!("extensions.KHR_lights_punctual.lights[{index}]");
     let json = job.source.document.extensions.lights.lights.at(index, &place)?;
     let kind = match json.type_ {

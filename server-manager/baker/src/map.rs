@@ -31,12 +31,12 @@ use glam::Vec3;
 use obj::Roles;
 use polyptych_files::blob::BlobHash;
 use polyptych_text::counted;
-use polyptych_wall::front::FrontPlace;
-use polyptych_wall::warp::{MapSpace, WallMap, WarpMap, WarpShape};
+use polyptych_wall::front::SurfaceSample;
+use polyptych_wall::warp::{CalibrationMap, MapCoordinates, WarpGeometry, WarpMap};
 use serde::{Deserialize, Serialize};
 
 use super::error::BakeError;
-use super::{Store, hex, source};
+use super::{BakeCache, hex, source};
 
 /// Largest file of a wall: a warp map of 8,192² points takes 768 MiB.
 const MAP_FILE_BYTES_MAX: u64 = 1 << 30;
@@ -72,7 +72,7 @@ pub struct BakedMap {
     /// Whether its points lie on a canvas, and so are right for one eye only.
     pub is_for_one_eye: bool,
     /// Some places of its surface, if it has any.
-    pub front: Vec<FrontPlace>,
+    pub front: Vec<SurfaceSample>,
     /// What of it may not be meant, and what to do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warning: Option<String>,
@@ -85,15 +85,16 @@ pub struct BakedMap {
 pub fn bake_map(
     path: &Path,
     used_as: MapUse,
-    store: &Store,
+    store: &BakeCache,
     cancel: &AtomicBool,
 ) -> Result<BakedMap, BakeError> {
     let map = read(path, used_as, store, cancel).map_err(|error| error.about(path))?;
     let blob = store.blobs().write(&map.encode())?;
-    let is_for_one_eye = matches!(&map, WallMap::Warp(warp) if warp.space == MapSpace::Canvas);
+    let is_for_one_eye =
+        matches!(&map, CalibrationMap::Warp(warp) if warp.space == MapCoordinates::Canvas);
     let front = match &map {
-        WallMap::Warp(warp) => warp.front(),
-        WallMap::Mask(_) => Vec::new(),
+        CalibrationMap::Warp(warp) => warp.front(),
+        CalibrationMap::Mask(_) => Vec::new(),
     };
     let warning = zero_warning(&map);
     Ok(BakedMap { blob, what: describe(&map), is_for_one_eye, front, warning })
@@ -102,23 +103,23 @@ pub fn bake_map(
 fn read(
     path: &Path,
     used_as: MapUse,
-    store: &Store,
+    store: &BakeCache,
     cancel: &AtomicBool,
-) -> Result<WallMap, BakeError> {
+) -> Result<CalibrationMap, BakeError> {
     let bytes = source::read(path, MAP_FILE_BYTES_MAX, "file", cancel)?;
     let gltf = || gltf_mesh::read(path, store.blobs(), cancel);
     let map = match used_as {
-        MapUse::Mask => WallMap::Mask(mask::read(&bytes, None)?),
+        MapUse::Mask => CalibrationMap::Mask(mask::read(&bytes, None)?),
         MapUse::Warp { sgct_roles: true, .. } => {
             if !has_ending(path, "obj") {
                 let what = "SGCT's roles of positions and UV are those of an OBJ, which it is not";
                 return Err(BakeError::at("file", what, "leave out warp_obj, or name an OBJ"));
             }
-            WallMap::Warp(obj::read(&bytes, Roles::Sgct)?)
+            CalibrationMap::Warp(obj::read(&bytes, Roles::Sgct)?)
         }
-        _ if is_gltf(&bytes) => WallMap::Warp(gltf()?),
+        _ if is_gltf(&bytes) => CalibrationMap::Warp(gltf()?),
         MapUse::ScreenMesh if has_ending(path, "obj") => {
-            WallMap::Warp(obj::read(&bytes, Roles::Room)?)
+            CalibrationMap::Warp(obj::read(&bytes, Roles::Room)?)
         }
         MapUse::ScreenMesh => {
             let what = "it is neither OBJ nor glTF";
@@ -126,7 +127,7 @@ fn read(
             return Err(BakeError::at("file", what, right));
         }
         MapUse::Warp { aspect, dark_zeros, .. } => {
-            WallMap::Warp(read_warp(path, &bytes, aspect, dark_zeros)?)
+            CalibrationMap::Warp(read_warp(path, &bytes, aspect, dark_zeros)?)
         }
     };
     // A reader's last word: what it made is as sound as what a server will decode.
@@ -137,8 +138,11 @@ fn read(
 }
 
 /// A grid with several points at the very origin, which no surface has.
-fn zero_warning(map: &WallMap) -> Option<String> {
-    let WallMap::Warp(WarpMap { space: MapSpace::Display, shape: WarpShape::Grid(grid) }) = map
+fn zero_warning(map: &CalibrationMap) -> Option<String> {
+    let CalibrationMap::Warp(WarpMap {
+        space: MapCoordinates::Display,
+        shape: WarpGeometry::Grid(grid),
+    }) = map
     else {
         return None;
     };
@@ -188,23 +192,23 @@ fn has_ending(path: &Path, ending: &str) -> bool {
     path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
 }
 
-fn describe(map: &WallMap) -> String {
+fn describe(map: &CalibrationMap) -> String {
     match map {
-        WallMap::Warp(WarpMap { space, shape }) => {
+        CalibrationMap::Warp(WarpMap { space, shape }) => {
             let space = match space {
-                MapSpace::Canvas => "on the canvas",
-                MapSpace::Display => "in display space",
+                MapCoordinates::Canvas => "on the canvas",
+                MapCoordinates::Display => "in display space",
             };
             match shape {
-                WarpShape::Grid(grid) => {
+                WarpGeometry::Grid(grid) => {
                     format!("warp grid of {} × {} points {space}", grid.size.x, grid.size.y)
                 }
-                WarpShape::Mesh(mesh) => {
+                WarpGeometry::Mesh(mesh) => {
                     format!("warp mesh of {} {space}", counted(mesh.triangles.len(), "triangle"))
                 }
             }
         }
-        WallMap::Mask(mask) => {
+        CalibrationMap::Mask(mask) => {
             let colours = if mask.components == 3 { "three colours" } else { "one colour" };
             format!("mask of {} × {} pixels in {colours}", mask.size.x, mask.size.y)
         }

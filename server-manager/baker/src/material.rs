@@ -10,7 +10,7 @@ use gltf::json::extensions::texture::TextureTransform;
 use gltf::json::validation::Checked;
 use polyptych_scene::{AlphaMode, Material, TextureRef};
 
-use super::Job;
+use super::BakeJob;
 use super::error::BakeError;
 use super::json::JsonError;
 
@@ -19,7 +19,7 @@ const EMISSIVE_MAX: f32 = 65504.0;
 
 /// What a texture holds, which decides how it is filtered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Content {
+pub(super) enum TextureKind {
     /// sRGB; alpha means nothing.
     Color,
     /// sRGB, weighted by alpha.
@@ -36,12 +36,12 @@ pub(super) struct TextureUse {
     /// An index into the file's textures.
     pub texture: u32,
     /// What it is taken for.
-    pub content: Content,
+    pub content: TextureKind,
 }
 
 /// What a material needs of vertices.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Needs {
+pub(super) struct VertexRequirements {
     /// Which `TEXCOORD_n` each of the two sets is, where it is used.
     pub uv_sets: [Option<u32>; 2],
     /// Which of the two sets the normal map has, and its transform.
@@ -55,7 +55,7 @@ pub(super) struct Needs {
 pub(super) struct Palette {
     pub materials: Vec<Material>,
     pub textures: Vec<TextureUse>,
-    needs: Vec<Needs>,
+    needs: Vec<VertexRequirements>,
     by_source: BTreeMap<(Option<u32>, bool), u32>,
     by_use: BTreeMap<TextureUse, u32>,
 }
@@ -65,13 +65,13 @@ impl Palette {
     /// A primitive that has no normals though it needs some is drawn unlit.
     pub(super) fn material(
         &mut self,
-        job: &mut Job<'_>,
+        job: &mut BakeJob<'_>,
         source: Option<u32>,
         is_lit: bool,
         place: &str,
-    ) -> Result<(Option<u32>, Needs), BakeError> {
+    ) -> Result<(Option<u32>, VertexRequirements), BakeError> {
         if source.is_none() && is_lit {
-            return Ok((None, Needs::default()));
+            return Ok((None, VertexRequirements::default()));
         }
         if let Some(&index) = self.by_source.get(&(source, is_lit)) {
             return Ok((Some(index), self.needs[index as usize]));
@@ -81,7 +81,7 @@ impl Palette {
                 let json = job.source.document.materials.at(index, place)?;
                 self.convert(job, json, index, is_lit)?
             }
-            None => (Material::default(), Needs::default()),
+            None => (Material::default(), VertexRequirements::default()),
         };
         made.0.unlit |= !is_lit;
         let index = self.materials.len() as u32;
@@ -93,18 +93,19 @@ impl Palette {
 
     fn convert(
         &mut self,
-        job: &mut Job<'_>,
+        job: &mut BakeJob<'_>,
         json: &json::Material,
         index: u32,
         is_lit: bool,
-    ) -> Result<(Material, Needs), BakeError> {
+    ) -> Result<(Material, VertexRequirements), BakeError> {
         let place = format!("materials[{index}]");
         let mut material = factors(json, &place)?;
         let pbr = &json.pbr_metallic_roughness;
-        let mut user = User { palette: self, job, place, needs: Needs::default() };
+        let mut user =
+            MaterialContext { palette: self, job, place, needs: VertexRequirements::default() };
         let content = match material.alpha_mode {
-            AlphaMode::Opaque => Content::Color,
-            _ => Content::ColorAlpha,
+            AlphaMode::Opaque => TextureKind::Color,
+            _ => TextureKind::ColorAlpha,
         };
         if let Some(info) = &pbr.base_color_texture {
             material.base_color_texture = user.info(info, content)?;
@@ -112,17 +113,17 @@ impl Palette {
         // Unlit is the base colour alone: nothing else is read or kept.
         if is_lit && !material.unlit {
             if let Some(info) = &pbr.metallic_roughness_texture {
-                material.metallic_roughness_texture = user.info(info, Content::Data)?;
+                material.metallic_roughness_texture = user.info(info, TextureKind::Data)?;
             }
             if let Some(info) = &json.emissive_texture {
-                material.emissive_texture = user.info(info, Content::Color)?;
+                material.emissive_texture = user.info(info, TextureKind::Color)?;
             }
             if let Some(normal) = &json.normal_texture {
                 let others = normal.extensions.as_ref().map(|extensions| &extensions.others);
                 let (index, set) = (normal.index.value(), normal.tex_coord);
                 let transform = others.and_then(|others| others.get("KHR_texture_transform"));
                 let transform = user.transform(transform)?;
-                let used = user.texture(index, set, transform.as_ref(), Content::Normal)?;
+                let used = user.texture(index, set, transform.as_ref(), TextureKind::Normal)?;
                 user.needs.normal_map = used.map(|used| (used.uv_set, used.uv_transform));
                 material.normal_texture = used;
             }
@@ -131,7 +132,7 @@ impl Palette {
                 let (index, set) = (occlusion.index.value(), occlusion.tex_coord);
                 let transform = others.and_then(|others| others.get("KHR_texture_transform"));
                 let transform = user.transform(transform)?;
-                let used = user.texture(index, set, transform.as_ref(), Content::Data)?;
+                let used = user.texture(index, set, transform.as_ref(), TextureKind::Data)?;
                 material.occlusion_texture = used;
             }
         }
@@ -183,18 +184,18 @@ fn limit(value: f32, min: f32, max: f32) -> f32 {
 }
 
 /// A material while its textures are looked up.
-struct User<'p, 'j, 'a> {
+struct MaterialContext<'p, 'j, 'a> {
     palette: &'p mut Palette,
-    job: &'j mut Job<'a>,
+    job: &'j mut BakeJob<'a>,
     place: String,
-    needs: Needs,
+    needs: VertexRequirements,
 }
 
-impl User<'_, '_, '_> {
+impl MaterialContext<'_, '_, '_> {
     fn info(
         &mut self,
         info: &json::texture::Info,
-        content: Content,
+        content: TextureKind,
     ) -> Result<Option<TextureRef>, BakeError> {
         let extensions = info.extensions.as_ref();
         let transform = extensions.and_then(|extensions| extensions.texture_transform.as_ref());
@@ -217,7 +218,7 @@ impl User<'_, '_, '_> {
         index: usize,
         set: u32,
         transform: Option<&TextureTransform>,
-        content: Content,
+        content: TextureKind,
     ) -> Result<Option<TextureRef>, BakeError> {
         let texture = u32::try_from(index).unwrap_or(u32::MAX);
         let document = &self.job.source.document;

@@ -8,9 +8,9 @@ use polyptych_scene::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 
 use super::error::BakeError;
 use super::geometry::{self, Geometry, Tangents, flat_normal};
-use super::material::{Needs, Palette};
+use super::material::{Palette, VertexRequirements};
 use super::pose::{Meshes, Pose};
-use super::{Job, check, document, order, split, tangent, topology};
+use super::{BakeJob, check, document, order, split, tangent, topology};
 
 /// Most vertices that 16-bit indices are used for: 65,535 is left free, as it restarts strips.
 const U16_VERTICES_MAX: usize = 65_535;
@@ -20,7 +20,7 @@ const CORNERS_BETWEEN_CHECKS: usize = 1 << 16;
 
 /// Everything that the bytes of a primitive depend on; equal keys share blobs.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Key {
+struct PrimitiveKey {
     attributes: BTreeMap<String, u32>,
     indices: Option<u32>,
     mode: u32,
@@ -34,12 +34,12 @@ struct Key {
 /// Bakes the uses of meshes named by the keys of `scales`, whose values are the most metres that
 /// one of their units is drawn as. Gives them in the order of the keys.
 pub(super) fn write_all(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     palette: &mut Palette,
     uses: &Meshes,
     scales: &BTreeMap<u32, f64>,
 ) -> Result<Vec<Mesh>, BakeError> {
-    let mut shared: BTreeMap<Key, Vec<Primitive>> = BTreeMap::new();
+    let mut shared: BTreeMap<PrimitiveKey, Vec<Primitive>> = BTreeMap::new();
     let json: &[document::Mesh] = &job.source.document.meshes;
     let used = || {
         let uses =
@@ -76,9 +76,14 @@ pub(super) fn write_all(
     Ok(meshes)
 }
 
-fn key(primitive: &document::Primitive, needs: &Needs, scale: f64, pose: Option<u32>) -> Key {
+fn key(
+    primitive: &document::Primitive,
+    needs: &VertexRequirements,
+    scale: f64,
+    pose: Option<u32>,
+) -> PrimitiveKey {
     let normal_map = needs.normal_map;
-    Key {
+    PrimitiveKey {
         attributes: primitive.attributes.clone(),
         indices: primitive.indices,
         mode: primitive.mode,
@@ -92,9 +97,9 @@ fn key(primitive: &document::Primitive, needs: &Needs, scale: f64, pose: Option<
 
 /// Writes one primitive in pieces.
 fn write(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     json: &document::Primitive,
-    needs: &Needs,
+    needs: &VertexRequirements,
     scale: f64,
     pose: Option<&Pose>,
     place: &str,
@@ -149,7 +154,7 @@ struct Writer {
 impl Writer {
     fn write(
         &mut self,
-        job: &mut Job<'_>,
+        job: &mut BakeJob<'_>,
         elements: &[u32],
         place: &str,
     ) -> Result<Primitive, BakeError> {

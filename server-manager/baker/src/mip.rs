@@ -12,11 +12,11 @@ use rayon::prelude::*;
 
 use super::check;
 use super::error::BakeError;
-use super::material::Content;
+use super::material::TextureKind;
 
 /// Eight bits a channel, rows from the top.
 #[derive(Debug)]
-pub(super) struct Picture {
+pub(super) struct Rgba8Image {
     pub width: u32,
     pub height: u32,
     pub rgba: Vec<u8>,
@@ -35,12 +35,12 @@ struct Level {
 
 /// The bytes of `count` levels, the picture itself first.
 pub(super) fn chain(
-    picture: Picture,
-    content: Content,
+    picture: Rgba8Image,
+    content: TextureKind,
     count: u32,
     cancel: &AtomicBool,
 ) -> Result<Vec<u8>, BakeError> {
-    let Picture { width, height, rgba: mut bytes } = picture;
+    let Rgba8Image { width, height, rgba: mut bytes } = picture;
     if count < 2 {
         return Ok(bytes);
     }
@@ -58,11 +58,11 @@ pub(super) fn chain(
 
 /// The picture, halved until no side is longer than `side_max`.
 pub(super) fn fit(
-    mut picture: Picture,
-    content: Content,
+    mut picture: Rgba8Image,
+    content: TextureKind,
     side_max: u32,
     cancel: &AtomicBool,
-) -> Result<Picture, BakeError> {
+) -> Result<Rgba8Image, BakeError> {
     while picture.width.max(picture.height) > side_max {
         check(cancel)?;
         let (width, height) = (picture.width as usize, picture.height as usize);
@@ -74,18 +74,18 @@ pub(super) fn fit(
     Ok(picture)
 }
 
-fn halve_bytes(bytes: &[u8], width: usize, height: usize, content: Content) -> Level {
+fn halve_bytes(bytes: &[u8], width: usize, height: usize, content: TextureKind) -> Level {
     let linear = linear_of_srgb();
     let texel = |x: usize, y: usize| {
         let at = (y * width + x) * 4;
         let [r, g, b, a] = [bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]];
         let unit = |byte: u8| f32::from(byte) / 255.0;
         match content {
-            Content::Color | Content::ColorAlpha => {
+            TextureKind::Color | TextureKind::ColorAlpha => {
                 [linear[r as usize], linear[g as usize], linear[b as usize], unit(a)]
             }
-            Content::Data => [unit(r), unit(g), unit(b), unit(a)],
-            Content::Normal => {
+            TextureKind::Data => [unit(r), unit(g), unit(b), unit(a)],
+            TextureKind::Normal => {
                 [unit(r) * 2.0 - 1.0, unit(g) * 2.0 - 1.0, unit(b) * 2.0 - 1.0, unit(a)]
             }
         }
@@ -93,14 +93,14 @@ fn halve_bytes(bytes: &[u8], width: usize, height: usize, content: Content) -> L
     halve(width, height, content, texel)
 }
 
-fn halve_level(level: &Level, content: Content) -> Level {
+fn halve_level(level: &Level, content: TextureKind) -> Level {
     halve(level.width, level.height, content, |x, y| level.texels[y * level.width + x])
 }
 
 fn halve(
     width: usize,
     height: usize,
-    content: Content,
+    content: TextureKind,
     texel: impl Fn(usize, usize) -> [f32; 4] + Sync,
 ) -> Level {
     let (out_width, out_height) = ((width / 2).max(1), (height / 2).max(1));
@@ -116,7 +116,7 @@ fn halve(
                     let [r, g, b, a] = texel(x, y);
                     let weight = wx * wy;
                     let color = match content {
-                        Content::ColorAlpha => weight * a.max(CLEAR_WEIGHT),
+                        TextureKind::ColorAlpha => weight * a.max(CLEAR_WEIGHT),
                         _ => weight,
                     };
                     color_weight += color;
@@ -145,7 +145,7 @@ fn taps(i: usize, size: usize) -> (Range<usize>, [f32; 3]) {
 
 impl Level {
     /// Appends the level in eight bits.
-    fn write(&self, content: Content, bytes: &mut Vec<u8>) {
+    fn write(&self, content: TextureKind, bytes: &mut Vec<u8>) {
         let start = bytes.len();
         bytes.resize(start + self.texels.len() * 4, 0);
         let row_bytes = self.width * 4;
@@ -158,14 +158,14 @@ impl Level {
     }
 }
 
-fn bytes_of([r, g, b, a]: [f32; 4], content: Content) -> [u8; 4] {
+fn bytes_of([r, g, b, a]: [f32; 4], content: TextureKind) -> [u8; 4] {
     let byte = |value: f32| (value * 255.0 + 0.5) as u8;
     match content {
-        Content::Color | Content::ColorAlpha => {
+        TextureKind::Color | TextureKind::ColorAlpha => {
             [byte(srgb_of_linear(r)), byte(srgb_of_linear(g)), byte(srgb_of_linear(b)), byte(a)]
         }
-        Content::Data => [byte(r), byte(g), byte(b), byte(a)],
-        Content::Normal => {
+        TextureKind::Data => [byte(r), byte(g), byte(b), byte(a)],
+        TextureKind::Normal => {
             let length = (r * r + g * g + b * b).sqrt();
             let flat = [0.0, 0.0, 1.0];
             let normal = if length > 1e-6 { [r, g, b].map(|c| c / length) } else { flat };
@@ -192,9 +192,9 @@ fn linear_of_srgb() -> [f32; 256] {
 mod tests {
     use super::*;
 
-    fn chain_of(width: u32, height: u32, rgba: Vec<u8>, content: Content) -> Vec<u8> {
+    fn chain_of(width: u32, height: u32, rgba: Vec<u8>, content: TextureKind) -> Vec<u8> {
         let count = width.max(height).ilog2() + 1;
-        let picture = Picture { width, height, rgba };
+        let picture = Rgba8Image { width, height, rgba };
         chain(picture, content, count, &AtomicBool::new(false)).expect("a chain")
     }
 
@@ -202,16 +202,16 @@ mod tests {
     fn a_checker_is_half_the_light() {
         let texel = |i: u32| if (i + i / 4).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] };
         let checker: Vec<u8> = (0..16).flat_map(texel).collect();
-        let bytes = chain_of(4, 4, checker.clone(), Content::Color);
+        let bytes = chain_of(4, 4, checker.clone(), TextureKind::Color);
         assert_eq!(bytes.len(), (16 + 4 + 1) * 4);
         assert!(bytes[64..].chunks(4).all(|texel| texel == [188, 188, 188, 255]));
-        let bytes = chain_of(4, 4, checker, Content::Data);
+        let bytes = chain_of(4, 4, checker, TextureKind::Data);
         assert_eq!(bytes[64..68], [128, 128, 128, 255]);
     }
 
     #[test]
     fn clear_pixels_lend_no_colour() {
-        let bytes = chain_of(2, 1, vec![255, 0, 0, 255, 0, 255, 0, 0], Content::ColorAlpha);
+        let bytes = chain_of(2, 1, vec![255, 0, 0, 255, 0, 255, 0, 0], TextureKind::ColorAlpha);
         assert_eq!(bytes[8], 255);
         assert!(bytes[9] < 2 && bytes[11] == 128);
     }
@@ -232,7 +232,8 @@ mod tests {
 
     #[test]
     fn normals_stay_unit_vectors() {
-        let bytes = chain_of(2, 1, vec![255, 128, 128, 255, 128, 128, 255, 255], Content::Normal);
+        let bytes =
+            chain_of(2, 1, vec![255, 128, 128, 255, 128, 128, 255, 255], TextureKind::Normal);
         let [x, z] = [bytes[8], bytes[10]].map(|byte| f32::from(byte) / 127.5 - 1.0);
         assert!((x * x + z * z - 1.0).abs() < 0.02, "{x} {z}");
     }

@@ -12,7 +12,7 @@ use super::accessor::Accessor;
 use super::document::{self, Instancing};
 use super::error::BakeError;
 use super::pose::Meshes;
-use super::{Job, uri};
+use super::{BakeJob, uri};
 
 /// How far the last row of a matrix may be from 0, 0, 0, 1.
 const AFFINE_TOLERANCE: f64 = 1e-5;
@@ -27,7 +27,7 @@ pub(super) struct Placed {
 
 /// Reads the shown scene. A mesh that stands elsewhere than its node becomes a node of its own,
 /// behind all others.
-pub(super) fn read(job: &mut Job<'_>) -> Result<Placed, BakeError> {
+pub(super) fn read(job: &mut BakeJob<'_>) -> Result<Placed, BakeError> {
     let json: &[document::Node] = &job.source.document.nodes;
     let parents = parents(json)?;
     check_cycles(json, &parents)?;
@@ -153,7 +153,7 @@ fn cycle(json: &[document::Node], parents: &[Option<u32>], index: u32) -> BakeEr
     BakeError::at(format!("nodes[{index}]"), what, "a tree would be right")
 }
 
-fn roots(job: &mut Job<'_>, parents: &[Option<u32>]) -> Result<Vec<u32>, BakeError> {
+fn roots(job: &mut BakeJob<'_>, parents: &[Option<u32>]) -> Result<Vec<u32>, BakeError> {
     let document = &job.source.document;
     match (document.scene, document.scenes.first()) {
         (Some(index), _) => Ok(document.scenes.at(index, "scene")?.nodes.clone()),
@@ -170,7 +170,7 @@ fn roots(job: &mut Job<'_>, parents: &[Option<u32>]) -> Result<Vec<u32>, BakeErr
 }
 
 fn convert(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     node: &document::Node,
     index: u32,
     parent: Option<u32>,
@@ -230,7 +230,7 @@ fn unit(rotation: DQuat, place: &str) -> Result<DQuat, BakeError> {
 }
 
 fn instances(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     instancing: &Instancing,
     place: &str,
     left: usize,
@@ -270,7 +270,7 @@ fn instances(
 }
 
 fn floats<const N: usize>(
-    job: &Job<'_>,
+    job: &BakeJob<'_>,
     instancing: &Instancing,
     name: &str,
     place: &str,

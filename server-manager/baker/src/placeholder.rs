@@ -8,8 +8,8 @@ use std::collections::BTreeSet;
 use glam::Vec3;
 use polyptych_scene::Material;
 
-use super::material::Content;
-use super::mip::Picture;
+use super::material::TextureKind;
+use super::mip::Rgba8Image;
 
 /// Pixels of the placeholder's sides, and of the sides of its squares.
 const SIDE: u32 = 64;
@@ -20,18 +20,18 @@ const DARK: u8 = 118;
 const LIGHT: u8 = 188;
 
 /// The picture that stands for an image of this content.
-pub(super) fn picture(content: Content) -> Picture {
+pub(super) fn picture(content: TextureKind) -> Rgba8Image {
     let pixel = |x: u32, y: u32| match content {
-        Content::Color | Content::ColorAlpha => {
+        TextureKind::Color | TextureKind::ColorAlpha => {
             let grey = if (x / SQUARE + y / SQUARE).is_multiple_of(2) { LIGHT } else { DARK };
             [grey, grey, grey, 255]
         }
         // No occlusion, as rough as the factor says, no metal.
-        Content::Data => [255, 255, 0, 255],
-        Content::Normal => [128, 128, 255, 255],
+        TextureKind::Data => [255, 255, 0, 255],
+        TextureKind::Normal => [128, 128, 255, 255],
     };
     let rows = (0..SIDE).flat_map(|y| (0..SIDE).flat_map(move |x| pixel(x, y)));
-    Picture { width: SIDE, height: SIDE, rgba: rows.collect() }
+    Rgba8Image { width: SIDE, height: SIDE, rgba: rows.collect() }
 }
 
 /// Takes the emission from materials whose emissive texture is one of these placeholders: a

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4};
 
-use super::Job;
+use super::BakeJob;
 use super::accessor::Accessor;
 use super::document::{self, Mesh, Primitive};
 use super::error::BakeError;
@@ -84,7 +84,7 @@ impl Meshes {
     /// world, if that is not where the node stands.
     pub(super) fn of_node(
         &mut self,
-        job: &mut Job<'_>,
+        job: &mut BakeJob<'_>,
         tree: &Tree<'_>,
         index: u32,
         mesh: u32,
@@ -155,7 +155,7 @@ struct Bound {
 /// Joint · inverse bind matrix of each joint of a skin, in the frame of their last common parent,
 /// or in the world. Below equal parents, copies of a skeleton give equal bits.
 fn joints(
-    job: &Job<'_>,
+    job: &BakeJob<'_>,
     tree: &Tree<'_>,
     skin: u32,
     json: &document::Skin,
@@ -204,7 +204,7 @@ fn joints(
 
 /// What takes a mesh into the space of each joint; identities if the skin has none.
 fn inverse_binds(
-    job: &Job<'_>,
+    job: &BakeJob<'_>,
     json: &document::Skin,
     place: &str,
 ) -> Result<Vec<DAffine3>, BakeError> {
@@ -243,7 +243,7 @@ impl Pose {
     /// mirrored: triangles of such must be turned, or they would show their backs.
     pub(super) fn apply(
         &self,
-        job: &Job<'_>,
+        job: &BakeJob<'_>,
         json: &Primitive,
         vertices: Vertices<'_>,
         place: &str,
@@ -293,7 +293,7 @@ impl Pose {
     /// The sums of weighted deltas of an attribute, if any target has it.
     pub(super) fn deltas<const N: usize>(
         &self,
-        job: &Job<'_>,
+        job: &BakeJob<'_>,
         json: &Primitive,
         name: &str,
         count: usize,
@@ -323,7 +323,12 @@ impl Pose {
         Ok(sums)
     }
 
-    fn skin(&self, job: &Job<'_>, json: &Primitive, place: &str) -> Result<Skin<'_>, BakeError> {
+    fn skin(
+        &self,
+        job: &BakeJob<'_>,
+        json: &Primitive,
+        place: &str,
+    ) -> Result<Skin<'_>, BakeError> {
         let mut skin = Skin { pose: self, place: format!("{place}.attributes"), sets: Vec::new() };
         if !has_joints(json) {
             return Ok(skin);

@@ -15,7 +15,7 @@ use polyptych_text::counted;
 
 use super::document::{BufferView, Document};
 use super::error::BakeError;
-use super::uri::{self, Target};
+use super::uri::{self, UriTarget};
 use super::{check, container};
 
 /// Largest scene, buffer or image file: a GLB's length field ends there.
@@ -37,7 +37,7 @@ const READ_BYTES: usize = 1 << 20;
 
 /// A scene's files, with the buffers in memory and the images still on disk.
 #[derive(Debug)]
-pub(super) struct Source {
+pub(super) struct GltfSource {
     /// The JSON.
     pub document: Document,
     /// What changes whenever a byte of any of the files changes.
@@ -61,7 +61,7 @@ enum Image {
     Absent(String),
 }
 
-impl Source {
+impl GltfSource {
     /// Reads the scene file and its buffers; hashes its images.
     pub(super) fn open(path: &Path, cancel: &AtomicBool) -> Result<Self, BakeError> {
         let path = fs::canonicalize(path).map_err(|error| BakeError::io(path, error))?;
@@ -96,8 +96,8 @@ impl Source {
             let place = format!("buffers[{i}]");
             let bytes = match &buffer.uri {
                 Some(uri) => match uri::parse(uri, &place)? {
-                    Target::Data(bytes) => bytes,
-                    Target::Path(path) => {
+                    UriTarget::Data(bytes) => bytes,
+                    UriTarget::Path(path) => {
                         let path = resolve(folder, &path, uri, &place)?;
                         let bytes = read(&path, FILE_BYTES_MAX, &place, cancel)?;
                         digest.update(BlobHash::of(&bytes).0.as_slice());
@@ -166,8 +166,8 @@ impl Source {
             }
         };
         let path = match uri::parse(uri, &place) {
-            Ok(Target::Data(bytes)) => return Ok(Image::Data(bytes)),
-            Ok(Target::Path(path)) => path,
+            Ok(UriTarget::Data(bytes)) => return Ok(Image::Data(bytes)),
+            Ok(UriTarget::Path(path)) => path,
             Err(error) => return absent(error),
         };
         let path = match resolve(folder, &path, uri, &place) {

@@ -49,7 +49,7 @@ pub(super) fn split(
     scale: f64,
     cancel: &AtomicBool,
 ) -> Result<Pieces, BakeError> {
-    let shape = Shape { positions, indices, arity, scale };
+    let shape = SplitInput { positions, indices, arity, scale };
     let mut elements: Vec<u32> = (0..(indices.len() / arity) as u32).collect();
     let mut done = Vec::new();
     let mut queue = VecDeque::new();
@@ -72,14 +72,14 @@ pub(super) fn split(
     Ok(Pieces { elements, ranges: done })
 }
 
-struct Shape<'a> {
+struct SplitInput<'a> {
     positions: &'a [[f32; 3]],
     indices: &'a [u32],
     arity: usize,
     scale: f64,
 }
 
-impl Shape<'_> {
+impl SplitInput<'_> {
     /// Partitions the elements and says where, or `None` where they may stay together.
     fn halve(&self, elements: &mut [u32]) -> Option<usize> {
         let half_size = self.half_size(elements);

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use polyptych_files::blob::{self, Abandoned, BlobError, BlobFolder, BlobHash};
+use polyptych_files::blob::{self, Abandoned, BlobError, BlobHash, BlobStore};
 use polyptych_scene::Scene;
 use rayon::prelude::*;
 
@@ -21,12 +21,12 @@ const BAKE_JSON_BYTES_MAX: u64 = 1 << 20;
 
 /// A folder of bakes and their blobs. Several processes may share one.
 #[derive(Clone, Debug)]
-pub struct Store {
+pub struct BakeCache {
     bakes: PathBuf,
-    blobs: BlobFolder,
+    blobs: BlobStore,
 }
 
-impl Store {
+impl BakeCache {
     /// Opens the store in this folder, which is made if it is not there.
     ///
     /// # Errors
@@ -37,7 +37,7 @@ impl Store {
         for folder in [&bakes, &blobs] {
             fs::create_dir_all(folder).map_err(|error| unusable(folder, error))?;
         }
-        Ok(Self { bakes, blobs: BlobFolder::new(blobs) })
+        Ok(Self { bakes, blobs: BlobStore::new(blobs) })
     }
 
     /// Removes the files that killed bakers left, and logs how much that was.
@@ -53,7 +53,7 @@ impl Store {
     }
 
     /// The blobs of all bakes.
-    pub fn blobs(&self) -> &BlobFolder {
+    pub fn blobs(&self) -> &BlobStore {
         &self.blobs
     }
 

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use bevy_mikktspace::TangentSpace;
 use glam::{Affine2, DVec3, Vec2, Vec3};
 
-use super::Job;
+use super::BakeJob;
 use super::geometry::{Geometry, clean_tangent, flat_normal};
 
 /// Larger texture coordinates than this have no fraction left, and their squares overflow.
@@ -30,7 +30,7 @@ fn is_crowded(positions: &[[f32; 3]]) -> bool {
 /// Tangents for every index of a geometry of triangles, from its normals and one of its sets of
 /// texture coordinates as the normal map uses it.
 pub(super) fn generate(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     geometry: &Geometry,
     (uv_set, uv_transform): (u8, Affine2),
     place: &str,
@@ -42,7 +42,7 @@ pub(super) fn generate(
     let largest = (max - min).max_element();
     // Sizes far from one would under- or overflow in f32; tangents don't depend on size.
     let scale = if (1e-3..1e5).contains(&largest) { 1.0 } else { 1.0 / largest.max(1e-300) };
-    let mut surface = Surface {
+    let mut surface = TangentSpaceInput {
         geometry,
         uv: geometry.uvs.get(uv_set as usize).and_then(Option::as_ref),
         uv_transform,
@@ -71,7 +71,7 @@ fn normal(geometry: &Geometry, corner: usize) -> [f32; 3] {
     flat_normal(&geometry.positions, &geometry.indices[first..first + 3])
 }
 
-struct Surface<'a> {
+struct TangentSpaceInput<'a> {
     geometry: &'a Geometry,
     uv: Option<&'a Vec<[f32; 2]>>,
     uv_transform: Affine2,
@@ -80,7 +80,7 @@ struct Surface<'a> {
     tangents: Vec<[f32; 4]>,
 }
 
-impl bevy_mikktspace::Geometry for Surface<'_> {
+impl bevy_mikktspace::Geometry for TangentSpaceInput<'_> {
     fn num_faces(&self) -> usize {
         self.geometry.indices.len() / 3
     }

@@ -17,18 +17,18 @@ use glam::{DVec3, Vec3};
 use polyptych_scene::{IndexFormat, LightKind, Scene};
 use serde_json::json;
 
-use super::{BakeError, Baked, Progress, Store, bake};
+use super::{BakeCache, BakeError, Baked, Progress, bake};
 
 /// A folder with a scene and a store.
-struct Place {
+struct BakeFixture {
     folder: tempfile::TempDir,
-    store: Store,
+    store: BakeCache,
 }
 
-impl Place {
+impl BakeFixture {
     fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let store = Store::open(folder.path().join("store")).expect("a store");
+        let store = BakeCache::open(folder.path().join("store")).expect("a store");
         Self { folder, store }
     }
 
@@ -48,15 +48,15 @@ impl Place {
     }
 }
 
-fn scene_of(store: &Store, baked: &Baked) -> Scene {
+fn scene_of(store: &BakeCache, baked: &Baked) -> Scene {
     let bytes = store.blobs().read(baked.manifest).expect("read").expect("there");
     let scene: Scene = polyptych_scene::decode(&bytes).expect("a manifest");
     assert_eq!(scene.fault(), None);
     scene
 }
 
-fn bake_builder(builder: &Builder) -> (Place, Baked, Scene) {
-    let place = Place::new();
+fn bake_builder(builder: &Builder) -> (BakeFixture, Baked, Scene) {
+    let place = BakeFixture::new();
     let path = place.write("scene.glb", &builder.glb());
     let baked = place.bake(&path).expect("baked");
     let scene = place.scene(&baked);
@@ -64,7 +64,7 @@ fn bake_builder(builder: &Builder) -> (Place, Baked, Scene) {
 }
 
 /// The floats of a primitive's vertices, a row for each.
-fn vertices(place: &Place, scene: &Scene, mesh: usize, primitive: usize) -> Vec<Vec<f32>> {
+fn vertices(place: &BakeFixture, scene: &Scene, mesh: usize, primitive: usize) -> Vec<Vec<f32>> {
     let primitive = &scene.meshes[mesh].primitives[primitive];
     let bytes = place.store.blobs().read(primitive.blob).expect("read").expect("there");
     assert_eq!(bytes.len() as u64, primitive.vertex_bytes() + primitive.index_bytes());
@@ -126,7 +126,7 @@ fn tangents_agree_with_an_authored_asset() {
     let asset =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/assets/FlightHelmet.glb");
     let mut bytes = fs::read(asset).expect("an asset");
-    let place = Place::new();
+    let place = BakeFixture::new();
     let rows_of = |bytes: &[u8]| {
         let baked = place.bake(&place.write("helmet.glb", bytes)).expect("baked");
         let scene = place.scene(&baked);
@@ -263,7 +263,7 @@ fn lights_are_brought_into_range() {
 
 #[test]
 fn a_bake_is_reused_until_a_file_changes() {
-    let place = Place::new();
+    let place = BakeFixture::new();
     let mut builder = Builder::quad();
     builder.json["materials"] =
         json!([{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }]);
@@ -290,7 +290,7 @@ fn a_bake_is_reused_until_a_file_changes() {
 
 #[test]
 fn a_cancelled_bake_leaves_a_store_that_works() {
-    let place = Place::new();
+    let place = BakeFixture::new();
     let path = place.write("scene.glb", &Builder::quad().glb());
     for stage in ["reading", "nodes", "meshes", "textures", "manifest"] {
         let cancel = AtomicBool::new(false);
@@ -305,7 +305,7 @@ fn a_cancelled_bake_leaves_a_store_that_works() {
 
 #[test]
 fn empty_and_absent_scenes_are_fine() {
-    let place = Place::new();
+    let place = BakeFixture::new();
     let text = br#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{}]}"#;
     let baked = place.bake(&place.write("empty.gltf", text)).expect("baked");
     assert_eq!((baked.nodes, place.scene(&baked).bounds), (0, None));
@@ -333,7 +333,7 @@ fn assets_bake_or_say_why_not() {
     }
     assert!(!files.is_empty(), "no assets");
     files.sort();
-    let place = Place::new();
+    let place = BakeFixture::new();
     for file in files {
         let start = Instant::now();
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -362,7 +362,7 @@ fn assets_bake_or_say_why_not() {
 
 #[test]
 fn progress_rises_to_a_hundred_percent() {
-    let place = Place::new();
+    let place = BakeFixture::new();
     let path = place.write("town.glb", &Builder::triangle().glb());
     let mut percents = Vec::new();
     let cancel = AtomicBool::new(false);

@@ -11,9 +11,9 @@ use polyptych_scene::limits::TEXTURE_SIDE_MAX;
 use polyptych_scene::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 
 use super::error::BakeError;
-use super::material::{Content, TextureUse};
-use super::mip::{self, Picture};
-use super::{Job, image_format, placeholder, uri};
+use super::material::{TextureKind, TextureUse};
+use super::mip::{self, Rgba8Image};
+use super::{BakeJob, image_format, placeholder, uri};
 
 /// Longest side of an image that is decoded; it is halved until a driver can hold it.
 const IMAGE_SIDE_MAX: u32 = 16_384;
@@ -58,8 +58,8 @@ pub(super) struct Textures {
 
 /// Writes the textures that are used, in their order. Placeholders stand for images that cannot
 /// be read, each with a note.
-pub(super) fn write_all(job: &mut Job<'_>, uses: &[TextureUse]) -> Result<Textures, BakeError> {
-    let mut stored: BTreeMap<(Option<usize>, Content, bool), Stored> = BTreeMap::new();
+pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Textures, BakeError> {
+    let mut stored: BTreeMap<(Option<usize>, TextureKind, bool), Stored> = BTreeMap::new();
     let mut textures = Textures::default();
     let bytes = job.source.bytes;
     let mut pixels_left = PIXELS_TOGETHER_UNASKED + PIXELS_TOGETHER_PER_BYTE_MAX * bytes;
@@ -88,8 +88,8 @@ pub(super) fn write_all(job: &mut Job<'_>, uses: &[TextureUse]) -> Result<Textur
             textures.placeholders.insert(i as u32);
         }
         let format = match used.content {
-            Content::Color | Content::ColorAlpha => TextureFormat::Rgba8Srgb,
-            Content::Data | Content::Normal => TextureFormat::Rgba8Linear,
+            TextureKind::Color | TextureKind::ColorAlpha => TextureFormat::Rgba8Srgb,
+            TextureKind::Data | TextureKind::Normal => TextureFormat::Rgba8Linear,
         };
         let Stored { blob, width, height, mip_count, .. } = made;
         textures.list.push(Texture { blob, format, width, height, mip_count, sampler });
@@ -99,9 +99,9 @@ pub(super) fn write_all(job: &mut Job<'_>, uses: &[TextureUse]) -> Result<Textur
 }
 
 fn write(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     image: Option<usize>,
-    content: Content,
+    content: TextureKind,
     has_mips: bool,
     pixels_left: &mut u64,
 ) -> Result<Stored, BakeError> {
@@ -128,10 +128,10 @@ fn write(
 
 /// Reads an image. Notes why, and gives `None`, if it is missing or no image that can be read.
 fn read(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     index: usize,
     pixels_left: &mut u64,
-) -> Result<Option<Picture>, BakeError> {
+) -> Result<Option<Rgba8Image>, BakeError> {
     let place = format!("images[{index}]");
     let json = job.source.document.images.at(u32::try_from(index).unwrap_or(u32::MAX), &place)?;
     let read = match job.source.image(index, job.cancel)? {
@@ -164,7 +164,7 @@ fn read(
 }
 
 /// Says of a texture that names no PNG or JPEG what it names instead.
-fn note_no_image(job: &mut Job<'_>, texture: u32, json: &gltf::json::Texture) {
+fn note_no_image(job: &mut BakeJob<'_>, texture: u32, json: &gltf::json::Texture) {
     let others = json.extensions.iter().flat_map(|extensions| extensions.others.keys());
     let named = others.filter_map(|name| Some((image_format::of_extension(name)?, name)));
     let what = named.map(|(format, name)| format!("{format} ({name})")).next();
@@ -215,10 +215,10 @@ fn pixels(encoded: &[u8], named: impl Fn() -> Option<String>) -> Result<u64, Str
     Ok(pixels)
 }
 
-fn decode(encoded: &[u8]) -> Result<Picture, String> {
+fn decode(encoded: &[u8]) -> Result<Rgba8Image, String> {
     let decoded = reader(encoded).decode().map_err(|error| cannot(&error))?;
     let rgba = decoded.into_rgba8();
-    Ok(Picture { width: rgba.width(), height: rgba.height(), rgba: rgba.into_raw() })
+    Ok(Rgba8Image { width: rgba.width(), height: rgba.height(), rgba: rgba.into_raw() })
 }
 
 fn cannot(error: &image::ImageError) -> String {
@@ -238,7 +238,7 @@ fn reader(encoded: &[u8]) -> ImageReader<Cursor<&[u8]>> {
     reader
 }
 
-fn sampler(job: &Job<'_>, index: u32, place: &str) -> Result<Sampler, BakeError> {
+fn sampler(job: &BakeJob<'_>, index: u32, place: &str) -> Result<Sampler, BakeError> {
     let json = job.source.document.samplers.at(index, place)?;
     let bad = |key: &str| {
         let place = format!("samplers[{index}].{key}");

@@ -4,7 +4,7 @@ use super::error::BakeError;
 
 /// What a URI stands for.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Target {
+pub(super) enum UriTarget {
     /// The bytes of a `data:` URI.
     Data(Vec<u8>),
     /// A path relative to the scene file, percent-decoded.
@@ -12,9 +12,9 @@ pub(super) enum Target {
 }
 
 /// Reads a URI that stands at `place`.
-pub(super) fn parse(uri: &str, place: &str) -> Result<Target, BakeError> {
+pub(super) fn parse(uri: &str, place: &str) -> Result<UriTarget, BakeError> {
     if let Some(rest) = strip_prefix_ignore_case(uri, "data:") {
-        return data(rest, place).map(Target::Data);
+        return data(rest, place).map(UriTarget::Data);
     }
     if let Some(scheme) = scheme(uri) {
         let what = format!("'{}' would be fetched by {scheme}:", shorten(uri));
@@ -22,7 +22,7 @@ pub(super) fn parse(uri: &str, place: &str) -> Result<Target, BakeError> {
         return Err(BakeError::at(place, what, right));
     }
     let path = String::from_utf8(percent_decode(uri.as_bytes())).ok();
-    path.filter(|path| !path.is_empty() && !path.contains('\0')).map(Target::Path).ok_or_else(
+    path.filter(|path| !path.is_empty() && !path.contains('\0')).map(UriTarget::Path).ok_or_else(
         || {
             let what = format!("'{}' is not a path", shorten(uri));
             BakeError::at(place, what, "percent-encoded UTF-8 would be right")
@@ -146,13 +146,13 @@ mod tests {
     #[test]
     fn base64_and_percent() {
         let read = |uri: &str| parse(uri, "buffers[0]").ok();
-        let bytes = |bytes: &[u8]| Some(Target::Data(bytes.to_vec()));
+        let bytes = |bytes: &[u8]| Some(UriTarget::Data(bytes.to_vec()));
         assert_eq!(read("data:application/octet-stream;base64,aGVsbG8="), bytes(b"hello"));
         assert_eq!(read("data:;base64,aGVsbG8"), bytes(b"hello"));
         assert_eq!(read("DATA:text/plain,a%20b%2"), bytes(b"a b%2"));
         assert_eq!(read("data:;base64,aGV*"), None);
         assert_eq!(read("data:;base64,aGVsb"), None);
-        assert_eq!(read("a%20b/c.bin"), Some(Target::Path("a b/c.bin".into())));
+        assert_eq!(read("a%20b/c.bin"), Some(UriTarget::Path("a b/c.bin".into())));
         assert_eq!(read("https://example.org/a.bin"), None);
         assert_eq!(read("%ff.bin"), None);
     }

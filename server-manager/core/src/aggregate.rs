@@ -3,20 +3,20 @@
 use std::collections::BTreeSet;
 
 use polyptych_protocol::feedback::{
-    ChannelFeedback, ChannelStatus, Feedback, Statistics, WallStatus,
+    ChannelFeedback, ChannelStatus, FrameFeedback, Statistics, WallStatus,
 };
-use polyptych_protocol::request::Answer;
+use polyptych_protocol::request::MessageToClient;
 use polyptych_wall::ChannelId;
 
 use super::barrier::Barrier;
-use super::registry::Channel;
-use super::{Cluster, Micros, Output};
+use super::registry::ChannelEntry;
+use super::{Cluster, Effect, Micros};
 
 impl Cluster {
-    pub(super) fn aggregate(&self, barrier: &Barrier, now: Micros) -> Feedback {
+    pub(super) fn aggregate(&self, barrier: &Barrier, now: Micros) -> FrameFeedback {
         let frame_us = now.saturating_sub(barrier.began);
         let slowest_us = barrier.slowest_us().unwrap_or(0);
-        let channel = |id: ChannelId, channel: &Channel| {
+        let channel = |id: ChannelId, channel: &ChannelEntry| {
             let drawn = barrier.drawn.get(&id);
             ChannelFeedback {
                 name: channel.name.clone(),
@@ -31,7 +31,7 @@ impl Cluster {
             }
         };
         let channels = self.registry.channels();
-        Feedback {
+        FrameFeedback {
             frame: barrier.frame,
             time_s: barrier.time_s,
             revision: barrier.revision,
@@ -43,11 +43,11 @@ impl Cluster {
     }
 
     /// Sends the feedback of a frame to those who want it.
-    pub(super) fn publish(&mut self, feedback: &Feedback) {
+    pub(super) fn publish(&mut self, feedback: &FrameFeedback) {
         let subscribed = self.clients.iter().filter(|(_, client)| client.is_subscribed);
         for (&to, _) in subscribed {
-            let answer = Answer::Feedback(feedback.clone());
-            self.outputs.push_back(Output::Answer { to, answer });
+            let answer = MessageToClient::Feedback(feedback.clone());
+            self.outputs.push_back(Effect::Answer { to, answer });
         }
     }
 

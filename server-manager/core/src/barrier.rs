@@ -3,18 +3,18 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use polyptych_protocol::command::{Command, Frame, Swap};
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
-use polyptych_protocol::pattern::Pattern;
-use polyptych_protocol::request::Reply;
-use polyptych_protocol::status::Drawn;
+use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::request::Response;
+use polyptych_protocol::status::FrameRendered;
 use polyptych_wall::ChannelId;
 use polyptych_wall::camera::Camera;
 use serde::{Deserialize, Serialize};
 
 use super::statistics::FrameFacts;
-use super::{Cluster, Micros, Output, RequestOf, SessionId, span};
+use super::{ClientRequest, Cluster, Effect, Micros, SessionId, span};
 
 /// Frames after joining or a change in which a channel warms up: a first draw still compiles and
 /// fills caches. While all do, a frame waits as long as any may.
@@ -31,9 +31,9 @@ const FRAMES_REMEMBERED: usize = 480;
 
 /// When the newest frames began; their numbers have no gaps.
 #[derive(Debug, Default, Serialize, Deserialize)]
-pub(super) struct Beginnings(VecDeque<Micros>);
+pub(super) struct FrameStartTimes(VecDeque<Micros>);
 
-impl Beginnings {
+impl FrameStartTimes {
     fn add(&mut self, now: Micros) {
         if self.0.len() == FRAMES_REMEMBERED {
             self.0.pop_front();
@@ -50,25 +50,25 @@ impl Beginnings {
 
 /// A client's wish for one frame.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct FrameOrder {
-    pub job: RequestOf,
+pub(super) struct FrameRequest {
+    pub job: ClientRequest,
     pub camera: Option<Camera>,
     pub time_s: Option<f64>,
     pub capture: bool,
     /// What holds from this frame on, where it is ordered for that.
-    pub wish: Option<Wish>,
+    pub wish: Option<OutputChange>,
 }
 
 /// What a client wants to be seen from a frame on.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(super) enum Wish {
-    Displays(DisplayMode),
-    Pattern(Option<Pattern>),
+pub(super) enum OutputChange {
+    Displays(OutputMode),
+    Pattern(Option<TestPattern>),
 }
 
-impl FrameOrder {
+impl FrameRequest {
     /// A frame of the wall as it stands.
-    pub fn plain(job: RequestOf) -> Self {
+    pub fn plain(job: ClientRequest) -> Self {
         Self { job, camera: None, time_s: None, capture: false, wish: None }
     }
 }
@@ -88,7 +88,7 @@ pub(super) struct Barrier {
     /// Whether it began when all were late; then whoever draws it within the longest wait is on
     /// the way back, and the deadline learns from it.
     is_all_late: bool,
-    order: Option<FrameOrder>,
+    order: Option<FrameRequest>,
     /// Every server that was sent the frame.
     sent: Vec<SessionId>,
     /// How many channels these servers draw it on.
@@ -99,7 +99,7 @@ pub(super) struct Barrier {
     awaited: Vec<ChannelId>,
     /// What each server drew of those, in microseconds: its channels are drawn one after another.
     busy_us: BTreeMap<SessionId, u32>,
-    pub drawn: BTreeMap<ChannelId, Drawn>,
+    pub drawn: BTreeMap<ChannelId, FrameRendered>,
 }
 
 impl Barrier {
@@ -123,7 +123,7 @@ impl Barrier {
     }
 
     /// Whether this is a drawing that the frame waited for.
-    fn awaits(&self, drawn: &Drawn) -> bool {
+    fn awaits(&self, drawn: &FrameRendered) -> bool {
         self.frame == drawn.frame && self.awaited.contains(&drawn.channel)
     }
 
@@ -198,7 +198,7 @@ impl Cluster {
         let wait = if is_warming || is_catching_up || capture { longest } else { length };
         let patience = if is_all_late { longest } else { wait };
         self.pacer.began(now, !waited.is_empty());
-        if let Some(FrameOrder { job, capture: true, .. }) = &order {
+        if let Some(FrameRequest { job, capture: true, .. }) = &order {
             self.collect(*job, &sent);
         }
         self.command(sent.clone(), &Command::Frame(self.describe_frame(time_s, capture)));
@@ -226,7 +226,7 @@ impl Cluster {
 
     /// Scene time of the frame that begins. One that nobody has ordered shows what the last one
     /// did.
-    fn time_of(&mut self, order: Option<&FrameOrder>, now: Micros) -> f64 {
+    fn time_of(&mut self, order: Option<&FrameRequest>, now: Micros) -> f64 {
         let is_ordered = order.is_some() || self.pacer.pace().is_some() || self.frame.0 <= 1;
         if is_ordered {
             self.time_s = order.and_then(|order| order.time_s).unwrap_or(now as f64 * 1e-6);
@@ -235,13 +235,13 @@ impl Cluster {
     }
 
     /// What an order asks for beside its frame holds from this frame on.
-    fn take_over(&mut self, order: Option<&FrameOrder>) {
+    fn take_over(&mut self, order: Option<&FrameRequest>) {
         if let Some(camera) = order.and_then(|order| order.camera) {
             self.camera = camera;
         }
         match order.and_then(|order| order.wish) {
-            Some(Wish::Displays(displays)) => self.displays = displays,
-            Some(Wish::Pattern(pattern)) => self.pattern = pattern,
+            Some(OutputChange::Displays(displays)) => self.displays = displays,
+            Some(OutputChange::Pattern(pattern)) => self.pattern = pattern,
             None => {}
         }
         self.is_going_on &= order.is_none();
@@ -264,7 +264,7 @@ impl Cluster {
         }
     }
 
-    pub(super) fn handle_drawn(&mut self, now: Micros, from: SessionId, drawn: &Drawn) {
+    pub(super) fn handle_drawn(&mut self, now: Micros, from: SessionId, drawn: &FrameRendered) {
         if drawn.epoch != self.epoch || !self.registry.drives(from, drawn.channel) {
             return;
         }
@@ -372,12 +372,12 @@ impl Cluster {
         self.remember_frame(now);
         self.tell_tuners(&feedback);
         match barrier.order {
-            Some(FrameOrder { job, wish: Some(_), .. }) => {
+            Some(FrameRequest { job, wish: Some(_), .. }) => {
                 self.remember();
-                self.reply(job, Ok(Reply::Frame(feedback)));
+                self.reply(job, Ok(Response::Frame(feedback)));
             }
-            Some(FrameOrder { job, capture: false, .. }) => {
-                self.reply(job, Ok(Reply::Frame(feedback)));
+            Some(FrameRequest { job, capture: false, .. }) => {
+                self.reply(job, Ok(Response::Frame(feedback)));
             }
             // A capture is answered with its pictures.
             Some(_) | None => {}
@@ -386,7 +386,7 @@ impl Cluster {
 
     /// Pictures come as soon as they are drawn, so the collection begins with the frame. A late
     /// channel's picture is collected too: the wall goes on, the picture waits.
-    fn collect(&mut self, job: RequestOf, sent: &[SessionId]) {
+    fn collect(&mut self, job: ClientRequest, sent: &[SessionId]) {
         let was_sent = |server: Option<SessionId>| server.is_some_and(|s| sent.contains(&s));
         let (mut channels, mut missing) = (Vec::new(), Vec::new());
         for (id, channel) in self.registry.channels() {
@@ -399,6 +399,6 @@ impl Cluster {
                 missing.push((channel.name.clone(), reason));
             }
         }
-        self.outputs.push_back(Output::Collect { job, frame: self.frame, channels, missing });
+        self.outputs.push_back(Effect::Collect { job, frame: self.frame, channels, missing });
     }
 }

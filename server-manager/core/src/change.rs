@@ -11,12 +11,12 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, Revision};
 use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
-use polyptych_protocol::request::{Failure, Reply, SceneSummary};
+use polyptych_protocol::request::{RequestError, Response, SceneSummary};
 use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
-use super::tune::{self, Tuner};
-use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId, progress};
+use super::tune::{self, CalibrationWaiter};
+use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId, progress};
 
 /// How long a change waits for a server: enough for a large scene on a slow link; after this the
 /// wall goes on without its channels until they are ready.
@@ -30,60 +30,60 @@ pub(super) const HOLDS_REFUSED: &str = "it has prepared a change that was refuse
 
 /// A change that was asked for.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Change {
+pub(super) struct StateChange {
     /// What servers are told; of a tuning known once it is its turn.
     pub operations: Vec<Operation>,
-    pub purpose: Purpose,
+    pub purpose: ChangeOrigin,
 }
 
 /// Who waits for a change, and for what.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) enum Purpose {
+pub(super) enum ChangeOrigin {
     /// Another scene, or none.
-    Scene { job: RequestOf, summary: Option<SceneSummary> },
+    Scene { job: ClientRequest, summary: Option<SceneSummary> },
     /// The same scene on a wall that is adjusted otherwise.
-    Tuning { wall: Box<Wall>, tuners: Vec<Tuner> },
+    Tuning { wall: Box<Wall>, tuners: Vec<CalibrationWaiter> },
 }
 
-impl Change {
+impl StateChange {
     /// The wall that it leads to, where it is a tuning, and who waits for that.
-    fn tuning(&mut self) -> Option<(&mut Box<Wall>, &mut Vec<Tuner>)> {
+    fn tuning(&mut self) -> Option<(&mut Box<Wall>, &mut Vec<CalibrationWaiter>)> {
         match &mut self.purpose {
-            Purpose::Tuning { wall, tuners } => Some((wall, tuners)),
-            Purpose::Scene { .. } => None,
+            ChangeOrigin::Tuning { wall, tuners } => Some((wall, tuners)),
+            ChangeOrigin::Scene { .. } => None,
         }
     }
 
     /// Who opens a scene by it, and the scene's name.
-    fn opened(&self) -> Option<(RequestOf, String)> {
+    fn opened(&self) -> Option<(ClientRequest, String)> {
         match &self.purpose {
-            Purpose::Scene { job, summary: Some(summary) } => {
+            ChangeOrigin::Scene { job, summary: Some(summary) } => {
                 Some((*job, progress::name_of(&summary.name)))
             }
-            Purpose::Scene { summary: None, .. } | Purpose::Tuning { .. } => None,
+            ChangeOrigin::Scene { summary: None, .. } | ChangeOrigin::Tuning { .. } => None,
         }
     }
 
     fn wall(&self) -> Option<&Wall> {
         match &self.purpose {
-            Purpose::Tuning { wall, .. } => Some(wall),
-            Purpose::Scene { .. } => None,
+            ChangeOrigin::Tuning { wall, .. } => Some(wall),
+            ChangeOrigin::Scene { .. } => None,
         }
     }
 
-    fn tuners(&self) -> &[Tuner] {
+    fn tuners(&self) -> &[CalibrationWaiter] {
         match &self.purpose {
-            Purpose::Tuning { tuners, .. } => tuners,
-            Purpose::Scene { .. } => &[],
+            ChangeOrigin::Tuning { tuners, .. } => tuners,
+            ChangeOrigin::Scene { .. } => &[],
         }
     }
 }
 
 /// The change on its way and those behind it.
 #[derive(Debug, Default, Serialize, Deserialize)]
-pub(super) struct Changes {
-    current: Option<Underway>,
-    queue: VecDeque<Change>,
+pub(super) struct ChangeQueue {
+    current: Option<InFlightChange>,
+    queue: VecDeque<StateChange>,
     /// The last revision that was refused. Its number is not given again: a server may still be at
     /// work on it.
     #[serde(default)]
@@ -94,8 +94,8 @@ pub(super) struct Changes {
 }
 
 #[derive(Debug, Serialize, Deserialize)]
-struct Underway {
-    change: Change,
+struct InFlightChange {
+    change: StateChange,
     replica: Replica,
     digest: Digest,
     expires: Micros,
@@ -106,7 +106,7 @@ struct Underway {
     told_percent: Option<u8>,
 }
 
-impl Changes {
+impl ChangeQueue {
     pub fn next_expiry(&self) -> Option<Micros> {
         self.current.as_ref().map(|underway| underway.expires)
     }
@@ -116,11 +116,11 @@ impl Changes {
         self.current.as_ref().map(|underway| underway.replica.revision)
     }
 
-    pub fn current(&self) -> Option<&Change> {
+    pub fn current(&self) -> Option<&StateChange> {
         self.current.as_ref().map(|underway| &underway.change)
     }
 
-    pub fn queued(&self) -> impl Iterator<Item = &Change> {
+    pub fn queued(&self) -> impl Iterator<Item = &StateChange> {
         self.queue.iter()
     }
 
@@ -132,7 +132,7 @@ impl Changes {
     }
 
     /// Takes the change on its way out; returns who waits for it, and its revision.
-    pub fn take_current(&mut self) -> Option<(Purpose, Revision)> {
+    pub fn take_current(&mut self) -> Option<(ChangeOrigin, Revision)> {
         let underway = self.current.take()?;
         Some((underway.change.purpose, underway.replica.revision))
     }
@@ -166,22 +166,22 @@ impl Changes {
 
     /// The wall as it will be once all is done that waits.
     pub fn latest_wall(&self) -> Option<&Wall> {
-        self.queue.iter().rev().chain(self.current()).find_map(Change::wall)
+        self.queue.iter().rev().chain(self.current()).find_map(StateChange::wall)
     }
 
     /// The walls that are on their way.
     pub fn walls(&self) -> impl Iterator<Item = &Wall> {
-        self.queue.iter().chain(self.current()).filter_map(Change::wall)
+        self.queue.iter().chain(self.current()).filter_map(StateChange::wall)
     }
 
     /// Who waits for a tuning.
-    pub fn tuners(&self) -> impl Iterator<Item = &Tuner> {
-        self.queue.iter().chain(self.current()).flat_map(Change::tuners)
+    pub fn tuners(&self) -> impl Iterator<Item = &CalibrationWaiter> {
+        self.queue.iter().chain(self.current()).flat_map(StateChange::tuners)
     }
 
     /// The scenes that wait for their turn, by name.
     pub fn waiting_scenes(&self) -> impl Iterator<Item = String> {
-        self.queue.iter().filter_map(Change::opened).map(|(_, scene)| scene)
+        self.queue.iter().filter_map(StateChange::opened).map(|(_, scene)| scene)
     }
 
     /// Returns whether this share of the change on its way is news to its client.
@@ -195,8 +195,12 @@ impl Changes {
     ///
     /// # Errors
     /// The wall, if none waits.
-    pub fn replace_waiting_wall(&mut self, wall: Box<Wall>, tuner: Tuner) -> Result<(), Box<Wall>> {
-        let Some((waiting, tuners)) = self.queue.iter_mut().find_map(Change::tuning) else {
+    pub fn replace_waiting_wall(
+        &mut self,
+        wall: Box<Wall>,
+        tuner: CalibrationWaiter,
+    ) -> Result<(), Box<Wall>> {
+        let Some((waiting, tuners)) = self.queue.iter_mut().find_map(StateChange::tuning) else {
             return Err(wall);
         };
         *waiting = wall;
@@ -215,11 +219,11 @@ impl Changes {
     }
 
     /// Takes the tunings out that wait for their turn, and gives who waits for them.
-    fn take_waiting_tuners(&mut self) -> Vec<Tuner> {
+    fn take_waiting_tuners(&mut self) -> Vec<CalibrationWaiter> {
         let (tunings, others) =
             self.queue.drain(..).partition::<VecDeque<_>, _>(|change| change.wall().is_some());
         self.queue = others;
-        tunings.iter().flat_map(Change::tuners).copied().collect()
+        tunings.iter().flat_map(StateChange::tuners).copied().collect()
     }
 
     pub fn digest_of(&self, revision: Revision) -> Option<Digest> {
@@ -233,7 +237,7 @@ impl Cluster {
     pub fn handle_import(
         &mut self,
         now: Micros,
-        job: RequestOf,
+        job: ClientRequest,
         imported: Result<ImportedScene, String>,
     ) {
         // One of them, where a client gives several the same number.
@@ -244,17 +248,17 @@ impl Cluster {
             Err(reason) => {
                 let tell = || tracing::warn!(reason, "a scene could not be opened");
                 self.span_of_request(job).in_scope(tell);
-                self.reply(job, Err(Failure::new(reason)));
+                self.reply(job, Err(RequestError::new(reason)));
             }
             Ok(ImportedScene { scene, summary }) => {
                 let operations = vec![Operation::OpenScene(scene)];
-                let purpose = Purpose::Scene { job, summary: Some(summary) };
-                self.request_change(now, Change { operations, purpose });
+                let purpose = ChangeOrigin::Scene { job, summary: Some(summary) };
+                self.request_change(now, StateChange { operations, purpose });
             }
         }
     }
 
-    pub(super) fn request_change(&mut self, now: Micros, change: Change) {
+    pub(super) fn request_change(&mut self, now: Micros, change: StateChange) {
         if self.changes.queue.len() >= CHANGES_MAX {
             let reason = format!("{CHANGES_MAX} changes are waiting already; ask again later");
             self.refuse(&change.purpose, &reason);
@@ -315,7 +319,8 @@ impl Cluster {
             let digest = replica.digest();
             let expires = now + PREPARE_TIME_MAX;
             let (failed, told_percent) = (Vec::new(), None);
-            let underway = Underway { change, replica, digest, expires, failed, told_percent };
+            let underway =
+                InFlightChange { change, replica, digest, expires, failed, told_percent };
             self.changes.current = Some(underway);
             let everyone = self.registry.servers().map(|(id, _)| id).collect();
             self.prompt(everyone);
@@ -324,14 +329,14 @@ impl Cluster {
     }
 
     /// Whether every server with a channel that is live, or about to be, has answered.
-    fn is_settled(&self, underway: &Underway) -> bool {
+    fn is_settled(&self, underway: &InFlightChange) -> bool {
         let (answered, asked) = self.answered(underway);
         answered == asked
     }
 
     /// How many channels that are live, or about to be, have a server that has answered, and how
     /// many there are.
-    fn answered(&self, underway: &Underway) -> (usize, usize) {
+    fn answered(&self, underway: &InFlightChange) -> (usize, usize) {
         let counts = |state| matches!(state, ChannelState::Live | ChannelState::Ready);
         let has_answered = |session: SessionId| {
             let prepared = self.registry.server(session).and_then(|server| server.prepared);
@@ -345,7 +350,7 @@ impl Cluster {
 
     /// Returns the scene whose change is on its way with the share of channels that are ready for
     /// it, and who opens it.
-    pub(super) fn preparing(&self) -> Option<(RequestOf, Opening)> {
+    pub(super) fn preparing(&self) -> Option<(ClientRequest, Opening)> {
         let underway = self.changes.current.as_ref()?;
         let (answered, asked) = self.answered(underway);
         let (job, scene) = underway.change.opened()?;
@@ -357,10 +362,10 @@ impl Cluster {
     /// server could prepare it, a tuning where one could not.
     fn settle_change(&mut self, now: Micros) {
         let Some(underway) = self.changes.current.take() else { return };
-        let Underway { change, replica, digest, failed, .. } = underway;
+        let InFlightChange { change, replica, digest, failed, .. } = underway;
         let has_one = self.registry.servers().any(|(_, s)| s.prepared == Some(replica.revision));
         // A scene is worth more than a channel that cannot draw it; a tuning is not.
-        let is_tuning = matches!(change.purpose, Purpose::Tuning { .. });
+        let is_tuning = matches!(change.purpose, ChangeOrigin::Tuning { .. });
         if !failed.is_empty() && (!has_one || is_tuning) {
             let reasons: Vec<_> = failed.into_iter().map(|(_, reason)| reason).collect();
             let reason = format!("nothing has changed, since {}", reasons.join("; "));
@@ -368,7 +373,7 @@ impl Cluster {
             if is_tuning {
                 // They were made of the one that failed.
                 for tuner in self.changes.take_waiting_tuners() {
-                    self.reply(tuner.job, Err(Failure::new(reason.as_str())));
+                    self.reply(tuner.job, Err(RequestError::new(reason.as_str())));
                 }
             }
             self.stay(now, replica.revision);
@@ -377,15 +382,17 @@ impl Cluster {
         self.shown = replica;
         self.shown_digest = digest;
         match change.purpose {
-            Purpose::Scene { job, summary } => self.settle_scene(now, job, summary, &failed),
-            Purpose::Tuning { wall, tuners } => self.settle_tuning(now, *wall, tuners, &failed),
+            ChangeOrigin::Scene { job, summary } => self.settle_scene(now, job, summary, &failed),
+            ChangeOrigin::Tuning { wall, tuners } => {
+                self.settle_tuning(now, *wall, tuners, &failed)
+            }
         }
     }
 
     fn settle_scene(
         &mut self,
         now: Micros,
-        job: RequestOf,
+        job: ClientRequest,
         summary: Option<SceneSummary>,
         failed: &[(SessionId, String)],
     ) {
@@ -409,22 +416,22 @@ impl Cluster {
                 self.span_of_request(job).in_scope(tell);
             }
             self.features.extend(summary.features.names().into_iter().map(String::from));
-            Reply::SceneOpened(summary)
+            Response::SceneOpened(summary)
         } else {
-            Reply::Done
+            Response::Done
         };
         self.remember();
         self.reply(job, Ok(reply));
     }
 
     /// Tells all who wait for a change that it is not done.
-    pub(super) fn refuse(&mut self, purpose: &Purpose, reason: &str) {
+    pub(super) fn refuse(&mut self, purpose: &ChangeOrigin, reason: &str) {
         let jobs: Vec<_> = match purpose {
-            Purpose::Scene { job, .. } => vec![*job],
-            Purpose::Tuning { tuners, .. } => tuners.iter().map(|tuner| tuner.job).collect(),
+            ChangeOrigin::Scene { job, .. } => vec![*job],
+            ChangeOrigin::Tuning { tuners, .. } => tuners.iter().map(|tuner| tuner.job).collect(),
         };
         for job in jobs {
-            self.reply(job, Err(Failure::new(reason)));
+            self.reply(job, Err(RequestError::new(reason)));
         }
     }
 

@@ -5,7 +5,7 @@ use polyptych_protocol::ids::FrameId;
 use polyptych_wall::Wall;
 use serde::{Deserialize, Serialize, Serializer};
 
-use super::{Cluster, Gathered, PresentCalls};
+use super::{Cluster, SkewTracker, StatisticsCollector};
 
 /// A brain that was written down. It decides as the one that it was taken from; only what that one
 /// had measured is gone.
@@ -33,8 +33,8 @@ impl Checkpoint {
     pub fn into_cluster(self) -> Cluster {
         let mut cluster = *self.0;
         let channels = cluster.wall.channels.len();
-        cluster.gathered = Gathered::new(channels);
-        cluster.present_calls = PresentCalls::new(channels);
+        cluster.gathered = StatisticsCollector::new(channels);
+        cluster.present_calls = SkewTracker::new(channels);
         cluster
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use polyptych_wall::DeadlineRule;
+use polyptych_wall::DeadlinePolicy;
 use serde::{Deserialize, Serialize};
 
 use super::Micros;
@@ -13,12 +13,12 @@ const FRAMES_REMEMBERED: usize = 64;
 /// The wall's adaptive deadline.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Deadline {
-    rule: DeadlineRule,
+    rule: DeadlinePolicy,
     draws_us: VecDeque<u32>,
 }
 
 impl Deadline {
-    pub fn new(rule: DeadlineRule) -> Self {
+    pub fn new(rule: DeadlinePolicy) -> Self {
         Self { rule, draws_us: VecDeque::new() }
     }
 
@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn it_follows_the_median_within_its_bounds() {
-        let mut deadline = Deadline::new(DeadlineRule { factor: 4.0, min_ms: 50, max_ms: 2000 });
+        let mut deadline = Deadline::new(DeadlinePolicy { factor: 4.0, min_ms: 50, max_ms: 2000 });
         assert_eq!(deadline.length(), 2_000_000);
         for draw_us in [20_000, 21_000, 900_000] {
             deadline.add(draw_us);

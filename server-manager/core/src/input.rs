@@ -4,10 +4,10 @@ use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::Request;
-use polyptych_protocol::status::Status;
+use polyptych_protocol::status::ServerMessage;
 use serde::{Deserialize, Serialize};
 
-use super::{Cluster, ImportedScene, Micros, RequestOf, SessionId};
+use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId};
 
 /// One call of a `handle_*` function of [`Cluster`], without its `now`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,7 +28,7 @@ pub enum Input {
         /// The server's connection.
         from: SessionId,
         /// What it reports.
-        status: Status,
+        status: ServerMessage,
         /// The size of the message.
         wire_bytes: u32,
     },
@@ -70,14 +70,14 @@ pub enum Input {
     /// [`Cluster::handle_import`].
     Import {
         /// Who asked.
-        job: RequestOf,
+        job: ClientRequest,
         /// What came of the bake.
         imported: Result<ImportedScene, String>,
     },
     /// [`Cluster::handle_progress`].
     Progress {
         /// Who asked.
-        job: RequestOf,
+        job: ClientRequest,
         /// How far the baker has come.
         progress: OpenProgress,
     },

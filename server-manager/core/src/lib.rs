@@ -32,33 +32,33 @@ mod tune;
 
 use std::collections::{BTreeMap, VecDeque};
 
-use barrier::{Barrier, FrameOrder, Wish};
+use barrier::{Barrier, FrameRequest, OutputChange};
 use bytes::Bytes;
-use change::{Change, Changes};
+use change::{ChangeQueue, StateChange};
 use polyptych_protocol::command::{Command, Pong};
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId};
 use polyptych_protocol::log::{Operation, Replica};
-use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{Answer, Failure, Pace, Reply, SceneSummary};
-use polyptych_protocol::status::Status;
+use polyptych_protocol::request::{MessageToClient, Pacing, RequestError, Response, SceneSummary};
+use polyptych_protocol::status::ServerMessage;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
+use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
-use crate::repetition::Repetitions;
+use crate::repetition::LogLimiter;
 pub use checkpoint::{Checkpoint, CheckpointOf};
 pub use input::Input;
-pub use memory::{Further, Memory};
+pub use memory::{PersistentState, PersistentStateV2};
 use pace::Pacer;
 use registry::Registry;
-use skew::PresentCalls;
+use skew::SkewTracker;
 pub use snapshot::Snapshot;
-use statistics::Gathered;
-pub use totals::{ChannelTotals, Histogram, Totals};
+use statistics::StatisticsCollector;
+pub use totals::{ChannelCounters, Counters, Histogram};
 
 /// Microseconds since the manager started.
 pub type Micros = u64;
@@ -78,7 +78,7 @@ const REASON_BYTES_MAX: usize = 1024;
 
 /// What the brain wants done. In order.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Output {
+pub enum Effect {
     /// Send this encoded [`Command`] to these servers; it was encoded once for all of them.
     Command {
         /// The control connections.
@@ -91,19 +91,19 @@ pub enum Output {
         /// Its connection.
         to: SessionId,
         /// What to send.
-        answer: Answer,
+        answer: MessageToClient,
     },
     /// Bake this scene and come back with [`Cluster::handle_import`].
     Import {
         /// Who asked; names the import.
-        job: RequestOf,
+        job: ClientRequest,
         /// As the client gave it.
         path: String,
     },
     /// Collect the pictures of a frame from these channels, stitch them and answer the client.
     Collect {
         /// Who asked.
-        job: RequestOf,
+        job: ClientRequest,
         /// The frame.
         frame: FrameId,
         /// The channels that are sent it, and will send its picture once they have drawn it.
@@ -119,19 +119,19 @@ pub enum Output {
         reason: String,
     },
     /// Keep this for the next life of the manager, before anything that follows.
-    Remember(Box<Memory>),
+    Remember(Box<PersistentState>),
     /// End the manager.
     Stop,
     /// End all servers, answer this request with what became of them, and end the manager.
     StopServers {
         /// The client's request.
-        job: RequestOf,
+        job: ClientRequest,
     },
 }
 
 /// A request and the client that waits for its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct RequestOf {
+pub struct ClientRequest {
     /// The client's connection.
     pub client: SessionId,
     /// The client's number.
@@ -150,7 +150,7 @@ pub struct ImportedScene {
 /// A scene that is being baked.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Importing {
-    job: RequestOf,
+    job: ClientRequest,
     scene: String,
     progress: OpenProgress,
 }
@@ -178,28 +178,28 @@ pub struct Cluster {
     /// What of the shown scene is not drawn.
     #[serde(default)]
     notes: Vec<String>,
-    changes: Changes,
-    tuners: tune::Tuners,
+    changes: ChangeQueue,
+    tuners: tune::CalibrationWaiters,
     /// Scenes that are being baked.
     imports: Vec<Importing>,
     #[serde(default)]
     outcomes: outcome::Outcomes,
     registry: Registry,
     clients: BTreeMap<SessionId, ClientState>,
-    orders: VecDeque<FrameOrder>,
+    orders: VecDeque<FrameRequest>,
     barrier: Option<Barrier>,
-    beginnings: barrier::Beginnings,
+    beginnings: barrier::FrameStartTimes,
     /// The last frame that was begun.
     frame: FrameId,
     /// The last frame that was swapped.
     swapped: FrameId,
     camera: Camera,
-    head: Head,
+    head: HeadPose,
     /// They lie over the wall's own picture.
     views: Vec<View>,
     exposure: f32,
-    displays: DisplayMode,
-    pattern: Option<Pattern>,
+    displays: OutputMode,
+    pattern: Option<TestPattern>,
     navigator: navigate::Navigator,
     /// Whether the wall has gone on from what another manager remembered, and no client has
     /// asked for a frame yet.
@@ -212,16 +212,16 @@ pub struct Cluster {
     deadline: deadline::Deadline,
     /// Measurements decide nothing, and take more room than all else.
     #[serde(skip)]
-    gathered: Gathered,
+    gathered: StatisticsCollector,
     #[serde(skip)]
-    present_calls: PresentCalls,
-    remembered: Option<Memory>,
+    present_calls: SkewTracker,
+    remembered: Option<PersistentState>,
     remembered_at: Micros,
     #[serde(skip)]
-    repetitions: Repetitions,
+    repetitions: LogLimiter,
     /// Empty whenever the brain is written down.
     #[serde(skip)]
-    outputs: VecDeque<Output>,
+    outputs: VecDeque<Effect>,
 }
 
 impl Cluster {
@@ -236,22 +236,22 @@ impl Cluster {
             shown,
             features: Vec::new(),
             notes: Vec::new(),
-            changes: Changes::default(),
-            tuners: tune::Tuners::default(),
+            changes: ChangeQueue::default(),
+            tuners: tune::CalibrationWaiters::default(),
             imports: Vec::new(),
             outcomes: outcome::Outcomes::default(),
             registry: Registry::new(&wall, heartbeat_us),
             clients: BTreeMap::new(),
             orders: VecDeque::new(),
             barrier: None,
-            beginnings: barrier::Beginnings::default(),
+            beginnings: barrier::FrameStartTimes::default(),
             frame: FrameId(0),
             swapped: FrameId(0),
             camera: Camera::IDENTITY,
             head: wall.head(),
             views: Vec::new(),
             exposure: 1.0,
-            displays: DisplayMode::Normal,
+            displays: OutputMode::Normal,
             pattern: None,
             navigator: navigate::Navigator::default(),
             is_going_on: false,
@@ -259,11 +259,11 @@ impl Cluster {
             time_s: 0.0,
             pacer: Pacer::default(),
             deadline: deadline::Deadline::new(wall.deadline),
-            gathered: Gathered::new(wall.channels.len()),
-            present_calls: PresentCalls::new(wall.channels.len()),
+            gathered: StatisticsCollector::new(wall.channels.len()),
+            present_calls: SkewTracker::new(wall.channels.len()),
             remembered: None,
             remembered_at: 0,
-            repetitions: Repetitions::default(),
+            repetitions: LogLimiter::default(),
             outputs: VecDeque::new(),
             file: wall.clone(),
             wall,
@@ -280,7 +280,7 @@ impl Cluster {
         &mut self,
         now: Micros,
         from: SessionId,
-        status: Status,
+        status: ServerMessage,
         wire_bytes: usize,
     ) {
         if !self.registry.heard(from, now) {
@@ -288,20 +288,20 @@ impl Cluster {
         }
         let status = shortened(status);
         match status {
-            Status::Prepared(prepared) => self.handle_prepared(now, from, &prepared),
-            Status::PrepareFailed { epoch, revision, reason } => {
+            ServerMessage::Prepared(prepared) => self.handle_prepared(now, from, &prepared),
+            ServerMessage::PrepareFailed { epoch, revision, reason } => {
                 if epoch == self.epoch {
                     self.handle_prepare_failed(now, from, revision, &reason);
                 }
             }
-            Status::Drawn(drawn) => {
+            ServerMessage::Drawn(drawn) => {
                 self.gathered.add_wire_bytes(wire_bytes);
                 self.handle_drawn(now, from, &drawn);
             }
-            Status::DrawFailed { channel, frame, reason } => {
+            ServerMessage::DrawFailed { channel, frame, reason } => {
                 self.handle_draw_failed(now, from, channel, frame, reason);
             }
-            Status::Shown(shown) => {
+            ServerMessage::Shown(shown) => {
                 self.gathered.add_wire_bytes(wire_bytes);
                 let is_real = shown.epoch == self.epoch && shown.frame <= self.frame;
                 if is_real && self.registry.drives(from, shown.channel) {
@@ -312,18 +312,18 @@ impl Cluster {
                     }
                 }
             }
-            Status::Display { channel, warning } => {
+            ServerMessage::Display { channel, warning } => {
                 if self.registry.drives(from, channel) {
                     self.registry.set_display_warning(channel, warning);
                 }
             }
-            Status::StateLost { reason } => self.disbelieve(now, from, &reason),
-            Status::Navigate(navigation) => self.handle_navigation(now, from, &navigation),
-            Status::Goodbye { reason } => {
+            ServerMessage::StateLost { reason } => self.disbelieve(now, from, &reason),
+            ServerMessage::Navigate(navigation) => self.handle_navigation(now, from, &navigation),
+            ServerMessage::Goodbye { reason } => {
                 self.close(from, "goodbye".into());
                 self.handle_server_gone(now, from, &format!("it left: {reason}"));
             }
-            Status::Ping(ping) => {
+            ServerMessage::Ping(ping) => {
                 self.registry.set_memory(from, ping.memory_bytes);
                 let pong = Pong { sent_us: ping.sent_us, received_us: now, answered_us: now };
                 self.command(vec![from], &Command::Pong(pong));
@@ -385,7 +385,7 @@ impl Cluster {
     }
 
     /// What is to be done next.
-    pub fn poll_output(&mut self) -> Option<Output> {
+    pub fn poll_output(&mut self) -> Option<Effect> {
         self.outputs.pop_front()
     }
 
@@ -417,19 +417,19 @@ impl Cluster {
         if matches!(command, Command::Frame(_) | Command::Swap(_)) {
             self.gathered.add_wire_bytes(bytes.len() * to.len());
         }
-        self.outputs.push_back(Output::Command { to, bytes });
+        self.outputs.push_back(Effect::Command { to, bytes });
     }
 
-    fn send_reply(&mut self, to: RequestOf, reply: Result<Reply, Failure>) {
-        let answer = Answer::Reply { id: to.id, reply };
-        self.outputs.push_back(Output::Answer { to: to.client, answer });
+    fn send_reply(&mut self, to: ClientRequest, reply: Result<Response, RequestError>) {
+        let answer = MessageToClient::Reply { id: to.id, reply };
+        self.outputs.push_back(Effect::Answer { to: to.client, answer });
     }
 
     fn close(&mut self, session: SessionId, reason: String) {
-        self.outputs.push_back(Output::Close { session, reason });
+        self.outputs.push_back(Effect::Close { session, reason });
     }
 
-    fn set_pace(&mut self, pace: Option<Pace>, now: Micros) {
+    fn set_pace(&mut self, pace: Option<Pacing>, now: Micros) {
         self.is_going_on = false;
         self.pacer.set(pace, now);
         // The frame that a tuning waits for would have come by itself.
@@ -439,12 +439,12 @@ impl Cluster {
 }
 
 /// The same with only the beginning of what a server says in words: it stands in every status.
-pub fn shortened(mut status: Status) -> Status {
-    if let Status::PrepareFailed { reason, .. }
-    | Status::DrawFailed { reason, .. }
-    | Status::Display { warning: Some(reason), .. }
-    | Status::StateLost { reason }
-    | Status::Goodbye { reason } = &mut status
+pub fn shortened(mut status: ServerMessage) -> ServerMessage {
+    if let ServerMessage::PrepareFailed { reason, .. }
+    | ServerMessage::DrawFailed { reason, .. }
+    | ServerMessage::Display { warning: Some(reason), .. }
+    | ServerMessage::StateLost { reason }
+    | ServerMessage::Goodbye { reason } = &mut status
     {
         reason.truncate(reason.floor_char_boundary(REASON_BYTES_MAX));
     }

@@ -1,7 +1,7 @@
 //! Servers and clients come and go.
 
 use polyptych_protocol::command::{Command, Prepare};
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::Revision;
@@ -248,7 +248,7 @@ impl Cluster {
     fn must_see_a_frame(&self, now: Micros) -> bool {
         let comes_soon = self.pacer.is_soon(now);
         let has_shown = self.swapped.0 > 0;
-        let is_other = self.displays != DisplayMode::Normal || self.pattern.is_some();
+        let is_other = self.displays != OutputMode::Normal || self.pattern.is_some();
         !comes_soon && (self.is_going_on || has_shown || is_other)
     }
 }

@@ -1,18 +1,18 @@
 //! What outlives a manager: remembered before a client is told that it was done.
 
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_protocol::log::{Operation, SceneRef, check_wall_size};
-use polyptych_protocol::pattern::Pattern;
-use polyptych_protocol::request::Pace;
+use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::request::Pacing;
 use polyptych_scene::Bounds;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
+use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
-use polyptych_wall::{Adjustment, Wall, tuning};
+use polyptych_wall::{ChannelCalibration, Wall, tuning};
 use serde::{Deserialize, Serialize};
 
-use super::{Cluster, Micros, Output};
+use super::{Cluster, Effect, Micros};
 
 /// A camera that comes with every frame is remembered this often: it is where a client was, not
 /// what it asked to be kept.
@@ -21,7 +21,7 @@ const FRAME_CAMERA_PERIOD: Micros = 1_000_000;
 /// What a manager needs to go on where another one stopped. It is of the wall that it is given
 /// with: what an edited wall file leaves valid is decided before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Memory {
+pub struct PersistentState {
     /// Changes so far.
     pub revision: Revision,
     /// The open scene.
@@ -29,26 +29,26 @@ pub struct Memory {
     /// Where display space stands.
     pub camera: Camera,
     /// Where the viewer's eyes are.
-    pub head: Head,
+    pub head: HeadPose,
     /// What lies over the wall's own picture.
     pub views: Vec<View>,
     /// Multiplies light.
     pub exposure: f32,
     /// How fast the wall draws by itself.
-    pub pace: Option<Pace>,
+    pub pace: Option<Pacing>,
     /// What displays show: a wall that was made black does not light up with a new manager.
-    pub displays: DisplayMode,
+    pub displays: OutputMode,
     /// What is beyond the first managers' memory, which stands last.
-    pub further: Further,
+    pub further: PersistentStateV2,
 }
 
 /// What the first managers did not remember.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Further {
+pub struct PersistentStateV2 {
     /// What channels draw instead of the scene.
-    pub pattern: Option<Pattern>,
+    pub pattern: Option<TestPattern>,
     /// The adjustments of channels that were tuned, by name.
-    pub tunings: Vec<(String, Adjustment)>,
+    pub tunings: Vec<(String, ChannelCalibration)>,
     /// What of the open scene is not drawn, as its manifest says.
     #[serde(default)]
     pub notes: Vec<String>,
@@ -57,7 +57,7 @@ pub struct Further {
     pub bounds: Option<Bounds>,
 }
 
-impl Memory {
+impl PersistentState {
     /// Returns whether more differs than the camera, the head and the views, which a client sends
     /// all the time.
     pub fn differs_in_work(&self, other: &Self) -> bool {
@@ -68,7 +68,7 @@ impl Memory {
 
 impl Cluster {
     /// The brain of this wall, going on from what another manager remembered.
-    pub fn restored(wall: Wall, epoch: Epoch, memory: &Memory) -> Self {
+    pub fn restored(wall: Wall, epoch: Epoch, memory: &PersistentState) -> Self {
         let mut cluster = Self::new(wall, epoch);
         if let Some(scene) = &memory.scene {
             cluster.shown.apply(Operation::OpenScene(scene.clone()));
@@ -112,9 +112,9 @@ impl Cluster {
     }
 
     /// Returns what is to outlive this manager.
-    pub fn memory(&self) -> Memory {
+    pub fn memory(&self) -> PersistentState {
         let tunings = tuning::differences(&self.file, &self.wall);
-        Memory {
+        PersistentState {
             revision: self.shown.revision,
             scene: self.shown.scene.clone(),
             camera: self.camera,
@@ -123,7 +123,7 @@ impl Cluster {
             exposure: self.exposure,
             pace: self.pacer.pace(),
             displays: self.displays,
-            further: Further {
+            further: PersistentStateV2 {
                 pattern: self.pattern,
                 tunings,
                 notes: self.notes.clone(),
@@ -138,7 +138,7 @@ impl Cluster {
         let memory = self.memory();
         if self.remembered.as_ref() != Some(&memory) {
             self.remembered = Some(memory.clone());
-            self.outputs.push_back(Output::Remember(Box::new(memory)));
+            self.outputs.push_back(Effect::Remember(Box::new(memory)));
         }
     }
 

@@ -4,10 +4,10 @@
 use std::collections::VecDeque;
 
 use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::request::{Failure, Reply};
+use polyptych_protocol::request::{RequestError, Response};
 use serde::{Deserialize, Serialize};
 
-use super::{Cluster, RequestOf, SessionId};
+use super::{ClientRequest, Cluster, SessionId};
 
 /// Maximum number of outcomes that are kept for clients that may come back.
 pub(super) const OUTCOMES_MAX: usize = 64;
@@ -16,11 +16,11 @@ pub(super) const OUTCOMES_MAX: usize = 64;
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Opened {
     /// As the first client asked, which names the bake.
-    job: RequestOf,
+    job: ClientRequest,
     /// The request that is answered in its place: the same, or one for its outcome.
-    heir: RequestOf,
+    heir: ClientRequest,
     /// What came of it, if the client was not there any more.
-    outcome: Option<Result<Reply, Failure>>,
+    outcome: Option<Result<Response, RequestError>>,
 }
 
 /// All of them, the oldest first.
@@ -29,23 +29,23 @@ pub(super) struct Outcomes(VecDeque<Opened>);
 
 impl Outcomes {
     /// A client has asked for a scene.
-    pub fn begin(&mut self, job: RequestOf) {
+    pub fn begin(&mut self, job: ClientRequest) {
         self.0.push_back(Opened { job, heir: job, outcome: None });
     }
 
     /// Returns the request that is answered for this one.
-    pub fn heir(&self, job: RequestOf) -> RequestOf {
+    pub fn heir(&self, job: ClientRequest) -> ClientRequest {
         let opened = self.0.iter().find(|opened| opened.job == job);
         opened.map_or(job, |opened| opened.heir)
     }
 
     /// The client was answered.
-    fn remove(&mut self, job: RequestOf) {
+    fn remove(&mut self, job: ClientRequest) {
         self.0.retain(|opened| opened.job != job);
     }
 
     /// Keeps what came of a scene whose client is not there; other requests are forgotten.
-    fn keep(&mut self, job: RequestOf, outcome: Result<Reply, Failure>) {
+    fn keep(&mut self, job: ClientRequest, outcome: Result<Response, RequestError>) {
         let Some(opened) = self.0.iter_mut().find(|opened| opened.job == job) else { return };
         opened.outcome = Some(outcome);
         let kept = self.0.iter().filter(|opened| opened.outcome.is_some()).count();
@@ -59,7 +59,7 @@ impl Outcomes {
 
 impl Cluster {
     /// Answers a request, or keeps the answer for a client that may come back for it.
-    pub(super) fn reply(&mut self, job: RequestOf, reply: Result<Reply, Failure>) {
+    pub(super) fn reply(&mut self, job: ClientRequest, reply: Result<Response, RequestError>) {
         let to = self.outcomes.heir(job);
         if self.clients.contains_key(&to.client) {
             self.outcomes.remove(job);
@@ -73,11 +73,11 @@ impl Cluster {
     /// that of the first request, now or once there is one.
     pub(super) fn claim_outcome(
         &mut self,
-        job: RequestOf,
+        job: ClientRequest,
         session: u64,
         id: RequestId,
-    ) -> Result<Option<Reply>, String> {
-        let first = RequestOf { client: SessionId(session), id };
+    ) -> Result<Option<Response>, String> {
+        let first = ClientRequest { client: SessionId(session), id };
         let Some(opened) = self.outcomes.0.iter_mut().find(|opened| opened.job == first) else {
             return Err("the scene was not opened before the connection was lost, or its outcome \
                         was asked for too late; open it again"

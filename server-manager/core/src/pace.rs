@@ -1,6 +1,6 @@
 //! When the next frame begins, where the wall draws by itself.
 
-use polyptych_protocol::request::Pace;
+use polyptych_protocol::request::Pacing;
 use serde::{Deserialize, Serialize};
 
 use super::Micros;
@@ -12,17 +12,17 @@ pub(super) const BEAT_WAIT_MAX: Micros = 1_000_000;
 /// The wall's own pace.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Pacer {
-    pace: Option<Pace>,
+    pace: Option<Pacing>,
     next: Micros,
 }
 
 impl Pacer {
-    pub fn set(&mut self, pace: Option<Pace>, now: Micros) {
+    pub fn set(&mut self, pace: Option<Pacing>, now: Micros) {
         self.pace = pace;
         self.next = now;
     }
 
-    pub fn pace(&self) -> Option<Pace> {
+    pub fn pace(&self) -> Option<Pacing> {
         self.pace
     }
 
@@ -46,9 +46,9 @@ impl Pacer {
         const IDLE_PERIOD: Micros = 20_000;
         let period = match self.pace {
             None => return,
-            Some(Pace::Free) if is_awaited => 0,
-            Some(Pace::Free) => IDLE_PERIOD,
-            Some(Pace::Rate(rate)) => (1e6 / rate) as Micros,
+            Some(Pacing::Free) if is_awaited => 0,
+            Some(Pacing::Free) => IDLE_PERIOD,
+            Some(Pacing::Rate(rate)) => (1e6 / rate) as Micros,
         };
         // A frame that was ordered long before its beat does not stand for it.
         if !self.is_soon(now) {
@@ -68,7 +68,7 @@ mod tests {
     fn a_rate_keeps_its_beat_and_drops_what_it_missed() {
         let mut pacer = Pacer::default();
         assert!(!pacer.is_due(5));
-        pacer.set(Some(Pace::Rate(100.0)), 1_000);
+        pacer.set(Some(Pacing::Rate(100.0)), 1_000);
         assert!(pacer.is_due(1_000));
         pacer.began(1_500, true);
         assert_eq!(pacer.next_start(), Some(11_000));
@@ -81,7 +81,7 @@ mod tests {
     #[test]
     fn a_frame_long_before_a_slow_beat_does_not_move_it() {
         let mut pacer = Pacer::default();
-        pacer.set(Some(Pace::Rate(0.02)), 0);
+        pacer.set(Some(Pacing::Rate(0.02)), 0);
         pacer.began(0, true);
         assert_eq!((pacer.next_start(), pacer.is_soon(0)), (Some(50_000_000), false));
         pacer.began(10_000_000, true);

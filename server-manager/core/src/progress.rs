@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use polyptych_protocol::progress::{OpenProgress, Opening};
-use polyptych_protocol::request::Answer;
+use polyptych_protocol::request::MessageToClient;
 use polyptych_wall::limits::NAME_BYTES_MAX;
 
-use super::{Cluster, Output, RequestOf};
+use super::{ClientRequest, Cluster, Effect};
 
 /// The name by which people know the scene of this file: its stem, cut to [`NAME_BYTES_MAX`] bytes.
 pub(super) fn name_of(path: &str) -> String {
@@ -18,7 +18,7 @@ pub(super) fn name_of(path: &str) -> String {
 
 impl Cluster {
     /// The baker has come so far with a scene.
-    pub fn handle_progress(&mut self, job: RequestOf, progress: OpenProgress) {
+    pub fn handle_progress(&mut self, job: ClientRequest, progress: OpenProgress) {
         let Some(import) = self.imports.iter_mut().find(|import| import.job == job) else {
             return;
         };
@@ -50,11 +50,11 @@ impl Cluster {
             .collect()
     }
 
-    fn send_progress(&mut self, job: RequestOf, progress: OpenProgress) {
+    fn send_progress(&mut self, job: ClientRequest, progress: OpenProgress) {
         let to = self.outcomes.heir(job);
         if self.clients.contains_key(&to.client) {
-            let answer = Answer::Progress { id: to.id, progress };
-            self.outputs.push_back(Output::Answer { to: to.client, answer });
+            let answer = MessageToClient::Progress { id: to.id, progress };
+            self.outputs.push_back(Effect::Answer { to: to.client, answer });
         }
     }
 }

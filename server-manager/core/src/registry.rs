@@ -6,7 +6,7 @@ use polyptych_files::blob::BlobHash;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{FrameId, Revision};
-use polyptych_protocol::status::Shown;
+use polyptych_protocol::status::FramePresented;
 use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
@@ -38,7 +38,7 @@ const LINES_PERIOD: Micros = 60_000_000;
 
 /// A connected render server.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Server {
+pub(super) struct ServerEntry {
     pub name: String,
     pub address: String,
     pub pid: u32,
@@ -59,7 +59,7 @@ pub(super) struct Server {
     last_heard: Micros,
 }
 
-impl Server {
+impl ServerEntry {
     /// It has answered for a revision, for better or worse.
     pub fn answer(&mut self, revision: Revision) -> Answered {
         if self.obsolete.take_if(|obsolete| *obsolete == revision).is_some() {
@@ -127,7 +127,7 @@ pub(super) enum Answered {
 
 /// A channel of the wall and what is known of it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Channel {
+pub(super) struct ChannelEntry {
     pub name: String,
     pub state: ChannelState,
     pub since: Micros,
@@ -161,14 +161,14 @@ pub(super) struct Channel {
 /// All servers and channels.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Registry {
-    servers: BTreeMap<SessionId, Server>,
-    channels: Vec<Channel>,
+    servers: BTreeMap<SessionId, ServerEntry>,
+    channels: Vec<ChannelEntry>,
     heartbeat_us: Micros,
 }
 
 impl Registry {
     pub fn new(wall: &Wall, heartbeat_us: Micros) -> Self {
-        let channel = |name: &String| Channel {
+        let channel = |name: &String| ChannelEntry {
             name: name.clone(),
             state: ChannelState::Lost,
             since: 0,
@@ -247,7 +247,7 @@ impl Registry {
             channel.in_time = 0;
         }
         let joining = channels.clone();
-        let server = Server {
+        let server = ServerEntry {
             name: hello.name,
             address,
             pid: hello.pid,
@@ -267,7 +267,7 @@ impl Registry {
     }
 
     /// Takes a server out; its channels are lost for this reason.
-    pub fn remove(&mut self, now: Micros, session: SessionId, reason: &str) -> Option<Server> {
+    pub fn remove(&mut self, now: Micros, session: SessionId, reason: &str) -> Option<ServerEntry> {
         let server = self.servers.remove(&session)?;
         for &id in &server.channels {
             let channel = &mut self.channels[usize::from(id.0)];
@@ -288,7 +288,8 @@ impl Registry {
     }
 
     pub fn silent(&self, now: Micros) -> Vec<SessionId> {
-        let is_silent = |server: &Server| now.saturating_sub(server.last_heard) > self.heartbeat_us;
+        let is_silent =
+            |server: &ServerEntry| now.saturating_sub(server.last_heard) > self.heartbeat_us;
         self.servers.iter().filter(|(_, s)| is_silent(s)).map(|(&id, _)| id).collect()
     }
 
@@ -308,23 +309,23 @@ impl Registry {
         self.servers.values().filter_map(|server| server.retry_at).min()
     }
 
-    pub fn server(&self, session: SessionId) -> Option<&Server> {
+    pub fn server(&self, session: SessionId) -> Option<&ServerEntry> {
         self.servers.get(&session)
     }
 
-    pub fn server_mut(&mut self, session: SessionId) -> Option<&mut Server> {
+    pub fn server_mut(&mut self, session: SessionId) -> Option<&mut ServerEntry> {
         self.servers.get_mut(&session)
     }
 
-    pub fn servers(&self) -> impl Iterator<Item = (SessionId, &Server)> {
+    pub fn servers(&self) -> impl Iterator<Item = (SessionId, &ServerEntry)> {
         self.servers.iter().map(|(&id, server)| (id, server))
     }
 
-    pub fn channel(&self, id: ChannelId) -> Option<&Channel> {
+    pub fn channel(&self, id: ChannelId) -> Option<&ChannelEntry> {
         self.channels.get(usize::from(id.0))
     }
 
-    pub fn channels(&self) -> impl Iterator<Item = (ChannelId, &Channel)> {
+    pub fn channels(&self) -> impl Iterator<Item = (ChannelId, &ChannelEntry)> {
         self.channels.iter().enumerate().map(|(i, channel)| (ChannelId(i as u16), channel))
     }
 
@@ -345,7 +346,7 @@ impl Registry {
         }
     }
 
-    pub fn shown(&mut self, shown: &Shown) {
+    pub fn shown(&mut self, shown: &FramePresented) {
         if let Some(channel) = self.channels.get_mut(usize::from(shown.channel.0)) {
             channel.frame = channel.frame.max(shown.frame);
             if shown.clock_error_us != u32::MAX {
@@ -457,7 +458,7 @@ impl Registry {
         });
     }
 
-    fn turn_live(&mut self, now: Micros, frame: FrameId, may_come: impl Fn(&Channel) -> bool) {
+    fn turn_live(&mut self, now: Micros, frame: FrameId, may_come: impl Fn(&ChannelEntry) -> bool) {
         let coming = self.channels().filter(|(_, channel)| may_come(channel));
         let coming: Vec<_> = coming.map(|(id, _)| id).collect();
         if !coming.is_empty() {

@@ -14,17 +14,17 @@ const KEYS_MAX: usize = 256;
 const FORGET_AFTER: Micros = 10 * 60 * 1_000_000;
 
 #[derive(Debug, Default)]
-pub struct Repetitions {
-    seen: BTreeMap<String, Seen>,
+pub struct LogLimiter {
+    seen: BTreeMap<String, Occurrence>,
 }
 
 #[derive(Debug)]
-struct Seen {
+struct Occurrence {
     times: u64,
     last: Micros,
 }
 
-impl Repetitions {
+impl LogLimiter {
     /// Notes that something came, by what makes it the same. `Some` where it is to be said now,
     /// with the times that it has come: at the first, the 10th, the 100th and so on.
     pub fn note(&mut self, now: Micros, what: &str) -> Option<u64> {
@@ -34,7 +34,7 @@ impl Repetitions {
         let is_known = self.seen.contains_key(what);
         // Whoever makes up new reasons all the time has one line for all of them.
         let key = if is_known || self.seen.len() < KEYS_MAX { what } else { "" };
-        let seen = self.seen.entry(key.to_owned()).or_insert(Seen { times: 0, last: now });
+        let seen = self.seen.entry(key.to_owned()).or_insert(Occurrence { times: 0, last: now });
         if now.saturating_sub(seen.last) >= FORGET_AFTER {
             seen.times = 0;
         }
@@ -51,7 +51,7 @@ mod tests {
 
     #[test]
     fn the_same_is_said_ever_more_rarely_and_again_after_a_silence() {
-        let mut repetitions = Repetitions::default();
+        let mut repetitions = LogLimiter::default();
         let said: Vec<u64> = (0..5000).filter_map(|now| repetitions.note(now, "a")).collect();
         assert_eq!(said, [1, 10, 100, 1000]);
         assert_eq!(repetitions.note(5000, "b"), Some(1), "something else");
@@ -60,7 +60,7 @@ mod tests {
 
     #[test]
     fn new_reasons_without_end_make_few_lines_and_little_memory() {
-        let mut repetitions = Repetitions::default();
+        let mut repetitions = LogLimiter::default();
         let note = |n: u64| repetitions.note(n, &n.to_string());
         let said = (0..100_000).filter_map(note).count();
         assert!(said < KEYS_MAX + 10, "{said} lines");

@@ -1,18 +1,18 @@
 //! What the wall looks at, and from where: the camera, the viewer's head, and the views that lie
 //! over the wall's own picture.
 
-use polyptych_protocol::request::Sight;
+use polyptych_protocol::request::ViewState;
 use polyptych_wall::Wall;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
+use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 
 use super::Cluster;
 
 impl Cluster {
-    pub(super) fn set_head(&mut self, head: Head) -> Result<(), String> {
+    pub(super) fn set_head(&mut self, head: HeadPose) -> Result<(), String> {
         self.walls().try_for_each(|wall| wall.check_head(&head)).map_err(|e| e.to_string())?;
-        self.head = Head { rotation: head.rotation.normalize(), ..head };
+        self.head = HeadPose { rotation: head.rotation.normalize(), ..head };
         Ok(())
     }
 
@@ -48,8 +48,8 @@ impl Cluster {
         std::iter::once(own).chain(self.views.iter().cloned()).collect()
     }
 
-    pub(super) fn sight(&self) -> Sight {
-        Sight { camera: self.camera, head: self.head, views: self.views.clone() }
+    pub(super) fn sight(&self) -> ViewState {
+        ViewState { camera: self.camera, head: self.head, views: self.views.clone() }
     }
 }
 

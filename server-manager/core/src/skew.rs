@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use polyptych_protocol::feedback::Skew;
 use polyptych_protocol::ids::FrameId;
-use polyptych_protocol::status::Shown;
+use polyptych_protocol::status::FramePresented;
 use polyptych_wall::ChannelId;
 
 use super::Micros;
@@ -29,9 +29,9 @@ const REFRESHED_AT_ONCE: usize = 4;
 
 /// The present calls of the last frames.
 #[derive(Debug, Default)]
-pub(super) struct PresentCalls {
+pub(super) struct SkewTracker {
     frames: VecDeque<Presented>,
-    channels: Vec<Window>,
+    channels: Vec<SkewWindow>,
     /// Whose turn it is to be refreshed.
     next: usize,
 }
@@ -44,12 +44,12 @@ struct Presented {
     sent: usize,
     /// When the swap was sent, in manager time.
     at: Micros,
-    reports: Vec<Shown>,
+    reports: Vec<FramePresented>,
 }
 
 /// The last frames of one channel.
 #[derive(Debug, Default)]
-struct Window {
+struct SkewWindow {
     skews_us: VecDeque<u32>,
     clock_error_us: Option<u32>,
     refreshed: Skew,
@@ -58,14 +58,14 @@ struct Window {
 
 /// How far each channel's present call lies behind the first one, in microseconds.
 #[derive(Debug, Default, PartialEq)]
-pub(super) struct Compared {
+pub(super) struct FrameSkew {
     pub skews_us: Vec<(ChannelId, u64)>,
 }
 
-impl Compared {
+impl FrameSkew {
     /// The present calls of one frame, each against the first. Calls that a server could not
     /// date in manager time are left out: they are later or earlier by anything.
-    fn of(reports: &[Shown]) -> Self {
+    fn of(reports: &[FramePresented]) -> Self {
         let dated = || reports.iter().filter(|shown| shown.clock_error_us != u32::MAX);
         let first = dated().map(|shown| shown.at_us).min().unwrap_or(0);
         Self { skews_us: dated().map(|shown| (shown.channel, shown.at_us - first)).collect() }
@@ -78,15 +78,15 @@ impl Compared {
     }
 }
 
-impl PresentCalls {
+impl SkewTracker {
     pub fn new(channels: usize) -> Self {
-        let channels = (0..channels).map(|_| Window::default()).collect();
+        let channels = (0..channels).map(|_| SkewWindow::default()).collect();
         Self { frames: VecDeque::new(), channels, next: 0 }
     }
 
     /// A frame was swapped that so many channels were sent. Gives an older one that is not
     /// waited for any more.
-    pub fn swapped(&mut self, frame: FrameId, sent: usize, now: Micros) -> Option<Compared> {
+    pub fn swapped(&mut self, frame: FrameId, sent: usize, now: Micros) -> Option<FrameSkew> {
         self.frames.push_back(Presented {
             frame,
             sent,
@@ -103,7 +103,7 @@ impl PresentCalls {
     ///
     /// A present call lies between the swap and its report: one that a server dates otherwise is
     /// not compared, since all others would be compared with it.
-    pub fn add(&mut self, shown: &Shown, now: Micros) -> Option<Compared> {
+    pub fn add(&mut self, shown: &FramePresented, now: Micros) -> Option<FrameSkew> {
         let window = self.channels.get_mut(usize::from(shown.channel.0))?;
         window.clock_error_us = Some(shown.clock_error_us).filter(|&error| error != u32::MAX);
         // A report on a frame that has been compared says nothing any more.
@@ -117,7 +117,7 @@ impl PresentCalls {
         let possible = presented.at.saturating_sub(slack)..=now + slack;
         let is_dated = possible.contains(&shown.at_us);
         let clock_error_us = if is_dated { shown.clock_error_us } else { u32::MAX };
-        presented.reports.push(Shown { clock_error_us, ..*shown });
+        presented.reports.push(FramePresented { clock_error_us, ..*shown });
         if presented.reports.len() < presented.sent {
             return None;
         }
@@ -126,7 +126,7 @@ impl PresentCalls {
     }
 
     /// The frames that wait for reports, but for the newest, whose reports are on their way.
-    pub fn settle(&mut self) -> Vec<Compared> {
+    pub fn settle(&mut self) -> Vec<FrameSkew> {
         let settled = self.frames.len().saturating_sub(1);
         let settled: Vec<Presented> = self.frames.drain(..settled).collect();
         settled.iter().map(|presented| self.compare(&presented.reports)).collect()
@@ -136,14 +136,14 @@ impl PresentCalls {
     pub fn forget(&mut self, channels: &[ChannelId]) {
         for &id in channels {
             if let Some(window) = self.channels.get_mut(usize::from(id.0)) {
-                *window = Window::default();
+                *window = SkewWindow::default();
             }
         }
     }
 
     /// A channel's skew as it stands, found anew.
     pub fn skew(&self, id: ChannelId) -> Skew {
-        self.channels.get(usize::from(id.0)).map_or_else(Skew::default, Window::skew)
+        self.channels.get(usize::from(id.0)).map_or_else(Skew::default, SkewWindow::skew)
     }
 
     /// A channel's skew as it was found last.
@@ -151,8 +151,8 @@ impl PresentCalls {
         self.channels.get(usize::from(id.0)).map_or_else(Skew::default, |window| window.refreshed)
     }
 
-    fn compare(&mut self, reports: &[Shown]) -> Compared {
-        let compared = Compared::of(reports);
+    fn compare(&mut self, reports: &[FramePresented]) -> FrameSkew {
+        let compared = FrameSkew::of(reports);
         for &(id, skew_us) in &compared.skews_us {
             if let Some(window) = self.channels.get_mut(usize::from(id.0)) {
                 window.add(u32::try_from(skew_us).unwrap_or(u32::MAX));
@@ -175,7 +175,7 @@ impl PresentCalls {
     }
 }
 
-impl Window {
+impl SkewWindow {
     fn add(&mut self, skew_us: u32) {
         if self.skews_us.len() == SKEW_FRAMES {
             self.skews_us.pop_front();
@@ -186,7 +186,7 @@ impl Window {
     fn skew(&self) -> Skew {
         let mut values: Vec<u32> = self.skews_us.iter().copied().collect();
         let max_us = values.iter().copied().max().unwrap_or(0);
-        // As `Spread::of`: the least value that so many of all do not exceed. Not sorted: this
+        // As `Quantiles::of`: the least value that so many of all do not exceed. Not sorted: this
         // runs between two frames.
         let mut at = |share: f64| {
             let rank = (share * values.len() as f64).ceil() as usize;
@@ -200,7 +200,7 @@ impl Window {
 
 #[cfg(test)]
 mod tests {
-    use polyptych_protocol::feedback::Spread;
+    use polyptych_protocol::feedback::Quantiles;
     use polyptych_protocol::ids::Epoch;
 
     use super::*;
@@ -208,14 +208,14 @@ mod tests {
     /// When reports arrive, where it does not matter.
     const LATER: Micros = 1 << 40;
 
-    fn shown(frame: u64, channel: u16, at_us: u64, clock_error_us: u32) -> Shown {
+    fn shown(frame: u64, channel: u16, at_us: u64, clock_error_us: u32) -> FramePresented {
         let (frame, channel) = (FrameId(frame), ChannelId(channel));
-        Shown { epoch: Epoch(1), frame, channel, at_us, clock_error_us }
+        FramePresented { epoch: Epoch(1), frame, channel, at_us, clock_error_us }
     }
 
     #[test]
     fn quantiles_are_those_of_a_spread_over_the_last_frames() {
-        let mut calls = PresentCalls::new(2);
+        let mut calls = SkewTracker::new(2);
         let mut expected = VecDeque::new();
         for n in 0..1500_u64 {
             let skew = (n * 7919) % 1009;
@@ -227,7 +227,7 @@ mod tests {
             assert_eq!(compared.widest_us(), Some(skew));
         }
         expected.drain(..expected.len() - SKEW_FRAMES);
-        let spread = Spread::of(expected);
+        let spread = Quantiles::of(expected);
         let skew = calls.skew(ChannelId(1));
         assert_eq!(
             [f64::from(skew.p50_us), f64::from(skew.p99_us), f64::from(skew.max_us)],
@@ -241,7 +241,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_one_channel_never_shows_is_compared_without_it() {
-        let mut calls = PresentCalls::new(3);
+        let mut calls = SkewTracker::new(3);
         calls.swapped(FrameId(1), 3, 0);
         calls.add(&shown(1, 0, 100, 1), LATER);
         calls.add(&shown(1, 2, 350, 1), LATER);
@@ -256,7 +256,7 @@ mod tests {
 
     #[test]
     fn a_call_that_is_not_in_manager_time_is_not_compared() {
-        let mut calls = PresentCalls::new(2);
+        let mut calls = SkewTracker::new(2);
         calls.swapped(FrameId(1), 2, 0);
         calls.add(&shown(1, 0, 7, u32::MAX), LATER);
         let compared = calls.add(&shown(1, 1, 1_000_000, 5), LATER).expect("both are here");
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn ignores_present_calls_before_their_swap_or_behind_their_report() {
-        let mut calls = PresentCalls::new(3);
+        let mut calls = SkewTracker::new(3);
         for n in 0..100 {
             let swapped = 1_000_000 + n * 20_000;
             calls.swapped(FrameId(n), 3, swapped);
@@ -283,7 +283,7 @@ mod tests {
 
     #[test]
     fn quantiles_are_refreshed_once_a_second_and_not_for_all_channels_at_once() {
-        let mut calls = PresentCalls::new(64);
+        let mut calls = SkewTracker::new(64);
         let mut refreshes = 0;
         let mut before: Vec<Option<Micros>> = vec![None; 64];
         for n in 0..180 {

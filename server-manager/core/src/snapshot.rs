@@ -3,7 +3,7 @@
 use polyptych_protocol::feedback::WallStatus;
 
 use super::change::CHANGES_MAX;
-use super::totals::Totals;
+use super::totals::Counters;
 use super::{Cluster, FRAME_ORDERS_MAX, Micros};
 
 /// The wall as it stands, and its totals.
@@ -12,7 +12,7 @@ pub struct Snapshot {
     /// As a client is told.
     pub status: WallStatus,
     /// Since the manager started.
-    pub totals: Totals,
+    pub totals: Counters,
     /// Times that each channel lost its server, in the wall's order.
     pub lost: Vec<u64>,
     /// Connected servers by name, and the resident memory of each in bytes.

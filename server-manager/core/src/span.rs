@@ -7,7 +7,7 @@ use polyptych_protocol::ids::FrameId;
 use tracing::{Span, error_span};
 
 use super::registry::Registry;
-use super::{Cluster, RequestOf, SessionId};
+use super::{ClientRequest, Cluster, SessionId};
 
 impl Cluster {
     /// The peer of a connection, as far as it is known.
@@ -19,7 +19,7 @@ impl Cluster {
     }
 
     /// A request, within its client.
-    pub fn span_of_request(&self, job: RequestOf) -> Span {
+    pub fn span_of_request(&self, job: ClientRequest) -> Span {
         let client = self.span_of(job.client);
         error_span!(parent: &client, "request", request = job.id.0)
     }

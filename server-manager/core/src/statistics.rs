@@ -1,13 +1,13 @@
 //! What frames took: gathered frame by frame, reported as spreads.
 
 use hdrhistogram::Histogram;
-use polyptych_protocol::feedback::{ChannelStatistics, Feedback, Spread, Statistics};
-use polyptych_protocol::status::{Drawn, Shown};
+use polyptych_protocol::feedback::{ChannelStatistics, FrameFeedback, Quantiles, Statistics};
+use polyptych_protocol::status::{FramePresented, FrameRendered};
 
 use super::Micros;
 use super::registry::Registry;
-use super::skew::Compared;
-use super::totals::Totals;
+use super::skew::FrameSkew;
+use super::totals::Counters;
 
 /// Digits of a quantile that are right: it lies at most a thousandth below a measured value.
 const DIGITS: u8 = 3;
@@ -41,28 +41,28 @@ impl Samples {
     }
 
     /// In units of so many microseconds.
-    fn spread(&self, unit_us: f64) -> Spread {
-        let Some(histogram) = &self.histogram else { return Spread::default() };
+    fn spread(&self, unit_us: f64) -> Quantiles {
+        let Some(histogram) = &self.histogram else { return Quantiles::default() };
         let at = |share: f64| {
             let us = histogram.lowest_equivalent(histogram.value_at_quantile(share));
             us as f64 / unit_us
         };
         let (p50, p95, p99) = (at(0.5), at(0.95), at(0.99));
         let max = self.max_us as f64 / unit_us;
-        Spread { count: histogram.len(), p50, p95, p99, max }
+        Quantiles { count: histogram.len(), p50, p95, p99, max }
     }
 
-    fn spread_us(&self) -> Spread {
+    fn spread_us(&self) -> Quantiles {
         self.spread(1.0)
     }
 
-    fn spread_ms(&self) -> Spread {
+    fn spread_ms(&self) -> Quantiles {
         self.spread(1000.0)
     }
 }
 
 #[derive(Debug, Default)]
-struct OfChannel {
+struct ChannelSamples {
     frame: Samples,
     draw: Samples,
     skew: Samples,
@@ -89,8 +89,8 @@ pub(super) struct FrameFacts {
 
 /// All that was measured since the last reset.
 #[derive(Debug, Default)]
-pub(super) struct Gathered {
-    channels: Vec<OfChannel>,
+pub(super) struct StatisticsCollector {
+    channels: Vec<ChannelSamples>,
     frame: Samples,
     draw: Samples,
     barrier: Samples,
@@ -102,13 +102,13 @@ pub(super) struct Gathered {
     last: Micros,
     wire_bytes: u64,
     late: Vec<u64>,
-    totals: Totals,
+    totals: Counters,
 }
 
-impl Gathered {
+impl StatisticsCollector {
     pub fn new(channels: usize) -> Self {
-        let totals = Totals::new(channels);
-        let channels = (0..channels).map(|_| OfChannel::default()).collect();
+        let totals = Counters::new(channels);
+        let channels = (0..channels).map(|_| ChannelSamples::default()).collect();
         Self { channels, totals, ..Self::default() }
     }
 
@@ -124,7 +124,7 @@ impl Gathered {
     }
 
     /// Since the manager started.
-    pub fn totals(&self) -> &Totals {
+    pub fn totals(&self) -> &Counters {
         &self.totals
     }
 
@@ -134,7 +134,7 @@ impl Gathered {
 
     /// Counts a drawing, `frame_us` after its frame began: one that came after the swap too, since
     /// a channel that is always late would otherwise have no times.
-    pub fn add_drawn(&mut self, drawn: &Drawn, frame_us: Micros) {
+    pub fn add_drawn(&mut self, drawn: &FrameRendered, frame_us: Micros) {
         self.totals.add_drawn(usize::from(drawn.channel.0), drawn.draw_us);
         let Some(channel) = self.channels.get_mut(usize::from(drawn.channel.0)) else { return };
         channel.frame.add_us(frame_us);
@@ -144,7 +144,7 @@ impl Gathered {
     }
 
     /// Counts a frame that is swapped at `now`.
-    pub fn add_frame(&mut self, feedback: &Feedback, facts: FrameFacts, now: Micros) {
+    pub fn add_frame(&mut self, feedback: &FrameFeedback, facts: FrameFacts, now: Micros) {
         self.totals.add_frame(feedback.frame_us, feedback.barrier_us, facts);
         self.frames += 1;
         self.complete += u64::from(facts.is_complete);
@@ -162,7 +162,7 @@ impl Gathered {
         }
     }
 
-    pub fn add_shown(&mut self, shown: &Shown) {
+    pub fn add_shown(&mut self, shown: &FramePresented) {
         self.totals.add_shown(usize::from(shown.channel.0));
         let Some(channel) = self.channels.get_mut(usize::from(shown.channel.0)) else { return };
         channel.frames += 1;
@@ -178,7 +178,7 @@ impl Gathered {
     }
 
     /// The present calls of one frame, each against the first.
-    pub fn add_skews(&mut self, compared: &Compared) {
+    pub fn add_skews(&mut self, compared: &FrameSkew) {
         for &(id, skew_us) in &compared.skews_us {
             self.totals.add_skew(usize::from(id.0), skew_us);
             if let Some(channel) = self.channels.get_mut(usize::from(id.0)) {

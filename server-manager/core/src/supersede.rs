@@ -8,8 +8,8 @@ use polyptych_files::blob::BlobHash;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::log::Operation;
 
-use super::change::{Change, Changes, Purpose};
-use super::{Cluster, Micros, RequestOf};
+use super::change::{ChangeOrigin, ChangeQueue, StateChange};
+use super::{ClientRequest, Cluster, Micros};
 
 /// How long a scene may still become ready once another one waits behind it: most take less, and
 /// are shown in their turn; who opened the next one waits no longer than this.
@@ -23,7 +23,7 @@ pub(super) struct Owed {
     pub scene: Option<BlobHash>,
 }
 
-impl Change {
+impl StateChange {
     /// Returns the scene that it opens or, by `Some(None)`, that it closes one.
     #[expect(clippy::option_option, reason = "no change of the scene, no scene, a scene")]
     fn scene(&self) -> Option<Option<BlobHash>> {
@@ -35,21 +35,21 @@ impl Change {
     }
 }
 
-impl Changes {
+impl ChangeQueue {
     /// The requests that wait for a change.
-    pub fn jobs(&self) -> impl Iterator<Item = RequestOf> {
+    pub fn jobs(&self) -> impl Iterator<Item = ClientRequest> {
         let purposes = self.queued().chain(self.current()).map(|change| &change.purpose);
         let scenes = purposes.filter_map(|purpose| match purpose {
-            Purpose::Scene { job, .. } => Some(*job),
-            Purpose::Tuning { .. } => None,
+            ChangeOrigin::Scene { job, .. } => Some(*job),
+            ChangeOrigin::Tuning { .. } => None,
         });
         scenes.chain(self.tuners().map(|tuner| tuner.job))
     }
 
     /// Returns whether the scene on its way is to be replaced by another one that waits.
     fn is_obsolete(&self) -> bool {
-        let Some(Some(scene)) = self.current().and_then(Change::scene) else { return false };
-        self.queued().filter_map(Change::scene).any(|waiting| waiting != Some(scene))
+        let Some(Some(scene)) = self.current().and_then(StateChange::scene) else { return false };
+        self.queued().filter_map(StateChange::scene).any(|waiting| waiting != Some(scene))
     }
 }
 

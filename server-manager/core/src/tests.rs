@@ -21,7 +21,7 @@ use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::Request;
-use polyptych_protocol::status::{Drawn, Ping, Prepared};
+use polyptych_protocol::status::{FrameRendered, Ping, Prepared};
 use polyptych_scene::{Bounds, SceneFeatures};
 use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, Screen, Surface};
@@ -41,7 +41,7 @@ fn wall(channels: u32) -> Wall {
 }
 
 /// A wall whose servers are played by the test.
-struct Stage {
+struct ClusterFixture {
     cluster: Cluster,
     now: Micros,
     next_id: u64,
@@ -53,15 +53,15 @@ struct Stage {
     prepares: Vec<(SessionId, Prepare)>,
     frames: Vec<(SessionId, Frame)>,
     swaps: Vec<FrameId>,
-    replies: Vec<(RequestId, Result<Reply, Failure>)>,
+    replies: Vec<(RequestId, Result<Response, RequestError>)>,
     progress: Vec<(RequestId, String)>,
-    imports: Vec<RequestOf>,
+    imports: Vec<ClientRequest>,
     collects: Vec<Vec<ChannelId>>,
     closed: Vec<SessionId>,
-    memories: Vec<Memory>,
+    memories: Vec<PersistentState>,
 }
 
-impl Stage {
+impl ClusterFixture {
     /// A wall with `channels` servers that are live, and one client.
     fn new(channels: u32) -> Self {
         let mut stage = Self::empty(channels);
@@ -127,7 +127,7 @@ impl Stage {
     fn read(&mut self) {
         while let Some(output) = self.cluster.poll_output() {
             match output {
-                Output::Command { to, bytes } => {
+                Effect::Command { to, bytes } => {
                     let command =
                         polyptych_protocol::framing::decode::<Command>(&bytes).expect("a command");
                     for session in to {
@@ -146,17 +146,17 @@ impl Stage {
                         self.swaps.push(swap.frame);
                     }
                 }
-                Output::Answer { answer: Answer::Reply { id, reply }, .. } => {
+                Effect::Answer { answer: MessageToClient::Reply { id, reply }, .. } => {
                     self.replies.push((id, reply));
                 }
-                Output::Answer { answer: Answer::Progress { id, progress }, .. } => {
+                Effect::Answer { answer: MessageToClient::Progress { id, progress }, .. } => {
                     self.progress.push((id, progress.to_string()));
                 }
-                Output::Answer { .. } | Output::Stop | Output::StopServers { .. } => {}
-                Output::Remember(memory) => self.memories.push(*memory),
-                Output::Import { job, .. } => self.imports.push(job),
-                Output::Collect { channels, .. } => self.collects.push(channels),
-                Output::Close { session, .. } => self.closed.push(session),
+                Effect::Answer { .. } | Effect::Stop | Effect::StopServers { .. } => {}
+                Effect::Remember(memory) => self.memories.push(*memory),
+                Effect::Import { job, .. } => self.imports.push(job),
+                Effect::Collect { channels, .. } => self.collects.push(channels),
+                Effect::Close { session, .. } => self.closed.push(session),
             }
         }
     }
@@ -173,7 +173,7 @@ impl Stage {
         self.request(Request::RenderFrame { camera: None, time_s: None })
     }
 
-    fn say(&mut self, from: SessionId, status: Status) {
+    fn say(&mut self, from: SessionId, status: ServerMessage) {
         self.cluster.handle_status(self.now, from, status, 10);
         self.read();
     }
@@ -200,7 +200,7 @@ impl Stage {
         };
         self.digests.insert((session, replica.revision), prepared.digest);
         self.replicas.insert(session, replica);
-        self.say(session, Status::Prepared(prepared));
+        self.say(session, ServerMessage::Prepared(prepared));
     }
 
     fn prepare_all(&mut self) {
@@ -211,13 +211,13 @@ impl Stage {
 
     /// As a server reports it: of the state that its frame names, though a change may have gone
     /// on since.
-    fn drawn(&self, channel: u32) -> Drawn {
+    fn drawn(&self, channel: u32) -> FrameRendered {
         let id = ChannelId(channel as u16);
         let server = self.cluster.registry.channel(id).and_then(|channel| channel.server);
         let session = server.unwrap_or(SessionId(u64::from(channel)));
         let revision = self.asked.get(&session).copied();
         let revision = revision.unwrap_or(self.cluster.shown.revision);
-        Drawn {
+        FrameRendered {
             epoch: Epoch(7),
             frame: self.cluster.frame,
             channel: id,
@@ -234,7 +234,7 @@ impl Stage {
         self.wait(after);
         for &channel in channels {
             let drawn = self.drawn(channel);
-            self.say(SessionId(u64::from(channel)), Status::Drawn(drawn));
+            self.say(SessionId(u64::from(channel)), ServerMessage::Drawn(drawn));
         }
     }
 
@@ -243,7 +243,7 @@ impl Stage {
         let end = self.now + micros;
         let live: Vec<_> = self.replicas.keys().copied().collect();
         for session in live {
-            self.say(session, Status::Ping(Ping { sent_us: 0, memory_bytes: 0 }));
+            self.say(session, ServerMessage::Ping(Ping { sent_us: 0, memory_bytes: 0 }));
         }
         while let Some(due) = self.cluster.poll_timeout().filter(|due| *due <= end) {
             self.now = self.now.max(due);
@@ -259,7 +259,7 @@ impl Stage {
 
     /// Whether the last answer is to this request, with a frame that every channel showed.
     fn is_answered_by_a_whole_frame(&self, id: RequestId) -> bool {
-        let Some((of, Ok(Reply::Frame(feedback)))) = self.replies.last() else { return false };
+        let Some((of, Ok(Response::Frame(feedback)))) = self.replies.last() else { return false };
         *of == id && feedback.is_complete() && feedback.frame == self.cluster.swapped
     }
 
@@ -280,20 +280,20 @@ impl Stage {
 
 #[test]
 fn a_frame_is_swapped_once_when_all_have_drawn() {
-    let mut stage = Stage::new(3);
+    let mut stage = ClusterFixture::new(3);
     stage.order_frame();
     stage.draw(&[0, 2], 1_000);
     assert!(stage.swaps.is_empty(), "channel 1 has not drawn");
     stage.draw(&[1], 1_000);
     assert_eq!(stage.swaps, [stage.cluster.frame]);
-    let [(_, Ok(Reply::Frame(feedback)))] = &stage.replies[..] else { panic!("one feedback") };
+    let [(_, Ok(Response::Frame(feedback)))] = &stage.replies[..] else { panic!("one feedback") };
     assert!(feedback.channels.iter().all(|c| c.draw_us.is_some()));
     assert_eq!(feedback.frame_us, 2_000);
 }
 
 #[test]
 fn a_channel_that_hangs_holds_the_wall_for_one_deadline_only() {
-    let mut stage = Stage::new(3);
+    let mut stage = ClusterFixture::new(3);
     stage.order_frame();
     // Four times the median of 20 ms.
     stage.draw(&[0, 1], 79_000);
@@ -327,7 +327,7 @@ fn a_channel_that_hangs_holds_the_wall_for_one_deadline_only() {
 
 #[test]
 fn a_late_channel_that_draws_in_time_counts_neither_as_slow_nor_for_the_deadline() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
     stage.draw(&[0], 1_000);
     stage.wait(100_000);
@@ -336,8 +336,8 @@ fn a_late_channel_that_draws_in_time_counts_neither_as_slow_nor_for_the_deadline
     let before = stage.cluster.deadline.length();
     for _ in 0..4 {
         stage.order_frame();
-        let slow = Drawn { draw_us: 900_000, ..stage.drawn(1) };
-        stage.say(SessionId(1), Status::Drawn(slow));
+        let slow = FrameRendered { draw_us: 900_000, ..stage.drawn(1) };
+        stage.say(SessionId(1), ServerMessage::Drawn(slow));
         stage.draw(&[0], 20_000);
     }
     assert_eq!(stage.cluster.deadline.length(), before);
@@ -346,7 +346,7 @@ fn a_late_channel_that_draws_in_time_counts_neither_as_slow_nor_for_the_deadline
 
 #[test]
 fn a_wall_of_late_channels_waits_for_them() {
-    let mut stage = Stage::new(1);
+    let mut stage = ClusterFixture::new(1);
     stage.order_frame();
     stage.wait(100_000);
     assert_eq!(stage.state(0), ChannelState::Late);
@@ -362,7 +362,7 @@ fn a_wall_of_late_channels_waits_for_them() {
 
 #[test]
 fn a_late_comer_gets_a_snapshot_and_nobody_waits_for_it() {
-    let mut stage = Stage::empty(2);
+    let mut stage = ClusterFixture::empty(2);
     stage.join(SessionId(0), 0).expect("joined");
     stage.prepare_all();
     stage.order_frame();
@@ -383,11 +383,11 @@ fn a_late_comer_gets_a_snapshot_and_nobody_waits_for_it() {
 
 #[test]
 fn a_scene_is_shown_when_all_live_channels_are_prepared() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     let before = stage.cluster.shown.revision;
     let id = stage.request(Request::OpenScene { path: "town.glb".into() });
     let job = stage.imports[0];
-    let imported = Stage::imported();
+    let imported = ClusterFixture::imported();
     stage.cluster.handle_import(stage.now, job, Ok(imported));
     stage.read();
     stage.prepare(SessionId(0));
@@ -397,7 +397,7 @@ fn a_scene_is_shown_when_all_live_channels_are_prepared() {
     stage.draw(&[0, 1], 1_000);
     stage.replies.clear();
     stage.prepare(SessionId(1));
-    let (of, Ok(Reply::SceneOpened(summary))) = &stage.replies[0] else { panic!("opened") };
+    let (of, Ok(Response::SceneOpened(summary))) = &stage.replies[0] else { panic!("opened") };
     assert_eq!((*of, summary.revision), (id, Revision(before.0 + 1)));
     stage.order_frame();
     assert_eq!(stage.frames.last().expect("sent").1.revision, Revision(before.0 + 1));
@@ -405,9 +405,9 @@ fn a_scene_is_shown_when_all_live_channels_are_prepared() {
 
 #[test]
 fn a_restored_wall_goes_on_where_it_was() {
-    let mut stage = Stage::new(1);
-    let job = RequestOf { client: CLIENT, id: RequestId(99) };
-    stage.cluster.handle_import(stage.now, job, Ok(Stage::imported()));
+    let mut stage = ClusterFixture::new(1);
+    let job = ClientRequest { client: CLIENT, id: RequestId(99) };
+    stage.cluster.handle_import(stage.now, job, Ok(ClusterFixture::imported()));
     stage.read();
     stage.prepare_all();
     let camera = Camera { scale: 3.0, ..Camera::IDENTITY };
@@ -427,7 +427,7 @@ fn a_restored_wall_goes_on_where_it_was() {
 
 #[test]
 fn a_server_that_owes_an_answer_is_sent_nothing_more() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
     stage.draw(&[0], 1_000);
     stage.wait(100_000);
@@ -437,7 +437,7 @@ fn a_server_that_owes_an_answer_is_sent_nothing_more() {
         stage.request(Request::CloseScene);
         stage.prepare(SessionId(0));
     }
-    assert!(stage.replies.iter().filter(|(_, reply)| *reply == Ok(Reply::Done)).count() == 20);
+    assert!(stage.replies.iter().filter(|(_, reply)| *reply == Ok(Response::Done)).count() == 20);
     assert_eq!(stage.prepares.iter().filter(|(to, _)| *to == SessionId(1)).count(), 1);
     // Once it answers it is given the newest state, whole.
     stage.prepare(SessionId(1));
@@ -447,7 +447,7 @@ fn a_server_that_owes_an_answer_is_sent_nothing_more() {
 
 #[test]
 fn what_cannot_be_imported_or_prepared_changes_nothing() {
-    let mut stage = Stage::new(1);
+    let mut stage = ClusterFixture::new(1);
     stage.request(Request::OpenScene { path: "broken.glb".into() });
     let job = stage.imports[0];
     stage.cluster.handle_import(stage.now, job, Err("broken.glb: not glTF".into()));
@@ -455,11 +455,11 @@ fn what_cannot_be_imported_or_prepared_changes_nothing() {
     assert!(stage.replies[0].1.as_ref().is_err_and(|f| f.reason.contains("broken.glb")));
 
     let digest_before = stage.cluster.shown.scene.clone();
-    let imported = Stage::imported();
+    let imported = ClusterFixture::imported();
     stage.cluster.handle_import(stage.now, job, Ok(imported));
     stage.read();
     let (_, prepare) = stage.prepares.remove(0);
-    let failed = Status::PrepareFailed {
+    let failed = ServerMessage::PrepareFailed {
         epoch: Epoch(7),
         revision: prepare.revision,
         reason: "out of memory".into(),
@@ -476,7 +476,7 @@ fn what_cannot_be_imported_or_prepared_changes_nothing() {
 
 #[test]
 fn a_claim_that_cannot_be_is_refused_by_name() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     let unknown = stage.join_as(SessionId(8), "roof", 1).expect_err("refused");
     assert!(unknown.contains("roof") && unknown.contains("c0, c1"), "{unknown}");
     let taken = stage.join_as(SessionId(9), "c1", 55).expect_err("refused");
@@ -489,7 +489,7 @@ fn a_claim_that_cannot_be_is_refused_by_name() {
 
 #[test]
 fn a_silent_server_is_lost_and_frames_go_on_at_once() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.replicas.remove(&SessionId(1));
     stage.wait(1_900_000);
     assert_eq!(stage.state(1), ChannelState::Live);
@@ -503,7 +503,7 @@ fn a_silent_server_is_lost_and_frames_go_on_at_once() {
 
 #[test]
 fn a_server_that_dies_during_a_frame_does_not_hold_it() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
     stage.draw(&[0], 1_000);
     stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
@@ -513,10 +513,10 @@ fn a_server_that_dies_during_a_frame_does_not_hold_it() {
 
 #[test]
 fn a_replica_that_disagrees_is_not_believed() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
-    let wrong = Drawn { digest: Digest(1), ..stage.drawn(1) };
-    stage.say(SessionId(1), Status::Drawn(wrong));
+    let wrong = FrameRendered { digest: Digest(1), ..stage.drawn(1) };
+    stage.say(SessionId(1), ServerMessage::Drawn(wrong));
     assert_eq!(stage.state(1), ChannelState::Preparing);
     assert_eq!(stage.prepares[0].1.base, None, "a snapshot");
     stage.draw(&[0], 1_000);
@@ -525,7 +525,7 @@ fn a_replica_that_disagrees_is_not_believed() {
 
 #[test]
 fn a_capture_collects_late_channels_too_but_the_wall_goes_on() {
-    let mut stage = Stage::new(3);
+    let mut stage = ClusterFixture::new(3);
     stage.order_frame();
     stage.draw(&[0, 2], 1_000);
     stage.wait(100_000);
@@ -540,7 +540,7 @@ fn a_capture_collects_late_channels_too_but_the_wall_goes_on() {
 
 #[test]
 fn a_flooding_client_is_told_where_the_limit_is() {
-    let mut stage = Stage::new(1);
+    let mut stage = ClusterFixture::new(1);
     let asked = FRAME_ORDERS_MAX + 10;
     for _ in 0..asked {
         stage.order_frame();
@@ -552,8 +552,8 @@ fn a_flooding_client_is_told_where_the_limit_is() {
 
 #[test]
 fn a_wall_without_channels_neither_spins_nor_stops() {
-    let mut stage = Stage::empty(2);
-    stage.request(Request::Run(Pace::Free));
+    let mut stage = ClusterFixture::empty(2);
+    stage.request(Request::Run(Pacing::Free));
     stage.wait(1_000_000);
     let frames = stage.cluster.frame.0;
     assert!((20..200).contains(&frames), "{frames} frames in a second");
@@ -561,10 +561,10 @@ fn a_wall_without_channels_neither_spins_nor_stops() {
 
 #[test]
 fn bad_requests_are_answered_with_what_would_be_right() {
-    let mut stage = Stage::new(1);
+    let mut stage = ClusterFixture::new(1);
     let nan = Camera { scale: f64::NAN, ..Camera::IDENTITY };
     stage.request(Request::SetCamera(nan));
-    stage.request(Request::Run(Pace::Rate(f64::INFINITY)));
+    stage.request(Request::Run(Pacing::Rate(f64::INFINITY)));
     stage.request(Request::SetExposure(-1.0));
     stage.request(Request::OpenScene { path: String::new() });
     stage.request(Request::SetEye(DVec3::new(0.0, 0.0, -5.0)));

@@ -58,7 +58,7 @@ impl Histogram {
 
 /// Totals of one channel.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct ChannelTotals {
+pub struct ChannelCounters {
     /// Frames shown.
     pub frames: u64,
     /// Frames drawn, those that came after the swap too.
@@ -73,7 +73,7 @@ pub struct ChannelTotals {
 
 /// Totals of the wall.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Totals {
+pub struct Counters {
     /// Frames swapped.
     pub frames: u64,
     /// Frames that every channel of the wall had drawn when they were swapped.
@@ -87,16 +87,16 @@ pub struct Totals {
     /// From the first to the last channel's present call of a frame, in seconds.
     pub skew_s: Histogram,
     /// In the wall's order.
-    pub channels: Vec<ChannelTotals>,
+    pub channels: Vec<ChannelCounters>,
 }
 
-impl Default for Totals {
+impl Default for Counters {
     fn default() -> Self {
         Self::new(0)
     }
 }
 
-impl Totals {
+impl Counters {
     pub(super) fn new(channels: usize) -> Self {
         Self {
             frames: 0,
@@ -105,7 +105,7 @@ impl Totals {
             barrier_s: Histogram::new(BARRIER_BOUNDS_S),
             draw_s: Histogram::new(FRAME_BOUNDS_S),
             skew_s: Histogram::new(BARRIER_BOUNDS_S),
-            channels: vec![ChannelTotals::default(); channels],
+            channels: vec![ChannelCounters::default(); channels],
         }
     }
 

@@ -3,16 +3,16 @@
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::log::Operation;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{Failure, Pace, Reply, Request};
-use polyptych_wall::head::Head;
+use polyptych_protocol::request::{Pacing, Request, RequestError, Response};
+use polyptych_wall::head::HeadPose;
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
-use super::change::Purpose;
+use super::change::ChangeOrigin;
 use super::sight::checked_camera;
 use super::{
-    Change, Cluster, FRAME_ORDERS_MAX, FrameOrder, Importing, Micros, Output, RequestOf, SessionId,
-    Wish, progress,
+    ClientRequest, Cluster, Effect, FRAME_ORDERS_MAX, FrameRequest, Importing, Micros,
+    OutputChange, SessionId, StateChange, progress,
 };
 
 /// Slowest and fastest rate that a client may ask for, in frames per second.
@@ -33,7 +33,7 @@ impl Cluster {
         id: RequestId,
         request: Request,
     ) {
-        let job = RequestOf { client, id };
+        let job = ClientRequest { client, id };
         if tracing::enabled!(Level::DEBUG) {
             self.span_of_request(job).in_scope(|| tracing::debug!(?request, "a client asks"));
         }
@@ -49,7 +49,7 @@ impl Cluster {
                     let tell = || tracing::debug!(reason, "a request is refused");
                     self.span_of_request(job).in_scope(tell);
                 }
-                self.reply(job, Err(Failure::new(reason)));
+                self.reply(job, Err(RequestError::new(reason)));
             }
         }
         self.advance_frame(now);
@@ -58,20 +58,20 @@ impl Cluster {
     fn translate(
         &mut self,
         now: Micros,
-        job: RequestOf,
+        job: ClientRequest,
         request: Request,
-    ) -> Result<Option<Reply>, String> {
+    ) -> Result<Option<Response>, String> {
         match request {
             Request::OpenScene { path } => return self.import(job, path),
             Request::OpenOutcome { session, of } => return self.claim_outcome(job, session, of),
             Request::CloseScene => {
                 let operations = vec![Operation::CloseScene];
-                let purpose = Purpose::Scene { job, summary: None };
-                self.request_change(now, Change { operations, purpose });
+                let purpose = ChangeOrigin::Scene { job, summary: None };
+                self.request_change(now, StateChange { operations, purpose });
                 return Ok(None);
             }
             Request::SetCamera(camera) => self.camera = checked_camera(camera)?,
-            Request::SetEye(position) => self.set_head(Head { position, ..self.head })?,
+            Request::SetEye(position) => self.set_head(HeadPose { position, ..self.head })?,
             Request::SetHead(head) => self.set_head(head)?,
             Request::SetViews(views) => self.set_views(views)?,
             Request::SetExposure(exposure) => {
@@ -85,24 +85,24 @@ impl Cluster {
                 if time_s.is_some_and(|time| !time.is_finite()) {
                     return Err("the time of a frame is a finite number of seconds".into());
                 }
-                return self.order(FrameOrder { camera, time_s, ..FrameOrder::plain(job) });
+                return self.order(FrameRequest { camera, time_s, ..FrameRequest::plain(job) });
             }
             Request::Capture => {
-                return self.order(FrameOrder { capture: true, ..FrameOrder::plain(job) });
+                return self.order(FrameRequest { capture: true, ..FrameRequest::plain(job) });
             }
             Request::SetDisplays(mode) => {
-                let wish = Some(Wish::Displays(mode));
-                return self.order(FrameOrder { wish, ..FrameOrder::plain(job) });
+                let wish = Some(OutputChange::Displays(mode));
+                return self.order(FrameRequest { wish, ..FrameRequest::plain(job) });
             }
             Request::SetPattern(pattern) => {
-                let wish = Some(Wish::Pattern(pattern));
-                return self.order(FrameOrder { wish, ..FrameOrder::plain(job) });
+                let wish = Some(OutputChange::Pattern(pattern));
+                return self.order(FrameRequest { wish, ..FrameRequest::plain(job) });
             }
             Request::Tune { channel, changes } => {
                 return self.tune(now, job, &channel, &changes);
             }
             Request::Run(pace) => {
-                if let Pace::Rate(rate) = pace
+                if let Pacing::Rate(rate) = pace
                     && !RATES.contains(&rate)
                 {
                     let (low, high) = (RATES.start(), RATES.end());
@@ -111,11 +111,11 @@ impl Cluster {
                 self.set_pace(Some(pace), now);
             }
             Request::Pause => self.set_pace(None, now),
-            Request::Status => return Ok(Some(Reply::Status(Box::new(self.status(now))))),
-            Request::DescribeWall => return Ok(Some(Reply::Wall(Box::new(self.wall.clone())))),
-            Request::DescribeSight => return Ok(Some(Reply::Sight(Box::new(self.sight())))),
+            Request::Status => return Ok(Some(Response::Status(Box::new(self.status(now))))),
+            Request::DescribeWall => return Ok(Some(Response::Wall(Box::new(self.wall.clone())))),
+            Request::DescribeSight => return Ok(Some(Response::Sight(Box::new(self.sight())))),
             Request::Statistics { reset } => {
-                return Ok(Some(Reply::Statistics(Box::new(self.statistics(reset)))));
+                return Ok(Some(Response::Statistics(Box::new(self.statistics(reset)))));
             }
             Request::Subscribe(wish) => {
                 if let Some(client) = self.clients.get_mut(&job.client) {
@@ -125,21 +125,21 @@ impl Cluster {
             Request::Stop => return Ok(self.stop(job)),
             Request::StopServers => {
                 // Answered by the event loop, which hears the goodbyes of servers.
-                self.outputs.push_back(Output::StopServers { job });
+                self.outputs.push_back(Effect::StopServers { job });
                 return Ok(None);
             }
         }
-        Ok(Some(Reply::Done))
+        Ok(Some(Response::Done))
     }
 
     /// Answers before the end: afterwards there is nobody to do it.
-    fn stop(&mut self, job: RequestOf) -> Option<Reply> {
-        self.reply(job, Ok(Reply::Done));
-        self.outputs.push_back(Output::Stop);
+    fn stop(&mut self, job: ClientRequest) -> Option<Response> {
+        self.reply(job, Ok(Response::Done));
+        self.outputs.push_back(Effect::Stop);
         None
     }
 
-    fn import(&mut self, job: RequestOf, path: String) -> Result<Option<Reply>, String> {
+    fn import(&mut self, job: ClientRequest, path: String) -> Result<Option<Response>, String> {
         if path.is_empty() || path.len() > PATH_BYTES_MAX {
             return Err(format!("a scene's path has 1 to {PATH_BYTES_MAX} bytes"));
         }
@@ -156,11 +156,11 @@ impl Cluster {
         let scene = progress::name_of(&path);
         self.outcomes.begin(job);
         self.imports.push(Importing { job, scene, progress: OpenProgress::NONE });
-        self.outputs.push_back(Output::Import { job, path });
+        self.outputs.push_back(Effect::Import { job, path });
         Ok(None)
     }
 
-    fn order(&mut self, order: FrameOrder) -> Result<Option<Reply>, String> {
+    fn order(&mut self, order: FrameRequest) -> Result<Option<Response>, String> {
         let waiting = self.orders.iter().filter(|o| o.job.client == order.job.client).count();
         if waiting >= FRAME_ORDERS_MAX {
             return Err(format!(

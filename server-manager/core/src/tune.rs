@@ -1,14 +1,14 @@
 //! Tuning of the running wall: a change as others are, but many may come for one frame.
 
-use polyptych_protocol::feedback::{Feedback, Tuned};
+use polyptych_protocol::feedback::{FrameFeedback, Tuned};
 use polyptych_protocol::ids::{FrameId, Revision};
 use polyptych_protocol::log::{Operation, check_wall_size};
-use polyptych_protocol::request::Reply;
-use polyptych_wall::{Adjustment, ChannelId, Wall, tuning};
+use polyptych_protocol::request::Response;
+use polyptych_wall::{ChannelCalibration, ChannelId, Wall, tuning};
 use serde::{Deserialize, Serialize};
 
-use super::change::Purpose;
-use super::{Change, Cluster, Micros, RequestOf, SessionId};
+use super::change::ChangeOrigin;
+use super::{ClientRequest, Cluster, Micros, SessionId, StateChange};
 
 /// Most tunings of one client that wait for their frame: a slider's, 50 a second, of a wall that
 /// stands still for five seconds.
@@ -16,24 +16,24 @@ pub(super) const TUNERS_MAX: usize = 256;
 
 /// One who waits until a tuning is seen.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(super) struct Tuner {
-    pub job: RequestOf,
+pub(super) struct CalibrationWaiter {
+    pub job: ClientRequest,
     /// The last frame that was begun when it asked.
     pub asked_at: FrameId,
 }
 
 /// Those whose tuning is in the state that frames name.
 #[derive(Debug, Default, Serialize, Deserialize)]
-pub(super) struct Tuners(Vec<(Revision, Tuner)>);
+pub(super) struct CalibrationWaiters(Vec<(Revision, CalibrationWaiter)>);
 
-impl Tuners {
+impl CalibrationWaiters {
     /// Whether any waits for a state that a frame of this one does not show.
     pub fn wait_beyond(&self, drawing: Option<Revision>) -> bool {
         self.0.iter().any(|(of, _)| Some(*of) > drawing)
     }
 
     /// The requests that wait.
-    pub fn jobs(&self) -> impl Iterator<Item = RequestOf> {
+    pub fn jobs(&self) -> impl Iterator<Item = ClientRequest> {
         self.0.iter().map(|(_, tuner)| tuner.job)
     }
 
@@ -57,13 +57,17 @@ pub(super) fn operations(from: &Wall, to: &Wall) -> Vec<Operation> {
     operations
 }
 
-fn operation(channel: ChannelId, from: &Adjustment, to: &Adjustment) -> Option<Operation> {
+fn operation(
+    channel: ChannelId,
+    from: &ChannelCalibration,
+    to: &ChannelCalibration,
+) -> Option<Operation> {
     if from == to {
         return None;
     }
     if let (Some(before), Some(after)) = (&from.bend, &to.bend)
         && before.points == after.points
-        && *from == (Adjustment { bend: from.bend.clone(), ..to.clone() })
+        && *from == (ChannelCalibration { bend: from.bend.clone(), ..to.clone() })
     {
         let pairs = (0u32..).zip(before.moves.iter().zip(&*after.moves));
         let moves = pairs.filter(|(_, (before, after))| before != after);
@@ -78,10 +82,10 @@ impl Cluster {
     pub(super) fn tune(
         &mut self,
         now: Micros,
-        job: RequestOf,
+        job: ClientRequest,
         channel: &str,
-        changes: &[tuning::Change],
-    ) -> Result<Option<Reply>, String> {
+        changes: &[tuning::CalibrationChange],
+    ) -> Result<Option<Response>, String> {
         let settled = self.tuners.0.iter().map(|(_, tuner)| tuner);
         let waiting = self.changes.tuners().chain(settled);
         if waiting.filter(|tuner| tuner.job.client == job.client).count() >= TUNERS_MAX {
@@ -93,10 +97,10 @@ impl Cluster {
         let wall = Box::new(tuning::tuned(present, channel, changes)?);
         check_wall_size(&wall)?;
         self.check_sight_on(&wall).map_err(|reason| format!("{channel}: {reason}"))?;
-        let tuner = Tuner { job, asked_at: self.frame };
+        let tuner = CalibrationWaiter { job, asked_at: self.frame };
         if let Err(wall) = self.changes.replace_waiting_wall(wall, tuner) {
-            let purpose = Purpose::Tuning { wall, tuners: vec![tuner] };
-            self.request_change(now, Change { operations: Vec::new(), purpose });
+            let purpose = ChangeOrigin::Tuning { wall, tuners: vec![tuner] };
+            self.request_change(now, StateChange { operations: Vec::new(), purpose });
         }
         Ok(None)
     }
@@ -107,7 +111,7 @@ impl Cluster {
         &mut self,
         now: Micros,
         wall: Wall,
-        tuners: Vec<Tuner>,
+        tuners: Vec<CalibrationWaiter>,
         failed: &[(SessionId, String)],
     ) {
         let revision = self.shown.revision;
@@ -120,7 +124,7 @@ impl Cluster {
     }
 
     /// A frame of this state was swapped: who waits for it, or for one before, is told.
-    pub(super) fn tell_tuners(&mut self, feedback: &Feedback) {
+    pub(super) fn tell_tuners(&mut self, feedback: &FrameFeedback) {
         let (frame, revision) = (feedback.frame, feedback.revision);
         if revision == self.shown.revision {
             self.changes.has_swapped();
@@ -129,7 +133,7 @@ impl Cluster {
         for (revision, tuner) in seen {
             let frames = frame.0.saturating_sub(tuner.asked_at.0);
             let tuned = Tuned { revision, frames, feedback: feedback.clone() };
-            self.reply(tuner.job, Ok(Reply::Tuned(tuned)));
+            self.reply(tuner.job, Ok(Response::Tuned(tuned)));
         }
     }
 }

@@ -2,11 +2,11 @@
 
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_core::SessionId;
-use polyptych_files::blob::BlobFolder;
+use polyptych_files::blob::BlobStore;
 use polyptych_protocol::ids::RequestId;
-use polyptych_wall::blend::{Blend, Masks};
+use polyptych_wall::blend::{BlendModel, ChannelMasks};
 use polyptych_wall::surface::{Plane, Surface};
-use polyptych_wall::{EyeOf, Packing, Screen, Turn};
+use polyptych_wall::{Eye, Orientation, Screen, StereoPacking};
 
 use super::*;
 
@@ -22,17 +22,17 @@ fn two_tiles(apart: u32) -> Wall {
 }
 
 /// Stitches pictures that came in whole, one for each channel; `None` is one that did not come.
-fn stitched(wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<Picture> {
-    let room = PictureMemory::default().room_for(wall).expect("room");
+fn stitched(wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<CaptureImage> {
+    let room = CaptureBudget::default().room_for(wall).expect("room");
     let ids: Vec<_> = wall.channel_ids().collect();
-    let shapes = WallShapes::new(BlobFolder::new("/nonexistent"));
-    let job = RequestOf { client: SessionId(1), id: RequestId(1) };
-    let mut collection = Collection::new(job, FrameId(7), &ids, Vec::new(), (wall, &shapes), room);
+    let shapes = GeometryCache::new(BlobStore::new("/nonexistent"));
+    let job = ClientRequest { client: SessionId(1), id: RequestId(1) };
+    let mut collection = CaptureJob::new(job, FrameId(7), &ids, Vec::new(), (wall, &shapes), room);
     for ((channel, of), picture) in wall.channel_ids().zip(&wall.channels).zip(pictures) {
         let Some(bytes) = picture else { continue };
         let (width, height) = of.display_size().into();
         let bytes = bytes.clone().into();
-        let chunk = PictureChunk { channel, frame: FrameId(7), width, height, offset: 0, bytes };
+        let chunk = CaptureChunk { channel, frame: FrameId(7), width, height, offset: 0, bytes };
         collection.add(&chunk).expect("a piece that fits");
     }
     collection.expire();
@@ -51,7 +51,7 @@ fn captures_share_their_room_and_give_it_back() {
                 center = [0.0, 0.0, -1.0]\n[screen.tiles]\ncolumns = 4\nrows = 2\n\
                 pixels = [2048, 2048]\n";
     let mut wall = polyptych_wall_file::parse(text, "w.toml".as_ref()).expect("a wall");
-    let memory = PictureMemory::default();
+    let memory = CaptureBudget::default();
     // 32 Mi pixels as a screen, and again as channels: 256 MiB.
     let mut rooms: Vec<_> = (0..4).map(|_| memory.room_for(&wall).expect("room")).collect();
     let reason = memory.room_for(&wall).expect_err("no more");
@@ -60,7 +60,7 @@ fn captures_share_their_room_and_give_it_back() {
     memory.room_for(&wall).expect("given back");
     drop(rooms);
     // Two pictures of the screen, and twice as many pixels on one of eight displays.
-    wall.channels[0].adjustment.packing = Packing::SideBySide;
+    wall.channels[0].adjustment.packing = StereoPacking::SideBySide;
     let room = memory.room_for(&wall).expect("room");
     assert_eq!(room.bytes >> 20, 128 * 2 + 128 + 16);
 }
@@ -80,7 +80,7 @@ fn plain_tiles_are_pasted_byte_for_byte() {
     assert_eq!((&pictures[1].rgba, &pictures[2].rgba), (&left, &right));
     // What is turned is stitched by its light, and comes out the same.
     let mut turned = two_tiles(6);
-    turned.channels[1].adjustment.turn = Turn::Half;
+    turned.channels[1].adjustment.turn = Orientation::Half;
     let half: Vec<u8> = right.chunks_exact(4).rev().flatten().copied().collect();
     let also = stitched(&turned, &[Some(left), Some(half.clone())]);
     assert_eq!(also[0], pictures[0]);
@@ -94,8 +94,8 @@ fn overlaps_are_the_sum_of_their_light() {
         let mut wall = two_tiles(4);
         wall.blend.leak = leak;
         let codes = |id: ChannelId| {
-            let blend = Blend::new(&wall);
-            let map = blend.light_map(id, &Masks::default()).expect("a map");
+            let blend = BlendModel::new(&wall);
+            let map = blend.light_map(id, &ChannelMasks::default()).expect("a map");
             let color = blend.color(id).expect("a channel");
             let code = |at: u32| {
                 let [multiply, add] = map.light_at(at % 6, at / 6);
@@ -125,8 +125,8 @@ fn overlaps_are_the_sum_of_their_light() {
 #[test]
 fn each_eye_has_its_picture() {
     let mut wall = two_tiles(0);
-    wall.channels[0].adjustment.eye = EyeOf::Left;
-    wall.channels[1].adjustment.eye = EyeOf::Right;
+    wall.channels[0].adjustment.eye = Eye::Left;
+    wall.channels[1].adjustment.eye = Eye::Right;
     let [left, right] = [mixed(24, 1), mixed(24, 99)];
     let pictures = stitched(&wall, &[Some(left.clone()), Some(right.clone())]);
     let shown: Vec<_> = pictures.iter().map(|p| (p.info.name.as_str(), &p.rgba)).collect();
@@ -135,7 +135,7 @@ fn each_eye_has_its_picture() {
     // Both on one display, beside each other.
     let mut wall = two_tiles(0);
     wall.channels.truncate(1);
-    wall.channels[0].adjustment.packing = Packing::SideBySide;
+    wall.channels[0].adjustment.packing = StereoPacking::SideBySide;
     let rows = left.chunks_exact(24).zip(right.chunks_exact(24));
     let packed: Vec<u8> = rows.flat_map(|(l, r)| [l, r].concat()).collect();
     let pictures = stitched(&wall, &[Some(packed.clone())]);

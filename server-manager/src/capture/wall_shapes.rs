@@ -2,28 +2,28 @@
 
 use std::sync::{Arc, OnceLock};
 
-use polyptych_files::blob::BlobFolder;
+use polyptych_files::blob::BlobStore;
 use polyptych_wall::Wall;
-use polyptych_wall::shapes::Shapes;
+use polyptych_wall::shapes::WallGeometry;
 
 use crate::import::read_wall_files;
 
 /// The shapes of one wall: tuning changes none of them, and its files are baked once.
 #[derive(Clone, Debug)]
-pub struct WallShapes {
-    folder: BlobFolder,
-    known: Arc<OnceLock<Arc<Shapes>>>,
+pub struct GeometryCache {
+    folder: BlobStore,
+    known: Arc<OnceLock<Arc<WallGeometry>>>,
 }
 
-impl WallShapes {
+impl GeometryCache {
     /// Those of a wall whose blobs lie in this folder.
-    pub fn new(folder: BlobFolder) -> Self {
+    pub fn new(folder: BlobStore) -> Self {
         Self { folder, known: Arc::default() }
     }
 
     /// The shapes of this wall; slow at the first time. Where a blob is gone the log says so,
     /// and the wall is shown as if nobody had its files.
-    pub fn of(&self, wall: &Wall) -> Arc<Shapes> {
+    pub fn of(&self, wall: &Wall) -> Arc<WallGeometry> {
         if wall.files.is_empty() {
             return Arc::default();
         }
@@ -32,7 +32,9 @@ impl WallShapes {
         }
         match read_wall_files(wall, &self.folder) {
             // Maps are let go: of millions of points, a mesh keeps some thousand.
-            Ok(maps) => Arc::clone(self.known.get_or_init(|| Shapes::new(wall, &maps).into())),
+            Ok(maps) => {
+                Arc::clone(self.known.get_or_init(|| WallGeometry::new(wall, &maps).into()))
+            }
             Err(reason) => {
                 tracing::warn!(reason, "channels that files place are not in the picture");
                 Arc::default()

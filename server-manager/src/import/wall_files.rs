@@ -3,10 +3,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use polyptych_files::blob::{BlobFolder, BlobHash};
-use polyptych_wall::maps::Maps;
-use polyptych_wall::warp::WallMap;
-use polyptych_wall::{FileKind, Wall};
+use polyptych_files::blob::{BlobHash, BlobStore};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::warp::CalibrationMap;
+use polyptych_wall::{CalibrationFileKind, Wall};
 
 use super::{Baker, bake};
 
@@ -61,25 +61,27 @@ pub fn bake_wall_files(
 ///
 /// # Errors
 /// The key and the file whose blob is gone or damaged.
-pub fn read_wall_files(wall: &Wall, blobs: &BlobFolder) -> Result<Maps, String> {
-    Maps::load(wall, |hash| {
+pub fn read_wall_files(wall: &Wall, blobs: &BlobStore) -> Result<CalibrationMaps, String> {
+    CalibrationMaps::load(wall, |hash| {
         let bytes = blobs.read(hash).map_err(|error| error.to_string())?;
         let bytes = bytes.ok_or_else(|| "its blob is not in the store any more".to_owned())?;
-        WallMap::decode(&bytes).map(Arc::new)
+        CalibrationMap::decode(&bytes).map(Arc::new)
     })
 }
 
 /// How the baker is told what a file is.
 fn options(wall: &Wall, index: usize) -> Vec<String> {
     let used_as = match wall.files[index].kind {
-        FileKind::Warp | FileKind::WarpDarkZeros | FileKind::WarpSgct => "warp",
-        FileKind::ScreenMesh => "screen-mesh",
-        FileKind::Alpha | FileKind::Beta => "mask",
+        CalibrationFileKind::Warp
+        | CalibrationFileKind::WarpDarkZeros
+        | CalibrationFileKind::WarpSgct => "warp",
+        CalibrationFileKind::ScreenMesh => "screen-mesh",
+        CalibrationFileKind::Alpha | CalibrationFileKind::Beta => "mask",
     };
     let mut options = vec!["--as".to_owned(), used_as.to_owned()];
     match wall.files[index].kind {
-        FileKind::WarpDarkZeros => options.push("--dark-zeros".to_owned()),
-        FileKind::WarpSgct => options.push("--sgct-roles".to_owned()),
+        CalibrationFileKind::WarpDarkZeros => options.push("--dark-zeros".to_owned()),
+        CalibrationFileKind::WarpSgct => options.push("--sgct-roles".to_owned()),
         _ => {}
     }
     if let Some(aspect) = aspect(wall, index) {
@@ -100,7 +102,7 @@ fn aspect(wall: &Wall, index: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use glam::UVec2;
-    use polyptych_wall::{Channel, MapFile};
+    use polyptych_wall::{CalibrationFile, Channel};
 
     use super::*;
 
@@ -113,8 +115,13 @@ mod tests {
             channel.adjustment.alpha = Some(2);
             wall.channels.push(channel);
         }
-        for kind in [FileKind::Warp, FileKind::Warp, FileKind::Alpha, FileKind::ScreenMesh] {
-            wall.files.push(MapFile {
+        for kind in [
+            CalibrationFileKind::Warp,
+            CalibrationFileKind::Warp,
+            CalibrationFileKind::Alpha,
+            CalibrationFileKind::ScreenMesh,
+        ] {
+            wall.files.push(CalibrationFile {
                 path: "x".into(),
                 kind,
                 blob: None,

@@ -78,15 +78,15 @@ mod tests {
     use std::path::PathBuf;
 
     use fastrand::Rng;
-    use polyptych_protocol::display::DisplayMode;
+    use polyptych_protocol::display::OutputMode;
     use polyptych_protocol::ids::Revision;
     use polyptych_wall::Wall;
     use polyptych_wall::camera::Camera;
-    use polyptych_wall::head::Head;
+    use polyptych_wall::head::HeadPose;
 
     use super::*;
     use crate::memory::{StateFile, decode};
-    use polyptych_core::{Further, Memory};
+    use polyptych_core::{PersistentState, PersistentStateV2};
 
     /// States that are acknowledged in an ordinary run.
     const ACKNOWLEDGED: u64 = 100_000;
@@ -195,17 +195,17 @@ mod tests {
         }
     }
 
-    fn memory(revision: u64) -> Memory {
-        Memory {
+    fn memory(revision: u64) -> PersistentState {
+        PersistentState {
             revision: Revision(revision),
             scene: None,
             camera: Camera::IDENTITY,
-            head: Head::at(glam::DVec3::Y, 0.06),
+            head: HeadPose::at(glam::DVec3::Y, 0.06),
             views: Vec::new(),
             exposure: 1.0,
             pace: None,
-            displays: DisplayMode::Normal,
-            further: Further::default(),
+            displays: OutputMode::Normal,
+            further: PersistentStateV2::default(),
         }
     }
 

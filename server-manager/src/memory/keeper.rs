@@ -8,8 +8,8 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::Builder;
 use std::time::{Duration, Instant};
 
-use polyptych_core::{Memory, SessionId};
-use polyptych_protocol::request::Answer;
+use polyptych_core::{PersistentState, SessionId};
+use polyptych_protocol::request::MessageToClient;
 use tokio::sync::watch;
 
 use super::StateFile;
@@ -26,7 +26,7 @@ const END_TIME_MAX: Duration = Duration::from_secs(1);
 /// What is to be kept: only the last is.
 #[derive(Debug, Default)]
 struct Slot {
-    next: Option<(u64, Memory)>,
+    next: Option<(u64, PersistentState)>,
     is_over: bool,
 }
 
@@ -45,11 +45,11 @@ struct Held {
     state: u64,
     since: Instant,
     to: SessionId,
-    answer: Answer,
+    answer: MessageToClient,
 }
 
 /// An answer that may go out, with what its client should know of the disk.
-pub(crate) type Released = (SessionId, Answer, Option<String>);
+pub(crate) type Released = (SessionId, MessageToClient, Option<String>);
 
 /// Keeps the states of one manager.
 #[derive(Debug)]
@@ -68,8 +68,8 @@ pub(crate) struct Keeper {
 }
 
 /// Returns whether an answer says that something has changed.
-pub(crate) fn tells_of_change(answer: &Answer) -> bool {
-    matches!(answer, Answer::Reply { reply: Ok(reply), .. } if reply.tells_of_change())
+pub(crate) fn tells_of_change(answer: &MessageToClient) -> bool {
+    matches!(answer, MessageToClient::Reply { reply: Ok(reply), .. } if reply.tells_of_change())
 }
 
 fn lock(slot: &Mutex<Slot>) -> MutexGuard<'_, Slot> {
@@ -83,7 +83,7 @@ impl Keeper {
     /// The system gives no thread.
     pub fn of(state: StateFile) -> io::Result<Self> {
         let name = state.path().display().to_string();
-        let mut last: Option<Memory> = None;
+        let mut last: Option<PersistentState> = None;
         Self::start(name, move |memory| {
             // A camera or a head that is lost with the power is where it is again at once; a
             // tuning is somebody's work.
@@ -96,13 +96,13 @@ impl Keeper {
 
     fn start(
         name: String,
-        mut save: impl FnMut(&Memory) -> io::Result<()> + Send + 'static,
+        mut save: impl FnMut(&PersistentState) -> io::Result<()> + Send + 'static,
     ) -> io::Result<Self> {
         let slot = Arc::<(Mutex<Slot>, Condvar)>::default();
         let (report, progress) = watch::channel(Progress::default());
         let filled = Arc::clone(&slot);
         let work = move || {
-            let mut failed: Option<(u64, Memory)> = None;
+            let mut failed: Option<(u64, PersistentState)> = None;
             while let Some((number, memory)) = next(&filled, failed.take()) {
                 let fault = save(&memory).err().map(|error| error.to_string());
                 if fault.is_some() {
@@ -119,7 +119,7 @@ impl Keeper {
     }
 
     /// Keeps this state, in the place of one that waits.
-    pub fn keep(&mut self, memory: Memory) {
+    pub fn keep(&mut self, memory: PersistentState) {
         self.sent += 1;
         self.behind_since.get_or_insert_with(Instant::now);
         let (slot, wake) = &*self.slot;
@@ -129,7 +129,7 @@ impl Keeper {
 
     /// Takes an answer that must not go out before what was given to be kept is; gives it back if
     /// nothing is on its way to the disk, or the disk is stuck.
-    pub fn hold(&mut self, to: SessionId, answer: Answer) -> Option<Answer> {
+    pub fn hold(&mut self, to: SessionId, answer: MessageToClient) -> Option<MessageToClient> {
         let is_behind = self.progress.borrow().tried < self.sent;
         // Answers of a client stay in order.
         let waits = self.held.iter().any(|held| held.to == to);
@@ -234,8 +234,8 @@ impl Drop for Keeper {
 /// Waits for the next state; one that could not be kept is tried again after a while.
 fn next(
     (slot, wake): &(Mutex<Slot>, Condvar),
-    failed: Option<(u64, Memory)>,
-) -> Option<(u64, Memory)> {
+    failed: Option<(u64, PersistentState)>,
+) -> Option<(u64, PersistentState)> {
     let mut slot = lock(slot);
     loop {
         if let Some(next) = slot.next.take() {
@@ -262,7 +262,7 @@ mod tests {
     use std::sync::mpsc;
 
     use polyptych_protocol::ids::{Epoch, RequestId};
-    use polyptych_protocol::request::{Failure, Reply};
+    use polyptych_protocol::request::{RequestError, Response};
     use polyptych_wall::Wall;
     use polyptych_wall::view::View;
 
@@ -273,7 +273,7 @@ mod tests {
     struct Disk {
         keeper: Keeper,
         verdicts: mpsc::SyncSender<io::Result<()>>,
-        written: mpsc::Receiver<Memory>,
+        written: mpsc::Receiver<PersistentState>,
         runtime: tokio::runtime::Runtime,
     }
 
@@ -292,7 +292,7 @@ mod tests {
         }
 
         /// Lets the next write end like this, and waits until the keeper knows.
-        fn end_write(&mut self, verdict: io::Result<()>) -> Memory {
+        fn end_write(&mut self, verdict: io::Result<()>) -> PersistentState {
             self.verdicts.send(verdict).expect("the thread listens");
             self.runtime.block_on(self.keeper.progressed());
             self.written.recv().expect("written")
@@ -304,15 +304,15 @@ mod tests {
         }
     }
 
-    fn memory(revision: u64) -> Memory {
+    fn memory(revision: u64) -> PersistentState {
         let wall = Wall::new("w", vec![], vec![]);
         let mut memory = Cluster::new(wall, Epoch(1)).memory();
         memory.revision.0 = revision;
         memory
     }
 
-    fn done(id: u64) -> Answer {
-        Answer::Reply { id: RequestId(id), reply: Ok(Reply::Done) }
+    fn done(id: u64) -> MessageToClient {
+        MessageToClient::Reply { id: RequestId(id), reply: Ok(Response::Done) }
     }
 
     const ANN: SessionId = SessionId(1);
@@ -324,7 +324,7 @@ mod tests {
         assert_eq!(disk.keeper.hold(ANN, done(0)), Some(done(0)), "nothing is on its way");
         disk.keeper.keep(memory(1));
         assert_eq!(disk.keeper.hold(ANN, done(1)), None);
-        let no = Answer::Reply { id: RequestId(2), reply: Err(Failure::new("no")) };
+        let no = MessageToClient::Reply { id: RequestId(2), reply: Err(RequestError::new("no")) };
         assert_eq!(disk.keeper.hold(BOB, no.clone()), Some(no.clone()), "nothing has changed");
         assert_eq!(disk.keeper.hold(ANN, no), None, "answers of a client stay in order");
         assert_eq!(disk.release(), []);

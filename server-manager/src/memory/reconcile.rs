@@ -4,9 +4,9 @@
 //! saved wall + state, new wall -> state of the new wall, what changed, what was dropped
 //! ```
 
-use polyptych_core::Memory;
+use polyptych_core::PersistentState;
 use polyptych_wall::Wall;
-use polyptych_wall::head::Head;
+use polyptych_wall::head::HeadPose;
 use polyptych_wall::tuning::carry_over::{CarriedOver, carried_over};
 use polyptych_wall::tuning::restored;
 use polyptych_wall::view::{Area, View};
@@ -18,7 +18,7 @@ use super::Saved;
 #[derive(Debug)]
 pub(crate) struct Reconciled {
     /// The state.
-    pub memory: Memory,
+    pub memory: PersistentState,
     /// The keys of the wall file that have changed.
     pub changes: Vec<KeyChange>,
     /// What became of the tunings.
@@ -64,12 +64,12 @@ pub(crate) fn reconcile(saved: Saved, wall: &Wall) -> Reconciled {
 
 /// The head that was moved stays where it is; one that was where the old wall file had it moves to
 /// where the new one has it.
-fn head(old: &Wall, head: Head, new: &Wall) -> Head {
+fn head(old: &Wall, head: HeadPose, new: &Wall) -> HeadPose {
     let position = if head.position == old.eye { new.eye } else { head.position };
     let is_separated_by_file = head.eye_separation_m == old.eye_separation_m;
     let eye_separation_m =
         if is_separated_by_file { new.eye_separation_m } else { head.eye_separation_m };
-    Head { position, eye_separation_m, ..head }
+    HeadPose { position, eye_separation_m, ..head }
 }
 
 /// The views that can be shown on this wall, each on the screen that has the name of its own.

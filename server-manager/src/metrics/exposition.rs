@@ -13,7 +13,7 @@ use prometheus_client::encoding::{DescriptorEncoder, MetricEncoder, NoLabelSet, 
 use prometheus_client::metrics::MetricType;
 use prometheus_client::registry::{Registry, Unit};
 
-use super::Sample;
+use super::MetricsSnapshot;
 
 /// What HTTP calls this format.
 pub(super) const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -32,7 +32,7 @@ const STATES: [(ChannelState, &str); 6] = [
 ///
 /// # Errors
 /// The encoder's, which has no reason to fail.
-pub(super) fn text_of(sample: Sample) -> Result<String, fmt::Error> {
+pub(super) fn text_of(sample: MetricsSnapshot) -> Result<String, fmt::Error> {
     let mut registry = Registry::default();
     registry.register_collector(Box::new(Exposition(sample)));
     let mut text = String::new();
@@ -41,11 +41,11 @@ pub(super) fn text_of(sample: Sample) -> Result<String, fmt::Error> {
 }
 
 #[derive(Debug)]
-struct Exposition(Sample);
+struct Exposition(MetricsSnapshot);
 
 impl Collector for Exposition {
     fn encode(&self, encoder: DescriptorEncoder) -> fmt::Result {
-        let mut page = Page(encoder);
+        let mut page = MetricsPage(encoder);
         self.wall(&mut page)?;
         self.channels(&mut page)?;
         self.machinery(&mut page)
@@ -53,7 +53,7 @@ impl Collector for Exposition {
 }
 
 impl Exposition {
-    fn wall(&self, page: &mut Page) -> fmt::Result {
+    fn wall(&self, page: &mut MetricsPage) -> fmt::Result {
         let (status, totals) = (&self.0.snapshot.status, &self.0.snapshot.totals);
         let mut info = page.metric("polyptych_manager", "This manager.", None, MetricType::Info)?;
         info.encode_info(&[
@@ -106,8 +106,8 @@ impl Exposition {
         page.gauge("polyptych_warnings", "Warnings of the status.", status.warnings.len() as f64)
     }
 
-    fn channels(&self, page: &mut Page) -> fmt::Result {
-        let Sample { snapshot, .. } = &self.0;
+    fn channels(&self, page: &mut MetricsPage) -> fmt::Result {
+        let MetricsSnapshot { snapshot, .. } = &self.0;
         let channels = &snapshot.status.channels;
         let mut family = page.metric(
             "polyptych_channel_state",
@@ -150,7 +150,7 @@ impl Exposition {
 
     fn of_channels(
         &self,
-        page: &mut Page,
+        page: &mut MetricsPage,
         what: &str,
         help: &str,
         values: impl Iterator<Item = u64>,
@@ -166,7 +166,7 @@ impl Exposition {
 
     fn seconds_of_channels(
         &self,
-        page: &mut Page,
+        page: &mut MetricsPage,
         what: &str,
         help: &str,
         values: impl Iterator<Item = f64>,
@@ -180,8 +180,8 @@ impl Exposition {
         Ok(())
     }
 
-    fn machinery(&self, page: &mut Page) -> fmt::Result {
-        let Sample { snapshot, queues, bytes } = &self.0;
+    fn machinery(&self, page: &mut MetricsPage) -> fmt::Result {
+        let MetricsSnapshot { snapshot, queues, bytes } = &self.0;
         let mut family = page.metric(
             "polyptych_server_memory",
             "Resident memory of a server's process, as it said last.",
@@ -222,9 +222,9 @@ impl Exposition {
     }
 }
 
-struct Page<'a>(DescriptorEncoder<'a>);
+struct MetricsPage<'a>(DescriptorEncoder<'a>);
 
-impl Page<'_> {
+impl MetricsPage<'_> {
     fn metric<'s>(
         &'s mut self,
         name: &'s str,

@@ -18,7 +18,7 @@ const SEGMENT_MARGIN: u64 = 256 << 10;
 
 /// Records of one segment that are written together.
 #[derive(Debug)]
-pub(super) struct Piece {
+pub(super) struct RecordBatch {
     pub segment: u64,
     pub body: Vec<u8>,
 }
@@ -33,7 +33,7 @@ pub(super) struct Buffer {
 
 #[derive(Debug)]
 struct State {
-    pieces: VecDeque<Piece>,
+    pieces: VecDeque<RecordBatch>,
     bytes: usize,
     segment: u64,
     /// Bytes of the present segment, heads included.
@@ -102,14 +102,15 @@ impl Buffer {
         state.bytes += bytes;
         state.segment_bytes += bytes as u64;
         let segment = state.segment;
-        let fits = |p: &&mut Piece| p.segment == segment && p.body.len() + bytes <= PIECE_BYTES;
+        let fits =
+            |p: &&mut RecordBatch| p.segment == segment && p.body.len() + bytes <= PIECE_BYTES;
         if let Some(piece) = state.pieces.back_mut().filter(fits) {
             piece.body.extend_from_slice(&state.record);
         } else {
             let mut body = Vec::with_capacity(PIECE_BYTES.max(bytes));
             body.extend_from_slice(&state.record);
             state.segment_bytes += PIECE_HEAD_BYTES as u64;
-            state.pieces.push_back(Piece { segment, body });
+            state.pieces.push_back(RecordBatch { segment, body });
             // A whole piece waits.
             if state.pieces.len() > 1 {
                 self.filled.notify_one();
@@ -118,7 +119,7 @@ impl Buffer {
     }
 
     /// Waits for a whole piece or the period, and takes what is there; `None` at the end.
-    pub fn take(&self, period: Duration) -> Option<VecDeque<Piece>> {
+    pub fn take(&self, period: Duration) -> Option<VecDeque<RecordBatch>> {
         let is_idle = |state: &mut State| state.pieces.len() < 2 && !state.is_closed;
         let waited = self.filled.wait_timeout_while(self.lock(), period, is_idle);
         let (mut state, _) = waited.unwrap_or_else(PoisonError::into_inner);

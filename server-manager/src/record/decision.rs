@@ -1,9 +1,9 @@
 //! What the brain decided on one input, as short as it can be compared.
 
-use polyptych_core::Output;
+use polyptych_core::Effect;
 use polyptych_files::blob::BlobHash;
-use polyptych_protocol::feedback::Feedback;
-use polyptych_protocol::request::{Answer, Reply};
+use polyptych_protocol::feedback::FrameFeedback;
+use polyptych_protocol::request::{MessageToClient, Response};
 use serde::{Deserialize, Serialize};
 
 /// Outputs of one input that are listed; more are only in the digest.
@@ -11,19 +11,19 @@ const KINDS_MAX: usize = 32;
 
 /// What came of one input.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Decision {
+pub struct EffectDigest {
     /// A letter for each output, for a person who looks for a difference.
     pub kinds: String,
     /// Of all outputs, in order.
     pub digest: u64,
 }
 
-impl Decision {
+impl EffectDigest {
     /// What these outputs come to, and a refusal, where a server was refused; `None` for nothing.
     ///
     /// Measurements are left out: what was measured before a checkpoint is not in it.
     pub fn of<'a>(
-        outputs: impl Iterator<Item = &'a Output>,
+        outputs: impl Iterator<Item = &'a Effect>,
         refusal: Option<&str>,
     ) -> Option<Self> {
         let (mut kinds, mut bytes) = (String::new(), Vec::new());
@@ -65,45 +65,45 @@ impl Decision {
     }
 }
 
-fn describe(output: &Output) -> (char, Vec<u8>) {
+fn describe(output: &Effect) -> (char, Vec<u8>) {
     match output {
-        Output::Command { to, bytes } => {
+        Effect::Command { to, bytes } => {
             ('c', [&polyptych_codec::encode(to)[..], &bytes[..]].concat())
         }
-        Output::Answer { to, answer: Answer::Feedback(feedback) } => {
+        Effect::Answer { to, answer: MessageToClient::Feedback(feedback) } => {
             ('f', polyptych_codec::encode(&(to, frame(feedback))).to_vec())
         }
-        Output::Answer { to, answer: Answer::Reply { id, reply } } => {
+        Effect::Answer { to, answer: MessageToClient::Reply { id, reply } } => {
             let head = polyptych_codec::encode(&(to, id));
             let reply = match reply {
-                Ok(Reply::Frame(feedback)) => polyptych_codec::encode(&frame(feedback)),
-                Ok(Reply::Status(status)) => {
+                Ok(Response::Frame(feedback)) => polyptych_codec::encode(&frame(feedback)),
+                Ok(Response::Status(status)) => {
                     polyptych_codec::encode(&(status.revision, status.digest, status.frame))
                 }
-                Ok(Reply::Tuned(tuned)) => {
+                Ok(Response::Tuned(tuned)) => {
                     polyptych_codec::encode(&(tuned.revision, tuned.frames, frame(&tuned.feedback)))
                 }
-                Ok(Reply::Statistics(_)) => polyptych_codec::encode(&"statistics"),
+                Ok(Response::Statistics(_)) => polyptych_codec::encode(&"statistics"),
                 other => polyptych_codec::encode(other),
             };
             ('a', [&head[..], &reply[..]].concat())
         }
-        Output::Answer { to, answer } => ('a', polyptych_codec::encode(&(to, answer)).to_vec()),
-        Output::Import { job, path } => ('i', polyptych_codec::encode(&(job, path)).to_vec()),
-        Output::Collect { job, frame, channels, missing } => {
+        Effect::Answer { to, answer } => ('a', polyptych_codec::encode(&(to, answer)).to_vec()),
+        Effect::Import { job, path } => ('i', polyptych_codec::encode(&(job, path)).to_vec()),
+        Effect::Collect { job, frame, channels, missing } => {
             ('p', polyptych_codec::encode(&(job, frame, channels, missing)).to_vec())
         }
-        Output::Close { session, reason } => {
+        Effect::Close { session, reason } => {
             ('l', polyptych_codec::encode(&(session, reason)).to_vec())
         }
-        Output::Remember(memory) => ('r', polyptych_codec::encode(&**memory).to_vec()),
-        Output::Stop => ('s', Vec::new()),
-        Output::StopServers { job } => ('S', polyptych_codec::encode(job).to_vec()),
+        Effect::Remember(memory) => ('r', polyptych_codec::encode(&**memory).to_vec()),
+        Effect::Stop => ('s', Vec::new()),
+        Effect::StopServers { job } => ('S', polyptych_codec::encode(job).to_vec()),
     }
 }
 
 /// What the brain decided about a frame.
-fn frame(feedback: &Feedback) -> impl Serialize {
+fn frame(feedback: &FrameFeedback) -> impl Serialize {
     let states: Vec<_> = feedback.channels.iter().map(|c| (c.state, c.draw_us)).collect();
     (feedback.frame, feedback.revision, feedback.frame_us, states)
 }

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_core::{ImportedScene, Output, RequestOf, SessionId};
+use polyptych_core::{ClientRequest, Effect, ImportedScene, SessionId};
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
@@ -13,16 +13,16 @@ use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{RequestId, Revision};
 use polyptych_protocol::log::{Replica, SceneRef};
 use polyptych_protocol::request::{Request, SceneSummary};
-use polyptych_protocol::status::{Drawn, Ping, Prepared, Status};
+use polyptych_protocol::status::{FrameRendered, Ping, Prepared, ServerMessage};
 use polyptych_scene::SceneFeatures;
 use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, ChannelId, Screen, Surface};
 use ring::RingReader;
 
 use super::*;
-use crate::brain::Brain;
-use crate::replay::incident::{Cut, Incident};
-use crate::replay::{Replayed, replay};
+use crate::brain::RecordedCluster;
+use crate::replay::incident::{Incident, TimeRange};
+use crate::replay::{ReplayReport, replay};
 
 const CHANNELS: u16 = 3;
 const CLIENT: SessionId = SessionId(1);
@@ -42,22 +42,23 @@ fn wall() -> Wall {
 }
 
 /// A wall whose servers and client do something at random, from a seed.
-struct Life {
-    brain: Brain,
+struct RandomRun {
+    brain: RecordedCluster,
     random: u64,
     now: Micros,
     sessions: u64,
     requests: u64,
     servers: BTreeMap<SessionId, (u16, Replica)>,
-    statuses: VecDeque<(SessionId, Status)>,
-    imports: Vec<RequestOf>,
+    statuses: VecDeque<(SessionId, ServerMessage)>,
+    imports: Vec<ClientRequest>,
 }
 
-impl Life {
+impl RandomRun {
     fn new(recorder: Recorder, seed: u64) -> Self {
-        let fresh = Fresh { wall: wall(), epoch: Epoch(seed), memory: None, is_navigable: true };
+        let fresh =
+            ClusterConfig { wall: wall(), epoch: Epoch(seed), memory: None, is_navigable: true };
         let mut life = Self {
-            brain: Brain::new(fresh, Some(recorder)),
+            brain: RecordedCluster::new(fresh, Some(recorder)),
             random: seed,
             now: 1000,
             sessions: 10,
@@ -81,15 +82,15 @@ impl Life {
         self.brain.handle(self.now, input).expect("it may");
         while let Some(output) = self.brain.poll_output() {
             match output {
-                Output::Command { to, bytes } => {
+                Effect::Command { to, bytes } => {
                     let command: Command =
                         polyptych_protocol::framing::decode(&bytes).expect("a command");
                     for session in to {
                         self.obey(session, &command);
                     }
                 }
-                Output::Import { job, .. } => self.imports.push(job),
-                Output::Close { session, .. } => drop(self.servers.remove(&session)),
+                Effect::Import { job, .. } => self.imports.push(job),
+                Effect::Close { session, .. } => drop(self.servers.remove(&session)),
                 _ => {}
             }
         }
@@ -105,7 +106,7 @@ impl Life {
                 } else {
                     prepare.operations.iter().cloned().for_each(|o| replica.apply(o));
                 }
-                Status::Prepared(Prepared {
+                ServerMessage::Prepared(Prepared {
                     epoch: prepare.epoch,
                     revision: prepare.revision,
                     digest: replica.digest(),
@@ -113,7 +114,7 @@ impl Life {
                     scene_bytes: 0,
                 })
             }
-            Command::Frame(frame) => Status::Drawn(Drawn {
+            Command::Frame(frame) => ServerMessage::Drawn(FrameRendered {
                 epoch: frame.epoch,
                 frame: frame.frame,
                 channel: ChannelId(*channel),
@@ -174,12 +175,12 @@ impl Life {
                 }
             }
             // A server that says nothing about a frame is late.
-            9 if matches!(self.statuses.front(), Some((_, Status::Drawn(_)))) => {
+            9 if matches!(self.statuses.front(), Some((_, ServerMessage::Drawn(_)))) => {
                 self.statuses.pop_front();
             }
             10..20 => {
                 if let Some(from) = first {
-                    let status = Status::Ping(Ping { sent_us: 1, memory_bytes: 5 });
+                    let status = ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 5 });
                     self.tell(Input::Status { from, status, wire_bytes: 9 });
                 }
             }
@@ -209,13 +210,13 @@ fn imported() -> ImportedScene {
 /// Records the life of a wall that is asked for frames all the time.
 fn live(path: &Path, segment_bytes: u64, seed: u64, steps: u32) {
     let ring = Ring::open_with(path, segment_bytes).expect("a file");
-    let mut life = Life::new(Recorder::write_to(ring, path).expect("a thread"), seed);
+    let mut life = RandomRun::new(Recorder::write_to(ring, path).expect("a thread"), seed);
     (0..CHANNELS).for_each(|_| life.join());
-    life.ask(Request::Run(polyptych_protocol::request::Pace::Rate(60.0)));
+    life.ask(Request::Run(polyptych_protocol::request::Pacing::Rate(60.0)));
     (0..steps).for_each(|_| life.step());
 }
 
-fn replayed(path: &Path) -> Replayed {
+fn replayed(path: &Path) -> ReplayReport {
     replay(&RingReader::open(path).expect("a recording")).expect("readable")
 }
 
@@ -320,7 +321,7 @@ fn another_decision_is_found() {
     // Decided in another way.
     let difference = changed(&|index, record| match record {
         Record::Decided(decision) if index == at => {
-            Some(Record::Decided(Decision { digest: 1, ..decision }))
+            Some(Record::Decided(EffectDigest { digest: 1, ..decision }))
         }
         other => Some(other),
     });
@@ -375,7 +376,7 @@ fn a_kept_incident_holds_the_invariants_from_wherever_it_is_cut() {
     live(&path, SMALL_SEGMENT, 6, 4000);
     let reader = RingReader::open(&path).expect("a recording");
     for (from_s, to_s) in [(None, None), (Some(3.0), None), (Some(2.0), Some(4.0))] {
-        let cut = Cut { part: None, from_s, to_s };
+        let cut = TimeRange { part: None, from_s, to_s };
         let incident = Incident::cut(&reader, &cut, "a test").expect("cut");
         let (text, left_out) = incident.to_text().expect("text");
         assert_eq!(left_out, 0);
@@ -387,9 +388,11 @@ fn a_kept_incident_holds_the_invariants_from_wherever_it_is_cut() {
         assert_eq!(a, b);
         assert!(a.frames > 20 && a.inputs > 100, "{a:?}");
     }
-    let nothing = Cut { from_s: Some(1e6), ..Cut::default() };
+    let nothing = TimeRange { from_s: Some(1e6), ..TimeRange::default() };
     assert!(Incident::cut(&reader, &nothing, "").is_err());
-    assert!(Incident::cut(&reader, &Cut { part: Some(2), ..Cut::default() }, "").is_err());
+    assert!(
+        Incident::cut(&reader, &TimeRange { part: Some(2), ..TimeRange::default() }, "").is_err()
+    );
 }
 
 #[test]

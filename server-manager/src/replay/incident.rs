@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::invariants::Invariants;
 use super::tell;
 use crate::record::ring::RingReader;
-use crate::record::{Beginning, Record};
+use crate::record::{InitialState, Record};
 
 /// Of the lines below.
 const FORMAT: u32 = 1;
@@ -31,17 +31,17 @@ const TIMEOUTS_AT_ONCE_MAX: u32 = 10_000;
 
 /// The first line.
 #[derive(Debug, Serialize, Deserialize)]
-struct Head {
+struct IncidentHeader {
     incident: u32,
     /// For the person whose test has failed.
     about: String,
     program: String,
-    beginning: Beginning,
+    beginning: InitialState,
 }
 
 /// Every other line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Line {
+pub struct IncidentEntry {
     /// Manager time in microseconds.
     pub now: Micros,
     /// What the brain is told.
@@ -51,13 +51,13 @@ pub struct Line {
 /// What a brain was told, from somewhere on.
 #[derive(Debug)]
 pub struct Incident {
-    head: Head,
-    lines: Vec<Line>,
+    head: IncidentHeader,
+    lines: Vec<IncidentEntry>,
 }
 
 /// Which stretch of a recording.
 #[derive(Clone, Debug, Default)]
-pub struct Cut {
+pub struct TimeRange {
     /// Which part, from 1; the last one where `None`.
     pub part: Option<usize>,
     /// From this manager time on, in seconds.
@@ -82,8 +82,8 @@ impl Incident {
     ///
     /// # Errors
     /// The recording can't be read, or has no such stretch.
-    pub fn cut(reader: &RingReader, cut: &Cut, about: &str) -> Result<Self, String> {
-        let mut parts = Parts::default();
+    pub fn cut(reader: &RingReader, cut: &TimeRange, about: &str) -> Result<Self, String> {
+        let mut parts = RunSelector::default();
         for &number in reader.segments() {
             for record in reader.read(number).map_err(|error| error.to_string())? {
                 parts.read(record, cut);
@@ -95,7 +95,7 @@ impl Incident {
         if lines.is_empty() {
             return Err("there is nothing in that time; the timeline shows what there is".into());
         }
-        let head = Head { incident: FORMAT, about: about.into(), program, beginning };
+        let head = IncidentHeader { incident: FORMAT, about: about.into(), program, beginning };
         Ok(Self { head, lines })
     }
 
@@ -110,7 +110,7 @@ impl Incident {
         let mut left_out = 0;
         for line in &self.lines {
             let json = serde_json::to_string(line).unwrap_or_default();
-            if serde_json::from_str::<Line>(&json).is_ok() {
+            if serde_json::from_str::<IncidentEntry>(&json).is_ok() {
                 // Writing into a string cannot fail.
                 let _ = writeln!(text, "{json}");
             } else {
@@ -138,7 +138,8 @@ impl Incident {
     fn parse(text: &str) -> Result<Self, (usize, String)> {
         let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
         let (_, first) = lines.next().ok_or((1, "it is empty".to_owned()))?;
-        let head: Head = serde_json::from_str(first).map_err(|error| (1, error.to_string()))?;
+        let head: IncidentHeader =
+            serde_json::from_str(first).map_err(|error| (1, error.to_string()))?;
         if head.incident != FORMAT {
             return Err((1, format!("format {}, where {FORMAT} is read", head.incident)));
         }
@@ -162,7 +163,7 @@ impl Incident {
     /// # Errors
     /// What does not hold, when, and on which input.
     pub fn check(self) -> Result<Checked, String> {
-        let is_from_start = matches!(self.head.beginning, Beginning::Fresh(_));
+        let is_from_start = matches!(self.head.beginning, InitialState::Fresh(_));
         let cluster = self.head.beginning.into_cluster();
         let deadline = Micros::from(cluster.wall().deadline.max_ms) * 1000;
         let invariants = Invariants::new(&cluster, is_from_start, "the incident".into());
@@ -172,7 +173,7 @@ impl Incident {
         let first = self.lines.first().map_or(0, |line| line.now);
         let now = if is_from_start { 0 } else { first };
         let mut check = Check { cluster, now, invariants, deadline, checked, imports };
-        for Line { now, input } in self.lines {
+        for IncidentEntry { now, input } in self.lines {
             check.pass_time(now)?;
             // The brain that is tested sets its own.
             if input != Input::Timeout {
@@ -185,17 +186,17 @@ impl Incident {
 
 /// The parts of a recording, of which one is kept.
 #[derive(Default)]
-struct Parts {
+struct RunSelector {
     number: usize,
     epoch: Option<polyptych_protocol::ids::Epoch>,
     has_ended: bool,
     /// The brain before the first kept input, where that is not the part's first.
     before: Option<Cluster>,
-    kept: Option<(String, Beginning, Vec<Line>)>,
+    kept: Option<(String, InitialState, Vec<IncidentEntry>)>,
 }
 
-impl Parts {
-    fn read(&mut self, record: Record, cut: &Cut) {
+impl RunSelector {
+    fn read(&mut self, record: Record, cut: &TimeRange) {
         let is_wanted = |number: usize| cut.part.is_none_or(|part| part == number);
         match record {
             Record::Begin(segment) => {
@@ -211,7 +212,7 @@ impl Parts {
                 if cut.from_s.is_some() {
                     // Written down again once the time has come.
                     let copy = clone_of(&segment.beginning);
-                    self.before = copy.map(Beginning::into_cluster);
+                    self.before = copy.map(InitialState::into_cluster);
                 }
                 self.kept = Some((segment.program, segment.beginning, Vec::new()));
             }
@@ -224,9 +225,9 @@ impl Parts {
                     }
                 } else if cut.to_s.is_none_or(|to| at_s <= to) {
                     if let Some(checkpoint) = self.before.take().as_ref().and_then(written_down) {
-                        *beginning = Beginning::Checkpoint(checkpoint);
+                        *beginning = InitialState::Checkpoint(checkpoint);
                     }
-                    lines.push(Line { now, input });
+                    lines.push(IncidentEntry { now, input });
                 }
             }
             Record::End => self.has_ended = true,
@@ -240,7 +241,7 @@ fn written_down(cluster: &Cluster) -> Option<Checkpoint> {
     polyptych_protocol::framing::decode(&polyptych_codec::encode(&cluster.checkpoint())).ok()
 }
 
-fn clone_of(beginning: &Beginning) -> Option<Beginning> {
+fn clone_of(beginning: &InitialState) -> Option<InitialState> {
     polyptych_protocol::framing::decode(&polyptych_codec::encode(beginning)).ok()
 }
 
@@ -252,7 +253,7 @@ struct Check {
     deadline: Micros,
     checked: Checked,
     /// Bakes that have not ended.
-    imports: Vec<polyptych_core::RequestOf>,
+    imports: Vec<polyptych_core::ClientRequest>,
 }
 
 impl Check {
@@ -277,7 +278,7 @@ impl Check {
             }
         }
         for output in outputs {
-            if let polyptych_core::Output::Import { job, .. } = output {
+            if let polyptych_core::Effect::Import { job, .. } = output {
                 self.imports.push(job);
             }
         }

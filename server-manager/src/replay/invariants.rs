@@ -2,12 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use polyptych_core::{Cluster, Input, Micros, Output, RequestOf, SessionId};
+use polyptych_core::{ClientRequest, Cluster, Effect, Input, Micros, SessionId};
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::FrameId;
-use polyptych_protocol::request::Answer;
-use polyptych_protocol::status::Status;
+use polyptych_protocol::request::MessageToClient;
+use polyptych_protocol::status::ServerMessage;
 use polyptych_wall::ChannelId;
 
 use crate::replay::words;
@@ -26,7 +26,7 @@ pub struct Invariants {
     is_from_start: bool,
     begun: Option<Begun>,
     frame: FrameId,
-    open: BTreeSet<RequestOf>,
+    open: BTreeSet<ClientRequest>,
     is_over: bool,
 }
 
@@ -49,7 +49,7 @@ impl Invariants {
     }
 
     /// Requests that wait for their answer.
-    pub fn open(&self) -> &BTreeSet<RequestOf> {
+    pub fn open(&self) -> &BTreeSet<ClientRequest> {
         &self.open
     }
 
@@ -66,7 +66,7 @@ impl Invariants {
         &mut self,
         now: Micros,
         input: &Input,
-        outputs: &[Output],
+        outputs: &[Effect],
         cluster: &Cluster,
     ) -> Result<(), String> {
         match input {
@@ -75,9 +75,9 @@ impl Invariants {
             }
             Input::Request { client, id, .. } => {
                 // A client that uses a number twice has itself to blame.
-                self.open.insert(RequestOf { client: *client, id: *id });
+                self.open.insert(ClientRequest { client: *client, id: *id });
             }
-            Input::Status { status: Status::Drawn(drawn), .. } => {
+            Input::Status { status: ServerMessage::Drawn(drawn), .. } => {
                 if let Some(begun) = self.begun.as_mut().filter(|b| b.frame == drawn.frame) {
                     begun.drawn.insert(drawn.channel);
                 }
@@ -105,20 +105,20 @@ impl Invariants {
         Ok(())
     }
 
-    fn look_at(&mut self, now: Micros, output: &Output) -> Result<(), String> {
+    fn look_at(&mut self, now: Micros, output: &Effect) -> Result<(), String> {
         match output {
-            Output::Command { to, bytes } => match polyptych_protocol::framing::decode(bytes) {
+            Effect::Command { to, bytes } => match polyptych_protocol::framing::decode(bytes) {
                 Ok(Command::Frame(frame)) => self.begin(now, frame.frame, to),
                 Ok(Command::Swap(swap)) => self.swap(swap.frame, to),
                 Ok(_) => Ok(()),
                 Err(error) => Err(format!("it sends what nobody can read: {error}")),
             },
-            Output::Answer { to, answer: Answer::Reply { id, .. } } => {
-                self.answer(RequestOf { client: *to, id: *id })
+            Effect::Answer { to, answer: MessageToClient::Reply { id, .. } } => {
+                self.answer(ClientRequest { client: *to, id: *id })
             }
             // Its pictures are collected, and end in an answer, by the manager.
-            Output::Collect { job, .. } => self.answer(*job),
-            Output::Stop | Output::StopServers { .. } => {
+            Effect::Collect { job, .. } => self.answer(*job),
+            Effect::Stop | Effect::StopServers { .. } => {
                 self.is_over = true;
                 self.open.clear();
                 Ok(())
@@ -163,7 +163,7 @@ impl Invariants {
         Ok(())
     }
 
-    fn answer(&mut self, job: RequestOf) -> Result<(), String> {
+    fn answer(&mut self, job: ClientRequest) -> Result<(), String> {
         let is_known = self.open.remove(&job);
         if is_known || !self.is_from_start || self.is_over {
             return Ok(());

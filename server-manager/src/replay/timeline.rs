@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use polyptych_core::{Cluster, Input, Micros, Output, SessionId};
+use polyptych_core::{Cluster, Effect, Input, Micros, SessionId};
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::request::{Answer, Request};
+use polyptych_protocol::request::{MessageToClient, Request};
 use serde::Serialize;
 
 use crate::replay::words;
@@ -77,7 +77,7 @@ impl Timeline {
         &mut self,
         now: Micros,
         input: &Input,
-        outputs: &[Output],
+        outputs: &[Effect],
         refusal: Option<&str>,
         cluster: &Cluster,
     ) {
@@ -189,9 +189,9 @@ impl Timeline {
         }
     }
 
-    fn note_output(&mut self, now: Micros, output: &Output) {
+    fn note_output(&mut self, now: Micros, output: &Effect) {
         match output {
-            Output::Command { bytes, .. } => {
+            Effect::Command { bytes, .. } => {
                 match polyptych_protocol::framing::decode::<Command>(bytes) {
                     Ok(Command::Frame(_)) => self.began = Some(now),
                     Ok(Command::Swap(_)) => {
@@ -206,7 +206,7 @@ impl Timeline {
                     _ => {}
                 }
             }
-            Output::Answer { to, answer: Answer::Reply { reply, .. } } => {
+            Effect::Answer { to, answer: MessageToClient::Reply { reply, .. } } => {
                 self.summary.answers += 1;
                 if let Err(failure) = reply {
                     self.summary.failures += 1;
@@ -214,12 +214,12 @@ impl Timeline {
                     self.event("failure", format!("client {name} is told: {}", failure.reason));
                 }
             }
-            Output::Close { session, reason } => {
+            Effect::Close { session, reason } => {
                 let name = self.name(*session);
                 self.event("leave", format!("server {name} is let go: {reason}"));
             }
-            Output::Stop => self.event("end", "the manager is stopped by a client".into()),
-            Output::StopServers { .. } => {
+            Effect::Stop => self.event("end", "the manager is stopped by a client".into()),
+            Effect::StopServers { .. } => {
                 self.event("end", "the manager and its servers are stopped by a client".into());
             }
             _ => {}

@@ -1,10 +1,10 @@
 //! What a manager was told, in plain words.
 
 use polyptych_core::Input;
-use polyptych_protocol::request::{Pace, Request};
-use polyptych_protocol::status::Status;
+use polyptych_protocol::request::{Pacing, Request};
+use polyptych_protocol::status::ServerMessage;
 use polyptych_text::counted;
-use polyptych_wall::tuning::Change;
+use polyptych_wall::tuning::CalibrationChange;
 
 /// Maximum length of a text of a peer that is repeated, in characters.
 const TEXT_CHARS_MAX: usize = 200;
@@ -59,13 +59,13 @@ pub(super) fn of_request(request: &Request) -> String {
         }
         Request::SetViews(views) => format!("{name}: {}", counted(views.len(), "view")),
         Request::SetExposure(exposure) => format!("{name} to {exposure}"),
-        Request::Run(Pace::Free) => "run as fast as the wall can".to_owned(),
-        Request::Run(Pace::Rate(rate)) => format!("run at {rate} frames per second"),
+        Request::Run(Pacing::Free) => "run as fast as the wall can".to_owned(),
+        Request::Run(Pacing::Rate(rate)) => format!("run at {rate} frames per second"),
         Request::SetDisplays(mode) => format!("{name} to {}", mode.name()),
         Request::SetPattern(Some(pattern)) => format!("{name} to {}", pattern.name()),
         Request::SetPattern(None) => format!("{name} to none"),
         Request::Tune { channel, changes } => {
-            let keys: Vec<_> = changes.iter().take(8).map(Change::key).collect();
+            let keys: Vec<_> = changes.iter().take(8).map(CalibrationChange::key).collect();
             let more = if changes.len() > 8 { ", …" } else { "" };
             format!("{name} {}: {}{more}", text(channel), keys.join(", "))
         }
@@ -73,31 +73,33 @@ pub(super) fn of_request(request: &Request) -> String {
     }
 }
 
-fn of_status(status: &Status) -> String {
+fn of_status(status: &ServerMessage) -> String {
     match status {
-        Status::Prepared(prepared) => format!("revision {} is prepared", prepared.revision.0),
-        Status::PrepareFailed { revision, reason, .. } => {
+        ServerMessage::Prepared(prepared) => {
+            format!("revision {} is prepared", prepared.revision.0)
+        }
+        ServerMessage::PrepareFailed { revision, reason, .. } => {
             format!("revision {} cannot be prepared: {}", revision.0, text(reason))
         }
-        Status::Drawn(drawn) => {
+        ServerMessage::Drawn(drawn) => {
             format!("channel number {} has drawn frame {}", drawn.channel.0, drawn.frame.0)
         }
-        Status::DrawFailed { channel, frame, reason } => {
+        ServerMessage::DrawFailed { channel, frame, reason } => {
             let (channel, frame) = (channel.0, frame.0);
             format!("channel number {channel} cannot draw frame {frame}: {}", text(reason))
         }
-        Status::Shown(shown) => {
+        ServerMessage::Shown(shown) => {
             format!("channel number {} has shown frame {}", shown.channel.0, shown.frame.0)
         }
-        Status::Ping(_) => "it is there".to_owned(),
-        Status::Navigate(navigation) => {
+        ServerMessage::Ping(_) => "it is there".to_owned(),
+        ServerMessage::Navigate(navigation) => {
             format!("the mouse moved the camera over channel {}", text(&navigation.channel))
         }
-        Status::Display { channel, .. } => {
+        ServerMessage::Display { channel, .. } => {
             format!("how the display of channel number {} fits", channel.0)
         }
-        Status::StateLost { reason } => format!("lost its state: {}", text(reason)),
-        Status::Goodbye { reason } => format!("goodbye: {}", text(reason)),
+        ServerMessage::StateLost { reason } => format!("lost its state: {}", text(reason)),
+        ServerMessage::Goodbye { reason } => format!("goodbye: {}", text(reason)),
     }
 }
 
@@ -119,13 +121,13 @@ mod tests {
     fn inputs_are_sentences_without_the_marks_of_a_program() {
         let tune = Request::Tune {
             channel: "left".into(),
-            changes: vec![Change::Grid(None), Change::Gamma(None)],
+            changes: vec![CalibrationChange::Grid(None), CalibrationChange::Gamma(None)],
         };
         let asked =
             |request: Request| Input::Request { client: SessionId(3), id: RequestId(7), request };
         let reason = "out of memory".to_owned();
         let (channel, frame) = (ChannelId(2), FrameId(9));
-        let failed = Status::DrawFailed { channel, frame, reason };
+        let failed = ServerMessage::DrawFailed { channel, frame, reason };
         for (input, words) in [
             (Input::Timeout, "time passed"),
             (
@@ -133,7 +135,7 @@ mod tests {
                 "the client of session 3 asked, with number 7: tune the channel left: bend, gamma",
             ),
             (
-                asked(Request::Run(Pace::Rate(30.0))),
+                asked(Request::Run(Pacing::Rate(30.0))),
                 "the client of session 3 asked, with number 7: run at 30 frames per second",
             ),
             (

@@ -1,13 +1,13 @@
 //! How a brain begins: afresh, or from what the last manager of its wall remembered.
 
-use polyptych_files::blob::BlobFolder;
+use polyptych_files::blob::BlobStore;
 use polyptych_protocol::ids::Epoch;
 
 use super::ManagerOptions;
-use crate::brain::Brain;
-use crate::bulk::AllowedBlobs;
+use crate::brain::RecordedCluster;
+use crate::bulk::BlobAllowlist;
 use crate::memory::{Reconciled, StateFile};
-use crate::record::Fresh;
+use crate::record::ClusterConfig;
 use crate::{import, memory};
 
 /// Maximum number of changed keys that are logged one by one.
@@ -18,21 +18,27 @@ const CHANGES_LOGGED_MAX: usize = 32;
 pub(super) fn begin(
     options: &mut ManagerOptions,
     epoch: Epoch,
-    allowed: &AllowedBlobs,
-) -> (Brain, Option<StateFile>) {
+    allowed: &BlobAllowlist,
+) -> (RecordedCluster, Option<StateFile>) {
     let (wall, is_navigable) = (options.wall.clone(), options.is_navigable);
     let recorder = options.recorder.take();
     let state = options.memory.clone().map(|path| StateFile::new(path, &wall));
     let saved = state.as_ref().and_then(|state| memory::load(state.path()));
     let (Some(state), Some(saved)) = (&state, saved) else {
-        return (Brain::new(Fresh { wall, epoch, memory: None, is_navigable }, recorder), state);
+        return (
+            RecordedCluster::new(
+                ClusterConfig { wall, epoch, memory: None, is_navigable },
+                recorder,
+            ),
+            state,
+        );
     };
     let reconciled = memory::reconcile(saved, &wall);
     log(&reconciled, state);
     let has_changed = reconciled.has_changed();
     let mut memory = reconciled.memory;
     if let Some(scene) = &memory.scene {
-        let folder = BlobFolder::new(options.baker.store.join("blobs"));
+        let folder = BlobStore::new(options.baker.store.join("blobs"));
         match import::read_manifest(&folder, scene.manifest) {
             Ok(import) => {
                 allowed.allow(&import.blobs);
@@ -52,7 +58,10 @@ pub(super) fn begin(
         tracing::warn!(path = %state.path().display(), %error, "cannot remember the state");
     }
     tracing::info!(revision = memory.revision.0, "going on where the last manager stopped");
-    let brain = Brain::new(Fresh { wall, epoch, memory: Some(memory), is_navigable }, recorder);
+    let brain = RecordedCluster::new(
+        ClusterConfig { wall, epoch, memory: Some(memory), is_navigable },
+        recorder,
+    );
     (brain, Some(state.clone()))
 }
 

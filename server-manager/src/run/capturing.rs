@@ -2,26 +2,26 @@
 
 use std::time::Duration;
 
-use polyptych_core::{RequestOf, SessionId};
-use polyptych_protocol::bulk::PictureChunk;
+use polyptych_core::{ClientRequest, SessionId};
+use polyptych_protocol::bulk::CaptureChunk;
 use polyptych_protocol::ids::FrameId;
-use polyptych_protocol::request::{Answer, Failure};
-use polyptych_protocol::status::Status;
+use polyptych_protocol::request::{MessageToClient, RequestError};
+use polyptych_protocol::status::ServerMessage;
 use polyptych_wall::ChannelId;
 use tokio::time::Instant;
 
-use super::Hub;
-use crate::capture::Collection;
+use super::EventLoop;
+use crate::capture::CaptureJob;
 use crate::delivery;
 
 /// How long a capture waits for its pictures, once the frame was swapped.
 const CAPTURE_TIME_MAX: Duration = Duration::from_secs(30);
 
-impl Hub {
+impl EventLoop {
     /// Begins to collect the pictures of a frame for a client.
     pub(super) fn begin_collection(
         &mut self,
-        job: RequestOf,
+        job: ClientRequest,
         frame: FrameId,
         channels: &[ChannelId],
         missing: Vec<(String, String)>,
@@ -31,19 +31,19 @@ impl Hub {
         match self.pictures.room_for(wall) {
             Ok(room) => {
                 let wall = (wall, &self.shapes);
-                let collection = Collection::new(job, frame, channels, missing, wall, room);
+                let collection = CaptureJob::new(job, frame, channels, missing, wall, room);
                 self.collections.push((Instant::now() + CAPTURE_TIME_MAX, collection));
                 self.finish_collections();
             }
             Err(reason) => {
-                let reply = Err(Failure::new(reason));
-                self.answer(job.client, Answer::Reply { id: job.id, reply });
+                let reply = Err(RequestError::new(reason));
+                self.answer(job.client, MessageToClient::Reply { id: job.id, reply });
             }
         }
     }
 
     /// Puts a piece of a picture in its place.
-    pub(super) fn take_picture(&mut self, from: SessionId, chunk: &PictureChunk) {
+    pub(super) fn take_picture(&mut self, from: SessionId, chunk: &CaptureChunk) {
         let now = self.now();
         if !self.cluster.channels_of(from).contains(&chunk.channel) {
             let what = format!("session {}: picture", from.0);
@@ -66,17 +66,17 @@ impl Hub {
     }
 
     /// Captures hear which channels have drawn what, or could not.
-    pub(super) fn note_drawing(&mut self, from: SessionId, status: &Status) {
+    pub(super) fn note_drawing(&mut self, from: SessionId, status: &ServerMessage) {
         if self.collections.is_empty() {
             return;
         }
         let channels = self.cluster.channels_of(from);
         for (_, collection) in &mut self.collections {
             match status {
-                Status::Drawn(drawn) if channels.contains(&drawn.channel) => {
+                ServerMessage::Drawn(drawn) if channels.contains(&drawn.channel) => {
                     collection.note_drawn(drawn.channel, drawn.frame);
                 }
-                Status::DrawFailed { channel, frame, reason }
+                ServerMessage::DrawFailed { channel, frame, reason }
                     if channels.contains(channel) && *frame == collection.frame =>
                 {
                     collection.give_up_on(&[*channel], reason);

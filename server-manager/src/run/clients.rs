@@ -4,13 +4,13 @@ use polyptych_core::{Input, Micros, SessionId};
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::process;
-use polyptych_protocol::request::{Answer, Reply};
+use polyptych_protocol::request::{MessageToClient, Response};
 use tokio::time::{Duration, Instant};
 
-use super::Hub;
+use super::EventLoop;
 use crate::memory::keeper::{Keeper, tells_of_change};
 use crate::requests::{Asked, RequestQueues};
-use crate::session::Link;
+use crate::session::ClientHandle;
 
 /// Maximum number of clients: control desks, dashboards and scripts of the largest wall. One more
 /// may come from the manager's own machine, so that its operator is never locked out.
@@ -23,18 +23,18 @@ const IDLE_TIME_MIN: Duration = Duration::from_mins(1);
 /// A client that was let in.
 #[derive(Debug)]
 pub(super) struct ClientSeat {
-    pub link: Link,
+    pub link: ClientHandle,
     asked_at: Instant,
 }
 
-impl Hub {
+impl EventLoop {
     /// Lets a client in, if there is a place or one that is idle leaves its own.
     pub(super) fn let_client_in(
         &mut self,
         now: Micros,
         name: String,
         is_local: bool,
-        link: Link,
+        link: ClientHandle,
     ) -> Result<Welcome, String> {
         if self.clients.len() >= CLIENTS_MAX {
             let idle = self.idlest_client();
@@ -92,7 +92,7 @@ impl Hub {
     }
 
     /// Sends an answer; one that tells of a change once the change is kept.
-    pub(super) fn answer(&mut self, to: SessionId, answer: Answer) {
+    pub(super) fn answer(&mut self, to: SessionId, answer: MessageToClient) {
         let Some(keeper) = &mut self.keeper else { return self.send_answer(to, answer) };
         let Some(answer) = keeper.hold(to, answer) else { return };
         // What it tells of may have been tried already, in vain.
@@ -100,15 +100,16 @@ impl Hub {
         self.send_with(to, warning, answer);
     }
 
-    fn send_answer(&mut self, to: SessionId, mut answer: Answer) {
+    fn send_answer(&mut self, to: SessionId, mut answer: MessageToClient) {
         let Some(seat) = self.clients.get(&to) else { return };
         let link = &seat.link;
         // Feedback and progress that nobody reads may be lost; an answer may not.
-        let may_be_lost = matches!(answer, Answer::Feedback(_) | Answer::Progress { .. });
+        let may_be_lost =
+            matches!(answer, MessageToClient::Feedback(_) | MessageToClient::Progress { .. });
         if may_be_lost && !link.has_room() {
             return;
         }
-        if let Answer::Reply { reply: Ok(Reply::Status(status)), .. } = &mut answer {
+        if let MessageToClient::Reply { reply: Ok(Response::Status(status)), .. } = &mut answer {
             status.warnings.extend(self.keeper.as_ref().and_then(Keeper::warning));
             status.warnings.extend(self.cluster.warning());
             status.memory_bytes = process::resident_bytes().unwrap_or(0);
@@ -124,7 +125,8 @@ impl Hub {
     fn let_client_go(&mut self, session: SessionId, reason: &str) {
         if let Some(seat) = self.clients.get(&session) {
             // Behind its answers, if it reads on after all.
-            let goodbye = polyptych_codec::encode(&Answer::Goodbye(Goodbye::closed(reason)));
+            let goodbye =
+                polyptych_codec::encode(&MessageToClient::Goodbye(Goodbye::closed(reason)));
             let _ = seat.link.pieces.try_send(goodbye);
             self.forget(session, reason);
         }
@@ -139,9 +141,9 @@ impl Hub {
     }
 
     /// Sends an answer behind what its client should know.
-    fn send_with(&mut self, to: SessionId, warning: Option<String>, answer: Answer) {
-        if let (Some(warning), Answer::Reply { id, .. }) = (warning, &answer) {
-            self.send_answer(to, Answer::Warning { id: *id, warning });
+    fn send_with(&mut self, to: SessionId, warning: Option<String>, answer: MessageToClient) {
+        if let (Some(warning), MessageToClient::Reply { id, .. }) = (warning, &answer) {
+            self.send_answer(to, MessageToClient::Warning { id: *id, warning });
         }
         self.send_answer(to, answer);
     }

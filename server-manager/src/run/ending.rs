@@ -3,23 +3,27 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use polyptych_core::{RequestOf, SessionId};
+use polyptych_core::{ClientRequest, SessionId};
 use polyptych_protocol::command::{Command, Goodbye};
-use polyptych_protocol::request::{Answer, Reply, StoppedServers};
-use polyptych_protocol::status::Status;
+use polyptych_protocol::request::{MessageToClient, Response, StoppedServers};
+use polyptych_protocol::status::ServerMessage;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout_at};
 
-use super::Hub;
+use super::EventLoop;
 use crate::session::{DRAIN_TIME_MAX, Event};
 
 /// Longest wait for the goodbyes of servers that were told to end: their network threads answer
 /// within milliseconds, whatever they draw.
 const STOP_TIME_MAX: Duration = Duration::from_secs(5);
 
-impl Hub {
+impl EventLoop {
     /// Tells all servers to end, waits until each has said goodbye, and answers the client.
-    pub(super) async fn stop_servers(&mut self, job: RequestOf, inbox: &mut mpsc::Receiver<Event>) {
+    pub(super) async fn stop_servers(
+        &mut self,
+        job: ClientRequest,
+        inbox: &mut mpsc::Receiver<Event>,
+    ) {
         let goodbye = polyptych_codec::encode(&Command::Goodbye(Goodbye::StoppedWithServers));
         let goodbye = polyptych_codec::framed(&goodbye);
         let mut waiting: BTreeMap<SessionId, String> = BTreeMap::new();
@@ -33,7 +37,7 @@ impl Hub {
         while !waiting.is_empty() {
             let Ok(Some(event)) = timeout_at(until, inbox.recv()).await else { break };
             match event {
-                Event::ServerSays { from, status: Status::Goodbye { .. }, .. } => {
+                Event::ServerSays { from, status: ServerMessage::Goodbye { .. }, .. } => {
                     stopped.ended.extend(waiting.remove(&from));
                 }
                 Event::Gone { session, reason } => {
@@ -49,7 +53,8 @@ impl Hub {
         stopped.silent.extend(waiting.into_values().map(|name| (name, reason.clone())));
         stopped.ended.sort_unstable();
         tracing::info!(ended = stopped.ended.len(), silent = ?stopped.silent, "servers stopped");
-        let answer = Answer::Reply { id: job.id, reply: Ok(Reply::ServersStopped(stopped)) };
+        let answer =
+            MessageToClient::Reply { id: job.id, reply: Ok(Response::ServersStopped(stopped)) };
         self.answer(job.client, answer);
     }
 
@@ -66,7 +71,7 @@ impl Hub {
         tracing::info!(reason = %goodbye, "the manager ends");
         let to_servers = polyptych_codec::encode(&Command::Goodbye(goodbye.clone()));
         let to_servers = polyptych_codec::framed(&to_servers);
-        let to_clients = polyptych_codec::encode(&Answer::Goodbye(goodbye.clone()));
+        let to_clients = polyptych_codec::encode(&MessageToClient::Goodbye(goodbye.clone()));
         for link in self.servers.values() {
             link.send(&to_servers);
             link.close.cancel();

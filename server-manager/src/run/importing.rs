@@ -2,23 +2,23 @@
 
 use std::sync::Arc;
 
-use polyptych_core::{Input, RequestOf};
+use polyptych_core::{ClientRequest, Input};
 use polyptych_protocol::progress::{OpenProgress, OpenStage};
 use tracing::Instrument;
 
-use super::Hub;
+use super::EventLoop;
 use crate::import::{self, Import};
 
 /// How far the bake has come that a client waits for.
-pub(super) type Baking = (RequestOf, OpenProgress);
+pub(super) type Baking = (ClientRequest, OpenProgress);
 
 /// A bake that has ended.
 pub(super) struct Imported {
-    job: RequestOf,
+    job: ClientRequest,
     result: Result<Import, String>,
 }
 
-impl Hub {
+impl EventLoop {
     pub(super) fn handle_imported(&mut self, imported: Imported) {
         let job = imported.job;
         let scene = imported.result.map(|import| {
@@ -29,7 +29,7 @@ impl Hub {
     }
 
     /// Bakes a scene, or finds that it was baked.
-    pub(super) fn import(&self, job: RequestOf, path: String) {
+    pub(super) fn import(&self, job: ClientRequest, path: String) {
         let roots = self.options.scene_roots.clone();
         let baker = self.options.baker.clone();
         let done = self.imported.0.clone();

@@ -7,7 +7,7 @@ use polyptych_protocol::stream;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
-use crate::door::{self, Door};
+use crate::door::{self, AcceptContext};
 
 /// Serves connections until it is dropped.
 #[derive(Debug)]
@@ -24,7 +24,7 @@ impl Network {
     ///
     /// # Errors
     /// The system gives no thread, or does not take the socket.
-    pub fn start(listener: std::net::TcpListener, met: Door) -> io::Result<Self> {
+    pub fn start(listener: std::net::TcpListener, met: AcceptContext) -> io::Result<Self> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         stream::deepen_queue(&listener)?;
         let listener = {

@@ -2,13 +2,13 @@
 
 use tokio::sync::mpsc;
 
-use super::Hub;
-use crate::metrics::{Queue, Sample};
+use super::EventLoop;
+use crate::metrics::{MetricsSnapshot, Queue};
 use crate::session::{EVENTS_MAX, OUTBOX_MESSAGES_MAX};
 
-impl Hub {
+impl EventLoop {
     /// The wall, the queues and the bytes so far.
-    pub(super) fn sample(&self) -> Sample {
+    pub(super) fn sample(&self) -> MetricsSnapshot {
         let snapshot = self.cluster.snapshot(self.now());
         let servers = self.servers.values().map(|link| waiting_in(&link.outbox)).max();
         let clients = self.clients.values().map(|seat| waiting_in(&seat.link.outbox)).max();
@@ -20,7 +20,7 @@ impl Hub {
             queue("orders", snapshot.orders.0, snapshot.orders.1),
             queue("changes", snapshot.changes.0, snapshot.changes.1),
         ];
-        Sample { snapshot, queues, bytes: self.traffic.totals() }
+        MetricsSnapshot { snapshot, queues, bytes: self.traffic.totals() }
     }
 }
 

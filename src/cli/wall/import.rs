@@ -27,7 +27,7 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context, bail};
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_baker::map::mpcdi::{
-    self, Imported, ImportedBuffer, ImportedRegion, Profile, Pyramid,
+    self, Imported, ImportedBuffer, ImportedRegion, Profile, RegionFrustum,
 };
 use polyptych_text::counted;
 use tree::{CONFIG_BYTES_MAX, Tree};
@@ -291,7 +291,7 @@ impl LitPlane {
     /// There is no plane that all of them light.
     fn new(regions: &[ImportedRegion], distance: f64) -> anyhow::Result<Self> {
         let all = || regions.iter().filter_map(|region| Some((region, region.pyramid?)));
-        let axis = |pyramid: &Pyramid| pyramid.display_from_view() * DVec3::NEG_Z;
+        let axis = |pyramid: &RegionFrustum| pyramid.display_from_view() * DVec3::NEG_Z;
         let ahead = all().map(|(_, pyramid)| axis(&pyramid)).sum::<DVec3>().normalize_or_zero();
         if all().any(|(_, pyramid)| axis(&pyramid).dot(ahead) < AXIS_COSINE_MIN) {
             bail!(

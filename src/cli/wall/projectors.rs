@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use anyhow::{anyhow, bail};
 use polyptych_wall_file::coverage::coverage;
-use polyptych_wall_file::table::WallTable;
+use polyptych_wall_file::table::CheckReport;
 
 use super::metres;
 use super::pose::{LENS_HEIGHT_MIN_M, Lens, Pose, Trouble};
@@ -239,7 +239,7 @@ pub(super) fn verify(text: &str, pairs: &[([String; 2], f64)]) -> anyhow::Result
     if let Some(([a, b], _)) = left.first() {
         bail!("{a} and {b} overlap less than asked; a greater one may work");
     }
-    match WallTable::of(&wall).warnings.first() {
+    match CheckReport::of(&wall).warnings.first() {
         Some(warning) => bail!("this wall would not be a good one: {warning}"),
         None => Ok(()),
     }

@@ -9,8 +9,8 @@ use polyptych_client::glam::{DMat3, DVec2, DVec3};
 use polyptych_client::{Wall, tuning};
 use polyptych_files::output_file;
 use polyptych_text::counted;
-use polyptych_wall::adjustment::Bend;
-use polyptych_wall::{Adjustment, Channel, Curve};
+use polyptych_wall::adjustment::ControlGrid;
+use polyptych_wall::{Channel, ChannelCalibration, TransferFunction};
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use super::super::{ManagerAddress, load_wall, say};
@@ -106,7 +106,7 @@ fn table_of<'a>(document: &'a mut DocumentMut, name: &str) -> Option<&'a mut dyn
 }
 
 /// Writes what differs, and nothing else.
-fn adjust(table: &mut dyn TableLike, before: &Adjustment, now: &Adjustment) {
+fn adjust(table: &mut dyn TableLike, before: &ChannelCalibration, now: &ChannelCalibration) {
     if before.pin != now.pin {
         set(table, "pin", now.pin.into_iter().map(pair).collect::<Array>().into());
     }
@@ -143,8 +143,8 @@ fn adjust(table: &mut dyn TableLike, before: &Adjustment, now: &Adjustment) {
     if old.curve != new.curve {
         table.remove("curve");
         match &new.curve {
-            Curve::Gamma(gamma) => set(table, "gamma", light(*gamma)),
-            Curve::Srgb | Curve::Measured(_) => drop(table.remove("gamma")),
+            TransferFunction::Gamma(gamma) => set(table, "gamma", light(*gamma)),
+            TransferFunction::Srgb | TransferFunction::Measured(_) => drop(table.remove("gamma")),
         }
     }
 }
@@ -178,7 +178,7 @@ fn set_edge(table: &mut dyn TableLike, name: &str, width: Option<f64>) {
     }
 }
 
-fn set_bend(table: &mut dyn TableLike, bend: &Bend) {
+fn set_bend(table: &mut dyn TableLike, bend: &ControlGrid) {
     let Some(inner) = inner(table, "bend") else { return };
     let points = bend.points.to_array().map(i64::from);
     set(inner, "points", points.into_iter().collect::<Array>().into());

@@ -1,32 +1,32 @@
 //! Wall files that are written pass their own check, without a warning.
 
 use clap::Parser;
-use polyptych_wall_file::table::WallTable;
+use polyptych_wall_file::table::CheckReport;
 
 use super::*;
 
 #[derive(Debug, Parser)]
 struct Line {
     #[command(subcommand)]
-    wall: Wall,
+    wall: WallCommand,
 }
 
 fn text(line: &str) -> anyhow::Result<String> {
     let line = Line::try_parse_from(format!("wall {line}").split_whitespace())?;
     match &line.wall {
-        Wall::Grid(arguments) => arguments.text(),
-        Wall::Arch(arguments) => arguments.text(),
-        Wall::Cylinder(arguments) => arguments.text(),
-        Wall::Cave(arguments) => arguments.text(),
-        Wall::Dome(arguments) => arguments.text(),
+        WallCommand::Grid(arguments) => arguments.text(),
+        WallCommand::Arch(arguments) => arguments.text(),
+        WallCommand::Cylinder(arguments) => arguments.text(),
+        WallCommand::Cave(arguments) => arguments.text(),
+        WallCommand::Dome(arguments) => arguments.text(),
         _ => anyhow::bail!("it makes no wall"),
     }
 }
 
-fn table(line: &str) -> WallTable {
+fn table(line: &str) -> CheckReport {
     let text = text(line).unwrap_or_else(|error| panic!("{line}: {error}"));
     let wall = polyptych_wall_file::parse(&text, "wall.toml".as_ref());
-    let table = WallTable::of(&wall.unwrap_or_else(|error| panic!("{line}: {error}\n{text}")));
+    let table = CheckReport::of(&wall.unwrap_or_else(|error| panic!("{line}: {error}\n{text}")));
     assert!(table.warnings.is_empty(), "{line}: {:?}", table.warnings);
     assert!(text.starts_with("# ") && text.contains("+--"), "{line}: a drawing\n{text}");
     table
@@ -60,7 +60,7 @@ fn numbers_are_taken_as_they_are_given() {
 }
 
 /// Projectors of a wall file, where nobody can stand, whose light nobody takes and that cover it.
-fn projected(line: &str) -> WallTable {
+fn projected(line: &str) -> CheckReport {
     let table = table(line);
     for channel in &table.channels {
         let projector = channel.projector.unwrap_or_else(|| panic!("{line}: {channel:?}"));

@@ -11,11 +11,11 @@ const WINDOW_S: f64 = 2.0;
 /// What was looked at within the window, and the newest before it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rates {
-    looks: VecDeque<Look>,
+    looks: VecDeque<RateSample>,
 }
 
 #[derive(Clone, Debug)]
-struct Look {
+struct RateSample {
     at_s: f64,
     frame: u64,
     channels: Vec<u64>,
@@ -24,14 +24,15 @@ struct Look {
 impl Rates {
     /// Notes a status; `at_s` is in seconds of any clock that does not jump.
     pub fn add(&mut self, at_s: f64, status: &WallStatus) {
-        let look = Look {
+        let look = RateSample {
             at_s,
             frame: status.frame.0,
             channels: status.channels.iter().map(|channel| channel.frame.0).collect(),
         };
         // A manager that began anew counts anew; so does another wall at the same address.
-        let is_other =
-            |last: &Look| last.frame > look.frame || last.channels.len() != look.channels.len();
+        let is_other = |last: &RateSample| {
+            last.frame > look.frame || last.channels.len() != look.channels.len()
+        };
         if self.looks.back().is_some_and(is_other) {
             self.looks.clear();
         }
@@ -51,7 +52,7 @@ impl Rates {
         self.rate(|look| look.channels.get(index).copied().unwrap_or(0))
     }
 
-    fn rate(&self, frame: impl Fn(&Look) -> u64) -> Option<f64> {
+    fn rate(&self, frame: impl Fn(&RateSample) -> u64) -> Option<f64> {
         let (first, last) = (self.looks.front()?, self.looks.back()?);
         let seconds = last.at_s - first.at_s;
         (seconds > 0.0).then(|| frame(last).saturating_sub(frame(first)) as f64 / seconds)

@@ -18,20 +18,20 @@ use crate::log;
 
 /// A terminal that is ours until this is dropped.
 #[derive(Debug)]
-pub(super) struct Screen {
+pub(super) struct Terminal {
     out: Stdout,
     has_color: bool,
 }
 
 /// What came from the terminal.
 #[derive(Debug, Default)]
-pub(super) struct Input {
+pub(super) struct TerminalInput {
     /// `q` or Ctrl-C.
     pub is_end: bool,
     pub is_resized: bool,
 }
 
-impl Screen {
+impl Terminal {
     /// Takes the terminal.
     ///
     /// # Errors
@@ -61,8 +61,8 @@ impl Screen {
     }
 
     /// Waits so long for a key or a change of size, then takes all that came.
-    pub fn await_input(longest: Duration) -> std::io::Result<Input> {
-        let mut input = Input::default();
+    pub fn await_input(longest: Duration) -> std::io::Result<TerminalInput> {
+        let mut input = TerminalInput::default();
         let mut wait = longest;
         while poll(wait)? {
             wait = Duration::ZERO;
@@ -122,7 +122,7 @@ impl Screen {
     }
 }
 
-impl Drop for Screen {
+impl Drop for Terminal {
     fn drop(&mut self) {
         restore();
     }

@@ -7,7 +7,7 @@ use polyptych_client::WallStatus;
 use polyptych_client::blocking::Client;
 
 use super::rates::Rates;
-use super::table::{Trouble, View};
+use super::table::{Trouble, WatchModel};
 use crate::cli::{ManagerAddress, one_line};
 
 /// Between two questions: four times a second follows a wall well and costs it nothing.
@@ -26,34 +26,34 @@ pub(super) struct Latest {
     pub status: Option<WallStatus>,
     pub rates: Rates,
     /// Why there is no newer answer.
-    pub trouble: Option<Gone>,
+    pub trouble: Option<Outage>,
 }
 
 /// Since when there is no answer, and why.
 #[derive(Clone, Debug)]
-pub(super) struct Gone {
+pub(super) struct Outage {
     since: Instant,
     since_utc_s: u64,
     pub reason: String,
 }
 
 impl Latest {
-    pub fn view(&self) -> View<'_> {
+    pub fn view(&self) -> WatchModel<'_> {
         let trouble = self.trouble.as_ref().map(|gone| Trouble {
             manager: &self.manager,
             reason: &gone.reason,
             since_utc_s: gone.since_utc_s,
             seconds: gone.since.elapsed().as_secs(),
         });
-        View { status: self.status.as_ref(), rates: &self.rates, trouble }
+        WatchModel { status: self.status.as_ref(), rates: &self.rates, trouble }
     }
 }
 
 /// The thread's results. It ends with the process.
 #[derive(Debug)]
-pub(super) struct Source(Arc<Mutex<Latest>>);
+pub(super) struct StatusPoller(Arc<Mutex<Latest>>);
 
-impl Source {
+impl StatusPoller {
     pub fn start(manager: &ManagerAddress) -> std::io::Result<Self> {
         let latest = Latest { manager: manager.manager.clone(), ..Latest::default() };
         let shared = Arc::new(Mutex::new(latest));
@@ -102,7 +102,7 @@ fn note(shared: &Mutex<Latest>, began: Instant, asked: anyhow::Result<WallStatus
         }
         Err(error) => {
             let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-            let gone = latest.trouble.get_or_insert_with(|| Gone {
+            let gone = latest.trouble.get_or_insert_with(|| Outage {
                 since: Instant::now(),
                 since_utc_s: since_1970.as_secs(),
                 reason: String::new(),

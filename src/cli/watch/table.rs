@@ -1,6 +1,6 @@
 //! A wall's status as lines that fit a terminal: a function of what is known and nothing else.
 
-use polyptych_client::{ChannelState, ChannelStatus, DisplayMode, Skew, WallStatus};
+use polyptych_client::{ChannelState, ChannelStatus, OutputMode, Skew, WallStatus};
 use polyptych_text::{counted, printable};
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
@@ -20,7 +20,7 @@ const TEXTS_MAX: usize = 2;
 
 /// All that is known.
 #[derive(Debug)]
-pub(super) struct View<'a> {
+pub(super) struct WatchModel<'a> {
     /// The last answer, if there was one.
     pub status: Option<&'a WallStatus>,
     pub rates: &'a Rates,
@@ -105,7 +105,7 @@ const DISPENSABLE: [Column; 9] = [
 ];
 
 /// The table, of at most `height` lines of at most `width` columns.
-pub(super) fn lines(view: &View, width: usize, height: usize) -> Vec<Line> {
+pub(super) fn lines(view: &WatchModel, width: usize, height: usize) -> Vec<Line> {
     let mut lines = body(view, width, height, TEXTS_MAX);
     if lines.len() < height {
         lines.push(vec![piece("q ends", Tone::Quiet)]);
@@ -116,14 +116,14 @@ pub(super) fn lines(view: &View, width: usize, height: usize) -> Vec<Line> {
 
 /// The same table of one answer, all of it, for a reader of text.
 pub(super) fn text(status: &WallStatus) -> String {
-    let view = View { status: Some(status), rates: &Rates::default(), trouble: None };
+    let view = WatchModel { status: Some(status), rates: &Rates::default(), trouble: None };
     let lines = body(&view, usize::MAX, usize::MAX, usize::MAX).into_iter();
     let text = |line: Line| line.into_iter().map(|piece| piece.text).collect::<String>();
     lines.map(|line| text(fitted(line, usize::MAX))).collect::<Vec<_>>().join("\n")
 }
 
 /// All but the line with the key that ends it; of at most so many texts of a kind.
-fn body(view: &View, width: usize, height: usize, texts_max: usize) -> Vec<Line> {
+fn body(view: &WatchModel, width: usize, height: usize, texts_max: usize) -> Vec<Line> {
     let mut lines = Vec::new();
     if let Some(trouble) = &view.trouble {
         lines.push(vec![piece(trouble_in_words(trouble), Tone::Bad)]);
@@ -166,7 +166,7 @@ fn openings(status: &WallStatus) -> impl Iterator<Item = String> {
 }
 
 /// The wall in one line, for a log.
-pub(super) fn summary(view: &View) -> String {
+pub(super) fn summary(view: &WatchModel) -> String {
     let Some(status) = view.status.filter(|_| view.trouble.is_none()) else {
         return view.trouble.as_ref().map_or_else(|| "connecting …".into(), trouble_in_words);
     };
@@ -215,7 +215,7 @@ fn wall_in_words(status: &WallStatus, rates: &Rates) -> String {
 /// What displays and channels show instead of the scene, and how that ends.
 fn modes_in_words(status: &WallStatus) -> impl Iterator<Item = String> {
     let mode = status.displays.name();
-    let displays = (status.displays != DisplayMode::Normal)
+    let displays = (status.displays != OutputMode::Normal)
         .then(|| ["displays: ", mode, ", until: polyptych ", mode, " --off"].concat());
     let pattern = status
         .pattern
@@ -238,7 +238,7 @@ fn counts_in_words<'a>(channels: impl IntoIterator<Item = &'a ChannelStatus>) ->
 }
 
 /// Header, rows, and what had no room; of at most `room` lines.
-fn channel_lines(status: &WallStatus, view: &View, width: usize, room: usize) -> Vec<Line> {
+fn channel_lines(status: &WallStatus, view: &WatchModel, width: usize, room: usize) -> Vec<Line> {
     if room < 2 {
         return Vec::new();
     }

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Context;
-use polyptych_client::Spread;
+use polyptych_client::Quantiles;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 
@@ -45,7 +45,7 @@ pub(super) fn measure(servers: u16, frames: u64, sizes: Sizes) -> anyhow::Result
             received.iter().filter_map(|of| of.get(frame).copied()).collect();
         width_us(&instants)
     });
-    Ok(Measured { barrier_us: Spread::of(barriers), skew_us: Spread::of(skews) })
+    Ok(Measured { barrier_us: Quantiles::of(barriers), skew_us: Quantiles::of(skews) })
 }
 
 /// The middle: sends to all, hears from all, sends to all. Gives microseconds for each frame.

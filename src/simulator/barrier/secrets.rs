@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use polyptych_protocol::handshake::Secret;
-use polyptych_protocol::identity::Identity;
-use polyptych_protocol::keys::{Keys, KeysError};
+use polyptych_protocol::identity::NodeIdentity;
+use polyptych_protocol::keys::{Credentials, CredentialsError};
 
-use crate::authority::Authority;
+use crate::authority::CertificateAuthority;
 
 /// The secret of a manager that lives as long as a measurement.
 const TOKEN: &str = "barrierbarrierbarrier";
@@ -17,12 +17,12 @@ pub(super) struct Secrets(Option<tempfile::TempDir>);
 
 impl Secrets {
     /// Keys for all these nodes where `is_encrypted`.
-    pub fn new(is_encrypted: bool, nodes: &[Identity]) -> anyhow::Result<Self> {
+    pub fn new(is_encrypted: bool, nodes: &[NodeIdentity]) -> anyhow::Result<Self> {
         if !is_encrypted {
             return Ok(Self(None));
         }
         let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
-        let (authority, _) = Authority::open_or_make(&folder.path().join("authority"))?;
+        let (authority, _) = CertificateAuthority::open_or_make(&folder.path().join("authority"))?;
         for node in nodes {
             authority.provide(node, &folder.path().join(node.folder()), false)?;
         }
@@ -35,12 +35,12 @@ impl Secrets {
     }
 
     /// Where a node's keys are, if any.
-    pub fn folder(&self, node: &Identity) -> Option<PathBuf> {
+    pub fn folder(&self, node: &NodeIdentity) -> Option<PathBuf> {
         self.0.as_ref().map(|folder| folder.path().join(node.folder()))
     }
 
     /// A node's keys, if any.
-    pub fn keys(&self, node: &Identity) -> Result<Option<Keys>, KeysError> {
-        self.folder(node).map(|folder| Keys::load(&folder)).transpose()
+    pub fn keys(&self, node: &NodeIdentity) -> Result<Option<Credentials>, CredentialsError> {
+        self.folder(node).map(|folder| Credentials::load(&folder)).transpose()
     }
 }

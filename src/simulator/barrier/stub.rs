@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::command::{Command, Frame, Prepare};
 use polyptych_protocol::handshake::{Adapter, Hello, Role, ServerHello};
-use polyptych_protocol::identity::Identity;
+use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::log::Replica;
-use polyptych_protocol::status::{Drawn, Ping, Prepared, Shown, Status};
+use polyptych_protocol::status::{FramePresented, FrameRendered, Ping, Prepared, ServerMessage};
 use polyptych_protocol::{connection, stream};
 use polyptych_wall::ChannelId;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
@@ -35,7 +35,7 @@ pub(super) struct Sizes {
 /// What one server has seen, in a list of its own: one that all share would cost them more than
 /// the messages do, and the raw barrier has none.
 #[derive(Debug, Default)]
-struct Seen {
+struct StubLog {
     sizes: Sizes,
     /// When it received the swap of each frame.
     swaps: Vec<(FrameId, Instant)>,
@@ -44,26 +44,26 @@ struct Seen {
 /// The stub servers, each on a thread of its own, as each display has a process of its own.
 #[derive(Debug)]
 pub(super) struct Stubs {
-    threads: Vec<JoinHandle<Seen>>,
+    threads: Vec<JoinHandle<StubLog>>,
 }
 
 /// What the stub servers have seen, once they have ended.
 #[derive(Debug)]
-pub(super) struct Sights(Vec<Seen>);
+pub(super) struct StubTimings(Vec<StubLog>);
 
 impl Stubs {
     /// Waits until the servers have ended, which whoever started them has asked for.
     ///
     /// # Errors
     /// One of them panicked.
-    pub fn sights(self) -> anyhow::Result<Sights> {
+    pub fn sights(self) -> anyhow::Result<StubTimings> {
         let ends = self.threads.into_iter().map(JoinHandle::join);
         let seen = ends.collect::<Result<Vec<_>, _>>();
-        Ok(Sights(seen.map_err(|_| anyhow::anyhow!("a stub server panicked"))?))
+        Ok(StubTimings(seen.map_err(|_| anyhow::anyhow!("a stub server panicked"))?))
     }
 }
 
-impl Sights {
+impl StubTimings {
     /// The sizes of the messages of a frame.
     pub fn sizes(&self) -> Sizes {
         self.0.first().map(|seen| seen.sizes).unwrap_or_default()
@@ -102,8 +102,8 @@ pub(super) fn start(
     Ok(Stubs { threads })
 }
 
-async fn serve(address: String, index: u16, secrets: &Secrets, stop: CancellationToken) -> Seen {
-    let mut seen = Seen::default();
+async fn serve(address: String, index: u16, secrets: &Secrets, stop: CancellationToken) -> StubLog {
+    let mut seen = StubLog::default();
     let ended = tokio::select! {
         ended = converse(&address, index, secrets, &mut seen) => ended,
         () = stop.cancelled() => Ok(()),
@@ -119,9 +119,9 @@ async fn converse(
     address: &str,
     index: u16,
     secrets: &Secrets,
-    seen: &mut Seen,
+    seen: &mut StubLog,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-    let keys = secrets.keys(&Identity::Server(channel_name(index)))?;
+    let keys = secrets.keys(&NodeIdentity::Server(channel_name(index)))?;
     let stream = stream::dial(address, keys.as_ref(), false).await?;
     let hello = Hello::Server(ServerHello {
         name: channel_name(index),
@@ -141,14 +141,14 @@ async fn converse(
         let received = Instant::now();
         if received - pinged > PING_PERIOD {
             pinged = received;
-            let ping = Status::Ping(Ping { sent_us: 0, memory_bytes: 0 });
+            let ping = ServerMessage::Ping(Ping { sent_us: 0, memory_bytes: 0 });
             frames.send(polyptych_codec::encode(&ping)).await?;
         }
         let answer = match polyptych_protocol::framing::decode::<Command>(&bytes)? {
             Command::Prepare(prepare) => {
                 let prepared = prepare_replica(prepare, &mut replica);
                 digest = prepared.digest;
-                polyptych_codec::encode(&Status::Prepared(prepared))
+                polyptych_codec::encode(&ServerMessage::Prepared(prepared))
             }
             Command::Frame(frame) => {
                 let answer =
@@ -158,7 +158,7 @@ async fn converse(
                 answer
             }
             Command::Swap(swap) => {
-                let shown = Status::Shown(Shown {
+                let shown = ServerMessage::Shown(FramePresented {
                     epoch: swap.epoch,
                     frame: swap.frame,
                     channel: ChannelId(index),
@@ -189,8 +189,8 @@ fn prepare_replica(prepare: Prepare, replica: &mut Replica) -> Prepared {
     Prepared { epoch, revision, digest, features: Vec::new(), scene_bytes: 0 }
 }
 
-fn drawn(frame: &Frame, index: u16, revision: Revision, digest: Digest) -> Status {
-    Status::Drawn(Drawn {
+fn drawn(frame: &Frame, index: u16, revision: Revision, digest: Digest) -> ServerMessage {
+    ServerMessage::Drawn(FrameRendered {
         epoch: frame.epoch,
         frame: frame.frame,
         channel: ChannelId(index),

@@ -19,21 +19,21 @@ const DELAY_MAX: Duration = Duration::from_mins(1);
 /// What is to go wrong, when and where.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Fault {
-    when: When,
-    pub what: What,
+    when: FaultTrigger,
+    pub what: FaultKind,
     /// A channel's name, or `any`.
     pub channel: String,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum When {
+enum FaultTrigger {
     At(u64),
     Every { frames: u64, from: u64 },
 }
 
 /// What goes wrong with a channel, its server or its connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum What {
+pub(crate) enum FaultKind {
     /// Its server's process is killed.
     Kill,
     /// Its server's process stands still for this long.
@@ -56,16 +56,18 @@ impl Fault {
     /// The first frame behind which it happens.
     pub fn first_frame(&self) -> u64 {
         match self.when {
-            When::At(frame) => frame,
-            When::Every { from, .. } => from,
+            FaultTrigger::At(frame) => frame,
+            FaultTrigger::Every { from, .. } => from,
         }
     }
 
     /// Whether it happens behind this frame of the run, the first being 1.
     pub fn is_due(&self, frame: u64) -> bool {
         match self.when {
-            When::At(at) => frame == at,
-            When::Every { frames, from } => frame >= from && (frame - from).is_multiple_of(frames),
+            FaultTrigger::At(at) => frame == at,
+            FaultTrigger::Every { frames, from } => {
+                frame >= from && (frame - from).is_multiple_of(frames)
+            }
         }
     }
 
@@ -95,7 +97,7 @@ impl Fault {
     }
 }
 
-impl What {
+impl FaultKind {
     /// Whether it happens on the way between manager and server.
     pub fn is_of_network(self) -> bool {
         matches!(self, Self::Corrupt { .. } | Self::Cut | Self::Unplug(_) | Self::Delay { .. })
@@ -116,7 +118,7 @@ impl What {
     }
 }
 
-impl std::fmt::Display for What {
+impl std::fmt::Display for FaultKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let span = |word: &str, by: Duration, length: Option<Duration>| match length {
             None => format!("{word} {by:?}"),
@@ -142,15 +144,15 @@ impl std::fmt::Display for What {
 /// # Errors
 /// One line: what can't be read, and the whole grammar.
 pub(crate) fn parse(text: &str) -> Result<Fault, String> {
-    let mut words = Words { rest: text.trim() };
+    let mut words = FaultParser { rest: text.trim() };
     words.fault().map_err(|what| format!("{what}; {GRAMMAR}"))
 }
 
-struct Words<'a> {
+struct FaultParser<'a> {
     rest: &'a str,
 }
 
-impl Words<'_> {
+impl FaultParser<'_> {
     fn next(&mut self) -> &str {
         let (word, rest) = self.rest.split_once(char::is_whitespace).unwrap_or((self.rest, ""));
         self.rest = rest.trim_start();
@@ -168,11 +170,11 @@ impl Words<'_> {
 
     fn fault(&mut self) -> Result<Fault, String> {
         let when = match self.next() {
-            "at" => When::At(self.frame()?),
+            "at" => FaultTrigger::At(self.frame()?),
             "every" => {
                 let frames = self.frame()?;
                 let from = if self.take("from") { self.frame()? } else { frames };
-                When::Every { frames, from }
+                FaultTrigger::Every { frames, from }
             }
             "" => return Err("nothing is said".to_owned()),
             other => return Err(format!("{other:?} is neither at nor every")),
@@ -186,19 +188,19 @@ impl Words<'_> {
         Ok(Fault { when, what, channel })
     }
 
-    fn what(&mut self) -> Result<What, String> {
+    fn what(&mut self) -> Result<FaultKind, String> {
         Ok(match self.next() {
-            "kill" => What::Kill,
-            "stop" => What::Stop(self.time(TIME_MAX)?),
-            "slow" => What::Slow { by: self.time(DELAY_MAX)?, length: self.length()? },
+            "kill" => FaultKind::Kill,
+            "stop" => FaultKind::Stop(self.time(TIME_MAX)?),
+            "slow" => FaultKind::Slow { by: self.time(DELAY_MAX)?, length: self.length()? },
             "corrupt" => {
                 let (up, down) = (self.take("up"), self.take("down"));
-                What::Corrupt { up: up || !down, down: down || !up }
+                FaultKind::Corrupt { up: up || !down, down: down || !up }
             }
-            "lose-gpu" => What::LoseGpu,
-            "cut" => What::Cut,
-            "unplug" => What::Unplug(self.time(TIME_MAX)?),
-            "delay" => What::Delay { by: self.time(DELAY_MAX)?, length: self.length()? },
+            "lose-gpu" => FaultKind::LoseGpu,
+            "cut" => FaultKind::Cut,
+            "unplug" => FaultKind::Unplug(self.time(TIME_MAX)?),
+            "delay" => FaultKind::Delay { by: self.time(DELAY_MAX)?, length: self.length()? },
             "" => return Err("what is to go wrong is not said".to_owned()),
             other => return Err(format!("{other:?} is nothing that can go wrong")),
         })
@@ -236,18 +238,23 @@ mod tests {
 
     #[test]
     fn every_form_is_read_and_said_again() {
-        let slow = What::Slow { by: ms(200), length: Some(ms(1500)) };
+        let slow = FaultKind::Slow { by: ms(200), length: Some(ms(1500)) };
         for (text, what, said, channel) in [
-            ("at 30 kill front-1-1", What::Kill, "kill", "front-1-1"),
-            ("at 30 stop 2s any", What::Stop(ms(2000)), "stop 2s", "any"),
+            ("at 30 kill front-1-1", FaultKind::Kill, "kill", "front-1-1"),
+            ("at 30 stop 2s any", FaultKind::Stop(ms(2000)), "stop 2s", "any"),
             ("at 1 slow 200ms for 1.5s a b", slow, "slow 200ms for 1.5s", "a b"),
-            ("at 9 corrupt x", What::Corrupt { up: true, down: true }, "corrupt", "x"),
-            ("at 9 corrupt up x", What::Corrupt { up: true, down: false }, "corrupt up", "x"),
-            ("at 9 corrupt down x", What::Corrupt { up: false, down: true }, "corrupt down", "x"),
-            (" every  500   cut  x ", What::Cut, "cut", "x"),
-            ("at 9 lose-gpu x", What::LoseGpu, "lose-gpu", "x"),
-            ("at 5 unplug 5s x", What::Unplug(ms(5000)), "unplug 5s", "x"),
-            ("at 5 delay 50ms x", What::Delay { by: ms(50), length: None }, "delay 50ms", "x"),
+            ("at 9 corrupt x", FaultKind::Corrupt { up: true, down: true }, "corrupt", "x"),
+            ("at 9 corrupt up x", FaultKind::Corrupt { up: true, down: false }, "corrupt up", "x"),
+            (
+                "at 9 corrupt down x",
+                FaultKind::Corrupt { up: false, down: true },
+                "corrupt down",
+                "x",
+            ),
+            (" every  500   cut  x ", FaultKind::Cut, "cut", "x"),
+            ("at 9 lose-gpu x", FaultKind::LoseGpu, "lose-gpu", "x"),
+            ("at 5 unplug 5s x", FaultKind::Unplug(ms(5000)), "unplug 5s", "x"),
+            ("at 5 delay 50ms x", FaultKind::Delay { by: ms(50), length: None }, "delay 50ms", "x"),
         ] {
             let fault = parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));
             assert_eq!((fault.what, fault.channel.as_str()), (what, channel), "{text}");

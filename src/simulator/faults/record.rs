@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use polyptych_client::{ChannelFeedback, ChannelState, Feedback};
+use polyptych_client::{ChannelFeedback, ChannelState, FrameFeedback};
 use serde::{Serialize, Serializer};
 
 /// Faults that are recorded; a run of a million frames with one every hundred has as many.
@@ -88,19 +88,19 @@ fn millis<S: Serializer>(time: &Option<Duration>, to: S) -> Result<S::Ok, S::Err
 
 /// A fault as it happens.
 #[derive(Debug)]
-pub(crate) struct Happened {
+pub(crate) struct FaultEvent {
     pub frame: u64,
     pub what: String,
     /// Its place on the wall.
     pub channel: usize,
     pub skipped: Option<String>,
     pub deadline_ms: f64,
-    pub end: End,
+    pub end: FaultEnd,
 }
 
 /// How a fault ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum End {
+pub(crate) enum FaultEnd {
     /// At once: what follows is its consequence.
     AtOnce,
     /// After this time.
@@ -113,10 +113,10 @@ pub(crate) enum End {
 
 /// Watches a wall frame by frame.
 #[derive(Debug)]
-pub(crate) struct Recorder {
+pub(crate) struct FaultRecorder {
     channels: Vec<WatchedChannel>,
     records: Vec<FaultRecord>,
-    watched: Vec<Watched>,
+    watched: Vec<ActiveFault>,
     /// Faults beyond [`RECORDED_MAX`].
     pub unrecorded: u64,
 }
@@ -133,16 +133,16 @@ struct WatchedChannel {
 
 /// A fault whose consequences are not over.
 #[derive(Debug)]
-struct Watched {
+struct ActiveFault {
     record: usize,
     channel: usize,
     since: Instant,
-    end: End,
+    end: FaultEnd,
     has_missed: bool,
     has_left: bool,
 }
 
-impl Recorder {
+impl FaultRecorder {
     /// For a wall of these channels, each with its server.
     pub fn new(channels: impl Iterator<Item = (String, String)>, now: Instant) -> Self {
         let watched = |(name, server)| WatchedChannel {
@@ -157,14 +157,14 @@ impl Recorder {
     }
 
     /// A fault has just happened.
-    pub fn add(&mut self, happened: Happened, now: Instant) {
+    pub fn add(&mut self, happened: FaultEvent, now: Instant) {
         if self.records.len() == RECORDED_MAX {
             self.unrecorded += 1;
             return;
         }
-        let Happened { frame, what, channel, skipped, deadline_ms, end } = happened;
+        let FaultEvent { frame, what, channel, skipped, deadline_ms, end } = happened;
         if skipped.is_none() {
-            self.watched.push(Watched {
+            self.watched.push(ActiveFault {
                 record: self.records.len(),
                 channel,
                 since: now,
@@ -189,7 +189,7 @@ impl Recorder {
     }
 
     /// A frame has ended. `restarts` gives how often a server's process was started again.
-    pub fn note(&mut self, feedback: &Feedback, restarts: &dyn Fn(&str) -> u64, now: Instant) {
+    pub fn note(&mut self, feedback: &FrameFeedback, restarts: &dyn Fn(&str) -> u64, now: Instant) {
         let Self { channels, records, watched, .. } = self;
         watched.retain_mut(|fault| {
             let record = &mut records[fault.record];
@@ -216,7 +216,7 @@ impl Recorder {
     }
 }
 
-impl Watched {
+impl ActiveFault {
     /// Notes how the channel that was hit does; `false` once there is no more to see.
     fn note_own(
         &mut self,
@@ -228,10 +228,10 @@ impl Watched {
     ) -> bool {
         let age = now.saturating_duration_since(self.since);
         let over = match self.end {
-            End::AtOnce => Some(Duration::ZERO),
-            End::After(length) => Some(length).filter(|&length| age >= length),
-            End::Restart(number) => Some(age).filter(|_| restarts >= number),
-            End::Never => None,
+            FaultEnd::AtOnce => Some(Duration::ZERO),
+            FaultEnd::After(length) => Some(length).filter(|&length| age >= length),
+            FaultEnd::Restart(number) => Some(age).filter(|_| restarts >= number),
+            FaultEnd::Never => None,
         };
         record.over_ms = record.over_ms.or(over);
         let is_over = record.over_ms.is_some();
@@ -266,7 +266,7 @@ mod tests {
     use super::*;
 
     struct Stage {
-        recorder: Recorder,
+        recorder: FaultRecorder,
         start: Instant,
         restarts: u64,
     }
@@ -275,17 +275,17 @@ mod tests {
         fn new() -> Self {
             let start = Instant::now();
             let names = ["a", "b"].map(|name| (name.to_owned(), name.to_owned()));
-            Self { recorder: Recorder::new(names.into_iter(), start), start, restarts: 0 }
+            Self { recorder: FaultRecorder::new(names.into_iter(), start), start, restarts: 0 }
         }
 
         fn at(&self, ms: u64) -> Instant {
             self.start + Duration::from_millis(ms)
         }
 
-        fn fault(&mut self, ms: u64, end: End) {
+        fn fault(&mut self, ms: u64, end: FaultEnd) {
             let what = "what".to_owned();
             let happened =
-                Happened { frame: 1, what, channel: 0, skipped: None, deadline_ms: 50.0, end };
+                FaultEvent { frame: 1, what, channel: 0, skipped: None, deadline_ms: 50.0, end };
             let now = self.at(ms);
             self.recorder.add(happened, now);
         }
@@ -304,7 +304,7 @@ mod tests {
                 reason: None,
                 skew: polyptych_client::Skew::default(),
             };
-            let feedback = Feedback {
+            let feedback = FrameFeedback {
                 frame: FrameId(ms),
                 time_s: 0.0,
                 revision: Revision(0),
@@ -330,7 +330,7 @@ mod tests {
     fn a_killed_server_is_followed_until_it_is_live_again() {
         let mut stage = Stage::new();
         stage.frame(100, [Live; 2], [true; 2]);
-        stage.fault(110, End::Restart(1));
+        stage.fault(110, FaultEnd::Restart(1));
         stage.frame(190, [Lost, Late], [false, false]);
         stage.frame(223, [Lost, Late], [false, true]);
         stage.restarts = 1;
@@ -350,7 +350,7 @@ mod tests {
     fn what_never_comes_back_is_said_to_be_away() {
         let mut stage = Stage::new();
         stage.frame(20, [Live; 2], [true; 2]);
-        stage.fault(30, End::Restart(1));
+        stage.fault(30, FaultEnd::Restart(1));
         stage.frame(40, [Lost, Live], [false, true]);
         stage.frame(5000, [Lost, Live], [false, true]);
         let record = stage.record();
@@ -364,7 +364,7 @@ mod tests {
     #[test]
     fn a_fault_that_does_nothing_is_said_to_have_done_nothing() {
         let mut stage = Stage::new();
-        stage.fault(0, End::AtOnce);
+        stage.fault(0, FaultEnd::AtOnce);
         for frame in 1..40 {
             stage.frame(frame * 33, [Live; 2], [true; 2]);
         }
@@ -376,7 +376,7 @@ mod tests {
     #[test]
     fn a_time_in_which_it_was_live_by_chance_is_not_the_end() {
         let mut stage = Stage::new();
-        stage.fault(0, End::After(Duration::from_millis(300)));
+        stage.fault(0, FaultEnd::After(Duration::from_millis(300)));
         stage.frame(100, [Late, Live], [false, true]);
         stage.frame(200, [Live, Live], [true, true]);
         stage.frame(250, [Late, Live], [false, true]);

@@ -26,20 +26,20 @@ const CONNECTIONS_MAX: usize = 32;
 
 /// A relay on a port of its own.
 #[derive(Debug)]
-pub(crate) struct Relay {
+pub(crate) struct FaultProxy {
     address: SocketAddr,
     state: Arc<Shared>,
 }
 
 #[derive(Debug, Default)]
 struct Shared {
-    line: Mutex<Line>,
+    line: Mutex<LinkState>,
     changed: Condvar,
 }
 
 /// How the way is now.
 #[derive(Debug, Default)]
-struct Line {
+struct LinkState {
     delay: Duration,
     unplugged_until: Option<Instant>,
     /// Whether the next piece of a control connection is to be changed: up, down.
@@ -65,18 +65,18 @@ enum Direction {
 }
 
 /// Bytes on their way, and when they are to arrive.
-struct Piece {
+struct DelayedChunk {
     due: Instant,
     bytes: Vec<u8>,
 }
 
 impl Shared {
-    fn line(&self) -> MutexGuard<'_, Line> {
+    fn line(&self) -> MutexGuard<'_, LinkState> {
         self.line.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Relay {
+impl FaultProxy {
     /// A relay to this manager.
     ///
     /// # Errors
@@ -121,7 +121,7 @@ impl Relay {
     }
 }
 
-impl Drop for Relay {
+impl Drop for FaultProxy {
     fn drop(&mut self) {
         self.cut();
         self.state.line().is_over = true;
@@ -186,7 +186,7 @@ struct Reader {
 
 impl Reader {
     /// Ends when one of the two sockets does.
-    fn run(self, mut from: TcpStream, pieces: &SyncSender<Piece>) {
+    fn run(self, mut from: TcpStream, pieces: &SyncSender<DelayedChunk>) {
         let mut buffer = vec![0; PIECE_BYTES];
         let mut is_first = true;
         loop {
@@ -199,7 +199,7 @@ impl Reader {
                 self.is_bulk.store(is_bulk(&bytes), Ordering::Relaxed);
             }
             let due = Instant::now() + self.look_at(&mut bytes);
-            if pieces.send(Piece { due, bytes }).is_err() {
+            if pieces.send(DelayedChunk { due, bytes }).is_err() {
                 return;
             }
         }
@@ -226,7 +226,7 @@ fn is_bulk(first: &[u8]) -> bool {
 }
 
 /// Gives out what has come in, when it is due and while the way is not unplugged.
-fn write(mut to: TcpStream, waiting: &Receiver<Piece>, shared: &Shared, number: u64) {
+fn write(mut to: TcpStream, waiting: &Receiver<DelayedChunk>, shared: &Shared, number: u64) {
     for piece in waiting {
         std::thread::sleep(piece.due.saturating_duration_since(Instant::now()));
         if !await_plug(shared) || to.write_all(&piece.bytes).is_err() {
@@ -267,9 +267,9 @@ mod tests {
     use super::*;
 
     /// A relay, and both ends of a connection through it that began with these bytes.
-    fn connect(first: &[u8]) -> (Relay, TcpStream, TcpStream) {
+    fn connect(first: &[u8]) -> (FaultProxy, TcpStream, TcpStream) {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
-        let relay = Relay::start(listener.local_addr().expect("an address")).expect("a relay");
+        let relay = FaultProxy::start(listener.local_addr().expect("an address")).expect("a relay");
         let mut server = TcpStream::connect(relay.address()).expect("connected");
         let (mut manager, _) = listener.accept().expect("accepted");
         for end in [&server, &manager] {
@@ -286,7 +286,7 @@ mod tests {
         bytes
     }
 
-    fn connect_control() -> (Relay, TcpStream, TcpStream) {
+    fn connect_control() -> (FaultProxy, TcpStream, TcpStream) {
         connect(&Preamble::of(Role::Server).to_bytes())
     }
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use glam::DVec3;
 use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, Capture, Picture};
+use polyptych_client::{Camera, Capture, Image};
 use polyptych_wall::Wall;
 use serde_json::json;
 
@@ -51,7 +51,7 @@ impl Fields {
     ///
     /// # Errors
     /// There is none with this name.
-    pub fn of(&self, name: &str) -> anyhow::Result<Vec<&Picture>> {
+    pub fn of(&self, name: &str) -> anyhow::Result<Vec<&Image>> {
         let picture = |capture: &'_ Capture| {
             let found = capture.channels.iter().position(|picture| picture.name == name);
             found.with_context(|| format!("channel {name} has no picture"))

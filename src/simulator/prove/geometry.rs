@@ -5,16 +5,16 @@ use std::path::Path;
 use anyhow::Context;
 use glam::{DVec2, DVec3};
 use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, Capture, Picture};
+use polyptych_client::{Camera, Capture, Image};
 use polyptych_text::counted;
-use polyptych_wall::head::Head;
-use polyptych_wall::pixels::PixelMap;
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall::{Channel, ChannelId, Cover, Viewpoint, Wall};
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::pixels::ChannelMapping;
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::{Channel, ChannelId, ChannelKind, Viewpoint, Wall};
 
 use super::light::{self, Drawn};
-use super::marker::{self, Light, Marker, Reading};
-use super::table::{Table, Target};
+use super::marker::{self, LuminanceImage, Marker, Reading};
+use super::table::{Bound, VerificationReport};
 use crate::outputs;
 use crate::progress::Steps;
 
@@ -58,17 +58,17 @@ const NEARS_MIN: f64 = 1.5;
 const DEPTHS: [f64; 3] = [1.0, 1.7, 5.0];
 
 /// A channel, and where its pixels and its eye are.
-pub(super) struct Seen<'a> {
+pub(super) struct ChannelView<'a> {
     pub id: ChannelId,
     pub name: &'a str,
-    pub map: PixelMap<'a>,
+    pub map: ChannelMapping<'a>,
     eye: Viewpoint,
     half: f64,
     is_warped: bool,
 }
 
 /// Where one channel showed a marker, in pixels from where it must be.
-struct Found {
+struct MarkerError {
     channel: usize,
     marker: usize,
     error_px: DVec2,
@@ -82,9 +82,9 @@ struct Found {
 /// What could not be drawn or written.
 pub(super) fn prove(
     client: &Client,
-    (shaped, drawn): (Shaped<'_>, Drawn<'_>),
+    (shaped, drawn): (ResolvedWall<'_>, Drawn<'_>),
     (folder, steps): (&Path, &mut Steps),
-    table: &mut Table,
+    table: &mut VerificationReport,
     mut keep: impl FnMut(&Capture) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     let wall = shaped.wall;
@@ -136,9 +136,9 @@ pub(super) fn prove(
 }
 
 /// The channels that are large enough for markers.
-pub(super) fn channels(shaped: Shaped<'_>) -> Vec<Seen<'_>> {
+pub(super) fn channels(shaped: ResolvedWall<'_>) -> Vec<ChannelView<'_>> {
     let wall = shaped.wall;
-    let head = Head::at(wall.eye, wall.eye_separation_m);
+    let head = HeadPose::at(wall.eye, wall.eye_separation_m);
     let seen = |id| {
         let channel = wall.channel(id)?;
         let map = shaped.pixel_map(id)?;
@@ -146,7 +146,7 @@ pub(super) fn channels(shaped: Shaped<'_>) -> Vec<Seen<'_>> {
         let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
         let is_warped = is_warped(wall, channel);
         map.display_from_pixel(channel.size.as_dvec2() / 2.0)?;
-        Some(Seen { id, name: &channel.name, map, eye, half, is_warped })
+        Some(ChannelView { id, name: &channel.name, map, eye, half, is_warped })
     };
     wall.channel_ids().filter_map(seen).filter(|seen| seen.half >= HALF_MIN_PX).collect()
 }
@@ -155,7 +155,7 @@ pub(super) fn channels(shaped: Shaped<'_>) -> Vec<Seen<'_>> {
 pub(super) fn is_warped(wall: &Wall, channel: &Channel) -> bool {
     let adjustment = &channel.adjustment;
     wall.screen_of(channel).plane().is_none()
-        || channel.cover != Cover::Tile
+        || channel.cover != ChannelKind::Tile
         || adjustment.pin != [DVec2::ZERO; 4]
         || adjustment.bend.is_some()
         || adjustment.warp.is_some()
@@ -163,7 +163,7 @@ pub(super) fn is_warped(wall: &Wall, channel: &Channel) -> bool {
 }
 
 /// Nine for each channel, but for those that would lie over others.
-fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
+fn markers(wall: &Wall, seen: &[ChannelView<'_>]) -> Vec<Marker> {
     // Both eyes see a marker at one place only where it lies on the screen; of those all around it
     // is known how far apart they see it.
     let is_around = seen.iter().all(|s| matches!(s.eye, Viewpoint::Around(_)));
@@ -208,15 +208,15 @@ fn markers(wall: &Wall, seen: &[Seen<'_>]) -> Vec<Marker> {
 /// Looks for every marker in the picture of every channel that must show all of it.
 fn find(
     (wall, drawn): (&Wall, Drawn<'_>),
-    seen: &[Seen<'_>],
+    seen: &[ChannelView<'_>],
     markers: &[Marker],
     capture: &Capture,
     offset: DVec3,
-) -> anyhow::Result<Vec<Found>> {
+) -> anyhow::Result<Vec<MarkerError>> {
     let mut all = Vec::new();
     for (at, channel) in seen.iter().enumerate() {
         let picture = picture_of(capture, channel.name)?;
-        let light: Light = light::of(drawn, wall, channel.id, picture)?;
+        let light: LuminanceImage = light::of(drawn, wall, channel.id, picture)?;
         for (index, marker) in markers.iter().enumerate() {
             let is_own = marker.channel == channel.id;
             let sight = marker::sight(&channel.map, channel.eye);
@@ -234,9 +234,9 @@ fn find(
             });
             match (pixel, reading) {
                 (Some(pixel), Reading::Off(error_px)) => {
-                    all.push(Found::new((at, index), &channel.map, pixel, error_px));
+                    all.push(MarkerError::new((at, index), &channel.map, pixel, error_px));
                 }
-                (_, Reading::Missing) if is_own => all.push(Found::nothing(at, index)),
+                (_, Reading::Missing) if is_own => all.push(MarkerError::nothing(at, index)),
                 // Where its weight ends a channel says little, and another one shows the marker.
                 _ => {}
             }
@@ -249,7 +249,7 @@ fn find(
 ///
 /// # Errors
 /// Why there is none.
-pub(super) fn picture_of<'a>(capture: &'a Capture, name: &str) -> anyhow::Result<&'a Picture> {
+pub(super) fn picture_of<'a>(capture: &'a Capture, name: &str) -> anyhow::Result<&'a Image> {
     let picture = capture.channels.iter().find(|picture| picture.name == name);
     picture.with_context(|| {
         let why = capture.missing.iter().find(|(missing, _)| missing == name);
@@ -257,14 +257,14 @@ pub(super) fn picture_of<'a>(capture: &'a Capture, name: &str) -> anyhow::Result
     })
 }
 
-impl Found {
+impl MarkerError {
     fn nothing(channel: usize, marker: usize) -> Self {
         Self { channel, marker, error_px: DVec2::NAN, error_in_display: DVec3::NAN }
     }
 
     fn new(
         (channel, marker): (usize, usize),
-        map: &PixelMap<'_>,
+        map: &ChannelMapping<'_>,
         pixel: DVec2,
         error_px: DVec2,
     ) -> Self {
@@ -301,32 +301,37 @@ pub(super) fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, Strin
 }
 
 /// Points that are not on the screen, for eyes of omnidirectional stereo.
-fn report_deep(table: &mut Table, (wall, seen): (&Wall, &[Seen<'_>]), deep: &[&Found], at: &str) {
+fn report_deep(
+    table: &mut VerificationReport,
+    (wall, seen): (&Wall, &[ChannelView<'_>]),
+    deep: &[&MarkerError],
+    at: &str,
+) {
     if deep.is_empty() {
         return;
     }
     let errors =
         deep.iter().map(|found| (found.error_px.length(), seen[found.channel].name.to_owned()));
     let (error, place) = worst(errors);
-    let most = Some(Target::AtMost(wall.stereo.error_max_px + WARPED_ERROR_MAX_PX));
+    let most = Some(Bound::AtMost(wall.stereo.error_max_px + WARPED_ERROR_MAX_PX));
     let note = format!("{place}, against an eye of its own for each pixel");
     table.add(format!("omnidirectional stereo behind the screen{at}"), error, "px", most, note);
 }
 
 fn report(
-    table: &mut Table,
-    (wall, seen, markers): (&Wall, &[Seen<'_>], &[Marker]),
-    frames: &[Vec<Found>],
+    table: &mut VerificationReport,
+    (wall, seen, markers): (&Wall, &[ChannelView<'_>], &[Marker]),
+    frames: &[Vec<MarkerError>],
     at: &str,
 ) {
     // Eyes of omnidirectional stereo stand still within each part of a picture: what is not on the
     // screen has a bound of its own.
-    let is_deep = |found: &&Found| {
+    let is_deep = |found: &&MarkerError| {
         let is_around = matches!(seen[found.channel].eye, Viewpoint::Around(_));
         is_around && !markers[found.marker].is_on_screen
     };
     let all = || frames.iter().flatten().filter(|found| !is_deep(found));
-    let deep: Vec<&Found> = frames.iter().flatten().filter(is_deep).collect();
+    let deep: Vec<&MarkerError> = frames.iter().flatten().filter(is_deep).collect();
     report_deep(table, (wall, seen), &deep, at);
     for is_warped in [false, true] {
         if !seen.iter().any(|channel| channel.is_warped == is_warped) {
@@ -343,7 +348,7 @@ fn report(
         } else {
             place
         };
-        table.add(format!("{kind}points{at}"), error, "px", Some(Target::AtMost(most)), note);
+        table.add(format!("{kind}points{at}"), error, "px", Some(Bound::AtMost(most)), note);
     }
     let mut seams = Vec::new();
     for frame in frames {
@@ -358,14 +363,15 @@ fn report(
     }
     if !seams.is_empty() {
         let (apart, place) = worst(seams.into_iter());
-        let most = Some(Target::AtMost(SEAM_MAX_PX));
+        let most = Some(Bound::AtMost(SEAM_MAX_PX));
         table.add(format!("one point on two channels{at}"), apart, "px", most, place);
     }
     let mut jitter = Vec::new();
     for pair in frames.windows(2) {
         for found in &pair[1] {
-            let is_same =
-                |before: &&Found| (before.channel, before.marker) == (found.channel, found.marker);
+            let is_same = |before: &&MarkerError| {
+                (before.channel, before.marker) == (found.channel, found.marker)
+            };
             let Some(before) = pair[0].iter().find(is_same) else { continue };
             let step = found.error_px.distance(before.error_px);
             jitter.push((step, seen[found.channel].name.to_owned()));
@@ -375,5 +381,5 @@ fn report(
     let is_warped = seen.iter().any(|channel| channel.is_warped);
     let most = if is_warped { WARPED_ERROR_MAX_PX } else { JITTER_MAX_PX };
     let note = format!("{place} ({} markers)", markers.len());
-    table.add(format!("jitter{at}"), step, "px", Some(Target::AtMost(most)), note);
+    table.add(format!("jitter{at}"), step, "px", Some(Bound::AtMost(most)), note);
 }

@@ -5,20 +5,20 @@ pub(super) mod shares;
 
 use anyhow::Context;
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_client::Picture;
-use polyptych_wall::blend::{Blend, LightMap, Masks};
-use polyptych_wall::head::Head;
+use polyptych_client::Image;
+use polyptych_wall::blend::{BlendMap, BlendModel, ChannelMasks};
+use polyptych_wall::head::HeadPose;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall::source::SourcePlan;
-use polyptych_wall::superposition::{ChannelLight, Side};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::source::ViewAtlas;
+use polyptych_wall::superposition::{LinearImage, StereoEye};
 use polyptych_wall::warp::Mask;
-use polyptych_wall::warp_mesh::{MeshRule, WarpMesh};
-use polyptych_wall::{Adjustment, ChannelId, EyeOf, Packing, Viewpoint, Wall};
+use polyptych_wall::warp_mesh::{TessellationOptions, WarpMesh};
+use polyptych_wall::{ChannelCalibration, ChannelId, Eye, StereoPacking, Viewpoint, Wall};
 
-use super::marker::Light;
-use super::table::{Table, Target};
+use super::marker::LuminanceImage;
+use super::table::{Bound, VerificationReport};
 
 /// Least source pixels per pixel of a channel: what comes of rounding sides up to whole pixels.
 const DENSITY_MIN: f64 = 0.999;
@@ -28,8 +28,8 @@ const DENSITY_MIN: f64 = 0.999;
 const WEIGHT_MIN: f64 = 0.25;
 
 /// The eye for which a channel's picture, or the first one of its two, is drawn.
-pub(super) fn eye_of(adjustment: &Adjustment) -> EyeOf {
-    if adjustment.packing == Packing::None { adjustment.eye } else { EyeOf::Left }
+pub(super) fn eye_of(adjustment: &ChannelCalibration) -> Eye {
+    if adjustment.packing == StereoPacking::None { adjustment.eye } else { Eye::Left }
 }
 
 /// What a channel's light goes through.
@@ -38,17 +38,17 @@ pub(super) struct Correction {
     /// What its colours make of white.
     white: DVec3,
     /// What it has of the light, by blends and by its files.
-    map: Option<LightMap>,
+    map: Option<BlendMap>,
 }
 
 /// What each channel's light goes through; made once, as it takes a while.
-pub(super) fn corrections(shaped: Shaped<'_>, files: &Maps) -> Vec<Correction> {
-    let blend = Blend::new(shaped);
+pub(super) fn corrections(shaped: ResolvedWall<'_>, files: &CalibrationMaps) -> Vec<Correction> {
+    let blend = BlendModel::new(shaped);
     let map = |id: ChannelId| {
         let channel = shaped.wall.channel(id)?;
         let light = shaped.pixel_map(id).and_then(|pixels| files.light(channel, &pixels));
         let light = light.as_ref().and_then(Mask::texels);
-        blend.light_map(id, &Masks { light, ..files.masks(&channel.adjustment) })
+        blend.light_map(id, &ChannelMasks { light, ..files.masks(&channel.adjustment) })
     };
     let white = |id| blend.color(id).map_or(DVec3::ONE, |color| color.made() * DVec3::ONE);
     shaped.wall.channel_ids().map(|id| Correction { white: white(id), map: map(id) }).collect()
@@ -69,16 +69,17 @@ pub(super) fn of(
     Drawn { wall, corrections }: Drawn<'_>,
     built: &Wall,
     id: ChannelId,
-    picture: &Picture,
-) -> anyhow::Result<Light> {
+    picture: &Image,
+) -> anyhow::Result<LuminanceImage> {
     let channel = wall.channel(id).context("the wall has no such channel")?;
-    let side = if channel.adjustment.eye == EyeOf::Right { Side::Right } else { Side::Left };
-    let shown = ChannelLight::new(built, id, side, &picture.rgba);
+    let side =
+        if channel.adjustment.eye == Eye::Right { StereoEye::Right } else { StereoEye::Left };
+    let shown = LinearImage::new(built, id, side, &picture.rgba);
     let shown = shown.with_context(|| format!("the picture of {} has no size", channel.name))?;
     let correction = corrections.get(usize::from(id.0));
     let Correction { white, map } = correction.context("a channel has no light")?;
     // Of an anaglyph's left eye only red is there.
-    let axis = usize::from(channel.adjustment.packing != Packing::Anaglyph);
+    let axis = usize::from(channel.adjustment.packing != StereoPacking::Anaglyph);
     let size = channel.size;
     let mut grey = Vec::with_capacity(size.x as usize * size.y as usize);
     for y in 0..size.y {
@@ -89,16 +90,19 @@ pub(super) fn of(
             grey.push(if multiply < WEIGHT_MIN { f32::NAN } else { own as f32 });
         }
     }
-    Ok(Light { size, grey })
+    Ok(LuminanceImage { size, grey })
 }
 
 /// Proves from how many pixels channels are drawn that are warped.
 ///
 /// # Errors
 /// A channel that cannot be drawn at all.
-pub(super) fn prove_sampling(shaped: Shaped<'_>, table: &mut Table) -> anyhow::Result<()> {
+pub(super) fn prove_sampling(
+    shaped: ResolvedWall<'_>,
+    table: &mut VerificationReport,
+) -> anyhow::Result<()> {
     let wall = shaped.wall;
-    let head = Head::at(wall.eye, wall.eye_separation_m);
+    let head = HeadPose::at(wall.eye, wall.eye_separation_m);
     let mut densities: Vec<(f64, f64, &str)> = Vec::new();
     let mut stereo: Vec<(f64, String)> = Vec::new();
     for id in wall.channel_ids() {
@@ -112,11 +116,12 @@ pub(super) fn prove_sampling(shaped: Shaped<'_>, table: &mut Table) -> anyhow::R
         } else {
             vec![head.eye(eye_of(&channel.adjustment)).into()]
         };
-        let mesh = WarpMesh::new(channel.size, MeshRule::default(), point).refined_for(&eyes);
+        let mesh =
+            WarpMesh::new(channel.size, TessellationOptions::default(), point).refined_for(&eyes);
         if mesh.triangles.is_empty() {
             continue;
         }
-        let plan = SourcePlan::new(&mesh, &eyes, wall.near_m, CHANNEL_SIDE_MAX);
+        let plan = ViewAtlas::new(&mesh, &eyes, wall.near_m, CHANNEL_SIDE_MAX);
         let plan = plan.with_context(|| format!("channel {}", channel.name))?;
         densities.push((plan.density_min, plan.density_max, &channel.name));
         if !plan.triangles.is_empty() {
@@ -125,13 +130,13 @@ pub(super) fn prove_sampling(shaped: Shaped<'_>, table: &mut Table) -> anyhow::R
         }
     }
     let Some(least) = densities.iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(()) };
-    let target = Some(Target::AtLeast(DENSITY_MIN));
+    let target = Some(Bound::AtLeast(DENSITY_MIN));
     table.add("source pixels per pixel, least", least.0, "", target, least.2);
     if let Some(most) = densities.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
         table.add("source pixels per pixel, most", most.1, "", None, most.2);
     }
     if let Some((error, note)) = stereo.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
-        let most = Some(Target::AtMost(wall.stereo.error_max_px));
+        let most = Some(Bound::AtMost(wall.stereo.error_max_px));
         table.add("omnidirectional stereo, as planned", error, "px", most, note);
     }
     Ok(())

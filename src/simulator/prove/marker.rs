@@ -8,7 +8,7 @@
 //! perspective makes one half of the marker larger.
 
 use glam::{DMat2, DVec2, DVec3, UVec2};
-use polyptych_wall::pixels::PixelMap;
+use polyptych_wall::pixels::ChannelMapping;
 use polyptych_wall::{ChannelId, Viewpoint};
 use serde_json::{Value, json};
 
@@ -56,7 +56,7 @@ pub(crate) struct Marker {
 /// Light of a channel's picture, upright and before blends: one number a pixel, NaN where it
 /// cannot be told.
 #[derive(Debug)]
-pub(crate) struct Light {
+pub(crate) struct LuminanceImage {
     pub size: UVec2,
     pub grey: Vec<f32>,
 }
@@ -77,7 +77,7 @@ pub(crate) type Ray = (DVec3, DVec3);
 
 /// What the pixels of a channel see through its screen.
 pub(crate) fn sight(
-    map: &PixelMap<'_>,
+    map: &ChannelMapping<'_>,
     eye: impl Into<Viewpoint>,
 ) -> impl Fn(DVec2) -> Option<Ray> {
     let eye = eye.into();
@@ -105,7 +105,7 @@ impl Marker {
     /// A marker of a half side of `half` pixels around a pixel of a channel, `depth` times as far
     /// from the eye as the screen is. `None` where the channel's pixels there lie nowhere.
     pub fn at(
-        (channel, map): (ChannelId, &PixelMap<'_>),
+        (channel, map): (ChannelId, &ChannelMapping<'_>),
         eye: impl Into<Viewpoint>,
         pixel: DVec2,
         half: f64,
@@ -130,7 +130,7 @@ impl Marker {
     pub fn read(
         &self,
         sight: impl Fn(DVec2) -> Option<Ray>,
-        light: &Light,
+        light: &LuminanceImage,
         offset: DVec3,
         (around, half): (DVec2, f64),
     ) -> Reading {
@@ -149,7 +149,7 @@ impl Marker {
         let reach = DVec2::splat(half * 1.5);
         let first = (around - reach).floor().max(DVec2::ZERO).as_uvec2();
         let end = (around + reach).ceil().max(DVec2::ZERO).as_uvec2().min(light.size);
-        let (mut drawn, mut expected) = (Sum::default(), Sum::default());
+        let (mut drawn, mut expected) = (WeightedSum::default(), WeightedSum::default());
         let mut likeness = Likeness::default();
         for y in first.y..end.y {
             for x in first.x..end.x {
@@ -253,12 +253,12 @@ impl Marker {
 
 /// Light, and where it is.
 #[derive(Default)]
-struct Sum {
+struct WeightedSum {
     weight: f64,
     moment: DVec2,
 }
 
-impl Sum {
+impl WeightedSum {
     fn add(&mut self, place: DVec2, light: f64) {
         self.weight += light;
         self.moment += place * light;

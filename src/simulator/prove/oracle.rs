@@ -3,11 +3,11 @@
 use anyhow::Context;
 use glam::DVec3;
 use image::RgbaImage;
-use polyptych_wall::blend::Blend;
+use polyptych_wall::blend::BlendModel;
 use polyptych_wall::color::{linear_from_srgb, srgb_from_linear};
-use polyptych_wall::{Channel, Color, Cover, Screen, Wall};
+use polyptych_wall::{Channel, ChannelKind, ColorCorrection, Screen, Wall};
 
-use super::table::{Table, Target};
+use super::table::{Bound, VerificationReport};
 
 /// Shares of pixels that must be the same, and within one level: tiles that share a matrix.
 const SAME_MIN: f64 = 0.995;
@@ -37,15 +37,18 @@ struct Difference {
 pub(super) fn can_judge(wall: &Wall, index: u16) -> bool {
     let screen = &wall.screens[usize::from(index)];
     let is_whole_pixel = |channel: &Channel| {
-        let plain = polyptych_wall::Adjustment {
+        let plain = polyptych_wall::ChannelCalibration {
             // What is undone before pictures are laid together.
             turn: channel.adjustment.turn,
             mirror: channel.adjustment.mirror,
-            color: Color { curve: channel.adjustment.color.curve.clone(), ..Color::default() },
+            color: ColorCorrection {
+                curve: channel.adjustment.color.curve.clone(),
+                ..ColorCorrection::default()
+            },
             edges: channel.adjustment.edges,
             ..Default::default()
         };
-        channel.cover == Cover::Tile && channel.adjustment == plain
+        channel.cover == ChannelKind::Tile && channel.adjustment == plain
     };
     screen.plane().is_some()
         && screen.canvas.max_element() <= polyptych_wall::limits::SHARED_CANVAS_SIDE_MAX
@@ -73,7 +76,7 @@ pub(super) fn compare(
     index: u16,
     stitched: &RgbaImage,
     single: &RgbaImage,
-    table: &mut Table,
+    table: &mut VerificationReport,
 ) -> anyhow::Result<RgbaImage> {
     let screen = &wall.screens[usize::from(index)];
     if stitched.dimensions() != single.dimensions() {
@@ -90,7 +93,7 @@ pub(super) fn compare(
     };
     let lifted = lifted(wall);
     let mut difference = Difference::default();
-    let mut is_shared = Blend::new(wall).black() != DVec3::ZERO;
+    let mut is_shared = BlendModel::new(wall).black() != DVec3::ZERO;
     let mut picture = RgbaImage::new(stitched.width(), stitched.height());
     for (x, y, pixel) in stitched.enumerate_pixels() {
         let count = lit_by(x, y);
@@ -118,7 +121,7 @@ fn lifted(wall: &Wall) -> [Vec<u8>; 3] {
         (srgb_from_linear(black + (1.0 - black) * light) * 255.0).round() as u8
     };
     let of = |black| (0..=u8::MAX).map(|code| lift(black, code)).collect();
-    Blend::new(wall).black().to_array().map(of)
+    BlendModel::new(wall).black().to_array().map(of)
 }
 
 impl Difference {
@@ -130,19 +133,19 @@ impl Difference {
         self.beyond_eight += u64::from(levels > 8);
     }
 
-    fn judge(&self, screen: &str, is_shared: bool, table: &mut Table) {
+    fn judge(&self, screen: &str, is_shared: bool, table: &mut VerificationReport) {
         let share = |count: u64| count as f64 / self.pixels as f64;
         let note = format!("screen {screen}, {} pixels, against one channel", self.pixels);
         if is_shared {
             let what = format!("pixels within {SHARED_LEVELS} levels, superposed");
-            let least = Some(Target::AtLeast(SHARED_MIN));
+            let least = Some(Bound::AtLeast(SHARED_MIN));
             table.add(what, share(self.within_shared), "", least, note);
             return;
         }
         let rows = [
-            ("pixels that are the same", self.same, Target::AtLeast(SAME_MIN)),
-            ("pixels within one level", self.within_one, Target::AtLeast(NEAR_MIN)),
-            ("pixels off by more than eight", self.beyond_eight, Target::AtMost(FAR_MAX)),
+            ("pixels that are the same", self.same, Bound::AtLeast(SAME_MIN)),
+            ("pixels within one level", self.within_one, Bound::AtLeast(NEAR_MIN)),
+            ("pixels off by more than eight", self.beyond_eight, Bound::AtMost(FAR_MAX)),
         ];
         for (what, count, target) in rows {
             table.add(what, share(count), "", Some(target), note.clone());

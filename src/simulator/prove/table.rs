@@ -6,14 +6,14 @@ use serde::Serialize;
 
 /// All rows, as text for people and as JSON.
 #[derive(Debug, Default, Serialize)]
-pub(crate) struct Table {
+pub(crate) struct VerificationReport {
     /// In the order in which they were measured.
-    pub rows: Vec<Row>,
+    pub rows: Vec<Measurement>,
 }
 
 /// One measure.
 #[derive(Debug, Serialize)]
-pub(crate) struct Row {
+pub(crate) struct Measurement {
     /// What was measured, and where.
     pub what: String,
     /// What it came to; `None`: it could not be measured, which keeps no target.
@@ -21,7 +21,7 @@ pub(crate) struct Row {
     /// Of `measured` and `target`.
     pub unit: &'static str,
     /// The most, or the least, that it may come to; `None`: it is told, not judged.
-    pub target: Option<Target>,
+    pub target: Option<Bound>,
     /// Where it was worst, or why there is nothing to measure.
     pub note: String,
     /// Whether the target is kept.
@@ -31,17 +31,17 @@ pub(crate) struct Row {
 /// A bound.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Target {
+pub(crate) enum Bound {
     AtMost(f64),
     AtLeast(f64),
 }
 
-impl Table {
+impl VerificationReport {
     /// Adds a measure that could not be made, with the reason.
     pub fn add_unmeasured(
         &mut self,
         what: impl Into<String>,
-        target: Option<Target>,
+        target: Option<Bound>,
         why: impl Into<String>,
     ) {
         self.add(what, f64::NAN, "", target, why);
@@ -53,18 +53,18 @@ impl Table {
         what: impl Into<String>,
         measured: f64,
         unit: &'static str,
-        target: Option<Target>,
+        target: Option<Bound>,
         note: impl Into<String>,
     ) {
         let measured = Some(measured).filter(|number| number.is_finite());
         let is_kept = match (target, measured) {
             (None, _) => true,
             (Some(_), None) => false,
-            (Some(Target::AtMost(most)), Some(measured)) => measured <= most,
-            (Some(Target::AtLeast(least)), Some(measured)) => measured >= least,
+            (Some(Bound::AtMost(most)), Some(measured)) => measured <= most,
+            (Some(Bound::AtLeast(least)), Some(measured)) => measured >= least,
         };
         let (what, note) = (what.into(), note.into());
-        self.rows.push(Row { what, measured, unit, target, note, is_kept });
+        self.rows.push(Measurement { what, measured, unit, target, note, is_kept });
     }
 
     /// Returns whether all targets are kept, and there was something to judge.
@@ -79,12 +79,12 @@ const HEADINGS: [&str; 5] = ["what", "measured", "target", "kept", "where worst,
 /// The column of numbers, which end in line.
 const NUMBERS: usize = 1;
 
-impl Row {
+impl Measurement {
     fn cells(&self) -> [String; 5] {
         let target = match self.target {
             None => "none".to_owned(),
-            Some(Target::AtMost(most)) => format!("≤ {}", short(most)),
-            Some(Target::AtLeast(least)) => format!("≥ {}", short(least)),
+            Some(Bound::AtMost(most)) => format!("≤ {}", short(most)),
+            Some(Bound::AtLeast(least)) => format!("≥ {}", short(least)),
         };
         let kept = match (self.target, self.is_kept) {
             (None, _) => "-",
@@ -98,9 +98,9 @@ impl Row {
 }
 
 /// For people: a table with headings, whether the targets are kept, and what the rows mean.
-impl fmt::Display for Table {
+impl fmt::Display for VerificationReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rows = self.rows.iter().map(Row::cells);
+        let rows = self.rows.iter().map(Measurement::cells);
         let lines: Vec<_> = std::iter::once(HEADINGS.map(str::to_owned)).chain(rows).collect();
         let width = |column: usize| {
             lines.iter().map(|line| line[column].chars().count()).max().unwrap_or_default()
@@ -176,11 +176,11 @@ mod tests {
 
     #[test]
     fn targets_are_judged_and_lined_up() {
-        let mut table = Table::default();
-        table.add("markers", 0.004, "px", Some(Target::AtMost(0.01)), "front-1-1");
+        let mut table = VerificationReport::default();
+        table.add("markers", 0.004, "px", Some(Bound::AtMost(0.01)), "front-1-1");
         table.add("time", 12.5, "ms", None, "");
         assert!(table.is_kept());
-        table.add("identical", 0.98, "", Some(Target::AtLeast(0.995)), "");
+        table.add("identical", 0.98, "", Some(Bound::AtLeast(0.995)), "");
         assert!(!table.is_kept());
         let text = table.to_string();
         let lines: Vec<&str> = text.lines().collect();
@@ -192,9 +192,9 @@ mod tests {
 
     #[test]
     fn each_kind_of_row_is_explained_once() {
-        let mut table = Table::default();
+        let mut table = VerificationReport::default();
         for what in ["points", "points, 1e4 m away", "jitter", "warped points"] {
-            table.add(what, 0.0, "px", Some(Target::AtMost(0.01)), "");
+            table.add(what, 0.0, "px", Some(Bound::AtMost(0.01)), "");
         }
         let text = table.to_string();
         for name in ["  points: ", "  jitter: ", "  warped points: "] {
@@ -204,9 +204,9 @@ mod tests {
 
     #[test]
     fn what_is_no_number_keeps_no_target() {
-        let mut table = Table::default();
+        let mut table = VerificationReport::default();
         assert!(!table.is_kept(), "nothing was judged");
-        table.add("markers", f64::NAN, "px", Some(Target::AtMost(0.01)), "no light");
+        table.add("markers", f64::NAN, "px", Some(Bound::AtMost(0.01)), "no light");
         assert!(!table.is_kept());
         let json = serde_json::to_value(&table).expect("JSON");
         assert!(json["rows"][0]["measured"].is_null(), "{json}");

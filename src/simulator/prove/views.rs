@@ -5,14 +5,14 @@ use std::path::Path;
 use glam::{DMat2, DVec2, DVec3};
 use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, Capture};
-use polyptych_wall::shapes::Shaped;
+use polyptych_wall::shapes::ResolvedWall;
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{Screen, Surface};
 
-use super::geometry::{self, HALF_PX, Seen, picture_of, worst};
+use super::geometry::{self, ChannelView, HALF_PX, picture_of, worst};
 use super::light::{self, Drawn};
-use super::marker::{self, Light, Marker, Ray, Reading};
-use super::table::{Table, Target};
+use super::marker::{self, LuminanceImage, Marker, Ray, Reading};
+use super::table::{Bound, VerificationReport};
 use crate::outputs;
 
 /// How far a point of a view may be from where f64 says, in pixels.
@@ -58,9 +58,9 @@ struct Laid {
 /// What could not be drawn or written.
 pub(super) fn prove(
     client: &Client,
-    (shaped, drawn): (Shaped<'_>, Drawn<'_>),
+    (shaped, drawn): (ResolvedWall<'_>, Drawn<'_>),
     folder: &Path,
-    table: &mut Table,
+    table: &mut VerificationReport,
     keep: impl FnOnce(&Capture) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     let wall = shaped.wall;
@@ -93,7 +93,7 @@ pub(super) fn prove(
         }
     }
     let what = "points in views of their own";
-    let target = Some(Target::AtMost(ERROR_MAX_PX));
+    let target = Some(Bound::AtMost(ERROR_MAX_PX));
     if errors.is_empty() {
         let why = "no channel shows the whole of a marker with enough light";
         table.add_unmeasured(what, None, why);
@@ -145,7 +145,7 @@ impl Laid {
 
     /// By how much each marker is off that a channel shows whole, and where; a number that is none
     /// for one that is not there.
-    fn errors(&self, channel: &Seen<'_>, light: &Light) -> Vec<(f64, String)> {
+    fn errors(&self, channel: &ChannelView<'_>, light: &LuminanceImage) -> Vec<(f64, String)> {
         let sight = |pixel: DVec2| {
             let canvas = channel.map.canvas_from_pixel(pixel)?;
             Some(self.ray((canvas - self.low) / self.size))

@@ -4,11 +4,11 @@ use glam::{Vec3, vec3};
 
 use super::building::{CATALOGUE, Quarter};
 use super::glb::{Glb, Node, Placement};
-use super::ground::Ground;
+use super::ground::Heightfield;
 use super::lamp::LAMP_HEIGHT;
 use super::random::Random;
 use super::surface::on_grid;
-use super::terrain::{CURB, Cover, cell_origin, model};
+use super::terrain::{CURB, GroundCover, cell_origin, model};
 use super::tree::Tree;
 
 /// The meshes that blocks share.
@@ -26,7 +26,7 @@ pub(super) struct Shared {
 /// One block while it is furnished.
 pub(super) struct Block<'a> {
     file: &'a mut Glb,
-    ground: &'a Ground,
+    ground: &'a Heightfield,
     shared: &'a Shared,
     name: String,
     origin: Vec3,
@@ -45,13 +45,13 @@ impl<'a> Block<'a> {
     /// Begins a block with its ground.
     pub fn new(
         file: &'a mut Glb,
-        ground: &'a Ground,
+        ground: &'a Heightfield,
         shared: &'a Shared,
         seed: u64,
         [column, row]: [i32; 2],
-        cover: Cover,
+        cover: GroundCover,
     ) -> Self {
-        let kind = if cover == Cover::Wild { "land" } else { "block" };
+        let kind = if cover == GroundCover::Wild { "land" } else { "block" };
         let name = format!("{kind}-{column}-{row}");
         let mut block = Self {
             file,

@@ -4,7 +4,7 @@ use glam::{Vec3, vec3};
 
 use super::color::{Color, srgb};
 use super::material::Material;
-use super::surface::{Extent, Frame, Hidden, Model};
+use super::surface::{Extent, Hidden, LocalFrame, Model};
 
 const STATIONS: usize = 6;
 
@@ -105,7 +105,7 @@ fn dinghy() -> Model {
     hull.build(&mut model);
     for x in [-0.9, 0.5] {
         let thwart = Extent { x: [x, x + 0.32], y: [0.30, 0.36], z: [-0.68, 0.68] };
-        model.cuboid(Material::Timber, &Frame::MODEL, thwart, Hidden::Nothing, srgb(0xb08450));
+        model.cuboid(Material::Timber, &LocalFrame::MODEL, thwart, Hidden::Nothing, srgb(0xb08450));
     }
     model
 }
@@ -122,9 +122,9 @@ fn fishing_boat() -> Model {
     hull.build(&mut model);
     let white = srgb(0xf2ecde);
     let cabin = Extent { x: [-2.6, 0.2], y: [0.6, 2.7], z: [-0.95, 0.95] };
-    model.cuboid(Material::Timber, &Frame::MODEL, cabin, Hidden::Bottom, white);
+    model.cuboid(Material::Timber, &LocalFrame::MODEL, cabin, Hidden::Bottom, white);
     let roof = Extent { x: [-2.8, 0.5], y: [2.68, 2.84], z: [-1.1, 1.1] };
-    model.cuboid(Material::Timber, &Frame::MODEL, roof, Hidden::Nothing, srgb(0xc85a3c));
+    model.cuboid(Material::Timber, &LocalFrame::MODEL, roof, Hidden::Nothing, srgb(0xc85a3c));
     for (z, right) in [(0.98, Vec3::X), (-0.98, Vec3::NEG_X)] {
         for x in [-1.9, -0.6] {
             let centre = vec3(x, 2.0, z);
@@ -142,7 +142,7 @@ fn fishing_boat() -> Model {
     let mast = [(0.09, 0.6, wood), (0.05, 6.4, wood), (0.0, 6.5, wood)];
     model.lathe(Material::Timber, vec3(1.1, 0.0, 0.0), 6, &mast);
     let hold = Extent { x: [1.6, 3.0], y: [0.6, 1.3], z: [-0.6, 0.6] };
-    model.cuboid(Material::Timber, &Frame::MODEL, hold, Hidden::Bottom, srgb(0x5e7d6a));
+    model.cuboid(Material::Timber, &LocalFrame::MODEL, hold, Hidden::Bottom, srgb(0x5e7d6a));
     model
 }
 
@@ -157,12 +157,12 @@ fn sailing_boat() -> Model {
     };
     hull.build(&mut model);
     let cabin = Extent { x: [-1.0, 1.6], y: [0.45, 1.35], z: [-0.7, 0.7] };
-    model.cuboid(Material::Timber, &Frame::MODEL, cabin, Hidden::Bottom, srgb(0xd9bf94));
+    model.cuboid(Material::Timber, &LocalFrame::MODEL, cabin, Hidden::Bottom, srgb(0xd9bf94));
     let wood = srgb(0xb89262);
     let mast = [(0.09, 0.4, wood), (0.05, 10.4, wood), (0.0, 10.5, wood)];
     model.lathe(Material::Timber, vec3(0.8, 0.0, 0.0), 6, &mast);
     let boom = Extent { x: [-3.4, 0.8], y: [1.95, 2.07], z: [-0.05, 0.05] };
-    model.cuboid(Material::Timber, &Frame::MODEL, boom, Hidden::Nothing, wood);
+    model.cuboid(Material::Timber, &LocalFrame::MODEL, boom, Hidden::Nothing, wood);
     let cream = srgb(0xfbf4e2);
     let main = [vec3(-3.3, 2.2, 0.25), vec3(0.68, 2.2, 0.0), vec3(0.72, 9.9, 0.0)];
     model.polygon(Material::Canvas, &main, Vec3::X, &[cream]);

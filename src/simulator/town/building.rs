@@ -5,8 +5,8 @@ use glam::{Vec3, vec3};
 use super::color::{Color, srgb};
 use super::material::Material;
 use super::roof::Roof;
-use super::surface::{Extent, Frame, Hidden, Model};
-use super::wall::{Opening, Wall, awning, door};
+use super::surface::{Extent, Hidden, LocalFrame, Model};
+use super::wall::{FacadeWall, Opening, awning, door};
 
 /// How far a house's plinth reaches into the ground, in metres: more than a block's fall.
 const FOUNDATION: f32 = 4.5;
@@ -17,7 +17,7 @@ const STOREY: f32 = 2.9;
 
 /// What lies on top.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Top {
+enum RoofKind {
     /// The ridge runs along the street.
     Gable,
     /// The gable faces the street.
@@ -50,7 +50,7 @@ pub(super) struct Design {
     depth: f32,
     storeys: u32,
     windows: u32,
-    top: Top,
+    top: RoofKind,
     has_shutters: bool,
     is_shop: bool,
     dormers: u32,
@@ -62,7 +62,7 @@ const OCHRE: u32 = 0xd89462;
 const SLATE: u32 = 0x7c848e;
 
 /// Wall, its tint, roof, woodwork, width, depth, storeys, windows, top, shutters, shop, dormers.
-type Row = (Material, u32, u32, u32, f32, f32, u32, u32, Top, bool, bool, u32);
+type Row = (Material, u32, u32, u32, f32, f32, u32, u32, RoofKind, bool, bool, u32);
 
 const fn row(quarter: Quarter, row: Row) -> Design {
     let (wall, wall_tint, roof_tint, wood_tint, width, depth, storeys, windows, top, ..) = row;
@@ -89,7 +89,7 @@ const fn row(quarter: Quarter, row: Row) -> Design {
 pub(super) const CATALOGUE: [Design; 18] = {
     use Material::{Brick, Plaster, Stone};
     use Quarter::{Cottage, Harbour, Town};
-    use Top::{Flat, FrontGable, Gable, Hip};
+    use RoofKind::{Flat, FrontGable, Gable, Hip};
     [
         row(Harbour, (Plaster, 0xf2c68e, TERRACOTTA, 0x2f6b6e,
             7.6, 8.0, 4, 3, Gable, true, true, 1)),
@@ -141,9 +141,9 @@ impl Design {
     }
 
     /// The four walls, the front first: frame, width, columns of windows.
-    fn sides(&self) -> [(Frame, f32, u32); 4] {
+    fn sides(&self) -> [(LocalFrame, f32, u32); 4] {
         let (x, z) = (self.width * 0.5, self.depth * 0.5);
-        let at = |x: f32, z: f32, right: Vec3| Frame::upright(vec3(x, 0.0, z), right);
+        let at = |x: f32, z: f32, right: Vec3| LocalFrame::upright(vec3(x, 0.0, z), right);
         [
             (at(-x, z, Vec3::X), self.width, self.windows),
             (at(x, z, Vec3::NEG_Z), self.depth, 1),
@@ -157,7 +157,7 @@ impl Design {
         let mut model = Model::default();
         let tint = srgb(self.wall_tint);
         for (side, (frame, width, columns)) in self.sides().into_iter().enumerate() {
-            let wall = Wall {
+            let wall = FacadeWall {
                 frame,
                 material: self.wall,
                 tint,
@@ -170,7 +170,7 @@ impl Design {
         let (x, z) = (self.width * 0.5 + 0.05, self.depth * 0.5 + 0.05);
         let plinth = Extent { x: [-x, x], y: [-FOUNDATION, PLINTH], z: [-z, z] };
         let stone = Color::new(0.50, 0.47, 0.42);
-        model.cuboid(Material::Stone, &Frame::MODEL, plinth, Hidden::Bottom, stone);
+        model.cuboid(Material::Stone, &LocalFrame::MODEL, plinth, Hidden::Bottom, stone);
         self.front(&mut model);
         self.roof(&mut model);
         model
@@ -226,23 +226,24 @@ impl Design {
 
     fn roof(&self, model: &mut Model) {
         let tint = srgb(self.wall_tint);
-        let turned = self.top == Top::FrontGable || self.width < self.depth && self.top == Top::Hip;
+        let turned = self.top == RoofKind::FrontGable
+            || self.width < self.depth && self.top == RoofKind::Hip;
         let (right, out) = if turned { (Vec3::Z, Vec3::NEG_X) } else { (Vec3::X, Vec3::Z) };
         let (along, across) =
             if turned { (self.depth, self.width) } else { (self.width, self.depth) };
         let roof = Roof {
-            frame: Frame { origin: vec3(0.0, self.height(), 0.0), right, up: Vec3::Y, out },
+            frame: LocalFrame { origin: vec3(0.0, self.height(), 0.0), right, up: Vec3::Y, out },
             along: along * 0.5,
             across: across * 0.5,
-            rise: across * 0.5 * if self.top == Top::Hip { 0.56 } else { 0.66 },
+            rise: across * 0.5 * if self.top == RoofKind::Hip { 0.56 } else { 0.66 },
             tint: srgb(self.roof_tint),
         };
         match self.top {
-            Top::Gable | Top::FrontGable => roof.gable(model, self.wall, tint),
-            Top::Hip => roof.hip(model),
-            Top::Flat => roof.flat(model, self.wall, tint),
+            RoofKind::Gable | RoofKind::FrontGable => roof.gable(model, self.wall, tint),
+            RoofKind::Hip => roof.hip(model),
+            RoofKind::Flat => roof.flat(model, self.wall, tint),
         }
-        if self.top != Top::Flat {
+        if self.top != RoofKind::Flat {
             roof.chimney(model, along * 0.27, self.wall, tint);
         }
         for n in 0..self.dormers {

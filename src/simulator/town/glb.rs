@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 
 use super::TownError;
 use super::material::Material;
-use super::surface::{Model, Surface};
+use super::surface::{MeshBuffer, Model};
 use super::turn::sin_cos;
 
 const F32: u32 = 5126;
@@ -179,7 +179,7 @@ impl Glb {
         self.nodes.len()
     }
 
-    fn primitive(&mut self, surface: &Surface, material: Material) -> Value {
+    fn primitive(&mut self, surface: &MeshBuffer, material: Material) -> Value {
         let positions = self.add_vec3s(Pool::Positions, &surface.positions);
         let least = surface.positions.iter().fold(Vec3::INFINITY, |a, &p| a.min(p));
         let most = surface.positions.iter().fold(Vec3::NEG_INFINITY, |a, &p| a.max(p));

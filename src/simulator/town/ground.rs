@@ -17,7 +17,7 @@ const SEABED: f32 = -5.0;
 
 /// The shape of the land.
 #[derive(Clone, Debug)]
-pub(super) struct Ground {
+pub(super) struct Heightfield {
     seed: u64,
     /// Half of the town's width, in metres.
     pub half_width: f32,
@@ -28,7 +28,7 @@ pub(super) struct Ground {
     grade: f32,
 }
 
-impl Ground {
+impl Heightfield {
     /// Land for `blocks` × `blocks` blocks.
     pub fn new(blocks: u32, seed: u64) -> Self {
         let blocks = blocks as f32;

@@ -5,15 +5,15 @@ use glam::{Vec3, vec3};
 use super::color::{Color, srgb};
 use super::material::Material;
 use super::roof::Roof;
-use super::surface::{Extent, Frame, Hidden, Model};
-use super::wall::{Opening, Wall, door};
+use super::surface::{Extent, Hidden, LocalFrame, Model};
+use super::wall::{FacadeWall, Opening, door};
 
 const WHITE: u32 = 0xf8f1e4;
 
 /// Walls around a rectangle, each with `columns` tall windows from `y[0]` to `y[1]`.
 fn hall(model: &mut Model, centre: Vec3, half: [f32; 2], top: f32, columns: [u32; 4], y: [f32; 2]) {
     let [x, z] = half;
-    let at = |dx: f32, dz: f32, right: Vec3| Frame::upright(centre + vec3(dx, 0.0, dz), right);
+    let at = |dx: f32, dz: f32, right: Vec3| LocalFrame::upright(centre + vec3(dx, 0.0, dz), right);
     let sides = [
         (at(-x, z, Vec3::X), x * 2.0),
         (at(x, z, Vec3::NEG_Z), z * 2.0),
@@ -22,7 +22,7 @@ fn hall(model: &mut Model, centre: Vec3, half: [f32; 2], top: f32, columns: [u32
     ];
     for ((frame, width), columns) in sides.into_iter().zip(columns) {
         let tint = srgb(WHITE);
-        let wall = Wall { frame, material: Material::Plaster, tint, width, bottom: 0.4, top };
+        let wall = FacadeWall { frame, material: Material::Plaster, tint, width, bottom: 0.4, top };
         let bay = width / columns.max(1) as f32;
         let opening = |n: u32| {
             let middle = bay * (n as f32 + 0.5);
@@ -31,7 +31,7 @@ fn hall(model: &mut Model, centre: Vec3, half: [f32; 2], top: f32, columns: [u32
         let openings: Vec<Opening> = (0..columns).map(opening).collect();
         wall.build(model, &openings);
     }
-    let frame = Frame { origin: centre, ..Frame::MODEL };
+    let frame = LocalFrame { origin: centre, ..LocalFrame::MODEL };
     // Not the same height for nave and tower: their tops would lie in one plane.
     let ledge = 0.45 + 0.02 * x;
     let plinth = Extent { x: [-x - 0.08, x + 0.08], y: [-6.0, ledge], z: [-z - 0.08, z + 0.08] };
@@ -44,7 +44,7 @@ pub(super) fn church() -> Model {
     let red = srgb(0xc86a48);
     hall(&mut model, vec3(0.0, 0.0, -2.0), [5.2, 9.0], 8.6, [0, 4, 0, 4], [2.6, 6.2]);
     let nave = Roof {
-        frame: Frame {
+        frame: LocalFrame {
             origin: vec3(0.0, 8.6, -2.0),
             right: Vec3::Z,
             up: Vec3::Y,
@@ -58,16 +58,16 @@ pub(super) fn church() -> Model {
     nave.gable(&mut model, Material::Plaster, srgb(WHITE));
     let tower = vec3(0.0, 0.0, 9.4);
     hall(&mut model, tower, [2.7, 2.7], 19.5, [1, 1, 1, 1], [14.6, 17.6]);
-    let front = Frame::upright(tower + vec3(-2.7, 0.0, 2.7), Vec3::X);
+    let front = LocalFrame::upright(tower + vec3(-2.7, 0.0, 2.7), Vec3::X);
     door(&mut model, &front, 2.7, srgb(0x6a3f2c));
     let stone = Color::new(0.78, 0.74, 0.67);
     for y in [6.0, 13.2, 19.3] {
         let band = Extent { x: [-2.95, 2.95], y: [y, y + 0.4], z: [-2.95, 2.95] };
-        let frame = Frame { origin: tower, ..Frame::MODEL };
+        let frame = LocalFrame { origin: tower, ..LocalFrame::MODEL };
         model.cuboid(Material::Stone, &frame, band, Hidden::Nothing, stone);
     }
     let lid = Roof {
-        frame: Frame { origin: tower + Vec3::Y * 19.6, ..Frame::MODEL },
+        frame: LocalFrame { origin: tower + Vec3::Y * 19.6, ..LocalFrame::MODEL },
         along: 2.7,
         across: 2.7,
         rise: 7.4,
@@ -120,7 +120,7 @@ pub(super) fn lighthouse() -> Model {
     model.lathe(Material::Timber, Vec3::ZERO, 12, &cap);
     let tip = [(0.12, 17.15, red), (0.05, 18.2, red), (0.0, 18.25, red)];
     model.lathe(Material::Timber, Vec3::ZERO, 6, &tip);
-    let f = Frame::upright(vec3(-2.2, 1.5, 2.18), Vec3::X);
+    let f = LocalFrame::upright(vec3(-2.2, 1.5, 2.18), Vec3::X);
     door(&mut model, &f, 2.2, srgb(0x2c5b86));
     model
 }

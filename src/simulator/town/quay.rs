@@ -4,10 +4,10 @@ use glam::{Vec3, vec3};
 
 use super::color::{Color, srgb};
 use super::glb::{Glb, Node, Placement};
-use super::ground::{BLOCK, Ground, QUAY_HEIGHT};
+use super::ground::{BLOCK, Heightfield, QUAY_HEIGHT};
 use super::material::Material;
 use super::random::Random;
-use super::surface::{Extent, Frame, Hidden, Model};
+use super::surface::{Extent, Hidden, LocalFrame, Model};
 use super::terrain::LINES;
 use super::{boat, landmark};
 
@@ -66,7 +66,7 @@ fn apron() -> Model {
 /// A mole of cut stone towards +Z; `side` is where its parapet stands: 1 at +X, -1 at -X.
 fn mole(side: f32) -> Model {
     let mut model = Model::default();
-    let frame = Frame::MODEL;
+    let frame = LocalFrame::MODEL;
     let span = |a: f32, b: f32| [(a * side).min(b * side), (a * side).max(b * side)];
     let deck = QUAY_HEIGHT + 0.5;
     let body = Extent { x: span(-0.4, MOLE_WIDTH), y: [DEEP, deck], z: [-2.5, MOLE_LENGTH] };
@@ -96,7 +96,7 @@ fn cargo() -> Model {
     let wood = srgb(0xb88c58);
     for (x, z, y, size) in [(0.0, 0.0, 0.0, 1.1), (1.3, 0.25, 0.0, 0.9), (0.25, 0.1, 1.1, 0.8)] {
         let crate_of = Extent { x: [x, x + size], y: [y, y + size], z: [z, z + size] };
-        model.cuboid(Material::Timber, &Frame::MODEL, crate_of, Hidden::Bottom, wood);
+        model.cuboid(Material::Timber, &LocalFrame::MODEL, crate_of, Hidden::Bottom, wood);
     }
     for (x, z) in [(-0.7, 0.4), (-0.5, 1.2), (-1.4, 0.8)] {
         let barrel = [
@@ -141,7 +141,7 @@ fn moor(file: &mut Glb, meshes: &[usize; 3], middle: f32, random: &mut Random) -
 }
 
 /// Sails in the roads.
-fn sails(file: &mut Glb, mesh: usize, ground: &Ground, random: &mut Random) -> Vec<usize> {
+fn sails(file: &mut Glb, mesh: usize, ground: &Heightfield, random: &mut Random) -> Vec<usize> {
     let count = 3 + (ground.half_width / 160.0) as usize;
     let mut nodes = Vec::new();
     for n in 0..count {
@@ -159,7 +159,7 @@ fn sails(file: &mut Glb, mesh: usize, ground: &Ground, random: &mut Random) -> V
 }
 
 /// Adds the harbour and gives its node.
-pub(super) fn write(file: &mut Glb, ground: &Ground, blocks: u32, seed: u64) -> usize {
+pub(super) fn write(file: &mut Glb, ground: &Heightfield, blocks: u32, seed: u64) -> usize {
     let mut random = Random::new(seed, 301);
     let apron = file.add_mesh("quay", &apron());
     let cargo = file.add_mesh("cargo", &cargo());

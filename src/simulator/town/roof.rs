@@ -4,8 +4,8 @@ use glam::Vec3;
 
 use super::color::Color;
 use super::material::Material;
-use super::surface::{Extent, Frame, Hidden, Model};
-use super::wall::{Opening, Wall};
+use super::surface::{Extent, Hidden, LocalFrame, Model};
+use super::wall::{FacadeWall, Opening};
 
 /// How far a roof reaches beyond the walls, in metres.
 const EAVES: f32 = 0.38;
@@ -18,7 +18,7 @@ const THICK: f32 = 0.16;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Roof {
     /// At the middle of the rectangle, at the top of the walls.
-    pub frame: Frame,
+    pub frame: LocalFrame,
     /// Half of the rectangle along the ridge.
     pub along: f32,
     /// Half of the rectangle across.
@@ -159,8 +159,8 @@ impl Roof {
         let sill = (self.across - front) * pitch;
         let f = self.frame.moved(x, sill, front);
         let (half, high) = (0.72, 1.35);
-        let face = Frame::upright(f.point(-half, 0.0, 0.0), f.right);
-        let front_wall = Wall {
+        let face = LocalFrame::upright(f.point(-half, 0.0, 0.0), f.right);
+        let front_wall = FacadeWall {
             frame: face,
             material: wall,
             tint: wall_tint,
@@ -180,7 +180,7 @@ impl Roof {
             model.polygon(wall, &cheek, -f.out * side, &[wall_tint * 0.8]);
         }
         let lid = Self {
-            frame: Frame {
+            frame: LocalFrame {
                 origin: f.point(0.0, high, -deep * 0.5),
                 right: f.out,
                 up: f.up,

@@ -19,7 +19,7 @@ pub(super) fn on_grid(value: Vec3) -> Vec3 {
 
 /// Triangles of one material.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Surface {
+pub(super) struct MeshBuffer {
     pub positions: Vec<Vec3>,
     pub normals: Vec<Vec3>,
     pub uvs: Vec<Vec2>,
@@ -27,7 +27,7 @@ pub(super) struct Surface {
     pub indices: Vec<u16>,
 }
 
-impl Surface {
+impl MeshBuffer {
     /// Adds a vertex and gives its index.
     pub fn vertex(&mut self, position: Vec3, normal: Vec3, uv: Vec2, color: Color) -> usize {
         self.positions.push(on_grid(position));
@@ -54,14 +54,14 @@ impl Surface {
 
 /// A box or a place on a wall: `x` to the right, `y` up, `z` out of it, from an origin.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Frame {
+pub(super) struct LocalFrame {
     pub origin: Vec3,
     pub right: Vec3,
     pub up: Vec3,
     pub out: Vec3,
 }
 
-impl Frame {
+impl LocalFrame {
     /// The model's own axes.
     pub const MODEL: Self = Self { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, out: Vec3::Z };
 
@@ -107,12 +107,12 @@ pub(super) enum Hidden {
 /// Surfaces by material.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Model {
-    pub surfaces: BTreeMap<Material, Surface>,
+    pub surfaces: BTreeMap<Material, MeshBuffer>,
 }
 
 impl Model {
     /// The surface of a material.
-    pub fn of(&mut self, material: Material) -> &mut Surface {
+    pub fn of(&mut self, material: Material) -> &mut MeshBuffer {
         self.surfaces.entry(material).or_default()
     }
 
@@ -151,7 +151,7 @@ impl Model {
     pub fn cuboid(
         &mut self,
         material: Material,
-        frame: &Frame,
+        frame: &LocalFrame,
         extent: Extent,
         hidden: Hidden,
         color: Color,

@@ -3,9 +3,9 @@
 use glam::{Vec2, Vec3, vec2, vec3};
 
 use super::color::{Color, srgb};
-use super::ground::{BLOCK, Ground, QUAY_HEIGHT, smooth};
+use super::ground::{BLOCK, Heightfield, QUAY_HEIGHT, smooth};
 use super::material::Material;
-use super::surface::{Model, Surface};
+use super::surface::{MeshBuffer, Model};
 
 /// Where a cell is cut, in metres from its middle; every cell alike, so that neighbours share the
 /// corners on their border. Half a street, the pavement, the lot in four strips, and back.
@@ -15,7 +15,7 @@ pub(super) const CURB: f32 = 0.14;
 
 /// What a cell carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Cover {
+pub(super) enum GroundCover {
     /// Houses and gardens.
     Lot,
     /// A paved square.
@@ -25,31 +25,31 @@ pub(super) enum Cover {
 }
 
 /// The middle of a cell at sea level; columns run to +X, rows away from the sea.
-pub(super) fn cell_middle(ground: &Ground, column: i32, row: i32) -> Vec3 {
+pub(super) fn cell_middle(ground: &Heightfield, column: i32, row: i32) -> Vec3 {
     let x = (column as f32 + 0.5) * BLOCK - ground.half_width;
     vec3(x, 0.0, -(row as f32 + 0.5) * BLOCK)
 }
 
 /// The cell's node stands here: a whole number of metres high, so that sums stay exact.
-pub(super) fn cell_origin(ground: &Ground, column: i32, row: i32) -> Vec3 {
+pub(super) fn cell_origin(ground: &Heightfield, column: i32, row: i32) -> Vec3 {
     let middle = cell_middle(ground, column, row);
     middle.with_y(ground.height(middle.x, middle.z).floor())
 }
 
 /// One sheet of a cell's ground; it knows which corners it has already placed.
-struct Sheet<'a> {
-    ground: &'a Ground,
+struct GroundMesh<'a> {
+    ground: &'a Heightfield,
     origin: Vec3,
     lift: f32,
     repeat: f32,
     placed: [[Option<usize>; LINES.len()]; LINES.len()],
 }
 
-impl Sheet<'_> {
+impl GroundMesh<'_> {
     /// The index of a corner, with a colour made of its place in the world.
     fn corner(
         &mut self,
-        surface: &mut Surface,
+        surface: &mut MeshBuffer,
         [i, j]: [usize; 2],
         color: impl Fn(Vec3, Vec3) -> Color,
     ) -> usize {
@@ -75,15 +75,15 @@ fn ring(i: usize, j: usize) -> usize {
 }
 
 /// The ground of a cell, relative to its origin.
-pub(super) fn model(ground: &Ground, column: i32, row: i32, cover: Cover) -> Model {
+pub(super) fn model(ground: &Heightfield, column: i32, row: i32, cover: GroundCover) -> Model {
     let origin = cell_origin(ground, column, row);
     let mut model = Model::default();
     match cover {
-        Cover::Wild => {
+        GroundCover::Wild => {
             let wild = |place: Vec3, normal: Vec3| grass_color(ground, place, normal);
             lay(&mut model, Material::Grass, ground, origin, 0.0, |_| true, wild);
         }
-        Cover::Lot | Cover::Square => {
+        GroundCover::Lot | GroundCover::Square => {
             let stone = |tint: u32| {
                 move |place: Vec3, _: Vec3| {
                     srgb(tint) * (0.9 + 0.2 * ground.noise(place.x, place.z, 17.0, 5))
@@ -92,7 +92,7 @@ pub(super) fn model(ground: &Ground, column: i32, row: i32, cover: Cover) -> Mod
             lay(&mut model, Material::Cobble, ground, origin, 0.0, |r| r == 0, stone(0xccc2b4));
             lay(&mut model, Material::Cobble, ground, origin, CURB, |r| r == 1, stone(0xf2e6d2));
             curb(&mut model, ground, origin);
-            if cover == Cover::Square {
+            if cover == GroundCover::Square {
                 let paving = stone(0xe0d0b8);
                 lay(&mut model, Material::Cobble, ground, origin, CURB, |r| r > 1, paving);
             } else {
@@ -113,7 +113,7 @@ pub(super) fn model(ground: &Ground, column: i32, row: i32, cover: Cover) -> Mod
 fn lay(
     model: &mut Model,
     material: Material,
-    ground: &Ground,
+    ground: &Heightfield,
     origin: Vec3,
     lift: f32,
     wanted: impl Fn(usize) -> bool,
@@ -121,7 +121,7 @@ fn lay(
 ) {
     let surface = model.of(material);
     let placed = [[None; LINES.len()]; LINES.len()];
-    let mut sheet = Sheet { ground, origin, lift, repeat: material.repeat(), placed };
+    let mut sheet = GroundMesh { ground, origin, lift, repeat: material.repeat(), placed };
     for j in 0..LINES.len() - 1 {
         for i in 0..LINES.len() - 1 {
             if !wanted(ring(i, j)) || is_drowned(ground, origin, i, j) {
@@ -135,14 +135,14 @@ fn lay(
 }
 
 /// Whether nothing of a quadrilateral comes near the surface of the sea.
-fn is_drowned(ground: &Ground, origin: Vec3, i: usize, j: usize) -> bool {
+fn is_drowned(ground: &Heightfield, origin: Vec3, i: usize, j: usize) -> bool {
     [[i, j], [i + 1, j], [i, j + 1], [i + 1, j + 1]]
         .into_iter()
         .all(|[i, j]| ground.height(origin.x + LINES[i], origin.z + LINES[j]) < -0.75)
 }
 
 /// The upright faces between street and pavement.
-fn curb(model: &mut Model, ground: &Ground, origin: Vec3) {
+fn curb(model: &mut Model, ground: &Heightfield, origin: Vec3) {
     let edge = LINES[LINES.len() - 2];
     let color = srgb(0xc8c0b2);
     let surface = model.of(Material::Cobble);
@@ -174,7 +174,7 @@ fn curb(model: &mut Model, ground: &Ground, origin: Vec3) {
 }
 
 /// Grass, dry grass, rock where it is steep, sand at the water.
-fn grass_color(ground: &Ground, place: Vec3, normal: Vec3) -> Color {
+fn grass_color(ground: &Heightfield, place: Vec3, normal: Vec3) -> Color {
     let dry = ground.noise(place.x, place.z, 27.0, 6);
     let green = srgb(0x8cb05c).lerp(srgb(0xc4bc78), dry * 0.7);
     let rock = srgb(0xc4b49c);

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::color::Color;
 use super::material::Material;
-use super::surface::{Extent, Frame, Hidden, Model};
+use super::surface::{Extent, Hidden, LocalFrame, Model};
 
 /// How deep a window sits in its wall, in metres.
 const RECESS: f32 = 0.14;
@@ -22,8 +22,8 @@ pub(super) struct Opening {
 
 /// A wall's face: what it is made of and how large.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Wall {
-    pub frame: Frame,
+pub(super) struct FacadeWall {
+    pub frame: LocalFrame,
     pub material: Material,
     pub tint: Color,
     pub width: f32,
@@ -31,7 +31,7 @@ pub(super) struct Wall {
     pub top: f32,
 }
 
-impl Wall {
+impl FacadeWall {
     /// Light that reaches a height: less near the ground and under the eaves.
     fn tint_at(&self, y: f32) -> Color {
         let ground = 0.72 + 0.28 * (y / GRIME).clamp(0.0, 1.0);
@@ -111,7 +111,7 @@ fn cuts(places: impl Iterator<Item = f32>, least: f32, most: f32) -> Vec<f32> {
 }
 
 /// A door with its stone frame and step, standing before the wall; `x` is its middle.
-pub(super) fn door(model: &mut Model, frame: &Frame, x: f32, color: Color) {
+pub(super) fn door(model: &mut Model, frame: &LocalFrame, x: f32, color: Color) {
     let stone = Color::new(0.66, 0.63, 0.58);
     let f = frame.moved(x, 0.0, 0.0);
     let jambs = [([-0.74, -0.52], [-0.4, 2.3]), ([0.52, 0.74], [-0.4, 2.3])];
@@ -128,7 +128,7 @@ pub(super) fn door(model: &mut Model, frame: &Frame, x: f32, color: Color) {
 }
 
 /// A striped awning over a shop window from `x[0]` to `x[1]`, its upper edge at `y`.
-pub(super) fn awning(model: &mut Model, frame: &Frame, x: [f32; 2], y: f32, color: Color) {
+pub(super) fn awning(model: &mut Model, frame: &LocalFrame, x: [f32; 2], y: f32, color: Color) {
     let stripes = ((x[1] - x[0]) / 0.5).round().max(1.0) as usize;
     let wide = (x[1] - x[0]) / stripes as f32;
     for n in 0..stripes {

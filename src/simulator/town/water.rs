@@ -4,7 +4,7 @@ use glam::{Vec3, vec2, vec3};
 
 use super::color::{Color, srgb};
 use super::glb::{Glb, Node, Placement};
-use super::ground::{BLOCK, Ground, smooth};
+use super::ground::{BLOCK, Heightfield, smooth};
 use super::material::Material;
 use super::surface::Model;
 
@@ -18,7 +18,7 @@ const MARGIN: i32 = 1;
 const SHOAL: f32 = 100.0;
 
 /// How far a place is from the coast, roughly: 0 on land.
-fn offshore(ground: &Ground, x: f32, z: f32) -> f32 {
+fn offshore(ground: &Heightfield, x: f32, z: f32) -> f32 {
     // The coast lies about a third into the rim; before the town it is the quay's edge.
     let beside = (x.abs() - ground.half_width - ground.rim * 0.35).max(0.0);
     let before = (z - 8.0).max(0.0);
@@ -27,7 +27,7 @@ fn offshore(ground: &Ground, x: f32, z: f32) -> f32 {
     (beside * beside + along * along).sqrt()
 }
 
-fn color(ground: &Ground, x: f32, z: f32) -> Color {
+fn color(ground: &Heightfield, x: f32, z: f32) -> Color {
     let deep = srgb(0x1a5066);
     let shoal = srgb(0x3c8688);
     let distance = offshore(ground, x, z) + (ground.noise(x, z, 45.0, 8) - 0.5) * 30.0;
@@ -56,7 +56,7 @@ fn tile(color: impl Fn(f32, f32) -> Color) -> Model {
 }
 
 /// Whether a tile lies wholly under the land.
-fn is_inland(ground: &Ground, middle: Vec3) -> bool {
+fn is_inland(ground: &Heightfield, middle: Vec3) -> bool {
     (0..=8).all(|j| {
         (0..=8).all(|i| {
             let x = middle.x + (i as f32 / 8.0 - 0.5) * TILE;
@@ -68,7 +68,7 @@ fn is_inland(ground: &Ground, middle: Vec3) -> bool {
 }
 
 /// Adds the sea and gives its node.
-pub(super) fn write(file: &mut Glb, ground: &Ground) -> usize {
+pub(super) fn write(file: &mut Glb, ground: &Heightfield) -> usize {
     let reach = |metres: f32| (metres / TILE).ceil() as i32 + MARGIN;
     let columns = reach(ground.half_width + ground.rim);
     let rows = [-reach(ground.depth + ground.rim), reach(BLOCK)];

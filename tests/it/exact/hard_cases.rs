@@ -11,13 +11,13 @@ use std::path::Path;
 use glam::{DMat4, DVec3, UVec2, Vec3};
 use polyptych_client::{Camera, Wall};
 use polyptych_render::apply;
-use polyptych_wall::{ChannelId, Cover};
+use polyptych_wall::{ChannelId, ChannelKind};
 
 use super::shapes::cube;
 use super::{assert_right, channels, verdict};
 use crate::harness::local_wall::of_repository;
 use crate::harness::model::{Model, Part};
-use crate::harness::stage::{Stage, frame, reference_view};
+use crate::harness::stage::{RenderFixture, frame, reference_view};
 
 /// A wall file of the repository with fewer pixels.
 pub fn shrunk(name: &str, by: u32) -> Wall {
@@ -45,7 +45,7 @@ pub fn all_planar() -> Vec<(String, Wall)> {
         let mut wall = of_repository(&name);
         let screens = wall.screens.clone();
         wall.channels.retain(|channel| {
-            channel.cover == Cover::Tile
+            channel.cover == ChannelKind::Tile
                 && channel.adjustment.warp.is_none()
                 && screens[usize::from(channel.screen)].plane().is_some()
         });
@@ -103,7 +103,7 @@ fn surroundings(place: DVec3, unit: f64) -> Model {
 /// All channels of a wall that looks around at a place, with metres of a length.
 fn check_around(name: &str, wall: &Wall, place: DVec3, unit: f64) {
     let model = surroundings(place, unit);
-    let mut stage = Stage::of(&model.gltf());
+    let mut stage = RenderFixture::of(&model.gltf());
     let camera = Camera { position: place, ..Camera::IDENTITY }.with_scale(unit);
     for id in channels(wall) {
         let name = format!("{name}, channel {}", id.0);
@@ -119,7 +119,7 @@ fn check_none_wrong(name: &str, wall: &Wall) {
 /// The same, where this share of all pixels may be another one.
 fn check_wrong(name: &str, wall: &Wall, most: f64) {
     let model = surroundings(DVec3::ZERO, 1.0);
-    let mut stage = Stage::of(&model.gltf());
+    let mut stage = RenderFixture::of(&model.gltf());
     for id in channels(wall) {
         let verdict = verdict(&mut stage, &model, wall, id, Camera::IDENTITY);
         println!("{name}, channel {}: {verdict:?}", id.0);
@@ -193,7 +193,7 @@ fn screen_rolled_by_half_a_turn() {
     check_around("rolled", &rolled, DVec3::ZERO, 1.0);
     let upright = one_screen(PLAIN, rolled.eye);
     let model = surroundings(DVec3::ZERO, 1.0);
-    let mut stage = Stage::of(&model.gltf());
+    let mut stage = RenderFixture::of(&model.gltf());
     let [first, last] = [ChannelId(0), ChannelId(1)];
     let upright = stage.channel(&upright, first, Camera::IDENTITY);
     let rolled = image::imageops::rotate180(&stage.channel(&rolled, last, Camera::IDENTITY));
@@ -206,7 +206,7 @@ fn a_channel_of_one_pixel() {
     let mut wall = one_screen(PLAIN, DVec3::ZERO);
     wall.channels.truncate(1);
     let model = surroundings(DVec3::ZERO, 1.0);
-    let mut stage = Stage::of(&model.gltf());
+    let mut stage = RenderFixture::of(&model.gltf());
     let mut seen = 0;
     for (x, y) in [(0, 0), (37, 21), (200, 90), (255, 127), (128, 64), (129, 65)] {
         wall.channels[0].origin = UVec2::new(x, y);
@@ -231,7 +231,7 @@ fn a_triangle_through_all_channels_and_behind_the_eye() {
         let mut part = Part::flat(DMat4::from_translation(wall.eye), &corners, Vec3::ZERO);
         part.colors = vec![Vec3::X, Vec3::Y, Vec3::Z];
         let model = Model::of(vec![part]);
-        let mut stage = Stage::of(&model.gltf());
+        let mut stage = RenderFixture::of(&model.gltf());
         for id in channels(&wall) {
             assert_right(name, verdict(&mut stage, &model, &wall, id, Camera::IDENTITY));
         }
@@ -249,7 +249,7 @@ fn a_vertex_exactly_beside_the_eye() {
             let mut part = Part::flat(DMat4::IDENTITY, &corners, Vec3::new(0.9, 0.5, 0.1));
             part.is_double_sided = true;
             let model = Model::of(vec![part, cube(DMat4::from_translation(DVec3::Z * -3.0))]);
-            let mut stage = Stage::of(&model.gltf());
+            let mut stage = RenderFixture::of(&model.gltf());
             for id in channels(&wall) {
                 let verdict = verdict(&mut stage, &model, &wall, id, Camera::IDENTITY);
                 assert_eq!(verdict.wrong, 0, "{corners:?}: {verdict:?}");
@@ -276,7 +276,7 @@ fn slivers_and_triangles_without_area() {
     let mut fan = Part::flat(at, &positions, Vec3::new(0.1, 0.8, 0.2));
     fan.is_double_sided = true;
     let model = Model::of(vec![fan]);
-    let mut stage = Stage::of(&model.gltf());
+    let mut stage = RenderFixture::of(&model.gltf());
     for id in channels(&wall) {
         let verdict = verdict(&mut stage, &model, &wall, id, Camera::IDENTITY);
         println!("slivers: {verdict:?}");
@@ -299,7 +299,7 @@ fn a_scene_at_ten_million_metres_and_one_of_a_tenth_of_a_millimetre() {
 fn up_parallel_to_the_view() {
     let wall = shrunk("wall-2x2.toml", 8);
     let model = surroundings(DVec3::ZERO, 1.0);
-    let mut stage = Stage::of(&model.gltf());
+    let mut stage = RenderFixture::of(&model.gltf());
     for target in [DVec3::Y, DVec3::NEG_Y, DVec3::new(1e-12, 1.0, 0.0), DVec3::ZERO] {
         let camera = Camera::look_at(DVec3::ZERO, target, DVec3::Y);
         for id in channels(&wall) {

@@ -6,11 +6,11 @@ use crate::reference::clip::clip;
 use crate::reference::facet::{Corner, Facet};
 use crate::reference::raster::{self, Projected};
 use crate::reference::tone;
-use crate::reference::view::{Pose, Seat, Seen, View};
+use crate::reference::view::{HomogeneousPixel, Pose, ScreenView, View};
 
 /// A screen of 2 × 1 m, a metre before the eye, of 200 × 100 pixels.
 fn view() -> View {
-    let seat = Seat {
+    let seat = ScreenView {
         corners: [
             DVec3::new(-1.0, -0.5, -1.0),
             DVec3::new(1.0, -0.5, -1.0),
@@ -51,7 +51,7 @@ fn points_are_seen_where_the_lines_cross_the_screen() {
 
 #[test]
 fn poses_turn_move_and_scale() {
-    let seat = Seat {
+    let seat = ScreenView {
         corners: [DVec3::new(-1.0, -1.0, -1.0), DVec3::new(1.0, -1.0, -1.0), DVec3::NEG_ONE],
         canvas: [100, 100],
         origin: [0, 0],
@@ -59,30 +59,32 @@ fn poses_turn_move_and_scale() {
         eye: DVec3::ZERO,
         near_m: 0.1,
     };
-    let seat =
-        Seat { corners: [seat.corners[0], seat.corners[1], DVec3::new(-1.0, 1.0, -1.0)], ..seat };
+    let seat = ScreenView {
+        corners: [seat.corners[0], seat.corners[1], DVec3::new(-1.0, 1.0, -1.0)],
+        ..seat
+    };
     // A quarter turn to the left: ahead is −x. A metre of the room is two of the world.
     let rotation = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
     let pose = Pose { position: DVec3::new(1e7, 0.0, 0.0), rotation, scale: 2.0 };
     let view = View::new(&seat, &pose).expect("in front");
     let pixel = view.pixel(DVec3::new(1e7 - 4.0, 2.0, -2.0)).expect("seen");
     assert!(pixel.distance(DVec2::new(75.0, 25.0)) < 1e-6, "{pixel}");
-    let behind = Seat { eye: DVec3::new(0.0, 0.0, -1.5), ..seat };
+    let behind = ScreenView { eye: DVec3::new(0.0, 0.0, -1.5), ..seat };
     assert!(View::new(&behind, &pose).unwrap_err().contains("0.5 m behind"));
 }
 
 #[test]
 fn a_vertex_in_the_plane_of_the_eye_needs_no_division() {
     let seen = [
-        Seen { x: 0.0, y: 50.0, w: 1.0 },
-        Seen { x: 300.0, y: 40.0, w: 0.0 },
-        Seen { x: 100.0, y: 90.0, w: 1.0 },
+        HomogeneousPixel { x: 0.0, y: 50.0, w: 1.0 },
+        HomogeneousPixel { x: 300.0, y: 40.0, w: 0.0 },
+        HomogeneousPixel { x: 100.0, y: 90.0, w: 1.0 },
     ];
     let polygon = clip(seen, [200, 100], 0.1);
     assert!(polygon.len() >= 4 && polygon.iter().all(|p| p.w >= 0.1 - 1e-15), "{polygon:?}");
-    let inside = |p: &Seen| p.x >= -1e-9 && p.x <= 200.0 * p.w + 1e-9;
+    let inside = |p: &HomogeneousPixel| p.x >= -1e-9 && p.x <= 200.0 * p.w + 1e-9;
     assert!(polygon.iter().all(inside), "{polygon:?}");
-    assert!(clip(seen.map(|p| Seen { w: -1.0, ..p }), [200, 100], 0.1).is_empty());
+    assert!(clip(seen.map(|p| HomogeneousPixel { w: -1.0, ..p }), [200, 100], 0.1).is_empty());
 }
 
 /// What the clipped polygon covers must be where the whole triangle's own functions say so.

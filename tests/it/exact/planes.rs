@@ -7,7 +7,7 @@ use polyptych_client::{Camera, Wall};
 use super::channels;
 use super::hard_cases::shrunk;
 use crate::harness::model::{Model, Part};
-use crate::harness::stage::Stage;
+use crate::harness::stage::RenderFixture;
 
 const AWAY_M: f64 = 10_000.0;
 const APART_M: f64 = 0.01;
@@ -32,7 +32,7 @@ fn planes(place: DVec3, half_m: f32, cells: i32) -> Model {
 
 /// Draws every channel from every pose; gives the pixels of the near plane and of the far one.
 fn count(wall: &Wall, place: DVec3, cells: i32) -> [u64; 2] {
-    let mut stage = Stage::of(&planes(place, 9000.0, cells).gltf());
+    let mut stage = RenderFixture::of(&planes(place, 9000.0, cells).gltf());
     let mut counts = [0; 2];
     for step in 0..24 {
         let t = f64::from(step);

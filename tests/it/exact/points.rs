@@ -12,7 +12,7 @@ use super::channels;
 use super::hard_cases::all_planar;
 use crate::harness::local_wall::small;
 use crate::harness::model::{Instance, Model, Part};
-use crate::harness::stage::{Stage, reference_view};
+use crate::harness::stage::{RenderFixture, reference_view};
 use crate::reference::raster::Projected;
 use crate::reference::tone;
 use crate::reference::view::View;
@@ -121,7 +121,7 @@ fn marker(view: &View, pixel: DVec2, w: f64, scene: DVec3, form: Form) -> Part {
 
 /// How far each marker of a channel is drawn from where it should be, in pixels.
 fn displacements(
-    stage: &mut Stage,
+    stage: &mut RenderFixture,
     model: &Model,
     wall: &Wall,
     id: ChannelId,
@@ -182,7 +182,7 @@ fn worst(wall: &Wall, place: DVec3, form: Form) -> (f64, usize) {
     let rotation = DQuat::from_euler(EulerRot::YXZ, 0.7, -0.2, 0.1);
     let camera = Camera { position: place, rotation, scale: 1.0 };
     let model = markers(wall, camera, form, &mut random);
-    let mut stage = Stage::of(&model.gltf());
+    let mut stage = RenderFixture::of(&model.gltf());
     let mut all = Vec::new();
     for id in channels(wall) {
         all.extend(displacements(&mut stage, &model, wall, id, camera));
@@ -277,7 +277,7 @@ fn a_slow_camera_at_the_radius_of_the_earth_does_not_shake() {
     for form in [Form::Nodes, Form::OneMesh] {
         let camera = Camera { position: start, ..Camera::IDENTITY };
         let model = markers(&wall, camera, form, &mut fastrand::Rng::with_seed(3));
-        let mut stage = Stage::of(&model.gltf());
+        let mut stage = RenderFixture::of(&model.gltf());
         let mut last: Option<Vec<DVec2>> = None;
         let mut shaking: f64 = 0.0;
         for step in 0..24 {

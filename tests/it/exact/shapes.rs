@@ -6,7 +6,7 @@ use polyptych_client::Camera;
 use super::hard_cases::shrunk;
 use super::{assert_right, channels, verdict};
 use crate::harness::model::{Model, Part};
-use crate::harness::stage::Stage;
+use crate::harness::stage::RenderFixture;
 
 /// A box of six colours around the origin, counter-clockwise from outside.
 pub fn cube(place: DMat4) -> Part {
@@ -34,7 +34,7 @@ fn check(name: &str, chain: &[DMat3], place: DVec3) {
         part.chain.extend(chain.iter().map(|matrix| DMat4::from_mat3(*matrix)));
         model.parts.push(part);
     }
-    let mut stage = Stage::of(&model.gltf());
+    let mut stage = RenderFixture::of(&model.gltf());
     for id in channels(&wall) {
         let camera = Camera { position: place, ..Camera::IDENTITY };
         assert_right(name, verdict(&mut stage, &model, &wall, id, camera));
@@ -87,7 +87,7 @@ fn a_cube_under_a_singular_matrix_is_its_shadow() {
         let mut part = cube(at);
         part.indices.truncate(12);
         let model = Model::of(vec![part]);
-        let mut stage = Stage::of(&model.gltf());
+        let mut stage = RenderFixture::of(&model.gltf());
         let verdicts: Vec<_> = channels(&wall)
             .map(|id| verdict(&mut stage, &model, &wall, id, Camera::IDENTITY))
             .collect();
@@ -100,7 +100,7 @@ fn a_cube_under_a_singular_matrix_is_its_shadow() {
         let at = DMat4::from_translation(DVec3::new(0.0, 0.0, -3.0)) * DMat4::from_mat3(nothing);
         let seen = DMat4::from_translation(DVec3::new(0.5, 0.3, -3.0));
         let model = Model::of(vec![cube(at), cube(seen)]);
-        let mut stage = Stage::of(&model.gltf());
+        let mut stage = RenderFixture::of(&model.gltf());
         for id in channels(&wall) {
             let verdict = verdict(&mut stage, &model, &wall, id, Camera::IDENTITY);
             assert_eq!(verdict.wrong, 0, "{verdict:?}");

@@ -4,13 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, Pace};
+use polyptych_client::{ChannelState, Pacing};
 use polyptych_files::blob::BlobHash;
 use rustix::process::Signal;
 
 use super::{RATE, brisk};
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, shot};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::{poses, town};
 use crate::harness::{signals, wait};
 
@@ -19,11 +19,11 @@ fn a_client_is_told_of_a_baker_that_dies_and_the_wall_goes_on() {
     let folder = town().parent().expect("a folder");
     let wall = brisk(1, 1);
     // Nothing is baked yet in a cold place.
-    let mut local = LocalWall::manager(Place::cold(), &wall, &[folder], ANY_PORT);
+    let mut local = LocalWall::manager(TestDir::cold(), &wall, &[folder], ANY_PORT);
     local.start_server(&wall.channels[0].server);
     let client = local.client();
     await_states(&client, &[ChannelState::Ready]);
-    client.run(Pace::Rate(RATE)).expect("runs");
+    client.run(Pacing::Rate(RATE)).expect("runs");
     let mut feedbacks = client.feedback().expect("a stream");
     let before = feedbacks.next().expect("a frame");
     let asked = client.clone();
@@ -56,10 +56,10 @@ struct Cached {
 
 impl Cached {
     fn start() -> Self {
-        Self::start_in(Place::new())
+        Self::start_in(TestDir::new())
     }
 
-    fn start_in(place: Place) -> Self {
+    fn start_in(place: TestDir) -> Self {
         let wall = crate::harness::local_wall::small(1, 1);
         let server = wall.channels[0].server.clone();
         let folder = town().parent().expect("a folder");
@@ -151,7 +151,7 @@ fn damage(blobs: &[PathBuf]) {
 
 #[test]
 fn one_open_mends_a_store_and_a_cache_that_are_damaged_in_every_way() {
-    let mut wall = Cached::start_in(Place::cold());
+    let mut wall = Cached::start_in(TestDir::cold());
     wall.start_server();
     let bounds = wall.client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
     let before = shot(&wall.client, poses(&bounds)[2]);
@@ -204,7 +204,7 @@ fn a_cache_that_cannot_be_written_is_done_without() {
 #[test]
 fn a_store_that_cannot_be_written_is_told_to_the_client() {
     let folder = town().parent().expect("a folder");
-    let place = Place::cold();
+    let place = TestDir::cold();
     // The manager's cache folder is one of its own in a cold place.
     place.write("cache/polyptych/store", "in the way");
     let wall = brisk(1, 1);

@@ -12,7 +12,7 @@ use crate::harness::local_wall::{
     ANY_PORT, LocalWall, await_states, screen_of, shot, small, start_server_with,
 };
 use crate::harness::pictures::{Difference, IDENTICAL, check, color_count};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
@@ -29,7 +29,7 @@ impl Stage {
     fn start(output: &str, environment: &[(&str, &str)]) -> Self {
         let wall = small(1, 1);
         let folder = town().parent().expect("a folder");
-        let local = LocalWall::manager(Place::new(), &wall, &[folder], ANY_PORT);
+        let local = LocalWall::manager(TestDir::new(), &wall, &[folder], ANY_PORT);
         let client = local.client();
         let file = local.place.path("trouble");
         let name = wall.channels[0].server.as_str();

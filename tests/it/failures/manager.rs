@@ -3,12 +3,12 @@
 use std::time::Instant;
 
 use futures_util::SinkExt;
-use polyptych_client::blocking::{Client, Feedbacks};
-use polyptych_client::{ChannelState, Feedback, Pace, Request};
+use polyptych_client::blocking::{Client, FeedbackStream};
+use polyptych_client::{ChannelState, FrameFeedback, Pacing, Request};
 use polyptych_protocol::connection::introduce;
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::request::Call;
+use polyptych_protocol::request::RequestMessage;
 use polyptych_protocol::token;
 
 use super::{RATE, brisk, hold, in_time};
@@ -17,19 +17,19 @@ use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
 
 /// Whether all channels showed this frame's predecessors and have drawn it.
-fn is_whole(feedback: &Feedback) -> bool {
+fn is_whole(feedback: &FrameFeedback) -> bool {
     let mut channels = feedback.channels.iter();
     channels.all(|c| c.state == ChannelState::Live && c.draw_us.is_some())
 }
 
 /// A wall that moves by itself, and its feedback.
-fn moving_wall() -> (LocalWall, Client, Feedbacks) {
+fn moving_wall() -> (LocalWall, Client, FeedbackStream) {
     let folder = town().parent().expect("a folder");
     let local = LocalWall::start(&brisk(2, 1), &[folder]);
     let client = local.client();
     let bounds = client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
     client.set_camera(poses(&bounds)[1]).expect("set");
-    client.run(Pace::Rate(RATE)).expect("runs");
+    client.run(Pacing::Rate(RATE)).expect("runs");
     let mut feedbacks = client.feedback().expect("a stream");
     assert!(feedbacks.any(|feedback| is_whole(&feedback)), "the stream goes on");
     (local, client, feedbacks)
@@ -77,8 +77,8 @@ fn a_wall_goes_on_when_the_client_that_moves_it_is_killed() {
         let stream = tokio::net::TcpStream::connect(&local.address).await.expect("connected");
         let (mut frames, _) =
             introduce(stream, Role::Client, &hello, &Secret(token)).await.expect("let in");
-        let request = Request::Run(Pace::Rate(RATE));
-        let call = Call { id: RequestId(1), request };
+        let request = Request::Run(Pacing::Rate(RATE));
+        let call = RequestMessage { id: RequestId(1), request };
         frames.send(polyptych_codec::encode(&call)).await.expect("asked");
         frames.into_inner().into_std().expect("a socket")
     });
@@ -91,11 +91,11 @@ fn a_wall_goes_on_when_the_client_that_moves_it_is_killed() {
         (clients == ["test"]).then_some(())
     });
     let from = feedbacks.next().expect("a frame").frame.0;
-    let is_later = |feedback: &Feedback| feedback.frame.0 >= from + 30;
+    let is_later = |feedback: &FrameFeedback| feedback.frame.0 >= from + 30;
     let later = feedbacks.find(|f| is_later(f) && is_whole(f)).expect("it goes on");
     assert!(later.time_s > 0.0, "{later:?}");
     // The other takes over.
-    client.run(Pace::Rate(RATE / 2.0)).expect("another pace");
+    client.run(Pacing::Rate(RATE / 2.0)).expect("another pace");
     client.pause().expect("stands still");
     let [first, second] = [0, 1].map(|_| client.render_frame().expect("drawn").frame);
     assert_eq!(second.0, first.0 + 1, "nobody else draws any more");

@@ -1,15 +1,15 @@
 //! Connections that carry rubbish, break off or fall silent, and replicas that disagree.
 
-use polyptych_client::blocking::Feedbacks;
-use polyptych_client::{ChannelFeedback, ChannelState, FrameId, Pace};
+use polyptych_client::blocking::FeedbackStream;
+use polyptych_client::{ChannelFeedback, ChannelState, FrameId, Pacing};
 use polyptych_protocol::command::{Command, Frame, Swap};
 use polyptych_protocol::ids::Digest;
-use polyptych_protocol::status::{Drawn, Status};
+use polyptych_protocol::status::{FrameRendered, ServerMessage};
 use polyptych_wall::ChannelId;
 
 use super::{RATE, Run, brisk, hold, in_time};
 use crate::harness::local_wall::{ANY_PORT, LocalWall};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::stub_server::StubServer;
 use crate::harness::wait;
 
@@ -60,13 +60,13 @@ fn a_half_open_connection_is_lost_after_the_heartbeat_and_made_again() {
 }
 
 /// A wall of a stub and a real server, moving, and the feedback of its frames.
-fn wall_with_stub() -> (LocalWall, StubServer, Feedbacks) {
+fn wall_with_stub() -> (LocalWall, StubServer, FeedbackStream) {
     let wall = brisk(2, 1);
-    let mut local = LocalWall::manager(Place::new(), &wall, &[], ANY_PORT);
+    let mut local = LocalWall::manager(TestDir::new(), &wall, &[], ANY_PORT);
     local.start_server(&wall.channels[1].server);
     let stub = StubServer::start(&local, &wall.channels[0].name);
     let client = local.client();
-    client.run(Pace::Rate(RATE)).expect("runs");
+    client.run(Pacing::Rate(RATE)).expect("runs");
     let mut feedbacks = client.feedback().expect("a stream");
     let is_live = |channel: &ChannelFeedback| channel.state == ChannelState::Live;
     let all_live = feedbacks.find(|feedback| feedback.channels.iter().all(is_live));
@@ -81,8 +81,8 @@ fn a_replica_whose_digest_differs_is_given_the_state_anew_and_not_shown_meanwhil
     // So that there is a time in which it is not prepared.
     stub.hold_prepared();
     let lied_about = stub.answer_once(move |frame: &Frame| {
-        let Drawn { digest: Digest(right), .. } = honest(frame);
-        Status::Drawn(Drawn { digest: Digest(!right), ..honest(frame) })
+        let FrameRendered { digest: Digest(right), .. } = honest(frame);
+        ServerMessage::Drawn(FrameRendered { digest: Digest(!right), ..honest(frame) })
     });
     let away = feedbacks.find(|f| f.channels[0].state != ChannelState::Live).expect("away");
     assert_eq!(away.channels[0].state, ChannelState::Preparing, "{away:?}");
@@ -134,11 +134,11 @@ fn reports_of_the_wrong_frame_or_channel_change_nothing() {
     let honest = stub.drawn_honestly();
     // Of a frame that is not there yet, and of a channel of another server.
     for change in [
-        |drawn: Drawn| Drawn { frame: FrameId(drawn.frame.0 + 1000), ..drawn },
-        |drawn: Drawn| Drawn { channel: ChannelId(1), ..drawn },
+        |drawn: FrameRendered| FrameRendered { frame: FrameId(drawn.frame.0 + 1000), ..drawn },
+        |drawn: FrameRendered| FrameRendered { channel: ChannelId(1), ..drawn },
     ] {
         let honest = honest.clone();
-        let answered = stub.answer_once(move |frame| Status::Drawn(change(honest(frame))));
+        let answered = stub.answer_once(move |frame| ServerMessage::Drawn(change(honest(frame))));
         let frame = answered.recv_timeout(wait::LIMIT).expect("a frame");
         let of_frame = feedbacks.find(|feedback| feedback.frame == frame).expect("its feedback");
         assert!(of_frame.channels[0].draw_us.is_none(), "it was not believed: {of_frame:?}");

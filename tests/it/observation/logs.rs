@@ -6,7 +6,7 @@ use polyptych_client::ChannelState;
 use serde_json::Value;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::town;
 use crate::harness::stub_server::StubServer;
 
@@ -44,7 +44,7 @@ fn of_spans<'a>(line: &'a Value, key: &str) -> Option<&'a Value> {
 
 #[test]
 fn every_line_of_a_simulated_wall_says_who_wrote_it_and_about_what() {
-    let place = Place::new();
+    let place = TestDir::new();
     let wall = polyptych_wall_file::to_toml(&small(2, 1));
     let wall = place.write("wall.toml", wall).display().to_string();
     let scene = town().display().to_string();
@@ -94,7 +94,7 @@ fn every_line_of_a_simulated_wall_says_who_wrote_it_and_about_what() {
 
 #[test]
 fn a_command_that_fails_says_so_in_the_same_form() {
-    let place = Place::new();
+    let place = TestDir::new();
     let output = place.command(["status", "--manager", "127.0.0.1:1", "--log", "json"]).output();
     let output = output.expect("it ran");
     assert_eq!(output.status.code(), Some(1));
@@ -108,7 +108,7 @@ fn a_command_that_fails_says_so_in_the_same_form() {
 
 #[test]
 fn nothing_of_a_server_reaches_a_terminal_raw() {
-    let mut local = LocalWall::manager(Place::new(), &small(1, 1), &[], ANY_PORT);
+    let mut local = LocalWall::manager(TestDir::new(), &small(1, 1), &[], ANY_PORT);
     let _stub = StubServer::start(&local, "front");
     let status = await_states(&local.client(), &[ChannelState::Ready]);
     let escaped = "stub\\u{1b}[2J\\r\\n ERROR forged\\u{9b}31m\\u{202e}";

@@ -4,11 +4,11 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 
 use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, Pace};
+use polyptych_client::{ChannelState, Pacing};
 
 use super::exposition::Exposition;
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::town;
 use crate::harness::wait;
 
@@ -20,7 +20,7 @@ fn metrics_agree_with_the_status_of_a_wall_that_runs() {
     let wall = small(2, 1);
     let folder = town().parent().expect("a folder");
     let extra = ["--metrics", ANY_PORT];
-    let mut local = LocalWall::manager_with(Place::new(), &wall, &[folder], ANY_PORT, &extra);
+    let mut local = LocalWall::manager_with(TestDir::new(), &wall, &[folder], ANY_PORT, &extra);
     let line = local.manager.await_line(&["metrics are offered", "url=http://"]);
     let address = line.split("url=http://").nth(1).and_then(|rest| rest.split('/').next());
     let address = address.expect("an address").to_owned();
@@ -49,7 +49,7 @@ fn metrics_agree_with_the_status_of_a_wall_that_runs() {
 
 /// Scrapes are answered at full speed, and what only grows does so.
 fn check_while_it_runs(client: &Client, address: &str) {
-    client.run(Pace::Free).expect("runs");
+    client.run(Pacing::Free).expect("runs");
     let mut last = scrape(address);
     for frames in [10.0, 20.0, 30.0] {
         let next = wait::until("more frames", || {
@@ -182,7 +182,7 @@ fn exchange(address: &str, said: &str) -> String {
 
 #[test]
 fn metrics_are_for_this_machine_unless_told_otherwise() {
-    let place = Place::new();
+    let place = TestDir::new();
     let wall = polyptych_wall_file::to_toml(&small(1, 1));
     let wall = place.write("wall.toml", wall).display().to_string();
     let at =

@@ -6,11 +6,11 @@ use std::thread::Builder;
 use std::time::Instant;
 
 use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, ConnectOptions, Pace};
+use polyptych_client::{ChannelState, ConnectOptions, Pacing};
 use rustix::process::Signal;
 
 use crate::harness::local_wall::{await_states, small, start_server};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::town;
 use crate::harness::{signals, wait};
 
@@ -32,7 +32,7 @@ impl Drop for Unread {
 }
 
 /// Starts it, with a port that is free now.
-fn start(place: &Place) -> Unread {
+fn start(place: &TestDir) -> Unread {
     let free = std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr());
     let address = free.expect("a port").to_string();
     place.write("wall.toml", polyptych_wall_file::to_toml(&small(1, 1)));
@@ -50,7 +50,7 @@ fn start(place: &Place) -> Unread {
 
 #[test]
 fn an_unread_standard_error_stops_no_frame_and_dropped_lines_are_counted() {
-    let place = Place::new();
+    let place = TestDir::new();
     let mut unread = start(&place);
     let connect = || Client::connect_with(unread.options.clone());
     let client = wait::until("the manager listens", || connect().ok());
@@ -59,7 +59,7 @@ fn an_unread_standard_error_stops_no_frame_and_dropped_lines_are_counted() {
     let _server = start_server(&place, &wall, &name, &unread.options.address);
     await_states(&client, &[ChannelState::Ready]);
     client.open_scene(town().display().to_string()).expect("opened");
-    client.run(Pace::Rate(30.0)).expect("running");
+    client.run(Pacing::Rate(30.0)).expect("running");
     await_states(&client, &[ChannelState::Live]);
     let frames = || client.status().expect("an answer").frame.0;
     let before = frames();
@@ -94,7 +94,7 @@ fn an_unread_standard_error_stops_no_frame_and_dropped_lines_are_counted() {
 
 #[test]
 fn a_manager_whose_standard_error_is_stuck_ends_in_time() {
-    let place = Place::new();
+    let place = TestDir::new();
     let mut unread = start(&place);
     let connect = || Client::connect_with(unread.options.clone());
     wait::until("the manager listens", || connect().ok());

@@ -10,11 +10,11 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::wait;
 
 fn manager() -> LocalWall {
-    LocalWall::manager(Place::new(), &small(2, 1), &[], ANY_PORT)
+    LocalWall::manager(TestDir::new(), &small(2, 1), &[], ANY_PORT)
 }
 
 #[test]

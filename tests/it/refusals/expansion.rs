@@ -6,7 +6,7 @@ use polyptych_client::{ChannelState, OpenStage};
 use serde_json::json;
 
 use crate::harness::local_wall::{LocalWall, await_states, shot, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::{Gltf, poses, town};
 use crate::harness::wait;
 
@@ -30,7 +30,7 @@ fn multiplied(primitives: usize, nodes: usize) -> Vec<u8> {
 
 #[test]
 fn a_bomb_of_nodes_and_primitives_is_refused_and_the_next_scene_is_shown() {
-    let scenes = Place::new();
+    let scenes = TestDir::new();
     let bomb = multiplied(1000, 100_000);
     assert!(bomb.len() < 4 << 20, "{} bytes", bomb.len());
     let folder = scenes.write("bomb.glb", bomb).parent().expect("a folder").to_owned();
@@ -47,7 +47,7 @@ fn a_bomb_of_nodes_and_primitives_is_refused_and_the_next_scene_is_shown() {
 
 #[test]
 fn a_heavy_scene_that_nobody_waits_for_any_more_holds_up_no_other() {
-    let scenes = Place::new();
+    let scenes = TestDir::new();
     // As many draws as can be.
     let folder =
         scenes.write("heavy.glb", multiplied(1000, 2000)).parent().expect("one").to_owned();

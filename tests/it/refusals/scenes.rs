@@ -8,12 +8,12 @@ use polyptych_client::{Capture, WallStatus};
 use serde_json::json;
 
 use crate::harness::local_wall::{LocalWall, shot, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::{Gltf, poses, town};
 
 /// A wall that shows something, and what it shows.
 struct Stage {
-    scenes: Place,
+    scenes: TestDir,
     local: LocalWall,
     client: Client,
     status: WallStatus,
@@ -22,7 +22,7 @@ struct Stage {
 
 impl Stage {
     fn new() -> Self {
-        let scenes = Place::new();
+        let scenes = TestDir::new();
         let folder = scenes.path("scenes");
         std::fs::create_dir(&folder).expect("a folder");
         let local = LocalWall::start(&small(2, 1), &[town().parent().expect("one"), &folder]);

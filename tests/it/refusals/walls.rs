@@ -1,7 +1,7 @@
 //! Walls that are none, ports and drivers that are not there, channels that are taken.
 
 use crate::harness::local_wall::{LocalWall, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 
 const WALL: &str = r#"[wall]
 name = "good"
@@ -68,7 +68,7 @@ const CASES: &[Case] = &[
 
 #[test]
 fn a_wall_file_that_is_wrong_is_refused_with_its_place() {
-    let place = Place::new();
+    let place = TestDir::new();
     for (what, [from, to], parts) in CASES {
         assert!(WALL.contains(from), "{what}");
         place.write("wall.toml", WALL.replacen(from, to, 1));
@@ -98,7 +98,7 @@ fn a_wall_file_that_is_wrong_is_refused_with_its_place() {
 
 #[test]
 fn a_wall_file_is_written_checked_and_not_written_over() {
-    let place = Place::new();
+    let place = TestDir::new();
     let line = ["wall", "cylinder", "--channels", "6", "--degrees", "180", "-o", "round.toml"];
     place.run(line).succeeded();
     let table = place.run(["check", "round.toml"]).succeeded();
@@ -130,7 +130,7 @@ fn a_channel_has_one_server_and_a_port_one_manager() {
 
 #[test]
 fn a_machine_without_a_driver_is_told_which_package_has_one() {
-    let place = Place::new();
+    let place = TestDir::new();
     let nothing = [("VK_DRIVER_FILES", "/nonexistent"), ("VK_ICD_FILENAMES", "/nonexistent")];
     let without_drivers = |arguments: &[&str]| {
         let mut command = place.command(arguments);
@@ -149,7 +149,7 @@ fn a_machine_without_a_driver_is_told_which_package_has_one() {
 
 #[test]
 fn a_server_that_finds_no_manager_says_so_once_and_gives_up_if_told_to() {
-    let place = Place::new();
+    let place = TestDir::new();
     let nobody = std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr());
     let nobody = nobody.expect("a free port").to_string();
     let server = ["server", "--headless", "--channel", "a", "--manager", &nobody];

@@ -3,7 +3,7 @@
 
 /// Where in the source a byte stands.
 #[derive(Clone, Copy)]
-enum Place {
+enum SourceContext {
     Code,
     LineComment,
     BlockComment { depth: usize },
@@ -14,7 +14,7 @@ enum Place {
 pub fn code_of(source: &str) -> String {
     let bytes = source.as_bytes();
     let mut code = Vec::with_capacity(bytes.len());
-    let mut place = Place::Code;
+    let mut place = SourceContext::Code;
     while code.len() < bytes.len() {
         let rest = &bytes[code.len()..];
         let before = code.last().copied();
@@ -28,55 +28,57 @@ pub fn code_of(source: &str) -> String {
 }
 
 /// The place behind the next few bytes, how many they are, and whether they are code.
-fn step(place: Place, rest: &[u8], before: Option<u8>) -> (Place, usize, bool) {
+fn step(place: SourceContext, rest: &[u8], before: Option<u8>) -> (SourceContext, usize, bool) {
     match place {
-        Place::Code => step_in_code(rest, before),
-        Place::LineComment if rest[0] == b'\n' => (Place::Code, 1, false),
-        Place::LineComment => (Place::LineComment, 1, false),
-        Place::BlockComment { depth } if rest.starts_with(b"/*") => {
-            (Place::BlockComment { depth: depth + 1 }, 2, false)
+        SourceContext::Code => step_in_code(rest, before),
+        SourceContext::LineComment if rest[0] == b'\n' => (SourceContext::Code, 1, false),
+        SourceContext::LineComment => (SourceContext::LineComment, 1, false),
+        SourceContext::BlockComment { depth } if rest.starts_with(b"/*") => {
+            (SourceContext::BlockComment { depth: depth + 1 }, 2, false)
         }
-        Place::BlockComment { depth: 1 } if rest.starts_with(b"*/") => (Place::Code, 2, false),
-        Place::BlockComment { depth } if rest.starts_with(b"*/") => {
-            (Place::BlockComment { depth: depth - 1 }, 2, false)
+        SourceContext::BlockComment { depth: 1 } if rest.starts_with(b"*/") => {
+            (SourceContext::Code, 2, false)
         }
-        Place::BlockComment { depth } => (Place::BlockComment { depth }, 1, false),
-        Place::Text { hashes: None } if rest[0] == b'\\' => {
-            (Place::Text { hashes: None }, 2, false)
+        SourceContext::BlockComment { depth } if rest.starts_with(b"*/") => {
+            (SourceContext::BlockComment { depth: depth - 1 }, 2, false)
         }
-        Place::Text { hashes } if rest[0] == b'"' => {
+        SourceContext::BlockComment { depth } => (SourceContext::BlockComment { depth }, 1, false),
+        SourceContext::Text { hashes: None } if rest[0] == b'\\' => {
+            (SourceContext::Text { hashes: None }, 2, false)
+        }
+        SourceContext::Text { hashes } if rest[0] == b'"' => {
             let end = 1 + hashes.unwrap_or(0);
             if rest.len() >= end && rest[1..end].iter().all(|&byte| byte == b'#') {
-                (Place::Code, end, false)
+                (SourceContext::Code, end, false)
             } else {
-                (Place::Text { hashes }, 1, false)
+                (SourceContext::Text { hashes }, 1, false)
             }
         }
-        Place::Text { hashes } => (Place::Text { hashes }, 1, false),
+        SourceContext::Text { hashes } => (SourceContext::Text { hashes }, 1, false),
     }
 }
 
-fn step_in_code(rest: &[u8], before: Option<u8>) -> (Place, usize, bool) {
+fn step_in_code(rest: &[u8], before: Option<u8>) -> (SourceContext, usize, bool) {
     if rest.starts_with(b"//") {
-        return (Place::LineComment, 2, false);
+        return (SourceContext::LineComment, 2, false);
     }
     if rest.starts_with(b"/*") {
-        return (Place::BlockComment { depth: 1 }, 2, false);
+        return (SourceContext::BlockComment { depth: 1 }, 2, false);
     }
     if rest[0] == b'"' {
-        return (Place::Text { hashes: None }, 1, false);
+        return (SourceContext::Text { hashes: None }, 1, false);
     }
     if rest[0] == b'r' && !before.is_some_and(is_identifier_but_b) {
         let hashes = rest[1..].iter().take_while(|&&byte| byte == b'#').count();
         if rest.get(1 + hashes) == Some(&b'"') {
-            return (Place::Text { hashes: Some(hashes) }, 2 + hashes, false);
+            return (SourceContext::Text { hashes: Some(hashes) }, 2 + hashes, false);
         }
     }
     if rest[0] == b'\'' {
         let length = character_length(rest);
-        return (Place::Code, length, length == 1);
+        return (SourceContext::Code, length, length == 1);
     }
-    (Place::Code, 1, true)
+    (SourceContext::Code, 1, true)
 }
 
 /// `br"` begins a raw string too.

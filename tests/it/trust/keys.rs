@@ -7,7 +7,7 @@ use std::path::Path;
 use rcgen::ExtendedKeyUsagePurpose;
 
 use crate::harness::keys::Forged;
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 
 const WALL: &str = r#"[wall]
 name = "pair"
@@ -37,7 +37,7 @@ fn mode(path: &Path) -> u32 {
 
 #[test]
 fn keys_are_made_once_and_only_their_owner_reads_them() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.write("wall.toml", WALL);
     let said = place.run(["keys", "wall.toml", "-o", "out/keys"]).succeeded();
     let nodes = ["manager", "server-Left.1", "client-operator"];
@@ -85,7 +85,7 @@ fn keys_are_made_once_and_only_their_owner_reads_them() {
 
 #[test]
 fn what_hinders_the_making_of_keys_is_named() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.write("wall.toml", WALL);
     place.run(["keys", "wall.toml"]).succeeded();
     let keys = place.path("keys");
@@ -109,7 +109,7 @@ fn what_hinders_the_making_of_keys_is_named() {
 /// Keys that are of no use are named before anything goes over a network.
 #[test]
 fn keys_that_are_of_no_use_are_named_with_their_fault() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.write("wall.toml", WALL);
     place.run(["keys", "wall.toml"]).succeeded();
     place.run(["keys", "wall.toml", "-o", "other"]).succeeded();
@@ -172,7 +172,7 @@ fn keys_that_are_of_no_use_are_named_with_their_fault() {
 
 #[test]
 fn nothing_leaves_this_machine_in_the_clear_unless_told_so() {
-    let place = Place::new();
+    let place = TestDir::new();
     place.write("token", "0123456789abcdef0123456789abcdef");
     // An address for documentation, which is nobody's.
     let far = ["--manager", "192.0.2.1:7878", "--token-file", "token"];

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use polyptych_protocol::connection::{Frames, introduce};
+use polyptych_protocol::connection::{MessageStream, introduce};
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, ClientHello, Hello, Preamble, Role, Secret, ServerHello, Welcome,
 };
-use polyptych_protocol::keys::Keys;
+use polyptych_protocol::keys::Credentials;
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::stream::{Stream, dial};
 use polyptych_protocol::tls;
@@ -24,13 +24,13 @@ use tokio_rustls::rustls::{ClientConfig, RootCertStore, ServerConfig, version};
 
 use crate::harness::keys::{self, Forged};
 use crate::harness::local_wall::{LocalWall, small};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::wait;
 
 /// A wall of two channels with keys.
 fn secured() -> LocalWall {
-    let (place, wall) = (Place::new(), small(2, 1));
+    let (place, wall) = (TestDir::new(), small(2, 1));
     keys::make(&place, &wall);
     LocalWall::start_in(place, &wall, &[], "127.0.0.2:0")
 }
@@ -47,8 +47,8 @@ async fn greet(
     keys: &Path,
     role: Role,
     hello: &Hello,
-) -> Result<(Frames<Stream>, Welcome), String> {
-    let keys = Keys::load(keys).expect("good keys");
+) -> Result<(MessageStream<Stream>, Welcome), String> {
+    let keys = Credentials::load(keys).expect("good keys");
     let stream = dial(address, Some(&keys), false).await.expect("connected");
     introduce(stream, role, hello, &no_token()).await.map_err(|error| error.to_string())
 }
@@ -196,7 +196,7 @@ fn nobody_but_the_manager_passes_for_it() {
                 let (tcp, _) = listener.accept().await.expect("somebody comes");
                 posing.accept(tcp).await.map(drop)
             };
-            let keys = Keys::load(&operator).expect("good keys");
+            let keys = Credentials::load(&operator).expect("good keys");
             let dialed = async { dial(&address, Some(&keys), false).await.map(drop) };
             tokio::join!(accept, dialed)
         });
@@ -280,7 +280,7 @@ fn strangers_at_a_door_with_tls_change_nothing() {
     assert!(answer_to(&local.address, &flood).len() < 16, "an alert at most");
     local.manager.await_line(&["a peer is refused", "4096 bytes"]);
     // Whoever has proven who it is, is still held to the handshake's limits.
-    let operator = Keys::load(&local.place.path("keys/client-operator")).expect("good keys");
+    let operator = Credentials::load(&local.place.path("keys/client-operator")).expect("good keys");
     run(async {
         use tokio::io::{AsyncReadExt, AsyncWriteExt};
         let mut stream = dial(&local.address, Some(&operator), false).await.expect("connected");

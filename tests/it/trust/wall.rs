@@ -4,13 +4,13 @@ use polyptych_client::blocking::Client;
 
 use crate::harness::local_wall::{LocalWall, small};
 use crate::harness::pictures::{color_count, read};
-use crate::harness::place::Place;
+use crate::harness::place::TestDir;
 use crate::harness::scenes::town;
 use crate::harness::{keys, wait};
 
 #[test]
 fn a_wall_with_keys_is_driven_by_all_commands() {
-    let (place, wall) = (Place::new(), small(2, 1));
+    let (place, wall) = (TestDir::new(), small(2, 1));
     keys::make(&place, &wall);
     let folder = town().parent().expect("a folder");
     let mut local = LocalWall::start_in(place, &wall, &[folder], "127.0.0.2:0");

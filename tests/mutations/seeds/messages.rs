@@ -4,33 +4,34 @@ use bytes::Bytes;
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, Quat, UVec2, Vec3};
 use polyptych_codec::encode;
 use polyptych_files::blob::BlobHash;
-use polyptych_protocol::bulk::{BlobChunk, BulkDown, BulkUp, PictureChunk};
+use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
 use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::feedback::{
-    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Feedback, Skew, Spread,
-    Statistics, Tuned, WallStatus,
+    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles,
+    Skew, Statistics, Tuned, WallStatus,
 };
 use polyptych_protocol::handshake::{
-    Adapter, Answer, BulkHello, ClientHello, Hello, Introduction, Nonces, Refused, Secret,
+    Adapter, BulkHello, ClientHello, Hello, HelloReply, Introduction, Nonces, Rejection, Secret,
     ServerHello, Welcome,
 };
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::log::{Operation, SceneRef};
 use polyptych_protocol::navigation::Navigation;
-use polyptych_protocol::pattern::Pattern;
+use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::progress::{OpenProgress, Opening};
 use polyptych_protocol::request::{
-    self, Call, Captured, Failure, Pace, PictureInfo, PicturePart, Reply, Request, SceneSummary,
+    self, CaptureInfo, ImageChunk, ImageInfo, Pacing, Request, RequestError, RequestMessage,
+    Response, SceneSummary,
 };
-use polyptych_protocol::status::{Drawn, Ping, Prepared, Shown, Status};
+use polyptych_protocol::status::{FramePresented, FrameRendered, Ping, Prepared, ServerMessage};
 use polyptych_scene::{
     AlphaMode, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, Node, Primitive,
     Sampler, Scene, SceneFeatures, Texture, TextureFormat, TextureRef, Topology, VertexLayout,
 };
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
-use polyptych_wall::tuning::{Change, Corner, Move, Side};
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::tuning::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Wall};
 
@@ -97,10 +98,10 @@ pub fn hellos() -> Vec<Hello> {
     ]
 }
 
-fn greetings() -> Vec<Answer> {
+fn greetings() -> Vec<HelloReply> {
     vec![
-        Answer::Refused(Refused { reason: "no".into() }),
-        Answer::Welcome(
+        HelloReply::Refused(Rejection { reason: "no".into() }),
+        HelloReply::Welcome(
             Welcome { epoch: EPOCH, session: 2, wall: "seed".into(), heartbeat_ms: 2000 },
             nonces().proof_of_manager(&Secret(TOKEN.into())),
         ),
@@ -130,12 +131,12 @@ fn commands() -> Vec<Command> {
         time_s: 1.5,
         revision: Revision(1),
         views: vec![view(Area::Wall), view(part)],
-        head: Head::at(DVec3::new(0.0, 0.1, 0.2), 0.06),
+        head: HeadPose::at(DVec3::new(0.0, 0.1, 0.2), 0.06),
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: true,
-        display: DisplayMode::Identify,
-        pattern: Some(Pattern::Overlap),
+        display: OutputMode::Identify,
+        pattern: Some(TestPattern::Overlap),
     };
     let (base, revision) = (Some(Revision(1)), Revision(2));
     vec![
@@ -149,9 +150,9 @@ fn commands() -> Vec<Command> {
     ]
 }
 
-fn statuses() -> Vec<Status> {
+fn statuses() -> Vec<ServerMessage> {
     let (channel, frame, revision) = (ChannelId(0), FrameId(1), Revision(1));
-    let drawn = Drawn {
+    let drawn = FrameRendered {
         epoch: EPOCH,
         frame,
         channel,
@@ -165,21 +166,27 @@ fn statuses() -> Vec<Status> {
     let prepared =
         Prepared { epoch: EPOCH, revision, digest: Digest(9), features, scene_bytes: 1000 };
     vec![
-        Status::Prepared(prepared),
-        Status::PrepareFailed { epoch: EPOCH, revision, reason: "no room".into() },
-        Status::Drawn(drawn),
-        Status::DrawFailed { channel, frame, reason: "no device".into() },
-        Status::Shown(Shown { epoch: EPOCH, frame, channel, at_us: 70_000, clock_error_us: 40 }),
-        Status::Ping(Ping { sent_us: 1, memory_bytes: 1 << 28 }),
-        Status::Display { channel, warning: Some("monitor A shows 512x768".into()) },
-        Status::Navigate(Navigation {
+        ServerMessage::Prepared(prepared),
+        ServerMessage::PrepareFailed { epoch: EPOCH, revision, reason: "no room".into() },
+        ServerMessage::Drawn(drawn),
+        ServerMessage::DrawFailed { channel, frame, reason: "no device".into() },
+        ServerMessage::Shown(FramePresented {
+            epoch: EPOCH,
+            frame,
+            channel,
+            at_us: 70_000,
+            clock_error_us: 40,
+        }),
+        ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 1 << 28 }),
+        ServerMessage::Display { channel, warning: Some("monitor A shows 512x768".into()) },
+        ServerMessage::Navigate(Navigation {
             channel: "a-1-1".into(),
             orbit_rad: DVec2::new(0.1, -0.2),
             pan: DVec2::new(0.0, 0.5),
             zoom: 1.2,
         }),
-        Status::Goodbye { reason: "it sends nonsense".into() },
-        Status::StateLost { reason: "device lost".into() },
+        ServerMessage::Goodbye { reason: "it sends nonsense".into() },
+        ServerMessage::StateLost { reason: "device lost".into() },
     ]
 }
 
@@ -189,21 +196,21 @@ fn plan() -> View {
     View { area, projection, ..View::of_wall(camera()) }
 }
 
-fn tuning() -> Vec<Change> {
-    let (to, by) = (Move::To(DVec2::new(1.0, -2.0)), Move::By(DVec2::new(0.5, 0.25)));
+fn tuning() -> Vec<CalibrationChange> {
+    let (to, by) = (Offset::To(DVec2::new(1.0, -2.0)), Offset::By(DVec2::new(0.5, 0.25)));
     vec![
-        Change::Pin { corner: Corner::LowerRight, to: by },
-        Change::Grid(Some(UVec2::new(3, 2))),
-        Change::Bend { column: 1, row: 1, to },
-        Change::Gain(DVec3::new(1.0, 0.9, 1.0)),
-        Change::Leak(Some(DVec3::new(0.01, 0.0, 0.2))),
-        Change::Matrix(DMat3::IDENTITY),
-        Change::Gamma(Some(DVec3::splat(2.2))),
-        Change::Edge { side: Side::Left, width: Some(12.0) },
+        CalibrationChange::Pin { corner: Corner::LowerRight, to: by },
+        CalibrationChange::Grid(Some(UVec2::new(3, 2))),
+        CalibrationChange::Bend { column: 1, row: 1, to },
+        CalibrationChange::Gain(DVec3::new(1.0, 0.9, 1.0)),
+        CalibrationChange::Leak(Some(DVec3::new(0.01, 0.0, 0.2))),
+        CalibrationChange::Matrix(DMat3::IDENTITY),
+        CalibrationChange::Gamma(Some(DVec3::splat(2.2))),
+        CalibrationChange::Edge { side: Edge::Left, width: Some(12.0) },
     ]
 }
 
-fn calls() -> Vec<Call> {
+fn calls() -> Vec<RequestMessage> {
     let requests = [
         Request::OpenScene { path: "town.glb".into() },
         Request::CloseScene,
@@ -212,8 +219,8 @@ fn calls() -> Vec<Call> {
         Request::SetExposure(2.0),
         Request::RenderFrame { camera: Some(camera()), time_s: Some(1.0) },
         Request::RenderFrame { camera: None, time_s: None },
-        Request::Run(Pace::Free),
-        Request::Run(Pace::Rate(60.0)),
+        Request::Run(Pacing::Free),
+        Request::Run(Pacing::Rate(60.0)),
         Request::Pause,
         Request::Capture,
         Request::Status,
@@ -223,18 +230,18 @@ fn calls() -> Vec<Call> {
         Request::Stop,
         Request::StopServers,
         Request::OpenOutcome { session: 7, of: RequestId(9) },
-        Request::SetDisplays(DisplayMode::Blank),
-        Request::SetHead(Head::at(DVec3::Y, 0.06)),
+        Request::SetDisplays(OutputMode::Blank),
+        Request::SetHead(HeadPose::at(DVec3::Y, 0.06)),
         Request::SetViews(vec![View::of_wall(camera()), plan()]),
         Request::DescribeSight,
-        Request::SetPattern(Some(Pattern::Focus)),
+        Request::SetPattern(Some(TestPattern::Focus)),
         Request::Tune { channel: "a-1-1".into(), changes: tuning() },
     ];
-    let call = |(request, id)| Call { id: RequestId(id), request };
+    let call = |(request, id)| RequestMessage { id: RequestId(id), request };
     requests.into_iter().zip(1..).map(call).collect()
 }
 
-fn feedback() -> Feedback {
+fn feedback() -> FrameFeedback {
     let channel = ChannelFeedback {
         name: "a-1-1".into(),
         state: ChannelState::Live,
@@ -246,7 +253,7 @@ fn feedback() -> Feedback {
         shown_at_us: Some(1_000_000),
         skew: skew(),
     };
-    Feedback {
+    FrameFeedback {
         frame: FrameId(1),
         time_s: 1.5,
         revision: Revision(1),
@@ -291,13 +298,13 @@ fn status() -> WallStatus {
         notes: vec!["animations: 1 is not played".into()],
         opening: vec![Opening { scene: "town".into(), progress: OpenProgress::NONE }],
         memory_bytes: 81_000_000,
-        displays: DisplayMode::Freeze,
-        pattern: Some(Pattern::Grid),
+        displays: OutputMode::Freeze,
+        pattern: Some(TestPattern::Grid),
     }
 }
 
 fn statistics() -> Statistics {
-    let spread = Spread { count: 9, p50: 1.0, p95: 2.0, p99: 3.0, max: 4.0 };
+    let spread = Quantiles { count: 9, p50: 1.0, p95: 2.0, p99: 3.0, max: 4.0 };
     let channel = ChannelStatistics {
         name: "a-1-1".into(),
         state: ChannelState::Live,
@@ -330,7 +337,7 @@ fn statistics() -> Statistics {
     }
 }
 
-fn answers() -> Vec<request::Answer> {
+fn answers() -> Vec<request::MessageToClient> {
     let summary = SceneSummary {
         name: "town".into(),
         revision: Revision(2),
@@ -340,43 +347,43 @@ fn answers() -> Vec<request::Answer> {
         notes: vec!["animations: 1 is not played".into()],
         exposure: 1.0,
     };
-    let info = PictureInfo { name: "front".into(), is_screen: true, width: 1920, height: 1080 };
-    let captured = Captured {
+    let info = ImageInfo { name: "front".into(), is_screen: true, width: 1920, height: 1080 };
+    let captured = CaptureInfo {
         frame: FrameId(1),
         pictures: vec![info],
         missing: vec![("b".into(), "late".into())],
     };
     let id = RequestId(5);
     let replies = [
-        Ok(Reply::Done),
-        Ok(Reply::SceneOpened(summary)),
-        Ok(Reply::Frame(feedback())),
-        Ok(Reply::Captured(captured)),
-        Ok(Reply::Status(Box::new(status()))),
-        Ok(Reply::Wall(Box::new(wall()))),
-        Ok(Reply::Statistics(Box::new(statistics()))),
-        Ok(Reply::Tuned(Tuned { revision: Revision(3), frames: 1, feedback: feedback() })),
-        Ok(Reply::ServersStopped(request::StoppedServers {
+        Ok(Response::Done),
+        Ok(Response::SceneOpened(summary)),
+        Ok(Response::Frame(feedback())),
+        Ok(Response::Captured(captured)),
+        Ok(Response::Status(Box::new(status()))),
+        Ok(Response::Wall(Box::new(wall()))),
+        Ok(Response::Statistics(Box::new(statistics()))),
+        Ok(Response::Tuned(Tuned { revision: Revision(3), frames: 1, feedback: feedback() })),
+        Ok(Response::ServersStopped(request::StoppedServers {
             ended: vec!["left".into()],
             silent: vec![("right".into(), "it said nothing".into())],
             absent: vec!["floor".into()],
         })),
-        Err(Failure::new("no such scene")),
+        Err(RequestError::new("no such scene")),
     ];
-    let part = PicturePart { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };
+    let part = ImageChunk { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };
     let others = [
-        request::Answer::Feedback(feedback()),
-        request::Answer::Picture(part),
-        request::Answer::Progress { id, progress: OpenProgress::NONE },
-        request::Answer::Warning { id, warning: "the disk is full".into() },
-        request::Answer::Goodbye(Goodbye::Ended),
+        request::MessageToClient::Feedback(feedback()),
+        request::MessageToClient::Picture(part),
+        request::MessageToClient::Progress { id, progress: OpenProgress::NONE },
+        request::MessageToClient::Warning { id, warning: "the disk is full".into() },
+        request::MessageToClient::Goodbye(Goodbye::Ended),
     ];
-    let replies = replies.into_iter().map(|reply| request::Answer::Reply { id, reply });
+    let replies = replies.into_iter().map(|reply| request::MessageToClient::Reply { id, reply });
     replies.chain(others).collect()
 }
 
-fn bulk_ups() -> Vec<BulkUp> {
-    let chunk = PictureChunk {
+fn bulk_ups() -> Vec<BulkToManager> {
+    let chunk = CaptureChunk {
         channel: ChannelId(0),
         frame: FrameId(1),
         width: 64,
@@ -384,13 +391,13 @@ fn bulk_ups() -> Vec<BulkUp> {
         offset: 0,
         bytes: Bytes::from_static(&[3; 256]),
     };
-    vec![BulkUp::Want(BlobHash([1; 32])), BulkUp::Picture(chunk)]
+    vec![BulkToManager::Want(BlobHash([1; 32])), BulkToManager::Picture(chunk)]
 }
 
-fn bulk_downs() -> Vec<BulkDown> {
+fn bulk_downs() -> Vec<BulkToServer> {
     let hash = BlobHash([1; 32]);
     let chunk = BlobChunk { hash, total: 256, offset: 0, bytes: Bytes::from_static(&[9; 256]) };
-    vec![BulkDown::Chunk(chunk), BulkDown::Missing { hash, reason: "lost".into() }]
+    vec![BulkToServer::Chunk(chunk), BulkToServer::Missing { hash, reason: "lost".into() }]
 }
 
 /// A manifest with everything in it once.

@@ -44,11 +44,11 @@ pub enum BlobError {
 
 /// A folder of blobs.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct BlobFolder {
+pub struct BlobStore {
     root: PathBuf,
 }
 
-impl BlobFolder {
+impl BlobStore {
     /// The folder at `root`, which need not exist yet.
     pub fn new(root: impl Into<PathBuf>) -> Self {
         Self { root: root.into() }
@@ -65,7 +65,7 @@ impl BlobFolder {
         self.root.join(&name[..2]).join(&name)
     }
 
-    /// Whether a file of this name is there; its bytes are checked by [`BlobFolder::read`].
+    /// Whether a file of this name is there; its bytes are checked by [`BlobStore::read`].
     pub fn contains(&self, hash: BlobHash) -> bool {
         self.path_of(hash).is_file()
     }
@@ -150,7 +150,7 @@ impl BlobFolder {
     }
 }
 
-impl BlobFolder {
+impl BlobStore {
     /// Removes the files that killed processes left; blobs and files of others stay.
     pub fn remove_abandoned(&self) -> Abandoned {
         let mut removed = Abandoned::default();
@@ -209,7 +209,7 @@ mod tests {
     #[test]
     fn a_full_folder_loses_its_oldest_blobs_and_nothing_else() {
         let root = tempfile::tempdir().expect("a temporary folder");
-        let folder = BlobFolder::new(root.path());
+        let folder = BlobStore::new(root.path());
         assert_eq!(folder.trim(0).expect("empty"), 0);
         let hashes: Vec<_> = (0..4u8)
             .map(|n| {
@@ -231,7 +231,7 @@ mod tests {
     #[test]
     fn a_blob_comes_back_and_a_damaged_one_does_not() {
         let root = tempfile::tempdir().expect("a temporary folder");
-        let folder = BlobFolder::new(root.path());
+        let folder = BlobStore::new(root.path());
         let hash = folder.write(b"harbour").expect("written");
         assert_eq!(folder.read(hash).expect("read").as_deref(), Some(&b"harbour"[..]));
 
@@ -243,7 +243,7 @@ mod tests {
     #[test]
     fn writing_mends_a_blob_that_was_damaged_in_any_way() {
         let root = tempfile::tempdir().expect("a temporary folder");
-        let folder = BlobFolder::new(root.path());
+        let folder = BlobStore::new(root.path());
         let bytes = b"harbour";
         let hash = folder.write(bytes).expect("written");
         for damaged in [&b"harbxur"[..], b"harb", b"", b"harbours"] {

@@ -66,12 +66,12 @@ impl BlobReader {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::blob::BlobFolder;
+    use crate::blob::BlobStore;
 
     #[test]
     fn pieces_make_the_whole_and_damage_is_seen_before_the_last_one() {
         let root = tempfile::tempdir().expect("a temporary folder");
-        let folder = BlobFolder::new(root.path());
+        let folder = BlobStore::new(root.path());
         let whole: Vec<u8> = (0..CHUNK_BYTES_MAX * 2 + 7).map(|n| (n / 251) as u8).collect();
         let hash = folder.write(&whole).expect("written");
         let mut reader = folder.open(hash).expect("opened").expect("there");

@@ -24,9 +24,9 @@ fn by_hand(channels: &[[u32; 4]], more: &str) -> String {
     tiles("pixels = [200, 100]") + &channels.concat() + more
 }
 
-fn patch(x: f64, y: f64, width: f64, height: f64) -> Patch {
+fn patch(x: f64, y: f64, width: f64, height: f64) -> Region {
     let (origin, size) = (DVec2::new(x, y), DVec2::new(width, height));
-    Patch { origin, size, area: width * height }
+    Region { origin, size, area: width * height }
 }
 
 #[test]
@@ -35,7 +35,7 @@ fn tiles_cover_their_canvas_once() {
         .to_vec()
         .try_into()
         .unwrap();
-    assert_eq!((found.eye, found.layers_max, found.step_px), (EyeOf::Center, 1, DVec2::ZERO));
+    assert_eq!((found.eye, found.layers_max, found.step_px), (Eye::Center, 1, DVec2::ZERO));
     assert!(found.holes.is_empty() && found.overlaps.is_empty(), "{found:?}");
 }
 
@@ -69,7 +69,7 @@ fn each_eye_has_a_coverage_of_its_own() {
     let eyes = "[channel.c0]\neye = \"left\"\n[channel.c1]\neye = \"right\"\n";
     let text = by_hand(&[[0, 0, 200, 100], [0, 0, 200, 100]], eyes);
     let found = of(&text);
-    assert_eq!(found.iter().map(|of| of.eye).collect::<Vec<_>>(), [EyeOf::Left, EyeOf::Right]);
+    assert_eq!(found.iter().map(|of| of.eye).collect::<Vec<_>>(), [Eye::Left, Eye::Right]);
     assert!(found.iter().all(|of| of.layers_max == 1 && of.overlaps.is_empty()), "{found:?}");
     // A channel for both eyes overlaps with each.
     let both = text.replace("\"right\"", "\"center\"");

@@ -1,10 +1,10 @@
 //! What a wall file says of a channel however it was made: `[channel.NAME]`.
 
-use polyptych_wall::{EyeOf, Packing, Ramps, Turn};
+use polyptych_wall::{Eye, Orientation, Ramps, StereoPacking};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::lists::{Light, Pair, Row, exact, some_points, some_rows};
+use super::lists::{Pair, Row, ScalarOrRgb, exact, some_points, some_rows};
 
 /// What makes a channel's picture right on the display that it has.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -17,16 +17,16 @@ pub struct AdjustSection {
     pub monitor: Option<String>,
     /// How the display hangs: to which side of the viewer its upper side went, or half a turn.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub turn: Option<Turn>,
+    pub turn: Option<Orientation>,
     /// Left and right are exchanged, as for projection from behind.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mirror: Option<bool>,
     /// For whose eye it is: one of two groups of channels for passive stereo.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub eye: Option<EyeOf>,
+    pub eye: Option<Eye>,
     /// How the pictures of both eyes share this one display.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub stereo: Option<Packing>,
+    pub stereo: Option<StereoPacking>,
     /// By how many pixels, [x right, y down], the corners are moved: upper left, upper right,
     /// lower left, lower right.
     #[serde(deserialize_with = "some_points", skip_serializing_if = "Option::is_none")]
@@ -39,21 +39,21 @@ pub struct AdjustSection {
     pub edges: Option<EdgesSection>,
     /// Linear light is multiplied by this after the matrix: a number, or [red, green, blue].
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub gain: Option<Light>,
+    pub gain: Option<ScalarOrRgb>,
     /// Linear light [red, green, blue] is multiplied by these three rows.
     #[serde(deserialize_with = "some_rows", skip_serializing_if = "Option::is_none")]
     pub matrix: Option<[Row; 3]>,
     /// How codes become light: code^gamma, a number or [red, green, blue]. Default: sRGB.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub gamma: Option<Light>,
+    pub gamma: Option<ScalarOrRgb>,
     /// Instead of gamma: measured light of equally spaced codes, rising from 0 to 1; each a number
     /// or [red, green, blue].
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub curve: Option<Vec<Light>>,
+    pub curve: Option<Vec<ScalarOrRgb>>,
     /// What it shows of black, as a share of its white: a number, or [red, green, blue]. Default:
     /// leak of [blend].
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub leak: Option<Light>,
+    pub leak: Option<ScalarOrRgb>,
     /// A file that says where each of the channel's pixels lies. Files stand in the wall file's
     /// folder.
     #[serde(skip_serializing_if = "Option::is_none")]

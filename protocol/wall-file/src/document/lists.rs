@@ -89,7 +89,7 @@ pub struct Row(#[serde(deserialize_with = "exact")] pub [f64; 3]);
 /// One number for red, green and blue alike, or [red, green, blue].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 #[serde(untagged)]
-pub enum Light {
+pub enum ScalarOrRgb {
     /// The same for all three.
     Gray(f64),
     /// [red, green, blue].
@@ -110,30 +110,30 @@ pub enum Rotation {
 struct LightVisitor;
 
 impl<'de> Visitor<'de> for LightVisitor {
-    type Value = Light;
+    type Value = ScalarOrRgb;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("a number, or a list of 3 numbers")
     }
 
-    fn visit_f64<E: Error>(self, number: f64) -> Result<Light, E> {
-        Ok(Light::Gray(number))
+    fn visit_f64<E: Error>(self, number: f64) -> Result<ScalarOrRgb, E> {
+        Ok(ScalarOrRgb::Gray(number))
     }
 
-    fn visit_i64<E: Error>(self, number: i64) -> Result<Light, E> {
-        Ok(Light::Gray(number as f64))
+    fn visit_i64<E: Error>(self, number: i64) -> Result<ScalarOrRgb, E> {
+        Ok(ScalarOrRgb::Gray(number as f64))
     }
 
-    fn visit_u64<E: Error>(self, number: u64) -> Result<Light, E> {
-        Ok(Light::Gray(number as f64))
+    fn visit_u64<E: Error>(self, number: u64) -> Result<ScalarOrRgb, E> {
+        Ok(ScalarOrRgb::Gray(number as f64))
     }
 
-    fn visit_seq<A: SeqAccess<'de>>(self, items: A) -> Result<Light, A::Error> {
-        exact(SeqAccessDeserializer::new(items)).map(Light::Rgb)
+    fn visit_seq<A: SeqAccess<'de>>(self, items: A) -> Result<ScalarOrRgb, A::Error> {
+        exact(SeqAccessDeserializer::new(items)).map(ScalarOrRgb::Rgb)
     }
 }
 
-impl<'de> Deserialize<'de> for Light {
+impl<'de> Deserialize<'de> for ScalarOrRgb {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_any(LightVisitor)
     }

@@ -1,12 +1,12 @@
 //! Where the light that channels share adds up worst.
 
 use glam::DVec2;
-use polyptych_wall::blend::{Blend, Masks};
-use polyptych_wall::maps::Maps;
-use polyptych_wall::pixels::PixelMap;
-use polyptych_wall::shapes::Shaped;
+use polyptych_wall::blend::{BlendModel, ChannelMasks};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::pixels::ChannelMapping;
+use polyptych_wall::shapes::ResolvedWall;
 use polyptych_wall::warp::Mask;
-use polyptych_wall::{Channel, ChannelId, EyeOf};
+use polyptych_wall::{Channel, ChannelId, Eye};
 use serde::Serialize;
 
 use crate::coverage::{self, is_seen_by};
@@ -23,7 +23,7 @@ pub struct BlendRow {
     /// The name of the screen.
     pub screen: String,
     /// Whose eye it is.
-    pub eye: EyeOf,
+    pub eye: Eye,
     /// In pixels of the screen's canvas.
     pub place: [f64; 2],
     /// The names of the channels that light it.
@@ -36,13 +36,13 @@ pub struct BlendRow {
 struct Lit<'a> {
     id: ChannelId,
     channel: &'a Channel,
-    pixels: PixelMap<'a>,
-    masks: Masks<'a>,
+    pixels: ChannelMapping<'a>,
+    masks: ChannelMasks<'a>,
 }
 
 /// The worst place of each screen and eye at which two channels or more share light.
-pub(super) fn worst(of: Shaped<'_>, maps: &Maps) -> Vec<BlendRow> {
-    let blend = Blend::new(of);
+pub(super) fn worst(of: ResolvedWall<'_>, maps: &CalibrationMaps) -> Vec<BlendRow> {
+    let blend = BlendModel::new(of);
     let is_shared = of.wall.channel_ids().any(|id| !blend.neighbours(id).is_empty());
     if !is_shared {
         return Vec::new();
@@ -56,18 +56,18 @@ pub(super) fn worst(of: Shaped<'_>, maps: &Maps) -> Vec<BlendRow> {
 }
 
 fn of_screen(
-    of: Shaped<'_>,
-    maps: &Maps,
-    blend: &Blend<'_>,
+    of: ResolvedWall<'_>,
+    maps: &CalibrationMaps,
+    blend: &BlendModel<'_>,
     screen: usize,
-    eye: EyeOf,
+    eye: Eye,
 ) -> Option<BlendRow> {
     let wall = of.wall;
     let on_screen =
         |channel: &Channel| usize::from(channel.screen) == screen && is_seen_by(channel, eye);
     let ids = wall.channel_ids().zip(&wall.channels).filter(|(_, channel)| on_screen(channel));
     // What mesh files say of light at corners, for each pixel.
-    let corners: Vec<(ChannelId, &Channel, PixelMap<'_>, Option<Mask>)> = ids
+    let corners: Vec<(ChannelId, &Channel, ChannelMapping<'_>, Option<Mask>)> = ids
         .filter_map(|(id, channel)| {
             let pixels = of.pixel_map(id)?;
             let light = maps.light(channel, &pixels);
@@ -77,7 +77,7 @@ fn of_screen(
     let lit = corners.iter().map(|(id, channel, pixels, light)| {
         let masks = maps.masks(&channel.adjustment);
         let light = light.as_ref().and_then(Mask::texels);
-        Lit { id: *id, channel, pixels: pixels.clone(), masks: Masks { light, ..masks } }
+        Lit { id: *id, channel, pixels: pixels.clone(), masks: ChannelMasks { light, ..masks } }
     });
     let lit: Vec<Lit<'_>> = lit.collect();
     let canvas = wall.screens[screen].canvas;
@@ -98,7 +98,7 @@ fn of_screen(
 }
 
 /// The light of a place, and who gives it; `None` where fewer than two channels do.
-fn light_at(blend: &Blend<'_>, lit: &[Lit<'_>], place: DVec2) -> Option<(f64, Vec<String>)> {
+fn light_at(blend: &BlendModel<'_>, lit: &[Lit<'_>], place: DVec2) -> Option<(f64, Vec<String>)> {
     let shown = lit.iter().filter_map(|lit| {
         let size = lit.channel.size.as_dvec2();
         let pixel = lit.pixels.pixel_from_canvas(place)?;

@@ -1,11 +1,11 @@
 //! A channel in numbers.
 
 use glam::{DVec2, DVec3};
-use polyptych_wall::maps::Maps;
-use polyptych_wall::pixels::PixelMap;
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::pixels::ChannelMapping;
 use polyptych_wall::projector::Projector;
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall::{Channel, Cover, EyeOf, Packing, Projection, Surface, Turn};
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::{Channel, ChannelKind, Eye, FrustumMode, Orientation, StereoPacking, Surface};
 use serde::Serialize;
 
 use super::lit_part::LitPart;
@@ -36,12 +36,12 @@ pub struct ChannelRow {
     /// Width and height of the picture that its display gets: turned, and with both eyes in it.
     pub output_pixels: [u32; 2],
     /// For whose eye it is: `center`, `left` or `right`. With a packing it is for both.
-    pub eye: EyeOf,
+    pub eye: Eye,
     /// How both eyes share its display: `none`, `side-by-side`, `top-bottom` or `anaglyph`.
-    pub packing: Packing,
+    pub packing: StereoPacking,
     /// How its display hangs: `none`, or by the side of the viewer at which its upper side is,
     /// `left` or `right`, or `half` for upside down.
-    pub turn: Turn,
+    pub turn: Orientation,
     /// Whether left and right are exchanged, before it is turned.
     pub mirror: bool,
     /// The upper left pixel on the screen's canvas.
@@ -96,7 +96,7 @@ pub struct ProjectorRow {
 
 impl ChannelRow {
     /// The numbers of a channel.
-    pub(super) fn new(of: Shaped<'_>, maps: &Maps, channel: &Channel) -> Self {
+    pub(super) fn new(of: ResolvedWall<'_>, maps: &CalibrationMaps, channel: &Channel) -> Self {
         let screen = of.wall.screen_of(channel);
         let adjustment = &channel.adjustment;
         let is_around = of.wall.is_omnidirectional(channel);
@@ -107,13 +107,13 @@ impl ChannelRow {
             screen: screen.name.clone(),
             server: channel.server.clone(),
             cover: match channel.cover {
-                Cover::Tile => "tile",
-                Cover::Projector(_) => "projector",
-                Cover::Map => "map",
+                ChannelKind::Tile => "tile",
+                ChannelKind::Projector(_) => "projector",
+                ChannelKind::Map => "map",
             },
             projector: match &channel.cover {
-                Cover::Projector(projector) => ProjectorRow::new(projector),
-                Cover::Tile | Cover::Map => None,
+                ChannelKind::Projector(projector) => ProjectorRow::new(projector),
+                ChannelKind::Tile | ChannelKind::Map => None,
             },
             warp: file.map(|file| file.path.clone()),
             pixels: channel.size.to_array(),
@@ -132,8 +132,8 @@ impl ChannelRow {
             stereo_error_px: None,
             projection: match channel.projection {
                 _ if !is_even => "warp",
-                Projection::Shared => "shared",
-                Projection::Own => "own",
+                FrustumMode::Shared => "shared",
+                FrustumMode::Own => "own",
             },
             unknown: None,
         };
@@ -142,7 +142,12 @@ impl ChannelRow {
     }
 
     /// Fills in what depends on where the pixels lie; an error is why that is not known.
-    fn measure(&mut self, of: Shaped<'_>, maps: &Maps, channel: &Channel) -> Result<(), String> {
+    fn measure(
+        &mut self,
+        of: ResolvedWall<'_>,
+        maps: &CalibrationMaps,
+        channel: &Channel,
+    ) -> Result<(), String> {
         let screen = of.wall.screen_of(channel);
         let print = Footprint::shaped(channel, screen, of.shapes);
         let Some(map) = print.map().filter(|_| print.is_known()) else {
@@ -212,7 +217,7 @@ impl ProjectorRow {
 }
 
 /// The larger one of the angles that a pixel at this place spans across and down.
-fn degrees_per_pixel(map: &PixelMap<'_>, eye: DVec3, at: DVec2) -> Option<f64> {
+fn degrees_per_pixel(map: &ChannelMapping<'_>, eye: DVec3, at: DVec2) -> Option<f64> {
     let over = |step: DVec2| {
         let point = |t: f64| map.display_from_pixel(at + step * t);
         let (from, to, length) = match (point(-0.5), point(0.5)) {

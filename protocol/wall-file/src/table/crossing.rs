@@ -1,7 +1,7 @@
 //! Screens that cross each other or lie in the same place, which no two real ones do.
 
 use glam::{DVec2, DVec3};
-use polyptych_wall::{Channel, EyeOf, Surface, Wall};
+use polyptych_wall::{Channel, Eye, Surface, Wall};
 
 use crate::coverage::is_seen_by;
 
@@ -60,11 +60,11 @@ pub(super) fn warnings(wall: &Wall) -> Vec<String> {
 }
 
 fn is_seen_together(wall: &Wall, first: usize, second: usize) -> bool {
-    let is_seen = |screen: usize, eye: EyeOf| {
+    let is_seen = |screen: usize, eye: Eye| {
         let on = |channel: &&Channel| usize::from(channel.screen) == screen;
         wall.channels.iter().filter(on).any(|channel| is_seen_by(channel, eye))
     };
-    [EyeOf::Left, EyeOf::Right].iter().any(|eye| is_seen(first, *eye) && is_seen(second, *eye))
+    [Eye::Left, Eye::Right].iter().any(|eye| is_seen(first, *eye) && is_seen(second, *eye))
 }
 
 /// Points of a surface, row by row, and a sphere around them.

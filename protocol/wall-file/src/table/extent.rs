@@ -4,11 +4,11 @@
 use glam::DVec3;
 use polyptych_wall::Channel;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
-use polyptych_wall::maps::Maps;
-use polyptych_wall::pixels::PixelMap;
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall::source::{SourceError, SourcePlan};
-use polyptych_wall::warp_mesh::{MeshRule, WarpMesh};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::pixels::ChannelMapping;
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::source::{AtlasError, ViewAtlas};
+use polyptych_wall::warp_mesh::{TessellationOptions, WarpMesh};
 
 /// Straight pieces that a line is measured in.
 const PIECES: u32 = 32;
@@ -70,16 +70,16 @@ pub(super) fn angle(a: DVec3, b: DVec3) -> f64 {
 /// # Errors
 /// Why a server cannot draw the channel: nothing of it is lit, or the eye is on or behind it.
 pub(super) fn plan(
-    of: Shaped<'_>,
-    maps: &Maps,
+    of: ResolvedWall<'_>,
+    maps: &CalibrationMaps,
     channel: &Channel,
-    map: &PixelMap<'_>,
-) -> Result<SourcePlan, SourceError> {
+    map: &ChannelMapping<'_>,
+) -> Result<ViewAtlas, AtlasError> {
     let known = of.wall.channel_named(&channel.name).filter(|_| !maps.is_empty());
     let drawn = known.and_then(|(id, _)| of.drawn_mesh(maps, id).ok());
     let mesh = drawn.unwrap_or_else(|| {
         let place = |pixel| map.display_from_pixel(pixel);
-        WarpMesh::new(channel.size, MeshRule::default(), place)
+        WarpMesh::new(channel.size, TessellationOptions::default(), place)
     });
     let eyes = if of.wall.is_omnidirectional(channel) {
         of.wall.viewpoints(channel)
@@ -87,9 +87,9 @@ pub(super) fn plan(
         vec![of.wall.eye.into()]
     };
     let mesh = mesh.refined_for(&eyes);
-    let plan = SourcePlan::new(&mesh, &eyes, of.wall.near_m, CHANNEL_SIDE_MAX)?;
+    let plan = ViewAtlas::new(&mesh, &eyes, of.wall.near_m, CHANNEL_SIDE_MAX)?;
     let is_finite = plan.density_min.is_finite() && plan.density_max.is_finite();
-    if is_finite { Ok(plan) } else { Err(SourceError::Nothing) }
+    if is_finite { Ok(plan) } else { Err(AtlasError::Nothing) }
 }
 
 #[cfg(test)]
@@ -117,7 +117,9 @@ mod tests {
         let channel = Channel::tile("round", 0, UVec2::ZERO, canvas);
         let wall = Wall::new("w", vec![screen], vec![channel]);
         let map = wall.pixel_map(polyptych_wall::ChannelId(0)).unwrap();
-        let plan = plan(Shaped::from(&wall), &Maps::default(), &wall.channels[0], &map).unwrap();
+        let plan =
+            plan(ResolvedWall::from(&wall), &CalibrationMaps::default(), &wall.channels[0], &map)
+                .unwrap();
         let (fewest, most) = (plan.density_min, plan.density_max);
         let expected = 1.0 / half.cos().powi(2);
         // Sides of what is drawn are rounded up to whole steps.

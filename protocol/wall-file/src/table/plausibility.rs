@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
-use polyptych_wall::{Channel, Cover, Wall};
+use polyptych_wall::{Channel, ChannelKind, Wall};
 
 use super::{ChannelRow, ProjectorRow, ScreenRow, Stereo, stereo};
 
@@ -137,7 +137,7 @@ fn pose(row: &ChannelRow, projector: &ProjectorRow) -> Vec<String> {
 
 /// A projector that stands where the viewer's head is, or whose light the head takes.
 fn viewer(wall: &Wall, row: &ChannelRow, channel: &Channel) -> Option<String> {
-    let Cover::Projector(projector) = &channel.cover else { return None };
+    let ChannelKind::Projector(projector) = &channel.cover else { return None };
     let name = &row.name;
     let apart = projector.position.distance(wall.eye);
     if apart < VIEWER_RADIUS_M {

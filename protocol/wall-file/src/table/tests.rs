@@ -6,8 +6,8 @@ mod random;
 use super::text::thousands;
 use super::*;
 
-fn table(text: &str) -> WallTable {
-    WallTable::of(&crate::parse(text, "wall.toml".as_ref()).unwrap())
+fn table(text: &str) -> CheckReport {
+    CheckReport::of(&crate::parse(text, "wall.toml".as_ref()).unwrap())
 }
 
 const TWO_BY_TWO: &str = r#"
@@ -83,9 +83,9 @@ fn thousands_are_grouped() {
     assert_eq!([0, 999, 1000, 2_073_600].map(thousands), ["0", "999", "1,000", "2,073,600"]);
 }
 
-fn config(name: &str) -> WallTable {
+fn config(name: &str) -> CheckReport {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs").join(name);
-    WallTable::of(&crate::load(&path).unwrap())
+    CheckReport::of(&crate::load(&path).unwrap())
 }
 
 #[test]
@@ -142,7 +142,7 @@ fn five_projectors_cover_a_dome() {
 #[test]
 fn what_textures_cannot_hold_is_warned_of() {
     let wall = crate::parse(TWO_BY_TWO, "wall.toml".as_ref()).unwrap();
-    let mut table = WallTable::of(&wall);
+    let mut table = CheckReport::of(&wall);
     table.channels[1].sampling = Some([0.4, 3.0]);
     let said = warnings::warnings(&wall, &table.screens, &table.channels);
     let expected = "channel front-2-1: with textures of 8192 pixels it is drawn from 0.40 pixels \
@@ -188,21 +188,21 @@ fn both_eyes_are_told_apart_and_files_not_guessed() {
     let eyes = TWO_BY_TWO.replace("columns = 2", "").replace("rows = 2", "");
     let mut wall = crate::parse(&eyes, "wall.toml".as_ref()).unwrap();
     let mut right = wall.channels[0].clone();
-    (right.name, right.adjustment.eye) = ("right".into(), EyeOf::Right);
-    wall.channels[0].adjustment.eye = EyeOf::Left;
+    (right.name, right.adjustment.eye) = ("right".into(), Eye::Right);
+    wall.channels[0].adjustment.eye = Eye::Left;
     wall.channels.push(right);
-    let text = WallTable::of(&wall).to_string();
+    let text = CheckReport::of(&wall).to_string();
     assert!(text.contains("coverage, left eye: 100.00 %, 1 channel at most"), "{text}");
     assert!(text.contains("coverage, right eye: 100.00 %"), "{text}");
-    wall.files.push(polyptych_wall::MapFile {
+    wall.files.push(polyptych_wall::CalibrationFile {
         path: "hull.obj".into(),
-        kind: polyptych_wall::FileKind::ScreenMesh,
+        kind: polyptych_wall::CalibrationFileKind::ScreenMesh,
         blob: None,
         is_for_one_eye: false,
         front: Vec::new(),
     });
     wall.screens[0].surface = Surface::Mesh(0);
-    let table = WallTable::of(&wall);
+    let table = CheckReport::of(&wall);
     assert!(table.channels[0].degrees.is_none() && table.warnings.is_empty(), "{table}");
     let text = table.to_string();
     assert!(

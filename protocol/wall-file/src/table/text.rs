@@ -3,10 +3,11 @@
 use std::fmt;
 
 use polyptych_text::counted;
-use polyptych_wall::{EyeOf, Packing, Turn};
+use polyptych_wall::{Eye, Orientation, StereoPacking};
 
 use super::{
-    BezelRow, BlendRow, ChannelRow, CoverageRow, OverlapRow, PatchRow, ScreenRow, Stereo, WallTable,
+    BezelRow, BlendRow, ChannelRow, CheckReport, CoverageRow, OverlapRow, RegionRow, ScreenRow,
+    Stereo,
 };
 
 /// Maximum number of overlaps and holes of a screen that are printed: `--json` has all.
@@ -23,7 +24,7 @@ struct Column {
     cells: Vec<String>,
 }
 
-impl fmt::Display for WallTable {
+impl fmt::Display for CheckReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y, z] = self.eye_m;
         writeln!(
@@ -112,9 +113,9 @@ impl fmt::Display for ScreenRow {
 impl fmt::Display for CoverageRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let eye = match self.eye {
-            EyeOf::Center => "",
-            EyeOf::Left => ", left eye",
-            EyeOf::Right => ", right eye",
+            Eye::Center => "",
+            Eye::Left => ", left eye",
+            Eye::Right => ", right eye",
         };
         let open = if self.blends { "not covered" } else { "hidden" };
         let [x, y] = self.step_px;
@@ -149,9 +150,9 @@ impl fmt::Display for BlendRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y] = self.place;
         let eye = match self.eye {
-            EyeOf::Center => "",
-            EyeOf::Left => " for the left eye",
-            EyeOf::Right => " for the right eye",
+            Eye::Center => "",
+            Eye::Left => " for the left eye",
+            Eye::Right => " for the right eye",
         };
         write!(
             f,
@@ -164,7 +165,7 @@ impl fmt::Display for BlendRow {
     }
 }
 
-impl fmt::Display for PatchRow {
+impl fmt::Display for RegionRow {
     /// A rectangle by its sides; any other form by its own pixels, and the rectangle around it.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ([x, y], [width, height]) = (self.origin, self.pixels);
@@ -184,7 +185,7 @@ impl fmt::Display for PatchRow {
     }
 }
 
-impl WallTable {
+impl CheckReport {
     /// The columns that say anything of this wall.
     fn columns(&self) -> Vec<Column> {
         let column = |head, is_number, cell: &dyn Fn(&ChannelRow) -> String| Column {
@@ -208,7 +209,7 @@ impl WallTable {
         if self.stereo != Stereo::None {
             columns.push(text("eye", &|c| eye(c).to_owned()));
         }
-        if any(&|c| c.turn != Turn::None || c.mirror) {
+        if any(&|c| c.turn != Orientation::None || c.mirror) {
             columns.push(text("hangs", &hangs));
         }
         columns.extend([
@@ -240,21 +241,21 @@ fn kind(channel: &ChannelRow) -> String {
 
 fn eye(channel: &ChannelRow) -> &'static str {
     match (channel.packing, channel.eye) {
-        (Packing::SideBySide, _) => "both, side by side",
-        (Packing::TopBottom, _) => "both, top and bottom",
-        (Packing::Anaglyph, _) => "both, anaglyph",
-        (Packing::None, EyeOf::Center) => "middle",
-        (Packing::None, EyeOf::Left) => "left",
-        (Packing::None, EyeOf::Right) => "right",
+        (StereoPacking::SideBySide, _) => "both, side by side",
+        (StereoPacking::TopBottom, _) => "both, top and bottom",
+        (StereoPacking::Anaglyph, _) => "both, anaglyph",
+        (StereoPacking::None, Eye::Center) => "middle",
+        (StereoPacking::None, Eye::Left) => "left",
+        (StereoPacking::None, Eye::Right) => "right",
     }
 }
 
 fn hangs(channel: &ChannelRow) -> String {
     let turn = match channel.turn {
-        Turn::None => "upright",
-        Turn::Left => "turned left",
-        Turn::Right => "turned right",
-        Turn::Half => "upside down",
+        Orientation::None => "upright",
+        Orientation::Left => "turned left",
+        Orientation::Right => "turned right",
+        Orientation::Half => "upside down",
     };
     let mirror = if channel.mirror { ", mirrored" } else { "" };
     format!("{turn}{mirror}")

@@ -3,7 +3,7 @@
 use glam::UVec2;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use polyptych_wall::source::SOURCE_CELLS_MAX;
-use polyptych_wall::{Channel, EyeOf, StereoMode, Surface, Wall};
+use polyptych_wall::{Channel, Eye, StereoMode, Surface, Wall};
 
 use super::{ChannelRow, CoverageRow, ScreenRow, crossing, pitch_m, plausibility};
 use crate::coverage::is_plain;
@@ -148,11 +148,11 @@ fn hole(screen: &ScreenRow, coverage: &CoverageRow) -> Option<String> {
     ))
 }
 
-fn of_eye(eye: EyeOf) -> &'static str {
+fn of_eye(eye: Eye) -> &'static str {
     match eye {
-        EyeOf::Center => "",
-        EyeOf::Left => "for the left eye ",
-        EyeOf::Right => "for the right eye ",
+        Eye::Center => "",
+        Eye::Left => "for the left eye ",
+        Eye::Right => "for the right eye ",
     }
 }
 

@@ -1,9 +1,10 @@
 //! What a wall file says of a channel however it was made, right and wrong.
 
 use glam::{DMat3, DVec2, DVec3, UVec2};
-use polyptych_wall::adjustment::{Bend, Curve, Edges};
+use polyptych_wall::adjustment::{BlendWidths, ControlGrid, TransferFunction};
 use polyptych_wall::{
-    BlendRule, Cover, FileKind, Packing, Projection, Ramps, StereoMode, StereoRule, Turn,
+    BlendConfig, CalibrationFileKind, ChannelKind, FrustumMode, Orientation, Ramps, StereoMode,
+    StereoPacking, StereoRule,
 };
 
 use super::{BY_HAND, EVERY_KEY, SMALLEST, check, parse, read, to_toml};
@@ -18,24 +19,24 @@ fn every_key_arrives() {
     assert_eq!((wall.eye_separation_m, wall.dither), (0.065, true));
     let stereo = StereoRule { mode: StereoMode::Omnidirectional, error_max_px: 0.25 };
     assert_eq!(wall.stereo, stereo);
-    assert_eq!(wall.blend, BlendRule { exponent: 1.5, leak: 0.003 });
+    assert_eq!(wall.blend, BlendConfig { exponent: 1.5, leak: 0.003 });
     let found = &wall.channels[0].adjustment;
-    assert_eq!((found.turn, found.mirror), (Turn::Left, true));
-    assert_eq!(found.packing, Packing::SideBySide);
+    assert_eq!((found.turn, found.mirror), (Orientation::Left, true));
+    assert_eq!(found.packing, StereoPacking::SideBySide);
     assert_eq!(found.pin[2], DVec2::new(-3.5, 0.0));
     let mut moves = vec![DVec2::ZERO; 6];
     (moves[1], moves[3]) = (DVec2::X, DVec2::Y * 2.0);
-    assert_eq!(found.bend, Some(Bend { points: UVec2::new(2, 3), moves: moves.into() }));
-    let edges = Edges { left: Some(0.0), right: Some(30.5), top: None, bottom: None };
+    assert_eq!(found.bend, Some(ControlGrid { points: UVec2::new(2, 3), moves: moves.into() }));
+    let edges = BlendWidths { left: Some(0.0), right: Some(30.5), top: None, bottom: None };
     assert_eq!(found.edges, edges);
     assert_eq!(found.color.gain, DVec3::new(1.0, 0.9, 0.8));
     assert_eq!(found.color.leak, Some(DVec3::new(0.004, 0.003, 0.005)));
     // Rows of the file are rows of the matrix: red takes a tenth of green.
     assert_eq!(found.color.matrix * DVec3::Y, DVec3::new(0.1, 1.0, 0.0));
-    assert_eq!(found.color.curve, Curve::Gamma(DVec3::splat(2.2)));
+    assert_eq!(found.color.curve, TransferFunction::Gamma(DVec3::splat(2.2)));
     assert_eq!(wall.channels[0].display_size(), UVec2::new(320, 800));
     let middle = DVec3::new(0.2, 0.25, 0.3);
-    let measured = Curve::Measured(vec![DVec3::ZERO, middle, DVec3::ONE]);
+    let measured = TransferFunction::Measured(vec![DVec3::ZERO, middle, DVec3::ONE]);
     assert_eq!(wall.channels[1].adjustment.color.curve, measured);
     assert_eq!(wall.channels[1].adjustment.color.matrix, DMat3::IDENTITY);
 }
@@ -52,17 +53,17 @@ fn stereo_that_is_none_is_told() {
 #[test]
 fn files_are_listed_once_in_the_order_of_the_wall() {
     let wall = read(EVERY_KEY);
-    let files: Vec<(&str, FileKind)> =
+    let files: Vec<(&str, CalibrationFileKind)> =
         wall.files.iter().map(|file| (file.path.as_str(), file.kind)).collect();
     let expected = [
-        ("hull.obj", FileKind::ScreenMesh),
-        ("masks/a.png", FileKind::Alpha),
-        ("masks/b.png", FileKind::Beta),
-        ("maps/mapped.pfm", FileKind::Warp),
+        ("hull.obj", CalibrationFileKind::ScreenMesh),
+        ("masks/a.png", CalibrationFileKind::Alpha),
+        ("masks/b.png", CalibrationFileKind::Beta),
+        ("maps/mapped.pfm", CalibrationFileKind::Warp),
     ];
     assert_eq!(files, expected);
     let mapped = &wall.channels[3];
-    assert_eq!((&mapped.cover, mapped.projection), (&Cover::Map, Projection::Own));
+    assert_eq!((&mapped.cover, mapped.projection), (&ChannelKind::Map, FrustumMode::Own));
     assert_eq!((mapped.adjustment.warp, mapped.adjustment.alpha), (Some(3), Some(1)));
     for bad in ["\"\"", "\"a\\u0000b\""] {
         let text = front(&format!("alpha = {bad}"));
@@ -79,8 +80,8 @@ fn files_are_listed_once_in_the_order_of_the_wall() {
 #[test]
 fn what_a_warp_holds_is_said_beside_it() {
     for (key, kind) in [
-        ("warp_zero = \"dark\"", FileKind::WarpDarkZeros),
-        ("warp_obj = \"sgct\"", FileKind::WarpSgct),
+        ("warp_zero = \"dark\"", CalibrationFileKind::WarpDarkZeros),
+        ("warp_obj = \"sgct\"", CalibrationFileKind::WarpSgct),
     ] {
         let wall = read(&front(&format!("warp = \"a.obj\"\n{key}")));
         assert_eq!(wall.files[0].kind, kind);

@@ -3,8 +3,8 @@
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_wall::pixels::PixelMap;
-use polyptych_wall::{Channel, Cover, Projection, Surface};
+use polyptych_wall::pixels::ChannelMapping;
+use polyptych_wall::{Channel, ChannelKind, FrustumMode, Surface};
 
 use super::{BY_HAND, SMALLEST, check, check_changed, config, read};
 
@@ -146,16 +146,16 @@ fn an_eye_behind_a_curved_screen_or_in_it() {
 fn projectors_throw_their_picture_where_they_look() {
     let wall = read(BEAM);
     let [beam] = wall.channels.as_slice() else { panic!("{:?}", wall.channels) };
-    assert!(matches!(beam.cover, Cover::Projector(_)));
-    assert_eq!(beam.projection, Projection::Own);
+    assert!(matches!(beam.cover, ChannelKind::Projector(_)));
+    assert_eq!(beam.projection, FrustumMode::Own);
     // Its window stands around what it lights, x = 0.5 m of a metre to each side.
     assert_eq!((beam.origin, beam.size), (UVec2::new(100, 10), UVec2::new(100, 80)));
-    let map = PixelMap::new(beam, &wall.screens[0]).unwrap();
+    let map = ChannelMapping::new(beam, &wall.screens[0]).unwrap();
     let middle = map.canvas_from_pixel(DVec2::new(50.0, 40.0)).unwrap();
     assert!(middle.distance(DVec2::new(150.0, 50.0)) < 1e-9, "{middle}");
     let straight = BEAM.replace("look_at = [0.5, 0.0, -1.0]", "rotation = [0, 0, 0]");
     let middle_of = |channel: &Channel| {
-        let map = PixelMap::new(channel, &wall.screens[0]).unwrap();
+        let map = ChannelMapping::new(channel, &wall.screens[0]).unwrap();
         map.canvas_from_pixel(DVec2::new(50.0, 40.0)).unwrap()
     };
     let middle = middle_of(&read(&straight).channels[0]);

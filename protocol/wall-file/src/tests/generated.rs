@@ -3,13 +3,15 @@
 use std::f64::consts::FRAC_PI_2;
 
 use glam::{DMat3, DQuat, DVec2, DVec3, UVec2};
-use polyptych_wall::adjustment::{Adjustment, Bend, Bits, Color, Curve, Edges};
+use polyptych_wall::adjustment::{
+    BitDepth, BlendWidths, ChannelCalibration, ColorCorrection, ControlGrid, TransferFunction,
+};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::projector::Projector;
 use polyptych_wall::surface::{Cylinder, Plane, Sphere, Surface};
 use polyptych_wall::{
-    Bezel, BlendRule, Channel, Cover, DeadlineRule, EyeOf, FileKind, MapFile, Packing, Projection,
-    Ramps, Screen, Turn, Wall,
+    Bezel, BlendConfig, CalibrationFile, CalibrationFileKind, Channel, ChannelKind, DeadlinePolicy,
+    Eye, FrustumMode, Orientation, Ramps, Screen, StereoPacking, Wall,
 };
 use proptest::prelude::*;
 
@@ -117,7 +119,7 @@ fn surface(wall: &mut Wall, seed: &Seed, index: usize) -> Surface {
             azimuth_rad: [(-a).to_radians(), b.to_radians()],
             elevation_rad: [(-c).to_radians(), d.to_radians()],
         }),
-        3 => Surface::Mesh(file(wall, FileKind::ScreenMesh, index)),
+        3 => Surface::Mesh(file(wall, CalibrationFileKind::ScreenMesh, index)),
         _ => {
             let half = DVec2::from(seed.size_m) / 2.0;
             let center = wall.eye - normal * seed.distance_m;
@@ -131,11 +133,11 @@ fn surface(wall: &mut Wall, seed: &Seed, index: usize) -> Surface {
 }
 
 /// The index of a file, which may be named several times.
-fn file(wall: &mut Wall, kind: FileKind, number: usize) -> u16 {
+fn file(wall: &mut Wall, kind: CalibrationFileKind, number: usize) -> u16 {
     let path = format!("maps/{}.file", number % 3);
     let known = wall.files.iter().position(|file| file.path == path && file.kind == kind);
     known.unwrap_or_else(|| {
-        wall.files.push(MapFile {
+        wall.files.push(CalibrationFile {
             path,
             kind,
             blob: None,
@@ -170,8 +172,7 @@ fn add_screen(wall: &mut Wall, seed: &mut Seed) {
 fn add_channels(wall: &mut Wall, seed: &Seed, index: usize) {
     let (xs, _) = offsets(&seed.columns, seed.gap[0], seed.overlap);
     let (ys, _) = offsets(&seed.rows, seed.gap[1], seed.overlap);
-    let eyes: &[EyeOf] =
-        if seed.both_eyes { &[EyeOf::Left, EyeOf::Right] } else { &[EyeOf::Center] };
+    let eyes: &[Eye] = if seed.both_eyes { &[Eye::Left, Eye::Right] } else { &[Eye::Center] };
     for eye in eyes {
         for (y, row) in ys.iter().zip(&seed.rows) {
             for (x, column) in xs.iter().zip(&seed.columns) {
@@ -180,7 +181,7 @@ fn add_channels(wall: &mut Wall, seed: &Seed, index: usize) {
                 let mut channel = Channel {
                     server: format!("server_{}", at / 3),
                     monitor: (at % 4 == 1).then(|| format!("DP-{at}")),
-                    projection: if seed.own { Projection::Own } else { Projection::Shared },
+                    projection: if seed.own { FrustumMode::Own } else { FrustumMode::Shared },
                     ..Channel::tile(&format!("c-{}.{at}", at % 2), index as u16, origin, size)
                 };
                 adjust(wall, &mut channel, &seed.adjusts[at % seed.adjusts.len()], *eye);
@@ -193,15 +194,17 @@ fn add_channels(wall: &mut Wall, seed: &Seed, index: usize) {
     }
 }
 
-fn adjust(wall: &mut Wall, channel: &mut Channel, adjust: &Adjust, eye: EyeOf) {
+fn adjust(wall: &mut Wall, channel: &mut Channel, adjust: &Adjust, eye: Eye) {
     let asks = |bit: u32| adjust.kinds & (1 << bit) != 0;
     let size = channel.size.as_dvec2();
     let [a, b, c, d, e, f, g, h, i] = adjust.shares;
-    let mut found = Adjustment { eye, ..Adjustment::default() };
-    found.turn = [Turn::None, Turn::Left, Turn::Right, Turn::Half][(adjust.kinds % 4) as usize];
+    let mut found = ChannelCalibration { eye, ..ChannelCalibration::default() };
+    found.turn = [Orientation::None, Orientation::Left, Orientation::Right, Orientation::Half]
+        [(adjust.kinds % 4) as usize];
     found.mirror = asks(2);
-    if asks(3) && eye == EyeOf::Center {
-        let packings = [Packing::SideBySide, Packing::TopBottom, Packing::Anaglyph];
+    if asks(3) && eye == Eye::Center {
+        let packings =
+            [StereoPacking::SideBySide, StereoPacking::TopBottom, StereoPacking::Anaglyph];
         found.packing = packings[(a * 3.0) as usize];
     }
     if asks(4) {
@@ -215,11 +218,11 @@ fn adjust(wall: &mut Wall, channel: &mut Channel, adjust: &Adjust, eye: EyeOf) {
             let at = f64::from(at);
             DVec2::new((at * c * 9.0).sin(), (at * d * 9.0).cos()) * step
         });
-        found.bend = Some(Bend { points, moves: moves.collect() });
+        found.bend = Some(ControlGrid { points, moves: moves.collect() });
     }
     if asks(6) {
         let some = |share: f64, side: f64| (share > 0.3).then_some(share * side);
-        found.edges = Edges {
+        found.edges = BlendWidths {
             left: some(a, size.x),
             right: some(b, size.x),
             top: some(c, size.y),
@@ -229,15 +232,15 @@ fn adjust(wall: &mut Wall, channel: &mut Channel, adjust: &Adjust, eye: EyeOf) {
     if asks(7) {
         found.color.matrix = DMat3::from_cols_array(&adjust.shares.map(|share| share * 2.0 - 0.5));
     }
-    found.bits = if asks(12) { Bits::Ten } else { Bits::Eight };
-    found.color = Color {
+    found.bits = if asks(12) { BitDepth::Ten } else { BitDepth::Eight };
+    found.color = ColorCorrection {
         gain: if asks(8) { DVec3::new(a, b, if asks(9) { a } else { c }) } else { DVec3::ONE },
         curve: match (asks(10), asks(11)) {
-            (false, _) => Curve::Srgb,
-            (true, false) => Curve::Gamma(DVec3::new(1.0 + g, 1.0 + h, 1.0 + i)),
+            (false, _) => TransferFunction::Srgb,
+            (true, false) => TransferFunction::Gamma(DVec3::new(1.0 + g, 1.0 + h, 1.0 + i)),
             (true, true) => {
                 let middle = DVec3::new(g, h, if asks(9) { g } else { i });
-                Curve::Measured(vec![DVec3::ZERO, middle, DVec3::ONE])
+                TransferFunction::Measured(vec![DVec3::ZERO, middle, DVec3::ONE])
             }
         },
         leak: asks(14).then(|| DVec3::new(a, b, if asks(9) { a } else { c }) * 0.1),
@@ -247,14 +250,14 @@ fn adjust(wall: &mut Wall, channel: &mut Channel, adjust: &Adjust, eye: EyeOf) {
     channel.adjustment = found;
     // A warp file says what is covered.
     if adjust.cover == 0 {
-        channel.adjustment.warp = Some(file(wall, FileKind::Warp, number));
-        (channel.cover, channel.projection) = (Cover::Map, Projection::Own);
+        channel.adjustment.warp = Some(file(wall, CalibrationFileKind::Warp, number));
+        (channel.cover, channel.projection) = (ChannelKind::Map, FrustumMode::Own);
     }
     let mut mask = |is_asked: bool, kind| is_asked.then(|| file(wall, kind, number));
-    channel.adjustment.alpha = mask(asks(12), FileKind::Alpha);
-    channel.adjustment.beta = mask(asks(13), FileKind::Beta);
+    channel.adjustment.alpha = mask(asks(12), CalibrationFileKind::Alpha);
+    channel.adjustment.beta = mask(asks(13), CalibrationFileKind::Beta);
     let adjustment = &mut channel.adjustment;
-    if asks(13) && adjustment.alpha.is_some() && adjustment.edges == Edges::default() {
+    if asks(13) && adjustment.alpha.is_some() && adjustment.edges == BlendWidths::default() {
         adjustment.ramps = Ramps::Alpha;
     }
 }
@@ -272,8 +275,8 @@ fn cover(wall: &Wall, channel: &mut Channel, adjust: &Adjust) {
         rotation: Camera::look_at(wall.eye, middle, DVec3::Y).rotation,
         tangents: [-a, b, -c, d],
     };
-    channel.cover = Cover::Projector(Box::new(projector));
-    channel.projection = Projection::Own;
+    channel.cover = ChannelKind::Projector(Box::new(projector));
+    channel.projection = FrustumMode::Own;
 }
 
 /// A wall that a file can say.
@@ -293,9 +296,9 @@ pub(crate) fn wall() -> impl Strategy<Value = Wall> {
                 eye_separation_m,
                 near_m,
                 samples: if many { 4 } else { 1 },
-                blend: BlendRule { exponent, leak },
+                blend: BlendConfig { exponent, leak },
                 dither,
-                deadline: DeadlineRule { factor, min_ms: a.min(b), max_ms: a.max(b) },
+                deadline: DeadlinePolicy { factor, min_ms: a.min(b), max_ms: a.max(b) },
                 heartbeat_ms,
                 listen: "[::]:1".into(),
                 stores: vec![],

@@ -24,7 +24,7 @@ fn each_eye_is_covered_by_channels_of_its_own() {
     let eyes = |a: &str, b: &str| format!("[channel.a]\neye = {a:?}\n[channel.b]\neye = {b:?}\n");
     let twice = BY_HAND.replace("[100, 0]", "[0, 0]").replace("[200, 100]", "[100, 100]");
     let wall = read(&format!("{twice}{}", eyes("left", "right")));
-    assert_eq!(wall.channels[1].adjustment.eye, polyptych_wall::EyeOf::Right);
+    assert_eq!(wall.channels[1].adjustment.eye, polyptych_wall::Eye::Right);
     check(
         &format!("{BY_HAND}{}", eyes("left", "right")),
         "8:10: screen[0].channel: 1 channel for the left eye leaves a hole: none shows 100×100 \

@@ -17,29 +17,29 @@
 
 use glam::DVec3;
 
-use super::Share;
-use super::lamp::{self, Lamp};
-use crate::EyeOf;
+use super::BlendWeight;
+use super::lamp::{self, BlendChannel};
+use crate::Eye;
 
 /// A channel that lights a place.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Light {
+pub(super) struct EyeContribution {
     /// Who sees it.
-    pub eye: EyeOf,
-    /// As [`lamp::Lamp::step`] has it; `None` where it lights only another part of the pixel that
+    pub eye: Eye,
+    /// As [`lamp::BlendChannel::step`] has it; `None` where it lights only another part of the pixel that
     /// is asked about.
     pub step: Option<f64>,
     /// Whether it comes before the channel that is asked about.
     pub is_before: bool,
     /// How much of the pixel it lights.
     pub part: f64,
-    /// What it leaks, as [`Lamp::leak`] has it.
+    /// What it leaks, as [`BlendChannel::leak`] has it.
     pub leak: DVec3,
 }
 
-impl Light {
+impl EyeContribution {
     /// Of a channel that lights all of a pixel and has none before it.
-    pub fn whole(lamp: &Lamp<'_>, step: f64) -> Self {
+    pub fn whole(lamp: &BlendChannel<'_>, step: f64) -> Self {
         let (eye, leak) = (lamp.eye(), lamp.leak);
         Self { eye, step: Some(step), is_before: false, part: 1.0, leak }
     }
@@ -48,41 +48,44 @@ impl Light {
         self.leak * self.part
     }
 
-    fn is_seen_by(&self, eye: EyeOf) -> bool {
-        self.eye == EyeOf::Center || self.eye == eye
+    fn is_seen_by(&self, eye: Eye) -> bool {
+        self.eye == Eye::Center || self.eye == eye
     }
 }
 
 /// The share of a channel among others that light the same pixel.
-pub(super) fn share(own: Light, others: &[Light], exponent: f64) -> Share {
-    let is_for_both = own.eye == EyeOf::Center;
+pub(super) fn share(
+    own: EyeContribution,
+    others: &[EyeContribution],
+    exponent: f64,
+) -> BlendWeight {
+    let is_for_both = own.eye == Eye::Center;
     let lit = || others.iter().filter(|other| other.step.is_some());
-    let has = |is: fn(&Light) -> bool| is(&own) || lit().any(is);
-    let is_mixed =
-        has(|light| light.eye == EyeOf::Center) && has(|light| light.eye != EyeOf::Center);
+    let has = |is: fn(&EyeContribution) -> bool| is(&own) || lit().any(is);
+    let is_mixed = has(|light| light.eye == Eye::Center) && has(|light| light.eye != Eye::Center);
     if !is_mixed {
-        let is_seen = |other: &&Light| is_for_both || other.is_seen_by(own.eye);
+        let is_seen = |other: &&EyeContribution| is_for_both || other.is_seen_by(own.eye);
         let is_later = lit().filter(is_seen).any(|other| other.is_before);
         let steps = lit().filter(is_seen).filter_map(|other| other.step);
         let weight = lamp::weight(own.step.unwrap_or(0.0), steps, is_later, exponent);
-        let black = others.iter().filter(is_seen).map(Light::black);
-        return Share { weight, black: own.black() + black.sum::<DVec3>() };
+        let black = others.iter().filter(is_seen).map(EyeContribution::black);
+        return BlendWeight { weight, black: own.black() + black.sum::<DVec3>() };
     }
-    let all: Vec<Light> = std::iter::once(own).chain(others.iter().copied()).collect();
-    let [left, right] = [EyeOf::Left, EyeOf::Right].map(|eye| Group::new(&all, eye, exponent));
+    let all: Vec<EyeContribution> = std::iter::once(own).chain(others.iter().copied()).collect();
+    let [left, right] = [Eye::Left, Eye::Right].map(|eye| Group::new(&all, eye, exponent));
     let most = left.both.max(right.both);
     if is_for_both {
         let (sum, parts) = (left.both + right.both, left.own + right.own);
         let weight = if sum > 0.0 { most * parts / sum } else { 0.0 };
-        return Share { weight, black: left.black.max(right.black) };
+        return BlendWeight { weight, black: left.black.max(right.black) };
     }
-    let group = if own.eye == EyeOf::Left { left } else { right };
+    let group = if own.eye == Eye::Left { left } else { right };
     let rest = 1.0 - group.both;
     if most >= 1.0 || rest <= 0.0 {
-        return Share { weight: 0.0, black: group.black };
+        return BlendWeight { weight: 0.0, black: group.black };
     }
     let black = (group.black - most * left.black.max(right.black)) / (1.0 - most);
-    Share { weight: group.own * (1.0 - most) / rest, black }
+    BlendWeight { weight: group.own * (1.0 - most) / rest, black }
 }
 
 /// What one eye sees at a place.
@@ -97,7 +100,7 @@ struct Group {
 }
 
 impl Group {
-    fn new(all: &[Light], eye: EyeOf, exponent: f64) -> Self {
+    fn new(all: &[EyeContribution], eye: Eye, exponent: f64) -> Self {
         let seen = all.iter().enumerate().filter(|(_, light)| light.is_seen_by(eye));
         let black = seen.clone().map(|(_, light)| light.black()).sum();
         let lit: Vec<(usize, f64)> = seen.filter_map(|(at, one)| Some((at, one.step?))).collect();
@@ -108,7 +111,7 @@ impl Group {
             let is_later = others.clone().any(|(other, _)| rank(*other) < rank(at));
             lamp::weight(step, others.map(|(_, step)| *step), is_later, exponent)
         };
-        let of_both = lit.iter().filter(|(at, _)| all[*at].eye == EyeOf::Center);
+        let of_both = lit.iter().filter(|(at, _)| all[*at].eye == Eye::Center);
         let own = lit.first().filter(|(at, _)| *at == 0);
         Self {
             own: own.map_or(0.0, |own| weight(*own)),

@@ -4,11 +4,11 @@ use std::sync::OnceLock;
 
 use glam::{DVec2, DVec3};
 
-use super::super::outline::Outline;
-use super::super::pixels::PixelMap;
-use super::super::shapes::Shaped;
-use super::super::{Adjustment, Channel, Cover, EyeOf, Packing, Surface};
-use super::Share;
+use super::super::outline::LitArea;
+use super::super::pixels::ChannelMapping;
+use super::super::shapes::ResolvedWall;
+use super::super::{Channel, ChannelCalibration, ChannelKind, Eye, StereoPacking, Surface};
+use super::BlendWeight;
 use crate::ChannelId;
 
 /// A ray of a projector that ends within this of a point has lit it, in shares of the distance.
@@ -39,12 +39,12 @@ pub(crate) enum Smoothness {
 
 /// A channel as a source of light.
 #[derive(Clone, Debug)]
-pub(crate) struct Lamp<'a> {
+pub(crate) struct BlendChannel<'a> {
     pub channel: &'a Channel,
-    map: Option<PixelMap<'a>>,
+    map: Option<ChannelMapping<'a>>,
     pub size: DVec2,
     /// What of its picture is lit, where a file may leave some of it dark.
-    pub outline: Option<&'a Outline>,
+    pub outline: Option<&'a LitArea>,
     /// What it shows of black, in light of the wall. A display with the colours C, of which b
     /// leaks, shows C⁻¹·(b + (1 − b)·light): C is what makes its light that of the others.
     pub leak: DVec3,
@@ -59,11 +59,11 @@ pub(crate) struct Lamp<'a> {
     pub widths: OnceLock<[Option<f64>; 4]>,
 }
 
-impl<'a> Lamp<'a> {
-    pub fn new(of: impl Into<Shaped<'a>>, channel: &'a Channel) -> Self {
-        let Shaped { wall, shapes } = of.into();
-        let map = PixelMap::shaped(channel, wall.screen_of(channel), shapes);
-        let map = map.filter(PixelMap::is_known);
+impl<'a> BlendChannel<'a> {
+    pub fn new(of: impl Into<ResolvedWall<'a>>, channel: &'a Channel) -> Self {
+        let ResolvedWall { wall, shapes } = of.into();
+        let map = ChannelMapping::shaped(channel, wall.screen_of(channel), shapes);
+        let map = map.filter(ChannelMapping::is_known);
         let size = channel.size.as_dvec2();
         let mut lamp = Self {
             channel,
@@ -81,22 +81,22 @@ impl<'a> Lamp<'a> {
     }
 
     /// Its share of a place that no other one lights.
-    pub fn alone(&self) -> Share {
-        Share { weight: 1.0, black: self.leak }
+    pub fn alone(&self) -> BlendWeight {
+        BlendWeight { weight: 1.0, black: self.leak }
     }
 
     /// Whether the other one is on the same screen, and seen together with this one by some eye.
     pub fn is_beside(&self, other: &Self) -> bool {
         let (own, others) = (self.eye(), other.eye());
-        let is_seen = own == others || own == EyeOf::Center || others == EyeOf::Center;
+        let is_seen = own == others || own == Eye::Center || others == Eye::Center;
         is_seen && self.channel.screen == other.channel.screen
     }
 
     /// Whose eye it is for.
-    pub fn eye(&self) -> EyeOf {
+    pub fn eye(&self) -> Eye {
         match self.channel.adjustment {
-            Adjustment { packing: Packing::None, eye, .. } => eye,
-            _ => EyeOf::Center,
+            ChannelCalibration { packing: StereoPacking::None, eye, .. } => eye,
+            _ => Eye::Center,
         }
     }
 
@@ -121,7 +121,7 @@ impl<'a> Lamp<'a> {
     pub fn is_rect(&self) -> bool {
         let adjustment = &self.channel.adjustment;
         let is_formed = adjustment.pin != [DVec2::ZERO; 4] || adjustment.bend.is_some();
-        self.channel.cover == Cover::Tile && !is_formed
+        self.channel.cover == ChannelKind::Tile && !is_formed
     }
 
     /// Whether anyone knows where its pixels lie.
@@ -171,7 +171,7 @@ impl<'a> Lamp<'a> {
 
     /// Metres from a projector's lens along its axis to a spot; below zero behind it.
     pub fn depth(&self, spot: &Spot) -> Option<f64> {
-        let Cover::Projector(projector) = &self.channel.cover else { return None };
+        let ChannelKind::Projector(projector) = &self.channel.cover else { return None };
         Some((projector.rotation.inverse() * (spot.point? - projector.position)).dot(DVec3::NEG_Z))
     }
 
@@ -191,7 +191,8 @@ impl<'a> Lamp<'a> {
 
     /// Whether nothing of a curved screen stands between it and a place.
     fn faces(&self, point: Option<DVec3>) -> bool {
-        let (Cover::Projector(projector), Some(map)) = (&self.channel.cover, &self.map) else {
+        let (ChannelKind::Projector(projector), Some(map)) = (&self.channel.cover, &self.map)
+        else {
             return true;
         };
         let ground = map.ground();
@@ -206,7 +207,7 @@ impl<'a> Lamp<'a> {
 
     fn find_reach(&self) -> Option<(DVec3, f64)> {
         // A warp's points may lie before or behind those of the screen that they show.
-        let is_on_screen = self.channel.cover != Cover::Map;
+        let is_on_screen = self.channel.cover != ChannelKind::Map;
         let map = self.map.as_ref().filter(|_| is_on_screen)?;
         if self.is_rect() && map.ground().is_mesh() {
             // What of a tile a mesh has may lie between the places looked at.

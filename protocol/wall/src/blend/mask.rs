@@ -12,7 +12,7 @@ pub struct MaskTexels<'a> {
 
 /// The masks of one channel.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Masks<'a> {
+pub struct ChannelMasks<'a> {
     /// Multiplies its light.
     pub alpha: Option<MaskTexels<'a>>,
     /// Is its least light: light becomes light · (1 − β) + β.
@@ -66,7 +66,7 @@ impl<'a> MaskTexels<'a> {
     }
 }
 
-impl Masks<'_> {
+impl ChannelMasks<'_> {
     pub(super) fn is_empty(&self) -> bool {
         self.alpha.is_none() && self.beta.is_none() && self.light.is_none()
     }

@@ -6,9 +6,9 @@
 
 use glam::{DVec2, DVec3};
 
-use super::super::outline::Side;
-use super::Lamp;
-use crate::{ChannelId, EyeOf};
+use super::super::outline::Edge;
+use super::BlendChannel;
+use crate::{ChannelId, Eye};
 
 /// How far inside and outside of an edge one looks, in pixels: less than half a pixel, so that an
 /// overlap of one is seen.
@@ -24,7 +24,7 @@ const BISECTIONS: usize = 23;
 const WIDTH_PARTS: f64 = 64.0;
 
 /// Notes for all lamps which others may light what they light.
-pub(super) fn find_neighbours(lamps: &mut [Lamp<'_>]) {
+pub(super) fn find_neighbours(lamps: &mut [BlendChannel<'_>]) {
     let ids = |count: usize| (0..u16::try_from(count).unwrap_or(u16::MAX)).map(ChannelId);
     for at in 0..lamps.len() {
         let meets = |id: &ChannelId| {
@@ -53,8 +53,8 @@ fn walk(length: f64) -> Vec<(f64, f64)> {
 
 /// A side of a picture.
 #[derive(Clone, Copy)]
-struct Edge {
-    side: Side,
+struct EdgeSegment {
+    side: Edge,
     begin: DVec2,
     along: DVec2,
     inward: DVec2,
@@ -64,10 +64,10 @@ struct Edge {
 }
 
 /// Left, right, top and bottom of what is lit.
-fn edges(lamp: &Lamp<'_>) -> [Edge; 4] {
+fn edges(lamp: &BlendChannel<'_>) -> [EdgeSegment; 4] {
     let (low, high) = lamp.outline.map_or((DVec2::ZERO, lamp.size), |lit| (lit.low, lit.high));
     let size = high - low;
-    let edge = |side, begin, along, inward, length, across| Edge {
+    let edge = |side, begin, along, inward, length, across| EdgeSegment {
         side,
         begin,
         along,
@@ -77,23 +77,23 @@ fn edges(lamp: &Lamp<'_>) -> [Edge; 4] {
     };
     let (right, lower) = (DVec2::new(high.x, low.y), DVec2::new(low.x, high.y));
     [
-        edge(Side::Left, low, DVec2::Y, DVec2::X, size.y, size.x),
-        edge(Side::Right, right, DVec2::Y, DVec2::NEG_X, size.y, size.x),
-        edge(Side::Top, low, DVec2::X, DVec2::Y, size.x, size.y),
-        edge(Side::Bottom, lower, DVec2::X, DVec2::NEG_Y, size.x, size.y),
+        edge(Edge::Left, low, DVec2::Y, DVec2::X, size.y, size.x),
+        edge(Edge::Right, right, DVec2::Y, DVec2::NEG_X, size.y, size.x),
+        edge(Edge::Top, low, DVec2::X, DVec2::Y, size.x, size.y),
+        edge(Edge::Bottom, lower, DVec2::X, DVec2::NEG_Y, size.x, size.y),
     ]
 }
 
-impl Edge {
+impl EdgeSegment {
     /// The place of the edge so far along it.
-    fn place(&self, lamp: &Lamp<'_>, at: f64) -> DVec2 {
+    fn place(&self, lamp: &BlendChannel<'_>, at: f64) -> DVec2 {
         let straight = self.begin + self.along * at;
         lamp.outline.map_or(straight, |outline| outline.moved_to(self.side, straight))
     }
 }
 
 /// How wide a channel's ramps are: as the wall says, or else as wide as the overlap.
-pub(super) fn widths(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> [Option<f64>; 4] {
+pub(super) fn widths(lamp: &BlendChannel<'_>, lamps: &[BlendChannel<'_>]) -> [Option<f64>; 4] {
     let said = &lamp.channel.adjustment.edges;
     let said = [said.left, said.right, said.top, said.bottom];
     let mut widths = [None; 4];
@@ -109,7 +109,7 @@ pub(super) fn widths(lamp: &Lamp<'_>, lamps: &[Lamp<'_>]) -> [Option<f64>; 4] {
 /// The depth to which others reach over an edge, where they do: the median along the edge, so that
 /// a neighbour above or below, which lies beside the edge too, does not count. No more than the
 /// length along which they do: a strip along another edge asks for no ramp as long as itself.
-fn width_of(lamp: &Lamp<'_>, edge: Edge, lamps: &[Lamp<'_>]) -> Option<f64> {
+fn width_of(lamp: &BlendChannel<'_>, edge: EdgeSegment, lamps: &[BlendChannel<'_>]) -> Option<f64> {
     let mut depths = Vec::new();
     for (at, stands_for) in walk(edge.length) {
         let from = edge.place(lamp, at);
@@ -119,12 +119,12 @@ fn width_of(lamp: &Lamp<'_>, edge: Edge, lamps: &[Lamp<'_>]) -> Option<f64> {
         let outside = canvas(-BESIDE).or_else(ahead);
         let (Some(outside), Some(inside)) = (outside, canvas(BESIDE)) else { continue };
         let reaches =
-            |other: &&Lamp<'_>| other.lit(inside).is_some() && other.lit(outside).is_some();
+            |other: &&BlendChannel<'_>| other.lit(inside).is_some() && other.lit(outside).is_some();
         let others = lamp.neighbours.iter().map(|id| &lamps[usize::from(id.0)]);
-        let is_lit = |other: &Lamp<'_>, depth: f64| {
+        let is_lit = |other: &BlendChannel<'_>, depth: f64| {
             canvas(depth).is_some_and(|canvas| other.lit(canvas).is_some())
         };
-        let depth = |other: &Lamp<'_>| {
+        let depth = |other: &BlendChannel<'_>| {
             let (mut low, mut high) = (BESIDE, edge.across - BESIDE);
             if high <= low || is_lit(other, high) {
                 return edge.across;
@@ -157,7 +157,11 @@ fn median(mut values: Vec<(f64, f64)>) -> Option<f64> {
 
 /// The most that channels which light a place along a channel's edges have together of what `of`
 /// says of each, the channel itself among them.
-pub(super) fn most(lamp: &Lamp<'_>, lamps: &[Lamp<'_>], of: impl Fn(&Lamp<'_>) -> DVec3) -> DVec3 {
+pub(super) fn most(
+    lamp: &BlendChannel<'_>,
+    lamps: &[BlendChannel<'_>],
+    of: impl Fn(&BlendChannel<'_>) -> DVec3,
+) -> DVec3 {
     let own = of(lamp);
     let mut most = own;
     if lamp.neighbours.is_empty() {
@@ -176,19 +180,19 @@ pub(super) fn most(lamp: &Lamp<'_>, lamps: &[Lamp<'_>], of: impl Fn(&Lamp<'_>) -
 /// What neighbours that one eye sees together have where they light a place: for the eye that sees
 /// more.
 fn lit_by(
-    lamp: &Lamp<'_>,
-    lamps: &[Lamp<'_>],
+    lamp: &BlendChannel<'_>,
+    lamps: &[BlendChannel<'_>],
     canvas: DVec2,
-    of: impl Fn(&Lamp<'_>) -> DVec3,
+    of: impl Fn(&BlendChannel<'_>) -> DVec3,
 ) -> DVec3 {
     let others = lamp.neighbours.iter().map(|id| &lamps[usize::from(id.0)]);
     let lit: Vec<_> = others.filter(|other| other.lit(canvas).is_some()).collect();
     let seen = |eye| {
-        let is_seen = |other: &&&Lamp<'_>| [EyeOf::Center, eye].contains(&other.eye());
+        let is_seen = |other: &&&BlendChannel<'_>| [Eye::Center, eye].contains(&other.eye());
         lit.iter().filter(is_seen).map(|other| of(other)).sum::<DVec3>()
     };
     match lamp.eye() {
-        EyeOf::Center => seen(EyeOf::Left).max(seen(EyeOf::Right)),
+        Eye::Center => seen(Eye::Left).max(seen(Eye::Right)),
         eye => seen(eye),
     }
 }

@@ -12,8 +12,8 @@ use patch::Patch;
 use pixel::Pixels;
 use rayon::prelude::*;
 
-use super::lamp::{Lamp, Smoothness, Spot};
-use super::{Blend, Share};
+use super::lamp::{BlendChannel, Smoothness, Spot};
+use super::{BlendModel, BlendWeight};
 use crate::ChannelId;
 
 /// Pixels of the largest cells, across and down; rows of them are what threads share.
@@ -36,23 +36,23 @@ const BESIDE: f64 = 0.01;
 
 /// Another channel as it is asked for its places.
 #[derive(Clone, Copy)]
-struct Other<'l, 'w> {
-    lamp: &'l Lamp<'w>,
+struct Neighbour<'l, 'w> {
+    lamp: &'l BlendChannel<'w>,
     widths: [Option<f64>; 4],
     is_before: bool,
 }
 
 /// Another channel in a cell, and its places there; `None` where each must be found by itself.
 struct Here<'l, 'w> {
-    other: Other<'l, 'w>,
+    other: Neighbour<'l, 'w>,
     patch: Option<Patch>,
 }
 
 /// One channel among those that share its light.
 struct Raster<'l, 'w> {
-    lamp: &'l Lamp<'w>,
+    lamp: &'l BlendChannel<'w>,
     widths: [Option<f64>; 4],
-    others: Vec<Other<'l, 'w>>,
+    others: Vec<Neighbour<'l, 'w>>,
     exponent: f64,
     /// Whether places have kinks, so that they are interpolated in blocks only.
     is_faceted: bool,
@@ -60,14 +60,14 @@ struct Raster<'l, 'w> {
     largest: u32,
 }
 
-impl<'w> Blend<'w> {
+impl<'w> BlendModel<'w> {
     /// Fills `texels`, row by row, with what `make` gives for each pixel of a channel's picture
     /// and its share. A channel that has no neighbours is alone everywhere.
     pub(super) fn raster<T: Send>(
         &self,
         id: ChannelId,
         texels: &mut [T],
-        make: impl Fn(UVec2, Share) -> T + Sync,
+        make: impl Fn(UVec2, BlendWeight) -> T + Sync,
     ) {
         let Some(lamp) = self.lamps.get(usize::from(id.0)) else { return };
         let others: Vec<_> = self.family(id).iter().map(|other| self.other(id, *other)).collect();
@@ -85,7 +85,7 @@ impl<'w> Blend<'w> {
         let strip = (size.x.max(1) * CELL) as usize;
         texels.par_chunks_mut(strip).enumerate().for_each(|(strip, texels)| {
             let top = strip as u32 * CELL;
-            let mut put = |x: u32, y: u32, share: Share| {
+            let mut put = |x: u32, y: u32, share: BlendWeight| {
                 let at = (y - top) as usize * size.x as usize + x as usize;
                 texels[at] = make(UVec2::new(x, y), share);
             };
@@ -96,8 +96,8 @@ impl<'w> Blend<'w> {
         });
     }
 
-    fn other(&self, id: ChannelId, other: ChannelId) -> Other<'_, 'w> {
-        Other {
+    fn other(&self, id: ChannelId, other: ChannelId) -> Neighbour<'_, 'w> {
+        Neighbour {
             lamp: &self.lamps[usize::from(other.0)],
             widths: self.widths(other),
             is_before: other < id,
@@ -107,7 +107,7 @@ impl<'w> Blend<'w> {
 
 impl<'l, 'w> Raster<'l, 'w> {
     /// The shares of a cell of this side: at once where places are smooth, else of its parts.
-    fn cell(&self, cell: &Cell, side: u32, put: &mut impl FnMut(u32, u32, Share)) {
+    fn cell(&self, cell: &Cell, side: u32, put: &mut impl FnMut(u32, u32, BlendWeight)) {
         if self.others.is_empty() {
             return cell.fill(put, self.lamp.alone());
         }
@@ -154,8 +154,8 @@ impl<'l, 'w> Raster<'l, 'w> {
     }
 
     /// The shares of a cell, block by block.
-    fn blocks(&self, cell: &Cell, put: &mut impl FnMut(u32, u32, Share)) {
-        let row = |y: u32| -> Vec<Node> {
+    fn blocks(&self, cell: &Cell, put: &mut impl FnMut(u32, u32, BlendWeight)) {
+        let row = |y: u32| -> Vec<CornerSample> {
             let across = (cell.begin.x..cell.end.x).step_by(BLOCK as usize).chain([cell.end.x]);
             across.map(|x| self.node(UVec2::new(x, y).as_dvec2())).collect()
         };
@@ -171,7 +171,12 @@ impl<'l, 'w> Raster<'l, 'w> {
         }
     }
 
-    fn block(&self, block: &Cell, corners: [&Node; 4], put: &mut impl FnMut(u32, u32, Share)) {
+    fn block(
+        &self,
+        block: &Cell,
+        corners: [&CornerSample; 4],
+        put: &mut impl FnMut(u32, u32, BlendWeight),
+    ) {
         let middles = patch::MIDDLES.map(|place| self.node(block.place(place)));
         let is_lit = corners.iter().copied().chain(&middles).all(|node| node.is_lit);
         let mut here = Vec::new();
@@ -196,7 +201,7 @@ impl<'l, 'w> Raster<'l, 'w> {
         cell: &Cell,
         here: &[Here<'l, 'w>],
         is_lit: bool,
-        put: &mut impl FnMut(u32, u32, Share),
+        put: &mut impl FnMut(u32, u32, BlendWeight),
     ) {
         if here.is_empty() && is_lit {
             return cell.fill(put, self.lamp.alone());
@@ -210,22 +215,26 @@ impl<'l, 'w> Raster<'l, 'w> {
         }
     }
 
-    fn node(&self, place: DVec2) -> Node {
+    fn node(&self, place: DVec2) -> CornerSample {
         let spot = self.lamp.spot(place);
-        let pixel = |other: &Other<'_, '_>| other.lamp.pixel_of(spot.as_ref()?);
-        Node { is_lit: spot.is_some(), pixels: self.others.iter().map(pixel).collect() }
+        let pixel = |other: &Neighbour<'_, '_>| other.lamp.pixel_of(spot.as_ref()?);
+        CornerSample { is_lit: spot.is_some(), pixels: self.others.iter().map(pixel).collect() }
     }
 }
 
 /// Returns whether spots lie behind a projector, and by so much that all between them do.
-fn is_behind(lamp: &Lamp<'_>, spots: &[Option<Spot>]) -> bool {
+fn is_behind(lamp: &BlendChannel<'_>, spots: &[Option<Spot>]) -> bool {
     let depths = || spots.iter().flatten().map(|spot| lamp.depth(spot).unwrap_or(0.0));
     let (low, high) = (depths().fold(0.0, f64::min), depths().fold(f64::MIN, f64::max));
     high < low - high
 }
 
 /// Whether a block that is seen there has no place in the picture: all of it lies beyond one side.
-fn seen_beside(lamp: &Lamp<'_>, corners: [Option<DVec2>; 4], middle: Option<DVec2>) -> bool {
+fn seen_beside(
+    lamp: &BlendChannel<'_>,
+    corners: [Option<DVec2>; 4],
+    middle: Option<DVec2>,
+) -> bool {
     let ([Some(a), Some(b), Some(c), Some(d)], Some(middle)) = (corners, middle) else {
         return false;
     };
@@ -237,7 +246,7 @@ fn seen_beside(lamp: &Lamp<'_>, corners: [Option<DVec2>; 4], middle: Option<DVec
 }
 
 /// A corner of a block.
-struct Node {
+struct CornerSample {
     is_lit: bool,
     /// For each other channel, its place there.
     pixels: Vec<Option<DVec2>>,
@@ -267,7 +276,7 @@ impl Cell {
         (begin.y..end.y).step_by(side as usize).flat_map(across)
     }
 
-    fn fill(&self, put: &mut impl FnMut(u32, u32, Share), share: Share) {
+    fn fill(&self, put: &mut impl FnMut(u32, u32, BlendWeight), share: BlendWeight) {
         for y in self.begin.y..self.end.y {
             for x in self.begin.x..self.end.x {
                 put(x, y, share);

@@ -8,15 +8,15 @@ use glam::{DVec2, UVec2};
 use proptest::prelude::*;
 use walls::{askew, grid, tiles};
 
-use super::super::{Edges, EyeOf, Ramps, Wall};
+use super::super::{BlendWidths, Eye, Ramps, Wall};
 use super::*;
 
 /// What the sum of weights may be off by.
 const SUM_ERROR_MAX: f64 = 1.0 / 4096.0;
 
 /// The light maps of all channels; what has none, has weight 1.
-fn maps(wall: &Wall) -> Vec<Option<LightMap>> {
-    wall.channel_ids().map(|id| light_map(wall, id, &Masks::default())).collect()
+fn maps(wall: &Wall) -> Vec<Option<BlendMap>> {
+    wall.channel_ids().map(|id| light_map(wall, id, &ChannelMasks::default())).collect()
 }
 
 /// The largest error of a sum of rounded weights over all pixels of a wall of tiles, and how many
@@ -44,7 +44,7 @@ fn tile_error(wall: &Wall) -> (f64, usize) {
 /// The largest error over some pixels of every channel: its own rounded weight, and the others'
 /// exact ones at the same place.
 fn askew_error(wall: &Wall, step: u32) -> (f64, usize) {
-    let blend = Blend::new(wall);
+    let blend = BlendModel::new(wall);
     let (mut error, mut most) = (0.0_f64, 0);
     for (id, map) in wall.channel_ids().zip(maps(wall)) {
         let (Some(pixels), Some(channel)) = (wall.pixel_map(id), wall.channel(id)) else {
@@ -76,11 +76,11 @@ fn assert_sums((error, most): (f64, usize), expected: usize, name: &str) {
 fn weights_of_a_power_wall_add_up_to_one() {
     let wall = grid(UVec2::new(3, 2), UVec2::new(200, 120), UVec2::new(30, 18));
     assert_sums(tile_error(&wall), 4, "3 × 2 with 15 %");
-    let blend = Blend::new(&wall);
+    let blend = BlendModel::new(&wall);
     assert_eq!(blend.most(), 4);
     assert_eq!(blend.widths(ChannelId(1)), [Some(30.0), Some(30.0), None, Some(18.0)]);
     // The ramp itself: a smooth step between both edges, the same in every row.
-    let map = light_map(&wall, ChannelId(0), &Masks::default()).expect("a map");
+    let map = light_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
     for x in 0..30 {
         let t = (30.0 - f64::from(x) - 0.5) / 30.0;
         let expected = t * t * (3.0 - 2.0 * t);
@@ -98,7 +98,7 @@ fn one_to_four_channels_share_a_point() {
         let wall = tiles([140, 110], &rects);
         let name = format!("{count} over a point");
         assert_sums(tile_error(&wall), count, &name);
-        assert_eq!(Blend::new(&wall).most(), count);
+        assert_eq!(BlendModel::new(&wall).most(), count);
     }
     // All of four pictures on each other: no edge is beside another, so that each has a quarter.
     let wall = tiles([64, 48], &[([0, 0], [64, 48]); 4]);
@@ -123,7 +123,8 @@ fn edges_of_no_width_divide_by_nothing() {
     for (left, right) in [(Some(0.0), Some(0.0)), (Some(0.0), None), (Some(7.5), Some(0.0))] {
         let mut wall = grid(UVec2::new(2, 2), UVec2::new(60, 40), UVec2::new(20, 10));
         for channel in &mut wall.channels {
-            channel.adjustment.edges = Edges { left, right, top: Some(0.0), bottom: Some(500.0) };
+            channel.adjustment.edges =
+                BlendWidths { left, right, top: Some(0.0), bottom: Some(500.0) };
         }
         assert_sums(tile_error(&wall), 4, "edges of no width");
     }
@@ -144,7 +145,7 @@ fn projectors_askew_share_planes_and_cylinders() {
         let wall = askew(is_round, UVec2::new(160, 100), 0.06);
         let name = if is_round { "askew on a cylinder" } else { "askew on a plane" };
         assert_sums(askew_error(&wall, 1), expected, name);
-        assert_eq!(Blend::new(&wall).most(), expected, "{name}");
+        assert_eq!(BlendModel::new(&wall).most(), expected, "{name}");
     }
 }
 
@@ -159,9 +160,9 @@ fn bent_and_pinned_pictures_share_too() {
 fn eyes_share_nothing_with_each_other() {
     let mut wall = tiles([90, 40], &[([0, 0], [50, 40]), ([40, 0], [50, 40])]);
     let mut right = wall.channels.clone();
-    wall.channels.iter_mut().for_each(|channel| channel.adjustment.eye = EyeOf::Left);
+    wall.channels.iter_mut().for_each(|channel| channel.adjustment.eye = Eye::Left);
     for channel in &mut right {
-        channel.adjustment.eye = EyeOf::Right;
+        channel.adjustment.eye = Eye::Right;
         channel.name.push_str("-right");
     }
     let alone = maps(&wall);
@@ -169,11 +170,11 @@ fn eyes_share_nothing_with_each_other() {
     let both = maps(&wall);
     assert_eq!(both[..2], alone);
     assert_eq!(both[2..], alone);
-    assert_eq!(Blend::new(&wall).most(), 2);
+    assert_eq!(BlendModel::new(&wall).most(), 2);
 }
 
 /// What a display shows at a pixel where the wall should show this light, in light of the wall.
-fn shown(wall: &Wall, id: ChannelId, at: (f64, [DVec3; 2]), color: &Color) -> DVec3 {
+fn shown(wall: &Wall, id: ChannelId, at: (f64, [DVec3; 2]), color: &ColorCorrection) -> DVec3 {
     let (light, [factor, addend]) = at;
     let channel = wall.channel(id).expect("a channel");
     let own = color.made() * DVec3::splat(light) * factor + addend;
@@ -184,7 +185,7 @@ fn shown(wall: &Wall, id: ChannelId, at: (f64, [DVec3; 2]), color: &Color) -> DV
 
 /// The most that the light of a wall of tiles is off B + (1 − B)·I, over black, grey and white.
 fn black_error(wall: &Wall, black: DVec3) -> f64 {
-    let (maps, blend) = (maps(wall), Blend::new(wall));
+    let (maps, blend) = (maps(wall), BlendModel::new(wall));
     assert!((blend.black() - black).abs().max_element() < 1e-12, "{}", blend.black());
     let canvas = wall.screens[0].canvas;
     let mut worst = 0.0_f64;
@@ -225,10 +226,10 @@ fn black_is_one_black() {
     // Four that leak more than all the light there is: black, and no number that is none.
     let mut wall = tiles([64, 48], &[([0, 0], [64, 48]); 4]);
     wall.blend.leak = 0.5;
-    let blend = Blend::new(&wall);
+    let blend = BlendModel::new(&wall);
     let color = blend.color(ChannelId(0)).expect("a channel");
     assert_eq!((blend.black(), color.made()), (DVec3::ONE, DMat3::ZERO));
-    let map = light_map(&wall, ChannelId(0), &Masks::default()).expect("a map");
+    let map = light_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
     assert_eq!(map.at(3, 3, 1), [0.25, 0.0].map(|part: f64| (part * 65535.0).round() / 65535.0));
 }
 
@@ -242,7 +243,9 @@ fn blacks_that_differ_become_one() {
     let worst = black_error(&wall, DVec3::splat(0.0225));
     assert!(worst < 4e-5, "{worst}");
     assert_eq!(
-        Blend::new(&wall).light_map(ChannelId(1), &Masks::default()).map(|m| m.add.x > 0.0),
+        BlendModel::new(&wall)
+            .light_map(ChannelId(1), &ChannelMasks::default())
+            .map(|m| m.add.x > 0.0),
         Some(true)
     );
     // A warm leak beside a cold one, and colours that are mixed.
@@ -263,17 +266,17 @@ fn blacks_that_differ_become_one() {
     assert_eq!(texels, 3 * 80 * 60, "colours of their own");
     // Nothing undoes a gain of 0: no light is lost to a black without bound.
     wall.channels[0].adjustment.color.gain = DVec3::ZERO;
-    assert!(Blend::new(&wall).black().max_element() < 0.1);
+    assert!(BlendModel::new(&wall).black().max_element() < 0.1);
 }
 
 #[test]
 fn masks_multiply_and_add() {
     let mut wall = grid(UVec2::new(2, 1), UVec2::new(60, 40), UVec2::new(20, 0));
     wall.blend.leak = 0.01;
-    let bare = light_map(&wall, ChannelId(0), &Masks::default()).expect("a map");
+    let bare = light_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
     let texels: Vec<u16> = (0..60 * 40).map(|at| (at * 27) as u16).collect();
     let beta = [6553, 13106, 0];
-    let masks = Masks {
+    let masks = ChannelMasks {
         alpha: MaskTexels::new(UVec2::new(60, 40), 1, &texels),
         beta: MaskTexels::new(UVec2::ONE, 3, &beta),
         light: None,
@@ -293,7 +296,10 @@ fn masks_multiply_and_add() {
     }
     // Half as large as the picture: between its pixels.
     let ramp: Vec<u16> = (0..30).map(|x| x * 2000).collect();
-    let masks = Masks { alpha: MaskTexels::new(UVec2::new(30, 1), 1, &ramp), ..Masks::default() };
+    let masks = ChannelMasks {
+        alpha: MaskTexels::new(UVec2::new(30, 1), 1, &ramp),
+        ..ChannelMasks::default()
+    };
     let map = light_map(&wall, ChannelId(0), &masks).expect("a map");
     let [left, right] = [10, 11].map(|x| map.at(x, 5, 0)[0]);
     assert!((right - left - 1000.0 / 65535.0).abs() < 3e-5);
@@ -308,7 +314,8 @@ fn ramps_of_an_alpha_file_replace_those_that_are_computed() {
     wall.blend.leak = 0.003;
     let size = UVec2::new(160, 100);
     let texels: Vec<u16> = (0..160 * 100).map(|at| (at * 4) as u16).collect();
-    let masks = Masks { alpha: MaskTexels::new(size, 1, &texels), ..Masks::default() };
+    let masks =
+        ChannelMasks { alpha: MaskTexels::new(size, 1, &texels), ..ChannelMasks::default() };
     let shared = light_map(&wall, ChannelId(0), &masks).expect("a map");
     for channel in &mut wall.channels {
         (channel.adjustment.alpha, channel.adjustment.ramps) = (Some(0), Ramps::Alpha);
@@ -322,7 +329,7 @@ fn ramps_of_an_alpha_file_replace_those_that_are_computed() {
         replaced += usize::from((shared.at(x, y, 0)[0] - alpha).abs() > 1e-3);
     }
     assert!(replaced > 1_000, "{replaced} pixels had a ramp");
-    assert_eq!(Blend::new(&wall).most(), 1);
+    assert_eq!(BlendModel::new(&wall).most(), 1);
 }
 
 fn random_wall() -> impl Strategy<Value = Wall> {
@@ -334,7 +341,7 @@ fn random_wall() -> impl Strategy<Value = Wall> {
         let rects: Vec<_> = channels.iter().map(|((x, y, w, h), _)| ([*x, *y], [*w, *h])).collect();
         let mut wall = tiles([140, 100], &rects);
         for (channel, (_, (left, right, top, bottom))) in wall.channels.iter_mut().zip(channels) {
-            channel.adjustment.edges = Edges { left, right, top, bottom };
+            channel.adjustment.edges = BlendWidths { left, right, top, bottom };
         }
         wall.blend.exponent = exponent;
         wall
@@ -348,7 +355,7 @@ proptest! {
     fn weights_of_random_walls_add_up_to_one(wall in random_wall()) {
         let (error, most) = tile_error(&wall);
         prop_assert!(error <= SUM_ERROR_MAX, "{error:e} of {most}");
-        prop_assert_eq!(Blend::new(&wall).most(), most);
+        prop_assert_eq!(BlendModel::new(&wall).most(), most);
     }
 
     #[test]

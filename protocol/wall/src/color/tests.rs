@@ -2,7 +2,7 @@
 
 use super::*;
 
-fn measured() -> Curve {
+fn measured() -> TransferFunction {
     // Uneven, level at the beginning and within, and another one for each colour.
     let mut light: Vec<DVec3> = (0..=40)
         .map(|i| {
@@ -12,12 +12,13 @@ fn measured() -> Curve {
         .collect();
     light[20].y = light[21].y;
     light[40] = DVec3::ONE;
-    Curve::Measured(light)
+    TransferFunction::Measured(light)
 }
 
 #[test]
 fn light_of_codes_of_light_is_the_light() {
-    let curves = [Curve::Srgb, Curve::Gamma(DVec3::new(1.8, 2.2, 2.6)), measured()];
+    let curves =
+        [TransferFunction::Srgb, TransferFunction::Gamma(DVec3::new(1.8, 2.2, 2.6)), measured()];
     for curve in &curves {
         let mut worst = 0.0_f64;
         for i in 0..=100_000 {
@@ -37,7 +38,7 @@ fn light_of_codes_of_light_is_the_light() {
 
 #[test]
 fn codes_of_light_of_codes_are_the_codes_where_curves_rise() {
-    let Curve::Measured(points) = measured() else { panic!("it is measured") };
+    let TransferFunction::Measured(points) = measured() else { panic!("it is measured") };
     let curve = measured();
     for i in 0..=255 {
         let code = f64::from(i) / 255.0;
@@ -68,10 +69,10 @@ fn the_nearest_srgb_code_is_found() {
 
 #[test]
 fn matrix_and_gain_come_before_weights() {
-    let color = Color {
+    let color = ColorCorrection {
         matrix: DMat3::from_diagonal(DVec3::new(0.5, 1.0, 4.0)),
         gain: DVec3::new(1.0, 0.5, 1.0),
-        curve: Curve::Gamma(DVec3::splat(2.0)),
+        curve: TransferFunction::Gamma(DVec3::splat(2.0)),
         leak: None,
     };
     let codes = color.codes(DVec3::splat(0.5), DVec3::splat(0.25), DVec3::splat(0.125));

@@ -4,15 +4,15 @@ use glam::UVec2;
 use proptest::prelude::*;
 
 use super::*;
-use crate::warp_mesh::{MeshRule, WarpVertex};
+use crate::warp_mesh::{TessellationOptions, WarpVertex};
 
 /// A mesh of any triangles: corner after corner.
-fn soup(corners: &[[DVec3; 3]]) -> Facets {
+fn soup(corners: &[[DVec3; 3]]) -> MeshBvh {
     let all = corners.iter().flatten();
     let vertex = |point: &DVec3| WarpVertex { pixel: point.truncate(), point: *point };
     let vertices = all.map(vertex).collect();
     let triangles = (0..corners.len() as u32).map(|at| [at * 3, at * 3 + 1, at * 3 + 2]).collect();
-    Facets::new(WarpMesh { vertices, triangles })
+    MeshBvh::new(WarpMesh { vertices, triangles })
 }
 
 /// A grid of cells from (0, 0) to (1, 1), upright before a viewer at +Z.
@@ -33,7 +33,7 @@ fn sheet(cells: u32, z: impl Fn(DVec2) -> f64) -> WarpMesh {
 
 #[test]
 fn every_place_of_a_sheet_is_found_on_lines_and_corners_too() {
-    let facets = Facets::new(sheet(8, |place| place.x));
+    let facets = MeshBvh::new(sheet(8, |place| place.x));
     for i in 0..=64 * 64 {
         // Borders and diagonals of cells are among them, and the corners of the sheet.
         let place = DVec2::new(f64::from(i % 65), f64::from(i / 65)) / 64.0;
@@ -50,7 +50,7 @@ fn every_place_of_a_sheet_is_found_on_lines_and_corners_too() {
 
 #[test]
 fn the_back_of_a_sheet_is_known() {
-    let facets = Facets::new(sheet(3, |_| 0.0));
+    let facets = MeshBvh::new(sheet(3, |_| 0.0));
     let (middle, from) = (DVec3::new(0.4, -0.4, 0.0), DVec3::new(0.0, 0.0, -2.0));
     let hit = facets.hit(from, middle - from, 0.0).expect("met");
     assert!(!hit.is_front, "{hit:?}");
@@ -65,7 +65,7 @@ fn a_ray_meets_the_first_layer_or_the_one_that_is_asked_for() {
     let moved = far.vertices.iter();
     near.vertices.extend(moved.map(|v| WarpVertex { pixel: v.pixel + 2.0, point: v.point }));
     near.triangles.extend(far.triangles.iter().map(|corners| corners.map(|at| at + shift)));
-    let facets = Facets::new(near);
+    let facets = MeshBvh::new(near);
     let eye = DVec3::new(0.5, -0.5, 10.0);
     let target = DVec3::new(0.6, -0.4, -1.0);
     let first = facets.hit(eye, target - eye, 0.0).expect("met");
@@ -83,19 +83,20 @@ fn triangles_without_an_area_are_not_met() {
     assert_eq!(facets.hit(DVec3::ZERO, DVec3::NEG_Z, 0.0), None);
     assert_eq!(facets.hit(DVec3::ZERO, DVec3::new(0.3, 0.0, -1.0), 0.0), None);
     assert_eq!(facets.point_at(DVec2::new(0.5, 0.0)), None);
-    assert_eq!(Facets::new(WarpMesh::default()).hit(DVec3::ZERO, DVec3::X, 0.0), None);
+    assert_eq!(MeshBvh::new(WarpMesh::default()).hit(DVec3::ZERO, DVec3::X, 0.0), None);
 }
 
 /// From within a closed mesh every direction meets it, on the side that is inside.
 #[test]
 fn a_closed_mesh_is_met_in_every_direction() {
     let size = UVec2::new(64, 32);
-    let ball = WarpMesh::new(size, MeshRule { step_px: 4, error_px: f64::INFINITY }, |pixel| {
-        let angle = pixel / size.as_dvec2() * DVec2::new(2.0, 1.0) * std::f64::consts::PI;
-        let (sin, cos) = angle.y.sin_cos();
-        Some(DVec3::new(angle.x.sin() * sin, cos, -angle.x.cos() * sin) * 3.0)
-    });
-    let facets = Facets::new(ball);
+    let ball =
+        WarpMesh::new(size, TessellationOptions { step_px: 4, error_px: f64::INFINITY }, |pixel| {
+            let angle = pixel / size.as_dvec2() * DVec2::new(2.0, 1.0) * std::f64::consts::PI;
+            let (sin, cos) = angle.y.sin_cos();
+            Some(DVec3::new(angle.x.sin() * sin, cos, -angle.x.cos() * sin) * 3.0)
+        });
+    let facets = MeshBvh::new(ball);
     for i in 0..1000 {
         let t = f64::from(i);
         let direction = DVec3::new((t * 1.7).sin(), (t * 0.9).cos(), (t * 2.3).sin());

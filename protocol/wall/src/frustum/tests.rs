@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use super::{FrustumError, ScreenFrustum};
 use crate::surface::{Plane, Surface};
-use crate::{Channel, ChannelId, Projection, Screen, Wall};
+use crate::{Channel, ChannelId, FrustumMode, Screen, Wall};
 
 const WHOLE: ChannelId = ChannelId(0);
 const SHARED: ChannelId = ChannelId(1);
@@ -19,7 +19,7 @@ fn wall(a: DVec3, b: DVec3, c: DVec3, canvas: UVec2) -> Wall {
     let middle = canvas / 2;
     let whole = Channel::tile("whole", 0, UVec2::ZERO, canvas);
     let shared = Channel::tile("shared", 0, middle, canvas - middle);
-    let own = Channel { name: "own".into(), projection: Projection::Own, ..shared.clone() };
+    let own = Channel { name: "own".into(), projection: FrustumMode::Own, ..shared.clone() };
     Wall { near_m: 0.1, ..Wall::new("w", vec![screen], vec![whole, shared, own]) }
 }
 

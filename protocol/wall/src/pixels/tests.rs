@@ -2,11 +2,11 @@
 
 use glam::{DQuat, DVec2, DVec3, UVec2};
 
-use super::super::adjustment::Bend;
+use super::super::adjustment::ControlGrid;
 use super::super::projector::Projector;
 use super::super::surface::{Cylinder, Plane};
-use super::super::{Adjustment, Channel, Cover, Projection, Screen, Surface};
-use super::PixelMap;
+use super::super::{Channel, ChannelCalibration, ChannelKind, FrustumMode, Screen, Surface};
+use super::ChannelMapping;
 
 fn screen(surface: Surface) -> Screen {
     Screen { name: "front".into(), surface, canvas: UVec2::new(2000, 1000), bezel: None }
@@ -20,7 +20,7 @@ fn plane() -> Screen {
     }))
 }
 
-fn channel(cover: Cover, adjustment: Adjustment) -> Channel {
+fn channel(cover: ChannelKind, adjustment: ChannelCalibration) -> Channel {
     Channel {
         name: "front".into(),
         screen: 0,
@@ -28,13 +28,13 @@ fn channel(cover: Cover, adjustment: Adjustment) -> Channel {
         size: UVec2::new(640, 480),
         server: "front".into(),
         monitor: None,
-        projection: Projection::Own,
+        projection: FrustumMode::Own,
         cover,
         adjustment,
     }
 }
 
-fn bent() -> Adjustment {
+fn bent() -> ChannelCalibration {
     let pin = [
         DVec2::new(3.0, -2.0),
         DVec2::new(-12.0, 7.5),
@@ -42,12 +42,12 @@ fn bent() -> Adjustment {
         DVec2::new(20.0, 14.0),
     ];
     let moves = (0..12).map(|i| DVec2::new(f64::from(i * 7 % 5), f64::from(i * 3 % 4)) * 2.0);
-    let bend = Bend { points: UVec2::new(4, 3), moves: moves.collect() };
-    Adjustment { pin, bend: Some(bend), ..Adjustment::default() }
+    let bend = ControlGrid { points: UVec2::new(4, 3), moves: moves.collect() };
+    ChannelCalibration { pin, bend: Some(bend), ..ChannelCalibration::default() }
 }
 
 fn there_and_back(screen: &Screen, channel: &Channel) {
-    let map = PixelMap::new(channel, screen).expect("a picture");
+    let map = ChannelMapping::new(channel, screen).expect("a picture");
     for x in 0..=8 {
         for y in 0..=8 {
             let pixel = DVec2::new(f64::from(x) * 80.0, f64::from(y) * 60.0);
@@ -63,8 +63,8 @@ fn there_and_back(screen: &Screen, channel: &Channel) {
 
 #[test]
 fn a_plain_tile_begins_at_its_origin() {
-    let (screen, channel) = (plane(), channel(Cover::Tile, Adjustment::default()));
-    let map = PixelMap::new(&channel, &screen).expect("a picture");
+    let (screen, channel) = (plane(), channel(ChannelKind::Tile, ChannelCalibration::default()));
+    let map = ChannelMapping::new(&channel, &screen).expect("a picture");
     assert_eq!(map.canvas_from_pixel(DVec2::new(0.5, 2.5)), Some(DVec2::new(500.5, 102.5)));
     let point = map.display_from_pixel(DVec2::new(500.0, 400.0)).expect("a point");
     assert!(point.distance(DVec3::new(0.0, 1.0, -3.0)) < 1e-12);
@@ -73,17 +73,17 @@ fn a_plain_tile_begins_at_its_origin() {
 
 #[test]
 fn pins_move_corners_and_bends_move_points() {
-    let (screen, mut channel) = (plane(), channel(Cover::Tile, bent()));
+    let (screen, mut channel) = (plane(), channel(ChannelKind::Tile, bent()));
     there_and_back(&screen, &channel);
     channel.adjustment.bend = None;
-    let map = PixelMap::new(&channel, &screen).expect("a picture");
+    let map = ChannelMapping::new(&channel, &screen).expect("a picture");
     // What was meant for the lower right corner is shown where its pin moved it.
     let corner = DVec2::new(500.0 + 640.0, 100.0 + 480.0);
     let shown = map.pixel_from_canvas(corner).expect("shown");
     assert!(shown.distance(DVec2::new(660.0, 494.0)) < 1e-9, "{shown}");
     // A bend moves its own points by just as much.
-    channel.adjustment = Adjustment { pin: [DVec2::ZERO; 4], ..bent() };
-    let map = PixelMap::new(&channel, &screen).expect("a picture");
+    channel.adjustment = ChannelCalibration { pin: [DVec2::ZERO; 4], ..bent() };
+    let map = ChannelMapping::new(&channel, &screen).expect("a picture");
     let at = DVec2::new(640.0 / 3.0, 240.0);
     let shown = map.pixel_from_canvas(at + DVec2::new(500.0, 100.0)).expect("shown");
     let moved = bent().bend.expect("a bend").moves[5];
@@ -105,19 +105,19 @@ fn projectors_light_planes_and_cylinders() {
         height_m: [0.0, 3.0],
     }));
     for screen in [plane(), round] {
-        let cover = Cover::Projector(Box::new(projector));
-        there_and_back(&screen, &channel(cover.clone(), Adjustment::default()));
+        let cover = ChannelKind::Projector(Box::new(projector));
+        there_and_back(&screen, &channel(cover.clone(), ChannelCalibration::default()));
         there_and_back(&screen, &channel(cover, bent()));
     }
 }
 
 #[test]
 fn pins_that_leave_no_picture_are_none() {
-    let mut adjustment = Adjustment::default();
+    let mut adjustment = ChannelCalibration::default();
     // The upper right corner on the line from the upper left to the lower right, and beyond.
     adjustment.pin[1] = DVec2::new(-320.0, 240.0);
-    let channel = channel(Cover::Tile, adjustment);
-    assert!(PixelMap::new(&channel, &plane()).is_none());
+    let channel = channel(ChannelKind::Tile, adjustment);
+    assert!(ChannelMapping::new(&channel, &plane()).is_none());
 }
 
 /// A projector behind a screen lights the same places as one before it, from the other side.
@@ -137,8 +137,8 @@ fn projectors_behind_a_screen_light_its_back() {
                 crate::camera::Camera::look_at(position, DVec3::new(0.1, 1.0, -3.0), DVec3::Y);
             let tangents = [-0.3, 0.25, -0.2, 0.2];
             let projector = Projector { position, rotation: look.rotation, tangents };
-            let channel = channel(Cover::Projector(Box::new(projector)), bent());
-            let map = PixelMap::new(&channel, &screen).expect("a picture");
+            let channel = channel(ChannelKind::Projector(Box::new(projector)), bent());
+            let map = ChannelMapping::new(&channel, &screen).expect("a picture");
             assert_eq!(map.is_rear(), is_rear);
             let size = channel.size.as_dvec2();
             let at = |x: f64, y: f64| {

@@ -7,10 +7,10 @@ use glam::{UVec2, Vec3};
 use polyptych_files::blob::BlobHash;
 
 use super::super::blend::tests::walls::{askew, bend};
-use super::super::blend::{Blend, Masks, light_map};
-use super::super::superposition::{DisplayPicture, Side, Superposition};
-use super::super::warp::{MapSpace, WallMap, WarpGrid};
-use super::super::{Cover, FileKind, MapFile};
+use super::super::blend::{BlendModel, ChannelMasks, light_map};
+use super::super::superposition::{DisplayImage, LightComposite, StereoEye};
+use super::super::warp::{CalibrationMap, MapCoordinates, WarpGrid};
+use super::super::{CalibrationFile, CalibrationFileKind, ChannelKind};
 use super::*;
 use crate::ChannelId;
 
@@ -19,10 +19,14 @@ use crate::ChannelId;
 const PLACE_ERROR_MAX: f64 = 0.03;
 
 /// Makes these the files of a wall, all of one kind.
-fn with_files(wall: &mut Wall, kind: FileKind, files: &[WallMap]) -> Maps {
+fn with_files(
+    wall: &mut Wall,
+    kind: CalibrationFileKind,
+    files: &[CalibrationMap],
+) -> CalibrationMaps {
     for index in 0..files.len() as u8 {
         let blob = Some(BlobHash([index; 32]));
-        wall.files.push(MapFile {
+        wall.files.push(CalibrationFile {
             path: index.to_string(),
             kind,
             blob,
@@ -30,36 +34,38 @@ fn with_files(wall: &mut Wall, kind: FileKind, files: &[WallMap]) -> Maps {
             front: Vec::new(),
         });
     }
-    Maps::load(wall, |hash| Ok(Arc::new(files[usize::from(hash.0[0])].clone()))).expect("sound")
+    CalibrationMaps::load(wall, |hash| Ok(Arc::new(files[usize::from(hash.0[0])].clone())))
+        .expect("sound")
 }
 
 /// Values at the middles of cells, by their places in a picture; NaN where there are none.
-fn grid(size: UVec2, value: impl Fn(DVec2) -> Option<DVec3>) -> WarpShape {
+fn grid(size: UVec2, value: impl Fn(DVec2) -> Option<DVec3>) -> WarpGeometry {
     let place = |i: u32| UVec2::new(i % size.x, i / size.x).as_dvec2() + 0.5;
     let value = |i| value(place(i) / size.as_dvec2()).map_or(Vec3::NAN, DVec3::as_vec3);
-    WarpShape::Grid(WarpGrid { size, values: (0..size.x * size.y).map(value).collect() })
+    WarpGeometry::Grid(WarpGrid { size, values: (0..size.x * size.y).map(value).collect() })
 }
 
 /// The same wall as if a program had measured it: a map for each channel, with as many points as
 /// pixels.
-fn measured(wall: &Wall, space: MapSpace) -> (Wall, Maps) {
+fn measured(wall: &Wall, space: MapCoordinates) -> (Wall, CalibrationMaps) {
     let mut by_files = wall.clone();
     let mut files = Vec::new();
     for (index, (id, channel)) in wall.channel_ids().zip(&mut by_files.channels).enumerate() {
         let (map, size) = (wall.pixel_map(id).expect("a picture"), channel.size);
         let canvas = wall.screens[usize::from(channel.screen)].canvas.as_dvec2();
         let shape = grid(size, |place| match space {
-            MapSpace::Display => map.display_from_pixel(place * size.as_dvec2()),
-            MapSpace::Canvas => {
+            MapCoordinates::Display => map.display_from_pixel(place * size.as_dvec2()),
+            MapCoordinates::Canvas => {
                 let at = map.canvas_from_pixel(place * size.as_dvec2())? / canvas;
                 Some(at.extend(0.0))
             }
         });
-        files.push(WallMap::Warp(WarpMap { space, shape }));
-        channel.cover = Cover::Map;
-        channel.adjustment = Adjustment { warp: Some(index as u16), ..Adjustment::default() };
+        files.push(CalibrationMap::Warp(WarpMap { space, shape }));
+        channel.cover = ChannelKind::Map;
+        channel.adjustment =
+            ChannelCalibration { warp: Some(index as u16), ..ChannelCalibration::default() };
     }
-    let maps = with_files(&mut by_files, FileKind::Warp, &files);
+    let maps = with_files(&mut by_files, CalibrationFileKind::Warp, &files);
     (by_files, maps)
 }
 
@@ -75,19 +81,19 @@ fn pixels(wall: &Wall, step: usize) -> impl Iterator<Item = (ChannelId, UVec2)> 
 #[test]
 fn pixels_by_a_file_lie_where_geometry_says() {
     for (is_round, is_bent, space) in [
-        (false, false, MapSpace::Display),
-        (false, true, MapSpace::Canvas),
-        (true, false, MapSpace::Display),
-        (true, true, MapSpace::Display),
-        (true, false, MapSpace::Canvas),
+        (false, false, MapCoordinates::Display),
+        (false, true, MapCoordinates::Canvas),
+        (true, false, MapCoordinates::Display),
+        (true, true, MapCoordinates::Display),
+        (true, false, MapCoordinates::Canvas),
     ] {
         let mut wall = askew(is_round, UVec2::new(160, 100), 0.06);
         if is_bent {
             bend(&mut wall);
         }
         let (by_files, maps) = measured(&wall, space);
-        let shapes = Shapes::new(&by_files, &maps);
-        let of = Shaped { wall: &by_files, shapes: &shapes };
+        let shapes = WallGeometry::new(&by_files, &maps);
+        let of = ResolvedWall { wall: &by_files, shapes: &shapes };
         let mut worst = [0.0_f64; 2];
         for (id, pixel) in pixels(&wall, 7) {
             let pixel = pixel.as_dvec2() + 0.5;
@@ -110,11 +116,11 @@ fn pixels_by_a_file_lie_where_geometry_says() {
 fn weights_of_channels_by_files_add_up_to_one() {
     for is_round in [false, true] {
         let wall = askew(is_round, UVec2::new(160, 100), 0.06);
-        let (by_files, maps) = measured(&wall, MapSpace::Display);
-        let shapes = Shapes::new(&by_files, &maps);
-        let of = Shaped { wall: &by_files, shapes: &shapes };
-        let (blend, due) = (Blend::new(of), Blend::new(&wall));
-        let lights = |id| light_map(of, id, &Masks::default()).expect("a light map");
+        let (by_files, maps) = measured(&wall, MapCoordinates::Display);
+        let shapes = WallGeometry::new(&by_files, &maps);
+        let of = ResolvedWall { wall: &by_files, shapes: &shapes };
+        let (blend, due) = (BlendModel::new(of), BlendModel::new(&wall));
+        let lights = |id| light_map(of, id, &ChannelMasks::default()).expect("a light map");
         let lights: Vec<_> = wall.channel_ids().map(lights).collect();
         let (mut sums, mut others_off, mut most) = (0.0_f64, 0.0_f64, 0);
         for (id, pixel) in pixels(&wall, 5) {
@@ -145,16 +151,16 @@ fn weights_of_channels_by_files_add_up_to_one() {
 /// What a picture comes to through all channels, each sharing its light, in levels from itself.
 #[test]
 fn a_screen_of_files_is_stitched_as_one_of_geometry() {
-    for (is_round, space) in [(false, MapSpace::Canvas), (true, MapSpace::Display)] {
+    for (is_round, space) in [(false, MapCoordinates::Canvas), (true, MapCoordinates::Display)] {
         let wall = askew(is_round, UVec2::new(160, 100), 0.06);
         let (by_files, maps) = measured(&wall, space);
-        let shapes = Shapes::new(&by_files, &maps);
-        let of = Shaped { wall: &by_files, shapes: &shapes };
+        let shapes = WallGeometry::new(&by_files, &maps);
+        let of = ResolvedWall { wall: &by_files, shapes: &shapes };
         let picture = |at: DVec2| 0.5 + 0.3 * (at.x / 13.0).sin() * (at.y / 17.0).cos();
-        let codes = |of: Shaped<'_>, id: ChannelId| -> Vec<u8> {
+        let codes = |of: ResolvedWall<'_>, id: ChannelId| -> Vec<u8> {
             let map = of.pixel_map(id).expect("a map");
-            let blend = Blend::new(of);
-            let light = blend.light_map(id, &Masks::default());
+            let blend = BlendModel::new(of);
+            let light = blend.light_map(id, &ChannelMasks::default());
             let color = blend.color(id).expect("a channel");
             let plain = [DVec3::ONE, DVec3::ZERO];
             let all = pixels(of.wall, 1).filter(|(other, _)| *other == id);
@@ -168,13 +174,13 @@ fn a_screen_of_files_is_stitched_as_one_of_geometry() {
             };
             all.flat_map(|(_, pixel)| code(pixel)).collect()
         };
-        let stitch = |of: Shaped<'_>| -> Vec<Option<DVec3>> {
+        let stitch = |of: ResolvedWall<'_>| -> Vec<Option<DVec3>> {
             let all: Vec<_> = of.wall.channel_ids().map(|id| (id, codes(of, id))).collect();
             let pictures = all
                 .iter()
-                .map(|(id, rgba)| DisplayPicture { channel: *id, rgba })
+                .map(|(id, rgba)| DisplayImage { channel: *id, rgba })
                 .collect::<Vec<_>>();
-            let shown = Superposition::new(of, 0, Side::Left, &pictures);
+            let shown = LightComposite::new(of, 0, StereoEye::Left, &pictures);
             (0..of.wall.screens[0].canvas.y).flat_map(|y| shown.row(y)).collect()
         };
         let (found, due) = (stitch(of), stitch((&wall).into()));
@@ -193,7 +199,7 @@ fn a_screen_of_files_is_stitched_as_one_of_geometry() {
         assert!(off.len() > lit * 999 / 1000, "all are lit");
         assert!(nearly_all < 1.0, "{nearly_all}");
         // Without its files nobody knows what it shows.
-        let blind = Superposition::new(&by_files, 0, Side::Left, &[]);
+        let blind = LightComposite::new(&by_files, 0, StereoEye::Left, &[]);
         assert!(blind.row(50).iter().all(Option::is_none));
     }
 }

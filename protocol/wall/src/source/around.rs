@@ -20,8 +20,8 @@
 
 use glam::DVec3;
 
-use super::group::{Facet, Group, facets};
-use super::{SOURCE_CELLS_MAX, SourceError, WarpMesh};
+use super::group::{Group, ViewTriangle, facets};
+use super::{AtlasError, SOURCE_CELLS_MAX, WarpMesh};
 use crate::Viewpoint;
 use crate::warp_mesh::WarpVertex;
 
@@ -42,7 +42,7 @@ struct Cell {
 /// A triangle, and what its corners' own eyes see.
 #[derive(Clone, Debug)]
 struct Sample {
-    facet: Facet,
+    facet: ViewTriangle,
     /// From the head to its middle: azimuth and elevation in radians.
     azimuth: f64,
     elevation: f64,
@@ -111,12 +111,12 @@ impl WarpMesh {
 /// The parts of a mesh that viewpoints around one head see.
 ///
 /// # Errors
-/// As [`SourcePlan::new`](super::SourcePlan::new), of the head.
+/// As [`ViewAtlas::new`](super::SourcePlan::new), of the head.
 pub(super) fn cells(
     mesh: &WarpMesh,
     viewpoints: &[Viewpoint],
     error_max_px: f64,
-) -> Result<Cells, SourceError> {
+) -> Result<Cells, AtlasError> {
     let head = viewpoints.first().map_or(DVec3::ZERO, Viewpoint::middle);
     let samples: Vec<Sample> =
         facets(mesh, head)?.into_iter().map(|facet| Sample::new(facet, head, viewpoints)).collect();
@@ -136,7 +136,7 @@ pub(super) fn cells(
     };
     for cell in cells {
         let Some(groups) = cell.groups else {
-            return Err(SourceError::Coarse(cell.samples[0].facet.middle));
+            return Err(AtlasError::Coarse(cell.samples[0].facet.middle));
         };
         found.triangles.push(cell.samples.iter().map(|sample| sample.facet.triangle).collect());
         found.error_px = found.error_px.max(cell.error_px);
@@ -148,7 +148,7 @@ pub(super) fn cells(
 }
 
 impl Sample {
-    fn new(facet: Facet, head: DVec3, viewpoints: &[Viewpoint]) -> Self {
+    fn new(facet: ViewTriangle, head: DVec3, viewpoints: &[Viewpoint]) -> Self {
         let middle = facet.middle_ray();
         let [across, down] = facet.slope;
         let corner = |viewpoint: &Viewpoint, ray: DVec3| {
@@ -189,7 +189,7 @@ impl Cell {
                 });
             let eye = low.midpoint(high);
             error_px = corners().map(|corner| corner.off_px(eye)).fold(error_px, f64::max);
-            let facets: Vec<Facet> =
+            let facets: Vec<ViewTriangle> =
                 samples.iter().map(|sample| sample.facet.seen_from(head, eye)).collect();
             groups.extend(Group::around(&facets, eye));
         }

@@ -5,8 +5,8 @@ use std::f64::consts::FRAC_PI_2;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::{
-    BACK_SHARE_MAX, SOURCE_DISTANCE_MIN_M, SOURCE_PLANES_MAX, SOURCE_SHARE_MAX, SOURCE_SPAN_MAX,
-    SourceError, WarpMesh,
+    AtlasError, BACK_SHARE_MAX, SOURCE_DISTANCE_MIN_M, SOURCE_PLANES_MAX, SOURCE_SHARE_MAX,
+    SOURCE_SPAN_MAX, WarpMesh,
 };
 
 /// Of a triangle seen more obliquely than this, the direction along the line of sight is left out
@@ -26,7 +26,7 @@ const FRONT_MIN: f64 = 1e-3;
 
 /// A triangle as the eye sees it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Facet {
+pub(super) struct ViewTriangle {
     /// Its index in the mesh.
     pub triangle: u32,
     /// From the eye to its corners, in metres.
@@ -65,7 +65,7 @@ pub(super) struct Density {
 }
 
 /// The triangles of a mesh, checked against the eye.
-pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<Facet>, SourceError> {
+pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<ViewTriangle>, AtlasError> {
     let mut facets = Vec::with_capacity(mesh.triangles.len());
     // Areas that the eye sees from either side, and where.
     let mut sides = [(0.0, DVec2::ZERO); 2];
@@ -79,7 +79,7 @@ pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<Facet>, SourceEr
         let rays = [a, b, c].map(|vertex| vertex.point - eye);
         let on_surface = rays.iter().position(|ray| ray.length() < SOURCE_DISTANCE_MIN_M);
         if let Some(pixel) = on_surface.map(|corner| [a, b, c][corner].pixel) {
-            return Err(SourceError::EyeOnSurface { eye, pixel });
+            return Err(AtlasError::EyeOnSurface { eye, pixel });
         }
         let (p, q) = (b.point - a.point, c.point - a.point);
         let slope = [(p * ac.y - q * ab.y) / doubled, (q * ab.x - p * ac.x) / doubled];
@@ -93,23 +93,23 @@ pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<Facet>, SourceEr
         let (seen, middle_of) = &mut sides[usize::from(facing < 0.0)];
         *seen += area;
         *middle_of = middle;
-        facets.push(Facet { triangle: index, rays, slope, middle, area });
+        facets.push(ViewTriangle { triangle: index, rays, slope, middle, area });
     }
     let [front, back] = sides;
     let (few, many) = if front.0 < back.0 { (front, back) } else { (back, front) };
     if facets.is_empty() {
-        return Err(SourceError::Nothing);
+        return Err(AtlasError::Nothing);
     }
     if few.0 > BACK_SHARE_MAX * many.0 {
         // By where a viewer stands who sees the picture unmirrored.
-        return Err(SourceError::EyeBehind { eye, pixel: back.1 });
+        return Err(AtlasError::EyeBehind { eye, pixel: back.1 });
     }
     Ok(facets)
 }
 
 /// All facets, seen by this eye, in groups of one plane each, divided further where a plane takes
 /// many more pixels than the channel has there.
-pub(super) fn groups(facets: &[Facet], eye: DVec3) -> Result<Vec<Group>, SourceError> {
+pub(super) fn groups(facets: &[ViewTriangle], eye: DVec3) -> Result<Vec<Group>, AtlasError> {
     let mut waiting = vec![facets.to_vec()];
     let mut done = Vec::new();
     while let Some(part) = waiting.pop() {
@@ -134,7 +134,9 @@ pub(super) fn groups(facets: &[Facet], eye: DVec3) -> Result<Vec<Group>, SourceE
 }
 
 /// Both halves of a group that takes too many pixels, where they take fewer.
-fn cheaper_halves((facets, group): &(Vec<Facet>, Group)) -> Option<[(Vec<Facet>, Group); 2]> {
+fn cheaper_halves(
+    (facets, group): &(Vec<ViewTriangle>, Group),
+) -> Option<[(Vec<ViewTriangle>, Group); 2]> {
     let own = facets.iter().map(|facet| facet.area).sum::<f64>();
     let pixels = group.sides().element_product();
     if pixels <= WASTE_MAX * own {
@@ -148,7 +150,7 @@ fn cheaper_halves((facets, group): &(Vec<Facet>, Group)) -> Option<[(Vec<Facet>,
 }
 
 /// Divides facets by the side of the channel along which they span more.
-fn halves(facets: Vec<Facet>) -> Result<(Vec<Facet>, Vec<Facet>), SourceError> {
+fn halves(facets: Vec<ViewTriangle>) -> Result<(Vec<ViewTriangle>, Vec<ViewTriangle>), AtlasError> {
     let mut span = DVec2::ZERO;
     let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     for facet in &facets {
@@ -159,18 +161,18 @@ fn halves(facets: Vec<Facet>) -> Result<(Vec<Facet>, Vec<Facet>), SourceError> {
     let coarse = facets.first().map_or(DVec2::ZERO, |facet| facet.middle);
     let sides = span * (high - low);
     let middle = (low + high) / 2.0;
-    let is_first = |facet: &Facet| {
+    let is_first = |facet: &ViewTriangle| {
         if sides.x >= sides.y { facet.middle.x < middle.x } else { facet.middle.y < middle.y }
     };
     let (first, second): (Vec<_>, Vec<_>) = facets.into_iter().partition(is_first);
     if first.is_empty() || second.is_empty() {
-        return Err(SourceError::Coarse(coarse));
+        return Err(AtlasError::Coarse(coarse));
     }
     Ok((first, second))
 }
 
 /// Axes of a view that looks along the middle of the rays, with the channel's rows across.
-fn axes(facets: &[Facet]) -> Option<DMat3> {
+fn axes(facets: &[ViewTriangle]) -> Option<DMat3> {
     let mut forward = DVec3::ZERO;
     let mut area = 0.0;
     for facet in facets {
@@ -178,7 +180,7 @@ fn axes(facets: &[Facet]) -> Option<DMat3> {
         area += facet.area;
     }
     (forward.length() >= 0.1 * area).then(|| {
-        let slope = |facet: &Facet| facet.slope.map(|s| s / facet.middle_ray().length());
+        let slope = |facet: &ViewTriangle| facet.slope.map(|s| s / facet.middle_ray().length());
         view_along(forward, facets, slope)
     })
 }
@@ -187,7 +189,7 @@ fn axes(facets: &[Facet]) -> Option<DMat3> {
 /// 1/(n·r)³ of its area in the solid angle around a ray r of length 1, so that all pixels are as
 /// dense where n·r is as the cube root of what a pixel spans. Least squares over all pixels find
 /// that n: for a projector at the eye, the axis of the projector.
-fn even_axes(facets: &[Facet]) -> Option<DMat3> {
+fn even_axes(facets: &[ViewTriangle]) -> Option<DMat3> {
     let (mut normal, mut sum) = (DMat3::ZERO, DVec3::ZERO);
     for facet in facets {
         let ray = facet.middle_ray();
@@ -199,11 +201,12 @@ fn even_axes(facets: &[Facet]) -> Option<DMat3> {
         sum += weighted * solid_angle.cbrt();
     }
     let forward = (normal.inverse() * sum).try_normalize()?;
-    let is_in_front =
-        |facet: &Facet| facet.rays.iter().all(|ray| ray.dot(forward) > FRONT_MIN * ray.length());
+    let is_in_front = |facet: &ViewTriangle| {
+        facet.rays.iter().all(|ray| ray.dot(forward) > FRONT_MIN * ray.length())
+    };
     facets.iter().all(is_in_front).then(|| {
         // By what a point on the plane moves from pixel to pixel.
-        let slope = |facet: &Facet| {
+        let slope = |facet: &ViewTriangle| {
             let ray = facet.middle_ray();
             let depth = ray.dot(forward);
             facet.slope.map(|s| (s - ray * (s.dot(forward) / depth)) / depth)
@@ -214,7 +217,11 @@ fn even_axes(facets: &[Facet]) -> Option<DMat3> {
 
 /// A view along a direction whose rows run as the channel's do, or as its columns say, by what a
 /// place moves from pixel to pixel.
-fn view_along(forward: DVec3, facets: &[Facet], slope: impl Fn(&Facet) -> [DVec3; 2]) -> DMat3 {
+fn view_along(
+    forward: DVec3,
+    facets: &[ViewTriangle],
+    slope: impl Fn(&ViewTriangle) -> [DVec3; 2],
+) -> DMat3 {
     let (mut right, mut below) = (DVec3::ZERO, DVec3::ZERO);
     for facet in facets {
         let [across, down] = slope(facet);
@@ -235,7 +242,7 @@ fn view_along(forward: DVec3, facets: &[Facet], slope: impl Fn(&Facet) -> [DVec3
     DMat3::from_cols(x, back.cross(x), back).transpose()
 }
 
-impl Facet {
+impl ViewTriangle {
     /// From the eye to its middle, in metres.
     pub fn middle_ray(&self) -> DVec3 {
         self.rays.iter().sum::<DVec3>() / 3.0
@@ -250,7 +257,7 @@ impl Facet {
 impl Group {
     /// The plane around all facets, where one suffices: the one that takes fewer pixels of the
     /// one along their middle and the one that they fill most evenly.
-    pub fn around(facets: &[Facet], eye: DVec3) -> Option<Self> {
+    pub fn around(facets: &[ViewTriangle], eye: DVec3) -> Option<Self> {
         let along = |axes: Option<DMat3>| Self::along(axes?, facets, eye);
         match (along(axes(facets)), along(even_axes(facets))) {
             (Some(middle), Some(even)) => {
@@ -262,7 +269,7 @@ impl Group {
     }
 
     /// The plane with these axes around all facets, where it is narrow enough.
-    fn along(view_from_display: DMat3, facets: &[Facet], eye: DVec3) -> Option<Self> {
+    fn along(view_from_display: DMat3, facets: &[ViewTriangle], eye: DVec3) -> Option<Self> {
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for ray in facets.iter().flat_map(|facet| facet.rays) {
             let tangent = tangent(view_from_display * ray)?;
@@ -278,7 +285,7 @@ impl Group {
     pub fn new(
         (eye, view_from_display): (DVec3, DMat3),
         (low, high): (DVec2, DVec2),
-        facets: &[Facet],
+        facets: &[ViewTriangle],
     ) -> Self {
         let mut steps = Vec::with_capacity(facets.len() * 3);
         for facet in facets {
@@ -341,7 +348,7 @@ fn singular(a: DVec2, b: DVec2) -> [f64; 2] {
 }
 
 /// The sides of a cube, the first one along the middle of the rays where there is one.
-fn cube(facets: &[Facet], eye: DVec3) -> Vec<Group> {
+fn cube(facets: &[ViewTriangle], eye: DVec3) -> Vec<Group> {
     let first = axes(facets).unwrap_or(DMat3::IDENTITY);
     let turns = [0.0, 1.0, 2.0, 3.0].map(|quarters| DMat3::from_rotation_y(quarters * FRAC_PI_2));
     let poles = [FRAC_PI_2, -FRAC_PI_2].map(DMat3::from_rotation_x);
@@ -355,7 +362,7 @@ fn cube(facets: &[Facet], eye: DVec3) -> Vec<Group> {
             (0..views.len()).max_by(|a, b| depth(&views[*a]).total_cmp(&depth(&views[*b])));
         owned[nearest.unwrap_or(0)].push(*facet);
     }
-    let side = |(view, facets): (DMat3, &Vec<Facet>)| {
+    let side = |(view, facets): (DMat3, &Vec<ViewTriangle>)| {
         Group::new((eye, view), (DVec2::NEG_ONE, DVec2::ONE), facets)
     };
     views.into_iter().zip(&owned).map(side).collect()

@@ -5,14 +5,14 @@ use std::f64::consts::{PI, TAU};
 use glam::{DQuat, Vec3Swizzles};
 
 use super::*;
-use crate::warp_mesh::MeshRule;
+use crate::warp_mesh::TessellationOptions;
 
 const NEAR_M: f64 = 0.1;
 
 /// The mesh of a picture of a surface.
 fn mesh(size: [u32; 2], point: impl Fn(DVec2) -> Option<DVec3>) -> WarpMesh {
     let size = UVec2::from(size);
-    WarpMesh::new(size, MeshRule::default(), |pixel| point(pixel / size.as_dvec2()))
+    WarpMesh::new(size, TessellationOptions::default(), |pixel| point(pixel / size.as_dvec2()))
 }
 
 /// A patch of a cylinder of 3 m radius and 2 m height, `arc` wide, around the origin.
@@ -34,7 +34,7 @@ fn dome(field: f64) -> impl Fn(DVec2) -> Option<DVec3> {
 }
 
 /// The plane that shows a point first, and where.
-fn shown(plan: &SourcePlan, ray: DVec3) -> Option<(usize, DVec2)> {
+fn shown(plan: &ViewAtlas, ray: DVec3) -> Option<(usize, DVec2)> {
     plan.planes[0].iter().enumerate().find_map(|(index, plane)| {
         let [x, y, width, height] = plane.rect.map(f64::from);
         let guard = f64::from(SOURCE_GUARD) - 1e-6;
@@ -46,8 +46,8 @@ fn shown(plan: &SourcePlan, ray: DVec3) -> Option<(usize, DVec2)> {
 }
 
 /// All points of a mesh are shown, none is undersampled, and the numbers of the plan are right.
-fn check(name: &str, mesh: &WarpMesh, eye: DVec3) -> SourcePlan {
-    let plan = SourcePlan::new(mesh, &[eye], NEAR_M, 8192).expect("a plan");
+fn check(name: &str, mesh: &WarpMesh, eye: DVec3) -> ViewAtlas {
+    let plan = ViewAtlas::new(mesh, &[eye], NEAR_M, 8192).expect("a plan");
     println!(
         "{name}: {} planes in {}, density {:.3} to {:.3}, taps {}",
         plan.planes[0].len(),
@@ -167,7 +167,7 @@ fn mirrored_pictures_have_planes_too() {
 fn two_eyes_share_an_atlas_without_overlap() {
     let mesh = mesh([160, 120], cylinder(1.0));
     let eyes = [DVec3::X * -0.03, DVec3::X * 0.03];
-    let plan = SourcePlan::new(&mesh, &eyes, NEAR_M, 8192).expect("a plan");
+    let plan = ViewAtlas::new(&mesh, &eyes, NEAR_M, 8192).expect("a plan");
     let [left, right] = [0, 1].map(|eye: usize| plan.planes[eye][0].rect);
     assert!(left[0] + left[2] <= right[0] || left[1] + left[3] <= right[1], "{left:?} {right:?}");
 }
@@ -175,7 +175,7 @@ fn two_eyes_share_an_atlas_without_overlap() {
 #[test]
 fn what_the_adapter_cannot_hold_is_cut_and_said() {
     let mesh = mesh([600, 400], cylinder(1.5));
-    let plan = SourcePlan::new(&mesh, &[DVec3::ZERO], NEAR_M, 256).expect("a plan");
+    let plan = ViewAtlas::new(&mesh, &[DVec3::ZERO], NEAR_M, 256).expect("a plan");
     assert!(plan.size.max_element() <= 256, "{}", plan.size);
     assert!(plan.cut < 0.5 && plan.density_min < 0.6, "{plan:?}");
 }
@@ -185,7 +185,7 @@ fn what_the_adapter_cannot_hold_is_cut_and_said() {
 fn few_pixels_that_see_all_around_have_a_plan() {
     for size in [[4, 1], [8, 1], [5, 2], [9, 9]] {
         let round = mesh(size, cylinder(TAU));
-        let plan = SourcePlan::new(&round, &[DVec3::ZERO], NEAR_M, 2048).expect("a plan");
+        let plan = ViewAtlas::new(&round, &[DVec3::ZERO], NEAR_M, 2048).expect("a plan");
         assert!(plan.planes[0].len() > 1 && plan.density_min > 0.99, "{size:?}: {plan:?}");
     }
 }
@@ -193,7 +193,7 @@ fn few_pixels_that_see_all_around_have_a_plan() {
 #[test]
 fn eyes_on_and_behind_surfaces_are_refused_by_name() {
     let plan = |point: &dyn Fn(DVec2) -> Option<DVec3>, eye| {
-        SourcePlan::new(&mesh([64, 64], point), &[eye], NEAR_M, 8192).unwrap_err().to_string()
+        ViewAtlas::new(&mesh([64, 64], point), &[eye], NEAR_M, 8192).unwrap_err().to_string()
     };
     let patch = cylinder(2.0);
     let on = patch(DVec2::ZERO).expect("a point");

@@ -7,16 +7,16 @@
 use glam::{DMat3, DVec2, DVec3, UVec2};
 
 use super::group::{Group, facets};
-use super::{Plane, SOURCE_GUARD, SOURCE_SHARE_MAX, SourceError, TAP_SPACING, WarpMesh, plane};
+use super::{AtlasError, AtlasView, SOURCE_GUARD, SOURCE_SHARE_MAX, TAP_SPACING, WarpMesh, plane};
 
 /// A scale that is so near to 1 is 1.
 const SCALE_ROUNDING: f64 = 1e-6;
 
 /// The part of a camera's own picture that a channel shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WindowPlan {
-    /// From points of [`PointOf::Canvas`](crate::view::PointOf::Canvas) to texels.
-    pub plane: Plane,
+pub struct OverlayView {
+    /// From points of [`PointSpace::Canvas`](crate::view::PointOf::Canvas) to texels.
+    pub plane: AtlasView,
     /// What `plane` holds, guard included: from its upper left to its lower right, in pixels of
     /// the canvas from the upper left of the picture.
     pub part: [DVec2; 2],
@@ -26,12 +26,12 @@ pub struct WindowPlan {
     pub taps: UVec2,
 }
 
-impl WindowPlan {
+impl OverlayView {
     /// The plan of a mesh of such points; `side_max` is the adapter's largest texture.
     ///
     /// # Errors
     /// A mesh of nothing, or one that is folded.
-    pub fn new(mesh: &WarpMesh, side_max: u32) -> Result<Self, SourceError> {
+    pub fn new(mesh: &WarpMesh, side_max: u32) -> Result<Self, AtlasError> {
         let facets = facets(mesh, DVec3::ZERO)?;
         let pixels = facets.iter().map(|facet| facet.area).sum::<f64>();
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);

@@ -1,7 +1,7 @@
 //! The light of walls, against the single picture that they should show.
 
 use super::super::blend::tests::walls::{askew, grid, tiles};
-use super::super::blend::{Blend, LightMap, Masks, light_map};
+use super::super::blend::{BlendMap, BlendModel, ChannelMasks, light_map};
 use super::*;
 
 /// Beside the rounding of codes there is that of weights to 16 bits: this share of a level.
@@ -10,7 +10,7 @@ const MAP_LEVELS: f64 = 0.002;
 fn of_gamma(mut wall: Wall, gamma: f64, leak: f64) -> Wall {
     wall.blend.leak = leak;
     for channel in &mut wall.channels {
-        channel.adjustment.color.curve = Curve::Gamma(DVec3::splat(gamma));
+        channel.adjustment.color.curve = TransferFunction::Gamma(DVec3::splat(gamma));
     }
     wall
 }
@@ -18,9 +18,9 @@ fn of_gamma(mut wall: Wall, gamma: f64, leak: f64) -> Wall {
 /// The codes of a channel that is to show `light` at each of its pixels, as its renderer makes
 /// them.
 fn codes(
-    blend: &Blend<'_>,
+    blend: &BlendModel<'_>,
     (id, channel): (ChannelId, &Channel),
-    map: Option<&LightMap>,
+    map: Option<&BlendMap>,
     light: impl Fn(UVec2) -> Option<f64>,
 ) -> Vec<u8> {
     let pixels = (0..channel.size.y).flat_map(|y| (0..channel.size.x).map(move |x| (x, y)));
@@ -36,21 +36,21 @@ fn codes(
     pixels.flat_map(code).collect()
 }
 
-fn superposition<'a>(wall: &'a Wall, codes: &'a [Vec<u8>]) -> Superposition<'a> {
+fn superposition<'a>(wall: &'a Wall, codes: &'a [Vec<u8>]) -> LightComposite<'a> {
     let pictures: Vec<_> = wall
         .channel_ids()
         .zip(codes)
-        .map(|(channel, rgba)| DisplayPicture { channel, rgba })
+        .map(|(channel, rgba)| DisplayImage { channel, rgba })
         .collect();
-    Superposition::new(wall, 0, Side::Left, &pictures)
+    LightComposite::new(wall, 0, StereoEye::Left, &pictures)
 }
 
 /// Levels from the single picture, by how many channels light a place: the worst ones of all
 /// pixels and of lights from black to white.
 fn worst_levels(wall: &Wall, gamma: f64) -> Vec<f64> {
     let maps: Vec<_> =
-        wall.channel_ids().map(|id| light_map(wall, id, &Masks::default())).collect();
-    let blend = Blend::new(wall);
+        wall.channel_ids().map(|id| light_map(wall, id, &ChannelMasks::default())).collect();
+    let blend = BlendModel::new(wall);
     let (leak, most) = (wall.blend.leak, blend.most());
     let mut worst = vec![0.0_f64; most + 1];
     let counts = |at: UVec2| {
@@ -106,7 +106,7 @@ fn codes_of_projectors_add_up_to_the_single_picture() {
     let gamma = 2.2;
     for (is_round, leak) in [(false, 0.0), (true, 0.0), (false, 0.003), (true, 0.003)] {
         let wall = of_gamma(askew(is_round, UVec2::new(240, 150), 0.06), gamma, leak);
-        let blend = Blend::new(&wall);
+        let blend = BlendModel::new(&wall);
         let most = blend.most() as f64;
         let level = |light: f64| 255.0 * light.powf(1.0 / gamma);
         let picture = |at: DVec2| 0.5 + 0.3 * (at.x / 13.0).sin() * (at.y / 17.0).cos();
@@ -118,7 +118,7 @@ fn codes_of_projectors_add_up_to_the_single_picture() {
             Some(codes(
                 &blend,
                 (id, channel),
-                light_map(&wall, id, &Masks::default()).as_ref(),
+                light_map(&wall, id, &ChannelMasks::default()).as_ref(),
                 light,
             ))
         };
@@ -152,9 +152,9 @@ fn codes_of_projectors_add_up_to_the_single_picture() {
 }
 
 /// The upright code of each pixel, in red.
-fn upright_codes(channel: &Channel, rgba: &[u8], side: Side, wall: &Wall) -> Vec<u8> {
-    let picture = [DisplayPicture { channel: ChannelId(0), rgba }];
-    let shown = Superposition::new(wall, 0, side, &picture);
+fn upright_codes(channel: &Channel, rgba: &[u8], side: StereoEye, wall: &Wall) -> Vec<u8> {
+    let picture = [DisplayImage { channel: ChannelId(0), rgba }];
+    let shown = LightComposite::new(wall, 0, side, &picture);
     let codes = super::super::color::SrgbCodes::default();
     let rows = (0..channel.size.y).flat_map(|y| shown.row(y));
     rows.map(|light| codes.code(light.expect("lit").x)).collect()
@@ -162,33 +162,34 @@ fn upright_codes(channel: &Channel, rgba: &[u8], side: Side, wall: &Wall) -> Vec
 
 #[test]
 fn displays_that_hang_otherwise_are_put_upright() {
-    let (none, left) = (Packing::None, Side::Left);
-    let (sbs, tb, right) = (Packing::SideBySide, Packing::TopBottom, Side::Right);
+    let (none, left) = (StereoPacking::None, StereoEye::Left);
+    let (sbs, tb, right) = (StereoPacking::SideBySide, StereoPacking::TopBottom, StereoEye::Right);
     let a = [1, 2, 3, 4, 5, 6];
     let b = [11, 12, 13, 14, 15, 16];
     // A picture of 3 × 2, as displays get it.
-    type Case<'a> = (Turn, bool, Packing, Side, &'a [u8], [u8; 6]);
+    type Case<'a> = (Orientation, bool, StereoPacking, StereoEye, &'a [u8], [u8; 6]);
     let cases: [Case<'_>; 11] = [
-        (Turn::None, false, none, left, &[1, 2, 3, 4, 5, 6], a),
-        (Turn::None, true, none, left, &[3, 2, 1, 6, 5, 4], a),
-        (Turn::Half, false, none, left, &[6, 5, 4, 3, 2, 1], a),
-        (Turn::Left, false, none, left, &[4, 1, 5, 2, 6, 3], a),
-        (Turn::Right, false, none, left, &[3, 6, 2, 5, 1, 4], a),
-        (Turn::Left, true, none, left, &[6, 3, 5, 2, 4, 1], a),
-        (Turn::None, false, sbs, left, &[1, 2, 3, 11, 12, 13, 4, 5, 6, 14, 15, 16], a),
-        (Turn::None, false, sbs, right, &[1, 2, 3, 11, 12, 13, 4, 5, 6, 14, 15, 16], b),
-        (Turn::None, true, tb, right, &[3, 2, 1, 6, 5, 4, 13, 12, 11, 16, 15, 14], b),
-        (Turn::Half, false, sbs, right, &[16, 15, 14, 6, 5, 4, 13, 12, 11, 3, 2, 1], b),
-        (Turn::Left, false, tb, left, &[14, 11, 4, 1, 15, 12, 5, 2, 16, 13, 6, 3], a),
+        (Orientation::None, false, none, left, &[1, 2, 3, 4, 5, 6], a),
+        (Orientation::None, true, none, left, &[3, 2, 1, 6, 5, 4], a),
+        (Orientation::Half, false, none, left, &[6, 5, 4, 3, 2, 1], a),
+        (Orientation::Left, false, none, left, &[4, 1, 5, 2, 6, 3], a),
+        (Orientation::Right, false, none, left, &[3, 6, 2, 5, 1, 4], a),
+        (Orientation::Left, true, none, left, &[6, 3, 5, 2, 4, 1], a),
+        (Orientation::None, false, sbs, left, &[1, 2, 3, 11, 12, 13, 4, 5, 6, 14, 15, 16], a),
+        (Orientation::None, false, sbs, right, &[1, 2, 3, 11, 12, 13, 4, 5, 6, 14, 15, 16], b),
+        (Orientation::None, true, tb, right, &[3, 2, 1, 6, 5, 4, 13, 12, 11, 16, 15, 14], b),
+        (Orientation::Half, false, sbs, right, &[16, 15, 14, 6, 5, 4, 13, 12, 11, 3, 2, 1], b),
+        (Orientation::Left, false, tb, left, &[14, 11, 4, 1, 15, 12, 5, 2, 16, 13, 6, 3], a),
     ];
     for (turn, mirror, packing, side, display, expected) in cases {
         let mut wall = tiles([3, 2], &[([0, 0], [3, 2])]);
-        let adjustment = Adjustment { turn, mirror, packing, ..Adjustment::default() };
+        let adjustment =
+            ChannelCalibration { turn, mirror, packing, ..ChannelCalibration::default() };
         wall.channels[0].adjustment = adjustment;
         let rgba: Vec<u8> = display.iter().flat_map(|code| [*code, 0, 0, 255]).collect();
         let found = upright_codes(&wall.channels[0], &rgba, side, &wall);
         assert_eq!(found, expected, "{turn:?}, {mirror}, {packing:?}, {side:?}");
-        let is_plain = turn == Turn::None && !mirror && packing == Packing::None;
+        let is_plain = turn == Orientation::None && !mirror && packing == StereoPacking::None;
         assert_eq!(is_superposed(&wall, 0, side), !is_plain);
     }
 }
@@ -196,40 +197,42 @@ fn displays_that_hang_otherwise_are_put_upright() {
 #[test]
 fn each_eye_sees_its_own_channels() {
     let mut wall = tiles([2, 1], &[([0, 0], [2, 1]), ([0, 0], [2, 1])]);
-    assert_eq!(Side::of(&wall, 0), [Side::Left]);
-    assert!(is_superposed(&wall, 0, Side::Left));
-    wall.channels[0].adjustment.eye = EyeOf::Left;
-    wall.channels[1].adjustment.eye = EyeOf::Right;
-    assert_eq!(Side::of(&wall, 0), [Side::Left, Side::Right]);
-    assert!(!is_superposed(&wall, 0, Side::Left) && !is_superposed(&wall, 0, Side::Right));
+    assert_eq!(StereoEye::of(&wall, 0), [StereoEye::Left]);
+    assert!(is_superposed(&wall, 0, StereoEye::Left));
+    wall.channels[0].adjustment.eye = Eye::Left;
+    wall.channels[1].adjustment.eye = Eye::Right;
+    assert_eq!(StereoEye::of(&wall, 0), [StereoEye::Left, StereoEye::Right]);
+    assert!(
+        !is_superposed(&wall, 0, StereoEye::Left) && !is_superposed(&wall, 0, StereoEye::Right)
+    );
     let pictures = [[255; 8], [0; 8]];
     let pictures: Vec<_> = wall
         .channel_ids()
         .zip(&pictures)
-        .map(|(channel, rgba)| DisplayPicture { channel, rgba })
+        .map(|(channel, rgba)| DisplayImage { channel, rgba })
         .collect();
-    let seen = |side| Superposition::new(&wall, 0, side, &pictures).light(DVec2::splat(0.5));
-    assert_eq!(seen(Side::Left), Some(DVec3::ONE));
-    assert_eq!(seen(Side::Right), Some(DVec3::ZERO));
+    let seen = |side| LightComposite::new(&wall, 0, side, &pictures).light(DVec2::splat(0.5));
+    assert_eq!(seen(StereoEye::Left), Some(DVec3::ONE));
+    assert_eq!(seen(StereoEye::Right), Some(DVec3::ZERO));
     // Coloured glasses let through what is theirs.
     let mut wall = tiles([2, 1], &[([0, 0], [2, 1])]);
-    wall.channels[0].adjustment.packing = Packing::Anaglyph;
-    let picture = [DisplayPicture { channel: ChannelId(0), rgba: &[255; 8] }];
-    let seen = |side| Superposition::new(&wall, 0, side, &picture).light(DVec2::splat(0.5));
-    assert_eq!(seen(Side::Left), Some(DVec3::X));
-    assert_eq!(seen(Side::Right), Some(DVec3::new(0.0, 1.0, 1.0)));
+    wall.channels[0].adjustment.packing = StereoPacking::Anaglyph;
+    let picture = [DisplayImage { channel: ChannelId(0), rgba: &[255; 8] }];
+    let seen = |side| LightComposite::new(&wall, 0, side, &picture).light(DVec2::splat(0.5));
+    assert_eq!(seen(StereoEye::Left), Some(DVec3::X));
+    assert_eq!(seen(StereoEye::Right), Some(DVec3::new(0.0, 1.0, 1.0)));
 }
 
 #[test]
 fn pictures_that_do_not_fit_give_no_light() {
     let wall = tiles([4, 1], &[([0, 0], [2, 1]), ([2, 0], [2, 1])]);
     let pictures = [
-        DisplayPicture { channel: ChannelId(0), rgba: &[255; 7] },
-        DisplayPicture { channel: ChannelId(1), rgba: &[255; 8] },
-        DisplayPicture { channel: ChannelId(7), rgba: &[255; 8] },
+        DisplayImage { channel: ChannelId(0), rgba: &[255; 7] },
+        DisplayImage { channel: ChannelId(1), rgba: &[255; 8] },
+        DisplayImage { channel: ChannelId(7), rgba: &[255; 8] },
     ];
-    let shown = Superposition::new(&wall, 0, Side::Left, &pictures);
+    let shown = LightComposite::new(&wall, 0, StereoEye::Left, &pictures);
     assert_eq!(shown.row(0), [None, None, Some(DVec3::ONE), Some(DVec3::ONE)]);
     assert_eq!(shown.row(1), [None; 4]);
-    assert_eq!(Superposition::new(&wall, 9, Side::Left, &pictures).row(0), []);
+    assert_eq!(LightComposite::new(&wall, 9, StereoEye::Left, &pictures).row(0), []);
 }

@@ -5,13 +5,13 @@
 //! in has changed.
 
 use super::{is_tuning_of, restored};
-use crate::{Adjustment, Channel, Wall};
+use crate::{Channel, ChannelCalibration, Wall};
 
 /// What became of the tunings of a wall.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CarriedOver {
     /// The tunings that are valid on the new wall, by channel; [`restored`] accepts them.
-    pub tunings: Vec<(String, Adjustment)>,
+    pub tunings: Vec<(String, ChannelCalibration)>,
     /// The tunings that are not.
     pub dropped: Vec<DroppedTuning>,
     /// Channels that have another name now: old and new name. Their tunings were kept.
@@ -31,7 +31,11 @@ pub struct DroppedTuning {
 
 /// Returns what of these tunings of the old wall is valid on the new one. A tuning whose channel
 /// the old wall does not have is valid if the new one's has the same orientation and files.
-pub fn carried_over(old: &Wall, tunings: &[(String, Adjustment)], new: &Wall) -> CarriedOver {
+pub fn carried_over(
+    old: &Wall,
+    tunings: &[(String, ChannelCalibration)],
+    new: &Wall,
+) -> CarriedOver {
     let mut result = CarriedOver { renamed: renamed(old, new), ..CarriedOver::default() };
     for (name, tuned) in tunings {
         let new_name = result.renamed.iter().find(|(old, _)| old == name).map(|(_, new)| new);
@@ -78,10 +82,10 @@ type Lost = Vec<(Vec<&'static str>, String)>;
 fn merged(
     old: &Wall,
     before: &Channel,
-    tuned: &Adjustment,
+    tuned: &ChannelCalibration,
     new: &Wall,
     now: &Channel,
-) -> (Adjustment, Lost) {
+) -> (ChannelCalibration, Lost) {
     let mut merged = now.adjustment.clone();
     let (mut edited, mut moved) = (Vec::new(), Vec::new());
     let moved_reason = change_of_picture(old, before, new, now);
@@ -112,8 +116,8 @@ struct Key {
     name: &'static str,
     /// Measured in pixels of the upright picture, so a change of that picture makes it invalid.
     is_in_pixels: bool,
-    is_same: fn(&Adjustment, &Adjustment) -> bool,
-    copy: fn(&Adjustment, &mut Adjustment),
+    is_same: fn(&ChannelCalibration, &ChannelCalibration) -> bool,
+    copy: fn(&ChannelCalibration, &mut ChannelCalibration),
 }
 
 const KEYS: &[Key] = &[
@@ -163,9 +167,10 @@ const KEYS: &[Key] = &[
 
 /// Returns the names of the keys that were tuned; of a channel that the old wall does not have, of
 /// those that are not the default.
-fn tuned_keys(old: &Wall, name: &str, tuned: &Adjustment) -> Vec<&'static str> {
+fn tuned_keys(old: &Wall, name: &str, tuned: &ChannelCalibration) -> Vec<&'static str> {
     let before = old.channel_named(name);
-    let before = before.map_or_else(Adjustment::default, |(_, channel)| channel.adjustment.clone());
+    let before =
+        before.map_or_else(ChannelCalibration::default, |(_, channel)| channel.adjustment.clone());
     KEYS.iter().filter(|key| !(key.is_same)(tuned, &before)).map(|key| key.name).collect()
 }
 
@@ -219,6 +224,6 @@ fn is_same_channel(old: &Wall, one: &Channel, new: &Wall, two: &Channel) -> bool
         && is_same_file(a.warp, b.warp)
         && is_same_file(a.alpha, b.alpha)
         && is_same_file(a.beta, b.beta)
-        && Adjustment { warp: None, alpha: None, beta: None, ..a.clone() }
-            == Adjustment { warp: None, alpha: None, beta: None, ..b.clone() }
+        && ChannelCalibration { warp: None, alpha: None, beta: None, ..a.clone() }
+            == ChannelCalibration { warp: None, alpha: None, beta: None, ..b.clone() }
 }

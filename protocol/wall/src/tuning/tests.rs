@@ -17,30 +17,32 @@ fn wall() -> Wall {
     Wall::new("test", screens, channels)
 }
 
-fn pin(corner: Corner, to: Move) -> Change {
-    Change::Pin { corner, to }
+fn pin(corner: Corner, to: Offset) -> CalibrationChange {
+    CalibrationChange::Pin { corner, to }
 }
 
-fn grid(x: u32, y: u32) -> Change {
-    Change::Grid(Some(UVec2::new(x, y)))
+fn grid(x: u32, y: u32) -> CalibrationChange {
+    CalibrationChange::Grid(Some(UVec2::new(x, y)))
 }
 
 #[test]
 fn moves_are_absolute_or_add_up_and_touch_no_other_channel() {
-    let by = pin(Corner::UpperRight, Move::By(DVec2::new(1.5, -0.5)));
+    let by = pin(Corner::UpperRight, Offset::By(DVec2::new(1.5, -0.5)));
     let once = tuned(&wall(), "left", std::slice::from_ref(&by)).expect("tuned");
     let twice = tuned(&once, "left", &[by]).expect("tuned");
     let adjustment = &twice.channels[0].adjustment;
     assert_eq!(adjustment.pin, [DVec2::ZERO, DVec2::new(3.0, -1.0), DVec2::ZERO, DVec2::ZERO]);
     assert_eq!(twice.channels[1], wall().channels[1]);
-    let back = pin(Corner::UpperRight, Move::To(DVec2::ZERO));
+    let back = pin(Corner::UpperRight, Offset::To(DVec2::ZERO));
     assert_eq!(tuned(&twice, "left", &[back]).expect("tuned"), wall());
 }
 
 #[test]
 fn a_finer_grid_lies_on_the_present_bend() {
-    let changes =
-        [grid(3, 3), Change::Bend { column: 1, row: 1, to: Move::To(DVec2::new(6.0, -4.0)) }];
+    let changes = [
+        grid(3, 3),
+        CalibrationChange::Bend { column: 1, row: 1, to: Offset::To(DVec2::new(6.0, -4.0)) },
+    ];
     let coarse = tuned(&wall(), "left", &changes).expect("tuned");
     let fine = tuned(&coarse, "left", &[grid(5, 9)]).expect("tuned");
     let bend = |wall: &Wall| wall.channels[0].adjustment.bend.clone().expect("a bend");
@@ -49,42 +51,49 @@ fn a_finer_grid_lies_on_the_present_bend() {
         let error = bend(&fine).offset(place).distance(bend(&coarse).offset(place));
         assert!(error < 1e-12, "{place}: {error}");
     }
-    let none = tuned(&fine, "left", &[Change::Grid(None)]).expect("tuned");
+    let none = tuned(&fine, "left", &[CalibrationChange::Grid(None)]).expect("tuned");
     assert_eq!(none, wall());
 }
 
 #[test]
 fn light_and_edges_are_set() {
     let changes = [
-        Change::Gain(DVec3::new(1.0, 0.9, 1.0)),
-        Change::Leak(Some(DVec3::new(0.01, 0.0, 0.2))),
-        Change::Gamma(Some(DVec3::splat(2.2))),
-        Change::Matrix(DMat3::from_diagonal(DVec3::new(0.9, 1.0, 1.0))),
-        Change::Edge { side: Side::Right, width: Some(120.0) },
+        CalibrationChange::Gain(DVec3::new(1.0, 0.9, 1.0)),
+        CalibrationChange::Leak(Some(DVec3::new(0.01, 0.0, 0.2))),
+        CalibrationChange::Gamma(Some(DVec3::splat(2.2))),
+        CalibrationChange::Matrix(DMat3::from_diagonal(DVec3::new(0.9, 1.0, 1.0))),
+        CalibrationChange::Edge { side: Edge::Right, width: Some(120.0) },
     ];
     let wall = tuned(&wall(), "left", &changes).expect("tuned");
     let adjustment = &wall.channels[0].adjustment;
     assert_eq!(adjustment.color.gain, DVec3::new(1.0, 0.9, 1.0));
     assert_eq!(adjustment.color.leak, Some(DVec3::new(0.01, 0.0, 0.2)));
-    assert_eq!(adjustment.color.curve, Curve::Gamma(DVec3::splat(2.2)));
+    assert_eq!(adjustment.color.curve, TransferFunction::Gamma(DVec3::splat(2.2)));
     assert_eq!((adjustment.edges.right, adjustment.edges.left), (Some(120.0), None));
-    let changes = [Change::Gamma(None), Change::Edge { side: Side::Right, width: None }];
+    let changes = [
+        CalibrationChange::Gamma(None),
+        CalibrationChange::Edge { side: Edge::Right, width: None },
+    ];
     let wall = tuned(&wall, "left", &changes).expect("tuned");
-    assert_eq!(wall.channels[0].adjustment.color.curve, Curve::Srgb);
-    assert_eq!(wall.channels[0].adjustment.edges, crate::Edges::default());
+    assert_eq!(wall.channels[0].adjustment.color.curve, TransferFunction::Srgb);
+    assert_eq!(wall.channels[0].adjustment.edges, crate::BlendWidths::default());
 }
 
 #[test]
 fn what_cannot_be_is_refused_by_its_key() {
-    let bend = |x: f64| Change::Bend { column: 1, row: 0, to: Move::To(DVec2::new(x, 0.0)) };
+    let bend =
+        |x: f64| CalibrationChange::Bend { column: 1, row: 0, to: Offset::To(DVec2::new(x, 0.0)) };
     let far = DVec2::new(300.0, 200.0);
     for (change, said) in [
         (
-            vec![pin(Corner::UpperLeft, Move::To(far))],
+            vec![pin(Corner::UpperLeft, Offset::To(far))],
             "left: pin.upper-left: the pins fold the picture",
         ),
-        (vec![pin(Corner::LowerLeft, Move::By(DVec2::NAN))], "left: pin.lower-left: a point"),
-        (vec![pin(Corner::LowerLeft, Move::By(DVec2::X * 321.0))], "left: pin.lower-left: a point"),
+        (vec![pin(Corner::LowerLeft, Offset::By(DVec2::NAN))], "left: pin.lower-left: a point"),
+        (
+            vec![pin(Corner::LowerLeft, Offset::By(DVec2::X * 321.0))],
+            "left: pin.lower-left: a point",
+        ),
         (vec![bend(1.0)], "left: bend.1.0: there is no bend yet"),
         (vec![grid(1, 5)], "left: bend: 2x2 to 1024"),
         (vec![grid(u32::MAX, u32::MAX)], "left: bend: 2x2 to 1024"),
@@ -92,19 +101,22 @@ fn what_cannot_be_is_refused_by_its_key() {
             vec![grid(4, 2), bend(150.0)],
             "left: bend.1.0: the bend folds the picture, or nearly; move its points by less",
         ),
-        (vec![Change::Gain(DVec3::NEG_ONE)], "left: gain: 0 to 16"),
-        (vec![Change::Leak(Some(DVec3::ONE))], "left: leak: 0 to 0.2 of white"),
-        (vec![Change::Gamma(Some(DVec3::ZERO))], "left: gamma: numbers above"),
-        (vec![Change::Matrix(DMat3::from_diagonal(DVec3::NAN))], "left: matrix: −16 to 16"),
+        (vec![CalibrationChange::Gain(DVec3::NEG_ONE)], "left: gain: 0 to 16"),
+        (vec![CalibrationChange::Leak(Some(DVec3::ONE))], "left: leak: 0 to 0.2 of white"),
+        (vec![CalibrationChange::Gamma(Some(DVec3::ZERO))], "left: gamma: numbers above"),
         (
-            vec![Change::Edge { side: Side::Top, width: Some(241.0) }],
+            vec![CalibrationChange::Matrix(DMat3::from_diagonal(DVec3::NAN))],
+            "left: matrix: −16 to 16",
+        ),
+        (
+            vec![CalibrationChange::Edge { side: Edge::Top, width: Some(241.0) }],
             "left: edge.top: 0 to 240 pixels",
         ),
     ] {
         let refused = tuned(&wall(), "left", &change).expect_err("refused");
         assert!(refused.starts_with(said), "{refused}");
     }
-    let across = |corner, x: f64| pin(corner, Move::To(DVec2::new(x, 0.0)));
+    let across = |corner, x: f64| pin(corner, Offset::To(DVec2::new(x, 0.0)));
     let turned_over = [
         across(Corner::UpperLeft, 200.0),
         across(Corner::LowerLeft, 200.0),
@@ -121,7 +133,7 @@ fn what_cannot_be_is_refused_by_its_key() {
 #[test]
 fn tunings_come_back_and_only_on_their_channels() {
     let file = wall();
-    let changes = [pin(Corner::LowerRight, Move::To(DVec2::ONE)), grid(2, 2)];
+    let changes = [pin(Corner::LowerRight, Offset::To(DVec2::ONE)), grid(2, 2)];
     let now = tuned(&file, "right", &changes).expect("tuned");
     let tunings = differences(&file, &now);
     assert_eq!(tunings.len(), 1);

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, I64Vec2};
 
-use super::super::{EyeOf, Wall};
+use super::super::{Eye, Wall};
 use super::Area;
 
 /// Distances between channels are stretched by this at most; where that is not enough, they lie on
@@ -21,7 +21,7 @@ pub(super) fn separate(wall: &Wall, channels: &[usize]) -> Vec<Area> {
     };
     let mut areas: Vec<Area> = channels.iter().map(area).collect();
     let eye = |index: usize| wall.channels[channels[index]].adjustment.eye;
-    let eyes = [EyeOf::Left, EyeOf::Center, EyeOf::Right];
+    let eyes = [Eye::Left, Eye::Center, Eye::Right];
     let groups = eyes.map(|of| (0..channels.len()).filter(|&i| eye(i) == of).collect::<Vec<_>>());
     for group in &groups {
         let apart = stretched(&group.iter().map(|&i| areas[i]).collect::<Vec<_>>());

@@ -7,16 +7,16 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::maps::Maps;
-use crate::pixels::PixelMap;
-use crate::shapes::{Ground, Shaped};
-use crate::warp::{MapSpace, WarpMap, WarpShape};
-use crate::warp_mesh::{MeshRule, WarpMesh, WarpVertex};
-use crate::{Channel, ChannelId, Cover, Surface};
+use crate::maps::CalibrationMaps;
+use crate::pixels::ChannelMapping;
+use crate::shapes::{ResolvedWall, ScreenGeometry};
+use crate::warp::{MapCoordinates, WarpGeometry, WarpMap};
+use crate::warp_mesh::{TessellationOptions, WarpMesh, WarpVertex};
+use crate::{Channel, ChannelId, ChannelKind, Surface};
 
 /// What the points of a mesh are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PointOf {
+pub enum PointSpace {
     /// The surface's, in metres of display space.
     Surface,
     /// The canvas's: x right and y up in its pixels from the rectangle's upper left, z −1, so that
@@ -26,7 +26,7 @@ pub enum PointOf {
 
 /// A rectangle of a canvas, in its pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CanvasPart {
+pub struct CanvasRect {
     /// Its upper left corner.
     pub begin: DVec2,
     /// Its lower right corner.
@@ -35,12 +35,12 @@ pub struct CanvasPart {
 
 /// Where a place of a channel's picture lies.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct MappedPoint {
     canvas: DVec2,
     surface: DVec3,
 }
 
-impl Shaped<'_> {
+impl ResolvedWall<'_> {
     /// The pixels of a warped channel that show a part of its screen's canvas; of nothing where
     /// none does.
     ///
@@ -48,10 +48,10 @@ impl Shaped<'_> {
     /// The pins leave no picture, a file is not there, or its points have no place on the canvas.
     pub fn part_mesh(
         &self,
-        maps: &Maps,
+        maps: &CalibrationMaps,
         id: ChannelId,
-        part: CanvasPart,
-        of: PointOf,
+        part: CanvasRect,
+        of: PointSpace,
     ) -> Result<WarpMesh, String> {
         let channel = self.wall.channel(id).ok_or("the wall has no such channel")?;
         let screen = self.wall.screen_of(channel);
@@ -69,7 +69,7 @@ impl Shaped<'_> {
         };
         let mut mesh = WarpMesh::default();
         for part in part.halves(around) {
-            let slice = Slice { part: part.1, middle: part.0, around, origin: part.2, of };
+            let slice = CanvasStrip { part: part.1, middle: part.0, around, origin: part.2, of };
             slice.add(&mut mesh, (channel, &ground), &pixels, map);
         }
         Ok(mesh)
@@ -88,7 +88,7 @@ impl Surface {
     }
 }
 
-impl CanvasPart {
+impl CanvasRect {
     /// The part by pieces of which none is longer than half a turn around the screen, each with
     /// its middle and with where the whole begins: what lies behind is nearer to no piece.
     fn halves(self, around: Option<f64>) -> Vec<(f64, Self, DVec2)> {
@@ -114,41 +114,41 @@ impl CanvasPart {
 
 /// A piece of a part, and how its points are told.
 #[derive(Clone, Copy, Debug)]
-struct Slice {
-    part: CanvasPart,
+struct CanvasStrip {
+    part: CanvasRect,
     /// Of all turns around the screen, the one that is nearest to here is meant.
     middle: f64,
     /// Pixels of the canvas of a whole turn, where there is one.
     around: Option<f64>,
     /// Where the whole part begins.
     origin: DVec2,
-    of: PointOf,
+    of: PointSpace,
 }
 
-impl Slice {
+impl CanvasStrip {
     fn add(
         &self,
         onto: &mut WarpMesh,
-        (channel, ground): (&Channel, &Ground<'_>),
-        pixels: &PixelMap<'_>,
+        (channel, ground): (&Channel, &ScreenGeometry<'_>),
+        pixels: &ChannelMapping<'_>,
         map: Option<&WarpMap>,
     ) {
         let screen = ground.screen;
         let place_of = |pixel: DVec2| match map {
             None => {
                 let canvas = pixels.canvas_from_pixel(pixel)?;
-                Some(Place { canvas, surface: pixels.display_from_pixel(pixel)? })
+                Some(MappedPoint { canvas, surface: pixels.display_from_pixel(pixel)? })
             }
-            Some(WarpMap { space, shape: WarpShape::Grid(grid) }) => {
+            Some(WarpMap { space, shape: WarpGeometry::Grid(grid) }) => {
                 let meant = pixels.meant_from_pixel(pixel)? / channel.size.as_dvec2();
                 let value = grid.value_at(meant)?;
                 Some(match space {
-                    MapSpace::Canvas => {
+                    MapCoordinates::Canvas => {
                         let canvas = value.truncate() * screen.canvas.as_dvec2();
-                        Place { canvas, surface: screen.display_from_canvas(canvas)? }
+                        MappedPoint { canvas, surface: screen.display_from_canvas(canvas)? }
                     }
-                    MapSpace::Display => {
-                        Place { canvas: screen.canvas_from_display(value)?, surface: value }
+                    MapCoordinates::Display => {
+                        MappedPoint { canvas: screen.canvas_from_display(value)?, surface: value }
                     }
                 })
             }
@@ -157,7 +157,7 @@ impl Slice {
         let is_tile_of_mesh =
             matches!(screen.surface, Surface::Mesh(_)) && channel.adjustment.warp.is_none();
         let mesh = match map {
-            Some(map) if matches!(map.shape, WarpShape::Mesh(_)) => {
+            Some(map) if matches!(map.shape, WarpGeometry::Mesh(_)) => {
                 let whole = if is_tile_of_mesh {
                     map.screen_mesh(channel, ground, pixels)
                 } else {
@@ -172,7 +172,7 @@ impl Slice {
                     screen.canvas_from_display(vertex.point)
                 })
             }
-            _ => WarpMesh::new(channel.size, MeshRule::default(), |pixel| {
+            _ => WarpMesh::new(channel.size, TessellationOptions::default(), |pixel| {
                 let place = place_of(pixel)?;
                 let canvas = self.turned(place.canvas);
                 self.part.holds(canvas).then(|| self.point(canvas, place.surface))
@@ -192,8 +192,8 @@ impl Slice {
 
     fn point(&self, canvas: DVec2, surface: DVec3) -> DVec3 {
         match self.of {
-            PointOf::Surface => surface,
-            PointOf::Canvas => {
+            PointSpace::Surface => surface,
+            PointSpace::Canvas => {
                 let at = canvas - self.origin;
                 DVec3::new(at.x, -at.y, -1.0)
             }
@@ -211,9 +211,9 @@ impl Slice {
         for triangle in &whole.triangles {
             let corner = |at: u32| {
                 let WarpVertex { pixel, point } = whole.vertices[at as usize];
-                Some(Corner { canvas: places[at as usize]?, pixel, point })
+                Some(ClipVertex { canvas: places[at as usize]?, pixel, point })
             };
-            let corners: Option<Vec<Corner>> = triangle.iter().map(|at| corner(*at)).collect();
+            let corners: Option<Vec<ClipVertex>> = triangle.iter().map(|at| corner(*at)).collect();
             let Some(corners) = corners else { continue };
             let (low, high) =
                 corners.iter().fold((f64::INFINITY, -f64::INFINITY), |span, corner| {
@@ -238,7 +238,7 @@ impl Slice {
 
 /// A corner of a triangle that is cut.
 #[derive(Clone, Copy, Debug)]
-struct Corner {
+struct ClipVertex {
     canvas: DVec2,
     pixel: DVec2,
     point: DVec3,
@@ -247,12 +247,12 @@ struct Corner {
 /// What of a convex polygon lies in a rectangle: I. Sutherland, G. Hodgman, *Reentrant Polygon
 /// Clipping*, 1974. Crossings are computed from the corner with the lesser number, so that the
 /// rectangles at both sides of a line get the same ones.
-fn clipped(polygon: Vec<Corner>, part: &CanvasPart) -> Vec<Corner> {
+fn clipped(polygon: Vec<ClipVertex>, part: &CanvasRect) -> Vec<ClipVertex> {
     let edges = [(0, part.begin.x, 1.0), (0, part.end.x, -1.0), (1, part.begin.y, 1.0)]
         .into_iter()
         .chain([(1, part.end.y, -1.0)]);
     edges.fold(polygon, |polygon, (axis, line, inward)| {
-        let depth = |corner: &Corner| (corner.canvas[axis] - line) * inward;
+        let depth = |corner: &ClipVertex| (corner.canvas[axis] - line) * inward;
         let mut kept = Vec::with_capacity(polygon.len() + 1);
         for (at, corner) in polygon.iter().enumerate() {
             let next = &polygon[(at + 1) % polygon.len()];
@@ -267,7 +267,7 @@ fn clipped(polygon: Vec<Corner>, part: &CanvasPart) -> Vec<Corner> {
                 let share = (line - low.canvas[axis]) / (high.canvas[axis] - low.canvas[axis]);
                 let mut canvas = low.canvas.lerp(high.canvas, share);
                 canvas[axis] = line;
-                kept.push(Corner {
+                kept.push(ClipVertex {
                     canvas,
                     pixel: low.pixel.lerp(high.pixel, share),
                     point: low.point.lerp(high.point, share),
@@ -282,7 +282,7 @@ impl Channel {
     /// Whether its pixels are not those of its screen's canvas, one to one.
     pub(super) fn is_bent(&self) -> bool {
         let adjustment = &self.adjustment;
-        self.cover != Cover::Tile
+        self.cover != ChannelKind::Tile
             || adjustment.warp.is_some()
             || adjustment.bend.is_some()
             || adjustment.pin != [DVec2::ZERO; 4]

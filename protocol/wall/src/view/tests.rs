@@ -3,7 +3,7 @@
 use super::*;
 use crate::camera::Camera;
 use crate::surface::Plane;
-use crate::{Packing, Surface};
+use crate::{StereoPacking, Surface};
 
 const WHOLE: [u32; 4] = [0, 0, 64, 32];
 
@@ -68,7 +68,7 @@ fn tiles_of_a_window_show_what_one_display_of_its_size_shows() {
 fn tiles_share_the_matrix_of_a_window_and_own_frusta_agree() {
     let wall = tiled();
     let mut apart = tiled();
-    apart.channels.iter_mut().for_each(|channel| channel.projection = Projection::Own);
+    apart.channels.iter_mut().for_each(|channel| channel.projection = FrustumMode::Own);
     let point = DVec3::new(0.4, 0.2, -3.0);
     for projection in lenses() {
         let view = own([6, 4, 40, 20], projection);
@@ -211,11 +211,11 @@ fn views_that_cannot_be_are_refused_with_what_would_be_right() {
     let mut hidden = tiled();
     hidden.screens[0].surface = Surface::Mesh(0);
     assert_eq!(hidden.check_views(&[own(WHOLE, plan)]), Ok(()), "its file has a canvas");
-    hidden.channels[2].cover = Cover::Map;
+    hidden.channels[2].cover = ChannelKind::Map;
     refused(&hidden, own(WHOLE, plan), &["channel t01", "screen front", "a warp of u, v"]);
     assert_eq!(hidden.check_views(&[View::of_wall(Camera::IDENTITY)]), Ok(()));
     let mut packed = tiled();
-    packed.channels[2].adjustment.packing = Packing::SideBySide;
+    packed.channels[2].adjustment.packing = StereoPacking::SideBySide;
     assert_eq!(packed.check_views(&[own(WHOLE, plan)]), Ok(()), "both eyes see the same");
     let many = vec![own(WHOLE, plan); VIEWS_MAX + 1];
     assert_eq!(wall.check_views(&many), Err(ViewError::TooMany(VIEWS_MAX + 1)));
@@ -234,7 +234,7 @@ fn a_window_on_a_dome_has_the_sides_of_its_middle() {
     };
     let screen = Screen::new("dome", Surface::Sphere(sphere), UVec2::new(200, 120));
     for (y, elevation) in [(0, 1.1f64), (100, 0.1)] {
-        let part = CanvasPart {
+        let part = CanvasRect {
             begin: DVec2::new(50.0, f64::from(y)),
             end: DVec2::new(70.0, f64::from(y) + 20.0),
         };

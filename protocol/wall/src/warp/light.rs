@@ -2,27 +2,27 @@
 
 use glam::{DVec2, UVec2};
 
-use super::{Mask, WarpMap, WarpShape};
-use crate::facets::Facets;
-use crate::pixels::PixelMap;
+use super::{Mask, WarpGeometry, WarpMap};
+use crate::facets::MeshBvh;
+use crate::pixels::ChannelMapping;
 use crate::warp_mesh::{WarpMesh, WarpVertex};
 
 impl WarpMap {
     /// Factors of the pixels of a channel of this size, linear in the picture between the corners
     /// of triangles and zero beside them; `pixels` has its corner pins and bends. `None` where
     /// every corner has all of its light.
-    pub fn light_mask(&self, size: UVec2, pixels: &PixelMap<'_>) -> Option<Mask> {
-        let WarpShape::Mesh(mesh) = &self.shape else { return None };
+    pub fn light_mask(&self, size: UVec2, pixels: &ChannelMapping<'_>) -> Option<Mask> {
+        let WarpGeometry::Mesh(mesh) = &self.shape else { return None };
         if mesh.vertices.iter().all(|vertex| vertex.light >= 1.0) {
             return None;
         }
         // A relief over the picture, as high as it is light.
-        let vertex = |vertex: &super::WarpVertex| {
+        let vertex = |vertex: &super::ImportedVertex| {
             let pixel = vertex.place.as_dvec2();
             WarpVertex { pixel, point: pixel.extend(f64::from(vertex.light)) }
         };
         let vertices = mesh.vertices.iter().map(vertex).collect();
-        let relief = Facets::new(WarpMesh { vertices, triangles: mesh.triangles.clone() });
+        let relief = MeshBvh::new(WarpMesh { vertices, triangles: mesh.triangles.clone() });
         let texel = |x: u32, y: u32| {
             let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
             let place = pixels.meant_from_pixel(pixel).map(|meant| meant / size.as_dvec2());
@@ -39,7 +39,7 @@ impl WarpMap {
 mod tests {
     use glam::{DVec3, Vec2};
 
-    use super::super::{MapSpace, WarpMesh as Mesh, WarpVertex as Vertex};
+    use super::super::{ImportedMesh as Mesh, ImportedVertex as Vertex, MapCoordinates};
     use super::*;
     use crate::surface::Plane;
     use crate::{Channel, Screen, Surface};
@@ -57,7 +57,7 @@ mod tests {
         }
         let triangles = vec![[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5]];
         let mesh = Mesh { vertices, triangles };
-        WarpMap { space: MapSpace::Canvas, shape: WarpShape::Mesh(mesh) }
+        WarpMap { space: MapCoordinates::Canvas, shape: WarpGeometry::Mesh(mesh) }
     }
 
     fn stage() -> (Channel, Screen) {
@@ -73,7 +73,7 @@ mod tests {
     #[test]
     fn light_is_linear_between_corners_and_none_beside_them() {
         let (channel, screen) = stage();
-        let pixels = PixelMap::new(&channel, &screen).expect("a picture");
+        let pixels = ChannelMapping::new(&channel, &screen).expect("a picture");
         let mask = ramp().light_mask(channel.size, &pixels).expect("a mask");
         for (x, y) in (0..90).flat_map(|x| (0..30).map(move |y| (x, y))) {
             let place = (f64::from(x) + 0.5) / 30.0;
@@ -91,7 +91,7 @@ mod tests {
     fn light_moves_with_the_pins() {
         let (mut channel, screen) = stage();
         channel.adjustment.pin = [DVec2::X * 6.0; 4];
-        let pixels = PixelMap::new(&channel, &screen).expect("a picture");
+        let pixels = ChannelMapping::new(&channel, &screen).expect("a picture");
         let mask = ramp().light_mask(channel.size, &pixels).expect("a mask");
         assert_eq!(mask.at(5, 3), [0; 3], "beside it");
         assert!((light(&mask, 16, 3) - 10.5 / 30.0).abs() < 1.0 / 65535.0);
@@ -100,9 +100,9 @@ mod tests {
     #[test]
     fn full_light_is_no_mask() {
         let (channel, screen) = stage();
-        let pixels = PixelMap::new(&channel, &screen).expect("a picture");
+        let pixels = ChannelMapping::new(&channel, &screen).expect("a picture");
         let mut map = ramp();
-        let WarpShape::Mesh(mesh) = &mut map.shape else { panic!("a mesh") };
+        let WarpGeometry::Mesh(mesh) = &mut map.shape else { panic!("a mesh") };
         mesh.vertices.iter_mut().for_each(|vertex| vertex.light = 1.0);
         assert_eq!(map.light_mask(channel.size, &pixels), None);
     }

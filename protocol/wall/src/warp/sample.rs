@@ -2,13 +2,13 @@
 
 use glam::{DVec2, DVec3, UVec2};
 
-use super::{MapSpace, WarpGrid, WarpMap, WarpMesh, WarpShape};
+use super::{ImportedMesh, MapCoordinates, WarpGeometry, WarpGrid, WarpMap};
 use crate::Channel;
-use crate::pixels::PixelMap;
-use crate::shapes::Ground;
+use crate::pixels::ChannelMapping;
+use crate::shapes::ScreenGeometry;
 use crate::warp_mesh::clip::SNAP_PX;
 use crate::warp_mesh::refine::Refinement;
-use crate::warp_mesh::{MeshRule, WarpMesh as ChannelMesh, WarpVertex};
+use crate::warp_mesh::{TessellationOptions, WarpMesh as ChannelMesh, WarpVertex};
 
 /// Maximum length of a triangle's edge in pixels where lines are lines, so that no triangle spans
 /// more than one plane of a source can.
@@ -24,16 +24,18 @@ impl WarpMap {
     pub fn channel_mesh(
         &self,
         channel: &Channel,
-        ground: &Ground<'_>,
-        pixels: &PixelMap<'_>,
+        ground: &ScreenGeometry<'_>,
+        pixels: &ChannelMapping<'_>,
     ) -> ChannelMesh {
         let size = channel.size.as_dvec2();
         match &self.shape {
-            WarpShape::Grid(grid) => ChannelMesh::new(channel.size, MeshRule::default(), |pixel| {
-                let value = grid.value_at(pixels.meant_from_pixel(pixel)? / size)?;
-                self.display_from_value(value, ground)
-            }),
-            WarpShape::Mesh(mesh) => {
+            WarpGeometry::Grid(grid) => {
+                ChannelMesh::new(channel.size, TessellationOptions::default(), |pixel| {
+                    let value = grid.value_at(pixels.meant_from_pixel(pixel)? / size)?;
+                    self.display_from_value(value, ground)
+                })
+            }
+            WarpGeometry::Mesh(mesh) => {
                 let meant = mesh.placed(|place| place * size);
                 let meant = meant.within_rect(DVec2::ZERO, size, SNAP_PX);
                 self.drawn(meant, channel, ground, pixels)
@@ -46,10 +48,10 @@ impl WarpMap {
     pub fn screen_mesh(
         &self,
         channel: &Channel,
-        ground: &Ground<'_>,
-        pixels: &PixelMap<'_>,
+        ground: &ScreenGeometry<'_>,
+        pixels: &ChannelMapping<'_>,
     ) -> ChannelMesh {
-        let WarpShape::Mesh(mesh) = &self.shape else { return ChannelMesh::default() };
+        let WarpGeometry::Mesh(mesh) = &self.shape else { return ChannelMesh::default() };
         let (canvas, origin) = (ground.screen.canvas.as_dvec2(), channel.origin.as_dvec2());
         let meant = mesh.placed(|place| place * canvas - origin);
         let meant = meant.within_rect(-origin, canvas - origin, SNAP_PX);
@@ -59,8 +61,8 @@ impl WarpMap {
     /// The mesh of the whole screen whose surface this is: its places are u and v. `None` where it
     /// is no mesh of points in metres.
     pub fn surface(&self) -> Option<ChannelMesh> {
-        let WarpShape::Mesh(mesh) = &self.shape else { return None };
-        let is_in_room = self.space == MapSpace::Display;
+        let WarpGeometry::Mesh(mesh) = &self.shape else { return None };
+        let is_in_room = self.space == MapCoordinates::Display;
         is_in_room.then(|| mesh.placed(|place| place).within_rect(DVec2::ZERO, DVec2::ONE, SNAP_UV))
     }
 
@@ -70,15 +72,15 @@ impl WarpMap {
         &self,
         meant: ChannelMesh,
         channel: &Channel,
-        ground: &Ground<'_>,
-        pixels: &PixelMap<'_>,
+        ground: &ScreenGeometry<'_>,
+        pixels: &ChannelMapping<'_>,
     ) -> ChannelMesh {
         let size = channel.size.as_dvec2();
         let is_unmoved =
             channel.adjustment.bend.is_none() && channel.adjustment.pin == [DVec2::ZERO; 4];
-        let is_straight =
-            is_unmoved && (self.space == MapSpace::Display || ground.screen.plane().is_some());
-        let MeshRule { step_px, error_px } = MeshRule::default();
+        let is_straight = is_unmoved
+            && (self.space == MapCoordinates::Display || ground.screen.plane().is_some());
+        let TessellationOptions { step_px, error_px } = TessellationOptions::default();
         let edge_px = if is_straight { STRAIGHT_EDGE_PX } else { f64::from(step_px) };
         let meant = if is_unmoved {
             meant.within_rect(DVec2::ZERO, size, SNAP_PX)
@@ -93,21 +95,21 @@ impl WarpMap {
         drawn.within_rect(DVec2::ZERO, size, SNAP_PX)
     }
 
-    fn display_from_value(&self, value: DVec3, ground: &Ground<'_>) -> Option<DVec3> {
+    fn display_from_value(&self, value: DVec3, ground: &ScreenGeometry<'_>) -> Option<DVec3> {
         match self.space {
-            MapSpace::Display => Some(value),
-            MapSpace::Canvas => {
+            MapCoordinates::Display => Some(value),
+            MapCoordinates::Canvas => {
                 ground.display_from_canvas(value.truncate() * ground.screen.canvas.as_dvec2())
             }
         }
     }
 }
 
-impl WarpMesh {
+impl ImportedMesh {
     /// The same triangles, at places of a picture that is counted otherwise; their points are the
     /// map's values.
     fn placed(&self, pixel_of: impl Fn(DVec2) -> DVec2) -> ChannelMesh {
-        let vertex = |vertex: &super::WarpVertex| WarpVertex {
+        let vertex = |vertex: &super::ImportedVertex| WarpVertex {
             pixel: pixel_of(vertex.place.as_dvec2()),
             point: vertex.value.as_dvec3(),
         };
@@ -145,7 +147,7 @@ mod tests {
     use glam::{Vec2, Vec3};
 
     use super::*;
-    use crate::shapes::Shapes;
+    use crate::shapes::WallGeometry;
     use crate::surface::Plane;
     use crate::{Screen, Surface};
 
@@ -160,21 +162,21 @@ mod tests {
     }
 
     /// A grid of values at cells' centres, by place.
-    fn grid(size: UVec2, value: impl Fn(Vec2) -> Vec3) -> WarpShape {
+    fn grid(size: UVec2, value: impl Fn(Vec2) -> Vec3) -> WarpGeometry {
         let place = |i: u32| Vec2::new((i % size.x) as f32 + 0.5, (i / size.x) as f32 + 0.5);
         let values = (0..size.x * size.y).map(|i| value(place(i) / size.as_vec2())).collect();
-        WarpShape::Grid(WarpGrid { size, values })
+        WarpGeometry::Grid(WarpGrid { size, values })
     }
 
     /// The whole canvas by u and v is the screen itself, to its corners, of any grid.
     #[test]
     fn places_of_the_canvas_are_points_of_the_screen() {
         let (channel, screen) = stage();
-        let pixels = PixelMap::new(&channel, &screen).expect("no pins");
+        let pixels = ChannelMapping::new(&channel, &screen).expect("no pins");
         for size in [[2, 2], [5, 3], [80, 40]] {
             let shape = grid(UVec2::from(size), |place| place.extend(0.0));
-            let warp = WarpMap { space: MapSpace::Canvas, shape };
-            let mesh = warp.channel_mesh(&channel, &Shapes::none().ground(&screen), &pixels);
+            let warp = WarpMap { space: MapCoordinates::Canvas, shape };
+            let mesh = warp.channel_mesh(&channel, &WallGeometry::none().ground(&screen), &pixels);
             for at in [[0.0, 0.0], [80.0, 40.0], [13.0, 37.5], [79.5, 0.5]] {
                 let at = DVec2::from(at);
                 let due = screen.display_from_canvas(at * 5.0).expect("a plane");
@@ -187,16 +189,16 @@ mod tests {
     #[test]
     fn points_are_linear_between_cells_and_unlit_beside_unlit_ones() {
         let (channel, screen) = stage();
-        let pixels = PixelMap::new(&channel, &screen).expect("no pins");
+        let pixels = ChannelMapping::new(&channel, &screen).expect("no pins");
         let shape = grid(UVec2::new(8, 4), |place| {
             if place.x > 0.5 { Vec3::NAN } else { Vec3::new(place.x, place.y * 2.0, -1.0) }
         });
-        let warp = WarpMap { space: MapSpace::Display, shape };
-        let mesh = warp.channel_mesh(&channel, &Shapes::none().ground(&screen), &pixels);
+        let warp = WarpMap { space: MapCoordinates::Display, shape };
+        let mesh = warp.channel_mesh(&channel, &WallGeometry::none().ground(&screen), &pixels);
         let found = mesh.point_at(DVec2::new(20.0, 20.0)).expect("lit");
         assert!(found.distance(DVec3::new(0.25, 1.0, -1.0)) < 1e-6, "{found}");
         assert_eq!(mesh.point_at(DVec2::new(45.0, 20.0)), None);
-        let WarpShape::Grid(grid) = &warp.shape else { panic!("a grid") };
+        let WarpGeometry::Grid(grid) = &warp.shape else { panic!("a grid") };
         assert_eq!(grid.value_at(DVec2::new(0.47, 0.5)), None, "beside an unlit cell");
     }
 
@@ -204,20 +206,20 @@ mod tests {
     fn a_tile_of_a_mesh_has_the_triangles_that_reach_into_it() {
         let (mut channel, screen) = stage();
         channel.origin = UVec2::new(200, 100);
-        let pixels = PixelMap::new(&channel, &screen).expect("no pins");
+        let pixels = ChannelMapping::new(&channel, &screen).expect("no pins");
         // 10 × 10 cells of 40 × 20 pixels of the canvas.
         let vertex = |i: u32| {
             let place = Vec2::new((i % 11) as f32, (i / 11) as f32) / 10.0;
-            super::super::WarpVertex { place, value: place.extend(-2.0), light: 1.0 }
+            super::super::ImportedVertex { place, value: place.extend(-2.0), light: 1.0 }
         };
         let cell = |i: u32| {
             let at = i / 10 * 11 + i % 10;
             [[at, at + 1, at + 11], [at + 11, at + 1, at + 12]]
         };
         let (vertices, triangles) = ((0..121).map(vertex).collect(), (0..100).flat_map(cell));
-        let mesh = WarpMesh { vertices, triangles: triangles.collect() };
-        let warp = WarpMap { space: MapSpace::Display, shape: WarpShape::Mesh(mesh) };
-        let mesh = warp.screen_mesh(&channel, &Shapes::none().ground(&screen), &pixels);
+        let mesh = ImportedMesh { vertices, triangles: triangles.collect() };
+        let warp = WarpMap { space: MapCoordinates::Display, shape: WarpGeometry::Mesh(mesh) };
+        let mesh = warp.screen_mesh(&channel, &WallGeometry::none().ground(&screen), &pixels);
         // 80 × 40 pixels from (200, 100): two by two cells and no other.
         assert_eq!((mesh.triangles.len(), mesh.vertices.len()), (8, 9));
         for at in [[0.5, 0.5], [79.5, 39.5], [13.0, 37.5]] {
@@ -231,15 +233,15 @@ mod tests {
     #[test]
     fn a_mesh_keeps_its_triangles_at_its_pixels() {
         let (channel, screen) = stage();
-        let pixels = PixelMap::new(&channel, &screen).expect("no pins");
+        let pixels = ChannelMapping::new(&channel, &screen).expect("no pins");
         let vertex = |u: f32, v: f32| {
             let (place, value) = (Vec2::new(u, v), Vec3::new(u, v, 0.0));
-            super::super::WarpVertex { place, value, light: 1.0 }
+            super::super::ImportedVertex { place, value, light: 1.0 }
         };
         let vertices = vec![vertex(0.0, 0.0), vertex(1.0, 0.0), vertex(0.0, 1.0)];
-        let mesh = WarpMesh { vertices, triangles: vec![[0, 1, 2]] };
-        let warp = WarpMap { space: MapSpace::Canvas, shape: WarpShape::Mesh(mesh) };
-        let mesh = warp.channel_mesh(&channel, &Shapes::none().ground(&screen), &pixels);
+        let mesh = ImportedMesh { vertices, triangles: vec![[0, 1, 2]] };
+        let warp = WarpMap { space: MapCoordinates::Canvas, shape: WarpGeometry::Mesh(mesh) };
+        let mesh = warp.channel_mesh(&channel, &WallGeometry::none().ground(&screen), &pixels);
         let found = mesh.point_at(DVec2::new(20.0, 10.0)).expect("lit");
         let due = screen.display_from_canvas(DVec2::new(100.0, 50.0)).expect("a plane");
         assert!(found.distance(due) < 1e-9, "{found} {due}");

@@ -50,7 +50,10 @@ fn compare(mesh: &WarpMesh, point: impl Fn(DVec2) -> Option<DVec3>, pitch: f64) 
 #[test]
 fn every_pixel_is_where_it_should_be() {
     let pitch = 2.0 * std::f64::consts::FRAC_PI_2 / 170.0;
-    for rule in [MeshRule::default(), MeshRule { error_px: 0.005, ..MeshRule::default() }] {
+    for rule in [
+        TessellationOptions::default(),
+        TessellationOptions { error_px: 0.005, ..TessellationOptions::default() },
+    ] {
         let mesh = WarpMesh::new(SIZE, rule, cylinder);
         let (off, wrong) = compare(&mesh, cylinder, 0.005);
         println!("cylinder, {rule:?}: {off:.5} px, {} points", mesh.vertices.len());
@@ -66,7 +69,8 @@ fn every_pixel_is_where_it_should_be() {
 fn a_coarse_grid_is_off_by_what_theory_says() {
     // The sagitta of a chord, s²/8r, in pixels; the diagonals are no longer across.
     for step_px in [8, 16, 32, 64] {
-        let mesh = WarpMesh::new(SIZE, MeshRule { step_px, error_px: f64::INFINITY }, cylinder);
+        let mesh =
+            WarpMesh::new(SIZE, TessellationOptions { step_px, error_px: f64::INFINITY }, cylinder);
         let (off, _) = compare(&mesh, cylinder, 0.005);
         let sagitta = f64::from(step_px).powi(2) * 0.005 / 8.0 / 3.0;
         assert!((0.9..=1.01).contains(&(off / sagitta)), "{step_px}: {off} px, {sagitta} expected");
@@ -76,7 +80,7 @@ fn a_coarse_grid_is_off_by_what_theory_says() {
 #[test]
 fn single_pixels_and_nothing_are_meshes_too() {
     let one = |pixel: DVec2| (pixel.floor() == DVec2::new(100.0, 50.0)).then_some(DVec3::NEG_Z);
-    let rule = MeshRule { step_px: 1, ..MeshRule::default() };
+    let rule = TessellationOptions { step_px: 1, ..TessellationOptions::default() };
     assert_eq!(WarpMesh::new(SIZE, rule, one).triangles.len(), 2);
     assert_eq!(WarpMesh::new(SIZE, rule, |_| None), WarpMesh::default());
     assert_eq!(WarpMesh::new(SIZE, rule, |_| Some(DVec3::NAN)), WarpMesh::default());
@@ -89,6 +93,6 @@ fn noise_ends_in_a_mesh_of_bounded_size() {
         state = state.wrapping_mul(1664525).wrapping_add(1013904223);
         Some((pixel * 0.001).extend(-2.0 + f64::from(state >> 16) * 1e-6))
     };
-    let mesh = WarpMesh::within(20_000, SIZE, MeshRule::default(), rough);
+    let mesh = WarpMesh::within(20_000, SIZE, TessellationOptions::default(), rough);
     assert!((4..=20_000).contains(&mesh.vertices.len()), "{}", mesh.vertices.len());
 }

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 use polyptych_files::blob::BlobHash;
 use polyptych_wall::tuning::carry_over::{CarriedOver, carried_over};
 use polyptych_wall::tuning::restored;
-use polyptych_wall::{Adjustment, FileKind, MapFile, Turn, Wall};
+use polyptych_wall::{CalibrationFile, CalibrationFileKind, ChannelCalibration, Orientation, Wall};
 
 const WALL: &str = r#"
     [wall]
@@ -29,7 +29,7 @@ fn parsed(text: &str) -> Wall {
 }
 
 /// Corners and light of both channels of [`WALL`].
-fn tunings(wall: &Wall) -> Vec<(String, Adjustment)> {
+fn tunings(wall: &Wall) -> Vec<(String, ChannelCalibration)> {
     let tuned = |name: &str, x: f64| {
         let (_, channel) = wall.channel_named(name).expect("a channel");
         let mut adjustment = channel.adjustment.clone();
@@ -101,9 +101,9 @@ fn a_channel_with_another_picture_keeps_its_light_only() {
 fn a_warp_file_of_other_content_drops_corners_and_one_of_another_name_does_not() {
     let warped = |path: &str, content: u8| {
         let mut wall = parsed(WALL);
-        wall.files.push(MapFile {
+        wall.files.push(CalibrationFile {
             path: path.into(),
-            kind: FileKind::Warp,
+            kind: CalibrationFileKind::Warp,
             blob: Some(BlobHash([content; 32])),
             is_for_one_eye: false,
             front: Vec::new(),
@@ -155,7 +155,7 @@ fn an_added_channel_changes_nothing_for_the_others() {
 #[test]
 fn an_unknown_channel_that_hangs_otherwise_loses_its_tuning() {
     let mut new = parsed(WALL);
-    new.channels[0].adjustment.turn = Turn::Half;
+    new.channels[0].adjustment.turn = Orientation::Half;
     let carried = carried_over(&Wall::new("w", vec![], vec![]), &tunings(&parsed(WALL)), &new);
     assert_eq!(names(&carried), ["right"]);
     assert_eq!(carried.dropped[0].keys, "pin, gain");

@@ -1,7 +1,7 @@
 //! The blend of projectors at the rim of a dome, whose places are bent most.
 
 use glam::DVec2;
-use polyptych_wall::blend::{Blend, Masks, light_map};
+use polyptych_wall::blend::{BlendModel, ChannelMasks, light_map};
 
 /// Maximum error of a weight: that of interpolation, and of 16 bits.
 const WEIGHT_ERROR_MAX: f64 = 1.0 / 32768.0 + 1.0 / 65535.0;
@@ -13,10 +13,10 @@ const STEP: usize = 7;
 fn weights_of_a_dome_are_exact() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/dome-5.toml");
     let wall = polyptych_wall_file::load(path.as_ref()).expect("a wall");
-    let blend = Blend::new(&wall);
+    let blend = BlendModel::new(&wall);
     let (mut worst, mut count) = (0.0_f64, 0);
     for id in wall.channel_ids() {
-        let map = light_map(&wall, id, &Masks::default()).expect("a shared channel");
+        let map = light_map(&wall, id, &ChannelMasks::default()).expect("a shared channel");
         let pixels = wall.pixel_map(id).expect("a projector");
         let columns = || (0..map.size.x).step_by(STEP);
         for (x, y) in (0..map.size.y).step_by(STEP).flat_map(|y| columns().map(move |x| (x, y))) {

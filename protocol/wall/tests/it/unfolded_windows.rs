@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DQuat, DVec2, DVec3, EulerRot, UVec2};
 use polyptych_wall::surface::Plane;
 use polyptych_wall::unfold::{WindowLayout, WindowRect};
-use polyptych_wall::{Channel, EyeOf, Packing, Screen, Surface, Turn, Wall};
+use polyptych_wall::{Channel, Eye, Orientation, Screen, StereoPacking, Surface, Wall};
 use proptest::prelude::{Strategy, any, proptest};
 
 const MONITORS: [UVec2; 4] =
@@ -162,8 +162,8 @@ fn the_eyes_of_a_stereo_wall_stand_side_by_side() {
     let mut wall = tiled(2, 1, UVec2::new(300, 200), 0);
     let mut right = wall.channels.clone();
     for (left, right) in wall.channels.iter_mut().zip(&mut right) {
-        left.adjustment.eye = EyeOf::Left;
-        right.adjustment.eye = EyeOf::Right;
+        left.adjustment.eye = Eye::Left;
+        right.adjustment.eye = Eye::Right;
         right.name.push('r');
     }
     wall.channels.extend(right);
@@ -185,8 +185,8 @@ fn channels_on_one_place_are_all_seen() {
 #[test]
 fn packed_and_turned_displays_have_room_for_their_pictures() {
     let mut wall = tiled(2, 2, UVec2::new(300, 200), 0);
-    wall.channels[0].adjustment.packing = Packing::SideBySide;
-    wall.channels[3].adjustment.turn = Turn::Right;
+    wall.channels[0].adjustment.packing = StereoPacking::SideBySide;
+    wall.channels[3].adjustment.turn = Orientation::Right;
     checked(&wall, UVec2::new(1920, 1080));
 }
 
@@ -213,7 +213,7 @@ fn any_wall() -> impl Strategy<Value = Wall> {
                 let name = format!("c{}", channels.len());
                 let (origin, size) = (UVec2::new(x, y), UVec2::new(width, height));
                 let mut channel = Channel::tile(&name, index as u16, origin, size);
-                channel.adjustment.eye = [EyeOf::Center, EyeOf::Left, EyeOf::Right][eye as usize];
+                channel.adjustment.eye = [Eye::Center, Eye::Left, Eye::Right][eye as usize];
                 channels.push(channel);
             }
         }

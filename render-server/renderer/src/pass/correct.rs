@@ -16,18 +16,18 @@ use glam::{DMat3, DVec3, DVec4};
 use wgpu::util::DeviceExt;
 
 use crate::correction::{
-    CorrectionDesc, CorrectionError, Curve, SOURCE_CELLS_MAX, SOURCE_GUARD, SOURCE_PLANES_MAX,
-    SourceEye, SourcePlane, WarpMesh,
+    AtlasViewDesc, CorrectionDesc, CorrectionError, EyeAtlas, SOURCE_CELLS_MAX, SOURCE_GUARD,
+    SOURCE_PLANES_MAX, TransferFunction, WarpMeshDesc,
 };
 use crate::frame::wait;
 use crate::gpu::Gpu;
 use crate::pass::tonemap::{clear, resume};
-use crate::picture::{Content, Picture};
+use crate::picture::{ImageEncoding, OutputTexture};
 use crate::target::{Target, TargetError};
 
 pub(crate) use cells::CellRecord;
 use pipelines::{Pipelines, Sampling};
-pub use shape::Shape;
+pub use shape::CorrectionMesh;
 
 /// Source pixels beyond a plane's own that still count as its own: rounding must leave no point
 /// between two planes.
@@ -40,7 +40,7 @@ const CODE_COUNT: usize = 4096;
 /// display.
 pub const TAPS_MAX: u32 = 4;
 
-/// Twin of `SourcePlane` in `correct.wgsl`.
+/// Twin of `AtlasViewDesc` in `correct.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub(crate) struct PlaneRecord {
@@ -80,7 +80,7 @@ pub(crate) struct CorrectionUniform {
 #[derive(Debug)]
 pub struct Correction {
     desc: CorrectionDesc,
-    shape: Rc<Shape>,
+    shape: Rc<CorrectionMesh>,
     light_map: wgpu::TextureView,
     codes: wgpu::Buffer,
     pipelines: Rc<RefCell<Pipelines>>,
@@ -112,7 +112,7 @@ impl Correction {
         });
         let shape = match same_shape {
             Some(known) => Rc::clone(&known.shape),
-            None => Rc::new(Shape::new(gpu, desc.upright, desc.warp.as_deref())),
+            None => Rc::new(CorrectionMesh::new(gpu, desc.upright, desc.warp.as_deref())),
         };
         let same_light =
             known.filter(|known| is_same(known.desc.light_map.as_ref(), desc.light_map.as_ref()));
@@ -129,7 +129,7 @@ impl Correction {
     }
 
     /// Returns whether all is compiled that such a draw needs.
-    pub fn is_warm(&self, eyes: &[SourceEye], taps: [u32; 2]) -> bool {
+    pub fn is_warm(&self, eyes: &[EyeAtlas], taps: [u32; 2]) -> bool {
         let sampling = Sampling::new(eyes, taps);
         let pipelines = self.pipelines.borrow();
         (0..self.desc.packing.eyes()).all(|eye| pipelines.has(&self.desc, sampling, eye))
@@ -141,26 +141,26 @@ impl Correction {
     }
 
     /// What its pictures hold.
-    pub fn content(&self) -> Content {
-        if self.desc.is_fine { Content::FineCodes } else { Content::Codes }
+    pub fn content(&self) -> ImageEncoding {
+        if self.desc.is_fine { ImageEncoding::FineCodes } else { ImageEncoding::Codes }
     }
 
     /// A picture that [`Self::draw`] can draw onto, in pixels of the display.
-    pub fn picture(&self, gpu: &Gpu) -> Picture {
-        Picture::new(gpu, self.display_size(), self.content())
+    pub fn picture(&self, gpu: &Gpu) -> OutputTexture {
+        OutputTexture::new(gpu, self.display_size(), self.content())
     }
 
     /// The pixels of a mesh, to be drawn over others of this correction ([`Self::draw_over`]).
     ///
     /// # Errors
     /// What is wrong with the mesh, or that the correction resamples nothing.
-    pub fn shape(&self, gpu: &Gpu, warp: &WarpMesh) -> Result<Shape, CorrectionError> {
+    pub fn shape(&self, gpu: &Gpu, warp: &WarpMeshDesc) -> Result<CorrectionMesh, CorrectionError> {
         if self.desc.warp.is_none() {
             return Err(CorrectionError::Source("a correction without a warp has one shape"));
         }
         match warp.fault(self.desc.upright) {
             Some(reason) => Err(CorrectionError::Mesh(reason)),
-            None => Ok(Shape::new(gpu, self.desc.upright, Some(warp))),
+            None => Ok(CorrectionMesh::new(gpu, self.desc.upright, Some(warp))),
         }
     }
 
@@ -175,9 +175,9 @@ impl Correction {
         &mut self,
         gpu: &Gpu,
         source: &Target,
-        eyes: &[SourceEye],
+        eyes: &[EyeAtlas],
         taps: [u32; 2],
-        onto: &Picture,
+        onto: &OutputTexture,
     ) -> Result<(), CorrectionError> {
         self.draw_shape(gpu, None, source, (eyes, taps), onto)
     }
@@ -189,10 +189,10 @@ impl Correction {
     pub fn draw_over(
         &mut self,
         gpu: &Gpu,
-        shape: &Shape,
+        shape: &CorrectionMesh,
         source: &Target,
-        eyes_and_taps: (&[SourceEye], [u32; 2]),
-        onto: &Picture,
+        eyes_and_taps: (&[EyeAtlas], [u32; 2]),
+        onto: &OutputTexture,
     ) -> Result<(), CorrectionError> {
         self.draw_shape(gpu, Some(shape), source, eyes_and_taps, onto)
     }
@@ -200,12 +200,12 @@ impl Correction {
     fn draw_shape(
         &mut self,
         gpu: &Gpu,
-        over: Option<&Shape>,
+        over: Option<&CorrectionMesh>,
         source: &Target,
-        (eyes, taps): (&[SourceEye], [u32; 2]),
-        onto: &Picture,
+        (eyes, taps): (&[EyeAtlas], [u32; 2]),
+        onto: &OutputTexture,
     ) -> Result<(), CorrectionError> {
-        if source.content() != Content::Light {
+        if source.content() != ImageEncoding::Light {
             return Err(CorrectionError::Source("the source does not hold light"));
         }
         if onto.content() != self.content() || onto.size() != self.display_size() {
@@ -257,7 +257,7 @@ impl Correction {
     fn check_planes(
         &self,
         [width, height]: [u32; 2],
-        eyes: &[SourceEye],
+        eyes: &[EyeAtlas],
     ) -> Result<(), CorrectionError> {
         let refused = |reason| Err(CorrectionError::Source(reason));
         if eyes.len() != self.desc.packing.eyes() {
@@ -269,7 +269,7 @@ impl Correction {
         if !(1..=most).contains(&count) || eyes.iter().any(|e| e.planes.is_empty()) {
             return refused("an eye has 1 to 6 planes, or 64 with triangles of their own");
         }
-        let is_odd = |eye: &SourceEye| {
+        let is_odd = |eye: &EyeAtlas| {
             let owned = eye.triangles.as_ref().map_or(count, |owned| owned.len());
             eye.triangles.is_some() != has_cells || owned != count || eye.planes.len() != count
         };
@@ -297,7 +297,7 @@ impl Correction {
         &self,
         origin_in_display: DVec3,
         source: [u32; 2],
-        eyes: &[SourceEye],
+        eyes: &[EyeAtlas],
     ) -> CorrectionUniform {
         let [width, height] = self.display_size().map(f64::from);
         let mut uniform = CorrectionUniform {
@@ -332,14 +332,14 @@ impl Correction {
         if let Some(map) = &self.desc.light_map {
             uniform.light_scale = row(map.add.extend(map.multiply));
         }
-        if let Curve::Gamma(gamma) = &self.desc.curve {
+        if let TransferFunction::Gamma(gamma) = &self.desc.curve {
             uniform.inverse_gamma = row(gamma.recip().extend(0.0));
         }
         uniform
     }
 }
 
-impl SourcePlane {
+impl AtlasViewDesc {
     /// The rows of the matrix to texels, multiplied in f64.
     fn record(&self, is_exact: bool) -> PlaneRecord {
         let [x, y, width, height] = self.rect.map(f64::from);
@@ -368,9 +368,9 @@ fn is_same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
 }
 
 /// The codes of a measured curve; of another one, two that nobody reads.
-fn codes(gpu: &Gpu, curve: &Curve) -> wgpu::Buffer {
+fn codes(gpu: &Gpu, curve: &TransferFunction) -> wgpu::Buffer {
     let codes = match curve {
-        Curve::Measured(_) => curve.codes(CODE_COUNT),
+        TransferFunction::Measured(_) => curve.codes(CODE_COUNT),
         _ => vec![DVec3::ZERO; 2],
     };
     let codes: Vec<[f32; 4]> = codes.iter().map(|code| row(code.extend(0.0))).collect();

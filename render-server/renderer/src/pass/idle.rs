@@ -3,7 +3,7 @@
 use image::{Rgba, RgbaImage};
 
 use crate::gpu::Gpu;
-use crate::picture::Picture;
+use crate::picture::OutputTexture;
 use crate::text::{BACKGROUND, Text};
 
 const FRAME: Rgba<u8> = Rgba([242, 140, 40, 255]);
@@ -18,10 +18,10 @@ const LINE_MIN: u32 = 16;
 
 /// The idle picture of a size in pixels: the lines, centred, and a frame along the edges.
 /// Letters outside of ASCII become "?".
-pub fn picture(gpu: &Gpu, size: [u32; 2], lines: &[String]) -> Picture {
+pub fn picture(gpu: &Gpu, size: [u32; 2], lines: &[String]) -> OutputTexture {
     let side_max = gpu.device.limits().max_texture_dimension_2d;
     let size = size.map(|side| side.clamp(1, side_max));
-    Picture::of_pixels(gpu, size, &image(size, lines))
+    OutputTexture::of_pixels(gpu, size, &image(size, lines))
 }
 
 pub(crate) fn image([width, height]: [u32; 2], lines: &[String]) -> RgbaImage {

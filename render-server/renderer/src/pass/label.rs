@@ -10,7 +10,7 @@ const LINE_MIN: u32 = 16;
 
 /// Where a label stands, and so how large it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum LabelPosition {
     /// In the middle, in letters that are read from across the room.
     Middle,
     /// In the lower left, in letters that leave the picture alone.
@@ -23,7 +23,7 @@ pub struct Label {
     /// One under the other. Letters outside of ASCII become "?".
     pub lines: Vec<String>,
     /// Where.
-    pub place: Place,
+    pub place: LabelPosition,
 }
 
 impl Label {
@@ -31,8 +31,8 @@ impl Label {
     /// where there is no room for a letter.
     pub fn image(&self, [width, height]: [u32; 2]) -> Option<(RgbaImage, [u32; 2])> {
         let line_share = match self.place {
-            Place::Middle => 10,
-            Place::Corner => 45,
+            LabelPosition::Middle => 10,
+            LabelPosition::Corner => 45,
         };
         let modest = (height / line_share).max(LINE_MIN);
         // The panel stands out by half a line on all sides, as far as the display does.
@@ -42,8 +42,8 @@ impl Label {
         let mut image = RgbaImage::from_pixel(panel[0], panel[1], BACKGROUND);
         text.write(&mut image);
         let origin = match self.place {
-            Place::Middle => [(width - panel[0]) / 2, (height - panel[1]) / 2],
-            Place::Corner => [0, height - panel[1]],
+            LabelPosition::Middle => [(width - panel[0]) / 2, (height - panel[1]) / 2],
+            LabelPosition::Corner => [0, height - panel[1]],
         };
         Some((image, origin))
     }
@@ -57,7 +57,7 @@ mod tests {
     fn a_label_fits_every_display_and_leaves_most_of_it_free() {
         let lines = ["front-1-1", "server left", "192.168.100.200:41234", "3840 x 2160 pixels"];
         let lines: Vec<String> = lines.map(str::to_owned).to_vec();
-        for (place, share) in [(Place::Middle, 0.75), (Place::Corner, 0.55)] {
+        for (place, share) in [(LabelPosition::Middle, 0.75), (LabelPosition::Corner, 0.55)] {
             let label = Label { lines: lines.clone(), place };
             for size in [[320, 180], [640, 360], [1080, 1920], [3840, 2160], [8192, 512]] {
                 let (image, [left, top]) = label.image(size).expect("room");

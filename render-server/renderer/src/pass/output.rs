@@ -3,25 +3,25 @@
 use super::label::Label;
 use super::tonemap::{clear, screen_pipeline};
 use crate::gpu::Gpu;
-use crate::picture::{Content, FINE_FORMAT, Picture};
+use crate::picture::{FINE_FORMAT, ImageEncoding, OutputTexture};
 use crate::{bindings, shader};
 
 const SOURCE: &str = include_str!("output.wgsl");
 
 /// Shows pictures on surfaces of one format.
 #[derive(Debug)]
-pub struct Output {
+pub struct PresentPass {
     format: wgpu::TextureFormat,
     group_layout: wgpu::BindGroupLayout,
     sampler: wgpu::Sampler,
-    pipeline: Option<(Layout, wgpu::RenderPipeline)>,
+    pipeline: Option<(PresentKey, wgpu::RenderPipeline)>,
     /// Those that were asked for last; nothing exists for others.
-    labels: Vec<Panel>,
+    labels: Vec<LabelTexture>,
 }
 
 /// What a pipeline is specialised for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Layout {
+struct PresentKey {
     /// The picture has as many pixels as it covers of the surface.
     exact: bool,
     /// x, y, width, height of the picture on the surface, in pixels.
@@ -32,22 +32,22 @@ struct Layout {
 
 /// A label on the GPU, for surfaces of one size.
 #[derive(Debug)]
-struct Panel {
+struct LabelTexture {
     label: Label,
     surface: [u32; 2],
     /// `None` where there is no room for it.
-    drawn: Option<DrawnPanel>,
+    drawn: Option<LabelDraw>,
 }
 
 #[derive(Debug)]
-struct DrawnPanel {
+struct LabelDraw {
     /// x, y, width, height.
     rectangle: [u32; 4],
     group: wgpu::BindGroup,
     pipeline: wgpu::RenderPipeline,
 }
 
-impl Output {
+impl PresentPass {
     /// For surfaces of this format: `Bgra8Unorm`, `Rgba8Unorm`, either with `Srgb`, or
     /// `Rgb10a2Unorm`.
     pub fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
@@ -67,7 +67,7 @@ impl Output {
     pub fn draw(
         &mut self,
         gpu: &Gpu,
-        picture: Option<&Picture>,
+        picture: Option<&OutputTexture>,
         labels: &[Label],
         surface: &wgpu::TextureView,
         surface_size: [u32; 2],
@@ -75,8 +75,8 @@ impl Output {
         if let Some(picture) = picture {
             let rectangle = letterbox(picture.size(), surface_size);
             let exact = picture.size() == surface_size;
-            let coded = picture.content() == Content::FineCodes;
-            let layout = Layout { exact, rectangle, coded };
+            let coded = picture.content() == ImageEncoding::FineCodes;
+            let layout = PresentKey { exact, rectangle, coded };
             if self.pipeline.as_ref().is_none_or(|(known, _)| *known != layout) {
                 self.pipeline = Some((layout, self.build(gpu, "output", layout)));
             }
@@ -109,7 +109,7 @@ impl Output {
     fn place(&mut self, gpu: &Gpu, labels: &[Label], surface: [u32; 2]) {
         let mut old = std::mem::take(&mut self.labels);
         for label in labels {
-            let is_it = |panel: &Panel| panel.label == *label && panel.surface == surface;
+            let is_it = |panel: &LabelTexture| panel.label == *label && panel.surface == surface;
             let panel = match old.iter().position(is_it) {
                 Some(at) => old.swap_remove(at),
                 None => self.panel(gpu, label, surface),
@@ -118,21 +118,21 @@ impl Output {
         }
     }
 
-    fn panel(&self, gpu: &Gpu, label: &Label, surface: [u32; 2]) -> Panel {
+    fn panel(&self, gpu: &Gpu, label: &Label, surface: [u32; 2]) -> LabelTexture {
         let drawn = label.image(surface).map(|(image, [left, top])| {
-            let picture = Picture::of_pixels(gpu, [image.width(), image.height()], &image);
+            let picture = OutputTexture::of_pixels(gpu, [image.width(), image.height()], &image);
             let rectangle = [left, top, image.width(), image.height()];
-            let layout = Layout { exact: true, rectangle, coded: false };
-            DrawnPanel {
+            let layout = PresentKey { exact: true, rectangle, coded: false };
+            LabelDraw {
                 rectangle,
                 group: self.group(gpu, &picture),
                 pipeline: self.build(gpu, "label", layout),
             }
         });
-        Panel { label: label.clone(), surface, drawn }
+        LabelTexture { label: label.clone(), surface, drawn }
     }
 
-    fn group(&self, gpu: &Gpu, picture: &Picture) -> wgpu::BindGroup {
+    fn group(&self, gpu: &Gpu, picture: &OutputTexture) -> wgpu::BindGroup {
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("output/group"),
             layout: &self.group_layout,
@@ -149,7 +149,7 @@ impl Output {
         })
     }
 
-    fn build(&self, gpu: &Gpu, name: &str, layout: Layout) -> wgpu::RenderPipeline {
+    fn build(&self, gpu: &Gpu, name: &str, layout: PresentKey) -> wgpu::RenderPipeline {
         let flag = |on: bool| f64::from(u8::from(on));
         let [left, top, width, height] = layout.rectangle.map(f64::from);
         let constants = [

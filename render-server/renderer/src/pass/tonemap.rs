@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use crate::gpu::Gpu;
-use crate::picture::Content;
+use crate::picture::ImageEncoding;
 use crate::readback::{ReadError, read_pixels};
 use crate::target::{Target, TargetError};
 use crate::tone::{f16_from_bits, linear_from_srgb};
@@ -18,7 +18,7 @@ pub(crate) struct Tonemap {
     onto_light: wgpu::RenderPipeline,
     group_layout: wgpu::BindGroupLayout,
     sampler: wgpu::Sampler,
-    sky: Option<(Vec3, Content, wgpu::Color)>,
+    sky: Option<(Vec3, ImageEncoding, wgpu::Color)>,
 }
 
 /// Why the sky's colour could not be found.
@@ -36,13 +36,13 @@ impl Tonemap {
     pub fn new(gpu: &Gpu) -> Self {
         let group_layout = bindings::picture_layout(&gpu.device);
         let text = shader::screen(SOURCE);
-        let onto = |content: Content| {
+        let onto = |content: ImageEncoding| {
             let names = ["tonemap", "tonemap"];
             screen_pipeline(gpu, names, &text, &group_layout, content.format(), &[])
         };
         Self {
-            onto_srgb: onto(Content::Srgb),
-            onto_light: onto(Content::Light),
+            onto_srgb: onto(ImageEncoding::Srgb),
+            onto_light: onto(ImageEncoding::Light),
             group_layout,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("tonemap/sampler"),
@@ -58,9 +58,9 @@ impl Tonemap {
         &mut self,
         gpu: &Gpu,
         light: Vec3,
-        content: Content,
+        content: ImageEncoding,
     ) -> Result<wgpu::Color, SkyError> {
-        let is_it = |(sky, onto, _): &(Vec3, Content, _)| (*sky, *onto) == (light, content);
+        let is_it = |(sky, onto, _): &(Vec3, ImageEncoding, _)| (*sky, *onto) == (light, content);
         if let Some((.., color)) = self.sky.filter(is_it) {
             return Ok(color);
         }
@@ -74,8 +74,12 @@ impl Tonemap {
         let pixel = read_pixels(gpu, &target)?;
         let byte = |i: usize| pixel.get(i).copied().unwrap_or(0);
         let channel = |i: usize| match content {
-            Content::Srgb | Content::Codes | Content::FineCodes => linear_from_srgb(byte(i)),
-            Content::Light => f16_from_bits(u16::from_le_bytes([byte(2 * i), byte(2 * i + 1)])),
+            ImageEncoding::Srgb | ImageEncoding::Codes | ImageEncoding::FineCodes => {
+                linear_from_srgb(byte(i))
+            }
+            ImageEncoding::Light => {
+                f16_from_bits(u16::from_le_bytes([byte(2 * i), byte(2 * i + 1)]))
+            }
         };
         let color = wgpu::Color { r: channel(0), g: channel(1), b: channel(2), a: 1.0 };
         self.sky = Some((light, content, color));
@@ -108,7 +112,7 @@ impl Tonemap {
                 },
             ],
         });
-        let is_light = target.content() == Content::Light;
+        let is_light = target.content() == ImageEncoding::Light;
         pass.set_pipeline(if is_light { &self.onto_light } else { &self.onto_srgb });
         pass.set_bind_group(1, &group, &[]);
         pass.set_scissor_rect(x, y, width, height);

@@ -17,7 +17,7 @@ const CLUSTERS_MIN: usize = 8;
 
 /// A run of triangles and what bounds it, in the primitive's space.
 #[derive(Clone, Debug)]
-pub(crate) struct Cluster {
+pub(crate) struct Meshlet {
     pub first_index: u32,
     pub index_count: u32,
     pub center: DVec3,
@@ -27,7 +27,7 @@ pub(crate) struct Cluster {
     pub cone: Option<(DVec3, f64)>,
 }
 
-impl Cluster {
+impl Meshlet {
     /// Whether all triangles face away from an eye in the primitive's space, by a margin that
     /// rounding does not reach.
     ///
@@ -51,7 +51,7 @@ impl Cluster {
 }
 
 /// The clusters of a primitive's checked bytes; none where it is small, or not of triangles.
-pub(crate) fn clusters(desc: &Primitive, bytes: &[u8]) -> Vec<Cluster> {
+pub(crate) fn clusters(desc: &Primitive, bytes: &[u8]) -> Vec<Meshlet> {
     let triangles = desc.index_count as usize / 3;
     if desc.topology != Topology::Triangles || triangles < CLUSTERS_MIN * CLUSTER_TRIANGLES {
         return Vec::new();
@@ -84,7 +84,7 @@ pub(crate) fn clusters(desc: &Primitive, bytes: &[u8]) -> Vec<Cluster> {
         .collect()
 }
 
-fn cluster(first_index: u32, triangles: &[[Vec3; 3]]) -> Cluster {
+fn cluster(first_index: u32, triangles: &[[Vec3; 3]]) -> Meshlet {
     let points = || triangles.iter().flatten().map(|point| point.as_dvec3());
     let min = points().fold(DVec3::MAX, DVec3::min);
     let max = points().fold(DVec3::MIN, DVec3::max);
@@ -101,7 +101,7 @@ fn cluster(first_index: u32, triangles: &[[Vec3; 3]]) -> Cluster {
         // Beyond 80 degrees hardly any eye sees none of them.
         (cosine > 0.17).then(|| (axis, (1.0 - cosine * cosine).max(0.0).sqrt()))
     });
-    Cluster {
+    Meshlet {
         first_index,
         index_count: triangles.len() as u32 * 3,
         center: (min + max) * 0.5,

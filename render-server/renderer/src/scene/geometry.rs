@@ -2,7 +2,7 @@
 
 use polyptych_scene::{IndexFormat, Primitive};
 
-use super::cluster::{Cluster, clusters};
+use super::cluster::{Meshlet, clusters};
 use crate::gpu::Gpu;
 
 /// One buffer that holds the vertices and, behind them, the indices.
@@ -14,7 +14,7 @@ pub(crate) struct Geometry {
     pub index_count: u32,
     pub index_format: wgpu::IndexFormat,
     /// Empty where it is always drawn whole.
-    pub clusters: Vec<Cluster>,
+    pub clusters: Vec<Meshlet>,
 }
 
 impl Geometry {

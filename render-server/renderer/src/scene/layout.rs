@@ -13,8 +13,8 @@ use polyptych_scene::{
 };
 
 use super::light::{GROUND, Lights};
-use super::placement::{self, Bounds, Item, Placement, Stance};
-use super::tree::Tree;
+use super::placement::{self, Bounds, DrawItem, PrimitiveInstance, Stance};
+use super::tree::Bvh;
 use super::{Batch, SceneError, material};
 use crate::pipeline::{Alpha, Cull, PipelineKey};
 
@@ -57,14 +57,14 @@ pub struct SceneLayout {
     pub(super) geometries: Slots,
     /// Index of each mesh's first primitive in the order of all primitives.
     pub(super) first_primitive: Vec<usize>,
-    pub(crate) items: Vec<Item>,
+    pub(crate) items: Vec<DrawItem>,
     /// Named by items.
     pub(crate) stances: Vec<Stance>,
     /// In the order of the items.
     pub(crate) bounds: Vec<Bounds>,
     /// One for each described primitive: its mesh, in the primitive's space.
     pub(crate) mesh_boxes: Vec<Bounds>,
-    pub(crate) tree: Tree,
+    pub(crate) tree: Bvh,
     pub(crate) batches: Vec<Batch>,
     pub(crate) keys: Vec<PipelineKey>,
     pub(crate) lights: Lights,
@@ -100,7 +100,7 @@ impl SceneLayout {
                 return Err(SceneError::Cancelled);
             }
             let primitive = first_primitive[placement.mesh as usize] + placement.primitive as usize;
-            items.push(Item {
+            items.push(DrawItem {
                 origin: placement.origin,
                 stance: placement.stance,
                 lamps: lights.reaching(&placement.bounds)?,
@@ -117,7 +117,7 @@ impl SceneLayout {
         desc.nodes = Vec::new();
         desc.lights = Vec::new();
         Ok(Self {
-            tree: Tree::new(&bounds, is_cancelled).ok_or(SceneError::Cancelled)?,
+            tree: Bvh::new(&bounds, is_cancelled).ok_or(SceneError::Cancelled)?,
             desc,
             textures,
             geometries,
@@ -200,7 +200,12 @@ impl Sorter {
     }
 
     /// Returns the batch of a placement, whose geometry is in this slot.
-    fn batch_of(&mut self, desc: &Scene, geometry: usize, placement: &Placement<'_>) -> u32 {
+    fn batch_of(
+        &mut self,
+        desc: &Scene,
+        geometry: usize,
+        placement: &PrimitiveInstance<'_>,
+    ) -> u32 {
         let primitive = placement.desc;
         // The default material stands behind all others.
         let material = primitive.material.unwrap_or(desc.materials.len() as u32);

@@ -11,8 +11,10 @@ use crate::view::SUNS_MAX;
 
 /// Shines where a scene has no light of its own: from above, the right and the front, a little
 /// warm. Given as the direction towards it, and lux.
-const DEFAULT_SUN: Sun =
-    Sun { toward: Vec3::new(0.453, 0.754, 0.476), irradiance: Vec3::new(3.1, 2.95, 2.7) };
+const DEFAULT_SUN: DirectionalLight = DirectionalLight {
+    toward: Vec3::new(0.453, 0.754, 0.476),
+    irradiance: Vec3::new(3.1, 2.95, 2.7),
+};
 
 /// Radiance from below as a factor of the sky's, where a scene does not say: a matt, warm ground.
 pub(crate) const GROUND: Vec3 = Vec3::new(0.36, 0.32, 0.28);
@@ -26,7 +28,7 @@ const REACH_SLACK: f64 = 1.0 + 1e-5;
 
 /// A directional light.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Sun {
+pub(crate) struct DirectionalLight {
     /// Unit vector towards it, in world axes.
     pub toward: Vec3,
     /// Lux, as linear RGB.
@@ -35,7 +37,7 @@ pub(crate) struct Sun {
 
 /// A light that is not among the first directional ones: its place is looked up per item.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Lamp {
+pub(crate) struct LocalLight {
     pub position: DVec3,
     /// Unit vector along which it shines.
     pub direction: Vec3,
@@ -54,9 +56,9 @@ pub(crate) struct Lamp {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Lights {
     /// At most [`SUNS_MAX`]: these are in the frame's uniforms and shine on everything.
-    pub suns: Vec<Sun>,
+    pub suns: Vec<DirectionalLight>,
     /// All others.
-    pub lamps: Vec<Lamp>,
+    pub lamps: Vec<LocalLight>,
     /// Lists of lamps; each item has a range of it.
     pub indices: Vec<u32>,
     known: HashMap<Vec<u32>, [u32; 2]>,
@@ -70,9 +72,11 @@ impl Lights {
             let Some(light) = node.light.map(|light| &desc.lights[light as usize]) else {
                 continue;
             };
-            let lamp = Lamp::new(light, world_from_node);
+            let lamp = LocalLight::new(light, world_from_node);
             if lamp.directional && lights.suns.len() < SUNS_MAX {
-                lights.suns.push(Sun { toward: -lamp.direction, irradiance: lamp.intensity });
+                lights
+                    .suns
+                    .push(DirectionalLight { toward: -lamp.direction, irradiance: lamp.intensity });
             } else {
                 lights.lamps.push(lamp);
             }
@@ -111,7 +115,7 @@ impl Lights {
     }
 }
 
-impl Lamp {
+impl LocalLight {
     fn new(light: &Light, world_from_node: &DAffine3) -> Self {
         let along = world_from_node.transform_vector3(DVec3::NEG_Z);
         let direction = along.try_normalize().unwrap_or(DVec3::NEG_Z).as_vec3();

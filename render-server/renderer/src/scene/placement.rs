@@ -82,7 +82,7 @@ impl Stance {
 /// One primitive in one place. Its index in the scene's list is the tie-break of every order:
 /// it grows with the node, then the instance, then the primitive.
 #[derive(Clone, Debug)]
-pub(crate) struct Item {
+pub(crate) struct DrawItem {
     /// The primitive's zero in the world.
     pub origin: DVec3,
     /// An index into the scene's stances.
@@ -97,7 +97,7 @@ pub(crate) struct Item {
 
 /// An item as the vertex stage takes it: `p` stands at `rows · (p − near) + offset` from the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Relative {
+pub(crate) struct EyeRelativeTransform {
     /// The point of the mesh's box that is nearest to the eye, about, in the primitive's space.
     pub near: [f32; 3],
     /// Rows of the linear part, and the offset: `near` as seen from the eye, in world axes.
@@ -106,7 +106,7 @@ pub(crate) struct Relative {
     pub offset: DVec3,
 }
 
-impl Item {
+impl DrawItem {
     /// The item as seen from the eye; `linear` is that of its stance.
     ///
     /// What is large is taken away before anything is rounded to f32: vertices near the eye are
@@ -115,7 +115,12 @@ impl Item {
     /// the distance from the eye, whatever the size of the mesh. `near` may be any point: that it
     /// is the nearest only makes the numbers small. All parts of a mesh have the same one, so that
     /// they meet in equal bits.
-    pub fn relative_to(&self, linear: DMat3, eye: DVec3, mesh_box: &Bounds) -> Relative {
+    pub fn relative_to(
+        &self,
+        linear: DMat3,
+        eye: DVec3,
+        mesh_box: &Bounds,
+    ) -> EyeRelativeTransform {
         let eye_in_primitive = linear.inverse() * (eye - self.origin);
         let near = if eye_in_primitive.is_finite() {
             eye_in_primitive.max(mesh_box.min).min(mesh_box.max)
@@ -126,12 +131,12 @@ impl Item {
         let near = Some(near.as_vec3()).filter(|near| near.is_finite()).unwrap_or(Vec3::ZERO);
         let offset = (self.origin - eye) + linear * near.as_dvec3();
         let row = |i: usize| linear.row(i).extend(offset[i]).as_vec4().to_array();
-        Relative { near: near.to_array(), rows: [0, 1, 2].map(row), offset }
+        EyeRelativeTransform { near: near.to_array(), rows: [0, 1, 2].map(row), offset }
     }
 }
 
 /// A primitive in one place, before it is sorted into a batch.
-pub(crate) struct Placement<'a> {
+pub(crate) struct PrimitiveInstance<'a> {
     pub mesh: u32,
     /// An index into the mesh's primitives.
     pub primitive: u32,
@@ -171,7 +176,7 @@ pub(crate) fn world_from_nodes(nodes: &[Node]) -> Vec<DAffine3> {
 pub(crate) fn place<'a, E>(
     desc: &'a Scene,
     world: &[DAffine3],
-    mut give: impl FnMut(Placement<'a>) -> Result<(), E>,
+    mut give: impl FnMut(PrimitiveInstance<'a>) -> Result<(), E>,
 ) -> Result<Vec<Stance>, E> {
     let mut stances = Vec::new();
     for (node, world_from_node) in desc.nodes.iter().zip(world) {
@@ -180,7 +185,7 @@ pub(crate) fn place<'a, E>(
         let mut stand = |world_from_mesh: &DAffine3| {
             let stance = Stance::new(world_from_mesh.matrix3);
             for (primitive, desc) in (0..).zip(primitives) {
-                give(Placement {
+                give(PrimitiveInstance {
                     mesh,
                     primitive,
                     origin: world_from_mesh.transform_point3(desc.origin),
@@ -245,12 +250,12 @@ mod tests {
         check(DMat3::from_cols(DVec3::X, DVec3::new(0.5, 1.0, 0.0), DVec3::new(0.0, 0.3, -1.0)));
     }
 
-    fn item(origin: DVec3) -> Item {
-        Item { origin, stance: 0, lamps: [0; 2], batch: 0, mesh_box: 0 }
+    fn item(origin: DVec3) -> DrawItem {
+        DrawItem { origin, stance: 0, lamps: [0; 2], batch: 0, mesh_box: 0 }
     }
 
     /// Where the vertex stage puts a point: f32 throughout.
-    fn emulated(relative: &Relative, point: Vec3) -> Vec3 {
+    fn emulated(relative: &EyeRelativeTransform, point: Vec3) -> Vec3 {
         let local = (point - Vec3::from(relative.near)).extend(1.0);
         Vec3::from(relative.rows.map(|row| glam::Vec4::from(row).dot(local)))
     }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::placement::Bounds;
-use crate::cull::Planes;
+use crate::cull::FrustumPlanes;
 
 /// Items in a leaf. Testing a few boxes costs less than descending further.
 const LEAF_ITEMS: usize = 4;
@@ -14,7 +14,7 @@ const ITEMS_BETWEEN_CHECKS: usize = 1 << 14;
 
 /// A binary tree; the left child of node `i` is node `i + 1`.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Tree {
+pub(crate) struct Bvh {
     nodes: Vec<Node>,
     /// Item indices; every node owns a range of them.
     order: Vec<u32>,
@@ -32,7 +32,7 @@ struct Node {
     right: u32,
 }
 
-impl Tree {
+impl Bvh {
     /// Splits at the median along the longest side, down to leaves of a few items. `None` if
     /// `is_cancelled` says so meanwhile.
     pub fn new(bounds: &[Bounds], is_cancelled: &dyn Fn() -> bool) -> Option<Self> {
@@ -48,11 +48,11 @@ impl Tree {
 
     /// Appends the items that may be visible, in no particular order. Never leaves one out that
     /// is.
-    pub fn visible(&self, planes: &Planes, found: &mut Vec<u32>) {
+    pub fn visible(&self, planes: &FrustumPlanes, found: &mut Vec<u32>) {
         if self.nodes.is_empty() {
             return;
         }
-        let mut open = vec![(0, Planes::ALL)];
+        let mut open = vec![(0, FrustumPlanes::ALL)];
         while let Some((index, mask)) = open.pop() {
             let node: &Node = &self.nodes[index as usize];
             let Some(mask) = planes.test(node.center, node.half, mask) else { continue };

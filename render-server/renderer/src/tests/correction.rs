@@ -5,29 +5,29 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
 use polyptych_scene::{AlphaMode, Material};
 
-use super::harness::{Shape, Stage, differences, draw_sampled, gpu, look, matt};
+use super::harness::{MeshFixture, SceneFixture, differences, draw_sampled, gpu, look, matt};
 use crate::readback::read_raw;
 use crate::tone::f16_from_bits;
 use crate::{
-    Content, Correction, CorrectionDesc, CorrectionError, Curve, GpuScene, LightMap, Output,
-    Packing, Picture, Renderer, SourceEye, SourcePlane, Target, Turn, ViewDesc, WarpMesh,
-    WarpVertex, read_picture, read_pixels,
+    AtlasViewDesc, BlendMapDesc, Correction, CorrectionDesc, CorrectionError, EyeAtlas, GpuScene,
+    ImageEncoding, Orientation, OutputTexture, PresentPass, Renderer, StereoPacking, Target,
+    TransferFunction, ViewDesc, WarpMeshDesc, WarpVertexDesc, read_picture, read_pixels,
 };
 
 const SIZE: [u32; 2] = [96, 64];
 
 /// Spheres of three colours on a light ground, from dark to bright.
 fn scene(alpha_mode: AlphaMode) -> GpuScene {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     for (x, color) in [(-1.5, [0.9, 0.1, 0.05]), (0.0, [0.2, 0.8, 0.1]), (1.5, [0.1, 0.2, 0.9])] {
         let [r, g, b] = color;
         let color = Material { alpha_mode, ..matt(r, g, b) };
         let material = stage.material(color);
-        let mesh = stage.mesh(&Shape::sphere(12), Some(material));
+        let mesh = stage.mesh(&MeshFixture::sphere(12), Some(material));
         stage.node(mesh, DAffine3::from_translation(DVec3::new(x, 0.2 * x, -2.0)));
     }
     let white = stage.material(Material { unlit: true, ..matt(1.0, 1.0, 1.0) });
-    let card = stage.mesh(&Shape::rectangle(0.3, 0.2), Some(white));
+    let card = stage.mesh(&MeshFixture::rectangle(0.3, 0.2), Some(white));
     stage.node(card, DAffine3::from_translation(DVec3::new(-0.4, 0.9, -1.0)));
     stage.build()
 }
@@ -39,9 +39,10 @@ fn view() -> ViewDesc {
 /// The views' light, side by side.
 fn light(scene: &GpuScene, samples: u32, views: &[ViewDesc]) -> Target {
     let mut renderer = Renderer::new(gpu(), samples).unwrap();
-    renderer.prepare_for(gpu(), scene, Content::Light);
+    renderer.prepare_for(gpu(), scene, ImageEncoding::Light);
     let size = [SIZE[0] * views.len() as u32, SIZE[1]];
-    let mut target = Target::of(gpu(), size, samples, scene.blends(), Content::Light).unwrap();
+    let mut target =
+        Target::of(gpu(), size, samples, scene.blends(), ImageEncoding::Light).unwrap();
     let views: Vec<ViewDesc> = (0..)
         .zip(views)
         .map(|(slot, view)| ViewDesc {
@@ -62,12 +63,12 @@ fn linear(target: &Target) -> Vec<DVec3> {
 }
 
 /// Eyes whose pictures stand side by side in the source.
-fn eyes(count: u32) -> Vec<SourceEye> {
+fn eyes(count: u32) -> Vec<EyeAtlas> {
     let eye = |slot: u32| {
         let rect = [slot * SIZE[0], 0, SIZE[0], SIZE[1]];
         let eye_in_display = DVec3::ZERO;
-        let plane = SourcePlane { eye_in_display, clip_from_eye: DMat4::IDENTITY, rect };
-        SourceEye { planes: vec![plane], triangles: None }
+        let plane = AtlasViewDesc { eye_in_display, clip_from_eye: DMat4::IDENTITY, rect };
+        EyeAtlas { planes: vec![plane], triangles: None }
     };
     (0..count).map(eye).collect()
 }
@@ -101,15 +102,15 @@ fn a_correction_of_nothing_changes_no_code_by_more_than_one() {
     }
 }
 
-/// The pixel of the upright picture that a display's pixel shows, by the words of [`Turn`].
-fn upright(turn: Turn, is_mirrored: bool, x: u32, y: u32) -> usize {
+/// The pixel of the upright picture that a display's pixel shows, by the words of [`Orientation`].
+fn upright(turn: Orientation, is_mirrored: bool, x: u32, y: u32) -> usize {
     let [width, height] = SIZE;
     let (u, v) = match turn {
-        Turn::None => (x, y),
+        Orientation::None => (x, y),
         // The display's top is at the viewer's left: its rows run upwards.
-        Turn::Left => (y, height - 1 - x),
-        Turn::Right => (width - 1 - y, x),
-        Turn::Half => (width - 1 - x, height - 1 - y),
+        Orientation::Left => (y, height - 1 - x),
+        Orientation::Right => (width - 1 - y, x),
+        Orientation::Half => (width - 1 - x, height - 1 - y),
     };
     let u = if is_mirrored { width - 1 - u } else { u };
     (v * width + u) as usize
@@ -119,7 +120,7 @@ fn upright(turn: Turn, is_mirrored: bool, x: u32, y: u32) -> usize {
 fn turns_and_mirrors_are_exact() {
     let source = light(&scene(AlphaMode::Opaque), 1, &[view()]);
     let plain = corrected(&source, identity());
-    for turn in [Turn::None, Turn::Left, Turn::Right, Turn::Half] {
+    for turn in [Orientation::None, Orientation::Left, Orientation::Right, Orientation::Half] {
         for is_mirrored in [false, true] {
             let desc = CorrectionDesc { turn, is_mirrored, ..identity() };
             let [width, height] = desc.display_size();
@@ -142,17 +143,21 @@ fn both_eyes_are_packed_exactly() {
     assert!(differences(&left, &right)[2] > 100, "the eyes see different pictures");
     let packed = |packing| corrected(&source, CorrectionDesc { packing, ..identity() });
     let width = SIZE[0] as usize;
-    let beside = packed(Packing::SideBySide);
+    let beside = packed(StereoPacking::SideBySide);
     for (row, both) in beside.chunks(2 * width).enumerate() {
         assert!(both[..width] == left[row * width..][..width], "left, row {row}");
         assert!(both[width..] == right[row * width..][..width], "right, row {row}");
     }
-    assert!(packed(Packing::TopBottom) == [left.clone(), right.clone()].concat());
-    for ((l, r), both) in left.iter().zip(&right).zip(packed(Packing::Anaglyph)) {
+    assert!(packed(StereoPacking::TopBottom) == [left.clone(), right.clone()].concat());
+    for ((l, r), both) in left.iter().zip(&right).zip(packed(StereoPacking::Anaglyph)) {
         assert_eq!(both[..3], [l[0], r[1], r[2]]);
     }
     // A display that hangs on its side has the pair turned as one picture.
-    let turned = CorrectionDesc { packing: Packing::SideBySide, turn: Turn::Half, ..identity() };
+    let turned = CorrectionDesc {
+        packing: StereoPacking::SideBySide,
+        turn: Orientation::Half,
+        ..identity()
+    };
     assert!(corrected(&source, turned).iter().eq(beside.iter().rev()));
 }
 
@@ -164,10 +169,10 @@ fn reference(desc: &CorrectionDesc, light: DVec3, pixel: usize) -> DVec3 {
         light = light * factor * map.multiply + map.add * addend;
     }
     let code = |at: usize| match &desc.curve {
-        Curve::Srgb if light[at] <= 0.0031308 => light[at] * 12.92,
-        Curve::Srgb => 1.055 * light[at].powf(1.0 / 2.4) - 0.055,
-        Curve::Gamma(gamma) => light[at].powf(1.0 / gamma[at]),
-        Curve::Measured(points) => {
+        TransferFunction::Srgb if light[at] <= 0.0031308 => light[at] * 12.92,
+        TransferFunction::Srgb => 1.055 * light[at].powf(1.0 / 2.4) - 0.055,
+        TransferFunction::Gamma(gamma) => light[at].powf(1.0 / gamma[at]),
+        TransferFunction::Measured(points) => {
             // By bisection of the piecewise linear curve.
             let last = points.len() - 1;
             let of = |code: f64| {
@@ -192,14 +197,17 @@ fn light_becomes_codes_as_said() {
     let count = linear.len();
     let weights: Vec<[f64; 2]> =
         (0..count).map(|at| [(at % 96) as f64 / 95.0, (at / 96) as f64 / 64.0]).collect();
-    let light_map = Some(Arc::new(LightMap::new(&weights, DVec3::new(0.01, 0.008, 0.012))));
+    let light_map = Some(Arc::new(BlendMapDesc::new(&weights, DVec3::new(0.01, 0.008, 0.012))));
     let color = DMat3::from_cols_array(&[0.9, 0.05, 0.0, 0.08, 1.1, -0.02, 0.02, 0.1, 0.8]);
     let measured = (0..=1023).map(|code| {
         let code = f64::from(code) / 1023.0;
         DVec3::new(code.powf(2.6), code.powf(1.8), code * code * (3.0 - 2.0 * code))
     });
-    let curves =
-        [Curve::Srgb, Curve::Gamma(DVec3::new(1.8, 2.2, 2.6)), Curve::Measured(measured.collect())];
+    let curves = [
+        TransferFunction::Srgb,
+        TransferFunction::Gamma(DVec3::new(1.8, 2.2, 2.6)),
+        TransferFunction::Measured(measured.collect()),
+    ];
     for curve in curves {
         for (color, light_map) in [(DMat3::IDENTITY, None), (color, light_map.clone())] {
             let desc = CorrectionDesc { color, light_map, curve: curve.clone(), ..identity() };
@@ -222,11 +230,12 @@ fn blend_weights_keep_their_sum() {
     let weights: Vec<f64> = (0..=4096).map(|step| f64::from(step) / 4096.0).collect();
     let map = |weights: Vec<f64>| {
         let pixels: Vec<_> = weights.iter().map(|weight| [*weight, 0.0]).collect();
-        LightMap::new(&pixels, DVec3::ZERO)
+        BlendMapDesc::new(&pixels, DVec3::ZERO)
     };
     let (up, down) =
         (map(weights.clone()), map(weights.iter().map(|weight| 1.0 - weight).collect()));
-    let value = |map: &LightMap, at: usize| f64::from(map.texels[at][0]) / 65535.0 * map.multiply;
+    let value =
+        |map: &BlendMapDesc, at: usize| f64::from(map.texels[at][0]) / 65535.0 * map.multiply;
     let off = (0..weights.len()).map(|at| (value(&up, at) + value(&down, at) - 1.0).abs());
     let most = off.fold(0.0, f64::max);
     assert!(most <= 1.0 / 4096.0 / 8.0, "{most}");
@@ -234,7 +243,7 @@ fn blend_weights_keep_their_sum() {
 
 /// A picture of nothing but sky.
 fn grey(level: f32) -> Target {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     stage.desc.sky = Vec3::splat(level);
     light(&stage.build(), 1, &[view()])
 }
@@ -288,9 +297,9 @@ fn fine_codes_are_four_times_as_fine_and_keep_their_mean() {
     };
     let exact_pixel = draw(None);
     // As a surface of ten bits takes it, and one of eight that encodes what it is given.
-    let shown = |picture: &Picture, content: Content| {
-        let surface = Picture::new(gpu(), SIZE, content);
-        let mut output = Output::new(gpu(), surface.texture().format());
+    let shown = |picture: &OutputTexture, content: ImageEncoding| {
+        let surface = OutputTexture::new(gpu(), SIZE, content);
+        let mut output = PresentPass::new(gpu(), surface.texture().format());
         output.draw(gpu(), Some(picture), &[], surface.view(), SIZE);
         read_raw(gpu(), &surface).unwrap()
     };
@@ -298,7 +307,7 @@ fn fine_codes_are_four_times_as_fine_and_keep_their_mean() {
         let bits = u32::from_le_bytes(pixel.try_into().unwrap());
         DVec3::from([0, 10, 20].map(|at| f64::from(bits >> at & 1023)))
     };
-    for pixel in shown(&exact_pixel, Content::FineCodes).chunks(4) {
+    for pixel in shown(&exact_pixel, ImageEncoding::FineCodes).chunks(4) {
         assert!(
             (fine(pixel) - exact * 1023.0).abs().max_element() <= 0.51,
             "{} of {}",
@@ -306,7 +315,7 @@ fn fine_codes_are_four_times_as_fine_and_keep_their_mean() {
             exact * 1023.0
         );
     }
-    for pixel in shown(&exact_pixel, Content::Srgb).chunks(4) {
+    for pixel in shown(&exact_pixel, ImageEncoding::Srgb).chunks(4) {
         let code = DVec3::from([0, 1, 2].map(|at| f64::from(pixel[at])));
         assert!((code - exact * 255.0).abs().max_element() <= 0.64, "{code}");
     }
@@ -315,7 +324,7 @@ fn fine_codes_are_four_times_as_fine_and_keep_their_mean() {
         let code = DVec3::from([0, 1, 2].map(|at| f64::from(pixel[at])));
         assert!((code - exact * 255.0).abs().max_element() <= 0.64 && pixel[3] == 255, "{code}");
     }
-    let dithered = shown(&draw(Some(3)), Content::FineCodes);
+    let dithered = shown(&draw(Some(3)), ImageEncoding::FineCodes);
     let count = dithered.len() as f64 / 4.0;
     let codes: Vec<DVec3> = dithered.chunks(4).map(fine).collect();
     let mean = codes.iter().sum::<DVec3>() / count;
@@ -332,34 +341,34 @@ fn what_cannot_be_corrected_is_refused() {
     let refused = |desc| Correction::new(gpu(), desc).map(|_| ()).unwrap_err().to_string();
     let desc = CorrectionDesc { upright: [0, 5], ..identity() };
     assert!(refused(desc).contains("0 × 5 pixels"));
-    let light_map = Some(Arc::new(LightMap::new(&[[1.0, 0.0]; 7], DVec3::ZERO)));
+    let light_map = Some(Arc::new(BlendMapDesc::new(&[[1.0, 0.0]; 7], DVec3::ZERO)));
     assert!(refused(CorrectionDesc { light_map, ..identity() }).contains("7 texels"));
     let color = DMat3::from_diagonal(DVec3::NAN);
     assert!(refused(CorrectionDesc { color, ..identity() }).contains("matrix"));
     let falling = vec![DVec3::ZERO, DVec3::ONE, DVec3::splat(0.5), DVec3::ONE];
-    for curve in [Curve::Gamma(DVec3::ZERO), Curve::Measured(falling)] {
+    for curve in [TransferFunction::Gamma(DVec3::ZERO), TransferFunction::Measured(falling)] {
         assert!(refused(CorrectionDesc { curve, ..identity() }).contains("colours"));
     }
     let vertices = |x: f64, z: f64| {
         let pixels = [[0.0, 0.0], [x, 0.0], [0.0, 9.0]];
-        pixels.map(|pixel| WarpVertex { pixel, point: DVec3::NEG_Z * z }).to_vec()
+        pixels.map(|pixel| WarpVertexDesc { pixel, point: DVec3::NEG_Z * z }).to_vec()
     };
     for (vertices, triangle, why) in [
         (vertices(200.0, 1.0), [0, 1, 2], "pixel (200, 0)"),
         (vertices(9.0, f64::NAN), [0, 1, 2], "NaN"),
         (vertices(9.0, 1.0), [0, 1, 3], "beyond the 3 points"),
     ] {
-        let warp = Some(Arc::new(WarpMesh { vertices, triangles: vec![triangle] }));
+        let warp = Some(Arc::new(WarpMeshDesc { vertices, triangles: vec![triangle] }));
         let said = refused(CorrectionDesc { warp, ..identity() });
         assert!(said.contains(why), "{said}");
     }
-    let empty = Some(Arc::new(WarpMesh::default()));
+    let empty = Some(Arc::new(WarpMeshDesc::default()));
     assert!(refused(CorrectionDesc { warp: empty, ..identity() }).contains("no triangle"));
     let mut correction = Correction::new(gpu(), identity()).unwrap();
     let picture = correction.picture(gpu());
     let plain = Target::new(gpu(), SIZE, 1, false).unwrap();
     let source = grey(0.5);
-    let mut draw = |source, eyes: &[SourceEye], onto| {
+    let mut draw = |source, eyes: &[EyeAtlas], onto| {
         let drawn = correction.draw(gpu(), source, eyes, [1, 1], onto);
         matches!(drawn, Err(CorrectionError::Source(_)))
     };

@@ -6,10 +6,10 @@ use std::f64::consts::PI;
 use glam::{DAffine3, DQuat, DVec3, Vec3, Vec4};
 use polyptych_scene::{Light, LightKind, Material};
 
-use super::harness::{Shape, Stage, draw, gpu, look, pixel};
+use super::harness::{MeshFixture, SceneFixture, draw, gpu, look, pixel};
 use crate::albedo::tests::integrated;
 use crate::tone::f16_from_bits;
-use crate::{Content, Renderer, Target, ViewDesc, read_pixels};
+use crate::{ImageEncoding, Renderer, Target, ViewDesc, read_pixels};
 
 const F0: f64 = 0.04;
 
@@ -30,7 +30,7 @@ fn aslant(cos: f64) -> DVec3 {
     DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos)
 }
 
-fn shine(stage: &mut Stage, toward: DVec3, irradiance: f64) {
+fn shine(stage: &mut SceneFixture, toward: DVec3, irradiance: f64) {
     let light = Light {
         kind: LightKind::Directional,
         color: Vec3::ONE,
@@ -44,11 +44,11 @@ fn shine(stage: &mut Stage, toward: DVec3, irradiance: f64) {
 /// Radiance of a plate that faces +z, in one pixel, seen at an angle of this cosine. It hangs in
 /// uniform surroundings, under lights given by the direction towards them and their irradiance.
 fn radiance(material: Material, mu: f64, around: f64, lights: &[(DVec3, f64)]) -> f64 {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     stage.desc.sky = Vec3::splat(around as f32);
     stage.ground = Some(stage.desc.sky);
     let material = stage.material(material);
-    let mesh = stage.mesh(&Shape::rectangle(50.0, 50.0), Some(material));
+    let mesh = stage.mesh(&MeshFixture::rectangle(50.0, 50.0), Some(material));
     stage.node(mesh, DAffine3::IDENTITY);
     // Without any light there would be the default sun.
     shine(&mut stage, DVec3::Z, 0.0);
@@ -57,8 +57,8 @@ fn radiance(material: Material, mu: f64, around: f64, lights: &[(DVec3, f64)]) -
     }
     let scene = stage.build();
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
-    renderer.prepare_for(gpu(), &scene, Content::Light);
-    let mut target = Target::of(gpu(), [1, 1], 1, false, Content::Light).unwrap();
+    renderer.prepare_for(gpu(), &scene, ImageEncoding::Light);
+    let mut target = Target::of(gpu(), [1, 1], 1, false, ImageEncoding::Light).unwrap();
     let view = look(aslant(mu) * 3.0, DVec3::ZERO, [1, 1]);
     renderer.draw(gpu(), &scene, &mut target, &[view]).unwrap();
     let bytes = read_pixels(gpu(), &target).unwrap();
@@ -176,13 +176,13 @@ fn light_on_a_fraction_of_metal_is_a_mix_of_both_materials() {
 #[test]
 fn a_normal_that_turns_away_from_the_eye_reflects_as_at_a_grazing_angle() {
     let brightness = |away: f32| {
-        let mut stage = Stage::new();
+        let mut stage = SceneFixture::new();
         stage.desc.sky = Vec3::splat(0.3);
         stage.ground = Some(stage.desc.sky);
         let black = stage.material(material(0.0, 0.0, 0.0));
         let corners = [Vec3::new(-9.0, -9.0, 0.0), Vec3::X * 9.0, Vec3::Y * 9.0];
         let normal = Vec3::new((1.0 - away * away).sqrt(), 0.0, -away);
-        let mesh = stage.mesh(&Shape::triangle(corners, normal), Some(black));
+        let mesh = stage.mesh(&MeshFixture::triangle(corners, normal), Some(black));
         stage.node(mesh, DAffine3::IDENTITY);
         shine(&mut stage, DVec3::Z, 0.0);
         let view = look(DVec3::Z * 3.0, DVec3::ZERO, [8, 8]);
@@ -200,11 +200,11 @@ fn a_normal_that_turns_away_from_the_eye_reflects_as_at_a_grazing_angle() {
 fn small_smooth_metal_has_its_highlight_wherever_it_stands() {
     let size = [32, 32];
     for shift in 0..16 {
-        let mut stage = Stage::new();
+        let mut stage = SceneFixture::new();
         stage.desc.sky = Vec3::splat(0.02);
         let smooth = Material { roughness: 0.05, ..Material::default() };
         let smooth = stage.material(Material { base_color: Vec4::ONE, ..smooth });
-        let ball = stage.mesh(&Shape::sphere(32), Some(smooth));
+        let ball = stage.mesh(&MeshFixture::sphere(32), Some(smooth));
         // Four pixels of radius, moved by parts of one.
         let moved = DVec3::new(f64::from(shift % 4), f64::from(shift / 4), 0.0) * 0.25;
         let pixel_m = 0.25;

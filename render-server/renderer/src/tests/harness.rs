@@ -20,12 +20,12 @@ pub fn gpu() -> &'static Gpu {
 
 /// Vertices with position, normal, tangent and texture coordinates.
 #[derive(Clone, Default)]
-pub struct Shape {
+pub struct MeshFixture {
     pub vertices: Vec<[f32; 12]>,
     pub indices: Vec<u32>,
 }
 
-impl Shape {
+impl MeshFixture {
     pub const LAYOUT: VertexLayout =
         VertexLayout { tangent: true, uv0: true, uv1: false, color: false };
 
@@ -104,22 +104,22 @@ impl Shape {
 
 /// A scene under construction.
 #[derive(Default)]
-pub struct Stage {
+pub struct SceneFixture {
     pub desc: Scene,
-    shapes: Vec<Shape>,
+    shapes: Vec<MeshFixture>,
     pub textures: Vec<Vec<u8>>,
     /// Radiance from below; as the layout makes it if `None`.
     pub ground: Option<Vec3>,
 }
 
-impl Stage {
+impl SceneFixture {
     pub fn new() -> Self {
         let desc = Scene { sky: Vec3::new(0.3, 0.4, 0.5), ..Scene::default() };
         Self { desc, ..Self::default() }
     }
 
     /// A mesh of one primitive.
-    pub fn mesh(&mut self, shape: &Shape, material: Option<u32>) -> u32 {
+    pub fn mesh(&mut self, shape: &MeshFixture, material: Option<u32>) -> u32 {
         self.desc
             .meshes
             .push(Mesh { primitives: vec![shape.primitive(material)], ..Mesh::default() });

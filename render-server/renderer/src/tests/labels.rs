@@ -1,24 +1,24 @@
 //! Words over pictures: where they should be, and nothing else touched.
 
 use super::harness::gpu;
-use crate::picture::{Content, Picture};
-use crate::{Label, Output, Place, letterbox, read_picture};
+use crate::picture::{ImageEncoding, OutputTexture};
+use crate::{Label, LabelPosition, PresentPass, letterbox, read_picture};
 
 /// A picture in which every pixel has its own colour.
-fn picture(size: [u32; 2]) -> Picture {
+fn picture(size: [u32; 2]) -> OutputTexture {
     let pixels = (0..size[0] * size[1]).flat_map(|n| [n as u8, (n >> 8) as u8, (n * 7) as u8, 255]);
-    Picture::of_pixels(gpu(), size, &pixels.collect::<Vec<u8>>())
+    OutputTexture::of_pixels(gpu(), size, &pixels.collect::<Vec<u8>>())
 }
 
-fn label(place: Place, lines: &[&str]) -> Label {
+fn label(place: LabelPosition, lines: &[&str]) -> Label {
     Label { lines: lines.iter().map(|line| (*line).to_owned()).collect(), place }
 }
 
 /// What a surface of this format shows, as sRGB bytes.
 fn shown(
-    output: &mut Output,
+    output: &mut PresentPass,
     format: wgpu::TextureFormat,
-    picture: Option<&Picture>,
+    picture: Option<&OutputTexture>,
     labels: &[Label],
     size: [u32; 2],
 ) -> Vec<[u8; 4]> {
@@ -35,7 +35,7 @@ fn shown(
     });
     let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
     output.draw(gpu(), picture, labels, &view, size);
-    let copy = Picture::new(gpu(), size, Content::Srgb);
+    let copy = OutputTexture::new(gpu(), size, ImageEncoding::Srgb);
     let mut encoder =
         gpu().device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
     encoder.copy_texture_to_texture(
@@ -53,13 +53,13 @@ fn shown(
 fn a_label_covers_its_panel_and_the_picture_is_untouched_elsewhere() {
     let size = [320, 180];
     let labels = [
-        label(Place::Middle, &["front-1-1", "127.0.0.1:41234", "320 x 180 pixels"]),
-        label(Place::Corner, &["manager lost since 12:03:10 UTC"]),
+        label(LabelPosition::Middle, &["front-1-1", "127.0.0.1:41234", "320 x 180 pixels"]),
+        label(LabelPosition::Corner, &["manager lost since 12:03:10 UTC"]),
     ];
     let under = picture(size);
     let before = read_picture(gpu(), &under).unwrap();
     for format in [wgpu::TextureFormat::Rgba8UnormSrgb, wgpu::TextureFormat::Rgba8Unorm] {
-        let mut output = Output::new(gpu(), format);
+        let mut output = PresentPass::new(gpu(), format);
         for labels in [&labels[..], &labels[..1], &labels[1..], &[]] {
             let pixels = shown(&mut output, format, Some(&under), labels, size);
             let mut expected = before.as_chunks::<4>().0.to_vec();
@@ -79,7 +79,7 @@ fn a_label_covers_its_panel_and_the_picture_is_untouched_elsewhere() {
 #[test]
 fn without_a_picture_all_is_black() {
     let (format, size) = (wgpu::TextureFormat::Rgba8UnormSrgb, [64, 48]);
-    let mut output = Output::new(gpu(), format);
+    let mut output = PresentPass::new(gpu(), format);
     let under = picture(size);
     assert_ne!(shown(&mut output, format, Some(&under), &[], size)[99], [0, 0, 0, 255]);
     let pixels = shown(&mut output, format, None, &[], size);
@@ -89,8 +89,8 @@ fn without_a_picture_all_is_black() {
 #[test]
 fn a_label_is_as_sharp_on_a_display_that_scales_the_picture() {
     let (format, size) = (wgpu::TextureFormat::Rgba8UnormSrgb, [400, 300]);
-    let corner = label(Place::Corner, &["manager lost"]);
-    let mut output = Output::new(gpu(), format);
+    let corner = label(LabelPosition::Corner, &["manager lost"]);
+    let mut output = PresentPass::new(gpu(), format);
     let under = picture([40, 30]);
     let pixels = shown(&mut output, format, Some(&under), std::slice::from_ref(&corner), size);
     let (image, [left, top]) = corner.image(size).unwrap();
@@ -135,8 +135,8 @@ fn all_sizes_of_windows_hold_the_whole_picture() {
 #[test]
 fn bars_are_black_and_the_picture_fills_the_rest() {
     let format = wgpu::TextureFormat::Rgba8UnormSrgb;
-    let mut output = Output::new(gpu(), format);
-    let white = Picture::of_pixels(gpu(), [32, 18], &[255; 32 * 18 * 4]);
+    let mut output = PresentPass::new(gpu(), format);
+    let white = OutputTexture::of_pixels(gpu(), [32, 18], &[255; 32 * 18 * 4]);
     for size in [[64, 64], [200, 30], [33, 19], [32, 18]] {
         let pixels = shown(&mut output, format, Some(&white), &[], size);
         let [x, y, width, height] = letterbox([32, 18], size);

@@ -4,7 +4,7 @@ use glam::{DAffine3, DVec3, Quat, Vec3, Vec4};
 use polyptych_scene::{AlphaMode, Instance, Material, Node};
 
 use super::harness::{
-    Shape, Stage, differences, draw, draw_sampled, drawn, gpu, look, matt, pixel,
+    MeshFixture, SceneFixture, differences, draw, draw_sampled, drawn, gpu, look, matt, pixel,
 };
 use crate::{Renderer, Target, read_pixels};
 
@@ -25,11 +25,11 @@ fn a_centimetre_is_resolved_at_ten_kilometres() {
         // GL's depth goes from −1 to 1, which costs reversed depth its precision.
         return;
     }
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let green = stage.material(flat(0.0, 1.0, 0.0, 1.0));
     let red = stage.material(flat(1.0, 0.0, 0.0, 1.0));
-    let front = stage.mesh(&Shape::rectangle(4000.0, 4000.0), Some(green));
-    let back = stage.mesh(&Shape::rectangle(3600.0, 3600.0), Some(red));
+    let front = stage.mesh(&MeshFixture::rectangle(4000.0, 4000.0), Some(green));
+    let back = stage.mesh(&MeshFixture::rectangle(3600.0, 3600.0), Some(red));
     // The far one first, so that order alone does not decide.
     stage.node(back, DAffine3::from_translation(DVec3::Z * -10_000.01));
     stage.node(front, DAffine3::from_translation(DVec3::Z * -10_000.0));
@@ -45,11 +45,11 @@ fn a_centimetre_is_resolved_at_ten_kilometres() {
 
 #[test]
 fn blended_panes_are_sorted_from_both_sides() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let red = stage.material(Material { double_sided: true, ..flat(1.0, 0.0, 0.0, 0.5) });
     let blue = stage.material(Material { double_sided: true, ..flat(0.0, 0.0, 1.0, 0.5) });
-    let first = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(red));
-    let second = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(blue));
+    let first = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(red));
+    let second = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(blue));
     stage.node(first, DAffine3::IDENTITY);
     stage.node(second, DAffine3::from_translation(DVec3::Z * -0.5));
     let scene = stage.build();
@@ -65,11 +65,11 @@ fn blended_panes_are_sorted_from_both_sides() {
 
 #[test]
 fn a_blended_pane_behind_an_opaque_one_does_not_show() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let red = stage.material(flat(1.0, 0.0, 0.0, 0.5));
     let green = stage.material(flat(0.0, 1.0, 0.0, 1.0));
-    let pane = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(red));
-    let wall = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(green));
+    let pane = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(red));
+    let wall = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(green));
     stage.node(pane, DAffine3::from_translation(DVec3::Z * -1.0));
     stage.node(wall, DAffine3::IDENTITY);
     let pixels = draw(&stage.build(), SIZE, &look(DVec3::Z * 2.0, DVec3::ZERO, SIZE));
@@ -88,13 +88,13 @@ fn instances_equal_separate_nodes() {
         }
     });
     let places: Vec<Instance> = places.collect();
-    let shape = Shape::sphere(8);
-    let mut together = Stage::new();
+    let shape = MeshFixture::sphere(8);
+    let mut together = SceneFixture::new();
     let material = together.material(matt(0.8, 0.5, 0.2));
     let mesh = together.mesh(&shape, Some(material));
     let (mesh, instances) = (Some(mesh), places.clone());
     together.desc.nodes.push(Node { mesh, instances, ..Node::default() });
-    let mut apart = Stage::new();
+    let mut apart = SceneFixture::new();
     let material = apart.material(matt(0.8, 0.5, 0.2));
     let mesh = apart.mesh(&shape, Some(material));
     for place in &places {
@@ -112,9 +112,9 @@ fn instances_equal_separate_nodes() {
 
 #[test]
 fn pictures_do_not_depend_on_what_was_drawn_before() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let material = stage.material(matt(0.8, 0.5, 0.2));
-    let mesh = stage.mesh(&Shape::sphere(16), Some(material));
+    let mesh = stage.mesh(&MeshFixture::sphere(16), Some(material));
     for i in 0..20 {
         let i = f64::from(i);
         stage.node(mesh, DAffine3::from_translation(DVec3::new(i.sin() * 4.0, i.cos(), -i)));
@@ -134,8 +134,8 @@ fn pictures_do_not_depend_on_what_was_drawn_before() {
 
 #[test]
 fn what_is_outside_is_culled() {
-    let mut stage = Stage::new();
-    let mesh = stage.mesh(&Shape::sphere(6), None);
+    let mut stage = SceneFixture::new();
+    let mesh = stage.mesh(&MeshFixture::sphere(6), None);
     for i in 0..1000 {
         let angle = f64::from(i) * 0.01 * std::f64::consts::TAU;
         let ring = 20.0 + f64::from(i / 100) * 3.0;

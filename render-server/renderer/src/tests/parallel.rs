@@ -3,7 +3,9 @@
 use glam::{DAffine3, DMat4, DVec3, DVec4, Vec3, Vec4};
 use polyptych_scene::{AlphaMode, Light, LightKind, Material};
 
-use super::harness::{Shape, Stage, differences, draw, draw_sampled, drawn, look, pixel};
+use super::harness::{
+    MeshFixture, SceneFixture, differences, draw, draw_sampled, drawn, look, pixel,
+};
 use crate::ViewDesc;
 
 const SIZE: [u32; 2] = [96, 64];
@@ -33,11 +35,11 @@ fn flat(color: [f32; 3], alpha: f32) -> Material {
 
 #[test]
 fn a_centimetre_is_resolved_in_a_plan_of_a_kilometre_of_depth() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let green = stage.material(flat([0.0, 1.0, 0.0], 1.0));
     let red = stage.material(flat([1.0, 0.0, 0.0], 1.0));
-    let front = stage.mesh(&Shape::rectangle(40.0, 40.0), Some(green));
-    let back = stage.mesh(&Shape::rectangle(30.0, 30.0), Some(red));
+    let front = stage.mesh(&MeshFixture::rectangle(40.0, 40.0), Some(green));
+    let back = stage.mesh(&MeshFixture::rectangle(30.0, 30.0), Some(red));
     // The far one first, so that order alone does not decide.
     stage.node(back, DAffine3::from_translation(DVec3::Z * -1000.01));
     stage.node(front, DAffine3::from_translation(DVec3::Z * -1000.0));
@@ -57,11 +59,11 @@ fn a_centimetre_is_resolved_in_a_plan_of_a_kilometre_of_depth() {
 
 #[test]
 fn what_is_behind_the_camera_of_a_plan_is_cut_away() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let green = stage.material(flat([0.0, 1.0, 0.0], 1.0));
     let red = stage.material(flat([1.0, 0.0, 0.0], 1.0));
-    let floor = stage.mesh(&Shape::rectangle(40.0, 40.0), Some(green));
-    let roof = stage.mesh(&Shape::rectangle(40.0, 40.0), Some(red));
+    let floor = stage.mesh(&MeshFixture::rectangle(40.0, 40.0), Some(green));
+    let roof = stage.mesh(&MeshFixture::rectangle(40.0, 40.0), Some(red));
     stage.node(floor, DAffine3::IDENTITY);
     stage.node(roof, DAffine3::from_translation(DVec3::Z * 3.0));
     let scene = stage.build();
@@ -76,14 +78,14 @@ fn what_is_behind_the_camera_of_a_plan_is_cut_away() {
 
 #[test]
 fn a_mirror_shows_one_light_to_parallel_rays() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let metal = stage.material(Material {
         base_color: Vec4::ONE,
         metallic: 1.0,
         roughness: 0.35,
         ..Material::default()
     });
-    let mirror = stage.mesh(&Shape::rectangle(50.0, 50.0), Some(metal));
+    let mirror = stage.mesh(&MeshFixture::rectangle(50.0, 50.0), Some(metal));
     stage.node(mirror, DAffine3::IDENTITY);
     let sun = Light { kind: LightKind::Directional, color: Vec3::ONE, intensity: 0.5, range: None };
     stage.light(sun, DAffine3::IDENTITY);
@@ -101,12 +103,12 @@ fn a_mirror_shows_one_light_to_parallel_rays() {
 }
 
 /// Two panes side by side at one distance, which overlap in the middle.
-fn panes() -> Stage {
-    let mut stage = Stage::new();
+fn panes() -> SceneFixture {
+    let mut stage = SceneFixture::new();
     let red = stage.material(flat([1.0, 0.0, 0.0], 0.5));
     let blue = stage.material(flat([0.0, 0.0, 1.0], 0.5));
     for (x, material) in [(-1.0, red), (1.0, blue)] {
-        let pane = stage.mesh(&Shape::rectangle(1.5, 1.0), Some(material));
+        let pane = stage.mesh(&MeshFixture::rectangle(1.5, 1.0), Some(material));
         stage.node(pane, DAffine3::from_translation(DVec3::new(x, 0.0, -3.0)));
     }
     stage
@@ -135,12 +137,12 @@ fn both_eyes_agree_on_what_lies_over_what() {
 
 #[test]
 fn panes_of_a_plan_are_sorted_by_depth_and_not_by_distance() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let red = stage.material(flat([1.0, 0.0, 0.0], 0.5));
     let blue = stage.material(flat([0.0, 0.0, 1.0], 0.5));
     // The red one is nearer along the rays, and its centre farther from the camera.
-    let near = stage.mesh(&Shape::rectangle(12.0, 4.0), Some(red));
-    let far = stage.mesh(&Shape::rectangle(4.0, 4.0), Some(blue));
+    let near = stage.mesh(&MeshFixture::rectangle(12.0, 4.0), Some(red));
+    let far = stage.mesh(&MeshFixture::rectangle(4.0, 4.0), Some(blue));
     stage.node(near, DAffine3::from_translation(DVec3::new(10.0, 0.0, -5.0)));
     stage.node(far, DAffine3::from_translation(DVec3::Z * -6.0));
     let scene = stage.build();
@@ -151,13 +153,13 @@ fn panes_of_a_plan_are_sorted_by_depth_and_not_by_distance() {
 
 #[test]
 fn culling_a_plan_changes_no_pixel() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let material = stage.material(flat([0.8, 0.5, 0.2], 1.0));
     // Fine enough that its clusters are culled one by one, and facing one way.
     let single = Material { double_sided: false, ..flat([0.2, 0.7, 0.3], 1.0) };
     let single = stage.material(single);
-    let ball = stage.mesh(&Shape::sphere(40), Some(single));
-    let tile = stage.mesh(&Shape::rectangle(0.4, 0.4), Some(material));
+    let ball = stage.mesh(&MeshFixture::sphere(40), Some(single));
+    let tile = stage.mesh(&MeshFixture::rectangle(0.4, 0.4), Some(material));
     for i in 0..60 {
         let t = f64::from(i);
         let place = DVec3::new((t * 0.9).sin() * 9.0, (t * 1.7).cos() * 9.0, -t);

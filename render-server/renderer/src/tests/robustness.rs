@@ -3,14 +3,14 @@
 use glam::{Affine2, DAffine3, DMat3, DVec3, Vec3};
 use polyptych_scene::{AlphaMode, Instance, Light, LightKind, Material, TextureRef};
 
-use super::harness::{Shape, Stage, draw, drawn, gpu, look, matt, pixel};
+use super::harness::{MeshFixture, SceneFixture, draw, drawn, gpu, look, matt, pixel};
 use crate::{DrawError, Renderer, SceneBuilder, SceneError, Target, ViewDesc};
 
 const SIZE: [u32; 2] = [96, 96];
 
 /// Draws a stage twice, tone-mapped inline and through the float target, and asserts that no
 /// pixel is broken: NaN would come out black, and nothing here is.
-fn check_no_black(stage: &mut Stage, view: &ViewDesc) {
+fn check_no_black(stage: &mut SceneFixture, view: &ViewDesc) {
     for alpha_mode in [AlphaMode::Opaque, AlphaMode::Blend] {
         for material in &mut stage.desc.materials {
             material.alpha_mode = alpha_mode;
@@ -24,7 +24,7 @@ fn check_no_black(stage: &mut Stage, view: &ViewDesc) {
 
 #[test]
 fn degenerate_shapes_and_matrices_do_no_harm() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let normals = stage.checkers(16, false);
     let normals = TextureRef { texture: normals, uv_set: 0, uv_transform: Affine2::IDENTITY };
     let material = stage.material(Material {
@@ -32,14 +32,14 @@ fn degenerate_shapes_and_matrices_do_no_harm() {
         roughness: 0.0,
         ..matt(0.9, 0.8, 0.7)
     });
-    let sphere = stage.mesh(&Shape::sphere(12), Some(material));
-    let mut bare = Shape::sphere(12);
+    let sphere = stage.mesh(&MeshFixture::sphere(12), Some(material));
+    let mut bare = MeshFixture::sphere(12);
     for vertex in &mut bare.vertices {
         vertex[3..10].fill(0.0);
     }
     let bare = stage.mesh(&bare, Some(material));
     let sliver = [Vec3::ZERO, Vec3::X, Vec3::X * 2.0];
-    let sliver = stage.mesh(&Shape::triangle(sliver, Vec3::Y), Some(material));
+    let sliver = stage.mesh(&MeshFixture::triangle(sliver, Vec3::Y), Some(material));
     let scaled = |x: f64, y: f64, z: f64, at: DVec3| {
         DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::new(x, y, z)), at)
     };
@@ -57,9 +57,9 @@ fn degenerate_shapes_and_matrices_do_no_harm() {
 
 #[test]
 fn lamps_at_the_surface_and_closed_cones_do_no_harm() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let material = stage.material(matt(0.9, 0.8, 0.7));
-    let floor = stage.mesh(&Shape::rectangle(5.0, 5.0), Some(material));
+    let floor = stage.mesh(&MeshFixture::rectangle(5.0, 5.0), Some(material));
     stage.node(floor, DAffine3::IDENTITY);
     let lamp = |kind, range| Light { kind, color: Vec3::ONE, intensity: 30.0, range };
     let closed = LightKind::Spot { inner_rad: 0.0, outer_rad: 0.0 };
@@ -77,10 +77,10 @@ fn lamps_at_the_surface_and_closed_cones_do_no_harm() {
 
 #[test]
 fn infinite_light_stays_within_the_target() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let material =
         stage.material(Material { emissive: Vec3::splat(f32::INFINITY), ..matt(0.9, 0.8, 0.7) });
-    let sphere = stage.mesh(&Shape::sphere(12), Some(material));
+    let sphere = stage.mesh(&MeshFixture::sphere(12), Some(material));
     stage.node(sphere, DAffine3::IDENTITY);
     let view = look(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO, SIZE);
     check_no_black(&mut stage, &view);
@@ -92,9 +92,9 @@ fn infinite_light_stays_within_the_target() {
 fn a_sun_straight_above_lights_as_one_aslant_does() {
     // A frame of reference for light must not need an "up" that the sun is not parallel to.
     let lit = |turn: DAffine3| {
-        let mut stage = Stage::new();
+        let mut stage = SceneFixture::new();
         let material = stage.material(matt(0.5, 0.5, 0.5));
-        let mesh = stage.mesh(&Shape::rectangle(2.0, 2.0), Some(material));
+        let mesh = stage.mesh(&MeshFixture::rectangle(2.0, 2.0), Some(material));
         stage.node(mesh, turn);
         let sun =
             Light { kind: LightKind::Directional, color: Vec3::ONE, intensity: 2.0, range: None };
@@ -114,12 +114,12 @@ fn a_sun_straight_above_lights_as_one_aslant_does() {
 
 #[test]
 fn a_black_frame_stays_black_under_any_exposure() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     stage.desc.sky = Vec3::ZERO;
     let black = Material { unlit: true, ..matt(0.0, 0.0, 0.0) };
     for alpha_mode in [AlphaMode::Opaque, AlphaMode::Blend] {
         let material = stage.material(Material { alpha_mode, ..black.clone() });
-        let sphere = stage.mesh(&Shape::sphere(12), Some(material));
+        let sphere = stage.mesh(&MeshFixture::sphere(12), Some(material));
         stage.node(sphere, DAffine3::IDENTITY);
         let scene = stage.build();
         for exposure in [0.0, 1.0, 1e30, f32::MAX] {
@@ -132,18 +132,18 @@ fn a_black_frame_stays_black_under_any_exposure() {
 
 #[test]
 fn up_parallel_to_the_view_is_a_view() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let material = stage.material(matt(0.9, 0.8, 0.7));
-    let sphere = stage.mesh(&Shape::sphere(12), Some(material));
+    let sphere = stage.mesh(&MeshFixture::sphere(12), Some(material));
     stage.node(sphere, DAffine3::IDENTITY);
     check_no_black(&mut stage, &look(DVec3::Y * 4.0, DVec3::ZERO, SIZE));
 }
 
 #[test]
 fn wrong_uploads_say_both_sizes_and_the_index() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     stage.checkers(4, true);
-    let shape = Shape::rectangle(1.0, 1.0);
+    let shape = MeshFixture::rectangle(1.0, 1.0);
     let mesh = stage.mesh(&shape, None);
     stage.node(mesh, DAffine3::IDENTITY);
     let mut builder = SceneBuilder::new(gpu(), stage.desc.clone()).unwrap();
@@ -164,8 +164,8 @@ fn wrong_uploads_say_both_sizes_and_the_index() {
 
 #[test]
 fn equal_contents_are_uploaded_once() {
-    let mut stage = Stage::new();
-    let shape = Shape::rectangle(1.0, 1.0);
+    let mut stage = SceneFixture::new();
+    let shape = MeshFixture::rectangle(1.0, 1.0);
     let (a, b) = (stage.mesh(&shape, None), stage.mesh(&shape, None));
     for mesh in [a, b] {
         stage.node(mesh, DAffine3::from_translation(DVec3::X * f64::from(mesh)));
@@ -178,9 +178,9 @@ fn equal_contents_are_uploaded_once() {
 
 #[test]
 fn indices_that_point_nowhere_are_refused() {
-    let check = |spoil: fn(&mut Stage), wanted: &str| {
-        let mut stage = Stage::new();
-        let mesh = stage.mesh(&Shape::rectangle(1.0, 1.0), None);
+    let check = |spoil: fn(&mut SceneFixture), wanted: &str| {
+        let mut stage = SceneFixture::new();
+        let mesh = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), None);
         stage.node(mesh, DAffine3::IDENTITY);
         spoil(&mut stage);
         let error = SceneBuilder::new(gpu(), stage.desc).unwrap_err().to_string();
@@ -198,8 +198,8 @@ fn what_does_not_fit_together_is_an_error() {
     assert!(Target::new(gpu(), [0, 5], 1, false).is_err());
     assert!(Target::new(gpu(), [5, 1 << 20], 1, false).is_err());
     assert!(Target::new(gpu(), [5, 5], 2, false).is_err());
-    let mut stage = Stage::new();
-    let mesh = stage.mesh(&Shape::rectangle(1.0, 1.0), None);
+    let mut stage = SceneFixture::new();
+    let mesh = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), None);
     stage.node(mesh, DAffine3::IDENTITY);
     let scene = stage.build();
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
@@ -222,7 +222,7 @@ fn what_does_not_fit_together_is_an_error() {
 
 #[test]
 fn leaves_out_the_largest_levels_of_textures_but_not_all_of_them() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let texture = stage.checkers(256, true);
     // The level of 256 pixels is white, that of 128 red, that of 64 green, and all others black.
     let sides = [(256, [255; 4]), (128, [255, 0, 0, 255]), (64, [0, 255, 0, 255])];
@@ -236,7 +236,7 @@ fn leaves_out_the_largest_levels_of_textures_but_not_all_of_them() {
         unlit: true,
         ..matt(1.0, 1.0, 1.0)
     });
-    let shape = Shape::rectangle(1.0, 1.0);
+    let shape = MeshFixture::rectangle(1.0, 1.0);
     let mesh = stage.mesh(&shape, Some(material));
     stage.node(mesh, DAffine3::IDENTITY);
     // So near that no smaller level is chosen.
@@ -256,8 +256,8 @@ fn leaves_out_the_largest_levels_of_textures_but_not_all_of_them() {
 #[test]
 fn a_heavy_scene_leaves_its_memory_when_another_one_is_drawn() {
     let scene = |copies: usize| {
-        let mut stage = Stage::new();
-        let mesh = stage.mesh(&Shape::rectangle(0.01, 0.01), None);
+        let mut stage = SceneFixture::new();
+        let mesh = stage.mesh(&MeshFixture::rectangle(0.01, 0.01), None);
         let node = stage.node(mesh, DAffine3::IDENTITY) as usize;
         let (rotation, scale) = (glam::Quat::IDENTITY, Vec3::ONE);
         let copy = Instance { translation: Vec3::ZERO, rotation, scale };

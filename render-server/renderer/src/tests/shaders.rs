@@ -9,7 +9,7 @@ use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord
 use crate::pass::{opaque, transparent};
 use crate::scene::MaterialUniform;
 use crate::shader::{Interface, screen, surface};
-use crate::view::{FrameUniform, LampRecord, SunRecord};
+use crate::view::{DirectionalLightRecord, FrameUniform, LocalLightRecord};
 
 fn module(name: &str, text: &str) -> naga::Module {
     let module = naga::front::wgsl::parse_str(text)
@@ -83,8 +83,17 @@ fn uniforms_match_their_twins() {
         texel
     );
     twin!("Frame", FrameUniform, clip_from_eye, sky, exposure, ground, eye, suns);
-    twin!("Sun", SunRecord, toward, irradiance);
-    twin!("Lamp", LampRecord, position, inverse_range, intensity, directional, direction, cone);
+    twin!("Sun", DirectionalLightRecord, toward, irradiance);
+    twin!(
+        "Lamp",
+        LocalLightRecord,
+        position,
+        inverse_range,
+        intensity,
+        directional,
+        direction,
+        cone
+    );
     twin!(
         "Material",
         MaterialUniform,

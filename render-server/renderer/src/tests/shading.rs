@@ -3,8 +3,8 @@
 use glam::{Affine2, DAffine3, DVec3, Vec3, Vec4};
 use polyptych_scene::{AlphaMode, Light, LightKind, Material, TextureRef};
 
-use super::harness::{Shape, Stage, draw, draw_sampled, gpu, look, matt, pixel};
-use crate::{GpuScene, Output, Target, ViewDesc, idle, read_picture, read_pixels};
+use super::harness::{MeshFixture, SceneFixture, draw, draw_sampled, gpu, look, matt, pixel};
+use crate::{GpuScene, PresentPass, Target, ViewDesc, idle, read_picture, read_pixels};
 
 const SIZE: [u32; 2] = [64, 64];
 
@@ -14,10 +14,10 @@ fn flat(color: Vec4) -> Material {
 
 /// A wall of 2 × 2 m at z = 0, under the lamps, without ambient light.
 fn wall(material: Material, lamps: &[(Light, DVec3)]) -> GpuScene {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     stage.desc.sky = Vec3::ZERO;
     let material = stage.material(material);
-    let mesh = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(material));
+    let mesh = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(material));
     stage.node(mesh, DAffine3::IDENTITY);
     for (lamp, place) in lamps {
         stage.light(lamp.clone(), DAffine3::from_translation(*place));
@@ -97,8 +97,8 @@ fn lamps_end_at_their_range_and_cone() {
 
 #[test]
 fn each_item_loops_over_the_lamps_that_reach_it() {
-    let mut stage = Stage::new();
-    let mesh = stage.mesh(&Shape::rectangle(0.4, 0.4), None);
+    let mut stage = SceneFixture::new();
+    let mesh = stage.mesh(&MeshFixture::rectangle(0.4, 0.4), None);
     for x in 0..4 {
         let place = DAffine3::from_translation(DVec3::X * f64::from(x * 10));
         stage.node(mesh, place);
@@ -112,14 +112,14 @@ fn each_item_loops_over_the_lamps_that_reach_it() {
 
 #[test]
 fn masks_cut_and_double_sides_turn() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let cut = stage.material(Material {
         alpha_mode: AlphaMode::Mask(0.5),
         ..flat(Vec4::new(1.0, 1.0, 1.0, 0.4))
     });
     let both = stage.material(Material { double_sided: true, ..matt(1.0, 1.0, 1.0) });
     let one = stage.material(matt(1.0, 1.0, 1.0));
-    let meshes = [cut, both, one].map(|m| stage.mesh(&Shape::rectangle(1.0, 1.0), Some(m)));
+    let meshes = [cut, both, one].map(|m| stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(m)));
     for (mesh, x) in meshes.into_iter().zip([-3.0, 0.0, 3.0]) {
         stage.node(mesh, DAffine3::from_translation(DVec3::X * x));
     }
@@ -137,9 +137,9 @@ fn masks_cut_and_double_sides_turn() {
 
 #[test]
 fn metals_are_not_black_without_lamps_in_sight() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let metal = stage.material(Material { roughness: 0.2, ..Material::default() });
-    let sphere = stage.mesh(&Shape::sphere(24), Some(metal));
+    let sphere = stage.mesh(&MeshFixture::sphere(24), Some(metal));
     stage.node(sphere, DAffine3::IDENTITY);
     let pixels = draw(&stage.build(), SIZE, &look(DVec3::Z * 2.5, DVec3::ZERO, SIZE));
     assert!(pixels.iter().all(|p| p[0] > 40 && p[2] > 40), "something is black");
@@ -148,14 +148,14 @@ fn metals_are_not_black_without_lamps_in_sight() {
 #[test]
 fn the_sky_is_one_colour_whoever_fills_it() {
     for sky in [Vec3::new(0.3, 0.4, 0.5), Vec3::new(0.011, 0.2, 3.7), Vec3::splat(0.0501)] {
-        let mut stage = Stage::new();
+        let mut stage = SceneFixture::new();
         stage.desc.sky = sky;
         let pane = stage.material(Material {
             alpha_mode: AlphaMode::Blend,
             ..flat(Vec4::new(1.0, 0.2, 0.2, 0.5))
         });
         let mesh =
-            stage.mesh(&Shape::triangle([Vec3::ZERO, Vec3::X, Vec3::Y], Vec3::Z), Some(pane));
+            stage.mesh(&MeshFixture::triangle([Vec3::ZERO, Vec3::X, Vec3::Y], Vec3::Z), Some(pane));
         stage.node(mesh, DAffine3::IDENTITY);
         let scene = stage.build();
         let view = look(DVec3::Z * 3.0, DVec3::ZERO, SIZE);
@@ -171,7 +171,7 @@ fn the_sky_is_one_colour_whoever_fills_it() {
 
 #[test]
 fn uv_transforms_and_missing_coordinates_are_applied() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let texture = stage.checkers(64, true);
     let transform = Affine2::from_scale_angle_translation(
         glam::Vec2::splat(1e-3),
@@ -183,7 +183,7 @@ fn uv_transforms_and_missing_coordinates_are_applied() {
     let missing = Material { base_color_texture: used(1, transform), ..flat(Vec4::ONE) };
     for (index, material) in [scaled, missing].into_iter().enumerate() {
         let material = stage.material(material);
-        let mesh = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(material));
+        let mesh = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(material));
         stage.node(mesh, DAffine3::from_translation(DVec3::X * (index as f64 * 2.0 - 1.0)));
     }
     let pixels = draw(&stage.build(), SIZE, &look(DVec3::Z * 3.0, DVec3::ZERO, SIZE));
@@ -215,7 +215,7 @@ fn output_keeps_every_code() {
             view_formats: &[],
         });
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        Output::new(gpu(), format).draw(gpu(), Some(target.picture()), &[], &view, size);
+        PresentPass::new(gpu(), format).draw(gpu(), Some(target.picture()), &[], &view, size);
         let mut encoder =
             gpu().device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let display = surface.display().as_image_copy();

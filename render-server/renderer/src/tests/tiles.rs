@@ -3,7 +3,9 @@
 use glam::{Affine2, DAffine3, DVec3, Vec3};
 use polyptych_scene::{AlphaMode, Material, TextureRef};
 
-use super::harness::{Shape, Stage, differences, draw, draw_sampled, look, matt, pixel};
+use super::harness::{
+    MeshFixture, SceneFixture, differences, draw, draw_sampled, look, matt, pixel,
+};
 use crate::{GpuScene, ViewDesc};
 
 const CANVAS: [u32; 2] = [384, 256];
@@ -11,7 +13,7 @@ const TILE: [u32; 2] = [192, 128];
 
 /// Textured spheres on a textured floor that passes behind the eye, and a pane.
 fn scene(place: DVec3, alpha_mode: AlphaMode) -> GpuScene {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let texture = stage.checkers(64, true);
     let normals = stage.checkers(64, false);
     let with = |texture| TextureRef { texture, uv_set: 0, uv_transform: Affine2::IDENTITY };
@@ -27,9 +29,9 @@ fn scene(place: DVec3, alpha_mode: AlphaMode) -> GpuScene {
         alpha_mode,
         ..matt(1.0, 1.0, 1.0)
     });
-    let sphere = stage.mesh(&Shape::sphere(24), Some(checkered));
-    let floor = stage.mesh(&Shape::rectangle(60.0, 60.0), Some(checkered));
-    let glass = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(pane));
+    let sphere = stage.mesh(&MeshFixture::sphere(24), Some(checkered));
+    let floor = stage.mesh(&MeshFixture::rectangle(60.0, 60.0), Some(checkered));
+    let glass = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(pane));
     let flat = DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2);
     let at = |offset: DVec3| DAffine3::from_translation(place + offset);
     stage.node(floor, at(-DVec3::Y) * flat);
@@ -132,14 +134,14 @@ fn a_scene_far_from_the_origin_looks_the_same() {
 
 #[test]
 fn a_triangle_through_all_channels_and_behind_the_eye_has_no_gap() {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     let red = stage.material(Material { unlit: true, ..matt(1.0, 0.0, 0.0) });
     let corners = [
         Vec3::new(-500.0, -1.0, -500.0),
         Vec3::new(0.0, -1.0, 400.0),
         Vec3::new(500.0, -1.0, -500.0),
     ];
-    let mesh = stage.mesh(&Shape::triangle(corners, Vec3::Y), Some(red));
+    let mesh = stage.mesh(&MeshFixture::triangle(corners, Vec3::Y), Some(red));
     stage.node(mesh, DAffine3::IDENTITY);
     let scene = stage.build();
     let view = look(DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.0, -0.3, 0.0), CANVAS);

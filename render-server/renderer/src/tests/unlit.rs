@@ -3,11 +3,11 @@
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 use polyptych_scene::{AlphaMode, Material};
 
-use super::harness::{Shape, Stage, draw_sampled, gpu, look, matt, pixel};
+use super::harness::{MeshFixture, SceneFixture, draw_sampled, gpu, look, matt, pixel};
 use crate::tone::{linear_from_srgb, tone_map};
 use crate::{
-    Content, Correction, CorrectionDesc, GpuScene, Packing, Renderer, SourceEye, SourcePlane,
-    Target, ViewDesc, read_picture,
+    AtlasViewDesc, Correction, CorrectionDesc, EyeAtlas, GpuScene, ImageEncoding, Renderer,
+    StereoPacking, Target, ViewDesc, read_picture,
 };
 
 /// Sixteen rectangles of eight pixels along each side.
@@ -36,17 +36,17 @@ fn colors(variant: u8) -> impl Iterator<Item = [u8; 3]> {
 /// Rectangles of all these colours over the whole picture. `is_blended` adds a pane behind them,
 /// so that the scene is drawn into the float target; `mode` is that of the colours.
 fn cards(variant: u8, is_blended: bool, mode: AlphaMode) -> GpuScene {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     for (index, color) in (0..).zip(colors(variant)) {
         let material = Material { alpha_mode: mode, ..flat(color, 1.0) };
         let material = stage.material(material);
-        let mesh = stage.mesh(&Shape::rectangle(0.5, 0.5), Some(material));
+        let mesh = stage.mesh(&MeshFixture::rectangle(0.5, 0.5), Some(material));
         let (x, y) = (f64::from(index % SIDE) - 7.5, 7.5 - f64::from(index / SIDE));
         stage.node(mesh, DAffine3::from_translation(DVec3::new(x, y, 0.0)));
     }
     if is_blended {
         let pane = stage.material(flat([200, 10, 10], 0.5));
-        let mesh = stage.mesh(&Shape::rectangle(60.0, 60.0), Some(pane));
+        let mesh = stage.mesh(&MeshFixture::rectangle(60.0, 60.0), Some(pane));
         // Its centre is farther from the eye than any card's.
         stage.node(mesh, DAffine3::from_translation(DVec3::Z * -40.0));
     }
@@ -93,18 +93,18 @@ fn every_code_of_an_unlit_colour_stays_in_every_pass() {
 }
 
 /// The scene through a correction, with both eyes in the middle.
-fn corrected(scene: &GpuScene, packing: Packing, exposure: f32) -> Vec<[u8; 4]> {
+fn corrected(scene: &GpuScene, packing: StereoPacking, exposure: f32) -> Vec<[u8; 4]> {
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
-    renderer.prepare_for(gpu(), scene, Content::Light);
-    let mut source = Target::of(gpu(), SIZE, 1, scene.blends(), Content::Light).unwrap();
+    renderer.prepare_for(gpu(), scene, ImageEncoding::Light);
+    let mut source = Target::of(gpu(), SIZE, 1, scene.blends(), ImageEncoding::Light).unwrap();
     renderer.draw(gpu(), scene, &mut source, &[view(exposure)]).unwrap();
     let desc = CorrectionDesc { packing, ..CorrectionDesc::identity(SIZE) };
-    let plane = SourcePlane {
+    let plane = AtlasViewDesc {
         eye_in_display: DVec3::ZERO,
         clip_from_eye: glam::DMat4::IDENTITY,
         rect: [0, 0, SIZE[0], SIZE[1]],
     };
-    let eye = SourceEye { planes: vec![plane], triangles: None };
+    let eye = EyeAtlas { planes: vec![plane], triangles: None };
     let eyes = vec![eye; packing.eyes()];
     let mut correction = Correction::new(gpu(), desc).unwrap();
     let picture = correction.picture(gpu());
@@ -114,7 +114,7 @@ fn corrected(scene: &GpuScene, packing: Packing, exposure: f32) -> Vec<[u8; 4]> 
 
 #[test]
 fn every_code_of_an_unlit_colour_stays_on_corrected_channels() {
-    for packing in [Packing::None, Packing::Anaglyph] {
+    for packing in [StereoPacking::None, StereoPacking::Anaglyph] {
         for (is_blended, mode) in
             [(false, AlphaMode::Opaque), (true, AlphaMode::Opaque), (true, AlphaMode::Blend)]
         {
@@ -136,7 +136,7 @@ fn code(light: f32) -> u8 {
 
 /// A pane of half coverage over a card, each without light or glowing by so much.
 fn pane_over_card(card: Material, pane: Material, exposure: f32) -> u8 {
-    let mut stage = Stage::new();
+    let mut stage = SceneFixture::new();
     stage.desc.sky = Vec3::ZERO;
     stage.light(
         polyptych_scene::Light {
@@ -149,7 +149,7 @@ fn pane_over_card(card: Material, pane: Material, exposure: f32) -> u8 {
     );
     for (material, z) in [(card, 0.0), (pane, 0.5)] {
         let material = stage.material(material);
-        let mesh = stage.mesh(&Shape::rectangle(3.0, 3.0), Some(material));
+        let mesh = stage.mesh(&MeshFixture::rectangle(3.0, 3.0), Some(material));
         stage.node(mesh, DAffine3::from_translation(DVec3::Z * z));
     }
     let view = ViewDesc { exposure, ..look(DVec3::Z * 3.0, DVec3::ZERO, [8, 8]) };
@@ -197,14 +197,14 @@ fn blending_with_unlit_colours_mixes_what_each_shows() {
 #[test]
 fn edges_between_unlit_and_lit_surfaces_lie_between_both() {
     for is_blended in [false, true] {
-        let mut stage = Stage::new();
+        let mut stage = SceneFixture::new();
         stage.desc.sky = Vec3::splat(0.5);
         let card = stage.material(flat([40; 3], 1.0));
-        let mesh = stage.mesh(&Shape::rectangle(1.0, 1.0), Some(card));
+        let mesh = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(card));
         stage.node(mesh, DAffine3::from_rotation_z(0.3));
         if is_blended {
             let pane = stage.material(flat([40; 3], 0.5));
-            let mesh = stage.mesh(&Shape::rectangle(0.2, 0.2), Some(pane));
+            let mesh = stage.mesh(&MeshFixture::rectangle(0.2, 0.2), Some(pane));
             stage.node(mesh, DAffine3::from_translation(DVec3::Z * 0.1));
         }
         let view = look(DVec3::Z * 4.0, DVec3::ZERO, [64, 64]);

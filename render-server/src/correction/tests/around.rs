@@ -2,7 +2,7 @@
 
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use polyptych_wall::projector::Projector;
-use polyptych_wall::source::SourcePlan;
+use polyptych_wall::source::ViewAtlas;
 use polyptych_wall::{StereoMode, StereoRule};
 
 use super::*;
@@ -36,16 +36,17 @@ fn ideal(wall: &Wall, spot: &Spot) -> Vec<f64> {
 /// there lie on it.
 fn places(name: &str, wall: &Wall, spots: &[Spot]) -> Vec<[DVec2; 2]> {
     let mut found = vec![[DVec2::ZERO; 2]; spots.len()];
-    for (side, eye) in [EyeOf::Left, EyeOf::Right].into_iter().enumerate() {
+    for (side, eye) in [Eye::Left, Eye::Right].into_iter().enumerate() {
         let mut wall = wall.clone();
         wall.channels[0].adjustment.eye = eye;
-        let plan = Plan::new(&wall, &Maps::default(), ChannelId(0)).expect("a plan");
+        let plan =
+            CorrectionPlan::new(&wall, &CalibrationMaps::default(), ChannelId(0)).expect("a plan");
         let plan = plan.expect("a correction");
         let mut corrector = Corrector::new(gpu(), plan, &wall, None).expect("a corrector");
         let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
         let scene = scene(spots);
-        renderer.prepare_for(gpu(), &scene, Content::Light);
-        let mut output = Output::new("curve".into(), None, None);
+        renderer.prepare_for(gpu(), &scene, ImageEncoding::Light);
+        let mut output = ChannelOutput::new("curve".into(), None, None);
         let frame = frame(wall.head());
         let drawing = (&mut renderer, &scene);
         corrector.draw(gpu(), drawing, &wall, &frame, &mut output).expect("drawn");
@@ -58,7 +59,7 @@ fn places(name: &str, wall: &Wall, spots: &[Spot]) -> Vec<[DVec2; 2]> {
         // Where the parts do not suffice, the plan says what they come to.
         let mesh = corrector.plan.warp.as_ref().expect("a mesh");
         let eyes = wall.viewpoints(&wall.channels[0]);
-        let planned = SourcePlan::new(mesh, &eyes, wall.near_m, CHANNEL_SIDE_MAX).expect("a plan");
+        let planned = ViewAtlas::new(mesh, &eyes, wall.near_m, CHANNEL_SIDE_MAX).expect("a plan");
         let planned_px = planned.stereo_error_px;
         assert!(planned_px < 1.0, "{name}: {planned_px} px");
         let (mut on_screen, mut off_screen) = (0f64, 0f64);
@@ -128,7 +129,7 @@ fn a_dome_has_nearly_none_at_its_top() {
     // As far apart as people's: no number of parts is enough for five times that.
     wall.eye_separation_m = 0.063;
     wall.channels[0].size = UVec2::new(220, 220);
-    wall.channels[0].cover = Cover::Projector(Box::new(Projector {
+    wall.channels[0].cover = ChannelKind::Projector(Box::new(Projector {
         position: DVec3::new(0.1, 0.0, 0.05),
         rotation: DQuat::from_rotation_x(PI / 2.0),
         tangents: [-1.0, 1.0, -1.0, 1.0],

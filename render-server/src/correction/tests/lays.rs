@@ -5,22 +5,25 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use polyptych_files::blob::BlobHash;
-use polyptych_wall::adjustment::Bend;
+use polyptych_wall::adjustment::ControlGrid;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::projector::Projector;
 use polyptych_wall::view::{Area, ViewProjection};
-use polyptych_wall::warp::{MapSpace, WallMap, WarpGrid, WarpMap, WarpMesh, WarpShape, WarpVertex};
-use polyptych_wall::{FileKind, MapFile};
+use polyptych_wall::warp::{
+    CalibrationMap, ImportedMesh, ImportedVertex, MapCoordinates, WarpGeometry, WarpGrid, WarpMap,
+};
+use polyptych_wall::{CalibrationFile, CalibrationFileKind};
 
 use super::*;
 
 /// The codes of a channel that shows these views.
-fn codes(wall: &Wall, maps: &Maps, scene: &GpuScene, views: &[View]) -> Vec<[u8; 4]> {
-    let plan = Plan::new(wall, maps, ChannelId(0)).expect("a plan").expect("a correction");
+fn codes(wall: &Wall, maps: &CalibrationMaps, scene: &GpuScene, views: &[View]) -> Vec<[u8; 4]> {
+    let plan =
+        CorrectionPlan::new(wall, maps, ChannelId(0)).expect("a plan").expect("a correction");
     let mut corrector = Corrector::new(gpu(), plan, wall, None).expect("a corrector");
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
-    renderer.prepare_for(gpu(), scene, Content::Light);
-    let mut output = Output::new("curve".into(), None, None);
+    renderer.prepare_for(gpu(), scene, ImageEncoding::Light);
+    let mut output = ChannelOutput::new("curve".into(), None, None);
     let frame = Frame { views: views.to_vec(), ..frame(wall.head()) };
     wall.check_views(views).expect("views that can be");
     let drawing = (&mut renderer, scene);
@@ -86,7 +89,7 @@ fn size_m(screen: &Screen, [x, y, width, height]: [u32; 4]) -> DVec2 {
 /// The view's picture lies where it should, and as bright, and nothing else has changed.
 fn check_lay(
     name: &str,
-    (wall, maps): (&Wall, &Maps),
+    (wall, maps): (&Wall, &CalibrationMaps),
     rect: [u32; 4],
     canvas_of: impl Fn(DVec2) -> Option<DVec2>,
 ) {
@@ -139,12 +142,12 @@ fn by_form(wall: &Wall) -> impl Fn(DVec2) -> Option<DVec2> {
 #[test]
 fn a_cylinder_has_the_picture_as_paper_would() {
     let wall = wall(cylinder(1.2, DQuat::from_rotation_y(0.4)), [240, 134]);
-    check_lay("cylinder", (&wall, &Maps::default()), [30, 12, 180, 110], by_form(&wall));
+    check_lay("cylinder", (&wall, &CalibrationMaps::default()), [30, 12, 180, 110], by_form(&wall));
 }
 
 #[test]
 fn a_cylinder_changes_no_pixel_of_a_display_that_is_flat() {
-    let (spots, maps, rect) = (spots(), Maps::default(), [20, 10, 96, 64]);
+    let (spots, maps, rect) = (spots(), CalibrationMaps::default(), [20, 10, 96, 64]);
     let scene = scene(&spots);
     let round = wall(cylinder(1.0, DQuat::IDENTITY), [160, 100]);
     // As large, flat, and through a correction that moves nothing.
@@ -175,7 +178,7 @@ fn dome(elevation_rad: [f64; 2], azimuth_rad: [f64; 2]) -> Surface {
 #[test]
 fn a_dome_has_the_picture_by_azimuth_and_elevation() {
     let wall = wall(dome([0.0, 1.0], [-0.8, 0.8]), [240, 150]);
-    check_lay("dome", (&wall, &Maps::default()), [40, 20, 170, 100], by_form(&wall));
+    check_lay("dome", (&wall, &CalibrationMaps::default()), [40, 20, 170, 100], by_form(&wall));
 }
 
 /// A projector from the middle, straight up into a whole dome: the pole is in its picture, and all
@@ -184,14 +187,14 @@ fn a_dome_has_the_picture_by_azimuth_and_elevation() {
 fn a_projector_at_the_pole_has_the_picture_around_it() {
     let mut wall = wall(dome([0.0, FRAC_PI_2], [-PI, PI]), [1024, 256]);
     wall.channels[0].size = UVec2::new(220, 220);
-    wall.channels[0].cover = Cover::Projector(Box::new(Projector {
+    wall.channels[0].cover = ChannelKind::Projector(Box::new(Projector {
         position: DVec3::new(0.1, 0.0, 0.05),
         rotation: DQuat::from_rotation_x(FRAC_PI_2),
         tangents: [-1.0, 1.0, -1.0, 1.0],
     }));
     for (x, width) in [(300, 424), (0, 1024), (700, 324)] {
         let name = format!("pole from {x}");
-        check_lay(&name, (&wall, &Maps::default()), [x, 30, width, 170], by_form(&wall));
+        check_lay(&name, (&wall, &CalibrationMaps::default()), [x, 30, width, 170], by_form(&wall));
     }
 }
 
@@ -204,28 +207,38 @@ fn pins_and_bends_move_the_picture() {
     adjustment.pin[3] = DVec2::new(-9.0, -5.0);
     let mut moves = vec![DVec2::ZERO; 9];
     moves[4] = DVec2::new(3.0, -2.0);
-    adjustment.bend = Some(Bend { points: UVec2::splat(3), moves: moves.into() });
-    check_lay("pinned and bent", (&bent, &Maps::default()), [40, 20, 160, 95], by_form(&bent));
+    adjustment.bend = Some(ControlGrid { points: UVec2::splat(3), moves: moves.into() });
+    check_lay(
+        "pinned and bent",
+        (&bent, &CalibrationMaps::default()),
+        [40, 20, 160, 95],
+        by_form(&bent),
+    );
 }
 
 #[test]
 fn a_projector_has_the_picture_where_the_screen_has_it() {
     let mut wall = wall(cylinder(1.2, DQuat::IDENTITY), [400, 222]);
     wall.channels[0].size = UVec2::new(240, 150);
-    wall.channels[0].cover = Cover::Projector(Box::new(Projector {
+    wall.channels[0].cover = ChannelKind::Projector(Box::new(Projector {
         position: DVec3::new(0.3, 0.2, 0.4),
         rotation: DQuat::from_rotation_y(-0.1) * DQuat::from_rotation_z(0.05),
         tangents: [-0.45, 0.45, -0.28, 0.28],
     }));
-    check_lay("projector", (&wall, &Maps::default()), [90, 40, 200, 120], by_form(&wall));
+    check_lay(
+        "projector",
+        (&wall, &CalibrationMaps::default()),
+        [90, 40, 200, 120],
+        by_form(&wall),
+    );
 }
 
-fn with_file(wall: &mut Wall, kind: FileKind, map: WarpMap) -> Maps {
+fn with_file(wall: &mut Wall, kind: CalibrationFileKind, map: WarpMap) -> CalibrationMaps {
     let blob = Some(BlobHash([7; 32]));
     let front = Vec::new();
-    wall.files.push(MapFile { path: "f".into(), kind, blob, is_for_one_eye: false, front });
-    let map = Arc::new(WallMap::Warp(map));
-    Maps::load(wall, |_| Ok(Arc::clone(&map))).expect("maps")
+    wall.files.push(CalibrationFile { path: "f".into(), kind, blob, is_for_one_eye: false, front });
+    let map = Arc::new(CalibrationMap::Warp(map));
+    CalibrationMaps::load(wall, |_| Ok(Arc::clone(&map))).expect("maps")
 }
 
 /// Where a file has a place of the picture on the canvas: a little askew.
@@ -243,20 +256,20 @@ fn files_of_places_have_the_picture_where_they_say() {
     };
     let cell = |i: u32| Vec2::new((i % 48) as f32 + 0.5, (i / 48) as f32 + 0.5);
     let values = (0..48 * 27).map(|i| askew(cell(i) / Vec2::new(48.0, 27.0)).extend(0.0));
-    let grid = WarpShape::Grid(WarpGrid { size: UVec2::new(48, 27), values: values.collect() });
+    let grid = WarpGeometry::Grid(WarpGrid { size: UVec2::new(48, 27), values: values.collect() });
     let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| Vec2::new(x, y));
     let vertex = |place: Vec2| {
         let value = askew(place).extend(0.0);
-        WarpVertex { place, value, light: 1.0 }
+        ImportedVertex { place, value, light: 1.0 }
     };
     let vertices = corners.map(vertex).to_vec();
-    let mesh = WarpShape::Mesh(WarpMesh { vertices, triangles: vec![[0, 1, 2], [2, 1, 3]] });
+    let mesh = WarpGeometry::Mesh(ImportedMesh { vertices, triangles: vec![[0, 1, 2], [2, 1, 3]] });
     for (name, shape) in [("grid", grid), ("mesh", mesh)] {
         let mut wall = screen.clone();
         wall.channels[0].size = UVec2::new(240, 135);
-        (wall.channels[0].cover, wall.channels[0].adjustment.warp) = (Cover::Map, Some(0));
-        let warp = WarpMap { space: MapSpace::Canvas, shape };
-        let maps = with_file(&mut wall, FileKind::Warp, warp);
+        (wall.channels[0].cover, wall.channels[0].adjustment.warp) = (ChannelKind::Map, Some(0));
+        let warp = WarpMap { space: MapCoordinates::Canvas, shape };
+        let maps = with_file(&mut wall, CalibrationFileKind::Warp, warp);
         check_lay(name, (&wall, &maps), [60, 30, 190, 120], canvas_of);
     }
 }
@@ -265,16 +278,16 @@ fn files_of_places_have_the_picture_where_they_say() {
 #[test]
 fn a_screen_in_a_file_has_the_picture_by_its_own_places() {
     let mut hill = wall(Surface::Mesh(0), [240, 136]);
-    let point = |u: f32, v: f32, z: f32| WarpVertex {
+    let point = |u: f32, v: f32, z: f32| ImportedVertex {
         place: Vec2::new(u, v),
         value: Vec3::new(u * 2.0 - 1.0, 0.6 - v * 1.2, z),
         light: 1.0,
     };
     let rows = [0.0, 1.0].map(|v| [point(0.0, v, -2.0), point(0.5, v, -2.3), point(1.0, v, -2.0)]);
     let triangles = vec![[0, 1, 3], [3, 1, 4], [1, 2, 4], [4, 2, 5]];
-    let mesh = WarpMesh { vertices: rows.concat(), triangles };
-    let map = WarpMap { space: MapSpace::Display, shape: WarpShape::Mesh(mesh) };
-    let maps = with_file(&mut hill, FileKind::ScreenMesh, map);
+    let mesh = ImportedMesh { vertices: rows.concat(), triangles };
+    let map = WarpMap { space: MapCoordinates::Display, shape: WarpGeometry::Mesh(mesh) };
+    let maps = with_file(&mut hill, CalibrationFileKind::ScreenMesh, map);
     check_lay("hill", (&hill, &maps), [30, 12, 180, 110], Some);
     // Through a warp of points besides, nothing says which.
     hill.channels[0].adjustment.warp = Some(0);
@@ -292,7 +305,7 @@ fn a_part_of_a_curve_shows_another_camera_through_the_walls_frusta() {
     let spots: Vec<_> = (-4..=4)
         .map(|at| Spot { place: toward(f64::from(at) * 0.25, 0.0, 5.0), half: 0.5 })
         .collect();
-    let (scene, maps) = (scene(&spots), Maps::default());
+    let (scene, maps) = (scene(&spots), CalibrationMaps::default());
     let base = View::of_wall(Camera::IDENTITY);
     let other = View::of_wall(Camera { rotation: turned, ..Camera::IDENTITY });
     let rect = [50, 20, 90, 80];

@@ -14,7 +14,8 @@
 use glam::{Vec2, Vec3};
 use polyptych_text::counted;
 use polyptych_wall::warp::{
-    MAP_VERTICES_MAX, MapSpace, PLACE_REACH_MAX, WarpMap, WarpMesh, WarpShape, WarpVertex,
+    ImportedMesh, ImportedVertex, MAP_VERTICES_MAX, MapCoordinates, PLACE_REACH_MAX, WarpGeometry,
+    WarpMap,
 };
 
 use super::super::error::BakeError;
@@ -74,13 +75,13 @@ pub(super) fn read(bytes: &[u8], aspect: Option<f64>) -> Result<WarpMap, BakeErr
         return Err(BakeError::at("file", what, "intensities of 0 to 1 would be right"));
     }
     let firsts: Vec<u32> = triangles.iter().map(|[first, ..]| *first).collect();
-    let mesh = WarpMesh { vertices, triangles };
+    let mesh = ImportedMesh { vertices, triangles };
     let mesh = fold::check(mesh, |triangle| text::place(places[firsts[triangle] as usize]))?;
-    Ok(WarpMap { space: MapSpace::Canvas, shape: WarpShape::Mesh(mesh) })
+    Ok(WarpMap { space: MapCoordinates::Canvas, shape: WarpGeometry::Mesh(mesh) })
 }
 
 /// A node, and whether it is lit.
-fn node(content: &str, line: usize, aspect: f64) -> Result<(WarpVertex, bool), BakeError> {
+fn node(content: &str, line: usize, aspect: f64) -> Result<(ImportedVertex, bool), BakeError> {
     let mut words = content.split_ascii_whitespace();
     let [x, y, u, v, intensity] = text::numbers(&mut words, line, "x y u v i")?;
     let reach = f64::from(PLACE_REACH_MAX);
@@ -93,7 +94,7 @@ fn node(content: &str, line: usize, aspect: f64) -> Result<(WarpVertex, bool), B
     let place = Vec2::new(f64::midpoint(x / aspect, 1.0) as f32, ((1.0 - y) / 2.0) as f32);
     let value = Vec3::new(u as f32, (1.0 - v) as f32, 0.0);
     let light = intensity.max(0.0).powf(GAMMA) as f32;
-    Ok((WarpVertex { place, value, light }, intensity >= 0.0))
+    Ok((ImportedVertex { place, value, light }, intensity >= 0.0))
 }
 
 /// Two triangles for each cell whose four corners are lit.

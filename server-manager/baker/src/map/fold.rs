@@ -4,7 +4,7 @@
 //! show two, and which of them is chance.
 
 use glam::DVec2;
-use polyptych_wall::warp::WarpMesh;
+use polyptych_wall::warp::ImportedMesh;
 
 use super::super::error::BakeError;
 
@@ -22,9 +22,9 @@ const EDGE: f64 = 1e-6;
 /// # Errors
 /// What is folded; `place_of` says how to call the triangle of an index.
 pub(super) fn check(
-    mut mesh: WarpMesh,
+    mut mesh: ImportedMesh,
     place_of: impl Fn(usize) -> String,
-) -> Result<WarpMesh, BakeError> {
+) -> Result<ImportedMesh, BakeError> {
     let right = "places of a picture, 0 to 1 both ways, each covered once, would be right";
     let at = |index: u32| mesh.vertices[index as usize].place.as_dvec2();
     let mut kept = Vec::with_capacity(mesh.triangles.len());
@@ -60,7 +60,7 @@ pub(super) fn check(
 }
 
 /// Only the vertices that a triangle has: the others may lie anywhere.
-fn without_loose_vertices(mut mesh: WarpMesh) -> WarpMesh {
+fn without_loose_vertices(mut mesh: ImportedMesh) -> ImportedMesh {
     let mut index_of = vec![u32::MAX; mesh.vertices.len()];
     let mut kept = Vec::new();
     for corner in mesh.triangles.iter_mut().flatten() {
@@ -71,7 +71,7 @@ fn without_loose_vertices(mut mesh: WarpMesh) -> WarpMesh {
         }
         *corner = *index;
     }
-    WarpMesh { vertices: kept, triangles: mesh.triangles }
+    ImportedMesh { vertices: kept, triangles: mesh.triangles }
 }
 
 /// Whether more than a line of a triangle lies in the picture: axes that separate both, as of two

@@ -8,32 +8,32 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, Vec2, Vec3};
-use polyptych_files::blob::BlobFolder;
+use polyptych_files::blob::BlobStore;
 use polyptych_scene::{Scene, Topology};
 use polyptych_text::counted;
 use polyptych_wall::warp::{
-    MAP_TRIANGLES_MAX, MAP_VERTICES_MAX, MapSpace, WARP_REACH_M_MAX, WarpMap, WarpMesh, WarpShape,
-    WarpVertex,
+    ImportedMesh, ImportedVertex, MAP_TRIANGLES_MAX, MAP_VERTICES_MAX, MapCoordinates,
+    WARP_REACH_M_MAX, WarpGeometry, WarpMap,
 };
 
 use super::super::error::BakeError;
 use super::super::pose::{Pose, Vertices};
-use super::super::source::Source;
-use super::super::{Job, document, geometry, node, topology};
+use super::super::source::GltfSource;
+use super::super::{BakeJob, document, geometry, node, topology};
 use super::fold;
 
 /// Reads a mesh whose TEXCOORD_0 are places. Nothing is written to `blobs`.
 pub(super) fn read(
     path: &Path,
-    blobs: &BlobFolder,
+    blobs: &BlobStore,
     cancel: &AtomicBool,
 ) -> Result<WarpMap, BakeError> {
-    let source = Source::open(path, cancel)?;
+    let source = GltfSource::open(path, cancel)?;
     let mut progress = |_| {};
-    let mut job = Job::new(&source, blobs, &mut progress, cancel);
+    let mut job = BakeJob::new(&source, blobs, &mut progress, cancel);
     let node::Placed { nodes, meshes } = node::read(&mut job)?;
     let scene = Scene { nodes, ..Scene::default() };
-    let mut mesh = WarpMesh { vertices: Vec::new(), triangles: Vec::new() };
+    let mut mesh = ImportedMesh { vertices: Vec::new(), triangles: Vec::new() };
     let mut origins = Vec::new();
     for (node, world) in scene.nodes.iter().zip(scene.world_from_nodes()) {
         let used = node.mesh.and_then(|used| meshes.uses.get(used as usize));
@@ -58,15 +58,15 @@ pub(super) fn read(
         format!("{place} triangle {}", triangle - first)
     };
     let mesh = fold::check(mesh, place_of)?;
-    Ok(WarpMap { space: MapSpace::Display, shape: WarpShape::Mesh(mesh) })
+    Ok(WarpMap { space: MapCoordinates::Display, shape: WarpGeometry::Mesh(mesh) })
 }
 
 fn append(
-    job: &mut Job<'_>,
+    job: &mut BakeJob<'_>,
     primitive: &document::Primitive,
     pose: Option<&Pose>,
     world: DAffine3,
-    mesh: &mut WarpMesh,
+    mesh: &mut ImportedMesh,
     place: &str,
 ) -> Result<(), BakeError> {
     if topology::of_mode(primitive.mode) != Some(Topology::Triangles) {
@@ -107,7 +107,7 @@ fn append(
             let right = format!("finite metres, at most {WARP_REACH_M_MAX}, would be right");
             return Err(BakeError::at(place, what, right));
         }
-        mesh.vertices.push(WarpVertex { place: at, value: value.as_vec3(), light: 1.0 });
+        mesh.vertices.push(ImportedVertex { place: at, value: value.as_vec3(), light: 1.0 });
     }
     let corners = indices.chunks_exact(3).map(|c| [base + c[0], base + c[1], base + c[2]]);
     mesh.triangles.extend(corners);

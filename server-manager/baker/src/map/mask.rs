@@ -6,7 +6,7 @@
 use polyptych_wall::warp::Mask;
 
 use super::super::error::BakeError;
-use super::picture::{self, Picture};
+use super::picture::{self, PngImage};
 
 /// Reads a mask. `gamma`: what somebody else says of the file, light = stored^gamma.
 pub(super) fn read(bytes: &[u8], gamma: Option<f64>) -> Result<Mask, BakeError> {
@@ -15,7 +15,7 @@ pub(super) fn read(bytes: &[u8], gamma: Option<f64>) -> Result<Mask, BakeError> 
 }
 
 /// The mask that a decoded picture is.
-pub(super) fn convert(picture: &Picture, gamma: Option<f64>) -> Result<Mask, BakeError> {
+pub(super) fn convert(picture: &PngImage, gamma: Option<f64>) -> Result<Mask, BakeError> {
     let pixels = picture.texels.len() / picture.components;
     let is_clear = |pixel: &usize| picture.alpha(*pixel).is_some_and(|alpha| alpha != u16::MAX);
     if let Some(pixel) = (0..pixels).find(is_clear) {

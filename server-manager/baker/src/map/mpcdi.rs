@@ -26,13 +26,13 @@ use std::sync::atomic::AtomicBool;
 use archive::Archive;
 use glam::{DVec3, UVec2};
 use polyptych_files::output_file;
-use polyptych_wall::warp::{MapSpace, WarpMap, WarpShape};
+use polyptych_wall::warp::{MapCoordinates, WarpGeometry, WarpMap};
 
 use super::super::check;
 use super::super::error::BakeError;
 use super::{pfm, picture};
 
-pub use region::Pyramid;
+pub use region::RegionFrustum;
 
 /// What an archive holds, after its files were written.
 #[derive(Clone, Debug)]
@@ -79,11 +79,11 @@ pub struct ImportedRegion {
     /// Its part of the buffer in pixels, from the upper left: origin and size.
     pub part: (UVec2, UVec2),
     /// The frustum of profiles 3d and sl.
-    pub pyramid: Option<Pyramid>,
+    pub pyramid: Option<RegionFrustum>,
     /// Where the lens of profile sl is, in metres.
     pub position: DVec3,
     /// What the warp's numbers are.
-    pub space: MapSpace,
+    pub space: MapCoordinates,
     /// The warp map, a PFM, by its name in the folder; none of profile sl.
     pub warp: Option<String>,
     /// The mask of light, a PNG, by its name in the folder.
@@ -130,7 +130,9 @@ fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Import
             write(ending, &png).map(Some)
         };
         let pfm = match &maps.warp {
-            Some(WarpMap { space, shape: WarpShape::Grid(grid) }) => Some(pfm::write(*space, grid)),
+            Some(WarpMap { space, shape: WarpGeometry::Grid(grid) }) => {
+                Some(pfm::write(*space, grid))
+            }
             _ => None,
         };
         regions.push(ImportedRegion {
@@ -139,7 +141,7 @@ fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Import
             part: document.part(region),
             pyramid: region.pyramid,
             position: maps.position,
-            space: maps.warp.as_ref().map_or(MapSpace::Display, |warp| warp.space),
+            space: maps.warp.as_ref().map_or(MapCoordinates::Display, |warp| warp.space),
             warp: pfm.map(|bytes| write(".pfm", &bytes)).transpose()?,
             alpha: mask(&maps.alpha, "-alpha.png")?,
             beta: mask(&maps.beta, "-beta.png")?,
@@ -182,7 +184,7 @@ fn name_of(id: &str, is_taken: impl Fn(&str) -> bool) -> String {
 
 /// The corners of the plane that a frustum of profile 3d looks through, `distance` metres from
 /// `eye`: lower left, lower right and upper left.
-pub fn corners(pyramid: &Pyramid, eye: DVec3, distance: f64) -> [DVec3; 3] {
+pub fn corners(pyramid: &RegionFrustum, eye: DVec3, distance: f64) -> [DVec3; 3] {
     let turn = pyramid.display_from_view();
     let [left, right, down, up] = pyramid.tangents().map(|tangent| tangent * distance);
     [(left, down), (right, down), (left, up)].map(|(x, y)| eye + turn * DVec3::new(x, y, -distance))

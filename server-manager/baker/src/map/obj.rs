@@ -13,8 +13,8 @@ use std::collections::HashMap;
 
 use glam::{Vec2, Vec3};
 use polyptych_wall::warp::{
-    MAP_TRIANGLES_MAX, MAP_VERTICES_MAX, MapSpace, WARP_REACH_M_MAX, WarpMap, WarpMesh, WarpShape,
-    WarpVertex,
+    ImportedMesh, ImportedVertex, MAP_TRIANGLES_MAX, MAP_VERTICES_MAX, MapCoordinates,
+    WARP_REACH_M_MAX, WarpGeometry, WarpMap,
 };
 
 use super::super::error::BakeError;
@@ -38,7 +38,7 @@ struct Reader {
     positions: Vec<Vec3>,
     /// v down.
     uvs: Vec<Vec2>,
-    vertices: Vec<WarpVertex>,
+    vertices: Vec<ImportedVertex>,
     /// By position and UV, both as counted in the file.
     known: HashMap<(u32, u32), u32>,
     triangles: Vec<[u32; 3]>,
@@ -69,10 +69,10 @@ pub(super) fn read(bytes: &[u8], roles: Roles) -> Result<WarpMap, BakeError> {
         return Err(BakeError::at("file", "it has no faces", right));
     }
     let lines = reader.lines;
-    let mesh = WarpMesh { vertices: reader.vertices, triangles: reader.triangles };
+    let mesh = ImportedMesh { vertices: reader.vertices, triangles: reader.triangles };
     let mesh = fold::check(mesh, |triangle| text::place(lines[triangle]))?;
-    let space = if roles == Roles::Sgct { MapSpace::Canvas } else { MapSpace::Display };
-    Ok(WarpMap { space, shape: WarpShape::Mesh(mesh) })
+    let space = if roles == Roles::Sgct { MapCoordinates::Canvas } else { MapCoordinates::Display };
+    Ok(WarpMap { space, shape: WarpGeometry::Mesh(mesh) })
 }
 
 fn point(point: [f64; 3], line: usize) -> Result<Vec3, BakeError> {
@@ -156,7 +156,7 @@ impl Reader {
                 (Vec2::new(1.0 + at.x, 1.0 - at.y) / 2.0, Vec3::new(uv_there.x, uv_there.y, 0.0))
             }
         };
-        self.vertices.push(WarpVertex { place, value, light: 1.0 });
+        self.vertices.push(ImportedVertex { place, value, light: 1.0 });
         self.known.insert((position, uv), index);
         Ok(index)
     }

@@ -16,7 +16,7 @@
 use glam::{UVec2, Vec3};
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use polyptych_wall::warp::{
-    MapSpace, PLACE_REACH_MAX, WARP_REACH_M_MAX, WarpGrid, WarpMap, WarpShape,
+    MapCoordinates, PLACE_REACH_MAX, WARP_REACH_M_MAX, WarpGeometry, WarpGrid, WarpMap,
 };
 
 use super::super::error::BakeError;
@@ -110,10 +110,10 @@ impl Pfm {
 
     /// The map, with v down on the canvas, or in metres of display space.
     pub fn into_warp(self) -> Result<WarpMap, BakeError> {
-        let space = if self.is_uv() { MapSpace::Canvas } else { MapSpace::Display };
+        let space = if self.is_uv() { MapCoordinates::Canvas } else { MapCoordinates::Display };
         let convert = |value: Vec3| match space {
-            MapSpace::Canvas => Vec3::new(value.x, 1.0 - value.y, 0.0),
-            MapSpace::Display => value,
+            MapCoordinates::Canvas => Vec3::new(value.x, 1.0 - value.y, 0.0),
+            MapCoordinates::Display => value,
         };
         self.map(space, convert)
     }
@@ -121,14 +121,16 @@ impl Pfm {
     /// The map with every lit value converted; pixels with NaN or infinity are unlit.
     pub fn map(
         self,
-        space: MapSpace,
+        space: MapCoordinates,
         convert: impl Fn(Vec3) -> Vec3,
     ) -> Result<WarpMap, BakeError> {
         let (reach, what) = match space {
-            MapSpace::Canvas => (PLACE_REACH_MAX, "as u and v, which are 0 to 1 on the canvas"),
-            MapSpace::Display => (WARP_REACH_M_MAX, "as a point in metres"),
+            MapCoordinates::Canvas => {
+                (PLACE_REACH_MAX, "as u and v, which are 0 to 1 on the canvas")
+            }
+            MapCoordinates::Display => (WARP_REACH_M_MAX, "as a point in metres"),
         };
-        let used = if space == MapSpace::Canvas { 2 } else { 3 };
+        let used = if space == MapCoordinates::Canvas { 2 } else { 3 };
         let mut values = self.values;
         let mut is_lit = false;
         for (at, value) in values.iter_mut().enumerate() {
@@ -156,7 +158,7 @@ impl Pfm {
             return Err(BakeError::at("pixels", what, "finite values where there is light"));
         }
         let grid = WarpGrid { size: self.size, values };
-        Ok(WarpMap { space, shape: WarpShape::Grid(grid) })
+        Ok(WarpMap { space, shape: WarpGeometry::Grid(grid) })
     }
 }
 
@@ -167,13 +169,13 @@ fn is_swapped(number: f32) -> bool {
 }
 
 /// The file that reads back as this grid.
-pub(super) fn write(space: MapSpace, grid: &WarpGrid) -> Vec<u8> {
+pub(super) fn write(space: MapCoordinates, grid: &WarpGrid) -> Vec<u8> {
     let mut out = format!("PF\n{} {}\n-1.0\n", grid.size.x, grid.size.y).into_bytes();
     for row in grid.values.chunks_exact(grid.size.x as usize).rev() {
         for value in row {
             let [x, y, z] = match space {
-                MapSpace::Canvas => [value.x, 1.0 - value.y, f32::NAN],
-                MapSpace::Display => value.to_array(),
+                MapCoordinates::Canvas => [value.x, 1.0 - value.y, f32::NAN],
+                MapCoordinates::Display => value.to_array(),
             };
             for number in [x, y, z] {
                 out.extend_from_slice(&number.to_le_bytes());

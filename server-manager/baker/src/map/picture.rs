@@ -19,7 +19,7 @@ const PIXELS_PER_BYTE_MAX: u64 = 8192;
 
 /// A decoded picture.
 #[derive(Debug)]
-pub(super) struct Picture {
+pub(super) struct PngImage {
     pub size: UVec2,
     /// 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha.
     pub components: usize,
@@ -32,7 +32,7 @@ pub(super) struct Picture {
 }
 
 /// Decodes a PNG.
-pub(super) fn decode(bytes: &[u8]) -> Result<Picture, BakeError> {
+pub(super) fn decode(bytes: &[u8]) -> Result<PngImage, BakeError> {
     let bad = |what: String| {
         let right = format!("a PNG of at most {CHANNEL_SIDE_MAX} × {CHANNEL_SIDE_MAX} pixels");
         BakeError::at("PNG", what, format!("{right} would be right"))
@@ -83,7 +83,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Picture, BakeError> {
     if texels.len() as u64 != pixels * components as u64 {
         return Err(bad("it ends before its last pixel".to_owned()));
     }
-    Ok(Picture { size, components, bits, texels, gamma })
+    Ok(PngImage { size, components, bits, texels, gamma })
 }
 
 /// Whether there is a `gAMA` chunk of 0 before the pixels: the decoder passes over it, and the
@@ -106,7 +106,7 @@ fn has_zero_gamma(bytes: &[u8]) -> bool {
     false
 }
 
-impl Picture {
+impl PngImage {
     /// Alpha of a pixel, where there is any.
     pub fn alpha(&self, pixel: usize) -> Option<u16> {
         let last = pixel * self.components + self.components - 1;

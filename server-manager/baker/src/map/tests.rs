@@ -13,10 +13,12 @@ use std::sync::atomic::AtomicBool;
 
 use glam::{UVec2, Vec2, Vec3};
 use maps::{Png, png};
-use polyptych_wall::warp::{MapSpace, Mask, WallMap, WarpGrid, WarpMap, WarpMesh, WarpShape};
+use polyptych_wall::warp::{
+    CalibrationMap, ImportedMesh, MapCoordinates, Mask, WarpGeometry, WarpGrid, WarpMap,
+};
 use serde_json::json;
 
-use super::super::Store;
+use super::super::BakeCache;
 use super::super::tests::builder::Builder;
 use super::{MapUse, bake_map};
 
@@ -24,15 +26,15 @@ const WARP: MapUse =
     MapUse::Warp { aspect: Some(16.0 / 9.0), dark_zeros: false, sgct_roles: false };
 
 /// A folder with a store.
-struct Place {
+struct MapFixture {
     folder: tempfile::TempDir,
-    store: Store,
+    store: BakeCache,
 }
 
-impl Place {
+impl MapFixture {
     fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let store = Store::open(folder.path().join("store")).expect("a store");
+        let store = BakeCache::open(folder.path().join("store")).expect("a store");
         Self { folder, store }
     }
 
@@ -43,38 +45,38 @@ impl Place {
     }
 
     /// Through file and blob, as a server gets it.
-    fn bake(&self, name: &str, used_as: MapUse, bytes: &[u8]) -> Result<WallMap, String> {
+    fn bake(&self, name: &str, used_as: MapUse, bytes: &[u8]) -> Result<CalibrationMap, String> {
         let path = self.write(name, bytes);
         let baked = bake_map(&path, used_as, &self.store, &AtomicBool::new(false));
         let baked = baked.map_err(|error| error.to_string())?;
         let blob = self.store.blobs().read(baked.blob).expect("read").expect("there");
-        Ok(WallMap::decode(&blob).expect("a blob of the baker"))
+        Ok(CalibrationMap::decode(&blob).expect("a blob of the baker"))
     }
 }
 
 fn warp(name: &str, used_as: MapUse, bytes: &[u8]) -> WarpMap {
-    match Place::new().bake(name, used_as, bytes).expect("baked") {
-        WallMap::Warp(warp) => warp,
-        WallMap::Mask(_) => panic!("a mask"),
+    match MapFixture::new().bake(name, used_as, bytes).expect("baked") {
+        CalibrationMap::Warp(warp) => warp,
+        CalibrationMap::Mask(_) => panic!("a mask"),
     }
 }
 
-fn grid(name: &str, bytes: &[u8]) -> (MapSpace, WarpGrid) {
+fn grid(name: &str, bytes: &[u8]) -> (MapCoordinates, WarpGrid) {
     let WarpMap { space, shape } = warp(name, WARP, bytes);
-    let WarpShape::Grid(grid) = shape else { panic!("a mesh") };
+    let WarpGeometry::Grid(grid) = shape else { panic!("a mesh") };
     (space, grid)
 }
 
-fn mesh(name: &str, used_as: MapUse, bytes: &[u8]) -> (MapSpace, WarpMesh) {
+fn mesh(name: &str, used_as: MapUse, bytes: &[u8]) -> (MapCoordinates, ImportedMesh) {
     let WarpMap { space, shape } = warp(name, used_as, bytes);
-    let WarpShape::Mesh(mesh) = shape else { panic!("a grid") };
+    let WarpGeometry::Mesh(mesh) = shape else { panic!("a grid") };
     (space, mesh)
 }
 
 fn mask(bytes: &[u8]) -> Mask {
-    match Place::new().bake("mask.png", MapUse::Mask, bytes).expect("baked") {
-        WallMap::Mask(mask) => mask,
-        WallMap::Warp(_) => panic!("a warp"),
+    match MapFixture::new().bake("mask.png", MapUse::Mask, bytes).expect("baked") {
+        CalibrationMap::Mask(mask) => mask,
+        CalibrationMap::Warp(_) => panic!("a warp"),
     }
 }
 
@@ -88,7 +90,7 @@ fn points_of_a_float_map_keep_their_rows_in_both_byte_orders() {
     };
     for is_little in [true, false] {
         let (space, grid) = grid("a.pfm", &maps::pfm([3, 2], 3, is_little, value));
-        assert_eq!((space, grid.size), (MapSpace::Display, UVec2::new(3, 2)));
+        assert_eq!((space, grid.size), (MapCoordinates::Display, UVec2::new(3, 2)));
         assert_eq!(grid.values[1], Vec3::new(1.0, 0.0, -2.5), "the upper row");
         assert_eq!(grid.values[5], Vec3::new(2.0, -1.0, -2.5), "the lower row");
         assert!(grid.values[2].is_nan() && grid.values[4].is_nan(), "unlit");
@@ -108,12 +110,16 @@ fn places_of_a_float_map_are_places_of_the_canvas() {
     ];
     for file in files {
         let (space, grid) = grid("a.pfm", &file);
-        assert_eq!(space, MapSpace::Canvas);
+        assert_eq!(space, MapCoordinates::Canvas);
         assert_eq!(grid.values[0], Vec3::ZERO, "the upper left corner of the canvas");
         assert_eq!(grid.values[5], Vec3::new(0.5, 0.5, 0.0));
     }
     let outside = maps::pfm([3, 2], 3, true, |x, y| [x as f32, y as f32, 0.0]);
-    assert_eq!(grid("a.pfm", &outside).0, MapSpace::Display, "beyond the unit square: metres");
+    assert_eq!(
+        grid("a.pfm", &outside).0,
+        MapCoordinates::Display,
+        "beyond the unit square: metres"
+    );
 }
 
 /// Programs write zeros where nothing is lit: a key says so, and without it a warning does.
@@ -121,17 +127,17 @@ fn places_of_a_float_map_are_places_of_the_canvas() {
 fn points_at_the_origin_are_dark_where_the_wall_says_so() {
     let value = |x: u32, y: u32| if x == 1 { [0.0; 3] } else { [x as f32, y as f32, -2.0] };
     let file = maps::pfm([3, 2], 3, true, value);
-    let place = Place::new();
+    let place = MapFixture::new();
     let path = place.write("a.pfm", &file);
     for (dark_zeros, is_lit) in [(false, true), (true, false)] {
         let used_as = MapUse::Warp { aspect: None, dark_zeros, sgct_roles: false };
         let baked = bake_map(&path, used_as, &place.store, &AtomicBool::new(false)).expect("baked");
         let warning = baked.warning.unwrap_or_default();
         assert_eq!(warning.contains("2 pixels at (0, 0, 0)"), is_lit, "{warning}");
-        let WallMap::Warp(warp) = place.bake("a.pfm", used_as, &file).expect("a map") else {
+        let CalibrationMap::Warp(warp) = place.bake("a.pfm", used_as, &file).expect("a map") else {
             panic!("a mask")
         };
-        let WarpShape::Grid(grid) = warp.shape else { panic!("a mesh") };
+        let WarpGeometry::Grid(grid) = warp.shape else { panic!("a mesh") };
         assert_eq!((grid.values[1].is_nan(), grid.values[2].is_nan()), (!is_lit, false));
     }
 }
@@ -151,7 +157,7 @@ fn a_mesh_of_obj_is_points_at_places() {
     let text = maps::obj([4, 3], corner);
     for used_as in [WARP, MapUse::ScreenMesh] {
         let (space, mesh) = mesh("a.obj", used_as, text.as_bytes());
-        assert_eq!((space, mesh.vertices.len()), (MapSpace::Display, 20));
+        assert_eq!((space, mesh.vertices.len()), (MapCoordinates::Display, 20));
         assert_eq!(mesh.triangles.len(), 24);
         for vertex in &mesh.vertices {
             let [u, v] = vertex.place.to_array();
@@ -177,7 +183,7 @@ fn a_mesh_of_sgct_is_places_of_the_canvas_at_places() {
     let text = "v -1 1 0\nv 1 1 0\nv -1 -1 9\nvt 0.1 0.8\nvt 0.9 0.8\nvt 0.1 0.4\n";
     for face in ["f 1/1/1 2/2/2 3/3/3\n", "f 1 2 3\n"] {
         let (space, mesh) = mesh("a.obj", sgct, format!("{text}{face}").as_bytes());
-        assert_eq!((space, &mesh.triangles[..]), (MapSpace::Canvas, &[[0, 1, 2]][..]));
+        assert_eq!((space, &mesh.triangles[..]), (MapCoordinates::Canvas, &[[0, 1, 2]][..]));
         let found = mesh.vertices.iter().map(|vertex| (vertex.place, vertex.value));
         let due = [
             (Vec2::ZERO, Vec3::new(0.1, 0.2, 0.0)),
@@ -189,7 +195,7 @@ fn a_mesh_of_sgct_is_places_of_the_canvas_at_places() {
             assert!(value.distance(due_value) < 1e-6, "{value}");
         }
     }
-    let line = Place::new().bake("a.pfm", sgct, b"PF\n1 1\n-1.0\n").expect_err("refused");
+    let line = MapFixture::new().bake("a.pfm", sgct, b"PF\n1 1\n-1.0\n").expect_err("refused");
     assert!(line.contains("a.pfm: file: ") && line.contains("warp_obj"), "{line}");
 }
 
@@ -201,7 +207,7 @@ fn a_mesh_of_gltf_is_points_at_places() {
     let accessor = builder.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
     builder.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = json!(accessor);
     let (space, mesh) = mesh("a.glb", MapUse::ScreenMesh, &builder.glb());
-    assert_eq!((space, mesh.triangles.len()), (MapSpace::Display, 1));
+    assert_eq!((space, mesh.triangles.len()), (MapCoordinates::Display, 1));
     assert!(mesh.vertices.iter().all(|vertex| vertex.value.z == -2.0), "{mesh:?}");
     assert_eq!(mesh.vertices[1].place, Vec2::new(1.0, 0.0));
 }
@@ -216,7 +222,11 @@ fn a_bourke_mesh_is_places_of_the_canvas_with_light() {
         [(u * 2.0 - 1.0) * aspect, v * 2.0 - 1.0, u, v, intensity]
     };
     let (space, mesh) = mesh("a.data", WARP, maps::bourke([4, 3], node).as_bytes());
-    assert_eq!((space, mesh.vertices.len()), (MapSpace::Canvas, 11), "the unlit one is loose");
+    assert_eq!(
+        (space, mesh.vertices.len()),
+        (MapCoordinates::Canvas, 11),
+        "the unlit one is loose"
+    );
     assert_eq!(mesh.triangles.len(), 2 * (6 - 1), "one cell has an unlit corner");
     for vertex in &mesh.vertices {
         let due = Vec3::new(vertex.place.x, vertex.place.y, 0.0);
@@ -232,7 +242,7 @@ fn a_uv_image_is_places_of_the_canvas() {
     let texels = [0, lit, lit, 13107, 26214, lit, lit, 0, lit, lit, lit, 0];
     let picture = Png { size: [2, 2], color: 2, bits: 16, gamma: Some(45455), texels: &texels };
     let (space, grid) = grid("uv.png", &png(&picture));
-    assert_eq!((space, grid.values[0]), (MapSpace::Canvas, Vec3::ZERO));
+    assert_eq!((space, grid.values[0]), (MapCoordinates::Canvas, Vec3::ZERO));
     assert!(grid.values[1].distance(Vec3::new(0.2, 0.6, 0.0)) < 1e-6, "gamma is not asked");
     assert_eq!(grid.values[2], Vec3::new(1.0, 1.0, 0.0));
     assert!(grid.values[3].is_nan(), "blue is 0");

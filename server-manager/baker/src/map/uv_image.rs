@@ -6,7 +6,7 @@
 //! is 0, or, in a file without alpha, where blue is 0.
 
 use glam::Vec3;
-use polyptych_wall::warp::{MapSpace, WarpGrid, WarpMap, WarpShape};
+use polyptych_wall::warp::{MapCoordinates, WarpGeometry, WarpGrid, WarpMap};
 
 use super::super::error::BakeError;
 use super::picture;
@@ -33,5 +33,5 @@ pub(super) fn read(bytes: &[u8]) -> Result<WarpMap, BakeError> {
         return Err(bad(format!("every pixel is unlit: {which} is 0 everywhere")));
     }
     let grid = WarpGrid { size: picture.size, values };
-    Ok(WarpMap { space: MapSpace::Canvas, shape: WarpShape::Grid(grid) })
+    Ok(WarpMap { space: MapCoordinates::Canvas, shape: WarpGeometry::Grid(grid) })
 }

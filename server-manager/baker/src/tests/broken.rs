@@ -5,11 +5,11 @@ use serde_json::{Value, json};
 
 use super::builder::{Builder, glb, png};
 use super::missing::textured;
-use super::{BakeError, Place};
+use super::{BakeError, BakeFixture};
 
 /// Bakes and gives the message.
 fn refusal(name: &str, bytes: &[u8]) -> String {
-    let place = Place::new();
+    let place = BakeFixture::new();
     let path = place.write(name, bytes);
     match place.bake(&path) {
         Ok(baked) => panic!("{name} was baked: {baked:?}"),
@@ -67,7 +67,7 @@ fn scenes_beyond_all_measure() {
         move |builder: &mut Builder| builder.json["nodes"][0]["scale"] = json!([scale, scale, 1])
     };
     refused(scaled(1e300), &["nodes", "reaches as far as", "smaller numbers"]);
-    let place = Place::new();
+    let place = BakeFixture::new();
     let mut builder = Builder::quad();
     scaled(1e30)(&mut builder);
     place.bake(&place.write("large.glb", &builder.glb())).expect("only very large");
@@ -92,7 +92,7 @@ fn files_that_are_not_gltf() {
     old[4] = 1;
     says(&old, "version 1");
     says(br#"{"asset":{"version":"2.0"},"accessors":[{"count":-1}]}"#, "accessors[0]");
-    let place = Place::new();
+    let place = BakeFixture::new();
     let gone = place.bake(&place.folder.path().join("gone.glb")).expect_err("not there");
     assert!(matches!(gone, BakeError::Io { .. }) && gone.to_string().contains("gone.glb"));
 }
@@ -182,7 +182,7 @@ fn broken_numbers_and_trees() {
     let mut deep = Builder::quad();
     deep.json["nodes"] = (0..count).map(node).collect();
     deep.json["nodes"][count as usize - 1] = json!({ "mesh": 0, "scale": [0, 0, 0] });
-    let place = Place::new();
+    let place = BakeFixture::new();
     let baked = place.bake(&place.write("deep.glb", &deep.glb())).expect("baked");
     assert_eq!(baked.nodes, u64::from(count));
 }
@@ -222,7 +222,7 @@ fn whole_floats_are_integers_and_others_are_refused_with_their_path() {
     }
     let integers = builder.glb();
     floats(&mut builder.json);
-    let place = Place::new();
+    let place = BakeFixture::new();
     let bake = |bytes: &[u8]| {
         let baked = place.bake(&place.write("scene.glb", bytes)).expect("baked");
         (baked.manifest, baked.warnings)
@@ -293,7 +293,7 @@ fn indices_into_empty_lists_are_not_told_to_be_below_zero() {
 #[cfg(unix)]
 #[test]
 fn links_out_of_the_folder_are_not_followed() {
-    let place = Place::new();
+    let place = BakeFixture::new();
     place.write("secret.bin", &Builder::quad().bin);
     let path = place.write("folder/scene.gltf", &Builder::quad().gltf("link.bin"));
     let link = place.folder.path().join("folder/link.bin");
@@ -314,7 +314,7 @@ fn many_vertices_in_one_place_take_no_time() {
     let uvs = builder.floats("VEC2", uvs.as_flattened());
     builder.json["meshes"][0]["primitives"][0] = json!({ "material": 0, "attributes": {
         "POSITION": positions, "NORMAL": normals, "TEXCOORD_0": uvs } });
-    let place = Place::new();
+    let place = BakeFixture::new();
     let baked = place.bake(&place.write("scene.glb", &builder.glb())).expect("baked");
     assert!(baked.warnings[0].contains("too many vertices in one place"));
 }
@@ -366,7 +366,7 @@ proptest! {
         if let Some(cut) = cut {
             bytes.truncate(cut.index(bytes.len()));
         }
-        let place = Place::new();
+        let place = BakeFixture::new();
         let path = place.write("scene.glb", &bytes);
         if let Err(error) = place.bake(&path) {
             prop_assert!(error.to_string().contains("scene.glb"), "{error}");

@@ -6,7 +6,7 @@ use polyptych_scene::limits::TEXTURE_SIDE_MAX;
 use serde_json::json;
 
 use super::builder::{Builder, png};
-use super::{Place, bake_builder};
+use super::{BakeFixture, bake_builder};
 
 pub(super) fn textured(encoded: &[u8]) -> Builder {
     let mut builder = Builder::quad();
@@ -35,7 +35,7 @@ fn claims(width: u32, height: u32) -> Vec<u8> {
 }
 
 /// The first pixel of each texture of a scene.
-fn first_pixels(place: &Place, scene: &Scene) -> Vec<Vec<u8>> {
+fn first_pixels(place: &BakeFixture, scene: &Scene) -> Vec<Vec<u8>> {
     let first = |texture: &polyptych_scene::Texture| {
         let bytes = place.store.blobs().read(texture.blob).expect("read").expect("there");
         assert_eq!(bytes.len() as u64, texture.bytes());
@@ -89,7 +89,7 @@ fn an_image_that_is_absent_is_a_placeholder_until_it_is_there() {
     ] {
         let mut builder = textured(b"");
         builder.json["images"] = json!([{ "uri": uri, "name": "floor" }]);
-        let place = Place::new();
+        let place = BakeFixture::new();
         place.write("scene/folder/other.txt", b"text");
         let path = place.write("scene/scene.glb", &builder.glb());
         let baked = place.bake(&path).expect("baked");
@@ -170,7 +170,7 @@ fn draco(builder: &mut Builder, primitive: usize) {
 }
 
 fn refusal(builder: &Builder) -> String {
-    let place = Place::new();
+    let place = BakeFixture::new();
     let path = place.write("scene.glb", &builder.glb());
     place.bake(&path).expect_err("refused").to_string()
 }

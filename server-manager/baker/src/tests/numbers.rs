@@ -3,7 +3,7 @@
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::builder::Builder;
-use super::{Place, bake_builder};
+use super::{BakeFixture, bake_builder};
 
 /// The triangle as JSON text with this text as its only node's key.
 fn with(key: &str, value: &str) -> Vec<u8> {
@@ -18,7 +18,7 @@ fn with(key: &str, value: &str) -> Vec<u8> {
 
 /// Bakes it.
 fn baked(key: &str, value: &str) -> Result<DAffine3, String> {
-    let place = Place::new();
+    let place = BakeFixture::new();
     place.write("scene.bin", &Builder::triangle().bin);
     let path = place.write("scene.gltf", &with(key, value));
     let baked = place.bake(&path).map_err(|error| error.to_string())?;

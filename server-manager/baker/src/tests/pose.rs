@@ -5,7 +5,7 @@ use polyptych_scene::Scene;
 use serde_json::{Value, json};
 
 use super::builder::Builder;
-use super::{Place, bake_builder, vertices};
+use super::{BakeFixture, bake_builder, vertices};
 
 /// Rows of a matrix.
 type Matrix = [[f64; 4]; 4];
@@ -158,7 +158,7 @@ fn reference(origin: [f64; 3]) -> Vec<DVec3> {
 }
 
 /// World positions of all vertices that are drawn.
-fn drawn(place: &Place, scene: &Scene) -> Vec<DVec3> {
+fn drawn(place: &BakeFixture, scene: &Scene) -> Vec<DVec3> {
     let world = scene.world_from_nodes();
     let mut points = Vec::new();
     for (node, world) in scene.nodes.iter().zip(world) {
@@ -383,7 +383,7 @@ fn broken_skins_and_targets_are_refused_with_their_path() {
     let refused = |change: &dyn Fn(&mut Builder), parts: &[&str]| {
         let mut builder = skinned([0.0; 3], Form::Bytes);
         change(&mut builder);
-        let place = Place::new();
+        let place = BakeFixture::new();
         let path = place.write("scene.glb", &builder.glb());
         let message = place.bake(&path).expect_err("broken").to_string();
         assert!(message.contains("scene.glb") && !message.contains('\n'), "{message}");

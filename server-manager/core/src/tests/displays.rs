@@ -1,15 +1,15 @@
 //! What displays show, and how far apart they show it.
 
-use polyptych_protocol::display::DisplayMode;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::feedback::Skew;
-use polyptych_protocol::status::Shown;
+use polyptych_protocol::status::FramePresented;
 
 use super::*;
 
-impl Stage {
+impl ClusterFixture {
     /// A channel shows the last frame that was swapped, so long after the swap.
     fn show(&mut self, channel: u16, after: Micros, clock_error_us: u32) {
-        let shown = Shown {
+        let shown = FramePresented {
             epoch: Epoch(7),
             frame: self.cluster.swapped,
             channel: ChannelId(channel),
@@ -18,49 +18,49 @@ impl Stage {
         };
         // The report comes at once.
         let from = SessionId(u64::from(channel));
-        self.cluster.handle_status(shown.at_us, from, Status::Shown(shown), 10);
+        self.cluster.handle_status(shown.at_us, from, ServerMessage::Shown(shown), 10);
         self.read();
     }
 
-    fn mode_of_last_frame(&self) -> DisplayMode {
+    fn mode_of_last_frame(&self) -> OutputMode {
         self.frames.last().expect("a frame was sent").1.display
     }
 }
 
 #[test]
 fn a_paused_wall_draws_one_frame_for_a_mode_and_answers_when_it_is_swapped() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.memories.clear();
-    let id = stage.request(Request::SetDisplays(DisplayMode::Blank));
+    let id = stage.request(Request::SetDisplays(OutputMode::Blank));
     assert_eq!(stage.frames.len(), 2, "one frame, for each server");
-    assert_eq!(stage.mode_of_last_frame(), DisplayMode::Blank);
+    assert_eq!(stage.mode_of_last_frame(), OutputMode::Blank);
     stage.draw(&[0], 1_000);
     assert_eq!((stage.replies.len(), stage.memories.len()), (0, 0), "not all have drawn it");
     stage.draw(&[1], 1_000);
     assert!(stage.is_answered_by_a_whole_frame(id), "{:?}", stage.replies);
-    assert_eq!(stage.memories.pop().expect("remembered").displays, DisplayMode::Blank);
-    assert_eq!(stage.cluster.status(stage.now).displays, DisplayMode::Blank);
+    assert_eq!(stage.memories.pop().expect("remembered").displays, OutputMode::Blank);
+    assert_eq!(stage.cluster.status(stage.now).displays, OutputMode::Blank);
     stage.wait(1_500_000);
     assert_eq!(stage.swaps.len(), 1, "and no frame more");
     // It holds for all frames that follow, captures among them.
     stage.request(Request::Capture);
-    assert_eq!(stage.mode_of_last_frame(), DisplayMode::Blank);
+    assert_eq!(stage.mode_of_last_frame(), OutputMode::Blank);
     stage.draw(&[0, 1], 1_000);
-    stage.request(Request::SetDisplays(DisplayMode::Normal));
-    assert_eq!(stage.mode_of_last_frame(), DisplayMode::Normal);
+    stage.request(Request::SetDisplays(OutputMode::Normal));
+    assert_eq!(stage.mode_of_last_frame(), OutputMode::Normal);
 }
 
 #[test]
 fn a_wall_that_runs_changes_its_mode_in_the_order_of_requests() {
-    let mut stage = Stage::new(1);
-    stage.request(Request::Run(Pace::Rate(10.0)));
+    let mut stage = ClusterFixture::new(1);
+    stage.request(Request::Run(Pacing::Rate(10.0)));
     stage.draw(&[0], 1_000);
     stage.order_frame();
-    let id = stage.request(Request::SetDisplays(DisplayMode::Identify));
-    assert_eq!(stage.mode_of_last_frame(), DisplayMode::Normal);
+    let id = stage.request(Request::SetDisplays(OutputMode::Identify));
+    assert_eq!(stage.mode_of_last_frame(), OutputMode::Normal);
     stage.draw(&[0], 1_000);
     stage.wait(0);
-    assert_eq!(stage.mode_of_last_frame(), DisplayMode::Identify);
+    assert_eq!(stage.mode_of_last_frame(), OutputMode::Identify);
     assert!(stage.replies.iter().all(|(of, _)| *of != id));
     stage.draw(&[0], 1_000);
     assert!(stage.is_answered_by_a_whole_frame(id), "{:?}", stage.replies);
@@ -68,16 +68,16 @@ fn a_wall_that_runs_changes_its_mode_in_the_order_of_requests() {
 
 #[test]
 fn a_joiner_of_a_paused_wall_that_is_black_gets_a_frame_that_says_so() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
-    stage.request(Request::SetDisplays(DisplayMode::Blank));
+    stage.request(Request::SetDisplays(OutputMode::Blank));
     stage.draw(&[0], 1_000);
     stage.clear();
     stage.join(SessionId(1), 1).expect("joined");
     assert!(stage.frames.is_empty());
     stage.prepare_all();
     assert_eq!(stage.frames.last().expect("sent").0, SessionId(1));
-    assert_eq!(stage.mode_of_last_frame(), DisplayMode::Blank);
+    assert_eq!(stage.mode_of_last_frame(), OutputMode::Blank);
     stage.draw(&[0, 1], 1_000);
     stage.wait(1_500_000);
     assert_eq!(stage.swaps.len(), 1, "one frame, though nobody ordered it");
@@ -85,13 +85,13 @@ fn a_joiner_of_a_paused_wall_that_is_black_gets_a_frame_that_says_so() {
 
 #[test]
 fn a_restored_wall_is_as_black_as_it_was_and_shows_itself_to_servers_that_come_back() {
-    let mut stage = Stage::new(1);
-    stage.request(Request::SetDisplays(DisplayMode::Blank));
+    let mut stage = ClusterFixture::new(1);
+    stage.request(Request::SetDisplays(OutputMode::Blank));
     stage.draw(&[0], 1_000);
     let mut memory = stage.memories.pop().expect("remembered");
-    for displays in [DisplayMode::Blank, DisplayMode::Normal] {
+    for displays in [OutputMode::Blank, OutputMode::Normal] {
         memory.displays = displays;
-        let mut stage = Stage::empty(2);
+        let mut stage = ClusterFixture::empty(2);
         stage.cluster = Cluster::restored(wall(2), Epoch(7), &memory);
         stage.cluster.handle_client(CLIENT, "test".into());
         for index in 0..2 {
@@ -109,8 +109,8 @@ fn a_restored_wall_is_as_black_as_it_was_and_shows_itself_to_servers_that_come_b
         assert_eq!(stage.cluster.displays, displays);
     }
     // Once a client has ordered frames, whoever comes is given the present one.
-    memory.displays = DisplayMode::Normal;
-    let mut stage = Stage::empty(1);
+    memory.displays = OutputMode::Normal;
+    let mut stage = ClusterFixture::empty(1);
     stage.cluster = Cluster::restored(wall(1), Epoch(7), &memory);
     stage.cluster.handle_client(CLIENT, "test".into());
     stage.order_frame();
@@ -122,13 +122,13 @@ fn a_restored_wall_is_as_black_as_it_was_and_shows_itself_to_servers_that_come_b
 
 #[test]
 fn a_present_call_that_is_five_milliseconds_late_is_read_as_that() {
-    let mut stage = Stage::new(3);
+    let mut stage = ClusterFixture::new(3);
     let mut frames = Vec::new();
     for n in 0..200 {
         let id = stage.order_frame();
         stage.draw(&[0, 1, 2], 10_000);
         let reply = stage.replies.iter().find(|(of, _)| *of == id).expect("answered");
-        let Ok(Reply::Frame(feedback)) = &reply.1 else { panic!("no feedback") };
+        let Ok(Response::Frame(feedback)) = &reply.1 else { panic!("no feedback") };
         frames.push(feedback.channels[1].skew);
         // Reports come in any order; every tenth call is late by twice as much.
         stage.show(1, 15_000 + u64::from(n % 10 == 0) * 5_000, 80);
@@ -157,7 +157,7 @@ fn a_present_call_that_is_five_milliseconds_late_is_read_as_that() {
 
 #[test]
 fn a_server_that_comes_back_has_no_skew_of_its_former_life() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
     stage.draw(&[0, 1], 1_000);
     stage.show(0, 0, 1);

@@ -3,7 +3,7 @@
 use super::*;
 
 /// Orders a frame that these channels draw at once; gives how long it took to be swapped.
-fn frame_time(stage: &mut Stage, channels: &[u32]) -> Micros {
+fn frame_time(stage: &mut ClusterFixture, channels: &[u32]) -> Micros {
     let (swaps, began) = (stage.swaps.len(), stage.now);
     stage.order_frame();
     stage.draw(channels, 1_000);
@@ -15,7 +15,7 @@ fn frame_time(stage: &mut Stage, channels: &[u32]) -> Micros {
 
 #[test]
 fn a_channel_that_joins_and_hangs_holds_a_wall_that_moves_for_one_deadline() {
-    let mut stage = Stage::new(3);
+    let mut stage = ClusterFixture::new(3);
     stage.cluster.handle_server_gone(stage.now, SessionId(2), "killed");
     stage.replicas.remove(&SessionId(2));
     stage.join(SessionId(12), 2).expect("joined");
@@ -29,7 +29,7 @@ fn a_channel_that_joins_and_hangs_holds_a_wall_that_moves_for_one_deadline() {
 
 #[test]
 fn a_channel_that_hangs_holds_no_wall_whose_others_are_late() {
-    let mut stage = Stage::new(3);
+    let mut stage = ClusterFixture::new(3);
     stage.order_frame();
     stage.wait(100_000);
     assert!((0..3).all(|channel| stage.state(channel) == ChannelState::Late));
@@ -48,7 +48,7 @@ fn a_channel_that_hangs_holds_no_wall_whose_others_are_late() {
 
 #[test]
 fn misses_are_forgiven_after_many_frames_in_time() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     let mut rejoin = |frames_between: u32| {
         for _ in 0..frames_between {
             frame_time(&mut stage, &[0, 1]);
@@ -67,15 +67,15 @@ fn misses_are_forgiven_after_many_frames_in_time() {
 
 #[test]
 fn a_frame_that_a_replica_in_doubt_has_drawn_is_not_shown_by_it() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
-    let wrong = Drawn { digest: Digest(1), ..stage.drawn(1) };
-    stage.cluster.handle_status(stage.now, SessionId(1), Status::Drawn(wrong), 10);
+    let wrong = FrameRendered { digest: Digest(1), ..stage.drawn(1) };
+    stage.cluster.handle_status(stage.now, SessionId(1), ServerMessage::Drawn(wrong), 10);
     let drawn = stage.drawn(0);
-    stage.cluster.handle_status(stage.now, SessionId(0), Status::Drawn(drawn), 10);
+    stage.cluster.handle_status(stage.now, SessionId(0), ServerMessage::Drawn(drawn), 10);
     let mut told = Vec::new();
     while let Some(output) = stage.cluster.poll_output() {
-        if let Output::Command { to, bytes } = output
+        if let Effect::Command { to, bytes } = output
             && let Ok(Command::Swap(_)) = polyptych_protocol::framing::decode::<Command>(&bytes)
         {
             told.extend(to);
@@ -86,9 +86,9 @@ fn a_frame_that_a_replica_in_doubt_has_drawn_is_not_shown_by_it() {
 
 #[test]
 fn a_server_that_says_goodbye_is_lost_for_its_own_reason() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     let reason = "it sent something malformed".to_owned();
-    stage.say(SessionId(1), Status::Goodbye { reason });
+    stage.say(SessionId(1), ServerMessage::Goodbye { reason });
     assert_eq!(stage.closed, [SessionId(1)]);
     let status = stage.cluster.status(stage.now);
     assert_eq!(status.channels[1].state, ChannelState::Lost);
@@ -98,10 +98,10 @@ fn a_server_that_says_goodbye_is_lost_for_its_own_reason() {
 
 #[test]
 fn a_display_that_does_not_fit_is_warned_of_until_its_server_says_otherwise_or_goes() {
-    let mut stage = Stage::new(2);
-    let say = |stage: &mut Stage, from: u64, channel: u16, warning: Option<&str>| {
+    let mut stage = ClusterFixture::new(2);
+    let say = |stage: &mut ClusterFixture, from: u64, channel: u16, warning: Option<&str>| {
         let warning = warning.map(str::to_owned);
-        stage.say(SessionId(from), Status::Display { channel: ChannelId(channel), warning });
+        stage.say(SessionId(from), ServerMessage::Display { channel: ChannelId(channel), warning });
         stage.cluster.status(stage.now).warnings
     };
     assert_eq!(say(&mut stage, 1, 1, Some("too small")), ["too small"]);
@@ -117,7 +117,7 @@ fn a_display_that_does_not_fit_is_warned_of_until_its_server_says_otherwise_or_g
 
 #[test]
 fn a_channel_that_never_came_back_has_a_gap_to_the_last_frame() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.request(Request::Statistics { reset: true });
     let began = stage.now;
     stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
@@ -132,7 +132,7 @@ fn a_channel_that_never_came_back_has_a_gap_to_the_last_frame() {
 
 #[test]
 fn a_late_channel_that_is_the_last_of_each_frame_rejoins() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     frame_time(&mut stage, &[0]);
     assert_eq!(stage.state(1), ChannelState::Late);
     for n in 0..8 {
@@ -158,7 +158,7 @@ fn a_late_channel_that_is_the_last_of_each_frame_rejoins() {
 
 #[test]
 fn frames_that_end_at_their_deadline_count_their_time() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.request(Request::Statistics { reset: true });
     let deadline = stage.cluster.deadline.length();
     // Nobody draws: first the deadline passes, then, all being late, the longest wait.
@@ -177,7 +177,7 @@ fn frames_that_end_at_their_deadline_count_their_time() {
 
 #[test]
 fn frames_that_one_channel_missed_are_not_counted_as_complete() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.request(Request::Statistics { reset: true });
     frame_time(&mut stage, &[0, 1]);
     // The first is waited for until its deadline, the others not any more.
@@ -191,7 +191,7 @@ fn frames_that_one_channel_missed_are_not_counted_as_complete() {
 
 #[test]
 fn a_channel_that_draws_late_has_the_times_of_what_it_drew() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.request(Request::Statistics { reset: true });
     for _ in 0..3 {
         frame_time(&mut stage, &[0]);
@@ -204,7 +204,7 @@ fn a_channel_that_draws_late_has_the_times_of_what_it_drew() {
 
 #[test]
 fn a_frame_that_waits_for_no_channel_adds_no_time() {
-    let mut stage = Stage::empty(2);
+    let mut stage = ClusterFixture::empty(2);
     stage.order_frame();
     let statistics = stage.cluster.statistics(false);
     assert_eq!((statistics.frames, statistics.complete, statistics.frame_ms.count), (1, 0, 0));

@@ -4,20 +4,20 @@ use super::*;
 
 #[test]
 fn a_frame_that_a_change_overtakes_is_still_waited_for() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
-    let drawn: Vec<Drawn> = (0..2).map(|channel| stage.drawn(channel)).collect();
+    let drawn: Vec<FrameRendered> = (0..2).map(|channel| stage.drawn(channel)).collect();
     stage.request(Request::CloseScene);
     stage.prepare_all();
     assert_eq!(stage.cluster.shown.revision, Revision(2));
     // Both have drawn the frame, of the state that it names; it once waited for its deadline, and
     // both were called late.
     for (session, drawn) in drawn.into_iter().enumerate() {
-        stage.say(SessionId(session as u64), Status::Drawn(drawn));
+        stage.say(SessionId(session as u64), ServerMessage::Drawn(drawn));
     }
     assert_eq!(stage.swaps.len(), 1);
     let frame = stage.replies.iter().find_map(|(_, reply)| match reply {
-        Ok(Reply::Frame(feedback)) => Some(feedback.revision),
+        Ok(Response::Frame(feedback)) => Some(feedback.revision),
         _ => None,
     });
     assert_eq!(frame, Some(Revision(1)), "what it shows, not what comes next");
@@ -26,15 +26,15 @@ fn a_frame_that_a_change_overtakes_is_still_waited_for() {
 
 #[test]
 fn what_was_drawn_wrong_is_not_swapped() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
-    let wrong = Drawn { digest: Digest(1), ..stage.drawn(1) };
-    stage.cluster.handle_status(stage.now, SessionId(1), Status::Drawn(wrong), 10);
+    let wrong = FrameRendered { digest: Digest(1), ..stage.drawn(1) };
+    stage.cluster.handle_status(stage.now, SessionId(1), ServerMessage::Drawn(wrong), 10);
     let right = stage.drawn(0);
-    stage.cluster.handle_status(stage.now, SessionId(0), Status::Drawn(right), 10);
+    stage.cluster.handle_status(stage.now, SessionId(0), ServerMessage::Drawn(right), 10);
     let mut asked_to_show = Vec::new();
     while let Some(output) = stage.cluster.poll_output() {
-        if let Output::Command { to, bytes } = output
+        if let Effect::Command { to, bytes } = output
             && let Ok(Command::Swap(_)) = polyptych_protocol::framing::decode(&bytes)
         {
             asked_to_show.extend(to);
@@ -45,7 +45,7 @@ fn what_was_drawn_wrong_is_not_swapped() {
 
 #[test]
 fn a_late_channel_that_is_slower_than_the_others_comes_back() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
     stage.draw(&[0], 1_000);
     stage.wait(100_000);
@@ -56,7 +56,7 @@ fn a_late_channel_that_is_slower_than_the_others_comes_back() {
         let slow = stage.drawn(1);
         stage.draw(&[0], 20_000);
         stage.wait(30_000);
-        stage.say(SessionId(1), Status::Drawn(slow));
+        stage.say(SessionId(1), ServerMessage::Drawn(slow));
     }
     stage.order_frame();
     assert_eq!(stage.state(1), ChannelState::Live);
@@ -64,7 +64,7 @@ fn a_late_channel_that_is_slower_than_the_others_comes_back() {
 
 #[test]
 fn a_channel_that_hangs_does_not_hold_late_ones_that_draw() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
     stage.wait(100_000);
     assert_eq!((stage.state(0), stage.state(1)), (ChannelState::Late, ChannelState::Late));
@@ -79,13 +79,13 @@ fn a_channel_that_hangs_does_not_hold_late_ones_that_draw() {
 
 #[test]
 fn a_server_that_cannot_prepare_is_asked_again_after_a_while() {
-    let mut stage = Stage::empty(1);
+    let mut stage = ClusterFixture::empty(1);
     stage.join(SessionId(0), 0).expect("joined");
     let (_, prepare) = stage.prepares.remove(0);
     let (epoch, revision) = (prepare.epoch, prepare.revision);
     let reason = "the disk is full".to_owned();
     stage.replicas.insert(SessionId(0), Replica::default());
-    stage.say(SessionId(0), Status::PrepareFailed { epoch, revision, reason });
+    stage.say(SessionId(0), ServerMessage::PrepareFailed { epoch, revision, reason });
     stage.wait(1_900_000);
     assert!(stage.prepares.is_empty(), "at once it would fail again");
     stage.wait(200_000);
@@ -95,7 +95,7 @@ fn a_server_that_cannot_prepare_is_asked_again_after_a_while() {
 
 #[test]
 fn the_deadline_counts_all_channels_of_a_server() {
-    let mut stage = Stage::empty(6);
+    let mut stage = ClusterFixture::empty(6);
     let hello = ServerHello {
         name: "six".into(),
         channels: (0..6).map(|index| format!("c{index}")).collect(),
@@ -112,7 +112,7 @@ fn the_deadline_counts_all_channels_of_a_server() {
         for channel in 0..6 {
             let drawn = stage.drawn(channel);
             stage.wait(20_000);
-            stage.say(SessionId(0), Status::Drawn(drawn));
+            stage.say(SessionId(0), ServerMessage::Drawn(drawn));
         }
     }
     assert_eq!(stage.swaps.len(), 10);

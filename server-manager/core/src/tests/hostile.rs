@@ -5,11 +5,11 @@ use super::*;
 /// A scene of this name, as a bake gives it.
 fn imported(name: &str) -> ImportedScene {
     let scene = SceneRef { name: name.into(), manifest: BlobHash::of(name.as_bytes()) };
-    let summary = SceneSummary { name: name.into(), ..Stage::imported().summary };
+    let summary = SceneSummary { name: name.into(), ..ClusterFixture::imported().summary };
     ImportedScene { scene, summary }
 }
 
-impl Stage {
+impl ClusterFixture {
     fn open(&mut self, name: &str) -> RequestId {
         let id = self.request(Request::OpenScene { path: format!("{name}.glb") });
         let job = self.imports.pop().expect("an import");
@@ -18,7 +18,7 @@ impl Stage {
         id
     }
 
-    fn reply(&self, id: RequestId) -> Option<&Result<Reply, Failure>> {
+    fn reply(&self, id: RequestId) -> Option<&Result<Response, RequestError>> {
         self.replies.iter().find(|(of, _)| *of == id).map(|(_, reply)| reply)
     }
 
@@ -35,13 +35,13 @@ impl Stage {
         let at = self.prepares.iter().position(|(to, _)| *to == session).expect("a preparation");
         let (_, Prepare { epoch, revision, .. }) = self.prepares.remove(at);
         let reason = "a newer preparation has come".to_owned();
-        self.say(session, Status::PrepareFailed { epoch, revision, reason });
+        self.say(session, ServerMessage::PrepareFailed { epoch, revision, reason });
     }
 }
 
 #[test]
 fn replaces_a_scene_that_is_not_ready_half_a_second_after_the_next_was_opened() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     let heavy = stage.open("heavy");
     stage.prepare(SessionId(0));
     stage.live_for(30_000_000);
@@ -56,7 +56,7 @@ fn replaces_a_scene_that_is_not_ready_half_a_second_after_the_next_was_opened() 
     assert_eq!(stage.prepares.iter().filter(|(to, _)| *to == SessionId(1)).count(), 2);
     stage.cancel(SessionId(1));
     stage.prepare_all();
-    let Some(Ok(Reply::SceneOpened(summary))) = stage.reply(good) else { panic!("not opened") };
+    let Some(Ok(Response::SceneOpened(summary))) = stage.reply(good) else { panic!("not opened") };
     assert_eq!(summary.name, "good");
     for _ in 0..20 {
         stage.order_frame();
@@ -67,12 +67,12 @@ fn replaces_a_scene_that_is_not_ready_half_a_second_after_the_next_was_opened() 
 
 #[test]
 fn a_server_that_prepares_a_scene_of_long_ago_is_sent_the_shown_one() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     let heavy = stage.open("heavy");
     stage.prepare(SessionId(0));
     // The wall goes on without the server that takes too long.
     stage.live_for(120_000_000);
-    assert!(matches!(stage.reply(heavy), Some(Ok(Reply::SceneOpened(_)))));
+    assert!(matches!(stage.reply(heavy), Some(Ok(Response::SceneOpened(_)))));
     assert_eq!(stage.state(1), ChannelState::Preparing);
     stage.open("good");
     stage.prepare(SessionId(0));
@@ -92,7 +92,7 @@ fn a_server_that_prepares_a_scene_of_long_ago_is_sent_the_shown_one() {
 
 #[test]
 fn a_scene_that_is_opened_twice_is_prepared_once() {
-    let mut stage = Stage::new(1);
+    let mut stage = ClusterFixture::new(1);
     let first = stage.open("town");
     let second = stage.open("town");
     stage.live_for(2_000_000);
@@ -103,13 +103,13 @@ fn a_scene_that_is_opened_twice_is_prepared_once() {
 
 #[test]
 fn a_server_that_prepares_wrong_states_is_asked_ever_more_rarely() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
     stage.draw(&[0], 1_000);
     let mut asked = 0;
     let end = stage.now + 60_000_000;
-    let wrong = Drawn { digest: Digest(9), ..stage.drawn(1) };
-    stage.say(SessionId(1), Status::Drawn(wrong));
+    let wrong = FrameRendered { digest: Digest(9), ..stage.drawn(1) };
+    stage.say(SessionId(1), ServerMessage::Drawn(wrong));
     while stage.now < end {
         while let Some(at) = stage.prepares.iter().position(|(to, _)| *to == SessionId(1)) {
             let (_, prepare) = stage.prepares.remove(at);
@@ -118,7 +118,7 @@ fn a_server_that_prepares_wrong_states_is_asked_ever_more_rarely() {
             let features = Vec::new();
             let digest = Digest(9);
             let lie = Prepared { epoch, revision, digest, features, scene_bytes: 0 };
-            stage.say(SessionId(1), Status::Prepared(lie));
+            stage.say(SessionId(1), ServerMessage::Prepared(lie));
         }
         stage.wait(10_000);
     }
@@ -129,21 +129,21 @@ fn a_server_that_prepares_wrong_states_is_asked_ever_more_rarely() {
     assert_eq!(stage.state(1), ChannelState::Live);
     stage.live_for(40_000_000);
     stage.order_frame();
-    let wrong = Drawn { digest: Digest(9), ..stage.drawn(1) };
-    stage.say(SessionId(1), Status::Drawn(wrong));
+    let wrong = FrameRendered { digest: Digest(9), ..stage.drawn(1) };
+    stage.say(SessionId(1), ServerMessage::Drawn(wrong));
     assert_eq!(stage.prepares.len(), 1);
 }
 
 #[test]
 fn pauses_of_a_server_that_cannot_prepare_double_up_to_eight_seconds() {
-    let mut stage = Stage::empty(1);
+    let mut stage = ClusterFixture::empty(1);
     stage.join(SessionId(0), 0).expect("joined");
     stage.replicas.insert(SessionId(0), Replica::default());
     for pause in [2_000_000, 4_000_000, 8_000_000, 8_000_000, 8_000_000] {
         let (_, prepare) = stage.prepares.remove(0);
         let (epoch, revision) = (prepare.epoch, prepare.revision);
         let reason = "the disk is full".to_owned();
-        stage.say(SessionId(0), Status::PrepareFailed { epoch, revision, reason });
+        stage.say(SessionId(0), ServerMessage::PrepareFailed { epoch, revision, reason });
         stage.live_for(pause - 100_000);
         assert!(stage.prepares.is_empty(), "before {pause} us");
         stage.wait(200_000);
@@ -153,15 +153,15 @@ fn pauses_of_a_server_that_cannot_prepare_double_up_to_eight_seconds() {
 
 /// Frames in which channel 2 draws for this long, and says another time.
 fn deadline_with(liar_takes: Micros, liar_says: u32) -> Micros {
-    let mut stage = Stage::new(3);
+    let mut stage = ClusterFixture::new(3);
     for _ in 0..200 {
         stage.order_frame();
         stage.draw(&[0, 1], 20_000);
         // Just in time, whatever the deadline is by now.
         let left = stage.cluster.deadline.length().min(liar_takes).saturating_sub(21_000);
         stage.wait(left);
-        let drawn = Drawn { draw_us: liar_says, ..stage.drawn(2) };
-        stage.say(SessionId(2), Status::Drawn(drawn));
+        let drawn = FrameRendered { draw_us: liar_says, ..stage.drawn(2) };
+        stage.say(SessionId(2), ServerMessage::Drawn(drawn));
     }
     stage.cluster.deadline.length()
 }
@@ -178,11 +178,11 @@ fn one_server_of_three_cannot_move_the_deadline_far() {
 
 #[test]
 fn a_server_whose_gpu_was_lost_is_sent_the_shown_state_and_holds_up_nobody() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.order_frame();
     stage.draw(&[0], 1_000);
     assert!(stage.swaps.is_empty());
-    stage.say(SessionId(1), Status::StateLost { reason: "the GPU was lost".into() });
+    stage.say(SessionId(1), ServerMessage::StateLost { reason: "the GPU was lost".into() });
     assert_eq!(stage.swaps.len(), 1, "the frame does not wait for it");
     let channel = stage.cluster.status(stage.now).channels.swap_remove(1);
     assert_eq!(channel.state, ChannelState::Preparing);

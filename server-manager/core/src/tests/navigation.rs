@@ -4,17 +4,17 @@ use polyptych_protocol::navigation::Navigation;
 
 use super::*;
 
-fn turn(channel: &str) -> Status {
+fn turn(channel: &str) -> ServerMessage {
     let orbit_rad = DVec2::new(0.5, 0.1);
-    Status::Navigate(Navigation { orbit_rad, ..Navigation::none(channel) })
+    ServerMessage::Navigate(Navigation { orbit_rad, ..Navigation::none(channel) })
 }
 
 /// A wall of two channels that shows a scene, before its camera.
-fn with_scene() -> Stage {
-    let mut stage = Stage::new(2);
+fn with_scene() -> ClusterFixture {
+    let mut stage = ClusterFixture::new(2);
     stage.request(Request::OpenScene { path: "town.glb".into() });
     let job = stage.imports.pop().expect("an import");
-    stage.cluster.handle_import(stage.now, job, Ok(Stage::imported()));
+    stage.cluster.handle_import(stage.now, job, Ok(ClusterFixture::imported()));
     stage.read();
     stage.prepare_all();
     stage.request(Request::SetCamera(Camera { position: DVec3::Z * 5.0, ..Camera::IDENTITY }));
@@ -72,7 +72,7 @@ fn feedback_counts_moves_so_that_a_client_can_yield() {
     stage.draw(&[0, 1], 1_000);
     stage.order_frame();
     stage.draw(&[0, 1], 1_000);
-    let Some((_, Ok(Reply::Frame(feedback)))) = stage.replies.pop() else { panic!("feedback") };
+    let Some((_, Ok(Response::Frame(feedback)))) = stage.replies.pop() else { panic!("feedback") };
     assert_eq!(feedback.navigations, 1);
 }
 
@@ -84,9 +84,15 @@ fn moves_that_no_window_of_the_server_can_make_are_ignored() {
     for (from, status) in [
         (0, turn("c1")),
         (0, turn("nowhere")),
-        (0, Status::Navigate(Navigation { zoom: f64::NAN, ..none.clone() })),
-        (0, Status::Navigate(Navigation { pan: DVec2::splat(f64::INFINITY), ..none.clone() })),
-        (0, Status::Navigate(none)),
+        (0, ServerMessage::Navigate(Navigation { zoom: f64::NAN, ..none.clone() })),
+        (
+            0,
+            ServerMessage::Navigate(Navigation {
+                pan: DVec2::splat(f64::INFINITY),
+                ..none.clone()
+            }),
+        ),
+        (0, ServerMessage::Navigate(none)),
         (77, turn("c0")),
     ] {
         stage.say(SessionId(from), status);
@@ -96,7 +102,7 @@ fn moves_that_no_window_of_the_server_can_make_are_ignored() {
     stage.wait(100_000);
     assert_eq!((stage.cluster.camera, stage.frames.len()), (before, 0));
     // Without a scene there is nothing to turn about.
-    let mut stage = Stage::new(1);
+    let mut stage = ClusterFixture::new(1);
     stage.say(SessionId(0), turn("c0"));
     stage.wait(100_000);
     assert_eq!(stage.frames.len(), 0);

@@ -3,19 +3,19 @@
 use polyptych_protocol::feedback::Shown;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::{OpenProgress, OpenStage};
-use polyptych_protocol::request::{Reply, Request};
+use polyptych_protocol::request::{Request, Response};
 
-use super::{SessionId, Stage};
-use crate::{ImportedScene, RequestOf};
+use super::{ClusterFixture, SessionId};
+use crate::{ClientRequest, ImportedScene};
 
-impl Stage {
+impl ClusterFixture {
     /// What the status says of scenes that are being opened.
     fn openings(&self) -> Vec<String> {
         let openings = self.cluster.status(self.now).opening;
         openings.iter().map(|opening| format!("{}: {}", opening.scene, opening.progress)).collect()
     }
 
-    fn bake(&mut self, job: RequestOf, percent: u8) {
+    fn bake(&mut self, job: ClientRequest, percent: u8) {
         let progress = OpenProgress { stage: OpenStage::Baking, percent };
         self.cluster.handle_progress(job, progress);
         self.read();
@@ -24,15 +24,15 @@ impl Stage {
 
 #[test]
 fn a_client_and_the_status_are_told_each_step_of_an_opening() {
-    let mut stage = Stage::new(4);
+    let mut stage = ClusterFixture::new(4);
     let id = stage.request(Request::OpenScene { path: "a/town.glb".into() });
     assert_eq!(stage.openings(), ["town: waiting for its turn"]);
     let job = stage.imports[0];
     stage.bake(job, 40);
     assert_eq!(stage.openings(), ["town: baking 40 %"]);
-    let other = RequestOf { id: RequestId(99), ..job };
+    let other = ClientRequest { id: RequestId(99), ..job };
     stage.bake(other, 50);
-    stage.cluster.handle_import(stage.now, job, Ok(Stage::imported()));
+    stage.cluster.handle_import(stage.now, job, Ok(ClusterFixture::imported()));
     stage.read();
     assert_eq!(stage.openings(), ["town: preparing 0 %"]);
     for session in 0..3 {
@@ -53,13 +53,13 @@ fn a_client_and_the_status_are_told_each_step_of_an_opening() {
 #[test]
 fn a_client_that_is_back_hears_what_became_of_the_scene_that_it_opened() {
     for is_done in [false, true] {
-        let mut stage = Stage::new(1);
+        let mut stage = ClusterFixture::new(1);
         let id = stage.request(Request::OpenScene { path: "town.glb".into() });
         let job = stage.imports[0];
         stage.cluster.handle_client_gone(job.client);
         stage.bake(job, 40);
-        let finish = |stage: &mut Stage| {
-            stage.cluster.handle_import(stage.now, job, Ok(Stage::imported()));
+        let finish = |stage: &mut ClusterFixture| {
+            stage.cluster.handle_import(stage.now, job, Ok(ClusterFixture::imported()));
             stage.read();
             stage.prepare_all();
         };
@@ -69,7 +69,7 @@ fn a_client_that_is_back_hears_what_became_of_the_scene_that_it_opened() {
         assert_eq!((stage.progress.len(), stage.replies.len()), (0, 0), "nobody is there");
         let (back, asked) = (SessionId(77), RequestId(500));
         stage.cluster.handle_client(back, "back".into());
-        let ask = |stage: &mut Stage, of: RequestId| {
+        let ask = |stage: &mut ClusterFixture, of: RequestId| {
             let request = Request::OpenOutcome { session: job.client.0, of };
             stage.cluster.handle_request(stage.now, back, asked, request);
             stage.read();
@@ -80,7 +80,7 @@ fn a_client_that_is_back_hears_what_became_of_the_scene_that_it_opened() {
             assert_eq!(stage.progress, [(asked, "baking 60 %".to_owned())]);
             finish(&mut stage);
         }
-        let [(of, Ok(Reply::SceneOpened(_)))] = &stage.replies[..] else {
+        let [(of, Ok(Response::SceneOpened(_)))] = &stage.replies[..] else {
             panic!("one answer: {:?}", stage.replies)
         };
         assert_eq!(*of, asked);
@@ -96,7 +96,7 @@ fn a_client_that_is_back_hears_what_became_of_the_scene_that_it_opened() {
 
 #[test]
 fn a_failed_bake_is_not_being_opened_any_more() {
-    let mut stage = Stage::new(1);
+    let mut stage = ClusterFixture::new(1);
     stage.request(Request::OpenScene { path: "town.glb".into() });
     let job = stage.imports[0];
     stage.cluster.handle_import(stage.now, job, Err("town.glb: not glTF".into()));
@@ -106,10 +106,10 @@ fn a_failed_bake_is_not_being_opened_any_more() {
 
 #[test]
 fn notes_of_a_scene_stand_in_status_and_memory_until_another_is_shown() {
-    let mut stage = Stage::new(1);
+    let mut stage = ClusterFixture::new(1);
     let notes = vec!["animations: 1, not played".to_owned()];
     stage.request(Request::OpenScene { path: "town.glb".into() });
-    let ImportedScene { scene, mut summary } = Stage::imported();
+    let ImportedScene { scene, mut summary } = ClusterFixture::imported();
     summary.notes.clone_from(&notes);
     let job = stage.imports[0];
     stage.cluster.handle_import(stage.now, job, Ok(ImportedScene { scene, summary }));
@@ -125,16 +125,16 @@ fn notes_of_a_scene_stand_in_status_and_memory_until_another_is_shown() {
 
 #[test]
 fn a_frame_without_servers_was_shown_by_none_and_one_with_a_late_channel_by_some() {
-    let mut empty = Stage::empty(2);
+    let mut empty = ClusterFixture::empty(2);
     empty.request(Request::RenderFrame { camera: None, time_s: None });
-    let Some((_, Ok(Reply::Frame(feedback)))) = empty.replies.last() else { panic!("no frame") };
+    let Some((_, Ok(Response::Frame(feedback)))) = empty.replies.last() else { panic!("no frame") };
     assert_eq!(feedback.shown(), Shown::ByNone);
     assert!(feedback.missing_channels().all(|channel| channel.reason.is_some()), "{feedback:?}");
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.request(Request::RenderFrame { camera: None, time_s: None });
     stage.draw(&[0], 1_000);
     stage.wait(3_000_000);
-    let Some((_, Ok(Reply::Frame(feedback)))) = stage.replies.last() else { panic!("no frame") };
+    let Some((_, Ok(Response::Frame(feedback)))) = stage.replies.last() else { panic!("no frame") };
     assert_eq!(feedback.shown(), Shown::BySome);
     let missing: Vec<&str> = feedback.missing_channels().map(|c| c.name.as_str()).collect();
     assert_eq!(missing, ["c1"]);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
 use polyptych_protocol::navigation::Navigation;
-use polyptych_wall::tuning::{Change, Corner, Move};
+use polyptych_wall::tuning::{CalibrationChange, Corner, Offset};
 use polyptych_wall::view::Area;
 use proptest::prelude::*;
 
@@ -51,7 +51,7 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-impl Stage {
+impl ClusterFixture {
     /// Asks for what a step is, where that is a request.
     fn ask(&mut self, step: &Step) -> Option<RequestId> {
         let request = match step {
@@ -60,18 +60,18 @@ impl Stage {
             Step::Close => Request::CloseScene,
             // A pin, with which no view of its own can be; or a gain, with which all can.
             Step::Tune(is_pin) => {
-                let to = Move::By(DVec2::new(0.1, 0.0));
-                let pin = Change::Pin { corner: Corner::UpperLeft, to };
-                let change = if *is_pin { pin } else { Change::Gain(DVec3::splat(0.5)) };
+                let to = Offset::By(DVec2::new(0.1, 0.0));
+                let pin = CalibrationChange::Pin { corner: Corner::UpperLeft, to };
+                let change = if *is_pin { pin } else { CalibrationChange::Gain(DVec3::splat(0.5)) };
                 Request::Tune { channel: "c1".into(), changes: vec![change] }
             }
-            Step::Pattern => Request::SetPattern(Some(Pattern::Grid)),
+            Step::Pattern => Request::SetPattern(Some(TestPattern::Grid)),
             Step::View(is_one) => {
                 let area = Area::Screen { screen: 0, rect: [0, 0, 32, 32] };
                 let view = View { area, ..View::of_wall(Camera::IDENTITY) };
                 Request::SetViews(is_one.then_some(view).into_iter().collect())
             }
-            Step::Run => Request::Run(Pace::Rate(20.0)),
+            Step::Run => Request::Run(Pacing::Rate(20.0)),
             Step::Pause => Request::Pause,
             _ => return None,
         };
@@ -81,7 +81,10 @@ impl Stage {
     fn fail_to_prepare(&mut self, session: SessionId) {
         let Some(at) = self.prepares.iter().position(|(to, _)| *to == session) else { return };
         let (_, Prepare { epoch, revision, .. }) = self.prepares.remove(at);
-        self.say(session, Status::PrepareFailed { epoch, revision, reason: "no room".into() });
+        self.say(
+            session,
+            ServerMessage::PrepareFailed { epoch, revision, reason: "no room".into() },
+        );
     }
 }
 
@@ -92,7 +95,7 @@ proptest! {
     /// within the longest deadline, and every request gets exactly one answer.
     #[test]
     fn random_schedules_keep_the_invariants(steps in proptest::collection::vec(step(), 1..120)) {
-        let mut stage = Stage::empty(3);
+        let mut stage = ClusterFixture::empty(3);
         let mut sessions: BTreeMap<u32, SessionId> = BTreeMap::new();
         let mut next_session = 0;
         let mut asked = Vec::new();
@@ -101,7 +104,7 @@ proptest! {
                 Step::Draw(c) => if let Some(&session) = sessions.get(&c) {
                     let drawn = stage.drawn(c);
                     if stage.frames.iter().any(|(to, f)| *to == session && f.frame == drawn.frame) {
-                        stage.say(session, Status::Drawn(drawn));
+                        stage.say(session, ServerMessage::Drawn(drawn));
                     }
                 },
                 Step::Wait(micros) => stage.wait(micros),
@@ -109,7 +112,7 @@ proptest! {
                     let (orbit_rad, pan) = (DVec2::new(by, -by), DVec2::new(0.1, by));
                     let none = Navigation::none(&format!("c{c}"));
                     let navigation = Navigation { orbit_rad, pan, zoom: by.exp(), ..none };
-                    stage.say(session, Status::Navigate(navigation));
+                    stage.say(session, ServerMessage::Navigate(navigation));
                 },
                 Step::Kill(c) => if let Some(session) = sessions.remove(&c) {
                     stage.replicas.remove(&session);
@@ -129,7 +132,7 @@ proptest! {
                     stage.fail_to_prepare(session);
                 },
                 Step::Import(is_good) => if let Some(job) = stage.imports.pop() {
-                    let imported = Stage::imported();
+                    let imported = ClusterFixture::imported();
                     let result = is_good.then_some(imported).ok_or("broken".to_owned());
                     stage.cluster.handle_import(stage.now, job, result);
                     stage.read();

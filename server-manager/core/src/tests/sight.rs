@@ -1,8 +1,8 @@
 //! Head and views: in the same frame everywhere, refused without harm, remembered.
 
 use glam::DQuat;
-use polyptych_protocol::request::Sight;
-use polyptych_wall::head::Head;
+use polyptych_protocol::request::ViewState;
+use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::{Area, View, ViewProjection};
 
 use super::*;
@@ -13,7 +13,7 @@ fn plan(rect: [u32; 4]) -> View {
     View { area, projection, ..View::of_wall(Camera::IDENTITY) }
 }
 
-impl Stage {
+impl ClusterFixture {
     /// The next frame, as each of the servers got it; they draw it.
     fn a_frame(&mut self, channels: u32) -> Vec<Frame> {
         self.frames.clear();
@@ -34,31 +34,31 @@ impl Stage {
 
 #[test]
 fn a_head_moves_all_frusta_in_the_same_frame() {
-    let mut stage = Stage::new(3);
+    let mut stage = ClusterFixture::new(3);
     let at_rest = wall(3).head();
     assert!(stage.a_frame(3).iter().all(|frame| frame.head == at_rest));
     let rotation = DQuat::from_rotation_y(0.4);
-    let head = Head { position: DVec3::new(0.2, 0.1, 0.5), rotation, eye_separation_m: 0.07 };
+    let head = HeadPose { position: DVec3::new(0.2, 0.1, 0.5), rotation, eye_separation_m: 0.07 };
     stage.request(Request::SetHead(head));
     let frames = stage.a_frame(3);
     assert!(frames.iter().all(|frame| *frame == frames[0] && frame.head == head), "{frames:?}");
     let eye = DVec3::new(-0.1, 0.0, 0.25);
     stage.request(Request::SetEye(eye));
-    let moved = Head { position: eye, ..head };
+    let moved = HeadPose { position: eye, ..head };
     assert!(stage.a_frame(3).iter().all(|frame| frame.head == moved), "turned as it was");
 }
 
 #[test]
 fn a_head_that_cannot_be_is_refused_and_the_wall_stays_as_it_was() {
-    let mut stage = Stage::new(2);
-    let head = Head::at(DVec3::new(0.1, 0.0, 0.3), 0.06);
+    let mut stage = ClusterFixture::new(2);
+    let head = HeadPose::at(DVec3::new(0.1, 0.0, 0.3), 0.06);
     stage.request(Request::SetHead(head));
-    let behind = Head::at(DVec3::Z * -1.25, 0.06);
+    let behind = HeadPose::at(DVec3::Z * -1.25, 0.06);
     let reason = stage.refused(Request::SetHead(behind));
     for part in ["c0", "-1.25", "0.250000 m behind screen front"] {
         assert!(reason.contains(part), "{part} is not in {reason}");
     }
-    let reason = stage.refused(Request::SetHead(Head { eye_separation_m: -0.1, ..head }));
+    let reason = stage.refused(Request::SetHead(HeadPose { eye_separation_m: -0.1, ..head }));
     assert!(reason.contains("eye separation of -0.1"), "{reason}");
     let reason = stage.refused(Request::SetEye(DVec3::NEG_Z));
     assert!(reason.contains("in the plane of screen front"), "{reason}");
@@ -67,7 +67,7 @@ fn a_head_that_cannot_be_is_refused_and_the_wall_stays_as_it_was() {
 
 #[test]
 fn views_lie_over_the_picture_of_the_camera() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     let views = vec![plan([0, 0, 40, 64]), plan([88, 0, 40, 64])];
     stage.request(Request::SetViews(views.clone()));
     let camera = Camera { scale: 2.0, ..Camera::IDENTITY };
@@ -87,8 +87,8 @@ fn views_lie_over_the_picture_of_the_camera() {
 
 #[test]
 fn head_and_views_are_told_and_outlive_a_manager() {
-    let mut stage = Stage::new(2);
-    let head = Head::at(DVec3::new(0.1, 0.0, 0.3), 0.06);
+    let mut stage = ClusterFixture::new(2);
+    let head = HeadPose::at(DVec3::new(0.1, 0.0, 0.3), 0.06);
     stage.request(Request::SetHead(head));
     let views = vec![plan([0, 0, 64, 64])];
     stage.request(Request::SetViews(views.clone()));
@@ -97,6 +97,6 @@ fn head_and_views_are_told_and_outlive_a_manager() {
     stage.cluster.handle_client(CLIENT, "test".into());
     stage.replies.clear();
     stage.request(Request::DescribeSight);
-    let sight = Reply::Sight(Box::new(Sight { camera: Camera::IDENTITY, head, views }));
+    let sight = Response::Sight(Box::new(ViewState { camera: Camera::IDENTITY, head, views }));
     assert_eq!(stage.replies.pop().map(|(_, reply)| reply), Some(Ok(sight)));
 }

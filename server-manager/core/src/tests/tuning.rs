@@ -2,24 +2,24 @@
 
 use glam::DVec2;
 use polyptych_protocol::feedback::Tuned;
-use polyptych_protocol::pattern::Pattern;
-use polyptych_wall::head::Head;
-use polyptych_wall::tuning::{Change, Corner, Move};
+use polyptych_protocol::pattern::TestPattern;
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::tuning::{CalibrationChange, Corner, Offset};
 use polyptych_wall::view::{Area, View};
 
 use super::super::tune::TUNERS_MAX;
 use super::*;
 
-fn pin(x: f64) -> Change {
-    Change::Pin { corner: Corner::UpperLeft, to: Move::To(DVec2::new(x, 0.0)) }
+fn pin(x: f64) -> CalibrationChange {
+    CalibrationChange::Pin { corner: Corner::UpperLeft, to: Offset::To(DVec2::new(x, 0.0)) }
 }
 
-fn nudge(x: f64) -> Change {
-    Change::Pin { corner: Corner::UpperLeft, to: Move::By(DVec2::new(x, 0.0)) }
+fn nudge(x: f64) -> CalibrationChange {
+    CalibrationChange::Pin { corner: Corner::UpperLeft, to: Offset::By(DVec2::new(x, 0.0)) }
 }
 
-impl Stage {
-    fn tune(&mut self, change: Change) -> RequestId {
+impl ClusterFixture {
+    fn tune(&mut self, change: CalibrationChange) -> RequestId {
         self.request(Request::Tune { channel: "c1".into(), changes: vec![change] })
     }
 
@@ -35,7 +35,7 @@ impl Stage {
     fn tuned(&self, id: RequestId) -> Vec<Tuned> {
         let of_id = self.replies.iter().filter(|(of, _)| *of == id);
         let tuned = of_id.map(|(_, reply)| match reply {
-            Ok(Reply::Tuned(tuned)) => tuned.clone(),
+            Ok(Response::Tuned(tuned)) => tuned.clone(),
             other => panic!("{other:?}"),
         });
         tuned.collect()
@@ -50,7 +50,7 @@ impl Stage {
 
 #[test]
 fn a_paused_wall_draws_one_frame_for_a_tuning_and_answers_when_it_is_swapped() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.memories.clear();
     let before = stage.cluster.frame;
     let id = stage.tune(pin(1.5));
@@ -72,8 +72,8 @@ fn a_paused_wall_draws_one_frame_for_a_tuning_and_answers_when_it_is_swapped() {
 
 #[test]
 fn a_wall_that_runs_shows_a_tuning_with_the_second_frame_at_most() {
-    let mut stage = Stage::new(2);
-    stage.request(Request::Run(Pace::Free));
+    let mut stage = ClusterFixture::new(2);
+    stage.request(Request::Run(Pacing::Free));
     stage.wait(0);
     // A frame is being drawn; the servers prepare while the next one is.
     let id = stage.tune(pin(2.0));
@@ -87,7 +87,7 @@ fn a_wall_that_runs_shows_a_tuning_with_the_second_frame_at_most() {
     for session in [0, 1] {
         let mut drawn = stage.drawn(session as u32);
         (drawn.revision, drawn.digest) = (ongoing.revision, before);
-        stage.say(SessionId(session), Status::Drawn(drawn));
+        stage.say(SessionId(session), ServerMessage::Drawn(drawn));
     }
     assert!(stage.tuned(id).is_empty(), "nor does its swap tell of the tuning");
     stage.wait(0);
@@ -100,8 +100,8 @@ fn a_wall_that_runs_shows_a_tuning_with_the_second_frame_at_most() {
 
 #[test]
 fn a_wall_with_a_slow_pace_draws_a_frame_for_a_tuning_and_keeps_its_beat() {
-    let mut stage = Stage::new(2);
-    stage.request(Request::Run(Pace::Rate(0.02)));
+    let mut stage = ClusterFixture::new(2);
+    stage.request(Request::Run(Pacing::Rate(0.02)));
     stage.wait(0);
     stage.draw(&[0, 1], 5_000);
     stage.wait(1_000_000);
@@ -120,7 +120,7 @@ fn a_wall_with_a_slow_pace_draws_a_frame_for_a_tuning_and_keeps_its_beat() {
 
 #[test]
 fn tunings_that_come_faster_than_servers_prepare_are_one() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     let ids: Vec<_> = (1..=50).map(|step| stage.tune(pin(f64::from(step) * 0.1))).collect();
     assert_eq!(stage.cluster.changes.waiting(), 1, "one is on its way, one behind it");
     stage.prepare_all();
@@ -139,7 +139,7 @@ fn tunings_that_come_faster_than_servers_prepare_are_one() {
 
 #[test]
 fn steps_add_up_however_many_are_shown_together() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     for _ in 0..10 {
         stage.tune(nudge(0.5));
     }
@@ -149,7 +149,7 @@ fn steps_add_up_however_many_are_shown_together() {
 
 #[test]
 fn a_client_that_tunes_without_end_is_told_so_and_others_are_not() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     for _ in 0..TUNERS_MAX {
         stage.tune(nudge(0.01));
     }
@@ -172,7 +172,7 @@ fn a_client_that_tunes_without_end_is_told_so_and_others_are_not() {
 
 #[test]
 fn what_cannot_be_is_refused_and_changes_nothing() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     let id = stage.tune(pin(1e6));
     assert!(stage.failure(id).starts_with("c1: pin.upper-left: "));
     let tune = Request::Tune { channel: "c7".into(), changes: Vec::new() };
@@ -183,13 +183,13 @@ fn what_cannot_be_is_refused_and_changes_nothing() {
 
 #[test]
 fn a_tuning_that_no_server_takes_fails_with_all_that_were_made_of_it() {
-    let mut stage = Stage::new(1);
+    let mut stage = ClusterFixture::new(1);
     let revision = stage.cluster.shown.revision;
     let ids = [0, 1]
         .map(|_| stage.request(Request::Tune { channel: "c0".into(), changes: vec![nudge(1.0)] }));
     let epoch = stage.cluster.epoch();
     let (revision, reason) = (Revision(revision.0 + 1), "no room".to_owned());
-    stage.say(SessionId(0), Status::PrepareFailed { epoch, revision, reason });
+    stage.say(SessionId(0), ServerMessage::PrepareFailed { epoch, revision, reason });
     for id in ids {
         assert!(stage.failure(id).contains("no room"));
     }
@@ -208,8 +208,8 @@ fn a_tuning_that_no_server_takes_fails_with_all_that_were_made_of_it() {
 /// servers differ in what they have built.
 #[test]
 fn a_tuning_that_one_server_does_not_take_changes_nothing_and_all_stay_live() {
-    let mut stage = Stage::new(2);
-    stage.request(Request::Run(Pace::Free));
+    let mut stage = ClusterFixture::new(2);
+    stage.request(Request::Run(Pacing::Free));
     stage.wait(0);
     stage.draw(&[0, 1], 5_000);
     let first = stage.tune(pin(1.0));
@@ -228,7 +228,7 @@ fn a_tuning_that_one_server_does_not_take_changes_nothing_and_all_stay_live() {
         assert_eq!(prepare.revision.0, shown.0 + times, "a number of its own");
         let epoch = stage.cluster.epoch();
         let reason = "channel c1: none of its pixels lies on its screen".to_owned();
-        let failed = Status::PrepareFailed { epoch, revision: prepare.revision, reason };
+        let failed = ServerMessage::PrepareFailed { epoch, revision: prepare.revision, reason };
         stage.say(SessionId(1), failed);
         let said = stage.failure(id);
         assert!(said.starts_with("nothing has changed, since server "), "{said}");
@@ -255,14 +255,14 @@ fn a_tuning_that_one_server_does_not_take_changes_nothing_and_all_stay_live() {
 /// before it has to let that go.
 #[test]
 fn who_holds_two_refused_states_is_given_the_shown_one_anew() {
-    let mut stage = Stage::new(2);
-    let refuse = |stage: &mut Stage| {
+    let mut stage = ClusterFixture::new(2);
+    let refuse = |stage: &mut ClusterFixture| {
         stage.tune(pin(2.0));
         stage.prepare(SessionId(0));
         let (_, prepare) = stage.prepares.remove(0);
         let epoch = stage.cluster.epoch();
         let reason = "no room".to_owned();
-        let failed = Status::PrepareFailed { epoch, revision: prepare.revision, reason };
+        let failed = ServerMessage::PrepareFailed { epoch, revision: prepare.revision, reason };
         stage.say(SessionId(1), failed);
     };
     stage.order_frame();
@@ -281,7 +281,7 @@ fn who_holds_two_refused_states_is_given_the_shown_one_anew() {
     assert_eq!([0, 1].map(|c| stage.state(c)), [ChannelState::Live; 2]);
 }
 
-impl Stage {
+impl ClusterFixture {
     fn pinned_of(&self, channel: usize) -> f64 {
         self.cluster.wall.channels[channel].adjustment.pin[0].x
     }
@@ -289,9 +289,9 @@ impl Stage {
 
 #[test]
 fn the_scene_and_its_features_stay_and_so_does_the_deadline() {
-    let mut stage = Stage::new(1);
-    let job = RequestOf { client: CLIENT, id: RequestId(77) };
-    stage.cluster.handle_import(stage.now, job, Ok(Stage::imported()));
+    let mut stage = ClusterFixture::new(1);
+    let job = ClientRequest { client: CLIENT, id: RequestId(77) };
+    stage.cluster.handle_import(stage.now, job, Ok(ClusterFixture::imported()));
     stage.read();
     stage.prepare_all();
     for _ in 0..4 {
@@ -309,11 +309,11 @@ fn the_scene_and_its_features_stay_and_so_does_the_deadline() {
 
 #[test]
 fn a_restarted_manager_has_the_tuned_wall() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.tune(pin(2.5));
     stage.prepare_all();
     stage.draw(&[0, 1], 1_000);
-    stage.request(Request::SetPattern(Some(Pattern::Grid)));
+    stage.request(Request::SetPattern(Some(TestPattern::Grid)));
     stage.draw(&[0, 1], 1_000);
     let memory = stage.memories.pop().expect("remembered");
     let tuned = stage.cluster.wall.clone();
@@ -321,28 +321,31 @@ fn a_restarted_manager_has_the_tuned_wall() {
 
     let again = Cluster::restored(wall(2), Epoch(8), &memory);
     assert_eq!((&again.wall, again.shown.wall.as_deref()), (&tuned, Some(&tuned)));
-    assert_eq!((again.shown.revision, pattern_of(&again)), (memory.revision, Some(Pattern::Grid)));
+    assert_eq!(
+        (again.shown.revision, pattern_of(&again)),
+        (memory.revision, Some(TestPattern::Grid))
+    );
     assert_eq!(again.shown_digest, again.shown.digest());
     assert_eq!(again.memory(), memory, "and the next one too");
 }
 
 #[test]
 fn all_channels_change_their_pattern_with_one_frame_and_joiners_have_it() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.memories.clear();
-    let id = stage.request(Request::SetPattern(Some(Pattern::Checker)));
+    let id = stage.request(Request::SetPattern(Some(TestPattern::Checker)));
     let patterns: Vec<_> = stage.frames.iter().map(|(_, frame)| frame.pattern).collect();
-    assert_eq!(patterns, [Some(Pattern::Checker); 2]);
+    assert_eq!(patterns, [Some(TestPattern::Checker); 2]);
     stage.draw(&[0, 1], 1_000);
     assert!(stage.is_answered_by_a_whole_frame(id), "{:?}", stage.replies);
     let memory = stage.memories.pop().expect("remembered");
-    assert_eq!(memory.further.pattern, Some(Pattern::Checker));
+    assert_eq!(memory.further.pattern, Some(TestPattern::Checker));
     stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
     stage.clear();
     stage.join(SessionId(1), 1).expect("joined");
     stage.prepare_all();
     let (to, frame) = stage.frames.last().expect("a frame for the joiner");
-    assert_eq!((*to, frame.pattern), (SessionId(1), Some(Pattern::Checker)));
+    assert_eq!((*to, frame.pattern), (SessionId(1), Some(TestPattern::Checker)));
     stage.draw(&[0, 1], 1_000);
     stage.request(Request::SetPattern(None));
     assert_eq!(stage.frames.last().expect("a frame").1.pattern, None);
@@ -359,7 +362,7 @@ fn net() -> Vec<View> {
 
 #[test]
 fn a_tuning_under_views_that_it_leaves_no_place_for_is_refused() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     stage.tune(pin(1.0));
     stage.prepare_all();
     stage.draw(&[0, 1], 1_000);
@@ -382,14 +385,14 @@ fn a_tuning_under_views_that_it_leaves_no_place_for_is_refused() {
 
 #[test]
 fn views_are_refused_that_a_tuning_on_its_way_leaves_no_place_for() {
-    let mut stage = Stage::new(2);
-    let refused = |stage: &mut Stage| {
+    let mut stage = ClusterFixture::new(2);
+    let refused = |stage: &mut ClusterFixture| {
         let id = stage.request(Request::SetViews(net()));
         assert!(stage.failure(id).contains("256 rectangles"), "{}", stage.failure(id));
     };
     stage.tune(pin(1.0));
     stage.prepare_all();
-    stage.tune(Change::Gain(DVec3::splat(0.5)));
+    stage.tune(CalibrationChange::Gain(DVec3::splat(0.5)));
     stage.tune(pin(0.0));
     refused(&mut stage);
     stage.prepare_all();
@@ -399,9 +402,9 @@ fn views_are_refused_that_a_tuning_on_its_way_leaves_no_place_for() {
 
 #[test]
 fn a_tuning_under_a_head_that_cannot_be_there_is_refused() {
-    let mut stage = Stage::new(2);
+    let mut stage = ClusterFixture::new(2);
     // No request leads to this head; a wall is not tuned under it all the same.
-    stage.cluster.head = Head::at(DVec3::Z * -1.25, 0.06);
+    stage.cluster.head = HeadPose::at(DVec3::Z * -1.25, 0.06);
     let id = stage.tune(pin(1.0));
     for part in ["c1: the head", "behind screen front", "move it first"] {
         assert!(stage.failure(id).contains(part), "{part} is not in {}", stage.failure(id));
@@ -411,8 +414,8 @@ fn a_tuning_under_a_head_that_cannot_be_there_is_refused() {
 
 #[test]
 fn a_wall_that_is_paused_before_it_showed_a_tuning_shows_it() {
-    let mut stage = Stage::new(2);
-    stage.request(Request::Run(Pace::Rate(1.0)));
+    let mut stage = ClusterFixture::new(2);
+    stage.request(Request::Run(Pacing::Rate(1.0)));
     let id = stage.tune(pin(1.0));
     stage.prepare_all();
     // The frame that is being drawn is of the state before.

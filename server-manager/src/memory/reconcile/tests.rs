@@ -1,11 +1,11 @@
 //! Remembered states that meet a changed wall.
 
 use glam::{DVec2, DVec3};
-use polyptych_core::Further;
-use polyptych_protocol::display::DisplayMode;
+use polyptych_core::PersistentStateV2;
+use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::Revision;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::{Adjustment, EYE_SEPARATION_DEFAULT_M};
+use polyptych_wall::{ChannelCalibration, EYE_SEPARATION_DEFAULT_M};
 
 use super::*;
 
@@ -39,9 +39,9 @@ fn view(screen: u16, rect: [u32; 4]) -> View {
 /// The state of [`WALL`] with a view on each screen and a tuned channel.
 fn saved() -> Saved {
     let wall = parsed(WALL);
-    let mut tuned = Adjustment::default();
+    let mut tuned = ChannelCalibration::default();
     tuned.pin[0] = DVec2::ONE;
-    let memory = Memory {
+    let memory = PersistentState {
         revision: Revision(7),
         scene: None,
         camera: Camera { scale: 2.0, ..Camera::IDENTITY },
@@ -49,8 +49,11 @@ fn saved() -> Saved {
         views: vec![view(0, [0, 0, 50, 50]), view(1, [0, 0, 100, 100])],
         exposure: 1.0,
         pace: None,
-        displays: DisplayMode::Blank,
-        further: Further { tunings: vec![("floor".to_owned(), tuned)], ..Further::default() },
+        displays: OutputMode::Blank,
+        further: PersistentStateV2 {
+            tunings: vec![("floor".to_owned(), tuned)],
+            ..PersistentStateV2::default()
+        },
     };
     Saved { wall: wall.without_paths(), memory }
 }
@@ -80,7 +83,7 @@ fn an_edited_eye_moves_a_head_that_stood_there_and_no_other() {
     let mut moved = saved();
     moved.memory.head.position = DVec3::X * 0.5;
     let new = reconcile(moved, &parsed(&edited));
-    assert_eq!(new.memory.head, Head::at(DVec3::X * 0.5, EYE_SEPARATION_DEFAULT_M));
+    assert_eq!(new.memory.head, HeadPose::at(DVec3::X * 0.5, EYE_SEPARATION_DEFAULT_M));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! A wall file that is written back: its comments stay, and it says what the wall is.
 
 use polyptych_client::glam::UVec2;
-use polyptych_client::tuning::{Change, Corner, Move, Side, tuned};
+use polyptych_client::tuning::{CalibrationChange, Corner, Edge, Offset, tuned};
 
 use super::*;
 
@@ -37,18 +37,20 @@ fn wall(text: &str) -> Wall {
 #[test]
 fn what_is_tuned_is_written_and_comments_stay() {
     let changes = [
-        Change::Gain(DVec3::new(1.0, 0.9, 1.0)),
-        Change::Edge { side: Side::Right, width: Some(120.5) },
-        Change::Edge { side: Side::Left, width: None },
+        CalibrationChange::Gain(DVec3::new(1.0, 0.9, 1.0)),
+        CalibrationChange::Edge { side: Edge::Right, width: Some(120.5) },
+        CalibrationChange::Edge { side: Edge::Left, width: None },
     ];
     let running = tuned(&wall(TEXT), "front-1-1", &changes).expect("tuned");
     let changes = [
-        Change::Pin { corner: Corner::LowerLeft, to: Move::To(DVec2::new(-1.5, 0.1)) },
-        Change::Grid(Some(UVec2::new(3, 2))),
-        Change::Bend { column: 1, row: 0, to: Move::To(DVec2::new(0.3, -7.25)) },
-        Change::Gamma(Some(DVec3::splat(2.2))),
-        Change::Leak(Some(DVec3::splat(0.004))),
-        Change::Matrix(DMat3::from_cols_array(&[1.0, 0.1, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 1.0])),
+        CalibrationChange::Pin { corner: Corner::LowerLeft, to: Offset::To(DVec2::new(-1.5, 0.1)) },
+        CalibrationChange::Grid(Some(UVec2::new(3, 2))),
+        CalibrationChange::Bend { column: 1, row: 0, to: Offset::To(DVec2::new(0.3, -7.25)) },
+        CalibrationChange::Gamma(Some(DVec3::splat(2.2))),
+        CalibrationChange::Leak(Some(DVec3::splat(0.004))),
+        CalibrationChange::Matrix(DMat3::from_cols_array(&[
+            1.0, 0.1, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 1.0,
+        ])),
     ];
     let running = tuned(&running, "front-2-1", &changes).expect("tuned");
     let (text, names) = with_adjustments(TEXT, path(), &running).expect("written");
@@ -69,14 +71,14 @@ fn what_is_tuned_is_written_and_comments_stay() {
 fn what_is_tuned_back_is_taken_out() {
     let plain = wall(&TEXT.replace("gain = [1.0, 0.5, 1.0]   # measured on Monday\n", ""));
     let changes = [
-        Change::Pin { corner: Corner::UpperLeft, to: Move::To(DVec2::ONE) },
-        Change::Grid(Some(UVec2::splat(2))),
-        Change::Gamma(Some(DVec3::new(2.0, 2.1, 2.2))),
+        CalibrationChange::Pin { corner: Corner::UpperLeft, to: Offset::To(DVec2::ONE) },
+        CalibrationChange::Grid(Some(UVec2::splat(2))),
+        CalibrationChange::Gamma(Some(DVec3::new(2.0, 2.1, 2.2))),
     ];
     let running = tuned(&plain, "front-2-1", &changes).expect("tuned");
     let before = TEXT.replace("gain = [1.0, 0.5, 1.0]   # measured on Monday\n", "");
     let (text, _) = with_adjustments(&before, path(), &running).expect("written");
-    let back = [Change::Grid(None), Change::Gamma(None)];
+    let back = [CalibrationChange::Grid(None), CalibrationChange::Gamma(None)];
     let running = tuned(&running, "front-2-1", &back).expect("tuned");
     let (text, _) = with_adjustments(&text, path(), &running).expect("written");
     assert!(!text.contains("bend") && !text.contains("gamma"), "{text}");

@@ -1,6 +1,6 @@
 //! The table of walls that are well, ill, large and gone.
 
-use polyptych_client::{ChannelState, ChannelStatus, DisplayMode, Skew, WallStatus};
+use polyptych_client::{ChannelState, ChannelStatus, OutputMode, Skew, WallStatus};
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
 use unicode_width::UnicodeWidthStr;
 
@@ -37,7 +37,7 @@ pub fn wall(channels: usize) -> WallStatus {
         notes: Vec::new(),
         opening: Vec::new(),
         memory_bytes: 81_000_000,
-        displays: DisplayMode::Normal,
+        displays: OutputMode::Normal,
         pattern: None,
     }
 }
@@ -49,7 +49,7 @@ fn trouble(status: &mut WallStatus, index: usize, state: ChannelState, reason: &
 }
 
 /// The text of every line; nothing may reach beyond the terminal.
-fn drawn(view: &View, width: usize, height: usize) -> Vec<String> {
+fn drawn(view: &WatchModel, width: usize, height: usize) -> Vec<String> {
     let lines = lines(view, width, height);
     assert!(lines.len() <= height, "{} lines of {height}", lines.len());
     let text = |line: Line| line.into_iter().map(|piece| piece.text).collect::<String>();
@@ -61,8 +61,8 @@ fn drawn(view: &View, width: usize, height: usize) -> Vec<String> {
     lines
 }
 
-fn of<'a>(status: &'a WallStatus, rates: &'a Rates) -> View<'a> {
-    View { status: Some(status), rates, trouble: None }
+fn of<'a>(status: &'a WallStatus, rates: &'a Rates) -> WatchModel<'a> {
+    WatchModel { status: Some(status), rates, trouble: None }
 }
 
 #[test]
@@ -94,8 +94,8 @@ fn one_look_and_a_watched_table_say_the_same() {
     let mut status = wall(3);
     trouble(&mut status, 1, ChannelState::Lost, "it closed the connection");
     status.warnings = (0..5).map(|n| format!("number {n}")).collect();
-    status.displays = DisplayMode::Blank;
-    status.pattern = polyptych_client::Pattern::named("grid");
+    status.displays = OutputMode::Blank;
+    status.pattern = polyptych_client::TestPattern::named("grid");
     let rates = Rates::default();
     let looked = text(&status);
     let looked: Vec<&str> = looked.lines().collect();
@@ -159,9 +159,9 @@ fn every_size_of_terminal_is_filled_and_not_overrun() {
     for width in (0..140).chain([400]) {
         for height in (0..40).chain([100]) {
             drawn(&of(&status, &rates), width, height);
-            let view = View { status: Some(&status), rates: &rates, trouble: Some(gone()) };
+            let view = WatchModel { status: Some(&status), rates: &rates, trouble: Some(gone()) };
             drawn(&view, width, height);
-            drawn(&View { status: None, rates: &rates, trouble: None }, width, height);
+            drawn(&WatchModel { status: None, rates: &rates, trouble: None }, width, height);
         }
     }
 }
@@ -188,12 +188,12 @@ fn a_manager_that_is_gone_is_said_with_the_time() {
         since_utc_s: 3_723 + 86_400,
         seconds: 12,
     };
-    let view = View { status: Some(&status), rates: &rates, trouble: Some(trouble()) };
+    let view = WatchModel { status: Some(&status), rates: &rates, trouble: Some(trouble()) };
     let lines = drawn(&view, 120, 24);
     assert!(lines[0].starts_with("no answer from 127.0.0.1:7878 since 01:02:03 UTC (12.0 s)"));
     assert!(lines[4].starts_with("front-1-1"), "what was known last stays: {lines:?}");
     assert!(summary(&view).starts_with("no answer from"));
-    let view = View { status: None, rates: &rates, trouble: Some(trouble()) };
+    let view = WatchModel { status: None, rates: &rates, trouble: Some(trouble()) };
     assert_eq!(drawn(&view, 120, 24).len(), 2);
 }
 

@@ -9,15 +9,17 @@
 
 use anyhow::Context;
 use glam::{DMat3, DVec2, DVec3, UVec2};
-use polyptych_wall::blend::Blend;
-use polyptych_wall::maps::Maps;
-use polyptych_wall::pixels::PixelMap;
-use polyptych_wall::shapes::Shaped;
-use polyptych_wall::superposition::{ChannelLight, Side};
-use polyptych_wall::{Adjustment, Channel, Cover, Curve, Packing, Surface, Wall};
+use polyptych_wall::blend::BlendModel;
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::pixels::ChannelMapping;
+use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::superposition::{LinearImage, StereoEye};
+use polyptych_wall::{
+    Channel, ChannelCalibration, ChannelKind, StereoPacking, Surface, TransferFunction, Wall,
+};
 
 use crate::simulator::prove::fields::{Fields, GREYS};
-use crate::simulator::prove::table::{Table, Target};
+use crate::simulator::prove::table::{Bound, VerificationReport};
 
 /// How far off the field's light the light of overlaps may be at white: half a level there is
 /// 0.5 %, of two displays together up to twice that.
@@ -54,18 +56,18 @@ const AROUND_PX: f64 = 1.5;
 /// # Errors
 /// A channel without a picture, or one of another size than its display's.
 pub(in crate::simulator::prove) fn prove(
-    shaped: Shaped<'_>,
-    files: &Maps,
+    shaped: ResolvedWall<'_>,
+    files: &CalibrationMaps,
     fields: &Fields,
     is_as_built: bool,
-    table: &mut Table,
+    table: &mut VerificationReport,
 ) -> anyhow::Result<()> {
     let wall = shaped.wall;
     let step = if wall.dither { 1.0 } else { 0.5 };
     let mut sums = Sums { step, ..Sums::default() };
     let mut screens = Vec::new();
     for index in 0..wall.screens.len() as u16 {
-        for side in Side::of(wall, index) {
+        for side in StereoEye::of(wall, index) {
             screens.push((index, lamps(shaped, files, fields, (index, *side), is_as_built)?));
         }
     }
@@ -76,7 +78,7 @@ pub(in crate::simulator::prove) fn prove(
     }
     if is_as_built || is_alike(wall) {
         // A place where most leak may be smaller than the steps of the search.
-        sums.all_black = sums.all_black.max(Blend::new(shaped).black());
+        sums.all_black = sums.all_black.max(BlendModel::new(shaped).black());
     }
     for (index, lamps) in &screens {
         for at in 0..lamps.len() {
@@ -94,12 +96,12 @@ fn is_alike(wall: &Wall) -> bool {
 }
 
 /// A channel that lights a screen for one eye.
-struct Lamp<'a> {
+struct LitChannel<'a> {
     channel: &'a Channel,
     surface: &'a Surface,
-    pixels: PixelMap<'a>,
+    pixels: ChannelMapping<'a>,
     /// The light of its codes, for each of [`GREYS`].
-    shown: Vec<ChannelLight<'a>>,
+    shown: Vec<LinearImage<'a>>,
     /// From the light of codes to that of the display: it needs the matrix and gains of the wall
     /// as it was built, where somebody knows, because its light is what they undo.
     built: DMat3,
@@ -114,12 +116,12 @@ struct Lamp<'a> {
 }
 
 fn lamps<'a>(
-    shaped: Shaped<'a>,
-    files: &Maps,
+    shaped: ResolvedWall<'a>,
+    files: &CalibrationMaps,
     fields: &'a Fields,
-    (screen, side): (u16, Side),
+    (screen, side): (u16, StereoEye),
     is_as_built: bool,
-) -> anyhow::Result<Vec<Lamp<'a>>> {
+) -> anyhow::Result<Vec<LitChannel<'a>>> {
     let mut lamps = Vec::new();
     for id in shaped.wall.channel_ids() {
         let Some(channel) = shaped.wall.channel(id) else { continue };
@@ -128,25 +130,25 @@ fn lamps<'a>(
         }
         let Some(pixels) = shaped.pixel_map(id) else { continue };
         let shown = fields.of(&channel.name)?.into_iter().map(|picture| {
-            let light = ChannelLight::new(shaped, id, side, &picture.rgba);
+            let light = LinearImage::new(shaped, id, side, &picture.rgba);
             light.with_context(|| format!("the picture of {} has no size", channel.name))
         });
-        let Adjustment { color, alpha, beta, .. } = &channel.adjustment;
+        let ChannelCalibration { color, alpha, beta, .. } = &channel.adjustment;
         let is_lit_by_file = files.light(channel, &pixels).is_some();
         let needed = DMat3::from_diagonal(color.gain) * color.matrix;
-        lamps.push(Lamp {
+        lamps.push(LitChannel {
             channel,
             surface: &shaped.wall.screen_of(channel).surface,
             shown: shown.collect::<anyhow::Result<_>>()?,
             built: if is_as_built { needed.inverse() } else { DMat3::IDENTITY },
             leak: shaped.wall.leak_of(channel),
             is_masked: alpha.is_some() || beta.is_some() || is_lit_by_file,
-            is_exact: channel.cover == Cover::Tile
+            is_exact: channel.cover == ChannelKind::Tile
                 && channel.adjustment.pin == [DVec2::ZERO; 4]
                 && channel.adjustment.bend.is_none(),
             axes: match (channel.adjustment.packing, side) {
-                (Packing::Anaglyph, Side::Left) => &[0],
-                (Packing::Anaglyph, Side::Right) => &[1, 2],
+                (StereoPacking::Anaglyph, StereoEye::Left) => &[0],
+                (StereoPacking::Anaglyph, StereoEye::Right) => &[1, 2],
                 _ => &[0, 1, 2],
             },
             pixels,
@@ -155,7 +157,7 @@ fn lamps<'a>(
     Ok(lamps)
 }
 
-impl Lamp<'_> {
+impl LitChannel<'_> {
     /// The place of the picture that lights a place of the canvas.
     fn lit(&self, canvas: DVec2) -> Option<DVec2> {
         let pixel = self.pixels.pixel_from_canvas(canvas)?;
@@ -173,7 +175,7 @@ impl Lamp<'_> {
     /// A place between pixels of which some are dark by what a file says: there is nothing to
     /// interpolate between.
     fn ends_at(&self, pixel: DVec2) -> bool {
-        if self.channel.cover == Cover::Tile {
+        if self.channel.cover == ChannelKind::Tile {
             return false;
         }
         let (low, last) = ((pixel - 0.5).floor() + 0.5, self.channel.size.as_dvec2() - 0.5);
@@ -204,13 +206,13 @@ impl Lamp<'_> {
 }
 
 /// Those that light a place of the canvas, with the place of their pictures.
-fn lit_at(lamps: &[Lamp<'_>], canvas: DVec2) -> Vec<(usize, DVec2)> {
-    let lit = |(at, lamp): (usize, &Lamp<'_>)| Some((at, lamp.lit(canvas)?));
+fn lit_at(lamps: &[LitChannel<'_>], canvas: DVec2) -> Vec<(usize, DVec2)> {
+    let lit = |(at, lamp): (usize, &LitChannel<'_>)| Some((at, lamp.lit(canvas)?));
     lamps.iter().enumerate().filter_map(lit).collect()
 }
 
 /// The light of all, with what leaks.
-fn light_of(lamps: &[Lamp<'_>], lit: &[(usize, DVec2)], grey: usize) -> DVec3 {
+fn light_of(lamps: &[LitChannel<'_>], lit: &[(usize, DVec2)], grey: usize) -> DVec3 {
     lit.iter().map(|(at, pixel)| lamps[*at].light(grey, *pixel)).sum()
 }
 
@@ -222,7 +224,7 @@ fn spread(count: u32) -> impl Iterator<Item = u32> + Clone {
 }
 
 /// How many light one place, at most, and the most black that they show of one.
-fn most(lamps: &[Lamp<'_>], canvas: UVec2) -> (usize, DVec3) {
+fn most(lamps: &[LitChannel<'_>], canvas: UVec2) -> (usize, DVec3) {
     let places = spread(canvas.y).flat_map(|y| spread(canvas.x).map(move |x| UVec2::new(x, y)));
     places.fold((0, DVec3::ZERO), |(most, black), place| {
         let lit = lit_at(lamps, place.as_dvec2() + 0.5);
@@ -233,13 +235,13 @@ fn most(lamps: &[Lamp<'_>], canvas: UVec2) -> (usize, DVec3) {
 
 /// The worst, and where.
 #[derive(Default)]
-struct Worst {
+struct WorstErrors {
     off: f64,
     at: String,
     count: u64,
 }
 
-impl Worst {
+impl WorstErrors {
     fn add(&mut self, off: f64, at: impl FnOnce() -> String) {
         self.count += 1;
         if off > self.off || (self.at.is_empty() && off >= self.off) {
@@ -250,10 +252,10 @@ impl Worst {
 
 /// Means over some pixels.
 #[derive(Default)]
-struct Windows {
+struct WindowMeans {
     all: u64,
     kept: u64,
-    worst: Worst,
+    worst: WorstErrors,
 }
 
 /// What the pictures of flat fields come to.
@@ -265,18 +267,18 @@ struct Sums {
     step: f64,
     /// How many light one place, at most.
     most: usize,
-    codes: Worst,
-    black: Worst,
+    codes: WorstErrors,
+    black: WorstErrors,
     /// At white, where channels overlap.
-    weights: Worst,
-    plain: Windows,
-    masked: Windows,
+    weights: WorstErrors,
+    plain: WindowMeans,
+    masked: WindowMeans,
 }
 
 impl Sums {
     /// At the middles of a channel's pixels, where those of all that light them are exact.
-    fn look(&mut self, lamps: &[Lamp<'_>], at: usize) {
-        let Lamp { channel, pixels, axes, .. } = &lamps[at];
+    fn look(&mut self, lamps: &[LitChannel<'_>], at: usize) {
+        let LitChannel { channel, pixels, axes, .. } = &lamps[at];
         let around = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE].map(|by| by - 0.5);
         let rows = spread(channel.size.y);
         for (x, y) in rows.flat_map(|y| spread(channel.size.x).map(move |x| (x, y))) {
@@ -317,7 +319,7 @@ impl Sums {
     }
 
     /// Over some pixels of a canvas each.
-    fn look_between(&mut self, lamps: &[Lamp<'_>], canvas: UVec2) {
+    fn look_between(&mut self, lamps: &[LitChannel<'_>], canvas: UVec2) {
         let starts = (canvas - WINDOW.min(canvas.min_element())) + 1;
         for (x, y) in spread(starts.y).flat_map(|y| spread(starts.x).map(move |x| (x, y))) {
             let mut shown = [DVec3::ZERO; GREYS.len()];
@@ -371,7 +373,7 @@ impl Sums {
     /// near black, where half a level is no small part of a code, and where sRGB is linear.
     fn off(
         &self,
-        lamps: &[Lamp<'_>],
+        lamps: &[LitChannel<'_>],
         lit: &[(usize, DVec2)],
         shown: DVec3,
         light: f64,
@@ -393,18 +395,19 @@ impl Sums {
         let (off, near) =
             ((codes(shown) - codes(right)).abs(), codes(right + halves) - codes(right));
         let part = |axis: &usize| {
-            let gamma = if let Curve::Gamma(gamma) = first { gamma[*axis] } else { 2.4 };
+            let gamma = if let TransferFunction::Gamma(gamma) = first { gamma[*axis] } else { 2.4 };
             off[*axis] / (self.step * count.powf(gamma.recip())).max(near[*axis])
         };
         axes.iter().map(part).fold(0.0, f64::max)
     }
 
-    fn report(self, table: &mut Table) {
+    fn report(self, table: &mut VerificationReport) {
         let Self { all_black, most, codes, black, weights, plain, masked, .. } = self;
-        let at_most = |most: f64| Some(Target::AtMost(most));
+        let at_most = |most: f64| Some(Bound::AtMost(most));
         let leak = all_black.max_element();
-        let note =
-            |worst: &Worst| format!("{}; {most} at most on one place, black {leak:.4}", worst.at);
+        let note = |worst: &WorstErrors| {
+            format!("{}; {most} at most on one place, black {leak:.4}", worst.at)
+        };
         if weights.count > 0 {
             let what = "sum of blend weights, off 1";
             table.add(what, weights.off, "", at_most(WEIGHTS_MAX), note(&weights));
@@ -422,20 +425,20 @@ impl Sums {
     }
 }
 
-impl Windows {
+impl WindowMeans {
     fn add(&mut self, off: f64, at: impl FnOnce() -> String) {
         self.all += 1;
         self.kept += u64::from(off <= 1.0);
         self.worst.add(off, at);
     }
 
-    fn report(&self, of: &str, least: f64, table: &mut Table) {
+    fn report(&self, of: &str, least: f64, table: &mut VerificationReport) {
         if self.all == 0 {
             return;
         }
         let kept = self.kept as f64 / self.all as f64;
         let what = format!("{WINDOW} × {WINDOW} means{of} that keep it");
         let note = format!("{:.2} × at the worst, {}", self.worst.off, self.worst.at);
-        table.add(what, kept, "", Some(Target::AtLeast(least)), note);
+        table.add(what, kept, "", Some(Bound::AtLeast(least)), note);
     }
 }

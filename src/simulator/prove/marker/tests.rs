@@ -23,7 +23,7 @@ fn screens() -> [Screen; 2] {
 }
 
 /// The codes of 8 bits that a channel would have if all of it were moved by some pixels.
-fn drawn(marker: &Marker, map: &PixelMap<'_>, moved: DVec2) -> Light {
+fn drawn(marker: &Marker, map: &ChannelMapping<'_>, moved: DVec2) -> LuminanceImage {
     let at = |i: u32| {
         let pixel = DVec2::new(f64::from(i % SIZE.x), f64::from(i / SIZE.x)) + 0.5 - moved;
         let place =
@@ -32,7 +32,7 @@ fn drawn(marker: &Marker, map: &PixelMap<'_>, moved: DVec2) -> Light {
         let code = (linear_code(light) * 255.0).round() / 255.0;
         linear_light(code) as f32
     };
-    Light { size: SIZE, grey: (0..SIZE.x * SIZE.y).map(at).collect() }
+    LuminanceImage { size: SIZE, grey: (0..SIZE.x * SIZE.y).map(at).collect() }
 }
 
 fn linear_code(light: f64) -> f64 {
@@ -47,7 +47,7 @@ fn linear_light(code: f64) -> f64 {
 fn a_picture_that_is_moved_is_read_as_moved() {
     for screen in screens() {
         let channel = Channel::tile("c", 0, UVec2::ZERO, SIZE);
-        let map = PixelMap::new(&channel, &screen).expect("a picture");
+        let map = ChannelMapping::new(&channel, &screen).expect("a picture");
         for (pixel, depth) in [([60.3, 70.1], 1.0), ([160.0, 120.5], 1.7), ([250.7, 180.2], 5.0)] {
             let pixel = DVec2::from(pixel);
             let marker = Marker::at((ChannelId(0), &map), EYE, pixel, HALF, depth);
@@ -70,10 +70,11 @@ fn a_picture_that_is_moved_is_read_as_moved() {
 fn what_is_not_there_is_missing_and_what_cannot_be_told_is_faint() {
     let [screen, _] = screens();
     let channel = Channel::tile("c", 0, UVec2::ZERO, SIZE);
-    let map = PixelMap::new(&channel, &screen).expect("a picture");
+    let map = ChannelMapping::new(&channel, &screen).expect("a picture");
     let pixel = DVec2::new(160.0, 120.0);
     let marker = Marker::at((ChannelId(0), &map), EYE, pixel, HALF, 1.0).expect("on the screen");
-    let read = |light: &Light| marker.read(sight(&map, EYE), light, DVec3::ZERO, (pixel, HALF));
+    let read =
+        |light: &LuminanceImage| marker.read(sight(&map, EYE), light, DVec3::ZERO, (pixel, HALF));
     let mut light = drawn(&marker, &map, DVec2::ZERO);
     light.grey[120 * SIZE.x as usize + 165] = f32::NAN;
     assert_eq!(read(&light), Reading::Unclear);

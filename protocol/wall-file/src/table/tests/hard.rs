@@ -77,7 +77,7 @@ fn a_screen_that_is_small_in_a_picture_is_found_in_it() {
 }
 
 /// A wall of one screen before the eye with this body.
-fn one(body: &str) -> WallTable {
+fn one(body: &str) -> CheckReport {
     table(&format!(
         "[wall]\nname = \"w\"\n[[screen]]\nname = \"front\"\nsize = [2.7, 2.7]\n\
          center = [0.0, 0.0, -2.0]\npixels = [270, 270]\n{body}"
@@ -98,7 +98,7 @@ fn what_an_eye_gets_and_what_a_display_gets_are_both_told() {
     let second = tile.replace("\"a\"", "\"b\"");
     let eyes = "[channel.a]\neye = \"left\"\n[channel.b]\neye = \"right\"\n";
     let table = one(&format!("{tile}{second}{eyes}"));
-    assert_eq!((table.stereo, table.channels[1].eye), (Stereo::Passive, EyeOf::Right));
+    assert_eq!((table.stereo, table.channels[1].eye), (Stereo::Passive, Eye::Right));
     let text = table.to_string();
     assert!(text.contains("stereo: channels for the left and for the right eye"), "{text}");
     assert!(!text.contains("output") && text.contains("hangs").eq(&false), "{text}");

@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use polyptych_files::blob::BlobHash;
-use polyptych_wall::FileKind;
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::Shapes;
+use polyptych_wall::CalibrationFileKind;
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::WallGeometry;
 use polyptych_wall::warp::{
-    MapSpace, Mask, WallMap, WarpGrid, WarpMap, WarpMesh, WarpShape, WarpVertex,
+    CalibrationMap, ImportedMesh, ImportedVertex, MapCoordinates, Mask, WarpGeometry, WarpGrid,
+    WarpMap,
 };
 use proptest::prelude::*;
 use serde_json::Value;
@@ -18,7 +19,7 @@ use super::*;
 use crate::tests::{generated, random};
 
 /// Refuses a table in which a number is none: in JSON it would be null, in text a word.
-fn check_finite(table: &WallTable) -> Result<(), TestCaseError> {
+fn check_finite(table: &CheckReport) -> Result<(), TestCaseError> {
     fn numbers(value: &Value) -> usize {
         match value {
             Value::Null => panic!("null stands where a number belongs"),
@@ -47,14 +48,14 @@ fn check_finite(table: &WallTable) -> Result<(), TestCaseError> {
 }
 
 /// A calibration file of this kind, made of a few numbers; some of it is unlit.
-fn calibration(kind: FileKind, seed: u32) -> WallMap {
+fn calibration(kind: CalibrationFileKind, seed: u32) -> CalibrationMap {
     let wave = |i: u32, by: f32| (f32::from((seed % 977) as u16) + i as f32 * by).sin();
     let size = UVec2::new(2 + seed % 7, 2 + seed / 7 % 5);
-    let is_canvas = kind == FileKind::Warp && seed.is_multiple_of(3);
-    let space = if is_canvas { MapSpace::Canvas } else { MapSpace::Display };
+    let is_canvas = kind == CalibrationFileKind::Warp && seed.is_multiple_of(3);
+    let space = if is_canvas { MapCoordinates::Canvas } else { MapCoordinates::Display };
     let value = |place: Vec2, i: u32| match space {
-        MapSpace::Canvas => (place * 1.2 - 0.1).extend(0.0),
-        MapSpace::Display => {
+        MapCoordinates::Canvas => (place * 1.2 - 0.1).extend(0.0),
+        MapCoordinates::Display => {
             Vec3::new(place.x * 4.0 - 2.0, 1.0 - place.y * 2.0, -2.0 + 0.2 * wave(i, 0.9))
         }
     };
@@ -64,45 +65,46 @@ fn calibration(kind: FileKind, seed: u32) -> WallMap {
     };
     let count = size.element_product();
     match kind {
-        FileKind::Alpha | FileKind::Beta => {
+        CalibrationFileKind::Alpha | CalibrationFileKind::Beta => {
             let texels = (0..count).map(|i| (wave(i, 2.0).abs() * 6e4) as u16).collect();
-            WallMap::Mask(Mask { size, components: 1, texels })
+            CalibrationMap::Mask(Mask { size, components: 1, texels })
         }
-        FileKind::Warp if seed.is_multiple_of(2) => {
+        CalibrationFileKind::Warp if seed.is_multiple_of(2) => {
             let cell = |i: u32| match wave(i, 1.7) {
                 lit if lit > -0.8 => value(place(i), i),
                 _ => Vec3::NAN,
             };
             let grid = WarpGrid { size, values: (0..count).map(cell).collect() };
-            WallMap::Warp(WarpMap { space, shape: WarpShape::Grid(grid) })
+            CalibrationMap::Warp(WarpMap { space, shape: WarpGeometry::Grid(grid) })
         }
         _ => {
             let vertex =
-                |i: u32| WarpVertex { place: place(i), value: value(place(i), i), light: 1.0 };
+                |i: u32| ImportedVertex { place: place(i), value: value(place(i), i), light: 1.0 };
             let cells = (0..count).filter(|i| i % size.x + 1 < size.x && i / size.x + 1 < size.y);
             let triangles = cells.flat_map(|i| {
                 let below = i + size.x;
                 [[i, i + 1, below], [below + 1, below, i + 1]]
             });
-            let mesh = WarpMesh {
+            let mesh = ImportedMesh {
                 vertices: (0..count).map(vertex).collect(),
                 triangles: triangles.collect(),
             };
-            WallMap::Warp(WarpMap { space, shape: WarpShape::Mesh(mesh) })
+            CalibrationMap::Warp(WarpMap { space, shape: WarpGeometry::Mesh(mesh) })
         }
     }
 }
 
 /// The same wall with calibration files that were read.
-fn with_shapes(wall: &Wall, seed: u32) -> (Wall, Shapes) {
+fn with_shapes(wall: &Wall, seed: u32) -> (Wall, WallGeometry) {
     let mut wall = wall.clone();
     let mut made = Vec::new();
     for (index, file) in (0u32..).zip(&mut wall.files) {
         made.push(calibration(file.kind, seed.wrapping_add(index * 31)));
         file.blob = Some(BlobHash([index as u8; 32]));
     }
-    let maps = Maps::load(&wall, |hash| Ok(Arc::new(made[usize::from(hash.0[0])].clone())));
-    let shapes = Shapes::new(&wall, &maps.expect("sound"));
+    let maps =
+        CalibrationMaps::load(&wall, |hash| Ok(Arc::new(made[usize::from(hash.0[0])].clone())));
+    let shapes = WallGeometry::new(&wall, &maps.expect("sound"));
     (wall, shapes)
 }
 
@@ -164,9 +166,9 @@ proptest! {
 
     #[test]
     fn random_walls_have_finite_figures(wall in generated::wall(), seed in any::<u32>()) {
-        check_finite(&WallTable::of(&wall))?;
+        check_finite(&CheckReport::of(&wall))?;
         let (wall, shapes) = with_shapes(&wall, seed);
-        check_finite(&WallTable::of(Shaped { wall: &wall, shapes: &shapes }))?;
+        check_finite(&CheckReport::of(ResolvedWall { wall: &wall, shapes: &shapes }))?;
     }
 }
 
@@ -178,14 +180,14 @@ proptest! {
     #[test]
     fn damaged_wall_files_that_are_accepted_have_finite_figures(text in random::mutated()) {
         if let Ok(wall) = crate::parse(&text, "w.toml".as_ref()) {
-            check_finite(&WallTable::of(&wall))?;
+            check_finite(&CheckReport::of(&wall))?;
         }
     }
 
     #[test]
     fn projectors_of_any_pose_have_finite_figures(text in projected()) {
         if let Ok(wall) = crate::parse(&text, "w.toml".as_ref()) {
-            check_finite(&WallTable::of(&wall))?;
+            check_finite(&CheckReport::of(&wall))?;
         }
     }
 }

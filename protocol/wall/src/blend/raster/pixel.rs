@@ -2,10 +2,10 @@
 
 use glam::{DVec2, DVec3};
 
-use super::super::Share;
-use super::super::eyes::{self, Light};
+use super::super::BlendWeight;
+use super::super::eyes::{self, EyeContribution};
 use super::patch::Row;
-use super::{Cell, Here, Other, Raster};
+use super::{Cell, Here, Neighbour, Raster};
 
 /// By how much an interpolated place may make a weight wrong: an eighth of what a sum of weights
 /// may be off by, for four channels and more. Elsewhere places are exact: in steep ramps, and where
@@ -26,12 +26,12 @@ pub(super) struct Pixels<'p, 'l, 'w> {
     /// Of the row that was begun: places of those that are here.
     rows: Vec<Row>,
     seen: Vec<Seen<'p, 'l, 'w>>,
-    lights: Vec<Light>,
+    lights: Vec<EyeContribution>,
 }
 
 /// A place of another channel's picture.
 struct Seen<'p, 'l, 'w> {
-    other: &'p Other<'l, 'w>,
+    other: &'p Neighbour<'l, 'w>,
     place: DVec2,
     /// How far it may be off, in pixels.
     error_px: f64,
@@ -60,7 +60,7 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
     }
 
     /// The share of a pixel of the row that was begun.
-    pub fn share(&mut self, x: u32, y: u32) -> Share {
+    pub fn share(&mut self, x: u32, y: u32) -> BlendWeight {
         let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
         if self.is_patched {
             self.see_patches(pixel.x - f64::from(self.cell.begin.x));
@@ -70,7 +70,7 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
         }
         let is_seen = self.see_exactly(pixel).is_some();
         let share = if is_seen { self.share_among(pixel) } else { None };
-        share.unwrap_or(Share { weight: 0.0, black: DVec3::ZERO })
+        share.unwrap_or(BlendWeight { weight: 0.0, black: DVec3::ZERO })
     }
 
     /// Finds places by the cell's patches.
@@ -109,7 +109,7 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
 
     /// The share of a pixel whose places in other pictures are those seen; `None` where they are
     /// too far off for it.
-    fn share_among(&mut self, pixel: DVec2) -> Option<Share> {
+    fn share_among(&mut self, pixel: DVec2) -> Option<BlendWeight> {
         self.lights.clear();
         self.lights.extend(self.seen.iter().map(Seen::light));
         if self.lights.iter().all(|light| light.step.is_none() && light.part == 0.0) {
@@ -117,7 +117,7 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
         }
         let Raster { lamp, widths, exponent, .. } = self.raster;
         let own = lamp.step(pixel, *widths);
-        let share = eyes::share(Light::whole(lamp, own), &self.lights, *exponent);
+        let share = eyes::share(EyeContribution::whole(lamp, own), &self.lights, *exponent);
         let is_exact = self.seen.iter().all(|seen| seen.error_px == 0.0);
         let is_good = is_exact || share.weight * self.error(own) <= WEIGHT_ERROR_MAX;
         is_good.then_some(share)
@@ -141,11 +141,11 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
 }
 
 impl Seen<'_, '_, '_> {
-    fn light(&self) -> Light {
+    fn light(&self) -> EyeContribution {
         let other = self.other;
         let step = other.lamp.has(self.place).then(|| other.lamp.step(self.place, other.widths));
         let (eye, is_before) = (other.lamp.eye(), other.is_before);
-        Light { eye, step, is_before, part: self.lit_part(), leak: other.lamp.leak }
+        EyeContribution { eye, step, is_before, part: self.lit_part(), leak: other.lamp.leak }
     }
 
     /// How much of the pixel the other one lights: an edge of a picture that runs askew through a

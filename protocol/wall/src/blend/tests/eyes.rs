@@ -8,25 +8,25 @@ fn seen(canvas: [u32; 2], rects: &[(&str, [u32; 2], [u32; 2])]) -> Wall {
     let mut wall = tiles(canvas, &places);
     for (channel, (eye, ..)) in wall.channels.iter_mut().zip(rects) {
         channel.adjustment.eye = match *eye {
-            "left" => EyeOf::Left,
-            "right" => EyeOf::Right,
-            _ => EyeOf::Center,
+            "left" => Eye::Left,
+            "right" => Eye::Right,
+            _ => Eye::Center,
         };
     }
     wall
 }
 
 /// For an eye: what is the largest error of a sum of weights, and of light 0.3 on its black.
-fn errors(wall: &Wall, eye: EyeOf) -> [f64; 2] {
+fn errors(wall: &Wall, eye: Eye) -> [f64; 2] {
     let canvas = wall.screens[0].canvas;
     let (maps, leak) = (maps(wall), wall.blend.leak);
-    let most = Blend::new(wall).most() as f64;
+    let most = BlendModel::new(wall).most() as f64;
     let places = (canvas.x * canvas.y) as usize;
     let (mut sums, mut shown) = (vec![0.0; places], vec![0.0; places]);
-    let blend = Blend::new(wall);
+    let blend = BlendModel::new(wall);
     for ((id, channel), map) in wall.channel_ids().zip(&wall.channels).zip(&maps) {
         let multiply = blend.color(id).expect("a channel").made().x_axis.x;
-        if ![EyeOf::Center, eye].contains(&channel.adjustment.eye) {
+        if ![Eye::Center, eye].contains(&channel.adjustment.eye) {
             continue;
         }
         for (x, y) in (0..channel.size.y).flat_map(|y| (0..channel.size.x).map(move |x| (x, y))) {
@@ -64,7 +64,7 @@ fn what_is_for_both_eyes_keeps_the_sums_of_both() {
     for exponent in [1.0, 2.5] {
         let mut wall = apart();
         wall.blend.exponent = exponent;
-        for eye in [EyeOf::Left, EyeOf::Right] {
+        for eye in [Eye::Left, Eye::Right] {
             let [sum, _] = errors(&wall, eye);
             println!("{eye:?}, exponent {exponent}: sums are off by {sum:.2e}");
             assert!(sum < SUM_ERROR_MAX, "{eye:?}: {sum}");
@@ -76,8 +76,8 @@ fn what_is_for_both_eyes_keeps_the_sums_of_both() {
 fn black_is_one_black_for_both_eyes() {
     let mut wall = apart();
     wall.blend.leak = 0.01;
-    assert_eq!(Blend::new(&wall).most(), 3);
-    for eye in [EyeOf::Left, EyeOf::Right] {
+    assert_eq!(BlendModel::new(&wall).most(), 3);
+    for eye in [Eye::Left, Eye::Right] {
         let [_, black] = errors(&wall, eye);
         println!("{eye:?}: black is off by {black:.2e}");
         assert!(black < 6e-5, "{eye:?}: {black}");
@@ -94,11 +94,11 @@ fn one_eye_that_sees_nothing_else_has_all_of_what_is_for_both() {
         ("right", [0, 0], [60, HIGH]),
     ];
     let wall = seen([100, HIGH], &rects);
-    for eye in [EyeOf::Left, EyeOf::Right] {
+    for eye in [Eye::Left, Eye::Right] {
         let [sum, _] = errors(&wall, eye);
         assert!(sum < SUM_ERROR_MAX, "{eye:?}: {sum}");
     }
-    let map = light_map(&wall, ChannelId(0), &Masks::default()).expect("a map");
+    let map = light_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
     assert_eq!(map.at(75, 10, 0)[0], 0.0, "it yields");
 }
 

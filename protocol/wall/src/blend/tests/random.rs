@@ -8,7 +8,7 @@ use super::super::*;
 use super::walls::tiles;
 use crate::projector::Projector;
 use crate::surface::{Cylinder, Plane, Sphere, Surface};
-use crate::{Cover, Wall};
+use crate::{ChannelKind, Wall};
 
 /// What a light map's weight may be off by: the sum of four keeps 1/4096 twice over.
 const WEIGHT_ERROR_MAX: f64 = 1.0 / 32768.0 + 1.0 / 65535.0;
@@ -53,7 +53,7 @@ fn wall(seed: u64, size: [u32; 2]) -> Wall {
         let half = (step * (0.65 + 0.12 * next())).clamp(0.2, 1.05).tan();
         let turn = DQuat::from_rotation_y(step * (at as f64 + 0.5) - around / 2.0 + 0.1 * next());
         let tilt = DQuat::from_rotation_x(0.25 + 0.15 * next());
-        channel.cover = Cover::Projector(Box::new(Projector {
+        channel.cover = ChannelKind::Projector(Box::new(Projector {
             position: DVec3::new(next(), next(), next()) * 0.3,
             rotation: turn * tilt * DQuat::from_rotation_z(0.3 * next()),
             tangents: [-half, half * 0.9, -half * 0.6, half * 0.7],
@@ -63,9 +63,9 @@ fn wall(seed: u64, size: [u32; 2]) -> Wall {
 }
 
 /// Looks at each `step`th pixel of each row and column.
-fn for_pixels(wall: &Wall, step: usize, mut look: impl FnMut(ChannelId, &LightMap, UVec2, DVec2)) {
+fn for_pixels(wall: &Wall, step: usize, mut look: impl FnMut(ChannelId, &BlendMap, UVec2, DVec2)) {
     for id in wall.channel_ids() {
-        let Some(map) = light_map(wall, id, &Masks::default()) else { continue };
+        let Some(map) = light_map(wall, id, &ChannelMasks::default()) else { continue };
         let pixels = wall.pixel_map(id).expect("a projector");
         let rows = (0..map.size.y).step_by(step);
         for at in rows.flat_map(|y| (0..map.size.x).step_by(step).map(move |x| UVec2::new(x, y))) {
@@ -85,7 +85,7 @@ fn weights_are_exact_in_every_pixel_also_where_outer_edges_cross() {
         if seed % 3 == 0 {
             for (at, channel) in wall.channels.iter_mut().enumerate() {
                 let (turn, at) = (DQuat::from_rotation_y(0.02 * (at as f64 - 1.0)), at as f64);
-                channel.cover = Cover::Projector(Box::new(Projector {
+                channel.cover = ChannelKind::Projector(Box::new(Projector {
                     position: DVec3::new(0.9 * at - 1.5, 0.07 * at, 0.0),
                     rotation: turn * DQuat::from_rotation_z(0.03 * at),
                     tangents: [-0.4, 0.4, -0.25, 0.25],
@@ -94,7 +94,7 @@ fn weights_are_exact_in_every_pixel_also_where_outer_edges_cross() {
         }
         wall.channels[0].adjustment.edges.left = Some(3.0);
         wall.channels[1].adjustment.edges.right = Some(2.0);
-        let blend = Blend::new(&wall);
+        let blend = BlendModel::new(&wall);
         for_pixels(&wall, 3, |id, map, at, canvas| {
             let weights = blend.weights(id, canvas);
             let (_, due) = weights.iter().find(|(own, _)| *own == id).expect("its own");
@@ -116,7 +116,7 @@ fn black_is_right_in_the_mean_of_each_pixel() {
     for seed in 1..=6 {
         let mut wall = wall(seed, [150, 100]);
         wall.blend.leak = 0.01;
-        let blend = Blend::new(&wall);
+        let blend = BlendModel::new(&wall);
         let (leak, most) = (wall.blend.leak, blend.most() as f64);
         let raised = |count: f64| (most - count) * leak / (1.0 - leak);
         for_pixels(&wall, 1, |id, map, at, canvas| {

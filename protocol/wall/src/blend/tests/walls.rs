@@ -4,10 +4,10 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DQuat, DVec2, DVec3, UVec2};
 
-use crate::adjustment::Bend;
+use crate::adjustment::ControlGrid;
 use crate::projector::Projector;
 use crate::surface::{Cylinder, Plane, Surface};
-use crate::{Channel, Cover, Screen, Wall};
+use crate::{Channel, ChannelKind, Screen, Wall};
 
 /// Tiles by origin and size on a planar canvas.
 pub(crate) fn tiles(canvas: [u32; 2], rects: &[([u32; 2], [u32; 2])]) -> Wall {
@@ -47,7 +47,7 @@ pub(crate) fn askew(is_round: bool, size: UVec2, turn: f64) -> Wall {
         let side = DVec2::new(f64::from(place.0) - 0.5, 0.5 - f64::from(place.1));
         let roll = DQuat::from_rotation_z(turn * side.x * (1.0 + side.y));
         let yaw = DQuat::from_rotation_y(turn * side.y - side.x * 0.45);
-        channel.cover = Cover::Projector(Box::new(Projector {
+        channel.cover = ChannelKind::Projector(Box::new(Projector {
             position: DVec3::new(side.x * 0.4, side.y * 0.3, 0.2),
             rotation: yaw * DQuat::from_rotation_x(side.y * 0.32) * roll,
             tangents: [-0.4, 0.38, -0.24, 0.26],
@@ -66,6 +66,6 @@ pub(crate) fn bend(wall: &mut Wall) {
         };
         channel.adjustment.pin = [3, 5, 8, 13].map(moved);
         let moves = (0..12).map(moved).collect();
-        channel.adjustment.bend = Some(Bend { points: UVec2::new(4, 3), moves });
+        channel.adjustment.bend = Some(ControlGrid { points: UVec2::new(4, 3), moves });
     }
 }

@@ -8,20 +8,20 @@ use super::*;
 const CANVAS: UVec2 = UVec2::new(100, 60);
 
 /// Channels of 50 × 60 pixels on one plane of 100 × 60, each with a map of the canvas.
-fn wall(maps: Vec<WarpShape>) -> (Wall, Maps) {
+fn wall(maps: Vec<WarpGeometry>) -> (Wall, CalibrationMaps) {
     let plane = Plane::upright(DVec3::NEG_Z * 2.0, CANVAS.as_dvec2() / 50.0);
     let screen = Screen::new("front", Surface::Plane(plane), CANVAS);
     let channel = |index: usize| {
         let mut channel = Channel::tile(&format!("c{index}"), 0, UVec2::ZERO, UVec2::new(50, 60));
-        channel.cover = Cover::Map;
+        channel.cover = ChannelKind::Map;
         channel.adjustment.warp = Some(index as u16);
         channel
     };
     let channels = (0..maps.len()).map(channel).collect();
     let mut wall = Wall::new("w", vec![screen], channels);
-    let file = |shape| WallMap::Warp(WarpMap { space: MapSpace::Canvas, shape });
+    let file = |shape| CalibrationMap::Warp(WarpMap { space: MapCoordinates::Canvas, shape });
     let files: Vec<_> = maps.into_iter().map(file).collect();
-    let maps = with_files(&mut wall, FileKind::Warp, &files);
+    let maps = with_files(&mut wall, CalibrationFileKind::Warp, &files);
     (wall, maps)
 }
 
@@ -31,13 +31,13 @@ fn left(share: f64) -> impl Fn(DVec2) -> Option<DVec3> {
 }
 
 /// White of every channel, on the canvas: which pixels have light, and how much.
-fn white(wall: &Wall, shapes: &Shapes) -> Vec<Vec<Option<f64>>> {
-    let of = Shaped { wall, shapes };
+fn white(wall: &Wall, shapes: &WallGeometry) -> Vec<Vec<Option<f64>>> {
+    let of = ResolvedWall { wall, shapes };
     let codes: Vec<Vec<u8>> =
         wall.channels.iter().map(|c| vec![255; 4 * c.size.element_product() as usize]).collect();
     let ids = wall.channel_ids().zip(&codes);
-    let pictures: Vec<_> = ids.map(|(channel, rgba)| DisplayPicture { channel, rgba }).collect();
-    let shown = Superposition::new(of, 0, Side::Left, &pictures);
+    let pictures: Vec<_> = ids.map(|(channel, rgba)| DisplayImage { channel, rgba }).collect();
+    let shown = LightComposite::new(of, 0, StereoEye::Left, &pictures);
     let row = |y| shown.row(y).into_iter().map(|light| light.map(|light| light.y)).collect();
     (0..wall.screens[0].canvas.y).map(row).collect()
 }
@@ -48,8 +48,8 @@ fn a_hole_in_a_map_is_dark_and_another_channel_fills_it() {
     let is_hole = |place: DVec2| place.distance(DVec2::new(0.5, 0.5)) < 0.2;
     let holed = grid(UVec2::new(50, 60), |place| left(1.0)(place).filter(|_| !is_hole(place)));
     let (mut wall, maps) = wall(vec![holed, grid(UVec2::new(2, 2), left(1.0))]);
-    let shapes = Shapes::new(&wall, &maps);
-    let blend = Blend::new(Shaped { wall: &wall, shapes: &shapes });
+    let shapes = WallGeometry::new(&wall, &maps);
+    let blend = BlendModel::new(ResolvedWall { wall: &wall, shapes: &shapes });
     let in_hole = blend.weights(ChannelId(1), DVec2::new(50.0, 30.0));
     assert_eq!(in_hole, [(ChannelId(1), 1.0)]);
     let beside = blend.weights(ChannelId(1), DVec2::new(10.0, 30.0));
@@ -69,8 +69,8 @@ fn a_hole_in_a_map_is_dark_and_another_channel_fills_it() {
 fn a_folded_map_has_one_pixel_for_each_place() {
     let folded = |place: DVec2| Some(DVec3::new(0.5 - (place.x - 0.5).abs(), place.y, 0.0));
     let (wall, maps) = wall(vec![grid(UVec2::new(51, 60), folded)]);
-    let shapes = Shapes::new(&wall, &maps);
-    let map = Shaped { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
+    let shapes = WallGeometry::new(&wall, &maps);
+    let map = ResolvedWall { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
     for x in 1..49 {
         let canvas = DVec2::new(f64::from(x), 30.2);
         let pixel = map.pixel_from_canvas(canvas).expect("lit");
@@ -85,8 +85,8 @@ fn a_folded_map_has_one_pixel_for_each_place() {
 fn a_map_may_leave_its_screen() {
     let wide = |place: DVec2| Some(DVec3::new(place.x * 3.0 - 1.0, place.y * 3.0 - 1.0, 0.0));
     let (wall, maps) = wall(vec![grid(UVec2::new(2, 2), wide)]);
-    let shapes = Shapes::new(&wall, &maps);
-    let map = Shaped { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
+    let shapes = WallGeometry::new(&wall, &maps);
+    let map = ResolvedWall { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
     let outside = map.canvas_from_pixel(DVec2::new(1.0, 1.0)).expect("on the plane");
     assert!(outside.cmplt(DVec2::ZERO).all(), "{outside}");
     assert!(white(&wall, &shapes).iter().flatten().all(|light| *light == Some(1.0)));
@@ -99,9 +99,9 @@ fn a_map_of_one_point_lights_nothing() {
     let none = grid(UVec2::new(3, 3), |_| None);
     for shape in [one, none] {
         let (wall, maps) = wall(vec![shape, grid(UVec2::new(2, 2), left(1.0))]);
-        let shapes = Shapes::new(&wall, &maps);
-        let of = Shaped { wall: &wall, shapes: &shapes };
-        assert_eq!(Blend::new(of).weights(ChannelId(1), DVec2::new(50.0, 30.0)).len(), 1);
+        let shapes = WallGeometry::new(&wall, &maps);
+        let of = ResolvedWall { wall: &wall, shapes: &shapes };
+        assert_eq!(BlendModel::new(of).weights(ChannelId(1), DVec2::new(50.0, 30.0)).len(), 1);
         assert!(white(&wall, &shapes).iter().flatten().all(|light| *light == Some(1.0)));
     }
 }
@@ -118,8 +118,8 @@ fn ramps_run_along_what_is_lit() {
     };
     let maps = [0.0, 0.4].map(|from| grid(UVec2::new(50, 60), margin(from)));
     let (wall, maps) = wall(maps.into());
-    let shapes = Shapes::new(&wall, &maps);
-    let blend = Blend::new(Shaped { wall: &wall, shapes: &shapes });
+    let shapes = WallGeometry::new(&wall, &maps);
+    let blend = BlendModel::new(ResolvedWall { wall: &wall, shapes: &shapes });
     let [_, right, _, _] = blend.widths(ChannelId(0));
     let right = right.expect("a ramp");
     // A fifth of the canvas, of which 0.6 are 30 pixels, less the cells at both edges.
@@ -137,19 +137,20 @@ fn ramps_run_along_what_is_lit() {
 fn who_has_a_mask_shares_no_light_but_is_seen() {
     let maps = vec![grid(UVec2::new(2, 2), left(0.6)), grid(UVec2::new(2, 2), left(1.0))];
     let (mut wall, maps) = wall(maps);
-    let shapes = Shapes::new(&wall, &maps);
-    let count =
-        |wall: &Wall| Blend::new(Shaped { wall, shapes: &shapes }).neighbours(ChannelId(0)).len();
+    let shapes = WallGeometry::new(&wall, &maps);
+    let count = |wall: &Wall| {
+        BlendModel::new(ResolvedWall { wall, shapes: &shapes }).neighbours(ChannelId(0)).len()
+    };
     assert_eq!(count(&wall), 1);
     wall.channels[1].adjustment.alpha = Some(0);
     assert_eq!(count(&wall), 0);
     let mask = Mask { size: UVec2::ONE, components: 1, texels: vec![32768] };
     let alpha = MaskTexels::new(mask.size, 1, &mask.texels);
-    let masks = Masks { alpha, ..Masks::default() };
-    let of = Shaped { wall: &wall, shapes: &shapes };
+    let masks = ChannelMasks { alpha, ..ChannelMasks::default() };
+    let of = ResolvedWall { wall: &wall, shapes: &shapes };
     let light = light_map(of, ChannelId(1), &masks).expect("a light map");
     assert!((light.at(25, 30, 0)[0] - 0.5).abs() < 1e-4);
-    assert_eq!(light_map(of, ChannelId(0), &Masks::default()), None);
+    assert_eq!(light_map(of, ChannelId(0), &ChannelMasks::default()), None);
     assert_eq!(white(&wall, &shapes)[30][50], Some(2.0), "both are seen all the same");
     wall.channels[1].adjustment.edges.left = Some(5.0);
     assert_eq!(count(&wall), 1, "the wall file says that it has a ramp");

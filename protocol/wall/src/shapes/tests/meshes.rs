@@ -4,11 +4,11 @@ use glam::{DQuat, Vec2};
 
 use super::super::super::projector::Projector;
 use super::super::super::surface::Cylinder;
-use super::super::super::warp::{WarpMesh as Mesh, WarpVertex as Vertex};
+use super::super::super::warp::{ImportedMesh as Mesh, ImportedVertex as Vertex};
 use super::*;
 
 /// The mesh of a surface with so many cells.
-fn mesh(cells: [u32; 2], point: impl Fn(DVec2) -> DVec3) -> WallMap {
+fn mesh(cells: [u32; 2], point: impl Fn(DVec2) -> DVec3) -> CalibrationMap {
     let (cells, across) = (UVec2::from(cells), cells[0] + 1);
     let vertex = |i: u32| {
         let place = UVec2::new(i % across, i / across).as_dvec2() / cells.as_dvec2();
@@ -20,15 +20,15 @@ fn mesh(cells: [u32; 2], point: impl Fn(DVec2) -> DVec3) -> WallMap {
     };
     let vertices = (0..across * (cells.y + 1)).map(vertex).collect();
     let triangles = (0..cells.x * cells.y).flat_map(cell).collect();
-    let shape = WarpShape::Mesh(Mesh { vertices, triangles });
-    WallMap::Warp(WarpMap { space: MapSpace::Display, shape })
+    let shape = WarpGeometry::Mesh(Mesh { vertices, triangles });
+    CalibrationMap::Warp(WarpMap { space: MapCoordinates::Display, shape })
 }
 
 /// The same wall with its only screen as a mesh.
-fn meshed(wall: &Wall, file: WallMap) -> (Wall, Maps) {
+fn meshed(wall: &Wall, file: CalibrationMap) -> (Wall, CalibrationMaps) {
     let mut meshed = wall.clone();
     meshed.screens[0].surface = Surface::Mesh(0);
-    let maps = with_files(&mut meshed, FileKind::ScreenMesh, &[file]);
+    let maps = with_files(&mut meshed, CalibrationFileKind::ScreenMesh, &[file]);
     (meshed, maps)
 }
 
@@ -49,8 +49,8 @@ fn projectors_light_a_mesh_where_they_light_the_surface_that_it_is_of() {
     wall.screens[0].surface = Surface::Cylinder(cylinder());
     // 2,400 columns are off the arc by 0.4 µm.
     let (meshed, maps) = meshed(&wall, mesh([2400, 4], on_cylinder));
-    let shapes = Shapes::new(&meshed, &maps);
-    let of = Shaped { wall: &meshed, shapes: &shapes };
+    let shapes = WallGeometry::new(&meshed, &maps);
+    let of = ResolvedWall { wall: &meshed, shapes: &shapes };
     let (mut worst, mut lit) = ([0.0_f64; 2], 0);
     let end = wall.screens[0].canvas.as_dvec2() - 1.0;
     for (id, pixel) in pixels(&wall, 7) {
@@ -67,7 +67,7 @@ fn projectors_light_a_mesh_where_they_light_the_surface_that_it_is_of() {
     }
     println!("{lit} pixels: {worst:.5?} pixels off, and back");
     assert!(lit > 1000 && worst.iter().all(|off| *off < PLACE_ERROR_MAX), "{worst:?}");
-    let (blend, due) = (Blend::new(of), Blend::new(&wall));
+    let (blend, due) = (BlendModel::new(of), BlendModel::new(&wall));
     assert_eq!(blend.most(), due.most());
     for (x, y) in (2..30).flat_map(|x| (2..18).map(move |y| (x, y))) {
         let canvas = DVec2::new(f64::from(x), f64::from(y)) * 10.0 + 0.3;
@@ -83,15 +83,15 @@ fn beam(position: DVec3, look_at: DVec3, tangent: f64) -> Channel {
     let rotation = crate::camera::Camera::look_at(position, look_at, DVec3::Y).rotation;
     let mut channel = Channel::tile("beam", 0, UVec2::ZERO, UVec2::new(64, 64));
     let tangents = [-tangent, tangent, -tangent, tangent];
-    channel.cover = Cover::Projector(Box::new(Projector { position, rotation, tangents }));
+    channel.cover = ChannelKind::Projector(Box::new(Projector { position, rotation, tangents }));
     channel
 }
 
 /// A wall of one beam onto a mesh.
-fn lit(file: WallMap, beam: Channel) -> (Wall, Shapes) {
+fn lit(file: CalibrationMap, beam: Channel) -> (Wall, WallGeometry) {
     let screen = Screen::new("hill", Surface::Mesh(0), UVec2::new(200, 100));
     let (wall, maps) = meshed(&Wall::new("w", vec![screen], vec![beam]), file);
-    let shapes = Shapes::new(&wall, &maps);
+    let shapes = WallGeometry::new(&wall, &maps);
     (wall, shapes)
 }
 
@@ -106,10 +106,10 @@ fn what_a_mesh_hides_from_a_projector_is_dark() {
     };
     let beam = beam(DVec3::X * 2.0, DVec3::new(0.0, 0.0, -3.0), 0.8);
     let (wall, shapes) = lit(mesh([400, 2], step), beam);
-    let of = Shaped { wall: &wall, shapes: &shapes };
+    let of = ResolvedWall { wall: &wall, shapes: &shapes };
     let codes = vec![255; 4 * 64 * 64];
-    let shown = [DisplayPicture { channel: ChannelId(0), rgba: &codes }];
-    let row = Superposition::new(of, 0, Side::Left, &shown).row(50);
+    let shown = [DisplayImage { channel: ChannelId(0), rgba: &codes }];
+    let row = LightComposite::new(of, 0, StereoEye::Left, &shown).row(50);
     // The ray past the edge at (0, -2) from (2, 0) comes down at x = -1, which is column 50.
     let is_lit = |x: usize| row[x].is_some();
     assert!(is_lit(40) && is_lit(48) && is_lit(110), "lit on both sides");
@@ -134,14 +134,15 @@ fn a_projector_within_a_closed_mesh_lights_it_and_one_outside_its_back() {
     for look_at in [DVec3::X, DVec3::NEG_Z, DVec3::new(0.1, 1.0, 0.2), DVec3::Z] {
         let beam = beam(DVec3::new(0.3, -0.2, 0.1), look_at * 9.0, 0.7);
         let (wall, shapes) = lit(file.clone(), beam);
-        let map = Shaped { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
+        let map =
+            ResolvedWall { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
         for (_, pixel) in pixels(&wall, 5) {
             let point = map.display_from_pixel(pixel.as_dvec2() + 0.5).expect("a wall all around");
             assert!((1.95..2.001).contains(&point.length()), "{point}");
         }
     }
     let (wall, shapes) = lit(file, beam(DVec3::Z * 9.0, DVec3::ZERO, 0.1));
-    let map = Shaped { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
+    let map = ResolvedWall { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
     let point = map.display_from_pixel(DVec2::splat(32.0)).expect("its near side");
     assert!(map.is_rear() && point.distance(DVec3::Z * 2.0) < 0.05, "{point}");
 }
@@ -151,16 +152,17 @@ fn a_projector_within_a_closed_mesh_lights_it_and_one_outside_its_back() {
 fn triangles_without_an_area_change_nothing() {
     let board = |place: DVec2| DVec3::new(place.x * 4.0 - 2.0, 1.0 - place.y * 2.0, -3.0);
     let good = mesh([8, 4], board);
-    let WallMap::Warp(mut warp) = good.clone() else { panic!("a warp") };
-    let WarpShape::Mesh(all) = &mut warp.shape else { panic!("a mesh") };
+    let CalibrationMap::Warp(mut warp) = good.clone() else { panic!("a warp") };
+    let WarpGeometry::Mesh(all) = &mut warp.shape else { panic!("a mesh") };
     let first = all.vertices.len() as u32;
     let speck = Vertex { place: Vec2::splat(0.5), value: Vec3::new(0.1, 0.1, -1.0), light: 1.0 };
     all.vertices.extend([speck, Vertex { value: Vec3::new(0.5, 0.1, -1.0), ..speck }]);
     all.triangles.extend([[first; 3], [first, first + 1, first], [0, 0, 5], [3, 4, 3]]);
     let beam = beam(DVec3::ZERO, DVec3::NEG_Z, 0.3);
-    let (good, bad) = (lit(good, beam.clone()), lit(WallMap::Warp(warp), beam));
-    let [due, found] = [&good, &bad]
-        .map(|(wall, shapes)| Shaped { wall, shapes }.pixel_map(ChannelId(0)).expect("a map"));
+    let (good, bad) = (lit(good, beam.clone()), lit(CalibrationMap::Warp(warp), beam));
+    let [due, found] = [&good, &bad].map(|(wall, shapes)| {
+        ResolvedWall { wall, shapes }.pixel_map(ChannelId(0)).expect("a map")
+    });
     for (_, pixel) in pixels(&good.0, 3) {
         let pixel = pixel.as_dvec2() + 0.5;
         let [due, found] = [&due, &found].map(|map| map.display_from_pixel(pixel).expect("lit"));
@@ -177,17 +179,19 @@ fn warps_lie_on_the_canvas_of_a_mesh() {
     };
     let left_half = mesh([20, 4], |place| hill(place * DVec2::new(0.5, 1.0)));
     let on_canvas = grid(UVec2::new(2, 2), |place| Some(DVec3::new(place.x * 0.5, place.y, 0.0)));
-    let on_canvas = WallMap::Warp(WarpMap { space: MapSpace::Canvas, shape: on_canvas });
+    let on_canvas =
+        CalibrationMap::Warp(WarpMap { space: MapCoordinates::Canvas, shape: on_canvas });
     for warp in [left_half, on_canvas] {
         let mut channel = Channel::tile("left", 0, UVec2::ZERO, UVec2::new(100, 100));
-        channel.cover = Cover::Map;
+        channel.cover = ChannelKind::Map;
         channel.adjustment.warp = Some(1);
         let screen = Screen::new("hill", Surface::Mesh(0), UVec2::new(200, 100));
         let mut wall = Wall::new("w", vec![screen], vec![channel]);
         let files = [mesh([40, 4], hill), warp];
-        for (index, kind) in [(0, FileKind::ScreenMesh), (1, FileKind::Warp)] {
+        for (index, kind) in [(0, CalibrationFileKind::ScreenMesh), (1, CalibrationFileKind::Warp)]
+        {
             let blob = Some(BlobHash([index; 32]));
-            wall.files.push(MapFile {
+            wall.files.push(CalibrationFile {
                 path: "x".into(),
                 kind,
                 blob,
@@ -196,9 +200,10 @@ fn warps_lie_on_the_canvas_of_a_mesh() {
             });
         }
         let read = |hash: BlobHash| Ok(Arc::new(files[usize::from(hash.0[0])].clone()));
-        let maps = Maps::load(&wall, read).expect("sound");
-        let shapes = Shapes::new(&wall, &maps);
-        let map = Shaped { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
+        let maps = CalibrationMaps::load(&wall, read).expect("sound");
+        let shapes = WallGeometry::new(&wall, &maps);
+        let map =
+            ResolvedWall { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
         for at in [[10.5, 20.5], [50.5, 99.5], [99.0, 1.0], [33.3, 77.7]] {
             let pixel = DVec2::from(at);
             let canvas = map.canvas_from_pixel(pixel).expect("on the canvas");

@@ -5,10 +5,10 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, UVec2};
 
-use super::super::SourcePlan;
+use super::super::ViewAtlas;
 use super::*;
 use crate::viewpoint::Around;
-use crate::warp_mesh::MeshRule;
+use crate::warp_mesh::TessellationOptions;
 
 const RADIUS_M: f64 = 3.0;
 
@@ -53,11 +53,12 @@ impl Round {
             .map(|offset_m| Viewpoint::Around(Around { head: DVec3::ZERO, offset_m, error_max_px }))
     }
 
-    fn plan(&self, error_max_px: f64) -> (WarpMesh, SourcePlan) {
+    fn plan(&self, error_max_px: f64) -> (WarpMesh, ViewAtlas) {
         let eyes = Self::eyes(error_max_px);
         let point = |pixel| Some(self.point(pixel));
-        let mesh = WarpMesh::new(self.size, MeshRule::default(), point).refined_for(&eyes);
-        let plan = SourcePlan::new(&mesh, &eyes, 0.1, 8192).expect("a plan");
+        let mesh =
+            WarpMesh::new(self.size, TessellationOptions::default(), point).refined_for(&eyes);
+        let plan = ViewAtlas::new(&mesh, &eyes, 0.1, 8192).expect("a plan");
         println!(
             "{} triangles, {} planes for each eye in {}, off by {:.3} px, density {:.2} to {:.2}",
             mesh.triangles.len(),
@@ -82,7 +83,7 @@ fn apart(round: &Round, a: DVec3, b: DVec3) -> f64 {
 
 /// Every triangle belongs to one plane, which holds all of it and looks from between its corners'
 /// eyes; all that lies on the screen or behind it is where the plan says, by exact rays.
-fn check(round: &Round, error_max_px: f64) -> SourcePlan {
+fn check(round: &Round, error_max_px: f64) -> ViewAtlas {
     let (mesh, plan) = round.plan(error_max_px);
     let eyes = Round::eyes(error_max_px);
     let mut owned: Vec<u32> = plan.triangles.iter().flatten().copied().collect();
@@ -218,7 +219,7 @@ fn a_mesh_of_two_triangles_is_divided_and_one_for_a_fixed_eye_is_not() {
     let eyes = Round::eyes(0.5);
     let fine = flat.refined_for(&eyes);
     assert!(fine.triangles.len() > 100, "{} triangles", fine.triangles.len());
-    let plan = SourcePlan::new(&fine, &eyes, 0.1, 8192).expect("a plan");
+    let plan = ViewAtlas::new(&fine, &eyes, 0.1, 8192).expect("a plan");
     println!("flat: {} planes, {} px", plan.triangles.len(), plan.stereo_error_px);
     assert!(plan.stereo_error_px <= 0.5, "{} px", plan.stereo_error_px);
 }

@@ -3,14 +3,14 @@
 use glam::{DVec2, DVec3, UVec2, Vec2};
 use proptest::prelude::{ProptestConfig, Strategy, any, prop_assert, proptest};
 
-use super::super::{MapSpace, WarpMap, WarpMesh, WarpShape, WarpVertex};
-use crate::pixels::PixelMap;
-use crate::shapes::{Shaped, Shapes};
+use super::super::{ImportedMesh, ImportedVertex, MapCoordinates, WarpGeometry, WarpMap};
+use crate::pixels::ChannelMapping;
+use crate::shapes::{ResolvedWall, WallGeometry};
 use crate::surface::Plane;
 use crate::{Channel, ChannelId, Screen, Surface, Wall};
 
 /// A grid of cells over a rectangle of places, unevenly moved, whose values are a hill.
-fn hill(cells: UVec2, low: DVec2, high: DVec2, seed: u64) -> WarpMesh {
+fn hill(cells: UVec2, low: DVec2, high: DVec2, seed: u64) -> ImportedMesh {
     let jitter = |index: u32, salt: u64| {
         let mixed = (u64::from(index) + 1).wrapping_mul(seed | 1).wrapping_mul(0x9e37_79b9 + salt);
         (mixed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
@@ -21,14 +21,14 @@ fn hill(cells: UVec2, low: DVec2, high: DVec2, seed: u64) -> WarpMesh {
         let moved = at + DVec2::new(jitter(index, 3), jitter(index, 7)) * 0.5;
         let place = low + (high - low) * moved / cells.as_dvec2();
         let value = DVec3::new(place.x * 2.0 - 1.0, 0.5 - place.y, -2.0 + 0.3 * jitter(index, 5));
-        WarpVertex { place: place.as_vec2(), value: value.as_vec3(), light: 1.0 }
+        ImportedVertex { place: place.as_vec2(), value: value.as_vec3(), light: 1.0 }
     };
     let cell = |index: u32| {
         let first = index / cells.x * points.x + index % cells.x;
         let (second, third, fourth) = (first + 1, first + points.x, first + points.x + 1);
         [[first, second, third], [fourth, third, second]]
     };
-    WarpMesh {
+    ImportedMesh {
         vertices: (0..points.element_product()).map(vertex).collect(),
         triangles: (0..cells.element_product()).flat_map(cell).collect(),
     }
@@ -36,20 +36,20 @@ fn hill(cells: UVec2, low: DVec2, high: DVec2, seed: u64) -> WarpMesh {
 
 /// The value at a place, triangle by triangle; `None` also near an edge of the whole, where f32
 /// decides.
-fn value_at(mesh: &WarpMesh, place: DVec2) -> Option<DVec3> {
+fn value_at(mesh: &ImportedMesh, place: DVec2) -> Option<DVec3> {
     mesh.triangles.iter().find_map(|triangle| {
         let [a, b, c] = triangle.map(|corner| mesh.vertices[corner as usize]);
-        let [p, q, r] = [a, b, c].map(|vertex: WarpVertex| vertex.place.as_dvec2());
+        let [p, q, r] = [a, b, c].map(|vertex: ImportedVertex| vertex.place.as_dvec2());
         let area = (q - p).perp_dot(r - p);
         let (u, v) = ((place - p).perp_dot(r - p) / area, (q - p).perp_dot(place - p) / area);
         let is_in = u >= 0.0 && v >= 0.0 && u + v <= 1.0;
-        let [p, q, r] = [a, b, c].map(|vertex: WarpVertex| vertex.value.as_dvec3());
+        let [p, q, r] = [a, b, c].map(|vertex: ImportedVertex| vertex.value.as_dvec3());
         is_in.then(|| p + (q - p) * u + (r - p) * v)
     })
 }
 
-fn warp(mesh: WarpMesh) -> WarpMap {
-    WarpMap { space: MapSpace::Display, shape: WarpShape::Mesh(mesh) }
+fn warp(mesh: ImportedMesh) -> WarpMap {
+    WarpMap { space: MapCoordinates::Display, shape: WarpGeometry::Mesh(mesh) }
 }
 
 /// That a channel's mesh shows at its pixels what the file has there, and nothing beside it.
@@ -60,9 +60,9 @@ fn check(
     is_tile: bool,
     error_m: f64,
 ) -> Result<(), proptest::test_runner::TestCaseError> {
-    let WarpShape::Mesh(source) = &map.shape else { return Ok(()) };
-    let Some(pixels) = PixelMap::new(channel, screen) else { return Ok(()) };
-    let ground = Shapes::none().ground(screen);
+    let WarpGeometry::Mesh(source) = &map.shape else { return Ok(()) };
+    let Some(pixels) = ChannelMapping::new(channel, screen) else { return Ok(()) };
+    let ground = WallGeometry::none().ground(screen);
     let mesh = if is_tile {
         map.screen_mesh(channel, &ground, &pixels)
     } else {
@@ -176,33 +176,33 @@ fn pins_may_tip_a_mesh_over_its_horizon() {
 fn what_cannot_be_drawn_is_refused_by_its_key() {
     use std::sync::Arc;
 
-    use crate::maps::Maps;
-    use crate::warp::WallMap;
-    use crate::{Cover, FileKind, MapFile};
+    use crate::maps::CalibrationMaps;
+    use crate::warp::CalibrationMap;
+    use crate::{CalibrationFile, CalibrationFileKind, ChannelKind};
     use polyptych_files::blob::BlobHash;
 
     let size = UVec2::new(64, 32);
-    let wall = |mesh: WarpMesh| {
+    let wall = |mesh: ImportedMesh| {
         let mut channel = Channel::tile("c", 0, UVec2::ZERO, size);
-        channel.cover = Cover::Map;
+        channel.cover = ChannelKind::Map;
         channel.adjustment.warp = Some(0);
         let mut wall = Wall::new("w", vec![screen(size)], vec![channel]);
-        wall.files.push(MapFile {
+        wall.files.push(CalibrationFile {
             path: "a.obj".into(),
-            kind: FileKind::Warp,
+            kind: CalibrationFileKind::Warp,
             blob: Some(BlobHash([1; 32])),
             is_for_one_eye: false,
             front: Vec::new(),
         });
-        let map = Arc::new(WallMap::Warp(warp(mesh)));
-        let maps = Maps::load(&wall, |_| Ok(Arc::clone(&map))).expect("a map");
-        let shapes = Shapes::new(&wall, &maps);
-        let shaped = Shaped { wall: &wall, shapes: &shapes };
+        let map = Arc::new(CalibrationMap::Warp(warp(mesh)));
+        let maps = CalibrationMaps::load(&wall, |_| Ok(Arc::clone(&map))).expect("a map");
+        let shapes = WallGeometry::new(&wall, &maps);
+        let shaped = ResolvedWall { wall: &wall, shapes: &shapes };
         shaped.check_files(&maps).map(|()| shaped.drawn_mesh(&maps, ChannelId(0)).expect("drawn"))
     };
     let good = hill(UVec2::new(4, 3), DVec2::splat(-0.2), DVec2::splat(1.2), 5);
     assert!(wall(good.clone()).expect("good").triangles.len() >= 24);
-    let refused = |mesh: WarpMesh, parts: &[&str]| {
+    let refused = |mesh: ImportedMesh, parts: &[&str]| {
         let line = wall(mesh).expect_err("refused");
         assert!(line.starts_with("channel.c.warp: a.obj: channel c cannot be drawn: "), "{line}");
         assert!(parts.iter().all(|part| line.contains(part)), "{line}");

@@ -7,8 +7,8 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use wgpu::util::DeviceExt;
 
-use super::{PlaneRecord, Shape, row};
-use crate::correction::SourceEye;
+use super::{CorrectionMesh, PlaneRecord, row};
+use crate::correction::EyeAtlas;
 use crate::gpu::Gpu;
 
 /// The triangles of each plane.
@@ -47,10 +47,10 @@ impl Parts {
     }
 }
 
-impl Shape {
+impl CorrectionMesh {
     /// What is drawn for these eyes: one part for each plane with triangles of its own, or all of
     /// the mesh. Parts stay on the GPU until other ones are asked for.
-    pub(super) fn parts(&self, gpu: &Gpu, eyes: &[SourceEye]) -> Parts {
+    pub(super) fn parts(&self, gpu: &Gpu, eyes: &[EyeAtlas]) -> Parts {
         let Some(owned) = eyes.first().and_then(|eye| eye.triangles.as_ref()) else {
             return self.whole.clone();
         };
@@ -73,9 +73,9 @@ impl Shape {
 }
 
 /// The planes of all eyes that have triangles of their own; without such, one that nobody reads.
-pub(super) fn records(gpu: &Gpu, eyes: &[SourceEye], origin_in_display: DVec3) -> wgpu::Buffer {
+pub(super) fn records(gpu: &Gpu, eyes: &[EyeAtlas], origin_in_display: DVec3) -> wgpu::Buffer {
     let planes = eyes.iter().filter(|eye| eye.triangles.is_some()).flat_map(|eye| &eye.planes);
-    let record = |plane: &crate::SourcePlane| {
+    let record = |plane: &crate::AtlasViewDesc| {
         let PlaneRecord { across, down, depth, .. } = plane.record(false);
         let position = row((plane.eye_in_display - origin_in_display).extend(0.0));
         CellRecord { position, across, down, depth }

@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 use glam::DMat3;
 
 use super::TAPS_MAX;
-use super::shape::CornerRecord;
+use super::shape::WarpVertexRecord;
 use crate::bindings;
-use crate::correction::{CorrectionDesc, Curve, Packing, SourceEye};
+use crate::correction::{CorrectionDesc, EyeAtlas, StereoPacking, TransferFunction};
 use crate::gpu::Gpu;
 use crate::picture::{CODES_FORMAT, FINE_FORMAT};
 use crate::target::DISPLAY_FORMAT;
@@ -59,7 +59,7 @@ pub(super) struct Pipelines {
 
 impl Sampling {
     /// Of these eyes' planes, with samples across and down for each pixel of the display.
-    pub fn new(eyes: &[SourceEye], taps: [u32; 2]) -> Self {
+    pub fn new(eyes: &[EyeAtlas], taps: [u32; 2]) -> Self {
         let planes = eyes.iter().map(|eye| eye.planes.len()).max().unwrap_or(0) as u32;
         let has_cells = eyes.iter().any(|eye| eye.triangles.is_some());
         let (planes, cells) = if has_cells { (1, planes) } else { (planes, 0) };
@@ -79,11 +79,11 @@ impl Key {
             is_weighted: desc.light_map.is_some(),
             is_tinted: desc.light_map.as_ref().is_some_and(|map| map.texels.len() > pixels),
             is_fine: desc.is_fine,
-            is_anaglyph: desc.packing == Packing::Anaglyph,
+            is_anaglyph: desc.packing == StereoPacking::Anaglyph,
             curve: match desc.curve {
-                Curve::Srgb => 0,
-                Curve::Gamma(_) => 1,
-                Curve::Measured(_) => 2,
+                TransferFunction::Srgb => 0,
+                TransferFunction::Gamma(_) => 1,
+                TransferFunction::Measured(_) => 2,
             },
             dither: desc.dither,
         }
@@ -206,7 +206,7 @@ impl Pipelines {
                 entry_point: Some("corner"),
                 compilation_options: options(),
                 buffers: &[Some(wgpu::VertexBufferLayout {
-                    array_stride: size_of::<CornerRecord>() as u64,
+                    array_stride: size_of::<WarpVertexRecord>() as u64,
                     step_mode: wgpu::VertexStepMode::Vertex,
                     attributes: &attributes,
                 })],

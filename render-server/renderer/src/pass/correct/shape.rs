@@ -8,13 +8,13 @@ use wgpu::util::DeviceExt;
 
 use super::CorrectionUniform;
 use super::cells::{Parts, Triangles};
-use crate::correction::{WarpMesh, WarpVertex};
+use crate::correction::{WarpMeshDesc, WarpVertexDesc};
 use crate::gpu::Gpu;
 
 /// A corner of the warp mesh as the vertex stage reads it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct CornerRecord {
+pub(super) struct WarpVertexRecord {
     pixel: [f32; 2],
     /// From the mesh's origin.
     point: [f32; 3],
@@ -22,7 +22,7 @@ pub(super) struct CornerRecord {
 
 /// Which pixels a correction draws, and what they show of its source.
 #[derive(Debug)]
-pub struct Shape {
+pub struct CorrectionMesh {
     /// Near the mesh, so that f32 suffices from there.
     pub(super) origin_in_display: DVec3,
     pub(super) corners: wgpu::Buffer,
@@ -35,8 +35,8 @@ pub struct Shape {
     pub(super) uniform: wgpu::Buffer,
 }
 
-impl Shape {
-    pub(super) fn new(gpu: &Gpu, upright: [u32; 2], warp: Option<&WarpMesh>) -> Self {
+impl CorrectionMesh {
+    pub(super) fn new(gpu: &Gpu, upright: [u32; 2], warp: Option<&WarpMeshDesc>) -> Self {
         let (corners, indices, origin_in_display) = mesh(upright, warp);
         let buffer = |label, contents: &[u8], usage| {
             let descriptor =
@@ -62,16 +62,19 @@ impl Shape {
 }
 
 /// Corners, indices and origin of the mesh; without one, two triangles over the picture.
-fn mesh(upright: [u32; 2], warp: Option<&WarpMesh>) -> (Vec<CornerRecord>, Vec<u32>, DVec3) {
+fn mesh(
+    upright: [u32; 2],
+    warp: Option<&WarpMeshDesc>,
+) -> (Vec<WarpVertexRecord>, Vec<u32>, DVec3) {
     let Some(warp) = warp else {
         let [width, height] = upright.map(|side| side as f32);
         let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
-        let corners = corners.map(|pixel| CornerRecord { pixel, point: [0.0, 0.0, -1.0] });
+        let corners = corners.map(|pixel| WarpVertexRecord { pixel, point: [0.0, 0.0, -1.0] });
         return (corners.to_vec(), vec![0, 1, 2, 2, 1, 3], DVec3::ZERO);
     };
     let count = warp.vertices.len().max(1) as f64;
     let origin: DVec3 = warp.vertices.iter().map(|vertex| vertex.point / count).sum();
-    let corner = |vertex: &WarpVertex| CornerRecord {
+    let corner = |vertex: &WarpVertexDesc| WarpVertexRecord {
         pixel: vertex.pixel.map(|at| at as f32),
         point: (vertex.point - origin).as_vec3().to_array(),
     };

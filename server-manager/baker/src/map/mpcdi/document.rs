@@ -10,7 +10,7 @@ use roxmltree::{Node, ParsingOptions};
 
 use super::super::super::error::BakeError;
 use super::super::super::uri::{shorten, shorten_middle};
-use super::{Profile, Pyramid};
+use super::{Profile, RegionFrustum};
 
 /// Most nodes of the text: a region has fifty.
 const NODES_MAX: u32 = 1 << 18;
@@ -50,7 +50,7 @@ pub(super) struct Region {
     /// Of the buffer, 0 to 1, from its lower left.
     pub origin: DVec2,
     pub extent: DVec2,
-    pub pyramid: Option<Pyramid>,
+    pub pyramid: Option<RegionFrustum>,
     /// Of its lens, in the unit of its points: right, up and back.
     pub position: Option<DVec3>,
     pub files: Files,
@@ -232,7 +232,7 @@ fn position(node: Node<'_, '_>, id: &str) -> Result<DVec3, BakeError> {
     Ok(DVec3::from_array(axes.map(|axis| axis.dot(at))))
 }
 
-fn pyramid(node: Node<'_, '_>, id: &str) -> Result<Pyramid, BakeError> {
+fn pyramid(node: Node<'_, '_>, id: &str) -> Result<RegionFrustum, BakeError> {
     let number = |name: &str| {
         let text = child(node, name).and_then(|child| child.text()).unwrap_or_default();
         finite(text).ok_or_else(|| {
@@ -250,7 +250,7 @@ fn pyramid(node: Node<'_, '_>, id: &str) -> Result<Pyramid, BakeError> {
         return Err(bad(format!("{} frustum", place(id)), what, right));
     }
     let turn = [number("yaw")?, number("pitch")?, number("roll")?];
-    Ok(Pyramid { turn, angles })
+    Ok(RegionFrustum { turn, angles })
 }
 
 fn add_files(

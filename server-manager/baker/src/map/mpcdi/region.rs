@@ -1,7 +1,7 @@
 //! One region's files: the warp in our spaces, the masks in linear light.
 
 use glam::{DMat2, DQuat, DVec2, DVec3, UVec2, Vec2, Vec3};
-use polyptych_wall::warp::{MapSpace, Mask, WarpMap};
+use polyptych_wall::warp::{MapCoordinates, Mask, WarpMap};
 
 use super::super::super::error::BakeError;
 use super::super::super::uri::shorten;
@@ -20,14 +20,14 @@ const OFFSET_AREA_MAX: f64 = 0.03;
 
 /// The viewing pyramid of a region of profile 3d.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pyramid {
+pub struct RegionFrustum {
     /// Yaw (to the right), pitch (up) and roll (clockwise), in degrees.
     pub turn: [f64; 3],
     /// Left, right, down and up from the axis, in degrees; left and down are usually negative.
     pub angles: [f64; 4],
 }
 
-impl Pyramid {
+impl RegionFrustum {
     /// Tangents of its edges from the axis: left, right, bottom, top.
     pub fn tangents(&self) -> [f64; 4] {
         self.angles.map(|angle| angle.to_radians().tan())
@@ -42,7 +42,7 @@ impl Pyramid {
 }
 
 /// The decoded files of a region.
-pub(super) struct Maps {
+pub(super) struct RegionMaps {
     /// `None` of a projector that is given by its pose.
     pub warp: Option<WarpMap>,
     pub alpha: Option<Mask>,
@@ -56,7 +56,7 @@ pub(super) fn read(
     document: &Document,
     region: &Region,
     notes: &mut Vec<String>,
-) -> Result<Maps, BakeError> {
+) -> Result<RegionMaps, BakeError> {
     let set = format!("mpcdi.xml fileset of {}", place(&region.id));
     let warp = match (&region.files.warp, document.profile) {
         (_, Profile::ShaderLamps) => None,
@@ -84,7 +84,7 @@ pub(super) fn read(
     };
     let (alpha, beta) =
         (mask_of(&region.files.alpha, "alphaMap")?, mask_of(&region.files.beta, "betaMap")?);
-    Ok(Maps { warp, alpha, beta, position: lens(region, document.profile, notes)? })
+    Ok(RegionMaps { warp, alpha, beta, position: lens(region, document.profile, notes)? })
 }
 
 /// Where the lens of a projector is, in metres.
@@ -120,7 +120,7 @@ fn warp(
         let metres = metres_of(&file.unit, notes)?;
         let origin = origin_of(file, notes)?;
         let convert = |value: Vec3| (value.as_dvec3() * metres + origin).as_vec3();
-        return map.map(MapSpace::Display, convert);
+        return map.map(MapCoordinates::Display, convert);
     }
     if offsets(&map) {
         let what = "its numbers lie around 0 and do not follow the pixels: they seem to be offsets \
@@ -137,7 +137,7 @@ fn canvas_map(map: Pfm, document: &Document, region: &Region) -> Result<WarpMap,
         Profile::TwoD => (region.origin.as_vec2(), region.extent.as_vec2()),
         Profile::ThreeD | Profile::ShaderLamps => (Vec2::ZERO, Vec2::ONE),
     };
-    map.map(MapSpace::Canvas, |value| {
+    map.map(MapCoordinates::Canvas, |value| {
         let place = origin + value.truncate() * extent;
         Vec3::new(place.x, 1.0 - place.y, 0.0)
     })

@@ -3,11 +3,11 @@
 use std::sync::atomic::AtomicBool;
 
 use glam::{DVec3, UVec2, Vec3};
-use polyptych_wall::warp::{MapSpace, WallMap, WarpShape};
+use polyptych_wall::warp::{CalibrationMap, MapCoordinates, WarpGeometry};
 
 use super::super::mpcdi::{self, Imported, Profile};
 use super::maps::{self, Entry, Png, Region, png};
-use super::{MapUse, Place, WARP};
+use super::{MapFixture, MapUse, WARP};
 
 /// The left and the right half of a buffer of 200 × 100, each shown as it is.
 pub(super) fn halves(third: f32) -> Vec<Region> {
@@ -36,21 +36,21 @@ pub(super) fn archive(profile: &str, regions: &[Region]) -> Vec<u8> {
     maps::zip(&maps::mpcdi_entries(profile, [200, 100], regions))
 }
 
-pub(super) fn import(bytes: &[u8]) -> (Place, Result<Imported, String>) {
-    let place = Place::new();
+pub(super) fn import(bytes: &[u8]) -> (MapFixture, Result<Imported, String>) {
+    let place = MapFixture::new();
     let path = place.write("a.mpcdi", bytes);
     let imported = mpcdi::import(&path, place.folder.path(), &AtomicBool::new(false));
     (place, imported.map_err(|error| error.to_string()))
 }
 
 /// What was written, through the reader of warp maps.
-pub(super) fn values(place: &Place, file: Option<&String>) -> (MapSpace, Vec<Vec3>) {
+pub(super) fn values(place: &MapFixture, file: Option<&String>) -> (MapCoordinates, Vec<Vec3>) {
     let file = file.expect("a warp");
     let bytes = std::fs::read(place.folder.path().join(file)).expect("written");
-    let WallMap::Warp(warp) = place.bake("again.pfm", WARP, &bytes).expect("a map") else {
+    let CalibrationMap::Warp(warp) = place.bake("again.pfm", WARP, &bytes).expect("a map") else {
         panic!("a mask")
     };
-    let WarpShape::Grid(grid) = warp.shape else { panic!("a mesh") };
+    let WarpGeometry::Grid(grid) = warp.shape else { panic!("a mesh") };
     (warp.space, grid.values)
 }
 
@@ -67,7 +67,7 @@ fn regions_of_profile_2d_become_places_of_the_canvas() {
         let right = &imported.regions[1];
         assert_eq!(right.part, (UVec2::new(100, 25), UVec2::new(100, 50)));
         let (space, values) = values(&place, right.warp.as_ref());
-        assert_eq!(space, MapSpace::Canvas);
+        assert_eq!(space, MapCoordinates::Canvas);
         for (i, value) in values.iter().enumerate() {
             let (x, y) = ((i % 100) as f32 + 0.5, (i / 100) as f32 + 0.5);
             let due = Vec3::new(0.5 + x / 200.0, 0.25 + y / 100.0, 0.0);
@@ -83,7 +83,7 @@ fn masks_of_an_archive_are_linear_light() {
     let region = &imported.expect("imported").regions[0];
     let file = region.alpha.as_ref().expect("an alpha");
     let bytes = std::fs::read(place.folder.path().join(file)).expect("written");
-    let Ok(WallMap::Mask(mask)) = place.bake("again.png", MapUse::Mask, &bytes) else {
+    let Ok(CalibrationMap::Mask(mask)) = place.bake("again.png", MapUse::Mask, &bytes) else {
         panic!("no mask")
     };
     assert_eq!(mask.size, UVec2::new(100, 50));
@@ -110,7 +110,7 @@ fn points_of_profile_3d_are_metres() {
         let imported = imported.expect("imported");
         assert_eq!((imported.profile, imported.notes.len()), (Profile::ThreeD, 0));
         let (space, values) = values(&place, imported.regions[0].warp.as_ref());
-        assert_eq!(space, MapSpace::Display);
+        assert_eq!(space, MapCoordinates::Display);
         let due = Vec3::new(99.0, -49.0, -8.0) * metres;
         assert!(values[4999].distance(due) < 1e-5, "{unit}: {}, {due}", values[4999]);
     }
@@ -127,7 +127,7 @@ fn a_frustum_of_profile_3d_is_a_plane() {
     let (place, imported) = import(&archive("3d", &regions));
     let region = &imported.expect("imported").regions[1];
     let (space, values) = values(&place, region.warp.as_ref());
-    assert_eq!(space, MapSpace::Canvas);
+    assert_eq!(space, MapCoordinates::Canvas);
     assert!(values[0].distance(Vec3::new(0.005, 0.01, 0.0)) < 1e-6, "{}", values[0]);
     let eye = DVec3::new(1.0, 2.0, 3.0);
     let corners = mpcdi::corners(&region.pyramid.expect("a frustum"), eye, 2.0);

@@ -1,11 +1,11 @@
 //! Files that are not what they should be: each refused by name, with what would be right.
 
 use super::maps::{self, Png, png};
-use super::{MapUse, Place, WARP};
+use super::{MapFixture, MapUse, WARP};
 
 /// What is said of a file with this name and these bytes.
 fn refusal(name: &str, used_as: MapUse, bytes: &[u8]) -> String {
-    let line = Place::new().bake(name, used_as, bytes).expect_err("refused");
+    let line = MapFixture::new().bake(name, used_as, bytes).expect_err("refused");
     assert!(line.contains(name), "it names the file: {line}");
     assert!(!line.contains('\n') && line.len() < 600, "{line}");
     line
@@ -76,7 +76,7 @@ fn a_mesh_that_lies_over_itself() {
     let text = format!("{grid}{sheet}f 82/82 84/84 83/83\n");
     says(&refusal("m.obj", MapUse::ScreenMesh, text.as_bytes()), &["lie over those of line"]);
     // The same grid alone meets itself on its edges only.
-    Place::new().bake("m.obj", MapUse::ScreenMesh, grid.as_bytes()).expect("no fold");
+    MapFixture::new().bake("m.obj", MapUse::ScreenMesh, grid.as_bytes()).expect("no fold");
 }
 
 /// What lies beside the picture is not drawn: it may be folded, turned over and far away.
@@ -86,7 +86,7 @@ fn only_the_picture_is_checked_for_folds() {
     let beside = "v 0 0 1\nvt 1.05 0.2\nvt 1.2 0.2\nvt 1.05 0.4\nvt 900 900\n\
                   f 82/82 82/84 82/83\nf 82/82 82/83 82/84\nf 82/83 82/84 82/85\n";
     let text = format!("{grid}{beside}");
-    Place::new().bake("m.obj", WARP, text.as_bytes()).expect("no fold in the picture");
+    MapFixture::new().bake("m.obj", WARP, text.as_bytes()).expect("no fold in the picture");
     let inside = text.replace("vt 1.05", "vt 0.05");
     says(&refusal("m.obj", WARP, inside.as_bytes()), &["line", "those of line"]);
 }
@@ -108,7 +108,7 @@ fn a_mesh_with_holes_is_a_mesh() {
     let kept = lines.iter().enumerate().filter(|(i, _)| i % 3 != 2 || *i < 101);
     let text: Vec<&str> = kept.map(|(_, line)| *line).collect();
     assert!(text.len() < lines.len());
-    Place::new().bake("m.obj", WARP, text.join("\n").as_bytes()).expect("holes are no fault");
+    MapFixture::new().bake("m.obj", WARP, text.join("\n").as_bytes()).expect("holes are no fault");
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn what_is_no_map_at_all() {
     says(&refusal("x.bin", WARP, b"?"), &["no kind of warp map", "PFM"]);
     says(&refusal("x.bin", WARP, b""), &["no kind of warp map"]);
     says(&refusal("w.mpcdi", WARP, b"PK\x03\x04"), &["archive", "polyptych wall import"]);
-    let place = Place::new();
+    let place = MapFixture::new();
     let store = &place.store;
     let path = place.folder.path().join("none.pfm");
     let none = super::bake_map(&path, WARP, store, &std::sync::atomic::AtomicBool::new(false));

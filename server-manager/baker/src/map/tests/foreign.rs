@@ -1,23 +1,23 @@
 //! MPCDI archives as other programs write them.
 
 use glam::{DVec3, UVec2, Vec3};
-use polyptych_wall::warp::{MapSpace, WallMap};
+use polyptych_wall::warp::{CalibrationMap, MapCoordinates};
 
 use super::super::mpcdi::Profile;
 use super::archives::{archive, halves, import, refused, values, with_xml};
 use super::maps::{self, Entry, Png, png};
-use super::{MapUse, Place};
+use super::{MapFixture, MapUse};
 
 /// The entries of a good archive.
 fn entries() -> Vec<Entry> {
     maps::mpcdi_entries("2d", [200, 100], &halves(f32::NAN))
 }
 
-fn mask_of(place: &Place, file: &str) -> polyptych_wall::warp::Mask {
+fn mask_of(place: &MapFixture, file: &str) -> polyptych_wall::warp::Mask {
     let bytes = std::fs::read(place.folder.path().join(file)).expect("written");
     match place.bake("again.png", MapUse::Mask, &bytes).expect("a mask") {
-        WallMap::Mask(mask) => mask,
-        WallMap::Warp(_) => panic!("a warp"),
+        CalibrationMap::Mask(mask) => mask,
+        CalibrationMap::Warp(_) => panic!("a warp"),
     }
 }
 
@@ -97,7 +97,7 @@ fn empty_elements_are_left_out_with_a_note() {
         let imported = imported.expect("imported");
         assert_eq!(imported.notes.len(), 2, "{:?}", imported.notes);
         let (space, values) = values(&place, imported.regions[1].warp.as_ref());
-        assert_eq!((space, values.len()), (MapSpace::Canvas, 4));
+        assert_eq!((space, values.len()), (MapCoordinates::Canvas, 4));
         // The middle of the upper left quarter of the right half, 0.25 to 0.75 high.
         assert!(values[0].distance(Vec3::new(0.625, 0.375, 0.0)) < 1e-6, "{}", values[0]);
     }
@@ -238,7 +238,7 @@ fn archives_of_the_reference_library_are_imported() {
     let region = &imported.expect("imported").regions[0];
     assert_eq!((region.size, region.part.0), (UVec2::new(300, 200), UVec2::new(3, 2)));
     let (space, values) = values(&place, region.warp.as_ref());
-    assert_eq!((space, values.len()), (MapSpace::Canvas, 60_000));
+    assert_eq!((space, values.len()), (MapCoordinates::Canvas, 60_000));
     // The lowest row of the file is the first one: v is 0.995 there, and 0 at the top.
     let at = |x: usize, y: usize| values[y * 300 + x];
     let due = |u: f32, v: f32| Vec3::new(0.01 + u * 0.9, 1.0 - (0.07 + v * 0.92), 0.0);

@@ -6,14 +6,15 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
-use polyptych_files::blob::BlobFolder;
-use polyptych_wall::blend::{Blend, Masks, light_map};
-use polyptych_wall::maps::Maps;
-use polyptych_wall::shapes::{Shaped, Shapes};
+use polyptych_files::blob::BlobStore;
+use polyptych_wall::blend::{BlendModel, ChannelMasks, light_map};
+use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
 use polyptych_wall::surface::Plane;
-use polyptych_wall::warp::WallMap;
+use polyptych_wall::warp::CalibrationMap;
 use polyptych_wall::{
-    Channel, Cover, FileKind, MapFile, Screen, Surface, Wall, warp_mesh as wall_mesh,
+    CalibrationFile, CalibrationFileKind, Channel, ChannelKind, Screen, Surface, Wall,
+    warp_mesh as wall_mesh,
 };
 use proptest::prelude::*;
 
@@ -160,12 +161,17 @@ fn spans(cuts: &[(u32, u32)], side: u32) -> Vec<[u32; 2]> {
 }
 
 /// A wall with the file of a mesh, as the baker leaves it.
-fn wall_of(obj: &Obj, place: &Place, mut wall: Wall, kind: FileKind) -> Result<Wall, String> {
-    let used_as = if kind == FileKind::ScreenMesh { MapUse::ScreenMesh } else { WARP };
+fn wall_of(
+    obj: &Obj,
+    place: &MapFixture,
+    mut wall: Wall,
+    kind: CalibrationFileKind,
+) -> Result<Wall, String> {
+    let used_as = if kind == CalibrationFileKind::ScreenMesh { MapUse::ScreenMesh } else { WARP };
     let path = place.write("a.obj", obj.text().as_bytes());
     let baked = bake_map(&path, used_as, &place.store, &AtomicBool::new(false));
     let baked = baked.map_err(|error| error.to_string())?;
-    wall.files.push(MapFile {
+    wall.files.push(CalibrationFile {
         path: "a.obj".into(),
         kind,
         blob: Some(baked.blob),
@@ -182,8 +188,13 @@ fn screen(canvas: UVec2, surface: Option<Surface>) -> Screen {
 
 /// That a wall of this mesh is refused with a reason or can be prepared, and shows then at each
 /// pixel what the OBJ has there. `picture` is what its places are measured in.
-fn check(obj: &Obj, wall: Wall, kind: FileKind, picture: UVec2) -> Result<(), TestCaseError> {
-    let place = Place::new();
+fn check(
+    obj: &Obj,
+    wall: Wall,
+    kind: CalibrationFileKind,
+    picture: UVec2,
+) -> Result<(), TestCaseError> {
+    let place = MapFixture::new();
     let wall = match wall_of(obj, &place, wall, kind) {
         Ok(wall) => wall,
         Err(line) => {
@@ -193,14 +204,14 @@ fn check(obj: &Obj, wall: Wall, kind: FileKind, picture: UVec2) -> Result<(), Te
         }
     };
     prop_assert!(obj.fault != Fault::NotANumber && obj.fault != Fault::Far, "taken");
-    let blobs = BlobFolder::new(place.folder.path().join("store/blobs"));
+    let blobs = BlobStore::new(place.folder.path().join("store/blobs"));
     let read = |hash| {
         let bytes = blobs.read(hash).map_err(|error| error.to_string())?.ok_or("gone")?;
-        WallMap::decode(&bytes).map(Arc::new)
+        CalibrationMap::decode(&bytes).map(Arc::new)
     };
-    let maps = Maps::load(&wall, read).expect("the baker's own");
-    let shapes = Shapes::new(&wall, &maps);
-    let shaped = Shaped { wall: &wall, shapes: &shapes };
+    let maps = CalibrationMaps::load(&wall, read).expect("the baker's own");
+    let shapes = WallGeometry::new(&wall, &maps);
+    let shaped = ResolvedWall { wall: &wall, shapes: &shapes };
     let accepted = shaped.check_files(&maps);
     let size = picture.as_dvec2();
     let mut dark = Vec::new();
@@ -215,13 +226,14 @@ fn check(obj: &Obj, wall: Wall, kind: FileKind, picture: UVec2) -> Result<(), Te
         };
         if accepted.is_ok() {
             // What a server prepares beside the mesh.
-            let _ = light_map(shaped, id, &Masks::default());
+            let _ = light_map(shaped, id, &ChannelMasks::default());
         }
         // The OBJ's triangles lie over each other: which of them is shown is chance.
         if obj.fault == Fault::Folded {
             continue;
         }
-        let origin = if kind == FileKind::ScreenMesh { channel.origin } else { UVec2::ZERO };
+        let origin =
+            if kind == CalibrationFileKind::ScreenMesh { channel.origin } else { UVec2::ZERO };
         for index in 0..LOOKS * LOOKS {
             let at = UVec2::new(index % LOOKS, index / LOOKS).as_dvec2() + DVec2::new(0.37, 0.61);
             let pixel = at / f64::from(LOOKS) * channel.size.as_dvec2();
@@ -249,7 +261,7 @@ fn check(obj: &Obj, wall: Wall, kind: FileKind, picture: UVec2) -> Result<(), Te
     }
     match accepted {
         Ok(()) => {
-            Blend::new(shaped);
+            BlendModel::new(shaped);
         }
         Err(line) => {
             let is_named = line.contains("a.obj") && line.contains("cannot be drawn: ");
@@ -280,7 +292,7 @@ proptest! {
             }
         }
         let wall = Wall::new("w", vec![screen(canvas, Some(Surface::Mesh(0)))], channels);
-        check(&obj, wall, FileKind::ScreenMesh, canvas)?;
+        check(&obj, wall, CalibrationFileKind::ScreenMesh, canvas)?;
     }
 
     #[test]
@@ -290,9 +302,9 @@ proptest! {
     ) {
         let size = UVec2::from(size);
         let mut channel = Channel::tile("c", 0, UVec2::ZERO, size);
-        channel.cover = Cover::Map;
+        channel.cover = ChannelKind::Map;
         channel.adjustment.warp = Some(0);
         let wall = Wall::new("w", vec![screen(UVec2::new(320, 200), None)], vec![channel]);
-        check(&obj, wall, FileKind::Warp, size)?;
+        check(&obj, wall, CalibrationFileKind::Warp, size)?;
     }
 }

@@ -3,9 +3,9 @@
 /// `SplitMix64` (Steele, Lea, Flood: Fast splittable pseudorandom number generators, 2014). A crate
 /// may change its numbers with a release; the seeds that we keep must mean the same for ever.
 #[derive(Clone, Debug)]
-pub struct Dice(u64);
+pub struct Rng(u64);
 
-impl Dice {
+impl Rng {
     /// One of several streams from a seed, so that one more throw here changes nothing there.
     pub fn new(seed: u64, stream: u64) -> Self {
         let mut dice = Self(seed ^ stream.wrapping_mul(0xd605_bbb5_8c8a_bc03));

@@ -8,15 +8,15 @@ use polyptych_protocol::command::{Command, Frame, Prepare, Swap};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
 use polyptych_protocol::log::Operation;
-use polyptych_protocol::status::Status;
+use polyptych_protocol::status::ServerMessage;
 use polyptych_wall::{ChannelId, Wall};
 
 use super::super::change::HOLDS_REFUSED;
 use super::super::{Cluster, FRAME_ORDERS_MAX, Micros, SessionId};
 use super::coverage::Coverage;
 use super::manager::Manager;
-use super::promise::Promises;
-use super::server::{Picture, State};
+use super::promise::DurabilityChecker;
+use super::server::{DrawnImage, State};
 use super::world::Check;
 
 /// What one input may set off: all that waits may settle at once on a wall without servers.
@@ -63,7 +63,7 @@ impl Joined {
 
 /// The observer.
 #[derive(Debug)]
-pub struct Watch {
+pub struct InvariantChecker {
     pub epoch: Epoch,
     started: Micros,
     longest_us: Micros,
@@ -73,11 +73,11 @@ pub struct Watch {
     joined: BTreeMap<SessionId, Joined>,
     truths: BTreeMap<(u64, Revision), Digest>,
     /// The last picture of each channel.
-    pub shown: BTreeMap<ChannelId, Picture>,
+    pub shown: BTreeMap<ChannelId, DrawnImage>,
     drawn_since: BTreeMap<ChannelId, u32>,
     last_revision: Revision,
     progress: Micros,
-    pub promises: Promises,
+    pub promises: DurabilityChecker,
     /// The manager was killed between an output and the next.
     pub is_cut_short: bool,
     pub shows: u64,
@@ -88,7 +88,7 @@ pub struct Watch {
     brain_frame: FrameId,
 }
 
-impl Watch {
+impl InvariantChecker {
     pub fn new(wall: &Wall) -> Self {
         Self {
             epoch: Epoch(0),
@@ -103,7 +103,7 @@ impl Watch {
             drawn_since: BTreeMap::new(),
             last_revision: Revision(0),
             progress: 0,
-            promises: Promises::default(),
+            promises: DurabilityChecker::default(),
             is_cut_short: false,
             shows: 0,
             wrong_shows: 0,
@@ -155,12 +155,12 @@ impl Watch {
         &mut self,
         cluster: &Cluster,
         session: SessionId,
-        status: &Status,
+        status: &ServerMessage,
         coverage: &mut Coverage,
     ) {
         let Some(joined) = self.joined.get_mut(&session) else { return };
         match status {
-            Status::Prepared(prepared) if prepared.epoch == self.epoch => {
+            ServerMessage::Prepared(prepared) if prepared.epoch == self.epoch => {
                 let truth = self.truths.get(&(self.epoch.0, prepared.revision));
                 joined.has_answered(prepared.revision);
                 if truth == Some(&prepared.digest) {
@@ -169,11 +169,11 @@ impl Watch {
                     coverage.count("prepared with a wrong digest");
                 }
             }
-            Status::PrepareFailed { epoch, revision, .. } if *epoch == self.epoch => {
+            ServerMessage::PrepareFailed { epoch, revision, .. } if *epoch == self.epoch => {
                 coverage.count("prepare failed");
                 joined.has_answered(*revision);
             }
-            Status::Drawn(drawn) if drawn.epoch == self.epoch => {
+            ServerMessage::Drawn(drawn) if drawn.epoch == self.epoch => {
                 let truth = self.truths.get(&(self.epoch.0, drawn.revision));
                 let Some(record) = self.frames.get_mut(&drawn.frame) else { return };
                 if truth != Some(&drawn.digest) {
@@ -192,7 +192,7 @@ impl Watch {
                     *self.drawn_since.entry(drawn.channel).or_default() += u32::from(is_present);
                 }
             }
-            Status::DrawFailed { channel, frame, .. } => {
+            ServerMessage::DrawFailed { channel, frame, .. } => {
                 coverage.count("draw failed");
                 if let Some(record) = self.frames.get_mut(frame) {
                     record.failed.insert(*channel);
@@ -423,7 +423,7 @@ impl Watch {
         now: Micros,
         channel: ChannelId,
         (epoch, frame): (Epoch, FrameId),
-        picture: Option<Picture>,
+        picture: Option<DrawnImage>,
         slack_us: Micros,
     ) -> Check {
         self.shows += 1;

@@ -11,12 +11,14 @@ use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::{Request, SceneSummary};
-use polyptych_protocol::status::Status;
+use polyptych_protocol::status::ServerMessage;
 use polyptych_scene::{Bounds, SceneFeatures};
 
-use super::super::{Cluster, ImportedScene, Memory, Micros, Output, RequestOf, SessionId};
-use super::network::{LinkId, Parcel, Side};
-use super::world::{Asked, Check, Happening, World};
+use super::super::{
+    ClientRequest, Cluster, Effect, ImportedScene, Micros, PersistentState, SessionId,
+};
+use super::network::{LinkId, Packet, Side};
+use super::world::{Check, PendingRequest, SimEvent, Simulation};
 
 /// `OUTBOX_MESSAGES_MAX` of the manager.
 const OUTBOX_MESSAGES_MAX: usize = 512;
@@ -34,18 +36,18 @@ pub struct Manager {
     pub started: Micros,
     pub stopped_until: Micros,
     /// What is on disk.
-    pub memory: Option<Memory>,
+    pub memory: Option<PersistentState>,
     next_session: u64,
     alarm: Option<Micros>,
     pub links: BTreeMap<SessionId, LinkId>,
-    imports: Vec<(u32, RequestOf, bool)>,
+    imports: Vec<(u32, ClientRequest, bool)>,
     /// After so many outputs more it is killed.
     pub dies_after: Option<u32>,
     pub before: Vec<ChannelState>,
     pub frame_before: Option<FrameId>,
 }
 
-impl World {
+impl Simulation {
     /// The brain, with what it was before this.
     fn brain<R>(&mut self, what: impl FnOnce(&mut Cluster, Micros) -> R) -> Option<R> {
         let now = self.now - self.manager.started;
@@ -93,20 +95,20 @@ impl World {
         self.tell(|| format!("manager ends: {why}"));
         for link in std::mem::take(&mut self.manager.links).into_values() {
             self.links[link.0].is_open_at_manager = false;
-            self.send(link, Side::Server, Parcel::End);
+            self.send(link, Side::Server, Packet::End);
         }
         // Those that are still in the handshake hear of it too.
         for at in 0..self.links.len() {
             if self.links[at].is_open_at_manager && self.links[at].life == self.manager.life {
                 self.links[at].is_open_at_manager = false;
-                self.send(LinkId(at), Side::Server, Parcel::End);
+                self.send(LinkId(at), Side::Server, Packet::End);
             }
         }
         self.clients.iter_mut().for_each(|client| client.session = None);
         self.manager.stopped_until = 0;
         self.watch.manager_ends();
         let wait = self.dice.between(1_000, 3_000_000);
-        self.at(self.now + wait, Happening::ManagerStarts);
+        self.at(self.now + wait, SimEvent::ManagerStarts);
     }
 
     fn new_session(&mut self) -> SessionId {
@@ -114,15 +116,15 @@ impl World {
         SessionId(self.manager.next_session)
     }
 
-    pub fn arrive_at_manager(&mut self, link: LinkId, parcel: Parcel) -> Check {
+    pub fn arrive_at_manager(&mut self, link: LinkId, parcel: Packet) -> Check {
         if self.manager.cluster.is_none() || self.links[link.0].life != self.manager.life {
             return Ok(());
         }
         match (parcel, self.links[link.0].session) {
-            (Parcel::Hello, _) => self.welcome(link),
-            (Parcel::Status(status), Some(session)) => self.hear(session, *status),
-            (Parcel::End, Some(session)) => self.forget(session, "it closed the connection"),
-            (Parcel::End, None) => Ok(()),
+            (Packet::Hello, _) => self.welcome(link),
+            (Packet::Status(status), Some(session)) => self.hear(session, *status),
+            (Packet::End, Some(session)) => self.forget(session, "it closed the connection"),
+            (Packet::End, None) => Ok(()),
             (parcel, session) => Err(format!("{parcel:?} of {session:?} came to the manager")),
         }
     }
@@ -145,26 +147,26 @@ impl World {
             Some(Ok(())) => {
                 self.tell(|| format!("server {index} joins as {session:?}"));
                 self.watch.server_joins(session, &self.servers[index].channels);
-                self.send(link, Side::Server, Parcel::Welcome);
+                self.send(link, Side::Server, Packet::Welcome);
             }
             refused => {
                 self.tell(|| format!("server {index} is refused: {refused:?}"));
                 self.manager.links.remove(&session);
                 self.links[link.0].session = None;
-                self.send(link, Side::Server, Parcel::Refused);
+                self.send(link, Side::Server, Packet::Refused);
             }
         }
         self.carry_out()
     }
 
-    fn hear(&mut self, session: SessionId, status: Status) -> Check {
+    fn hear(&mut self, session: SessionId, status: ServerMessage) -> Check {
         if !self.manager.links.contains_key(&session) {
             return Ok(());
         }
         if let Some(cluster) = &self.manager.cluster {
             self.watch.hears(cluster, session, &status, &mut self.coverage);
         }
-        if !matches!(status, Status::Ping(_) | Status::Shown(_)) {
+        if !matches!(status, ServerMessage::Ping(_) | ServerMessage::Shown(_)) {
             self.tell(|| format!("  {session:?} says {}", brief(&status)));
         }
         let moves = |cluster: &Cluster| cluster.navigator.count;
@@ -188,7 +190,7 @@ impl World {
         if let Some(link) = self.manager.links.remove(&session) {
             self.tell(|| format!("manager lets {session:?} go"));
             self.links[link.0].is_open_at_manager = false;
-            self.send(link, Side::Server, Parcel::End);
+            self.send(link, Side::Server, Packet::End);
         }
     }
 
@@ -217,7 +219,7 @@ impl World {
         if self.manager.alarm.is_none_or(|alarm| due < alarm) {
             self.manager.alarm = Some(due);
             let life = self.manager.life;
-            self.at(due, Happening::Timeout(life));
+            self.at(due, SimEvent::Timeout(life));
         }
     }
 
@@ -243,12 +245,12 @@ impl World {
         let Some(client) = self.clients[index].session else { return };
         self.clients[index].next_id += 1;
         let id = RequestId(self.clients[index].next_id);
-        self.asked.push(Asked { client, id, request });
-        self.at(self.now + 50, Happening::Asked(self.asked.len() - 1));
+        self.asked.push(PendingRequest { client, id, request });
+        self.at(self.now + 50, SimEvent::Asked(self.asked.len() - 1));
     }
 
     pub fn arrive_asked(&mut self, index: usize) -> Check {
-        let Asked { client, id, request } = self.asked[index].clone();
+        let PendingRequest { client, id, request } = self.asked[index].clone();
         if !self.clients.iter().any(|c| c.session == Some(client)) {
             return Ok(());
         }
@@ -304,9 +306,9 @@ impl World {
         Ok(())
     }
 
-    fn perform(&mut self, output: Output) -> Check {
+    fn perform(&mut self, output: Effect) -> Check {
         match output {
-            Output::Command { to, bytes } => {
+            Effect::Command { to, bytes } => {
                 let command = polyptych_protocol::framing::decode::<Command>(&bytes)
                     .map_err(|e| e.to_string())?;
                 if let Some(cluster) = &self.manager.cluster {
@@ -320,7 +322,7 @@ impl World {
                 for session in to {
                     let Some(&link) = self.manager.links.get(&session) else { continue };
                     let is_full = self.links[link.0].lane(Side::Server).waiting.len();
-                    self.send(link, Side::Server, Parcel::Command(Rc::clone(&command)));
+                    self.send(link, Side::Server, Packet::Command(Rc::clone(&command)));
                     if is_full >= OUTBOX_MESSAGES_MAX {
                         self.coverage.count("server let go: it reads too slowly");
                         self.let_go(session);
@@ -331,25 +333,25 @@ impl World {
                     }
                 }
             }
-            Output::Answer { to, answer } => {
+            Effect::Answer { to, answer } => {
                 self.tell(|| format!("    to {to:?}: {}", brief(&answer)));
                 self.watch.answered(to, &answer, self.manager.memory.as_ref())?;
             }
-            Output::Import { job, .. } => {
+            Effect::Import { job, .. } => {
                 let is_good = self.dice.is_hit(800);
                 self.manager.imports.push((self.manager.life, job, is_good));
                 let bake_us = self.dice.between(0, 150_000);
-                let import = Happening::Imported(self.manager.imports.len() - 1);
+                let import = SimEvent::Imported(self.manager.imports.len() - 1);
                 self.at(self.now + bake_us, import);
             }
-            Output::Collect { job, frame, channels, missing } => {
+            Effect::Collect { job, frame, channels, missing } => {
                 self.watch.collects(job, frame, channels.len() + missing.len())?;
             }
-            Output::Close { session, reason } => {
+            Effect::Close { session, reason } => {
                 self.coverage.count("session closed by the brain");
                 if let Some(&link) = self.manager.links.get(&session) {
                     let goodbye = Rc::new(Command::Goodbye(Goodbye::closed(reason)));
-                    self.send(link, Side::Server, Parcel::Command(goodbye));
+                    self.send(link, Side::Server, Packet::Command(goodbye));
                 }
                 self.let_go(session);
                 let now = self.now - self.manager.started;
@@ -357,11 +359,11 @@ impl World {
                     cluster.handle_server_gone(now, session, "closed");
                 }
             }
-            Output::Remember(memory) => {
+            Effect::Remember(memory) => {
                 self.watch.remembered(&memory)?;
                 self.manager.memory = Some(*memory);
             }
-            Output::Stop | Output::StopServers { .. } => {
+            Effect::Stop | Effect::StopServers { .. } => {
                 self.coverage.count("manager stopped by a client");
                 self.kill_manager("a client stopped it");
             }

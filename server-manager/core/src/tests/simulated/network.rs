@@ -5,10 +5,10 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use polyptych_protocol::command::Command;
-use polyptych_protocol::status::Status;
+use polyptych_protocol::status::ServerMessage;
 
 use super::super::{Micros, SessionId};
-use super::dice::Dice;
+use super::dice::Rng;
 
 /// An end of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -23,21 +23,21 @@ pub struct LinkId(pub usize);
 
 /// What travels.
 #[derive(Clone, Debug)]
-pub enum Parcel {
+pub enum Packet {
     Hello,
     Welcome,
     Refused,
     Command(Rc<Command>),
-    Status(Box<Status>),
+    Status(Box<ServerMessage>),
     /// The peer has closed its end, after all that it sent.
     End,
 }
 
 /// One direction of a connection.
 #[derive(Debug, Default)]
-pub struct Lane {
+pub struct LinkDirection {
     /// Under way, or arrived at a peer that does not read.
-    pub waiting: VecDeque<Parcel>,
+    pub waiting: VecDeque<Packet>,
     last: Micros,
     /// Nothing arrives any more, and nobody is told: a cable was pulled.
     pub is_dead: bool,
@@ -50,8 +50,8 @@ pub struct Link {
     /// Of which life of the manager it is.
     pub life: u32,
     pub session: Option<SessionId>,
-    to_server: Lane,
-    to_manager: Lane,
+    to_server: LinkDirection,
+    to_manager: LinkDirection,
     pub is_open_at_server: bool,
     pub is_open_at_manager: bool,
 }
@@ -62,15 +62,15 @@ impl Link {
             server,
             life,
             session: None,
-            to_server: Lane::default(),
-            to_manager: Lane::default(),
+            to_server: LinkDirection::default(),
+            to_manager: LinkDirection::default(),
             is_open_at_server: true,
             is_open_at_manager: true,
         }
     }
 
     /// The direction that ends at this side.
-    pub fn lane(&mut self, to: Side) -> &mut Lane {
+    pub fn lane(&mut self, to: Side) -> &mut LinkDirection {
         match to {
             Side::Server => &mut self.to_server,
             Side::Manager => &mut self.to_manager,
@@ -87,16 +87,16 @@ impl Link {
 
 /// How long things travel.
 #[derive(Debug)]
-pub struct Weather {
-    dice: Dice,
+pub struct LatencyModel {
+    dice: Rng,
     delay_us: u64,
     jitter_us: u64,
     /// Until when things on a server's connections travel longer, and by how much.
     pub spikes: Vec<(Micros, Micros)>,
 }
 
-impl Weather {
-    pub fn new(mut dice: Dice, servers: usize) -> Self {
+impl LatencyModel {
+    pub fn new(mut dice: Rng, servers: usize) -> Self {
         let delay_us = dice.pick(&[20, 100, 100, 400, 3_000]);
         let jitter_us = dice.pick(&[1, 50, 200, 2_000]);
         Self { dice, delay_us, jitter_us, spikes: vec![(0, 0); servers] }
@@ -114,7 +114,7 @@ impl Weather {
         now: Micros,
         link: &mut Link,
         to: Side,
-        parcel: Parcel,
+        parcel: Packet,
     ) -> Option<Micros> {
         let delay = self.delay(link.server, now);
         let lane = link.lane(to);

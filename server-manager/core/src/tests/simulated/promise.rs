@@ -3,28 +3,28 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use polyptych_protocol::feedback::Feedback;
+use polyptych_protocol::feedback::FrameFeedback;
 use polyptych_protocol::ids::{FrameId, RequestId, Revision};
 use polyptych_protocol::log::SceneRef;
-use polyptych_protocol::request::{Answer, Pace, Reply, Request};
+use polyptych_protocol::request::{MessageToClient, Pacing, Request, Response};
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
+use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 
-use super::super::{Cluster, Memory, Micros, RequestOf, SessionId};
-use super::invariant::Watch;
+use super::super::{ClientRequest, Cluster, Micros, PersistentState, SessionId};
+use super::invariant::InvariantChecker;
 use super::world::Check;
 
 /// What is open, and what was promised.
 #[derive(Debug, Default)]
-pub struct Promises {
+pub struct DurabilityChecker {
     open: BTreeMap<(SessionId, RequestId), Request>,
     clients: BTreeSet<SessionId>,
     subscribed: BTreeMap<SessionId, FrameId>,
     /// Frames since statistics were reset, counted here.
     frames: u64,
-    last: Option<Memory>,
-    told: Told,
+    last: Option<PersistentState>,
+    told: ClientView,
     pub answers: u64,
     pub refusals: u64,
     /// Within the input that is being answered.
@@ -33,16 +33,16 @@ pub struct Promises {
 
 /// What clients believe of the wall; `None` where they were told nothing.
 #[derive(Debug, Default)]
-struct Told {
+struct ClientView {
     scene: Option<(Revision, Option<String>)>,
     camera: Option<Camera>,
-    head: Option<Head>,
+    head: Option<HeadPose>,
     views: Option<Vec<View>>,
     #[expect(clippy::option_option, reason = "told nothing, told to stand, told to run")]
-    pace: Option<Option<Pace>>,
+    pace: Option<Option<Pacing>>,
 }
 
-impl Promises {
+impl DurabilityChecker {
     pub fn open_requests(&self) -> usize {
         self.open.len()
     }
@@ -52,20 +52,20 @@ impl Promises {
     }
 }
 
-impl Watch {
+impl InvariantChecker {
     /// A manager begins: it has what clients were told, as its memory says.
     pub fn manager_starts(
         &mut self,
         cluster: &Cluster,
         started: Micros,
-        memory: Option<&Memory>,
+        memory: Option<&PersistentState>,
     ) -> Check {
         self.begin_life(cluster.epoch(), started);
         self.promises.frames = 0;
         if std::mem::take(&mut self.is_cut_short) {
             // It may have remembered what it had no time to tell.
             let scene = self.promises.told.scene.take();
-            self.promises.told = Told { scene, ..Told::default() };
+            self.promises.told = ClientView { scene, ..ClientView::default() };
         }
         let told = &self.promises.told;
         if let Some((revision, scene)) = &told.scene {
@@ -118,7 +118,7 @@ impl Watch {
         self.promises.told.camera = None;
     }
 
-    pub fn remembered(&mut self, memory: &Memory) -> Check {
+    pub fn remembered(&mut self, memory: &PersistentState) -> Check {
         let last = self.promises.last.replace(memory.clone());
         if last.as_ref().is_some_and(|last| last.revision > memory.revision) {
             return Err(format!("revision {} is remembered after {last:?}", memory.revision));
@@ -127,7 +127,7 @@ impl Watch {
     }
 
     /// A capture is answered by the manager's collection, from here on.
-    pub fn collects(&mut self, job: RequestOf, frame: FrameId, channels: usize) -> Check {
+    pub fn collects(&mut self, job: ClientRequest, frame: FrameId, channels: usize) -> Check {
         match self.promises.open.remove(&(job.client, job.id)) {
             Some(Request::Capture) => {}
             None if !self.promises.clients.contains(&job.client) => {}
@@ -139,12 +139,17 @@ impl Watch {
         Ok(())
     }
 
-    pub fn answered(&mut self, to: SessionId, answer: &Answer, memory: Option<&Memory>) -> Check {
+    pub fn answered(
+        &mut self,
+        to: SessionId,
+        answer: &MessageToClient,
+        memory: Option<&PersistentState>,
+    ) -> Check {
         if !self.promises.clients.contains(&to) {
             return Err(format!("{to:?} is gone, but is answered"));
         }
         match answer {
-            Answer::Feedback(feedback) => {
+            MessageToClient::Feedback(feedback) => {
                 self.feedback_sent += 1;
                 self.check_feedback(feedback)?;
                 let Some(last) = self.promises.subscribed.get_mut(&to) else {
@@ -156,7 +161,7 @@ impl Watch {
                 }
                 Ok(())
             }
-            Answer::Reply { id, reply } => {
+            MessageToClient::Reply { id, reply } => {
                 let Some(request) = self.promises.open.remove(&(to, *id)) else {
                     return Err(format!("{to:?} is answered {id} again, or did not ask"));
                 };
@@ -170,14 +175,14 @@ impl Watch {
                     && failure.reason.starts_with("nothing has changed");
                 Ok(())
             }
-            Answer::Picture(_)
-            | Answer::Goodbye(_)
-            | Answer::Progress { .. }
-            | Answer::Warning { .. } => Ok(()),
+            MessageToClient::Picture(_)
+            | MessageToClient::Goodbye(_)
+            | MessageToClient::Progress { .. }
+            | MessageToClient::Warning { .. } => Ok(()),
         }
     }
 
-    fn check_feedback(&self, feedback: &Feedback) -> Check {
+    fn check_feedback(&self, feedback: &FrameFeedback) -> Check {
         // A frame that was sent to nobody, or drawn wrong by all, is not swapped by anyone.
         let is_seen = self.revision_of(feedback.frame).is_some();
         let is_shown = is_seen && !self.was_drawn_wrong(feedback.frame);
@@ -197,29 +202,29 @@ impl Watch {
         &mut self,
         to: SessionId,
         request: &Request,
-        reply: &Reply,
-        memory: Option<&Memory>,
+        reply: &Response,
+        memory: Option<&PersistentState>,
     ) -> Check {
-        let is_kept = |is: fn(&Memory, &Request) -> bool| match memory {
+        let is_kept = |is: fn(&PersistentState, &Request) -> bool| match memory {
             Some(memory) if is(memory, request) => Ok(()),
             _ => Err(format!("{request:?} was done, but {memory:?} is remembered")),
         };
-        let scene_of = |memory: Option<&Memory>| {
+        let scene_of = |memory: Option<&PersistentState>| {
             memory.map(|m| (m.revision, m.scene.as_ref().map(|s: &SceneRef| s.name.clone())))
         };
         let told = &mut self.promises.told;
         match (request, reply) {
-            (Request::OpenScene { .. }, Reply::SceneOpened(summary)) => {
+            (Request::OpenScene { .. }, Response::SceneOpened(summary)) => {
                 told.scene = scene_of(memory);
                 if told.scene != Some((summary.revision, Some(summary.name.clone()))) {
                     return Err(format!("{summary:?} was opened, but {memory:?} is remembered"));
                 }
             }
-            (Request::CloseScene, Reply::Done) => {
+            (Request::CloseScene, Response::Done) => {
                 told.scene = scene_of(memory);
                 is_kept(|memory, _| memory.scene.is_none())?;
             }
-            (Request::SetCamera(camera), Reply::Done) => {
+            (Request::SetCamera(camera), Response::Done) => {
                 let rotation = camera.rotation.normalize();
                 let camera = Some(Camera { rotation, ..*camera });
                 if memory.map(|memory| memory.camera) != camera {
@@ -230,46 +235,46 @@ impl Watch {
                     |r: &Request| matches!(r, Request::RenderFrame { camera: Some(_), .. });
                 told.camera = camera.filter(|_| !self.promises.open.values().any(places));
             }
-            (Request::SetEye(_), Reply::Done) => {
+            (Request::SetEye(_), Response::Done) => {
                 told.head = memory.map(|memory| memory.head);
                 is_kept(|memory, asked| *asked == Request::SetEye(memory.head.position))?;
             }
-            (Request::SetHead(head), Reply::Done) => {
+            (Request::SetHead(head), Response::Done) => {
                 told.head = Some(*head);
                 is_kept(|memory, asked| *asked == Request::SetHead(memory.head))?;
             }
-            (Request::SetViews(views), Reply::Done) => {
+            (Request::SetViews(views), Response::Done) => {
                 told.views = Some(views.clone());
                 is_kept(|memory, asked| *asked == Request::SetViews(memory.views.clone()))?;
             }
-            (Request::SetExposure(_), Reply::Done) => {
+            (Request::SetExposure(_), Response::Done) => {
                 is_kept(|memory, asked| *asked == Request::SetExposure(memory.exposure))?;
             }
-            (Request::Run(pace), Reply::Done) => {
+            (Request::Run(pace), Response::Done) => {
                 told.pace = Some(Some(*pace));
                 is_kept(|memory, asked| memory.pace.is_some_and(|p| *asked == Request::Run(p)))?;
             }
-            (Request::Pause, Reply::Done) => {
+            (Request::Pause, Response::Done) => {
                 told.pace = Some(None);
                 is_kept(|memory, _| memory.pace.is_none())?;
             }
-            (Request::RenderFrame { .. }, Reply::Frame(feedback)) => {
+            (Request::RenderFrame { .. }, Response::Frame(feedback)) => {
                 self.check_feedback(feedback)?;
             }
-            (Request::Subscribe(wish), Reply::Done) => {
+            (Request::Subscribe(wish), Response::Done) => {
                 if *wish {
                     self.promises.subscribed.entry(to).or_default();
                 } else {
                     self.promises.subscribed.remove(&to);
                 }
             }
-            (Request::Status, Reply::Status(status)) => {
+            (Request::Status, Response::Status(status)) => {
                 let is_whole = status.channels.len() == self.wall_channels();
                 if status.frame < self.swapped || !is_whole || status.epoch != self.epoch {
                     return Err(format!("a status of frame {}: {status:?}", self.swapped));
                 }
             }
-            (Request::Statistics { reset }, Reply::Statistics(statistics)) => {
+            (Request::Statistics { reset }, Response::Statistics(statistics)) => {
                 // Frames that nobody was sent are counted too.
                 if statistics.frames < self.promises.frames {
                     let (theirs, ours) = (statistics.frames, self.promises.frames);
@@ -281,14 +286,14 @@ impl Watch {
                     self.promises.frames = 0;
                 }
             }
-            (Request::DescribeSight, Reply::Sight(sight)) => {
+            (Request::DescribeSight, Response::Sight(sight)) => {
                 let is_it = told.head.is_none_or(|head| sight.head == head)
                     && told.views.as_ref().is_none_or(|views| sight.views == *views);
                 if !is_it {
                     return Err(format!("told {told:?}, but asked it is {sight:?}"));
                 }
             }
-            (Request::Tune { .. }, Reply::Tuned(tuned)) => {
+            (Request::Tune { .. }, Response::Tuned(tuned)) => {
                 let of = self.revision_of(tuned.feedback.frame);
                 let is_shown = of.is_some() && !self.was_drawn_wrong(tuned.feedback.frame);
                 let is_late = tuned.feedback.frame < self.swapped;
@@ -297,7 +302,7 @@ impl Watch {
                     return Err(format!("{tuned:?}, but frame {} was swapped last", self.swapped));
                 }
             }
-            (Request::DescribeWall, Reply::Wall(_)) | (Request::Stop, Reply::Done) => {}
+            (Request::DescribeWall, Response::Wall(_)) | (Request::Stop, Response::Done) => {}
             (request, reply) => return Err(format!("{request:?} is answered by {reply:?}")),
         }
         Ok(())

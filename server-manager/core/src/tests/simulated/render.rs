@@ -5,12 +5,12 @@ use std::time::Duration;
 
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, FrameId};
-use polyptych_protocol::status::{Drawn, Shown, Status};
+use polyptych_protocol::status::{FramePresented, FrameRendered, ServerMessage};
 
 use super::super::Micros;
-use super::playback::{Act, SLOW_GRACE_MAX};
-use super::server::{JOBS_MAX, Picture, State};
-use super::world::{Check, Happening, World};
+use super::playback::{FrameAction, SLOW_GRACE_MAX};
+use super::server::{DrawnImage, JOBS_MAX, State};
+use super::world::{Check, SimEvent, Simulation};
 
 /// `STATES_MAX` of the render server.
 const STATES_MAX: usize = 4;
@@ -32,7 +32,7 @@ pub enum Drawing {
     WarmUp(State),
 }
 
-impl World {
+impl Simulation {
     pub fn push_job(&mut self, index: usize, job: Job) {
         if self.servers[index].jobs.len() < JOBS_MAX {
             self.servers[index].jobs.push_back(job);
@@ -49,7 +49,7 @@ impl World {
             server.is_waking = true;
             let life = server.life;
             let moment = self.dice.between(5, 60);
-            self.at(self.now + moment, Happening::Render(index, life));
+            self.at(self.now + moment, SimEvent::Render(index, life));
         }
     }
 
@@ -63,7 +63,7 @@ impl World {
                 match job {
                     Job::Frame(frame) => playback.handle_frame(frame),
                     Job::Swap(swap) => {
-                        if let Some(Act::Show { epoch, frame, .. }) =
+                        if let Some(FrameAction::Show { epoch, frame, .. }) =
                             playback.handle_swap(swap, manager_us)
                         {
                             self.show(index, epoch, frame)?;
@@ -74,8 +74,8 @@ impl World {
             }
             let manager_us = self.servers[index].manager_us(self.now);
             match self.servers[index].playback.poll(manager_us) {
-                Some(Act::Show { epoch, frame, .. }) => self.show(index, epoch, frame)?,
-                Some(Act::Draw(frame)) => self.begin_drawing(index, frame),
+                Some(FrameAction::Show { epoch, frame, .. }) => self.show(index, epoch, frame)?,
+                Some(FrameAction::Draw(frame)) => self.begin_drawing(index, frame),
                 None => {
                     let Some(state) = self.servers[index].finish.take() else { break };
                     let warm_up_us = self.dice.between(200, 5_000);
@@ -90,7 +90,7 @@ impl World {
         let server = &mut self.servers[index];
         server.drawing = Some(drawing);
         let life = server.life;
-        self.at(self.now + takes_us, Happening::DrawingEnds(index, life));
+        self.at(self.now + takes_us, SimEvent::DrawingEnds(index, life));
     }
 
     fn begin_drawing(&mut self, index: usize, frame: Box<Frame>) {
@@ -146,7 +146,7 @@ impl World {
                     let took = Duration::from_micros(self.now - server.frame_began);
                     server.grace_us = took.min(SLOW_GRACE_MAX).as_micros() as Micros;
                     let act = server.playback.has_drawn(&frame, took, manager_us);
-                    if let Some(Act::Show { epoch, frame, .. }) = act {
+                    if let Some(FrameAction::Show { epoch, frame, .. }) = act {
                         self.show(index, epoch, frame)?;
                     }
                 }
@@ -165,11 +165,11 @@ impl World {
         if self.now < server.trouble.draws_fail_until {
             server.targets.remove(&channel);
             let reason = "the device is busy".to_owned();
-            self.report(index, Status::DrawFailed { channel, frame: number, reason });
+            self.report(index, ServerMessage::DrawFailed { channel, frame: number, reason });
             return false;
         }
-        server.targets.insert(channel, Picture { epoch, frame: number, revision, digest });
-        let drawn = Drawn {
+        server.targets.insert(channel, DrawnImage { epoch, frame: number, revision, digest });
+        let drawn = FrameRendered {
             epoch,
             frame: number,
             channel,
@@ -179,7 +179,7 @@ impl World {
             triangles: 1,
             draw_calls: 1,
         };
-        self.report(index, Status::Drawn(drawn));
+        self.report(index, ServerMessage::Drawn(drawn));
         true
     }
 
@@ -194,8 +194,8 @@ impl World {
         for channel in server.channels.clone() {
             let picture = self.servers[index].targets.get(&channel).copied();
             self.watch.shown(self.now, channel, (epoch, frame), picture, slack_us)?;
-            let shown = Shown { epoch, frame, channel, at_us, clock_error_us };
-            self.report(index, Status::Shown(shown));
+            let shown = FramePresented { epoch, frame, channel, at_us, clock_error_us };
+            self.report(index, ServerMessage::Shown(shown));
         }
         Ok(())
     }

@@ -3,17 +3,17 @@
 
 use glam::DVec3;
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::request::{Pace, Request};
+use polyptych_protocol::request::{Pacing, Request};
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::Head;
+use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
-use polyptych_wall::{ChannelId, DeadlineRule, tuning};
+use polyptych_wall::{ChannelId, DeadlinePolicy, tuning};
 
 use super::super::{Micros, wall};
 use super::coverage::Coverage;
-use super::dice::Dice;
+use super::dice::Rng;
 use super::server::{RETRY_LONGEST, Server};
-use super::world::{Check, World};
+use super::world::{Check, Simulation};
 
 /// Frames a second of the calm at the end.
 const CALM_RATE: f64 = 50.0;
@@ -24,7 +24,7 @@ const CALM_FRAMES: u64 = 700;
 
 /// How rough a schedule is.
 #[derive(Clone, Copy, Debug)]
-struct Temper {
+struct FaultRates {
     /// Faults in a thousand steps.
     faults: u64,
     requests: u64,
@@ -32,16 +32,16 @@ struct Temper {
     pause_us: u64,
 }
 
-const TEMPERS: [Temper; 4] = [
-    Temper { faults: 10, requests: 300, pause_us: 8_000 },
-    Temper { faults: 60, requests: 200, pause_us: 12_000 },
-    Temper { faults: 150, requests: 150, pause_us: 20_000 },
-    Temper { faults: 30, requests: 700, pause_us: 4_000 },
+const TEMPERS: [FaultRates; 4] = [
+    FaultRates { faults: 10, requests: 300, pause_us: 8_000 },
+    FaultRates { faults: 60, requests: 200, pause_us: 12_000 },
+    FaultRates { faults: 150, requests: 150, pause_us: 20_000 },
+    FaultRates { faults: 30, requests: 700, pause_us: 4_000 },
 ];
 
 /// Runs the schedule of a seed; says what broke, and when.
 pub fn run(seed: u64, is_told: bool) -> Result<Coverage, String> {
-    let mut dice = Dice::new(seed, 1);
+    let mut dice = Rng::new(seed, 1);
     let mut world = build(seed, &mut dice);
     world.is_told = is_told;
     let temper = dice.pick(&TEMPERS);
@@ -62,7 +62,7 @@ pub fn run(seed: u64, is_told: bool) -> Result<Coverage, String> {
     Ok(coverage)
 }
 
-fn build(seed: u64, dice: &mut Dice) -> World {
+fn build(seed: u64, dice: &mut Rng) -> Simulation {
     // Small walls mostly: they fail as large ones do, and cost less.
     let count = dice.pick(&[1, 1, 2, 2, 2, 3, 3, 4, 6]);
     // Servers of one kind: one that is several times slower than the others is late by the rule.
@@ -81,17 +81,17 @@ fn build(seed: u64, dice: &mut Dice) -> World {
     let mut wall = wall(u32::from(next));
     wall.heartbeat_ms = dice.pick(&[200, 500, 2_000]);
     let max_ms = dice.pick(&[300, 1_000, 2_000]);
-    wall.deadline = DeadlineRule { factor: 4.0, min_ms: dice.pick(&[30, 50]), max_ms };
+    wall.deadline = DeadlinePolicy { factor: 4.0, min_ms: dice.pick(&[30, 50]), max_ms };
     let clients = dice.below(4) as usize;
-    World::new(seed, wall, servers, clients)
+    Simulation::new(seed, wall, servers, clients)
 }
 
-fn play(world: &mut World, dice: &mut Dice, temper: Temper) -> Check {
+fn play(world: &mut Simulation, dice: &mut Rng, temper: FaultRates) -> Check {
     world.start_manager()?;
     for index in 0..world.servers.len() {
         let late = dice.pick(&[0, 0, 0, 400_000]);
         let due = world.now + dice.between(0, 2_000 + late);
-        world.at(due, super::world::Happening::ServerStarts(index));
+        world.at(due, super::world::SimEvent::ServerStarts(index));
     }
     world.run_until(world.now + dice.pick(&[1_000, 30_000, 300_000]))?;
     for index in 0..world.clients.len() {
@@ -118,15 +118,15 @@ fn play(world: &mut World, dice: &mut Dice, temper: Temper) -> Check {
     Ok(())
 }
 
-fn a_pace(dice: &mut Dice) -> Pace {
+fn a_pace(dice: &mut Rng) -> Pacing {
     match dice.below(6) {
-        0..2 => Pace::Free,
-        2 => Pace::Rate(0.5),
-        _ => Pace::Rate(dice.pick(&[10.0, 30.0, 60.0, 240.0])),
+        0..2 => Pacing::Free,
+        2 => Pacing::Rate(0.5),
+        _ => Pacing::Rate(dice.pick(&[10.0, 30.0, 60.0, 240.0])),
     }
 }
 
-fn request(world: &mut World, dice: &mut Dice) -> Check {
+fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
     let client = dice.below(world.clients.len() as u64) as usize;
     if world.clients[client].session.is_none() {
         if dice.is_hit(300) {
@@ -135,7 +135,7 @@ fn request(world: &mut World, dice: &mut Dice) -> Check {
         return Ok(());
     }
     let spot =
-        |dice: &mut Dice| Camera { scale: 1.0 + dice.below(100) as f64 / 7.0, ..Camera::IDENTITY };
+        |dice: &mut Rng| Camera { scale: 1.0 + dice.below(100) as f64 / 7.0, ..Camera::IDENTITY };
     let request = match dice.below(100) {
         0..25 => {
             let camera = dice.is_hit(500).then(|| spot(dice));
@@ -149,7 +149,7 @@ fn request(world: &mut World, dice: &mut Dice) -> Check {
         }
         25..35 => Request::SetCamera(spot(dice)),
         35 => Request::SetEye(DVec3::new(dice.below(9) as f64 * 0.1, 0.0, 0.5)),
-        36 => Request::SetHead(Head::at(DVec3::Z * dice.below(9) as f64 * 0.1, 0.06)),
+        36 => Request::SetHead(HeadPose::at(DVec3::Z * dice.below(9) as f64 * 0.1, 0.06)),
         37 => Request::SetViews(vec![View::of_wall(spot(dice)); dice.below(3) as usize]),
         38..41 => Request::SetExposure(dice.below(5) as f32),
         41..50 => {
@@ -179,7 +179,7 @@ fn request(world: &mut World, dice: &mut Dice) -> Check {
         95..97 => {
             // Now and then beyond what can be, and in bursts as a slider's.
             let channel = format!("c{}", dice.below(world.wall.channels.len() as u64));
-            let gain = tuning::Change::Gain(DVec3::splat(dice.below(2_000) as f64));
+            let gain = tuning::CalibrationChange::Gain(DVec3::splat(dice.below(2_000) as f64));
             let request = Request::Tune { channel, changes: vec![gain] };
             for _ in 1..dice.pick(&[1, 1, 1, 4, 20]) {
                 world.ask(client, request.clone());
@@ -197,7 +197,7 @@ fn request(world: &mut World, dice: &mut Dice) -> Check {
 }
 
 #[expect(clippy::too_many_lines, reason = "one table of faults with their weights")]
-fn fault(world: &mut World, dice: &mut Dice) {
+fn fault(world: &mut Simulation, dice: &mut Rng) {
     let index = dice.below(world.servers.len() as u64) as usize;
     let heartbeat = Micros::from(world.wall.heartbeat_ms) * 1000;
     let now = world.now;
@@ -210,7 +210,7 @@ fn fault(world: &mut World, dice: &mut Dice) {
         10..20 => {
             world.kill_server(index, dice.is_hit(600));
             let back = now + dice.between(1_000, 2 * heartbeat);
-            world.at(back, super::world::Happening::ServerStarts(index));
+            world.at(back, super::world::SimEvent::ServerStarts(index));
             "server killed"
         }
         20..32 => {
@@ -278,7 +278,7 @@ fn fault(world: &mut World, dice: &mut Dice) {
     world.coverage.count(what);
 }
 
-fn break_connection(world: &mut World, dice: &mut Dice, index: usize) {
+fn break_connection(world: &mut Simulation, dice: &mut Rng, index: usize) {
     let Some(link) = world.servers[index].link else { return };
     let what = match dice.below(4) {
         0 => {
@@ -305,7 +305,7 @@ fn break_connection(world: &mut World, dice: &mut Dice, index: usize) {
 }
 
 /// All faults end; the wall must be whole again, at rest and in motion.
-fn calm(world: &mut World) -> Check {
+fn calm(world: &mut Simulation) -> Check {
     world.tell(|| "from here on there are no faults".to_owned());
     world.manager.dies_after = None;
     for index in 0..world.servers.len() {
@@ -324,8 +324,8 @@ fn calm(world: &mut World) -> Check {
         // Another manager has another session, and what other clients said may come later.
         world.connect_client(client);
         let pace = world.manager.cluster.as_ref().and_then(|cluster| cluster.pacer.pace());
-        if pace != Some(Pace::Rate(CALM_RATE)) {
-            world.ask(client, Request::Run(Pace::Rate(CALM_RATE)));
+        if pace != Some(Pacing::Rate(CALM_RATE)) {
+            world.ask(client, Request::Run(Pacing::Rate(CALM_RATE)));
         }
         world.run_until(world.now + 40_000)?;
         if is_whole(world) && is_at_rest_alike(world, client)? {
@@ -338,16 +338,16 @@ fn calm(world: &mut World) -> Check {
     }
 }
 
-fn is_whole(world: &World) -> bool {
+fn is_whole(world: &Simulation) -> bool {
     let Some(cluster) = &world.manager.cluster else { return false };
     cluster.registry.channels().all(|(_, c)| c.state == ChannelState::Live)
         && world.watch.promises.open_requests() == 0
         && cluster.changes.waiting() == 0
 }
 
-fn missing(world: &World) -> String {
+fn missing(world: &Simulation) -> String {
     let states = world.manager.cluster.as_ref().map(|cluster| {
-        let line = |(id, c): (ChannelId, &super::super::registry::Channel)| {
+        let line = |(id, c): (ChannelId, &super::super::registry::ChannelEntry)| {
             format!("{id} {:?} {:?}", c.state, c.reason)
         };
         cluster.registry.channels().map(line).collect::<Vec<_>>().join("; ")
@@ -357,7 +357,7 @@ fn missing(world: &World) -> String {
 }
 
 /// Whether all channels show the last frame, of the same state, once no more come.
-fn is_at_rest_alike(world: &mut World, client: usize) -> Result<bool, String> {
+fn is_at_rest_alike(world: &mut Simulation, client: usize) -> Result<bool, String> {
     world.ask(client, Request::Pause);
     world.run_until(world.now + 400_000)?;
     world.ask(client, Request::Status);
@@ -375,7 +375,7 @@ fn is_at_rest_alike(world: &mut World, client: usize) -> Result<bool, String> {
         });
     if !is_alike {
         world.coverage.count("not alike at rest at first");
-        world.ask(client, Request::Run(Pace::Rate(CALM_RATE)));
+        world.ask(client, Request::Run(Pacing::Rate(CALM_RATE)));
     }
     Ok(is_alike)
 }

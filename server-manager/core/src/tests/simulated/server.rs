@@ -10,15 +10,15 @@ use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
 use polyptych_protocol::limits::PINGS_PER_HEARTBEAT;
 use polyptych_protocol::log::Replica;
 use polyptych_protocol::navigation::Navigation;
-use polyptych_protocol::status::{Ping, Prepared, Status};
+use polyptych_protocol::status::{Ping, Prepared, ServerMessage};
 use polyptych_wall::ChannelId;
 
 use super::super::Micros;
 use super::clock::ClockEstimate;
-use super::network::{Link, LinkId, Parcel, Side};
-use super::playback::Playback;
+use super::network::{Link, LinkId, Packet, Side};
+use super::playback::FrameScheduler;
 use super::render::{Drawing, Job};
-use super::world::{Check, Happening, World};
+use super::world::{Check, SimEvent, Simulation};
 
 /// `ORDERS_MAX`, `REPORTS_MAX`, `JOBS_MAX` of the render server.
 const ORDERS_MAX: usize = 16;
@@ -45,7 +45,7 @@ impl State {
 
 /// What a channel's own target holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Picture {
+pub struct DrawnImage {
     pub epoch: Epoch,
     pub frame: FrameId,
     pub revision: Revision,
@@ -54,7 +54,7 @@ pub struct Picture {
 
 /// What is wrong with a server, and until when.
 #[derive(Clone, Debug, Default)]
-pub struct Trouble {
+pub struct InjectedFaults {
     /// The whole process stands still.
     pub stopped_until: Micros,
     /// The render thread stands still.
@@ -81,7 +81,7 @@ pub struct Server {
     pub life: u32,
     pub is_alive: bool,
     pub is_gone_for_good: bool,
-    pub trouble: Trouble,
+    pub trouble: InjectedFaults,
     clock_start: i64,
     /// Its quartz, in millionths.
     clock_drift: i64,
@@ -95,7 +95,7 @@ pub struct Server {
     pub reads_from: Micros,
     estimate: ClockEstimate,
     pub offset: Option<(i64, u32)>,
-    reports: VecDeque<Status>,
+    reports: VecDeque<ServerMessage>,
     // The loader.
     orders: VecDeque<(Prepare, LinkId)>,
     is_loading: bool,
@@ -110,11 +110,11 @@ pub struct Server {
     // The render thread.
     pub finish: Option<State>,
     pub jobs: VecDeque<Job>,
-    pub playback: Playback,
+    pub playback: FrameScheduler,
     pub states: VecDeque<State>,
     pub drawing: Option<Drawing>,
     pub is_waking: bool,
-    pub targets: BTreeMap<ChannelId, Picture>,
+    pub targets: BTreeMap<ChannelId, DrawnImage>,
     pub draw_us: u64,
 }
 
@@ -127,7 +127,7 @@ impl Server {
             life: 0,
             is_alive: false,
             is_gone_for_good: false,
-            trouble: Trouble::default(),
+            trouble: InjectedFaults::default(),
             clock_start: 0,
             clock_drift: 0,
             link: None,
@@ -149,7 +149,7 @@ impl Server {
             load_us,
             finish: None,
             jobs: VecDeque::new(),
-            playback: Playback::default(),
+            playback: FrameScheduler::default(),
             states: VecDeque::new(),
             drawing: None,
             is_waking: false,
@@ -187,7 +187,7 @@ impl Server {
     }
 }
 
-impl World {
+impl Simulation {
     /// A process begins: a new one knows nothing.
     pub fn start_server(&mut self, index: usize) {
         if self.servers[index].is_alive || self.servers[index].is_gone_for_good {
@@ -225,7 +225,7 @@ impl World {
     pub fn cut(&mut self, link: LinkId) {
         for side in [Side::Server, Side::Manager] {
             self.links[link.0].lane(side).waiting.clear();
-            self.send(link, side, Parcel::End);
+            self.send(link, side, Packet::End);
             self.links[link.0].lane(side).is_dead = true;
         }
     }
@@ -253,9 +253,9 @@ impl World {
         self.links.push(Link::new(index, self.manager.life));
         self.servers[index].link = Some(link);
         self.servers[index].is_welcomed = false;
-        self.send(link, Side::Manager, Parcel::Hello);
+        self.send(link, Side::Manager, Packet::Hello);
         // `HANDSHAKE_TIME_MAX`.
-        self.at(self.now + 5_000_000, Happening::HandshakeEnds(link));
+        self.at(self.now + 5_000_000, SimEvent::HandshakeEnds(link));
     }
 
     fn retry(&mut self, index: usize) {
@@ -264,7 +264,7 @@ impl World {
         let due = self.now + server.wait * jitter / 1000;
         server.wait = (server.wait * 2).min(RETRY_LONGEST);
         let life = server.life;
-        self.at(due, Happening::Connect(index, life));
+        self.at(due, SimEvent::Connect(index, life));
     }
 
     /// The server lets its connection go.
@@ -272,7 +272,7 @@ impl World {
         let Some(link) = self.servers[index].link.take() else { return };
         self.tell(|| format!("server {index} disconnects: {why}"));
         self.links[link.0].is_open_at_server = false;
-        self.send(link, Side::Manager, Parcel::End);
+        self.send(link, Side::Manager, Packet::End);
         if self.servers[index].is_conversing {
             self.servers[index].is_conversing = false;
             self.push_job(index, Job::Disconnected);
@@ -288,14 +288,14 @@ impl World {
         }
     }
 
-    pub fn arrive_at_server(&mut self, link: LinkId, parcel: Parcel) -> Check {
+    pub fn arrive_at_server(&mut self, link: LinkId, parcel: Packet) -> Check {
         let index = self.links[link.0].server;
         if self.servers[index].link != Some(link) {
             return Ok(());
         }
         self.servers[index].last_heard = self.now;
         match parcel {
-            Parcel::Welcome => {
+            Packet::Welcome => {
                 let bulk_us = self.dice.between(100, 8_000);
                 let server = &mut self.servers[index];
                 server.is_welcomed = true;
@@ -304,15 +304,15 @@ impl World {
                 server.reports.clear();
                 server.reads_from = self.now + bulk_us;
                 let due = server.reads_from;
-                self.at(due, Happening::Converse(link));
+                self.at(due, SimEvent::Converse(link));
             }
-            Parcel::Refused => {
+            Packet::Refused => {
                 self.coverage.count("server refused");
                 self.disconnect(index, "refused");
             }
-            Parcel::End => self.disconnect(index, "it closed the connection"),
-            Parcel::Command(command) => self.obey(index, link, &command)?,
-            Parcel::Hello | Parcel::Status(_) => return Err("a parcel went the wrong way".into()),
+            Packet::End => self.disconnect(index, "it closed the connection"),
+            Packet::Command(command) => self.obey(index, link, &command)?,
+            Packet::Hello | Packet::Status(_) => return Err("a parcel went the wrong way".into()),
         }
         Ok(())
     }
@@ -347,21 +347,21 @@ impl World {
             return;
         }
         let sent_us = self.servers[index].local_us(self.now);
-        self.report(index, Status::Ping(Ping { sent_us, memory_bytes: 1 << 20 }));
+        self.report(index, ServerMessage::Ping(Ping { sent_us, memory_bytes: 1 << 20 }));
         if self.is_navigated {
             let channel = self.servers[index].names[0].clone();
             let orbit_rad = DVec2::new(0.3, -0.2);
             let navigation = Navigation { orbit_rad, ..Navigation::none(&channel) };
-            self.report(index, Status::Navigate(navigation));
+            self.report(index, ServerMessage::Navigate(navigation));
         }
         let period = heartbeat / Micros::from(PINGS_PER_HEARTBEAT);
-        self.at(self.now + period, Happening::Tick(link));
+        self.at(self.now + period, SimEvent::Tick(link));
     }
 
-    pub fn report(&mut self, index: usize, status: Status) {
+    pub fn report(&mut self, index: usize, status: ServerMessage) {
         match self.servers[index].link {
             Some(link) if self.servers[index].is_conversing => {
-                self.send(link, Side::Manager, Parcel::Status(Box::new(status)));
+                self.send(link, Side::Manager, Packet::Status(Box::new(status)));
             }
             _ if self.servers[index].reports.len() < REPORTS_MAX => {
                 self.servers[index].reports.push_back(status);
@@ -427,7 +427,7 @@ impl World {
         server.loading = Some(loaded);
         let life = server.life;
         let due = self.now + self.dice.between(load_us / 2, load_us);
-        self.at(due, Happening::Loaded(index, life));
+        self.at(due, SimEvent::Loaded(index, life));
     }
 
     /// The loader is done with a state, but for what the render thread makes of it.
@@ -459,7 +459,7 @@ impl World {
         let (epoch, revision) = (prepare.epoch, prepare.revision);
         let reason = reason.to_owned();
         self.servers[index].is_loading = false;
-        self.report(index, Status::PrepareFailed { epoch, revision, reason });
+        self.report(index, ServerMessage::PrepareFailed { epoch, revision, reason });
         self.load_next(index);
     }
 
@@ -478,7 +478,7 @@ impl World {
             scene_bytes: 0,
         };
         self.watch.folded(state)?;
-        self.report(index, Status::Prepared(prepared));
+        self.report(index, ServerMessage::Prepared(prepared));
         self.load_next(index);
         Ok(())
     }

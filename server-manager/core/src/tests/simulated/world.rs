@@ -9,10 +9,10 @@ use polyptych_wall::Wall;
 
 use super::super::{Micros, SessionId};
 use super::coverage::Coverage;
-use super::dice::Dice;
-use super::invariant::Watch;
+use super::dice::Rng;
+use super::invariant::InvariantChecker;
 use super::manager::Manager;
-use super::network::{Link, LinkId, Parcel, Side, Weather};
+use super::network::{LatencyModel, Link, LinkId, Packet, Side};
 use super::server::Server;
 
 /// An invariant holds, or what broke it.
@@ -20,7 +20,7 @@ pub type Check = Result<(), String>;
 
 /// What comes at its time. Servers' things carry their life: another one does not do them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Happening {
+pub enum SimEvent {
     Arrives(LinkId, Side),
     HandshakeEnds(LinkId),
     Converse(LinkId),
@@ -46,26 +46,26 @@ pub struct Client {
 
 /// A request on its way.
 #[derive(Clone, Debug)]
-pub struct Asked {
+pub struct PendingRequest {
     pub client: SessionId,
     pub id: RequestId,
     pub request: Request,
 }
 
 /// All that there is.
-pub struct World {
+pub struct Simulation {
     pub now: Micros,
     count: u64,
-    agenda: BinaryHeap<Reverse<(Micros, u64, Happening)>>,
+    agenda: BinaryHeap<Reverse<(Micros, u64, SimEvent)>>,
     pub wall: Wall,
     pub manager: Manager,
     pub servers: Vec<Server>,
     pub links: Vec<Link>,
     pub clients: Vec<Client>,
-    pub asked: Vec<Asked>,
-    pub weather: Weather,
-    pub dice: Dice,
-    pub watch: Watch,
+    pub asked: Vec<PendingRequest>,
+    pub weather: LatencyModel,
+    pub dice: Rng,
+    pub watch: InvariantChecker,
     pub coverage: Coverage,
     /// Whether mice move over its windows: on one wall of four, so that older seeds of the others
     /// mean what they did.
@@ -74,7 +74,7 @@ pub struct World {
     pub is_told: bool,
 }
 
-impl World {
+impl Simulation {
     pub fn new(seed: u64, wall: Wall, servers: Vec<Server>, clients: usize) -> Self {
         Self {
             now: 1_000,
@@ -84,10 +84,10 @@ impl World {
             links: Vec::new(),
             clients: (0..clients).map(|_| Client::default()).collect(),
             asked: Vec::new(),
-            weather: Weather::new(Dice::new(seed, 2), servers.len()),
-            dice: Dice::new(seed, 3),
+            weather: LatencyModel::new(Rng::new(seed, 2), servers.len()),
+            dice: Rng::new(seed, 3),
             is_navigated: seed % 4 == 2,
-            watch: Watch::new(&wall),
+            watch: InvariantChecker::new(&wall),
             coverage: Coverage::default(),
             is_told: false,
             servers,
@@ -101,15 +101,15 @@ impl World {
         }
     }
 
-    pub fn at(&mut self, due: Micros, happening: Happening) {
+    pub fn at(&mut self, due: Micros, happening: SimEvent) {
         self.count += 1;
         self.agenda.push(Reverse((due, self.count, happening)));
     }
 
-    pub fn send(&mut self, link: LinkId, to: Side, parcel: Parcel) {
+    pub fn send(&mut self, link: LinkId, to: Side, parcel: Packet) {
         let due = self.weather.send(self.now, &mut self.links[link.0], to, parcel);
         if let Some(due) = due {
-            self.at(due, Happening::Arrives(link, to));
+            self.at(due, SimEvent::Arrives(link, to));
         }
     }
 
@@ -133,22 +133,22 @@ impl World {
     }
 
     /// Until when whoever is to do this stands still, if it does.
-    fn hindrance(&self, happening: Happening) -> Option<Micros> {
+    fn hindrance(&self, happening: SimEvent) -> Option<Micros> {
         let of_server = |index: usize| Some(self.servers[index].trouble.stopped_until);
         let of_link = |link: LinkId| of_server(self.links[link.0].server);
         let until = match happening {
-            Happening::Arrives(_, Side::Manager) | Happening::Asked(_) | Happening::Imported(_) => {
+            SimEvent::Arrives(_, Side::Manager) | SimEvent::Asked(_) | SimEvent::Imported(_) => {
                 Some(self.manager.stopped_until)
             }
             // Whoever wakes hears what waits before it looks at the clock.
-            Happening::Timeout(_) => Some(self.manager.stopped_until + 1),
-            Happening::Arrives(link, Side::Server) => {
+            SimEvent::Timeout(_) => Some(self.manager.stopped_until + 1),
+            SimEvent::Arrives(link, Side::Server) => {
                 let server = &self.servers[self.links[link.0].server];
                 Some(server.trouble.stopped_until.max(server.reads_from))
             }
-            Happening::Converse(link) | Happening::Tick(link) => of_link(link),
-            Happening::Connect(index, _) | Happening::Loaded(index, _) => of_server(index),
-            Happening::Render(index, _) | Happening::DrawingEnds(index, _) => {
+            SimEvent::Converse(link) | SimEvent::Tick(link) => of_link(link),
+            SimEvent::Connect(index, _) | SimEvent::Loaded(index, _) => of_server(index),
+            SimEvent::Render(index, _) | SimEvent::DrawingEnds(index, _) => {
                 let trouble = &self.servers[index].trouble;
                 Some(trouble.stopped_until.max(trouble.hangs_until))
             }
@@ -157,10 +157,10 @@ impl World {
         until.filter(|until| self.now < *until)
     }
 
-    fn happen(&mut self, happening: Happening) -> Check {
+    fn happen(&mut self, happening: SimEvent) -> Check {
         let is_of = |world: &Self, index: usize, life: u32| world.servers[index].life == life;
         match happening {
-            Happening::Arrives(link, side) => {
+            SimEvent::Arrives(link, side) => {
                 let is_open = self.links[link.0].is_open(side);
                 let Some(parcel) = self.links[link.0].lane(side).waiting.pop_front() else {
                     return Ok(());
@@ -171,38 +171,38 @@ impl World {
                     Side::Manager => self.arrive_at_manager(link, parcel),
                 }
             }
-            Happening::HandshakeEnds(link) => {
+            SimEvent::HandshakeEnds(link) => {
                 self.end_handshake(link);
                 Ok(())
             }
-            Happening::Converse(link) => {
+            SimEvent::Converse(link) => {
                 self.converse(link);
                 Ok(())
             }
-            Happening::Tick(link) => {
+            SimEvent::Tick(link) => {
                 self.tick(link);
                 Ok(())
             }
-            Happening::Connect(index, life) if is_of(self, index, life) => {
+            SimEvent::Connect(index, life) if is_of(self, index, life) => {
                 self.connect(index);
                 Ok(())
             }
-            Happening::Render(index, life) if is_of(self, index, life) => self.render(index),
-            Happening::DrawingEnds(index, life) if is_of(self, index, life) => {
+            SimEvent::Render(index, life) if is_of(self, index, life) => self.render(index),
+            SimEvent::DrawingEnds(index, life) if is_of(self, index, life) => {
                 self.end_drawing(index)
             }
-            Happening::Loaded(index, life) if is_of(self, index, life) => {
+            SimEvent::Loaded(index, life) if is_of(self, index, life) => {
                 self.loaded(index);
                 Ok(())
             }
-            Happening::ServerStarts(index) => {
+            SimEvent::ServerStarts(index) => {
                 self.start_server(index);
                 Ok(())
             }
-            Happening::ManagerStarts => self.start_manager(),
-            Happening::Timeout(life) => self.time_out(life),
-            Happening::Asked(index) => self.arrive_asked(index),
-            Happening::Imported(index) => self.arrive_import(index),
+            SimEvent::ManagerStarts => self.start_manager(),
+            SimEvent::Timeout(life) => self.time_out(life),
+            SimEvent::Asked(index) => self.arrive_asked(index),
+            SimEvent::Imported(index) => self.arrive_import(index),
             _ => Ok(()),
         }
     }
