@@ -50,7 +50,7 @@ impl CertificateAuthority {
     ///
     /// # Errors
     /// What can't be read or written.
-    pub fn open_or_make(folder: &Path) -> anyhow::Result<(Self, IssueOutcome)> {
+    pub fn open_or_create(folder: &Path) -> anyhow::Result<(Self, IssueOutcome)> {
         if folder.exists() {
             return Ok((Self::open(folder)?, IssueOutcome::Kept));
         }
@@ -90,7 +90,7 @@ impl CertificateAuthority {
     ///
     /// # Errors
     /// What can't be written, or is wrong with what is there.
-    pub fn provide(
+    pub fn issue(
         &self,
         node: &NodeIdentity,
         folder: &Path,
@@ -124,7 +124,7 @@ impl CertificateAuthority {
 
     /// That a folder holds keys of this node, by this authority.
     fn check(&self, node: &NodeIdentity, folder: &Path) -> anyhow::Result<()> {
-        Credentials::load(folder)?.require(node)?;
+        Credentials::load(folder)?.expect_identity(node)?;
         let ours = self.folder.join(CERTIFICATE_FILE);
         let theirs = folder.join(AUTHORITY_FILE);
         ensure!(

@@ -192,7 +192,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Camera(arguments) => return drive::camera(&arguments),
         Command::Eye(arguments) => return sight::eye(&arguments),
         Command::View(arguments) => return sight::view(&arguments),
-        Command::Shot(arguments) => return drive::shot(&arguments),
+        Command::Shot(arguments) => return drive::capture(&arguments),
         Command::Identify(arguments) => return displays::run(OutputMode::Identify, &arguments),
         Command::Blank(arguments) => return displays::run(OutputMode::Blank, &arguments),
         Command::Freeze(arguments) => return displays::run(OutputMode::Freeze, &arguments),
@@ -298,7 +298,7 @@ fn cache_folder() -> anyhow::Result<PathBuf> {
 }
 
 /// Ready when the process is asked to end: Ctrl-C, SIGTERM, or the end of its parent.
-pub(crate) async fn asked_to_end(with_parent: bool) {
+pub(crate) async fn shutdown_signal(with_parent: bool) {
     use tokio::signal::unix::{SignalKind, signal};
     if with_parent {
         // A child that was stopped reads nothing: it goes on when its parent ends, and then ends.

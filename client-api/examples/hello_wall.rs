@@ -1,7 +1,7 @@
 //! Shows a scene on a wall of one channel or thirty: `hello_wall SCENE.glb [HOST:PORT]`.
 use std::process::ExitCode;
 
-use polyptych_client::{blocking::Client, overview};
+use polyptych_client::{blocking::Client, fit_bounds};
 
 /// Returns whether every display shows the scene.
 fn show() -> Result<bool, Box<dyn std::error::Error>> {
@@ -12,7 +12,7 @@ fn show() -> Result<bool, Box<dyn std::error::Error>> {
     let wall = Client::connect(&address)?;
     let scene = wall.open_scene(path)?;
     if let Some(bounds) = scene.bounds {
-        wall.set_camera(overview(&wall.wall()?, &bounds, 0.6))?;
+        wall.set_camera(fit_bounds(&wall.wall()?, &bounds, 0.6))?;
     }
     let drawn = wall.render_frame()?;
     let (shown, all) = (drawn.shown_channels().count(), drawn.channels.len());

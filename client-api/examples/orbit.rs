@@ -88,7 +88,7 @@ async fn print(mut feedbacks: FeedbackStream) {
             feedback.frame.0,
             feedback.frame_us,
             feedbacks.dropped(),
-            feedbacks.gaps()
+            feedbacks.reconnects()
         );
     }
 }

@@ -138,30 +138,30 @@ impl Client {
         wait(self.inner.connected())
     }
 
-    /// As [`crate::Client::end_reason`].
-    pub fn end_reason(&self) -> Option<String> {
-        self.inner.end_reason()
+    /// As [`crate::Client::close_reason`].
+    pub fn close_reason(&self) -> Option<String> {
+        self.inner.close_reason()
     }
 
-    /// As [`crate::Client::open_requests`].
-    pub fn open_requests(&self) -> usize {
-        self.inner.open_requests()
+    /// As [`crate::Client::pending_requests`].
+    pub fn pending_requests(&self) -> usize {
+        self.inner.pending_requests()
     }
 
-    /// As [`crate::Client::post`].
+    /// As [`crate::Client::submit`].
     ///
     /// # Errors
     /// [`ClientError`]: nothing was sent.
-    pub fn post(&self, request: Request) -> Result<Pending, ClientError> {
-        Ok(Pending { inner: self.inner.post(request)? })
+    pub fn submit(&self, request: Request) -> Result<Pending, ClientError> {
+        Ok(Pending { inner: self.inner.submit(request)? })
     }
 
-    /// As [`crate::Client::call`].
+    /// As [`crate::Client::request`].
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn call(&self, request: Request) -> Result<Response, ClientError> {
-        wait(self.inner.call(request))
+    pub fn request(&self, request: Request) -> Result<Response, ClientError> {
+        wait(self.inner.request(request))
     }
 
     /// As [`crate::Client::open_scene`].
@@ -241,12 +241,12 @@ impl Client {
         wait(self.inner.clear_views())
     }
 
-    /// As [`crate::Client::sight`].
+    /// As [`crate::Client::view_state`].
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn sight(&self) -> Result<ViewState, ClientError> {
-        wait(self.inner.sight())
+    pub fn view_state(&self) -> Result<ViewState, ClientError> {
+        wait(self.inner.view_state())
     }
 
     /// As [`crate::Client::set_exposure`].
@@ -277,12 +277,12 @@ impl Client {
         wait(self.inner.render_frame_at(camera, time_s))
     }
 
-    /// As [`crate::Client::run`].
+    /// As [`crate::Client::start_rendering`].
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn run(&self, pace: Pacing) -> Result<(), ClientError> {
-        wait(self.inner.run(pace))
+    pub fn start_rendering(&self, pace: Pacing) -> Result<(), ClientError> {
+        wait(self.inner.start_rendering(pace))
     }
 
     /// As [`crate::Client::pause`].
@@ -293,12 +293,12 @@ impl Client {
         wait(self.inner.pause())
     }
 
-    /// As [`crate::Client::set_displays`].
+    /// As [`crate::Client::set_output_mode`].
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn set_displays(&self, mode: OutputMode) -> Result<FrameFeedback, ClientError> {
-        wait(self.inner.set_displays(mode))
+    pub fn set_output_mode(&self, mode: OutputMode) -> Result<FrameFeedback, ClientError> {
+        wait(self.inner.set_output_mode(mode))
     }
 
     /// As [`crate::Client::set_pattern`].
@@ -309,16 +309,16 @@ impl Client {
         wait(self.inner.set_pattern(pattern))
     }
 
-    /// As [`crate::Client::tune`].
+    /// As [`crate::Client::calibrate`].
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn tune(
+    pub fn calibrate(
         &self,
         channel: impl Into<String>,
         changes: Vec<CalibrationChange>,
     ) -> Result<Tuned, ClientError> {
-        wait(self.inner.tune(channel, changes))
+        wait(self.inner.calibrate(channel, changes))
     }
 
     /// As [`crate::Client::capture`].
@@ -384,12 +384,12 @@ impl Pending {
         self.inner.id()
     }
 
-    /// As [`crate::Pending::query`].
+    /// As [`crate::Pending::poll`].
     ///
     /// # Errors
     /// [`ClientError`].
     pub fn query(&mut self) -> Option<Result<Response, ClientError>> {
-        self.inner.query()
+        self.inner.poll()
     }
 
     /// Waits for the answer.
@@ -402,9 +402,9 @@ impl Pending {
 }
 
 impl FeedbackStream {
-    /// As [`crate::FeedbackStream::gaps`].
-    pub fn gaps(&self) -> u64 {
-        self.inner.gaps()
+    /// As [`crate::FeedbackStream::reconnects`].
+    pub fn reconnects(&self) -> u64 {
+        self.inner.reconnects()
     }
 
     /// As [`crate::FeedbackStream::epoch`].

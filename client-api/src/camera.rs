@@ -27,7 +27,7 @@ const NEAR_PLANES_MIN: f64 = 1.05;
 /// curved screens a rectangle in front of the eye is used, 77° wide where they surround the eye.
 /// The centre of the box lies at the depth of the screen. Bounds without extent count as a cube
 /// with a half diagonal of one unit.
-pub fn overview(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
+pub fn fit_bounds(wall: &Wall, bounds: &Bounds, heading_rad: f64) -> Camera {
     let rotation = rotation(heading_rad);
     let window = Window::of_wall(wall);
     let radius = radius(bounds);
@@ -109,7 +109,7 @@ impl Side {
     }
 }
 
-/// A camera on a circle around `bounds`: seen from `heading_rad`, as for [`overview`], but always
+/// A camera on a circle around `bounds`: seen from `heading_rad`, as for [`fit_bounds`], but always
 /// from the same distance, so that a scene that is turned does not change its size.
 ///
 /// The centre of the box comes to stand in the centre of the screen in front of the eye, and its

@@ -28,8 +28,8 @@ use crate::picture::Capture;
 
 /// A connection with a wall's manager.
 ///
-/// Clones share the connection, which closes when the last clone, [`Pending`] and [`FeedbackStream`]
-/// are dropped. Requests reach the manager in the order in which they are made, and several may
+/// Clones share the connection, which closes when the last clone, [`Pending`] and
+/// [`FeedbackStream`] are dropped. Requests reach the manager in the order in which they are made, and several may
 /// be open at once. Dropping the future of a call gives up its answer and frees its place; the
 /// manager may do the request all the same.
 ///
@@ -133,12 +133,12 @@ impl Client {
     }
 
     /// Why there is no connection, or none any more; `None` while there is one.
-    pub fn end_reason(&self) -> Option<String> {
+    pub fn close_reason(&self) -> Option<String> {
         self.link.shared.end_reason()
     }
 
     /// How many requests wait for their answers; at most [`crate::OPEN_REQUESTS_MAX`].
-    pub fn open_requests(&self) -> usize {
+    pub fn pending_requests(&self) -> usize {
         self.link.shared.open_requests()
     }
 
@@ -148,7 +148,7 @@ impl Client {
     /// # Errors
     /// [`ClientError::Closed`], [`ClientError::TooManyOpen`], [`ClientError::RequestTooLarge`]:
     /// nothing was sent.
-    pub fn post(&self, request: Request) -> Result<Pending, ClientError> {
+    pub fn submit(&self, request: Request) -> Result<Pending, ClientError> {
         self.link.post(request, Wanted::default())
     }
 
@@ -156,8 +156,8 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn call(&self, request: Request) -> Result<Response, ClientError> {
-        self.post(request)?.await
+    pub async fn request(&self, request: Request) -> Result<Response, ClientError> {
+        self.submit(request)?.await
     }
 
     /// Shows a scene; returns once every live channel can draw it. The wall's exposure becomes
@@ -221,7 +221,7 @@ impl Client {
 
     /// Places the origin of display space at `position` and turns its −Z to `target`, with `up`
     /// upwards, from the next frame on. World units count as metres; [`Camera::with_scale`] and
-    /// [`crate::overview`] are for scenes of other sizes.
+    /// [`crate::fit_bounds`] are for scenes of other sizes.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -273,8 +273,8 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn sight(&self) -> Result<ViewState, ClientError> {
-        match self.call(Request::DescribeSight).await? {
+    pub async fn view_state(&self) -> Result<ViewState, ClientError> {
+        match self.request(Request::DescribeSight).await? {
             Response::Sight(sight) => Ok(*sight),
             other => Err(wrong_answer("read what the wall looks at", &other)),
         }
@@ -317,7 +317,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn run(&self, pace: Pacing) -> Result<(), ClientError> {
+    pub async fn start_rendering(&self, pace: Pacing) -> Result<(), ClientError> {
         self.done("run", Request::Run(pace)).await
     }
 
@@ -336,7 +336,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn set_displays(&self, mode: OutputMode) -> Result<FrameFeedback, ClientError> {
+    pub async fn set_output_mode(&self, mode: OutputMode) -> Result<FrameFeedback, ClientError> {
         self.frame("change the displays", Request::SetDisplays(mode)).await
     }
 
@@ -358,12 +358,12 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`]; [`ClientError::Failed`] names the key that is wrong.
-    pub async fn tune(
+    pub async fn calibrate(
         &self,
         channel: impl Into<String>,
         changes: Vec<CalibrationChange>,
     ) -> Result<Tuned, ClientError> {
-        match self.call(Request::Tune { channel: channel.into(), changes }).await? {
+        match self.request(Request::Tune { channel: channel.into(), changes }).await? {
             Response::Tuned(tuned) => Ok(tuned),
             other => Err(wrong_answer("tune the channel", &other)),
         }
@@ -390,7 +390,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`].
     pub async fn status(&self) -> Result<WallStatus, ClientError> {
-        match self.call(Request::Status).await? {
+        match self.request(Request::Status).await? {
             Response::Status(status) => Ok(*status),
             other => Err(wrong_answer("read the status", &other)),
         }
@@ -401,7 +401,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`].
     pub async fn wall(&self) -> Result<Wall, ClientError> {
-        match self.call(Request::DescribeWall).await? {
+        match self.request(Request::DescribeWall).await? {
             Response::Wall(wall) => Ok(*wall),
             other => Err(wrong_answer("read the wall's description", &other)),
         }
@@ -412,7 +412,7 @@ impl Client {
     /// # Errors
     /// [`ClientError`].
     pub async fn statistics(&self, reset: bool) -> Result<Statistics, ClientError> {
-        match self.call(Request::Statistics { reset }).await? {
+        match self.request(Request::Statistics { reset }).await? {
             Response::Statistics(statistics) => Ok(*statistics),
             other => Err(wrong_answer("read the statistics", &other)),
         }
@@ -443,7 +443,7 @@ impl Client {
         name: &'static str,
         request: Request,
     ) -> Result<FrameFeedback, ClientError> {
-        match self.call(request).await? {
+        match self.request(request).await? {
             Response::Frame(feedback) => Ok(feedback),
             other => Err(wrong_answer(name, &other)),
         }
@@ -455,14 +455,14 @@ impl Client {
     /// # Errors
     /// [`ClientError`].
     pub async fn stop_with_servers(&self) -> Result<StoppedServers, ClientError> {
-        match self.call(Request::StopServers).await? {
+        match self.request(Request::StopServers).await? {
             Response::ServersStopped(stopped) => Ok(stopped),
             other => Err(wrong_answer("stop the manager and its servers", &other)),
         }
     }
 
     async fn done(&self, name: &'static str, request: Request) -> Result<(), ClientError> {
-        match self.call(request).await? {
+        match self.request(request).await? {
             Response::Done => Ok(()),
             other => Err(wrong_answer(name, &other)),
         }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use std::{fmt, io};
 
-use polyptych_protocol::connection::{ConnectionError, introduce};
+use polyptych_protocol::connection::{ConnectionError, send_hello};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::keys::{Credentials, KEYS_VARIABLE};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
@@ -18,7 +18,7 @@ use polyptych_wall::limits::{NAME_BYTES_MAX, PORT_DEFAULT};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::{sleep, timeout};
 
-use crate::connection::drive;
+use crate::connection::run_connection;
 use crate::error::ClientError;
 use crate::link::ConnectionHandle;
 use crate::picture::CAPTURE_BYTES_MAX;
@@ -165,7 +165,7 @@ pub(crate) async fn connect_tcp(
         Reconnector { reconnect, dial }
     });
     let (link, messages) = ConnectionHandle::new(options, welcome);
-    let driver = drive(frames, link.shared.clone(), messages, redial);
+    let driver = run_connection(frames, link.shared.clone(), messages, redial);
     Ok((link, driver))
 }
 
@@ -241,7 +241,7 @@ where
     (options.token, options.reconnect) = (None, None);
     let (link, messages) = ConnectionHandle::new(options, welcome);
     let no_redial: Option<Reconnector<NoReconnect<S>>> = None;
-    let driver = drive(frames, link.shared.clone(), messages, no_redial);
+    let driver = run_connection(frames, link.shared.clone(), messages, no_redial);
     Ok((link, driver))
 }
 
@@ -250,7 +250,7 @@ async fn dial(
     keys: Option<&Credentials>,
     is_insecure: bool,
 ) -> Result<Stream, ClientError> {
-    let dialed = stream::dial(address, keys, is_insecure).await;
+    let dialed = stream::connect(address, keys, is_insecure).await;
     let address = address.to_owned();
     dialed.map_err(|error| match error {
         ConnectError::Unresolved(source) => ClientError::Unresolved { address, source },
@@ -271,7 +271,7 @@ where
     name.truncate(name.floor_char_boundary(NAME_BYTES_MAX));
     let hello = Hello::Client(ClientHello { name });
     let address = options.address.clone();
-    let introduced = introduce(stream, Role::Client, &hello, &Secret(token)).await;
+    let introduced = send_hello(stream, Role::Client, &hello, &Secret(token)).await;
     let (frames, mut welcome) = introduced.map_err(|error| match error {
         ConnectionError::Refused(mut reason) => {
             make_printable(&mut reason);

@@ -28,7 +28,7 @@ const CLOSE_TIME_MAX: Duration = Duration::from_secs(1);
 
 /// Runs a connection until it ends, and further ones where it may be made again; then tells
 /// everyone who waits.
-pub(crate) fn drive<S, D, F>(
+pub(crate) fn run_connection<S, D, F>(
     frames: MessageStream<S>,
     shared: Arc<Shared>,
     messages: mpsc::Receiver<Outgoing>,
@@ -127,7 +127,7 @@ where
         match polyptych_protocol::framing::decode::<MessageToClient>(&bytes) {
             Ok(MessageToClient::Reply { id, reply }) => shared.handle_reply(id, reply),
             Ok(MessageToClient::Feedback(feedback)) => shared.handle_feedback(feedback),
-            Ok(MessageToClient::Picture(part)) => shared.handle_part(&part),
+            Ok(MessageToClient::Picture(part)) => shared.handle_image_chunk(&part),
             Ok(MessageToClient::Progress { id, progress }) => shared.handle_progress(id, progress),
             Ok(MessageToClient::Warning { warning, .. }) => tracing::warn!("{warning}"),
             Ok(MessageToClient::Goodbye(goodbye)) => {

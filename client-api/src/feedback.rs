@@ -37,8 +37,8 @@ impl FeedbackStream {
     }
 
     /// Waits for the next frame's feedback; `None` once the client has ended. Why it ended is the
-    /// error of every later call, and [`crate::Client::end_reason`]. Where the connection is made
-    /// again, the stream goes on after a gap; see [`FeedbackStream::gaps`].
+    /// error of every later call, and [`crate::Client::close_reason`]. Where the connection is made
+    /// again, the stream goes on after a gap; see [`FeedbackStream::reconnects`].
     ///
     /// Dropping the future loses nothing.
     pub async fn next(&mut self) -> Option<FrameFeedback> {
@@ -57,7 +57,7 @@ impl FeedbackStream {
 
     /// How many times the connection was made again before the last feedback that was given out:
     /// what the wall showed meanwhile is not in the stream.
-    pub fn gaps(&self) -> u64 {
+    pub fn reconnects(&self) -> u64 {
         self.gaps
     }
 

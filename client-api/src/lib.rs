@@ -48,7 +48,7 @@ mod picture;
 mod reconnect;
 mod window;
 
-pub use camera::{orbit, overview};
+pub use camera::{fit_bounds, orbit};
 pub use client::Client;
 pub use connect::{ConnectOptions, Timeouts};
 pub use error::ClientError;

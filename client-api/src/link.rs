@@ -385,7 +385,7 @@ impl Shared {
     }
 
     /// A piece of a picture came.
-    pub fn handle_part(&self, part: &ImageChunk) {
+    pub fn handle_image_chunk(&self, part: &ImageChunk) {
         let mut state = self.lock();
         let parts = state.open.waiter_mut(part.id).and_then(|waiter| waiter.parts.as_mut());
         let Some(parts) = parts else {

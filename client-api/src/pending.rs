@@ -44,7 +44,7 @@ impl Pending {
     ///
     /// # Errors
     /// What came of the request: see [`ClientError`]. [`ClientError::AnswerTaken`] after that.
-    pub fn query(&mut self) -> Option<Result<Response, ClientError>> {
+    pub fn poll(&mut self) -> Option<Result<Response, ClientError>> {
         let Some(answer) = &mut self.answer else {
             return Some(Err(ClientError::AnswerTaken { request: self.request }));
         };

@@ -19,7 +19,7 @@ pub enum Command {
     Frame(Frame),
     /// Show a frame that was drawn.
     Swap(Swap),
-    /// The answer to a [`crate::status::Status::Ping`].
+    /// The answer to a [`crate::status::ServerMessage::Ping`].
     Pong(Pong),
     /// The manager ends the connection.
     Goodbye(Goodbye),
@@ -54,7 +54,7 @@ impl Goodbye {
     }
 }
 
-/// Operations to apply; the server answers [`crate::status::Status::Prepared`] once it could draw
+/// Operations to apply; the server answers [`crate::status::ServerMessage::Prepared`] once it could draw
 /// the new state at once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Prepare {

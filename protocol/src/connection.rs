@@ -21,7 +21,7 @@ pub type MessageStream<S> = Framed<S, LengthDelimitedCodec>;
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectionError {
     /// The stream failed.
-    #[error("the connection failed: {}", tls::in_words(.0))]
+    #[error("the connection failed: {}", tls::describe(.0))]
     Io(#[from] std::io::Error),
     /// The other end closed the stream.
     #[error("the peer closed the connection during the handshake")]
@@ -58,7 +58,7 @@ pub enum ConnectionError {
 ///
 /// # Errors
 /// [`ConnectionError`], with the manager's own reason where it refused.
-pub async fn introduce<S>(
+pub async fn send_hello<S>(
     mut stream: S,
     role: Role,
     hello: &Hello,
@@ -67,7 +67,7 @@ pub async fn introduce<S>(
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
-    stream.write_all(&Preamble::of(role).to_bytes()).await?;
+    stream.write_all(&Preamble::current(role).to_bytes()).await?;
     let theirs = read_preamble(&mut stream).await?;
     let version_error = match Preamble::from_bytes(theirs) {
         Ok(Preamble { role: Role::Manager, .. }) => None,
@@ -118,7 +118,7 @@ pub struct Introduced<S> {
     pub hello: Hello,
     /// Whether it knows the token.
     pub is_proven: bool,
-    /// The proof of this end, for [`welcome`].
+    /// The proof of this end, for [`accept`].
     pub proof: Proof,
 }
 
@@ -126,7 +126,7 @@ pub struct Introduced<S> {
 ///
 /// # Errors
 /// [`ConnectionError`]; a peer of another version was told so before.
-pub async fn receive_introduction<S>(
+pub async fn receive_hello<S>(
     mut stream: S,
     secret: &Secret,
 ) -> Result<Introduced<S>, ConnectionError>
@@ -136,7 +136,7 @@ where
     let theirs = read_preamble(&mut stream).await?;
     let parsed = Preamble::from_bytes(theirs);
     let manager = nonce()?;
-    let ours = Preamble::of(Role::Manager).to_bytes();
+    let ours = Preamble::current(Role::Manager).to_bytes();
     match parsed {
         Ok(_) => stream.write_all(&[&ours[..], &manager].concat()).await?,
         Err(PreambleError::NotOurs(_)) => {}
@@ -147,7 +147,7 @@ where
         Ok(preamble) => preamble.role,
         Err(error @ PreambleError::NotOurs(_)) => return Err(error.into()),
         Err(error) => {
-            refuse(&mut frames, refusal_of(&error)).await?;
+            reject(&mut frames, refusal_of(&error)).await?;
             return Err(error.into());
         }
     };
@@ -165,7 +165,7 @@ where
         _ => role.name(),
     };
     let error = ConnectionError::WrongRole { wanted: "peer whose hello fits its role", found };
-    refuse(&mut frames, error.to_string()).await?;
+    reject(&mut frames, error.to_string()).await?;
     Err(error)
 }
 
@@ -184,7 +184,7 @@ fn refusal_of(error: &PreambleError) -> String {
 ///
 /// # Errors
 /// [`ConnectionError::Io`] where it can't be told.
-pub async fn refuse<S>(frames: &mut MessageStream<S>, reason: String) -> Result<(), ConnectionError>
+pub async fn reject<S>(frames: &mut MessageStream<S>, reason: String) -> Result<(), ConnectionError>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
@@ -197,7 +197,7 @@ where
 ///
 /// # Errors
 /// [`ConnectionError`] where it is none of ours, and was told nothing.
-pub async fn refuse_unheard<S>(mut stream: S, reason: &str) -> Result<(), ConnectionError>
+pub async fn reject_unread<S>(mut stream: S, reason: &str) -> Result<(), ConnectionError>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
@@ -205,19 +205,19 @@ where
     if let Err(error @ PreambleError::NotOurs(_)) = parsed {
         return Err(error.into());
     }
-    let ours = Preamble::of(Role::Manager).to_bytes();
+    let ours = Preamble::current(Role::Manager).to_bytes();
     // A peer of this version reads random bytes before the answer.
     let nonce = if parsed.is_ok() { nonce()?.to_vec() } else { Vec::new() };
     stream.write_all(&[&ours[..], &nonce].concat()).await?;
     let mut frames = Framed::new(stream, crate::framing::frames(HANDSHAKE_BYTES_MAX));
-    refuse(&mut frames, reason.to_owned()).await
+    reject(&mut frames, reason.to_owned()).await
 }
 
 /// Lets a peer in, and proves to it that this end knows the token.
 ///
 /// # Errors
 /// [`ConnectionError::Io`] where it can't be told.
-pub async fn welcome<S>(
+pub async fn accept<S>(
     frames: &mut MessageStream<S>,
     welcome: Welcome,
     proof: Proof,
@@ -288,13 +288,13 @@ mod tests {
         let expected = given.clone();
         run(async {
             let manager = async {
-                let mut peer = receive_introduction(theirs, &secret()).await.expect("introduced");
+                let mut peer = receive_hello(theirs, &secret()).await.expect("introduced");
                 assert!(matches!(peer.hello, Hello::Client(_)) && peer.is_proven);
-                welcome(&mut peer.frames, given, peer.proof).await.expect("welcomed");
+                accept(&mut peer.frames, given, peer.proof).await.expect("welcomed");
             };
             let (hello, secret) = (hello(), secret());
             let ((), answer) =
-                tokio::join!(manager, introduce(ours, Role::Client, &hello, &secret));
+                tokio::join!(manager, send_hello(ours, Role::Client, &hello, &secret));
             assert_eq!(answer.expect("welcome").1, expected);
         });
     }
@@ -304,7 +304,7 @@ mod tests {
         let (mut ours, theirs) = tokio::io::duplex(4096);
         run(async {
             ours.write_all(b"PLYP\x63\x00\x01\x00").await.expect("written");
-            let error = receive_introduction(theirs, &secret()).await.expect_err("refused");
+            let error = receive_hello(theirs, &secret()).await.expect_err("refused");
             assert!(error.to_string().contains("version 99"), "{error}");
             let mut answer = Vec::new();
             ours.read_to_end(&mut answer).await.expect("an answer");
@@ -317,7 +317,7 @@ mod tests {
         let (mut ours, theirs) = tokio::io::duplex(4096);
         run(async {
             ours.write_all(b"GET / HTTP/1.1\r\n\r\n").await.expect("written");
-            assert!(receive_introduction(theirs, &secret()).await.is_err());
+            assert!(receive_hello(theirs, &secret()).await.is_err());
             let mut answer = Vec::new();
             ours.read_to_end(&mut answer).await.expect("the end");
             assert!(answer.is_empty());

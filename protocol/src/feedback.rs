@@ -324,7 +324,7 @@ pub struct Quantiles {
 
 impl Quantiles {
     /// Where these values lie: the quantile q is the least value that q of all do not exceed.
-    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
+    pub fn from_samples(values: impl IntoIterator<Item = f64>) -> Self {
         let mut sorted: Vec<f64> = values.into_iter().collect();
         sorted.sort_by(f64::total_cmp);
         let at = |share: f64| {
@@ -400,10 +400,10 @@ mod tests {
 
     #[test]
     fn quantiles_are_values_that_were_measured() {
-        let spread = Quantiles::of((1..=100).rev().map(f64::from));
+        let spread = Quantiles::from_samples((1..=100).rev().map(f64::from));
         let expected = Quantiles { count: 100, p50: 50.0, p95: 95.0, p99: 99.0, max: 100.0 };
         assert_eq!(spread, expected);
-        assert_eq!(Quantiles::of([]), Quantiles::default());
-        assert_eq!(Quantiles::of([7.0]).p50, 7.0);
+        assert_eq!(Quantiles::from_samples([]), Quantiles::default());
+        assert_eq!(Quantiles::from_samples([7.0]).p50, 7.0);
     }
 }

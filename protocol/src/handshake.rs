@@ -91,7 +91,7 @@ pub enum PreambleError {
 
 impl Preamble {
     /// The preamble of this version.
-    pub fn of(role: Role) -> Self {
+    pub fn current(role: Role) -> Self {
         Self { version: PROTOCOL_VERSION, role }
     }
 
@@ -278,7 +278,7 @@ mod tests {
     #[test]
     fn a_preamble_round_trips_and_strangers_are_named() {
         for role in [Role::Manager, Role::Client, Role::Server, Role::Bulk] {
-            let preamble = Preamble::of(role);
+            let preamble = Preamble::current(role);
             assert_eq!(Preamble::from_bytes(preamble.to_bytes()), Ok(preamble));
         }
         let http = Preamble::from_bytes(*b"GET / HT");

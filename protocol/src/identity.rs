@@ -58,7 +58,7 @@ impl NodeIdentity {
     ///
     /// # Errors
     /// What it names instead of one node.
-    pub fn of_certificate(certificate: &CertificateDer<'_>) -> Result<Self, String> {
+    pub fn from_certificate(certificate: &CertificateDer<'_>) -> Result<Self, String> {
         let parsed = webpki::EndEntityCert::try_from(certificate)
             .map_err(|error| format!("it is no certificate of a node: {error}"))?;
         let names: Vec<&str> = parsed.valid_dns_names().collect();
@@ -172,7 +172,8 @@ mod tests {
         #[test]
         fn every_name_comes_back_and_fits_dns(name in ".{1,64}", is_server: bool) {
             prop_assume!(name.len() <= NAME_BYTES_MAX);
-            let identity = if is_server { NodeIdentity::Server(name) } else { NodeIdentity::Client(name) };
+            let of_role = if is_server { NodeIdentity::Server } else { NodeIdentity::Client };
+            let identity = of_role(name);
             let dns_name = identity.dns_name();
             prop_assert!(ServerName::try_from(dns_name.as_str()).is_ok(), "{}", dns_name);
             prop_assert_eq!(NodeIdentity::from_dns_name(&dns_name), Some(identity));

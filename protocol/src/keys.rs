@@ -124,8 +124,8 @@ impl Credentials {
     /// Reads and checks a node's folder.
     ///
     /// # Errors
-    /// [`CredentialsError`], which names the file: missing, malformed, of another authority, not valid
-    /// now, open to other users, or a key that does not fit its certificate.
+    /// [`CredentialsError`], which names the file: missing, malformed, of another authority, not
+    /// valid now, open to other users, or a key that does not fit its certificate.
     pub fn load(folder: &Path) -> Result<Self, CredentialsError> {
         let path = |name: &str| folder.join(name);
         let certificate = certificate(&path(CERTIFICATE_FILE))?;
@@ -134,7 +134,7 @@ impl Credentials {
         let key = PrivateKeyDer::from_pem_slice(&key_bytes)
             .map_err(|error| unfit(&path(KEY_FILE), format!("it holds no private key: {error}")))?;
         let unfit_certificate = |what| unfit(&path(CERTIFICATE_FILE), what);
-        let identity = NodeIdentity::of_certificate(&certificate).map_err(unfit_certificate)?;
+        let identity = NodeIdentity::from_certificate(&certificate).map_err(unfit_certificate)?;
 
         let mut roots = RootCertStore::empty();
         roots.add(authority).map_err(|error| {
@@ -190,7 +190,7 @@ impl Credentials {
     ///
     /// # Errors
     /// [`CredentialsError::AnotherNode`].
-    pub fn require(&self, wanted: &NodeIdentity) -> Result<(), CredentialsError> {
+    pub fn expect_identity(&self, wanted: &NodeIdentity) -> Result<(), CredentialsError> {
         if self.identity == *wanted { Ok(()) } else { Err(self.of_another(wanted.to_string())) }
     }
 
@@ -322,7 +322,7 @@ fn unfit(path: &Path, what: String) -> CredentialsError {
 /// What is wrong with this end's own certificate.
 fn own_fault(error: &Error) -> String {
     match error {
-        Error::InvalidCertificate(fault) => tls::certificate_fault(fault),
+        Error::InvalidCertificate(fault) => tls::describe_certificate_error(fault),
         other => other.to_string(),
     }
 }

@@ -63,23 +63,23 @@ impl TestPattern {
     }
 
     /// The pattern of this name.
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|pattern| pattern.name() == name)
     }
 
     /// Whether it shows the light itself, or the edge of the display: neither blend nor colour is
     /// applied to it, which it would else hide.
-    pub fn is_of_light(self) -> bool {
+    pub fn bypasses_color(self) -> bool {
         matches!(self, Self::Weights | Self::Overlap | Self::Density | Self::Border)
     }
 
     /// Whether it depends on where the viewer's eye stands.
-    pub fn follows_eye(self) -> bool {
+    pub fn depends_on_eye(self) -> bool {
         matches!(self, Self::Density | Self::Crosshair)
     }
 
     /// Whether other channels of the wall matter to it only by their number of pixels.
-    pub fn is_of_own_channel(self) -> bool {
+    pub fn ignores_neighbours(self) -> bool {
         // The light that is left to a channel depends on all that are beside it.
         matches!(self, Self::Density | Self::Border)
     }
@@ -92,9 +92,9 @@ mod tests {
     #[test]
     fn names_are_those_of_json_and_come_back() {
         for pattern in TestPattern::ALL {
-            assert_eq!(TestPattern::named(pattern.name()), Some(pattern));
+            assert_eq!(TestPattern::from_name(pattern.name()), Some(pattern));
             assert_eq!(serde_json::to_value(pattern).expect("JSON"), pattern.name());
         }
-        assert_eq!(TestPattern::named("plasma"), None);
+        assert_eq!(TestPattern::from_name("plasma"), None);
     }
 }

@@ -93,7 +93,7 @@ pub enum ConnectError {
     #[error("a manager's keys are for its own side only; use a server's or a client's")]
     ManagersKeys,
     /// The two ends did not agree on TLS.
-    #[error("{}", tls::in_words(.0))]
+    #[error("{}", tls::describe(.0))]
     Tls(io::Error),
 }
 
@@ -110,7 +110,7 @@ fn in_the_clear(address: &SocketAddr) -> String {
 ///
 /// # Errors
 /// [`ConnectError`].
-pub async fn dial(
+pub async fn connect(
     address: &str,
     keys: Option<&Credentials>,
     is_insecure: bool,
@@ -171,14 +171,14 @@ pub async fn accept(
                 Err((error, metered)) => {
                     // The reason is on its way as an alert.
                     linger(metered.tcp).await;
-                    return Err(tls::in_words(&error));
+                    return Err(tls::describe(&error));
                 }
             };
             let (metered, session) = tls.get_mut();
             metered.lift();
             let shown = session.peer_certificates().and_then(|chain| chain.first());
             let shown = shown.ok_or("the peer shows no certificate")?;
-            let identity = NodeIdentity::of_certificate(shown)
+            let identity = NodeIdentity::from_certificate(shown)
                 .map_err(|what| format!("the peer's certificate is refused: {what}"))?;
             Ok((Stream::Tls(Box::new(TlsStream::Server(tls))), Some(identity)))
         }
@@ -189,7 +189,7 @@ pub async fn accept(
 async fn turn_away(mut tcp: TcpStream) -> String {
     let reason = "this manager speaks TLS only: start this peer with --keys FOLDER, as polyptych \
                   keys WALL.toml makes it";
-    match connection::refuse_unheard(&mut tcp, reason).await {
+    match connection::reject_unread(&mut tcp, reason).await {
         Ok(()) => {
             linger(tcp).await;
             "it came in the clear, and this manager speaks TLS only; start it with --keys".into()

@@ -8,7 +8,7 @@ use tokio_rustls::rustls::{AlertDescription, CertificateError, Error, InvalidMes
 const RENEW: &str = "make new ones: polyptych keys WALL.toml -o DIR --renew";
 
 /// The error of a stream, with what it means where TLS found it.
-pub fn in_words(error: &io::Error) -> String {
+pub fn describe(error: &io::Error) -> String {
     let tls = error.get_ref().and_then(|inner| inner.downcast_ref::<Error>());
     match tls {
         Some(tls) => fault(tls),
@@ -24,7 +24,7 @@ pub fn in_words(error: &io::Error) -> String {
 fn fault(error: &Error) -> String {
     match error {
         Error::InvalidCertificate(fault) => {
-            format!("the peer's certificate is refused: {}", certificate_fault(fault))
+            format!("the peer's certificate is refused: {}", describe_certificate_error(fault))
         }
         Error::NoCertificatesPresented => {
             "the peer shows no certificate; give it its folder of keys with --keys".into()
@@ -46,7 +46,7 @@ pub(crate) fn is_not_yet_valid(fault: &CertificateError) -> bool {
 }
 
 /// What is wrong with a certificate of either side.
-pub(crate) fn certificate_fault(fault: &CertificateError) -> String {
+pub(crate) fn describe_certificate_error(fault: &CertificateError) -> String {
     use CertificateError as Fault;
     match fault {
         Fault::Expired => format!("its time is over; {RENEW}"),

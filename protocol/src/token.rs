@@ -94,7 +94,7 @@ pub fn read(path: &Path) -> Result<String, TokenError> {
 ///
 /// # Errors
 /// [`TokenError`] where it can't be read or made.
-pub fn read_or_make(path: &Path, secret: [u8; 16]) -> Result<String, TokenError> {
+pub fn read_or_create(path: &Path, secret: [u8; 16]) -> Result<String, TokenError> {
     match read(path) {
         Err(TokenError::NotThere { .. }) => {}
         other => return other,
@@ -124,8 +124,8 @@ mod tests {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("state/token");
         assert!(matches!(read(&path), Err(TokenError::NotThere { .. })));
-        let made = read_or_make(&path, [0xab; 16]).expect("made");
-        assert_eq!(read_or_make(&path, [0xcd; 16]).expect("read"), made);
+        let made = read_or_create(&path, [0xab; 16]).expect("made");
+        assert_eq!(read_or_create(&path, [0xcd; 16]).expect("read"), made);
         let mode = fs::metadata(&path).expect("facts").permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
         fs::set_permissions(&path, fs::Permissions::from_mode(0o644)).expect("changed");

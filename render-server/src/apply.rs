@@ -51,16 +51,20 @@ impl ViewTransform {
 ///
 /// # Errors
 /// Too many of them, or what this server cannot draw.
-pub(crate) fn parts(wall: &Wall, id: ChannelId, frame: &Frame) -> Result<Vec<ViewRect>, String> {
-    check(frame)?;
-    wall.view_parts(id, &frame.views).map_err(|error| error.to_string())
+pub(crate) fn view_rects(
+    wall: &Wall,
+    id: ChannelId,
+    frame: &Frame,
+) -> Result<Vec<ViewRect>, String> {
+    check_frame(frame)?;
+    wall.view_rects(id, &frame.views).map_err(|error| error.to_string())
 }
 
 /// Whether this server can draw the views of a frame.
 ///
 /// # Errors
 /// Too many of them, or more than it can.
-pub(crate) fn check(frame: &Frame) -> Result<(), String> {
+pub(crate) fn check_frame(frame: &Frame) -> Result<(), String> {
     if frame.views.len() > VIEWS_MAX {
         return Err(format!("{} views, where {VIEWS_MAX} can be", frame.views.len()));
     }
@@ -75,7 +79,7 @@ pub(crate) fn check(frame: &Frame) -> Result<(), String> {
 ///
 /// # Errors
 /// A view that cannot be shown, an eye that no frustum can be made for.
-pub(crate) fn sight(
+pub(crate) fn view_transform(
     wall: &Wall,
     id: ChannelId,
     view: &View,
@@ -98,9 +102,9 @@ pub(crate) fn sight(
 pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewDesc>, String> {
     let eye = wall.channel(channel).map_or_else(Eye::default, |c| c.adjustment.eye);
     let size = wall.channel(channel).map_or([0; 2], |channel| channel.size.to_array());
-    let described = parts(wall, channel, frame)?.into_iter().map(|part| {
+    let described = view_rects(wall, channel, frame)?.into_iter().map(|part| {
         let view = &frame.views[part.view];
-        let seen = sight(wall, channel, view, frame.head.eye(eye))?.view(view, frame);
+        let seen = view_transform(wall, channel, view, frame.head.eye(eye))?.view(view, frame);
         let scissor = (part.rect != [0, 0, size[0], size[1]]).then_some(part.rect);
         Ok(ViewDesc { scissor, ..seen })
     });

@@ -82,7 +82,7 @@ impl Form {
 ///
 /// # Errors
 /// Which channel cannot be shown, and why.
-pub(crate) fn plans<'a>(
+pub(crate) fn correction_plans<'a>(
     of: impl Into<ResolvedWall<'a>>,
     maps: &CalibrationMaps,
     channels: &[String],
@@ -93,7 +93,7 @@ pub(crate) fn plans<'a>(
     let blend = BlendModel::new(shaped);
     let mut plans = CorrectionPlans::new();
     for name in channels {
-        let Some((id, _)) = wall.channel_named(name) else { continue };
+        let Some((id, _)) = wall.channel_by_name(name) else { continue };
         let known = known.and_then(|plans| plans.get(name));
         let plan = CorrectionPlan::after(shaped, &blend, maps, id, known);
         let plan = plan.map_err(|reason| format!("channel {name}: {reason}"))?;
@@ -140,11 +140,11 @@ impl CorrectionPlan {
             Some(known) => known.desc.light_map.clone(),
             None => light_map(shaped, blend, maps, id).map(renderer_light).map(Arc::new),
         };
-        if is_tile && adjustment.is_plain() && light_map.is_none() {
+        if is_tile && adjustment.is_identity() && light_map.is_none() {
             return Ok(None);
         }
         let form = Form::new(wall, channel);
-        let is_bent = !form.channel.adjustment.is_plain() || adjustment.warp.is_some();
+        let is_bent = !form.channel.adjustment.is_identity() || adjustment.warp.is_some();
         let known = known.filter(|known| known.form == form);
         let (warp, drawn) = match known {
             _ if is_tile && !is_bent => (None, None),
@@ -199,10 +199,10 @@ pub(crate) fn light_map(
     id: ChannelId,
 ) -> Option<blend::BlendMap> {
     let channel = shaped.wall.channel(id)?;
-    let light = shaped.pixel_map(id).and_then(|map| maps.light(channel, &map));
+    let light = shaped.channel_mapping(id).and_then(|map| maps.mesh_light_mask(channel, &map));
     let light = light.as_ref().and_then(Mask::texels);
     let masks = ChannelMasks { light, ..maps.masks(&channel.adjustment) };
-    blend.light_map(id, &masks)
+    blend.blend_map(id, &masks)
 }
 
 fn renderer_mesh(mesh: &WarpMesh) -> polyptych_renderer::WarpMeshDesc {
@@ -321,7 +321,7 @@ impl Corrector {
         if corrector.correction.is_warm(&shots.eyes, shots.taps) {
             return Ok(corrector);
         }
-        let source = Target::of(gpu, shots.size, 1, false, ImageEncoding::Light);
+        let source = Target::with_encoding(gpu, shots.size, 1, false, ImageEncoding::Light);
         let source = source.map_err(|error| error.to_string())?;
         let picture = corrector.correction.picture(gpu);
         let warmed = corrector.correction.draw(gpu, &source, &shots.eyes, shots.taps, &picture);
@@ -341,25 +341,29 @@ impl Corrector {
         frame: &Frame,
         output: &mut ChannelOutput,
     ) -> Result<DrawStats, String> {
-        apply::check(frame)?;
+        apply::check_frame(frame)?;
         let layers = self.layers(gpu, wall, frame)?;
         let sides = layers.iter().map(|layer| layer.shots.size);
         let size = sides.fold([0, 0], |[w, h], side| [w.max(side[0]), h.max(side[1])]);
         let mut stats = DrawStats::default();
         for layer in layers {
             // One after the other: the memory of one source is enough.
-            let source = output.source_of(gpu, size, (renderer.samples(), scene.blends()))?;
+            let source = output.ensure_atlas_target(
+                gpu,
+                size,
+                (renderer.samples(), scene.has_transparency()),
+            )?;
             let drawn = renderer.draw(gpu, scene, source, &layer.views);
             stats = stats.and(drawn.map_err(|error| error.to_string())?);
             let start = Instant::now();
-            let (source, picture) = output.corrected_of(gpu, &self.correction)?;
+            let (source, picture) = output.ensure_corrected(gpu, &self.correction)?;
             let EyeViews { eyes, taps, .. } = &layer.shots;
-            let sheet = layer.lay.and_then(|index| self.lays[index].sheet());
+            let sheet = layer.lay.and_then(|index| self.lays[index].mesh());
             let drawn = match sheet {
                 None => self.correction.draw(gpu, source, eyes, *taps, picture),
                 Some(sheet) => {
                     let shape = &sheet.shape;
-                    self.correction.draw_over(gpu, shape, source, (eyes, *taps), picture)
+                    self.correction.draw_overlay(gpu, shape, source, (eyes, *taps), picture)
                 }
             };
             drawn.map_err(|error| error.to_string())?;
@@ -382,13 +386,13 @@ impl Corrector {
         let ground = OverlayContext { gpu, shaped, maps: &maps, channel: self.plan.channel };
         let mut known = std::mem::take(&mut self.lays);
         for view in &frame.views[beneath(frame).map_or(0, |beneath| beneath + 1)..] {
-            let mut lay = match known.iter().position(|lay| lay.is_of(view)) {
+            let mut lay = match known.iter().position(|lay| lay.matches(view)) {
                 Some(index) => known.swap_remove(index),
                 None => Overlay::new(ground, view, &self.correction)?,
             };
-            if let Some(sheet) = lay.sheet() {
-                let shots = sheet.shots(ground, view, &eyes)?;
-                let views = shots.of_view(view, frame);
+            if let Some(sheet) = lay.mesh() {
+                let shots = sheet.eye_views(ground, view, &eyes)?;
+                let views = shots.view_descs(view, frame);
                 layers.push(Layer { shots, views, lay: Some(self.lays.len()) });
             }
             self.lays.push(lay);
@@ -409,19 +413,19 @@ impl Corrector {
         let (channel, is_warped) = (self.plan.channel, self.plan.warp.is_some());
         let shots = self.shots(gpu, wall, &frame.head)?;
         if !is_warped {
-            return shots.exact_views(wall, channel, frame);
+            return shots.unwarped_views(wall, channel, frame);
         }
         let beneath = beneath(frame).map(|index| &frame.views[index]);
-        Ok(beneath.map_or_else(Vec::new, |view| shots.of_view(view, frame)))
+        Ok(beneath.map_or_else(Vec::new, |view| shots.view_descs(view, frame)))
     }
 
     fn shots(&mut self, gpu: &Gpu, wall: &Wall, head: &HeadPose) -> Result<&EyeViews, String> {
         let eyes = self.plan.viewpoints(wall, head);
-        let known = self.shots.take().filter(|shots| shots.is_for(&eyes));
+        let known = self.shots.take().filter(|shots| shots.matches_eyes(&eyes));
         let shots = if let Some(shots) = known {
             shots
         } else {
-            let side_max = gpu.facts().texture_side_max;
+            let side_max = gpu.info().texture_side_max;
             EyeViews::new(wall, self.plan.channel, self.plan.warp.as_deref(), &eyes, side_max)?
         };
         Ok(self.shots.insert(shots))

@@ -47,12 +47,12 @@ impl WindowOutput {
         let (width, height) = (size.width.max(1), size.height.max(1));
         let default = self.surface.get_default_config(&gpu.adapter, width, height);
         let Some(mut configuration) = default else {
-            tracing::error!("the adapter {} can't draw to this window", gpu.facts().name);
+            tracing::error!("the adapter {} can't draw to this window", gpu.info().name);
             return;
         };
         // Two frames in flight would show each frame one refresh later than it was swapped.
         configuration.desired_maximum_frame_latency = 1;
-        if self.is_fine && self.takes_fine_codes(gpu) {
+        if self.is_fine && self.supports_10_bit(gpu) {
             configuration.format = FINE_FORMAT;
         }
         self.surface.configure(&gpu.device, &configuration);
@@ -64,7 +64,7 @@ impl WindowOutput {
     }
 
     /// Whether it can show codes of ten bits.
-    pub(crate) fn takes_fine_codes(&self, gpu: &Gpu) -> bool {
+    pub(crate) fn supports_10_bit(&self, gpu: &Gpu) -> bool {
         self.surface.get_capabilities(&gpu.adapter).formats.contains(&FINE_FORMAT)
     }
 

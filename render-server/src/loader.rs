@@ -151,7 +151,7 @@ impl Loader {
             let cache = self.cache.root().display();
             tracing::info!(%cache, files, bytes, "files of killed processes were removed");
         }
-        match self.cache.trim(CACHE_BYTES_MAX) {
+        match self.cache.evict(CACHE_BYTES_MAX) {
             Ok(0) => {}
             Ok(removed) => tracing::info!(removed, "old blobs were removed from the cache"),
             Err(error) => tracing::warn!(%error, "the cache can't be read"),
@@ -237,7 +237,7 @@ impl Loader {
         if let Some((_, shapes)) = self.ready_shapes.as_ref().filter(|(known, _)| *known == bare) {
             return Arc::clone(shapes);
         }
-        let own = |name: &String| wall.channel_named(name).map(|(_, channel)| channel.screen);
+        let own = |name: &String| wall.channel_by_name(name).map(|(_, channel)| channel.screen);
         let screens: Vec<u16> = self.channels.iter().filter_map(own).collect();
         let shapes = Arc::new(WallGeometry::of(wall, maps, |screen| screens.contains(&screen)));
         self.ready_shapes = Some((bare, Arc::clone(&shapes)));
@@ -257,7 +257,7 @@ impl Loader {
         let start = Instant::now();
         let known = self.ready_plans.as_ref().map(|(_, plans)| &**plans);
         let shaped = ResolvedWall { wall, shapes };
-        let plans = Arc::new(correction::plans(shaped, maps, &self.channels, known)?);
+        let plans = Arc::new(correction::correction_plans(shaped, maps, &self.channels, known)?);
         let plan_us = start.elapsed().as_micros() as u64;
         tracing::debug!(plan_us, "the channels' corrections were planned");
         self.ready_plans = Some((wall.clone(), Arc::clone(&plans)));
@@ -318,7 +318,7 @@ impl Loader {
         if let Some(fault) = manifest.fault() {
             return Err(format!("manifest of scene {}: {fault}", scene.name));
         }
-        let known = (SceneFeatures::of(&manifest), apply::warm_up_camera(&manifest));
+        let known = (SceneFeatures::from_scene(&manifest), apply::warm_up_camera(&manifest));
         let textures: Vec<BlobHash> = manifest.textures.iter().map(|t| t.blob).collect();
         let blobs_of = |mesh: &Mesh| mesh.primitives.iter().map(|p| p.blob).collect();
         let meshes: Vec<Vec<BlobHash>> = manifest.meshes.iter().map(blobs_of).collect();

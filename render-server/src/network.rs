@@ -224,8 +224,8 @@ impl Network {
             let secret = self.secret().map_err(End::Failed)?;
             let keys = self.keys().map_err(End::Failed)?;
             let (manager, insecure) = (&self.options.manager, self.options.insecure);
-            let stream = stream::dial(manager, keys.as_ref(), insecure).await?;
-            Ok(connection::introduce(stream, role, hello, &secret).await?)
+            let stream = stream::connect(manager, keys.as_ref(), insecure).await?;
+            Ok(connection::send_hello(stream, role, hello, &secret).await?)
         };
         let limit = HANDSHAKE_TIME_MAX;
         let introduced = tokio::time::timeout(limit, introduce).await;
@@ -238,7 +238,7 @@ impl Network {
         let Some(folder) = &self.options.keys else { return Ok(None) };
         let keys = Credentials::load(folder).map_err(|error| error.to_string())?;
         let wanted = NodeIdentity::Server(self.options.name.clone());
-        keys.require(&wanted).map_err(|error| error.to_string())?;
+        keys.expect_identity(&wanted).map_err(|error| error.to_string())?;
         Ok(Some(keys))
     }
 
@@ -322,7 +322,7 @@ impl Network {
                         None => return End::failed("it closed the connection"),
                         Some(Err(error)) => return End::failed(error),
                         Some(Ok(bytes)) => {
-                            if let Err(end) = self.obey(&bytes, &mut estimate, &line) {
+                            if let Err(end) = self.handle_command(&bytes, &mut estimate, &line) {
                                 return end;
                             }
                         }
@@ -362,7 +362,7 @@ impl Network {
         }
     }
 
-    fn obey(
+    fn handle_command(
         &self,
         bytes: &[u8],
         estimate: &mut ClockEstimate,

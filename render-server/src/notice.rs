@@ -41,7 +41,7 @@ pub struct ServerInfo {
 impl ServerInfo {
     /// The lines by which a person finds out which display stands before them, and where its
     /// pictures come from.
-    pub fn label(
+    pub fn identify_lines(
         &self,
         channel: &str,
         size: [u32; 2],
@@ -54,7 +54,12 @@ impl ServerInfo {
     }
 
     /// The lines of a display that has no picture: what it is, why, and since when.
-    pub fn idle(&self, channel: &str, notice: &ConnectionStatus, is_frozen: bool) -> Vec<String> {
+    pub fn idle_lines(
+        &self,
+        channel: &str,
+        notice: &ConnectionStatus,
+        is_frozen: bool,
+    ) -> Vec<String> {
         let mut lines = self.head(channel, Some(notice));
         lines.push(if is_frozen {
             "the displays are frozen, and this one had no picture to keep".to_owned()

@@ -101,7 +101,7 @@ impl ChannelOutput {
     ///
     /// # Errors
     /// No target can be like that.
-    pub fn target_of(
+    pub fn ensure_target(
         &mut self,
         gpu: &Gpu,
         size: [u32; 2],
@@ -115,7 +115,7 @@ impl ChannelOutput {
     ///
     /// # Errors
     /// No target can be like that.
-    pub fn source_of(
+    pub fn ensure_atlas_target(
         &mut self,
         gpu: &Gpu,
         size: [u32; 2],
@@ -128,7 +128,7 @@ impl ChannelOutput {
     ///
     /// # Errors
     /// There is no source yet.
-    pub fn corrected_of(
+    pub fn ensure_corrected(
         &mut self,
         gpu: &Gpu,
         correction: &Correction,
@@ -155,7 +155,7 @@ impl ChannelOutput {
                 && target.content() == content
         };
         if !self.target.as_ref().is_some_and(fits) {
-            let target = Target::of(gpu, size, samples, is_linear, content);
+            let target = Target::with_encoding(gpu, size, samples, is_linear, content);
             self.target = Some(target.map_err(|error| error.to_string())?);
         }
         self.target.as_mut().ok_or_else(|| "there is no target".to_owned())
@@ -163,7 +163,7 @@ impl ChannelOutput {
 
     /// Places the window of this channel among those of the whole wall, unless it was placed
     /// there already. In full screen it stays on its monitor.
-    pub fn arrange(&mut self, wall: &Wall, id: ChannelId) {
+    pub fn place_window(&mut self, wall: &Wall, id: ChannelId) {
         let OutputSurface::Window(display) = &self.surface else { return };
         if self.assignment.is_some() {
             return;
@@ -176,9 +176,9 @@ impl ChannelOutput {
     }
 
     /// Whether codes of ten bits can be shown; where nobody looks, they can.
-    pub fn takes_fine_codes(&self, gpu: &Gpu) -> bool {
+    pub fn supports_10_bit(&self, gpu: &Gpu) -> bool {
         match &self.surface {
-            OutputSurface::Window(display) => display.takes_fine_codes(gpu),
+            OutputSurface::Window(display) => display.supports_10_bit(gpu),
             OutputSurface::Nowhere => true,
             #[cfg(test)]
             OutputSurface::Offscreen(_) => true,
@@ -221,7 +221,7 @@ impl ChannelOutput {
 
     /// Learns what the wall that was prepared says of this channel's display.
     pub fn expect(&mut self, wall: &Wall) {
-        self.expected = wall.channel_named(&self.name).map(|(id, channel)| {
+        self.expected = wall.channel_by_name(&self.name).map(|(id, channel)| {
             let ChannelCalibration { turn, packing, .. } = channel.adjustment;
             let form = ChannelCalibration { turn, packing, ..ChannelCalibration::default() };
             Expected { id, picture: channel.display_size().to_array(), form }
@@ -282,7 +282,7 @@ impl ChannelOutput {
     }
 
     /// The display takes the picture that was drawn; the next one is drawn elsewhere.
-    pub fn take_picture(&mut self, gpu: &Gpu) {
+    pub fn latch_image(&mut self, gpu: &Gpu) {
         // A second picture costs memory, which those that nobody sees are spared.
         if matches!(self.surface, OutputSurface::Nowhere) {
             return;
@@ -292,7 +292,7 @@ impl ChannelOutput {
             let next = corrected.next(gpu, spare(&mut self.shown));
             std::mem::replace(corrected, next)
         } else if let Some(target) = &mut self.target {
-            target.take_picture(gpu, spare(&mut self.shown))
+            target.latch_image(gpu, spare(&mut self.shown))
         } else {
             return;
         };
@@ -312,11 +312,11 @@ impl ChannelOutput {
         let Some(display_size) = self.display_size() else { return Ok(()) };
         let has_picture = self.shown.as_ref().is_some_and(|shown| shown.idle.is_none());
         let mut labels = Vec::new();
-        let is_black = match showing.look(has_picture) {
+        let is_black = match showing.content(has_picture) {
             DisplayContent::Black => true,
             DisplayContent::Idle { notice: None, .. } => return Ok(()),
             DisplayContent::Idle { notice: Some(notice), is_frozen } => {
-                let mut lines = identity.idle(&self.name, &notice, is_frozen);
+                let mut lines = identity.idle_lines(&self.name, &notice, is_frozen);
                 lines.extend(self.mismatch.as_ref().map(|mismatch| mismatch.note.clone()));
                 self.show_idle(gpu, display_size, lines);
                 false
@@ -324,7 +324,7 @@ impl ChannelOutput {
             DisplayContent::Picture { is_named, outdated } => {
                 let size = self.picture().map_or(display_size, OutputTexture::size);
                 if is_named {
-                    let lines = identity.label(&self.name, size, showing.notice());
+                    let lines = identity.identify_lines(&self.name, size, showing.notice());
                     labels.push(Label { lines, place: LabelPosition::Middle });
                 }
                 let lines: Vec<String> = outdated.into_iter().chain(self.note(is_named)).collect();
@@ -378,14 +378,14 @@ impl ChannelOutput {
         assignment: Option<MonitorAssignment>,
     ) -> Self {
         let target = Target::new(gpu, size, 1, false);
-        let surface = target.expect("a target").take_picture(gpu, None);
+        let surface = target.expect("a target").latch_image(gpu, None);
         let output = polyptych_renderer::PresentPass::new(gpu, surface.texture().format());
         let surface = OutputSurface::Offscreen(Box::new((output, surface)));
         Self { surface, ..Self::new(name.into(), None, assignment) }
     }
 
     /// What the display shows, RGBA8 as sRGB.
-    pub fn seen(&self, gpu: &Gpu) -> Vec<u8> {
+    pub fn read_back(&self, gpu: &Gpu) -> Vec<u8> {
         let OutputSurface::Offscreen(offscreen) = &self.surface else { panic!("nobody sees it") };
         polyptych_renderer::read_picture(gpu, &offscreen.1).expect("read back")
     }

@@ -41,7 +41,7 @@ fn picture(
     let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
     let screen = wall.screen_of(channel);
     let no_picture = || format!("the pins of channel {} leave no picture", channel.name);
-    let map = shaped.pixel_map(id).ok_or_else(no_picture)?;
+    let map = shaped.channel_mapping(id).ok_or_else(no_picture)?;
     let places = PixelPositions::new(&map, channel.size);
     let follows_canvas = matches!(
         pattern,
@@ -51,7 +51,7 @@ fn picture(
             | TestPattern::Overlap
             | TestPattern::Density
     );
-    if follows_canvas && !map.is_known() {
+    if follows_canvas && !map.is_resolved() {
         // Said on the display: a channel that fails would keep its last picture.
         return Ok(words(channel, "where its pixels lie stands in a file that is not there"));
     }
@@ -69,7 +69,7 @@ fn picture(
         TestPattern::Weights => light::weights(shaped, id),
         TestPattern::Ramp => own::ramp(channel.size),
         TestPattern::ColorBars => own::color_bars(channel.size),
-        TestPattern::Focus => own::focus(channel.size),
+        TestPattern::Focus => own::focus_chart(channel.size),
         TestPattern::Border => own::border(channel.size),
     })
 }
@@ -79,7 +79,7 @@ fn picture(
 ///
 /// # Errors
 /// As [`picture`].
-pub(crate) fn display<'a>(
+pub(crate) fn draw_pattern<'a>(
     of: impl Into<ResolvedWall<'a>>,
     maps: &CalibrationMaps,
     id: ChannelId,
@@ -89,8 +89,8 @@ pub(crate) fn display<'a>(
     let shaped = of.into();
     let mut upright = picture(shaped, id, pattern, eye)?;
     let channel = shaped.wall.channel(id).ok_or("the channel is not on the wall any more")?;
-    if !pattern.is_of_light() {
-        light::share(&mut upright, shaped, maps, id);
+    if !pattern.bypasses_color() {
+        light::apply_blend(&mut upright, shaped, maps, id);
     }
     Ok(hung(&channel.adjustment, &upright))
 }

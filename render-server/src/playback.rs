@@ -61,7 +61,8 @@ impl FrameScheduler {
     }
 
     /// What to do now, all commands having been taken. `manager_us` is manager time, where it is
-    /// known. A drawn frame must be noted by [`FrameScheduler::has_drawn`] before this is asked again.
+    /// known. A drawn frame must be noted by [`FrameScheduler::frame_drawn`] before this is asked
+    /// again.
     pub fn poll(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
         self.take_show(manager_us).or_else(|| self.waiting_frame.take().map(FrameAction::Draw))
     }
@@ -69,7 +70,7 @@ impl FrameScheduler {
     /// The channels have drawn this frame in this time; it may be shown. `Some` is to be done at
     /// once: where the wall did not wait for it, its swap is there already, and the next one would
     /// take its place.
-    pub fn has_drawn(
+    pub fn frame_drawn(
         &mut self,
         frame: &Frame,
         took: Duration,
@@ -82,7 +83,7 @@ impl FrameScheduler {
     }
 
     /// Forgets what waits and what was drawn: another connection, another state.
-    pub fn restart(&mut self) {
+    pub fn reset(&mut self) {
         *self = Self { shown: self.shown, ..Self::default() };
     }
 
@@ -126,7 +127,7 @@ mod tests {
             time_s: 0.0,
             revision: Revision(1),
             views: Vec::new(),
-            head: HeadPose::at(DVec3::ZERO, 0.0),
+            head: HeadPose::facing_forward(DVec3::ZERO, 0.0),
             exposure: 1.0,
             error_bound_px: 0.0,
             capture: false,
@@ -149,7 +150,7 @@ mod tests {
         playback.handle_frame(Box::new(frame(1)));
         assert_eq!(playback.poll(Some(0)), Some(FrameAction::Draw(Box::new(frame(1)))));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), None);
-        let act = playback.has_drawn(&frame(1), Duration::ZERO, Some(20));
+        let act = playback.frame_drawn(&frame(1), Duration::ZERO, Some(20));
         assert_eq!(act, Some(show(1)));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(20)), None);
         assert_eq!(playback.poll(Some(20)), None);
@@ -160,20 +161,20 @@ mod tests {
         let mut playback = FrameScheduler::default();
         playback.handle_frame(Box::new(frame(1)));
         playback.poll(Some(0));
-        assert_eq!(playback.has_drawn(&frame(1), Duration::ZERO, None), None);
+        assert_eq!(playback.frame_drawn(&frame(1), Duration::ZERO, None), None);
         for n in 2..50 {
             assert_eq!(playback.handle_swap(swap(n - 1, n * 10), Some(9_999)), None);
             playback.handle_frame(Box::new(frame(n)));
         }
         assert_eq!(playback.poll(Some(9_999)), Some(FrameAction::Draw(Box::new(frame(49)))));
-        assert_eq!(playback.has_drawn(&frame(49), Duration::ZERO, None), None);
+        assert_eq!(playback.frame_drawn(&frame(49), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(49, 10_100), Some(10_000)), Some(show(49)));
     }
 
     #[test]
     fn an_expired_swap_shows_nothing() {
         let mut playback = FrameScheduler::default();
-        assert_eq!(playback.has_drawn(&frame(3), Duration::ZERO, None), None);
+        assert_eq!(playback.frame_drawn(&frame(3), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(3, 100), Some(101)), None);
         assert_eq!(playback.poll(Some(50)), None);
     }
@@ -182,11 +183,11 @@ mod tests {
     fn displays_change_with_the_frame_that_is_shown_and_not_with_the_one_that_is_drawn() {
         let mut playback = FrameScheduler::default();
         let black = Frame { display: OutputMode::Blank, ..frame(2) };
-        assert_eq!(playback.has_drawn(&frame(1), Duration::ZERO, None), None);
+        assert_eq!(playback.frame_drawn(&frame(1), Duration::ZERO, None), None);
         playback.handle_frame(Box::new(black.clone()));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), Some(show(1)));
         playback.poll(Some(10));
-        assert_eq!(playback.has_drawn(&black, Duration::ZERO, None), None);
+        assert_eq!(playback.frame_drawn(&black, Duration::ZERO, None), None);
         let expected =
             FrameAction::Show { epoch: EPOCH, frame: FrameId(2), display: OutputMode::Blank };
         assert_eq!(playback.handle_swap(swap(2, 100), Some(20)), Some(expected));
@@ -195,7 +196,7 @@ mod tests {
     #[test]
     fn a_swap_and_the_next_frame_in_one_breath_are_both_done() {
         let mut playback = FrameScheduler::default();
-        assert_eq!(playback.has_drawn(&frame(1), Duration::ZERO, None), None);
+        assert_eq!(playback.frame_drawn(&frame(1), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(1, 100), None), Some(show(1)));
         playback.handle_frame(Box::new(frame(2)));
         assert_eq!(playback.poll(None), Some(FrameAction::Draw(Box::new(frame(2)))));
@@ -212,7 +213,7 @@ mod tests {
             (minute, 60_000_000, false),
         ] {
             let mut playback = FrameScheduler::default();
-            assert_eq!(playback.has_drawn(&frame(3), took, None), None);
+            assert_eq!(playback.frame_drawn(&frame(3), took, None), None);
             let shown = playback.handle_swap(swap(3, 100_000), Some(at_us));
             assert_eq!(shown.is_some(), is_shown, "{took:?} {at_us}");
         }

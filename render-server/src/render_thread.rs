@@ -205,13 +205,13 @@ impl RenderThread {
                 }
             }
             RenderTask::Notice(notice) => {
-                self.showing.handle_notice(notice);
+                self.showing.set_connection_status(notice);
                 for index in 0..self.outputs.len() {
                     self.show_again(index);
                 }
             }
             RenderTask::Disconnected => {
-                self.playback.restart();
+                self.playback.reset();
                 self.reset_reported();
             }
             RenderTask::Resized { channel, size } => {
@@ -268,7 +268,7 @@ impl RenderThread {
             let scene = Rc::clone(&drawable.scene);
             let correctors = Rc::clone(&drawable.correctors);
             let Some(wall) = state.replica.wall.as_deref() else { return };
-            let Some((id, _)) = wall.channel_named(&self.outputs[index].name) else { continue };
+            let Some((id, _)) = wall.channel_by_name(&self.outputs[index].name) else { continue };
             let start = Instant::now();
             if let Some(kind) = self.slowness.wait() {
                 self.gpu.give_up(kind, "it was to be so, for a test");
@@ -278,7 +278,7 @@ impl RenderThread {
                     let draw_us = start.elapsed().as_micros() as u64;
                     self.send(report::drawn(frame, id, &state, &stats, draw_us));
                     if frame.capture {
-                        self.send_picture(index, frame.frame, id);
+                        self.send_capture(index, frame.frame, id);
                     }
                 }
                 Err(reason) => {
@@ -288,7 +288,7 @@ impl RenderThread {
             }
         }
         let now = self.manager_us();
-        if is_drawn && let Some(act) = self.playback.has_drawn(frame, began.elapsed(), now) {
+        if is_drawn && let Some(act) = self.playback.frame_drawn(frame, began.elapsed(), now) {
             self.perform(act);
         }
     }
@@ -311,7 +311,7 @@ impl RenderThread {
         correctors: &Correctors,
     ) -> Result<DrawStats, String> {
         if let Some(pattern) = frame.pattern {
-            return self.draw_pattern(index, (wall, id), frame, pattern, scene.blends());
+            return self.draw_pattern(index, (wall, id), frame, pattern, scene.has_transparency());
         }
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         self.use_samples(wall.samples)?;
@@ -322,7 +322,8 @@ impl RenderThread {
         }
         let views = apply::views(wall, id, frame)?;
         let size = channel.size.to_array();
-        let target = output.target_of(&self.gpu, size, (wall.samples, scene.blends()))?;
+        let target =
+            output.ensure_target(&self.gpu, size, (wall.samples, scene.has_transparency()))?;
         let drawn = self.renderer.draw(&self.gpu, scene, target, &views);
         drawn.map_err(|error| error.to_string())
     }

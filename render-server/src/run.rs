@@ -259,7 +259,7 @@ impl Threads {
         let (orders, waiting_orders): (_, Receiver<LoadOrder>) = bounded(ORDERS_MAX);
         let (reports, waiting_reports) = mpsc::channel(REPORTS_MAX);
         let channels = outputs.iter().map(|output| output.name.clone()).collect();
-        let (facts, losses) = (gpu.facts(), gpu.losses());
+        let (facts, losses) = (gpu.info(), gpu.losses());
         let adapter = Adapter {
             name: facts.name,
             driver: format!("{} {}", facts.driver, facts.driver_info),

@@ -48,7 +48,7 @@ pub enum DisplayContent {
 
 impl PresentationState {
     /// The connection stands otherwise.
-    pub fn handle_notice(&mut self, notice: ConnectionStatus) {
+    pub fn set_connection_status(&mut self, notice: ConnectionStatus) {
         let words = match notice.manager {
             ManagerState::Lost => Some("manager lost since"),
             ManagerState::Ended => Some("manager stopped since"),
@@ -65,7 +65,7 @@ impl PresentationState {
     }
 
     /// A frame is shown that carries this mode. Gives whether displays take its picture.
-    pub fn handle_show(&mut self, mode: OutputMode) -> bool {
+    pub fn frame_presented(&mut self, mode: OutputMode) -> bool {
         self.outdated = None;
         // Frozen displays keep what they show: that the wall was stopped.
         self.is_stopped &= mode == OutputMode::Freeze;
@@ -80,7 +80,7 @@ impl PresentationState {
     }
 
     /// What a display shows now that has taken a picture, or has not.
-    pub fn look(&self, has_picture: bool) -> DisplayContent {
+    pub fn content(&self, has_picture: bool) -> DisplayContent {
         match self.face {
             // Not even that the manager is lost: who made the wall black wants it dark.
             ContentMode::Black => DisplayContent::Black,
@@ -117,18 +117,18 @@ mod tests {
     #[test]
     fn each_mode_has_its_look_and_ends_with_the_next_frame() {
         let mut showing = PresentationState::default();
-        assert_eq!(showing.look(false), DisplayContent::Idle { notice: None, is_frozen: false });
-        assert!(showing.handle_show(OutputMode::Normal));
-        assert_eq!(showing.look(true), picture(false, None));
-        assert!(showing.handle_show(OutputMode::Identify));
-        assert_eq!(showing.look(true), picture(true, None));
-        assert!(showing.handle_show(OutputMode::Blank));
+        assert_eq!(showing.content(false), DisplayContent::Idle { notice: None, is_frozen: false });
+        assert!(showing.frame_presented(OutputMode::Normal));
+        assert_eq!(showing.content(true), picture(false, None));
+        assert!(showing.frame_presented(OutputMode::Identify));
+        assert_eq!(showing.content(true), picture(true, None));
+        assert!(showing.frame_presented(OutputMode::Blank));
         assert_eq!(
-            (showing.look(true), showing.look(false)),
+            (showing.content(true), showing.content(false)),
             (DisplayContent::Black, DisplayContent::Black)
         );
-        assert!(showing.handle_show(OutputMode::Normal));
-        assert_eq!(showing.look(true), picture(false, None));
+        assert!(showing.frame_presented(OutputMode::Normal));
+        assert_eq!(showing.content(true), picture(false, None));
     }
 
     #[test]
@@ -139,9 +139,9 @@ mod tests {
             (OutputMode::Identify, picture(true, None)),
             (OutputMode::Blank, DisplayContent::Black),
         ] {
-            showing.handle_show(before);
-            assert!(!showing.handle_show(OutputMode::Freeze), "no picture is taken");
-            assert_eq!(showing.look(true), look, "{before:?}");
+            showing.frame_presented(before);
+            assert!(!showing.frame_presented(OutputMode::Freeze), "no picture is taken");
+            assert_eq!(showing.content(true), look, "{before:?}");
         }
     }
 
@@ -149,10 +149,10 @@ mod tests {
     fn a_display_that_starts_while_others_are_frozen_says_so() {
         let mut showing = PresentationState::default();
         let ready = notice("10:00:00 UTC", ManagerState::Expected);
-        showing.handle_notice(ready.clone());
-        showing.handle_show(OutputMode::Freeze);
+        showing.set_connection_status(ready.clone());
+        showing.frame_presented(OutputMode::Freeze);
         assert_eq!(
-            showing.look(false),
+            showing.content(false),
             DisplayContent::Idle { notice: Some(ready), is_frozen: true }
         );
     }
@@ -160,54 +160,54 @@ mod tests {
     #[test]
     fn a_lost_manager_is_told_since_the_first_loss_until_a_frame_is_shown() {
         let mut showing = PresentationState::default();
-        showing.handle_show(OutputMode::Normal);
-        showing.handle_notice(notice("10:00:00 UTC", ManagerState::Lost));
-        assert_eq!(showing.look(true), picture(false, Some("manager lost since 10:00:00 UTC")));
-        showing.handle_notice(notice("10:00:09 UTC", ManagerState::Expected));
+        showing.frame_presented(OutputMode::Normal);
+        showing.set_connection_status(notice("10:00:00 UTC", ManagerState::Lost));
+        assert_eq!(showing.content(true), picture(false, Some("manager lost since 10:00:00 UTC")));
+        showing.set_connection_status(notice("10:00:09 UTC", ManagerState::Expected));
         assert_eq!(
-            showing.look(true),
+            showing.content(true),
             picture(false, Some("manager lost since 10:00:00 UTC")),
             "no frame yet"
         );
-        showing.handle_notice(notice("10:00:12 UTC", ManagerState::Lost));
-        assert_eq!(showing.look(true), picture(false, Some("manager lost since 10:00:00 UTC")));
-        showing.handle_show(OutputMode::Freeze);
-        assert_eq!(showing.look(true), picture(false, None), "whatever the frame says");
+        showing.set_connection_status(notice("10:00:12 UTC", ManagerState::Lost));
+        assert_eq!(showing.content(true), picture(false, Some("manager lost since 10:00:00 UTC")));
+        showing.frame_presented(OutputMode::Freeze);
+        assert_eq!(showing.content(true), picture(false, None), "whatever the frame says");
     }
 
     #[test]
     fn a_manager_that_was_ended_leaves_the_last_frame_with_that_word() {
         let mut showing = PresentationState::default();
-        showing.handle_show(OutputMode::Normal);
-        showing.handle_notice(notice("10:00:00 UTC", ManagerState::Ended));
+        showing.frame_presented(OutputMode::Normal);
+        showing.set_connection_status(notice("10:00:00 UTC", ManagerState::Ended));
         let outdated = "manager stopped since 10:00:00 UTC";
-        assert_eq!(showing.look(true), picture(false, Some(outdated)));
-        showing.handle_show(OutputMode::Normal);
-        assert_eq!(showing.look(true), picture(false, None));
+        assert_eq!(showing.content(true), picture(false, Some(outdated)));
+        showing.frame_presented(OutputMode::Normal);
+        assert_eq!(showing.content(true), picture(false, None));
     }
 
     #[test]
     fn a_stopped_wall_shows_words_until_the_next_frame() {
         let mut showing = PresentationState::default();
-        showing.handle_show(OutputMode::Identify);
+        showing.frame_presented(OutputMode::Identify);
         let stopped = notice("10:00:00 UTC", ManagerState::Stopped);
-        showing.handle_notice(stopped.clone());
+        showing.set_connection_status(stopped.clone());
         let idle = |notice: &ConnectionStatus, is_frozen| DisplayContent::Idle {
             notice: Some(notice.clone()),
             is_frozen,
         };
-        assert_eq!(showing.look(true), idle(&stopped, false));
+        assert_eq!(showing.content(true), idle(&stopped, false));
         let next = notice("10:00:09 UTC", ManagerState::Expected);
-        showing.handle_notice(next.clone());
-        assert_eq!(showing.look(true), idle(&next, false), "the old picture stays away");
-        showing.handle_show(OutputMode::Freeze);
-        assert_eq!(showing.look(true), idle(&next, true));
-        showing.handle_show(OutputMode::Normal);
-        assert_eq!(showing.look(true), picture(false, None));
-        showing.handle_show(OutputMode::Blank);
-        showing.handle_notice(stopped);
+        showing.set_connection_status(next.clone());
+        assert_eq!(showing.content(true), idle(&next, false), "the old picture stays away");
+        showing.frame_presented(OutputMode::Freeze);
+        assert_eq!(showing.content(true), idle(&next, true));
+        showing.frame_presented(OutputMode::Normal);
+        assert_eq!(showing.content(true), picture(false, None));
+        showing.frame_presented(OutputMode::Blank);
+        showing.set_connection_status(stopped);
         assert_eq!(
-            showing.look(true),
+            showing.content(true),
             DisplayContent::Black,
             "who made the wall black wants it dark"
         );
@@ -216,10 +216,10 @@ mod tests {
     #[test]
     fn a_black_display_stays_black_without_a_manager() {
         let mut showing = PresentationState::default();
-        showing.handle_show(OutputMode::Blank);
-        showing.handle_notice(notice("10:00:00 UTC", ManagerState::Lost));
+        showing.frame_presented(OutputMode::Blank);
+        showing.set_connection_status(notice("10:00:00 UTC", ManagerState::Lost));
         assert_eq!(
-            (showing.look(true), showing.look(false)),
+            (showing.content(true), showing.content(false)),
             (DisplayContent::Black, DisplayContent::Black)
         );
     }

@@ -50,7 +50,7 @@ impl RecordedCluster {
         let before = self.outputs.len();
         self.outputs.extend(std::iter::from_fn(|| self.cluster.poll_output()));
         let refusal = done.as_ref().err().map(String::as_str);
-        if let Some(decision) = EffectDigest::of(self.outputs.range(before..), refusal) {
+        if let Some(decision) = EffectDigest::from_effects(self.outputs.range(before..), refusal) {
             recorder.decided(decision);
         }
         done

@@ -62,10 +62,10 @@ pub(crate) async fn serve(
     }
     let Ok(Some(end)) = answer.await else {
         let reason = format!("session {} is no control connection of this server", session.0);
-        let _ = connection::refuse(&mut frames, reason).await;
+        let _ = connection::reject(&mut frames, reason).await;
         return;
     };
-    if connection::welcome(&mut frames, welcome, proof).await.is_err() {
+    if connection::accept(&mut frames, welcome, proof).await.is_err() {
         return;
     }
     tokio::select! {

@@ -13,7 +13,7 @@ use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::ImageInfo;
 use polyptych_wall::color::SrgbCodes;
 use polyptych_wall::shapes::ResolvedWall;
-use polyptych_wall::superposition::{DisplayImage, LightComposite, StereoEye, is_superposed};
+use polyptych_wall::superposition::{DisplayImage, LightComposite, StereoEye, needs_composite};
 use polyptych_wall::{Channel, ChannelId, Wall};
 use rayon::prelude::*;
 
@@ -43,7 +43,7 @@ impl CaptureBudget {
     ///
     /// # Errors
     /// Where the wall is too large to be captured at once, or others take the room.
-    pub fn room_for(&self, wall: &Wall) -> Result<BudgetGuard, String> {
+    pub fn reserve(&self, wall: &Wall) -> Result<BudgetGuard, String> {
         let pixels = |x: u32, y: u32| u64::from(x) * u64::from(y);
         let screens = (0..).zip(&wall.screens);
         let sides =
@@ -177,7 +177,7 @@ impl CaptureJob {
         if frame == self.frame {
             part.has_drawn = true;
         } else if frame > self.frame && !part.has_drawn {
-            self.give_up_on(&[channel], "it was late, and passed the frame over");
+            self.mark_missing(&[channel], "it was late, and passed the frame over");
         }
     }
 
@@ -187,7 +187,7 @@ impl CaptureJob {
     }
 
     /// These channels will send nothing more, for this reason.
-    pub fn give_up_on(&mut self, channels: &[ChannelId], reason: &str) {
+    pub fn mark_missing(&mut self, channels: &[ChannelId], reason: &str) {
         let gone = |part: &ChannelImage| {
             channels.contains(&part.channel) && part.bytes.len() < part.bytes_total
         };
@@ -199,7 +199,7 @@ impl CaptureJob {
     /// Nobody waits any longer for what has not come.
     pub fn expire(&mut self) {
         let all: Vec<_> = self.parts.iter().map(|part| part.channel).collect();
-        self.give_up_on(&all, "its picture did not come in time");
+        self.mark_missing(&all, "its picture did not come in time");
     }
 
     /// A picture for each screen and eye, then one for each channel that sent its own, as its
@@ -207,7 +207,7 @@ impl CaptureJob {
     /// that is something else, has the screen's name and `-right`.
     pub fn stitch(self) -> (Vec<CaptureImage>, BudgetGuard) {
         let wall = &self.wall;
-        let shapes = self.shapes.of(wall);
+        let shapes = self.shapes.get(wall);
         let of = ResolvedWall { wall, shapes: &shapes };
         let mut pictures = Vec::new();
         for index in 0..u16::try_from(wall.screens.len()).unwrap_or(u16::MAX) {
@@ -239,7 +239,7 @@ fn screen_picture(
     let rgba = DARK.repeat(width as usize * height as usize);
     let info = ImageInfo { name, is_screen: true, width, height };
     let mut picture = CaptureImage { info, rgba };
-    if is_superposed(wall, index, side) {
+    if needs_composite(wall, index, side) {
         superpose(&mut picture, of, index, side, parts);
         return picture;
     }

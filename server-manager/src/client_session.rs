@@ -38,13 +38,13 @@ pub(crate) async fn serve(visitor: Visitor, events: mpsc::Sender<Event>, queues:
     let welcome = match answer.await {
         Ok(Ok(welcome)) => welcome,
         Ok(Err(reason)) => {
-            let _ = connection::refuse(&mut frames, reason).await;
+            let _ = connection::reject(&mut frames, reason).await;
             return;
         }
         Err(_) => return,
     };
     let session = SessionId(welcome.session);
-    let reason = if connection::welcome(&mut frames, welcome, proof).await.is_ok() {
+    let reason = if connection::accept(&mut frames, welcome, proof).await.is_ok() {
         let FramedParts { io, codec, read_buf, .. } = frames.into_parts();
         let (read_half, write_half) = tokio::io::split(io);
         // What clients ask is short, what they are sent is not.

@@ -10,7 +10,7 @@ use crate::session::ClientHandle;
 
 /// Stitches off the brain's thread, and waits for the client where it reads slowly: few pieces
 /// are copied for it at a time, and its other answers overtake them.
-pub(crate) async fn send_pictures(collection: CaptureJob, link: ClientHandle) {
+pub(crate) async fn send_capture(collection: CaptureJob, link: ClientHandle) {
     let (id, frame) = (collection.job.id, collection.frame);
     let missing = collection.missing.clone();
     let stitched = tokio::task::spawn_blocking(move || collection.stitch()).await;

@@ -41,10 +41,10 @@ impl RejectionLog {
 
     /// Notes one by the peer's machine, since every try comes from another port. `Some` where it
     /// is to be said now, with the times that it has come.
-    pub fn note(&self, address: SocketAddr, reason: &str) -> Option<u64> {
+    pub fn record(&self, address: SocketAddr, reason: &str) -> Option<u64> {
         let now = self.since.elapsed().as_micros() as Micros;
         let what = format!("{} {reason}", address.ip());
-        self.repetitions.lock().unwrap_or_else(PoisonError::into_inner).note(now, &what)
+        self.repetitions.lock().unwrap_or_else(PoisonError::into_inner).should_log(now, &what)
     }
 }
 
@@ -77,7 +77,7 @@ pub(crate) async fn accept(listener: TcpListener, door: AcceptContext) {
             Err(error) => {
                 strangers.make_room();
                 let here = SocketAddr::from(([0, 0, 0, 0], 0));
-                if let Some(times) = door.refusals.note(here, &error.to_string()) {
+                if let Some(times) = door.refusals.record(here, &error.to_string()) {
                     tracing::error!(%error, times, "cannot accept a connection");
                 }
                 tokio::time::sleep(Duration::from_millis(100)).await;
@@ -107,12 +107,12 @@ async fn meet(stream: TcpStream, address: SocketAddr, guest: Guest, door: Accept
             serve(introduced, address, door).await;
         }
         Some(Err(reason)) => {
-            if let Some(times) = door.refusals.note(address, &reason) {
+            if let Some(times) = door.refusals.record(address, &reason) {
                 tracing::warn!(peer = %address, reason, times, "a peer is refused");
             }
         }
         None => {
-            if let Some(times) = door.refusals.note(address, "silent") {
+            if let Some(times) = door.refusals.record(address, "silent") {
                 tracing::warn!(peer = %address, times, "a peer did not introduce itself");
             }
         }
@@ -124,11 +124,11 @@ type LetIn = (connection::Introduced<Stream>, Option<NodeIdentity>);
 
 async fn let_in(tcp: TcpStream, door: &AcceptContext) -> Result<LetIn, String> {
     let (stream, proven) = stream::accept(tcp, door.gate.keys.as_ref()).await?;
-    let introduced = connection::receive_introduction(stream, &door.gate.secret).await;
+    let introduced = connection::receive_hello(stream, &door.gate.secret).await;
     let mut peer = introduced.map_err(|error| error.to_string())?;
-    if let Err(reason) = door.gate.check(&peer.hello, peer.is_proven, proven.as_ref()) {
+    if let Err(reason) = door.gate.authenticate(&peer.hello, peer.is_proven, proven.as_ref()) {
         // It may be gone already.
-        let _ = connection::refuse(&mut peer.frames, reason.clone()).await;
+        let _ = connection::reject(&mut peer.frames, reason.clone()).await;
         return Err(reason);
     }
     Ok((peer, proven))

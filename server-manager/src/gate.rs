@@ -32,7 +32,7 @@ impl Authenticator {
     ///
     /// # Errors
     /// What is wrong, and what would be right; to be told to the peer.
-    pub fn check(
+    pub fn authenticate(
         &self,
         hello: &Hello,
         knows_token: bool,
@@ -166,7 +166,7 @@ mod tests {
             (bulk.clone(), false, is("client left"), "that it is client left"),
             (bulk, true, is("manager"), "that it is the manager"),
         ] {
-            let checked = gate.check(&hello, knows_token, proven.as_ref());
+            let checked = gate.authenticate(&hello, knows_token, proven.as_ref());
             match checked {
                 Ok(()) => assert_eq!(fault, "", "{hello:?} {proven:?}"),
                 Err(said) => assert!(!fault.is_empty() && said.contains(fault), "{said}"),

@@ -114,7 +114,7 @@ pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import
         revision: Revision(0),
         bounds: scene.bounds,
         triangles: scene.triangles(),
-        features: SceneFeatures::of(&scene),
+        features: SceneFeatures::from_scene(&scene),
         notes: scene.notes.clone(),
         exposure: scene.exposure.unwrap_or(1.0),
     };

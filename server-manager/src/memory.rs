@@ -53,7 +53,7 @@ pub(crate) struct StateFile {
 ///
 /// # Errors
 /// What stands there instead.
-pub(crate) fn check(path: &Path) -> Result<(), String> {
+pub(crate) fn check_writable(path: &Path) -> Result<(), String> {
     let foreign = |what: &str| {
         let path = path.display();
         Err(format!("{path}: {what}, not a state file of a manager; name another or remove it"))
@@ -202,7 +202,7 @@ mod tests {
             revision: Revision(9),
             scene: None,
             camera: Camera { scale: 0.1, ..Camera::IDENTITY },
-            head: HeadPose::at(DVec3::new(0.1, 1.6, 0.3), 0.06),
+            head: HeadPose::facing_forward(DVec3::new(0.1, 1.6, 0.3), 0.06),
             views: vec![View::of_wall(Camera::IDENTITY)],
             exposure: 1.5,
             pace: Some(Pacing::Rate(60.0)),
@@ -228,11 +228,11 @@ mod tests {
         }
         bytes[50] ^= 1;
         fs::write(&path, &bytes).expect("written");
-        assert_eq!((load(&path), check(&path)), (None, Ok(())));
+        assert_eq!((load(&path), check_writable(&path)), (None, Ok(())));
         let foreign = folder.path().join("wall.toml");
         fs::write(&foreign, "[wall]").expect("written");
         for path in [folder.path(), &foreign] {
-            assert!(check(path).is_err_and(|reason| reason.contains("name another")));
+            assert!(check_writable(path).is_err_and(|reason| reason.contains("name another")));
         }
     }
 
@@ -242,7 +242,7 @@ mod tests {
         let path = folder.path().join("wall");
         for bytes in [&b"PLYPSTAT and more"[..], b"PLYPSTA2", b"PLYPSTA9", b"PLYPSTA", b"PL", b""] {
             fs::write(&path, bytes).expect("written");
-            assert_eq!((load(&path), check(&path)), (None, Ok(())), "{bytes:?}");
+            assert_eq!((load(&path), check_writable(&path)), (None, Ok(())), "{bytes:?}");
         }
     }
 }

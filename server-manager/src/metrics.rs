@@ -143,7 +143,7 @@ async fn sample(events: &mpsc::Sender<Event>) -> Option<MetricsSnapshot> {
 }
 
 fn exposed(sample: MetricsSnapshot) -> Response<String> {
-    match exposition::text_of(sample) {
+    match exposition::render(sample) {
         Ok(text) => with_type(StatusCode::OK, exposition::CONTENT_TYPE, text),
         Err(error) => plain(StatusCode::INTERNAL_SERVER_ERROR, &format!("{error}\n")),
     }

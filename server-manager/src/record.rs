@@ -93,7 +93,7 @@ impl ClusterConfig {
     /// The brain.
     pub fn to_cluster(&self) -> Cluster {
         let mut cluster = match &self.memory {
-            Some(memory) => Cluster::restored(self.wall.clone(), self.epoch, memory),
+            Some(memory) => Cluster::restore(self.wall.clone(), self.epoch, memory),
             None => Cluster::new(self.wall.clone(), self.epoch),
         };
         cluster.set_navigable(self.is_navigable);

@@ -226,7 +226,7 @@ impl Replayer {
         let (outputs, refusal) = tell(&mut self.cluster, now, input.clone());
         self.timeline.observe(now, &input, &outputs, refusal.as_deref(), &self.cluster);
         let broken = self.invariants.observe(now, &input, &outputs, &self.cluster).err();
-        let decision = EffectDigest::of(outputs.iter(), refusal.as_deref());
+        let decision = EffectDigest::from_effects(outputs.iter(), refusal.as_deref());
         self.last = Some(PendingCheck { now, input, decision, is_compared: false });
         broken
     }
@@ -234,7 +234,7 @@ impl Replayer {
     fn difference(&self, part: usize, recorded: Option<&EffectDigest>) -> Divergence {
         let told = self.last.as_ref();
         let words = |decision: Option<&EffectDigest>| {
-            decision.map_or("nothing".into(), EffectDigest::words)
+            decision.map_or("nothing".into(), EffectDigest::describe)
         };
         let replayed = told.and_then(|told| told.decision.as_ref());
         let (recorded, mut replayed) = (words(recorded), words(replayed));

@@ -115,7 +115,7 @@ pub async fn run(
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), ManagerError> {
     if let Some(path) = &options.memory {
-        memory::check(path).map_err(ManagerError::State)?;
+        memory::check_writable(path).map_err(ManagerError::State)?;
     }
     if let Some(file) = options.wall.files.iter().find(|file| file.blob.is_none()) {
         return Err(ManagerError::WallFile(file.path.clone()));
@@ -149,14 +149,14 @@ pub async fn run(
         hub.stop_servers(job, &mut inbox).await;
     }
     hub.settle_answers().await;
-    hub.say_goodbye(&goodbye).await;
+    hub.shut_down(&goodbye).await;
     Ok(())
 }
 
 /// The manager's own keys, fit for use now.
 fn load_keys(folder: &Path) -> Result<Credentials, CredentialsError> {
     let keys = Credentials::load(folder)?;
-    keys.require(&NodeIdentity::Manager)?;
+    keys.expect_identity(&NodeIdentity::Manager)?;
     for warning in keys.warnings() {
         tracing::warn!("{warning}");
     }
@@ -209,7 +209,7 @@ impl EventLoop {
         let allowed = BlobAllowlist::default();
         allowed.allow(&options.wall.blobs().collect::<Vec<_>>());
         let blobs = BlobStore::new(options.baker.store.join("blobs"));
-        let (cluster, state) = beginning::begin(&mut options, epoch, &allowed);
+        let (cluster, state) = beginning::start_cluster(&mut options, epoch, &allowed);
         let keeper = state.map(Keeper::of).transpose().map_err(ManagerError::Thread)?;
         Ok(Self {
             cluster,
@@ -354,7 +354,7 @@ impl EventLoop {
             }
             Event::ServerSays { from, status, bytes } => {
                 self.traffic.control_received(bytes);
-                let status = polyptych_core::shortened(status);
+                let status = polyptych_core::truncate_reason(status);
                 self.note_drawing(from, &status);
                 let wire_bytes = bytes as u32;
                 self.tell(now, Input::Status { from, status, wire_bytes });
@@ -369,7 +369,7 @@ impl EventLoop {
             }
             Event::Watched { answer } => {
                 // Who asked may have given up.
-                let _ = answer.send(self.sample());
+                let _ = answer.send(self.metrics_snapshot());
             }
             Event::Gone { session, reason } => self.forget(session, &reason),
         }
@@ -388,7 +388,7 @@ impl EventLoop {
             self.tell(now, Input::ServerGone { session, reason: reason.to_owned() });
             // Where the brain has let it go, it does not know them any more.
             for (_, collection) in &mut self.collections {
-                collection.give_up_on(&link.channels, reason);
+                collection.mark_missing(&link.channels, reason);
             }
         }
         self.forget_client(now, session, reason);

@@ -234,7 +234,7 @@ pub(crate) async fn serve(
     let session = match answer.await {
         Ok(Ok(welcome)) => {
             let session = SessionId(welcome.session);
-            if connection::welcome(&mut frames, welcome, proof).await.is_err() {
+            if connection::accept(&mut frames, welcome, proof).await.is_err() {
                 let reason = "the connection failed during the handshake".to_owned();
                 let _ = events.send(Event::Gone { session, reason }).await;
                 return;
@@ -242,11 +242,11 @@ pub(crate) async fn serve(
             session
         }
         Ok(Err(reason)) => {
-            if let Some(times) = refusals.note(address, &reason) {
+            if let Some(times) = refusals.record(address, &reason) {
                 let peer = address;
                 tracing::warn!(%peer, server = name, reason, times, "a server is refused");
             }
-            let _ = connection::refuse(&mut frames, reason).await;
+            let _ = connection::reject(&mut frames, reason).await;
             return;
         }
         Err(_) => return,

@@ -23,7 +23,7 @@ fn kept_incidents_do_not_happen_again() {
     assert!(!files.is_empty(), "at least one is kept");
     for file in files {
         let incident = Incident::load(&file).unwrap_or_else(|error| panic!("{error}"));
-        let about = incident.about().to_owned();
+        let about = incident.description().to_owned();
         let checked = incident.check();
         let checked = checked.unwrap_or_else(|e| panic!("{} ({about}): {e}", file.display()));
         assert!(checked.inputs > 0 && checked.frames > 0, "{}: {checked:?}", file.display());

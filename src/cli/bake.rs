@@ -184,7 +184,7 @@ fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Re
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.context("cannot wait for Ctrl-C")?;
     let watch = move || {
-        runtime.block_on(super::asked_to_end(with_parent));
+        runtime.block_on(super::shutdown_signal(with_parent));
         cancel.store(true, Ordering::Relaxed);
         // Some steps on millions of vertices take seconds and look at nothing. Blobs appear whole
         // or not at all, so the store bears an end at any moment.

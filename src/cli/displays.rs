@@ -21,7 +21,7 @@ pub(super) fn run(mode: OutputMode, arguments: &Arguments) -> anyhow::Result<Exi
     let client = arguments.manager.connect()?;
     let command = mode.name();
     if !arguments.off {
-        let seen = Seen::of(&client, &client.set_displays(mode)?)?;
+        let seen = Seen::of(&client, &client.set_output_mode(mode)?)?;
         let what = match mode {
             OutputMode::Normal => "shows its picture",
             OutputMode::Identify => "shows what it is",
@@ -38,7 +38,7 @@ pub(super) fn run(mode: OutputMode, arguments: &Arguments) -> anyhow::Result<Exi
         let present = present.name();
         bail!("displays are in {present}, not {command}; end it with: polyptych {present} --off");
     }
-    let seen = Seen::of(&client, &client.set_displays(OutputMode::Normal)?)?;
+    let seen = Seen::of(&client, &client.set_output_mode(OutputMode::Normal)?)?;
     say(format_args!("{} shows its picture", seen.displays()))?;
     Ok(seen.conclude())
 }

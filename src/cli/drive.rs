@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::bail;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DQuat, DVec3};
-use polyptych_client::{Camera, ClientError, SceneSummary, overview};
+use polyptych_client::{Camera, ClientError, SceneSummary, fit_bounds};
 use polyptych_text::{counted, printable};
 
 use super::progress::ProgressReport;
@@ -46,7 +46,7 @@ pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<ExitCode> {
     if !arguments.keep_camera
         && let Some(bounds) = &scene.bounds
     {
-        let camera = overview(&client.wall()?, bounds, arguments.heading.to_radians());
+        let camera = fit_bounds(&client.wall()?, bounds, arguments.heading.to_radians());
         client.set_camera(camera)?;
     }
     if let Some(exposure) = arguments.exposure {
@@ -149,7 +149,7 @@ pub(super) struct ShotArguments {
     manager: ManagerAddress,
 }
 
-pub(super) fn shot(arguments: &ShotArguments) -> anyhow::Result<ExitCode> {
+pub(super) fn capture(arguments: &ShotArguments) -> anyhow::Result<ExitCode> {
     let is_png = arguments.file.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
     if !is_png {
         bail!("{}: pictures are PNG; write a name that ends in .png", arguments.file.display());

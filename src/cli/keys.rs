@@ -30,7 +30,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let wall = load_wall(&arguments.wall)?;
-    let (authority, done) = CertificateAuthority::open_or_make(&arguments.out.join("authority"))?;
+    let (authority, done) = CertificateAuthority::open_or_create(&arguments.out.join("authority"))?;
     say(format_args!(
         "{} {}: stays here; whoever has its key.pem can join the wall",
         word(done),
@@ -38,7 +38,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     ))?;
     for (node, use_of_it) in nodes(&wall, arguments) {
         let folder = arguments.out.join(node.folder());
-        let done = authority.provide(&node, &folder, arguments.renew)?;
+        let done = authority.issue(&node, &folder, arguments.renew)?;
         say(format_args!("{} {}: {use_of_it}", word(done), folder.display()))?;
     }
     Ok(())

@@ -12,7 +12,7 @@ use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::keys::Credentials;
 use polyptych_protocol::token;
 
-use super::{asked_to_end, bake_files, cache_folder, load_wall, log_file_warnings};
+use super::{bake_files, cache_folder, load_wall, log_file_warnings, shutdown_signal};
 use crate::state_lock::StateLock;
 
 /// Address space of one bake, in MiB: enough for scenes of several gigabytes, not for a bomb.
@@ -68,7 +68,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let mut wall = load_wall(&arguments.wall)?;
     let listen = arguments.listen.unwrap_or_else(|| wall.listen.clone());
     if let Some(folder) = &arguments.keys {
-        Credentials::load(folder)?.require(&NodeIdentity::Manager)?;
+        Credentials::load(folder)?.expect_identity(&NodeIdentity::Manager)?;
     }
     let listener = bind(&listen, arguments.keys.is_some() || arguments.insecure)?;
     let metrics = arguments.metrics.map(|at| bind_metrics(&at, arguments.insecure)).transpose()?;
@@ -131,7 +131,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         tracing::info!(url = %format_args!("http://{address}/metrics"), "metrics are offered");
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    Ok(runtime.block_on(run_manager(listener, options, asked_to_end(false)))?)
+    Ok(runtime.block_on(run_manager(listener, options, shutdown_signal(false)))?)
 }
 
 /// A wall's name as a part of a file's: names of walls may hold anything.
@@ -159,7 +159,7 @@ pub(super) fn default_baker() -> anyhow::Result<Baker> {
 pub(super) fn make_token(path: &std::path::Path) -> anyhow::Result<String> {
     let mut secret = [0; 16];
     getrandom::fill(&mut secret).map_err(|error| anyhow::anyhow!("no random numbers: {error}"))?;
-    Ok(token::read_or_make(path, secret)?)
+    Ok(token::read_or_create(path, secret)?)
 }
 
 fn bind(listen: &str, may_be_open: bool) -> anyhow::Result<TcpListener> {

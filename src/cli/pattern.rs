@@ -22,7 +22,7 @@ pub(super) struct Arguments {
 
 fn pattern() -> impl TypedValueParser<Value = TestPattern> {
     PossibleValuesParser::new(TestPattern::ALL.map(TestPattern::name))
-        .try_map(|name| TestPattern::named(&name).ok_or("there is no such pattern"))
+        .try_map(|name| TestPattern::from_name(&name).ok_or("there is no such pattern"))
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {

@@ -32,13 +32,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         log_file_warnings(&bake_files(built, file, &baker)?);
     }
     let shown = simulate::shown(arguments.scene.as_deref())?;
-    let table =
-        prove::prove(Walls { drawn: &wall, built: built.as_ref() }, shown, &baker, &arguments.out)?;
+    let table = prove::verify(
+        Walls { drawn: &wall, built: built.as_ref() },
+        shown,
+        &baker,
+        &arguments.out,
+    )?;
     if arguments.json {
         say(format_args!("{}", serde_json::to_string_pretty(&table)?))?;
     } else {
         say(format_args!("{table}"))?;
         say(format_args!("pictures and table: {}", arguments.out.display()))?;
     }
-    Ok(if table.is_kept() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if table.is_met() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -108,7 +108,7 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
     outputs::check_source(&path, arguments.force)?;
     let cut = TimeRange { part: arguments.part, from_s: arguments.from, to_s: arguments.to };
     let named = || arguments.file.display().to_string();
-    let incident = Incident::cut(reader, &cut, &arguments.about);
+    let incident = Incident::extract(reader, &cut, &arguments.about);
     let incident = incident.map_err(|reason| anyhow!("{reason}")).with_context(named)?;
     let (text, left_out) = incident.to_text().map_err(|reason| anyhow!("{reason}"))?;
     let kept = path.display();

@@ -18,7 +18,7 @@ use polyptych_render::{
 };
 use rustix::process::{Signal, getpid, kill_process};
 
-use super::{MANAGER_VARIABLE, address, asked_to_end, cache_folder, say};
+use super::{MANAGER_VARIABLE, address, cache_folder, say, shutdown_signal};
 use crate::simulator::local_wall::WINDOW_CLOSED;
 
 #[derive(Debug, clap::Args)]
@@ -125,7 +125,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         on_close: arguments.tell_closed.then_some(tell_parent as fn(&str)),
     };
     let with_parent = arguments.with_parent;
-    match run_server(options, Box::pin(asked_to_end(with_parent))) {
+    match run_server(options, Box::pin(shutdown_signal(with_parent))) {
         Err(error @ ServerError::DriverBusy) => {
             tracing::warn!(%error, "ending at once");
             // Nothing runs at exit then. Should it be refused, an error is as good.
@@ -218,7 +218,7 @@ fn name(arguments: &Arguments, manager: &str) -> anyhow::Result<String> {
         tracing::warn!("{warning}");
     }
     let name = keys.server_name()?.to_owned();
-    keys.require(&NodeIdentity::Server(given.unwrap_or(&name).clone()))?;
+    keys.expect_identity(&NodeIdentity::Server(given.unwrap_or(&name).clone()))?;
     Ok(name)
 }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use polyptych_client::{Bounds, Camera, orbit, overview};
+use polyptych_client::{Bounds, Camera, fit_bounds, orbit};
 use polyptych_manager::record::Recorder;
 use polyptych_text::counted;
 use polyptych_wall::Wall;
@@ -236,7 +236,7 @@ fn camera_of_frame(
     Some(if arguments.orbit {
         orbit(wall, focus?, HEADING_RAD + TAU * time_s / ORBIT_SECONDS)
     } else {
-        overview(wall, focus?, HEADING_RAD)
+        fit_bounds(wall, focus?, HEADING_RAD)
     })
 }
 

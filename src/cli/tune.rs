@@ -42,7 +42,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         show(&client.wall()?, &arguments.channel)?;
         return Ok(ExitCode::SUCCESS);
     }
-    let tuned = client.tune(arguments.channel.as_str(), arguments.changes.clone())?;
+    let tuned = client.calibrate(arguments.channel.as_str(), arguments.changes.clone())?;
     let seen = Seen::of(&client, &tuned.feedback)?;
     say(format_args!(
         "{} is tuned: revision {}, {}, {} after the request",
@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 }
 
 fn show(wall: &Wall, name: &str) -> anyhow::Result<()> {
-    let Some((_, channel)) = wall.channel_named(name) else {
+    let Some((_, channel)) = wall.channel_by_name(name) else {
         let names: Vec<_> = wall.channels.iter().map(|channel| channel.name.as_str()).collect();
         bail!("this wall has no channel {name:?}; it has {}", names.join(", "));
     };

@@ -96,7 +96,7 @@ fn write(text: &str, common: &Common) -> anyhow::Result<()> {
     let Some(path) = &common.output else { return say(text.trim_end()) };
     outputs::check_source(path, common.force)?;
     outputs::write(path, text.as_bytes())?;
-    let table = CheckReport::of(&wall);
+    let table = CheckReport::from_wall(&wall);
     say(format_args!("{}: {}", path.display(), kind(&table)))?;
     table.warnings.iter().try_for_each(|warning| say(format_args!("warning: {warning}")))?;
     say(format_args!("polyptych check {} prints it", path.display()))

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use polyptych_client::WallStatus;
 
-use super::{ManagerAddress, asked_to_end};
+use super::{ManagerAddress, shutdown_signal};
 use screen::Terminal;
 use source::{Latest, StatusPoller};
 
@@ -102,7 +102,7 @@ fn ended_by_signal() -> anyhow::Result<Arc<AtomicBool>> {
     let is_over = Arc::new(AtomicBool::new(false));
     let ended = Arc::clone(&is_over);
     let work = move || {
-        runtime.block_on(asked_to_end(false));
+        runtime.block_on(shutdown_signal(false));
         ended.store(true, Ordering::Relaxed);
     };
     std::thread::Builder::new().name("signals".into()).spawn(work)?;

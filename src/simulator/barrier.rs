@@ -130,7 +130,7 @@ fn measure_ours(
     connect.keys = secrets.folder(&client_node);
     let client = Client::connect_with(connect)?;
     // Frames begin at once, so that channels become live as they come.
-    client.run(Pacing::Free)?;
+    client.start_rendering(Pacing::Free)?;
     while !client.status()?.channels.iter().all(|c| c.state == ChannelState::Live) {
         anyhow::ensure!(began.elapsed() < JOIN_TIME_MAX, "the stub servers did not come");
         std::thread::sleep(Duration::from_millis(1));
@@ -146,10 +146,10 @@ fn measure_ours(
     let statistics = client.statistics(false)?;
     client.stop()?;
     stop.cancel();
-    let sights = stubs.sights()?;
+    let sights = stubs.join()?;
     let measured = Measured {
         barrier_us: statistics.barrier_us,
-        skew_us: Quantiles::of(sights.skews_us(first)),
+        skew_us: Quantiles::from_samples(sights.skews_us(first)),
     };
     let sizes = sights.sizes();
     // Its error, if any, has shown in the client's calls.

@@ -87,7 +87,7 @@ impl LocalWall {
         let token_file = folder.path().join("token");
         let mut secret = [0; 16];
         getrandom::fill(&mut secret).map_err(|error| anyhow::anyhow!("no random: {error}"))?;
-        let token = token::read_or_make(&token_file, secret)?;
+        let token = token::read_or_create(&token_file, secret)?;
         let listener = std::net::TcpListener::bind("127.0.0.1:0").context("no port is free")?;
         let socket = listener.local_addr()?;
         let address = socket.to_string();
@@ -112,7 +112,7 @@ impl LocalWall {
         let end = Arc::new(EndRequest::default());
         let supervisor = Supervisor::start(commands, on_line(&end))?;
         end.add_stop(stop.clone());
-        end.add_stop(supervisor.stopper());
+        end.add_stop(supervisor.stop_token());
         end_on_interrupt(&end, folder.path())?;
         let mut connect = ConnectOptions::new(address);
         connect.token = Some(token);
@@ -199,7 +199,7 @@ impl LocalWall {
 impl Drop for LocalWall {
     fn drop(&mut self) {
         self.stop.cancel();
-        self.supervisor.stopper().cancel();
+        self.supervisor.stop_token().cancel();
         if let Some(manager) = self.manager.take() {
             // Its error was logged; there is nothing more to do about it now.
             let _ = manager.join();
@@ -295,9 +295,9 @@ fn end_on_interrupt(end: &Arc<EndRequest>, folder: &Path) -> anyhow::Result<()> 
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (end, folder) = (Arc::clone(end), folder.to_owned());
     let work = move || {
-        runtime.block_on(crate::cli::asked_to_end(false));
+        runtime.block_on(crate::cli::shutdown_signal(false));
         end.request(Ending::Interrupted);
-        runtime.block_on(crate::cli::asked_to_end(false));
+        runtime.block_on(crate::cli::shutdown_signal(false));
         log::say_failure("simulate", "interrupted again: ending at once");
         log::finish();
         // The token is in it. Children end when their standard input does.

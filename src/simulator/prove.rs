@@ -41,7 +41,7 @@ pub(crate) struct Walls<'a> {
 /// # Errors
 /// A wall or scene that cannot be drawn, a wall as built that has other channels, or a folder that
 /// cannot be written. A target that is missed is no error: the table says so.
-pub(crate) fn prove(
+pub(crate) fn verify(
     walls: Walls<'_>,
     shown: ReferenceScene,
     baker: &Baker,
@@ -78,11 +78,11 @@ pub(crate) fn prove(
         let local = prover.start(wall)?;
         steps.begin("drawing flat fields on all channels");
         let fields = fields::Fields::draw(&local.client, wall, &prover.folder.join("fields"))?;
-        light::shares::prove(built, &built_files, &fields, walls.built.is_some(), &mut table)?;
+        light::shares::verify(built, &built_files, &fields, walls.built.is_some(), &mut table)?;
         let keep = |capture: &Capture| prover.save_all("markers", capture);
         let places = (prover.folder.as_path(), &mut steps);
         let drawn = light::Drawn { wall, corrections: &corrections };
-        geometry::prove(&local.client, (built, drawn), places, &mut table, keep)?;
+        geometry::verify(&local.client, (built, drawn), places, &mut table, keep)?;
         steps.begin("looking for markers in views of their own");
         let keep = |capture: &Capture| prover.save_all("views", capture);
         views::prove(&local.client, (built, drawn), &prover.folder, &mut table, keep)?;

@@ -82,7 +82,7 @@ impl Supervisor {
     }
 
     /// Ends the children from another thread; they are gone when the supervisor is dropped.
-    pub fn stopper(&self) -> CancellationToken {
+    pub fn stop_token(&self) -> CancellationToken {
         self.stop.clone()
     }
 }

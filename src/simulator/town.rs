@@ -146,9 +146,9 @@ pub fn generate(options: &TownOptions) -> Result<Vec<u8>, TownError> {
             };
             let mut block = Block::new(&mut file, &ground, &shared, seed, place, cover);
             match cover {
-                GroundCover::Lot => block.furnish(),
+                GroundCover::Lot => block.populate(),
                 GroundCover::Square => block.church(),
-                GroundCover::Wild => block.grow(),
+                GroundCover::Wild => block.plant_trees(),
             }
             roots.extend(block.finish());
         }

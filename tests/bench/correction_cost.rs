@@ -34,7 +34,7 @@ fn main() -> Result<(), Failure> {
         return Err("cargo bench --bench correction_cost -- SCENE.glb ...".into());
     }
     let gpu = Gpu::headless()?;
-    println!("{}", gpu.facts().name);
+    println!("{}", gpu.info().name);
     meshes(&gpu)?;
     scenes.iter().try_for_each(|scene| share(&gpu, Path::new(scene)))
 }
@@ -67,7 +67,7 @@ impl Corrected {
     fn new(gpu: &Gpu, rule: TessellationOptions, is_weighted: bool) -> Result<Self, Failure> {
         let mesh = WarpMesh::new(UVec2::from(SIZE), rule, point);
         let eye = DVec3::ZERO;
-        let plan = ViewAtlas::new(&mesh, &[eye], NEAR_M, gpu.facts().texture_side_max)?;
+        let plan = ViewAtlas::new(&mesh, &[eye], NEAR_M, gpu.info().texture_side_max)?;
         let vertices = mesh.vertices.iter();
         let warp = polyptych_renderer::WarpMeshDesc {
             vertices: vertices
@@ -144,7 +144,7 @@ fn meshes(gpu: &Gpu) -> Result<(), Failure> {
         all.push((rule, Corrected::new(gpu, rule, false)?, Vec::new()));
     }
     let size = all.iter().fold(UVec2::ZERO, |size, (_, one, _)| size.max(one.plan.size));
-    let source = Target::of(gpu, size.to_array(), 1, false, ImageEncoding::Light)?;
+    let source = Target::with_encoding(gpu, size.to_array(), 1, false, ImageEncoding::Light)?;
     for round in 0..=ROUNDS {
         for (_, corrected, times) in &mut all {
             let took = corrected.correct(gpu, &source)?;
@@ -169,9 +169,10 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
     let mut renderer = Renderer::new(gpu, 1)?;
     renderer.prepare_for(gpu, &scene, ImageEncoding::Srgb);
     renderer.prepare_for(gpu, &scene, ImageEncoding::Light);
-    let mut plain = Target::new(gpu, SIZE, 1, scene.blends())?;
+    let mut plain = Target::new(gpu, SIZE, 1, scene.has_transparency())?;
     let size = corrected.plan.size.to_array();
-    let mut source = Target::of(gpu, size, 1, scene.blends(), ImageEncoding::Light)?;
+    let mut source =
+        Target::with_encoding(gpu, size, 1, scene.has_transparency(), ImageEncoding::Light)?;
     let plane = corrected.plan.planes[0][0];
     let view = |viewport: [u32; 4]| ViewDesc {
         eye_in_world: camera.world_from_display(DVec3::ZERO),

@@ -75,7 +75,7 @@ fn measure(path: &Path) -> Result<(), Box<dyn Error>> {
         let mut times_ms = Vec::new();
         for time in 0..TIMES {
             let start = Instant::now();
-            client.tune(&channel, vec![change(f64::from(time))])?;
+            client.calibrate(&channel, vec![change(f64::from(time))])?;
             times_ms.push(start.elapsed().as_secs_f64() * 1e3);
         }
         times_ms.sort_by(f64::total_cmp);

@@ -58,7 +58,7 @@ impl RenderFixture {
 
     pub fn draw(&mut self, size: UVec2, views: &[ViewDesc]) -> RgbaImage {
         let gpu = gpu();
-        let blends = self.scene.blends();
+        let blends = self.scene.has_transparency();
         let mut target = Target::new(gpu, size.to_array(), 1, blends).expect("a target");
         self.renderer.draw(gpu, &self.scene, &mut target, views).expect("drawn");
         let pixels = read_pixels(gpu, &target).expect("read back");

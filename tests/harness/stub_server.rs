@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::command::{Command, Frame, Prepare};
-use polyptych_protocol::connection::introduce;
+use polyptych_protocol::connection::send_hello;
 use polyptych_protocol::handshake::{Adapter, Hello, Role, Secret, ServerHello};
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::log::Replica;
@@ -72,7 +72,7 @@ impl StubServer {
             },
         });
         let secret = Secret(token::read(&local.place.token_file()).expect("a token"));
-        let (of, _) = local.wall().channel_named(channel).expect("a channel of the wall");
+        let (of, _) = local.wall().channel_by_name(channel).expect("a channel of the wall");
         let shared = Shared { secret, channel: of, state: Mutex::default(), wake: Notify::new() };
         let shared = Arc::new(shared);
         let (address, kept) = (local.address.clone(), Arc::clone(&shared));
@@ -177,7 +177,7 @@ type Ended = Result<(), Box<dyn std::error::Error>>;
 async fn converse(address: &str, hello: &Hello, shared: &Shared) -> Ended {
     let stream = TcpStream::connect(address).await?;
     stream.set_nodelay(true)?;
-    let (mut frames, _) = introduce(stream, Role::Server, hello, &shared.secret).await?;
+    let (mut frames, _) = send_hello(stream, Role::Server, hello, &shared.secret).await?;
     let mut ping = tokio::time::interval(PING_PERIOD);
     loop {
         tokio::select! {

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, ChannelState, Pacing, Request};
-use polyptych_protocol::connection::introduce;
+use polyptych_protocol::connection::send_hello;
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::RequestMessage;
@@ -77,7 +77,7 @@ fn connect(local: &LocalWall, name: &str) -> TcpStream {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let stream = runtime.expect("a runtime").block_on(async {
         let stream = tokio::net::TcpStream::connect(&local.address).await.expect("connected");
-        let introduced = introduce(stream, Role::Client, &hello, &Secret(token)).await;
+        let introduced = send_hello(stream, Role::Client, &hello, &Secret(token)).await;
         introduced.expect("let in").0.into_inner().into_std().expect("a socket")
     });
     stream.set_nonblocking(false).expect("blocking");
@@ -114,10 +114,10 @@ fn greedy_clients_starve_neither_servers_nor_each_other() {
     let names: Vec<String> = wall.channels.iter().map(|channel| channel.name.clone()).collect();
     let _stubs: Vec<_> = names.iter().map(|name| StubServer::start(&local, name)).collect();
     let client = local.client();
-    client.run(Pacing::Rate(RATE)).expect("running");
+    client.start_rendering(Pacing::Rate(RATE)).expect("running");
     await_states(&client, &[ChannelState::Live]);
     let grid = vec![CalibrationChange::Grid(Some(glam::UVec2::splat(32)))];
-    client.tune(&names[0], grid).expect("a bend");
+    client.calibrate(&names[0], grid).expect("a bend");
     let quiet = frame_rate(&client);
 
     let mut hostile = Hostile::default();
@@ -173,7 +173,7 @@ fn drag(hostile: &mut Hostile, local: &LocalWall, channel: &str, dragged: &Arc<A
                 let to = Offset::To(glam::DVec2::splat(step));
                 let changes = vec![CalibrationChange::Bend { column: 5, row: 5, to }];
                 let channel = channel.clone();
-                client.post(Request::Tune { channel, changes }).expect("asked")
+                client.submit(Request::Tune { channel, changes }).expect("asked")
             })
             .collect();
         let mut last = None;
@@ -199,7 +199,7 @@ fn many_clients_that_do_not_read_hold_little_memory() {
     let stubs: Vec<_> =
         wall.channels.iter().map(|channel| StubServer::start(&local, &channel.name)).collect();
     let client = local.client();
-    client.run(Pacing::Rate(RATE)).expect("running");
+    client.start_rendering(Pacing::Rate(RATE)).expect("running");
     await_states(&client, &[ChannelState::Live]);
     let long = Request::OpenScene { path: "x".repeat(4000) };
     let mut held = Vec::new();

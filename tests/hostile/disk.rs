@@ -24,7 +24,7 @@ fn a_state_that_cannot_be_kept_is_said_in_the_answer_and_in_status() {
     local.start_server(&wall.channels[0].server.clone());
     let client = local.client();
     await_states(&client, &[ChannelState::Ready, ChannelState::Live]);
-    client.run(Pacing::Rate(60.0)).expect("running");
+    client.start_rendering(Pacing::Rate(60.0)).expect("running");
     let warnings = || {
         let status = local.run(&["status", "--json"]).succeeded();
         let status: Value = serde_json::from_str(&status).expect("JSON");

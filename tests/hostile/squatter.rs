@@ -38,7 +38,7 @@ fn pose(mut stream: TcpStream, heard: &mut Vec<u8>) {
     let mut preamble = [0; 8];
     stream.read_exact(&mut preamble).expect("a preamble");
     let nonce = [7; 32];
-    let greeting = [&Preamble::of(Role::Manager).to_bytes()[..], &nonce].concat();
+    let greeting = [&Preamble::current(Role::Manager).to_bytes()[..], &nonce].concat();
     stream.write_all(&greeting).expect("written");
     let mut length = [0; 4];
     stream.read_exact(&mut length).expect("a message");

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, Pacing};
-use polyptych_protocol::connection::{MessageStream, introduce};
+use polyptych_protocol::connection::{MessageStream, send_hello};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::{Request, RequestMessage};
@@ -96,7 +96,7 @@ fn a_scene_on_a_link_that_stands_still_holds_nobody_else() {
 /// A client that has the wall draw at 60 frames per second, and has measured nothing yet.
 fn running(local: &LocalWall) -> Client {
     let client = local.client();
-    client.run(Pacing::Rate(60.0)).expect("running");
+    client.start_rendering(Pacing::Rate(60.0)).expect("running");
     wait::until("a live channel", || {
         let channels = client.status().expect("status").channels;
         channels.iter().any(|channel| channel.state == ChannelState::Live).then_some(())
@@ -149,7 +149,7 @@ async fn connect(local: &LocalWall) -> TcpStream {
     let token = token::read(&local.place.token_file()).expect("a token");
     let hello = ClientHello { name: "flood".into() };
     let stream = TcpStream::connect(address).await.expect("connected");
-    let introduced = introduce(stream, Role::Client, &Hello::Client(hello), &Secret(token)).await;
+    let introduced = send_hello(stream, Role::Client, &Hello::Client(hello), &Secret(token)).await;
     let (frames, _): (MessageStream<TcpStream>, _) = introduced.expect("welcome");
     frames.into_inner()
 }

@@ -68,7 +68,7 @@ fn feedback_comes_for_every_frame_in_order() {
     let client = local.client();
     client.open_scene("town.glb").expect("opened");
     let mut feedbacks = client.feedback().expect("a stream");
-    client.run(Pacing::Rate(60.0)).expect("running");
+    client.start_rendering(Pacing::Rate(60.0)).expect("running");
     let some: Vec<FrameFeedback> =
         wait::within("feedback", move || feedbacks.by_ref().take(30).collect());
     client.pause().expect("paused");

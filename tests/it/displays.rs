@@ -200,7 +200,7 @@ fn a_present_call_that_is_delayed_by_5_ms_is_read_as_that() {
         local.servers.insert(name.clone(), server);
     }
     let client = local.client();
-    client.run(Pacing::Rate(60.0)).expect("running");
+    client.start_rendering(Pacing::Rate(60.0)).expect("running");
     await_states(&client, &[ChannelState::Live]);
     let is_right = |us: f64| (4_500.0..=5_500.0).contains(&us);
     let mut read = Vec::new();

@@ -130,7 +130,7 @@ fn nothing_that_was_acknowledged_is_lost() {
     let client = local.client();
     await_states(&client, &[ChannelState::Ready]);
     let pictures = pictures_of_all(&client);
-    client.run(Pacing::Rate(60.0)).expect("running");
+    client.start_rendering(Pacing::Rate(60.0)).expect("running");
 
     let mut possible = vec![Shown { scene: SCENES[2], camera: 1 }];
     let mut revision = client.status().expect("status").revision;
@@ -167,7 +167,7 @@ fn nothing_that_was_acknowledged_is_lost() {
         assert!(!found.is_empty(), "{kill}: {scene:?} and its picture are none of {possible:?}");
         possible = found;
     }
-    let spread = Quantiles::of(still_ms.iter().copied());
+    let spread = Quantiles::from_samples(still_ms.iter().copied());
     println!(
         "{acknowledged} requests acknowledged, {} kills; from start to moving, ms: {spread:?}",
         still_ms.len()

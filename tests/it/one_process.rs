@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
 use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, ConnectOptions, Wall, overview};
+use polyptych_client::{ChannelState, ConnectOptions, Wall, fit_bounds};
 use polyptych_manager::import::Baker;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_render::{OutputKind, ServerOptions, TokenSource, run as run_server};
@@ -99,7 +99,7 @@ fn a_wall_of_threads_shows_a_scene_and_ends_in_order() {
     let town = scenes::town().file_name().expect("a name").to_string_lossy().into_owned();
     let scene = client.open_scene(town).expect("opened");
     let bounds = scene.bounds.expect("the town has bounds");
-    client.set_camera(overview(&wall, &bounds, 0.5)).expect("set");
+    client.set_camera(fit_bounds(&wall, &bounds, 0.5)).expect("set");
     let feedback = client.render_frame().expect("drawn");
     assert!(feedback.channels.iter().all(|c| c.draw_us.is_some()), "{feedback:?}");
     let capture = client.capture().expect("captured");

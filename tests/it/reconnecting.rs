@@ -23,7 +23,7 @@ fn an_orbit_and_its_feedback_outlive_the_manager() {
         let drawn = draw(number).expect("drawn");
         assert_eq!(feedbacks.next().map(|feedback| feedback.frame), Some(drawn.frame));
     }
-    let open = client.post(Request::Capture).expect("posted");
+    let open = client.submit(Request::Capture).expect("posted");
     local.manager.kill();
     let error = open.wait().expect_err("nobody is there to answer");
     assert!(error.is_outcome_unknown() || matches!(error, ClientError::NotConnected { .. }));
@@ -40,7 +40,7 @@ fn an_orbit_and_its_feedback_outlive_the_manager() {
     assert!(drawn.channels.iter().all(|channel| channel.draw_us.is_some()), "{drawn:?}");
     let found = wait::within("the stream goes on", move || {
         let found = feedbacks.find(|feedback| feedback.frame == drawn.frame);
-        found.map(|_| (feedbacks.gaps(), feedbacks.epoch()))
+        found.map(|_| (feedbacks.reconnects(), feedbacks.epoch()))
     });
     assert_eq!(found, Some((1, epoch)));
 }

@@ -87,21 +87,21 @@ fn a_wall_that_runs_shows_tunings_on_all_channels_and_none_is_late() {
     let wall = small(2, 1);
     let local = LocalWall::start(&wall, &[]);
     let client = local.client();
-    client.run(Pacing::Rate(30.0)).expect("running");
+    client.start_rendering(Pacing::Rate(30.0)).expect("running");
     let name = wall.channels[1].name.as_str();
     let nudge = || {
         let to = Offset::By(DVec2::new(0.1, 0.0));
         vec![CalibrationChange::Pin { corner: Corner::LowerRight, to }]
     };
     let mut frames: Vec<u64> =
-        (0..50).map(|_| client.tune(name, nudge()).expect("tuned").frames).collect();
+        (0..50).map(|_| client.calibrate(name, nudge()).expect("tuned").frames).collect();
     frames.sort_unstable();
     println!("frames to a tuning: median {}, worst {}", frames[25], frames[49]);
     // As a slider sends them: nobody waits for the answer of the one before.
     let change = nudge();
     let request =
         || polyptych_client::Request::Tune { channel: name.to_owned(), changes: change.clone() };
-    let pending: Vec<_> = (0..100).map(|_| client.post(request()).expect("posted")).collect();
+    let pending: Vec<_> = (0..100).map(|_| client.submit(request()).expect("posted")).collect();
     for answer in pending {
         answer.wait().expect("each has its answer");
     }
@@ -145,7 +145,7 @@ fn a_tuning_that_one_server_cannot_show_is_refused_and_all_stay_live() {
         .unwrap_or_else(|error| panic!("{error}"));
     let local = LocalWall::start(&wall, &[]);
     let client = local.client();
-    client.run(Pacing::Rate(30.0)).expect("running");
+    client.start_rendering(Pacing::Rate(30.0)).expect("running");
     await_states(&client, &[ChannelState::Live]);
     client.pause().expect("pausing");
     local.run(&["tune", "left", "gain=0.9"]).succeeded();

@@ -141,7 +141,7 @@ fn each_eye_has_its_own_picture_and_near_things_are_apart() {
         let drawn = stage.draw(size, &drawn);
         // What one eye alone sees from there.
         let mono = tiled([1, 1], CANVAS);
-        let moved = HeadPose::at(head.eye(eye), 0.0);
+        let moved = HeadPose::facing_forward(head.eye(eye), 0.0);
         let mono_frame = Frame { head: moved, ..frame(&mono, Camera::IDENTITY) };
         let expected = apply::views(&mono, ChannelId(0), &mono_frame).expect("views");
         check("one eye", &drawn, &stage.draw(size, &expected), &IDENTICAL);
@@ -174,13 +174,13 @@ fn a_client_moves_the_head_and_lays_views_over_a_wall_of_processes() {
         client.set_camera(poses(&bounds)[4]).expect("set");
     }
     let at_rest = pictures();
-    let head = HeadPose::at(DVec3::new(0.4, 0.1, 0.2), 0.07);
+    let head = HeadPose::facing_forward(DVec3::new(0.4, 0.1, 0.2), 0.07);
     for client in &clients {
         client.set_head(head).expect("set");
     }
     let moved = pictures();
     assert_ne!(moved, at_rest, "all frusta follow the head");
-    assert_eq!(client.sight().expect("sight").head, head);
+    assert_eq!(client.view_state().expect("sight").head, head);
 
     let refused = two.run(&["eye", "0,0,-3"]).failed(&["behind screen front", "1.696"]);
     assert!(refused.contains(&small(2, 1).channels[0].name), "{refused}");
@@ -195,7 +195,7 @@ fn a_client_moves_the_head_and_lays_views_over_a_wall_of_processes() {
     let (target, above) = (format!("{x},{y},{z}"), format!("{x},{},{z}", y + bounds.radius()));
     let plan = ["view", "add", &above, &target, "--up", "0,0,-1", "--rect", "120,60,240,140"];
     two.run(&[&plan[..], &["--ortho", "200"]].concat()).succeeded();
-    let views = client.sight().expect("sight").views;
+    let views = client.view_state().expect("sight").views;
     single.set_views(views).expect("set");
     let inset = pictures();
     let rect = [120, 60, 240, 140];

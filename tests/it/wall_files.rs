@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use image::RgbaImage;
 use polyptych_client::blocking::Client;
-use polyptych_client::{ChannelState, ConnectOptions, Wall, overview};
+use polyptych_client::{ChannelState, ConnectOptions, Wall, fit_bounds};
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_manager::import::{Baker, bake_wall_files};
 use polyptych_wall::color::{linear_from_srgb, srgb_from_linear};
@@ -293,7 +293,7 @@ fn show(path: &Path) -> Shown {
     let bounds = client.open_scene("town.glb").expect("opened").bounds.expect("a town");
     let geometry =
         polyptych_wall_file::parse(BY_GEOMETRY, "geometry.toml".as_ref()).expect("a wall");
-    client.set_camera(overview(&geometry, &bounds, 0.52)).expect("set");
+    client.set_camera(fit_bounds(&geometry, &bounds, 0.52)).expect("set");
     let capture = client.capture().expect("captured");
     assert_eq!(capture.missing, []);
     let channels = ["left", "right"].map(|name| {
@@ -359,7 +359,7 @@ fn projectors_on_a_mesh_and_their_maps_show_what_they_do_on_a_plane() {
     let by_mesh = by_plane.replace(plane, "mesh = \"screen.obj\"\n");
     let wall = polyptych_wall_file::parse(&by_plane, "plane.toml".as_ref()).expect("a wall");
     for (id, name) in wall.channel_ids().zip(["left", "right"]) {
-        let map = wall.pixel_map(id).expect("a picture");
+        let map = wall.channel_mapping(id).expect("a picture");
         let point = |x: u32, y: u32| {
             let pixel = glam::DVec2::new(f64::from(x), f64::from(y)) + 0.5;
             map.display_from_pixel(pixel).expect("lit").as_vec3().to_array()

@@ -27,8 +27,9 @@ fn every_target_has_something_to_begin_from() {
             _ => continue,
         };
         greeted += 1;
-        let said = [&[first], &Preamble::of(role).to_bytes()[..], &polyptych_codec::framed(&bytes)]
-            .concat();
+        let said =
+            [&[first], &Preamble::current(role).to_bytes()[..], &polyptych_codec::framed(&bytes)]
+                .concat();
         write(&folder, "handshake", i, &said);
     }
     assert!(greeted > 4);

@@ -100,7 +100,7 @@ fn seeds() -> Vec<Vec<u8>> {
     let mut all = Vec::new();
     for role in [Role::Client, Role::Server, Role::Bulk, Role::Manager] {
         for (_, bytes) in messages::all().into_iter().take(8) {
-            let preamble = Preamble::of(role).to_bytes();
+            let preamble = Preamble::current(role).to_bytes();
             all.push([&preamble[..], &polyptych_codec::framed(&bytes)].concat());
         }
     }

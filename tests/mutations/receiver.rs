@@ -105,7 +105,7 @@ impl Receiver {
             Message::BulkUp(BulkToManager::Picture(chunk)) => {
                 let job = ClientRequest { client: CLIENT, id: RequestId(1) };
                 let ids: Vec<_> = self.wall.channel_ids().collect();
-                let room = CaptureBudget::default().room_for(&self.wall).expect("a small wall");
+                let room = CaptureBudget::default().reserve(&self.wall).expect("a small wall");
                 // A wall without files asks for none of its blobs.
                 let shapes = GeometryCache::new(BlobStore::new("nowhere"));
                 let wall = (&self.wall, &shapes);
@@ -265,7 +265,7 @@ fn read_manifest(scene: &Scene) {
     if scene.fault().is_some() {
         return;
     }
-    let _ = (scene.triangles(), SceneFeatures::of(scene).names(), scene.world_from_nodes());
+    let _ = (scene.triangles(), SceneFeatures::from_scene(scene).names(), scene.world_from_nodes());
     let textures = scene.textures.iter().map(Texture::bytes);
     let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
     let meshes = primitives.map(|p| p.vertex_bytes().saturating_add(p.index_bytes()));

@@ -50,11 +50,11 @@ impl Server {
                 self.clock.add(&pong, self.now);
                 let _ = self.clock.best(self.now);
             }
-            Command::Goodbye(_) => self.playback.restart(),
+            Command::Goodbye(_) => self.playback.reset(),
         }
         while let Some(act) = self.playback.poll(Some(self.now)) {
             if let FrameAction::Draw(frame) = act {
-                drop(self.playback.has_drawn(&frame, Duration::ZERO, Some(self.now)));
+                drop(self.playback.frame_drawn(&frame, Duration::ZERO, Some(self.now)));
             }
         }
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use polyptych_files::blob::BlobHash;
-use polyptych_wall::blend::{ChannelMasks, light_map};
+use polyptych_wall::blend::{ChannelMasks, blend_map};
 use polyptych_wall::maps::CalibrationMaps;
 use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
 use polyptych_wall::superposition::{DisplayImage, LightComposite, StereoEye};
@@ -33,7 +33,7 @@ pixels = [40, 32]
 pub fn lit(map: &CalibrationMap) -> Option<usize> {
     let mut wall = polyptych_wall_file::parse(WALL, "w.toml".as_ref()).expect("a wall");
     let CalibrationMap::Warp(warp) = map else { return None };
-    let (path, blob, front) = ("x".to_owned(), Some(BlobHash([0; 32])), warp.front());
+    let (path, blob, front) = ("x".to_owned(), Some(BlobHash([0; 32])), warp.surface_samples());
     wall.files.push(CalibrationFile {
         path,
         kind: CalibrationFileKind::Warp,
@@ -47,15 +47,15 @@ pub fn lit(map: &CalibrationMap) -> Option<usize> {
     let maps = CalibrationMaps::load(&wall, |_| Ok(Arc::new(map.clone()))).expect("a warp");
     let shapes = WallGeometry::new(&wall, &maps);
     let shaped = ResolvedWall { wall: &wall, shapes: &shapes };
-    let pixels = shaped.pixel_map(ChannelId(1)).expect("no pins");
-    let light = maps.light(&wall.channels[1], &pixels);
+    let pixels = shaped.channel_mapping(ChannelId(1)).expect("no pins");
+    let light = maps.mesh_light_mask(&wall.channels[1], &pixels);
     let masks =
         ChannelMasks { light: light.as_ref().and_then(Mask::texels), ..ChannelMasks::default() };
     for (id, masks) in [(ChannelId(0), ChannelMasks::default()), (ChannelId(1), masks)] {
-        let Some(map) = light_map(shaped, id, &masks) else { continue };
+        let Some(map) = blend_map(shaped, id, &masks) else { continue };
         let all = (0..32).flat_map(|y| (0..40).map(move |x| (x, y)));
         let is_share = |light: f64| (0.0..=1.0).contains(&light);
-        assert!(all.into_iter().all(|(x, y)| is_share(map.at(x, y, 0)[0])));
+        assert!(all.into_iter().all(|(x, y)| is_share(map.texel(x, y, 0)[0])));
     }
     let rgba = vec![255; 4 * 40 * 32];
     let picture = [DisplayImage { channel: ChannelId(1), rgba: &rgba }];

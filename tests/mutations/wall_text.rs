@@ -17,7 +17,7 @@ pub fn check(bytes: &[u8]) -> bool {
                 let is_flat = wall.screen_of(channel).plane().is_some();
                 let frustum = wall.frustum(id, wall.eye);
                 assert!(frustum.is_ok() || !is_flat, "{channel:?} has no frustum");
-                assert!(wall.pixel_map(id).is_some(), "{channel:?} has no picture");
+                assert!(wall.channel_mapping(id).is_some(), "{channel:?} has no picture");
             }
             let written = polyptych_wall_file::to_toml(&wall);
             let again = polyptych_wall_file::parse(&written, Path::new("wall.toml"));

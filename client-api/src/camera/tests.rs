@@ -98,7 +98,7 @@ fn overview_touches_two_edges_of_a_planar_wall_and_leaves_none() {
         let front = wall.screens.iter().position(|screen| screen.name == "front").unwrap_or(0);
         for bounds in boxes() {
             for heading in [0.0, 0.52, 1.9, 3.3, 5.0] {
-                let camera = overview(&wall, &bounds, heading);
+                let camera = fit_bounds(&wall, &bounds, heading);
                 let label = format!("{}, {bounds:?}, heading {heading}", wall.name);
                 assert_eq!(camera.fault(), None, "{label}");
                 let (min, max) = extent(&wall, front, &camera, &bounds);
@@ -129,7 +129,7 @@ fn overview_of_a_flat_city_spans_the_width_of_a_wall() {
     let wall = config("wall-3x1.toml");
     let city = Bounds { min: DVec3::new(-400.0, 0.0, -300.0), max: DVec3::new(400.0, 20.0, 300.0) };
     for heading in 0..12 {
-        let camera = overview(&wall, &city, f64::from(heading) * 0.52);
+        let camera = fit_bounds(&wall, &city, f64::from(heading) * 0.52);
         let (min, max) = extent(&wall, 0, &camera, &city);
         assert!(max.x - min.x > 0.999, "heading {heading}: {min} to {max}");
     }
@@ -141,7 +141,7 @@ fn overview_stays_within_curved_screens() {
         let wall = config(name);
         for bounds in boxes() {
             for heading in [0.0, 0.52, 1.9, 3.3, 5.0] {
-                let camera = overview(&wall, &bounds, heading);
+                let camera = fit_bounds(&wall, &bounds, heading);
                 let label = format!("{name}, {bounds:?}, heading {heading}");
                 assert_eq!(camera.fault(), None, "{label}");
                 let (min, max) = extent(&wall, 0, &camera, &bounds);
@@ -181,7 +181,7 @@ fn screens_of_one_plane_count_as_one_unless_there_is_a_gap() {
     let plate = Bounds { min: DVec3::new(-5.0, 0.0, -5.0), max: DVec3::new(5.0, 0.1, 5.0) };
     let width_m = |apart: f64| {
         let wall = polyptych_wall_file::parse(&text(apart), "two.toml".as_ref()).expect("a wall");
-        let camera = overview(&wall, &plate, 0.0);
+        let camera = fit_bounds(&wall, &plate, 0.0);
         let seen: Vec<f64> = corners(&plate)
             .map(|corner| display_from_world(&camera, corner))
             .map(|at| -2.0 * at.x / at.z)
@@ -201,7 +201,7 @@ fn overview_uses_only_what_tiles_light_of_a_screen() {
     let mut wall = config("wall-3x1.toml");
     wall.channels.truncate(2);
     let plate = Bounds { min: DVec3::new(-5.0, 0.0, -5.0), max: DVec3::new(5.0, 0.1, 5.0) };
-    let camera = overview(&wall, &plate, 0.3);
+    let camera = fit_bounds(&wall, &plate, 0.3);
     let (min, max) = extent(&wall, 0, &camera, &plate);
     assert!(min.x.abs() < 1e-6 && (max.x - 2.0 / 3.0).abs() < 1e-6, "{min} to {max}");
 }
@@ -251,10 +251,10 @@ fn walls_without_a_surface_and_eyes_behind_a_screen_give_a_camera_still() {
     let point = Bounds { min: DVec3::ONE, max: DVec3::ONE };
     for wall in [&bare, &mesh, &behind, &in_plane] {
         for bounds in boxes().iter().chain([&point]) {
-            assert_eq!(overview(wall, bounds, 0.0).fault(), None, "{bounds:?}");
+            assert_eq!(fit_bounds(wall, bounds, 0.0).fault(), None, "{bounds:?}");
         }
     }
     let nothing = Bounds { min: DVec3::splat(f64::NAN), max: DVec3::ONE };
-    assert!(overview(&bare, &nothing, 0.0).fault().is_some());
+    assert!(fit_bounds(&bare, &nothing, 0.0).fault().is_some());
     assert!(orbit(&bare, &nothing, 0.0).fault().is_some());
 }

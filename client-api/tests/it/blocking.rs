@@ -6,7 +6,7 @@ use std::thread;
 
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{Camera, ClientError, OutputMode, Pacing, Request, Response, overview};
+use polyptych_client::{Camera, ClientError, OutputMode, Pacing, Request, Response, fit_bounds};
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::request::MessageToClient;
 use tokio::net::TcpListener;
@@ -51,7 +51,7 @@ fn every_call_waits_for_its_reply() {
     assert_eq!((client.wall_name(), client.address()), ("lab", address.to_string().as_str()));
     assert_eq!(client.open_scene("a.glb").expect("opened"), summary());
     let bounds = polyptych_client::Bounds { min: DVec3::ZERO, max: DVec3::ONE };
-    let camera = overview(&client.wall().expect("wall"), &bounds, 0.0);
+    let camera = fit_bounds(&client.wall().expect("wall"), &bounds, 0.0);
     client.set_camera(camera).expect("set");
     client.look_at(DVec3::X, DVec3::ZERO, DVec3::Y).expect("set");
     client.set_eye(DVec3::Z).expect("set");
@@ -61,23 +61,26 @@ fn every_call_waits_for_its_reply() {
     let drawn = client.render_frame_at(Some(Camera::IDENTITY), Some(4.0)).expect("drawn");
     assert_eq!(drawn, feedback(4));
     assert!(feedbacks.next().is_some());
-    client.run(Pacing::Free).expect("running");
+    client.start_rendering(Pacing::Free).expect("running");
     client.pause().expect("paused");
-    client.set_displays(OutputMode::Freeze).expect("frozen");
+    client.set_output_mode(OutputMode::Freeze).expect("frozen");
     assert_eq!(client.status().expect("status").wall, "lab");
     assert_eq!(client.statistics(false).expect("statistics").frames, 3);
-    let mut pending = client.post(Request::CloseScene).expect("posted");
-    assert_eq!(client.call(Request::CloseScene).expect("closed"), Response::Done);
+    let mut pending = client.submit(Request::CloseScene).expect("posted");
+    assert_eq!(client.request(Request::CloseScene).expect("closed"), Response::Done);
     assert_eq!(pending.query().expect("came before").expect("closed"), Response::Done);
-    assert_eq!(client.post(Request::Pause).expect("posted").wait().expect("done"), Response::Done);
+    assert_eq!(
+        client.submit(Request::Pause).expect("posted").wait().expect("done"),
+        Response::Done
+    );
     assert!(matches!(client.capture(), Err(ClientError::WrongAnswer { .. })));
     client.close_scene().expect("closed");
     client.stop().expect("stopped");
     assert_eq!(feedbacks.by_ref().count(), 1, "the second frame's, then the end");
     assert_eq!(feedbacks.dropped(), 0);
     assert!(matches!(client.status(), Err(ClientError::Closed { .. })));
-    assert_eq!(client.end_reason().as_deref(), Some("asked to"));
-    assert_eq!(client.open_requests(), 0);
+    assert_eq!(client.close_reason().as_deref(), Some("asked to"));
+    assert_eq!(client.pending_requests(), 0);
     thread.join().expect("the manager ended well");
 }
 

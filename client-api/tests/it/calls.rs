@@ -79,7 +79,7 @@ pub fn wall() -> Wall {
 }
 
 fn sight() -> ViewState {
-    let head = HeadPose::at(DVec3::X, 0.05);
+    let head = HeadPose::facing_forward(DVec3::X, 0.05);
     ViewState { camera: Camera::IDENTITY, head, views: Vec::new() }
 }
 
@@ -124,23 +124,23 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     client.set_camera(camera).await.expect("set");
     client.look_at(DVec3::X, DVec3::ZERO, DVec3::Y).await.expect("set");
     client.set_eye(DVec3::Z).await.expect("set");
-    let head = HeadPose::at(DVec3::Z, 0.06);
+    let head = HeadPose::facing_forward(DVec3::Z, 0.06);
     client.set_head(head).await.expect("set");
     let view = View::of_wall(camera);
     client.set_views(vec![view.clone()]).await.expect("set");
     client.clear_views().await.expect("cleared");
-    assert_eq!(client.sight().await.expect("sight"), sight());
+    assert_eq!(client.view_state().await.expect("sight"), sight());
     client.set_exposure(0.5).await.expect("set");
     assert_eq!(client.render_frame().await.expect("drawn"), feedback(9));
     let drawn = client.render_frame_at(Some(camera), Some(4.0)).await.expect("drawn");
     assert_eq!(drawn, feedback(4));
-    client.run(Pacing::Rate(30.0)).await.expect("running");
+    client.start_rendering(Pacing::Rate(30.0)).await.expect("running");
     client.pause().await.expect("paused");
-    assert_eq!(client.set_displays(OutputMode::Blank).await.expect("blank"), feedback(9));
+    assert_eq!(client.set_output_mode(OutputMode::Blank).await.expect("blank"), feedback(9));
     let drawn = client.set_pattern(Some(TestPattern::Grid)).await.expect("a pattern");
     assert_eq!(drawn, feedback(9));
     let change = CalibrationChange::Gain(DVec3::splat(0.9));
-    assert_eq!(client.tune("left", vec![change.clone()]).await.expect("tuned"), tuned());
+    assert_eq!(client.calibrate("left", vec![change.clone()]).await.expect("tuned"), tuned());
     assert_eq!(client.status().await.expect("status"), status());
     assert_eq!(client.wall().await.expect("wall"), wall());
     assert_eq!(client.statistics(true).await.expect("statistics"), statistics());
@@ -175,10 +175,10 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
 #[tokio::test]
 async fn answers_may_come_in_any_order() {
     let (client, mut manager) = pair().await;
-    let first = client.post(Request::Status).expect("posted");
-    let second = client.post(Request::DescribeWall).expect("posted");
-    let third = client.post(Request::Pause).expect("posted");
-    assert_eq!(client.open_requests(), 3);
+    let first = client.submit(Request::Status).expect("posted");
+    let second = client.submit(Request::DescribeWall).expect("posted");
+    let third = client.submit(Request::Pause).expect("posted");
+    assert_eq!(client.pending_requests(), 3);
     let ids = [
         manager.expect(Request::Status).await,
         manager.expect(Request::DescribeWall).await,
@@ -193,22 +193,22 @@ async fn answers_may_come_in_any_order() {
     let error = third.await.expect_err("failed");
     assert_eq!(error.to_string(), "cannot pause: nothing runs");
     assert!(matches!(error, ClientError::Failed { .. }));
-    assert_eq!(client.open_requests(), 0);
+    assert_eq!(client.pending_requests(), 0);
 }
 
 #[tokio::test]
 async fn a_posted_request_is_asked_later() {
     let (client, mut manager) = pair().await;
-    let mut pending = client.post(Request::Pause).expect("posted");
-    assert!(pending.query().is_none());
+    let mut pending = client.submit(Request::Pause).expect("posted");
+    assert!(pending.poll().is_none());
     let id = manager.expect(Request::Pause).await;
     manager.reply(id, Response::Done).await;
     // The connection task has run once this later request is answered.
-    let later = client.post(Request::CloseScene).expect("posted");
+    let later = client.submit(Request::CloseScene).expect("posted");
     manager.reply(later.id(), Response::Done).await;
     later.await.expect("answered");
-    assert_eq!(pending.query().expect("there").expect("done"), Response::Done);
-    assert!(matches!(pending.query(), Some(Err(ClientError::AnswerTaken { .. }))));
+    assert_eq!(pending.poll().expect("there").expect("done"), Response::Done);
+    assert!(matches!(pending.poll(), Some(Err(ClientError::AnswerTaken { .. }))));
     assert!(matches!(pending.await, Err(ClientError::AnswerTaken { .. })));
 }
 
@@ -236,14 +236,14 @@ async fn a_dropped_call_frees_its_place() {
             biased;
             _ = &mut call => panic!("nobody answered"),
             id = manager.expect(Request::RenderFrame { camera: None, time_s: None }) => {
-                assert_eq!(client.open_requests(), 1);
+                assert_eq!(client.pending_requests(), 1);
                 manager.reply(id, Response::Done).await;
             }
         }
     }
-    assert_eq!(client.open_requests(), 0);
-    drop(client.post(Request::Pause));
-    assert_eq!(client.open_requests(), 0);
+    assert_eq!(client.pending_requests(), 0);
+    drop(client.submit(Request::Pause));
+    assert_eq!(client.pending_requests(), 0);
     // The late answer to nobody does no harm.
     let serving = manager.serve(answer);
     let (status, ()) = tokio::join!(async move { client.status().await }, serving);
@@ -255,7 +255,7 @@ async fn too_many_open_requests_are_refused_and_the_rest_goes_on() {
     let (client, manager) = pair().await;
     let mut open = Vec::new();
     let error = loop {
-        match client.post(Request::Pause) {
+        match client.submit(Request::Pause) {
             Ok(pending) => open.push(pending),
             Err(error) => break error,
         }
@@ -277,7 +277,7 @@ async fn a_request_beyond_a_message_is_not_sent() {
     let (client, manager) = pair().await;
     let error = client.open_scene("x".repeat(5 << 20)).await.expect_err("too large");
     assert!(matches!(error, ClientError::RequestTooLarge { .. }), "{error}");
-    assert_eq!(client.open_requests(), 0);
+    assert_eq!(client.pending_requests(), 0);
     let (status, ()) = tokio::join!(async move { client.status().await }, manager.serve(answer));
     status.expect("the connection holds");
 }
@@ -300,10 +300,10 @@ async fn a_manager_that_never_answers_is_not_waited_for() {
     // The connection holds, and an answer that is late is nobody's.
     let id = manager.next().await.expect("the first").0;
     manager.reply(id, Response::Frame(feedback(1))).await;
-    let mut pending = client.post(Request::Pause).expect("posted");
+    let mut pending = client.submit(Request::Pause).expect("posted");
     tokio::time::advance(Duration::from_secs(29)).await;
     tokio::task::yield_now().await;
-    assert!(pending.query().is_none());
+    assert!(pending.poll().is_none());
     assert!(matches!(pending.await, Err(ClientError::TimedOut { .. })));
 }
 

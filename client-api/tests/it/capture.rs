@@ -54,7 +54,7 @@ async fn a_capture_beyond_the_limit_ends_alone() {
     let (capture, manager) = tokio::join!(client.capture(), script);
     let error = capture.expect_err("too large");
     assert!(matches!(error, ClientError::CaptureTooLarge { limit: 1000 }), "{error}");
-    assert_eq!(client.open_requests(), 0);
+    assert_eq!(client.pending_requests(), 0);
     let (status, ()) = tokio::join!(async move { client.status().await }, manager.serve(answer));
     status.expect("the connection holds");
 }
@@ -80,6 +80,6 @@ async fn a_raw_capture_keeps_no_pictures() {
         manager.piece(id, 0, &[0; 4]).await;
         manager.reply(id, captured(vec![info("s", true, 1, 1)])).await;
     };
-    let (reply, ()) = tokio::join!(client.call(Request::Capture), script);
+    let (reply, ()) = tokio::join!(client.request(Request::Capture), script);
     assert!(matches!(reply, Ok(Response::Captured(_))));
 }

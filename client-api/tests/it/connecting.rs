@@ -3,7 +3,7 @@
 use std::os::unix::fs::PermissionsExt;
 
 use polyptych_client::{Client, ClientError, ConnectOptions};
-use polyptych_protocol::connection::{Introduced, receive_introduction, refuse};
+use polyptych_protocol::connection::{Introduced, receive_hello, reject};
 use polyptych_protocol::handshake::{Preamble, Role, Secret};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::net::TcpListener;
@@ -71,10 +71,10 @@ async fn nobody_at_the_address_is_named_with_what_to_do() {
 async fn a_wrong_token_is_refused_in_the_managers_words() {
     let error = refused_by(|stream| async {
         let another = Secret("fedcba9876543210".into());
-        let introduced = receive_introduction(stream, &another).await;
+        let introduced = receive_hello(stream, &another).await;
         let Introduced { mut frames, is_proven, .. } = introduced.expect("introduced");
         assert!(!is_proven);
-        refuse(&mut frames, "the token is wrong; copy the manager's".into()).await.expect("told");
+        reject(&mut frames, "the token is wrong; copy the manager's".into()).await.expect("told");
     });
     let error = error.await;
     assert_eq!(
@@ -107,11 +107,11 @@ async fn other_programs_are_not_taken_for_a_manager() {
     };
     let error = say(b"SSH-2.0-OpenSSH_9.6\r\n").await;
     assert!(error.contains("does not speak the Polyptych protocol"), "{error}");
-    let error = say(&Preamble::of(Role::Server).to_bytes()).await;
+    let error = say(&Preamble::current(Role::Server).to_bytes()).await;
     assert!(error.contains("a render server answered where a manager"), "{error}");
     let error = say(b"PL").await;
     assert!(error.contains("closed the connection during the handshake"), "{error}");
-    let manager = [&Preamble::of(Role::Manager).to_bytes()[..], &[7; 32]].concat();
+    let manager = [&Preamble::current(Role::Manager).to_bytes()[..], &[7; 32]].concat();
     let error = say(&[&manager[..], b"\x04\x00\x00\x00\xff\xff\xff\xff"].concat()).await;
     assert!(error.contains("are not a Answer"), "{error}");
     let error = say(&[&manager[..], b"\xff\xff\xff\x7f"].concat()).await;

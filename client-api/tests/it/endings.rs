@@ -31,9 +31,9 @@ async fn a_manager_that_closes_leaves_no_request_open() {
     assert!(matches!(scene, Err(ClientError::ConnectionLost { .. })));
     let error = client.status().await.expect_err("ended before");
     assert!(matches!(error, ClientError::Closed { .. }), "{error}");
-    assert_eq!(client.end_reason().as_deref(), Some("the manager closed it"));
+    assert_eq!(client.close_reason().as_deref(), Some("the manager closed it"));
     assert!(matches!(client.feedback().await, Err(ClientError::Closed { .. })));
-    assert_eq!(client.open_requests(), 0);
+    assert_eq!(client.pending_requests(), 0);
 }
 
 #[tokio::test]
@@ -57,7 +57,7 @@ async fn a_goodbye_is_passed_on() {
     assert!(error.to_string().contains("the manager at pipe ended (ctrl-c)"), "{error}");
     stop.expect("that is what was asked for");
     assert_eq!(feedbacks.next().await, None);
-    assert_eq!(client.end_reason().as_deref(), Some("ctrl-c"));
+    assert_eq!(client.close_reason().as_deref(), Some("ctrl-c"));
 }
 
 #[tokio::test]
@@ -94,7 +94,7 @@ async fn a_manager_that_takes_nothing_is_lost_after_half_a_minute() {
     };
     let (client, _manager) = pair_with(64, patient).await;
     let begin = tokio::time::Instant::now();
-    let open: Vec<_> = (0..100).map(|_| client.post(Request::Status).expect("posted")).collect();
+    let open: Vec<_> = (0..100).map(|_| client.submit(Request::Status).expect("posted")).collect();
     for pending in open {
         let error = pending.await.expect_err("stuck").to_string();
         assert!(error.contains("the manager took nothing for 30s"), "{error}");
@@ -105,7 +105,7 @@ async fn a_manager_that_takes_nothing_is_lost_after_half_a_minute() {
 #[tokio::test]
 async fn a_posted_request_arrives_though_everyone_is_gone() {
     let (client, mut manager) = pair().await;
-    drop(client.post(Request::CloseScene).expect("posted"));
+    drop(client.submit(Request::CloseScene).expect("posted"));
     drop(client);
     manager.expect(Request::CloseScene).await;
     assert!(manager.next().await.is_none(), "the client closed");
@@ -117,9 +117,9 @@ fn a_runtime_that_is_shut_down_leaves_nobody_waiting() {
     let runtime = runtime.expect("a runtime");
     let (mut pending, _manager) = runtime.block_on(async {
         let (client, manager) = pair().await;
-        (client.post(Request::Status).expect("posted"), manager)
+        (client.submit(Request::Status).expect("posted"), manager)
     });
     drop(runtime);
-    let error = pending.query().expect("an answer").expect_err("lost").to_string();
+    let error = pending.poll().expect("an answer").expect_err("lost").to_string();
     assert!(error.contains("the client's runtime was shut down"), "{error}");
 }

@@ -62,7 +62,7 @@ async fn each_reader_gets_all_and_the_last_ends_the_subscription() {
     assert_eq!(second.next().await, Some(feedback(2)));
     drop(second);
     manager.expect(Request::Subscribe(false)).await;
-    assert_eq!(client.open_requests(), 0);
+    assert_eq!(client.pending_requests(), 0);
     // A client without readers takes what still comes.
     manager.send(MessageToClient::Feedback(feedback(3))).await;
     let (status, ()) = tokio::join!(async move { client.status().await }, manager.serve(answer));

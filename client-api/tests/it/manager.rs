@@ -5,7 +5,7 @@ use futures_util::{SinkExt, StreamExt};
 use polyptych_client::{
     Client, ConnectOptions, Epoch, FrameFeedback, FrameId, Request, RequestId, Response, Revision,
 };
-use polyptych_protocol::connection::{Introduced, MessageStream, receive_introduction, welcome};
+use polyptych_protocol::connection::{Introduced, MessageStream, accept, receive_hello};
 use polyptych_protocol::handshake::{Hello, Secret, Welcome};
 use polyptych_protocol::request::{ImageChunk, MessageToClient, RequestError, RequestMessage};
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
@@ -37,12 +37,12 @@ pub async fn pair() -> (Client, Manager<DuplexStream>) {
 impl<S: AsyncRead + AsyncWrite + Unpin> Manager<S> {
     /// Lets a client in that has the right token.
     pub async fn accept(stream: S) -> Self {
-        let introduced = receive_introduction(stream, &Secret(TOKEN.into())).await;
+        let introduced = receive_hello(stream, &Secret(TOKEN.into())).await;
         let Introduced { mut frames, hello, is_proven, proof } = introduced.expect("introduced");
         let Hello::Client(hello) = hello else { panic!("no client: {hello:?}") };
         assert_eq!((hello.name.as_str(), is_proven), ("test", true));
         let given = Welcome { epoch: Epoch(7), session: 1, wall: "lab".into(), heartbeat_ms: 2000 };
-        welcome(&mut frames, given, proof).await.expect("welcomed");
+        accept(&mut frames, given, proof).await.expect("welcomed");
         Self { frames }
     }
 

@@ -7,7 +7,7 @@ use polyptych_client::{
     Request, RequestId, Response,
 };
 use polyptych_protocol::command::Goodbye;
-use polyptych_protocol::connection::{Introduced, receive_introduction, refuse, welcome};
+use polyptych_protocol::connection::{Introduced, accept, receive_hello, reject};
 use polyptych_protocol::handshake::{Secret, Welcome};
 use polyptych_protocol::request::MessageToClient;
 use tokio::net::{TcpListener, TcpStream};
@@ -26,13 +26,13 @@ fn with(address: &str, reconnect: ReconnectPolicy) -> ConnectOptions {
 }
 
 /// A manager in another life, or of another wall.
-async fn accept(listener: &TcpListener, epoch: u64, wall: &str) -> Manager<TcpStream> {
+async fn manager_on(listener: &TcpListener, epoch: u64, wall: &str) -> Manager<TcpStream> {
     let (stream, _) = listener.accept().await.expect("a peer");
-    let introduced = receive_introduction(stream, &Secret(TOKEN.into())).await;
+    let introduced = receive_hello(stream, &Secret(TOKEN.into())).await;
     let Introduced { mut frames, proof, .. } = introduced.expect("introduced");
     let wall = wall.to_owned();
     let given = Welcome { epoch: Epoch(epoch), session: 1, wall, heartbeat_ms: 2000 };
-    welcome(&mut frames, given, proof).await.expect("welcomed");
+    accept(&mut frames, given, proof).await.expect("welcomed");
     Manager { frames }
 }
 
@@ -40,7 +40,8 @@ async fn connected(
     listener: &TcpListener,
     options: ConnectOptions,
 ) -> (Client, Manager<TcpStream>) {
-    let (client, manager) = tokio::join!(Client::connect_with(options), accept(listener, 1, "lab"));
+    let (client, manager) =
+        tokio::join!(Client::connect_with(options), manager_on(listener, 1, "lab"));
     (client.expect("connected"), manager)
 }
 
@@ -58,7 +59,7 @@ async fn what_was_sent_fails_once_and_is_not_repeated() {
     assert!(error.is_outcome_unknown());
     // Whether it knows of the loss already or not: this waits for the next manager.
     let (status, manager) = tokio::join!(client.status(), async {
-        let mut manager = accept(&listener, 2, "lab").await;
+        let mut manager = manager_on(&listener, 2, "lab").await;
         // The first that comes is this one: no frame is drawn behind anyone's back.
         let id = manager.expect(Request::Status).await;
         manager.reply(id, answer(&Request::Status)).await;
@@ -66,13 +67,13 @@ async fn what_was_sent_fails_once_and_is_not_repeated() {
     });
     status.expect("the new manager has answered");
     assert_eq!((client.is_connected(), client.epoch()), (true, Epoch(2)));
-    assert_eq!((client.end_reason(), client.open_requests()), (None, 0));
+    assert_eq!((client.close_reason(), client.pending_requests()), (None, 0));
     drop(manager);
 }
 
 /// Serves a connection of this epoch until the scene's outcome is asked for.
 async fn asked_for_outcome(listener: &TcpListener, epoch: u64) -> (Manager<TcpStream>, RequestId) {
-    let mut manager = accept(listener, epoch, "lab").await;
+    let mut manager = manager_on(listener, epoch, "lab").await;
     let (id, request) = manager.next().await.expect("a request");
     assert_eq!(request, Request::OpenOutcome { session: 1, of: id }, "asked, and not repeated");
     (manager, id)
@@ -98,7 +99,7 @@ async fn a_scene_that_was_being_opened_is_asked_for_over_the_next_connection() {
         }
     );
     scene.expect("opened");
-    assert_eq!((heard, client.open_requests()), (vec![40], 0));
+    assert_eq!((heard, client.pending_requests()), (vec![40], 0));
     drop(manager);
 }
 
@@ -109,7 +110,7 @@ async fn a_scene_of_another_epoch_is_lost_with_its_manager() {
     let (scene, manager) = tokio::join!(client.open_scene("a.glb"), async {
         manager.next().await.expect("it came");
         drop(manager);
-        accept(&listener, 2, "lab").await
+        manager_on(&listener, 2, "lab").await
     });
     let error = scene.expect_err("lost");
     assert!(matches!(error, ClientError::ConnectionLost { .. }), "{error}");
@@ -124,9 +125,9 @@ async fn requests_wait_in_order_and_dropped_ones_are_done_too() {
     drop(manager);
     // Once this has failed, the loss is known.
     let _ = client.pause().await;
-    drop(client.post(Request::SetExposure(2.0)).expect("posted"));
-    let (run, ()) = tokio::join!(client.run(Pacing::Free), async {
-        let mut manager = accept(&listener, 2, "lab").await;
+    drop(client.submit(Request::SetExposure(2.0)).expect("posted"));
+    let (run, ()) = tokio::join!(client.start_rendering(Pacing::Free), async {
+        let mut manager = manager_on(&listener, 2, "lab").await;
         let mut seen = Vec::new();
         while seen.last() != Some(&Request::Run(Pacing::Free)) {
             let (id, request) = manager.next().await.expect("a request");
@@ -163,9 +164,9 @@ async fn a_request_fails_by_name_after_its_wait_and_is_never_sent() {
         "{text}"
     );
     assert!(text.contains("within 300ms") && text.contains("nothing was sent"), "{text}");
-    assert!(client.end_reason().is_some_and(|reason| reason.contains("no manager at")));
+    assert!(client.close_reason().is_some_and(|reason| reason.contains("no manager at")));
     let listener = TcpListener::bind(&address).await.expect("the port is free");
-    let (epoch, manager) = tokio::join!(client.connected(), accept(&listener, 5, "lab"));
+    let (epoch, manager) = tokio::join!(client.connected(), manager_on(&listener, 5, "lab"));
     assert_eq!(epoch.expect("connected"), Epoch(5));
     let mut manager = manager;
     let (status, ()) = tokio::join!(client.status(), async {
@@ -186,15 +187,15 @@ async fn feedback_goes_on_behind_a_gap() {
     let mut feedbacks = feedbacks.expect("subscribed");
     manager.send(MessageToClient::Feedback(feedback(70))).await;
     assert_eq!(feedbacks.next().await, Some(feedback(70)));
-    assert_eq!((feedbacks.gaps(), feedbacks.epoch()), (0, Epoch(1)));
+    assert_eq!((feedbacks.reconnects(), feedbacks.epoch()), (0, Epoch(1)));
     manager.send(MessageToClient::Goodbye(Goodbye::closed("an upgrade"))).await;
     drop(manager);
-    let mut manager = accept(&listener, 2, "lab").await;
+    let mut manager = manager_on(&listener, 2, "lab").await;
     let id = manager.expect(Request::Subscribe(true)).await;
     manager.reply(id, Response::Done).await;
     manager.send(MessageToClient::Feedback(feedback(1))).await;
     assert_eq!(feedbacks.next().await, Some(feedback(1)));
-    assert_eq!((feedbacks.gaps(), feedbacks.epoch(), feedbacks.dropped()), (1, Epoch(2), 0));
+    assert_eq!((feedbacks.reconnects(), feedbacks.epoch(), feedbacks.dropped()), (1, Epoch(2), 0));
     drop(feedbacks);
     manager.expect(Request::Subscribe(false)).await;
     drop(client);
@@ -207,12 +208,12 @@ async fn a_refusal_and_another_wall_are_not_what_was_meant() {
     let (client, manager) = connected(&listener, options(&address)).await;
     drop(manager);
     let (stream, _) = listener.accept().await.expect("it comes again");
-    let introduced = receive_introduction(stream, &Secret(TOKEN.into())).await;
+    let introduced = receive_hello(stream, &Secret(TOKEN.into())).await;
     let Introduced { mut frames, .. } = introduced.expect("introduced");
-    refuse(&mut frames, "another token".into()).await.expect("told");
-    let mut other = accept(&listener, 2, "theatre").await;
+    reject(&mut frames, "another token".into()).await.expect("told");
+    let mut other = manager_on(&listener, 2, "theatre").await;
     assert!(other.next().await.is_none(), "it does not stay");
-    let (epoch, _manager) = tokio::join!(client.connected(), accept(&listener, 3, "lab"));
+    let (epoch, _manager) = tokio::join!(client.connected(), manager_on(&listener, 3, "lab"));
     assert_eq!(epoch.expect("connected"), Epoch(3));
     assert_eq!(client.wall_name(), "lab");
 }

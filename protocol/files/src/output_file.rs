@@ -20,7 +20,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     place(path, bytes, |_| Ok(()))
 }
 
-/// Writes a file as [`write`] does; its content is on the disk before its name.
+/// Writes a file as [`write()`] does; its content is on the disk before its name.
 ///
 /// # Errors
 /// The reasons of [`check`], or the system's reason.

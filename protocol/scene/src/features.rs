@@ -31,7 +31,7 @@ pub struct SceneFeatures {
 
 impl SceneFeatures {
     /// What this scene needs.
-    pub fn of(scene: &Scene) -> Self {
+    pub fn from_scene(scene: &Scene) -> Self {
         let any = |test: fn(&super::Material) -> bool| scene.materials.iter().any(test);
         let primitives = || scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
         let mut uses = vec![0usize; scene.meshes.len()];

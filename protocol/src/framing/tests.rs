@@ -37,7 +37,7 @@ fn frame() -> Frame {
         time_s: 1.5,
         revision: Revision(2),
         views: vec![View::of_wall(camera())],
-        head: HeadPose::at(DVec3::new(0.0, 1.6, 0.0), 0.064),
+        head: HeadPose::facing_forward(DVec3::new(0.0, 1.6, 0.0), 0.064),
         exposure: 1.0,
         error_bound_px: 0.0,
         capture: true,

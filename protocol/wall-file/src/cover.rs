@@ -8,7 +8,7 @@ use super::document::ScreenSection;
 use super::error::WallFileError;
 use super::screen::{ChannelDraft, Section};
 use super::source::quoted;
-use crate::coverage::{Footprint, eyes, is_plain, is_seen_by};
+use crate::coverage::{Footprint, eyes, is_plain_tile, is_seen_by};
 use crate::tiling::{self, Rect};
 
 /// Most hidden rectangles of one screen: more than a grid of 1,024 tiles has gaps.
@@ -32,7 +32,7 @@ impl Section<'_> {
                 on_screen.iter().copied().filter(|d| is_seen_by(&d.channel, *eye)).collect();
             self.check_edges(screen, &seen)?;
             let shown: Vec<Rect> = seen.iter().map(|draft| draft.rect()).collect();
-            let is_tiled = seen.iter().all(|draft| is_plain(&draft.channel))
+            let is_tiled = seen.iter().all(|draft| is_plain_tile(&draft.channel))
                 && tiling::overlap(&shown).is_none();
             if is_tiled {
                 self.check_holes(screen.canvas, *eye, &shown, &hidden)?;
@@ -96,7 +96,7 @@ impl Section<'_> {
             let name = &draft.channel.name;
             let others = seen.iter().filter(|other| other.channel.name != *name);
             let mut met = others.filter_map(|other| {
-                Some((other, own.hard_side(&Footprint::new(&other.channel, screen))?))
+                Some((other, own.hard_edge(&Footprint::new(&other.channel, screen))?))
             });
             if let Some((other, side)) = met.next() {
                 let what = format!(
@@ -128,7 +128,7 @@ impl Section<'_> {
                 origin: UVec2::from_array(section.origin),
                 size: UVec2::from_array(section.pixels),
             };
-            let mut tiles = drafts.iter().filter(|draft| is_plain(&draft.channel));
+            let mut tiles = drafts.iter().filter(|draft| is_plain_tile(&draft.channel));
             let over = tiles.find(|draft| draft.rect().intersection(rect).is_some());
             let what = if rect.area() == 0 {
                 "a hidden rectangle without pixels hides nothing".to_owned()

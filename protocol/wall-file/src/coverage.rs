@@ -81,7 +81,7 @@ pub(super) fn eyes<'a>(channels: impl IntoIterator<Item = &'a Channel>) -> &'sta
 }
 
 /// A tile whose pixels lie where its rectangle says.
-pub(super) fn is_plain(channel: &Channel) -> bool {
+pub(super) fn is_plain_tile(channel: &Channel) -> bool {
     let adjustment = &channel.adjustment;
     channel.cover == ChannelKind::Tile
         && adjustment.pin == [DVec2::ZERO; 4]
@@ -98,13 +98,13 @@ pub(super) struct Footprint<'a> {
 impl<'a> Footprint<'a> {
     /// The footprint of a channel without calibration files.
     pub fn new(channel: &'a Channel, screen: &'a Screen) -> Self {
-        Self::shaped(channel, screen, WallGeometry::none())
+        Self::shaped(channel, screen, WallGeometry::empty())
     }
 
     /// The footprint of a channel with the geometry of its calibration files.
     pub fn shaped(channel: &'a Channel, screen: &'a Screen, shapes: &'a WallGeometry) -> Self {
-        let map = ChannelMapping::shaped(channel, screen, shapes);
-        Self { channel, ground: shapes.ground(screen), map }
+        let map = ChannelMapping::with_geometry(channel, screen, shapes);
+        Self { channel, ground: shapes.screen(screen), map }
     }
 
     /// Returns whether the channel shows this place of the canvas.
@@ -147,11 +147,11 @@ impl<'a> Footprint<'a> {
     pub fn is_known(&self) -> bool {
         let is_mesh = matches!(self.ground.screen.surface, Surface::Mesh(_));
         let is_placed = !is_mesh || self.ground.is_mesh() || self.channel.cover == ChannelKind::Map;
-        is_placed && self.map.as_ref().is_some_and(ChannelMapping::is_known)
+        is_placed && self.map.as_ref().is_some_and(ChannelMapping::is_resolved)
     }
 
     /// The side at which this channel ends in a ramp without width, though another is there.
-    pub fn hard_side(&self, other: &Self) -> Option<&'static str> {
+    pub fn hard_edge(&self, other: &Self) -> Option<&'static str> {
         let size = self.channel.size.as_dvec2();
         let edges = self.channel.adjustment.edges;
         let along = |t: u32| (f64::from(t) + 0.5) / f64::from(EDGE_SAMPLES);
@@ -177,8 +177,8 @@ pub fn coverage<'a>(of: impl Into<ResolvedWall<'a>>, screen: usize) -> Vec<Cover
     let Some(surface) = wall.screens.get(screen) else { return Vec::new() };
     let on_screen = |channel: &&Channel| usize::from(channel.screen) == screen;
     let is_unknown = |channel: &Channel| {
-        let map = ChannelMapping::shaped(channel, surface, of.shapes);
-        !map.is_none_or(|map| map.is_known())
+        let map = ChannelMapping::with_geometry(channel, surface, of.shapes);
+        !map.is_none_or(|map| map.is_resolved())
     };
     if wall.channels.iter().filter(on_screen).any(is_unknown) {
         return Vec::new();
@@ -196,7 +196,7 @@ pub fn coverage<'a>(of: impl Into<ResolvedWall<'a>>, screen: usize) -> Vec<Cover
 fn of_group(of: ResolvedWall<'_>, screen: &Screen, eye: Eye, indices: &[usize]) -> Coverage {
     let print = |index: &usize| Footprint::shaped(&of.wall.channels[*index], screen, of.shapes);
     let prints: Vec<Footprint<'_>> = indices.iter().map(print).collect();
-    let (cells, pairs) = if prints.iter().all(|print| is_plain(print.channel)) {
+    let (cells, pairs) = if prints.iter().all(|print| is_plain_tile(print.channel)) {
         exact(screen.canvas, &prints)
     } else {
         sampled(screen.canvas, &prints)
@@ -204,8 +204,8 @@ fn of_group(of: ResolvedWall<'_>, screen: &Screen, eye: Eye, indices: &[usize]) 
     let overlap = |((a, b), patch): ((usize, usize), Region)| Overlap {
         channels: [indices[a], indices[b]],
         patch,
-        is_blended: prints[a].hard_side(&prints[b]).is_none()
-            && prints[b].hard_side(&prints[a]).is_none(),
+        is_blended: prints[a].hard_edge(&prints[b]).is_none()
+            && prints[b].hard_edge(&prints[a]).is_none(),
     };
     Coverage {
         eye,

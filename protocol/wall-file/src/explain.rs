@@ -11,7 +11,7 @@ pub(super) struct Explanation {
 }
 
 /// Translates one message of serde or of the toml crate; what it cannot translate it repeats.
-pub(super) fn explain(message: &str) -> Explanation {
+pub(super) fn from_serde(message: &str) -> Explanation {
     if let Some((name, valid)) = unknown(message, "unknown field ") {
         let what = format!("there is no key {name:?} here");
         return Explanation { missing: None, what, remedy: suggest(&name, &valid, "keys") };
@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn numbers_of_any_size_are_repeated() {
-        let what = |found| explain(&format!("invalid type: {found}, expected u32")).what;
+        let what = |found| from_serde(&format!("invalid type: {found}, expected u32")).what;
         assert_eq!(what("integer `-1`"), "found the number -1");
         let large = "18446744073709551616";
         assert_eq!(

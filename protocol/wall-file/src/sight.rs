@@ -82,7 +82,7 @@ fn check_nearness(
     channel: &Channel,
 ) -> Result<(), WallFileError> {
     let distance_m = screen.frustum(eye).map_or(f64::INFINITY, |seen| seen.distance_m);
-    match screen.eye_distance_least_m(channel, eye) {
+    match screen.eye_distance_min_m(channel, eye) {
         Some(least_m) if distance_m < least_m => {
             let what = format!(
                 "the eye {eye} m is {distance_m:.6} m before screen {:?}, so near that pixels of \

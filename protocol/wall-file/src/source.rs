@@ -9,7 +9,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::document::Document;
 use super::error::WallFileError;
-use super::explain::{Explanation, explain, explain_words};
+use super::explain::{Explanation, explain_words, from_serde};
 use super::schema::words_at;
 use super::syntax::{Slip, TomlError, diagnose};
 
@@ -44,7 +44,7 @@ impl<'a> SourceText<'a> {
             let complaint = self.words_wanted(&key, offset);
             let is_word = error.message().starts_with("unknown ");
             let complaint = complaint.filter(|_| !is_word);
-            let complaint = complaint.unwrap_or_else(|| explain(error.message()));
+            let complaint = complaint.unwrap_or_else(|| from_serde(error.message()));
             let Explanation { missing, what, remedy } = complaint;
             match missing {
                 // The place is the table's; the key is the one that should be in it. What must

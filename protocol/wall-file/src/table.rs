@@ -18,7 +18,7 @@ use polyptych_wall::shapes::{ResolvedWall, ScreenGeometry};
 use polyptych_wall::{Channel, Eye, Screen, StereoPacking, Surface, Wall};
 use serde::Serialize;
 
-use crate::coverage::{self, Coverage, Region, is_plain};
+use crate::coverage::{self, Coverage, Region, is_plain_tile};
 
 pub use blend_row::BlendRow;
 pub use channel_row::{ChannelRow, ProjectorRow};
@@ -155,7 +155,7 @@ pub struct BezelRow {
 
 impl CheckReport {
     /// The numbers of a wall, from its own eye, as far as the geometry of its files says.
-    pub fn of<'a>(of: impl Into<ResolvedWall<'a>>) -> Self {
+    pub fn from_wall<'a>(of: impl Into<ResolvedWall<'a>>) -> Self {
         Self::with_files(of.into(), &CalibrationMaps::default())
     }
 
@@ -216,7 +216,7 @@ fn screen_row(of: ResolvedWall<'_>, index: usize) -> ScreenRow {
         Surface::Sphere(_) => "sphere",
         Surface::Mesh(_) => "mesh",
     };
-    let ground = of.shapes.ground(screen);
+    let ground = of.shapes.screen(screen);
     let size_m = match screen.surface {
         Surface::Mesh(_) => mesh_size_m(ground, wall.eye),
         _ => finite(screen.size_m().to_array()),
@@ -247,7 +247,7 @@ fn mesh_size_m(ground: ScreenGeometry<'_>, eye: DVec3) -> Option<[f64; 2]> {
     let canvas = ground.screen.canvas.as_dvec2();
     let along = |axis: DVec2| {
         let place = |t: f64| ground.display_from_canvas(canvas * (0.5 + axis * (t - 0.5)));
-        extent::of_line(eye, place).map(|line| line.metres)
+        extent::line_length_and_angle(eye, place).map(|line| line.metres)
     };
     Some([along(DVec2::X)?, along(DVec2::Y)?])
 }
@@ -269,9 +269,9 @@ fn coverage_row(of: ResolvedWall<'_>, index: usize, coverage: &Coverage) -> Cove
     let open: f64 = coverage.holes.iter().map(|hole| hole.area).sum();
     let on_screen = |channel: &&Channel| usize::from(channel.screen) == index;
     let is_tiled =
-        coverage.overlaps.is_empty() && wall.channels.iter().filter(on_screen).all(is_plain);
+        coverage.overlaps.is_empty() && wall.channels.iter().filter(on_screen).all(is_plain_tile);
     let name = |index: usize| wall.channels[index].name.clone();
-    let ground = of.shapes.ground(screen);
+    let ground = of.shapes.screen(screen);
     CoverageRow {
         eye: coverage.eye,
         covered: 1.0 - open / area(screen.canvas) as f64,
@@ -297,7 +297,7 @@ fn patch_row(ground: ScreenGeometry<'_>, eye: DVec3, patch: Region) -> RegionRow
     let middle = origin + size / 2.0;
     let along = |axis: DVec2| {
         let place = |t: f64| ground.display_from_canvas(middle + axis * size * (t - 0.5));
-        extent::of_line(eye, place).map(|line| line.metres)
+        extent::line_length_and_angle(eye, place).map(|line| line.metres)
     };
     let is_even = matches!(ground.screen.surface, Surface::Plane(_) | Surface::Cylinder(_));
     let pixel_m2 = pitch_m(ground.screen).element_product();

@@ -14,7 +14,7 @@ use super::document::{
     SphereSection, StorageSection, TilesSection, WallSection,
 };
 use super::rotation::{degrees, written};
-use crate::coverage::{eyes, is_plain, is_seen_by};
+use crate::coverage::{eyes, is_plain_tile, is_seen_by};
 use crate::tiling::{Rect, gaps, overlap};
 
 /// The wall file of a checked wall: [`parse`](super::parse) gives an equal wall back.
@@ -145,11 +145,11 @@ fn hidden(canvas: UVec2, channels: &[&Channel]) -> Vec<HiddenSection> {
     let section =
         |gap: Rect| HiddenSection { origin: gap.origin.to_array(), pixels: gap.size.to_array() };
     let rect = |channel: &&Channel| Rect { origin: channel.origin, size: channel.size };
-    let tiles: Vec<Rect> = channels.iter().filter(|c| is_plain(c)).map(rect).collect();
+    let tiles: Vec<Rect> = channels.iter().filter(|c| is_plain_tile(c)).map(rect).collect();
     let is_tiled = |eye| {
         let mut seen = channels.iter().filter(|channel| is_seen_by(channel, eye)).peekable();
         let rects: Vec<Rect> = seen.clone().map(rect).collect();
-        seen.peek().is_some() && seen.all(|c| is_plain(c)) && overlap(&rects).is_none()
+        seen.peek().is_some() && seen.all(|c| is_plain_tile(c)) && overlap(&rects).is_none()
     };
     if !eyes(channels.iter().copied()).iter().any(|eye| is_tiled(*eye)) {
         return Vec::new();

@@ -191,7 +191,7 @@ pub struct ColorCorrection {
     /// How codes become light on this display.
     pub curve: TransferFunction,
     /// What it shows of black, as a share of its white, in its red, green and blue; `None`: as
-    /// the wall's projectors do ([`BlendConfig::leak`](super::BlendRule)).
+    /// the wall's projectors do ([`BlendConfig::leak`](super::BlendConfig)).
     pub leak: Option<DVec3>,
 }
 
@@ -220,7 +220,7 @@ impl Default for ColorCorrection {
 
 impl ChannelCalibration {
     /// What is shown is what was drawn, but for the turn, and for light that others share.
-    pub fn is_plain(&self) -> bool {
+    pub fn is_identity(&self) -> bool {
         *self == Self { eye: self.eye, edges: self.edges, ..Self::default() }
     }
 

@@ -20,8 +20,8 @@
 //! A weight depends on the place and not on the pixel that shows it, so that channels whose
 //! pixels lie askew agree. Channels for different eyes share nothing: glasses hide the others'.
 //! What is for both eyes has the light that keeps both sums (`eyes.rs`).
-//! Channels whose pixels lie where a file says ([`ChannelKind::Map`](super::Cover::Map)) have weight 1
-//! where that file brings its own shares of light: an alpha mask, or light at a mesh's corners.
+//! Channels whose pixels lie where a file says ([`ChannelKind::Map`](super::ChannelKind::Map)) have
+//! weight 1 where that file brings its own shares of light: an alpha mask, or light at a mesh's corners.
 
 mod eyes;
 pub(super) mod lamp;
@@ -61,12 +61,12 @@ pub struct BlendMap {
 
 /// The light map of a channel, or `None` where it changes nothing: its light is its own, nothing
 /// leaks and nothing is masked. Who asks for several makes a [`BlendModel`] first.
-pub fn light_map<'a>(
+pub fn blend_map<'a>(
     of: impl Into<ResolvedWall<'a>>,
     id: ChannelId,
     masks: &ChannelMasks<'_>,
 ) -> Option<BlendMap> {
-    BlendModel::new(of).light_map(id, masks)
+    BlendModel::new(of).blend_map(id, masks)
 }
 
 /// All that a channel's light map is made from: equal ones make equal maps.
@@ -88,12 +88,12 @@ pub struct LightInputs {
 impl BlendMap {
     /// Factors and addends of red, green and blue at a pixel, as they are after rounding.
     pub fn light_at(&self, x: u32, y: u32) -> [DVec3; 2] {
-        let [red, green, blue] = [0, 1, 2].map(|colour| self.at(x, y, colour));
+        let [red, green, blue] = [0, 1, 2].map(|colour| self.texel(x, y, colour));
         [0, 1].map(|part| DVec3::new(red[part], green[part], blue[part]))
     }
 
     /// Factor and addend of red (0), green (1) or blue at a pixel, as they are after rounding.
-    pub fn at(&self, x: u32, y: u32, colour: usize) -> [f64; 2] {
+    pub fn texel(&self, x: u32, y: u32, colour: usize) -> [f64; 2] {
         let pixels = self.size.x as usize * self.size.y as usize;
         let layer = colour.min(self.texels.len() / pixels.max(1) - 1);
         let at = layer * pixels + y as usize * self.size.x as usize + x as usize;
@@ -170,7 +170,7 @@ impl<'a> BlendModel<'a> {
         let of = |id: ChannelId| {
             let mut channel = wall.channel(id)?.clone();
             channel.adjustment.color = ColorCorrection::default();
-            Some((id, channel, self.lamps.get(usize::from(id.0))?.leak, self.widths(id)))
+            Some((id, channel, self.lamps.get(usize::from(id.0))?.leak, self.ramp_widths(id)))
         };
         let black = self.black();
         Some(LightInputs {
@@ -184,15 +184,15 @@ impl<'a> BlendModel<'a> {
         })
     }
 
-    /// The light map of a channel, as [`light_map`] has it.
-    pub fn light_map(&self, id: ChannelId, masks: &ChannelMasks<'_>) -> Option<BlendMap> {
+    /// The light map of a channel, as [`blend_map`] has it.
+    pub fn blend_map(&self, id: ChannelId, masks: &ChannelMasks<'_>) -> Option<BlendMap> {
         let (channel, lamp) = (self.wall.channel(id)?, self.lamps.get(usize::from(id.0))?);
         let (black, mix) = (self.black(), self.mix(id));
         let missing = |share: BlendWeight| (black - share.black).max(DVec3::ZERO);
         let size = channel.size;
         // No share of what is missing is larger, whatever the signs of a matrix make of it.
         let bound = DMat3::from_cols(mix.x_axis.abs(), mix.y_axis.abs(), mix.z_axis.abs());
-        let add = bound * missing(lamp.alone()) + masks.most_added();
+        let add = bound * missing(lamp.alone()) + masks.offset_max();
         if masks.is_empty() && self.neighbours(id).is_empty() && add == DVec3::ZERO {
             return None;
         }
@@ -210,14 +210,14 @@ impl<'a> BlendModel<'a> {
         let mut texels;
         if masks.is_coloured() || self.is_coloured(id) {
             let mut colours = vec![[[0; 2]; 3]; size.x as usize * size.y as usize];
-            self.raster(id, &mut colours, |at, share| {
+            self.for_each_weight(id, &mut colours, |at, share| {
                 if is_alone(share) { alone } else { [0, 1, 2].map(|c| texel(at, share, c)) }
             });
             let of = |colour: usize| colours.iter().map(move |texel| texel[colour]);
             texels = (0..3).flat_map(of).collect();
         } else {
             texels = vec![[0; 2]; size.x as usize * size.y as usize];
-            self.raster(id, &mut texels, |at, share| {
+            self.for_each_weight(id, &mut texels, |at, share| {
                 if is_alone(share) { alone[0] } else { texel(at, share, 0) }
             });
         }
@@ -243,8 +243,8 @@ impl<'a> BlendModel<'a> {
         let on_screen = on_screen.filter(|(_, other)| other.channel.screen == screen);
         let lit: Vec<_> = on_screen
             .filter_map(|(id, lamp)| {
-                let step = lamp.step(lamp.lit(canvas)?, self.widths(id));
-                Some((id, EyeContribution::whole(lamp, step)))
+                let step = lamp.ramp(lamp.lit_pixel(canvas)?, self.ramp_widths(id));
+                Some((id, EyeContribution::full_pixel(lamp, step)))
             })
             .collect();
         let seen = lit.iter().filter(|(_, light)| [Eye::Center, side].contains(&light.eye));
@@ -253,17 +253,17 @@ impl<'a> BlendModel<'a> {
             let others: Vec<_> = others
                 .map(|(other, light)| EyeContribution { is_before: other < id, ..*light })
                 .collect();
-            (*id, eyes::share(*own, &others, self.wall.blend.exponent).weight)
+            (*id, eyes::blend_weight(*own, &others, self.wall.blend.exponent).weight)
         });
         shared.collect()
     }
 
     /// How wide the ramps at a channel's edges are, in its pixels: left, right, top and bottom;
     /// `None` where it shares no light.
-    pub fn widths(&self, id: ChannelId) -> [Option<f64>; 4] {
+    pub fn ramp_widths(&self, id: ChannelId) -> [Option<f64>; 4] {
         let at = usize::from(id.0);
         self.lamps.get(at).map_or([None; 4], |lamp| {
-            *lamp.widths.get_or_init(|| overlap::widths(lamp, &self.lamps))
+            *lamp.widths.get_or_init(|| overlap::ramp_widths(lamp, &self.lamps))
         })
     }
 
@@ -284,13 +284,13 @@ impl<'a> BlendModel<'a> {
     }
 
     /// The most channels that light any place of the wall; 1 or more.
-    pub fn most(&self) -> usize {
+    pub fn overlap_max(&self) -> usize {
         self.most_of(|_| DVec3::ONE).x.max(1.0) as usize
     }
 
     /// The most that channels which light one place have together of what `of` says of each.
     fn most_of(&self, of: impl Fn(&BlendChannel<'_>) -> DVec3) -> DVec3 {
-        let most = |lamp: &BlendChannel<'_>| overlap::most(lamp, &self.lamps, &of);
+        let most = |lamp: &BlendChannel<'_>| overlap::overlap_max(lamp, &self.lamps, &of);
         self.lamps.iter().map(most).fold(DVec3::ZERO, DVec3::max)
     }
 }

@@ -18,10 +18,10 @@ impl ResolvedWall<'_> {
     /// # Errors
     /// Why nothing of the channel can be drawn.
     pub fn drawn_mesh(&self, maps: &CalibrationMaps, id: ChannelId) -> Result<WarpMesh, String> {
-        let map = self.pixel_map(id).ok_or("its corner pins leave no picture")?;
+        let map = self.channel_mapping(id).ok_or("its corner pins leave no picture")?;
         let channel = self.wall.channel(id).ok_or("the wall has no such channel")?;
         let screen = self.wall.screen_of(channel);
-        let ground = self.shapes.ground(screen);
+        let ground = self.shapes.screen(screen);
         let mesh = match (channel.adjustment.warp, &screen.surface) {
             (Some(file), _) => {
                 let warp = maps.warp(file).ok_or("its warp file is not there")?;

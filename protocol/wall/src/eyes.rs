@@ -88,7 +88,7 @@ impl Screen {
     /// How far from this plane an eye must be that is about there, for a channel's pixels on it to
     /// be right, in metres ([`EYE_ROUNDING_MAX_PX`]); `None` where the screen
     /// is no plane.
-    pub fn eye_distance_least_m(&self, channel: &Channel, eye: DVec3) -> Option<f64> {
+    pub fn eye_distance_min_m(&self, channel: &Channel, eye: DVec3) -> Option<f64> {
         const F32_ROUNDING: f64 = 0.5 * f32::EPSILON as f64;
         self.plane()?;
         let (begin, end) = match channel.cover {
@@ -107,7 +107,7 @@ impl Screen {
 impl Wall {
     /// The viewer's head as the wall file has it, until a client moves it.
     pub fn head(&self) -> HeadPose {
-        HeadPose::at(self.eye, self.eye_separation_m)
+        HeadPose::facing_forward(self.eye, self.eye_separation_m)
     }
 
     /// Whether every channel can be drawn for its eyes of this head.
@@ -144,7 +144,7 @@ impl Wall {
 
     fn check_nearness(&self, channel: &Channel, of: Eye, eye: DVec3) -> Result<(), HeadError> {
         let screen = self.screen_of(channel);
-        let distances = match screen.eye_distance_least_m(channel, eye) {
+        let distances = match screen.eye_distance_min_m(channel, eye) {
             Some(least_m) => screen.frustum(eye).map(|seen| (seen.distance_m, least_m)),
             // Nearer, it is on the curve for who draws.
             None => screen.surface.distance_m(eye).map(|of| (of, 2.0 * SOURCE_DISTANCE_MIN_M)),
@@ -159,7 +159,7 @@ impl Wall {
 
     fn check_eye(&self, channel: &Channel, eye: DVec3) -> Result<(), FrustumError> {
         let screen = self.screen_of(channel);
-        if let Some(distance_m) = self.behind_file_m(channel, eye) {
+        if let Some(distance_m) = self.distance_behind_m(channel, eye) {
             let (channel, screen) = (channel.name.clone(), screen.name.clone());
             return Err(FrustumError::EyeBehind { channel, screen, eye, distance_m });
         }
@@ -204,12 +204,12 @@ mod tests {
     fn an_eye_behind_a_screen_is_named_with_channel_and_distance() {
         let wall = plane();
         assert_eq!(wall.check_head(&wall.head()), Ok(()));
-        let behind = HeadPose::at(DVec3::new(0.25, 0.0, -1.5), 0.06);
+        let behind = HeadPose::facing_forward(DVec3::new(0.25, 0.0, -1.5), 0.06);
         let error = wall.check_head(&behind).expect_err("behind").to_string();
         for part in ["c0", "front", "0.25", "-1.5", "0.500000 m behind", "middle"] {
             assert!(error.contains(part), "{part} is not in {error}");
         }
-        let within = HeadPose::at(DVec3::NEG_Z, 0.06);
+        let within = HeadPose::facing_forward(DVec3::NEG_Z, 0.06);
         let error = wall.check_head(&within).expect_err("in the plane").to_string();
         assert!(error.contains("in the plane of screen front"), "{error}");
     }
@@ -217,7 +217,9 @@ mod tests {
     #[test]
     fn an_eye_so_near_that_pixels_are_one_is_told_how_near_it_may_be() {
         let wall = plane();
-        let at = |distance_m: f64| HeadPose::at(DVec3::new(0.9, 0.0, -1.0 + distance_m), 0.06);
+        let at = |distance_m: f64| {
+            HeadPose::facing_forward(DVec3::new(0.9, 0.0, -1.0 + distance_m), 0.06)
+        };
         let error = wall.check_head(&at(1e-6)).expect_err("too near");
         let HeadError::TooNear { least_m, .. } = error else { panic!("{error}") };
         // Two metres with pixels of 31 mm.
@@ -239,7 +241,7 @@ mod tests {
             height_m: [-0.5, 0.5],
         };
         let wall = wall(Surface::Cylinder(cylinder));
-        let at = |distance_m: f64| HeadPose::at(DVec3::NEG_Z * (3.0 - distance_m), 0.0);
+        let at = |distance_m: f64| HeadPose::facing_forward(DVec3::NEG_Z * (3.0 - distance_m), 0.0);
         let error = wall.check_head(&at(1e-7)).expect_err("too near").to_string();
         assert!(error.contains("channel c0") && error.contains("is enough"), "{error}");
         assert_eq!(wall.check_head(&at(2.0)), Ok(()));
@@ -295,7 +297,7 @@ mod tests {
         });
         wall.channels[0].adjustment.warp = Some(0);
         assert_eq!(wall.check_head(&wall.head()), Ok(()), "where the wall file has it");
-        let moved = HeadPose::at(DVec3::X * 0.1, wall.eye_separation_m);
+        let moved = HeadPose::facing_forward(DVec3::X * 0.1, wall.eye_separation_m);
         let error = wall.check_head(&moved).expect_err("moved").to_string();
         assert!(error.contains("c0") && error.contains("left.png"), "{error}");
         wall.files[0].is_for_one_eye = false;
@@ -308,11 +310,15 @@ mod tests {
         let (azimuth_rad, height_m) = ([-3.0, 3.0], [0.0, 2.0]);
         let cylinder = Cylinder { center, rotation, radius_m: 3.0, azimuth_rad, height_m };
         let wall = wall(Surface::Cylinder(cylinder));
-        assert_eq!(wall.check_head(&HeadPose::at(DVec3::new(2.0, 1.0, -2.0), 0.06)), Ok(()));
-        let outside = wall.check_head(&HeadPose::at(DVec3::X * 3.5, 0.06));
+        assert_eq!(
+            wall.check_head(&HeadPose::facing_forward(DVec3::new(2.0, 1.0, -2.0), 0.06)),
+            Ok(())
+        );
+        let outside = wall.check_head(&HeadPose::facing_forward(DVec3::X * 3.5, 0.06));
         let error = outside.expect_err("outside").to_string();
         assert!(error.contains("c0") && error.contains("0.500000 m behind"), "{error}");
-        let numbers = wall.check_head(&HeadPose::at(DVec3::NAN, 0.06)).expect_err("no numbers");
+        let numbers =
+            wall.check_head(&HeadPose::facing_forward(DVec3::NAN, 0.06)).expect_err("no numbers");
         assert!(matches!(numbers, HeadError::Numbers(_)), "{numbers}");
     }
 }

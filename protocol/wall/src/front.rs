@@ -29,7 +29,7 @@ pub struct SurfaceSample {
 impl WarpMap {
     /// Places that are spread evenly over its picture; none of a map of the canvas, which has no
     /// points.
-    pub fn front(&self) -> Vec<SurfaceSample> {
+    pub fn surface_samples(&self) -> Vec<SurfaceSample> {
         match (&self.shape, self.space) {
             (_, MapCoordinates::Canvas) => Vec::new(),
             (WarpGeometry::Mesh(mesh), _) => of_mesh(mesh),
@@ -99,7 +99,7 @@ fn front_place(place: Vec2, point: DVec3, normal: DVec3) -> Option<SurfaceSample
 
 impl SurfaceSample {
     /// Whether its numbers are such.
-    pub(super) fn is_sound(&self) -> bool {
+    pub(super) fn is_valid(&self) -> bool {
         self.place.is_finite() && self.point.is_finite() && self.normal.is_finite()
     }
 
@@ -112,7 +112,7 @@ impl SurfaceSample {
 impl Wall {
     /// How far behind what its file says of a channel's surface an eye is, in metres, at worst;
     /// `None` where it sees the front of nearly all, or where no file says anything.
-    pub(super) fn behind_file_m(&self, channel: &Channel, eye: DVec3) -> Option<f64> {
+    pub(super) fn distance_behind_m(&self, channel: &Channel, eye: DVec3) -> Option<f64> {
         let places = |file: u16| self.files.get(usize::from(file)).map(|file| &file.front[..]);
         if let Some(places) = channel.adjustment.warp.and_then(places)
             && !places.is_empty()
@@ -136,7 +136,7 @@ impl Wall {
                 at.cmpge(DVec2::ZERO).all() && at.cmple(channel.size.as_dvec2()).all()
             }
             ChannelKind::Projector(projector) => {
-                let at = projector.place(front.point.as_dvec3());
+                let at = projector.project(front.point.as_dvec3());
                 at.is_some_and(|at| at.cmpge(DVec2::ZERO).all() && at.cmple(DVec2::ONE).all())
             }
             ChannelKind::Map => true,
@@ -187,8 +187,8 @@ mod tests {
         ImportedMesh { vertices, triangles }
     }
 
-    fn front(shape: WarpGeometry) -> Vec<SurfaceSample> {
-        WarpMap { space: MapCoordinates::Display, shape }.front()
+    fn surface_samples(shape: WarpGeometry) -> Vec<SurfaceSample> {
+        WarpMap { space: MapCoordinates::Display, shape }.surface_samples()
     }
 
     #[test]
@@ -199,7 +199,7 @@ mod tests {
             WarpGeometry::Mesh(arch_mesh(UVec2::new(161, 91))),
             WarpGeometry::Mesh(arch_mesh(UVec2::new(5, 4))),
         ] {
-            let places = front(shape);
+            let places = surface_samples(shape);
             assert!((12..=FRONT_PLACES_MAX).contains(&places.len()), "{}", places.len());
             for front in &places {
                 let inward = -front.point.as_dvec3() * DVec3::new(1.0, 0.0, 1.0);
@@ -229,7 +229,7 @@ mod tests {
         }
         let screen = Screen::new("front", surface, UVec2::new(64, 32));
         let mut wall = Wall::new("w", vec![screen], vec![channel]);
-        let front = front(shape);
+        let front = surface_samples(shape);
         let path = "x".to_owned();
         wall.files.push(CalibrationFile { path, kind, blob: None, is_for_one_eye: false, front });
         wall
@@ -241,16 +241,21 @@ mod tests {
         let by_map = wall(WarpGeometry::Grid(arch(size)), false);
         for wall in [wall(WarpGeometry::Mesh(arch_mesh(size)), true), by_map] {
             for within in [DVec3::ZERO, DVec3::new(1.0, 0.5, -1.0), DVec3::new(-1.5, 0.0, 0.0)] {
-                assert_eq!(wall.check_head(&HeadPose::at(within, 0.06)), Ok(()), "{within}");
+                assert_eq!(
+                    wall.check_head(&HeadPose::facing_forward(within, 0.06)),
+                    Ok(()),
+                    "{within}"
+                );
             }
             for beside in [DVec3::new(0.0, 0.0, -3.0), DVec3::new(2.5, 0.0, -1.0)] {
-                let error = wall.check_head(&HeadPose::at(beside, 0.06)).expect_err("behind");
+                let error =
+                    wall.check_head(&HeadPose::facing_forward(beside, 0.06)).expect_err("behind");
                 let error = error.to_string();
                 assert!(error.contains("c0") && error.contains("m behind screen front"), "{error}");
             }
         }
         // From behind it all, a screen is refused; a map for a projector behind it is mirrored.
-        let far = HeadPose::at(DVec3::new(0.0, 0.0, -300.0), 0.06);
+        let far = HeadPose::facing_forward(DVec3::new(0.0, 0.0, -300.0), 0.06);
         assert!(wall(WarpGeometry::Mesh(arch_mesh(size)), true).check_head(&far).is_err());
     }
 
@@ -259,7 +264,7 @@ mod tests {
         let mut wall = wall(WarpGeometry::Mesh(arch_mesh(UVec2::new(161, 91))), true);
         wall.channels[0].size = UVec2::new(16, 32);
         // Behind the right side, before the left one.
-        let aside = HeadPose::at(DVec3::new(2.5, 0.0, -0.5), 0.06);
+        let aside = HeadPose::facing_forward(DVec3::new(2.5, 0.0, -0.5), 0.06);
         assert_eq!(wall.check_head(&aside), Ok(()));
         wall.channels[0].origin = UVec2::new(48, 0);
         assert!(wall.check_head(&aside).is_err());

@@ -116,7 +116,7 @@ impl ScreenFrustum {
 
     /// The part of the screen from `begin` to `end`, as fractions of the canvas from its upper
     /// left, with the same axes and distance.
-    pub(super) fn part(&self, begin: DVec2, end: DVec2) -> Self {
+    pub(super) fn sub_frustum(&self, begin: DVec2, end: DVec2) -> Self {
         let [left, right, bottom, top] = self.edges_m;
         let x = |t: f64| left + (right - left) * t;
         let y = |t: f64| top + (bottom - top) * t;
@@ -193,7 +193,7 @@ impl Wall {
         let (part, viewport) = match channel.projection {
             FrustumMode::Shared => (seen, [-origin.x, -origin.y, canvas.x, canvas.y]),
             FrustumMode::Own => {
-                let part = seen.part(origin / canvas, (origin + size) / canvas);
+                let part = seen.sub_frustum(origin / canvas, (origin + size) / canvas);
                 (part, [0.0, 0.0, size.x, size.y])
             }
         };

@@ -25,7 +25,7 @@ pub struct HeadPose {
 
 impl HeadPose {
     /// A head at rest.
-    pub fn at(position: DVec3, eye_separation_m: f64) -> Self {
+    pub fn facing_forward(position: DVec3, eye_separation_m: f64) -> Self {
         Self { position, rotation: DQuat::IDENTITY, eye_separation_m }
     }
 
@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn the_right_eye_is_at_the_right_of_the_left_one() {
-        let head = HeadPose::at(DVec3::new(0.0, 1.7, 0.5), 0.06);
+        let head = HeadPose::facing_forward(DVec3::new(0.0, 1.7, 0.5), 0.06);
         assert!(head.eye(Eye::Left).distance(DVec3::new(-0.03, 1.7, 0.5)) < 1e-15);
         assert!(head.eye(Eye::Right).distance(DVec3::new(0.03, 1.7, 0.5)) < 1e-15);
         assert_eq!(head.eye(Eye::Center), head.position);
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn numbers_that_are_no_head_are_told() {
-        let head = HeadPose::at(DVec3::ZERO, 0.06);
+        let head = HeadPose::facing_forward(DVec3::ZERO, 0.06);
         assert_eq!(head.fault(), None);
         for bad in [
             HeadPose { position: DVec3::NAN, ..head },

@@ -219,7 +219,7 @@ impl Wall {
         }
         let is_odd = |file: &CalibrationFile| {
             file.front.len() > front::FRONT_PLACES_MAX
-                || !file.front.iter().all(front::SurfaceSample::is_sound)
+                || !file.front.iter().all(front::SurfaceSample::is_valid)
         };
         if self.files.iter().any(is_odd) {
             return Some("a file has more places than it may have, or no numbers".into());
@@ -254,7 +254,7 @@ impl Wall {
     }
 
     /// The channel of this name, with its id.
-    pub fn channel_named(&self, name: &str) -> Option<(ChannelId, &Channel)> {
+    pub fn channel_by_name(&self, name: &str) -> Option<(ChannelId, &Channel)> {
         let index = self.channels.iter().position(|channel| channel.name == name)?;
         Some((ChannelId(u16::try_from(index).ok()?), &self.channels[index]))
     }

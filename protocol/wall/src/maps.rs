@@ -63,7 +63,7 @@ impl CalibrationMaps {
 
     /// The light that a channel's warp mesh says at its corners, for each of its pixels; `None`
     /// where it is all of it. It belongs to the channel's [`masks`](Self::masks).
-    pub fn light(&self, channel: &Channel, pixels: &ChannelMapping<'_>) -> Option<Mask> {
+    pub fn mesh_light_mask(&self, channel: &Channel, pixels: &ChannelMapping<'_>) -> Option<Mask> {
         self.warp(channel.adjustment.warp?)?.light_mask(channel.size, pixels)
     }
 

@@ -62,7 +62,7 @@ impl LitArea {
     }
 
     /// A place of the rectangle, moved to this side of the outline.
-    pub fn moved_to(&self, side: Edge, at: DVec2) -> DVec2 {
+    pub fn snap_to_edge(&self, side: Edge, at: DVec2) -> DVec2 {
         let (along, end) = match side {
             Edge::Left => (0, 0),
             Edge::Right => (0, 1),
@@ -127,7 +127,7 @@ mod tests {
             assert!(off < 1.5, "{at}: {found:?}, {due:?}");
         }
         assert!(outline.distances(DVec2::new(5.0, 20.0))[0] < 0.0, "beyond");
-        let moved = outline.moved_to(Edge::Right, DVec2::new(200.0, 80.0));
+        let moved = outline.snap_to_edge(Edge::Right, DVec2::new(200.0, 80.0));
         assert!((moved.x - 190.0).abs() < 1.5 && moved.y == 80.0, "{moved}");
     }
 

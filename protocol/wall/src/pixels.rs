@@ -38,21 +38,22 @@ pub struct ChannelMapping<'a> {
 }
 
 impl Wall {
-    /// Where the pixels of a channel lie, as far as no file has to say it ([`ResolvedWall::pixel_map`]);
-    /// `None` where there is no such channel, or where its pins leave no picture.
-    pub fn pixel_map(&self, id: ChannelId) -> Option<ChannelMapping<'_>> {
-        ResolvedWall::from(self).pixel_map(id)
+    /// Where the pixels of a channel lie, as far as no file has to say it
+    /// ([`crate::shapes::ResolvedWall::channel_mapping`]); `None` if there is no such channel, or if
+    /// its pins leave no picture.
+    pub fn channel_mapping(&self, id: ChannelId) -> Option<ChannelMapping<'_>> {
+        ResolvedWall::from(self).channel_mapping(id)
     }
 }
 
 impl<'a> ChannelMapping<'a> {
     /// The map of a channel on its screen, without files; `None` where its pins leave no picture.
     pub fn new(channel: &'a Channel, screen: &'a Screen) -> Option<Self> {
-        Self::shaped(channel, screen, WallGeometry::none())
+        Self::with_geometry(channel, screen, WallGeometry::empty())
     }
 
     /// The map of a channel on its screen; `None` where its pins leave no picture.
-    pub fn shaped(
+    pub fn with_geometry(
         channel: &'a Channel,
         screen: &'a Screen,
         shapes: &'a WallGeometry,
@@ -68,7 +69,7 @@ impl<'a> ChannelMapping<'a> {
                 Some((forth, homography(pinned, corners)?))
             }
         };
-        let ground = shapes.ground(screen);
+        let ground = shapes.screen(screen);
         let is_rear = match &channel.cover {
             ChannelKind::Projector(projector) => ground.is_rear(projector),
             ChannelKind::Tile | ChannelKind::Map => false,
@@ -78,13 +79,13 @@ impl<'a> ChannelMapping<'a> {
 
     /// The place of the screen's canvas, in pixels, that a place of the channel's picture shows.
     pub fn canvas_from_pixel(&self, pixel: DVec2) -> Option<DVec2> {
-        let meant = self.meant_from_pixel(pixel)?;
+        let meant = self.ideal_from_pixel(pixel)?;
         match &self.channel.cover {
             ChannelKind::Tile => Some(self.channel.origin.as_dvec2() + meant),
             ChannelKind::Projector(_) => self.lit(meant).map(|(_, canvas)| canvas),
             ChannelKind::Map => {
                 let (facets, eye) = self.warp?;
-                self.ground.canvas_seen(eye, facets.point_at(meant)?)
+                self.ground.canvas_through(eye, facets.point_at(meant)?)
             }
         }
     }
@@ -104,28 +105,28 @@ impl<'a> ChannelMapping<'a> {
         let meant = match &self.channel.cover {
             ChannelKind::Tile => canvas - self.channel.origin.as_dvec2(),
             ChannelKind::Projector(projector) => {
-                projector.place(point?)? * self.channel.size.as_dvec2()
+                projector.project(point?)? * self.channel.size.as_dvec2()
             }
             ChannelKind::Map => self.warped_to(canvas, point?)?,
         };
-        self.pixel_from_meant(meant)
+        self.pixel_from_ideal(meant)
     }
 
     /// The point of display space, in metres, that a place of the channel's picture shows.
     pub fn display_from_pixel(&self, pixel: DVec2) -> Option<DVec3> {
         match (&self.channel.cover, self.warp) {
             (ChannelKind::Projector(projector), _) => {
-                let meant = self.meant_from_pixel(pixel)?;
+                let meant = self.ideal_from_pixel(pixel)?;
                 let direction = projector.direction(meant / self.channel.size.as_dvec2());
                 self.point_along(direction)
             }
-            (ChannelKind::Map, Some((facets, _))) => facets.point_at(self.meant_from_pixel(pixel)?),
+            (ChannelKind::Map, Some((facets, _))) => facets.point_at(self.ideal_from_pixel(pixel)?),
             _ => self.ground.display_from_canvas(self.canvas_from_pixel(pixel)?),
         }
     }
 
     /// Whether all is there that says where its pixels lie; else a file is wanted.
-    pub fn is_known(&self) -> bool {
+    pub fn is_resolved(&self) -> bool {
         match self.channel.cover {
             ChannelKind::Tile => true,
             ChannelKind::Projector(_) => {
@@ -141,7 +142,7 @@ impl<'a> ChannelMapping<'a> {
     }
 
     /// The screen that it lies on.
-    pub(crate) fn ground(&self) -> ScreenGeometry<'a> {
+    pub(crate) fn screen(&self) -> ScreenGeometry<'a> {
         self.ground
     }
 
@@ -173,14 +174,14 @@ impl<'a> ChannelMapping<'a> {
         let (facets, eye) = self.warp?;
         let hit = facets.hit(eye, point - eye, 1.0)?;
         if self.ground.is_mesh() {
-            let back = self.ground.canvas_seen(eye, hit.point)?;
+            let back = self.ground.canvas_through(eye, hit.point)?;
             return (back.distance(canvas) <= LAYER_PX).then_some(hit.place);
         }
         Some(hit.place)
     }
 
     /// The place that the bend has moved to this one; `None` where the search does not settle.
-    pub(crate) fn unbent(&self, pixel: DVec2) -> Option<DVec2> {
+    pub(crate) fn undistort(&self, pixel: DVec2) -> Option<DVec2> {
         match &self.channel.adjustment.bend {
             Some(bend) => bend.undo(pixel, self.channel.size.as_dvec2()),
             None => Some(pixel),
@@ -188,8 +189,8 @@ impl<'a> ChannelMapping<'a> {
     }
 
     /// The pixel whose light was meant to be where this one's is.
-    pub fn meant_from_pixel(&self, pixel: DVec2) -> Option<DVec2> {
-        let unbent = self.unbent(pixel)?;
+    pub fn ideal_from_pixel(&self, pixel: DVec2) -> Option<DVec2> {
+        let unbent = self.undistort(pixel)?;
         self.pin.map_or(Some(unbent), |(_, back)| project(back, unbent))
     }
 
@@ -207,7 +208,7 @@ impl<'a> ChannelMapping<'a> {
     }
 
     /// The pixel that a place of the picture, before pins and bends, is moved to.
-    pub fn pixel_from_meant(&self, meant: DVec2) -> Option<DVec2> {
+    pub fn pixel_from_ideal(&self, meant: DVec2) -> Option<DVec2> {
         let pinned = self.pin.map_or(Some(meant), |(forth, _)| project(forth, meant))?;
         Some(match &self.channel.adjustment.bend {
             Some(bend) => pinned + bend.offset(pinned / self.channel.size.as_dvec2()),

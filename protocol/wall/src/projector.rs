@@ -32,7 +32,7 @@ impl Projector {
     }
 
     /// The point of a surface that a place of its picture lights, from either side.
-    pub fn lit(&self, surface: &Surface, place: DVec2) -> Option<DVec3> {
+    pub fn intersect(&self, surface: &Surface, place: DVec2) -> Option<DVec3> {
         let hit = |side| surface.hit_side(self.position, self.direction(place), side);
         hit(false).or_else(|| hit(true))
     }
@@ -50,7 +50,7 @@ impl Projector {
 
     /// The place of its picture whose light goes through a point of display space; `None` for
     /// one that is not in front of it.
-    pub fn place(&self, point: DVec3) -> Option<DVec2> {
+    pub fn project(&self, point: DVec3) -> Option<DVec2> {
         let own = self.rotation.inverse() * (point - self.position);
         let [left, right, bottom, top] = self.tangents;
         (own.z < 0.0).then(|| {

@@ -61,10 +61,10 @@ impl<'a> From<&'a Wall> for ResolvedWall<'a> {
 }
 
 impl<'a> ResolvedWall<'a> {
-    /// Where the pixels of a channel lie, as [`Wall::pixel_map`], with what its files say.
-    pub fn pixel_map(&self, id: crate::ChannelId) -> Option<ChannelMapping<'a>> {
+    /// Where the pixels of a channel lie, as [`Wall::channel_mapping`], with what its files say.
+    pub fn channel_mapping(&self, id: crate::ChannelId) -> Option<ChannelMapping<'a>> {
         let channel = self.wall.channel(id)?;
-        ChannelMapping::shaped(
+        ChannelMapping::with_geometry(
             channel,
             self.wall.screens.get(usize::from(channel.screen))?,
             self.shapes,
@@ -74,7 +74,7 @@ impl<'a> ResolvedWall<'a> {
 
 impl WallGeometry {
     /// No shapes, for whatever wall.
-    pub fn none() -> &'static Self {
+    pub fn empty() -> &'static Self {
         &NONE
     }
 
@@ -122,8 +122,8 @@ impl WallGeometry {
         let warp = maps.warp(file)?;
         let screen = wall.screens.get(usize::from(channel.screen))?;
         let straight = Channel { adjustment: ChannelCalibration::default(), ..channel.clone() };
-        let pixels = ChannelMapping::shaped(&straight, screen, self)?;
-        let mesh: WarpMesh = warp.channel_mesh(&straight, &self.ground(screen), &pixels);
+        let pixels = ChannelMapping::with_geometry(&straight, screen, self)?;
+        let mesh: WarpMesh = warp.channel_mesh(&straight, &self.screen(screen), &pixels);
         let has_light = match &warp.shape {
             WarpGeometry::Grid(_) => false,
             WarpGeometry::Mesh(mesh) => mesh.vertices.iter().any(|vertex| vertex.light < 1.0),
@@ -136,7 +136,7 @@ impl WallGeometry {
     }
 
     /// A screen, with its mesh where it is one.
-    pub fn ground<'a>(&'a self, screen: &'a Screen) -> ScreenGeometry<'a> {
+    pub fn screen<'a>(&'a self, screen: &'a Screen) -> ScreenGeometry<'a> {
         let facets = match screen.surface {
             Surface::Mesh(file) => self.screens.get(&file).map(Arc::as_ref),
             _ => None,
@@ -151,7 +151,7 @@ impl WallGeometry {
     }
 
     /// What of a channel's picture its warp lights.
-    pub(super) fn outline_of(&self, channel: &Channel) -> Option<&LitArea> {
+    pub(super) fn lit_area_of(&self, channel: &Channel) -> Option<&LitArea> {
         self.channels.get(&channel.name).map(|shape| shape.outline.as_ref())
     }
 
@@ -239,7 +239,7 @@ impl ScreenGeometry<'_> {
     }
 
     /// Where on the canvas an eye sees a point: of a mesh, on the layer that is nearest to it.
-    pub fn canvas_seen(&self, eye: DVec3, point: DVec3) -> Option<DVec2> {
+    pub fn canvas_through(&self, eye: DVec3, point: DVec3) -> Option<DVec2> {
         match self.facets {
             Some(facets) => facets.hit(eye, point - eye, 1.0).map(|hit| self.canvas(hit)),
             None => self.hit(eye, point - eye).map(|(_, canvas)| canvas),

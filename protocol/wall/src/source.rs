@@ -151,7 +151,7 @@ impl ViewAtlas {
         let (mut pixels, mut stereo_error_px) = (0.0, 0.0);
         for eye in &eyes {
             let middle = eye.middle();
-            let facets = group::facets(mesh, middle)?;
+            let facets = group::view_triangles(mesh, middle)?;
             pixels += facets.iter().map(|facet| facet.area).sum::<f64>();
             if let Viewpoint::Fixed(eye) = eye {
                 groups.push(group::groups(&facets, *eye)?);
@@ -167,7 +167,7 @@ impl ViewAtlas {
         let pixels_max = (pixels * SOURCE_SHARE_MAX).max(planes * SIDE_STEP * SIDE_STEP);
         let mut share = 1.0;
         loop {
-            if let Some((places, size)) = layout::place(&groups, share, side_max, pixels_max) {
+            if let Some((places, size)) = layout::pack(&groups, share, side_max, pixels_max) {
                 let cut = layout::least_left(&groups, share, side_max, pixels_max);
                 let plan = Self::of(&groups, &places, size, near_m, cut);
                 return Ok(Self { triangles, stereo_error_px, ..plan });

@@ -78,20 +78,20 @@ impl StereoEye {
 }
 
 /// Whether what a side sees of a screen differs from the codes of its tiles beside each other.
-pub fn is_superposed(wall: &Wall, screen: u16, side: StereoEye) -> bool {
+pub fn needs_composite(wall: &Wall, screen: u16, side: StereoEye) -> bool {
     let seen = |channel: &&Channel| channel.screen == screen && side.sees(channel);
     let lamps: Vec<_> =
         wall.channels.iter().filter(seen).map(|channel| BlendChannel::new(wall, channel)).collect();
     let is_plain = |lamp: &BlendChannel<'_>| {
         let adjustment = &lamp.channel.adjustment;
-        lamp.is_rect()
+        lamp.is_plain_tile()
             && adjustment.color.curve == TransferFunction::Srgb
             && adjustment.packing == StereoPacking::None
             && adjustment.turn == Orientation::None
             && !adjustment.mirror
     };
     let meets =
-        |(at, lamp): (usize, &BlendChannel<'_>)| lamps[..at].iter().any(|o| lamp.may_meet(o));
+        |(at, lamp): (usize, &BlendChannel<'_>)| lamps[..at].iter().any(|o| lamp.may_overlap(o));
     let leaks = lamps.iter().any(|lamp| wall.leak_of(lamp.channel) != DVec3::ZERO);
     leaks || !lamps.iter().all(is_plain) || lamps.iter().enumerate().any(meets)
 }
@@ -124,7 +124,7 @@ impl<'a> LightComposite<'a> {
         let lit = self
             .shown
             .iter()
-            .filter_map(|shown| Some(shown.leaking(shown.between(shown.lamp.lit(canvas)?))));
+            .filter_map(|shown| Some(shown.leaking(shown.between(shown.lamp.lit_pixel(canvas)?))));
         lit.reduce(|sum, light| sum + light)
     }
 
@@ -138,7 +138,7 @@ impl<'a> LightComposite<'a> {
         };
         for shown in &self.shown {
             let (origin, size) = (shown.lamp.channel.origin, shown.lamp.channel.size);
-            if shown.lamp.is_rect() {
+            if shown.lamp.is_plain_tile() {
                 let Some(y) = y.checked_sub(origin.y).filter(|y| *y < size.y) else { continue };
                 (0..size.x)
                     .for_each(|x| add(origin.x + x, shown.leaking(shown.pixel(UVec2::new(x, y)))));
@@ -220,7 +220,9 @@ impl<'a> LinearImage<'a> {
             // Between the ends of a span a map may have holes, and ends.
             let places = columns.map(|x| (x, place(f64::from(x) + 0.5)));
             let lit = places.filter_map(|(x, pixel)| Some((x, pixel?)));
-            return lit.filter(|(_, pixel)| self.lamp.has(*pixel)).for_each(|(x, p)| put(x, p));
+            return lit
+                .filter(|(_, pixel)| self.lamp.contains(*pixel))
+                .for_each(|(x, p)| put(x, p));
         }
         let (first, last) = (f64::from(columns.start) + 0.5, f64::from(columns.end) - 0.5);
         let found = (place(first), place(f64::midpoint(first, last)), place(last));
@@ -241,7 +243,7 @@ impl<'a> LinearImage<'a> {
             } else {
                 place(at)
             };
-            if let Some(pixel) = pixel.filter(|pixel| self.lamp.has(*pixel)) {
+            if let Some(pixel) = pixel.filter(|pixel| self.lamp.contains(*pixel)) {
                 put(x, pixel);
             }
         }

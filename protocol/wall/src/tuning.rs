@@ -263,8 +263,12 @@ fn curve(gamma: Option<DVec3>) -> Result<TransferFunction, String> {
 ///
 /// # Errors
 /// Which channel or key is wrong, what is wrong with it, and what would be right.
-pub fn tuned(wall: &Wall, channel: &str, changes: &[CalibrationChange]) -> Result<Wall, String> {
-    let Some((id, _)) = wall.channel_named(channel) else {
+pub fn apply_changes(
+    wall: &Wall,
+    channel: &str,
+    changes: &[CalibrationChange],
+) -> Result<Wall, String> {
+    let Some((id, _)) = wall.channel_by_name(channel) else {
         let names: Vec<_> = wall.channels.iter().map(|channel| channel.name.as_str()).collect();
         return Err(format!("this wall has no channel {channel:?}; it has {}", names.join(", ")));
     };
@@ -292,7 +296,7 @@ pub fn tuned(wall: &Wall, channel: &str, changes: &[CalibrationChange]) -> Resul
 
 /// What was tuned of the channels of a wall, by their names: those whose adjustment is not the
 /// file's.
-pub fn differences(file: &Wall, tuned: &Wall) -> Vec<(String, ChannelCalibration)> {
+pub fn diff(file: &Wall, tuned: &Wall) -> Vec<(String, ChannelCalibration)> {
     let pairs = file.channels.iter().zip(&tuned.channels);
     let differing = pairs.filter(|(before, now)| before.adjustment != now.adjustment);
     differing.map(|(_, now)| (now.name.clone(), now.adjustment.clone())).collect()
@@ -302,12 +306,12 @@ pub fn differences(file: &Wall, tuned: &Wall) -> Vec<(String, ChannelCalibration
 ///
 /// # Errors
 /// What does not fit.
-pub fn restored(file: &Wall, tunings: &[(String, ChannelCalibration)]) -> Result<Wall, String> {
+pub fn reapply(file: &Wall, tunings: &[(String, ChannelCalibration)]) -> Result<Wall, String> {
     let mut wall = file.clone();
     for (name, adjustment) in tunings {
         let found = wall.channels.iter_mut().find(|channel| channel.name == *name);
         let channel = found.ok_or_else(|| format!("there is no channel {name:?}"))?;
-        if !is_tuning_of(&channel.adjustment, adjustment) {
+        if !differs_only_by_calibration(&channel.adjustment, adjustment) {
             return Err(format!("channel {name} hangs otherwise"));
         }
         channel.adjustment = adjustment.clone();
@@ -323,7 +327,7 @@ fn fold_or(channel: &Channel) -> Result<(), String> {
 }
 
 /// Whether one differs from the other only in what can be tuned.
-pub fn is_tuning_of(file: &ChannelCalibration, tuned: &ChannelCalibration) -> bool {
+pub fn differs_only_by_calibration(file: &ChannelCalibration, tuned: &ChannelCalibration) -> bool {
     let ChannelCalibration { pin, bend, edges, color, .. } = file.clone();
     *file == ChannelCalibration { pin, bend, edges, color, ..tuned.clone() }
 }

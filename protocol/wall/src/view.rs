@@ -187,7 +187,7 @@ impl Wall {
         views.iter().try_for_each(|view| self.check_view(view))?;
         let ids = self.channel_ids().zip(&self.channels);
         let mut tiles = ids.filter(|(_, channel)| !self.is_warped(channel));
-        tiles.try_for_each(|(id, _)| self.view_parts(id, views).map(|_| ()))
+        tiles.try_for_each(|(id, _)| self.view_rects(id, views).map(|_| ()))
     }
 
     fn check_view(&self, view: &View) -> Result<(), ViewError> {
@@ -241,9 +241,9 @@ impl Wall {
     }
 
     /// Whether a channel's pixels are not those of its screen's canvas, one to one, so that views
-    /// are resampled for it ([`Wall::part_mesh`]).
+    /// are resampled for it ([`crate::shapes::ResolvedWall::overlay_mesh`]).
     pub fn is_warped(&self, channel: &Channel) -> bool {
-        channel.is_bent() || self.screen_of(channel).plane().is_none()
+        channel.is_warped() || self.screen_of(channel).plane().is_none()
     }
 
     /// What a channel shows of a frame's views: rectangles that do not lie over each other, those
@@ -251,7 +251,7 @@ impl Wall {
     ///
     /// # Errors
     /// [`ViewError::Parts`] where there would be too many.
-    pub fn view_parts(&self, id: ChannelId, views: &[View]) -> Result<Vec<ViewRect>, ViewError> {
+    pub fn view_rects(&self, id: ChannelId, views: &[View]) -> Result<Vec<ViewRect>, ViewError> {
         let Some(channel) = self.channel(id) else { return Ok(Vec::new()) };
         let rects: Vec<_> = views.iter().map(|view| channel.covered_by(&view.area)).collect();
         let mut parts = Vec::new();
@@ -312,7 +312,7 @@ impl Wall {
     ///
     /// # Errors
     /// Screens that do not lie in one plane.
-    pub fn canvas_part(&self, channel: &Channel, area: &Area) -> Result<CanvasRect, ViewError> {
+    pub fn canvas_rect(&self, channel: &Channel, area: &Area) -> Result<CanvasRect, ViewError> {
         let screen = self.screen_of(channel);
         let (begin, end) = match *area {
             Area::Screen { rect: [x, y, width, height], .. } => {
@@ -338,7 +338,7 @@ impl Wall {
 
     /// Where the window of an area lies in a channel's pixels. It was checked.
     fn window(&self, channel: &Channel, area: &Area) -> Result<OverlayRect, ViewError> {
-        let part = self.canvas_part(channel, area)?;
+        let part = self.canvas_rect(channel, area)?;
         let (at, size) = (part.begin - channel.origin.as_dvec2(), part.end - part.begin);
         let size_m = self.screen_of(channel).part_size_m(&part);
         Ok(OverlayRect { size_m, viewport: [at.x, at.y, size.x, size.y] })
@@ -346,7 +346,7 @@ impl Wall {
 
     /// The matrix with which a part of a camera's own picture is drawn, reversed in depth: from
     /// its upper left to its lower right, in pixels of the canvas from those of the picture's.
-    pub fn window_matrix(
+    pub fn overlay_matrix(
         &self,
         channel: &Channel,
         view: &View,
@@ -414,7 +414,7 @@ impl ViewProjection {
         let half = size_m * (0.5 * scale);
         let edges_m = [-half.x, half.x, -half.y, half.y];
         let view_from_display = DMat3::IDENTITY;
-        let part = ScreenFrustum { view_from_display, distance_m, edges_m }.part(begin, end);
+        let part = ScreenFrustum { view_from_display, distance_m, edges_m }.sub_frustum(begin, end);
         if !matches!(self, Self::Orthographic { .. }) {
             return part.clip_from_view(near_m);
         }

@@ -220,9 +220,9 @@ mod tests {
     fn a_middle_eye_or_no_distance_between_eyes_is_one_place() {
         let mut wall = Wall::new("w", Vec::new(), Vec::new());
         wall.stereo.mode = StereoMode::Omnidirectional;
-        let head = HeadPose::at(DVec3::Y, 0.06);
+        let head = HeadPose::facing_forward(DVec3::Y, 0.06);
         assert_eq!(wall.viewpoint(&head, Eye::Center), Viewpoint::Fixed(DVec3::Y));
-        let flat = HeadPose::at(DVec3::Y, 0.0);
+        let flat = HeadPose::facing_forward(DVec3::Y, 0.0);
         assert_eq!(wall.viewpoint(&flat, Eye::Left), Viewpoint::Fixed(DVec3::Y));
         let Viewpoint::Around(around) = wall.viewpoint(&head, Eye::Left) else {
             panic!("one place for all directions");

@@ -96,7 +96,7 @@ pub struct ImportedMesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// A vertex of a [`WarpMesh`].
+/// A vertex of an [`ImportedMesh`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImportedVertex {
     /// In the channel's picture (a screen mesh: on the screen's canvas): (0, 0) the upper left

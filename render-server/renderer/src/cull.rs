@@ -42,7 +42,7 @@ impl FrustumPlanes {
     }
 
     /// The direction of all rays, where they are parallel.
-    pub fn rays(&self) -> Option<DVec3> {
+    pub fn view_direction(&self) -> Option<DVec3> {
         self.rays
     }
 

@@ -172,7 +172,7 @@ fn draw_parts(
     let culls_back = scene.layout.keys[whole.pipeline as usize].cull == Cull::Back;
     // A flat item has no side that an eye could be on.
     let is_solid = linear.determinant().abs() > f64::MIN_POSITIVE;
-    let sight = (culls_back && is_solid).then(|| match planes.rays() {
+    let sight = (culls_back && is_solid).then(|| match planes.view_direction() {
         Some(rays) => CullView::Along((linear.inverse() * rays).normalize_or_zero()),
         None => CullView::From(linear.inverse() * (planes.eye() - item.origin)),
     });
@@ -227,7 +227,7 @@ fn push(
 fn sort(scene: &GpuScene, view: &ViewDesc, scratch: &mut Scratch) {
     let mut batches: Vec<(f64, u32)> = (0u32..)
         .zip(&scene.layout.batches)
-        .map(|(index, batch)| (view.remoteness(&batch.bounds, true), index))
+        .map(|(index, batch)| (view.sort_depth(&batch.bounds, true), index))
         .collect();
     batches.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     scratch.ranks.clear();
@@ -239,7 +239,7 @@ fn sort(scene: &GpuScene, view: &ViewDesc, scratch: &mut Scratch) {
     scratch.blended.clear();
     for &index in &scratch.visible {
         let item = &scene.layout.items[index as usize];
-        let distance = view.remoteness(&scene.layout.bounds[index as usize], false);
+        let distance = view.sort_depth(&scene.layout.bounds[index as usize], false);
         if scene.layout.batches[item.batch as usize].blended {
             scratch.blended.push((!rising(distance), index));
         } else {

@@ -168,7 +168,8 @@ impl FrameResources {
         let start = Instant::now();
         self.records.clear();
         let extent = scene.extent();
-        let views: Vec<ViewDesc> = views.iter().map(|view| view.fitted(&extent)).collect();
+        let views: Vec<ViewDesc> =
+            views.iter().map(|view| view.with_fitted_depth(&extent)).collect();
         let mut lists = Vec::with_capacity(views.len());
         let mut seen = Vec::with_capacity(views.len());
         for view in &views {
@@ -225,7 +226,7 @@ impl FrameResources {
     /// Draws a little with everything that the scene draws with, onto a target of one pixel, so
     /// that the driver compiles now and not in the first frame. Nothing shows: the one instance
     /// has a matrix of zeros.
-    pub fn warm(
+    pub fn prewarm(
         &mut self,
         gpu: &Gpu,
         pipelines: &Pipelines,
@@ -406,7 +407,7 @@ pub(crate) fn wait(gpu: &Gpu, index: wgpu::SubmissionIndex) -> Result<(), DrawEr
         let reason = format!("the GPU or its driver hangs: no frame within {seconds} s");
         gpu.give_up(GpuFaultKind::Hangs, &reason);
     }
-    match (gpu.fault(), waited) {
+    match (gpu.take_error(), waited) {
         (Some(fault), _) => Err(DrawError::Gpu(fault)),
         (None, Err(error)) => Err(DrawError::Gpu(error.to_string())),
         (None, Ok(_)) => Ok(()),

@@ -127,7 +127,7 @@ impl Gpu {
         let best = adapters.into_iter().min_by_key(|adapter| rank(&adapter.get_info()));
         let adapter = best.ok_or_else(|| GpuError::NoneForSurface(names.join(", ")))?;
         let gpu = Self::of(instance, adapter, Arc::default())?;
-        let facts = gpu.facts();
+        let facts = gpu.info();
         info!(adapter = facts.name, driver = facts.driver_info, backend = facts.backend, "gpu");
         Ok(gpu)
     }
@@ -187,7 +187,7 @@ impl Gpu {
     }
 
     /// What there is to know about the adapter.
-    pub fn facts(&self) -> AdapterInfo {
+    pub fn info(&self) -> AdapterInfo {
         let info = self.adapter.get_info();
         AdapterInfo {
             name: info.name,
@@ -206,7 +206,7 @@ impl Gpu {
     }
 
     /// The first fault of the device since it was opened, in words.
-    pub fn fault(&self) -> Option<String> {
+    pub fn take_error(&self) -> Option<String> {
         self.first_fault().map(|fault| fault.reason)
     }
 

@@ -45,7 +45,7 @@ pub use picture::{FINE_FORMAT, ImageEncoding, OutputTexture};
 pub use readback::{ReadError, read_picture, read_pixels};
 pub use scene::{GpuScene, SceneBuilder, SceneError, SceneLayout};
 pub use target::{Target, TargetError};
-pub use text::ink;
+pub use text::rasterize;
 pub use view::ViewDesc;
 
 /// Why a frame was not drawn.
@@ -138,7 +138,7 @@ impl Renderer {
     /// Makes the pipelines that the scene needs and that are not there yet, and has the driver
     /// compile them: up to a second with a software driver, which the first frame is spared.
     ///
-    /// A fault of the GPU shows in [`Gpu::fault`] and in the next [`Self::draw`].
+    /// A fault of the GPU shows in [`Gpu::take_error`] and in the next [`Self::draw`].
     pub fn prepare(&mut self, gpu: &Gpu, scene: &GpuScene) {
         self.prepare_for(gpu, scene, ImageEncoding::Srgb);
     }
@@ -146,12 +146,13 @@ impl Renderer {
     /// As [`Self::prepare`], for targets of this content.
     pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: ImageEncoding) {
         self.pipelines.prepare(gpu, &scene.layout.keys, content);
-        let warmed = Target::of(gpu, [1, 1], self.samples, scene.blends(), content)
-            .map_err(|error| error.to_string())
-            .and_then(|target| {
-                let warmed = self.frames.warm(gpu, &self.pipelines, scene, &target);
-                warmed.map_err(|error| error.to_string())
-            });
+        let warmed =
+            Target::with_encoding(gpu, [1, 1], self.samples, scene.has_transparency(), content)
+                .map_err(|error| error.to_string())
+                .and_then(|target| {
+                    let warmed = self.frames.prewarm(gpu, &self.pipelines, scene, &target);
+                    warmed.map_err(|error| error.to_string())
+                });
         if let Err(reason) = warmed {
             tracing::warn!(reason, "the pipelines could not be warmed");
         }
@@ -170,7 +171,8 @@ impl Renderer {
         target: &mut Target,
         views: &[ViewDesc],
     ) -> Result<DrawStats, DrawError> {
-        if target.samples() != self.samples || target.linear().is_some() != scene.blends() {
+        if target.samples() != self.samples || target.linear().is_some() != scene.has_transparency()
+        {
             return Err(DrawError::Target);
         }
         let side_max = gpu.device.limits().max_texture_dimension_2d;

@@ -64,7 +64,7 @@ pub(crate) fn read_raw(gpu: &Gpu, picture: &OutputTexture) -> Result<Vec<u8>, Re
         let _ = sender.send(result);
     });
     let failed = |reason: &dyn std::fmt::Display| {
-        ReadError(gpu.fault().unwrap_or_else(|| reason.to_string()))
+        ReadError(gpu.take_error().unwrap_or_else(|| reason.to_string()))
     };
     gpu.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(&error))?;
     let mapped = receiver.recv().map_err(|error| failed(&error))?;

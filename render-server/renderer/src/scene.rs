@@ -51,7 +51,7 @@ pub struct GpuScene {
 
 impl GpuScene {
     /// Whether anything in it is blended; its targets are linear then.
-    pub fn blends(&self) -> bool {
+    pub fn has_transparency(&self) -> bool {
         self.layout.blends
     }
 

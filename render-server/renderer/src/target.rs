@@ -43,19 +43,19 @@ pub struct Target {
 
 impl Target {
     /// Textures for pictures of a size in pixels. `samples` is the renderer's; `linear` is
-    /// [`GpuScene::blends`](super::GpuScene::blends).
+    /// [`GpuScene::has_transparency`](super::GpuScene::has_transparency).
     ///
     /// # Errors
     /// A side of 0 or beyond the adapter; samples other than 1 or 4.
     pub fn new(gpu: &Gpu, size: [u32; 2], samples: u32, linear: bool) -> Result<Self, TargetError> {
-        Self::of(gpu, size, samples, linear, ImageEncoding::Srgb)
+        Self::with_encoding(gpu, size, samples, linear, ImageEncoding::Srgb)
     }
 
     /// As [`Self::new`], for pictures of this content: of light, where they are to be corrected.
     ///
     /// # Errors
     /// As there.
-    pub fn of(
+    pub fn with_encoding(
         gpu: &Gpu,
         size: [u32; 2],
         samples: u32,
@@ -116,7 +116,7 @@ impl Target {
     /// Gives the finished picture away, as the one that a display shows, while the next one is
     /// drawn. `spare` is drawn over from now on, where it has the target's size.
     #[must_use = "the target has no picture any more"]
-    pub fn take_picture(&mut self, gpu: &Gpu, spare: Option<OutputTexture>) -> OutputTexture {
+    pub fn latch_image(&mut self, gpu: &Gpu, spare: Option<OutputTexture>) -> OutputTexture {
         let next = self.display.next(gpu, spare);
         std::mem::replace(&mut self.display, next)
     }

@@ -88,7 +88,7 @@ impl Text {
 
 /// A line by itself: the ink of each pixel, 0 to 255, in the smallest letters. Letters outside of
 /// ASCII become "?".
-pub fn ink(line: &str) -> GrayImage {
+pub fn rasterize(line: &str) -> GrayImage {
     let size = RasterHeight::Size16;
     let width = get_raster_width(FontWeight::Regular, size) as u32;
     let mut image = GrayImage::new(line.chars().count() as u32 * width, size.val() as u32);

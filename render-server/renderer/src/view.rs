@@ -127,7 +127,7 @@ impl ViewDesc {
 
     /// How far a box is, for the order of drawing: by its centre, or by its nearest point. Squared
     /// where rays meet in an eye; of parallel rays the depth, which may be negative.
-    pub(crate) fn remoteness(&self, of: &Bounds, by_nearest: bool) -> f64 {
+    pub(crate) fn sort_depth(&self, of: &Bounds, by_nearest: bool) -> f64 {
         if self.is_parallel() {
             let forward = self.forward();
             let depth = forward.dot(of.center() - self.eye_in_world);
@@ -144,7 +144,7 @@ impl ViewDesc {
     /// are parallel: the eye moves along them to where the scene begins, so that f32 has the
     /// scene's own size to resolve and not its distance. The smallest step in depth is then the
     /// scene's extent along the rays × 2⁻²⁴, 0.6 mm of 10 km, and finer towards the far end.
-    pub(crate) fn fitted(&self, scene: &Bounds) -> Self {
+    pub(crate) fn with_fitted_depth(&self, scene: &Bounds) -> Self {
         if !self.is_parallel() {
             return self.clone();
         }

@@ -66,14 +66,14 @@ impl Overlay {
         if matches!(view.area, Area::Screen { screen, .. } if screen != channel.screen) {
             return Ok(lay(None));
         }
-        let part = wall.canvas_part(channel, &view.area).map_err(|error| error.to_string())?;
+        let part = wall.canvas_rect(channel, &view.area).map_err(|error| error.to_string())?;
         let of = if is_own { PointSpace::Canvas } else { PointSpace::Surface };
-        let mesh = shaped.part_mesh(maps, id, part, of).map_err(named)?;
+        let mesh = shaped.overlay_mesh(maps, id, part, of).map_err(named)?;
         let mesh = if is_own { mesh } else { mesh.refined_for(&wall.viewpoints(channel)) };
         if mesh.triangles.is_empty() {
             return Ok(lay(None));
         }
-        let side_max = gpu.facts().texture_side_max;
+        let side_max = gpu.info().texture_side_max;
         let plan = is_own.then(|| OverlayView::new(&mesh, side_max)).transpose();
         let plan = plan.map_err(|error| named(error.to_string()))?;
         let shape = correction
@@ -83,12 +83,12 @@ impl Overlay {
     }
 
     /// Whether it is that view's, wherever its camera stands.
-    pub fn is_of(&self, view: &View) -> bool {
+    pub fn matches(&self, view: &View) -> bool {
         self.area == view.area && self.is_own == (view.projection != ViewProjection::Wall)
     }
 
     /// What is there of it.
-    pub fn sheet(&mut self) -> Option<&mut OverlayMesh> {
+    pub fn mesh(&mut self) -> Option<&mut OverlayMesh> {
         self.sheet.as_mut()
     }
 }
@@ -98,7 +98,7 @@ impl OverlayMesh {
     ///
     /// # Errors
     /// An eye that sees no picture.
-    pub fn shots(
+    pub fn eye_views(
         &mut self,
         ground: OverlayContext<'_>,
         view: &View,
@@ -108,11 +108,11 @@ impl OverlayMesh {
         let wall = shaped.wall;
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         let Some(plan) = &self.plan else {
-            let known = self.shots.take().filter(|shots| shots.is_for(eyes));
+            let known = self.shots.take().filter(|shots| shots.matches_eyes(eyes));
             let shots = if let Some(shots) = known {
                 shots
             } else {
-                let side_max = gpu.facts().texture_side_max;
+                let side_max = gpu.info().texture_side_max;
                 EyeViews::new(wall, id, Some(&self.mesh), eyes, side_max)?
             };
             return Ok(self.shots.insert(shots).clone());
@@ -121,7 +121,7 @@ impl OverlayMesh {
         let sight = ViewTransform {
             eye_in_display: DVec3::ZERO,
             view_from_display: DMat3::IDENTITY,
-            clip_from_view: wall.window_matrix(channel, view, &self.part, plan.part),
+            clip_from_view: wall.overlay_matrix(channel, view, &self.part, plan.part),
             viewport: rect.map(f64::from),
         };
         // Both eyes see the same, in the plane of the screen.
@@ -131,6 +131,6 @@ impl OverlayMesh {
         let eye = EyeAtlas { planes: vec![plane], triangles: None };
         let eyes = vec![eye; eyes.len()];
         let planes = vec![(sight, rect)];
-        Ok(EyeViews::of(plan.size.to_array(), eyes, plan.taps.to_array(), planes))
+        Ok(EyeViews::from_planes(plan.size.to_array(), eyes, plan.taps.to_array(), planes))
     }
 }

@@ -112,7 +112,7 @@ impl EyeViews {
     }
 
     /// Pictures of this size that hold these planes.
-    pub fn of(
+    pub fn from_planes(
         size: [u32; 2],
         eyes: Vec<EyeAtlas>,
         taps: [u32; 2],
@@ -122,12 +122,12 @@ impl EyeViews {
     }
 
     /// Whether these are the eyes that see it.
-    pub fn is_for(&self, eyes: &[Viewpoint]) -> bool {
+    pub fn matches_eyes(&self, eyes: &[Viewpoint]) -> bool {
         self.viewpoints == eyes
     }
 
     /// What the renderer draws of one view, into all planes.
-    pub fn of_view(&self, view: &View, frame: &Frame) -> Vec<ViewDesc> {
+    pub fn view_descs(&self, view: &View, frame: &Frame) -> Vec<ViewDesc> {
         let drawn = |(seen, rect): &(ViewTransform, [u32; 4])| ViewDesc {
             scissor: Some(*rect),
             ..seen.view(view, frame)
@@ -139,18 +139,18 @@ impl EyeViews {
     ///
     /// # Errors
     /// As [`apply::views`].
-    pub fn exact_views(
+    pub fn unwarped_views(
         &self,
         wall: &Wall,
         id: ChannelId,
         frame: &Frame,
     ) -> Result<Vec<ViewDesc>, String> {
         let mut views = Vec::new();
-        for part in apply::parts(wall, id, frame)? {
+        for part in apply::view_rects(wall, id, frame)? {
             let view = &frame.views[part.view];
             for (seen, rect) in &self.planes {
                 let [x, y, width, height] = part.rect;
-                let mut own = apply::sight(wall, id, view, seen.eye_in_display)?;
+                let mut own = apply::view_transform(wall, id, view, seen.eye_in_display)?;
                 own.viewport[0] += f64::from(rect[0]);
                 let scissor = Some([rect[0] + x, rect[1] + y, width, height]);
                 views.push(ViewDesc { scissor, ..own.view(view, frame) });

@@ -129,7 +129,7 @@ fn drawn(wall: &Wall, scene: &GpuScene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
     renderer.prepare_for(gpu(), scene, ImageEncoding::Light);
     let mut output = ChannelOutput::new("curve".into(), None, None);
     let mut draw = |eye: &DVec3| {
-        let frame = frame(HeadPose::at(*eye, 0.0));
+        let frame = frame(HeadPose::facing_forward(*eye, 0.0));
         let drawing = (&mut renderer, scene);
         corrector.draw(gpu(), drawing, wall, &frame, &mut output).expect("drawn");
         let shots = corrector.shots.as_ref().expect("shots");
@@ -143,7 +143,7 @@ fn drawn(wall: &Wall, scene: &GpuScene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
 
 /// What the display should show, by a ray through the middle of each pixel.
 fn expected(wall: &Wall, spot: &Spot, eye: DVec3) -> Vec<f64> {
-    let map = wall.pixel_map(ChannelId(0)).expect("a map");
+    let map = wall.channel_mapping(ChannelId(0)).expect("a map");
     let size = wall.channels[0].size;
     let pixels = (0..size.y).flat_map(|y| (0..size.x).map(move |x| UVec2::new(x, y)));
     let light = |pixel: UVec2| {
@@ -257,15 +257,21 @@ fn tiles_that_are_shown_as_they_are_drawn_have_no_plan() {
     let mut flat = wall(plane(), [64, 36]);
     flat.dither = true;
     let names = ["curve".to_owned(), "elsewhere".to_owned()];
-    assert!(plans(&flat, &CalibrationMaps::default(), &names, None).expect("plans").is_empty());
+    assert!(
+        correction_plans(&flat, &CalibrationMaps::default(), &names, None)
+            .expect("plans")
+            .is_empty()
+    );
     flat.channels[0].adjustment.color.gain.x = 0.9;
-    let planned = plans(&flat, &CalibrationMaps::default(), &names, None).expect("plans");
+    let planned =
+        correction_plans(&flat, &CalibrationMaps::default(), &names, None).expect("plans");
     let plan = &planned["curve"];
     assert!(plan.warp.is_none(), "its pixels stay where they are");
     assert_eq!(plan.desc.dither, Some(0));
     // A warp whose file is not there lights nothing.
     flat.channels[0].cover = ChannelKind::Map;
-    let said = plans(&flat, &CalibrationMaps::default(), &names, None).expect_err("refused");
+    let said =
+        correction_plans(&flat, &CalibrationMaps::default(), &names, None).expect_err("refused");
     assert_eq!(said, "channel curve: none of its pixels lies on its screen");
 }
 
@@ -280,7 +286,7 @@ fn a_tuning_leaves_what_it_does_not_change() {
     row.channels[0].adjustment.pin[3] = DVec2::ONE;
     let names = ["left".to_owned(), "right".to_owned()];
     let planned = |wall: &Wall, known: Option<&CorrectionPlans>| {
-        plans(wall, &CalibrationMaps::default(), &names, known).expect("plans")
+        correction_plans(wall, &CalibrationMaps::default(), &names, known).expect("plans")
     };
     let is_same = |a: &CorrectionPlan, b: &CorrectionPlan| {
         let (a_map, b_map) = (a.desc.light_map.as_ref(), b.desc.light_map.as_ref());
@@ -333,7 +339,7 @@ fn tiles_that_overlap_share_their_light() {
             .expect("a correction");
         let mut corrector = Corrector::new(gpu(), plan, &shared, None).expect("a corrector");
         let mut output = ChannelOutput::new("curve".into(), None, None);
-        let frame = frame(HeadPose::at(DVec3::ZERO, 0.0));
+        let frame = frame(HeadPose::facing_forward(DVec3::ZERO, 0.0));
         let drawing = (&mut renderer, &scene);
         corrector.draw(gpu(), drawing, &shared, &frame, &mut output).expect("drawn");
         let bytes = read_picture(gpu(), output.picture().expect("a picture")).expect("read");
@@ -363,7 +369,7 @@ fn an_eye_behind_a_curve_is_refused_by_name() {
         .expect("a correction");
     let mut corrector = Corrector::new(gpu(), plan, &ring, None).expect("a corrector");
     // In the surface's tangent plane beside it: one half shows its front, the other its back.
-    let behind = frame(HeadPose::at(DVec3::new(4.0, 0.0, -3.2), 0.0));
+    let behind = frame(HeadPose::facing_forward(DVec3::new(4.0, 0.0, -3.2), 0.0));
     let said = corrector.views(gpu(), &ring, &behind).expect_err("refused");
     assert!(said.starts_with("channel curve: the eye"), "{said}");
 }

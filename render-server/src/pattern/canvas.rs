@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3, IVec2};
 use image::{GrayImage, RgbaImage};
-use polyptych_renderer::ink;
+use polyptych_renderer::rasterize;
 use polyptych_wall::{Screen, Wall};
 
 use super::places::{PixelPosition, PixelPositions};
@@ -143,7 +143,7 @@ impl GridLabels {
             for row in first.y..=last.y {
                 for column in first.x..=last.x {
                     let at = IVec2::new(column, row).as_dvec2() * step;
-                    inks.insert((column, row), ink(&format!("{},{}", at.x, at.y)));
+                    inks.insert((column, row), rasterize(&format!("{},{}", at.x, at.y)));
                 }
             }
         }

@@ -80,7 +80,7 @@ pub(super) fn overlap(
     let others = others.filter(|(other, channel)| *other != id && is_beside(channel));
     let neighbours: Vec<_> = others
         .filter_map(|(other, channel)| {
-            let map = shaped.pixel_map(other).filter(ChannelMapping::is_known)?;
+            let map = shaped.channel_mapping(other).filter(ChannelMapping::is_resolved)?;
             Some(Neighbour { map, size: channel.size.as_dvec2() })
         })
         .collect();
@@ -114,11 +114,11 @@ pub(super) fn weights(shaped: ResolvedWall<'_>, id: ChannelId) -> RgbaImage {
     wall.blend.leak = 0.0;
     wall.channels.iter_mut().for_each(|channel| channel.adjustment.color.leak = None);
     let unleaking = ResolvedWall { wall: &wall, shapes: shaped.shapes };
-    let map = blend::light_map(unleaking, id, &ChannelMasks::default());
+    let map = blend::blend_map(unleaking, id, &ChannelMasks::default());
     let curve = &channel.adjustment.color.curve;
     let mut last = (f64::NAN, opaque(BLACK));
     RgbaImage::from_fn(channel.size.x, channel.size.y, |x, y| {
-        let weight = map.as_ref().map_or(1.0, |map| map.at(x, y, 0)[0]);
+        let weight = map.as_ref().map_or(1.0, |map| map.texel(x, y, 0)[0]);
         if weight != last.0 {
             last = (weight, codes(curve.encode(DVec3::splat(weight))));
         }
@@ -128,7 +128,7 @@ pub(super) fn weights(shaped: ResolvedWall<'_>, id: ChannelId) -> RgbaImage {
 
 /// Does to a picture what is done to the scene's: its light is shared with other channels, masked,
 /// coloured and encoded for the display.
-pub(super) fn share(
+pub(super) fn apply_blend(
     image: &mut RgbaImage,
     shaped: ResolvedWall<'_>,
     maps: &CalibrationMaps,

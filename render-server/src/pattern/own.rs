@@ -55,7 +55,7 @@ pub(super) fn color_bars(size: UVec2) -> RgbaImage {
 }
 
 /// Patches of upright and lying lines of one pixel, and of squares of one and of two.
-pub(super) fn focus(size: UVec2) -> RgbaImage {
+pub(super) fn focus_chart(size: UVec2) -> RgbaImage {
     paint(size, |x, y| {
         let is_lit = match ((x / PATCH) % 2, (y / PATCH) % 2) {
             (0, 0) => x % 2 == 0,

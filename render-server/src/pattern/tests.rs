@@ -146,7 +146,7 @@ fn a_checker_is_even_and_sharp() {
 /// Where bright lines cross a row, found by their light, as places of the canvas.
 fn crossings(wall: &Wall, channel: u16, y: u32) -> Vec<f64> {
     let image = draw(wall, channel, TestPattern::Grid);
-    let map = wall.pixel_map(ChannelId(channel)).expect("a map");
+    let map = wall.channel_mapping(ChannelId(channel)).expect("a map");
     // Blue has no numbers in it.
     let row: Vec<f64> = (0..SIZE.x).map(|x| light(rgb(&image, x, y)[2])).collect();
     let mut found = Vec::new();
@@ -207,7 +207,7 @@ fn overlaps_are_counted_as_brute_force_counts_them() {
     wall.channels[2].adjustment.pin[0] = DVec2::new(40.0, -30.0);
     for channel in 0..3 {
         let image = draw(&wall, channel, TestPattern::Overlap);
-        let map = wall.pixel_map(ChannelId(channel)).expect("a map");
+        let map = wall.channel_mapping(ChannelId(channel)).expect("a map");
         let mut seen = [0; 4];
         // Not where the words are.
         for (x, y) in (0..SIZE.x).step_by(3).flat_map(|x| (0..120).step_by(3).map(move |y| (x, y)))
@@ -215,7 +215,7 @@ fn overlaps_are_counted_as_brute_force_counts_them() {
             let place = map.canvas_from_pixel(DVec2::new(f64::from(x), f64::from(y)) + 0.5);
             let Some(place) = place else { continue };
             let lights = |id: ChannelId| {
-                let at = wall.pixel_map(id).and_then(|map| map.pixel_from_canvas(place));
+                let at = wall.channel_mapping(id).and_then(|map| map.pixel_from_canvas(place));
                 let size = SIZE.as_dvec2();
                 id.0 == channel
                     || at.is_some_and(|at| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all())
@@ -234,7 +234,7 @@ fn weights_of_all_channels_are_white_together() {
     let mut wall = projectors();
     wall.blend.leak = 0.003;
     let images = [0, 1].map(|channel| draw(&wall, channel, TestPattern::Weights));
-    let map = |channel| wall.pixel_map(ChannelId(channel)).expect("a map");
+    let map = |channel| wall.channel_mapping(ChannelId(channel)).expect("a map");
     let (from, to) = (map(0), map(1));
     let blend = BlendModel::new(&wall);
     let (mut shared, mut seen_together) = (0, 0);
@@ -285,8 +285,9 @@ fn patterns_of_light_are_not_corrected_and_others_are() {
     let color = &mut wall.channels[0].adjustment.color;
     color.gain = DVec3::new(1.0, 0.25, 1.0);
     color.curve = TransferFunction::Gamma(DVec3::splat(2.0));
-    let see =
-        |pattern| display(&wall, &CalibrationMaps::default(), ChannelId(0), pattern, DVec3::ZERO);
+    let see = |pattern| {
+        draw_pattern(&wall, &CalibrationMaps::default(), ChannelId(0), pattern, DVec3::ZERO)
+    };
     let [bars, border] =
         [TestPattern::ColorBars, TestPattern::Border].map(|p| see(p).expect("drawn"));
     assert_eq!(rgb(&bars, 20, 10), [255, 128, 255], "√0.25 of 255");
@@ -296,7 +297,7 @@ fn patterns_of_light_are_not_corrected_and_others_are() {
 #[test]
 fn sampling_is_that_of_a_flat_screen() {
     let wall = single();
-    let map = wall.pixel_map(ChannelId(0)).expect("a map");
+    let map = wall.channel_mapping(ChannelId(0)).expect("a map");
     // 100 pixels a metre, 2 m away: a metre at the foot of the eye is a half in radians.
     let middle = light::density_at(&map, DVec3::ZERO, SIZE.as_dvec2() / 2.0).expect("seen");
     let expected = (0.01_f64 / 2.0).to_degrees().recip();
@@ -331,7 +332,7 @@ fn displays_get_it_as_they_hang() {
         ] {
             let adjustment = &mut wall.channels[0].adjustment;
             (adjustment.turn, adjustment.packing) = (turn, packing);
-            let image = display(
+            let image = draw_pattern(
                 &wall,
                 &CalibrationMaps::default(),
                 ChannelId(0),
@@ -348,9 +349,14 @@ fn displays_get_it_as_they_hang() {
         mirror: true,
         ..ChannelCalibration::default()
     };
-    let image =
-        display(&wall, &CalibrationMaps::default(), ChannelId(0), TestPattern::Ramp, DVec3::ZERO)
-            .expect("drawn");
+    let image = draw_pattern(
+        &wall,
+        &CalibrationMaps::default(),
+        ChannelId(0),
+        TestPattern::Ramp,
+        DVec3::ZERO,
+    )
+    .expect("drawn");
     // The viewer's upper left is mirrored to the upper right, which is the display's lower right.
     assert_eq!(image.get_pixel(SIZE.y - 1, SIZE.x - 1), upright.get_pixel(0, 0));
     assert_eq!(image.get_pixel(0, 0), upright.get_pixel(SIZE.x - 1, SIZE.y - 1));

@@ -9,8 +9,8 @@ impl RenderThread {
     pub(super) fn arrange_windows(&mut self, state: &LoadedState) {
         let Some(wall) = state.replica.wall.as_deref() else { return };
         for output in &mut self.outputs {
-            if let Some((id, _)) = wall.channel_named(&output.name) {
-                output.arrange(wall, id);
+            if let Some((id, _)) = wall.channel_by_name(&output.name) {
+                output.place_window(wall, id);
             }
         }
     }

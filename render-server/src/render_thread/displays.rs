@@ -24,15 +24,15 @@ impl RenderThread {
             // Not scheduled beside other work: what is drawn next would lie where this does.
             std::thread::sleep(self.present_delay);
         }
-        let is_taken = self.showing.handle_show(mode);
+        let is_taken = self.showing.frame_presented(mode);
         for index in 0..self.outputs.len() {
             let output = &mut self.outputs[index];
-            let Some((id, _)) = wall.channel_named(&output.name) else { continue };
+            let Some((id, _)) = wall.channel_by_name(&output.name) else { continue };
             if output.picture().is_none() {
                 continue;
             }
             if is_taken {
-                output.take_picture(&self.gpu);
+                output.latch_image(&self.gpu);
             }
             match output.present(&self.gpu, &self.showing, &self.identity) {
                 Ok(()) => self.send(report::shown(epoch, frame, id, &self.clock)),
@@ -56,7 +56,7 @@ impl RenderThread {
             output.expect(wall);
         }
         let named = self.outputs.iter().filter_map(|output| {
-            let (_, channel) = wall.channel_named(&output.name)?;
+            let (_, channel) = wall.channel_by_name(&output.name)?;
             Some((output.name.clone(), channel.monitor.clone()?))
         });
         let named: BTreeMap<_, _> = named.collect();

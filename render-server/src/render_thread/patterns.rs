@@ -30,7 +30,7 @@ impl PatternImage {
         pattern: TestPattern,
         eye: DVec3,
     ) -> Result<Self, String> {
-        let image = pattern::display(shaped, maps, id, pattern, eye)?;
+        let image = pattern::draw_pattern(shaped, maps, id, pattern, eye)?;
         let picture = OutputTexture::of_pixels(gpu, [image.width(), image.height()], &image);
         Ok(Self { pattern, eye, wall: shaped.wall.clone(), picture })
     }
@@ -43,9 +43,9 @@ impl PatternImage {
                 && new.is_some_and(|new| {
                     self.wall.screens.get(usize::from(new.screen)) == Some(wall.screen_of(new))
                 });
-            is_near && (pattern.is_of_own_channel() || self.wall == *wall)
+            is_near && (pattern.ignores_neighbours() || self.wall == *wall)
         };
-        self.pattern == pattern && (!pattern.follows_eye() || self.eye == eye) && is_same_wall()
+        self.pattern == pattern && (!pattern.depends_on_eye() || self.eye == eye) && is_same_wall()
     }
 }
 
@@ -73,11 +73,11 @@ impl RenderThread {
             PatternImage::new(&self.gpu, (shaped, &maps), id, pattern, eye)?
         };
         let (size, output) = (drawn.picture.size(), &mut self.outputs[index]);
-        let target = output.target_of(&self.gpu, size, (wall.samples, is_linear))?;
+        let target = output.ensure_target(&self.gpu, size, (wall.samples, is_linear))?;
         target.copy_from(&self.gpu, &drawn.picture);
         self.patterns.insert(channel.name.clone(), drawn);
         let waited = self.gpu.device.poll(wgpu::PollType::wait_indefinitely());
-        waited.map_err(|error| self.gpu.fault().unwrap_or_else(|| error.to_string()))?;
+        waited.map_err(|error| self.gpu.take_error().unwrap_or_else(|| error.to_string()))?;
         Ok(DrawStats::default())
     }
 }

@@ -10,7 +10,7 @@ use crate::report::{self, CapturedImage, RenderEvent};
 impl RenderThread {
     /// Sends the picture of a channel as it was drawn, whether or not it comes to be shown: a
     /// picture that someone asked for may be late.
-    pub(super) fn send_picture(&self, index: usize, frame: FrameId, channel: ChannelId) {
+    pub(super) fn send_capture(&self, index: usize, frame: FrameId, channel: ChannelId) {
         let Some(picture) = self.outputs[index].picture() else { return };
         let [width, height] = picture.size();
         match read_picture(&self.gpu, picture) {

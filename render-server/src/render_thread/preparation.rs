@@ -66,7 +66,7 @@ impl RenderThread {
         for (name, plan) in state.plans.iter() {
             let Some(wall) = state.replica.wall.as_deref() else { break };
             let mut outputs = self.outputs.iter().filter(|output| output.name == *name);
-            let plan = plan.shown_by(name, outputs.any(|it| it.takes_fine_codes(&self.gpu)));
+            let plan = plan.shown_by(name, outputs.any(|it| it.supports_10_bit(&self.gpu)));
             let known = latest.as_ref().and_then(|correctors| correctors.get(name));
             let corrector = Corrector::new(&self.gpu, plan, wall, known)?;
             correctors.insert(name.clone(), corrector);
@@ -95,7 +95,7 @@ impl RenderThread {
         let Some(wall) = state.replica.wall.as_deref() else { return Ok(()) };
         self.use_samples(wall.samples)?;
         self.prepare(state, scene);
-        let Some((id, channel)) = self.outputs.first().and_then(|o| wall.channel_named(&o.name))
+        let Some((id, channel)) = self.outputs.first().and_then(|o| wall.channel_by_name(&o.name))
         else {
             return Ok(());
         };
@@ -123,7 +123,8 @@ impl RenderThread {
             view.scissor = None;
         }
         let side = [WARM_UP_SIDE; 2];
-        let target = Target::of(&self.gpu, side, wall.samples, scene.blends(), content);
+        let target =
+            Target::with_encoding(&self.gpu, side, wall.samples, scene.has_transparency(), content);
         let mut target = target.map_err(|error| error.to_string())?;
         let drawn = self.renderer.draw(&self.gpu, scene, &mut target, &views);
         drawn.map(|_| ()).map_err(|error| error.to_string())

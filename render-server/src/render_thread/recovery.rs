@@ -132,9 +132,9 @@ impl RenderThread {
             while let Ok(job) = self.queues.jobs.try_recv() {
                 match job {
                     RenderTask::Stop => self.is_stopping = true,
-                    RenderTask::Notice(notice) => self.showing.handle_notice(notice),
+                    RenderTask::Notice(notice) => self.showing.set_connection_status(notice),
                     RenderTask::Disconnected => {
-                        self.playback.restart();
+                        self.playback.reset();
                         self.reset_reported();
                     }
                     RenderTask::MonitorAssigned { channel, assignment } => {

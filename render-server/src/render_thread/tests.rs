@@ -88,9 +88,13 @@ impl RenderThreadFixture {
 
     /// A state whose pictures are as bright as the exposure says.
     fn prepare(&mut self, wall: Wall) {
-        let plans =
-            correction::plans(&wall, &CalibrationMaps::default(), &["front-1-1".to_owned()], None)
-                .expect("plans");
+        let plans = correction::correction_plans(
+            &wall,
+            &CalibrationMaps::default(),
+            &["front-1-1".to_owned()],
+            None,
+        )
+        .expect("plans");
         let revision = Revision(self.thread.states.len() as u64);
         let replica = Replica::from_snapshot(
             Revision(revision.0 + 1),
@@ -125,7 +129,7 @@ impl RenderThreadFixture {
             time_s: 0.0,
             revision,
             views: vec![View::of_wall(Camera::IDENTITY)],
-            head: HeadPose::at(DVec3::ZERO, 0.0),
+            head: HeadPose::facing_forward(DVec3::ZERO, 0.0),
             exposure,
             error_bound_px: 0.0,
             capture: true,
@@ -167,7 +171,7 @@ impl RenderThreadFixture {
     }
 
     fn seen(&self) -> Vec<u8> {
-        self.thread.outputs[0].seen(&self.thread.gpu)
+        self.thread.outputs[0].read_back(&self.thread.gpu)
     }
 
     /// Pixels of what is seen that differ from these, as columns and rows from which and to which.
@@ -333,7 +337,7 @@ fn an_idle_picture_says_name_server_address_state_and_since_when() {
         panic!("a notice")
     };
     assert_eq!(
-        identity.idle("front-1-1", &notice, false),
+        identity.idle_lines("front-1-1", &notice, false),
         [
             "front-1-1",
             "server left",
@@ -343,7 +347,7 @@ fn an_idle_picture_says_name_server_address_state_and_since_when() {
         ]
     );
     assert_eq!(
-        identity.label("front-1-1", [1920, 1080], Some(&notice)),
+        identity.identify_lines("front-1-1", [1920, 1080], Some(&notice)),
         ["front-1-1", "server left", "127.0.0.1:5", "1920 x 1080 pixels", "a pencil"]
     );
 }

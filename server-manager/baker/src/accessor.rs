@@ -166,7 +166,7 @@ impl<'a> Accessor<'a> {
             None => None,
             Some(sparse) => Some(open_sparse(source, sparse, size, json.count, &place)?),
         };
-        source.charge(json.count, &place)?;
+        source.reserve_elements(json.count, &place)?;
         let count = json.count as usize;
         Ok(Self { place, count, width, component, normalized: json.normalized, base, sparse })
     }

@@ -93,7 +93,7 @@ pub fn bake_map(
     let is_for_one_eye =
         matches!(&map, CalibrationMap::Warp(warp) if warp.space == MapCoordinates::Canvas);
     let front = match &map {
-        CalibrationMap::Warp(warp) => warp.front(),
+        CalibrationMap::Warp(warp) => warp.surface_samples(),
         CalibrationMap::Mask(_) => Vec::new(),
     };
     let warning = zero_warning(&map);

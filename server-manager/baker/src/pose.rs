@@ -174,7 +174,7 @@ fn joints(
         }
         let chain = tree.chain(joint);
         // A small file cannot ask for hours of walking up and down.
-        job.source.charge(chain.len() as u64, &place)?;
+        job.source.reserve_elements(chain.len() as u64, &place)?;
         common = Some(match common {
             None => chain,
             Some(mut common) => {

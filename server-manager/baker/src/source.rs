@@ -186,7 +186,7 @@ impl GltfSource {
     }
 
     /// Notes that so many elements will be read, unless that is more than such files can hold.
-    pub(super) fn charge(&self, elements: u64, place: &str) -> Result<(), BakeError> {
+    pub(super) fn reserve_elements(&self, elements: u64, place: &str) -> Result<(), BakeError> {
         let read = self.elements_read.get().saturating_add(elements);
         let allowed = ELEMENTS_UNASKED + ELEMENTS_PER_BYTE_MAX * self.bytes;
         if read > allowed {

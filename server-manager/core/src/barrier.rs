@@ -68,7 +68,7 @@ pub(super) enum OutputChange {
 
 impl FrameRequest {
     /// A frame of the wall as it stands.
-    pub fn plain(job: ClientRequest) -> Self {
+    pub fn unchanged(job: ClientRequest) -> Self {
         Self { job, camera: None, time_s: None, capture: false, wish: None }
     }
 }
@@ -128,19 +128,19 @@ impl Barrier {
     }
 
     /// This server is not to show the frame.
-    pub fn leave_out(&mut self, session: SessionId) {
+    pub fn exclude(&mut self, session: SessionId) {
         self.sent.retain(|&id| id != session);
     }
 
     /// Whom the frame waits for still.
     #[cfg(test)]
-    pub fn waited(&self) -> &[ChannelId] {
+    pub fn pending(&self) -> &[ChannelId] {
         &self.waited
     }
 
     /// Whom it waited for as it began.
     #[cfg(test)]
-    pub fn awaited(&self) -> &[ChannelId] {
+    pub fn participants(&self) -> &[ChannelId] {
         &self.awaited
     }
 
@@ -197,7 +197,7 @@ impl Cluster {
         let is_warming = !is_all_late && !is_warm;
         let wait = if is_warming || is_catching_up || capture { longest } else { length };
         let patience = if is_all_late { longest } else { wait };
-        self.pacer.began(now, !waited.is_empty());
+        self.pacer.frame_started(now, !waited.is_empty());
         if let Some(FrameRequest { job, capture: true, .. }) = &order {
             self.collect(*job, &sent);
         }
@@ -265,7 +265,7 @@ impl Cluster {
     }
 
     pub(super) fn handle_drawn(&mut self, now: Micros, from: SessionId, drawn: &FrameRendered) {
-        if drawn.epoch != self.epoch || !self.registry.drives(from, drawn.channel) {
+        if drawn.epoch != self.epoch || !self.registry.owns_channel(from, drawn.channel) {
             return;
         }
         // The present frame may be of the state before the one that is shown from the next on.
@@ -273,7 +273,7 @@ impl Cluster {
         let shown = (self.shown.revision == drawn.revision).then_some(self.shown_digest);
         let Some(digest) = present.map(|b| b.digest).or(shown) else { return };
         if drawn.digest != digest {
-            self.disbelieve(now, from, "its state has another digest than the manager's");
+            self.handle_divergence(now, from, "its state has another digest than the manager's");
             return;
         }
         // A late channel is measured by the deadline, not by the others: one that is slower than
@@ -284,7 +284,7 @@ impl Cluster {
             _ => self.deadline.length(),
         };
         let began = self.beginnings.of(drawn.frame, self.frame);
-        self.registry.drew(drawn.channel, drawn.draw_us, now, began, allowed);
+        self.registry.record_draw(drawn.channel, drawn.draw_us, now, began, allowed);
         let is_its = |b: &&mut Barrier| (b.frame, b.revision) == (drawn.frame, drawn.revision);
         let Some(barrier) = self.barrier.as_mut().filter(is_its) else {
             if let Some(began) = began {
@@ -313,18 +313,18 @@ impl Cluster {
         frame: FrameId,
         reason: String,
     ) {
-        if !self.registry.drives(from, channel) {
+        if !self.registry.owns_channel(from, channel) {
             return;
         }
         let what = format!("channel {channel}: {reason}");
-        if let Some(times) = self.repetitions.note(now, &what) {
-            let _frame = span::of_frame(frame).entered();
-            let _server = self.registry.span_of(from).entered();
+        if let Some(times) = self.repetitions.should_log(now, &what) {
+            let _frame = span::frame_span(frame).entered();
+            let _server = self.registry.session_span(from).entered();
             let channel = self.wall.channel(channel).map_or("?", |channel| channel.name.as_str());
             tracing::warn!(channel, reason, times, "a channel could not draw");
         }
         if self.barrier.as_ref().is_some_and(|b| b.frame == frame) {
-            span::of_frame(frame).in_scope(|| self.registry.missed(channel, now, reason));
+            span::frame_span(frame).in_scope(|| self.registry.record_miss(channel, now, reason));
             self.stop_waiting_for(&[channel], now);
         }
     }
@@ -343,8 +343,8 @@ impl Cluster {
         for &id in &barrier.waited {
             let waited_ms = (barrier.deadline() - barrier.began) / 1000;
             let reason = format!("frame {} was not drawn within {waited_ms} ms", barrier.frame);
-            let miss = || self.registry.missed(id, now, reason);
-            span::of_frame(barrier.frame).in_scope(miss);
+            let miss = || self.registry.record_miss(id, now, reason);
+            span::frame_span(barrier.frame).in_scope(miss);
         }
         self.registry.admit_late(now, self.frame);
         // A server that hangs longer than a frame may take must not show this one any more.
@@ -369,11 +369,11 @@ impl Cluster {
             self.gathered.add_skews(&compared);
         }
         self.publish(&feedback);
-        self.remember_frame(now);
-        self.tell_tuners(&feedback);
+        self.persist_camera(now);
+        self.answer_waiters(&feedback);
         match barrier.order {
             Some(FrameRequest { job, wish: Some(_), .. }) => {
-                self.remember();
+                self.persist();
                 self.reply(job, Ok(Response::Frame(feedback)));
             }
             Some(FrameRequest { job, capture: false, .. }) => {

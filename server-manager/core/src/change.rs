@@ -3,20 +3,17 @@
 //! One change is on its way at a time; others wait in order. Until every live channel can draw
 //! the new state, everything is drawn as before.
 
-use std::collections::VecDeque;
-
-use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::feedback::ChannelState;
-use polyptych_protocol::ids::{Digest, Revision};
-use polyptych_protocol::log::{Operation, Replica};
+use polyptych_protocol::ids::Revision;
+use polyptych_protocol::log::Operation;
 use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 use polyptych_protocol::request::{RequestError, Response, SceneSummary};
-use polyptych_wall::{ChannelId, Wall};
-use serde::{Deserialize, Serialize};
+use polyptych_wall::ChannelId;
 
-use super::tune::{self, CalibrationWaiter};
-use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId, progress};
+use super::change_queue::{ChangeOrigin, InFlightChange, StateChange};
+use super::tune;
+use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId};
 
 /// How long a change waits for a server: enough for a large scene on a slow link; after this the
 /// wall goes on without its channels until they are ready.
@@ -27,210 +24,6 @@ pub(super) const CHANGES_MAX: usize = 64;
 
 /// Why a server is given the shown state anew.
 pub(super) const HOLDS_REFUSED: &str = "it has prepared a change that was refused";
-
-/// A change that was asked for.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct StateChange {
-    /// What servers are told; of a tuning known once it is its turn.
-    pub operations: Vec<Operation>,
-    pub purpose: ChangeOrigin,
-}
-
-/// Who waits for a change, and for what.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) enum ChangeOrigin {
-    /// Another scene, or none.
-    Scene { job: ClientRequest, summary: Option<SceneSummary> },
-    /// The same scene on a wall that is adjusted otherwise.
-    Tuning { wall: Box<Wall>, tuners: Vec<CalibrationWaiter> },
-}
-
-impl StateChange {
-    /// The wall that it leads to, where it is a tuning, and who waits for that.
-    fn tuning(&mut self) -> Option<(&mut Box<Wall>, &mut Vec<CalibrationWaiter>)> {
-        match &mut self.purpose {
-            ChangeOrigin::Tuning { wall, tuners } => Some((wall, tuners)),
-            ChangeOrigin::Scene { .. } => None,
-        }
-    }
-
-    /// Who opens a scene by it, and the scene's name.
-    fn opened(&self) -> Option<(ClientRequest, String)> {
-        match &self.purpose {
-            ChangeOrigin::Scene { job, summary: Some(summary) } => {
-                Some((*job, progress::name_of(&summary.name)))
-            }
-            ChangeOrigin::Scene { summary: None, .. } | ChangeOrigin::Tuning { .. } => None,
-        }
-    }
-
-    fn wall(&self) -> Option<&Wall> {
-        match &self.purpose {
-            ChangeOrigin::Tuning { wall, .. } => Some(wall),
-            ChangeOrigin::Scene { .. } => None,
-        }
-    }
-
-    fn tuners(&self) -> &[CalibrationWaiter] {
-        match &self.purpose {
-            ChangeOrigin::Tuning { tuners, .. } => tuners,
-            ChangeOrigin::Scene { .. } => &[],
-        }
-    }
-}
-
-/// The change on its way and those behind it.
-#[derive(Debug, Default, Serialize, Deserialize)]
-pub(super) struct ChangeQueue {
-    current: Option<InFlightChange>,
-    queue: VecDeque<StateChange>,
-    /// The last revision that was refused. Its number is not given again: a server may still be at
-    /// work on it.
-    #[serde(default)]
-    refused: Option<Revision>,
-    /// Whether no frame was swapped since a change was refused that some server had prepared.
-    #[serde(default)]
-    is_refused_unseen: bool,
-}
-
-#[derive(Debug, Serialize, Deserialize)]
-struct InFlightChange {
-    change: StateChange,
-    replica: Replica,
-    digest: Digest,
-    expires: Micros,
-    /// Servers that cannot draw it, with the reason.
-    failed: Vec<(SessionId, String)>,
-    /// How far its client was last told that it is, in percent.
-    #[serde(default)]
-    told_percent: Option<u8>,
-}
-
-impl ChangeQueue {
-    pub fn next_expiry(&self) -> Option<Micros> {
-        self.current.as_ref().map(|underway| underway.expires)
-    }
-
-    /// The revision that the change on its way leads to.
-    pub fn revision(&self) -> Option<Revision> {
-        self.current.as_ref().map(|underway| underway.replica.revision)
-    }
-
-    pub fn current(&self) -> Option<&StateChange> {
-        self.current.as_ref().map(|underway| &underway.change)
-    }
-
-    pub fn queued(&self) -> impl Iterator<Item = &StateChange> {
-        self.queue.iter()
-    }
-
-    /// Shortens the time that the change on its way has.
-    pub fn expire_by(&mut self, at: Micros) {
-        if let Some(underway) = &mut self.current {
-            underway.expires = underway.expires.min(at);
-        }
-    }
-
-    /// Takes the change on its way out; returns who waits for it, and its revision.
-    pub fn take_current(&mut self) -> Option<(ChangeOrigin, Revision)> {
-        let underway = self.current.take()?;
-        Some((underway.change.purpose, underway.replica.revision))
-    }
-
-    /// The scene that the change on its way leads to.
-    pub fn scene(&self) -> Option<BlobHash> {
-        let replica = self.current.as_ref().map(|underway| &underway.replica);
-        replica.and_then(|replica| replica.scene.as_ref()).map(|scene| scene.manifest)
-    }
-
-    /// Whether this server has said that it cannot prepare the change on its way.
-    pub fn has_failed_on(&self, session: SessionId) -> bool {
-        let mut failed = self.current.iter().flat_map(|underway| &underway.failed);
-        failed.any(|(id, _)| *id == session)
-    }
-
-    /// A server cannot prepare the change on its way. Said once, however often: who repeats itself
-    /// fills no memory.
-    pub fn add_failure(&mut self, session: SessionId, reason: String) {
-        if !self.has_failed_on(session)
-            && let Some(underway) = &mut self.current
-        {
-            underway.failed.push((session, reason));
-        }
-    }
-
-    /// How many wait for their turn.
-    pub fn waiting(&self) -> usize {
-        self.queue.len()
-    }
-
-    /// The wall as it will be once all is done that waits.
-    pub fn latest_wall(&self) -> Option<&Wall> {
-        self.queue.iter().rev().chain(self.current()).find_map(StateChange::wall)
-    }
-
-    /// The walls that are on their way.
-    pub fn walls(&self) -> impl Iterator<Item = &Wall> {
-        self.queue.iter().chain(self.current()).filter_map(StateChange::wall)
-    }
-
-    /// Who waits for a tuning.
-    pub fn tuners(&self) -> impl Iterator<Item = &CalibrationWaiter> {
-        self.queue.iter().chain(self.current()).flat_map(StateChange::tuners)
-    }
-
-    /// The scenes that wait for their turn, by name.
-    pub fn waiting_scenes(&self) -> impl Iterator<Item = String> {
-        self.queue.iter().filter_map(StateChange::opened).map(|(_, scene)| scene)
-    }
-
-    /// Returns whether this share of the change on its way is news to its client.
-    pub fn is_news(&mut self, percent: u8) -> bool {
-        let told = self.current.as_mut().map(|underway| underway.told_percent.replace(percent));
-        told.is_some_and(|told| told != Some(percent))
-    }
-
-    /// Puts the wall in the place of the one that waits for its turn, if there is one: tunings
-    /// come faster than they are shown, and only the last one is to be seen.
-    ///
-    /// # Errors
-    /// The wall, if none waits.
-    pub fn replace_waiting_wall(
-        &mut self,
-        wall: Box<Wall>,
-        tuner: CalibrationWaiter,
-    ) -> Result<(), Box<Wall>> {
-        let Some((waiting, tuners)) = self.queue.iter_mut().find_map(StateChange::tuning) else {
-            return Err(wall);
-        };
-        *waiting = wall;
-        tuners.push(tuner);
-        Ok(())
-    }
-
-    /// Whether this revision was refused, and is no state of the wall.
-    fn is_refused(&self, shown: Revision, revision: Revision) -> bool {
-        shown < revision && self.refused.is_some_and(|refused| revision <= refused)
-    }
-
-    /// A frame of the shown state was swapped: servers hold it before all that comes.
-    pub fn has_swapped(&mut self) {
-        self.is_refused_unseen = false;
-    }
-
-    /// Takes the tunings out that wait for their turn, and gives who waits for them.
-    fn take_waiting_tuners(&mut self) -> Vec<CalibrationWaiter> {
-        let (tunings, others) =
-            self.queue.drain(..).partition::<VecDeque<_>, _>(|change| change.wall().is_some());
-        self.queue = others;
-        tunings.iter().flat_map(StateChange::tuners).copied().collect()
-    }
-
-    pub fn digest_of(&self, revision: Revision) -> Option<Digest> {
-        let underway = self.current.as_ref();
-        underway.filter(|u| u.replica.revision == revision).map(|u| u.digest)
-    }
-}
 
 impl Cluster {
     /// A bake has ended.
@@ -247,7 +40,7 @@ impl Cluster {
         match imported {
             Err(reason) => {
                 let tell = || tracing::warn!(reason, "a scene could not be opened");
-                self.span_of_request(job).in_scope(tell);
+                self.request_span(job).in_scope(tell);
                 self.reply(job, Err(RequestError::new(reason)));
             }
             Ok(ImportedScene { scene, summary }) => {
@@ -323,7 +116,7 @@ impl Cluster {
                 InFlightChange { change, replica, digest, expires, failed, told_percent };
             self.changes.current = Some(underway);
             let everyone = self.registry.servers().map(|(id, _)| id).collect();
-            self.prompt(everyone);
+            self.send_due_prepares(everyone);
             self.tell_preparing();
         }
     }
@@ -384,7 +177,7 @@ impl Cluster {
         match change.purpose {
             ChangeOrigin::Scene { job, summary } => self.settle_scene(now, job, summary, &failed),
             ChangeOrigin::Tuning { wall, tuners } => {
-                self.settle_tuning(now, *wall, tuners, &failed)
+                self.commit_calibration(now, *wall, tuners, &failed)
             }
         }
     }
@@ -401,7 +194,7 @@ impl Cluster {
         self.demote_unprepared(now, failed);
         let revision = self.shown.revision;
         let tell = || tracing::info!(revision = revision.0, "the wall shows a new revision");
-        self.span_of_request(job).in_scope(tell);
+        self.request_span(job).in_scope(tell);
         self.features.clear();
         self.notes.clear();
         // What suited another scene may make this one black or white.
@@ -413,14 +206,14 @@ impl Cluster {
             let scene = &summary.name;
             for note in &summary.notes {
                 let tell = || tracing::warn!(scene, note, "not drawn as the file has it");
-                self.span_of_request(job).in_scope(tell);
+                self.request_span(job).in_scope(tell);
             }
             self.features.extend(summary.features.names().into_iter().map(String::from));
             Response::SceneOpened(summary)
         } else {
             Response::Done
         };
-        self.remember();
+        self.persist();
         self.reply(job, Ok(reply));
     }
 
@@ -466,7 +259,12 @@ impl Cluster {
     /// A server has prepared what was refused meanwhile.
     ///
     /// Whether that is so: then it is given the shown state anew.
-    pub(super) fn sends_back(&mut self, now: Micros, from: SessionId, revision: Revision) -> bool {
+    pub(super) fn resync_if_rejected(
+        &mut self,
+        now: Micros,
+        from: SessionId,
+        revision: Revision,
+    ) -> bool {
         let is_refused = self.changes.is_refused(self.shown.revision, revision)
             && self.changes.digest_of(revision).is_none();
         if is_refused {
@@ -488,7 +286,7 @@ impl Cluster {
             self.registry.set_states(channels, ChannelState::Preparing, reason, now);
         }
         let (sessions, channels): (Vec<_>, Vec<_>) = unprepared.into_iter().unzip();
-        self.prompt(sessions);
+        self.send_due_prepares(sessions);
         let ready: Vec<_> = self
             .registry
             .channels()

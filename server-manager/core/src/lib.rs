@@ -7,6 +7,7 @@
 mod aggregate;
 mod barrier;
 mod change;
+mod change_queue;
 mod checkpoint;
 mod deadline;
 mod input;
@@ -34,7 +35,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use barrier::{Barrier, FrameRequest, OutputChange};
 use bytes::Bytes;
-use change::{ChangeQueue, StateChange};
+use change_queue::{ChangeQueue, StateChange};
 use polyptych_protocol::command::{Command, Pong};
 use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId};
@@ -283,10 +284,10 @@ impl Cluster {
         status: ServerMessage,
         wire_bytes: usize,
     ) {
-        if !self.registry.heard(from, now) {
+        if !self.registry.record_heartbeat(from, now) {
             return;
         }
-        let status = shortened(status);
+        let status = truncate_reason(status);
         match status {
             ServerMessage::Prepared(prepared) => self.handle_prepared(now, from, &prepared),
             ServerMessage::PrepareFailed { epoch, revision, reason } => {
@@ -304,7 +305,7 @@ impl Cluster {
             ServerMessage::Shown(shown) => {
                 self.gathered.add_wire_bytes(wire_bytes);
                 let is_real = shown.epoch == self.epoch && shown.frame <= self.frame;
-                if is_real && self.registry.drives(from, shown.channel) {
+                if is_real && self.registry.owns_channel(from, shown.channel) {
                     self.registry.shown(&shown);
                     self.gathered.add_shown(&shown);
                     if let Some(compared) = self.present_calls.add(&shown, now) {
@@ -313,11 +314,11 @@ impl Cluster {
                 }
             }
             ServerMessage::Display { channel, warning } => {
-                if self.registry.drives(from, channel) {
+                if self.registry.owns_channel(from, channel) {
                     self.registry.set_display_warning(channel, warning);
                 }
             }
-            ServerMessage::StateLost { reason } => self.disbelieve(now, from, &reason),
+            ServerMessage::StateLost { reason } => self.handle_divergence(now, from, &reason),
             ServerMessage::Navigate(navigation) => self.handle_navigation(now, from, &navigation),
             ServerMessage::Goodbye { reason } => {
                 self.close(from, "goodbye".into());
@@ -333,12 +334,12 @@ impl Cluster {
 
     /// A message of this server came at `at`, and waits to be read: it is not silent.
     pub fn handle_life(&mut self, from: SessionId, at: Micros) {
-        let _ = self.registry.heard(from, at);
+        let _ = self.registry.record_heartbeat(from, at);
     }
 
     /// When the next server will have been silent for too long, if ever.
     pub fn next_silence(&self) -> Option<Micros> {
-        self.registry.next_silence()
+        self.registry.next_heartbeat_timeout()
     }
 
     /// Returns whether this client wants to hear of every frame, or waits for a scene, a frame or a
@@ -353,13 +354,13 @@ impl Cluster {
 
     /// Time has passed; see [`Cluster::poll_timeout`].
     pub fn handle_timeout(&mut self, now: Micros) {
-        for session in self.registry.silent(now) {
+        for session in self.registry.timed_out(now) {
             let reason = format!("silent for more than {} ms", self.wall.heartbeat_ms);
             self.close(session, reason.clone());
             self.handle_server_gone(now, session, &reason);
         }
         let to_retry = self.registry.take_retries(now);
-        self.prompt(to_retry);
+        self.send_due_prepares(to_retry);
         self.expire_change(now);
         self.remember_navigation(now);
         self.advance_frame(now);
@@ -374,7 +375,7 @@ impl Cluster {
         };
         [
             frame,
-            self.registry.next_silence(),
+            self.registry.next_heartbeat_timeout(),
             self.registry.next_retry(),
             self.changes.next_expiry(),
             self.navigator.remember_at,
@@ -439,7 +440,7 @@ impl Cluster {
 }
 
 /// The same with only the beginning of what a server says in words: it stands in every status.
-pub fn shortened(mut status: ServerMessage) -> ServerMessage {
+pub fn truncate_reason(mut status: ServerMessage) -> ServerMessage {
     if let ServerMessage::PrepareFailed { reason, .. }
     | ServerMessage::DrawFailed { reason, .. }
     | ServerMessage::Display { warning: Some(reason), .. }

@@ -43,10 +43,10 @@ impl Cluster {
         }
         let adapter = hello.adapter.name.clone();
         self.registry.add(now, session, hello, address, channels.clone());
-        self.span_of(session).in_scope(|| tracing::info!(adapter, "server joins"));
+        self.session_span(session).in_scope(|| tracing::info!(adapter, "server joins"));
         self.present_calls.forget(&channels);
         self.registry.set_states(&channels, ChannelState::Preparing, None, now);
-        self.prompt(vec![session]);
+        self.send_due_prepares(vec![session]);
         Ok(())
     }
 
@@ -69,7 +69,7 @@ impl Cluster {
     /// state whole, or the change on its way from there. A server that is busy with an older
     /// state is so never sent more than one thing; one that is busy with a scene that is not
     /// wanted any more is sent one thing beside it, and stops. One that failed is left its pause.
-    pub(super) fn prompt(&mut self, sessions: Vec<SessionId>) {
+    pub(super) fn send_due_prepares(&mut self, sessions: Vec<SessionId>) {
         let (mut to_snapshot, mut to_change) = (Vec::new(), Vec::new());
         let shown = self.shown.revision;
         let shown_scene = self.shown.scene.as_ref().map(|scene| scene.manifest);
@@ -105,7 +105,7 @@ impl Cluster {
 
     /// A server's connection has ended.
     pub fn handle_server_gone(&mut self, now: Micros, session: SessionId, reason: &str) {
-        let span = self.registry.span_of(session);
+        let span = self.registry.session_span(session);
         let Some(server) = span.in_scope(|| self.registry.remove(now, session, reason)) else {
             return;
         };
@@ -123,7 +123,7 @@ impl Cluster {
     pub fn handle_client(&mut self, session: SessionId, mut name: String) {
         make_printable(&mut name);
         self.clients.insert(session, ClientState { name, is_subscribed: false });
-        self.span_of(session).in_scope(|| tracing::info!("client joins"));
+        self.session_span(session).in_scope(|| tracing::info!("client joins"));
     }
 
     /// A client's connection has ended. The wall stays as it is.
@@ -135,9 +135,9 @@ impl Cluster {
 
     /// A replica that disagrees is given the state anew, not believed; what it has drawn of the
     /// present frame is not shown.
-    pub(super) fn disbelieve(&mut self, now: Micros, session: SessionId, why: &str) {
+    pub(super) fn handle_divergence(&mut self, now: Micros, session: SessionId, why: &str) {
         if let Some(barrier) = &mut self.barrier {
-            barrier.leave_out(session);
+            barrier.exclude(session);
         }
         self.resynchronise(now, &[session], why);
     }
@@ -151,13 +151,13 @@ impl Cluster {
             channels.extend_from_slice(&server.channels);
             let what = format!("server {}: {why}", server.name);
             // A server that never gets it right would come here as fast as it can.
-            if let Some(times) = self.repetitions.note(now, &what) {
+            if let Some(times) = self.repetitions.should_log(now, &what) {
                 let tell = || tracing::error!(why, times, "resynchronising a server");
-                self.span_of(session).in_scope(tell);
+                self.session_span(session).in_scope(tell);
             }
         }
         self.registry.set_states(&channels, ChannelState::Preparing, Some(why), now);
-        self.prompt(sessions.to_vec());
+        self.send_due_prepares(sessions.to_vec());
         // Last: this may begin a frame, which must not go to them.
         self.stop_waiting_for(&channels, now);
     }
@@ -169,10 +169,10 @@ impl Cluster {
         let Some(server) = self.registry.server_mut(from) else { return };
         match server.answer(prepared.revision) {
             Answered::Unasked => return,
-            Answered::Obsolete => return self.prompt(vec![from]),
+            Answered::Obsolete => return self.send_due_prepares(vec![from]),
             Answered::Owed => {}
         }
-        if self.sends_back(now, from, prepared.revision) {
+        if self.resync_if_rejected(now, from, prepared.revision) {
             return;
         }
         let expected = if prepared.revision == self.shown.revision {
@@ -202,7 +202,7 @@ impl Cluster {
         }
         self.tell_preparing();
         self.advance_change(now);
-        self.prompt(vec![from]);
+        self.send_due_prepares(vec![from]);
         self.advance_frame(now);
     }
 
@@ -213,16 +213,16 @@ impl Cluster {
         revision: Revision,
         reason: &str,
     ) {
-        let span = self.span_of(from);
+        let span = self.session_span(from);
         let Some(server) = self.registry.server_mut(from) else { return };
         match server.answer(revision) {
             Answered::Unasked => return,
-            Answered::Obsolete => return self.prompt(vec![from]),
+            Answered::Obsolete => return self.send_due_prepares(vec![from]),
             Answered::Owed => {}
         }
         let (name, channels) = (server.name.clone(), server.channels.clone());
         let what = format!("server {name} cannot prepare: {reason}");
-        if let Some(times) = self.repetitions.note(now, &what) {
+        if let Some(times) = self.repetitions.should_log(now, &what) {
             let revision = revision.0;
             span.in_scope(|| tracing::error!(revision, reason, times, "a server cannot prepare"));
         }
@@ -238,7 +238,7 @@ impl Cluster {
         self.advance_change(now);
         // Asked for the same at once it would fail again; for anything newer it may not.
         if revision != self.shown.revision {
-            self.prompt(vec![from]);
+            self.send_due_prepares(vec![from]);
         }
     }
 

@@ -68,7 +68,7 @@ impl PersistentState {
 
 impl Cluster {
     /// The brain of this wall, going on from what another manager remembered.
-    pub fn restored(wall: Wall, epoch: Epoch, memory: &PersistentState) -> Self {
+    pub fn restore(wall: Wall, epoch: Epoch, memory: &PersistentState) -> Self {
         let mut cluster = Self::new(wall, epoch);
         if let Some(scene) = &memory.scene {
             cluster.shown.apply(Operation::OpenScene(scene.clone()));
@@ -80,7 +80,7 @@ impl Cluster {
             cluster.exposure = memory.exposure;
         }
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
-        let restored = tuning::restored(&cluster.file, &memory.further.tunings)
+        let restored = tuning::reapply(&cluster.file, &memory.further.tunings)
             .and_then(|wall| check_wall_size(&wall).map(|()| wall));
         match restored {
             Ok(wall) => {
@@ -107,13 +107,13 @@ impl Cluster {
         cluster.pattern = memory.further.pattern;
         // Frames of another life were shown; its displays say that their manager is lost.
         cluster.is_going_on = true;
-        cluster.remembered = Some(cluster.memory());
+        cluster.remembered = Some(cluster.persistent_state());
         cluster
     }
 
     /// Returns what is to outlive this manager.
-    pub fn memory(&self) -> PersistentState {
-        let tunings = tuning::differences(&self.file, &self.wall);
+    pub fn persistent_state(&self) -> PersistentState {
+        let tunings = tuning::diff(&self.file, &self.wall);
         PersistentState {
             revision: self.shown.revision,
             scene: self.shown.scene.clone(),
@@ -134,8 +134,8 @@ impl Cluster {
 
     /// Remembers the present state, where it has changed. Comes before the answer that tells of
     /// the change.
-    pub(super) fn remember(&mut self) {
-        let memory = self.memory();
+    pub(super) fn persist(&mut self) {
+        let memory = self.persistent_state();
         if self.remembered.as_ref() != Some(&memory) {
             self.remembered = Some(memory.clone());
             self.outputs.push_back(Effect::Remember(Box::new(memory)));
@@ -143,10 +143,10 @@ impl Cluster {
     }
 
     /// The same after a frame, now and then.
-    pub(super) fn remember_frame(&mut self, now: Micros) {
+    pub(super) fn persist_camera(&mut self, now: Micros) {
         if now.saturating_sub(self.remembered_at) >= FRAME_CAMERA_PERIOD {
             self.remembered_at = now;
-            self.remember();
+            self.persist();
         }
     }
 }

@@ -98,8 +98,9 @@ impl Cluster {
         if !self.navigator.is_allowed {
             return;
         }
-        let Some((id, _)) = self.wall.channel_named(&navigation.channel) else { return };
-        let Some(bounds) = self.navigator.bounds.filter(|_| self.registry.drives(from, id)) else {
+        let Some((id, _)) = self.wall.channel_by_name(&navigation.channel) else { return };
+        let Some(bounds) = self.navigator.bounds.filter(|_| self.registry.owns_channel(from, id))
+        else {
             return;
         };
         let eye = self.head.position;
@@ -118,7 +119,7 @@ impl Cluster {
     /// Persists the camera once it was moved.
     pub(super) fn remember_navigation(&mut self, now: Micros) {
         if self.navigator.remember_at.take_if(|due| *due <= now).is_some() {
-            self.remember();
+            self.persist();
         }
     }
 }

@@ -41,7 +41,7 @@ impl Pacer {
 
     /// A frame began at `now`. `is_awaited` says whether any channel is: without one, a free
     /// pace would spin.
-    pub fn began(&mut self, now: Micros, is_awaited: bool) {
+    pub fn frame_started(&mut self, now: Micros, is_awaited: bool) {
         /// What a free pace keeps to while nobody draws.
         const IDLE_PERIOD: Micros = 20_000;
         let period = match self.pace {
@@ -70,9 +70,9 @@ mod tests {
         assert!(!pacer.is_due(5));
         pacer.set(Some(Pacing::Rate(100.0)), 1_000);
         assert!(pacer.is_due(1_000));
-        pacer.began(1_500, true);
+        pacer.frame_started(1_500, true);
         assert_eq!(pacer.next_start(), Some(11_000));
-        pacer.began(500_000, true);
+        pacer.frame_started(500_000, true);
         assert_eq!(pacer.next_start(), Some(510_000));
         pacer.set(None, 0);
         assert_eq!(pacer.next_start(), None);
@@ -82,12 +82,12 @@ mod tests {
     fn a_frame_long_before_a_slow_beat_does_not_move_it() {
         let mut pacer = Pacer::default();
         pacer.set(Some(Pacing::Rate(0.02)), 0);
-        pacer.began(0, true);
+        pacer.frame_started(0, true);
         assert_eq!((pacer.next_start(), pacer.is_soon(0)), (Some(50_000_000), false));
-        pacer.began(10_000_000, true);
+        pacer.frame_started(10_000_000, true);
         assert_eq!(pacer.next_start(), Some(50_000_000));
         assert!(pacer.is_soon(49_000_000));
-        pacer.began(49_500_000, true);
+        pacer.frame_started(49_500_000, true);
         assert_eq!(pacer.next_start(), Some(100_000_000), "this one stands for it");
     }
 }

@@ -282,18 +282,18 @@ impl Registry {
     }
 
     /// Notes a sign of life; `false` where the session is no more.
-    pub fn heard(&mut self, session: SessionId, now: Micros) -> bool {
+    pub fn record_heartbeat(&mut self, session: SessionId, now: Micros) -> bool {
         let server = self.servers.get_mut(&session);
         server.map(|server| server.last_heard = server.last_heard.max(now)).is_some()
     }
 
-    pub fn silent(&self, now: Micros) -> Vec<SessionId> {
+    pub fn timed_out(&self, now: Micros) -> Vec<SessionId> {
         let is_silent =
             |server: &ServerEntry| now.saturating_sub(server.last_heard) > self.heartbeat_us;
         self.servers.iter().filter(|(_, s)| is_silent(s)).map(|(&id, _)| id).collect()
     }
 
-    pub fn next_silence(&self) -> Option<Micros> {
+    pub fn next_heartbeat_timeout(&self) -> Option<Micros> {
         self.servers.values().map(|s| s.last_heard + self.heartbeat_us + 1).min()
     }
 
@@ -329,7 +329,7 @@ impl Registry {
         self.channels.iter().enumerate().map(|(i, channel)| (ChannelId(i as u16), channel))
     }
 
-    pub fn drives(&self, session: SessionId, id: ChannelId) -> bool {
+    pub fn owns_channel(&self, session: SessionId, id: ChannelId) -> bool {
         self.channel(id).is_some_and(|channel| channel.server == Some(session))
     }
 
@@ -375,7 +375,7 @@ impl Registry {
                 }
             };
             match channel.server {
-                Some(session) => self.span_of(session).in_scope(tell),
+                Some(session) => self.session_span(session).in_scope(tell),
                 None => tell(),
             }
         }
@@ -412,7 +412,7 @@ impl Registry {
     }
 
     /// A channel missed the deadline of a frame.
-    pub fn missed(&mut self, id: ChannelId, now: Micros, reason: String) {
+    pub fn record_miss(&mut self, id: ChannelId, now: Micros, reason: String) {
         let Some(channel) = self.channels.get_mut(usize::from(id.0)) else { return };
         channel.late += 1;
         channel.in_time = 0;
@@ -425,7 +425,7 @@ impl Registry {
     }
 
     /// A channel drew a frame that `began` then, where that is remembered.
-    pub fn drew(
+    pub fn record_draw(
         &mut self,
         id: ChannelId,
         draw_us: u32,
@@ -463,7 +463,7 @@ impl Registry {
         let coming: Vec<_> = coming.map(|(id, _)| id).collect();
         if !coming.is_empty() {
             let admit = || self.set_states(&coming, ChannelState::Live, None, now);
-            span::of_frame(frame).in_scope(admit);
+            span::frame_span(frame).in_scope(admit);
         }
     }
 

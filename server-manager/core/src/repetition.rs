@@ -27,7 +27,7 @@ struct Occurrence {
 impl LogLimiter {
     /// Notes that something came, by what makes it the same. `Some` where it is to be said now,
     /// with the times that it has come: at the first, the 10th, the 100th and so on.
-    pub fn note(&mut self, now: Micros, what: &str) -> Option<u64> {
+    pub fn should_log(&mut self, now: Micros, what: &str) -> Option<u64> {
         if !self.seen.contains_key(what) && self.seen.len() >= KEYS_MAX {
             self.seen.retain(|_, seen| now.saturating_sub(seen.last) < FORGET_AFTER);
         }
@@ -52,16 +52,16 @@ mod tests {
     #[test]
     fn the_same_is_said_ever_more_rarely_and_again_after_a_silence() {
         let mut repetitions = LogLimiter::default();
-        let said: Vec<u64> = (0..5000).filter_map(|now| repetitions.note(now, "a")).collect();
+        let said: Vec<u64> = (0..5000).filter_map(|now| repetitions.should_log(now, "a")).collect();
         assert_eq!(said, [1, 10, 100, 1000]);
-        assert_eq!(repetitions.note(5000, "b"), Some(1), "something else");
-        assert_eq!(repetitions.note(5000 + FORGET_AFTER, "a"), Some(1));
+        assert_eq!(repetitions.should_log(5000, "b"), Some(1), "something else");
+        assert_eq!(repetitions.should_log(5000 + FORGET_AFTER, "a"), Some(1));
     }
 
     #[test]
     fn new_reasons_without_end_make_few_lines_and_little_memory() {
         let mut repetitions = LogLimiter::default();
-        let note = |n: u64| repetitions.note(n, &n.to_string());
+        let note = |n: u64| repetitions.should_log(n, &n.to_string());
         let said = (0..100_000).filter_map(note).count();
         assert!(said < KEYS_MAX + 10, "{said} lines");
         assert!(repetitions.seen.len() <= KEYS_MAX + 1);

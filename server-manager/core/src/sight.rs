@@ -28,14 +28,14 @@ impl Cluster {
     /// The wall that frames show, and those that tunings on their way lead to: who sets a view
     /// meanwhile is to see it on these too.
     fn walls(&self) -> impl Iterator<Item = &Wall> {
-        std::iter::once(&self.wall).chain(self.changes.walls())
+        std::iter::once(&self.wall).chain(self.changes.pending_walls())
     }
 
     /// Whether what is looked at, and from where, can be shown on this wall too.
     ///
     /// # Errors
     /// What cannot, why, and what would be right.
-    pub(super) fn check_sight_on(&self, wall: &Wall) -> Result<(), String> {
+    pub(super) fn check_view_state(&self, wall: &Wall) -> Result<(), String> {
         wall.check_head(&self.head)
             .map_err(|error| format!("the head as it stands: {error}; move it first"))?;
         wall.check_views(&self.all_views())
@@ -48,7 +48,7 @@ impl Cluster {
         std::iter::once(own).chain(self.views.iter().cloned()).collect()
     }
 
-    pub(super) fn sight(&self) -> ViewState {
+    pub(super) fn view_state(&self) -> ViewState {
         ViewState { camera: self.camera, head: self.head, views: self.views.clone() }
     }
 }

@@ -227,7 +227,7 @@ mod tests {
             assert_eq!(compared.widest_us(), Some(skew));
         }
         expected.drain(..expected.len() - SKEW_FRAMES);
-        let spread = Quantiles::of(expected);
+        let spread = Quantiles::from_samples(expected);
         let skew = calls.skew(ChannelId(1));
         assert_eq!(
             [f64::from(skew.p50_us), f64::from(skew.p99_us), f64::from(skew.max_us)],

@@ -11,23 +11,23 @@ use super::{ClientRequest, Cluster, SessionId};
 
 impl Cluster {
     /// The peer of a connection, as far as it is known.
-    pub fn span_of(&self, session: SessionId) -> Span {
+    pub fn session_span(&self, session: SessionId) -> Span {
         match self.clients.get(&session) {
             Some(client) => error_span!("client", session = session.0, client = client.name),
-            None => self.registry.span_of(session),
+            None => self.registry.session_span(session),
         }
     }
 
     /// A request, within its client.
-    pub fn span_of_request(&self, job: ClientRequest) -> Span {
-        let client = self.span_of(job.client);
+    pub fn request_span(&self, job: ClientRequest) -> Span {
+        let client = self.session_span(job.client);
         error_span!(parent: &client, "request", request = job.id.0)
     }
 }
 
 impl Registry {
     /// A server's connection, as far as it is known.
-    pub fn span_of(&self, session: SessionId) -> Span {
+    pub fn session_span(&self, session: SessionId) -> Span {
         let Some(server) = self.server(session) else {
             return error_span!("session", session = session.0);
         };
@@ -37,6 +37,6 @@ impl Registry {
 }
 
 /// A frame on its way.
-pub(super) fn of_frame(frame: FrameId) -> Span {
+pub(super) fn frame_span(frame: FrameId) -> Span {
     error_span!("frame", frame = frame.0)
 }

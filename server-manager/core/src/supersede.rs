@@ -8,7 +8,7 @@ use polyptych_files::blob::BlobHash;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::log::Operation;
 
-use super::change::{ChangeOrigin, ChangeQueue, StateChange};
+use super::change_queue::{ChangeOrigin, ChangeQueue, StateChange};
 use super::{ClientRequest, Cluster, Micros};
 
 /// How long a scene may still become ready once another one waits behind it: most take less, and

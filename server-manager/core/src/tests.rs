@@ -415,12 +415,12 @@ fn a_restored_wall_goes_on_where_it_was() {
     let memory = stage.memories.pop().expect("remembered before the answer");
     assert_eq!((memory.revision, memory.camera), (Revision(2), camera));
 
-    let restored = Cluster::restored(wall(1), Epoch(8), &memory);
+    let restored = Cluster::restore(wall(1), Epoch(8), &memory);
     assert_eq!(restored.shown, stage.cluster.shown);
     assert_eq!(restored.shown_digest, stage.cluster.shown_digest);
     assert_eq!(restored.camera, camera);
     // What another wall cannot take over was dropped before.
-    let other = Cluster::restored(wall(2), Epoch(9), &memory);
+    let other = Cluster::restore(wall(2), Epoch(9), &memory);
     assert_eq!((other.shown.revision, other.camera), (Revision(2), camera));
     assert_eq!(other.shown.scene, stage.cluster.shown.scene);
 }

@@ -8,7 +8,7 @@ use polyptych_wall::head::HeadPose;
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
-use super::change::ChangeOrigin;
+use super::change_queue::ChangeOrigin;
 use super::sight::checked_camera;
 use super::{
     ClientRequest, Cluster, Effect, FRAME_ORDERS_MAX, FrameRequest, Importing, Micros,
@@ -35,11 +35,11 @@ impl Cluster {
     ) {
         let job = ClientRequest { client, id };
         if tracing::enabled!(Level::DEBUG) {
-            self.span_of_request(job).in_scope(|| tracing::debug!(?request, "a client asks"));
+            self.request_span(job).in_scope(|| tracing::debug!(?request, "a client asks"));
         }
         match self.translate(now, job, request) {
             Ok(Some(reply)) => {
-                self.remember();
+                self.persist();
                 self.reply(job, Ok(reply));
             }
             // The reply comes with a frame, an import or a change.
@@ -47,7 +47,7 @@ impl Cluster {
             Err(reason) => {
                 if tracing::enabled!(Level::DEBUG) {
                     let tell = || tracing::debug!(reason, "a request is refused");
-                    self.span_of_request(job).in_scope(tell);
+                    self.request_span(job).in_scope(tell);
                 }
                 self.reply(job, Err(RequestError::new(reason)));
             }
@@ -85,21 +85,21 @@ impl Cluster {
                 if time_s.is_some_and(|time| !time.is_finite()) {
                     return Err("the time of a frame is a finite number of seconds".into());
                 }
-                return self.order(FrameRequest { camera, time_s, ..FrameRequest::plain(job) });
+                return self.order(FrameRequest { camera, time_s, ..FrameRequest::unchanged(job) });
             }
             Request::Capture => {
-                return self.order(FrameRequest { capture: true, ..FrameRequest::plain(job) });
+                return self.order(FrameRequest { capture: true, ..FrameRequest::unchanged(job) });
             }
             Request::SetDisplays(mode) => {
                 let wish = Some(OutputChange::Displays(mode));
-                return self.order(FrameRequest { wish, ..FrameRequest::plain(job) });
+                return self.order(FrameRequest { wish, ..FrameRequest::unchanged(job) });
             }
             Request::SetPattern(pattern) => {
                 let wish = Some(OutputChange::Pattern(pattern));
-                return self.order(FrameRequest { wish, ..FrameRequest::plain(job) });
+                return self.order(FrameRequest { wish, ..FrameRequest::unchanged(job) });
             }
             Request::Tune { channel, changes } => {
-                return self.tune(now, job, &channel, &changes);
+                return self.calibrate(now, job, &channel, &changes);
             }
             Request::Run(pace) => {
                 if let Pacing::Rate(rate) = pace
@@ -113,7 +113,9 @@ impl Cluster {
             Request::Pause => self.set_pace(None, now),
             Request::Status => return Ok(Some(Response::Status(Box::new(self.status(now))))),
             Request::DescribeWall => return Ok(Some(Response::Wall(Box::new(self.wall.clone())))),
-            Request::DescribeSight => return Ok(Some(Response::Sight(Box::new(self.sight())))),
+            Request::DescribeSight => {
+                return Ok(Some(Response::Sight(Box::new(self.view_state()))));
+            }
             Request::Statistics { reset } => {
                 return Ok(Some(Response::Statistics(Box::new(self.statistics(reset)))));
             }

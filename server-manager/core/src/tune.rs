@@ -7,7 +7,7 @@ use polyptych_protocol::request::Response;
 use polyptych_wall::{ChannelCalibration, ChannelId, Wall, tuning};
 use serde::{Deserialize, Serialize};
 
-use super::change::ChangeOrigin;
+use super::change_queue::ChangeOrigin;
 use super::{ClientRequest, Cluster, Micros, SessionId, StateChange};
 
 /// Most tunings of one client that wait for their frame: a slider's, 50 a second, of a wall that
@@ -79,7 +79,7 @@ fn operation(
 
 impl Cluster {
     /// A client adjusts a channel.
-    pub(super) fn tune(
+    pub(super) fn calibrate(
         &mut self,
         now: Micros,
         job: ClientRequest,
@@ -94,9 +94,9 @@ impl Cluster {
             ));
         }
         let present = self.changes.latest_wall().unwrap_or(&self.wall);
-        let wall = Box::new(tuning::tuned(present, channel, changes)?);
+        let wall = Box::new(tuning::apply_changes(present, channel, changes)?);
         check_wall_size(&wall)?;
-        self.check_sight_on(&wall).map_err(|reason| format!("{channel}: {reason}"))?;
+        self.check_view_state(&wall).map_err(|reason| format!("{channel}: {reason}"))?;
         let tuner = CalibrationWaiter { job, asked_at: self.frame };
         if let Err(wall) = self.changes.replace_waiting_wall(wall, tuner) {
             let purpose = ChangeOrigin::Tuning { wall, tuners: vec![tuner] };
@@ -107,7 +107,7 @@ impl Cluster {
 
     /// The state that is shown from the next frame on has a tuned wall. Nothing is loaded for it,
     /// so neither deadline nor warm-up begin anew.
-    pub(super) fn settle_tuning(
+    pub(super) fn commit_calibration(
         &mut self,
         now: Micros,
         wall: Wall,
@@ -119,15 +119,15 @@ impl Cluster {
         self.tuners.0.extend(tuners.into_iter().map(|tuner| (revision, tuner)));
         self.wants_frame |= !self.pacer.is_soon(now);
         self.demote_unprepared(now, failed);
-        self.remember();
+        self.persist();
         tracing::debug!(revision = revision.0, "the wall is tuned");
     }
 
     /// A frame of this state was swapped: who waits for it, or for one before, is told.
-    pub(super) fn tell_tuners(&mut self, feedback: &FrameFeedback) {
+    pub(super) fn answer_waiters(&mut self, feedback: &FrameFeedback) {
         let (frame, revision) = (feedback.frame, feedback.revision);
         if revision == self.shown.revision {
-            self.changes.has_swapped();
+            self.changes.note_swap();
         }
         let seen: Vec<_> = self.tuners.0.extract_if(.., |(of, _)| *of <= revision).collect();
         for (revision, tuner) in seen {

@@ -23,7 +23,7 @@ fn two_tiles(apart: u32) -> Wall {
 
 /// Stitches pictures that came in whole, one for each channel; `None` is one that did not come.
 fn stitched(wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<CaptureImage> {
-    let room = CaptureBudget::default().room_for(wall).expect("room");
+    let room = CaptureBudget::default().reserve(wall).expect("room");
     let ids: Vec<_> = wall.channel_ids().collect();
     let shapes = GeometryCache::new(BlobStore::new("/nonexistent"));
     let job = ClientRequest { client: SessionId(1), id: RequestId(1) };
@@ -53,15 +53,15 @@ fn captures_share_their_room_and_give_it_back() {
     let mut wall = polyptych_wall_file::parse(text, "w.toml".as_ref()).expect("a wall");
     let memory = CaptureBudget::default();
     // 32 Mi pixels as a screen, and again as channels: 256 MiB.
-    let mut rooms: Vec<_> = (0..4).map(|_| memory.room_for(&wall).expect("room")).collect();
-    let reason = memory.room_for(&wall).expect_err("no more");
+    let mut rooms: Vec<_> = (0..4).map(|_| memory.reserve(&wall).expect("room")).collect();
+    let reason = memory.reserve(&wall).expect_err("no more");
     assert!(reason.contains("1024 MiB of 1024 MiB") && reason.contains("256 MiB"), "{reason}");
     rooms.pop();
-    memory.room_for(&wall).expect("given back");
+    memory.reserve(&wall).expect("given back");
     drop(rooms);
     // Two pictures of the screen, and twice as many pixels on one of eight displays.
     wall.channels[0].adjustment.packing = StereoPacking::SideBySide;
-    let room = memory.room_for(&wall).expect("room");
+    let room = memory.reserve(&wall).expect("room");
     assert_eq!(room.bytes >> 20, 128 * 2 + 128 + 16);
 }
 
@@ -95,7 +95,7 @@ fn overlaps_are_the_sum_of_their_light() {
         wall.blend.leak = leak;
         let codes = |id: ChannelId| {
             let blend = BlendModel::new(&wall);
-            let map = blend.light_map(id, &ChannelMasks::default()).expect("a map");
+            let map = blend.blend_map(id, &ChannelMasks::default()).expect("a map");
             let color = blend.color(id).expect("a channel");
             let code = |at: u32| {
                 let [multiply, add] = map.light_at(at % 6, at / 6);

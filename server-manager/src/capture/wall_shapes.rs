@@ -23,7 +23,7 @@ impl GeometryCache {
 
     /// The shapes of this wall; slow at the first time. Where a blob is gone the log says so,
     /// and the wall is shown as if nobody had its files.
-    pub fn of(&self, wall: &Wall) -> Arc<WallGeometry> {
+    pub fn get(&self, wall: &Wall) -> Arc<WallGeometry> {
         if wall.files.is_empty() {
             return Arc::default();
         }

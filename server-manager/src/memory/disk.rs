@@ -200,7 +200,7 @@ mod tests {
             revision: Revision(revision),
             scene: None,
             camera: Camera::IDENTITY,
-            head: HeadPose::at(glam::DVec3::Y, 0.06),
+            head: HeadPose::facing_forward(glam::DVec3::Y, 0.06),
             views: Vec::new(),
             exposure: 1.0,
             pace: None,

@@ -306,7 +306,7 @@ mod tests {
 
     fn memory(revision: u64) -> PersistentState {
         let wall = Wall::new("w", vec![], vec![]);
-        let mut memory = Cluster::new(wall, Epoch(1)).memory();
+        let mut memory = Cluster::new(wall, Epoch(1)).persistent_state();
         memory.revision.0 = revision;
         memory
     }

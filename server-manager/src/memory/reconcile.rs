@@ -8,7 +8,7 @@ use polyptych_core::PersistentState;
 use polyptych_wall::Wall;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::tuning::carry_over::{CarriedOver, carried_over};
-use polyptych_wall::tuning::restored;
+use polyptych_wall::tuning::reapply;
 use polyptych_wall::view::{Area, View};
 use polyptych_wall_file::difference::{KeyChange, differences};
 
@@ -43,9 +43,9 @@ impl Reconciled {
 pub(crate) fn reconcile(saved: Saved, wall: &Wall) -> Reconciled {
     let Saved { wall: old, mut memory } = saved;
     let tunings = carried_over(&old, &memory.further.tunings, wall);
-    let before = restored(&old, &memory.further.tunings).unwrap_or_else(|_| old.clone());
+    let before = reapply(&old, &memory.further.tunings).unwrap_or_else(|_| old.clone());
     // Carried over means that the wall takes them.
-    let tuned = restored(wall, &tunings.tunings).unwrap_or_else(|_| wall.clone());
+    let tuned = reapply(wall, &tunings.tunings).unwrap_or_else(|_| wall.clone());
     let mut dropped = Vec::new();
     memory.head = head(&old, memory.head, wall);
     if let Err(error) = tuned.check_head(&memory.head) {

@@ -32,7 +32,7 @@ const STATES: [(ChannelState, &str); 6] = [
 ///
 /// # Errors
 /// The encoder's, which has no reason to fail.
-pub(super) fn text_of(sample: MetricsSnapshot) -> Result<String, fmt::Error> {
+pub(super) fn render(sample: MetricsSnapshot) -> Result<String, fmt::Error> {
     let mut registry = Registry::default();
     registry.register_collector(Box::new(Exposition(sample)));
     let mut text = String::new();

@@ -22,7 +22,7 @@ impl EffectDigest {
     /// What these outputs come to, and a refusal, where a server was refused; `None` for nothing.
     ///
     /// Measurements are left out: what was measured before a checkpoint is not in it.
-    pub fn of<'a>(
+    pub fn from_effects<'a>(
         outputs: impl Iterator<Item = &'a Effect>,
         refusal: Option<&str>,
     ) -> Option<Self> {
@@ -48,7 +48,7 @@ impl EffectDigest {
     }
 
     /// What its letters stand for.
-    pub fn words(&self) -> String {
+    pub fn describe(&self) -> String {
         let word = |kind| match kind {
             'c' => "a command",
             'a' => "an answer",

@@ -377,21 +377,22 @@ fn a_kept_incident_holds_the_invariants_from_wherever_it_is_cut() {
     let reader = RingReader::open(&path).expect("a recording");
     for (from_s, to_s) in [(None, None), (Some(3.0), None), (Some(2.0), Some(4.0))] {
         let cut = TimeRange { part: None, from_s, to_s };
-        let incident = Incident::cut(&reader, &cut, "a test").expect("cut");
+        let incident = Incident::extract(&reader, &cut, "a test").expect("cut");
         let (text, left_out) = incident.to_text().expect("text");
         assert_eq!(left_out, 0);
         let kept = folder.path().join("kept.incident");
         fs::write(&kept, text).expect("written");
         let again = Incident::load(&kept).expect("loaded");
-        assert_eq!(again.about(), "a test");
+        assert_eq!(again.description(), "a test");
         let [a, b] = [incident, again].map(|incident| incident.check().expect("they hold"));
         assert_eq!(a, b);
         assert!(a.frames > 20 && a.inputs > 100, "{a:?}");
     }
     let nothing = TimeRange { from_s: Some(1e6), ..TimeRange::default() };
-    assert!(Incident::cut(&reader, &nothing, "").is_err());
+    assert!(Incident::extract(&reader, &nothing, "").is_err());
     assert!(
-        Incident::cut(&reader, &TimeRange { part: Some(2), ..TimeRange::default() }, "").is_err()
+        Incident::extract(&reader, &TimeRange { part: Some(2), ..TimeRange::default() }, "")
+            .is_err()
     );
 }
 

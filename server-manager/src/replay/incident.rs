@@ -82,7 +82,7 @@ impl Incident {
     ///
     /// # Errors
     /// The recording can't be read, or has no such stretch.
-    pub fn cut(reader: &RingReader, cut: &TimeRange, about: &str) -> Result<Self, String> {
+    pub fn extract(reader: &RingReader, cut: &TimeRange, about: &str) -> Result<Self, String> {
         let mut parts = RunSelector::default();
         for &number in reader.segments() {
             for record in reader.read(number).map_err(|error| error.to_string())? {
@@ -150,7 +150,7 @@ impl Incident {
     }
 
     /// What it is about.
-    pub fn about(&self) -> &str {
+    pub fn description(&self) -> &str {
         &self.head.about
     }
 

@@ -15,7 +15,7 @@ const CHANGES_LOGGED_MAX: usize = 32;
 
 /// The brain, going on where the last manager of this wall stopped, if there was one and its
 /// scene is still in the store; and the file in which its state is kept.
-pub(super) fn begin(
+pub(super) fn start_cluster(
     options: &mut ManagerOptions,
     epoch: Epoch,
     allowed: &BlobAllowlist,

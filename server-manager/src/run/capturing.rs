@@ -28,7 +28,7 @@ impl EventLoop {
     ) {
         // As it is tuned now: that is what the frame shows.
         let wall = self.cluster.wall();
-        match self.pictures.room_for(wall) {
+        match self.pictures.reserve(wall) {
             Ok(room) => {
                 let wall = (wall, &self.shapes);
                 let collection = CaptureJob::new(job, frame, channels, missing, wall, room);
@@ -47,20 +47,20 @@ impl EventLoop {
         let now = self.now();
         if !self.cluster.channels_of(from).contains(&chunk.channel) {
             let what = format!("session {}: picture", from.0);
-            if let Some(times) = self.repetitions.note(now, &what) {
+            if let Some(times) = self.repetitions.should_log(now, &what) {
                 let tell = || tracing::warn!(times, "a picture of another's channel");
-                self.cluster.span_of(from).in_scope(tell);
+                self.cluster.session_span(from).in_scope(tell);
             }
             return;
         }
         for (_, collection) in &mut self.collections {
             if let Err(reason) = collection.add(chunk) {
                 let what = format!("session {}: a picture does not fit", from.0);
-                if let Some(times) = self.repetitions.note(now, &what) {
+                if let Some(times) = self.repetitions.should_log(now, &what) {
                     let tell = || tracing::warn!(reason, times, "a picture does not fit");
-                    self.cluster.span_of(from).in_scope(tell);
+                    self.cluster.session_span(from).in_scope(tell);
                 }
-                collection.give_up_on(&[chunk.channel], &reason);
+                collection.mark_missing(&[chunk.channel], &reason);
             }
         }
     }
@@ -79,7 +79,7 @@ impl EventLoop {
                 ServerMessage::DrawFailed { channel, frame, reason }
                     if channels.contains(channel) && *frame == collection.frame =>
                 {
-                    collection.give_up_on(&[*channel], reason);
+                    collection.mark_missing(&[*channel], reason);
                 }
                 _ => {}
             }
@@ -96,7 +96,7 @@ impl EventLoop {
         let finished = self.collections.extract_if(.., |(_, collection)| collection.is_complete());
         for (_, collection) in finished {
             let Some(seat) = self.clients.get(&collection.job.client) else { continue };
-            tokio::spawn(delivery::send_pictures(collection, seat.link.clone()));
+            tokio::spawn(delivery::send_capture(collection, seat.link.clone()));
         }
     }
 }

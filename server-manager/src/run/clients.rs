@@ -160,7 +160,7 @@ impl EventLoop {
     pub(super) fn forget_client(&mut self, now: Micros, session: SessionId, reason: &str) {
         let Some(seat) = self.clients.remove(&session) else { return };
         let tell = || tracing::info!(reason, "client leaves");
-        self.cluster.span_of(session).in_scope(tell);
+        self.cluster.session_span(session).in_scope(tell);
         seat.link.close.cancel();
         self.turns.forget(session);
         self.tell(now, Input::ClientGone { session });

@@ -67,7 +67,7 @@ impl EventLoop {
     }
 
     /// Tells everyone why, and gives them a moment to hear it.
-    pub(super) async fn say_goodbye(self, goodbye: &Goodbye) {
+    pub(super) async fn shut_down(self, goodbye: &Goodbye) {
         tracing::info!(reason = %goodbye, "the manager ends");
         let to_servers = polyptych_codec::encode(&Command::Goodbye(goodbye.clone()));
         let to_servers = polyptych_codec::framed(&to_servers);

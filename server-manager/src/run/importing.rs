@@ -47,6 +47,6 @@ impl EventLoop {
             // The manager may have ended meanwhile.
             let _ = done.send(Imported { job, result }).await;
         };
-        tokio::spawn(work.instrument(self.cluster.span_of_request(job)));
+        tokio::spawn(work.instrument(self.cluster.request_span(job)));
     }
 }

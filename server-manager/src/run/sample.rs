@@ -8,7 +8,7 @@ use crate::session::{EVENTS_MAX, OUTBOX_MESSAGES_MAX};
 
 impl EventLoop {
     /// The wall, the queues and the bytes so far.
-    pub(super) fn sample(&self) -> MetricsSnapshot {
+    pub(super) fn metrics_snapshot(&self) -> MetricsSnapshot {
         let snapshot = self.cluster.snapshot(self.now());
         let servers = self.servers.values().map(|link| waiting_in(&link.outbox)).max();
         let clients = self.clients.values().map(|seat| waiting_in(&seat.link.outbox)).max();

@@ -241,7 +241,7 @@ fn spill(projector: &Projector, surface: &Surface) -> f64 {
     // A plane is hit beside its patch too, other surfaces a little beside it.
     let is_on = |uv: DVec2| uv.min_element() >= 0.0 && uv.max_element() <= 1.0;
     let is_lit = |place: &DVec2| {
-        let uv = projector.lit(surface, *place).and_then(|lit| surface.uv_from_display(lit));
+        let uv = projector.intersect(surface, *place).and_then(|lit| surface.uv_from_display(lit));
         uv.is_some_and(is_on)
     };
     let missed = places.filter(|place| !is_lit(place)).count();
@@ -257,9 +257,9 @@ fn corners(half: DVec3) -> impl Iterator<Item = DVec3> {
 
 /// Returns whether a point lies between a projector and what it lights.
 fn takes_light(projector: &Projector, surface: &Surface, point: DVec3) -> bool {
-    let place = projector.place(point);
+    let place = projector.project(point);
     let is_in = |at: &DVec2| at.min_element() >= 0.0 && at.max_element() <= 1.0;
-    let lit = place.filter(is_in).and_then(|place| projector.lit(surface, place));
+    let lit = place.filter(is_in).and_then(|place| projector.intersect(surface, place));
     lit.is_some_and(|lit| lit.distance(projector.position) > point.distance(projector.position))
 }
 

@@ -239,7 +239,7 @@ pub(super) fn verify(text: &str, pairs: &[([String; 2], f64)]) -> anyhow::Result
     if let Some(([a, b], _)) = left.first() {
         bail!("{a} and {b} overlap less than asked; a greater one may work");
     }
-    match CheckReport::of(&wall).warnings.first() {
+    match CheckReport::from_wall(&wall).warnings.first() {
         Some(warning) => bail!("this wall would not be a good one: {warning}"),
         None => Ok(()),
     }

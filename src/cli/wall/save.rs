@@ -89,7 +89,7 @@ fn difference(file: &Wall, running: &Wall) -> Option<String> {
     }
     let is_other = |(file, running): &(&Channel, &Channel)| {
         let adjustment = file.adjustment.clone();
-        !tuning::is_tuning_of(&adjustment, &running.adjustment)
+        !tuning::differs_only_by_calibration(&adjustment, &running.adjustment)
             || **file != Channel { adjustment, ..(*running).clone() }
     };
     let (other, _) = file.channels.iter().zip(&running.channels).find(is_other)?;

@@ -26,7 +26,8 @@ fn text(line: &str) -> anyhow::Result<String> {
 fn table(line: &str) -> CheckReport {
     let text = text(line).unwrap_or_else(|error| panic!("{line}: {error}"));
     let wall = polyptych_wall_file::parse(&text, "wall.toml".as_ref());
-    let table = CheckReport::of(&wall.unwrap_or_else(|error| panic!("{line}: {error}\n{text}")));
+    let table =
+        CheckReport::from_wall(&wall.unwrap_or_else(|error| panic!("{line}: {error}\n{text}")));
     assert!(table.warnings.is_empty(), "{line}: {:?}", table.warnings);
     assert!(text.starts_with("# ") && text.contains("+--"), "{line}: a drawing\n{text}");
     table

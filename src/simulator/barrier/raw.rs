@@ -45,7 +45,10 @@ pub(super) fn measure(servers: u16, frames: u64, sizes: Sizes) -> anyhow::Result
             received.iter().filter_map(|of| of.get(frame).copied()).collect();
         width_us(&instants)
     });
-    Ok(Measured { barrier_us: Quantiles::of(barriers), skew_us: Quantiles::of(skews) })
+    Ok(Measured {
+        barrier_us: Quantiles::from_samples(barriers),
+        skew_us: Quantiles::from_samples(skews),
+    })
 }
 
 /// The middle: sends to all, hears from all, sends to all. Gives microseconds for each frame.

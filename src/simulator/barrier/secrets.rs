@@ -22,9 +22,10 @@ impl Secrets {
             return Ok(Self(None));
         }
         let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
-        let (authority, _) = CertificateAuthority::open_or_make(&folder.path().join("authority"))?;
+        let (authority, _) =
+            CertificateAuthority::open_or_create(&folder.path().join("authority"))?;
         for node in nodes {
-            authority.provide(node, &folder.path().join(node.folder()), false)?;
+            authority.issue(node, &folder.path().join(node.folder()), false)?;
         }
         Ok(Self(Some(folder)))
     }

@@ -56,7 +56,7 @@ impl Stubs {
     ///
     /// # Errors
     /// One of them panicked.
-    pub fn sights(self) -> anyhow::Result<StubTimings> {
+    pub fn join(self) -> anyhow::Result<StubTimings> {
         let ends = self.threads.into_iter().map(JoinHandle::join);
         let seen = ends.collect::<Result<Vec<_>, _>>();
         Ok(StubTimings(seen.map_err(|_| anyhow::anyhow!("a stub server panicked"))?))
@@ -122,7 +122,7 @@ async fn converse(
     seen: &mut StubLog,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let keys = secrets.keys(&NodeIdentity::Server(channel_name(index)))?;
-    let stream = stream::dial(address, keys.as_ref(), false).await?;
+    let stream = stream::connect(address, keys.as_ref(), false).await?;
     let hello = Hello::Server(ServerHello {
         name: channel_name(index),
         channels: vec![channel_name(index)],
@@ -130,7 +130,7 @@ async fn converse(
         adapter: Adapter { texture_side_max: CHANNEL_SIDE_MAX, ..Adapter::default() },
     });
     let (mut frames, _) =
-        connection::introduce(stream, Role::Server, &hello, &secrets.token()).await?;
+        connection::send_hello(stream, Role::Server, &hello, &secrets.token()).await?;
     // Frames come all the time, and so does the moment to look at the clock.
     let mut pinged = Instant::now();
     let mut replica = Replica::default();

@@ -287,7 +287,7 @@ mod tests {
     }
 
     fn connect_control() -> (FaultProxy, TcpStream, TcpStream) {
-        connect(&Preamble::of(Role::Server).to_bytes())
+        connect(&Preamble::current(Role::Server).to_bytes())
     }
 
     #[test]
@@ -337,7 +337,7 @@ mod tests {
             manager.write_all(sent).expect("written");
             assert_eq!(take(&mut server, 2), came);
         }
-        let bulk = Preamble::of(Role::Bulk).to_bytes();
+        let bulk = Preamble::current(Role::Bulk).to_bytes();
         let (relay, mut server, mut manager) = connect(&bulk);
         relay.corrupt(true, true);
         server.write_all(b"ab").expect("written");

@@ -80,7 +80,7 @@ struct MarkerError {
 ///
 /// # Errors
 /// What could not be drawn or written.
-pub(super) fn prove(
+pub(super) fn verify(
     client: &Client,
     (shaped, drawn): (ResolvedWall<'_>, Drawn<'_>),
     (folder, steps): (&Path, &mut Steps),
@@ -138,10 +138,10 @@ pub(super) fn prove(
 /// The channels that are large enough for markers.
 pub(super) fn channels(shaped: ResolvedWall<'_>) -> Vec<ChannelView<'_>> {
     let wall = shaped.wall;
-    let head = HeadPose::at(wall.eye, wall.eye_separation_m);
+    let head = HeadPose::facing_forward(wall.eye, wall.eye_separation_m);
     let seen = |id| {
         let channel = wall.channel(id)?;
-        let map = shaped.pixel_map(id)?;
+        let map = shaped.channel_mapping(id)?;
         let eye = wall.viewpoint(&head, light::eye_of(&channel.adjustment));
         let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
         let is_warped = is_warped(wall, channel);

@@ -46,9 +46,10 @@ pub(super) fn corrections(shaped: ResolvedWall<'_>, files: &CalibrationMaps) -> 
     let blend = BlendModel::new(shaped);
     let map = |id: ChannelId| {
         let channel = shaped.wall.channel(id)?;
-        let light = shaped.pixel_map(id).and_then(|pixels| files.light(channel, &pixels));
+        let light =
+            shaped.channel_mapping(id).and_then(|pixels| files.mesh_light_mask(channel, &pixels));
         let light = light.as_ref().and_then(Mask::texels);
-        blend.light_map(id, &ChannelMasks { light, ..files.masks(&channel.adjustment) })
+        blend.blend_map(id, &ChannelMasks { light, ..files.masks(&channel.adjustment) })
     };
     let white = |id| blend.color(id).map_or(DVec3::ONE, |color| color.made() * DVec3::ONE);
     shaped.wall.channel_ids().map(|id| Correction { white: white(id), map: map(id) }).collect()
@@ -85,7 +86,7 @@ pub(super) fn of(
     for y in 0..size.y {
         for x in 0..size.x {
             let light = shown.pixel(UVec2::new(x, y))[axis];
-            let [multiply, add] = map.as_ref().map_or([1.0, 0.0], |map| map.at(x, y, axis));
+            let [multiply, add] = map.as_ref().map_or([1.0, 0.0], |map| map.texel(x, y, axis));
             let own = (light - add) / multiply / white[axis];
             grey.push(if multiply < WEIGHT_MIN { f32::NAN } else { own as f32 });
         }
@@ -102,11 +103,13 @@ pub(super) fn prove_sampling(
     table: &mut VerificationReport,
 ) -> anyhow::Result<()> {
     let wall = shaped.wall;
-    let head = HeadPose::at(wall.eye, wall.eye_separation_m);
+    let head = HeadPose::facing_forward(wall.eye, wall.eye_separation_m);
     let mut densities: Vec<(f64, f64, &str)> = Vec::new();
     let mut stereo: Vec<(f64, String)> = Vec::new();
     for id in wall.channel_ids() {
-        let (Some(channel), Some(map)) = (wall.channel(id), shaped.pixel_map(id)) else { continue };
+        let (Some(channel), Some(map)) = (wall.channel(id), shaped.channel_mapping(id)) else {
+            continue;
+        };
         if !super::geometry::is_warped(wall, channel) {
             continue;
         }

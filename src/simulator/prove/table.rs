@@ -68,7 +68,7 @@ impl VerificationReport {
     }
 
     /// Returns whether all targets are kept, and there was something to judge.
-    pub fn is_kept(&self) -> bool {
+    pub fn is_met(&self) -> bool {
         self.rows.iter().all(|row| row.is_kept) && self.rows.iter().any(|row| row.target.is_some())
     }
 }
@@ -179,9 +179,9 @@ mod tests {
         let mut table = VerificationReport::default();
         table.add("markers", 0.004, "px", Some(Bound::AtMost(0.01)), "front-1-1");
         table.add("time", 12.5, "ms", None, "");
-        assert!(table.is_kept());
+        assert!(table.is_met());
         table.add("identical", 0.98, "", Some(Bound::AtLeast(0.995)), "");
-        assert!(!table.is_kept());
+        assert!(!table.is_met());
         let text = table.to_string();
         let lines: Vec<&str> = text.lines().collect();
         let headings = "what          measured  target   kept    where worst, or why";
@@ -205,9 +205,9 @@ mod tests {
     #[test]
     fn what_is_no_number_keeps_no_target() {
         let mut table = VerificationReport::default();
-        assert!(!table.is_kept(), "nothing was judged");
+        assert!(!table.is_met(), "nothing was judged");
         table.add("markers", f64::NAN, "px", Some(Bound::AtMost(0.01)), "no light");
-        assert!(!table.is_kept());
+        assert!(!table.is_met());
         let json = serde_json::to_value(&table).expect("JSON");
         assert!(json["rows"][0]["measured"].is_null(), "{json}");
         let text = table.to_string();

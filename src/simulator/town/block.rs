@@ -88,7 +88,7 @@ impl<'a> Block<'a> {
     }
 
     /// Houses, a court with trees, lamps.
-    pub fn furnish(&mut self) {
+    pub fn populate(&mut self) {
         if self.random.chance(0.06) && self.row > 0 {
             self.park();
         } else {
@@ -191,7 +191,7 @@ impl<'a> Block<'a> {
     }
 
     /// Trees of the open land: in groves, above the beach, not on cliffs.
-    pub fn grow(&mut self) {
+    pub fn plant_trees(&mut self) {
         for _ in 0..15 {
             let x = self.random.between(-18.0, 18.0);
             let z = self.random.between(-18.0, 18.0);

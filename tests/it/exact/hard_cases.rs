@@ -139,7 +139,7 @@ fn eye_nearly_in_a_screen_plane() {
     // As near as it may be, where f32 shows another pixel's colour at some edges: 1.3 % of all.
     // Nearer, it tells pixels apart ever less, and no head is let there.
     let mut wall = one_screen(PLAIN, DVec3::new(0.3, 0.1, 0.0));
-    let least = |channel| wall.screens[0].eye_distance_least_m(channel, wall.eye - DVec3::Z);
+    let least = |channel| wall.screens[0].eye_distance_min_m(channel, wall.eye - DVec3::Z);
     let least_m = wall.channels.iter().filter_map(least).fold(0.0, f64::max);
     // A little more, for the last digit of the distance.
     let least_m = least_m * 1.001;

@@ -23,7 +23,7 @@ fn a_client_is_told_of_a_baker_that_dies_and_the_wall_goes_on() {
     local.start_server(&wall.channels[0].server);
     let client = local.client();
     await_states(&client, &[ChannelState::Ready]);
-    client.run(Pacing::Rate(RATE)).expect("runs");
+    client.start_rendering(Pacing::Rate(RATE)).expect("runs");
     let mut feedbacks = client.feedback().expect("a stream");
     let before = feedbacks.next().expect("a frame");
     let asked = client.clone();

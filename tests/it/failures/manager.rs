@@ -5,7 +5,7 @@ use std::time::Instant;
 use futures_util::SinkExt;
 use polyptych_client::blocking::{Client, FeedbackStream};
 use polyptych_client::{ChannelState, FrameFeedback, Pacing, Request};
-use polyptych_protocol::connection::introduce;
+use polyptych_protocol::connection::send_hello;
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::RequestMessage;
@@ -29,7 +29,7 @@ fn moving_wall() -> (LocalWall, Client, FeedbackStream) {
     let client = local.client();
     let bounds = client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
     client.set_camera(poses(&bounds)[1]).expect("set");
-    client.run(Pacing::Rate(RATE)).expect("runs");
+    client.start_rendering(Pacing::Rate(RATE)).expect("runs");
     let mut feedbacks = client.feedback().expect("a stream");
     assert!(feedbacks.any(|feedback| is_whole(&feedback)), "the stream goes on");
     (local, client, feedbacks)
@@ -76,7 +76,7 @@ fn a_wall_goes_on_when_the_client_that_moves_it_is_killed() {
     let doomed = runtime.expect("a runtime").block_on(async {
         let stream = tokio::net::TcpStream::connect(&local.address).await.expect("connected");
         let (mut frames, _) =
-            introduce(stream, Role::Client, &hello, &Secret(token)).await.expect("let in");
+            send_hello(stream, Role::Client, &hello, &Secret(token)).await.expect("let in");
         let request = Request::Run(Pacing::Rate(RATE));
         let call = RequestMessage { id: RequestId(1), request };
         frames.send(polyptych_codec::encode(&call)).await.expect("asked");
@@ -95,7 +95,7 @@ fn a_wall_goes_on_when_the_client_that_moves_it_is_killed() {
     let later = feedbacks.find(|f| is_later(f) && is_whole(f)).expect("it goes on");
     assert!(later.time_s > 0.0, "{later:?}");
     // The other takes over.
-    client.run(Pacing::Rate(RATE / 2.0)).expect("another pace");
+    client.start_rendering(Pacing::Rate(RATE / 2.0)).expect("another pace");
     client.pause().expect("stands still");
     let [first, second] = [0, 1].map(|_| client.render_frame().expect("drawn").frame);
     assert_eq!(second.0, first.0 + 1, "nobody else draws any more");

@@ -66,7 +66,7 @@ fn wall_with_stub() -> (LocalWall, StubServer, FeedbackStream) {
     local.start_server(&wall.channels[1].server);
     let stub = StubServer::start(&local, &wall.channels[0].name);
     let client = local.client();
-    client.run(Pacing::Rate(RATE)).expect("runs");
+    client.start_rendering(Pacing::Rate(RATE)).expect("runs");
     let mut feedbacks = client.feedback().expect("a stream");
     let is_live = |channel: &ChannelFeedback| channel.state == ChannelState::Live;
     let all_live = feedbacks.find(|feedback| feedback.channels.iter().all(is_live));

@@ -49,7 +49,7 @@ fn metrics_agree_with_the_status_of_a_wall_that_runs() {
 
 /// Scrapes are answered at full speed, and what only grows does so.
 fn check_while_it_runs(client: &Client, address: &str) {
-    client.run(Pacing::Free).expect("runs");
+    client.start_rendering(Pacing::Free).expect("runs");
     let mut last = scrape(address);
     for frames in [10.0, 20.0, 30.0] {
         let next = wait::until("more frames", || {

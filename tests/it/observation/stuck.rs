@@ -59,7 +59,7 @@ fn an_unread_standard_error_stops_no_frame_and_dropped_lines_are_counted() {
     let _server = start_server(&place, &wall, &name, &unread.options.address);
     await_states(&client, &[ChannelState::Ready]);
     client.open_scene(town().display().to_string()).expect("opened");
-    client.run(Pacing::Rate(30.0)).expect("running");
+    client.start_rendering(Pacing::Rate(30.0)).expect("running");
     await_states(&client, &[ChannelState::Live]);
     let frames = || client.status().expect("an answer").frame.0;
     let before = frames();

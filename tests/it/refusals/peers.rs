@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 
 use polyptych_client::ChannelState;
-use polyptych_protocol::connection::introduce;
+use polyptych_protocol::connection::send_hello;
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::token;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -83,7 +83,7 @@ fn a_peer_that_was_let_in_is_still_held_to_the_limits() {
         malformed.extend(noise(64));
         for said in [long, malformed] {
             let stream = tokio::net::TcpStream::connect(&local.address).await.expect("connected");
-            let introduced = introduce(stream, Role::Client, &hello, &Secret(token.clone())).await;
+            let introduced = send_hello(stream, Role::Client, &hello, &Secret(token.clone())).await;
             let mut stream = introduced.expect("let in").0.into_inner();
             // It may close before all is said.
             let _ = stream.write_all(&said).await;

@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use polyptych_protocol::connection::{MessageStream, introduce};
+use polyptych_protocol::connection::{MessageStream, send_hello};
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, ClientHello, Hello, Preamble, Role, Secret, ServerHello, Welcome,
 };
 use polyptych_protocol::keys::Credentials;
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
-use polyptych_protocol::stream::{Stream, dial};
+use polyptych_protocol::stream::{Stream, connect};
 use polyptych_protocol::tls;
 use rcgen::ExtendedKeyUsagePurpose;
 use tokio_rustls::TlsConnector;
@@ -49,8 +49,8 @@ async fn greet(
     hello: &Hello,
 ) -> Result<(MessageStream<Stream>, Welcome), String> {
     let keys = Credentials::load(keys).expect("good keys");
-    let stream = dial(address, Some(&keys), false).await.expect("connected");
-    introduce(stream, role, hello, &no_token()).await.map_err(|error| error.to_string())
+    let stream = connect(address, Some(&keys), false).await.expect("connected");
+    send_hello(stream, role, hello, &no_token()).await.map_err(|error| error.to_string())
 }
 
 /// Over TLS there is none.
@@ -122,8 +122,8 @@ async fn shake(address: &str, config: ClientConfig) -> Result<(), String> {
     let tcp = tokio::net::TcpStream::connect(address).await.expect("connected");
     let name = "manager.polyptych".try_into().expect("a name");
     let tls = TlsConnector::from(Arc::new(config)).connect(name, tcp).await;
-    let tls = tls.map_err(|error| tls::in_words(&error))?;
-    let introduced = introduce(tls, Role::Client, &client("x"), &no_token()).await;
+    let tls = tls.map_err(|error| tls::describe(&error))?;
+    let introduced = send_hello(tls, Role::Client, &client("x"), &no_token()).await;
     introduced.map(drop).map_err(|error| error.to_string())
 }
 
@@ -197,7 +197,7 @@ fn nobody_but_the_manager_passes_for_it() {
                 posing.accept(tcp).await.map(drop)
             };
             let keys = Credentials::load(&operator).expect("good keys");
-            let dialed = async { dial(&address, Some(&keys), false).await.map(drop) };
+            let dialed = async { connect(&address, Some(&keys), false).await.map(drop) };
             tokio::join!(accept, dialed)
         });
         assert!(accepted.is_err(), "{folder:?} passed for the manager");
@@ -283,9 +283,10 @@ fn strangers_at_a_door_with_tls_change_nothing() {
     let operator = Credentials::load(&local.place.path("keys/client-operator")).expect("good keys");
     run(async {
         use tokio::io::{AsyncReadExt, AsyncWriteExt};
-        let mut stream = dial(&local.address, Some(&operator), false).await.expect("connected");
-        let said = [&Preamble::of(Role::Client).to_bytes()[..], &5000u32.to_be_bytes(), &[0; 5000]]
-            .concat();
+        let mut stream = connect(&local.address, Some(&operator), false).await.expect("connected");
+        let said =
+            [&Preamble::current(Role::Client).to_bytes()[..], &5000u32.to_be_bytes(), &[0; 5000]]
+                .concat();
         stream.write_all(&said).await.expect("written");
         let mut answer = Vec::new();
         // Closed with what it did not read, or in order.

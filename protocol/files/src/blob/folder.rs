@@ -169,7 +169,7 @@ impl BlobStore {
     /// # Errors
     /// [`BlobError::Io`] where the folder can't be read. A file that can't be removed is passed
     /// over: another process may have been faster.
-    pub fn trim(&self, bytes_max: u64) -> Result<usize, BlobError> {
+    pub fn evict(&self, bytes_max: u64) -> Result<usize, BlobError> {
         let io_error = |source| BlobError::Io { path: self.root.clone(), source };
         let mut blobs = Vec::new();
         let folders = match fs::read_dir(&self.root) {
@@ -210,7 +210,7 @@ mod tests {
     fn a_full_folder_loses_its_oldest_blobs_and_nothing_else() {
         let root = tempfile::tempdir().expect("a temporary folder");
         let folder = BlobStore::new(root.path());
-        assert_eq!(folder.trim(0).expect("empty"), 0);
+        assert_eq!(folder.evict(0).expect("empty"), 0);
         let hashes: Vec<_> = (0..4u8)
             .map(|n| {
                 let hash = folder.write(&[n; 100]).expect("written");
@@ -222,7 +222,7 @@ mod tests {
             })
             .collect();
         fs::write(root.path().join("aa.txt"), "mine").expect("written");
-        assert_eq!(folder.trim(250).expect("trimmed"), 2);
+        assert_eq!(folder.evict(250).expect("trimmed"), 2);
         let left: Vec<bool> = hashes.iter().map(|&hash| folder.contains(hash)).collect();
         assert_eq!(left, [false, false, true, true]);
         assert!(root.path().join("aa.txt").exists());

@@ -69,8 +69,8 @@ fn of_screen(
     // What mesh files say of light at corners, for each pixel.
     let corners: Vec<(ChannelId, &Channel, ChannelMapping<'_>, Option<Mask>)> = ids
         .filter_map(|(id, channel)| {
-            let pixels = of.pixel_map(id)?;
-            let light = maps.light(channel, &pixels);
+            let pixels = of.channel_mapping(id)?;
+            let light = maps.mesh_light_mask(channel, &pixels);
             Some((id, channel, pixels, light))
         })
         .collect();

@@ -9,7 +9,7 @@ use polyptych_wall::{Channel, ChannelKind, Eye, FrustumMode, Orientation, Stereo
 use serde::Serialize;
 
 use super::lit_part::LitPart;
-use crate::coverage::{Footprint, is_plain};
+use crate::coverage::{Footprint, is_plain_tile};
 use crate::table::extent;
 
 /// A channel in numbers. Numbers that nobody knows are `None`, and left out of JSON; `unknown`
@@ -100,7 +100,7 @@ impl ChannelRow {
         let screen = of.wall.screen_of(channel);
         let adjustment = &channel.adjustment;
         let is_around = of.wall.is_omnidirectional(channel);
-        let is_even = is_plain(channel) && screen.plane().is_some() && !is_around;
+        let is_even = is_plain_tile(channel) && screen.plane().is_some() && !is_around;
         let file = adjustment.warp.and_then(|file| of.wall.files.get(usize::from(file)));
         let mut row = Self {
             name: channel.name.clone(),
@@ -155,7 +155,7 @@ impl ChannelRow {
         };
         let is_mesh = matches!(screen.surface, Surface::Mesh(_));
         let (size, canvas) = (channel.size.as_dvec2(), screen.canvas.as_dvec2());
-        let lit = if is_plain(channel) && !is_mesh {
+        let lit = if is_plain_tile(channel) && !is_mesh {
             Some(LitPart::whole(size))
         } else {
             LitPart::new(&print, size, canvas)
@@ -173,7 +173,7 @@ impl ChannelRow {
                 t => lit.middle.lerp(to, t - 1.0),
             };
             let place = |t: f64| print.lit_point(at(t));
-            extent::of_line(of.wall.eye, place)
+            extent::line_length_and_angle(of.wall.eye, place)
         };
         if let (Some(across), Some(down)) = (over(DVec2::X), over(DVec2::Y)) {
             self.size_m = Some([across.metres, down.metres]);

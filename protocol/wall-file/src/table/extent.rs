@@ -27,7 +27,10 @@ pub(super) struct Extent {
 
 /// The extent of the line through these places, which go from 0 to 1: the sum of all parts that
 /// lie somewhere. `None` if none of 33 places does, the middle among them.
-pub(super) fn of_line(eye: DVec3, place: impl Fn(f64) -> Option<DVec3>) -> Option<Extent> {
+pub(super) fn line_length_and_angle(
+    eye: DVec3,
+    place: impl Fn(f64) -> Option<DVec3>,
+) -> Option<Extent> {
     let at = |step: u32| f64::from(step) / f64::from(PIECES);
     let points: Vec<Option<DVec3>> = (0..=PIECES).map(|step| place(at(step))).collect();
     points.iter().flatten().next()?;
@@ -75,7 +78,7 @@ pub(super) fn plan(
     channel: &Channel,
     map: &ChannelMapping<'_>,
 ) -> Result<ViewAtlas, AtlasError> {
-    let known = of.wall.channel_named(&channel.name).filter(|_| !maps.is_empty());
+    let known = of.wall.channel_by_name(&channel.name).filter(|_| !maps.is_empty());
     let drawn = known.and_then(|(id, _)| of.drawn_mesh(maps, id).ok());
     let mesh = drawn.unwrap_or_else(|| {
         let place = |pixel| map.display_from_pixel(pixel);
@@ -116,7 +119,7 @@ mod tests {
         let screen = Screen::new("round", Surface::Cylinder(cylinder), canvas);
         let channel = Channel::tile("round", 0, UVec2::ZERO, canvas);
         let wall = Wall::new("w", vec![screen], vec![channel]);
-        let map = wall.pixel_map(polyptych_wall::ChannelId(0)).unwrap();
+        let map = wall.channel_mapping(polyptych_wall::ChannelId(0)).unwrap();
         let plan =
             plan(ResolvedWall::from(&wall), &CalibrationMaps::default(), &wall.channels[0], &map)
                 .unwrap();
@@ -133,10 +136,10 @@ mod tests {
             let (sin, cos) = (t * std::f64::consts::FRAC_PI_2).sin_cos();
             Some(DVec3::new(sin, 0.0, -cos) * 2.0)
         };
-        let Extent { metres, degrees } = of_line(DVec3::ZERO, quarter).unwrap();
+        let Extent { metres, degrees } = line_length_and_angle(DVec3::ZERO, quarter).unwrap();
         assert!((degrees - 90.0).abs() < 1e-9, "{degrees}");
         assert!((metres / std::f64::consts::PI - 1.0).abs() < 2e-4, "{metres}");
-        assert_eq!(of_line(DVec3::ZERO, |_| None), None);
+        assert_eq!(line_length_and_angle(DVec3::ZERO, |_| None), None);
     }
 
     #[test]
@@ -145,7 +148,7 @@ mod tests {
             let line = move |t: f64| {
                 (low..=high).contains(&t).then_some(DVec3::new(4.0 * t - 2.0, 0.0, -1.0))
             };
-            of_line(DVec3::ZERO, line)
+            line_length_and_angle(DVec3::ZERO, line)
         };
         let Extent { metres, degrees } = piece(0.31, 0.735).unwrap();
         assert!((metres - 4.0 * 0.425).abs() < 1e-8, "{metres}");

@@ -148,9 +148,9 @@ fn viewer(wall: &Wall, row: &ChannelRow, channel: &Channel) -> Option<String> {
     }
     let surface = &wall.screen_of(channel).surface;
     let is_shadowed = |point: DVec3| {
-        let place = projector.place(point);
+        let place = projector.project(point);
         let place = place.filter(|at| at.min_element() >= 0.0 && at.max_element() <= 1.0)?;
-        let lit = projector.lit(surface, place)?;
+        let lit = projector.intersect(surface, place)?;
         Some(lit.distance(projector.position) > point.distance(projector.position))
     };
     (is_shadowed(wall.eye) == Some(true)).then(|| {

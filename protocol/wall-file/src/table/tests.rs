@@ -7,7 +7,7 @@ use super::text::thousands;
 use super::*;
 
 fn table(text: &str) -> CheckReport {
-    CheckReport::of(&crate::parse(text, "wall.toml".as_ref()).unwrap())
+    CheckReport::from_wall(&crate::parse(text, "wall.toml".as_ref()).unwrap())
 }
 
 const TWO_BY_TWO: &str = r#"
@@ -85,7 +85,7 @@ fn thousands_are_grouped() {
 
 fn config(name: &str) -> CheckReport {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs").join(name);
-    CheckReport::of(&crate::load(&path).unwrap())
+    CheckReport::from_wall(&crate::load(&path).unwrap())
 }
 
 #[test]
@@ -142,7 +142,7 @@ fn five_projectors_cover_a_dome() {
 #[test]
 fn what_textures_cannot_hold_is_warned_of() {
     let wall = crate::parse(TWO_BY_TWO, "wall.toml".as_ref()).unwrap();
-    let mut table = CheckReport::of(&wall);
+    let mut table = CheckReport::from_wall(&wall);
     table.channels[1].sampling = Some([0.4, 3.0]);
     let said = warnings::warnings(&wall, &table.screens, &table.channels);
     let expected = "channel front-2-1: with textures of 8192 pixels it is drawn from 0.40 pixels \
@@ -191,7 +191,7 @@ fn both_eyes_are_told_apart_and_files_not_guessed() {
     (right.name, right.adjustment.eye) = ("right".into(), Eye::Right);
     wall.channels[0].adjustment.eye = Eye::Left;
     wall.channels.push(right);
-    let text = CheckReport::of(&wall).to_string();
+    let text = CheckReport::from_wall(&wall).to_string();
     assert!(text.contains("coverage, left eye: 100.00 %, 1 channel at most"), "{text}");
     assert!(text.contains("coverage, right eye: 100.00 %"), "{text}");
     wall.files.push(polyptych_wall::CalibrationFile {
@@ -202,7 +202,7 @@ fn both_eyes_are_told_apart_and_files_not_guessed() {
         front: Vec::new(),
     });
     wall.screens[0].surface = Surface::Mesh(0);
-    let table = CheckReport::of(&wall);
+    let table = CheckReport::from_wall(&wall);
     assert!(table.channels[0].degrees.is_none() && table.warnings.is_empty(), "{table}");
     let text = table.to_string();
     assert!(

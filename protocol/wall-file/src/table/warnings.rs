@@ -6,7 +6,7 @@ use polyptych_wall::source::SOURCE_CELLS_MAX;
 use polyptych_wall::{Channel, Eye, StereoMode, Surface, Wall};
 
 use super::{ChannelRow, CoverageRow, ScreenRow, crossing, pitch_m, plausibility};
-use crate::coverage::is_plain;
+use crate::coverage::is_plain_tile;
 
 /// Pixels whose sides differ by more than this show circles as ellipses that one can see.
 const ANISOTROPY_MAX: f64 = 0.01;
@@ -28,7 +28,7 @@ pub(super) fn warnings(wall: &Wall, screens: &[ScreenRow], channels: &[ChannelRo
     let mut warnings = uneven_pixels(wall);
     warnings.extend(plausibility::warnings(wall, screens, channels));
     warnings.extend(crossing::warnings(wall));
-    for channel in wall.channels.iter().filter(|channel| is_plain(channel)) {
+    for channel in wall.channels.iter().filter(|channel| is_plain_tile(channel)) {
         if channel.origin % 2 != UVec2::ZERO {
             warnings.push(format!(
                 "channel {}: its origin [{}, {}] is odd, so that textures may differ from its \
@@ -160,7 +160,7 @@ fn of_eye(eye: Eye) -> &'static str {
 fn overlaps(wall: &Wall, index: usize, screen: &ScreenRow, coverage: &CoverageRow) -> Vec<String> {
     let on_screen = |channel: &&Channel| usize::from(channel.screen) == index;
     let channels: Vec<&Channel> = wall.channels.iter().filter(on_screen).collect();
-    let is_by_hand = channels.iter().all(|c| is_plain(c)) && !is_grid(&channels);
+    let is_by_hand = channels.iter().all(|c| is_plain_tile(c)) && !is_grid(&channels);
     let said = coverage.overlaps.iter().filter_map(|overlap| {
         let [first, second] = &overlap.channels;
         let [width, height] = overlap.patch.pixels;

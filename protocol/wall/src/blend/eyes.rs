@@ -26,8 +26,8 @@ use crate::Eye;
 pub(super) struct EyeContribution {
     /// Who sees it.
     pub eye: Eye,
-    /// As [`lamp::BlendChannel::step`] has it; `None` where it lights only another part of the pixel that
-    /// is asked about.
+    /// As [`lamp::BlendChannel::ramp`] has it; `None` where it lights only another part of the
+    /// pixel that is asked about.
     pub step: Option<f64>,
     /// Whether it comes before the channel that is asked about.
     pub is_before: bool,
@@ -39,7 +39,7 @@ pub(super) struct EyeContribution {
 
 impl EyeContribution {
     /// Of a channel that lights all of a pixel and has none before it.
-    pub fn whole(lamp: &BlendChannel<'_>, step: f64) -> Self {
+    pub fn full_pixel(lamp: &BlendChannel<'_>, step: f64) -> Self {
         let (eye, leak) = (lamp.eye(), lamp.leak);
         Self { eye, step: Some(step), is_before: false, part: 1.0, leak }
     }
@@ -54,7 +54,7 @@ impl EyeContribution {
 }
 
 /// The share of a channel among others that light the same pixel.
-pub(super) fn share(
+pub(super) fn blend_weight(
     own: EyeContribution,
     others: &[EyeContribution],
     exponent: f64,

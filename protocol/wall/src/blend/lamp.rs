@@ -62,12 +62,12 @@ pub(crate) struct BlendChannel<'a> {
 impl<'a> BlendChannel<'a> {
     pub fn new(of: impl Into<ResolvedWall<'a>>, channel: &'a Channel) -> Self {
         let ResolvedWall { wall, shapes } = of.into();
-        let map = ChannelMapping::shaped(channel, wall.screen_of(channel), shapes);
-        let map = map.filter(ChannelMapping::is_known);
+        let map = ChannelMapping::with_geometry(channel, wall.screen_of(channel), shapes);
+        let map = map.filter(ChannelMapping::is_resolved);
         let size = channel.size.as_dvec2();
         let mut lamp = Self {
             channel,
-            outline: shapes.outline_of(channel),
+            outline: shapes.lit_area_of(channel),
             leak: leak(channel, wall.leak_of(channel)),
             is_blended_by_file: shapes.is_blended_by_file(channel),
             map,
@@ -86,7 +86,7 @@ impl<'a> BlendChannel<'a> {
     }
 
     /// Whether the other one is on the same screen, and seen together with this one by some eye.
-    pub fn is_beside(&self, other: &Self) -> bool {
+    pub fn shares_screen(&self, other: &Self) -> bool {
         let (own, others) = (self.eye(), other.eye());
         let is_seen = own == others || own == Eye::Center || others == Eye::Center;
         is_seen && self.channel.screen == other.channel.screen
@@ -102,12 +102,12 @@ impl<'a> BlendChannel<'a> {
 
     /// Whether both may light one place. Certain where both are tiles without a correction of
     /// their form.
-    pub fn may_meet(&self, other: &Self) -> bool {
+    pub fn may_overlap(&self, other: &Self) -> bool {
         let lights = |lamp: &Self| lamp.map.is_some() && !lamp.is_blended_by_file;
-        if !self.is_beside(other) || !lights(self) || !lights(other) {
+        if !self.shares_screen(other) || !lights(self) || !lights(other) {
             return false;
         }
-        if self.is_rect() && other.is_rect() {
+        if self.is_plain_tile() && other.is_plain_tile() {
             let (a, b) = (self.channel.origin.as_dvec2(), other.channel.origin.as_dvec2());
             return a.cmplt(b + other.size).all() && b.cmplt(a + self.size).all();
         }
@@ -118,7 +118,7 @@ impl<'a> BlendChannel<'a> {
     }
 
     /// Whether its pixels are the canvas's, from its origin.
-    pub fn is_rect(&self) -> bool {
+    pub fn is_plain_tile(&self) -> bool {
         let adjustment = &self.channel.adjustment;
         let is_formed = adjustment.pin != [DVec2::ZERO; 4] || adjustment.bend.is_some();
         self.channel.cover == ChannelKind::Tile && !is_formed
@@ -136,9 +136,9 @@ impl<'a> BlendChannel<'a> {
 
     /// Where on the canvas a place lies that is as far from an edge as a walk along edges says:
     /// where a file places the picture, before pins and bends.
-    pub fn canvas_of_walk(&self, place: DVec2) -> Option<DVec2> {
+    pub fn canvas_from_edge(&self, place: DVec2) -> Option<DVec2> {
         match (&self.map, self.outline) {
-            (Some(map), Some(_)) => self.canvas(map.pixel_from_meant(place)?),
+            (Some(map), Some(_)) => self.canvas(map.pixel_from_ideal(place)?),
             _ => self.canvas(place),
         }
     }
@@ -150,7 +150,7 @@ impl<'a> BlendChannel<'a> {
 
     /// The spot at a place of the canvas of its screen.
     fn spot_on(&self, canvas: DVec2) -> Option<Spot> {
-        Some(Spot { canvas, point: self.map.as_ref()?.ground().display_from_canvas(canvas) })
+        Some(Spot { canvas, point: self.map.as_ref()?.screen().display_from_canvas(canvas) })
     }
 
     /// The place of its picture, or of the plane beside it, that lights a spot.
@@ -165,8 +165,8 @@ impl<'a> BlendChannel<'a> {
     }
 
     /// The place of its picture that lights a place of the canvas.
-    pub fn lit(&self, canvas: DVec2) -> Option<DVec2> {
-        self.pixel(canvas).filter(|pixel| self.has(*pixel))
+    pub fn lit_pixel(&self, canvas: DVec2) -> Option<DVec2> {
+        self.pixel(canvas).filter(|pixel| self.contains(*pixel))
     }
 
     /// Metres from a projector's lens along its axis to a spot; below zero behind it.
@@ -185,7 +185,7 @@ impl<'a> BlendChannel<'a> {
     }
 
     /// Whether a place lies in its picture.
-    pub fn has(&self, pixel: DVec2) -> bool {
+    pub fn contains(&self, pixel: DVec2) -> bool {
         pixel.cmpge(DVec2::ZERO).all() && pixel.cmple(self.size).all()
     }
 
@@ -195,7 +195,7 @@ impl<'a> BlendChannel<'a> {
         else {
             return true;
         };
-        let ground = map.ground();
+        let ground = map.screen();
         if matches!(ground.screen.surface, Surface::Plane(_)) {
             return true;
         }
@@ -209,7 +209,7 @@ impl<'a> BlendChannel<'a> {
         // A warp's points may lie before or behind those of the screen that they show.
         let is_on_screen = self.channel.cover != ChannelKind::Map;
         let map = self.map.as_ref().filter(|_| is_on_screen)?;
-        if self.is_rect() && map.ground().is_mesh() {
+        if self.is_plain_tile() && map.screen().is_mesh() {
             // What of a tile a mesh has may lie between the places looked at.
             return None;
         }
@@ -224,21 +224,21 @@ impl<'a> BlendChannel<'a> {
     }
 
     /// How far a place of its picture is from its edges, as a step from 0 to 1.
-    pub fn step(&self, pixel: DVec2, widths: [Option<f64>; 4]) -> f64 {
+    pub fn ramp(&self, pixel: DVec2, widths: [Option<f64>; 4]) -> f64 {
         let edges = self.distances(pixel).into_iter().zip(widths);
-        edges.map(|(distance, width)| step(distance, width)).product()
+        edges.map(|(distance, width)| ramp(distance, width)).product()
     }
 
     /// By what share of it that step may change within a pixel.
-    pub fn steepness(&self, pixel: DVec2, widths: [Option<f64>; 4]) -> f64 {
+    pub fn ramp_slope(&self, pixel: DVec2, widths: [Option<f64>; 4]) -> f64 {
         let edges = self.distances(pixel).into_iter().zip(widths);
-        edges.map(|(distance, width)| steepness(distance, width)).sum()
+        edges.map(|(distance, width)| ramp_slope(distance, width)).sum()
     }
 
     /// From the left, right, upper and lower edge of what is lit of it.
     fn distances(&self, pixel: DVec2) -> [f64; 4] {
         if let (Some(outline), Some(map)) = (self.outline, &self.map) {
-            return map.meant_from_pixel(pixel).map_or([0.0; 4], |meant| outline.distances(meant));
+            return map.ideal_from_pixel(pixel).map_or([0.0; 4], |meant| outline.distances(meant));
         }
         let from_end = self.size - pixel;
         [pixel.x, from_end.x, pixel.y, from_end.y]
@@ -254,9 +254,9 @@ fn leak(channel: &Channel, own: DVec3) -> DVec3 {
     if black.is_finite() { black } else { own }
 }
 
-/// The slope of [`step`] as a share of it, for each pixel: 2/distance next to the edge. Nearer
+/// The slope of [`ramp`] as a share of it, for each pixel: 2/distance next to the edge. Nearer
 /// than a hundredth of a pixel as there.
-fn steepness(distance: f64, width: Option<f64>) -> f64 {
+fn ramp_slope(distance: f64, width: Option<f64>) -> f64 {
     match width {
         Some(width) if distance < width => {
             let t = (distance.max(0.01) / width).min(1.0);
@@ -267,7 +267,7 @@ fn steepness(distance: f64, width: Option<f64>) -> f64 {
 }
 
 /// 0 at an edge, 1 from `width` on, and level at both ends; without a width, no edge.
-fn step(distance: f64, width: Option<f64>) -> f64 {
+fn ramp(distance: f64, width: Option<f64>) -> f64 {
     match width {
         Some(width) if distance < width => {
             let t = (distance / width).max(0.0);

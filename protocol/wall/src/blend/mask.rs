@@ -72,7 +72,7 @@ impl ChannelMasks<'_> {
     }
 
     /// No pixel gets more light than this.
-    pub(super) fn most_added(&self) -> f64 {
+    pub(super) fn offset_max(&self) -> f64 {
         self.beta.map_or(0.0, |beta| beta.most())
     }
 

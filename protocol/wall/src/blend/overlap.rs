@@ -29,7 +29,7 @@ pub(super) fn find_neighbours(lamps: &mut [BlendChannel<'_>]) {
     for at in 0..lamps.len() {
         let meets = |id: &ChannelId| {
             let other = usize::from(id.0);
-            other != at && lamps[at].may_meet(&lamps[other])
+            other != at && lamps[at].may_overlap(&lamps[other])
         };
         lamps[at].neighbours = ids(lamps.len()).filter(meets).collect();
     }
@@ -88,12 +88,12 @@ impl EdgeSegment {
     /// The place of the edge so far along it.
     fn place(&self, lamp: &BlendChannel<'_>, at: f64) -> DVec2 {
         let straight = self.begin + self.along * at;
-        lamp.outline.map_or(straight, |outline| outline.moved_to(self.side, straight))
+        lamp.outline.map_or(straight, |outline| outline.snap_to_edge(self.side, straight))
     }
 }
 
 /// How wide a channel's ramps are: as the wall says, or else as wide as the overlap.
-pub(super) fn widths(lamp: &BlendChannel<'_>, lamps: &[BlendChannel<'_>]) -> [Option<f64>; 4] {
+pub(super) fn ramp_widths(lamp: &BlendChannel<'_>, lamps: &[BlendChannel<'_>]) -> [Option<f64>; 4] {
     let said = &lamp.channel.adjustment.edges;
     let said = [said.left, said.right, said.top, said.bottom];
     let mut widths = [None; 4];
@@ -113,16 +113,17 @@ fn width_of(lamp: &BlendChannel<'_>, edge: EdgeSegment, lamps: &[BlendChannel<'_
     let mut depths = Vec::new();
     for (at, stands_for) in walk(edge.length) {
         let from = edge.place(lamp, at);
-        let canvas = |depth: f64| lamp.canvas_of_walk(from + edge.inward * depth);
+        let canvas = |depth: f64| lamp.canvas_from_edge(from + edge.inward * depth);
         // A file ends at the edge; beyond it goes on as it came.
         let ahead = || Some(canvas(BESIDE)? * 2.0 - canvas(3.0 * BESIDE)?);
         let outside = canvas(-BESIDE).or_else(ahead);
         let (Some(outside), Some(inside)) = (outside, canvas(BESIDE)) else { continue };
-        let reaches =
-            |other: &&BlendChannel<'_>| other.lit(inside).is_some() && other.lit(outside).is_some();
+        let reaches = |other: &&BlendChannel<'_>| {
+            other.lit_pixel(inside).is_some() && other.lit_pixel(outside).is_some()
+        };
         let others = lamp.neighbours.iter().map(|id| &lamps[usize::from(id.0)]);
         let is_lit = |other: &BlendChannel<'_>, depth: f64| {
-            canvas(depth).is_some_and(|canvas| other.lit(canvas).is_some())
+            canvas(depth).is_some_and(|canvas| other.lit_pixel(canvas).is_some())
         };
         let depth = |other: &BlendChannel<'_>| {
             let (mut low, mut high) = (BESIDE, edge.across - BESIDE);
@@ -157,7 +158,7 @@ fn median(mut values: Vec<(f64, f64)>) -> Option<f64> {
 
 /// The most that channels which light a place along a channel's edges have together of what `of`
 /// says of each, the channel itself among them.
-pub(super) fn most(
+pub(super) fn overlap_max(
     lamp: &BlendChannel<'_>,
     lamps: &[BlendChannel<'_>],
     of: impl Fn(&BlendChannel<'_>) -> DVec3,
@@ -170,7 +171,7 @@ pub(super) fn most(
     for edge in edges(lamp) {
         for (at, _) in walk(edge.length) {
             let place = edge.place(lamp, at) + edge.inward * BESIDE;
-            let Some(canvas) = lamp.canvas_of_walk(place) else { continue };
+            let Some(canvas) = lamp.canvas_from_edge(place) else { continue };
             most = most.max(own + lit_by(lamp, lamps, canvas, &of));
         }
     }
@@ -186,7 +187,7 @@ fn lit_by(
     of: impl Fn(&BlendChannel<'_>) -> DVec3,
 ) -> DVec3 {
     let others = lamp.neighbours.iter().map(|id| &lamps[usize::from(id.0)]);
-    let lit: Vec<_> = others.filter(|other| other.lit(canvas).is_some()).collect();
+    let lit: Vec<_> = others.filter(|other| other.lit_pixel(canvas).is_some()).collect();
     let seen = |eye| {
         let is_seen = |other: &&&BlendChannel<'_>| [Eye::Center, eye].contains(&other.eye());
         lit.iter().filter(is_seen).map(|other| of(other)).sum::<DVec3>()

@@ -63,7 +63,7 @@ struct Raster<'l, 'w> {
 impl<'w> BlendModel<'w> {
     /// Fills `texels`, row by row, with what `make` gives for each pixel of a channel's picture
     /// and its share. A channel that has no neighbours is alone everywhere.
-    pub(super) fn raster<T: Send>(
+    pub(super) fn for_each_weight<T: Send>(
         &self,
         id: ChannelId,
         texels: &mut [T],
@@ -75,7 +75,7 @@ impl<'w> BlendModel<'w> {
         let smoothness = smoothness.fold(lamp.smoothness(), Smoothness::min);
         let raster = Raster {
             lamp,
-            widths: self.widths(id),
+            widths: self.ramp_widths(id),
             others,
             exponent: self.wall.blend.exponent,
             is_faceted: smoothness == Smoothness::Faceted,
@@ -99,7 +99,7 @@ impl<'w> BlendModel<'w> {
     fn other(&self, id: ChannelId, other: ChannelId) -> Neighbour<'_, 'w> {
         Neighbour {
             lamp: &self.lamps[usize::from(other.0)],
-            widths: self.widths(other),
+            widths: self.ramp_widths(other),
             is_before: other < id,
         }
     }

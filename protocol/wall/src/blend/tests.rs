@@ -16,7 +16,7 @@ const SUM_ERROR_MAX: f64 = 1.0 / 4096.0;
 
 /// The light maps of all channels; what has none, has weight 1.
 fn maps(wall: &Wall) -> Vec<Option<BlendMap>> {
-    wall.channel_ids().map(|id| light_map(wall, id, &ChannelMasks::default())).collect()
+    wall.channel_ids().map(|id| blend_map(wall, id, &ChannelMasks::default())).collect()
 }
 
 /// The largest error of a sum of rounded weights over all pixels of a wall of tiles, and how many
@@ -31,7 +31,7 @@ fn tile_error(wall: &Wall) -> (f64, usize) {
             for x in 0..channel.size.x {
                 let at = channel.origin + UVec2::new(x, y);
                 let at = (at.y * canvas.x + at.x) as usize;
-                sums[at] += map.as_ref().map_or(1.0, |map| map.at(x, y, 0)[0]);
+                sums[at] += map.as_ref().map_or(1.0, |map| map.texel(x, y, 0)[0]);
                 counts[at] += 1;
             }
         }
@@ -47,14 +47,14 @@ fn askew_error(wall: &Wall, step: u32) -> (f64, usize) {
     let blend = BlendModel::new(wall);
     let (mut error, mut most) = (0.0_f64, 0);
     for (id, map) in wall.channel_ids().zip(maps(wall)) {
-        let (Some(pixels), Some(channel)) = (wall.pixel_map(id), wall.channel(id)) else {
+        let (Some(pixels), Some(channel)) = (wall.channel_mapping(id), wall.channel(id)) else {
             continue;
         };
         for y in (0..channel.size.y).step_by(step as usize) {
             for x in (0..channel.size.x).step_by(step as usize) {
                 let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
                 let Some(canvas) = pixels.canvas_from_pixel(pixel) else { continue };
-                let own = map.as_ref().map_or(1.0, |map| map.at(x, y, 0)[0]);
+                let own = map.as_ref().map_or(1.0, |map| map.texel(x, y, 0)[0]);
                 let weights = blend.weights(id, canvas);
                 let others = weights.iter().filter(|(other, _)| *other != id);
                 let sum: f64 = own + others.map(|(_, weight)| weight).sum::<f64>();
@@ -77,17 +77,17 @@ fn weights_of_a_power_wall_add_up_to_one() {
     let wall = grid(UVec2::new(3, 2), UVec2::new(200, 120), UVec2::new(30, 18));
     assert_sums(tile_error(&wall), 4, "3 × 2 with 15 %");
     let blend = BlendModel::new(&wall);
-    assert_eq!(blend.most(), 4);
-    assert_eq!(blend.widths(ChannelId(1)), [Some(30.0), Some(30.0), None, Some(18.0)]);
+    assert_eq!(blend.overlap_max(), 4);
+    assert_eq!(blend.ramp_widths(ChannelId(1)), [Some(30.0), Some(30.0), None, Some(18.0)]);
     // The ramp itself: a smooth step between both edges, the same in every row.
-    let map = light_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
+    let map = blend_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
     for x in 0..30 {
         let t = (30.0 - f64::from(x) - 0.5) / 30.0;
         let expected = t * t * (3.0 - 2.0 * t);
-        let found = map.at(170 + x, 50, 0)[0];
+        let found = map.texel(170 + x, 50, 0)[0];
         assert!((found - expected).abs() < 1e-5, "{found}, not {expected}");
     }
-    assert_eq!(map.at(100, 50, 0), [1.0, 0.0]);
+    assert_eq!(map.texel(100, 50, 0), [1.0, 0.0]);
 }
 
 #[test]
@@ -98,12 +98,12 @@ fn one_to_four_channels_share_a_point() {
         let wall = tiles([140, 110], &rects);
         let name = format!("{count} over a point");
         assert_sums(tile_error(&wall), count, &name);
-        assert_eq!(BlendModel::new(&wall).most(), count);
+        assert_eq!(BlendModel::new(&wall).overlap_max(), count);
     }
     // All of four pictures on each other: no edge is beside another, so that each has a quarter.
     let wall = tiles([64, 48], &[([0, 0], [64, 48]); 4]);
     assert_sums(tile_error(&wall), 4, "stacked");
-    assert!((maps(&wall)[3].as_ref().expect("a map").at(0, 0, 0)[0] - 0.25).abs() < 1e-5);
+    assert!((maps(&wall)[3].as_ref().expect("a map").texel(0, 0, 0)[0] - 0.25).abs() < 1e-5);
 }
 
 #[test]
@@ -111,8 +111,8 @@ fn an_overlap_of_parts_per_million_is_shared() {
     let wall = tiles([16383, 4], &[([0, 0], [8192, 4]), ([8191, 0], [8192, 4])]);
     assert_sums(tile_error(&wall), 2, "one pixel of 8,192");
     let map = maps(&wall)[0].clone().expect("a map");
-    assert!((map.at(8191, 2, 0)[0] - 0.5).abs() < 1e-5);
-    assert_eq!(map.at(8190, 2, 0)[0], 1.0);
+    assert!((map.texel(8191, 2, 0)[0] - 0.5).abs() < 1e-5);
+    assert_eq!(map.texel(8190, 2, 0)[0], 1.0);
     // One corner pixel of two pictures.
     let wall = tiles([199, 99], &[([0, 0], [100, 50]), ([99, 49], [100, 50])]);
     assert_sums(tile_error(&wall), 2, "one pixel at a corner");
@@ -145,7 +145,7 @@ fn projectors_askew_share_planes_and_cylinders() {
         let wall = askew(is_round, UVec2::new(160, 100), 0.06);
         let name = if is_round { "askew on a cylinder" } else { "askew on a plane" };
         assert_sums(askew_error(&wall, 1), expected, name);
-        assert_eq!(BlendModel::new(&wall).most(), expected, "{name}");
+        assert_eq!(BlendModel::new(&wall).overlap_max(), expected, "{name}");
     }
 }
 
@@ -170,7 +170,7 @@ fn eyes_share_nothing_with_each_other() {
     let both = maps(&wall);
     assert_eq!(both[..2], alone);
     assert_eq!(both[2..], alone);
-    assert_eq!(BlendModel::new(&wall).most(), 2);
+    assert_eq!(BlendModel::new(&wall).overlap_max(), 2);
 }
 
 /// What a display shows at a pixel where the wall should show this light, in light of the wall.
@@ -229,8 +229,8 @@ fn black_is_one_black() {
     let blend = BlendModel::new(&wall);
     let color = blend.color(ChannelId(0)).expect("a channel");
     assert_eq!((blend.black(), color.made()), (DVec3::ONE, DMat3::ZERO));
-    let map = light_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
-    assert_eq!(map.at(3, 3, 1), [0.25, 0.0].map(|part: f64| (part * 65535.0).round() / 65535.0));
+    let map = blend_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
+    assert_eq!(map.texel(3, 3, 1), [0.25, 0.0].map(|part: f64| (part * 65535.0).round() / 65535.0));
 }
 
 /// Projectors whose leaks, gains and colours differ show one black, and one white.
@@ -244,7 +244,7 @@ fn blacks_that_differ_become_one() {
     assert!(worst < 4e-5, "{worst}");
     assert_eq!(
         BlendModel::new(&wall)
-            .light_map(ChannelId(1), &ChannelMasks::default())
+            .blend_map(ChannelId(1), &ChannelMasks::default())
             .map(|m| m.add.x > 0.0),
         Some(true)
     );
@@ -273,7 +273,7 @@ fn blacks_that_differ_become_one() {
 fn masks_multiply_and_add() {
     let mut wall = grid(UVec2::new(2, 1), UVec2::new(60, 40), UVec2::new(20, 0));
     wall.blend.leak = 0.01;
-    let bare = light_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
+    let bare = blend_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
     let texels: Vec<u16> = (0..60 * 40).map(|at| (at * 27) as u16).collect();
     let beta = [6553, 13106, 0];
     let masks = ChannelMasks {
@@ -281,13 +281,13 @@ fn masks_multiply_and_add() {
         beta: MaskTexels::new(UVec2::ONE, 3, &beta),
         light: None,
     };
-    let map = light_map(&wall, ChannelId(0), &masks).expect("a map");
+    let map = blend_map(&wall, ChannelId(0), &masks).expect("a map");
     for (x, y) in [(0, 0), (17, 30), (59, 39), (45, 3)] {
         let alpha = f64::from(texels[(y * 60 + x) as usize]) / 65535.0;
-        let [factor, addend] = bare.at(x, y, 0);
+        let [factor, addend] = bare.texel(x, y, 0);
         // P·α·(1 − β) + β: *MPCDI 2.0*, §2.4.
         for (colour, beta) in beta.iter().enumerate() {
-            let [own, added] = map.at(x, y, colour);
+            let [own, added] = map.texel(x, y, colour);
             let beta = f64::from(*beta) / 65535.0;
             let due = alpha * (1.0 - beta);
             assert!((own - factor * due).abs() < 2e-5, "{own}");
@@ -300,8 +300,8 @@ fn masks_multiply_and_add() {
         alpha: MaskTexels::new(UVec2::new(30, 1), 1, &ramp),
         ..ChannelMasks::default()
     };
-    let map = light_map(&wall, ChannelId(0), &masks).expect("a map");
-    let [left, right] = [10, 11].map(|x| map.at(x, 5, 0)[0]);
+    let map = blend_map(&wall, ChannelId(0), &masks).expect("a map");
+    let [left, right] = [10, 11].map(|x| map.texel(x, 5, 0)[0]);
     assert!((right - left - 1000.0 / 65535.0).abs() < 3e-5);
     assert!(MaskTexels::new(UVec2::new(30, 2), 1, &ramp).is_none());
     assert!(MaskTexels::new(UVec2::ZERO, 1, &[]).is_none());
@@ -316,20 +316,20 @@ fn ramps_of_an_alpha_file_replace_those_that_are_computed() {
     let texels: Vec<u16> = (0..160 * 100).map(|at| (at * 4) as u16).collect();
     let masks =
         ChannelMasks { alpha: MaskTexels::new(size, 1, &texels), ..ChannelMasks::default() };
-    let shared = light_map(&wall, ChannelId(0), &masks).expect("a map");
+    let shared = blend_map(&wall, ChannelId(0), &masks).expect("a map");
     for channel in &mut wall.channels {
         (channel.adjustment.alpha, channel.adjustment.ramps) = (Some(0), Ramps::Alpha);
     }
-    let map = light_map(&wall, ChannelId(0), &masks).expect("a map");
+    let map = blend_map(&wall, ChannelId(0), &masks).expect("a map");
     let mut replaced = 0;
     for (at, texel) in (0_u32..).zip(&texels) {
         let (x, y) = (at % 160, at / 160);
         let alpha = f64::from(*texel) / 65535.0;
-        assert!((map.at(x, y, 0)[0] - alpha).abs() < 1e-9, "{x}, {y}");
-        replaced += usize::from((shared.at(x, y, 0)[0] - alpha).abs() > 1e-3);
+        assert!((map.texel(x, y, 0)[0] - alpha).abs() < 1e-9, "{x}, {y}");
+        replaced += usize::from((shared.texel(x, y, 0)[0] - alpha).abs() > 1e-3);
     }
     assert!(replaced > 1_000, "{replaced} pixels had a ramp");
-    assert_eq!(BlendModel::new(&wall).most(), 1);
+    assert_eq!(BlendModel::new(&wall).overlap_max(), 1);
 }
 
 fn random_wall() -> impl Strategy<Value = Wall> {
@@ -355,7 +355,7 @@ proptest! {
     fn weights_of_random_walls_add_up_to_one(wall in random_wall()) {
         let (error, most) = tile_error(&wall);
         prop_assert!(error <= SUM_ERROR_MAX, "{error:e} of {most}");
-        prop_assert_eq!(BlendModel::new(&wall).most(), most);
+        prop_assert_eq!(BlendModel::new(&wall).overlap_max(), most);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use glam::{UVec2, Vec3};
 use polyptych_files::blob::BlobHash;
 
 use super::super::blend::tests::walls::{askew, bend};
-use super::super::blend::{BlendModel, ChannelMasks, light_map};
+use super::super::blend::{BlendModel, ChannelMasks, blend_map};
 use super::super::superposition::{DisplayImage, LightComposite, StereoEye};
 use super::super::warp::{CalibrationMap, MapCoordinates, WarpGrid};
 use super::super::{CalibrationFile, CalibrationFileKind, ChannelKind};
@@ -51,7 +51,7 @@ fn measured(wall: &Wall, space: MapCoordinates) -> (Wall, CalibrationMaps) {
     let mut by_files = wall.clone();
     let mut files = Vec::new();
     for (index, (id, channel)) in wall.channel_ids().zip(&mut by_files.channels).enumerate() {
-        let (map, size) = (wall.pixel_map(id).expect("a picture"), channel.size);
+        let (map, size) = (wall.channel_mapping(id).expect("a picture"), channel.size);
         let canvas = wall.screens[usize::from(channel.screen)].canvas.as_dvec2();
         let shape = grid(size, |place| match space {
             MapCoordinates::Display => map.display_from_pixel(place * size.as_dvec2()),
@@ -97,7 +97,8 @@ fn pixels_by_a_file_lie_where_geometry_says() {
         let mut worst = [0.0_f64; 2];
         for (id, pixel) in pixels(&wall, 7) {
             let pixel = pixel.as_dvec2() + 0.5;
-            let (due, map) = (wall.pixel_map(id).expect("due"), of.pixel_map(id).expect("a map"));
+            let (due, map) =
+                (wall.channel_mapping(id).expect("due"), of.channel_mapping(id).expect("a map"));
             let Some(canvas) = due.canvas_from_pixel(pixel) else { continue };
             let found = map.canvas_from_pixel(pixel).expect("on the canvas");
             // What is one pixel of the channel, on the canvas.
@@ -120,13 +121,13 @@ fn weights_of_channels_by_files_add_up_to_one() {
         let shapes = WallGeometry::new(&by_files, &maps);
         let of = ResolvedWall { wall: &by_files, shapes: &shapes };
         let (blend, due) = (BlendModel::new(of), BlendModel::new(&wall));
-        let lights = |id| light_map(of, id, &ChannelMasks::default()).expect("a light map");
+        let lights = |id| blend_map(of, id, &ChannelMasks::default()).expect("a light map");
         let lights: Vec<_> = wall.channel_ids().map(lights).collect();
         let (mut sums, mut others_off, mut most) = (0.0_f64, 0.0_f64, 0);
         for (id, pixel) in pixels(&wall, 5) {
             let at = pixel.as_dvec2() + 0.5;
-            let canvas = of.pixel_map(id).expect("a map").canvas_from_pixel(at).expect("lit");
-            let own = lights[usize::from(id.0)].at(pixel.x, pixel.y, 0)[0];
+            let canvas = of.channel_mapping(id).expect("a map").canvas_from_pixel(at).expect("lit");
+            let own = lights[usize::from(id.0)].texel(pixel.x, pixel.y, 0)[0];
             let weights = blend.weights(id, canvas);
             let others = weights.iter().filter(|(other, _)| *other != id);
             sums = sums.max((own + others.map(|(_, weight)| weight).sum::<f64>() - 1.0).abs());
@@ -142,7 +143,7 @@ fn weights_of_channels_by_files_add_up_to_one() {
             "round {is_round}: sums of up to {most} weights off by {sums:.2e}, weights by \
                   {others_off:.2e} from those by geometry"
         );
-        assert_eq!(most, due.most());
+        assert_eq!(most, due.overlap_max());
         assert!(sums <= 1.0 / 4096.0, "{sums:e}");
         assert!(others_off <= 0.01, "{others_off:e}");
     }
@@ -158,9 +159,9 @@ fn a_screen_of_files_is_stitched_as_one_of_geometry() {
         let of = ResolvedWall { wall: &by_files, shapes: &shapes };
         let picture = |at: DVec2| 0.5 + 0.3 * (at.x / 13.0).sin() * (at.y / 17.0).cos();
         let codes = |of: ResolvedWall<'_>, id: ChannelId| -> Vec<u8> {
-            let map = of.pixel_map(id).expect("a map");
+            let map = of.channel_mapping(id).expect("a map");
             let blend = BlendModel::new(of);
-            let light = blend.light_map(id, &ChannelMasks::default());
+            let light = blend.blend_map(id, &ChannelMasks::default());
             let color = blend.color(id).expect("a channel");
             let plain = [DVec3::ONE, DVec3::ZERO];
             let all = pixels(of.wall, 1).filter(|(other, _)| *other == id);

@@ -20,7 +20,7 @@
 
 use glam::DVec3;
 
-use super::group::{Group, ViewTriangle, facets};
+use super::group::{Group, ViewTriangle, view_triangles};
 use super::{AtlasError, SOURCE_CELLS_MAX, WarpMesh};
 use crate::Viewpoint;
 use crate::warp_mesh::WarpVertex;
@@ -118,8 +118,10 @@ pub(super) fn cells(
     error_max_px: f64,
 ) -> Result<Cells, AtlasError> {
     let head = viewpoints.first().map_or(DVec3::ZERO, Viewpoint::middle);
-    let samples: Vec<Sample> =
-        facets(mesh, head)?.into_iter().map(|facet| Sample::new(facet, head, viewpoints)).collect();
+    let samples: Vec<Sample> = view_triangles(mesh, head)?
+        .into_iter()
+        .map(|facet| Sample::new(facet, head, viewpoints))
+        .collect();
     let mut cells = vec![Cell::new(samples, head, viewpoints)];
     while cells.len() < SOURCE_CELLS_MAX {
         let is_wanted = |cell: &Cell| cell.error_px > error_max_px && cell.samples.len() > 1;

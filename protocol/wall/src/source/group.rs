@@ -65,7 +65,7 @@ pub(super) struct Density {
 }
 
 /// The triangles of a mesh, checked against the eye.
-pub(super) fn facets(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<ViewTriangle>, AtlasError> {
+pub(super) fn view_triangles(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<ViewTriangle>, AtlasError> {
     let mut facets = Vec::with_capacity(mesh.triangles.len());
     // Areas that the eye sees from either side, and where.
     let mut sides = [(0.0, DVec2::ZERO); 2];

@@ -12,7 +12,7 @@ const SIDE_WANTED_MAX: f64 = 1e9;
 /// texture of `side_max` or `pixels_max` do not hold them. No picture gets more than `share` of
 /// `pixels_max`: those that want the most are cut, such as the poles of a sphere, and not those of
 /// what is between.
-pub(super) fn place(
+pub(super) fn pack(
     groups: &[Vec<Group>],
     share: f64,
     side_max: u32,

@@ -6,7 +6,7 @@
 
 use glam::{DMat3, DVec2, DVec3, UVec2};
 
-use super::group::{Group, facets};
+use super::group::{Group, view_triangles};
 use super::{AtlasError, AtlasView, SOURCE_GUARD, SOURCE_SHARE_MAX, TAP_SPACING, WarpMesh, plane};
 
 /// A scale that is so near to 1 is 1.
@@ -15,7 +15,7 @@ const SCALE_ROUNDING: f64 = 1e-6;
 /// The part of a camera's own picture that a channel shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OverlayView {
-    /// From points of [`PointSpace::Canvas`](crate::view::PointOf::Canvas) to texels.
+    /// From points of [`PointSpace::Canvas`](crate::view::PointSpace::Canvas) to texels.
     pub plane: AtlasView,
     /// What `plane` holds, guard included: from its upper left to its lower right, in pixels of
     /// the canvas from the upper left of the picture.
@@ -32,7 +32,7 @@ impl OverlayView {
     /// # Errors
     /// A mesh of nothing, or one that is folded.
     pub fn new(mesh: &WarpMesh, side_max: u32) -> Result<Self, AtlasError> {
-        let facets = facets(mesh, DVec3::ZERO)?;
+        let facets = view_triangles(mesh, DVec3::ZERO)?;
         let pixels = facets.iter().map(|facet| facet.area).sum::<f64>();
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for vertex in mesh.triangles.iter().flatten().map(|at| mesh.vertices[*at as usize]) {

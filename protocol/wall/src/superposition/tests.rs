@@ -1,7 +1,7 @@
 //! The light of walls, against the single picture that they should show.
 
 use super::super::blend::tests::walls::{askew, grid, tiles};
-use super::super::blend::{BlendMap, BlendModel, ChannelMasks, light_map};
+use super::super::blend::{BlendMap, BlendModel, ChannelMasks, blend_map};
 use super::*;
 
 /// Beside the rounding of codes there is that of weights to 16 bits: this share of a level.
@@ -49,9 +49,9 @@ fn superposition<'a>(wall: &'a Wall, codes: &'a [Vec<u8>]) -> LightComposite<'a>
 /// pixels and of lights from black to white.
 fn worst_levels(wall: &Wall, gamma: f64) -> Vec<f64> {
     let maps: Vec<_> =
-        wall.channel_ids().map(|id| light_map(wall, id, &ChannelMasks::default())).collect();
+        wall.channel_ids().map(|id| blend_map(wall, id, &ChannelMasks::default())).collect();
     let blend = BlendModel::new(wall);
-    let (leak, most) = (wall.blend.leak, blend.most());
+    let (leak, most) = (wall.blend.leak, blend.overlap_max());
     let mut worst = vec![0.0_f64; most + 1];
     let counts = |at: UVec2| {
         let has = |c: &&Channel| at.cmpge(c.origin).all() && at.cmplt(c.origin + c.size).all();
@@ -107,18 +107,18 @@ fn codes_of_projectors_add_up_to_the_single_picture() {
     for (is_round, leak) in [(false, 0.0), (true, 0.0), (false, 0.003), (true, 0.003)] {
         let wall = of_gamma(askew(is_round, UVec2::new(240, 150), 0.06), gamma, leak);
         let blend = BlendModel::new(&wall);
-        let most = blend.most() as f64;
+        let most = blend.overlap_max() as f64;
         let level = |light: f64| 255.0 * light.powf(1.0 / gamma);
         let picture = |at: DVec2| 0.5 + 0.3 * (at.x / 13.0).sin() * (at.y / 17.0).cos();
         let due = |at: DVec2| most * leak + (1.0 - most * leak) * picture(at);
         let codes = |id: ChannelId| {
-            let (channel, map) = (wall.channel(id)?, wall.pixel_map(id)?);
+            let (channel, map) = (wall.channel(id)?, wall.channel_mapping(id)?);
             let light =
                 |pixel: UVec2| Some(picture(map.canvas_from_pixel(pixel.as_dvec2() + 0.5)?));
             Some(codes(
                 &blend,
                 (id, channel),
-                light_map(&wall, id, &ChannelMasks::default()).as_ref(),
+                blend_map(&wall, id, &ChannelMasks::default()).as_ref(),
                 light,
             ))
         };
@@ -190,7 +190,7 @@ fn displays_that_hang_otherwise_are_put_upright() {
         let found = upright_codes(&wall.channels[0], &rgba, side, &wall);
         assert_eq!(found, expected, "{turn:?}, {mirror}, {packing:?}, {side:?}");
         let is_plain = turn == Orientation::None && !mirror && packing == StereoPacking::None;
-        assert_eq!(is_superposed(&wall, 0, side), !is_plain);
+        assert_eq!(needs_composite(&wall, 0, side), !is_plain);
     }
 }
 
@@ -198,12 +198,12 @@ fn displays_that_hang_otherwise_are_put_upright() {
 fn each_eye_sees_its_own_channels() {
     let mut wall = tiles([2, 1], &[([0, 0], [2, 1]), ([0, 0], [2, 1])]);
     assert_eq!(StereoEye::of(&wall, 0), [StereoEye::Left]);
-    assert!(is_superposed(&wall, 0, StereoEye::Left));
+    assert!(needs_composite(&wall, 0, StereoEye::Left));
     wall.channels[0].adjustment.eye = Eye::Left;
     wall.channels[1].adjustment.eye = Eye::Right;
     assert_eq!(StereoEye::of(&wall, 0), [StereoEye::Left, StereoEye::Right]);
     assert!(
-        !is_superposed(&wall, 0, StereoEye::Left) && !is_superposed(&wall, 0, StereoEye::Right)
+        !needs_composite(&wall, 0, StereoEye::Left) && !needs_composite(&wall, 0, StereoEye::Right)
     );
     let pictures = [[255; 8], [0; 8]];
     let pictures: Vec<_> = wall

@@ -58,7 +58,9 @@ impl Cylinder {
         let (p2, d2) = (flat(p), flat(d));
         let both = crossings(p2.dot(p2), p2.dot(d2), d2.dot(d2), self.radius_m)?;
         let is_inside = self.azimuth_rad[0] < self.azimuth_rad[1];
-        seen(both, is_inside != is_behind, from, direction, |point| self.uv_from_display(point))
+        first_visible_hit(both, is_inside != is_behind, from, direction, |point| {
+            self.uv_from_display(point)
+        })
     }
 
     pub(super) fn size_m(&self) -> DVec2 {
@@ -95,7 +97,7 @@ pub(super) fn place_of_angle(angle: f64, left: f64, right: f64) -> f64 {
 }
 
 /// The first of both crossings at which the ray meets the side that is seen, on the patch.
-pub(super) fn seen(
+pub(super) fn first_visible_hit(
     both: [f64; 2],
     is_inside: bool,
     from: DVec3,

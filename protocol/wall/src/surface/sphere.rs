@@ -6,7 +6,7 @@ use glam::{DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::crossings;
-use super::cylinder::{is_sweep, place_of_angle, seen};
+use super::cylinder::{first_visible_hit, is_sweep, place_of_angle};
 
 /// A patch of a sphere, seen from within unless its azimuths fall. Its own axes: azimuth 0 at −Z,
 /// growing to +X; elevation 0 on the equator, π/2 at +Y.
@@ -52,7 +52,9 @@ impl Sphere {
         let p = from - self.center;
         let both = crossings(p.dot(p), p.dot(direction), direction.dot(direction), self.radius_m)?;
         let is_inside = self.azimuth_rad[0] < self.azimuth_rad[1];
-        seen(both, is_inside != is_behind, from, direction, |point| self.uv_from_display(point))
+        first_visible_hit(both, is_inside != is_behind, from, direction, |point| {
+            self.uv_from_display(point)
+        })
     }
 
     pub(super) fn size_m(&self) -> DVec2 {

@@ -4,13 +4,13 @@
 //! file's. A tuned key stays unless the new file sets that key otherwise, or what it was measured
 //! in has changed.
 
-use super::{is_tuning_of, restored};
+use super::{differs_only_by_calibration, reapply};
 use crate::{Channel, ChannelCalibration, Wall};
 
 /// What became of the tunings of a wall.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CarriedOver {
-    /// The tunings that are valid on the new wall, by channel; [`restored`] accepts them.
+    /// The tunings that are valid on the new wall, by channel; [`reapply`] accepts them.
     pub tunings: Vec<(String, ChannelCalibration)>,
     /// The tunings that are not.
     pub dropped: Vec<DroppedTuning>,
@@ -44,11 +44,11 @@ pub fn carried_over(
             let (channel, keys) = (name.clone(), keys.join(", "));
             result.dropped.push(DroppedTuning { channel, keys, reason });
         };
-        let Some((_, channel)) = new.channel_named(&new_name) else {
+        let Some((_, channel)) = new.channel_by_name(&new_name) else {
             drop(&tuned_keys(old, name, tuned), "the wall has no such channel any more".into());
             continue;
         };
-        let merged = match old.channel_named(name) {
+        let merged = match old.channel_by_name(name) {
             Some((_, before)) => {
                 let (merged, lost) = merged(old, before, tuned, new, channel);
                 for (keys, reason) in lost {
@@ -56,7 +56,7 @@ pub fn carried_over(
                 }
                 merged
             }
-            None if is_tuning_of(&channel.adjustment, tuned) => tuned.clone(),
+            None if differs_only_by_calibration(&channel.adjustment, tuned) => tuned.clone(),
             None => {
                 let reason = "the wall file describes the channel otherwise".to_owned();
                 drop(&tuned_keys(old, name, tuned), reason);
@@ -67,7 +67,7 @@ pub fn carried_over(
             continue;
         }
         result.tunings.push((new_name, merged));
-        if let Err(reason) = restored(new, &result.tunings) {
+        if let Err(reason) = reapply(new, &result.tunings) {
             drop(&tuned_keys(old, name, tuned), reason);
             result.tunings.pop();
         }
@@ -168,7 +168,7 @@ const KEYS: &[Key] = &[
 /// Returns the names of the keys that were tuned; of a channel that the old wall does not have, of
 /// those that are not the default.
 fn tuned_keys(old: &Wall, name: &str, tuned: &ChannelCalibration) -> Vec<&'static str> {
-    let before = old.channel_named(name);
+    let before = old.channel_by_name(name);
     let before =
         before.map_or_else(ChannelCalibration::default, |(_, channel)| channel.adjustment.clone());
     KEYS.iter().filter(|key| !(key.is_same)(tuned, &before)).map(|key| key.name).collect()
@@ -196,7 +196,7 @@ fn change_of_picture(old: &Wall, before: &Channel, new: &Wall, now: &Channel) ->
 /// unambiguous ones.
 fn renamed(old: &Wall, new: &Wall) -> Vec<(String, String)> {
     let missing_in = |wall: &Wall, of: &Wall| -> Vec<Channel> {
-        let is_missing = |channel: &&Channel| wall.channel_named(&channel.name).is_none();
+        let is_missing = |channel: &&Channel| wall.channel_by_name(&channel.name).is_none();
         of.channels.iter().filter(is_missing).cloned().collect()
     };
     let (gone, added) = (missing_in(new, old), missing_in(old, new));

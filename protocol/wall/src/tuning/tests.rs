@@ -28,13 +28,13 @@ fn grid(x: u32, y: u32) -> CalibrationChange {
 #[test]
 fn moves_are_absolute_or_add_up_and_touch_no_other_channel() {
     let by = pin(Corner::UpperRight, Offset::By(DVec2::new(1.5, -0.5)));
-    let once = tuned(&wall(), "left", std::slice::from_ref(&by)).expect("tuned");
-    let twice = tuned(&once, "left", &[by]).expect("tuned");
+    let once = apply_changes(&wall(), "left", std::slice::from_ref(&by)).expect("tuned");
+    let twice = apply_changes(&once, "left", &[by]).expect("tuned");
     let adjustment = &twice.channels[0].adjustment;
     assert_eq!(adjustment.pin, [DVec2::ZERO, DVec2::new(3.0, -1.0), DVec2::ZERO, DVec2::ZERO]);
     assert_eq!(twice.channels[1], wall().channels[1]);
     let back = pin(Corner::UpperRight, Offset::To(DVec2::ZERO));
-    assert_eq!(tuned(&twice, "left", &[back]).expect("tuned"), wall());
+    assert_eq!(apply_changes(&twice, "left", &[back]).expect("tuned"), wall());
 }
 
 #[test]
@@ -43,15 +43,15 @@ fn a_finer_grid_lies_on_the_present_bend() {
         grid(3, 3),
         CalibrationChange::Bend { column: 1, row: 1, to: Offset::To(DVec2::new(6.0, -4.0)) },
     ];
-    let coarse = tuned(&wall(), "left", &changes).expect("tuned");
-    let fine = tuned(&coarse, "left", &[grid(5, 9)]).expect("tuned");
+    let coarse = apply_changes(&wall(), "left", &changes).expect("tuned");
+    let fine = apply_changes(&coarse, "left", &[grid(5, 9)]).expect("tuned");
     let bend = |wall: &Wall| wall.channels[0].adjustment.bend.clone().expect("a bend");
     assert_eq!(bend(&fine).moves[4 * 5 + 2], DVec2::new(6.0, -4.0), "the point in the middle");
     for place in [DVec2::new(0.25, 0.125), DVec2::new(0.75, 0.5), DVec2::ONE] {
         let error = bend(&fine).offset(place).distance(bend(&coarse).offset(place));
         assert!(error < 1e-12, "{place}: {error}");
     }
-    let none = tuned(&fine, "left", &[CalibrationChange::Grid(None)]).expect("tuned");
+    let none = apply_changes(&fine, "left", &[CalibrationChange::Grid(None)]).expect("tuned");
     assert_eq!(none, wall());
 }
 
@@ -64,7 +64,7 @@ fn light_and_edges_are_set() {
         CalibrationChange::Matrix(DMat3::from_diagonal(DVec3::new(0.9, 1.0, 1.0))),
         CalibrationChange::Edge { side: Edge::Right, width: Some(120.0) },
     ];
-    let wall = tuned(&wall(), "left", &changes).expect("tuned");
+    let wall = apply_changes(&wall(), "left", &changes).expect("tuned");
     let adjustment = &wall.channels[0].adjustment;
     assert_eq!(adjustment.color.gain, DVec3::new(1.0, 0.9, 1.0));
     assert_eq!(adjustment.color.leak, Some(DVec3::new(0.01, 0.0, 0.2)));
@@ -74,7 +74,7 @@ fn light_and_edges_are_set() {
         CalibrationChange::Gamma(None),
         CalibrationChange::Edge { side: Edge::Right, width: None },
     ];
-    let wall = tuned(&wall, "left", &changes).expect("tuned");
+    let wall = apply_changes(&wall, "left", &changes).expect("tuned");
     assert_eq!(wall.channels[0].adjustment.color.curve, TransferFunction::Srgb);
     assert_eq!(wall.channels[0].adjustment.edges, crate::BlendWidths::default());
 }
@@ -113,7 +113,7 @@ fn what_cannot_be_is_refused_by_its_key() {
             "left: edge.top: 0 to 240 pixels",
         ),
     ] {
-        let refused = tuned(&wall(), "left", &change).expect_err("refused");
+        let refused = apply_changes(&wall(), "left", &change).expect_err("refused");
         assert!(refused.starts_with(said), "{refused}");
     }
     let across = |corner, x: f64| pin(corner, Offset::To(DVec2::new(x, 0.0)));
@@ -123,28 +123,28 @@ fn what_cannot_be_is_refused_by_its_key() {
         across(Corner::UpperRight, -200.0),
         across(Corner::LowerRight, -200.0),
     ];
-    let refused = tuned(&wall(), "left", &turned_over).expect_err("refused");
+    let refused = apply_changes(&wall(), "left", &turned_over).expect_err("refused");
     assert!(refused.starts_with("left: pin.lower-right: the pins fold"), "{refused}");
-    let refused = tuned(&wall(), "middle", &[]).expect_err("refused");
+    let refused = apply_changes(&wall(), "middle", &[]).expect_err("refused");
     assert_eq!(refused, "this wall has no channel \"middle\"; it has left, right");
-    assert!(tuned(&wall(), "left", &[grid(4, 2), bend(30.0)]).is_ok(), "a fair bend");
+    assert!(apply_changes(&wall(), "left", &[grid(4, 2), bend(30.0)]).is_ok(), "a fair bend");
 }
 
 #[test]
 fn tunings_come_back_and_only_on_their_channels() {
     let file = wall();
     let changes = [pin(Corner::LowerRight, Offset::To(DVec2::ONE)), grid(2, 2)];
-    let now = tuned(&file, "right", &changes).expect("tuned");
-    let tunings = differences(&file, &now);
+    let now = apply_changes(&file, "right", &changes).expect("tuned");
+    let tunings = diff(&file, &now);
     assert_eq!(tunings.len(), 1);
-    assert_eq!(restored(&file, &tunings), Ok(now.clone()));
+    assert_eq!(reapply(&file, &tunings), Ok(now.clone()));
     let mut other = tunings.clone();
     other[0].0 = "middle".into();
-    assert!(restored(&file, &other).is_err());
+    assert!(reapply(&file, &other).is_err());
     other = tunings;
     other[0].1.mirror = true;
-    assert!(restored(&file, &other).is_err_and(|reason| reason.contains("hangs otherwise")));
+    assert!(reapply(&file, &other).is_err_and(|reason| reason.contains("hangs otherwise")));
     other[0].1.mirror = false;
     other[0].1.pin[0] = DVec2::splat(1e9);
-    assert!(restored(&file, &other).is_err());
+    assert!(reapply(&file, &other).is_err());
 }

@@ -46,7 +46,7 @@ impl ResolvedWall<'_> {
     ///
     /// # Errors
     /// The pins leave no picture, a file is not there, or its points have no place on the canvas.
-    pub fn part_mesh(
+    pub fn overlay_mesh(
         &self,
         maps: &CalibrationMaps,
         id: ChannelId,
@@ -55,8 +55,8 @@ impl ResolvedWall<'_> {
     ) -> Result<WarpMesh, String> {
         let channel = self.wall.channel(id).ok_or("the wall has no such channel")?;
         let screen = self.wall.screen_of(channel);
-        let ground = self.shapes.ground(screen);
-        let pixels = self.pixel_map(id).ok_or("its corner pins leave no picture")?;
+        let ground = self.shapes.screen(screen);
+        let pixels = self.channel_mapping(id).ok_or("its corner pins leave no picture")?;
         let around = screen.surface.u_of_turn().map(|turn| turn * f64::from(screen.canvas.x));
         let file = match (channel.adjustment.warp, &screen.surface) {
             (Some(file), _) => Some(file),
@@ -140,7 +140,7 @@ impl CanvasStrip {
                 Some(MappedPoint { canvas, surface: pixels.display_from_pixel(pixel)? })
             }
             Some(WarpMap { space, shape: WarpGeometry::Grid(grid) }) => {
-                let meant = pixels.meant_from_pixel(pixel)? / channel.size.as_dvec2();
+                let meant = pixels.ideal_from_pixel(pixel)? / channel.size.as_dvec2();
                 let value = grid.value_at(meant)?;
                 Some(match space {
                     MapCoordinates::Canvas => {
@@ -166,7 +166,7 @@ impl CanvasStrip {
                 self.cut(&whole, |vertex| {
                     if is_tile_of_mesh {
                         return Some(
-                            channel.origin.as_dvec2() + pixels.meant_from_pixel(vertex.pixel)?,
+                            channel.origin.as_dvec2() + pixels.ideal_from_pixel(vertex.pixel)?,
                         );
                     }
                     screen.canvas_from_display(vertex.point)
@@ -280,7 +280,7 @@ fn clipped(polygon: Vec<ClipVertex>, part: &CanvasRect) -> Vec<ClipVertex> {
 
 impl Channel {
     /// Whether its pixels are not those of its screen's canvas, one to one.
-    pub(super) fn is_bent(&self) -> bool {
+    pub(super) fn is_warped(&self) -> bool {
         let adjustment = &self.adjustment;
         self.cover != ChannelKind::Tile
             || adjustment.warp.is_some()

@@ -163,7 +163,7 @@ fn later_views_lie_over_earlier_ones() {
     ];
     for count in 1..=views.len() {
         for (id, channel) in wall.channel_ids().zip(&wall.channels) {
-            let parts = wall.view_parts(id, &views[..count]).expect("parts");
+            let parts = wall.view_rects(id, &views[..count]).expect("parts");
             for (x, y) in (0..32).flat_map(|x| (0..16).map(move |y| (x, y))) {
                 let holds = |[left, top, width, height]: [u32; 4], x: u32, y: u32| {
                     (left..left + width).contains(&x) && (top..top + height).contains(&y)
@@ -180,7 +180,7 @@ fn later_views_lie_over_earlier_ones() {
         }
     }
     // What is wholly covered is not drawn.
-    assert_eq!(wall.view_parts(ChannelId(1), &views).expect("parts").len(), 1);
+    assert_eq!(wall.view_rects(ChannelId(1), &views).expect("parts").len(), 1);
 }
 
 #[test]

@@ -25,7 +25,7 @@ impl WarpMap {
         let relief = MeshBvh::new(WarpMesh { vertices, triangles: mesh.triangles.clone() });
         let texel = |x: u32, y: u32| {
             let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
-            let place = pixels.meant_from_pixel(pixel).map(|meant| meant / size.as_dvec2());
+            let place = pixels.ideal_from_pixel(pixel).map(|meant| meant / size.as_dvec2());
             let light = place.and_then(|place| relief.point_at(place)).map_or(0.0, |at| at.z);
             (light.clamp(0.0, 1.0) * f64::from(u16::MAX)).round() as u16
         };

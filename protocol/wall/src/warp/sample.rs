@@ -31,7 +31,7 @@ impl WarpMap {
         match &self.shape {
             WarpGeometry::Grid(grid) => {
                 ChannelMesh::new(channel.size, TessellationOptions::default(), |pixel| {
-                    let value = grid.value_at(pixels.meant_from_pixel(pixel)? / size)?;
+                    let value = grid.value_at(pixels.ideal_from_pixel(pixel)? / size)?;
                     self.display_from_value(value, ground)
                 })
             }
@@ -88,7 +88,7 @@ impl WarpMap {
             meant.cut(&pixels.lines_around_picture())
         };
         let drawn = meant.mapped(Refinement { edge_px, error_px }, |vertex| {
-            let pixel = pixels.pixel_from_meant(vertex.pixel)?;
+            let pixel = pixels.pixel_from_ideal(vertex.pixel)?;
             let point = self.display_from_value(vertex.point, ground)?;
             Some(WarpVertex { pixel, point })
         });
@@ -176,7 +176,7 @@ mod tests {
         for size in [[2, 2], [5, 3], [80, 40]] {
             let shape = grid(UVec2::from(size), |place| place.extend(0.0));
             let warp = WarpMap { space: MapCoordinates::Canvas, shape };
-            let mesh = warp.channel_mesh(&channel, &WallGeometry::none().ground(&screen), &pixels);
+            let mesh = warp.channel_mesh(&channel, &WallGeometry::empty().screen(&screen), &pixels);
             for at in [[0.0, 0.0], [80.0, 40.0], [13.0, 37.5], [79.5, 0.5]] {
                 let at = DVec2::from(at);
                 let due = screen.display_from_canvas(at * 5.0).expect("a plane");
@@ -194,7 +194,7 @@ mod tests {
             if place.x > 0.5 { Vec3::NAN } else { Vec3::new(place.x, place.y * 2.0, -1.0) }
         });
         let warp = WarpMap { space: MapCoordinates::Display, shape };
-        let mesh = warp.channel_mesh(&channel, &WallGeometry::none().ground(&screen), &pixels);
+        let mesh = warp.channel_mesh(&channel, &WallGeometry::empty().screen(&screen), &pixels);
         let found = mesh.point_at(DVec2::new(20.0, 20.0)).expect("lit");
         assert!(found.distance(DVec3::new(0.25, 1.0, -1.0)) < 1e-6, "{found}");
         assert_eq!(mesh.point_at(DVec2::new(45.0, 20.0)), None);
@@ -219,7 +219,7 @@ mod tests {
         let (vertices, triangles) = ((0..121).map(vertex).collect(), (0..100).flat_map(cell));
         let mesh = ImportedMesh { vertices, triangles: triangles.collect() };
         let warp = WarpMap { space: MapCoordinates::Display, shape: WarpGeometry::Mesh(mesh) };
-        let mesh = warp.screen_mesh(&channel, &WallGeometry::none().ground(&screen), &pixels);
+        let mesh = warp.screen_mesh(&channel, &WallGeometry::empty().screen(&screen), &pixels);
         // 80 × 40 pixels from (200, 100): two by two cells and no other.
         assert_eq!((mesh.triangles.len(), mesh.vertices.len()), (8, 9));
         for at in [[0.5, 0.5], [79.5, 39.5], [13.0, 37.5]] {
@@ -241,7 +241,7 @@ mod tests {
         let vertices = vec![vertex(0.0, 0.0), vertex(1.0, 0.0), vertex(0.0, 1.0)];
         let mesh = ImportedMesh { vertices, triangles: vec![[0, 1, 2]] };
         let warp = WarpMap { space: MapCoordinates::Canvas, shape: WarpGeometry::Mesh(mesh) };
-        let mesh = warp.channel_mesh(&channel, &WallGeometry::none().ground(&screen), &pixels);
+        let mesh = warp.channel_mesh(&channel, &WallGeometry::empty().screen(&screen), &pixels);
         let found = mesh.point_at(DVec2::new(20.0, 10.0)).expect("lit");
         let due = screen.display_from_canvas(DVec2::new(100.0, 50.0)).expect("a plane");
         assert!(found.distance(due) < 1e-9, "{found} {due}");

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 use polyptych_files::blob::BlobHash;
 use polyptych_wall::tuning::carry_over::{CarriedOver, carried_over};
-use polyptych_wall::tuning::restored;
+use polyptych_wall::tuning::reapply;
 use polyptych_wall::{CalibrationFile, CalibrationFileKind, ChannelCalibration, Orientation, Wall};
 
 const WALL: &str = r#"
@@ -31,7 +31,7 @@ fn parsed(text: &str) -> Wall {
 /// Corners and light of both channels of [`WALL`].
 fn tunings(wall: &Wall) -> Vec<(String, ChannelCalibration)> {
     let tuned = |name: &str, x: f64| {
-        let (_, channel) = wall.channel_named(name).expect("a channel");
+        let (_, channel) = wall.channel_by_name(name).expect("a channel");
         let mut adjustment = channel.adjustment.clone();
         adjustment.pin[0] = DVec2::new(x, 1.0);
         adjustment.color.gain = DVec3::splat(0.5);
@@ -44,7 +44,7 @@ fn tunings(wall: &Wall) -> Vec<(String, ChannelCalibration)> {
 fn after(new: &Wall) -> CarriedOver {
     let old = parsed(WALL);
     let carried = carried_over(&old, &tunings(&old), new);
-    restored(new, &carried.tunings).expect("valid");
+    reapply(new, &carried.tunings).expect("valid");
     carried
 }
 
@@ -76,7 +76,7 @@ fn an_edited_key_drops_its_own_tuning_and_no_other() {
 
 #[test]
 fn a_tuning_that_was_saved_into_the_file_is_no_tuning_any_more() {
-    let new = restored(&parsed(WALL), &tunings(&parsed(WALL))).expect("valid");
+    let new = reapply(&parsed(WALL), &tunings(&parsed(WALL))).expect("valid");
     assert_eq!(after(&new), CarriedOver::default());
 }
 

@@ -1,7 +1,7 @@
 //! The blend of projectors at the rim of a dome, whose places are bent most.
 
 use glam::DVec2;
-use polyptych_wall::blend::{BlendModel, ChannelMasks, light_map};
+use polyptych_wall::blend::{BlendModel, ChannelMasks, blend_map};
 
 /// Maximum error of a weight: that of interpolation, and of 16 bits.
 const WEIGHT_ERROR_MAX: f64 = 1.0 / 32768.0 + 1.0 / 65535.0;
@@ -16,15 +16,15 @@ fn weights_of_a_dome_are_exact() {
     let blend = BlendModel::new(&wall);
     let (mut worst, mut count) = (0.0_f64, 0);
     for id in wall.channel_ids() {
-        let map = light_map(&wall, id, &ChannelMasks::default()).expect("a shared channel");
-        let pixels = wall.pixel_map(id).expect("a projector");
+        let map = blend_map(&wall, id, &ChannelMasks::default()).expect("a shared channel");
+        let pixels = wall.channel_mapping(id).expect("a projector");
         let columns = || (0..map.size.x).step_by(STEP);
         for (x, y) in (0..map.size.y).step_by(STEP).flat_map(|y| columns().map(move |x| (x, y))) {
             let center = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
             let Some(canvas) = pixels.canvas_from_pixel(center) else { continue };
             let weights = blend.weights(id, canvas);
             let (_, due) = weights.iter().find(|(own, _)| *own == id).expect("its own");
-            worst = worst.max((map.at(x, y, 0)[0] - due).abs());
+            worst = worst.max((map.texel(x, y, 0)[0] - due).abs());
             count += usize::from(weights.len() > 1);
         }
     }

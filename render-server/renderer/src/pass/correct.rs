@@ -150,7 +150,7 @@ impl Correction {
         OutputTexture::new(gpu, self.display_size(), self.content())
     }
 
-    /// The pixels of a mesh, to be drawn over others of this correction ([`Self::draw_over`]).
+    /// The pixels of a mesh, to be drawn over others of this correction ([`Self::draw_overlay`]).
     ///
     /// # Errors
     /// What is wrong with the mesh, or that the correction resamples nothing.
@@ -186,7 +186,7 @@ impl Correction {
     ///
     /// # Errors
     /// As of [`Self::draw`].
-    pub fn draw_over(
+    pub fn draw_overlay(
         &mut self,
         gpu: &Gpu,
         shape: &CorrectionMesh,

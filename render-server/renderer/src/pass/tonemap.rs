@@ -64,7 +64,7 @@ impl Tonemap {
         if let Some((.., color)) = self.sky.filter(is_it) {
             return Ok(color);
         }
-        let target = Target::of(gpu, [1, 1], 1, true, content)?;
+        let target = Target::with_encoding(gpu, [1, 1], 1, true, content)?;
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
             label: Some("tonemap/probe"),
         });

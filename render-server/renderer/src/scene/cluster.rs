@@ -51,7 +51,7 @@ impl Meshlet {
 }
 
 /// The clusters of a primitive's checked bytes; none where it is small, or not of triangles.
-pub(crate) fn clusters(desc: &Primitive, bytes: &[u8]) -> Vec<Meshlet> {
+pub(crate) fn meshlets(desc: &Primitive, bytes: &[u8]) -> Vec<Meshlet> {
     let triangles = desc.index_count as usize / 3;
     if desc.topology != Topology::Triangles || triangles < CLUSTERS_MIN * CLUSTER_TRIANGLES {
         return Vec::new();
@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn clusters_that_face_away_hold_no_triangle_that_faces_the_eye() {
         let (desc, bytes) = sphere(64);
-        let all = clusters(&desc, &bytes);
+        let all = meshlets(&desc, &bytes);
         assert_eq!(all.iter().map(|c| c.index_count).sum::<u32>(), desc.index_count);
         let (vertices, indices) = bytes.split_at(desc.vertex_bytes() as usize);
         let indices: &[u32] = bytemuck::cast_slice(indices);

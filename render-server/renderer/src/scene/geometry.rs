@@ -2,7 +2,7 @@
 
 use polyptych_scene::{IndexFormat, Primitive};
 
-use super::cluster::{Meshlet, clusters};
+use super::cluster::{Meshlet, meshlets};
 use crate::gpu::Gpu;
 
 /// One buffer that holds the vertices and, behind them, the indices.
@@ -38,7 +38,7 @@ impl Geometry {
             wgpu::IndexFormat::Uint16
         };
         let (vertex_bytes, index_count) = (desc.vertex_bytes(), desc.index_count);
-        let clusters = clusters(desc, bytes);
+        let clusters = meshlets(desc, bytes);
         Ok(Self { buffer, vertex_bytes, index_count, index_format, clusters })
     }
 }

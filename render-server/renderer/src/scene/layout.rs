@@ -95,7 +95,7 @@ impl SceneLayout {
         let mut lights = Lights::new(&desc, &world);
         let mut sorter = Sorter::new(&desc, &lights);
         let (mut items, mut bounds) = (Vec::new(), Vec::new());
-        let stances = placement::place(&desc, &world, |placement| {
+        let stances = placement::instantiate(&desc, &world, |placement| {
             if items.len().is_multiple_of(DRAWS_BETWEEN_CHECKS) && is_cancelled() {
                 return Err(SceneError::Cancelled);
             }
@@ -103,7 +103,7 @@ impl SceneLayout {
             items.push(DrawItem {
                 origin: placement.origin,
                 stance: placement.stance,
-                lamps: lights.reaching(&placement.bounds)?,
+                lamps: lights.lights_affecting(&placement.bounds)?,
                 batch: sorter.batch_of(&desc, geometries.of[primitive], &placement),
                 mesh_box: primitive as u32,
             });

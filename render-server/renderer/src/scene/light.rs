@@ -91,7 +91,7 @@ impl Lights {
     ///
     /// # Errors
     /// All lists together would be longer than [`LAMP_INDICES_MAX`].
-    pub fn reaching(&mut self, bounds: &Bounds) -> Result<[u32; 2], SceneError> {
+    pub fn lights_affecting(&mut self, bounds: &Bounds) -> Result<[u32; 2], SceneError> {
         let reaches = |&index: &u32| self.lamps[index as usize].reaches(bounds);
         let list: Vec<u32> = (0..self.lamps.len() as u32).filter(reaches).collect();
         if let Some(&range) = self.known.get(&list) {

@@ -173,7 +173,7 @@ pub(crate) fn world_from_nodes(nodes: &[Node]) -> Vec<DAffine3> {
 
 /// Gives every primitive in every place, in the order of the nodes, and returns the stances that
 /// they name. Ends early where `give` fails.
-pub(crate) fn place<'a, E>(
+pub(crate) fn instantiate<'a, E>(
     desc: &'a Scene,
     world: &[DAffine3],
     mut give: impl FnMut(PrimitiveInstance<'a>) -> Result<(), E>,

@@ -42,7 +42,8 @@ fn light(scene: &GpuScene, samples: u32, views: &[ViewDesc]) -> Target {
     renderer.prepare_for(gpu(), scene, ImageEncoding::Light);
     let size = [SIZE[0] * views.len() as u32, SIZE[1]];
     let mut target =
-        Target::of(gpu(), size, samples, scene.blends(), ImageEncoding::Light).unwrap();
+        Target::with_encoding(gpu(), size, samples, scene.has_transparency(), ImageEncoding::Light)
+            .unwrap();
     let views: Vec<ViewDesc> = (0..)
         .zip(views)
         .map(|(slot, view)| ViewDesc {
@@ -377,5 +378,5 @@ fn what_cannot_be_corrected_is_refused() {
     assert!(draw(&source, &eyes(2)[1..], &picture), "a plane outside");
     assert!(draw(&source, &eyes(1), plain.picture()), "another picture");
     assert!(!draw(&source, &eyes(1), &picture), "and as it should be");
-    assert_eq!(gpu().fault(), None);
+    assert_eq!(gpu().take_error(), None);
 }

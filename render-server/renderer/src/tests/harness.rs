@@ -243,7 +243,7 @@ pub fn draw_sampled(
 ) -> (Vec<[u8; 4]>, DrawStats) {
     let mut renderer = Renderer::new(gpu(), samples).unwrap();
     renderer.prepare(gpu(), scene);
-    let mut target = Target::new(gpu(), size, samples, scene.blends()).unwrap();
+    let mut target = Target::new(gpu(), size, samples, scene.has_transparency()).unwrap();
     let stats = renderer.draw(gpu(), scene, &mut target, views).unwrap();
     let pixels = read_pixels(gpu(), &target).unwrap();
     (pixels.as_chunks::<4>().0.to_vec(), stats)

@@ -45,7 +45,7 @@ fn shown(
     );
     gpu().queue.submit([encoder.finish()]);
     let bytes = read_picture(gpu(), &copy).unwrap();
-    assert_eq!(gpu().fault(), None);
+    assert_eq!(gpu().take_error(), None);
     bytes.as_chunks::<4>().0.to_vec()
 }
 

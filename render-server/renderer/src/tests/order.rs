@@ -21,7 +21,7 @@ fn flat(r: f32, g: f32, b: f32, a: f32) -> Material {
 
 #[test]
 fn a_centimetre_is_resolved_at_ten_kilometres() {
-    if gpu().facts().backend == "gl" {
+    if gpu().info().backend == "gl" {
         // GL's depth goes from −1 to 1, which costs reversed depth its precision.
         return;
     }
@@ -53,7 +53,7 @@ fn blended_panes_are_sorted_from_both_sides() {
     stage.node(first, DAffine3::IDENTITY);
     stage.node(second, DAffine3::from_translation(DVec3::Z * -0.5));
     let scene = stage.build();
-    assert!(scene.blends());
+    assert!(scene.has_transparency());
     let middle = |z: f64| {
         let view = look(DVec3::Z * z, DVec3::Z * -0.25, SIZE);
         pixel(&draw(&scene, SIZE, &view), SIZE, 64, 64)

@@ -159,7 +159,7 @@ fn wrong_uploads_say_both_sizes_and_the_index() {
     builder.upload_texture(gpu(), 0, &[0; 84]).unwrap();
     let Err(SceneError::Missing(what)) = builder.finish(gpu()) else { panic!("not missed") };
     assert_eq!(what, "primitive 0 of mesh 0");
-    assert_eq!(gpu().fault(), None);
+    assert_eq!(gpu().take_error(), None);
 }
 
 #[test]
@@ -250,7 +250,7 @@ fn leaves_out_the_largest_levels_of_textures_but_not_all_of_them() {
         let seen = pixel(&draw(&scene, SIZE, &view), SIZE, 48, 48);
         assert_eq!(seen[..3], sides[side].1[..3], "{left_out} levels left out");
     }
-    assert_eq!(gpu().fault(), None);
+    assert_eq!(gpu().take_error(), None);
 }
 
 #[test]

@@ -223,7 +223,7 @@ fn output_keeps_every_code() {
         gpu().queue.submit([encoder.finish()]);
         assert_eq!(read_pixels(gpu(), &surface).unwrap(), codes, "{format:?}");
     }
-    assert_eq!(gpu().fault(), None);
+    assert_eq!(gpu().take_error(), None);
 }
 
 #[test]

@@ -96,7 +96,9 @@ fn every_code_of_an_unlit_colour_stays_in_every_pass() {
 fn corrected(scene: &GpuScene, packing: StereoPacking, exposure: f32) -> Vec<[u8; 4]> {
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
     renderer.prepare_for(gpu(), scene, ImageEncoding::Light);
-    let mut source = Target::of(gpu(), SIZE, 1, scene.blends(), ImageEncoding::Light).unwrap();
+    let mut source =
+        Target::with_encoding(gpu(), SIZE, 1, scene.has_transparency(), ImageEncoding::Light)
+            .unwrap();
     renderer.draw(gpu(), scene, &mut source, &[view(exposure)]).unwrap();
     let desc = CorrectionDesc { packing, ..CorrectionDesc::identity(SIZE) };
     let plane = AtlasViewDesc {

@@ -20,7 +20,7 @@ fn around(surface: Surface, size: [u32; 2], error_max_px: f64) -> Wall {
 
 /// What the display should show, if each pixel has an eye of its own.
 fn ideal(wall: &Wall, spot: &Spot) -> Vec<f64> {
-    let map = wall.pixel_map(ChannelId(0)).expect("a map");
+    let map = wall.channel_mapping(ChannelId(0)).expect("a map");
     let viewpoint = wall.viewpoints(&wall.channels[0])[0];
     let size = wall.channels[0].size;
     let pixels = (0..size.y).flat_map(|y| (0..size.x).map(move |x| UVec2::new(x, y)));

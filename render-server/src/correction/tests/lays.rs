@@ -135,7 +135,7 @@ fn check_lay(
 }
 
 fn by_form(wall: &Wall) -> impl Fn(DVec2) -> Option<DVec2> {
-    let map = wall.pixel_map(ChannelId(0)).expect("a map");
+    let map = wall.channel_mapping(ChannelId(0)).expect("a map");
     move |pixel| map.canvas_from_pixel(pixel)
 }
 

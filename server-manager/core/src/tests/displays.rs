@@ -92,7 +92,7 @@ fn a_restored_wall_is_as_black_as_it_was_and_shows_itself_to_servers_that_come_b
     for displays in [OutputMode::Blank, OutputMode::Normal] {
         memory.displays = displays;
         let mut stage = ClusterFixture::empty(2);
-        stage.cluster = Cluster::restored(wall(2), Epoch(7), &memory);
+        stage.cluster = Cluster::restore(wall(2), Epoch(7), &memory);
         stage.cluster.handle_client(CLIENT, "test".into());
         for index in 0..2 {
             stage.join(SessionId(u64::from(index)), index).expect("joined");
@@ -111,7 +111,7 @@ fn a_restored_wall_is_as_black_as_it_was_and_shows_itself_to_servers_that_come_b
     // Once a client has ordered frames, whoever comes is given the present one.
     memory.displays = OutputMode::Normal;
     let mut stage = ClusterFixture::empty(1);
-    stage.cluster = Cluster::restored(wall(1), Epoch(7), &memory);
+    stage.cluster = Cluster::restore(wall(1), Epoch(7), &memory);
     stage.cluster.handle_client(CLIENT, "test".into());
     stage.order_frame();
     stage.join(SessionId(0), 0).expect("joined");

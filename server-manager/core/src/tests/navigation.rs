@@ -58,7 +58,7 @@ fn a_camera_that_a_mouse_has_set_is_persisted_once_it_rests() {
     assert_eq!(memory.camera, stage.cluster.camera);
     assert!(stage.memories.len() <= 2, "{} times", stage.memories.len());
     // Another manager turns about the same scene.
-    let mut restored = Cluster::restored(wall(2), Epoch(8), &memory);
+    let mut restored = Cluster::restore(wall(2), Epoch(8), &memory);
     restored.set_navigable(true);
     assert_eq!(restored.camera, stage.cluster.camera);
     assert_eq!(restored.navigator.bounds, stage.cluster.navigator.bounds);

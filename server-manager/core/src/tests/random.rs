@@ -143,7 +143,7 @@ proptest! {
             let cluster = &stage.cluster;
             prop_assert_eq!(cluster.shown.wall.as_deref(), Some(&cluster.wall));
             prop_assert_eq!(cluster.camera.fault(), None);
-            prop_assert_eq!(cluster.check_sight_on(&cluster.wall), Ok(()));
+            prop_assert_eq!(cluster.check_view_state(&cluster.wall), Ok(()));
             // A server that the brain has let go of is gone for the test as well.
             for session in std::mem::take(&mut stage.closed) {
                 sessions.retain(|_, s| *s != session);

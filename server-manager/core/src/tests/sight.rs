@@ -51,9 +51,9 @@ fn a_head_moves_all_frusta_in_the_same_frame() {
 #[test]
 fn a_head_that_cannot_be_is_refused_and_the_wall_stays_as_it_was() {
     let mut stage = ClusterFixture::new(2);
-    let head = HeadPose::at(DVec3::new(0.1, 0.0, 0.3), 0.06);
+    let head = HeadPose::facing_forward(DVec3::new(0.1, 0.0, 0.3), 0.06);
     stage.request(Request::SetHead(head));
-    let behind = HeadPose::at(DVec3::Z * -1.25, 0.06);
+    let behind = HeadPose::facing_forward(DVec3::Z * -1.25, 0.06);
     let reason = stage.refused(Request::SetHead(behind));
     for part in ["c0", "-1.25", "0.250000 m behind screen front"] {
         assert!(reason.contains(part), "{part} is not in {reason}");
@@ -88,12 +88,12 @@ fn views_lie_over_the_picture_of_the_camera() {
 #[test]
 fn head_and_views_are_told_and_outlive_a_manager() {
     let mut stage = ClusterFixture::new(2);
-    let head = HeadPose::at(DVec3::new(0.1, 0.0, 0.3), 0.06);
+    let head = HeadPose::facing_forward(DVec3::new(0.1, 0.0, 0.3), 0.06);
     stage.request(Request::SetHead(head));
     let views = vec![plan([0, 0, 64, 64])];
     stage.request(Request::SetViews(views.clone()));
     let memory = stage.memories.last().expect("remembered").clone();
-    stage.cluster = Cluster::restored(wall(2), Epoch(8), &memory);
+    stage.cluster = Cluster::restore(wall(2), Epoch(8), &memory);
     stage.cluster.handle_client(CLIENT, "test".into());
     stage.replies.clear();
     stage.request(Request::DescribeSight);

@@ -319,14 +319,14 @@ fn a_restarted_manager_has_the_tuned_wall() {
     let tuned = stage.cluster.wall.clone();
     let pattern_of = |cluster: &Cluster| cluster.status(0).pattern;
 
-    let again = Cluster::restored(wall(2), Epoch(8), &memory);
+    let again = Cluster::restore(wall(2), Epoch(8), &memory);
     assert_eq!((&again.wall, again.shown.wall.as_deref()), (&tuned, Some(&tuned)));
     assert_eq!(
         (again.shown.revision, pattern_of(&again)),
         (memory.revision, Some(TestPattern::Grid))
     );
     assert_eq!(again.shown_digest, again.shown.digest());
-    assert_eq!(again.memory(), memory, "and the next one too");
+    assert_eq!(again.persistent_state(), memory, "and the next one too");
 }
 
 #[test]
@@ -404,7 +404,7 @@ fn views_are_refused_that_a_tuning_on_its_way_leaves_no_place_for() {
 fn a_tuning_under_a_head_that_cannot_be_there_is_refused() {
     let mut stage = ClusterFixture::new(2);
     // No request leads to this head; a wall is not tuned under it all the same.
-    stage.cluster.head = HeadPose::at(DVec3::Z * -1.25, 0.06);
+    stage.cluster.head = HeadPose::facing_forward(DVec3::Z * -1.25, 0.06);
     let id = stage.tune(pin(1.0));
     for part in ["c1: the head", "behind screen front", "move it first"] {
         assert!(stage.failure(id).contains(part), "{part} is not in {}", stage.failure(id));

@@ -83,7 +83,7 @@ fn an_edited_eye_moves_a_head_that_stood_there_and_no_other() {
     let mut moved = saved();
     moved.memory.head.position = DVec3::X * 0.5;
     let new = reconcile(moved, &parsed(&edited));
-    assert_eq!(new.memory.head, HeadPose::at(DVec3::X * 0.5, EYE_SEPARATION_DEFAULT_M));
+    assert_eq!(new.memory.head, HeadPose::facing_forward(DVec3::X * 0.5, EYE_SEPARATION_DEFAULT_M));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! A wall file that is written back: its comments stay, and it says what the wall is.
 
 use polyptych_client::glam::UVec2;
-use polyptych_client::tuning::{CalibrationChange, Corner, Edge, Offset, tuned};
+use polyptych_client::tuning::{CalibrationChange, Corner, Edge, Offset, apply_changes};
 
 use super::*;
 
@@ -41,7 +41,7 @@ fn what_is_tuned_is_written_and_comments_stay() {
         CalibrationChange::Edge { side: Edge::Right, width: Some(120.5) },
         CalibrationChange::Edge { side: Edge::Left, width: None },
     ];
-    let running = tuned(&wall(TEXT), "front-1-1", &changes).expect("tuned");
+    let running = apply_changes(&wall(TEXT), "front-1-1", &changes).expect("tuned");
     let changes = [
         CalibrationChange::Pin { corner: Corner::LowerLeft, to: Offset::To(DVec2::new(-1.5, 0.1)) },
         CalibrationChange::Grid(Some(UVec2::new(3, 2))),
@@ -52,7 +52,7 @@ fn what_is_tuned_is_written_and_comments_stay() {
             1.0, 0.1, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 1.0,
         ])),
     ];
-    let running = tuned(&running, "front-2-1", &changes).expect("tuned");
+    let running = apply_changes(&running, "front-2-1", &changes).expect("tuned");
     let (text, names) = with_adjustments(TEXT, path(), &running).expect("written");
     assert_eq!(names, ["front-1-1", "front-2-1"]);
     let expected = TEXT
@@ -75,11 +75,11 @@ fn what_is_tuned_back_is_taken_out() {
         CalibrationChange::Grid(Some(UVec2::splat(2))),
         CalibrationChange::Gamma(Some(DVec3::new(2.0, 2.1, 2.2))),
     ];
-    let running = tuned(&plain, "front-2-1", &changes).expect("tuned");
+    let running = apply_changes(&plain, "front-2-1", &changes).expect("tuned");
     let before = TEXT.replace("gain = [1.0, 0.5, 1.0]   # measured on Monday\n", "");
     let (text, _) = with_adjustments(&before, path(), &running).expect("written");
     let back = [CalibrationChange::Grid(None), CalibrationChange::Gamma(None)];
-    let running = tuned(&running, "front-2-1", &back).expect("tuned");
+    let running = apply_changes(&running, "front-2-1", &back).expect("tuned");
     let (text, _) = with_adjustments(&text, path(), &running).expect("written");
     assert!(!text.contains("bend") && !text.contains("gamma"), "{text}");
     assert_eq!(wall(&text).channels, running.channels);

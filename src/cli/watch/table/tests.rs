@@ -95,7 +95,7 @@ fn one_look_and_a_watched_table_say_the_same() {
     trouble(&mut status, 1, ChannelState::Lost, "it closed the connection");
     status.warnings = (0..5).map(|n| format!("number {n}")).collect();
     status.displays = OutputMode::Blank;
-    status.pattern = polyptych_client::TestPattern::named("grid");
+    status.pattern = polyptych_client::TestPattern::from_name("grid");
     let rates = Rates::default();
     let looked = text(&status);
     let looked: Vec<&str> = looked.lines().collect();

@@ -55,7 +55,7 @@ const AROUND_PX: f64 = 1.5;
 ///
 /// # Errors
 /// A channel without a picture, or one of another size than its display's.
-pub(in crate::simulator::prove) fn prove(
+pub(in crate::simulator::prove) fn verify(
     shaped: ResolvedWall<'_>,
     files: &CalibrationMaps,
     fields: &Fields,
@@ -128,13 +128,13 @@ fn lamps<'a>(
         if channel.screen != screen || !side.sees(channel) {
             continue;
         }
-        let Some(pixels) = shaped.pixel_map(id) else { continue };
+        let Some(pixels) = shaped.channel_mapping(id) else { continue };
         let shown = fields.of(&channel.name)?.into_iter().map(|picture| {
             let light = LinearImage::new(shaped, id, side, &picture.rgba);
             light.with_context(|| format!("the picture of {} has no size", channel.name))
         });
         let ChannelCalibration { color, alpha, beta, .. } = &channel.adjustment;
-        let is_lit_by_file = files.light(channel, &pixels).is_some();
+        let is_lit_by_file = files.mesh_light_mask(channel, &pixels).is_some();
         let needed = DMat3::from_diagonal(color.gain) * color.matrix;
         lamps.push(LitChannel {
             channel,

@@ -166,9 +166,9 @@ proptest! {
 
     #[test]
     fn random_walls_have_finite_figures(wall in generated::wall(), seed in any::<u32>()) {
-        check_finite(&CheckReport::of(&wall))?;
+        check_finite(&CheckReport::from_wall(&wall))?;
         let (wall, shapes) = with_shapes(&wall, seed);
-        check_finite(&CheckReport::of(ResolvedWall { wall: &wall, shapes: &shapes }))?;
+        check_finite(&CheckReport::from_wall(ResolvedWall { wall: &wall, shapes: &shapes }))?;
     }
 }
 
@@ -180,14 +180,14 @@ proptest! {
     #[test]
     fn damaged_wall_files_that_are_accepted_have_finite_figures(text in random::mutated()) {
         if let Ok(wall) = crate::parse(&text, "w.toml".as_ref()) {
-            check_finite(&CheckReport::of(&wall))?;
+            check_finite(&CheckReport::from_wall(&wall))?;
         }
     }
 
     #[test]
     fn projectors_of_any_pose_have_finite_figures(text in projected()) {
         if let Ok(wall) = crate::parse(&text, "w.toml".as_ref()) {
-            check_finite(&CheckReport::of(&wall))?;
+            check_finite(&CheckReport::from_wall(&wall))?;
         }
     }
 }

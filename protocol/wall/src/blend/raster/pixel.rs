@@ -116,8 +116,9 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
             return Some(self.raster.lamp.alone());
         }
         let Raster { lamp, widths, exponent, .. } = self.raster;
-        let own = lamp.step(pixel, *widths);
-        let share = eyes::share(EyeContribution::whole(lamp, own), &self.lights, *exponent);
+        let own = lamp.ramp(pixel, *widths);
+        let share =
+            eyes::blend_weight(EyeContribution::full_pixel(lamp, own), &self.lights, *exponent);
         let is_exact = self.seen.iter().all(|seen| seen.error_px == 0.0);
         let is_good = is_exact || share.weight * self.error(own) <= WEIGHT_ERROR_MAX;
         is_good.then_some(share)
@@ -133,7 +134,7 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
         };
         let most = lit().map(|(_, step)| step).fold(own, f64::max);
         let errors = lit().map(|(seen, step)| {
-            let relative = seen.other.lamp.steepness(seen.place, seen.other.widths);
+            let relative = seen.other.lamp.ramp_slope(seen.place, seen.other.widths);
             (step / most).powf(exponent) * exponent * relative * seen.error_px
         });
         errors.sum()
@@ -143,7 +144,8 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
 impl Seen<'_, '_, '_> {
     fn light(&self) -> EyeContribution {
         let other = self.other;
-        let step = other.lamp.has(self.place).then(|| other.lamp.step(self.place, other.widths));
+        let step =
+            other.lamp.contains(self.place).then(|| other.lamp.ramp(self.place, other.widths));
         let (eye, is_before) = (other.lamp.eye(), other.is_before);
         EyeContribution { eye, step, is_before, part: self.lit_part(), leak: other.lamp.leak }
     }
@@ -154,7 +156,7 @@ impl Seen<'_, '_, '_> {
         let lamp = self.other.lamp;
         let reach = (self.slope[0].abs() + self.slope[1].abs()) * 0.5;
         let (low, high) = (self.place - reach, self.place + reach);
-        if lamp.has(low) && lamp.has(high) {
+        if lamp.contains(low) && lamp.contains(high) {
             return 1.0;
         }
         if high.cmple(DVec2::ZERO).any() || low.cmpge(lamp.size).any() {
@@ -162,8 +164,9 @@ impl Seen<'_, '_, '_> {
         }
         let part = |at: u32| (f64::from(at) + 0.5) / f64::from(PARTS) - 0.5;
         let parts = (0..PARTS).flat_map(|y| (0..PARTS).map(move |x| (part(x), part(y))));
-        let is_lit =
-            |(x, y): &(f64, f64)| lamp.has(self.place + self.slope[0] * *x + self.slope[1] * *y);
+        let is_lit = |(x, y): &(f64, f64)| {
+            lamp.contains(self.place + self.slope[0] * *x + self.slope[1] * *y)
+        };
         parts.filter(is_lit).count() as f64 / f64::from(PARTS * PARTS)
     }
 }

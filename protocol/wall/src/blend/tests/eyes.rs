@@ -20,7 +20,7 @@ fn seen(canvas: [u32; 2], rects: &[(&str, [u32; 2], [u32; 2])]) -> Wall {
 fn errors(wall: &Wall, eye: Eye) -> [f64; 2] {
     let canvas = wall.screens[0].canvas;
     let (maps, leak) = (maps(wall), wall.blend.leak);
-    let most = BlendModel::new(wall).most() as f64;
+    let most = BlendModel::new(wall).overlap_max() as f64;
     let places = (canvas.x * canvas.y) as usize;
     let (mut sums, mut shown) = (vec![0.0; places], vec![0.0; places]);
     let blend = BlendModel::new(wall);
@@ -32,7 +32,7 @@ fn errors(wall: &Wall, eye: Eye) -> [f64; 2] {
         for (x, y) in (0..channel.size.y).flat_map(|y| (0..channel.size.x).map(move |x| (x, y))) {
             let at = channel.origin + UVec2::new(x, y);
             let at = (at.y * canvas.x + at.x) as usize;
-            let [factor, addend] = map.as_ref().map_or([1.0, 0.0], |map| map.at(x, y, 0));
+            let [factor, addend] = map.as_ref().map_or([1.0, 0.0], |map| map.texel(x, y, 0));
             sums[at] += factor;
             shown[at] += leak + (1.0 - leak) * (factor * multiply * 0.3 + addend);
         }
@@ -76,7 +76,7 @@ fn what_is_for_both_eyes_keeps_the_sums_of_both() {
 fn black_is_one_black_for_both_eyes() {
     let mut wall = apart();
     wall.blend.leak = 0.01;
-    assert_eq!(BlendModel::new(&wall).most(), 3);
+    assert_eq!(BlendModel::new(&wall).overlap_max(), 3);
     for eye in [Eye::Left, Eye::Right] {
         let [_, black] = errors(&wall, eye);
         println!("{eye:?}: black is off by {black:.2e}");
@@ -98,8 +98,8 @@ fn one_eye_that_sees_nothing_else_has_all_of_what_is_for_both() {
         let [sum, _] = errors(&wall, eye);
         assert!(sum < SUM_ERROR_MAX, "{eye:?}: {sum}");
     }
-    let map = light_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
-    assert_eq!(map.at(75, 10, 0)[0], 0.0, "it yields");
+    let map = blend_map(&wall, ChannelId(0), &ChannelMasks::default()).expect("a map");
+    assert_eq!(map.texel(75, 10, 0)[0], 0.0, "it yields");
 }
 
 /// Both groups alike: as if there were one.

@@ -65,8 +65,8 @@ fn wall(seed: u64, size: [u32; 2]) -> Wall {
 /// Looks at each `step`th pixel of each row and column.
 fn for_pixels(wall: &Wall, step: usize, mut look: impl FnMut(ChannelId, &BlendMap, UVec2, DVec2)) {
     for id in wall.channel_ids() {
-        let Some(map) = light_map(wall, id, &ChannelMasks::default()) else { continue };
-        let pixels = wall.pixel_map(id).expect("a projector");
+        let Some(map) = blend_map(wall, id, &ChannelMasks::default()) else { continue };
+        let pixels = wall.channel_mapping(id).expect("a projector");
         let rows = (0..map.size.y).step_by(step);
         for at in rows.flat_map(|y| (0..map.size.x).step_by(step).map(move |x| UVec2::new(x, y))) {
             if let Some(canvas) = pixels.canvas_from_pixel(at.as_dvec2() + 0.5) {
@@ -98,7 +98,7 @@ fn weights_are_exact_in_every_pixel_also_where_outer_edges_cross() {
         for_pixels(&wall, 3, |id, map, at, canvas| {
             let weights = blend.weights(id, canvas);
             let (_, due) = weights.iter().find(|(own, _)| *own == id).expect("its own");
-            let off = (map.at(at.x, at.y, 0)[0] - due).abs();
+            let off = (map.texel(at.x, at.y, 0)[0] - due).abs();
             worst = worst.max(off);
             count += usize::from(weights.len() > 1);
         });
@@ -117,10 +117,10 @@ fn black_is_right_in_the_mean_of_each_pixel() {
         let mut wall = wall(seed, [150, 100]);
         wall.blend.leak = 0.01;
         let blend = BlendModel::new(&wall);
-        let (leak, most) = (wall.blend.leak, blend.most() as f64);
+        let (leak, most) = (wall.blend.leak, blend.overlap_max() as f64);
         let raised = |count: f64| (most - count) * leak / (1.0 - leak);
         for_pixels(&wall, 1, |id, map, at, canvas| {
-            let pixels = wall.pixel_map(id).expect("a projector");
+            let pixels = wall.channel_mapping(id).expect("a projector");
             let lit = |place: DVec2| {
                 let canvas = pixels.canvas_from_pixel(at.as_dvec2() + place)?;
                 Some(blend.weights(id, canvas).len())
@@ -137,7 +137,7 @@ fn black_is_right_in_the_mean_of_each_pixel() {
             let lit: Vec<usize> = all.filter_map(lit).collect();
             let mean = lit.iter().sum::<usize>() as f64 / lit.len() as f64;
             let (_, weight) = weights.iter().find(|(own, _)| *own == id).expect("its own");
-            let off = (map.at(at.x, at.y, 0)[1] - weight * raised(mean)).abs();
+            let off = (map.texel(at.x, at.y, 0)[1] - weight * raised(mean)).abs();
             count += 1;
             worst = worst.max(off / wall.blend.leak);
         });

@@ -70,7 +70,8 @@ fn a_folded_map_has_one_pixel_for_each_place() {
     let folded = |place: DVec2| Some(DVec3::new(0.5 - (place.x - 0.5).abs(), place.y, 0.0));
     let (wall, maps) = wall(vec![grid(UVec2::new(51, 60), folded)]);
     let shapes = WallGeometry::new(&wall, &maps);
-    let map = ResolvedWall { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
+    let map =
+        ResolvedWall { wall: &wall, shapes: &shapes }.channel_mapping(ChannelId(0)).expect("a map");
     for x in 1..49 {
         let canvas = DVec2::new(f64::from(x), 30.2);
         let pixel = map.pixel_from_canvas(canvas).expect("lit");
@@ -86,7 +87,8 @@ fn a_map_may_leave_its_screen() {
     let wide = |place: DVec2| Some(DVec3::new(place.x * 3.0 - 1.0, place.y * 3.0 - 1.0, 0.0));
     let (wall, maps) = wall(vec![grid(UVec2::new(2, 2), wide)]);
     let shapes = WallGeometry::new(&wall, &maps);
-    let map = ResolvedWall { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
+    let map =
+        ResolvedWall { wall: &wall, shapes: &shapes }.channel_mapping(ChannelId(0)).expect("a map");
     let outside = map.canvas_from_pixel(DVec2::new(1.0, 1.0)).expect("on the plane");
     assert!(outside.cmplt(DVec2::ZERO).all(), "{outside}");
     assert!(white(&wall, &shapes).iter().flatten().all(|light| *light == Some(1.0)));
@@ -120,7 +122,7 @@ fn ramps_run_along_what_is_lit() {
     let (wall, maps) = wall(maps.into());
     let shapes = WallGeometry::new(&wall, &maps);
     let blend = BlendModel::new(ResolvedWall { wall: &wall, shapes: &shapes });
-    let [_, right, _, _] = blend.widths(ChannelId(0));
+    let [_, right, _, _] = blend.ramp_widths(ChannelId(0));
     let right = right.expect("a ramp");
     // A fifth of the canvas, of which 0.6 are 30 pixels, less the cells at both edges.
     assert!((8.0..10.5).contains(&right), "{right}");
@@ -148,9 +150,9 @@ fn who_has_a_mask_shares_no_light_but_is_seen() {
     let alpha = MaskTexels::new(mask.size, 1, &mask.texels);
     let masks = ChannelMasks { alpha, ..ChannelMasks::default() };
     let of = ResolvedWall { wall: &wall, shapes: &shapes };
-    let light = light_map(of, ChannelId(1), &masks).expect("a light map");
-    assert!((light.at(25, 30, 0)[0] - 0.5).abs() < 1e-4);
-    assert_eq!(light_map(of, ChannelId(0), &ChannelMasks::default()), None);
+    let light = blend_map(of, ChannelId(1), &masks).expect("a light map");
+    assert!((light.texel(25, 30, 0)[0] - 0.5).abs() < 1e-4);
+    assert_eq!(blend_map(of, ChannelId(0), &ChannelMasks::default()), None);
     assert_eq!(white(&wall, &shapes)[30][50], Some(2.0), "both are seen all the same");
     wall.channels[1].adjustment.edges.left = Some(5.0);
     assert_eq!(count(&wall), 1, "the wall file says that it has a ramp");

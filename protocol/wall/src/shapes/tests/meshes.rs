@@ -55,7 +55,8 @@ fn projectors_light_a_mesh_where_they_light_the_surface_that_it_is_of() {
     let end = wall.screens[0].canvas.as_dvec2() - 1.0;
     for (id, pixel) in pixels(&wall, 7) {
         let pixel = pixel.as_dvec2() + 0.5;
-        let (due, map) = (wall.pixel_map(id).expect("due"), of.pixel_map(id).expect("a map"));
+        let (due, map) =
+            (wall.channel_mapping(id).expect("due"), of.channel_mapping(id).expect("a map"));
         let canvas = due.canvas_from_pixel(pixel);
         let is_on = |at: &DVec2| at.cmpgt(DVec2::ONE).all() && at.cmplt(end).all();
         let Some(canvas) = canvas.filter(is_on) else { continue };
@@ -68,7 +69,7 @@ fn projectors_light_a_mesh_where_they_light_the_surface_that_it_is_of() {
     println!("{lit} pixels: {worst:.5?} pixels off, and back");
     assert!(lit > 1000 && worst.iter().all(|off| *off < PLACE_ERROR_MAX), "{worst:?}");
     let (blend, due) = (BlendModel::new(of), BlendModel::new(&wall));
-    assert_eq!(blend.most(), due.most());
+    assert_eq!(blend.overlap_max(), due.overlap_max());
     for (x, y) in (2..30).flat_map(|x| (2..18).map(move |y| (x, y))) {
         let canvas = DVec2::new(f64::from(x), f64::from(y)) * 10.0 + 0.3;
         let [found, due] = [&blend, &due].map(|blend| blend.weights(ChannelId(0), canvas));
@@ -114,7 +115,7 @@ fn what_a_mesh_hides_from_a_projector_is_dark() {
     let is_lit = |x: usize| row[x].is_some();
     assert!(is_lit(40) && is_lit(48) && is_lit(110), "lit on both sides");
     assert!((52..99).all(|x| !is_lit(x)), "the shadow of the step");
-    let map = of.pixel_map(ChannelId(0)).expect("a map");
+    let map = of.channel_mapping(ChannelId(0)).expect("a map");
     for (_, pixel) in pixels(&wall, 3) {
         let Some(point) = map.display_from_pixel(pixel.as_dvec2() + 0.5) else { continue };
         assert!(!(-0.99..-0.01).contains(&point.x) || point.z > -2.99, "{point} is in the shadow");
@@ -134,15 +135,17 @@ fn a_projector_within_a_closed_mesh_lights_it_and_one_outside_its_back() {
     for look_at in [DVec3::X, DVec3::NEG_Z, DVec3::new(0.1, 1.0, 0.2), DVec3::Z] {
         let beam = beam(DVec3::new(0.3, -0.2, 0.1), look_at * 9.0, 0.7);
         let (wall, shapes) = lit(file.clone(), beam);
-        let map =
-            ResolvedWall { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
+        let map = ResolvedWall { wall: &wall, shapes: &shapes }
+            .channel_mapping(ChannelId(0))
+            .expect("a map");
         for (_, pixel) in pixels(&wall, 5) {
             let point = map.display_from_pixel(pixel.as_dvec2() + 0.5).expect("a wall all around");
             assert!((1.95..2.001).contains(&point.length()), "{point}");
         }
     }
     let (wall, shapes) = lit(file, beam(DVec3::Z * 9.0, DVec3::ZERO, 0.1));
-    let map = ResolvedWall { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
+    let map =
+        ResolvedWall { wall: &wall, shapes: &shapes }.channel_mapping(ChannelId(0)).expect("a map");
     let point = map.display_from_pixel(DVec2::splat(32.0)).expect("its near side");
     assert!(map.is_rear() && point.distance(DVec3::Z * 2.0) < 0.05, "{point}");
 }
@@ -161,7 +164,7 @@ fn triangles_without_an_area_change_nothing() {
     let beam = beam(DVec3::ZERO, DVec3::NEG_Z, 0.3);
     let (good, bad) = (lit(good, beam.clone()), lit(CalibrationMap::Warp(warp), beam));
     let [due, found] = [&good, &bad].map(|(wall, shapes)| {
-        ResolvedWall { wall, shapes }.pixel_map(ChannelId(0)).expect("a map")
+        ResolvedWall { wall, shapes }.channel_mapping(ChannelId(0)).expect("a map")
     });
     for (_, pixel) in pixels(&good.0, 3) {
         let pixel = pixel.as_dvec2() + 0.5;
@@ -202,8 +205,9 @@ fn warps_lie_on_the_canvas_of_a_mesh() {
         let read = |hash: BlobHash| Ok(Arc::new(files[usize::from(hash.0[0])].clone()));
         let maps = CalibrationMaps::load(&wall, read).expect("sound");
         let shapes = WallGeometry::new(&wall, &maps);
-        let map =
-            ResolvedWall { wall: &wall, shapes: &shapes }.pixel_map(ChannelId(0)).expect("a map");
+        let map = ResolvedWall { wall: &wall, shapes: &shapes }
+            .channel_mapping(ChannelId(0))
+            .expect("a map");
         for at in [[10.5, 20.5], [50.5, 99.5], [99.0, 1.0], [33.3, 77.7]] {
             let pixel = DVec2::from(at);
             let canvas = map.canvas_from_pixel(pixel).expect("on the canvas");

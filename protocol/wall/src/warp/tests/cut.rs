@@ -62,7 +62,7 @@ fn check(
 ) -> Result<(), proptest::test_runner::TestCaseError> {
     let WarpGeometry::Mesh(source) = &map.shape else { return Ok(()) };
     let Some(pixels) = ChannelMapping::new(channel, screen) else { return Ok(()) };
-    let ground = WallGeometry::none().ground(screen);
+    let ground = WallGeometry::empty().screen(screen);
     let mesh = if is_tile {
         map.screen_mesh(channel, &ground, &pixels)
     } else {
@@ -76,7 +76,7 @@ fn check(
     for index in 0..400u32 {
         let at = UVec2::new(index % 20, index / 20).as_dvec2() + DVec2::new(0.37, 0.61);
         let pixel = at / 20.0 * size;
-        let Some(meant) = pixels.meant_from_pixel(pixel) else { continue };
+        let Some(meant) = pixels.ideal_from_pixel(pixel) else { continue };
         let place = if is_tile {
             (meant + channel.origin.as_dvec2()) / screen.canvas.as_dvec2()
         } else {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 use polyptych_files::blob::BlobStore;
-use polyptych_wall::blend::{BlendModel, ChannelMasks, light_map};
+use polyptych_wall::blend::{BlendModel, ChannelMasks, blend_map};
 use polyptych_wall::maps::CalibrationMaps;
 use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
 use polyptych_wall::surface::Plane;
@@ -226,7 +226,7 @@ fn check(
         };
         if accepted.is_ok() {
             // What a server prepares beside the mesh.
-            let _ = light_map(shaped, id, &ChannelMasks::default());
+            let _ = blend_map(shaped, id, &ChannelMasks::default());
         }
         // The OBJ's triangles lie over each other: which of them is shown is chance.
         if obj.fault == Fault::Folded {

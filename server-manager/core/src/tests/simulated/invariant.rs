@@ -186,7 +186,7 @@ impl InvariantChecker {
                     {
                         record.disbelieved.insert(session);
                     }
-                } else if cluster.registry.drives(session, drawn.channel) {
+                } else if cluster.registry.owns_channel(session, drawn.channel) {
                     record.drawn.insert(drawn.channel);
                     let is_present = drawn.revision == self.last_revision;
                     *self.drawn_since.entry(drawn.channel).or_default() += u32::from(is_present);
@@ -373,7 +373,7 @@ impl InvariantChecker {
         let Some(record) = self.frames.get(&barrier.frame) else {
             return Err(format!("frame {} was sent to nobody", barrier.frame));
         };
-        if let Some(id) = barrier.waited().iter().find(|id| record.drawn.contains(id)) {
+        if let Some(id) = barrier.pending().iter().find(|id| record.drawn.contains(id)) {
             return Err(format!("frame {} waits for channel {id}, which has drawn", barrier.frame));
         }
         if barrier.is_complete() {
@@ -385,7 +385,7 @@ impl InvariantChecker {
         // A new frame waits for as long as the wall's draws ask, or for the reasons that we know.
         let wait = barrier.deadline() - barrier.began;
         let is_warming = barrier
-            .awaited()
+            .participants()
             .iter()
             .any(|id| self.drawn_since.get(id).is_none_or(|drawn| *drawn <= WARM_UP_FRAMES));
         let has_live = (cluster.registry.channels()).any(|(_, c)| c.state == ChannelState::Live);
@@ -395,7 +395,7 @@ impl InvariantChecker {
             return Err(format!(
                 "frame {} waits {wait} µs for no reason: {:?} drew {:?}",
                 barrier.frame,
-                barrier.awaited(),
+                barrier.participants(),
                 self.drawn_since
             ));
         }

@@ -70,7 +70,7 @@ impl Simulation {
         let wall = self.wall.clone();
         let mut cluster = match &self.manager.memory {
             None => Cluster::new(wall, epoch),
-            Some(memory) => Cluster::restored(wall, epoch, memory),
+            Some(memory) => Cluster::restore(wall, epoch, memory),
         };
         cluster.set_navigable(true);
         self.tell(|| format!("manager starts, memory {:?}", self.manager.memory.is_some()));

@@ -69,7 +69,7 @@ impl Simulation {
                             self.show(index, epoch, frame)?;
                         }
                     }
-                    Job::Disconnected => playback.restart(),
+                    Job::Disconnected => playback.reset(),
                 }
             }
             let manager_us = self.servers[index].manager_us(self.now);
@@ -145,7 +145,7 @@ impl Simulation {
                     let manager_us = server.manager_us(self.now);
                     let took = Duration::from_micros(self.now - server.frame_began);
                     server.grace_us = took.min(SLOW_GRACE_MAX).as_micros() as Micros;
-                    let act = server.playback.has_drawn(&frame, took, manager_us);
+                    let act = server.playback.frame_drawn(&frame, took, manager_us);
                     if let Some(FrameAction::Show { epoch, frame, .. }) = act {
                         self.show(index, epoch, frame)?;
                     }

@@ -149,7 +149,9 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
         }
         25..35 => Request::SetCamera(spot(dice)),
         35 => Request::SetEye(DVec3::new(dice.below(9) as f64 * 0.1, 0.0, 0.5)),
-        36 => Request::SetHead(HeadPose::at(DVec3::Z * dice.below(9) as f64 * 0.1, 0.06)),
+        36 => {
+            Request::SetHead(HeadPose::facing_forward(DVec3::Z * dice.below(9) as f64 * 0.1, 0.06))
+        }
         37 => Request::SetViews(vec![View::of_wall(spot(dice)); dice.below(3) as usize]),
         38..41 => Request::SetExposure(dice.below(5) as f32),
         41..50 => {

@@ -1,0 +1,218 @@
+//! The change of the replicated state that is on its way, and those that wait behind it.
+
+use std::collections::VecDeque;
+
+use polyptych_files::blob::BlobHash;
+use polyptych_protocol::ids::{Digest, Revision};
+use polyptych_protocol::log::{Operation, Replica};
+use polyptych_protocol::request::SceneSummary;
+use polyptych_wall::Wall;
+use serde::{Deserialize, Serialize};
+
+use super::tune::CalibrationWaiter;
+use super::{ClientRequest, Micros, SessionId, progress};
+
+/// A change that was asked for.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct StateChange {
+    /// What servers are told; of a tuning known once it is its turn.
+    pub operations: Vec<Operation>,
+    pub purpose: ChangeOrigin,
+}
+
+/// Who waits for a change, and for what.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) enum ChangeOrigin {
+    /// Another scene, or none.
+    Scene { job: ClientRequest, summary: Option<SceneSummary> },
+    /// The same scene on a wall that is adjusted otherwise.
+    Tuning { wall: Box<Wall>, tuners: Vec<CalibrationWaiter> },
+}
+
+impl StateChange {
+    /// The wall that it leads to, where it is a tuning, and who waits for that.
+    pub fn tuning(&mut self) -> Option<(&mut Box<Wall>, &mut Vec<CalibrationWaiter>)> {
+        match &mut self.purpose {
+            ChangeOrigin::Tuning { wall, tuners } => Some((wall, tuners)),
+            ChangeOrigin::Scene { .. } => None,
+        }
+    }
+
+    /// Who opens a scene by it, and the scene's name.
+    pub fn opened(&self) -> Option<(ClientRequest, String)> {
+        match &self.purpose {
+            ChangeOrigin::Scene { job, summary: Some(summary) } => {
+                Some((*job, progress::name_of(&summary.name)))
+            }
+            ChangeOrigin::Scene { summary: None, .. } | ChangeOrigin::Tuning { .. } => None,
+        }
+    }
+
+    pub fn wall(&self) -> Option<&Wall> {
+        match &self.purpose {
+            ChangeOrigin::Tuning { wall, .. } => Some(wall),
+            ChangeOrigin::Scene { .. } => None,
+        }
+    }
+
+    pub fn tuners(&self) -> &[CalibrationWaiter] {
+        match &self.purpose {
+            ChangeOrigin::Tuning { tuners, .. } => tuners,
+            ChangeOrigin::Scene { .. } => &[],
+        }
+    }
+}
+
+/// The change on its way and those behind it.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct ChangeQueue {
+    pub(super) current: Option<InFlightChange>,
+    pub(super) queue: VecDeque<StateChange>,
+    /// The last revision that was refused. Its number is not given again: a server may still be at
+    /// work on it.
+    #[serde(default)]
+    pub(super) refused: Option<Revision>,
+    /// Whether no frame was swapped since a change was refused that some server had prepared.
+    #[serde(default)]
+    pub(super) is_refused_unseen: bool,
+}
+
+/// A change that servers prepare.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct InFlightChange {
+    pub change: StateChange,
+    pub replica: Replica,
+    pub digest: Digest,
+    pub expires: Micros,
+    /// Servers that cannot draw it, with the reason.
+    pub failed: Vec<(SessionId, String)>,
+    /// How far its client was last told that it is, in percent.
+    #[serde(default)]
+    pub told_percent: Option<u8>,
+}
+
+impl ChangeQueue {
+    pub fn next_expiry(&self) -> Option<Micros> {
+        self.current.as_ref().map(|underway| underway.expires)
+    }
+
+    /// The revision that the change on its way leads to.
+    pub fn revision(&self) -> Option<Revision> {
+        self.current.as_ref().map(|underway| underway.replica.revision)
+    }
+
+    pub fn current(&self) -> Option<&StateChange> {
+        self.current.as_ref().map(|underway| &underway.change)
+    }
+
+    pub fn queued(&self) -> impl Iterator<Item = &StateChange> {
+        self.queue.iter()
+    }
+
+    /// Shortens the time that the change on its way has.
+    pub fn expire_by(&mut self, at: Micros) {
+        if let Some(underway) = &mut self.current {
+            underway.expires = underway.expires.min(at);
+        }
+    }
+
+    /// Takes the change on its way out; returns who waits for it, and its revision.
+    pub fn take_current(&mut self) -> Option<(ChangeOrigin, Revision)> {
+        let underway = self.current.take()?;
+        Some((underway.change.purpose, underway.replica.revision))
+    }
+
+    /// The scene that the change on its way leads to.
+    pub fn scene(&self) -> Option<BlobHash> {
+        let replica = self.current.as_ref().map(|underway| &underway.replica);
+        replica.and_then(|replica| replica.scene.as_ref()).map(|scene| scene.manifest)
+    }
+
+    /// Whether this server has said that it cannot prepare the change on its way.
+    pub fn has_failed_on(&self, session: SessionId) -> bool {
+        let mut failed = self.current.iter().flat_map(|underway| &underway.failed);
+        failed.any(|(id, _)| *id == session)
+    }
+
+    /// A server cannot prepare the change on its way. Said once, however often: who repeats itself
+    /// fills no memory.
+    pub fn add_failure(&mut self, session: SessionId, reason: String) {
+        if !self.has_failed_on(session)
+            && let Some(underway) = &mut self.current
+        {
+            underway.failed.push((session, reason));
+        }
+    }
+
+    /// How many wait for their turn.
+    pub fn waiting(&self) -> usize {
+        self.queue.len()
+    }
+
+    /// The wall as it will be once all is done that waits.
+    pub fn latest_wall(&self) -> Option<&Wall> {
+        self.queue.iter().rev().chain(self.current()).find_map(StateChange::wall)
+    }
+
+    /// The walls that are on their way.
+    pub fn pending_walls(&self) -> impl Iterator<Item = &Wall> {
+        self.queue.iter().chain(self.current()).filter_map(StateChange::wall)
+    }
+
+    /// Who waits for a tuning.
+    pub fn tuners(&self) -> impl Iterator<Item = &CalibrationWaiter> {
+        self.queue.iter().chain(self.current()).flat_map(StateChange::tuners)
+    }
+
+    /// The scenes that wait for their turn, by name.
+    pub fn waiting_scenes(&self) -> impl Iterator<Item = String> {
+        self.queue.iter().filter_map(StateChange::opened).map(|(_, scene)| scene)
+    }
+
+    /// Returns whether this share of the change on its way is news to its client.
+    pub fn is_news(&mut self, percent: u8) -> bool {
+        let told = self.current.as_mut().map(|underway| underway.told_percent.replace(percent));
+        told.is_some_and(|told| told != Some(percent))
+    }
+
+    /// Puts the wall in the place of the one that waits for its turn, if there is one: tunings
+    /// come faster than they are shown, and only the last one is to be seen.
+    ///
+    /// # Errors
+    /// The wall, if none waits.
+    pub fn replace_waiting_wall(
+        &mut self,
+        wall: Box<Wall>,
+        tuner: CalibrationWaiter,
+    ) -> Result<(), Box<Wall>> {
+        let Some((waiting, tuners)) = self.queue.iter_mut().find_map(StateChange::tuning) else {
+            return Err(wall);
+        };
+        *waiting = wall;
+        tuners.push(tuner);
+        Ok(())
+    }
+
+    /// Whether this revision was refused, and is no state of the wall.
+    pub fn is_refused(&self, shown: Revision, revision: Revision) -> bool {
+        shown < revision && self.refused.is_some_and(|refused| revision <= refused)
+    }
+
+    /// A frame of the shown state was swapped: servers hold it before all that comes.
+    pub fn note_swap(&mut self) {
+        self.is_refused_unseen = false;
+    }
+
+    /// Takes the tunings out that wait for their turn, and gives who waits for them.
+    pub fn take_waiting_tuners(&mut self) -> Vec<CalibrationWaiter> {
+        let (tunings, others) =
+            self.queue.drain(..).partition::<VecDeque<_>, _>(|change| change.wall().is_some());
+        self.queue = others;
+        tunings.iter().flat_map(StateChange::tuners).copied().collect()
+    }
+
+    pub fn digest_of(&self, revision: Revision) -> Option<Digest> {
+        let underway = self.current.as_ref();
+        underway.filter(|u| u.replica.revision == revision).map(|u| u.digest)
+    }
+}
