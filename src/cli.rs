@@ -2,26 +2,26 @@
 
 mod bake;
 mod bench;
+mod calibrate;
 mod check;
 mod completions;
 mod demo;
 mod displays;
-mod drive;
 mod examples;
 mod keys;
 mod manager;
 mod pattern;
 mod progress;
-mod prove;
+mod remote;
 mod replay;
 mod scene;
 mod seen;
 mod server;
-mod sight;
 mod simulate;
 mod status;
 mod stop;
-mod tune;
+mod verify;
+mod viewer;
 mod wall;
 mod watch;
 
@@ -39,12 +39,12 @@ use polyptych_files::blob::BlobStore;
 use polyptych_manager::import::{Baker, bake_wall_files, read_wall_files};
 use polyptych_text::printable;
 use polyptych_wall::Wall;
+use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::limits::PORT_DEFAULT;
-use polyptych_wall::maps::CalibrationMaps;
-use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
+use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
 use rustix::process::{Signal, set_parent_process_death_signal};
 
-use crate::log::{self, LogOptions};
+use crate::logging::{self, LogOptions};
 
 /// One scene, many displays, one frame.
 #[derive(Debug, Parser)]
@@ -72,15 +72,15 @@ enum Command {
     /// Run a render server, which draws one or more channels of a wall
     Server(server::Arguments),
     /// Show a scene on a running wall
-    Open(drive::OpenArguments),
+    Open(remote::OpenArguments),
     /// Move the camera of a running wall
-    Camera(drive::CameraArguments),
+    Camera(remote::CameraArguments),
     /// Say where the viewer's eyes are, or move them
-    Eye(sight::EyeArguments),
+    Eye(viewer::EyeArguments),
     /// Lay other cameras' pictures and plans over parts of a running wall
-    View(sight::ViewArguments),
+    View(viewer::ViewArguments),
     /// Save the picture of a running wall
-    Shot(drive::ShotArguments),
+    Shot(remote::ShotArguments),
     /// Let every display say over its picture which one it is
     Identify(displays::Arguments),
     /// Make every display black
@@ -90,7 +90,7 @@ enum Command {
     /// Let every channel draw a test pattern
     Pattern(pattern::Arguments),
     /// Adjust a channel of a running wall: corners, bend, light, blends
-    Tune(tune::Arguments),
+    Tune(calibrate::Arguments),
     /// Say how a running wall stands
     Status(status::Arguments),
     /// End the manager of a running wall, and its servers if asked to
@@ -100,7 +100,7 @@ enum Command {
     /// Say what a wall file describes, or what is wrong with it
     Check(check::Arguments),
     /// Prove in numbers that a wall shows every pixel in its place
-    Prove(prove::Arguments),
+    Prove(verify::Arguments),
     /// Make a wall file
     #[command(subcommand)]
     Wall(wall::WallCommand),
@@ -139,7 +139,7 @@ pub(crate) struct ManagerAddress {
     #[arg(long, value_name = "FILE", env = polyptych_protocol::token::TOKEN_FILE_VARIABLE)]
     token_file: Option<PathBuf>,
     /// This client's folder of keys, as `polyptych keys` makes it
-    #[arg(long, value_name = "FOLDER", env = polyptych_protocol::keys::KEYS_VARIABLE)]
+    #[arg(long, value_name = "FOLDER", env = polyptych_protocol::credentials::KEYS_VARIABLE)]
     keys: Option<PathBuf>,
     /// Go over a network without keys, though nothing is encrypted
     #[arg(long)]
@@ -188,21 +188,21 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Simulate(arguments) => return simulate::run(&arguments),
         Command::Manager(arguments) => manager::run(arguments),
         Command::Server(arguments) => server::run(arguments),
-        Command::Open(arguments) => return drive::open(&arguments),
-        Command::Camera(arguments) => return drive::camera(&arguments),
-        Command::Eye(arguments) => return sight::eye(&arguments),
-        Command::View(arguments) => return sight::view(&arguments),
-        Command::Shot(arguments) => return drive::capture(&arguments),
+        Command::Open(arguments) => return remote::open(&arguments),
+        Command::Camera(arguments) => return remote::camera(&arguments),
+        Command::Eye(arguments) => return viewer::eye(&arguments),
+        Command::View(arguments) => return viewer::view(&arguments),
+        Command::Shot(arguments) => return remote::capture(&arguments),
         Command::Identify(arguments) => return displays::run(OutputMode::Identify, &arguments),
         Command::Blank(arguments) => return displays::run(OutputMode::Blank, &arguments),
         Command::Freeze(arguments) => return displays::run(OutputMode::Freeze, &arguments),
         Command::Pattern(arguments) => return pattern::run(&arguments),
-        Command::Tune(arguments) => return tune::run(&arguments),
+        Command::Tune(arguments) => return calibrate::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => stop::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),
         Command::Check(arguments) => return check::run(&arguments),
-        Command::Prove(arguments) => return prove::run(&arguments),
+        Command::Prove(arguments) => return verify::run(&arguments),
         Command::Wall(wall) => return wall::run(&wall),
         Command::Replay(arguments) => return replay::run(&arguments),
         Command::Scene(scene) => scene::run(&scene),
@@ -222,11 +222,11 @@ pub(crate) fn start_log(cli: &Cli) {
         Command::Simulate(_) | Command::Demo(_) => {
             "warn,polyptych_core=error,polyptych_manager=error"
         }
-        // Its brain would warn of what happened long ago.
+        // Its core would warn of what happened long ago.
         Command::Replay(_) => "warn,polyptych_core=off",
         _ => "warn",
     };
-    log::start(cli.log.as_ref(), level, cli.process());
+    logging::start(cli.log.as_ref(), level, cli.process());
 }
 
 /// Writes a line to standard output. A reader that has seen enough, such as `head`, is no error.
@@ -279,7 +279,7 @@ fn bake_files(wall: &mut Wall, path: &Path, baker: &Baker) -> anyhow::Result<Wal
 /// Logs what may not be meant of the files of a wall that is about to run.
 fn log_file_warnings(files: &WallFiles) {
     for warning in &files.warnings {
-        log::say_warning(warning);
+        logging::say_warning(warning);
     }
 }
 

@@ -1,10 +1,10 @@
 //! The one command that an operator installs. It parses arguments and calls the crates.
 
-mod authority;
+mod certificate_authority;
 mod cli;
-mod log;
+mod image_files;
+mod logging;
 mod outputs;
-mod pictures;
 mod progress;
 mod simulator;
 mod state_lock;
@@ -16,9 +16,9 @@ fn main() -> ExitCode {
     let process = cli.process();
     cli::start_log(&cli);
     let code = cli::run(cli).unwrap_or_else(|error| {
-        log::say_failure(process, &format!("error: {}", cli::one_line(&error)));
+        logging::say_failure(process, &format!("error: {}", cli::one_line(&error)));
         ExitCode::FAILURE
     });
-    log::finish();
+    logging::finish();
     code
 }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::log;
+use crate::logging;
 use terminal::ProgressTerminal;
 
 /// Between two movements of a line.
@@ -32,7 +32,7 @@ fn on_terminal() -> ProgressDrawTarget {
 
 /// Where progress is drawn: it is for people, and a log for programs has lines only.
 pub(crate) fn target() -> ProgressDrawTarget {
-    if log::is_json() { ProgressDrawTarget::hidden() } else { on_terminal() }
+    if logging::is_json() { ProgressDrawTarget::hidden() } else { on_terminal() }
 }
 
 impl Steps {
@@ -54,10 +54,10 @@ impl Steps {
         let (step, count) = (self.begun, self.count);
         self.bar.set_prefix(step.to_string());
         self.bar.set_message(what.to_string());
-        if log::is_json() {
+        if logging::is_json() {
             tracing::info!(step, count, "{what}");
         } else if !std::io::stderr().is_terminal() {
-            log::say_progress(&format!("step {step} of {count}: {what}"));
+            logging::say_progress(&format!("step {step} of {count}: {what}"));
         }
     }
 }

@@ -22,26 +22,26 @@ use std::task::{Context, Poll, Wake, Waker};
 use std::thread::{self, Thread};
 
 use glam::DVec3;
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::feedback::{FrameFeedback, Statistics, Tuned, WallStatus};
 use polyptych_protocol::ids::{Epoch, RequestId};
+use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{
     Pacing, Request, Response, SceneSummary, StoppedServers, ViewState,
 };
 use polyptych_wall::Wall;
+use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
-use polyptych_wall::tuning::CalibrationChange;
 use polyptych_wall::view::View;
 
 use crate::client::Client as AsyncClient;
 use crate::connect::{ConnectOptions, connect_tcp, thread_ended};
 use crate::error::ClientError;
 use crate::feedback::FeedbackStream as AsyncFeedbacks;
+use crate::image::Capture;
 use crate::pending::Pending as AsyncPending;
-use crate::picture::Capture;
 
 /// A connection with a wall's manager, as [`crate::Client`]; clones share it.
 ///

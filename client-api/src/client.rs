@@ -3,34 +3,34 @@
 use std::pin::pin;
 
 use glam::DVec3;
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::feedback::{FrameFeedback, Statistics, Tuned, WallStatus};
 use polyptych_protocol::ids::Epoch;
+use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{
     Pacing, Request, Response, SceneSummary, StoppedServers, ViewState,
 };
 use polyptych_wall::Wall;
+use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
-use polyptych_wall::tuning::CalibrationChange;
 use polyptych_wall::view::View;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::watch;
 
 use crate::connect::{ConnectOptions, connect_over, connect_tcp};
+use crate::connection_handle::{ConnectionHandle, Wanted, wrong_answer};
 use crate::error::ClientError;
 use crate::feedback::FeedbackStream;
-use crate::link::{ConnectionHandle, Wanted, wrong_answer};
+use crate::image::Capture;
 use crate::pending::Pending;
-use crate::picture::Capture;
 
 /// A connection with a wall's manager.
 ///
 /// Clones share the connection, which closes when the last clone, [`Pending`] and
-/// [`FeedbackStream`] are dropped. Requests reach the manager in the order in which they are made, and several may
-/// be open at once. Dropping the future of a call gives up its answer and frees its place; the
+/// [`FeedbackStream`] are dropped. Requests reach the manager in the order in which they are made,
+/// and several may be open at once. Dropping the future of a call gives up its answer and frees its place; the
 /// manager may do the request all the same.
 ///
 /// Every method fails with [`ClientError`]: as the manager says ([`ClientError::Failed`], after

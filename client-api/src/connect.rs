@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use std::{fmt, io};
 
-use polyptych_protocol::connection::{ConnectionError, send_hello};
+use polyptych_protocol::credentials::{Credentials, KEYS_VARIABLE};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
-use polyptych_protocol::keys::{Credentials, KEYS_VARIABLE};
+use polyptych_protocol::handshake_io::{ConnectionError, send_hello};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::stream::{self, ConnectError, Stream};
@@ -19,9 +19,9 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::{sleep, timeout};
 
 use crate::connection::run_connection;
+use crate::connection_handle::ConnectionHandle;
 use crate::error::ClientError;
-use crate::link::ConnectionHandle;
-use crate::picture::CAPTURE_BYTES_MAX;
+use crate::image::CAPTURE_BYTES_MAX;
 use crate::reconnect::{HandshakeResult, ReconnectPolicy, Reconnector};
 
 /// Further attempts where a connection ends without a word, and the wait before the first; before

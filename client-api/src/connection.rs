@@ -9,14 +9,14 @@ use std::time::Duration;
 use bytes::Bytes;
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
-use polyptych_protocol::connection::MessageStream;
+use polyptych_protocol::handshake_io::MessageStream;
 use polyptych_protocol::request::MessageToClient;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep_until, timeout};
 
+use crate::connection_handle::{CloseReason, Outgoing, Shared};
 use crate::error::ClientError;
-use crate::link::{CloseReason, Outgoing, Shared};
 use crate::reconnect::{HandshakeResult, Reconnector};
 
 /// A manager that takes nothing for so long is gone, or as good as.

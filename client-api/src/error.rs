@@ -3,8 +3,8 @@
 use std::io;
 use std::time::Duration;
 
-use polyptych_protocol::connection::ConnectionError;
-use polyptych_protocol::keys::CredentialsError;
+use polyptych_protocol::credentials::CredentialsError;
+use polyptych_protocol::handshake_io::ConnectionError;
 use polyptych_protocol::stream::ConnectError;
 use polyptych_protocol::token::TokenError;
 

@@ -7,7 +7,7 @@ use polyptych_protocol::ids::Epoch;
 use tokio::sync::broadcast;
 use tokio::sync::broadcast::error::RecvError;
 
-use crate::link::{ConnectionHandle, TaggedFeedback};
+use crate::connection_handle::{ConnectionHandle, TaggedFeedback};
 
 /// Most feedbacks that wait for a slow reader: four seconds at 60 frames per second. Beyond it the
 /// oldest are dropped and counted; the connection never waits.

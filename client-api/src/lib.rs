@@ -5,13 +5,13 @@
 //! [`blocking::Client`] has the same calls for programs without tokio.
 //!
 //! ```no_run
-//! use polyptych_client::{Client, ClientError, overview};
+//! use polyptych_client::{Client, ClientError, fit_bounds};
 //!
 //! # async fn example() -> Result<(), ClientError> {
 //! let wall = Client::connect("127.0.0.1:7878").await?;
 //! let scene = wall.open_scene("town.glb").await?;
 //! if let Some(bounds) = scene.bounds {
-//!     wall.set_camera(overview(&wall.wall().await?, &bounds, 0.5)).await?;
+//!     wall.set_camera(fit_bounds(&wall.wall().await?, &bounds, 0.5)).await?;
 //! }
 //! let feedback = wall.render_frame().await?;
 //! println!("frame {} took {} us", feedback.frame, feedback.frame_us);
@@ -25,9 +25,9 @@
 //! ```
 //!
 //! ```text
-//! Client --post--> in_flight table --bytes--> connection task --> manager
+//! Client -submit-> in_flight table --bytes--> connection task --> manager
 //! Pending <-reply-- in_flight table <-------- connection task <-- manager
-//! Feedbacks <------ bounded queue, oldest dropped ----+
+//! FeedbackStream <- bounded queue, oldest dropped ----+
 //! ```
 //!
 //! A request whose answer is not awaited any more frees its place. A connection that ends is made
@@ -39,12 +39,12 @@ mod camera;
 mod client;
 mod connect;
 mod connection;
+mod connection_handle;
 mod error;
 mod feedback;
+mod image;
 mod in_flight;
-mod link;
 mod pending;
-mod picture;
 mod reconnect;
 mod window;
 
@@ -53,27 +53,27 @@ pub use client::Client;
 pub use connect::{ConnectOptions, Timeouts};
 pub use error::ClientError;
 pub use feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream};
+pub use image::{CAPTURE_BYTES_MAX, Capture, Image};
 pub use in_flight::OPEN_REQUESTS_MAX;
 pub use pending::Pending;
-pub use picture::{CAPTURE_BYTES_MAX, Capture, Image};
 pub use reconnect::ReconnectPolicy;
 
 pub use glam;
-pub use polyptych_protocol::display::OutputMode;
 pub use polyptych_protocol::feedback::Tuned;
 pub use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles,
     Shown, Skew, Statistics, WallStatus,
 };
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
+pub use polyptych_protocol::output_mode::OutputMode;
 pub use polyptych_protocol::pattern::TestPattern;
 pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 pub use polyptych_protocol::request::{
     Pacing, Request, Response, SceneSummary, StoppedServers, ViewState,
 };
 pub use polyptych_scene::{Bounds, SceneFeatures};
+pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;
 pub use polyptych_wall::head::HeadPose;
-pub use polyptych_wall::tuning;
 pub use polyptych_wall::view::{Area, View, ViewProjection};
 pub use polyptych_wall::{Channel, Screen, Wall};

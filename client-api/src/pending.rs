@@ -8,8 +8,8 @@ use polyptych_protocol::request::Response;
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 
+use crate::connection_handle::{CompletedResponse, ConnectionHandle};
 use crate::error::ClientError;
-use crate::link::{CompletedResponse, ConnectionHandle};
 
 /// A request that was sent: await it, ask it from time to time, or drop it.
 ///

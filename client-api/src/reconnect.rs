@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use polyptych_protocol::connection::MessageStream;
 use polyptych_protocol::handshake::Welcome;
+use polyptych_protocol::handshake_io::MessageStream;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep};
 
+use crate::connection_handle::{CloseReason, Outgoing, Shared};
 use crate::error::ClientError;
-use crate::link::{CloseReason, Outgoing, Shared};
 
 /// Pause before the first attempt: a manager that is restarted finds its clients at once.
 const RETRY_FIRST: Duration = Duration::from_millis(50);

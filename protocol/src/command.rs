@@ -5,10 +5,10 @@ use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
-use crate::display::OutputMode;
 use crate::ids::{Epoch, FrameId, Revision};
-use crate::log::Operation;
+use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
+use crate::state_log::Operation;
 
 /// One message from the manager to a render server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,7 +19,7 @@ pub enum Command {
     Frame(Frame),
     /// Show a frame that was drawn.
     Swap(Swap),
-    /// The answer to a [`crate::status::ServerMessage::Ping`].
+    /// The answer to a [`crate::server_message::ServerMessage::Ping`].
     Pong(Pong),
     /// The manager ends the connection.
     Goodbye(Goodbye),
@@ -54,8 +54,8 @@ impl Goodbye {
     }
 }
 
-/// Operations to apply; the server answers [`crate::status::ServerMessage::Prepared`] once it could draw
-/// the new state at once.
+/// Operations to apply; the server answers [`crate::server_message::ServerMessage::Prepared`]
+/// once it could draw the new state at once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Prepare {
     /// Which life of the manager the revisions belong to.

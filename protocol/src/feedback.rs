@@ -5,8 +5,8 @@ use std::fmt;
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
-use crate::display::OutputMode;
 use crate::ids::{Digest, Epoch, FrameId, Revision};
+use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::progress::Opening;
 

@@ -16,22 +16,22 @@
 
 pub mod bulk;
 pub mod command;
-pub mod connection;
-pub mod display;
+pub mod credentials;
 pub mod feedback;
 pub mod framing;
 pub mod handshake;
+pub mod handshake_io;
 pub mod identity;
 pub mod ids;
-pub mod keys;
 pub mod limits;
-pub mod log;
 pub mod navigation;
+pub mod output_mode;
 pub mod pattern;
 pub mod process;
 pub mod progress;
 pub mod request;
-pub mod status;
+pub mod server_message;
+pub mod state_log;
 pub mod stream;
 pub mod tls;
 pub mod token;

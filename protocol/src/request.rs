@@ -7,16 +7,16 @@ use glam::DVec3;
 use polyptych_scene::{Bounds, SceneFeatures};
 use polyptych_text::text_of_peer;
 use polyptych_wall::Wall;
+use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
-use polyptych_wall::tuning::CalibrationChange;
 use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
 use crate::command::Goodbye;
-use crate::display::OutputMode;
 use crate::feedback::{FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::ids::{FrameId, RequestId, Revision};
+use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
 

@@ -14,9 +14,9 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsStream;
 
-use crate::connection;
+use crate::credentials::Credentials;
+use crate::handshake_io;
 use crate::identity::NodeIdentity;
-use crate::keys::Credentials;
 use crate::limits::HANDSHAKE_BYTES_MAX;
 use crate::tls;
 
@@ -189,7 +189,7 @@ pub async fn accept(
 async fn turn_away(mut tcp: TcpStream) -> String {
     let reason = "this manager speaks TLS only: start this peer with --keys FOLDER, as polyptych \
                   keys WALL.toml makes it";
-    match connection::reject_unread(&mut tcp, reason).await {
+    match handshake_io::reject_unread(&mut tcp, reason).await {
         Ok(()) => {
             linger(tcp).await;
             "it came in the clear, and this manager speaks TLS only; start it with --keys".into()

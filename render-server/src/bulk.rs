@@ -7,11 +7,11 @@ use futures_util::{SinkExt, StreamExt};
 use polyptych_files::blob::CHUNK_BYTES_MAX;
 use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash};
 use polyptych_protocol::bulk::{BulkToManager, BulkToServer, CaptureChunk};
-use polyptych_protocol::connection::MessageStream;
+use polyptych_protocol::handshake_io::MessageStream;
 use polyptych_protocol::stream::Stream;
 use tokio::sync::mpsc;
 
-use crate::report::CapturedImage;
+use crate::render_event::CapturedImage;
 
 /// Jobs that wait for the bulk connection.
 pub(crate) const BULK_JOBS_MAX: usize = 16;

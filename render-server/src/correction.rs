@@ -4,35 +4,35 @@
 //! A plan is made by the loader, being pure and slow; the render thread takes it to the GPU, and
 //! brings to each frame only where the eyes are.
 
-mod lay;
-pub(crate) mod shots;
+pub(crate) mod eye_views;
+mod overlay;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
+use eye_views::EyeViews;
 use glam::DVec3;
-use lay::{Overlay, OverlayContext};
+use overlay::{Overlay, OverlayContext};
 use polyptych_protocol::command::Frame;
 use polyptych_renderer::{
     self, BlendMapDesc, Correction, CorrectionDesc, DrawStats, Gpu, GpuScene, ImageEncoding,
     Orientation, Renderer, StereoPacking, Target, TransferFunction, ViewDesc, WarpVertexDesc,
 };
 use polyptych_wall::blend::{self, BlendModel, ChannelMasks, LightInputs};
+use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::head::HeadPose;
-use polyptych_wall::maps::CalibrationMaps;
-use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
 use polyptych_wall::view::{Area, View, ViewProjection};
+use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
 use polyptych_wall::warp::Mask;
 use polyptych_wall::warp_mesh::WarpMesh;
 use polyptych_wall::{
     self, BitDepth, CalibrationFile, ChannelCalibration, ChannelId, ChannelKind, Eye, Viewpoint,
     Wall,
 };
-use shots::EyeViews;
 
-use crate::apply;
-use crate::output::ChannelOutput;
+use crate::channel_output::ChannelOutput;
+use crate::frame_views;
 
 /// The plans of a server's channels, by name; those that need none are not there.
 pub(crate) type CorrectionPlans = BTreeMap<String, CorrectionPlan>;
@@ -341,7 +341,7 @@ impl Corrector {
         frame: &Frame,
         output: &mut ChannelOutput,
     ) -> Result<DrawStats, String> {
-        apply::check_frame(frame)?;
+        frame_views::check_frame(frame)?;
         let layers = self.layers(gpu, wall, frame)?;
         let sides = layers.iter().map(|layer| layer.shots.size);
         let size = sides.fold([0, 0], |[w, h], side| [w.max(side[0]), h.max(side[1])]);

@@ -4,29 +4,29 @@
 //! one that loads blobs ([`loader`]), and the one that owns the GPU ([`render_thread`]).
 //! The crate `polyptych-renderer` draws; it knows nothing of the wire.
 
-pub mod apply;
 mod bulk;
+mod channel_output;
 pub mod clock;
+pub mod connection_status;
 mod correction;
 mod desktop;
-mod display;
+mod draw_delay;
 mod ending;
+pub mod frame_scheduler;
+pub mod frame_views;
 mod fullscreen;
 mod loader;
 mod mismatch;
 mod monitor;
 mod mouse;
 mod network;
-pub mod notice;
-mod output;
 mod pattern;
-pub mod playback;
+pub mod presentation_state;
+mod render_event;
 mod render_thread;
-mod report;
 mod run;
-pub mod showing;
-mod slowness;
 mod window;
+mod window_output;
 
 pub use monitor::Monitor;
 pub use run::{

@@ -15,21 +15,21 @@ use crossbeam_channel::{Receiver, Sender};
 use polyptych_files::blob::{Abandoned, BlobHash, BlobStore};
 use polyptych_protocol::command::Prepare;
 use polyptych_protocol::ids::{Digest, Epoch};
-use polyptych_protocol::log::{Replica, SceneRef};
-use polyptych_protocol::status::{Prepared, ServerMessage};
+use polyptych_protocol::server_message::{Prepared, ServerMessage};
+use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_renderer::SceneLayout;
 use polyptych_scene::{Mesh, SceneFeatures};
+use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::maps::CalibrationMaps;
-use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
+use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
 use polyptych_wall::warp::CalibrationMap;
 use polyptych_wall::{ChannelCalibration, Wall};
 use tokio::sync::mpsc;
 
-use crate::apply;
 use crate::bulk::BulkJob;
 use crate::correction::{self, CorrectionPlans};
-use crate::report::RenderEvent;
+use crate::frame_views;
+use crate::render_event::RenderEvent;
 
 /// Orders that wait for the loader; the manager sends one change at a time.
 pub(crate) const ORDERS_MAX: usize = 16;
@@ -318,7 +318,7 @@ impl Loader {
         if let Some(fault) = manifest.fault() {
             return Err(format!("manifest of scene {}: {fault}", scene.name));
         }
-        let known = (SceneFeatures::from_scene(&manifest), apply::warm_up_camera(&manifest));
+        let known = (SceneFeatures::from_scene(&manifest), frame_views::warm_up_camera(&manifest));
         let textures: Vec<BlobHash> = manifest.textures.iter().map(|t| t.blob).collect();
         let blobs_of = |mesh: &Mesh| mesh.primitives.iter().map(|p| p.blob).collect();
         let meshes: Vec<Vec<BlobHash>> = manifest.meshes.iter().map(blobs_of).collect();

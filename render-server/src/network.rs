@@ -10,26 +10,26 @@ use bytes::Bytes;
 use crossbeam_channel::Sender;
 use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::command::{Command, Goodbye};
-use polyptych_protocol::connection::{self, ConnectionError, MessageStream};
+use polyptych_protocol::credentials::Credentials;
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, Hello, Role, Secret, ServerHello, Welcome,
 };
+use polyptych_protocol::handshake_io::{self, ConnectionError, MessageStream};
 use polyptych_protocol::identity::NodeIdentity;
-use polyptych_protocol::keys::Credentials;
 use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
 use polyptych_protocol::process;
-use polyptych_protocol::status::{Ping, ServerMessage};
+use polyptych_protocol::server_message::{Ping, ServerMessage};
 use polyptych_protocol::stream::{self, ConnectError, Stream};
 use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
 
 use crate::bulk::{self, BULK_JOBS_MAX, BulkJob};
 use crate::clock::{Clock, ClockEstimate};
+use crate::connection_status::{ConnectionStatus, ManagerState, time_of_day};
 use crate::ending::Ending;
 use crate::loader::{LoadOrder, LoaderLink};
-use crate::notice::{ConnectionStatus, ManagerState, time_of_day};
+use crate::render_event::RenderEvent;
 use crate::render_thread::RenderTask;
-use crate::report::RenderEvent;
 use crate::run::{ServerError, ServerOptions, Shutdown};
 
 /// First and longest wait before another try. The first is short: a restarted manager should find
@@ -225,7 +225,7 @@ impl Network {
             let keys = self.keys().map_err(End::Failed)?;
             let (manager, insecure) = (&self.options.manager, self.options.insecure);
             let stream = stream::connect(manager, keys.as_ref(), insecure).await?;
-            Ok(connection::send_hello(stream, role, hello, &secret).await?)
+            Ok(handshake_io::send_hello(stream, role, hello, &secret).await?)
         };
         let limit = HANDSHAKE_TIME_MAX;
         let introduced = tokio::time::timeout(limit, introduce).await;

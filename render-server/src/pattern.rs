@@ -6,20 +6,20 @@
 //! `light`.
 
 mod canvas;
-mod light;
-mod own;
-mod places;
+mod diagnostic;
+mod display;
+mod pixel_positions;
 #[cfg(test)]
 mod tests;
 
 use glam::{DVec3, UVec2};
 use image::{Rgba, RgbaImage, imageops};
-use places::PixelPositions;
+use pixel_positions::PixelPositions;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_renderer::{Label, LabelPosition};
+use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::color::srgb_from_linear;
-use polyptych_wall::maps::CalibrationMaps;
-use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall::{Channel, ChannelCalibration, ChannelId, Orientation, StereoPacking};
 
 /// Black, and no light at all.
@@ -64,13 +64,13 @@ fn picture(
         }
         TestPattern::Checker => canvas::checker(wall, screen, &places),
         TestPattern::Crosshair => canvas::crosshair(wall, screen, &places, eye),
-        TestPattern::Overlap => light::overlap(shaped, id, &places),
-        TestPattern::Density => light::density(channel, &map, eye),
-        TestPattern::Weights => light::weights(shaped, id),
-        TestPattern::Ramp => own::ramp(channel.size),
-        TestPattern::ColorBars => own::color_bars(channel.size),
-        TestPattern::Focus => own::focus_chart(channel.size),
-        TestPattern::Border => own::border(channel.size),
+        TestPattern::Overlap => diagnostic::overlap(shaped, id, &places),
+        TestPattern::Density => diagnostic::density(channel, &map, eye),
+        TestPattern::Weights => diagnostic::weights(shaped, id),
+        TestPattern::Ramp => display::ramp(channel.size),
+        TestPattern::ColorBars => display::color_bars(channel.size),
+        TestPattern::Focus => display::focus_chart(channel.size),
+        TestPattern::Border => display::border(channel.size),
     })
 }
 
@@ -90,7 +90,7 @@ pub(crate) fn draw_pattern<'a>(
     let mut upright = picture(shaped, id, pattern, eye)?;
     let channel = shaped.wall.channel(id).ok_or("the channel is not on the wall any more")?;
     if !pattern.bypasses_color() {
-        light::apply_blend(&mut upright, shaped, maps, id);
+        diagnostic::apply_blend(&mut upright, shaped, maps, id);
     }
     Ok(hung(&channel.adjustment, &upright))
 }

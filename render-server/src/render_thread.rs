@@ -2,8 +2,8 @@
 
 mod arrangement;
 mod displays;
+mod images;
 mod patterns;
-mod pictures;
 mod preparation;
 mod recovery;
 
@@ -23,17 +23,17 @@ use recovery::Losses;
 use tokio::sync::mpsc;
 use winit::dpi::PhysicalSize;
 
-use crate::apply;
+use crate::channel_output::ChannelOutput;
 use crate::clock::Clock;
+use crate::connection_status::{ConnectionStatus, ServerInfo};
 use crate::correction::Corrector;
+use crate::draw_delay::DrawDelay;
+use crate::frame_scheduler::{FrameAction, FrameScheduler};
+use crate::frame_views;
 use crate::loader::{LoadedState, Upload};
 use crate::mismatch::MonitorAssignment;
-use crate::notice::{ConnectionStatus, ServerInfo};
-use crate::output::ChannelOutput;
-use crate::playback::{FrameAction, FrameScheduler};
-use crate::report::{self, RenderEvent};
-use crate::showing::PresentationState;
-use crate::slowness::DrawDelay;
+use crate::presentation_state::PresentationState;
+use crate::render_event::{self, RenderEvent};
 
 /// States that are held at once: the one shown, and those that the next frames may name.
 const STATES_MAX: usize = 4;
@@ -276,14 +276,14 @@ impl RenderThread {
             match self.draw_channel(index, (wall, id), frame, &scene, &correctors) {
                 Ok(stats) => {
                     let draw_us = start.elapsed().as_micros() as u64;
-                    self.send(report::drawn(frame, id, &state, &stats, draw_us));
+                    self.send(render_event::drawn(frame, id, &state, &stats, draw_us));
                     if frame.capture {
                         self.send_capture(index, frame.frame, id);
                     }
                 }
                 Err(reason) => {
                     is_drawn = false;
-                    self.send(report::draw_failed(frame.frame, id, reason));
+                    self.send(render_event::draw_failed(frame.frame, id, reason));
                 }
             }
         }
@@ -320,7 +320,7 @@ impl RenderThread {
             let drawing = (&mut self.renderer, scene);
             return corrector.draw(&self.gpu, drawing, wall, frame, output);
         }
-        let views = apply::views(wall, id, frame)?;
+        let views = frame_views::views(wall, id, frame)?;
         let size = channel.size.to_array();
         let target =
             output.ensure_target(&self.gpu, size, (wall.samples, scene.has_transparency()))?;

@@ -16,18 +16,18 @@ use polyptych_renderer::{Gpu, GpuError};
 use tokio::sync::mpsc;
 use winit::event_loop::EventLoopProxy;
 
+use crate::channel_output::ChannelOutput;
 use crate::clock::Clock;
+use crate::connection_status::ServerInfo;
 use crate::desktop;
+use crate::draw_delay::DrawDelay;
 use crate::ending::Ending;
 use crate::fullscreen::Fullscreen;
 use crate::loader::{LoadOrder, Loader, ORDERS_MAX, UPLOADS_MAX};
 use crate::monitor::Monitor;
 use crate::network::{self, Network};
-use crate::notice::ServerInfo;
-use crate::output::ChannelOutput;
+use crate::render_event::RenderEvent;
 use crate::render_thread::{JOBS_MAX, Queues, RenderTask, RenderThread, SendMonitorNames};
-use crate::report::RenderEvent;
-use crate::slowness::DrawDelay;
 use crate::window::{self, Ended, Links, Message, WindowWish, Windows};
 
 /// Reports that wait for the network.

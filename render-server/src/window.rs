@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crossbeam_channel::Sender;
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
 use polyptych_renderer::Gpu;
 use tokio::sync::mpsc;
 use winit::application::ApplicationHandler;
@@ -15,12 +15,12 @@ use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
-use crate::display::WindowOutput;
 use crate::fullscreen::Fullscreen;
 use crate::mismatch::MonitorAssignment;
 use crate::mouse::Mouse;
+use crate::render_event::RenderEvent;
 use crate::render_thread::RenderTask;
-use crate::report::RenderEvent;
+use crate::window_output::WindowOutput;
 
 /// What a window has before the wall says more, in pixels.
 const FIRST_SIZE: PhysicalSize<u32> = PhysicalSize::new(640, 360);

@@ -8,8 +8,8 @@ use futures_util::{SinkExt, StreamExt};
 use polyptych_core::SessionId;
 use polyptych_files::blob::{BlobHash, BlobReader, BlobStore};
 use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
-use polyptych_protocol::connection::{self, MessageStream};
 use polyptych_protocol::handshake::{Proof, Welcome};
+use polyptych_protocol::handshake_io::{self, MessageStream};
 use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::stream::Stream;
 use tokio::sync::{mpsc, oneshot};
@@ -62,10 +62,10 @@ pub(crate) async fn serve(
     }
     let Ok(Some(end)) = answer.await else {
         let reason = format!("session {} is no control connection of this server", session.0);
-        let _ = connection::reject(&mut frames, reason).await;
+        let _ = handshake_io::reject(&mut frames, reason).await;
         return;
     };
-    if connection::accept(&mut frames, welcome, proof).await.is_err() {
+    if handshake_io::accept(&mut frames, welcome, proof).await.is_err() {
         return;
     }
     tokio::select! {
@@ -142,7 +142,7 @@ async fn send_blob(
 /// An open blob and the piece that was read of it last.
 type Piece = (BlobReader, u64, Bytes);
 
-/// Reads and hashes away from the brain's thread, which neither a disk nor a hash may hold.
+/// Reads and hashes away from the core's thread, which neither a disk nor a hash may hold.
 async fn off_thread(
     read: impl FnOnce() -> Result<Option<Piece>, String> + Send + 'static,
 ) -> Result<Option<Piece>, String> {

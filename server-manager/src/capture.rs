@@ -2,7 +2,7 @@
 //! byte for byte; where channels overlap, lie askew, lie where a file says or correct their light,
 //! the sum of their light.
 
-mod wall_shapes;
+mod geometry_cache;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,12 +12,12 @@ use polyptych_protocol::bulk::CaptureChunk;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::ImageInfo;
 use polyptych_wall::color::SrgbCodes;
-use polyptych_wall::shapes::ResolvedWall;
-use polyptych_wall::superposition::{DisplayImage, LightComposite, StereoEye, needs_composite};
+use polyptych_wall::light_composite::{DisplayImage, LightComposite, StereoEye, needs_composite};
+use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall::{Channel, ChannelId, Wall};
 use rayon::prelude::*;
 
-pub use wall_shapes::GeometryCache;
+pub use geometry_cache::GeometryCache;
 
 /// What stands where no channel shows anything: bezels, and channels that sent no picture.
 const DARK: [u8; 4] = [12, 12, 12, 255];

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use futures_util::StreamExt;
 use polyptych_core::SessionId;
-use polyptych_protocol::connection::{self, MessageStream};
 use polyptych_protocol::handshake::Proof;
+use polyptych_protocol::handshake_io::{self, MessageStream};
 use polyptych_protocol::limits::CALL_BYTES_MAX;
 use polyptych_protocol::request::RequestMessage;
 use polyptych_protocol::stream::Stream;
@@ -38,13 +38,13 @@ pub(crate) async fn serve(visitor: Visitor, events: mpsc::Sender<Event>, queues:
     let welcome = match answer.await {
         Ok(Ok(welcome)) => welcome,
         Ok(Err(reason)) => {
-            let _ = connection::reject(&mut frames, reason).await;
+            let _ = handshake_io::reject(&mut frames, reason).await;
             return;
         }
         Err(_) => return,
     };
     let session = SessionId(welcome.session);
-    let reason = if connection::accept(&mut frames, welcome, proof).await.is_ok() {
+    let reason = if handshake_io::accept(&mut frames, welcome, proof).await.is_ok() {
         let FramedParts { io, codec, read_buf, .. } = frames.into_parts();
         let (read_half, write_half) = tokio::io::split(io);
         // What clients ask is short, what they are sent is not.

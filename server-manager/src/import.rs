@@ -11,8 +11,8 @@ use std::time::Duration;
 
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::ids::Revision;
-use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::SceneSummary;
+use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{Scene, SceneFeatures};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
 use tokio::process::Command;

@@ -3,22 +3,22 @@
 //! The crate `polyptych-core` decides, without sockets or a clock; [`run`] gives it both. The crate
 //! `polyptych-baker` turns foreign files into blobs; the manager runs it as a child process only.
 
-mod brain;
+mod acceptor;
+mod authenticator;
 mod bulk;
 pub mod capture;
+mod capture_sender;
 mod client_session;
-mod delivery;
-mod door;
-mod gate;
 pub mod import;
-mod memory;
 mod metrics;
-pub mod record;
+mod recorded_cluster;
+pub mod recorder;
 pub mod replay;
 mod requests;
 mod run;
 mod server_session;
 mod session;
+mod state_file;
 mod strangers;
 mod traffic;
 

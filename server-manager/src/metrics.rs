@@ -1,6 +1,6 @@
 //! Metrics over HTTP, for Prometheus and whoever reads its format.
 //!
-//! It has a thread of its own: a scrape costs the brain's thread one [`Snapshot`], and the text
+//! It has a thread of its own: a scrape costs the core's thread one [`Snapshot`], and the text
 //! is written elsewhere. What is told is no secret of the wall, but names channels and servers;
 //! there is no password, so the address is for this machine or a network that is trusted.
 
@@ -32,7 +32,7 @@ const REQUEST_BYTES_MAX: usize = 8 << 10;
 /// How long a request's head may take to come.
 const REQUEST_TIME_MAX: Duration = Duration::from_secs(5);
 
-/// How long the brain may take to answer: it does in microseconds, or is flooded.
+/// How long the core may take to answer: it does in microseconds, or is flooded.
 const SNAPSHOT_TIME_MAX: Duration = Duration::from_secs(5);
 
 /// How long a connection lasts, slow readers included; as Prometheus waits at most by default.

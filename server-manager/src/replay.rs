@@ -1,4 +1,4 @@
-//! Replays a recording: tells a brain the same, and compares what it decides.
+//! Replays a recording: tells a core the same, and compares what it decides.
 
 pub mod incident;
 pub mod invariants;
@@ -10,9 +10,9 @@ use polyptych_core::{Cluster, Effect, Input, Micros};
 use serde::Serialize;
 use timeline::Timeline;
 
-use crate::record::decision::EffectDigest;
-use crate::record::ring::{RingError, RingReader};
-use crate::record::{InitialState, Record, Segment};
+use crate::recorder::effect_digest::EffectDigest;
+use crate::recorder::ring::{RingError, RingReader};
+use crate::recorder::{InitialState, Record, Segment};
 pub use timeline::{Event, Summary};
 
 /// What came of a replay.
@@ -59,7 +59,7 @@ pub struct Divergence {
     pub at_s: f64,
     /// Which input of the part, from 1.
     pub number: u64,
-    /// What the brain was told.
+    /// What the core was told.
     pub input: String,
     /// What was decided then.
     pub recorded: String,
@@ -67,7 +67,7 @@ pub struct Divergence {
     pub replayed: String,
 }
 
-/// A brain on its way through a part.
+/// A core on its way through a part.
 struct Replayer {
     cluster: Cluster,
     timeline: Timeline,
@@ -220,7 +220,7 @@ impl Replayer {
         Self { cluster, timeline, invariants, part, inputs: 0, last: None }
     }
 
-    /// Tells the brain; gives the invariant that this has broken, if one.
+    /// Tells the core; gives the invariant that this has broken, if one.
     fn tell(&mut self, now: Micros, input: Input) -> Option<String> {
         self.inputs += 1;
         let (outputs, refusal) = tell(&mut self.cluster, now, input.clone());
@@ -252,8 +252,8 @@ impl Replayer {
     }
 }
 
-/// Tells a brain something; gives what came of it.
+/// Tells a core something; gives what came of it.
 fn tell(cluster: &mut Cluster, now: Micros, input: Input) -> (Vec<Effect>, Option<String>) {
     let refusal = cluster.handle(now, input).err();
-    (std::iter::from_fn(|| cluster.poll_output()).collect(), refusal)
+    (std::iter::from_fn(|| cluster.poll_effect()).collect(), refusal)
 }

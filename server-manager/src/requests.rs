@@ -1,4 +1,4 @@
-//! Requests that wait for the brain: a queue for each client, served in turn within a budget, so
+//! Requests that wait for the core: a queue for each client, served in turn within a budget, so
 //! that however much clients ask, servers are heard first and frames go on.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -17,7 +17,7 @@ pub(crate) const REQUEST_BYTES_MIN: usize = 128;
 /// Length of a budget's period, in microseconds.
 const PERIOD: Micros = 10_000;
 
-/// Maximum time of the brain for all clients in a period, in microseconds: frames and servers have
+/// Maximum time of the core for all clients in a period, in microseconds: frames and servers have
 /// the rest.
 const TIME_PER_PERIOD: Micros = 3_000;
 
@@ -110,7 +110,7 @@ impl Turns {
         Some((found, asked))
     }
 
-    /// Notes what serving took of the brain's time, in microseconds.
+    /// Notes what serving took of the core's time, in microseconds.
     pub fn spend(&mut self, time: Micros) {
         self.spent += time;
     }

@@ -1,12 +1,12 @@
-//! Gives the brain sockets and a clock: accepts connections, carries messages, ends in order.
+//! Gives the core sockets and a clock: accepts connections, carries messages, ends in order.
 
-mod beginning;
 mod capturing;
 mod clients;
-mod ending;
 mod importing;
+mod metrics_snapshot;
 mod network;
-mod sample;
+mod shutdown;
+mod startup;
 
 use std::collections::BTreeMap;
 use std::future::Future;
@@ -17,35 +17,35 @@ use std::time::Duration;
 use clients::{ClientSeat, progress_of, wait_for_news};
 use importing::{Baking, Imported};
 use network::Network;
-use polyptych_core::repetition::LogLimiter;
+use polyptych_core::log_limiter::LogLimiter;
 use polyptych_core::{self, ClientRequest, Effect, Input, Micros, SessionId};
 use polyptych_files::blob::BlobStore;
 use polyptych_protocol::command::{Command, Goodbye};
+use polyptych_protocol::credentials::{Credentials, CredentialsError};
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::ids::Epoch;
-use polyptych_protocol::keys::{Credentials, CredentialsError};
 use polyptych_wall::Wall;
 use tokio::sync::{Semaphore, mpsc};
 use tokio::time::Instant;
 
-use crate::brain::RecordedCluster;
+use crate::authenticator::Authenticator;
 use crate::bulk::{BlobAllowlist, PictureOf};
 use crate::capture::{CaptureBudget, CaptureJob, GeometryCache};
-use crate::gate::Authenticator;
 use crate::import::Baker;
-use crate::memory::keeper::Keeper;
-use crate::record::Recorder;
+use crate::recorded_cluster::RecordedCluster;
+use crate::recorder::Recorder;
 use crate::requests::Turns;
 use crate::server_session::ServerHandle;
 use crate::session::{EVENTS_MAX, Event};
+use crate::state_file::keeper::Keeper;
 use crate::traffic::Traffic;
-use crate::{door, memory, metrics};
+use crate::{acceptor, metrics, state_file};
 
 /// Events that are handled in one turn, before timers are looked at again.
 const EVENTS_PER_TURN: usize = 64;
 
-/// Turns of full queues after which the brain is told of the time all the same.
+/// Turns of full queues after which the core is told of the time all the same.
 const BUSY_TURNS_MAX: u32 = 16;
 
 /// Maximum number of pieces of pictures that wait, each of at most a mebibyte.
@@ -73,7 +73,7 @@ pub struct ManagerOptions {
     pub memory: Option<PathBuf>,
     /// Whether the mouse over a window of a server moves the wall's camera.
     pub is_navigable: bool,
-    /// Where all that the brain is told is recorded, if anywhere.
+    /// Where all that the core is told is recorded, if anywhere.
     pub recorder: Option<Recorder>,
     /// Where metrics are read over HTTP, if anywhere.
     pub metrics: Option<std::net::TcpListener>,
@@ -115,7 +115,7 @@ pub async fn run(
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), ManagerError> {
     if let Some(path) = &options.memory {
-        memory::check_writable(path).map_err(ManagerError::State)?;
+        state_file::check_writable(path).map_err(ManagerError::State)?;
     }
     if let Some(file) = options.wall.files.iter().find(|file| file.blob.is_none()) {
         return Err(ManagerError::WallFile(file.path.clone()));
@@ -129,8 +129,8 @@ pub async fn run(
     let metrics = options.metrics.take().map(|at| metrics::start(at, events.clone()));
     let metrics = metrics.transpose().map_err(ManagerError::Metrics)?;
     let mut hub = EventLoop::new(options, epoch, events)?;
-    let door = door::AcceptContext {
-        refusals: door::RejectionLog::new(),
+    let door = acceptor::AcceptContext {
+        refusals: acceptor::RejectionLog::new(),
         gate: Authenticator::new(hub.options.token.clone(), keys, &hub.options.wall),
         events: hub.events.clone(),
         pictures: hub.pictures_of_servers.0.clone(),
@@ -163,7 +163,7 @@ fn load_keys(folder: &Path) -> Result<Credentials, CredentialsError> {
     Ok(keys)
 }
 
-/// The brain and what it holds on to.
+/// The core and what it holds on to.
 struct EventLoop {
     options: ManagerOptions,
     cluster: RecordedCluster,
@@ -209,7 +209,7 @@ impl EventLoop {
         let allowed = BlobAllowlist::default();
         allowed.allow(&options.wall.blobs().collect::<Vec<_>>());
         let blobs = BlobStore::new(options.baker.store.join("blobs"));
-        let (cluster, state) = beginning::start_cluster(&mut options, epoch, &allowed);
+        let (cluster, state) = startup::start_cluster(&mut options, epoch, &allowed);
         let keeper = state.map(Keeper::of).transpose().map_err(ManagerError::Thread)?;
         Ok(Self {
             cluster,
@@ -292,7 +292,7 @@ impl EventLoop {
         }
     }
 
-    /// Tells the brain of the time, unless servers have reports waiting: whoever reports in time is
+    /// Tells the core of the time, unless servers have reports waiting: whoever reports in time is
     /// neither late nor silent because the manager was busy.
     fn pass_time(&mut self, is_idle: bool) {
         self.busy_turns = if is_idle { 0 } else { self.busy_turns + 1 };
@@ -342,7 +342,7 @@ impl EventLoop {
         match event {
             Event::ServerJoins { hello, address, link, verdict } => {
                 let session = self.new_session();
-                // The link must be there before the brain's first command.
+                // The link must be there before the core's first command.
                 self.servers.insert(session, link);
                 let input = Input::Server { session, hello, address };
                 let joined = self.cluster.handle(now, input);
@@ -375,7 +375,7 @@ impl EventLoop {
         }
     }
 
-    /// Tells the brain what it cannot refuse.
+    /// Tells the core what it cannot refuse.
     fn tell(&mut self, now: Micros, input: Input) {
         // Only servers are refused, where they join.
         let _ = self.cluster.handle(now, input);
@@ -386,7 +386,7 @@ impl EventLoop {
         if let Some(link) = self.servers.remove(&session) {
             link.close.cancel();
             self.tell(now, Input::ServerGone { session, reason: reason.to_owned() });
-            // Where the brain has let it go, it does not know them any more.
+            // Where the core has let it go, it does not know them any more.
             for (_, collection) in &mut self.collections {
                 collection.mark_missing(&link.channels, reason);
             }
@@ -394,9 +394,9 @@ impl EventLoop {
         self.forget_client(now, session, reason);
     }
 
-    /// Does what the brain wants done.
+    /// Does what the core wants done.
     fn carry_out(&mut self) {
-        while let Some(output) = self.cluster.poll_output() {
+        while let Some(output) = self.cluster.poll_effect() {
             match output {
                 Effect::Command { to, bytes } => {
                     let frame = polyptych_codec::framed(&bytes);

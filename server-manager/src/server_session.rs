@@ -1,6 +1,6 @@
 //! A render server's control connection.
 //!
-//! What the brain sends goes straight to the socket where nothing waits before it: waking a task
+//! What the core sends goes straight to the socket where nothing waits before it: waking a task
 //! for each of 64 servers would cost more than the barrier itself. Over TLS the writer's task
 //! encrypts, and all goes through it.
 
@@ -13,10 +13,10 @@ use bytes::{Bytes, BytesMut};
 use futures_util::StreamExt;
 use polyptych_core::{Micros, SessionId};
 use polyptych_protocol::command::{Command, Goodbye};
-use polyptych_protocol::connection::{self, MessageStream};
 use polyptych_protocol::handshake::{Proof, ServerHello};
+use polyptych_protocol::handshake_io::{self, MessageStream};
 use polyptych_protocol::identity::NodeIdentity;
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::stream::Stream;
 use polyptych_wall::ChannelId;
 use tokio::io::{AsyncRead, AsyncWriteExt, WriteHalf};
@@ -26,10 +26,10 @@ use tokio::time::Instant;
 use tokio_util::codec::{FramedParts, FramedRead, LengthDelimitedCodec};
 use tokio_util::sync::CancellationToken;
 
-use crate::door::AcceptContext;
+use crate::acceptor::AcceptContext;
 use crate::session::{DRAIN_TIME_MAX, Event, OUTBOX_MESSAGES_MAX};
 
-/// The brain's end of a server's connection. Only the brain sends.
+/// The core's end of a server's connection. Only the core sends.
 #[derive(Debug)]
 pub(crate) struct ServerHandle {
     pub outbox: mpsc::Sender<Bytes>,
@@ -44,7 +44,7 @@ pub(crate) struct ServerHandle {
     server: String,
 }
 
-/// The way to the socket, which the brain and the writer share.
+/// The way to the socket, which the core and the writer share.
 #[derive(Debug, Default)]
 struct DirectWriter {
     /// There once the peer was welcomed, where it is plain TCP.
@@ -83,7 +83,7 @@ impl ServerHandle {
                 Ok(written) if written == frame.len() => return true,
                 Ok(written) => rest = frame.slice(written..),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-                // The reader finds out why, and tells the brain.
+                // The reader finds out why, and tells the core.
                 Err(_) => return true,
             }
         }
@@ -179,7 +179,7 @@ async fn write_encrypted(
         // TLS tells the peer that this end is meant.
         half.shutdown().await
     };
-    // Where it fails the reader finds out why, and tells the brain.
+    // Where it fails the reader finds out why, and tells the core.
     tokio::select! {
         _ = work => {}
         () = drained(&close) => {}
@@ -216,7 +216,7 @@ fn goodbye(fault: &str) -> Bytes {
     polyptych_codec::framed(&polyptych_codec::encode(&Command::Goodbye(Goodbye::closed(fault))))
 }
 
-/// Serves one connection until it ends, and tells the brain why it did.
+/// Serves one connection until it ends, and tells the core why it did.
 pub(crate) async fn serve(
     (mut frames, proof): (MessageStream<Stream>, Proof),
     hello: ServerHello,
@@ -234,7 +234,7 @@ pub(crate) async fn serve(
     let session = match answer.await {
         Ok(Ok(welcome)) => {
             let session = SessionId(welcome.session);
-            if connection::accept(&mut frames, welcome, proof).await.is_err() {
+            if handshake_io::accept(&mut frames, welcome, proof).await.is_err() {
                 let reason = "the connection failed during the handshake".to_owned();
                 let _ = events.send(Event::Gone { session, reason }).await;
                 return;
@@ -246,14 +246,14 @@ pub(crate) async fn serve(
                 let peer = address;
                 tracing::warn!(%peer, server = name, reason, times, "a server is refused");
             }
-            let _ = connection::reject(&mut frames, reason).await;
+            let _ = handshake_io::reject(&mut frames, reason).await;
             return;
         }
         Err(_) => return,
     };
     let reason =
         converse(frames, Ears { session, events: &events, started }, lane, outbox, close).await;
-    // The brain may be gone already; then nobody needs to know.
+    // The core may be gone already; then nobody needs to know.
     let _ = events.send(Event::Gone { session, reason }).await;
 }
 
@@ -304,7 +304,7 @@ async fn converse(
 /// Why a connection ended that this end has closed.
 const CLOSED: &str = "the manager closed the connection";
 
-/// Tells the brain what the server says, until there is no more to hear; says why.
+/// Tells the core what the server says, until there is no more to hear; says why.
 ///
 /// # Errors
 /// What the server did that it must not.

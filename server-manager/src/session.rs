@@ -1,4 +1,4 @@
-//! What all connections have in common: an outbox with a limit, and a way to the brain.
+//! What all connections have in common: an outbox with a limit, and a way to the core.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -9,7 +9,7 @@ use futures_util::SinkExt;
 use polyptych_core::SessionId;
 use polyptych_protocol::handshake::{ServerHello, Welcome};
 use polyptych_protocol::identity::NodeIdentity;
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::stream::Stream;
 use tokio::io::WriteHalf;
 use tokio::sync::{mpsc, oneshot};
@@ -23,13 +23,13 @@ use crate::server_session::ServerHandle;
 /// 60 frames per second has 240; a peer beyond this reads too slowly and is let go.
 pub(crate) const OUTBOX_MESSAGES_MAX: usize = 512;
 
-/// Most events that wait for the brain: it handles one in microseconds.
+/// Most events that wait for the core: it handles one in microseconds.
 pub(crate) const EVENTS_MAX: usize = 1024;
 
 /// How long a closed connection may still send what waits for it.
 pub(crate) const DRAIN_TIME_MAX: Duration = Duration::from_millis(300);
 
-/// What connections tell the brain.
+/// What connections tell the core.
 #[derive(Debug)]
 pub(crate) enum Event {
     ServerJoins {
@@ -83,7 +83,7 @@ const STALL_TIME_MAX: Duration = Duration::from_secs(10);
 /// [`MESSAGE_BYTES_MAX`]: polyptych_protocol::limits::MESSAGE_BYTES_MAX
 pub(crate) const ANSWER_BYTES_MAX: usize = 256 << 10;
 
-/// The brain's end of a client's connection.
+/// The core's end of a client's connection.
 #[derive(Clone, Debug)]
 pub(crate) struct ClientHandle {
     pub outbox: mpsc::Sender<Bytes>,

@@ -1,6 +1,6 @@
-//! Every incident that was kept: the brain of today is told the same, and the invariants hold.
+//! Every incident that was kept: the core of today is told the same, and the invariants hold.
 //!
-//! `polyptych replay FILE --keep NAME` adds one. Decisions are not compared: a brain that is
+//! `polyptych replay FILE --keep NAME` adds one. Decisions are not compared: a core that is
 //! changed on purpose decides in another way. Where the messages have changed, a line can be
 //! mended by hand.
 

@@ -12,9 +12,9 @@ use polyptych_baker::{BakeCache, Progress, bake};
 use polyptych_text::counted;
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
-use super::drive::say_notes;
+use super::remote::say_notes;
 use super::say;
-use crate::{log, progress};
+use crate::{logging, progress};
 
 /// How much less important than a frame a bake is, on the scale of nice(1).
 const NICENESS: i32 = 10;
@@ -141,7 +141,7 @@ pub(super) fn limit_memory(mib: u64) -> anyhow::Result<()> {
     let current = maximum.map_or(wanted, |maximum| wanted.min(maximum));
     if current < wanted {
         let allowed = current >> 20;
-        log::say_warning(&format!(
+        logging::say_warning(&format!(
             "the baker has {allowed} MiB of address space instead of {mib} MiB, as the system \
              allows this user no more (ulimit -v)"
         ));
@@ -189,8 +189,8 @@ fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Re
         // Some steps on millions of vertices take seconds and look at nothing. Blobs appear whole
         // or not at all, so the store bears an end at any moment.
         std::thread::sleep(CANCEL_TIME_MAX);
-        log::say_failure("bake", "error: interrupted");
-        log::finish();
+        logging::say_failure("bake", "error: interrupted");
+        logging::finish();
         std::process::exit(1);
     };
     let watcher = std::thread::Builder::new().name("interrupt".into()).spawn(watch);

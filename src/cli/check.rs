@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use polyptych_wall::shapes::ResolvedWall;
-use polyptych_wall_file::table::CheckReport;
+use polyptych_wall::wall_geometry::ResolvedWall;
+use polyptych_wall_file::check_report::CheckReport;
 
 use super::{WallFiles, bake_files, manager, say};
 

@@ -8,7 +8,7 @@ use polyptych_wall::Wall;
 use polyptych_wall::limits::NAME_BYTES_MAX;
 
 use super::{load_wall, say};
-use crate::authority::{CertificateAuthority, IssueOutcome};
+use crate::certificate_authority::{CertificateAuthority, IssueOutcome};
 
 /// The client that every wall has: whoever types commands.
 const CLIENT_DEFAULT: &str = "operator";

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::{log, progress};
+use crate::{logging, progress};
 
 /// Time between two lines; what is done sooner says nothing.
 const LINE_PERIOD: Duration = Duration::from_secs(2);
@@ -27,7 +27,7 @@ pub(super) enum ProgressReport {
 impl ProgressReport {
     /// Begins to say how far the command has come.
     pub fn start() -> Self {
-        if log::is_json() {
+        if logging::is_json() {
             return Self::Silent;
         }
         if !std::io::stderr().is_terminal() {
@@ -113,7 +113,7 @@ impl Shared {
             }
             if state.newest != said {
                 said.clone_from(&state.newest);
-                log::say_progress(&said);
+                logging::say_progress(&said);
             }
         }
     }

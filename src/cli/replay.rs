@@ -6,14 +6,14 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, bail};
-use polyptych_manager::record::ring::RingReader;
+use polyptych_manager::recorder::ring::RingReader;
 use polyptych_manager::replay::incident::{Incident, TimeRange};
 use polyptych_manager::replay::{ReplayReport, ReplayRun, replay};
 use polyptych_text::{counted, printable};
 use time::OffsetDateTime;
 
 use super::say;
-use crate::{log, outputs};
+use crate::{logging, outputs};
 
 /// Where incidents are kept for the tests of a checkout.
 const INCIDENTS: &str = "server-manager/tests/incidents";
@@ -115,7 +115,7 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
     outputs::write(&path, text.as_bytes())?;
     if left_out > 0 {
         let inputs = counted(left_out, "input");
-        log::say_warning(&format!("left out: {inputs} with numbers that text cannot hold"));
+        logging::say_warning(&format!("left out: {inputs} with numbers that text cannot hold"));
     }
     let inputs = counted(text.lines().count() - 1, "input");
     match incident.check() {

@@ -17,7 +17,7 @@ use polyptych_text::{counted, printable};
 
 use super::progress::ProgressReport;
 use super::say;
-use crate::log;
+use crate::logging;
 
 /// What `polyptych --help` says of exit codes.
 pub(super) const EXIT_CODES: &str = "\
@@ -152,11 +152,11 @@ impl Seen {
         }
         for Missing { name, why } in self.missing.iter().take(NAMED_MAX) {
             let Self { lacks, frame, .. } = self;
-            log::say_warning(&format!("channel {name} {lacks} {frame}: {why}"));
+            logging::say_warning(&format!("channel {name} {lacks} {frame}: {why}"));
         }
         if let Some(more @ 1..) = self.missing.len().checked_sub(NAMED_MAX) {
             let more = counted(more, "more channel");
-            log::say_warning(&format!("{more} of the same kind; see: polyptych status"));
+            logging::say_warning(&format!("{more} of the same kind; see: polyptych status"));
         }
         ExitCode::from(NOT_SEEN)
     }

@@ -8,8 +8,8 @@ use std::process::Command;
 use std::time::Duration;
 
 use anyhow::{anyhow, bail};
+use polyptych_protocol::credentials::{Credentials, CredentialsError};
 use polyptych_protocol::identity::NodeIdentity;
-use polyptych_protocol::keys::{Credentials, CredentialsError};
 use polyptych_protocol::stream::check_addresses;
 use polyptych_protocol::token;
 use polyptych_render::{

@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_client::{Bounds, Camera, fit_bounds, orbit};
-use polyptych_manager::record::Recorder;
+use polyptych_manager::recorder::Recorder;
 use polyptych_text::counted;
 use polyptych_wall::Wall;
 
-use super::drive::{open_scene, say_notes};
 use super::progress::ProgressReport;
+use super::remote::{open_scene, say_notes};
 use super::seen::Seen;
 use super::{
     bake_files, cache_folder, exposure, load_wall, log_file_warnings, manager, rate, say, seconds,
@@ -21,9 +21,9 @@ use super::{
 use crate::simulator::ending::Ending;
 use crate::simulator::faults::{self, Fault, FaultHooks, Faults};
 use crate::simulator::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
-use crate::simulator::prove::ReferenceScene;
-use crate::simulator::report::RunReport;
-use crate::{log, outputs, pictures, progress};
+use crate::simulator::run_report::RunReport;
+use crate::simulator::verify::ReferenceScene;
+use crate::{image_files, logging, outputs, progress};
 
 /// Frames of a run, where nothing else is said.
 const FRAMES_DEFAULT: u64 = 60;
@@ -134,7 +134,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         // What failed then failed for that reason.
         Some(ending) if !local.end.is_reported() => broken_off(ending),
         Some(Ending::Interrupted) => driven.map(|_| {
-            log::say_failure("simulate", "interrupted");
+            logging::say_failure("simulate", "interrupted");
             ExitCode::from(INTERRUPTED)
         }),
         Some(Ending::WindowClosed) | None => driven,
@@ -161,7 +161,7 @@ fn screen_file(name: &str) -> String {
 fn broken_off(ending: Ending) -> anyhow::Result<ExitCode> {
     let text = format!("{ending} before the first frame was drawn: there is no report");
     if ending == Ending::Interrupted {
-        log::say_failure("simulate", &text);
+        logging::say_failure("simulate", &text);
         return Ok(ExitCode::from(INTERRUPTED));
     }
     say(text)?;
@@ -204,16 +204,16 @@ fn drive(
     let capture = client.capture()?;
     for picture in &capture.channels {
         let path = arguments.out.join(channel_file(&picture.name));
-        pictures::save_png(&path, &pictures::to_image(picture)?)?;
+        image_files::save_png(&path, &image_files::to_image(picture)?)?;
     }
     if capture.screens.len() > 1 {
         for picture in &capture.screens {
             let path = arguments.out.join(screen_file(&picture.name));
-            pictures::save_png(&path, &pictures::to_image(picture)?)?;
+            image_files::save_png(&path, &image_files::to_image(picture)?)?;
         }
     }
-    let whole = pictures::side_by_side(&capture.screens)?;
-    pictures::save_png(&arguments.out.join(WALL_PICTURE), &whole)?;
+    let whole = image_files::side_by_side(&capture.screens)?;
+    image_files::save_png(&arguments.out.join(WALL_PICTURE), &whole)?;
     let seen = Seen::in_pictures(&capture).and_never_shown(&statistics);
     let mut report = RunReport::new(&wall.name, &summary, statistics);
     report.ended = ending.into();

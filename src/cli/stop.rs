@@ -4,7 +4,7 @@ use anyhow::bail;
 use polyptych_text::counted;
 
 use super::{ManagerAddress, say};
-use crate::log;
+use crate::logging;
 
 /// Displays say that the wall was stopped; servers wait for the next manager. Ctrl-C and SIGTERM of
 /// a manager leave the last frame with "manager stopped since", as it may be started again at once.
@@ -32,7 +32,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     say(format_args!("the manager of wall {wall} ends, and {count} with it"))?;
     if !stopped.absent.is_empty() {
         let names = stopped.absent.join(", ");
-        log::say_warning(&format!("not connected, so not told to end: {names}"));
+        logging::say_warning(&format!("not connected, so not told to end: {names}"));
     }
     if stopped.silent.is_empty() {
         return Ok(());

@@ -19,7 +19,7 @@ use std::process::ExitCode;
 
 use anyhow::anyhow;
 use polyptych_text::counted;
-use polyptych_wall_file::table::CheckReport;
+use polyptych_wall_file::check_report::CheckReport;
 
 use super::say;
 use crate::outputs;

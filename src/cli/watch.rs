@@ -4,9 +4,9 @@
 //! object a second.
 
 mod rates;
-mod screen;
-mod source;
+mod status_poller;
 mod table;
+mod terminal;
 
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::Arc;
@@ -16,8 +16,8 @@ use std::time::{Duration, Instant};
 use polyptych_client::WallStatus;
 
 use super::{ManagerAddress, shutdown_signal};
-use screen::Terminal;
-use source::{Latest, StatusPoller};
+use status_poller::{Latest, StatusPoller};
+use terminal::Terminal;
 
 /// Between two looks at keys and news: quick for a hand, idle for a processor.
 const LOOK_PERIOD: Duration = Duration::from_millis(50);

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use indicatif::TermLike;
 
-use crate::log;
+use crate::logging;
 
 /// Columns of a terminal that does not say how many it has.
 const COLUMNS_DEFAULT: u16 = 80;
@@ -63,7 +63,7 @@ impl TermLike for ProgressTerminal {
 
     fn flush(&self) -> io::Result<()> {
         let bytes = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
-        log::draw(&bytes);
+        logging::draw(&bytes);
         Ok(())
     }
 }

@@ -19,7 +19,7 @@ use glam::{DVec2, DVec3, UVec2};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions, Pacing, Quantiles};
 use polyptych_manager::import::Baker;
-use polyptych_manager::record::Recorder;
+use polyptych_manager::recorder::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::identity::NodeIdentity;
 use polyptych_wall::surface::Plane;

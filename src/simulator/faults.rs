@@ -1,9 +1,9 @@
 //! Faults on purpose: what is to go wrong in a simulated wall goes wrong at its frame, and what
 //! came of it is recorded.
 
+mod fault_proxy;
 mod plan;
 mod record;
-mod relay;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -18,10 +18,10 @@ use polyptych_wall::Wall;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::simulator::local_wall::LocalWall;
+pub(crate) use fault_proxy::FaultProxy;
 pub(crate) use plan::{Fault, FaultKind, parse};
 pub(crate) use record::FaultRecord;
 use record::{FaultEnd, FaultEvent, FaultRecorder};
-pub(crate) use relay::FaultProxy;
 
 /// Faults that wait for their end at once; a wall with more of them under way learns nothing.
 const ENDS_MAX: usize = 64;

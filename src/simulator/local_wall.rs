@@ -12,13 +12,13 @@ use anyhow::{Context, bail};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions};
 use polyptych_manager::import::Baker;
-use polyptych_manager::record::Recorder;
+use polyptych_manager::recorder::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::token;
 use polyptych_wall::Wall;
 use tokio_util::sync::CancellationToken;
 
-use crate::log;
+use crate::logging;
 use crate::simulator::ending::{EndRequest, Ending};
 use crate::simulator::faults::{FaultHooks, FaultProxy};
 use crate::simulator::supervise::{ChildCommand, ChildState, OnLine, Supervisor};
@@ -266,7 +266,7 @@ fn server_commands(
             arguments.extend(["--channel", channel].map(OsString::from));
         }
         arguments.push(if windows { "--window" } else { "--headless" }.into());
-        arguments.extend(["--log".into(), log::of_children().into()]);
+        arguments.extend(["--log".into(), logging::of_children().into()]);
         let mut environment: Vec<(OsString, OsString)> =
             vec![(token::TOKEN_FILE_VARIABLE.into(), token_file.into())];
         // Drivers complain once for each process where this is missing, as it is in containers.
@@ -298,8 +298,8 @@ fn end_on_interrupt(end: &Arc<EndRequest>, folder: &Path) -> anyhow::Result<()> 
         runtime.block_on(crate::cli::shutdown_signal(false));
         end.request(Ending::Interrupted);
         runtime.block_on(crate::cli::shutdown_signal(false));
-        log::say_failure("simulate", "interrupted again: ending at once");
-        log::finish();
+        logging::say_failure("simulate", "interrupted again: ending at once");
+        logging::finish();
         // The token is in it. Children end when their standard input does.
         let _ = std::fs::remove_dir_all(folder);
         std::process::exit(i32::from(INTERRUPTED));

@@ -17,10 +17,11 @@ mod boat;
 mod building;
 mod canvas;
 mod color;
-mod cover;
 mod facade;
+mod facade_wall;
 mod glb;
-mod ground;
+mod ground_textures;
+mod heightfield;
 mod lamp;
 mod landmark;
 mod material;
@@ -32,8 +33,7 @@ mod terrain;
 #[cfg(test)]
 mod tests;
 mod tree;
-mod turn;
-mod wall;
+mod trig;
 mod water;
 
 use std::error::Error;
@@ -42,7 +42,7 @@ use std::fmt;
 use block::{Block, Shared};
 use glam::{DVec3, Vec3};
 use glb::{Glb, Node, Placement};
-use ground::{Heightfield, rim_cells};
+use heightfield::{Heightfield, rim_cells};
 use terrain::GroundCover;
 use tree::Tree;
 

@@ -12,14 +12,14 @@ use std::time::Instant;
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, UVec2};
 use polyptych_baker::{self, BakeCache};
 use polyptych_files::blob::BlobHash;
-use polyptych_render::apply;
+use polyptych_render::frame_views;
 use polyptych_renderer::{
     self, AtlasViewDesc, BlendMapDesc, Correction, CorrectionDesc, EyeAtlas, Gpu, GpuScene,
     ImageEncoding, Renderer, SceneBuilder, Target, ViewDesc, WarpVertexDesc,
 };
 use polyptych_wall::camera::Camera;
-use polyptych_wall::source::ViewAtlas;
 use polyptych_wall::surface::{Cylinder, Surface};
+use polyptych_wall::view_atlas::ViewAtlas;
 use polyptych_wall::warp_mesh::{TessellationOptions, WarpMesh};
 
 const SIZE: [u32; 2] = [1920, 1080];
@@ -235,5 +235,5 @@ fn open(gpu: &Gpu, path: &Path) -> Result<(GpuScene, Camera), Failure> {
             builder.upload_primitive(gpu, mesh, primitive, &read(of_primitive.blob)?)?;
         }
     }
-    Ok((builder.finish(gpu)?, apply::warm_up_camera(&manifest)))
+    Ok((builder.finish(gpu)?, frame_views::warm_up_camera(&manifest)))
 }

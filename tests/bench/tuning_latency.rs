@@ -11,8 +11,8 @@ use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
 use polyptych_client::blocking::Client;
+use polyptych_client::calibration_change::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_client::glam::{DVec2, DVec3};
-use polyptych_client::tuning::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_client::{ChannelState, ConnectOptions};
 
 /// Each change is made so often.

@@ -10,7 +10,7 @@ use polyptych_baker::{BakeCache, bake};
 use polyptych_client::{Bounds, Camera, OutputMode, Wall};
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
-use polyptych_render::apply;
+use polyptych_render::frame_views;
 use polyptych_renderer::{GpuScene, Renderer, SceneBuilder, Target, ViewDesc, read_pixels};
 use polyptych_wall::ChannelId;
 use polyptych_wall::view::View;
@@ -68,7 +68,7 @@ impl RenderFixture {
     /// What a channel shows.
     pub fn channel(&mut self, wall: &Wall, id: ChannelId, camera: Camera) -> RgbaImage {
         let size = wall.channel(id).expect("a channel").size;
-        let views = apply::views(wall, id, &frame(wall, camera)).expect("views");
+        let views = frame_views::views(wall, id, &frame(wall, camera)).expect("views");
         self.draw(size, &views)
     }
 }

@@ -8,11 +8,11 @@ use std::time::Duration;
 
 use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::command::{Command, Frame, Prepare};
-use polyptych_protocol::connection::send_hello;
 use polyptych_protocol::handshake::{Adapter, Hello, Role, Secret, ServerHello};
+use polyptych_protocol::handshake_io::send_hello;
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
-use polyptych_protocol::log::Replica;
-use polyptych_protocol::status::{FrameRendered, Ping, Prepared, ServerMessage};
+use polyptych_protocol::server_message::{FrameRendered, Ping, Prepared, ServerMessage};
+use polyptych_protocol::state_log::Replica;
 use polyptych_protocol::token;
 use polyptych_wall::ChannelId;
 use tokio::io::AsyncWriteExt;

@@ -10,12 +10,12 @@ use std::time::{Duration, Instant};
 
 use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, ChannelState, Pacing, Request};
-use polyptych_protocol::connection::send_hello;
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
+use polyptych_protocol::handshake_io::send_hello;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::RequestMessage;
 use polyptych_protocol::token;
-use polyptych_wall::tuning::{CalibrationChange, Offset};
+use polyptych_wall::calibration_change::{CalibrationChange, Offset};
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, tiled};
 use crate::harness::place::TestDir;

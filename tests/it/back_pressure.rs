@@ -6,8 +6,8 @@ use std::path::Path;
 
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, Pacing};
-use polyptych_protocol::connection::{MessageStream, send_hello};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
+use polyptych_protocol::handshake_io::{MessageStream, send_hello};
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::{Request, RequestMessage};
 use polyptych_protocol::token;

@@ -6,7 +6,7 @@ use glam::DVec3;
 use image::{RgbaImage, imageops};
 use polyptych_client::Camera;
 use polyptych_client::blocking::Client;
-use polyptych_render::apply;
+use polyptych_render::frame_views;
 use polyptych_wall::ChannelId;
 
 use crate::harness::local_wall::{LocalWall, of_repository, screen_of, shot};
@@ -70,14 +70,15 @@ fn check_oracle(path: &Path) {
     let canvas = single.screens[0].canvas;
     let mut stage = RenderFixture::new(path);
     for (number, camera) in poses(&stage.bounds).into_iter().enumerate() {
-        let views = apply::views(&single, ChannelId(0), &frame(&single, camera)).expect("views");
+        let views =
+            frame_views::views(&single, ChannelId(0), &frame(&single, camera)).expect("views");
         let expected = stage.draw(canvas, &views);
         assert!(color_count(&expected) > COLORS_MIN, "pose {number} shows nothing");
         for name in ["wall-2x2.toml", "wall-3x1.toml"] {
             let wall = of_repository(name);
             let mut stitched = RgbaImage::new(canvas.x, canvas.y);
             for (id, channel) in (0..).map(ChannelId).zip(&wall.channels) {
-                let mut tile = apply::views(&wall, id, &frame(&wall, camera)).expect("views");
+                let mut tile = frame_views::views(&wall, id, &frame(&wall, camera)).expect("views");
                 let [origin, size] = [channel.origin, channel.size];
                 for view in &mut tile {
                     let [x, y] = origin.as_dvec2().to_array();
@@ -122,12 +123,12 @@ fn a_triangle_over_all_tiles_and_behind_the_eye_has_no_seam() {
     // others goes aslant through the middle, where all tiles meet.
     let (eye, target) = (DVec3::new(0.0, 0.0, 0.4), DVec3::new(1.0, 1.0, 0.3));
     let camera = Camera::look_at(eye, target, DVec3::new(1.0, -1.0, 1.4));
-    let views = apply::views(&single, ChannelId(0), &frame(&single, camera)).expect("views");
+    let views = frame_views::views(&single, ChannelId(0), &frame(&single, camera)).expect("views");
     let expected = stage.draw(single.screens[0].canvas, &views);
     assert!(color_count(&expected) > 1, "the triangle is not seen");
     let mut stitched = RgbaImage::new(expected.width(), expected.height());
     for (id, channel) in (0..).map(ChannelId).zip(&wall.channels) {
-        let tile = apply::views(&wall, id, &frame(&wall, camera)).expect("views");
+        let tile = frame_views::views(&wall, id, &frame(&wall, camera)).expect("views");
         let drawn = stage.draw(channel.size, &tile);
         let [x, y] = channel.origin.to_array().map(i64::from);
         imageops::replace(&mut stitched, &drawn, x, y);

@@ -3,8 +3,8 @@
 use std::fs;
 
 use image::RgbaImage;
+use polyptych_client::calibration_change::{CalibrationChange, Corner, Offset};
 use polyptych_client::glam::DVec2;
-use polyptych_client::tuning::{CalibrationChange, Corner, Offset};
 use polyptych_client::{ChannelState, Pacing, Wall};
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};

@@ -5,7 +5,7 @@ use glam::{DVec3, UVec2};
 use image::{RgbaImage, imageops};
 use polyptych_client::{Area, Camera, HeadPose, View, ViewProjection, Wall};
 use polyptych_protocol::command::Frame;
-use polyptych_render::apply;
+use polyptych_render::frame_views;
 use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, ChannelId, Eye, Screen, Surface};
 
@@ -57,7 +57,7 @@ fn two_plans_over_four_tiles_are_what_two_displays_show() {
     let both = with_views(&wall, views.iter().map(|(view, _)| view.clone()).collect());
     let mut stitched = RgbaImage::new(CANVAS[0], CANVAS[1]);
     for (id, channel) in (0..).map(ChannelId).zip(&wall.channels) {
-        let tile = apply::views(&wall, id, &both).expect("views");
+        let tile = frame_views::views(&wall, id, &both).expect("views");
         let [x, y] = channel.origin.to_array().map(i64::from);
         imageops::replace(&mut stitched, &stage.draw(channel.size, &tile), x, y);
     }
@@ -65,7 +65,8 @@ fn two_plans_over_four_tiles_are_what_two_displays_show() {
         let size = UVec2::new(rect[2], rect[3]);
         let display = alone(&wall, size.to_array());
         let whole = View { area: Area::Wall, ..view.clone() };
-        let described = apply::views(&display, ChannelId(0), &with_views(&display, vec![whole]));
+        let described =
+            frame_views::views(&display, ChannelId(0), &with_views(&display, vec![whole]));
         let expected = stage.draw(size, &described.expect("views"));
         assert!(color_count(&expected) > 100, "view {number} shows nothing");
         let shown = part(&stitched, rect);
@@ -75,7 +76,7 @@ fn two_plans_over_four_tiles_are_what_two_displays_show() {
         let mut oracle = RgbaImage::new(size.x, size.y);
         let only = with_views(&wall, vec![view]);
         for (id, channel) in (0..).map(ChannelId).zip(&wall.channels) {
-            for mut tile in apply::views(&wall, id, &only).expect("views") {
+            for mut tile in frame_views::views(&wall, id, &only).expect("views") {
                 let whole_tile = [0, 0, channel.size.x, channel.size.y];
                 let [x, y, width, height] = tile.scissor.unwrap_or(whole_tile);
                 let at = UVec2::new(x, y) + channel.origin - UVec2::new(rect[0], rect[1]);
@@ -97,7 +98,7 @@ fn a_view_over_another_has_its_own_depth() {
     let base = View::of_wall(poses(&stage.bounds)[0]);
     let inset = View { area: Area::Screen { screen: 0, rect }, ..two_plans(&stage)[0].0.clone() };
     let mut draw = |views: Vec<View>| {
-        let described = apply::views(&wall, ChannelId(0), &with_views(&wall, views));
+        let described = frame_views::views(&wall, ChannelId(0), &with_views(&wall, views));
         stage.draw(UVec2::new(160, 88), &described.expect("views"))
     };
     let (below, above) = (draw(vec![base.clone()]), draw(vec![inset.clone()]));
@@ -137,13 +138,13 @@ fn each_eye_has_its_own_picture_and_near_things_are_apart() {
     let stereo = Frame { head, ..frame(&wall, Camera::IDENTITY) };
     let size = UVec2::from_array(CANVAS);
     let [left, right] = [(0, Eye::Left), (1, Eye::Right)].map(|(index, eye)| {
-        let drawn = apply::views(&wall, ChannelId(index), &stereo).expect("views");
+        let drawn = frame_views::views(&wall, ChannelId(index), &stereo).expect("views");
         let drawn = stage.draw(size, &drawn);
         // What one eye alone sees from there.
         let mono = tiled([1, 1], CANVAS);
         let moved = HeadPose::facing_forward(head.eye(eye), 0.0);
         let mono_frame = Frame { head: moved, ..frame(&mono, Camera::IDENTITY) };
-        let expected = apply::views(&mono, ChannelId(0), &mono_frame).expect("views");
+        let expected = frame_views::views(&mono, ChannelId(0), &mono_frame).expect("views");
         check("one eye", &drawn, &stage.draw(size, &expected), &IDENTICAL);
         drawn
     });

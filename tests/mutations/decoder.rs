@@ -1,5 +1,5 @@
 //! A million mutated frames, cut at random places, on two threads: framing, decoder, and behind
-//! it the manager's brain and the render server's state.
+//! it the manager's core and the render server's state.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::mpsc::sync_channel;
@@ -36,7 +36,7 @@ const HELD_PER_BYTE: u64 = 128;
 /// for each of two nested lists, which serde makes room for before their elements come.
 const HELD_ANYWAY: u64 = (64 << 10) + (2 << 20);
 
-/// Longest time for one message, decoder and brain together: thousands of times the usual, since
+/// Longest time for one message, decoder and core together: thousands of times the usual, since
 /// the machine may do something else meanwhile.
 const MESSAGE_TIME_MAX: Duration = Duration::from_secs(5);
 

@@ -5,7 +5,7 @@ use polyptych_protocol::command::{Command, Pong};
 use polyptych_protocol::handshake::Introduction;
 use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
 use polyptych_protocol::request::{Request, RequestMessage};
-use polyptych_protocol::status::{FrameRendered, ServerMessage};
+use polyptych_protocol::server_message::{FrameRendered, ServerMessage};
 use polyptych_wall::ChannelId;
 use polyptych_wall::limits::CANVAS_SIDE_MAX;
 

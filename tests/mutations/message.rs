@@ -7,7 +7,7 @@ use polyptych_protocol::bulk::{BulkToManager, BulkToServer};
 use polyptych_protocol::command::Command;
 use polyptych_protocol::handshake::{HelloReply as Greeting, Introduction};
 use polyptych_protocol::request::{MessageToClient, RequestMessage};
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
 use polyptych_scene::Scene;
 use serde::Serialize;
 

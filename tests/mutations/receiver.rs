@@ -9,23 +9,23 @@ use polyptych_protocol::bulk::BulkToManager;
 use polyptych_protocol::command::{Command, Frame};
 use polyptych_protocol::handshake::{Hello, Introduction};
 use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
-use polyptych_protocol::log::{Operation, Replica, SceneRef};
 use polyptych_protocol::request::{Request, SceneSummary};
-use polyptych_protocol::status::{FrameRendered, Prepared, ServerMessage};
+use polyptych_protocol::server_message::{FrameRendered, Prepared, ServerMessage};
+use polyptych_protocol::state_log::{Operation, Replica, SceneRef};
 use polyptych_scene::{Scene, SceneFeatures, Texture};
 use polyptych_wall::{ChannelId, Wall};
 
 use crate::message::Message;
 use crate::seeds::messages;
 
-/// Most outputs of the brain that may wait at once: one call asks for no more than a few things
+/// Most outputs of the core that may wait at once: one call asks for no more than a few things
 /// of every peer.
 const OUTPUTS_MAX: usize = 4096;
 
 /// The client that asks for frames, so that there is one on its way.
 const CLIENT: SessionId = SessionId(1000);
 
-/// A manager's brain, fed with what it could be sent.
+/// A manager's core, fed with what it could be sent.
 #[derive(Debug)]
 pub struct Receiver {
     wall: Wall,
@@ -124,7 +124,7 @@ impl Receiver {
         }
     }
 
-    /// Keeps the brain busy: a frame is asked for, and drawn by those that are sent it.
+    /// Keeps the core busy: a frame is asked for, and drawn by those that are sent it.
     fn order_frame(&mut self) {
         self.frames += 1;
         let request = Request::RenderFrame { camera: None, time_s: None };
@@ -132,16 +132,16 @@ impl Receiver {
         self.read();
     }
 
-    /// Takes what the brain wants done, and plays the peers that do it.
+    /// Takes what the core wants done, and plays the peers that do it.
     fn read(&mut self) {
         let mut read = 0;
-        while let Some(output) = self.cluster.poll_output() {
+        while let Some(output) = self.cluster.poll_effect() {
             read += 1;
-            assert!(read < OUTPUTS_MAX, "the brain does not come to an end: {output:?}");
+            assert!(read < OUTPUTS_MAX, "the core does not come to an end: {output:?}");
             match output {
                 Effect::Command { to, bytes } => {
                     let command = polyptych_protocol::framing::decode::<Command>(&bytes)
-                        .expect("the brain's own");
+                        .expect("the core's own");
                     self.sent.extend(to.into_iter().map(|server| (server, command.clone())));
                 }
                 Effect::Close { session, .. } => self.servers.retain(|server| *server != session),

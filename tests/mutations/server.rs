@@ -4,10 +4,10 @@
 use std::time::Duration;
 
 use polyptych_protocol::command::{Command, Frame, Prepare};
-use polyptych_protocol::log::Replica;
-use polyptych_render::apply;
+use polyptych_protocol::state_log::Replica;
 use polyptych_render::clock::ClockEstimate;
-use polyptych_render::playback::{FrameAction, FrameScheduler};
+use polyptych_render::frame_scheduler::{FrameAction, FrameScheduler};
+use polyptych_render::frame_views;
 use polyptych_renderer::SceneLayout;
 use polyptych_scene::Scene;
 use polyptych_wall::{ChannelId, Wall};
@@ -62,7 +62,7 @@ impl Server {
     fn draw(&self, frame: &Frame) {
         let wall = self.replica.wall.as_deref().unwrap_or(&self.wall);
         for id in wall.channel_ids().chain([ChannelId(u16::MAX)]) {
-            let Ok(views) = apply::views(wall, id, frame) else { continue };
+            let Ok(views) = frame_views::views(wall, id, frame) else { continue };
             let Some(channel) = wall.channel(id) else { continue };
             for view in views {
                 let Some([x, y, width, height]) = view.scissor else { continue };
@@ -89,7 +89,7 @@ impl Server {
 /// What a server does with a manifest before it asks for the blobs.
 pub fn show(scene: &Scene) {
     if scene.fault().is_none() {
-        let _ = apply::warm_up_camera(scene);
+        let _ = frame_views::warm_up_camera(scene);
         let layout = SceneLayout::new(scene.clone(), &|| false);
         assert!(layout.is_ok(), "{layout:?}");
     }

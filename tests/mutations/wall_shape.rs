@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use polyptych_files::blob::BlobHash;
 use polyptych_wall::blend::{ChannelMasks, blend_map};
-use polyptych_wall::maps::CalibrationMaps;
-use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
-use polyptych_wall::superposition::{DisplayImage, LightComposite, StereoEye};
+use polyptych_wall::calibration_maps::CalibrationMaps;
+use polyptych_wall::light_composite::{DisplayImage, LightComposite, StereoEye};
+use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
 use polyptych_wall::warp::{CalibrationMap, Mask};
 use polyptych_wall::{CalibrationFile, CalibrationFileKind, ChannelId, ChannelKind};
 

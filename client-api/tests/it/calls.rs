@@ -7,7 +7,7 @@ use polyptych_client::{
     Camera, ClientError, Digest, Epoch, FrameId, HeadPose, OPEN_REQUESTS_MAX, OpenProgress,
     OpenStage, OutputMode, Pacing, Quantiles, Request, RequestId, Response, Revision,
     SceneFeatures, SceneSummary, Statistics, TestPattern, Tuned, View, ViewState, Wall, WallStatus,
-    tuning::CalibrationChange,
+    calibration_change::CalibrationChange,
 };
 use polyptych_protocol::request::MessageToClient;
 

@@ -3,8 +3,8 @@
 use std::os::unix::fs::PermissionsExt;
 
 use polyptych_client::{Client, ClientError, ConnectOptions};
-use polyptych_protocol::connection::{Introduced, receive_hello, reject};
 use polyptych_protocol::handshake::{Preamble, Role, Secret};
+use polyptych_protocol::handshake_io::{Introduced, receive_hello, reject};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::net::TcpListener;
 
@@ -113,7 +113,7 @@ async fn other_programs_are_not_taken_for_a_manager() {
     assert!(error.contains("closed the connection during the handshake"), "{error}");
     let manager = [&Preamble::current(Role::Manager).to_bytes()[..], &[7; 32]].concat();
     let error = say(&[&manager[..], b"\x04\x00\x00\x00\xff\xff\xff\xff"].concat()).await;
-    assert!(error.contains("are not a Answer"), "{error}");
+    assert!(error.contains("are not a HelloReply"), "{error}");
     let error = say(&[&manager[..], b"\xff\xff\xff\x7f"].concat()).await;
     assert!(error.contains("frame size too big"), "{error}");
 }

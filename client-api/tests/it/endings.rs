@@ -67,7 +67,10 @@ async fn garbage_ends_the_connection_with_its_name() {
     let (error, sent) = tokio::join!(client.status(), script);
     sent.expect("sent");
     let error = error.expect_err("garbage").to_string();
-    assert!(error.contains("a message made no sense: these 40 bytes are not a Answer"), "{error}");
+    assert!(
+        error.contains("a message made no sense: these 40 bytes are not a MessageToClient"),
+        "{error}"
+    );
 
     // A length beyond every limit is refused before anything is allocated for it.
     let (client, mut manager) = pair().await;

@@ -5,8 +5,8 @@ use futures_util::{SinkExt, StreamExt};
 use polyptych_client::{
     Client, ConnectOptions, Epoch, FrameFeedback, FrameId, Request, RequestId, Response, Revision,
 };
-use polyptych_protocol::connection::{Introduced, MessageStream, accept, receive_hello};
 use polyptych_protocol::handshake::{Hello, Secret, Welcome};
+use polyptych_protocol::handshake_io::{Introduced, MessageStream, accept, receive_hello};
 use polyptych_protocol::request::{ImageChunk, MessageToClient, RequestError, RequestMessage};
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 

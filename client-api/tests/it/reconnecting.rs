@@ -7,8 +7,8 @@ use polyptych_client::{
     Request, RequestId, Response,
 };
 use polyptych_protocol::command::Goodbye;
-use polyptych_protocol::connection::{Introduced, accept, receive_hello, reject};
 use polyptych_protocol::handshake::{Secret, Welcome};
+use polyptych_protocol::handshake_io::{Introduced, accept, receive_hello, reject};
 use polyptych_protocol::request::MessageToClient;
 use tokio::net::{TcpListener, TcpStream};
 

@@ -1,11 +1,11 @@
 //! Blobs: immutable bytes that are named by their hash, and folders of them.
 
-mod folder;
+mod blob_store;
 mod hash;
 mod reader;
 mod temporary;
 
-pub use folder::{BlobError, BlobStore};
+pub use blob_store::{BlobError, BlobStore};
 pub use hash::BlobHash;
 pub use reader::BlobReader;
 pub use temporary::{Abandoned, place, remove_abandoned};

@@ -8,9 +8,9 @@ use polyptych_codec::{append_framed, encode, framed};
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::Scene;
 use polyptych_wall::ChannelId;
+use polyptych_wall::calibration_change::{CalibrationChange, Corner, Offset};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
-use polyptych_wall::tuning::{CalibrationChange, Corner, Offset};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use proptest::prelude::*;
 use serde::Serialize;
@@ -18,13 +18,13 @@ use serde::Serialize;
 use super::*;
 use crate::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
 use crate::command::{Command, Frame, Pong, Prepare, Swap};
-use crate::display::OutputMode;
 use crate::handshake::{Adapter, ClientHello, Hello, HelloReply, Rejection, ServerHello};
 use crate::ids::{Digest, Epoch, FrameId, RequestId, Revision};
-use crate::log::{Operation, SceneRef};
+use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::request::{self, Pacing, Request, RequestError, RequestMessage, Response};
-use crate::status::{FramePresented, FrameRendered, Ping, Prepared, ServerMessage};
+use crate::server_message::{FramePresented, FrameRendered, Ping, Prepared, ServerMessage};
+use crate::state_log::{Operation, SceneRef};
 
 fn camera() -> Camera {
     Camera { position: DVec3::new(1.0, -2.0, 1e7), rotation: DQuat::IDENTITY, scale: 0.5 }

@@ -17,7 +17,7 @@ use super::error::WallFileError;
 use super::files::Files;
 use super::screen::{self, ChannelDraft, Section};
 use super::source::SourceText;
-use super::{adjust, sight};
+use super::{calibration, visibility};
 
 /// Farthest coordinate of display space: a thousand kilometres is a slip of the unit, and larger
 /// numbers would overflow when they are squared and multiplied.
@@ -47,11 +47,11 @@ pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall,
     let mut files = Files::default();
     let (screens, mut channels) = screens(source, &document.screen, &mut files)?;
     check_names(source, &document.screen, &channels)?;
-    adjust::channels(source, &document.channel, &mut channels, &mut files)?;
+    calibration::channels(source, &document.channel, &mut channels, &mut files)?;
     for ((index, section), screen) in (0u16..).zip(&document.screen).zip(&screens) {
         Section { source, index, section }.check_cover(screen, &channels)?;
     }
-    sight::check(source, eye, &screens, &channels)?;
+    visibility::check(source, eye, &screens, &channels)?;
     Ok(Wall {
         name: document.wall.name.clone(),
         screens,

@@ -6,9 +6,9 @@
 use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_wall::adjustment::{Eye, StereoPacking};
-use polyptych_wall::pixels::ChannelMapping;
-use polyptych_wall::shapes::{ResolvedWall, ScreenGeometry, WallGeometry};
+use polyptych_wall::channel_calibration::{Eye, StereoPacking};
+use polyptych_wall::channel_mapping::ChannelMapping;
+use polyptych_wall::wall_geometry::{ResolvedWall, ScreenGeometry, WallGeometry};
 use polyptych_wall::{Channel, ChannelKind, Screen, Surface};
 
 use super::tiling::Rect;

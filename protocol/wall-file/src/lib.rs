@@ -24,27 +24,27 @@
 //! assert!(error.to_string().starts_with("desk.toml:6:5: screen[0].sice: there is no key"));
 //! ```
 
-mod adjust;
-mod by_hand;
+mod calibration;
 mod check;
+pub mod check_report;
 mod cover;
 pub mod coverage;
 mod curved;
 pub mod difference;
 mod document;
 mod error;
-mod explain;
+mod explicit;
 mod files;
 mod projector;
 mod rotation;
 mod schema;
 mod screen;
-mod sight;
 mod source;
 mod syntax;
-pub mod table;
 mod tiles;
 mod tiling;
+mod toml_error;
+mod visibility;
 mod write;
 
 use std::fs::File;

@@ -9,9 +9,9 @@ use toml::de::{DeTable, DeValue};
 
 use super::document::Document;
 use super::error::WallFileError;
-use super::explain::{Explanation, explain_words, from_serde};
 use super::schema::words_at;
 use super::syntax::{Slip, TomlError, diagnose};
+use super::toml_error::{Explanation, explain_words, from_serde};
 
 /// The text, and what stands where in it.
 pub(super) struct SourceText<'a> {

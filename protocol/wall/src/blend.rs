@@ -19,24 +19,25 @@
 //!
 //! A weight depends on the place and not on the pixel that shows it, so that channels whose
 //! pixels lie askew agree. Channels for different eyes share nothing: glasses hide the others'.
-//! What is for both eyes has the light that keeps both sums (`eyes.rs`).
+//! What is for both eyes has the light that keeps both sums (`stereo.rs`).
 //! Channels whose pixels lie where a file says ([`ChannelKind::Map`](super::ChannelKind::Map)) have
-//! weight 1 where that file brings its own shares of light: an alpha mask, or light at a mesh's corners.
+//! weight 1 where that file brings its own shares of light: an alpha mask, or light at a mesh's
+//! corners.
 
-mod eyes;
-pub(super) mod lamp;
+pub(super) mod blend_channel;
 mod mask;
 mod overlap;
-mod raster;
+mod stereo;
+mod weights;
 
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
 
-use eyes::EyeContribution;
+use blend_channel::BlendChannel;
 use glam::{DMat3, DVec2, DVec3, UVec2};
-use lamp::BlendChannel;
+use stereo::EyeContribution;
 
-use super::shapes::ResolvedWall;
+use super::wall_geometry::ResolvedWall;
 use super::{CalibrationFile, Channel, ColorCorrection, Eye, Screen};
 use crate::ChannelId;
 
@@ -253,7 +254,7 @@ impl<'a> BlendModel<'a> {
             let others: Vec<_> = others
                 .map(|(other, light)| EyeContribution { is_before: other < id, ..*light })
                 .collect();
-            (*id, eyes::blend_weight(*own, &others, self.wall.blend.exponent).weight)
+            (*id, stereo::blend_weight(*own, &others, self.wall.blend.exponent).weight)
         });
         shared.collect()
     }

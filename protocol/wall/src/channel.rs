@@ -5,7 +5,7 @@ use std::fmt;
 use glam::UVec2;
 use serde::{Deserialize, Serialize};
 
-use super::adjustment::ChannelCalibration;
+use super::channel_calibration::ChannelCalibration;
 use super::projector::Projector;
 use crate::limits::NAME_BYTES_MAX;
 

@@ -3,9 +3,9 @@
 
 use glam::DVec3;
 
-use super::maps::CalibrationMaps;
-use super::shapes::ResolvedWall;
-use super::source::{AtlasError, ViewAtlas};
+use super::calibration_maps::CalibrationMaps;
+use super::view_atlas::{AtlasError, ViewAtlas};
+use super::wall_geometry::ResolvedWall;
 use super::warp_mesh::{TessellationOptions, WarpMesh};
 use super::{ChannelKind, Surface};
 use crate::ChannelId;

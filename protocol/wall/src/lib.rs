@@ -3,33 +3,33 @@
 //! These types are what travels and what is drawn from; they hold only what was checked. A wall
 //! file is read, checked and turned into them by the crate `polyptych-wall-file`.
 
-pub mod adjustment;
 pub mod blend;
+pub mod calibration_change;
+pub mod calibration_maps;
 pub mod camera;
 pub mod channel;
+pub mod channel_calibration;
+pub mod channel_mapping;
 pub mod color;
 mod drawable;
-pub mod eyes;
-pub mod facets;
-pub mod fold;
-pub mod front;
+pub mod foldover;
 pub mod frustum;
 pub mod head;
+pub mod head_limits;
 mod identity;
+pub mod light_composite;
 pub mod limits;
-pub mod maps;
-mod outline;
-pub mod pixels;
+mod lit_area;
+pub mod mesh_bvh;
 pub mod projector;
 pub mod screen;
-pub mod shapes;
-pub mod source;
-pub mod superposition;
 pub mod surface;
-pub mod tuning;
+pub mod surface_sample;
 pub mod unfold;
 pub mod view;
+pub mod view_atlas;
 pub mod viewpoint;
+pub mod wall_geometry;
 pub mod warp;
 pub mod warp_mesh;
 
@@ -37,11 +37,11 @@ use glam::DVec3;
 use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
-pub use adjustment::{
+pub use channel::{Channel, ChannelId, ChannelKind, FrustumMode};
+pub use channel_calibration::{
     BitDepth, BlendWidths, ChannelCalibration, ColorCorrection, Eye, Orientation, Ramps,
     StereoPacking, TransferFunction,
 };
-pub use channel::{Channel, ChannelId, ChannelKind, FrustumMode};
 pub use screen::{Bezel, Screen};
 pub use surface::Surface;
 pub use viewpoint::{StereoMode, StereoRule, Viewpoint};
@@ -130,7 +130,7 @@ pub struct CalibrationFile {
     pub is_for_one_eye: bool,
     /// Some places of its surface, if it has any, by which it is known where no eye can be. Known
     /// once it was baked.
-    pub front: Vec<front::SurfaceSample>,
+    pub front: Vec<surface_sample::SurfaceSample>,
 }
 
 /// What a wall's file is.
@@ -218,8 +218,8 @@ impl Wall {
             return Some(format!("the wall has more than {WALL_FILES_MAX} files"));
         }
         let is_odd = |file: &CalibrationFile| {
-            file.front.len() > front::FRONT_PLACES_MAX
-                || !file.front.iter().all(front::SurfaceSample::is_valid)
+            file.front.len() > surface_sample::FRONT_PLACES_MAX
+                || !file.front.iter().all(surface_sample::SurfaceSample::is_valid)
         };
         if self.files.iter().any(is_odd) {
             return Some("a file has more places than it may have, or no numbers".into());

@@ -2,7 +2,7 @@
 //! (1, 1) at the lower right as the viewer sees it, and beyond where the surface goes on.
 
 pub mod cylinder;
-mod front;
+mod eye_distance;
 pub mod plane;
 pub mod sphere;
 

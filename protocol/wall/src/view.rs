@@ -9,7 +9,7 @@
 //! screen's canvas, and its picture lies on it as a sheet of paper would: of a cylinder, arc by
 //! height; of a dome, azimuth by elevation, with the sides that it has in its middle.
 
-mod part_mesh;
+mod overlay_mesh;
 
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, UVec2};
 use polyptych_text::counted;
@@ -21,7 +21,7 @@ use crate::ChannelId;
 use crate::camera::Camera;
 use crate::limits::{SHARED_CANVAS_SIDE_MAX, VIEW_PARTS_MAX, VIEWS_MAX};
 
-pub use part_mesh::{CanvasRect, PointSpace};
+pub use overlay_mesh::{CanvasRect, PointSpace};
 
 /// Where the depth of parallel rays ends, in metres behind the near plane, until who draws has
 /// fitted it to the scene.
@@ -241,7 +241,7 @@ impl Wall {
     }
 
     /// Whether a channel's pixels are not those of its screen's canvas, one to one, so that views
-    /// are resampled for it ([`crate::shapes::ResolvedWall::overlay_mesh`]).
+    /// are resampled for it ([`crate::wall_geometry::ResolvedWall::overlay_mesh`]).
     pub fn is_warped(&self, channel: &Channel) -> bool {
         channel.is_warped() || self.screen_of(channel).plane().is_none()
     }

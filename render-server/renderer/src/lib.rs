@@ -14,8 +14,8 @@ mod cull;
 mod draw_list;
 mod frame;
 mod gpu;
+mod output_texture;
 mod pass;
-mod picture;
 mod pipeline;
 mod readback;
 mod scene;
@@ -36,12 +36,12 @@ pub use correction::{
     WarpVertexDesc,
 };
 pub use gpu::{AdapterInfo, Gpu, GpuError, GpuFault, GpuFaultKind};
+pub use output_texture::{FINE_FORMAT, ImageEncoding, OutputTexture};
 pub use pass::correct::{Correction, CorrectionMesh, TAPS_MAX};
 pub use pass::idle;
 pub use pass::label::{Label, LabelPosition};
-pub use pass::output::{PresentPass, letterbox};
+pub use pass::present_pass::{PresentPass, letterbox};
 pub use pass::tonemap::SkyError;
-pub use picture::{FINE_FORMAT, ImageEncoding, OutputTexture};
 pub use readback::{ReadError, read_picture, read_pixels};
 pub use scene::{GpuScene, SceneBuilder, SceneError, SceneLayout};
 pub use target::{Target, TargetError};

@@ -4,6 +4,6 @@ pub mod correct;
 pub mod idle;
 pub mod label;
 pub(crate) mod opaque;
-pub mod output;
+pub mod present_pass;
 pub(crate) mod tonemap;
 pub(crate) mod transparent;

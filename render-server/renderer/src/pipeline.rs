@@ -6,8 +6,8 @@ use polyptych_scene::{Topology, VertexLayout};
 
 use super::bindings;
 use super::gpu::Gpu;
+use super::output_texture::ImageEncoding;
 use super::pass::{opaque, transparent};
-use super::picture::ImageEncoding;
 use super::shader::{self, Interface};
 use super::target::{DEPTH_FORMAT, DISPLAY_FORMAT, LINEAR_FORMAT};
 

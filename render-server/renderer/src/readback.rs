@@ -1,7 +1,7 @@
 //! Pictures back from the GPU.
 
 use super::gpu::Gpu;
-use super::picture::{ImageEncoding, OutputTexture};
+use super::output_texture::{ImageEncoding, OutputTexture};
 use super::target::Target;
 
 /// Why a picture did not come back.

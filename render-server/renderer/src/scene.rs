@@ -1,26 +1,26 @@
 //! A scene on the GPU: everything about it that does not change from frame to frame.
 
 mod builder;
-mod cluster;
+mod bvh;
+mod draw_item;
 mod geometry;
 mod layout;
 mod light;
 mod material;
-mod placement;
+mod meshlet;
 mod texture;
-mod tree;
 
 use std::sync::Arc;
 
 pub use builder::{SceneBuilder, SceneError};
-pub(crate) use cluster::Meshlet;
+#[cfg(test)]
+pub(crate) use bvh::Bvh;
+pub(crate) use draw_item::{Bounds, EyeRelativeTransform};
 pub(crate) use geometry::Geometry;
 pub use layout::SceneLayout;
 pub(crate) use light::LocalLight;
 pub(crate) use material::MaterialUniform;
-pub(crate) use placement::{Bounds, EyeRelativeTransform};
-#[cfg(test)]
-pub(crate) use tree::Bvh;
+pub(crate) use meshlet::Meshlet;
 
 /// Items that one draw call can draw: one geometry, one material, one winding.
 #[derive(Clone, Debug)]

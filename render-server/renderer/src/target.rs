@@ -1,7 +1,7 @@
 //! What a channel is drawn into.
 
 use super::gpu::Gpu;
-use super::picture::{ImageEncoding, OutputTexture};
+use super::output_texture::{ImageEncoding, OutputTexture};
 
 /// Bytes are sRGB; blending and resolving happen in linear light.
 pub(crate) const DISPLAY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;

@@ -4,11 +4,11 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DQuat, DVec2, DVec3, UVec2, Vec3};
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
+use polyptych_protocol::output_mode::OutputMode;
+use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::color::linear_from_srgb;
-use polyptych_wall::maps::CalibrationMaps;
 use polyptych_wall::surface::{Cylinder, Plane, Sphere};
 use polyptych_wall::view::View;
 use polyptych_wall::{Channel, Screen, Surface};

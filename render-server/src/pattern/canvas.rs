@@ -11,7 +11,7 @@ use image::{GrayImage, RgbaImage};
 use polyptych_renderer::rasterize;
 use polyptych_wall::{Screen, Wall};
 
-use super::places::{PixelPosition, PixelPositions};
+use super::pixel_positions::{PixelPosition, PixelPositions};
 use super::{BLACK, code};
 
 /// In pixels of the canvas.

@@ -1,8 +1,8 @@
 //! Patterns to the pixel: where lines lie, what adds up, what is counted.
 
 use glam::{DQuat, DVec2, DVec3, UVec2};
-use polyptych_wall::adjustment::ControlGrid;
 use polyptych_wall::blend::BlendModel;
+use polyptych_wall::channel_calibration::ControlGrid;
 use polyptych_wall::projector::Projector;
 use polyptych_wall::surface::{Cylinder, Plane};
 use polyptych_wall::{ChannelKind, FrustumMode, Screen, Surface, TransferFunction, Wall};
@@ -299,16 +299,19 @@ fn sampling_is_that_of_a_flat_screen() {
     let wall = single();
     let map = wall.channel_mapping(ChannelId(0)).expect("a map");
     // 100 pixels a metre, 2 m away: a metre at the foot of the eye is a half in radians.
-    let middle = light::density_at(&map, DVec3::ZERO, SIZE.as_dvec2() / 2.0).expect("seen");
+    let middle = diagnostic::density_at(&map, DVec3::ZERO, SIZE.as_dvec2() / 2.0).expect("seen");
     let expected = (0.01_f64 / 2.0).to_degrees().recip();
     assert!((middle / expected - 1.0).abs() < 1e-4, "{middle}, not {expected}");
     // To the side pixels are seen askew along their rows, but only further away along columns,
     // where they look longer.
-    let right = light::density_at(&map, DVec3::ZERO, DVec2::new(319.0, 90.0)).expect("seen");
+    let right = diagnostic::density_at(&map, DVec3::ZERO, DVec2::new(319.0, 90.0)).expect("seen");
     let (x, z) = (159.0 * 0.01_f64, 2.0);
     let expected = (0.01 / x.hypot(z)).to_degrees().recip();
     assert!((right / expected - 1.0).abs() < 1e-4, "{right}, not {expected}");
-    assert_eq!(light::density_at(&map, DVec3::new(0.0, 0.0, -2.0), SIZE.as_dvec2() / 2.0), None);
+    assert_eq!(
+        diagnostic::density_at(&map, DVec3::new(0.0, 0.0, -2.0), SIZE.as_dvec2() / 2.0),
+        None
+    );
     // So many pixels a degree: below the first octave, in its upper half, and in both of the next.
     for (density, color) in
         [(3.5, [106, 0, 0]), (7.0, [160, 0, 0]), (10.0, [146, 66, 0]), (11.5, [220, 100, 0])]

@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::{Epoch, FrameId};
+use polyptych_protocol::output_mode::OutputMode;
 
 use super::RenderThread;
+use crate::channel_output::ChannelOutput;
 use crate::loader::LoadedState;
-use crate::output::ChannelOutput;
-use crate::report;
+use crate::render_event;
 
 /// Between two looks at notes where none is shown.
 const IDLE_WAIT: Duration = Duration::from_mins(10);
@@ -35,8 +35,8 @@ impl RenderThread {
                 output.latch_image(&self.gpu);
             }
             match output.present(&self.gpu, &self.showing, &self.identity) {
-                Ok(()) => self.send(report::shown(epoch, frame, id, &self.clock)),
-                Err(reason) => self.send(report::draw_failed(frame, id, reason)),
+                Ok(()) => self.send(render_event::shown(epoch, frame, id, &self.clock)),
+                Err(reason) => self.send(render_event::draw_failed(frame, id, reason)),
             }
         }
     }
@@ -79,7 +79,7 @@ impl RenderThread {
             let both: Vec<String> = fit.into_iter().chain(self.losses.warning()).collect();
             let warning = (!both.is_empty()).then(|| both.join("; "));
             if output.reported != warning {
-                let report = report::display(id, warning.clone());
+                let report = render_event::display(id, warning.clone());
                 // Where there is no room for it, the next look sends it.
                 if self.queues.reports.try_send(report).is_ok() {
                     output.reported = warning;

@@ -6,8 +6,8 @@ use glam::DVec3;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_renderer::{DrawStats, Gpu, OutputTexture};
-use polyptych_wall::maps::CalibrationMaps;
-use polyptych_wall::shapes::ResolvedWall;
+use polyptych_wall::calibration_maps::CalibrationMaps;
+use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall::{ChannelId, Eye, Wall};
 
 use super::RenderThread;

@@ -7,17 +7,17 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use polyptych_protocol::command::Frame;
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::FrameId;
+use polyptych_protocol::output_mode::OutputMode;
 use polyptych_renderer::{GpuScene, ImageEncoding, SceneBuilder, Target};
 use polyptych_scene::Scene;
 use polyptych_wall::view::View;
 
 use super::{Correctors, ReadyState, RenderThread, STATES_MAX, WARM_UP_SIDE};
-use crate::apply;
+use crate::channel_output::ChannelOutput;
 use crate::correction::Corrector;
+use crate::frame_views;
 use crate::loader::LoadedState;
-use crate::output::ChannelOutput;
 
 impl RenderThread {
     /// Makes a state drawable. Gives the bytes of its scene.
@@ -114,7 +114,7 @@ impl RenderThread {
         };
         let (mut views, content) = match correctors.borrow_mut().get_mut(&channel.name) {
             Some(corrector) => (corrector.views(&self.gpu, wall, &frame)?, ImageEncoding::Light),
-            None => (apply::views(wall, id, &frame)?, ImageEncoding::Srgb),
+            None => (frame_views::views(wall, id, &frame)?, ImageEncoding::Srgb),
         };
         // Planes share their depth here, where only one is drawn.
         views.truncate(1);

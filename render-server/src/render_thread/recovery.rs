@@ -6,11 +6,11 @@
 
 use std::time::{Duration, Instant};
 
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
 use polyptych_renderer::{Gpu, GpuFault, GpuFaultKind, Renderer};
 
 use super::{RenderTask, RenderThread};
-use crate::report::RenderEvent;
+use crate::render_event::RenderEvent;
 
 /// How long a driver may refuse to open its adapter again: it is reset meanwhile.
 const REOPEN_TIME_MAX: Duration = Duration::from_secs(20);

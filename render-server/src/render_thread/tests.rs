@@ -4,24 +4,24 @@ use std::sync::mpsc::sync_channel;
 
 use crossbeam_channel::{Sender, bounded};
 use glam::{DVec2, DVec3, UVec2, Vec3};
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::FrameId;
-use polyptych_protocol::log::{Operation, Replica};
-use polyptych_protocol::status::{FramePresented, FrameRendered, ServerMessage};
+use polyptych_protocol::output_mode::OutputMode;
+use polyptych_protocol::server_message::{FramePresented, FrameRendered, ServerMessage};
+use polyptych_protocol::state_log::{Operation, Replica};
 use polyptych_renderer::OutputTexture;
 use polyptych_scene::Scene;
+use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
-use polyptych_wall::maps::CalibrationMaps;
 use polyptych_wall::surface::{Cylinder, Plane};
 use polyptych_wall::view::View;
 use polyptych_wall::{Channel, Orientation, Screen, Surface};
 
 use super::*;
+use crate::connection_status::ManagerState;
 use crate::correction;
 use crate::mismatch::NOTE_TIME;
 use crate::monitor::Monitor;
-use crate::notice::ManagerState;
 
 const SIZE: [u32; 2] = [160, 90];
 const EPOCH: Epoch = Epoch(3);

@@ -12,6 +12,7 @@
 //! ```
 
 mod accessor;
+mod bake_cache;
 mod bounds;
 mod container;
 mod document;
@@ -29,18 +30,17 @@ mod mip;
 mod node;
 mod notes;
 mod numbers;
-mod order;
 mod placeholder;
 mod pose;
 mod source;
 mod split;
-mod store;
 mod tangent;
 #[cfg(test)]
 mod tests;
 mod texture;
 mod topology;
 mod uri;
+mod vertex_cache;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -52,8 +52,8 @@ use polyptych_scene::limits::MANIFEST_BYTES_MAX;
 use polyptych_scene::{self, Mesh, Node, Scene};
 use serde::{Deserialize, Serialize};
 
+pub use bake_cache::BakeCache;
 pub use error::BakeError;
-pub use store::BakeCache;
 
 use material::Palette;
 use notes::Notes;

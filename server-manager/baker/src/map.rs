@@ -12,13 +12,13 @@
 //! | MPCDI | archive of all these | [`mpcdi`]; `polyptych wall import` makes a wall of it |
 
 mod bourke;
-mod fold;
+mod foldover;
 mod gltf_mesh;
 mod mask;
 pub mod mpcdi;
 mod obj;
 mod pfm;
-mod picture;
+mod png_image;
 #[cfg(test)]
 mod tests;
 mod text;
@@ -31,7 +31,7 @@ use glam::Vec3;
 use obj::Roles;
 use polyptych_files::blob::BlobHash;
 use polyptych_text::counted;
-use polyptych_wall::front::SurfaceSample;
+use polyptych_wall::surface_sample::SurfaceSample;
 use polyptych_wall::warp::{CalibrationMap, MapCoordinates, WarpGeometry, WarpMap};
 use serde::{Deserialize, Serialize};
 

@@ -10,7 +10,7 @@ use super::error::BakeError;
 use super::geometry::{self, Geometry, Tangents, flat_normal};
 use super::material::{Palette, VertexRequirements};
 use super::pose::{Meshes, Pose};
-use super::{BakeJob, check, document, order, split, tangent, topology};
+use super::{BakeJob, check, document, split, tangent, topology, vertex_cache};
 
 /// Most vertices that 16-bit indices are used for: 65,535 is left free, as it restarts strips.
 const U16_VERTICES_MAX: usize = 65_535;
@@ -164,9 +164,9 @@ impl Writer {
             if is_shared { self.gather(elements) } else { self.weld(elements, job.cancel)? };
         let topology = self.geometry.topology;
         if topology == Topology::Triangles && !self.keeps_order {
-            order::triangles(&mut indices, vertices.len());
+            vertex_cache::triangles(&mut indices, vertices.len());
         }
-        let order = order::vertices(&mut indices, vertices.len());
+        let order = vertex_cache::vertices(&mut indices, vertices.len());
         let vertices: Vec<Vertex> = order.iter().map(|&old| vertices[old as usize]).collect();
 
         let is_short = vertices.len() <= U16_VERTICES_MAX;

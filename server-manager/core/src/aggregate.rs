@@ -86,7 +86,7 @@ impl Cluster {
             warnings: self.warnings(),
             notes: self.notes.clone(),
             opening: self.openings(),
-            // The brain has no system to ask.
+            // The core has no system to ask.
             memory_bytes: 0,
         }
     }

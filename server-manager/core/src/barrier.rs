@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use polyptych_protocol::command::{Command, Frame, Swap};
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
+use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::request::Response;
-use polyptych_protocol::status::FrameRendered;
+use polyptych_protocol::server_message::FrameRendered;
 use polyptych_wall::ChannelId;
 use polyptych_wall::camera::Camera;
 use serde::{Deserialize, Serialize};

@@ -6,13 +6,13 @@
 use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::Revision;
-use polyptych_protocol::log::Operation;
 use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 use polyptych_protocol::request::{RequestError, Response, SceneSummary};
+use polyptych_protocol::state_log::Operation;
 use polyptych_wall::ChannelId;
 
+use super::calibrate;
 use super::change_queue::{ChangeOrigin, InFlightChange, StateChange};
-use super::tune;
 use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId};
 
 /// How long a change waits for a server: enough for a large scene on a slow link; after this the
@@ -100,7 +100,7 @@ impl Cluster {
             }
             let Some(mut change) = self.changes.queue.pop_front() else { return };
             if let Some(wall) = change.wall() {
-                change.operations = tune::operations(&self.wall, wall);
+                change.operations = calibrate::operations(&self.wall, wall);
             }
             let mut replica = self.shown.clone();
             for operation in change.operations.clone() {

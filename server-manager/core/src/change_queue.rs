@@ -4,12 +4,12 @@ use std::collections::VecDeque;
 
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::ids::{Digest, Revision};
-use polyptych_protocol::log::{Operation, Replica};
 use polyptych_protocol::request::SceneSummary;
+use polyptych_protocol::state_log::{Operation, Replica};
 use polyptych_wall::Wall;
 use serde::{Deserialize, Serialize};
 
-use super::tune::CalibrationWaiter;
+use super::calibrate::CalibrationWaiter;
 use super::{ClientRequest, Micros, SessionId, progress};
 
 /// A change that was asked for.

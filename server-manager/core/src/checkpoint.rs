@@ -1,4 +1,4 @@
-//! The brain written down between two inputs, so that a recording can begin in the middle.
+//! The core written down between two inputs, so that a recording can begin in the middle.
 
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::FrameId;
@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use super::{Cluster, SkewTracker, StatisticsCollector};
 
-/// A brain that was written down. It decides as the one that it was taken from; only what that one
+/// A core that was written down. It decides as the one that it was taken from; only what that one
 /// had measured is gone.
 #[derive(Debug, Deserialize)]
 pub struct Checkpoint(Box<Cluster>);
 
-/// The same, of a brain that goes on.
+/// The same, of a core that goes on.
 #[derive(Debug)]
 pub struct CheckpointOf<'a>(&'a Cluster);
 
@@ -29,7 +29,7 @@ impl Serialize for Checkpoint {
 }
 
 impl Checkpoint {
-    /// The brain.
+    /// The core.
     pub fn into_cluster(self) -> Cluster {
         let mut cluster = *self.0;
         let channels = cluster.wall.channels.len();
@@ -40,7 +40,7 @@ impl Checkpoint {
 }
 
 impl Cluster {
-    /// This brain, to be written down. All outputs were taken before.
+    /// This core, to be written down. All outputs were taken before.
     pub fn checkpoint(&self) -> CheckpointOf<'_> {
         CheckpointOf(self)
     }

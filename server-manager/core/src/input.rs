@@ -1,10 +1,10 @@
-//! What the brain is told: every `handle_*` call as a value that can be kept and told again.
+//! What the core is told: every `handle_*` call as a value that can be kept and told again.
 
 use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::Request;
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
 use serde::{Deserialize, Serialize};
 
 use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId};
@@ -84,7 +84,7 @@ pub enum Input {
 }
 
 impl Cluster {
-    /// Tells the brain something; the `handle_*` function that the input names does the rest.
+    /// Tells the core something; the `handle_*` function that the input names does the rest.
     ///
     /// # Errors
     /// Those of [`Cluster::handle_server`]: why a server may not have its channels.

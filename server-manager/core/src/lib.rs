@@ -1,25 +1,27 @@
-//! The brain of the wall: what the manager decides, without sockets and without a clock.
+//! The core of the wall: what the manager decides, without sockets and without a clock.
 //!
 //! What arrives goes into a `handle_*` function, with `now` in microseconds of manager time; what
-//! is to be done comes out of [`Cluster::poll_output`]; [`Cluster::poll_timeout`] says when
+//! is to be done comes out of [`Cluster::poll_effect`]; [`Cluster::poll_timeout`] says when
 //! [`Cluster::handle_timeout`] is due. Every failure of a wall is so a short deterministic test.
 
 mod aggregate;
 mod barrier;
+mod calibrate;
 mod change;
 mod change_queue;
 mod checkpoint;
+mod counters;
 mod deadline;
+mod dispatch;
 mod input;
+pub mod log_limiter;
 mod membership;
-mod memory;
 mod navigate;
 mod outcome;
 mod pace;
+mod persistent_state;
 mod progress;
 mod registry;
-pub mod repetition;
-mod sight;
 mod skew;
 mod snapshot;
 mod span;
@@ -27,9 +29,7 @@ mod statistics;
 mod supersede;
 #[cfg(test)]
 mod tests;
-mod totals;
-mod translate;
-mod tune;
+mod view_state;
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -37,29 +37,29 @@ use barrier::{Barrier, FrameRequest, OutputChange};
 use bytes::Bytes;
 use change_queue::{ChangeQueue, StateChange};
 use polyptych_protocol::command::{Command, Pong};
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId};
-use polyptych_protocol::log::{Operation, Replica};
+use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{MessageToClient, Pacing, RequestError, Response, SceneSummary};
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
+use polyptych_protocol::state_log::{Operation, Replica};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
-use crate::repetition::LogLimiter;
+use crate::log_limiter::LogLimiter;
 pub use checkpoint::{Checkpoint, CheckpointOf};
+pub use counters::{ChannelCounters, Counters, Histogram};
 pub use input::Input;
-pub use memory::{PersistentState, PersistentStateV2};
 use pace::Pacer;
+pub use persistent_state::{PersistentState, PersistentStateV2};
 use registry::Registry;
 use skew::SkewTracker;
 pub use snapshot::Snapshot;
 use statistics::StatisticsCollector;
-pub use totals::{ChannelCounters, Counters, Histogram};
 
 /// Microseconds since the manager started.
 pub type Micros = u64;
@@ -77,7 +77,7 @@ pub const FRAME_ORDERS_MAX: usize = 64;
 /// Longest reason of a server that is kept and passed on: it stands in every status.
 const REASON_BYTES_MAX: usize = 1024;
 
-/// What the brain wants done. In order.
+/// What the core wants done. In order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
     /// Send this encoded [`Command`] to these servers; it was encoded once for all of them.
@@ -143,8 +143,8 @@ pub struct ClientRequest {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ImportedScene {
     /// Its name and manifest.
-    pub scene: polyptych_protocol::log::SceneRef,
-    /// What the client is told; the revision is filled in by the brain.
+    pub scene: polyptych_protocol::state_log::SceneRef,
+    /// What the client is told; the revision is filled in by the core.
     pub summary: SceneSummary,
 }
 
@@ -162,7 +162,7 @@ struct ClientState {
     is_subscribed: bool,
 }
 
-/// The brain of the wall.
+/// The core of the wall.
 ///
 /// All of it can be written down, see [`Checkpoint`].
 #[derive(Debug, Serialize, Deserialize)]
@@ -180,7 +180,7 @@ pub struct Cluster {
     #[serde(default)]
     notes: Vec<String>,
     changes: ChangeQueue,
-    tuners: tune::CalibrationWaiters,
+    tuners: calibrate::CalibrationWaiters,
     /// Scenes that are being baked.
     imports: Vec<Importing>,
     #[serde(default)]
@@ -220,13 +220,13 @@ pub struct Cluster {
     remembered_at: Micros,
     #[serde(skip)]
     repetitions: LogLimiter,
-    /// Empty whenever the brain is written down.
+    /// Empty whenever the core is written down.
     #[serde(skip)]
     outputs: VecDeque<Effect>,
 }
 
 impl Cluster {
-    /// The brain of this wall, in a new life of the manager.
+    /// The core of this wall, in a new life of the manager.
     pub fn new(wall: Wall, epoch: Epoch) -> Self {
         let mut shown = Replica::default();
         shown.apply(Operation::SetWall(Box::new(wall.clone())));
@@ -238,7 +238,7 @@ impl Cluster {
             features: Vec::new(),
             notes: Vec::new(),
             changes: ChangeQueue::default(),
-            tuners: tune::CalibrationWaiters::default(),
+            tuners: calibrate::CalibrationWaiters::default(),
             imports: Vec::new(),
             outcomes: outcome::Outcomes::default(),
             registry: Registry::new(&wall, heartbeat_us),
@@ -386,7 +386,7 @@ impl Cluster {
     }
 
     /// What is to be done next.
-    pub fn poll_output(&mut self) -> Option<Effect> {
+    pub fn poll_effect(&mut self) -> Option<Effect> {
         self.outputs.pop_front()
     }
 

@@ -1,11 +1,11 @@
 //! Servers and clients come and go.
 
 use polyptych_protocol::command::{Command, Prepare};
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::Revision;
-use polyptych_protocol::status::Prepared;
+use polyptych_protocol::output_mode::OutputMode;
+use polyptych_protocol::server_message::Prepared;
 use polyptych_text::make_printable;
 use polyptych_wall::ChannelId;
 use polyptych_wall::limits::NAME_BYTES_MAX;

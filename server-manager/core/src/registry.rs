@@ -6,7 +6,7 @@ use polyptych_files::blob::BlobHash;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{FrameId, Revision};
-use polyptych_protocol::status::FramePresented;
+use polyptych_protocol::server_message::FramePresented;
 use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use polyptych_protocol::feedback::Skew;
 use polyptych_protocol::ids::FrameId;
-use polyptych_protocol::status::FramePresented;
+use polyptych_protocol::server_message::FramePresented;
 use polyptych_wall::ChannelId;
 
 use super::Micros;

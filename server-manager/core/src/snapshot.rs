@@ -1,9 +1,9 @@
-//! What the brain tells those who watch it, in one piece.
+//! What the core tells those who watch it, in one piece.
 
 use polyptych_protocol::feedback::WallStatus;
 
 use super::change::CHANGES_MAX;
-use super::totals::Counters;
+use super::counters::Counters;
 use super::{Cluster, FRAME_ORDERS_MAX, Micros};
 
 /// The wall as it stands, and its totals.

@@ -2,12 +2,12 @@
 
 use hdrhistogram::Histogram;
 use polyptych_protocol::feedback::{ChannelStatistics, FrameFeedback, Quantiles, Statistics};
-use polyptych_protocol::status::{FramePresented, FrameRendered};
+use polyptych_protocol::server_message::{FramePresented, FrameRendered};
 
 use super::Micros;
+use super::counters::Counters;
 use super::registry::Registry;
 use super::skew::FrameSkew;
-use super::totals::Counters;
 
 /// Digits of a quantile that are right: it lies at most a thousandth below a measured value.
 const DIGITS: u8 = 3;

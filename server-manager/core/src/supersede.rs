@@ -6,7 +6,7 @@
 
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::ids::Revision;
-use polyptych_protocol::log::Operation;
+use polyptych_protocol::state_log::Operation;
 
 use super::change_queue::{ChangeOrigin, ChangeQueue, StateChange};
 use super::{ClientRequest, Cluster, Micros};

@@ -19,9 +19,9 @@ use polyptych_protocol::command::{Frame, Prepare};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::Revision;
-use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::Request;
-use polyptych_protocol::status::{FrameRendered, Ping, Prepared};
+use polyptych_protocol::server_message::{FrameRendered, Ping, Prepared};
+use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{Bounds, SceneFeatures};
 use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, Screen, Surface};
@@ -123,9 +123,9 @@ impl ClusterFixture {
         joined
     }
 
-    /// Sorts what the brain wants done.
+    /// Sorts what the core wants done.
     fn read(&mut self) {
-        while let Some(output) = self.cluster.poll_output() {
+        while let Some(output) = self.cluster.poll_effect() {
             match output {
                 Effect::Command { to, bytes } => {
                     let command =

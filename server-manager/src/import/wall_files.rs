@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use polyptych_files::blob::{BlobHash, BlobStore};
-use polyptych_wall::maps::CalibrationMaps;
+use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::warp::CalibrationMap;
 use polyptych_wall::{CalibrationFileKind, Wall};
 

@@ -1,8 +1,8 @@
 //! An incident: a stretch of a recording, kept as text for a test.
 //!
-//! The first line says where the brain stood, each other line what it was told. Text, since it
+//! The first line says where the core stood, each other line what it was told. Text, since it
 //! outlives the program that wrote it: fields may be added by hand, and a change is read in a
-//! diff. A brain that was changed on purpose decides in another way; what [`Incident::check`]
+//! diff. A core that was changed on purpose decides in another way; what [`Incident::check`]
 //! demands of it are the invariants only.
 
 use std::fmt::Write as _;
@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use super::invariants::Invariants;
 use super::tell;
-use crate::record::ring::RingReader;
-use crate::record::{InitialState, Record};
+use crate::recorder::ring::RingReader;
+use crate::recorder::{InitialState, Record};
 
 /// Of the lines below.
 const FORMAT: u32 = 1;
@@ -22,11 +22,11 @@ const FORMAT: u32 = 1;
 /// Largest file that is read: what is kept for a test is a few seconds of a wall.
 const INCIDENT_BYTES_MAX: u64 = 64 << 20;
 
-/// How long the brain may take over what is still open when nobody says anything any more, in
+/// How long the core may take over what is still open when nobody says anything any more, in
 /// manager time: 64 changes wait for two minutes each at most.
 const SETTLE_TIME_MAX: Micros = 3 * 3600 * 1_000_000;
 
-/// Timeouts in a row at one moment, after which a brain never comes to rest.
+/// Timeouts in a row at one moment, after which a core never comes to rest.
 const TIMEOUTS_AT_ONCE_MAX: u32 = 10_000;
 
 /// The first line.
@@ -44,11 +44,11 @@ struct IncidentHeader {
 pub struct IncidentEntry {
     /// Manager time in microseconds.
     pub now: Micros,
-    /// What the brain is told.
+    /// What the core is told.
     pub input: Input,
 }
 
-/// What a brain was told, from somewhere on.
+/// What a core was told, from somewhere on.
 #[derive(Debug)]
 pub struct Incident {
     head: IncidentHeader,
@@ -66,7 +66,7 @@ pub struct TimeRange {
     pub to_s: Option<f64>,
 }
 
-/// What a brain did when it was told an incident.
+/// What a core did when it was told an incident.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Checked {
     /// Inputs that it was told.
@@ -99,7 +99,7 @@ impl Incident {
         Ok(Self { head, lines })
     }
 
-    /// As text, and how many inputs text cannot hold, such as numbers that are none; the brain
+    /// As text, and how many inputs text cannot hold, such as numbers that are none; the core
     /// refuses those anyway.
     ///
     /// # Errors
@@ -154,7 +154,7 @@ impl Incident {
         &self.head.about
     }
 
-    /// Tells it to a brain, with that brain's own timeouts in between, and then lets time pass
+    /// Tells it to a core, with that core's own timeouts in between, and then lets time pass
     /// until nothing is open.
     ///
     /// Demands the [`Invariants`], that a frame is swapped within the wall's longest deadline, and
@@ -175,7 +175,7 @@ impl Incident {
         let mut check = Check { cluster, now, invariants, deadline, checked, imports };
         for IncidentEntry { now, input } in self.lines {
             check.pass_time(now)?;
-            // The brain that is tested sets its own.
+            // The core that is tested sets its own.
             if input != Input::Timeout {
                 check.tell(now, &input)?;
             }
@@ -190,7 +190,7 @@ struct RunSelector {
     number: usize,
     epoch: Option<polyptych_protocol::ids::Epoch>,
     has_ended: bool,
-    /// The brain before the first kept input, where that is not the part's first.
+    /// The core before the first kept input, where that is not the part's first.
     before: Option<Cluster>,
     kept: Option<(String, InitialState, Vec<IncidentEntry>)>,
 }
@@ -236,7 +236,7 @@ impl RunSelector {
     }
 }
 
-/// A brain as it stands.
+/// A core as it stands.
 fn written_down(cluster: &Cluster) -> Option<Checkpoint> {
     polyptych_protocol::framing::decode(&polyptych_codec::encode(&cluster.checkpoint())).ok()
 }
@@ -245,7 +245,7 @@ fn clone_of(beginning: &InitialState) -> Option<InitialState> {
     polyptych_protocol::framing::decode(&polyptych_codec::encode(beginning)).ok()
 }
 
-/// A brain that is told an incident.
+/// A core that is told an incident.
 struct Check {
     cluster: Cluster,
     now: Micros,
@@ -285,13 +285,13 @@ impl Check {
         Ok(())
     }
 
-    /// The brain's own timeouts up to `now`.
+    /// The core's own timeouts up to `now`.
     fn pass_time(&mut self, now: Micros) -> Result<(), String> {
         let mut in_a_row = 0;
         while let Some(due) = self.cluster.poll_timeout().filter(|due| *due <= now) {
             in_a_row = if due > self.now { 0 } else { in_a_row + 1 };
             if in_a_row > TIMEOUTS_AT_ONCE_MAX {
-                return Err(format!("the brain does not come to rest at {} us", self.now));
+                return Err(format!("the core does not come to rest at {} us", self.now));
             }
             self.tell(due.max(self.now), &Input::Timeout)?;
         }

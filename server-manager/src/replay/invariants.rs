@@ -1,4 +1,4 @@
-//! What must hold whatever the brain is told; it stays true when the brain is changed on purpose.
+//! What must hold whatever the core is told; it stays true when the core is changed on purpose.
 
 use std::collections::BTreeSet;
 
@@ -7,12 +7,12 @@ use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::MessageToClient;
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
 use polyptych_wall::ChannelId;
 
 use crate::replay::words;
 
-/// Looks at all that a brain is told and decides.
+/// Looks at all that a core is told and decides.
 ///
 /// - Frames begin and are swapped in order and once, one at a time.
 /// - A server is told to swap only what it was told to draw.
@@ -41,7 +41,7 @@ struct Begun {
 }
 
 impl Invariants {
-    /// For a brain that stands here; `what` begins every message.
+    /// For a core that stands here; `what` begins every message.
     pub fn new(cluster: &Cluster, is_from_start: bool, what: String) -> Self {
         let frame = if is_from_start { FrameId(0) } else { cluster.frame_begun() };
         let open = BTreeSet::new();
@@ -58,7 +58,7 @@ impl Invariants {
         self.begun.as_ref().map(|begun| (begun.frame, begun.at))
     }
 
-    /// The brain was told this, and decided that.
+    /// The core was told this, and decided that.
     ///
     /// # Errors
     /// Which invariant is broken, where and by what.

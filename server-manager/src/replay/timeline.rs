@@ -41,7 +41,7 @@ pub struct Summary {
     pub late: BTreeMap<String, u64>,
     /// Requests, by kind.
     pub requests: BTreeMap<String, u64>,
-    /// Answers of the brain.
+    /// Answers of the core.
     pub answers: u64,
     /// Answers that said no.
     pub failures: u64,
@@ -51,7 +51,7 @@ pub struct Summary {
     pub events_more: u64,
 }
 
-/// Makes a [`Summary`] while a brain is told.
+/// Makes a [`Summary`] while a core is told.
 #[derive(Debug)]
 pub(super) struct Timeline {
     summary: Summary,

@@ -2,9 +2,9 @@
 
 use polyptych_core::Input;
 use polyptych_protocol::request::{Pacing, Request};
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
 use polyptych_text::counted;
-use polyptych_wall::tuning::CalibrationChange;
+use polyptych_wall::calibration_change::CalibrationChange;
 
 /// Maximum length of a text of a peer that is repeated, in characters.
 const TEXT_CHARS_MAX: usize = 200;

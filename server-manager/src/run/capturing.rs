@@ -6,13 +6,13 @@ use polyptych_core::{ClientRequest, SessionId};
 use polyptych_protocol::bulk::CaptureChunk;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::{MessageToClient, RequestError};
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
 use polyptych_wall::ChannelId;
 use tokio::time::Instant;
 
 use super::EventLoop;
 use crate::capture::CaptureJob;
-use crate::delivery;
+use crate::capture_sender;
 
 /// How long a capture waits for its pictures, once the frame was swapped.
 const CAPTURE_TIME_MAX: Duration = Duration::from_secs(30);
@@ -96,7 +96,7 @@ impl EventLoop {
         let finished = self.collections.extract_if(.., |(_, collection)| collection.is_complete());
         for (_, collection) in finished {
             let Some(seat) = self.clients.get(&collection.job.client) else { continue };
-            tokio::spawn(delivery::send_capture(collection, seat.link.clone()));
+            tokio::spawn(capture_sender::send_capture(collection, seat.link.clone()));
         }
     }
 }

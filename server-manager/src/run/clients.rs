@@ -8,9 +8,9 @@ use polyptych_protocol::request::{MessageToClient, Response};
 use tokio::time::{Duration, Instant};
 
 use super::EventLoop;
-use crate::memory::keeper::{Keeper, tells_of_change};
 use crate::requests::{Asked, RequestQueues};
 use crate::session::ClientHandle;
+use crate::state_file::keeper::{Keeper, tells_of_change};
 
 /// Maximum number of clients: control desks, dashboards and scripts of the largest wall. One more
 /// may come from the manager's own machine, so that its operator is never locked out.
@@ -156,7 +156,7 @@ impl EventLoop {
         self.release_answers();
     }
 
-    /// Tells the brain that a client is gone, if it is one.
+    /// Tells the core that a client is gone, if it is one.
     pub(super) fn forget_client(&mut self, now: Micros, session: SessionId, reason: &str) {
         let Some(seat) = self.clients.remove(&session) else { return };
         let tell = || tracing::info!(reason, "client leaves");

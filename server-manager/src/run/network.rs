@@ -1,4 +1,4 @@
-//! The thread of all connections: peers are heard while the brain is busy.
+//! The thread of all connections: peers are heard while the core is busy.
 
 use std::io;
 use std::thread::{Builder, JoinHandle};
@@ -7,7 +7,7 @@ use polyptych_protocol::stream;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
-use crate::door::{self, AcceptContext};
+use crate::acceptor::{self, AcceptContext};
 
 /// Serves connections until it is dropped.
 #[derive(Debug)]
@@ -36,7 +36,7 @@ impl Network {
         let serve = move || {
             runtime.block_on(async {
                 tokio::select! {
-                    () = door::accept(listener, met) => {}
+                    () = acceptor::accept(listener, met) => {}
                     () = closed.cancelled() => {}
                 }
                 ended.cancelled().await;

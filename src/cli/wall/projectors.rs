@@ -4,8 +4,8 @@
 use std::fmt::Write;
 
 use anyhow::{anyhow, bail};
+use polyptych_wall_file::check_report::CheckReport;
 use polyptych_wall_file::coverage::coverage;
-use polyptych_wall_file::table::CheckReport;
 
 use super::metres;
 use super::pose::{LENS_HEIGHT_MIN_M, Lens, Pose, Trouble};

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail};
 use polyptych_client::glam::{DMat3, DVec2, DVec3};
-use polyptych_client::{Wall, tuning};
+use polyptych_client::{Wall, calibration_change};
 use polyptych_files::output_file;
 use polyptych_text::counted;
-use polyptych_wall::adjustment::ControlGrid;
+use polyptych_wall::channel_calibration::ControlGrid;
 use polyptych_wall::{Channel, ChannelCalibration, TransferFunction};
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
@@ -89,7 +89,7 @@ fn difference(file: &Wall, running: &Wall) -> Option<String> {
     }
     let is_other = |(file, running): &(&Channel, &Channel)| {
         let adjustment = file.adjustment.clone();
-        !tuning::differs_only_by_calibration(&adjustment, &running.adjustment)
+        !calibration_change::differs_only_by_calibration(&adjustment, &running.adjustment)
             || **file != Channel { adjustment, ..(*running).clone() }
     };
     let (other, _) = file.channels.iter().zip(&running.channels).find(is_other)?;

@@ -1,7 +1,7 @@
 //! Wall files that are written pass their own check, without a warning.
 
 use clap::Parser;
-use polyptych_wall_file::table::CheckReport;
+use polyptych_wall_file::check_report::CheckReport;
 
 use super::*;
 

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
+use polyptych_protocol::credentials::{Credentials, CredentialsError};
 use polyptych_protocol::handshake::Secret;
 use polyptych_protocol::identity::NodeIdentity;
-use polyptych_protocol::keys::{Credentials, CredentialsError};
 
-use crate::authority::CertificateAuthority;
+use crate::certificate_authority::CertificateAuthority;
 
 /// The secret of a manager that lives as long as a measurement.
 const TOKEN: &str = "barrierbarrierbarrier";

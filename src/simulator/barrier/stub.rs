@@ -10,9 +10,11 @@ use polyptych_protocol::command::{Command, Frame, Prepare};
 use polyptych_protocol::handshake::{Adapter, Hello, Role, ServerHello};
 use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
-use polyptych_protocol::log::Replica;
-use polyptych_protocol::status::{FramePresented, FrameRendered, Ping, Prepared, ServerMessage};
-use polyptych_protocol::{connection, stream};
+use polyptych_protocol::server_message::{
+    FramePresented, FrameRendered, Ping, Prepared, ServerMessage,
+};
+use polyptych_protocol::state_log::Replica;
+use polyptych_protocol::{handshake_io, stream};
 use polyptych_wall::ChannelId;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use tokio_util::sync::CancellationToken;
@@ -130,7 +132,7 @@ async fn converse(
         adapter: Adapter { texture_side_max: CHANNEL_SIDE_MAX, ..Adapter::default() },
     });
     let (mut frames, _) =
-        connection::send_hello(stream, Role::Server, &hello, &secrets.token()).await?;
+        handshake_io::send_hello(stream, Role::Server, &hello, &secrets.token()).await?;
     // Frames come all the time, and so does the moment to look at the clock.
     let mut pinged = Instant::now();
     let mut replica = Replica::default();

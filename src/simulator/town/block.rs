@@ -4,7 +4,7 @@ use glam::{Vec3, vec3};
 
 use super::building::{CATALOGUE, Quarter};
 use super::glb::{Glb, Node, Placement};
-use super::ground::Heightfield;
+use super::heightfield::Heightfield;
 use super::lamp::LAMP_HEIGHT;
 use super::random::Random;
 use super::surface::on_grid;

@@ -3,10 +3,10 @@
 use glam::{Vec3, vec3};
 
 use super::color::{Color, srgb};
+use super::facade_wall::{FacadeWall, Opening, awning, door};
 use super::material::Material;
 use super::roof::Roof;
 use super::surface::{Extent, Hidden, LocalFrame, Model};
-use super::wall::{FacadeWall, Opening, awning, door};
 
 /// How far a house's plinth reaches into the ground, in metres: more than a block's fall.
 const FOUNDATION: f32 = 4.5;

@@ -5,7 +5,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 
 use super::TownError;
-use super::ground::smooth;
+use super::heightfield::smooth;
 use super::random::lattice;
 
 /// What a painted point is like.

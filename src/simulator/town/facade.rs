@@ -3,7 +3,7 @@
 use glam::{Vec3, vec3};
 
 use super::canvas::{Canvas, Texel, cloud, noise};
-use super::ground::smooth;
+use super::heightfield::smooth;
 use super::random::lattice;
 
 const SIDE: u32 = 256;

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 use super::TownError;
 use super::material::Material;
 use super::surface::{MeshBuffer, Model};
-use super::turn::sin_cos;
+use super::trig::sin_cos;
 
 const F32: u32 = 5126;
 const U16: u32 = 5123;

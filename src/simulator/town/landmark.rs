@@ -3,10 +3,10 @@
 use glam::{Vec3, vec3};
 
 use super::color::{Color, srgb};
+use super::facade_wall::{FacadeWall, Opening, door};
 use super::material::Material;
 use super::roof::Roof;
 use super::surface::{Extent, Hidden, LocalFrame, Model};
-use super::wall::{FacadeWall, Opening, door};
 
 const WHITE: u32 = 0xf8f1e4;
 
@@ -107,7 +107,7 @@ pub(super) fn lighthouse() -> Model {
     ];
     model.lathe(Material::Stone, Vec3::ZERO, 16, &gallery);
     for n in 0..8 {
-        let (sine, cosine) = super::turn::sin_cos(n as f32 / 8.0);
+        let (sine, cosine) = super::trig::sin_cos(n as f32 / 8.0);
         let place = vec3(cosine * 1.98, 13.3, sine * 1.98);
         let post = [(0.05, 0.0, Vec3::ONE), (0.05, 1.0, Vec3::ONE), (0.0, 1.05, Vec3::ONE)];
         model.lathe(Material::Iron, place, 4, &post);

@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::canvas::Canvas;
 use super::glb::Glb;
-use super::{TownError, cover, facade};
+use super::{TownError, facade, ground_textures};
 
 /// What a surface is made of; the order is that of the file's materials.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -125,11 +125,11 @@ impl Material {
             Self::Tile => Some(facade::tiles()),
             Self::Timber => Some(facade::timber()),
             Self::Window => Some(facade::window()),
-            Self::Cobble => Some(cover::cobbles()),
-            Self::Grass => Some(cover::grass()),
-            Self::Water => Some(cover::waves()),
-            Self::Foliage => Some(cover::foliage()),
-            Self::LeafCard => Some(cover::leaves()),
+            Self::Cobble => Some(ground_textures::cobbles()),
+            Self::Grass => Some(ground_textures::grass()),
+            Self::Water => Some(ground_textures::waves()),
+            Self::Foliage => Some(ground_textures::foliage()),
+            Self::LeafCard => Some(ground_textures::leaves()),
             Self::Canvas | Self::Iron | Self::Lantern => None,
         }
     }

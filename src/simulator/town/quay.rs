@@ -4,7 +4,7 @@ use glam::{Vec3, vec3};
 
 use super::color::{Color, srgb};
 use super::glb::{Glb, Node, Placement};
-use super::ground::{BLOCK, Heightfield, QUAY_HEIGHT};
+use super::heightfield::{BLOCK, Heightfield, QUAY_HEIGHT};
 use super::material::Material;
 use super::random::Random;
 use super::surface::{Extent, Hidden, LocalFrame, Model};

@@ -3,9 +3,9 @@
 use glam::Vec3;
 
 use super::color::Color;
+use super::facade_wall::{FacadeWall, Opening};
 use super::material::Material;
 use super::surface::{Extent, Hidden, LocalFrame, Model};
-use super::wall::{FacadeWall, Opening};
 
 /// How far a roof reaches beyond the walls, in metres.
 const EAVES: f32 = 0.38;

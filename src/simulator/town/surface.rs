@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3, vec2, vec3};
 
 use super::color::{Color, bytes};
 use super::material::Material;
-use super::turn::sin_cos;
+use super::trig::sin_cos;
 
 /// Positions are multiples of this many metres: rounding differences between machines vanish, and
 /// sums with a block's whole-metre place are exact, so neighbours meet without cracks.

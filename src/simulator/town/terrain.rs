@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3, vec2, vec3};
 
 use super::color::{Color, srgb};
-use super::ground::{BLOCK, Heightfield, QUAY_HEIGHT, smooth};
+use super::heightfield::{BLOCK, Heightfield, QUAY_HEIGHT, smooth};
 use super::material::Material;
 use super::surface::{MeshBuffer, Model};
 

@@ -6,7 +6,7 @@ use super::color::{Color, srgb};
 use super::material::Material;
 use super::random::{Random, lattice};
 use super::surface::Model;
-use super::turn::{about_up, sin_cos};
+use super::trig::{about_up, sin_cos};
 
 /// What grows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

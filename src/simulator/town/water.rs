@@ -4,7 +4,7 @@ use glam::{Vec3, vec2, vec3};
 
 use super::color::{Color, srgb};
 use super::glb::{Glb, Node, Placement};
-use super::ground::{BLOCK, Heightfield, smooth};
+use super::heightfield::{BLOCK, Heightfield, smooth};
 use super::material::Material;
 use super::surface::Model;
 

@@ -1,4 +1,4 @@
-//! Coverage-guided: a kept incident that somebody has edited. The brain takes all of it, or it is
+//! Coverage-guided: a kept incident that somebody has edited. The core takes all of it, or it is
 //! refused with file and line; what it says of invariants is not judged here.
 #![no_main]
 

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use glam::{DMat4, DVec3, UVec2, Vec3};
 use polyptych_client::{Camera, Wall};
-use polyptych_render::apply;
+use polyptych_render::frame_views;
 use polyptych_wall::{ChannelId, ChannelKind};
 
 use super::shapes::cube;
@@ -162,7 +162,7 @@ fn eye_on_a_corner() {
         check_around("before a corner", &one_screen(PLAIN, corner + DVec3::Z), DVec3::ZERO, 1.0);
         let on_it = one_screen(PLAIN, DVec3::ZERO);
         let on_it = Wall { eye: corner, ..on_it };
-        let refused = apply::views(&on_it, ChannelId(0), &frame(&on_it, Camera::IDENTITY));
+        let refused = frame_views::views(&on_it, ChannelId(0), &frame(&on_it, Camera::IDENTITY));
         assert!(refused.expect_err("in the plane").contains("in the plane of screen front"));
         assert!(reference_view(&on_it, ChannelId(0), Camera::IDENTITY).is_err());
     }
@@ -177,7 +177,8 @@ fn screens_at_right_angles() {
 fn screens_behind_the_eye() {
     let wall = Wall { eye: DVec3::new(0.0, 0.0, -1.25), ..one_screen(PLAIN, DVec3::ZERO) };
     for id in channels(&wall) {
-        let error = apply::views(&wall, id, &frame(&wall, Camera::IDENTITY)).expect_err("behind");
+        let error =
+            frame_views::views(&wall, id, &frame(&wall, Camera::IDENTITY)).expect_err("behind");
         let name = &wall.channels[usize::from(id.0)].name;
         assert!(error.contains(name) && error.contains("0.250000 m behind"), "{error}");
         let reference = reference_view(&wall, id, Camera::IDENTITY).unwrap_err();

@@ -4,7 +4,7 @@ use polyptych_client::blocking::FeedbackStream;
 use polyptych_client::{ChannelFeedback, ChannelState, FrameId, Pacing};
 use polyptych_protocol::command::{Command, Frame, Swap};
 use polyptych_protocol::ids::Digest;
-use polyptych_protocol::status::{FrameRendered, ServerMessage};
+use polyptych_protocol::server_message::{FrameRendered, ServerMessage};
 use polyptych_wall::ChannelId;
 
 use super::{RATE, Run, brisk, hold, in_time};

@@ -4,8 +4,8 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 
 use polyptych_client::ChannelState;
-use polyptych_protocol::connection::send_hello;
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
+use polyptych_protocol::handshake_io::send_hello;
 use polyptych_protocol::token;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use polyptych_protocol::connection::{MessageStream, send_hello};
+use polyptych_protocol::credentials::Credentials;
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, ClientHello, Hello, Preamble, Role, Secret, ServerHello, Welcome,
 };
-use polyptych_protocol::keys::Credentials;
+use polyptych_protocol::handshake_io::{MessageStream, send_hello};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::stream::{Stream, connect};
 use polyptych_protocol::tls;

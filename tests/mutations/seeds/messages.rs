@@ -6,7 +6,6 @@ use polyptych_codec::encode;
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
 use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles,
     Skew, Statistics, Tuned, WallStatus,
@@ -16,28 +15,31 @@ use polyptych_protocol::handshake::{
     ServerHello, Welcome,
 };
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
-use polyptych_protocol::log::{Operation, SceneRef};
 use polyptych_protocol::navigation::Navigation;
+use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::progress::{OpenProgress, Opening};
 use polyptych_protocol::request::{
     self, CaptureInfo, ImageChunk, ImageInfo, Pacing, Request, RequestError, RequestMessage,
     Response, SceneSummary,
 };
-use polyptych_protocol::status::{FramePresented, FrameRendered, Ping, Prepared, ServerMessage};
+use polyptych_protocol::server_message::{
+    FramePresented, FrameRendered, Ping, Prepared, ServerMessage,
+};
+use polyptych_protocol::state_log::{Operation, SceneRef};
 use polyptych_scene::{
     AlphaMode, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, Node, Primitive,
     Sampler, Scene, SceneFeatures, Texture, TextureFormat, TextureRef, Topology, VertexLayout,
 };
+use polyptych_wall::calibration_change::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
-use polyptych_wall::tuning::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Wall};
 
 use crate::message::Kind;
 
-/// The manager's life in all seeds, so that the brain takes them for its own.
+/// The manager's life in all seeds, so that the core takes them for its own.
 pub const EPOCH: Epoch = Epoch(7);
 
 /// What the manager's door wants to hear.

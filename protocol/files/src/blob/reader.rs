@@ -8,7 +8,7 @@ use bytes::Bytes;
 
 use super::BlobHash;
 use super::CHUNK_BYTES_MAX;
-use super::folder::BlobError;
+use super::blob_store::BlobError;
 
 /// An open blob, hashed as it is read.
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! What a wall file says of a channel however it was made, right and wrong.
 
 use glam::{DMat3, DVec2, DVec3, UVec2};
-use polyptych_wall::adjustment::{BlendWidths, ControlGrid, TransferFunction};
+use polyptych_wall::channel_calibration::{BlendWidths, ControlGrid, TransferFunction};
 use polyptych_wall::{
     BlendConfig, CalibrationFileKind, ChannelKind, FrustumMode, Orientation, Ramps, StereoMode,
     StereoPacking, StereoRule,

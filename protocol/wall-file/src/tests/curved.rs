@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3, UVec2};
-use polyptych_wall::pixels::ChannelMapping;
+use polyptych_wall::channel_mapping::ChannelMapping;
 use polyptych_wall::{Channel, ChannelKind, FrustumMode, Surface};
 
 use super::{BY_HAND, SMALLEST, check, check_changed, config, read};

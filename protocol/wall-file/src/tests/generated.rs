@@ -3,10 +3,10 @@
 use std::f64::consts::FRAC_PI_2;
 
 use glam::{DMat3, DQuat, DVec2, DVec3, UVec2};
-use polyptych_wall::adjustment::{
+use polyptych_wall::camera::Camera;
+use polyptych_wall::channel_calibration::{
     BitDepth, BlendWidths, ChannelCalibration, ColorCorrection, ControlGrid, TransferFunction,
 };
-use polyptych_wall::camera::Camera;
 use polyptych_wall::projector::Projector;
 use polyptych_wall::surface::{Cylinder, Plane, Sphere, Surface};
 use polyptych_wall::{

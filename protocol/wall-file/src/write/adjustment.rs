@@ -1,7 +1,7 @@
 //! From a channel's adjustment back to `[channel.NAME]`.
 
 use glam::{DMat3, DVec2, DVec3};
-use polyptych_wall::adjustment::{BitDepth, TransferFunction};
+use polyptych_wall::channel_calibration::{BitDepth, TransferFunction};
 use polyptych_wall::{BlendWidths, CalibrationFileKind, Channel, Wall};
 
 use crate::document::{

@@ -6,7 +6,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::super::outline::Edge;
+use super::super::lit_area::Edge;
 use super::BlendChannel;
 use crate::{ChannelId, Eye};
 

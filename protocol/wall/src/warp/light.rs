@@ -3,8 +3,8 @@
 use glam::{DVec2, UVec2};
 
 use super::{Mask, WarpGeometry, WarpMap};
-use crate::facets::MeshBvh;
-use crate::pixels::ChannelMapping;
+use crate::channel_mapping::ChannelMapping;
+use crate::mesh_bvh::MeshBvh;
 use crate::warp_mesh::{WarpMesh, WarpVertex};
 
 impl WarpMap {

@@ -4,8 +4,8 @@ use glam::{DVec2, DVec3, UVec2};
 
 use super::{ImportedMesh, MapCoordinates, WarpGeometry, WarpGrid, WarpMap};
 use crate::Channel;
-use crate::pixels::ChannelMapping;
-use crate::shapes::ScreenGeometry;
+use crate::channel_mapping::ChannelMapping;
+use crate::wall_geometry::ScreenGeometry;
 use crate::warp_mesh::clip::SNAP_PX;
 use crate::warp_mesh::refine::Refinement;
 use crate::warp_mesh::{TessellationOptions, WarpMesh as ChannelMesh, WarpVertex};
@@ -147,8 +147,8 @@ mod tests {
     use glam::{Vec2, Vec3};
 
     use super::*;
-    use crate::shapes::WallGeometry;
     use crate::surface::Plane;
+    use crate::wall_geometry::WallGeometry;
     use crate::{Screen, Surface};
 
     fn stage() -> (Channel, Screen) {

@@ -2,8 +2,8 @@
 
 use glam::{DVec2, DVec3};
 use polyptych_files::blob::BlobHash;
-use polyptych_wall::tuning::carry_over::{CarriedOver, carried_over};
-use polyptych_wall::tuning::reapply;
+use polyptych_wall::calibration_change::carry_over::{CarriedOver, carried_over};
+use polyptych_wall::calibration_change::reapply;
 use polyptych_wall::{CalibrationFile, CalibrationFileKind, ChannelCalibration, Orientation, Wall};
 
 const WALL: &str = r#"

@@ -4,8 +4,8 @@
 //! is read; mesh and maps go to the GPU once, and a frame brings two kilobytes.
 
 mod cells;
+mod correction_mesh;
 mod pipelines;
-mod shape;
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -21,13 +21,13 @@ use crate::correction::{
 };
 use crate::frame::wait;
 use crate::gpu::Gpu;
+use crate::output_texture::{ImageEncoding, OutputTexture};
 use crate::pass::tonemap::{clear, resume};
-use crate::picture::{ImageEncoding, OutputTexture};
 use crate::target::{Target, TargetError};
 
 pub(crate) use cells::CellRecord;
+pub use correction_mesh::CorrectionMesh;
 use pipelines::{Pipelines, Sampling};
-pub use shape::CorrectionMesh;
 
 /// Source pixels beyond a plane's own that still count as its own: rounding must leave no point
 /// between two planes.

@@ -3,7 +3,7 @@
 use image::{Rgba, RgbaImage};
 
 use crate::gpu::Gpu;
-use crate::picture::OutputTexture;
+use crate::output_texture::OutputTexture;
 use crate::text::{BACKGROUND, Text};
 
 const FRAME: Rgba<u8> = Rgba([242, 140, 40, 255]);

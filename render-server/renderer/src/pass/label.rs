@@ -1,5 +1,5 @@
 //! Words over a picture: what a display is, or that its picture is old. Drawn onto the display
-//! only, by `output.rs`; the picture itself stays as it is, for it may be captured.
+//! only, by `present_pass.rs`; the picture itself stays as it is, for it may be captured.
 
 use image::RgbaImage;
 

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use crate::gpu::Gpu;
-use crate::picture::ImageEncoding;
+use crate::output_texture::ImageEncoding;
 use crate::readback::{ReadError, read_pixels};
 use crate::target::{Target, TargetError};
 use crate::tone::{f16_from_bits, linear_from_srgb};

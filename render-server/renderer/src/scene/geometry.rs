@@ -2,7 +2,7 @@
 
 use polyptych_scene::{IndexFormat, Primitive};
 
-use super::cluster::{Meshlet, meshlets};
+use super::meshlet::{Meshlet, meshlets};
 use crate::gpu::Gpu;
 
 /// One buffer that holds the vertices and, behind them, the indices.

@@ -12,9 +12,9 @@ use polyptych_scene::{
     VertexLayout,
 };
 
+use super::bvh::Bvh;
+use super::draw_item::{self, Bounds, DrawItem, PrimitiveInstance, Stance};
 use super::light::{GROUND, Lights};
-use super::placement::{self, Bounds, DrawItem, PrimitiveInstance, Stance};
-use super::tree::Bvh;
 use super::{Batch, SceneError, material};
 use crate::pipeline::{Alpha, Cull, PipelineKey};
 
@@ -91,11 +91,11 @@ impl SceneLayout {
         let textures = Slots::new(desc.textures.iter().map(texture_name));
         let primitives = desc.meshes.iter().flat_map(|mesh| &mesh.primitives);
         let geometries = Slots::new(primitives.map(geometry_name));
-        let world = placement::world_from_nodes(&desc.nodes);
+        let world = draw_item::world_from_nodes(&desc.nodes);
         let mut lights = Lights::new(&desc, &world);
         let mut sorter = Sorter::new(&desc, &lights);
         let (mut items, mut bounds) = (Vec::new(), Vec::new());
-        let stances = placement::instantiate(&desc, &world, |placement| {
+        let stances = draw_item::instantiate(&desc, &world, |placement| {
             if items.len().is_multiple_of(DRAWS_BETWEEN_CHECKS) && is_cancelled() {
                 return Err(SceneError::Cancelled);
             }
@@ -112,7 +112,7 @@ impl SceneLayout {
         })?;
         lights.seal();
         let Sorter { batches, keys, template, .. } = sorter;
-        let (sky, mesh_boxes) = (desc.sky, placement::mesh_boxes(&desc));
+        let (sky, mesh_boxes) = (desc.sky, draw_item::mesh_boxes(&desc));
         let ground = sky * GROUND;
         desc.nodes = Vec::new();
         desc.lights = Vec::new();

@@ -6,7 +6,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use polyptych_scene::{Light, LightKind, Scene};
 
 use super::SceneError;
-use super::placement::Bounds;
+use super::draw_item::Bounds;
 use crate::view::SUNS_MAX;
 
 /// Shines where a scene has no light of its own: from above, the right and the front, a little

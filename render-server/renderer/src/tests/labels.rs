@@ -1,7 +1,7 @@
 //! Words over pictures: where they should be, and nothing else touched.
 
 use super::harness::gpu;
-use crate::picture::{ImageEncoding, OutputTexture};
+use crate::output_texture::{ImageEncoding, OutputTexture};
 use crate::{Label, LabelPosition, PresentPass, letterbox, read_picture};
 
 /// A picture in which every pixel has its own colour.

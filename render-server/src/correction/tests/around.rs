@@ -2,7 +2,7 @@
 
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use polyptych_wall::projector::Projector;
-use polyptych_wall::source::ViewAtlas;
+use polyptych_wall::view_atlas::ViewAtlas;
 use polyptych_wall::{StereoMode, StereoRule};
 
 use super::*;

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use polyptych_files::blob::BlobHash;
-use polyptych_wall::adjustment::ControlGrid;
 use polyptych_wall::camera::Camera;
+use polyptych_wall::channel_calibration::ControlGrid;
 use polyptych_wall::projector::Projector;
 use polyptych_wall::view::{Area, ViewProjection};
 use polyptych_wall::warp::{

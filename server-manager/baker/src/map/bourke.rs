@@ -19,7 +19,7 @@ use polyptych_wall::warp::{
 };
 
 use super::super::error::BakeError;
-use super::{fold, text};
+use super::{foldover, text};
 
 /// The factors multiply colours as a program of its time has them in memory.
 const GAMMA: f64 = 2.2;
@@ -76,7 +76,7 @@ pub(super) fn read(bytes: &[u8], aspect: Option<f64>) -> Result<WarpMap, BakeErr
     }
     let firsts: Vec<u32> = triangles.iter().map(|[first, ..]| *first).collect();
     let mesh = ImportedMesh { vertices, triangles };
-    let mesh = fold::check(mesh, |triangle| text::place(places[firsts[triangle] as usize]))?;
+    let mesh = foldover::check(mesh, |triangle| text::place(places[firsts[triangle] as usize]))?;
     Ok(WarpMap { space: MapCoordinates::Canvas, shape: WarpGeometry::Mesh(mesh) })
 }
 

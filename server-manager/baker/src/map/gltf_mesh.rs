@@ -20,7 +20,7 @@ use super::super::error::BakeError;
 use super::super::pose::{Pose, Vertices};
 use super::super::source::GltfSource;
 use super::super::{BakeJob, document, geometry, node, topology};
-use super::fold;
+use super::foldover;
 
 /// Reads a mesh whose TEXCOORD_0 are places. Nothing is written to `blobs`.
 pub(super) fn read(
@@ -57,7 +57,7 @@ pub(super) fn read(
         let (first, place) = &origins[part.saturating_sub(1)];
         format!("{place} triangle {}", triangle - first)
     };
-    let mesh = fold::check(mesh, place_of)?;
+    let mesh = foldover::check(mesh, place_of)?;
     Ok(WarpMap { space: MapCoordinates::Display, shape: WarpGeometry::Mesh(mesh) })
 }
 

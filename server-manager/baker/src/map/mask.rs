@@ -6,11 +6,11 @@
 use polyptych_wall::warp::Mask;
 
 use super::super::error::BakeError;
-use super::picture::{self, PngImage};
+use super::png_image::{self, PngImage};
 
 /// Reads a mask. `gamma`: what somebody else says of the file, light = stored^gamma.
 pub(super) fn read(bytes: &[u8], gamma: Option<f64>) -> Result<Mask, BakeError> {
-    let picture = picture::decode(bytes)?;
+    let picture = png_image::decode(bytes)?;
     convert(&picture, gamma)
 }
 

@@ -30,7 +30,7 @@ use polyptych_wall::warp::{MapCoordinates, WarpGeometry, WarpMap};
 
 use super::super::check;
 use super::super::error::BakeError;
-use super::{pfm, picture};
+use super::{pfm, png_image};
 
 pub use region::RegionFrustum;
 
@@ -126,7 +126,7 @@ fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Import
         };
         let mask = |mask: &Option<polyptych_wall::warp::Mask>, ending: &str| {
             let Some(mask) = mask else { return Ok(None) };
-            let png = picture::encode_linear(mask.size, mask.components, &mask.texels)?;
+            let png = png_image::encode_linear(mask.size, mask.components, &mask.texels)?;
             write(ending, &png).map(Some)
         };
         let pfm = match &maps.warp {

@@ -19,7 +19,7 @@ use polyptych_wall::warp::{
 
 use super::super::error::BakeError;
 use super::super::uri::shorten;
-use super::{fold, text};
+use super::{foldover, text};
 
 /// What positions and UV of an OBJ are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -70,7 +70,7 @@ pub(super) fn read(bytes: &[u8], roles: Roles) -> Result<WarpMap, BakeError> {
     }
     let lines = reader.lines;
     let mesh = ImportedMesh { vertices: reader.vertices, triangles: reader.triangles };
-    let mesh = fold::check(mesh, |triangle| text::place(lines[triangle]))?;
+    let mesh = foldover::check(mesh, |triangle| text::place(lines[triangle]))?;
     let space = if roles == Roles::Sgct { MapCoordinates::Canvas } else { MapCoordinates::Display };
     Ok(WarpMap { space, shape: WarpGeometry::Mesh(mesh) })
 }

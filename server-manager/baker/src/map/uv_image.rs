@@ -9,11 +9,11 @@ use glam::Vec3;
 use polyptych_wall::warp::{MapCoordinates, WarpGeometry, WarpGrid, WarpMap};
 
 use super::super::error::BakeError;
-use super::picture;
+use super::png_image;
 
 /// Reads a map.
 pub(super) fn read(bytes: &[u8]) -> Result<WarpMap, BakeError> {
-    let picture = picture::decode(bytes)?;
+    let picture = png_image::decode(bytes)?;
     let right = "a PNG of 16 bits with u in red, v in green, and alpha or blue above 0 where lit";
     let bad = |what: String| BakeError::at("PNG", what, format!("{right} would be right"));
     if picture.components < 3 {

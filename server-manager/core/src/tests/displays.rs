@@ -1,8 +1,8 @@
 //! What displays show, and how far apart they show it.
 
-use polyptych_protocol::display::OutputMode;
 use polyptych_protocol::feedback::Skew;
-use polyptych_protocol::status::FramePresented;
+use polyptych_protocol::output_mode::OutputMode;
+use polyptych_protocol::server_message::FramePresented;
 
 use super::*;
 

@@ -74,7 +74,7 @@ fn a_frame_that_a_replica_in_doubt_has_drawn_is_not_shown_by_it() {
     let drawn = stage.drawn(0);
     stage.cluster.handle_status(stage.now, SessionId(0), ServerMessage::Drawn(drawn), 10);
     let mut told = Vec::new();
-    while let Some(output) = stage.cluster.poll_output() {
+    while let Some(output) = stage.cluster.poll_effect() {
         if let Effect::Command { to, bytes } = output
             && let Ok(Command::Swap(_)) = polyptych_protocol::framing::decode::<Command>(&bytes)
         {

@@ -33,7 +33,7 @@ fn what_was_drawn_wrong_is_not_swapped() {
     let right = stage.drawn(0);
     stage.cluster.handle_status(stage.now, SessionId(0), ServerMessage::Drawn(right), 10);
     let mut asked_to_show = Vec::new();
-    while let Some(output) = stage.cluster.poll_output() {
+    while let Some(output) = stage.cluster.poll_effect() {
         if let Effect::Command { to, bytes } = output
             && let Ok(Command::Swap(_)) = polyptych_protocol::framing::decode(&bytes)
         {

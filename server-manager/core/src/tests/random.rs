@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
 use polyptych_protocol::navigation::Navigation;
-use polyptych_wall::tuning::{CalibrationChange, Corner, Offset};
+use polyptych_wall::calibration_change::{CalibrationChange, Corner, Offset};
 use polyptych_wall::view::Area;
 use proptest::prelude::*;
 
@@ -144,7 +144,7 @@ proptest! {
             prop_assert_eq!(cluster.shown.wall.as_deref(), Some(&cluster.wall));
             prop_assert_eq!(cluster.camera.fault(), None);
             prop_assert_eq!(cluster.check_view_state(&cluster.wall), Ok(()));
-            // A server that the brain has let go of is gone for the test as well.
+            // A server that the core has let go of is gone for the test as well.
             for session in std::mem::take(&mut stage.closed) {
                 sessions.retain(|_, s| *s != session);
                 stage.replicas.remove(&session);

@@ -17,7 +17,7 @@ mod invariant;
 mod manager;
 mod network;
 // What the real servers run, so that the simulated ones can't differ from them.
-#[path = "../../../../render-server/src/playback.rs"]
+#[path = "../../../../render-server/src/frame_scheduler.rs"]
 mod playback;
 mod promise;
 mod render;
@@ -96,7 +96,7 @@ fn random_schedules_keep_every_invariant() {
     }
 }
 
-/// Seeds that broke the brain as it was, by what was wrong with it; `found.rs` tells each as a
+/// Seeds that broke the core as it was, by what was wrong with it; `found.rs` tells each as a
 /// short story.
 const FOUND: [(u64, &str); 11] = [
     (

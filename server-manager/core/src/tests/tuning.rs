@@ -3,11 +3,11 @@
 use glam::DVec2;
 use polyptych_protocol::feedback::Tuned;
 use polyptych_protocol::pattern::TestPattern;
+use polyptych_wall::calibration_change::{CalibrationChange, Corner, Offset};
 use polyptych_wall::head::HeadPose;
-use polyptych_wall::tuning::{CalibrationChange, Corner, Offset};
 use polyptych_wall::view::{Area, View};
 
-use super::super::tune::TUNERS_MAX;
+use super::super::calibrate::TUNERS_MAX;
 use super::*;
 
 fn pin(x: f64) -> CalibrationChange {

@@ -1,7 +1,9 @@
 //! A wall file that is written back: its comments stay, and it says what the wall is.
 
+use polyptych_client::calibration_change::{
+    CalibrationChange, Corner, Edge, Offset, apply_changes,
+};
 use polyptych_client::glam::UVec2;
-use polyptych_client::tuning::{CalibrationChange, Corner, Edge, Offset, apply_changes};
 
 use super::*;
 

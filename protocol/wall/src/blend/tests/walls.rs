@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DQuat, DVec2, DVec3, UVec2};
 
-use crate::adjustment::ControlGrid;
+use crate::channel_calibration::ControlGrid;
 use crate::projector::Projector;
 use crate::surface::{Cylinder, Plane, Surface};
 use crate::{Channel, ChannelKind, Screen, Wall};

@@ -4,9 +4,9 @@ use glam::{DVec2, DVec3, UVec2, Vec2};
 use proptest::prelude::{ProptestConfig, Strategy, any, prop_assert, proptest};
 
 use super::super::{ImportedMesh, ImportedVertex, MapCoordinates, WarpGeometry, WarpMap};
-use crate::pixels::ChannelMapping;
-use crate::shapes::{ResolvedWall, WallGeometry};
+use crate::channel_mapping::ChannelMapping;
 use crate::surface::Plane;
+use crate::wall_geometry::{ResolvedWall, WallGeometry};
 use crate::{Channel, ChannelId, Screen, Surface, Wall};
 
 /// A grid of cells over a rectangle of places, unevenly moved, whose values are a hill.
@@ -176,7 +176,7 @@ fn pins_may_tip_a_mesh_over_its_horizon() {
 fn what_cannot_be_drawn_is_refused_by_its_key() {
     use std::sync::Arc;
 
-    use crate::maps::CalibrationMaps;
+    use crate::calibration_maps::CalibrationMaps;
     use crate::warp::CalibrationMap;
     use crate::{CalibrationFile, CalibrationFileKind, ChannelKind};
     use polyptych_files::blob::BlobHash;

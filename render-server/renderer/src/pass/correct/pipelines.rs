@@ -6,11 +6,11 @@ use std::collections::BTreeMap;
 use glam::DMat3;
 
 use super::TAPS_MAX;
-use super::shape::WarpVertexRecord;
+use super::correction_mesh::WarpVertexRecord;
 use crate::bindings;
 use crate::correction::{CorrectionDesc, EyeAtlas, StereoPacking, TransferFunction};
 use crate::gpu::Gpu;
-use crate::picture::{CODES_FORMAT, FINE_FORMAT};
+use crate::output_texture::{CODES_FORMAT, FINE_FORMAT};
 use crate::target::DISPLAY_FORMAT;
 
 const SOURCE: &str = include_str!("../correct.wgsl");

@@ -6,7 +6,7 @@ use polyptych_wall::warp::{MapCoordinates, Mask, WarpMap};
 use super::super::super::error::BakeError;
 use super::super::super::uri::shorten;
 use super::super::pfm::Pfm;
-use super::super::{mask, pfm, picture};
+use super::super::{mask, pfm, png_image};
 use super::Profile;
 use super::archive::Archive;
 use super::document::{Document, MaskFile, Region, WarpFile, place};
@@ -243,7 +243,7 @@ fn origin_of(file: &WarpFile, notes: &mut Vec<String>) -> Result<DVec3, BakeErro
 
 /// A mask of any size: it is stretched over the region; *MPCDI 2.0*, §3.7.
 fn read_mask(bytes: &[u8], file: &MaskFile) -> Result<Mask, BakeError> {
-    let picture = picture::decode(bytes)?;
+    let picture = png_image::decode(bytes)?;
     let said = [
         ("componentDepth", file.components, picture.components as f64),
         ("bitDepth", file.bits, f64::from(picture.bits)),

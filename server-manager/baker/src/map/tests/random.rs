@@ -8,9 +8,9 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 use polyptych_files::blob::BlobStore;
 use polyptych_wall::blend::{BlendModel, ChannelMasks, blend_map};
-use polyptych_wall::maps::CalibrationMaps;
-use polyptych_wall::shapes::{ResolvedWall, WallGeometry};
+use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::surface::Plane;
+use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
 use polyptych_wall::warp::CalibrationMap;
 use polyptych_wall::{
     CalibrationFile, CalibrationFileKind, Channel, ChannelKind, Screen, Surface, Wall,

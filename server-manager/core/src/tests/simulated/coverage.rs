@@ -99,7 +99,7 @@ const WHAT_MUST_HAPPEN: [&str; 28] = [
     "server refused",
     "server slow",
     "server stopped",
-    "session closed by the brain",
+    "session closed by the core",
     "taken over by the same process",
     "tuning refused by a server",
 ];

@@ -7,8 +7,8 @@ use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::{Command, Frame, Prepare, Swap};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
-use polyptych_protocol::log::Operation;
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
+use polyptych_protocol::state_log::Operation;
 use polyptych_wall::{ChannelId, Wall};
 
 use super::super::change::HOLDS_REFUSED;
@@ -22,10 +22,10 @@ use super::world::Check;
 /// What one input may set off: all that waits may settle at once on a wall without servers.
 const OUTPUTS_MAX: usize = 3 * 64 + 256;
 
-/// Most changes in the brain's queue; its own limit is private to its module.
+/// Most changes in the core's queue; its own limit is private to its module.
 const CHANGES_MAX: usize = 64;
 
-/// `WARM_UP_FRAMES` of the brain, and a few: it does not count what it can't tell to be of the
+/// `WARM_UP_FRAMES` of the core, and a few: it does not count what it can't tell to be of the
 /// present state.
 const WARM_UP_FRAMES: u32 = 3 + 3;
 
@@ -128,7 +128,7 @@ impl InvariantChecker {
         for &channel in channels {
             self.drawn_since.insert(channel, 0);
         }
-        // What it was sent while it joined is in the brain's outputs still.
+        // What it was sent while it joined is in the core's outputs still.
         self.joined.insert(session, Joined::default());
     }
 
@@ -150,7 +150,7 @@ impl InvariantChecker {
         Ok(())
     }
 
-    /// A server's report reaches the brain.
+    /// A server's report reaches the core.
     pub fn hears(
         &mut self,
         cluster: &Cluster,
@@ -202,7 +202,7 @@ impl InvariantChecker {
         }
     }
 
-    /// The brain sends a command to these servers.
+    /// The core sends a command to these servers.
     pub fn commanded(
         &mut self,
         now: Micros,
@@ -305,7 +305,7 @@ impl InvariantChecker {
         Ok(())
     }
 
-    /// The brain has answered an input whole.
+    /// The core has answered an input whole.
     pub fn settled(
         &mut self,
         now: Micros,

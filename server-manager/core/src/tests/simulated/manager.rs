@@ -1,4 +1,4 @@
-//! The manager around the brain, as `run.rs` has it: sessions, imports, what outlives it, its end.
+//! The manager around the core, as `run.rs` has it: sessions, imports, what outlives it, its end.
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -9,9 +9,9 @@ use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{Epoch, FrameId, RequestId, Revision};
-use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::{Request, SceneSummary};
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
+use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{Bounds, SceneFeatures};
 
 use super::super::{
@@ -48,8 +48,8 @@ pub struct Manager {
 }
 
 impl Simulation {
-    /// The brain, with what it was before this.
-    fn brain<R>(&mut self, what: impl FnOnce(&mut Cluster, Micros) -> R) -> Option<R> {
+    /// The core, with what it was before this.
+    fn core<R>(&mut self, what: impl FnOnce(&mut Cluster, Micros) -> R) -> Option<R> {
         let now = self.now - self.manager.started;
         let cluster = self.manager.cluster.as_mut()?;
         self.manager.before.clear();
@@ -83,7 +83,7 @@ impl Simulation {
                 self.connect_client(index);
             }
         }
-        self.brain(|_, _| ());
+        self.core(|_, _| ());
         self.carry_out()
     }
 
@@ -142,7 +142,7 @@ impl Simulation {
         let session = self.new_session();
         self.manager.links.insert(session, link);
         self.links[link.0].session = Some(session);
-        let joined = self.brain(|cluster, now| cluster.handle_server(now, session, hello, address));
+        let joined = self.core(|cluster, now| cluster.handle_server(now, session, hello, address));
         match joined {
             Some(Ok(())) => {
                 self.tell(|| format!("server {index} joins as {session:?}"));
@@ -171,7 +171,7 @@ impl Simulation {
         }
         let moves = |cluster: &Cluster| cluster.navigator.count;
         let before = self.manager.cluster.as_ref().map(moves);
-        self.brain(|cluster, now| cluster.handle_status(now, session, status, 40));
+        self.core(|cluster, now| cluster.handle_status(now, session, status, 40));
         if self.manager.cluster.as_ref().map(moves) > before {
             self.coverage.count("camera moved by a mouse");
             self.watch.camera_moves();
@@ -182,7 +182,7 @@ impl Simulation {
     /// A connection has ended, on one side or the other.
     fn forget(&mut self, session: SessionId, why: &str) -> Check {
         self.let_go(session);
-        self.brain(|cluster, now| cluster.handle_server_gone(now, session, why));
+        self.core(|cluster, now| cluster.handle_server_gone(now, session, why));
         self.carry_out()
     }
 
@@ -206,10 +206,10 @@ impl Simulation {
                 self.set_alarm();
                 return Ok(());
             }
-            self.brain(Cluster::handle_timeout);
+            self.core(Cluster::handle_timeout);
             self.carry_out()?;
         }
-        Err("the brain spins: time does not go on".into())
+        Err("the core spins: time does not go on".into())
     }
 
     fn set_alarm(&mut self) {
@@ -230,13 +230,13 @@ impl Simulation {
         let session = self.new_session();
         self.clients[index].session = Some(session);
         self.watch.client_joins(session);
-        self.brain(|cluster, _| cluster.handle_client(session, format!("client {index}")));
+        self.core(|cluster, _| cluster.handle_client(session, format!("client {index}")));
     }
 
     pub fn disconnect_client(&mut self, index: usize) -> Check {
         let Some(session) = self.clients[index].session.take() else { return Ok(()) };
         self.watch.client_leaves(session);
-        self.brain(|cluster, _| cluster.handle_client_gone(session));
+        self.core(|cluster, _| cluster.handle_client_gone(session));
         self.carry_out()
     }
 
@@ -256,7 +256,7 @@ impl Simulation {
         }
         self.tell(|| format!("  {client:?} asks {id}: {request:?}"));
         self.watch.asked(client, id, request.clone());
-        self.brain(|cluster, now| cluster.handle_request(now, client, id, request));
+        self.core(|cluster, now| cluster.handle_request(now, client, id, request));
         self.carry_out()
     }
 
@@ -279,14 +279,14 @@ impl Simulation {
         let scene = ImportedScene { scene: SceneRef { name, manifest }, summary };
         let imported = if is_good { Ok(scene) } else { Err("not glTF".to_owned()) };
         self.coverage.count(if is_good { "import done" } else { "import failed" });
-        self.brain(|cluster, now| cluster.handle_import(now, job, imported));
+        self.core(|cluster, now| cluster.handle_import(now, job, imported));
         self.carry_out()
     }
 
-    /// Does what the brain wants done, then looks at what became of it.
+    /// Does what the core wants done, then looks at what became of it.
     fn carry_out(&mut self) -> Check {
         let mut count = 0;
-        while let Some(output) = self.manager.cluster.as_mut().and_then(Cluster::poll_output) {
+        while let Some(output) = self.manager.cluster.as_mut().and_then(Cluster::poll_effect) {
             count += 1;
             if let Some(left) = &mut self.manager.dies_after {
                 if *left == 0 {
@@ -348,7 +348,7 @@ impl Simulation {
                 self.watch.collects(job, frame, channels.len() + missing.len())?;
             }
             Effect::Close { session, reason } => {
-                self.coverage.count("session closed by the brain");
+                self.coverage.count("session closed by the core");
                 if let Some(&link) = self.manager.links.get(&session) {
                     let goodbye = Rc::new(Command::Goodbye(Goodbye::closed(reason)));
                     self.send(link, Side::Server, Packet::Command(goodbye));

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use polyptych_protocol::command::Command;
-use polyptych_protocol::status::ServerMessage;
+use polyptych_protocol::server_message::ServerMessage;
 
 use super::super::{Micros, SessionId};
 use super::dice::Rng;

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use polyptych_protocol::feedback::FrameFeedback;
 use polyptych_protocol::ids::{FrameId, RequestId, Revision};
-use polyptych_protocol::log::SceneRef;
 use polyptych_protocol::request::{MessageToClient, Pacing, Request, Response};
+use polyptych_protocol::state_log::SceneRef;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;

@@ -1,11 +1,11 @@
 //! The render thread of a simulated server: as `render_thread.rs` of the render server, with its
-//! very own `playback.rs`, but for the pictures.
+//! very own `frame_scheduler.rs`, but for the pictures.
 
 use std::time::Duration;
 
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, FrameId};
-use polyptych_protocol::status::{FramePresented, FrameRendered, ServerMessage};
+use polyptych_protocol::server_message::{FramePresented, FrameRendered, ServerMessage};
 
 use super::super::Micros;
 use super::playback::{FrameAction, SLOW_GRACE_MAX};

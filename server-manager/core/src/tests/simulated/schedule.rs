@@ -7,7 +7,7 @@ use polyptych_protocol::request::{Pacing, Request};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
-use polyptych_wall::{ChannelId, DeadlinePolicy, tuning};
+use polyptych_wall::{ChannelId, DeadlinePolicy, calibration_change};
 
 use super::super::{Micros, wall};
 use super::coverage::Coverage;
@@ -18,7 +18,7 @@ use super::world::{Check, Simulation};
 /// Frames a second of the calm at the end.
 const CALM_RATE: f64 = 50.0;
 
-/// Frames after which the worst of channels is waited for again: `REJOIN_FRAMES_MAX` of the brain,
+/// Frames after which the worst of channels is waited for again: `REJOIN_FRAMES_MAX` of the core,
 /// and a few for those that stumble once more.
 const CALM_FRAMES: u64 = 700;
 
@@ -181,7 +181,8 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
         95..97 => {
             // Now and then beyond what can be, and in bursts as a slider's.
             let channel = format!("c{}", dice.below(world.wall.channels.len() as u64));
-            let gain = tuning::CalibrationChange::Gain(DVec3::splat(dice.below(2_000) as f64));
+            let gain =
+                calibration_change::CalibrationChange::Gain(DVec3::splat(dice.below(2_000) as f64));
             let request = Request::Tune { channel, changes: vec![gain] };
             for _ in 1..dice.pick(&[1, 1, 1, 4, 20]) {
                 world.ask(client, request.clone());

@@ -8,9 +8,9 @@ use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::{Command, Prepare};
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
 use polyptych_protocol::limits::PINGS_PER_HEARTBEAT;
-use polyptych_protocol::log::Replica;
 use polyptych_protocol::navigation::Navigation;
-use polyptych_protocol::status::{Ping, Prepared, ServerMessage};
+use polyptych_protocol::server_message::{Ping, Prepared, ServerMessage};
+use polyptych_protocol::state_log::Replica;
 use polyptych_wall::ChannelId;
 
 use super::super::Micros;

@@ -36,7 +36,7 @@ pub enum SimEvent {
     Imported(usize),
 }
 
-/// A program that asks. Its messages are not delayed by the network model: the brain's answers to
+/// A program that asks. Its messages are not delayed by the network model: the core's answers to
 /// it are looked at as they come out.
 #[derive(Debug, Default)]
 pub struct Client {

@@ -1,0 +1,494 @@
+//! What callers and the connection task hold in common: the table of open requests, the queue of
+//! messages to send, the subscribers, and the reason of the end.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+use polyptych_protocol::feedback::FrameFeedback;
+use polyptych_protocol::handshake::Welcome;
+use polyptych_protocol::ids::{Epoch, RequestId};
+use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
+use polyptych_protocol::progress::OpenProgress;
+use polyptych_protocol::request::{ImageChunk, Request, RequestError, RequestMessage, Response};
+use tokio::sync::{Notify, broadcast, mpsc, oneshot, watch};
+
+use crate::connect::ConnectOptions;
+use crate::error::ClientError;
+use crate::feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream};
+use crate::image::ImageAssembler;
+use crate::in_flight::{InFlight, OPEN_REQUESTS_MAX, OpenRequest};
+use crate::pending::Pending;
+
+/// The callers' end of a connection. The connection is closed when the last one is dropped.
+#[derive(Clone, Debug)]
+pub(crate) struct ConnectionHandle {
+    pub shared: Arc<Shared>,
+    outgoing: mpsc::Sender<Outgoing>,
+}
+
+/// Known to the callers and to the connection task.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub address: String,
+    /// The wall's name; a manager of another one is not the one that was meant.
+    pub wall: String,
+    /// Told when a connection is there, or will never be.
+    pub connection_changed: Notify,
+    /// Told when a request may have made the next deadline an earlier one.
+    pub deadline_moved: Notify,
+    options: ConnectOptions,
+    state: Mutex<State>,
+}
+
+#[derive(Debug)]
+struct State {
+    open: InFlight<Waiter>,
+    /// `None` once the connection has ended, so that the readers end too.
+    feedback: Option<broadcast::Sender<TaggedFeedback>>,
+    subscribers: usize,
+    /// The life of the manager that this client talks to, or has talked to last.
+    epoch: Epoch,
+    /// Counts the connections.
+    connection: u64,
+    /// The present or last connection, as the manager names it.
+    session: u64,
+    /// Whether this client has asked the manager to end: then no other one is wanted.
+    has_stopped: bool,
+    /// Why there is no connection now, while another one is tried.
+    lost: Option<CloseReason>,
+    /// Why there is none any more.
+    end: Option<CloseReason>,
+}
+
+/// A frame's feedback and where it came from.
+#[derive(Clone, Debug)]
+pub(crate) struct TaggedFeedback {
+    pub feedback: Arc<FrameFeedback>,
+    pub epoch: Epoch,
+    pub connection: u64,
+}
+
+/// A request on its way to the connection task.
+#[derive(Debug)]
+pub(crate) struct Outgoing {
+    id: RequestId,
+    posted: Instant,
+    /// How long it may take, once it is sent.
+    after: Duration,
+    bytes: Bytes,
+}
+
+/// Why a connection ended.
+#[derive(Clone, Debug)]
+pub(crate) struct CloseReason {
+    /// For a person.
+    pub reason: String,
+    /// Whether the manager said that it ends.
+    pub is_goodbye: bool,
+}
+
+impl CloseReason {
+    /// For any reason but a goodbye.
+    pub fn lost(reason: impl Into<String>) -> Self {
+        Self { reason: reason.into(), is_goodbye: false }
+    }
+}
+
+/// Who waits for an answer, and the pictures that came until then, if they are wanted.
+#[derive(Debug)]
+struct Waiter {
+    answer: oneshot::Sender<Result<CompletedResponse, ClientError>>,
+    parts: Option<ImageAssembler>,
+    /// Holds the newest progress, for requests that tell theirs.
+    progress: Option<watch::Sender<OpenProgress>>,
+    /// Whether the outcome can be asked for over another connection.
+    is_job: bool,
+    /// The connection that it was sent over, as the manager names it.
+    session: u64,
+}
+
+/// What of the messages that come before a reply is wanted.
+#[derive(Debug, Default)]
+pub(crate) struct Wanted {
+    /// Pieces of pictures are kept.
+    pub pictures: bool,
+    /// The newest progress goes here.
+    pub progress: Option<watch::Sender<OpenProgress>>,
+}
+
+/// A reply, and the pieces of pictures that came before it.
+#[derive(Debug)]
+pub(crate) struct CompletedResponse {
+    pub reply: Response,
+    pub parts: Option<ImageAssembler>,
+}
+
+impl ConnectionHandle {
+    /// A new connection's, with the queue that the connection task empties.
+    pub fn new(options: ConnectOptions, welcome: Welcome) -> (Self, mpsc::Receiver<Outgoing>) {
+        // A message may wait after its request was given up, so this queue can be full before
+        // the table is; both then say the same.
+        let (outgoing, messages) = mpsc::channel(OPEN_REQUESTS_MAX);
+        let state = State {
+            open: InFlight::new(),
+            feedback: Some(broadcast::Sender::new(FEEDBACK_QUEUE_MAX)),
+            subscribers: 0,
+            epoch: welcome.epoch,
+            connection: 0,
+            session: welcome.session,
+            has_stopped: false,
+            lost: None,
+            end: None,
+        };
+        let shared = Shared {
+            address: options.address.clone(),
+            wall: welcome.wall,
+            connection_changed: Notify::new(),
+            deadline_moved: Notify::new(),
+            options,
+            state: Mutex::new(state),
+        };
+        (Self { shared: Arc::new(shared), outgoing }, messages)
+    }
+
+    /// Sends a request without waiting for its answer.
+    pub fn post(&self, request: Request, wanted: Wanted) -> Result<Pending, ClientError> {
+        self.post_in(&mut self.shared.lock(), request, wanted)
+    }
+
+    /// Under the caller's lock, so that requests leave in the order of their numbers.
+    fn post_in(
+        &self,
+        state: &mut State,
+        request: Request,
+        wanted: Wanted,
+    ) -> Result<Pending, ClientError> {
+        let name = request.name();
+        let shared = &self.shared;
+        if let Some(end) = &state.end {
+            let (address, reason) = (shared.address.clone(), end.reason.clone());
+            return Err(ClientError::Closed { request: name, address, reason });
+        }
+        let (answer, receiver) = oneshot::channel();
+        let parts = wanted.pictures.then(|| ImageAssembler::new(shared.options.capture_bytes_max));
+        let after = shared.options.timeouts.of(&request);
+        // tokio's clock, which tests own.
+        let now = tokio::time::Instant::now().into_std();
+        let full = || ClientError::TooManyOpen { request: name, limit: OPEN_REQUESTS_MAX };
+        let is_job = matches!(request, Request::OpenScene { .. });
+        let waiter = Waiter { answer, parts, progress: wanted.progress, is_job, session: 0 };
+        // Without a connection it waits for one first.
+        let first_after = if state.lost.is_some() { shared.wait() } else { after };
+        let id = state.open.insert(now, name, first_after, waiter).ok_or_else(full)?;
+
+        let is_stop = matches!(request, Request::Stop | Request::StopServers);
+        let message = polyptych_codec::encode(&RequestMessage { id, request });
+        let (bytes, limit) = (message.len(), MESSAGE_BYTES_MAX);
+        let sent = if bytes > limit {
+            Err(ClientError::RequestTooLarge { request: name, bytes, limit })
+        } else {
+            let outgoing = Outgoing { id, posted: now, after, bytes: message };
+            self.outgoing.try_send(outgoing).map_err(|_| full())
+        };
+        if let Err(error) = sent {
+            state.open.remove(id);
+            return Err(error);
+        }
+        state.has_stopped |= is_stop;
+        shared.deadline_moved.notify_one();
+        Ok(Pending::new(id, name, receiver, self.clone()))
+    }
+
+    /// Subscribes to the feedback of every frame.
+    pub async fn subscribe(&self) -> Result<FeedbackStream, ClientError> {
+        let (receiver, connection, epoch, posted) = {
+            let state = &mut *self.shared.lock();
+            // After the end, posting fails, and the receiver only has to exist.
+            let receiver = match &state.feedback {
+                Some(sender) => sender.subscribe(),
+                None => broadcast::Sender::new(1).subscribe(),
+            };
+            state.subscribers += 1;
+            let (connection, epoch) = (state.connection, state.epoch);
+            let posted = self.post_in(state, Request::Subscribe(true), Wanted::default());
+            (receiver, connection, epoch, posted)
+        };
+        let feedbacks = FeedbackStream::new(receiver, connection, epoch, self.clone());
+        match posted?.await? {
+            Response::Done => Ok(feedbacks),
+            other => Err(wrong_answer("subscribe to feedback", &other)),
+        }
+    }
+
+    /// A subscriber leaves; the last one ends the subscription.
+    pub fn unsubscribe(&self) {
+        let posted = {
+            let state = &mut *self.shared.lock();
+            state.subscribers = state.subscribers.saturating_sub(1);
+            if state.subscribers > 0 || state.end.is_some() {
+                return;
+            }
+            self.post_in(state, Request::Subscribe(false), Wanted::default())
+        };
+        if let Err(error) = posted {
+            tracing::debug!(%error, "feedback goes on coming and is ignored");
+        }
+    }
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // Whoever panicked here left a table that is whole: each change is one call.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The caller does not want this answer any more.
+    pub fn forget(&self, id: RequestId) {
+        let _forgotten = self.lock().open.remove(id);
+    }
+
+    /// How many requests wait for their answers.
+    pub fn open_requests(&self) -> usize {
+        self.lock().open.len()
+    }
+
+    /// Why there is no connection; `None` while there is one.
+    pub fn end_reason(&self) -> Option<String> {
+        let state = self.lock();
+        state.end.as_ref().or(state.lost.as_ref()).map(|end| end.reason.clone())
+    }
+
+    /// The life of the manager.
+    pub fn epoch(&self) -> Epoch {
+        self.lock().epoch
+    }
+
+    /// The life of the manager where there is a connection, `None` where one is tried.
+    ///
+    /// # Errors
+    /// Why there will be none.
+    pub fn connection(&self) -> Result<Option<Epoch>, ClientError> {
+        let state = self.lock();
+        let closed = |end: &CloseReason| ClientError::Closed {
+            request: "wait for a connection",
+            address: self.address.clone(),
+            reason: end.reason.clone(),
+        };
+        state.end.as_ref().map_or(Ok(()), |end| Err(closed(end)))?;
+        Ok(state.lost.is_none().then_some(state.epoch))
+    }
+
+    /// Whether a connection that has ended is to be made again.
+    pub fn wants_connection(&self) -> bool {
+        !self.lock().has_stopped
+    }
+
+    /// How long a request waits for a connection.
+    fn wait(&self) -> Duration {
+        self.options.reconnect.map_or(Duration::ZERO, |reconnect| reconnect.wait)
+    }
+
+    /// The bytes of a request that is to be sent now; `None` where it waited too long.
+    pub fn take_to_send(&self, outgoing: Outgoing) -> Option<Bytes> {
+        let now = tokio::time::Instant::now().into_std();
+        let state = &mut *self.lock();
+        let is_open = state.open.contains(outgoing.id);
+        // A caller may have dropped the answer, and wants the request done all the same.
+        let is_fresh = || self.options.reconnect.is_none_or(|r| now < outgoing.posted + r.wait);
+        let is_due =
+            if is_open { state.open.send(now, outgoing.id, outgoing.after) } else { is_fresh() };
+        let session = state.session;
+        if let Some(waiter) = state.open.waiter_mut(outgoing.id) {
+            waiter.session = session;
+        }
+        self.deadline_moved.notify_one();
+        is_due.then_some(outgoing.bytes)
+    }
+
+    /// The connection has ended, and another one is tried. What was sent is told so, once; what
+    /// can be asked for over the next connection waits for it, unless the manager has ended.
+    pub fn handle_loss(&self, end: &CloseReason) {
+        let now = tokio::time::Instant::now().into_std();
+        let sent = {
+            let state = &mut *self.lock();
+            state.lost = Some(end.clone());
+            state.open.postpone_unsent(now, self.wait());
+            state.open.drain_sent(|waiter| !waiter.is_job || end.is_goodbye)
+        };
+        self.deadline_moved.notify_one();
+        self.tell_of_end(sent, end);
+    }
+
+    /// Why the last attempt to connect has failed.
+    pub fn note_reason(&self, reason: &str) {
+        self.lock().lost = Some(CloseReason::lost(reason));
+    }
+
+    /// There is a connection again. Returns what must be sent first.
+    pub fn handle_connected(&self, welcome: &Welcome) -> Vec<Bytes> {
+        let (greeting, gone, lost) = {
+            let state = &mut *self.lock();
+            let lost = state.lost.take();
+            let is_same = state.epoch == welcome.epoch;
+            state.epoch = welcome.epoch;
+            state.connection += 1;
+            state.session = welcome.session;
+            // Another epoch knows nothing of what was asked in the last one.
+            let gone = state.open.drain_sent(|_| !is_same);
+            let asked = |(id, waiter): (RequestId, &Waiter)| {
+                let request = Request::OpenOutcome { session: waiter.session, of: id };
+                polyptych_codec::encode(&RequestMessage { id, request })
+            };
+            let mut greeting: Vec<Bytes> = state.open.sent().map(asked).collect();
+            if state.subscribers > 0 {
+                // Should it fail, the stream is silent, as that of a wall that draws nothing.
+                let id = state.open.number();
+                greeting.push(polyptych_codec::encode(&RequestMessage {
+                    id,
+                    request: Request::Subscribe(true),
+                }));
+            }
+            (greeting, gone, lost)
+        };
+        if let Some(end) = lost {
+            self.tell_of_end(gone, &end);
+        }
+        self.connection_changed.notify_waiters();
+        greeting
+    }
+
+    /// An answer came.
+    pub fn handle_reply(&self, id: RequestId, reply: Result<Response, RequestError>) {
+        let Some(OpenRequest { request, waiter, .. }) = self.lock().open.remove(id) else {
+            tracing::debug!(request = id.0, "an answer that nobody waits for");
+            return;
+        };
+        let answer = match reply {
+            Ok(reply) => Ok(CompletedResponse { reply, parts: waiter.parts }),
+            Err(RequestError { reason }) => Err(ClientError::Failed { request, reason }),
+        };
+        deliver(waiter.answer, answer);
+    }
+
+    /// A request has come further: it has its time from now on.
+    pub fn handle_progress(&self, id: RequestId, progress: OpenProgress) {
+        let now = tokio::time::Instant::now().into_std();
+        let mut state = self.lock();
+        state.open.renew(now, id);
+        let waiter = state.open.waiter_mut(id);
+        if let Some(sender) = waiter.and_then(|waiter| waiter.progress.as_ref()) {
+            sender.send_replace(progress);
+        }
+        drop(state);
+        self.deadline_moved.notify_one();
+    }
+
+    /// A piece of a picture came.
+    pub fn handle_image_chunk(&self, part: &ImageChunk) {
+        let mut state = self.lock();
+        let parts = state.open.waiter_mut(part.id).and_then(|waiter| waiter.parts.as_mut());
+        let Some(parts) = parts else {
+            tracing::debug!(request = part.id.0, "a piece of a picture that nobody waits for");
+            return;
+        };
+        let Err(error) = parts.add(part.index, &part.bytes) else { return };
+        let open = state.open.remove(part.id);
+        drop(state);
+        if let Some(open) = open {
+            deliver(open.waiter.answer, Err(error));
+        }
+    }
+
+    /// A frame's feedback came.
+    pub fn handle_feedback(&self, feedback: FrameFeedback) {
+        let (sender, epoch, connection) = {
+            let state = self.lock();
+            (state.feedback.clone(), state.epoch, state.connection)
+        };
+        if let Some(sender) = sender {
+            // An error says that nobody subscribes any more, and the manager will know soon.
+            let _readers =
+                sender.send(TaggedFeedback { feedback: Arc::new(feedback), epoch, connection });
+        }
+    }
+
+    /// When [`Shared::handle_timeout`] has something to do.
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.lock().open.next_deadline()
+    }
+
+    /// Tells those whose time is over.
+    pub fn handle_timeout(&self, now: Instant) {
+        loop {
+            let (expired, lost) = {
+                let state = &mut *self.lock();
+                (state.open.expire(now), state.lost.clone())
+            };
+            let Some(OpenRequest { request, after, waiter, is_sent, .. }) = expired else { return };
+            let error = match lost.filter(|_| !is_sent) {
+                Some(CloseReason { reason, .. }) => {
+                    let address = self.address.clone();
+                    ClientError::NotConnected { request, address, after, reason }
+                }
+                None => ClientError::TimedOut { request, after },
+            };
+            deliver(waiter.answer, Err(error));
+        }
+    }
+
+    /// The connection has ended: tells everyone who waits. The first reason holds.
+    pub fn handle_end(&self, end: &CloseReason) {
+        let (open, readers) = {
+            let state = &mut *self.lock();
+            if state.end.is_some() {
+                return;
+            }
+            state.end = Some(end.clone());
+            (state.open.drain().collect::<Vec<_>>(), state.feedback.take())
+        };
+        // The streams of feedback end.
+        drop(readers);
+        self.connection_changed.notify_waiters();
+        self.tell_of_end(open, end);
+    }
+
+    fn tell_of_end(&self, open: Vec<OpenRequest<Waiter>>, end: &CloseReason) {
+        for OpenRequest { request, waiter, is_sent, .. } in open {
+            let (address, reason) = (self.address.clone(), end.reason.clone());
+            let error = if !is_sent {
+                ClientError::Closed { request, address, reason }
+            } else if end.is_goodbye {
+                ClientError::ManagerEnded { request, address, reason }
+            } else {
+                ClientError::ConnectionLost { request, address, reason }
+            };
+            deliver(waiter.answer, Err(error));
+        }
+    }
+}
+
+/// A caller who gave up in this very moment does not want to know.
+fn deliver(
+    waiter: oneshot::Sender<Result<CompletedResponse, ClientError>>,
+    answer: Result<CompletedResponse, ClientError>,
+) {
+    let _unwanted = waiter.send(answer);
+}
+
+/// The error of a reply that belongs to some other request.
+pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientError {
+    let answer = match reply {
+        Response::Done => "done",
+        Response::SceneOpened(_) => "a scene's summary",
+        Response::Frame(_) => "a frame's feedback",
+        Response::Captured(_) => "pictures",
+        Response::Status(_) => "the status",
+        Response::Wall(_) => "the wall's description",
+        Response::Statistics(_) => "statistics",
+        Response::Sight(_) => "what the wall looks at",
+        Response::Tuned(_) => "a tuning",
+        Response::ServersStopped(_) => "the stopped servers",
+    };
+    ClientError::WrongAnswer { request, answer }
+}

@@ -1,0 +1,234 @@
+//! The one log: operations, and the state that is their fold.
+//!
+//! Manager and servers fold with this same code; what they folded is compared by digest.
+
+use glam::DVec2;
+use polyptych_files::blob::BlobHash;
+use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
+use serde::{Deserialize, Serialize};
+
+use crate::ids::{Digest, Revision};
+use crate::limits::MESSAGE_BYTES_MAX;
+
+/// A change of the replicated state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Operation {
+    /// The wall is now this.
+    SetWall(Box<Wall>),
+    /// A channel is adjusted in another way.
+    Adjust {
+        /// Its index in the wall.
+        channel: ChannelId,
+        /// All of its adjustment.
+        adjustment: Box<ChannelCalibration>,
+    },
+    /// Points of a channel's bend are moved.
+    MoveBend {
+        /// The channel's index in the wall.
+        channel: ChannelId,
+        /// The index of each point, row by row, and by how many pixels it is moved from where it
+        /// would be without a bend; x right, y down.
+        moves: Vec<(u32, DVec2)>,
+    },
+    /// The wall shows this scene.
+    OpenScene(SceneRef),
+    /// The wall shows no scene.
+    CloseScene,
+}
+
+/// Maximum size of a wall's description, in encoded bytes: it travels in one message, beside a
+/// scene's name.
+const WALL_BYTES_MAX: usize = MESSAGE_BYTES_MAX / 2;
+
+/// Checks that a wall's description fits into a message.
+///
+/// # Errors
+/// Its size, the maximum and the remedy.
+pub fn check_wall_size(wall: &Wall) -> Result<(), String> {
+    // Without its bends, whose points take 16 bytes each, a wall is encoded fast.
+    let mut bare = wall.clone();
+    let bends = bare.channels.iter_mut().filter_map(|channel| channel.adjustment.bend.take());
+    let points: usize = bends.map(|bend| bend.moves.len()).sum();
+    let bytes = polyptych_codec::encode(&bare).len() + points * size_of::<DVec2>();
+    if bytes > WALL_BYTES_MAX {
+        return Err(format!(
+            "the wall's description takes {bytes} bytes, where {WALL_BYTES_MAX} can be; bends with \
+             fewer points would fit"
+        ));
+    }
+    Ok(())
+}
+
+/// A baked scene, by the hash of its manifest, which names all the rest.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SceneRef {
+    /// What to call it.
+    pub name: String,
+    /// A [`polyptych_scene::Scene`], encoded.
+    pub manifest: BlobHash,
+}
+
+/// The state that manager and servers hold alike: the fold of the log.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Replica {
+    /// Operations applied so far.
+    pub revision: Revision,
+    /// The wall, once the first operation has set it.
+    pub wall: Option<Box<Wall>>,
+    /// The open scene.
+    pub scene: Option<SceneRef>,
+    /// Fingerprints of the parts.
+    parts: Parts,
+}
+
+/// Fingerprints of the parts of a [`Replica`], kept so that a change costs what it changes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Parts {
+    /// Of the wall without its channels' adjustments.
+    wall: u64,
+    /// Of the adjustment of each channel.
+    adjustments: Vec<u64>,
+}
+
+/// The fingerprint of a part of a kind.
+fn part(kind: u8, bytes: &[u8]) -> u64 {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&[kind]).update(bytes);
+    let hash = hasher.finalize();
+    hash.as_bytes().iter().take(8).fold(0u64, |sum, &byte| (sum << 8) | u64::from(byte))
+}
+
+fn part_of_adjustment(index: usize, adjustment: &ChannelCalibration) -> u64 {
+    part(4, &polyptych_codec::encode(&(index as u64, adjustment)))
+}
+
+impl Parts {
+    fn of(wall: &Wall) -> Self {
+        let adjustments = wall.channels.iter().map(|channel| &channel.adjustment).enumerate();
+        let adjustments = adjustments.map(|(index, of)| part_of_adjustment(index, of)).collect();
+        let mut bare = wall.clone();
+        for channel in &mut bare.channels {
+            channel.adjustment = ChannelCalibration::default();
+        }
+        Self { wall: part(1, &polyptych_codec::encode(&bare)), adjustments }
+    }
+}
+
+impl Replica {
+    /// Applies the next operation.
+    pub fn apply(&mut self, operation: Operation) {
+        match operation {
+            Operation::SetWall(wall) => {
+                self.parts = Parts::of(&wall);
+                self.wall = Some(wall);
+            }
+            Operation::Adjust { channel, adjustment } => {
+                self.adjust(channel, |of| *of = *adjustment);
+            }
+            Operation::MoveBend { channel, moves } => self.adjust(channel, |of| {
+                let Some(bend) = &mut of.bend else { return };
+                let present = bend.moves.make_mut();
+                for (index, to) in moves {
+                    if let Some(point) = present.get_mut(index as usize) {
+                        *point = to;
+                    }
+                }
+            }),
+            Operation::OpenScene(scene) => self.scene = Some(scene),
+            Operation::CloseScene => self.scene = None,
+        }
+        self.revision.0 += 1;
+    }
+
+    /// Changes a channel's adjustment. What a wall does not have is left alone: the digest tells.
+    fn adjust(&mut self, channel: ChannelId, change: impl FnOnce(&mut ChannelCalibration)) {
+        let index = usize::from(channel.0);
+        let channel = self.wall.as_mut().and_then(|wall| wall.channels.get_mut(index));
+        if let (Some(channel), Some(part)) = (channel, self.parts.adjustments.get_mut(index)) {
+            change(&mut channel.adjustment);
+            *part = part_of_adjustment(index, &channel.adjustment);
+        }
+    }
+
+    /// The shortest list of operations that folds to this state.
+    pub fn snapshot(&self) -> Vec<Operation> {
+        let wall = self.wall.clone().map(Operation::SetWall);
+        let scene = self.scene.clone().map(Operation::OpenScene);
+        wall.into_iter().chain(scene).collect()
+    }
+
+    /// The state that a snapshot of this revision folds to.
+    pub fn from_snapshot(revision: Revision, operations: Vec<Operation>) -> Self {
+        let mut replica = Self::default();
+        for operation in operations {
+            replica.apply(operation);
+        }
+        replica.revision = revision;
+        replica
+    }
+
+    /// A fingerprint of the state, revision included: a sum over its parts, so that one part can
+    /// change without a recount of the others.
+    pub fn digest(&self) -> Digest {
+        let of_adjustments = self.parts.adjustments.iter();
+        let wall = of_adjustments.fold(self.parts.wall, |sum, part| sum.wrapping_add(*part));
+        let scene = self.scene.as_ref().map_or(0, |scene| part(2, &scene.manifest.0));
+        let revision = part(3, &self.revision.0.to_le_bytes());
+        Digest(wall.wrapping_add(scene).wrapping_add(revision))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::UVec2;
+
+    use super::*;
+    use polyptych_wall::Channel;
+    use polyptych_wall::channel_calibration::ControlGrid;
+
+    #[test]
+    fn a_snapshot_folds_to_the_same_digest() {
+        let mut replica = Replica::default();
+        for name in ["a", "b", "c"] {
+            let manifest = BlobHash::of(name.as_bytes());
+            replica.apply(Operation::OpenScene(SceneRef { name: name.into(), manifest }));
+        }
+        let copy = Replica::from_snapshot(replica.revision, replica.snapshot());
+        assert_eq!(copy, replica);
+        assert_eq!(copy.digest(), replica.digest());
+
+        replica.apply(Operation::CloseScene);
+        assert_ne!(copy.digest(), replica.digest());
+    }
+
+    #[test]
+    fn changes_of_adjustments_fold_to_the_digest_of_the_whole_wall() {
+        let tile = |name| Channel::tile(name, 0, UVec2::ZERO, UVec2::splat(8));
+        let wall = Wall::new("w", Vec::new(), vec![tile("a"), tile("b")]);
+        let mut replica = Replica::default();
+        replica.apply(Operation::SetWall(Box::new(wall)));
+        let bend = ControlGrid { points: UVec2::splat(2), moves: vec![DVec2::ZERO; 4].into() };
+        let adjustment =
+            Box::new(ChannelCalibration { bend: Some(bend), ..ChannelCalibration::default() });
+        let channel = ChannelId(1);
+        for operation in [
+            Operation::Adjust { channel, adjustment },
+            Operation::MoveBend { channel, moves: vec![(3, DVec2::X)] },
+        ] {
+            let before = replica.clone();
+            replica.apply(operation);
+            let whole = Replica::from_snapshot(replica.revision, replica.snapshot());
+            assert_eq!((&whole, whole.digest()), (&replica, replica.digest()));
+            let same = Replica { revision: before.revision, ..replica.clone() };
+            assert_ne!(same.digest(), before.digest(), "the channel is in the digest");
+        }
+        let moved = replica.wall.as_ref().and_then(|w| w.channels[1].adjustment.bend.as_ref());
+        assert_eq!(moved.expect("a bend").moves[3], DVec2::X);
+        // What is not there changes nothing.
+        let parts = replica.parts.clone();
+        for (channel, index) in [(ChannelId(1), 4), (ChannelId(0), 0), (ChannelId(2), 0)] {
+            replica.apply(Operation::MoveBend { channel, moves: vec![(index, DVec2::ONE)] });
+            assert_eq!(replica.parts, parts);
+        }
+    }
+}

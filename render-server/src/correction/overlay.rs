@@ -1,0 +1,136 @@
+//! Views that lie on a warped channel as on a sheet of paper: rectangles of its screen's canvas,
+//! with a camera of their own or the wall's frusta. Each has a source of its own, and is drawn
+//! over the channel's picture by the pixels that show it.
+
+use glam::{DMat3, DVec3};
+use polyptych_renderer::{AtlasViewDesc, Correction, CorrectionMesh, EyeAtlas, Gpu};
+use polyptych_wall::calibration_maps::CalibrationMaps;
+use polyptych_wall::view::{Area, CanvasRect, PointSpace, View, ViewProjection};
+use polyptych_wall::view_atlas::overlay_view::OverlayView;
+use polyptych_wall::wall_geometry::ResolvedWall;
+use polyptych_wall::warp_mesh::WarpMesh;
+use polyptych_wall::{ChannelId, Viewpoint};
+
+use super::eye_views::EyeViews;
+use super::renderer_mesh;
+use crate::frame_views::ViewTransform;
+
+/// A view's pixels on one channel. It stays while the view stays where it is, whatever its camera
+/// sees.
+#[derive(Debug)]
+pub(super) struct Overlay {
+    area: Area,
+    is_own: bool,
+    /// `None` where no pixel of the channel shows it.
+    sheet: Option<OverlayMesh>,
+}
+
+/// What is there of a view.
+#[derive(Debug)]
+pub(super) struct OverlayMesh {
+    /// Its pixels.
+    pub shape: CorrectionMesh,
+    part: CanvasRect,
+    mesh: WarpMesh,
+    /// For a camera's own picture.
+    plan: Option<OverlayView>,
+    /// As the eyes saw it last, for the wall's frusta.
+    shots: Option<EyeViews>,
+}
+
+/// Where lays are made.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OverlayContext<'a> {
+    pub gpu: &'a Gpu,
+    pub shaped: ResolvedWall<'a>,
+    pub maps: &'a CalibrationMaps,
+    pub channel: ChannelId,
+}
+
+impl Overlay {
+    /// The pixels of a view on a channel with this correction.
+    ///
+    /// # Errors
+    /// The channel's pixels have no place on its canvas, or fold there.
+    pub fn new(
+        ground: OverlayContext<'_>,
+        view: &View,
+        correction: &Correction,
+    ) -> Result<Self, String> {
+        let OverlayContext { gpu, shaped, maps, channel: id } = ground;
+        let wall = shaped.wall;
+        let is_own = view.projection != ViewProjection::Wall;
+        let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
+        let named = |what: String| format!("channel {}: {what}", channel.name);
+        let lay = |sheet| Self { area: view.area, is_own, sheet };
+        if matches!(view.area, Area::Screen { screen, .. } if screen != channel.screen) {
+            return Ok(lay(None));
+        }
+        let part = wall.canvas_rect(channel, &view.area).map_err(|error| error.to_string())?;
+        let of = if is_own { PointSpace::Canvas } else { PointSpace::Surface };
+        let mesh = shaped.overlay_mesh(maps, id, part, of).map_err(named)?;
+        let mesh = if is_own { mesh } else { mesh.refined_for(&wall.viewpoints(channel)) };
+        if mesh.triangles.is_empty() {
+            return Ok(lay(None));
+        }
+        let side_max = gpu.info().texture_side_max;
+        let plan = is_own.then(|| OverlayView::new(&mesh, side_max)).transpose();
+        let plan = plan.map_err(|error| named(error.to_string()))?;
+        let shape = correction
+            .shape(gpu, &renderer_mesh(&mesh))
+            .map_err(|error| named(error.to_string()))?;
+        Ok(lay(Some(OverlayMesh { shape, part, mesh, plan, shots: None })))
+    }
+
+    /// Whether it is that view's, wherever its camera stands.
+    pub fn matches(&self, view: &View) -> bool {
+        self.area == view.area && self.is_own == (view.projection != ViewProjection::Wall)
+    }
+
+    /// What is there of it.
+    pub fn mesh(&mut self) -> Option<&mut OverlayMesh> {
+        self.sheet.as_mut()
+    }
+}
+
+impl OverlayMesh {
+    /// What is drawn into its source for these eyes.
+    ///
+    /// # Errors
+    /// An eye that sees no picture.
+    pub fn eye_views(
+        &mut self,
+        ground: OverlayContext<'_>,
+        view: &View,
+        eyes: &[Viewpoint],
+    ) -> Result<EyeViews, String> {
+        let OverlayContext { gpu, shaped, channel: id, .. } = ground;
+        let wall = shaped.wall;
+        let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
+        let Some(plan) = &self.plan else {
+            let known = self.shots.take().filter(|shots| shots.matches_eyes(eyes));
+            let shots = if let Some(shots) = known {
+                shots
+            } else {
+                let side_max = gpu.info().texture_side_max;
+                EyeViews::new(wall, id, Some(&self.mesh), eyes, side_max)?
+            };
+            return Ok(self.shots.insert(shots).clone());
+        };
+        let rect = plan.plane.rect;
+        let sight = ViewTransform {
+            eye_in_display: DVec3::ZERO,
+            view_from_display: DMat3::IDENTITY,
+            clip_from_view: wall.overlay_matrix(channel, view, &self.part, plan.part),
+            viewport: rect.map(f64::from),
+        };
+        // Both eyes see the same, in the plane of the screen.
+        let eye_in_display = DVec3::ZERO;
+        let plane =
+            AtlasViewDesc { eye_in_display, clip_from_eye: plan.plane.clip_from_eye(), rect };
+        let eye = EyeAtlas { planes: vec![plane], triangles: None };
+        let eyes = vec![eye; eyes.len()];
+        let planes = vec![(sight, rect)];
+        Ok(EyeViews::from_planes(plan.size.to_array(), eyes, plan.taps.to_array(), planes))
+    }
+}

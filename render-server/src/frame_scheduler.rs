@@ -1,0 +1,221 @@
+//! Which frame a server draws next and which it shows: without sockets, GPU or clock.
+//!
+//! Commands are taken as they come; what is to be done is asked for when all have been taken, so
+//! that a server that wakes from a stop goes to the newest frame and never shows an old one.
+
+use std::time::Duration;
+
+use polyptych_protocol::command::{Frame, Swap};
+use polyptych_protocol::ids::{Epoch, FrameId};
+use polyptych_protocol::output_mode::OutputMode;
+
+/// How much later than it should a frame may be shown at most, because it took so long to draw: a
+/// slow channel shows what it can, and a picture of a second ago is worse than the last one.
+pub const SLOW_GRACE_MAX: Duration = Duration::from_secs(1);
+
+/// What to do next.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FrameAction {
+    /// Draw this frame into the channels' own targets.
+    Draw(Box<Frame>),
+    /// Show the frame that was drawn last.
+    Show {
+        /// Which life of the manager.
+        epoch: Epoch,
+        /// The frame.
+        frame: FrameId,
+        /// What it wants displays to show.
+        display: OutputMode,
+    },
+}
+
+/// The newest commands that wait, and what was done.
+#[derive(Debug, Default)]
+pub struct FrameScheduler {
+    waiting_frame: Option<Box<Frame>>,
+    waiting_swap: Option<Swap>,
+    drawn: Option<RenderedFrame>,
+    shown: Option<(Epoch, FrameId)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct RenderedFrame {
+    epoch: Epoch,
+    frame: FrameId,
+    display: OutputMode,
+    /// How long that took.
+    took_us: u64,
+}
+
+impl FrameScheduler {
+    /// A frame command: it takes the place of an older one that was not drawn.
+    pub fn handle_frame(&mut self, frame: Box<Frame>) {
+        self.waiting_frame = Some(frame);
+    }
+
+    /// A swap command. `Some` is to be done at once: the frame behind it may follow in the same
+    /// breath.
+    pub fn handle_swap(&mut self, swap: Swap, manager_us: Option<u64>) -> Option<FrameAction> {
+        self.waiting_swap = Some(swap);
+        self.take_show(manager_us)
+    }
+
+    /// What to do now, all commands having been taken. `manager_us` is manager time, where it is
+    /// known. A drawn frame must be noted by [`FrameScheduler::frame_drawn`] before this is asked
+    /// again.
+    pub fn poll(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
+        self.take_show(manager_us).or_else(|| self.waiting_frame.take().map(FrameAction::Draw))
+    }
+
+    /// The channels have drawn this frame in this time; it may be shown. `Some` is to be done at
+    /// once: where the wall did not wait for it, its swap is there already, and the next one would
+    /// take its place.
+    pub fn frame_drawn(
+        &mut self,
+        frame: &Frame,
+        took: Duration,
+        manager_us: Option<u64>,
+    ) -> Option<FrameAction> {
+        let took_us = took.min(SLOW_GRACE_MAX).as_micros() as u64;
+        let Frame { epoch, frame, display, .. } = *frame;
+        self.drawn = Some(RenderedFrame { epoch, frame, display, took_us });
+        self.take_show(manager_us)
+    }
+
+    /// Forgets what waits and what was drawn: another connection, another state.
+    pub fn reset(&mut self) {
+        *self = Self { shown: self.shown, ..Self::default() };
+    }
+
+    fn take_show(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
+        let swap = self.waiting_swap?;
+        let drawn = self.drawn?;
+        let is_old =
+            self.shown.is_some_and(|(epoch, frame)| epoch == swap.epoch && frame >= swap.frame);
+        // Whoever draws slowly may show what it drew by so much later; whoever stood still with a
+        // drawn frame may not.
+        let not_after_us = swap.not_after_us.saturating_add(drawn.took_us);
+        let is_expired = manager_us.is_some_and(|now| now > not_after_us);
+        if is_old || is_expired {
+            self.waiting_swap = None;
+            return None;
+        }
+        if (drawn.epoch, drawn.frame) != (swap.epoch, swap.frame) {
+            // Not drawn yet, or passed over; a newer swap will replace it.
+            return None;
+        }
+        self.waiting_swap = None;
+        self.shown = Some((swap.epoch, swap.frame));
+        Some(FrameAction::Show { epoch: swap.epoch, frame: swap.frame, display: drawn.display })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use polyptych_protocol::ids::Revision;
+    use polyptych_wall::head::HeadPose;
+
+    use super::*;
+
+    const EPOCH: Epoch = Epoch(1);
+
+    fn frame(n: u64) -> Frame {
+        Frame {
+            epoch: EPOCH,
+            frame: FrameId(n),
+            time_s: 0.0,
+            revision: Revision(1),
+            views: Vec::new(),
+            head: HeadPose::facing_forward(DVec3::ZERO, 0.0),
+            exposure: 1.0,
+            error_bound_px: 0.0,
+            capture: false,
+            display: OutputMode::Normal,
+            pattern: None,
+        }
+    }
+
+    fn swap(n: u64, not_after_us: u64) -> Swap {
+        Swap { epoch: EPOCH, frame: FrameId(n), not_after_us }
+    }
+
+    fn show(n: u64) -> FrameAction {
+        FrameAction::Show { epoch: EPOCH, frame: FrameId(n), display: OutputMode::Normal }
+    }
+
+    #[test]
+    fn a_frame_is_drawn_and_then_shown_once() {
+        let mut playback = FrameScheduler::default();
+        playback.handle_frame(Box::new(frame(1)));
+        assert_eq!(playback.poll(Some(0)), Some(FrameAction::Draw(Box::new(frame(1)))));
+        assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), None);
+        let act = playback.frame_drawn(&frame(1), Duration::ZERO, Some(20));
+        assert_eq!(act, Some(show(1)));
+        assert_eq!(playback.handle_swap(swap(1, 100), Some(20)), None);
+        assert_eq!(playback.poll(Some(20)), None);
+    }
+
+    #[test]
+    fn whoever_wakes_goes_to_the_newest_frame() {
+        let mut playback = FrameScheduler::default();
+        playback.handle_frame(Box::new(frame(1)));
+        playback.poll(Some(0));
+        assert_eq!(playback.frame_drawn(&frame(1), Duration::ZERO, None), None);
+        for n in 2..50 {
+            assert_eq!(playback.handle_swap(swap(n - 1, n * 10), Some(9_999)), None);
+            playback.handle_frame(Box::new(frame(n)));
+        }
+        assert_eq!(playback.poll(Some(9_999)), Some(FrameAction::Draw(Box::new(frame(49)))));
+        assert_eq!(playback.frame_drawn(&frame(49), Duration::ZERO, None), None);
+        assert_eq!(playback.handle_swap(swap(49, 10_100), Some(10_000)), Some(show(49)));
+    }
+
+    #[test]
+    fn an_expired_swap_shows_nothing() {
+        let mut playback = FrameScheduler::default();
+        assert_eq!(playback.frame_drawn(&frame(3), Duration::ZERO, None), None);
+        assert_eq!(playback.handle_swap(swap(3, 100), Some(101)), None);
+        assert_eq!(playback.poll(Some(50)), None);
+    }
+
+    #[test]
+    fn displays_change_with_the_frame_that_is_shown_and_not_with_the_one_that_is_drawn() {
+        let mut playback = FrameScheduler::default();
+        let black = Frame { display: OutputMode::Blank, ..frame(2) };
+        assert_eq!(playback.frame_drawn(&frame(1), Duration::ZERO, None), None);
+        playback.handle_frame(Box::new(black.clone()));
+        assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), Some(show(1)));
+        playback.poll(Some(10));
+        assert_eq!(playback.frame_drawn(&black, Duration::ZERO, None), None);
+        let expected =
+            FrameAction::Show { epoch: EPOCH, frame: FrameId(2), display: OutputMode::Blank };
+        assert_eq!(playback.handle_swap(swap(2, 100), Some(20)), Some(expected));
+    }
+
+    #[test]
+    fn a_swap_and_the_next_frame_in_one_breath_are_both_done() {
+        let mut playback = FrameScheduler::default();
+        assert_eq!(playback.frame_drawn(&frame(1), Duration::ZERO, None), None);
+        assert_eq!(playback.handle_swap(swap(1, 100), None), Some(show(1)));
+        playback.handle_frame(Box::new(frame(2)));
+        assert_eq!(playback.poll(None), Some(FrameAction::Draw(Box::new(frame(2)))));
+    }
+
+    #[test]
+    fn a_slow_channel_shows_what_it_drew_though_the_wall_is_further() {
+        let (second, minute) = (Duration::from_secs(1), Duration::from_mins(1));
+        for (took, at_us, is_shown) in [
+            (Duration::from_millis(200), 300_000, true),
+            (Duration::from_millis(200), 300_001, false),
+            (second, 1_100_000, true),
+            // It stood still while it drew: a frame of a minute ago is none to show.
+            (minute, 60_000_000, false),
+        ] {
+            let mut playback = FrameScheduler::default();
+            assert_eq!(playback.frame_drawn(&frame(3), took, None), None);
+            let shown = playback.handle_swap(swap(3, 100_000), Some(at_us));
+            assert_eq!(shown.is_some(), is_shown, "{took:?} {at_us}");
+        }
+    }
+}

@@ -1,0 +1,25 @@
+//! Pictures that somebody asked for.
+
+use polyptych_protocol::ids::FrameId;
+use polyptych_renderer::read_picture;
+use polyptych_wall::ChannelId;
+
+use super::RenderThread;
+use crate::render_event::{self, CapturedImage, RenderEvent};
+
+impl RenderThread {
+    /// Sends the picture of a channel as it was drawn, whether or not it comes to be shown: a
+    /// picture that someone asked for may be late.
+    pub(super) fn send_capture(&self, index: usize, frame: FrameId, channel: ChannelId) {
+        let Some(picture) = self.outputs[index].picture() else { return };
+        let [width, height] = picture.size();
+        match read_picture(&self.gpu, picture) {
+            Ok(pixels) => {
+                let bytes = pixels.into();
+                let picture = CapturedImage { channel, frame, width, height, bytes };
+                self.send(RenderEvent::Picture(picture));
+            }
+            Err(error) => self.send(render_event::draw_failed(frame, channel, error.to_string())),
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! Requests of clients: what each of them sets in motion.
+
+use polyptych_protocol::ids::RequestId;
+use polyptych_protocol::progress::OpenProgress;
+use polyptych_protocol::request::{Pacing, Request, RequestError, Response};
+use polyptych_protocol::state_log::Operation;
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::limits::PATH_BYTES_MAX;
+use tracing::Level;
+
+use super::change_queue::ChangeOrigin;
+use super::view_state::checked_camera;
+use super::{
+    ClientRequest, Cluster, Effect, FRAME_ORDERS_MAX, FrameRequest, Importing, Micros,
+    OutputChange, SessionId, StateChange, progress,
+};
+
+/// Slowest and fastest rate that a client may ask for, in frames per second.
+const RATES: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
+
+/// Most scenes of one client that are looked for and baked at a time.
+const IMPORTS_MAX: usize = 16;
+
+/// The same of all clients, those that left before the end among them.
+const IMPORTS_OF_ALL_MAX: usize = 64;
+
+impl Cluster {
+    /// A client asks for something. It gets exactly one reply, now or later.
+    pub fn handle_request(
+        &mut self,
+        now: Micros,
+        client: SessionId,
+        id: RequestId,
+        request: Request,
+    ) {
+        let job = ClientRequest { client, id };
+        if tracing::enabled!(Level::DEBUG) {
+            self.request_span(job).in_scope(|| tracing::debug!(?request, "a client asks"));
+        }
+        match self.translate(now, job, request) {
+            Ok(Some(reply)) => {
+                self.persist();
+                self.reply(job, Ok(reply));
+            }
+            // The reply comes with a frame, an import or a change.
+            Ok(None) => {}
+            Err(reason) => {
+                if tracing::enabled!(Level::DEBUG) {
+                    let tell = || tracing::debug!(reason, "a request is refused");
+                    self.request_span(job).in_scope(tell);
+                }
+                self.reply(job, Err(RequestError::new(reason)));
+            }
+        }
+        self.advance_frame(now);
+    }
+
+    fn translate(
+        &mut self,
+        now: Micros,
+        job: ClientRequest,
+        request: Request,
+    ) -> Result<Option<Response>, String> {
+        match request {
+            Request::OpenScene { path } => return self.import(job, path),
+            Request::OpenOutcome { session, of } => return self.claim_outcome(job, session, of),
+            Request::CloseScene => {
+                let operations = vec![Operation::CloseScene];
+                let purpose = ChangeOrigin::Scene { job, summary: None };
+                self.request_change(now, StateChange { operations, purpose });
+                return Ok(None);
+            }
+            Request::SetCamera(camera) => self.camera = checked_camera(camera)?,
+            Request::SetEye(position) => self.set_head(HeadPose { position, ..self.head })?,
+            Request::SetHead(head) => self.set_head(head)?,
+            Request::SetViews(views) => self.set_views(views)?,
+            Request::SetExposure(exposure) => {
+                if !(exposure.is_finite() && exposure >= 0.0) {
+                    return Err(format!("an exposure is 0 or more, not {exposure}"));
+                }
+                self.exposure = exposure;
+            }
+            Request::RenderFrame { camera, time_s } => {
+                let camera = camera.map(checked_camera).transpose()?;
+                if time_s.is_some_and(|time| !time.is_finite()) {
+                    return Err("the time of a frame is a finite number of seconds".into());
+                }
+                return self.order(FrameRequest { camera, time_s, ..FrameRequest::unchanged(job) });
+            }
+            Request::Capture => {
+                return self.order(FrameRequest { capture: true, ..FrameRequest::unchanged(job) });
+            }
+            Request::SetDisplays(mode) => {
+                let wish = Some(OutputChange::Displays(mode));
+                return self.order(FrameRequest { wish, ..FrameRequest::unchanged(job) });
+            }
+            Request::SetPattern(pattern) => {
+                let wish = Some(OutputChange::Pattern(pattern));
+                return self.order(FrameRequest { wish, ..FrameRequest::unchanged(job) });
+            }
+            Request::Tune { channel, changes } => {
+                return self.calibrate(now, job, &channel, &changes);
+            }
+            Request::Run(pace) => {
+                if let Pacing::Rate(rate) = pace
+                    && !RATES.contains(&rate)
+                {
+                    let (low, high) = (RATES.start(), RATES.end());
+                    return Err(format!("a rate is {low} to {high} frames per second, not {rate}"));
+                }
+                self.set_pace(Some(pace), now);
+            }
+            Request::Pause => self.set_pace(None, now),
+            Request::Status => return Ok(Some(Response::Status(Box::new(self.status(now))))),
+            Request::DescribeWall => return Ok(Some(Response::Wall(Box::new(self.wall.clone())))),
+            Request::DescribeSight => {
+                return Ok(Some(Response::Sight(Box::new(self.view_state()))));
+            }
+            Request::Statistics { reset } => {
+                return Ok(Some(Response::Statistics(Box::new(self.statistics(reset)))));
+            }
+            Request::Subscribe(wish) => {
+                if let Some(client) = self.clients.get_mut(&job.client) {
+                    client.is_subscribed = wish;
+                }
+            }
+            Request::Stop => return Ok(self.stop(job)),
+            Request::StopServers => {
+                // Answered by the event loop, which hears the goodbyes of servers.
+                self.outputs.push_back(Effect::StopServers { job });
+                return Ok(None);
+            }
+        }
+        Ok(Some(Response::Done))
+    }
+
+    /// Answers before the end: afterwards there is nobody to do it.
+    fn stop(&mut self, job: ClientRequest) -> Option<Response> {
+        self.reply(job, Ok(Response::Done));
+        self.outputs.push_back(Effect::Stop);
+        None
+    }
+
+    fn import(&mut self, job: ClientRequest, path: String) -> Result<Option<Response>, String> {
+        if path.is_empty() || path.len() > PATH_BYTES_MAX {
+            return Err(format!("a scene's path has 1 to {PATH_BYTES_MAX} bytes"));
+        }
+        if self.imports.iter().filter(|of| of.job.client == job.client).count() >= IMPORTS_MAX {
+            return Err(format!(
+                "{IMPORTS_MAX} scenes are being opened for this client already; await some first"
+            ));
+        }
+        if self.imports.len() >= IMPORTS_OF_ALL_MAX {
+            return Err(format!(
+                "{IMPORTS_OF_ALL_MAX} scenes are being opened already; ask again later"
+            ));
+        }
+        let scene = progress::name_of(&path);
+        self.outcomes.begin(job);
+        self.imports.push(Importing { job, scene, progress: OpenProgress::NONE });
+        self.outputs.push_back(Effect::Import { job, path });
+        Ok(None)
+    }
+
+    fn order(&mut self, order: FrameRequest) -> Result<Option<Response>, String> {
+        let waiting = self.orders.iter().filter(|o| o.job.client == order.job.client).count();
+        if waiting >= FRAME_ORDERS_MAX {
+            return Err(format!(
+                "{FRAME_ORDERS_MAX} frames of this client are waiting already; await some first"
+            ));
+        }
+        self.orders.push_back(order);
+        Ok(None)
+    }
+}

@@ -1,0 +1,152 @@
+//! What outlives a manager: remembered before a client is told that it was done.
+
+use polyptych_protocol::ids::{Epoch, Revision};
+use polyptych_protocol::output_mode::OutputMode;
+use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::request::Pacing;
+use polyptych_protocol::state_log::{Operation, SceneRef, check_wall_size};
+use polyptych_scene::Bounds;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::view::View;
+use polyptych_wall::{ChannelCalibration, Wall, calibration_change};
+use serde::{Deserialize, Serialize};
+
+use super::{Cluster, Effect, Micros};
+
+/// A camera that comes with every frame is remembered this often: it is where a client was, not
+/// what it asked to be kept.
+const FRAME_CAMERA_PERIOD: Micros = 1_000_000;
+
+/// What a manager needs to go on where another one stopped. It is of the wall that it is given
+/// with: what an edited wall file leaves valid is decided before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PersistentState {
+    /// Changes so far.
+    pub revision: Revision,
+    /// The open scene.
+    pub scene: Option<SceneRef>,
+    /// Where display space stands.
+    pub camera: Camera,
+    /// Where the viewer's eyes are.
+    pub head: HeadPose,
+    /// What lies over the wall's own picture.
+    pub views: Vec<View>,
+    /// Multiplies light.
+    pub exposure: f32,
+    /// How fast the wall draws by itself.
+    pub pace: Option<Pacing>,
+    /// What displays show: a wall that was made black does not light up with a new manager.
+    pub displays: OutputMode,
+    /// What is beyond the first managers' memory, which stands last.
+    pub further: PersistentStateV2,
+}
+
+/// What the first managers did not remember.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PersistentStateV2 {
+    /// What channels draw instead of the scene.
+    pub pattern: Option<TestPattern>,
+    /// The adjustments of channels that were tuned, by name.
+    pub tunings: Vec<(String, ChannelCalibration)>,
+    /// What of the open scene is not drawn, as its manifest says.
+    #[serde(default)]
+    pub notes: Vec<String>,
+    /// Around everything that the open scene draws.
+    #[serde(default)]
+    pub bounds: Option<Bounds>,
+}
+
+impl PersistentState {
+    /// Returns whether more differs than the camera, the head and the views, which a client sends
+    /// all the time.
+    pub fn differs_in_work(&self, other: &Self) -> bool {
+        let Self { camera, head, views, .. } = other.clone();
+        Self { camera, head, views, ..self.clone() } != *other
+    }
+}
+
+impl Cluster {
+    /// The core of this wall, going on from what another manager remembered.
+    pub fn restore(wall: Wall, epoch: Epoch, memory: &PersistentState) -> Self {
+        let mut cluster = Self::new(wall, epoch);
+        if let Some(scene) = &memory.scene {
+            cluster.shown.apply(Operation::OpenScene(scene.clone()));
+            cluster.notes.clone_from(&memory.further.notes);
+            cluster.navigator.bounds = memory.further.bounds;
+        }
+        // It goes with the scene: lights in real units are white at any other.
+        if memory.exposure.is_finite() && memory.exposure >= 0.0 {
+            cluster.exposure = memory.exposure;
+        }
+        cluster.shown.revision = memory.revision.max(cluster.shown.revision);
+        let restored = calibration_change::reapply(&cluster.file, &memory.further.tunings)
+            .and_then(|wall| check_wall_size(&wall).map(|()| wall));
+        match restored {
+            Ok(wall) => {
+                let revision = cluster.shown.revision;
+                cluster.shown.apply(Operation::SetWall(Box::new(wall.clone())));
+                cluster.shown.revision = revision;
+                cluster.wall = wall;
+            }
+            Err(reason) => tracing::warn!(reason, "the tunings in the state file were dropped"),
+        }
+        // Numbers from a file are looked at as those of a client are.
+        if memory.camera.fault().is_none() {
+            cluster.camera = memory.camera;
+        }
+        if let Err(reason) = cluster.set_head(memory.head) {
+            tracing::warn!(reason, "the head that was remembered cannot be");
+        }
+        if let Err(reason) = cluster.set_views(memory.views.clone()) {
+            tracing::warn!(reason, "the views that were remembered cannot be");
+        }
+        cluster.shown_digest = cluster.shown.digest();
+        cluster.set_pace(memory.pace, 0);
+        cluster.displays = memory.displays;
+        cluster.pattern = memory.further.pattern;
+        // Frames of another life were shown; its displays say that their manager is lost.
+        cluster.is_going_on = true;
+        cluster.remembered = Some(cluster.persistent_state());
+        cluster
+    }
+
+    /// Returns what is to outlive this manager.
+    pub fn persistent_state(&self) -> PersistentState {
+        let tunings = calibration_change::diff(&self.file, &self.wall);
+        PersistentState {
+            revision: self.shown.revision,
+            scene: self.shown.scene.clone(),
+            camera: self.camera,
+            head: self.head,
+            views: self.views.clone(),
+            exposure: self.exposure,
+            pace: self.pacer.pace(),
+            displays: self.displays,
+            further: PersistentStateV2 {
+                pattern: self.pattern,
+                tunings,
+                notes: self.notes.clone(),
+                bounds: self.navigator.bounds,
+            },
+        }
+    }
+
+    /// Remembers the present state, where it has changed. Comes before the answer that tells of
+    /// the change.
+    pub(super) fn persist(&mut self) {
+        let memory = self.persistent_state();
+        if self.remembered.as_ref() != Some(&memory) {
+            self.remembered = Some(memory.clone());
+            self.outputs.push_back(Effect::Remember(Box::new(memory)));
+        }
+    }
+
+    /// The same after a frame, now and then.
+    pub(super) fn persist_camera(&mut self, now: Micros) {
+        if now.saturating_sub(self.remembered_at) >= FRAME_CAMERA_PERIOD {
+            self.remembered_at = now;
+            self.persist();
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! What the files of the manager's wall make of it, read when a capture needs it first.
+
+use std::sync::{Arc, OnceLock};
+
+use polyptych_files::blob::BlobStore;
+use polyptych_wall::Wall;
+use polyptych_wall::wall_geometry::WallGeometry;
+
+use crate::import::read_wall_files;
+
+/// The shapes of one wall: tuning changes none of them, and its files are baked once.
+#[derive(Clone, Debug)]
+pub struct GeometryCache {
+    folder: BlobStore,
+    known: Arc<OnceLock<Arc<WallGeometry>>>,
+}
+
+impl GeometryCache {
+    /// Those of a wall whose blobs lie in this folder.
+    pub fn new(folder: BlobStore) -> Self {
+        Self { folder, known: Arc::default() }
+    }
+
+    /// The shapes of this wall; slow at the first time. Where a blob is gone the log says so,
+    /// and the wall is shown as if nobody had its files.
+    pub fn get(&self, wall: &Wall) -> Arc<WallGeometry> {
+        if wall.files.is_empty() {
+            return Arc::default();
+        }
+        if let Some(known) = self.known.get() {
+            return Arc::clone(known);
+        }
+        match read_wall_files(wall, &self.folder) {
+            // Maps are let go: of millions of points, a mesh keeps some thousand.
+            Ok(maps) => {
+                Arc::clone(self.known.get_or_init(|| WallGeometry::new(wall, &maps).into()))
+            }
+            Err(reason) => {
+                tracing::warn!(reason, "channels that files place are not in the picture");
+                Arc::default()
+            }
+        }
+    }
+}

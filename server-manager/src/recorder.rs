@@ -1,0 +1,210 @@
+//! Records what the core is told, so that an incident can be replayed.
+//!
+//! ```text
+//! core thread: Record -> piece in memory (a lock, a copy)
+//! recorder thread, ten times a second: pieces -> the ring's file
+//! ```
+//!
+//! An input is noted before the core hears it: what made a manager fall is there to be read. The
+//! file is a ring of segments, each of which begins with all that the core knew, so that the
+//! last minutes can be replayed however long the manager ran; and one file holds the lives of
+//! several managers, since an incident often ends one.
+
+mod buffer;
+pub mod effect_digest;
+pub mod ring;
+#[cfg(test)]
+mod tests;
+
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use buffer::Buffer;
+use effect_digest::EffectDigest;
+use polyptych_core::{Checkpoint, CheckpointOf, Cluster, Input, Micros, PersistentState};
+use polyptych_protocol::ids::Epoch;
+use polyptych_wall::Wall;
+use ring::{Ring, RingError};
+use serde::{Deserialize, Serialize};
+
+/// Longest that an input waits in memory: what a killed manager loses of its recording.
+const FLUSH_PERIOD: Duration = Duration::from_millis(100);
+
+/// One thing that a recording says.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum Record<C = Checkpoint, I = Input> {
+    /// A segment begins.
+    Begin(Segment<C>),
+    /// The core is told something.
+    Input {
+        /// The time that it is told.
+        now: Micros,
+        /// What.
+        input: I,
+    },
+    /// What it decided on the last input; where this is missing, nothing.
+    Decided(EffectDigest),
+    /// The manager ended in order.
+    End,
+}
+
+/// The head of a segment.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Segment<C = Checkpoint> {
+    /// The program's version.
+    pub program: String,
+    /// The life of the manager.
+    pub epoch: Epoch,
+    /// The start of the manager, when its time is 0, in microseconds since 1970, UTC.
+    pub started_unix_us: u64,
+    /// Whether every input since the segment before is in that one.
+    pub is_contiguous: bool,
+    /// Where the core stood.
+    pub beginning: InitialState<C>,
+}
+
+/// Where a core stood before the first input.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum InitialState<C = Checkpoint> {
+    /// It was new.
+    Fresh(Box<ClusterConfig>),
+    /// It had been told something before.
+    Checkpoint(C),
+}
+
+/// What a core is made of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ClusterConfig {
+    /// The wall.
+    pub wall: Wall,
+    /// The life of the manager.
+    pub epoch: Epoch,
+    /// What the life before had remembered.
+    pub memory: Option<PersistentState>,
+    /// Whether the mouse over its windows moves the camera.
+    #[serde(default)]
+    pub is_navigable: bool,
+}
+
+impl ClusterConfig {
+    /// The core.
+    pub fn to_cluster(&self) -> Cluster {
+        let mut cluster = match &self.memory {
+            Some(memory) => Cluster::restore(self.wall.clone(), self.epoch, memory),
+            None => Cluster::new(self.wall.clone(), self.epoch),
+        };
+        cluster.set_navigable(self.is_navigable);
+        cluster
+    }
+}
+
+impl InitialState {
+    /// The core.
+    pub fn into_cluster(self) -> Cluster {
+        match self {
+            Self::Fresh(fresh) => fresh.to_cluster(),
+            Self::Checkpoint(checkpoint) => checkpoint.into_cluster(),
+        }
+    }
+}
+
+type RecordRef<'a> = Record<CheckpointOf<'a>, &'a Input>;
+
+/// Writes a recording. Dropping it writes what is left.
+#[derive(Debug)]
+pub struct Recorder {
+    buffer: Arc<Buffer>,
+    thread: Option<JoinHandle<()>>,
+    epoch: Option<Epoch>,
+    started_unix_us: u64,
+}
+
+impl Recorder {
+    /// Goes on in this file, which is made where it is not there.
+    ///
+    /// # Errors
+    /// [`RingError`]: it holds something else, or another manager records there.
+    pub fn open(path: &Path) -> Result<Self, RingError> {
+        Self::write_to(Ring::open(path)?, path)
+    }
+
+    fn write_to(ring: Ring, path: &Path) -> Result<Self, RingError> {
+        let buffer = Arc::new(Buffer::new(ring.next_segment(), ring.segment_bytes()));
+        let (shared, name) = (Arc::clone(&buffer), path.display().to_string());
+        let work = move || write_all(ring, &shared, &name);
+        let thread = std::thread::Builder::new().name("recorder".into()).spawn(work);
+        let failed = |source| RingError::Io { path: path.to_owned(), source };
+        Ok(Self { buffer, thread: Some(thread.map_err(failed)?), epoch: None, started_unix_us: 0 })
+    }
+
+    /// A life of the manager begins.
+    pub(crate) fn begin(&mut self, fresh: ClusterConfig) {
+        self.epoch = Some(fresh.epoch);
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        self.started_unix_us = since_1970.as_micros() as u64;
+        let beginning: InitialState<CheckpointOf<'_>> = InitialState::Fresh(Box::new(fresh));
+        self.segment(false, beginning);
+    }
+
+    /// The core is about to be told something.
+    pub(crate) fn input(&mut self, cluster: &Cluster, now: Micros, input: &Input) {
+        if let Some(is_contiguous) = self.buffer.wants_segment() {
+            self.segment(is_contiguous, InitialState::Checkpoint(cluster.checkpoint()));
+        }
+        self.note(&Record::Input { now, input });
+    }
+
+    /// What came of the last input.
+    pub(crate) fn decided(&mut self, decision: EffectDigest) {
+        self.note(&Record::Decided(decision));
+    }
+
+    /// What is wrong with the recording, for an operator.
+    pub(crate) fn warning(&self) -> Option<String> {
+        self.buffer.failure()
+    }
+
+    fn segment(&mut self, is_contiguous: bool, beginning: InitialState<CheckpointOf<'_>>) {
+        let Some(epoch) = self.epoch else { return };
+        self.buffer.begin_segment();
+        let program = env!("CARGO_PKG_VERSION").to_owned();
+        let started_unix_us = self.started_unix_us;
+        let segment = Segment { program, epoch, started_unix_us, is_contiguous, beginning };
+        self.note(&Record::Begin(segment));
+    }
+
+    fn note(&self, record: &RecordRef<'_>) {
+        self.buffer.append(|bytes| polyptych_codec::append_framed(record, bytes));
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        // A recording without an end says that the manager did not end in order.
+        if !std::thread::panicking() {
+            self.note(&Record::End);
+        }
+        self.buffer.close();
+        if let Some(thread) = self.thread.take() {
+            // It has logged what went wrong.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Empties the buffer into the file until the recorder is dropped or the disk fails.
+fn write_all(mut ring: Ring, buffer: &Buffer, path: &str) {
+    while let Some(pieces) = buffer.take(FLUSH_PERIOD) {
+        let written: io::Result<()> =
+            pieces.iter().try_for_each(|piece| ring.write(piece.segment, &piece.body));
+        if let Err(error) = written {
+            // The wall goes on: it was never there for its recording.
+            tracing::error!(path, %error, "the recording breaks off here");
+            buffer.give_up(format!("the recording {path} breaks off: {error}"));
+            return;
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! How a core begins: afresh, or from what the last manager of its wall remembered.
+
+use polyptych_files::blob::BlobStore;
+use polyptych_protocol::ids::Epoch;
+
+use super::ManagerOptions;
+use crate::bulk::BlobAllowlist;
+use crate::recorded_cluster::RecordedCluster;
+use crate::recorder::ClusterConfig;
+use crate::state_file::{Reconciled, StateFile};
+use crate::{import, state_file};
+
+/// Maximum number of changed keys that are logged one by one.
+const CHANGES_LOGGED_MAX: usize = 32;
+
+/// The core, going on where the last manager of this wall stopped, if there was one and its
+/// scene is still in the store; and the file in which its state is kept.
+pub(super) fn start_cluster(
+    options: &mut ManagerOptions,
+    epoch: Epoch,
+    allowed: &BlobAllowlist,
+) -> (RecordedCluster, Option<StateFile>) {
+    let (wall, is_navigable) = (options.wall.clone(), options.is_navigable);
+    let recorder = options.recorder.take();
+    let state = options.memory.clone().map(|path| StateFile::new(path, &wall));
+    let saved = state.as_ref().and_then(|state| state_file::load(state.path()));
+    let (Some(state), Some(saved)) = (&state, saved) else {
+        return (
+            RecordedCluster::new(
+                ClusterConfig { wall, epoch, memory: None, is_navigable },
+                recorder,
+            ),
+            state,
+        );
+    };
+    let reconciled = state_file::reconcile(saved, &wall);
+    log(&reconciled, state);
+    let has_changed = reconciled.has_changed();
+    let mut memory = reconciled.memory;
+    if let Some(scene) = &memory.scene {
+        let folder = BlobStore::new(options.baker.store.join("blobs"));
+        match import::read_manifest(&folder, scene.manifest) {
+            Ok(import) => {
+                allowed.allow(&import.blobs);
+                memory.further.notes = import.scene.summary.notes;
+                memory.further.bounds = import.scene.summary.bounds;
+            }
+            Err(reason) => {
+                tracing::warn!(scene = scene.name, reason, "the last scene is not there any more");
+                memory.scene = None;
+                // A state without it has not been numbered yet.
+                memory.revision.0 += 1;
+            }
+        }
+    }
+    // What was said once is not said again by the next manager.
+    if has_changed && let Err(error) = state.save(&memory, true) {
+        tracing::warn!(path = %state.path().display(), %error, "cannot remember the state");
+    }
+    tracing::info!(revision = memory.revision.0, "going on where the last manager stopped");
+    let core = RecordedCluster::new(
+        ClusterConfig { wall, epoch, memory: Some(memory), is_navigable },
+        recorder,
+    );
+    (core, Some(state.clone()))
+}
+
+/// Logs what has changed in the wall file since the last manager, and what that makes invalid.
+fn log(reconciled: &Reconciled, state: &StateFile) {
+    let Reconciled { changes, tunings, dropped, .. } = reconciled;
+    for change in changes.iter().take(CHANGES_LOGGED_MAX) {
+        let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "not set".to_owned());
+        let (old, new) = (value(&change.old), value(&change.new));
+        tracing::info!(key = change.key, old, new, "the wall file has changed");
+    }
+    if let Some(more) = changes.len().checked_sub(CHANGES_LOGGED_MAX).filter(|more| *more > 0) {
+        tracing::info!(more, "more keys of the wall file have changed");
+    }
+    for (old, new) in &tunings.renamed {
+        tracing::info!(old, new, "a channel was renamed; its tuning was kept");
+    }
+    for lost in &tunings.dropped {
+        let (channel, keys, reason) = (&lost.channel, &lost.keys, &lost.reason);
+        tracing::warn!(channel, keys, reason, "a tuning was dropped");
+    }
+    for (what, reason) in dropped {
+        tracing::warn!(what, reason, "a part of the remembered state was dropped");
+    }
+    if reconciled.has_dropped() {
+        match state.keep_copy() {
+            Ok(copy) => {
+                let copy = copy.display();
+                tracing::warn!(%copy, "the state before was kept; read it with --state COPY");
+            }
+            Err(error) => {
+                let path = state.path().display();
+                tracing::warn!(%path, %error, "cannot keep a copy of the state before");
+            }
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! `polyptych open`, `camera` and `shot`: one request to a running manager each.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::bail;
+use polyptych_client::blocking::Client;
+use polyptych_client::glam::{DQuat, DVec3};
+use polyptych_client::{Camera, ClientError, SceneSummary, fit_bounds};
+use polyptych_text::{counted, printable};
+
+use super::progress::ProgressReport;
+use super::seen::{Seen, await_displays, show};
+use super::{ManagerAddress, exposure, say, seconds};
+use crate::{image_files, outputs};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct OpenArguments {
+    /// A .gltf or .glb file in one of the manager's scene folders
+    file: String,
+    /// Leave the camera where it is, instead of placing it so that the whole scene is seen
+    #[arg(long)]
+    keep_camera: bool,
+    /// Where the camera looks from, in degrees around the vertical; 0 is the scene's +Z side
+    #[arg(long, value_name = "DEGREES", default_value_t = 30.0, conflicts_with = "keep_camera")]
+    heading: f64,
+    /// Multiply all light by this [default: 1, or what suits lights in real units]
+    #[arg(long, value_name = "FACTOR", value_parser = exposure)]
+    exposure: Option<f32>,
+    /// Wait at most this long for displays that are not there or not ready [default: 60 for those
+    /// that get ready, 5 for servers that may be on their way]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    wait: Option<Duration>,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.manager.connect()?;
+    // The manager resolves the path; one that is meant from here must say where here is.
+    let from_here = std::path::absolute(&arguments.file).ok().filter(|path| path.is_file());
+    let path = from_here.map_or_else(|| arguments.file.clone(), |p| p.display().to_string());
+    let progress = ProgressReport::start();
+    let scene = open_scene(&client, &path, &progress)?;
+    if !arguments.keep_camera
+        && let Some(bounds) = &scene.bounds
+    {
+        let camera = fit_bounds(&client.wall()?, bounds, arguments.heading.to_radians());
+        client.set_camera(camera)?;
+    }
+    if let Some(exposure) = arguments.exposure {
+        client.set_exposure(exposure)?;
+    }
+    await_displays(&client, arguments.wait, &progress)?;
+    drop(progress);
+    let seen = Seen::of(&client, &client.render_frame()?)?;
+    let (name, revision) = (printable(&scene.name), scene.revision);
+    let triangles = counted(scene.triangles, "triangle");
+    say(format_args!("{name}: {triangles}, revision {revision}, {}", seen.in_words()))?;
+    say_notes(&scene.notes)?;
+    Ok(seen.conclude())
+}
+
+/// Opens a scene, and says how far it has come.
+pub(super) fn open_scene(
+    client: &Client,
+    path: &str,
+    progress: &ProgressReport,
+) -> Result<SceneSummary, ClientError> {
+    let stem = Path::new(path).file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    let stem = stem.unwrap_or_default();
+    let name = printable(&stem);
+    progress.say(&format!("opening {name}"), None);
+    client.open_scene_with(path, |come| {
+        progress.say(&format!("opening {name}: {come}"), Some(come.percent));
+    })
+}
+
+/// Says what of a scene is not drawn as its file has it.
+pub(super) fn say_notes(notes: &[String]) -> anyhow::Result<()> {
+    notes.iter().try_for_each(|note| say(format_args!("note: {}", printable(note))))
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct CameraArguments {
+    #[command(subcommand)]
+    pose: Pose,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Pose {
+    /// Stand at a point and look at another
+    LookAt {
+        /// Where to stand, in world units: X,Y,Z
+        #[arg(value_parser = point, allow_hyphen_values = true)]
+        position: DVec3,
+        /// What to look at: X,Y,Z
+        #[arg(value_parser = point, allow_hyphen_values = true)]
+        target: DVec3,
+        /// What is up: X,Y,Z
+        #[arg(long, value_parser = point, allow_hyphen_values = true, default_value = "0,1,0")]
+        up: DVec3,
+        /// World units per metre of display space
+        #[arg(long, default_value_t = 1.0)]
+        scale: f64,
+        #[command(flatten)]
+        manager: ManagerAddress,
+    },
+    /// Stand at a point with a rotation
+    Pose {
+        /// Where to stand, in world units: X,Y,Z
+        #[arg(value_parser = point, allow_hyphen_values = true)]
+        position: DVec3,
+        /// A unit quaternion: X,Y,Z,W
+        #[arg(value_parser = quaternion, allow_hyphen_values = true)]
+        rotation: DQuat,
+        /// World units per metre of display space
+        #[arg(long, default_value_t = 1.0)]
+        scale: f64,
+        #[command(flatten)]
+        manager: ManagerAddress,
+    },
+}
+
+pub(super) fn camera(arguments: &CameraArguments) -> anyhow::Result<ExitCode> {
+    let (camera, manager) = match &arguments.pose {
+        Pose::LookAt { position, target, .. } if position == target => {
+            bail!("the camera stands at {position} and cannot look at itself; look elsewhere");
+        }
+        Pose::LookAt { position, target, up, scale, manager } => {
+            (Camera::look_at(*position, *target, *up).with_scale(*scale), manager)
+        }
+        Pose::Pose { position, rotation, scale, manager } => {
+            (Camera { position: *position, rotation: *rotation, scale: *scale }, manager)
+        }
+    };
+    let client = manager.connect()?;
+    // Set for good, and not for one frame only: a manager remembers it over a restart.
+    client.set_camera(camera)?;
+    show(&client)
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ShotArguments {
+    /// The .png file to write
+    file: PathBuf,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+pub(super) fn capture(arguments: &ShotArguments) -> anyhow::Result<ExitCode> {
+    let is_png = arguments.file.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+    if !is_png {
+        bail!("{}: pictures are PNG; write a name that ends in .png", arguments.file.display());
+    }
+    outputs::check(&arguments.file)?;
+    let client = arguments.manager.connect()?;
+    let capture = client.capture()?;
+    let picture = image_files::side_by_side(&capture.screens)?;
+    image_files::save_png(&arguments.file, &picture)?;
+    say(format_args!(
+        "{}: frame {}, {} × {} pixels",
+        arguments.file.display(),
+        capture.frame,
+        picture.width(),
+        picture.height()
+    ))?;
+    Ok(Seen::in_pictures(&capture).conclude())
+}
+
+pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let parsed: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    let is_finite = |list: &Vec<f64>| list.iter().all(|number| number.is_finite());
+    let Some(parsed) = parsed.ok().filter(is_finite) else {
+        return Err(format!("{text:?}: write {N} finite numbers, with commas between"));
+    };
+    parsed.try_into().map_err(|list: Vec<f64>| {
+        format!("{text:?} has {} numbers, where {N} are needed, with commas between", list.len())
+    })
+}
+
+/// A number above 0.
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    let [number] = numbers::<1>(text)?;
+    if number > 0.0 { Ok(number) } else { Err(format!("{text:?}: write a number above 0")) }
+}
+
+/// The angle of a picture, in degrees.
+pub(super) fn field_of_view(text: &str) -> Result<f64, String> {
+    let [degrees] = numbers::<1>(text)?;
+    if degrees > 0.0 && degrees < 180.0 {
+        return Ok(degrees);
+    }
+    Err(format!("{text:?}: write an angle between 0 and 180 degrees"))
+}
+
+pub(super) fn point(text: &str) -> Result<DVec3, String> {
+    numbers::<3>(text).map(DVec3::from_array)
+}
+
+fn quaternion(text: &str) -> Result<DQuat, String> {
+    numbers::<4>(text).map(DQuat::from_array)
+}

@@ -1,0 +1,385 @@
+//! Where markers are found on all channels of a wall that runs, against where they must be.
+
+use std::path::Path;
+
+use anyhow::Context;
+use glam::{DVec2, DVec3};
+use polyptych_client::blocking::Client;
+use polyptych_client::{Camera, Capture, Image};
+use polyptych_text::counted;
+use polyptych_wall::channel_mapping::ChannelMapping;
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::wall_geometry::ResolvedWall;
+use polyptych_wall::{Channel, ChannelId, ChannelKind, Viewpoint, Wall};
+
+use super::light::{self, Drawn};
+use super::marker::{self, LuminanceImage, Marker, Reading};
+use super::verification_report::{Bound, VerificationReport};
+use crate::outputs;
+use crate::progress::Steps;
+
+/// How far a point may be from where f64 says, in pixels.
+const ERROR_MAX_PX: f64 = 0.01;
+
+/// The same where a picture is resampled: by a warp, between the pixels of its source.
+const WARPED_ERROR_MAX_PX: f64 = 0.1;
+
+/// How far apart two channels may show one point, in pixels.
+const SEAM_MAX_PX: f64 = 0.05;
+
+/// By how much more a point may be off in one frame than in the one before, in pixels.
+const JITTER_MAX_PX: f64 = 0.01;
+
+/// Half side of a marker in pixels, where the channel has room.
+pub(super) const HALF_PX: f64 = 32.0;
+
+/// The smallest of which a place can be told.
+const HALF_MIN_PX: f64 = 4.0;
+
+/// Scenes of markers that are drawn.
+pub(super) const SCENES: usize = OFFSETS_M.len();
+
+/// How far from the origin scenes are put, in metres.
+const OFFSETS_M: [f64; 3] = [0.0, 1e4, 1e7];
+
+/// Frames of a slow move, and how far each is from the one before: metres for each metre from the
+/// eye to the nearest marker, up to one. A move of a millimetre is not slow five before a screen.
+const STEPS: u32 = 4;
+const STEP: DVec3 = DVec3::new(0.000_37, 0.000_21, -0.000_11);
+
+/// Steps to the middle of a channel in which a place is looked for that is lit.
+const PULLS: u32 = 8;
+
+/// Least distance of a marker's plane from the eye, in nearest distances that are drawn: a frustum
+/// that is not perpendicular to the marker cuts some of it off before.
+const NEARS_MIN: f64 = 1.5;
+
+/// Depths of markers, in distances from the eye to the screen.
+const DEPTHS: [f64; 3] = [1.0, 1.7, 5.0];
+
+/// A channel, and where its pixels and its eye are.
+pub(super) struct ChannelView<'a> {
+    pub id: ChannelId,
+    pub name: &'a str,
+    pub map: ChannelMapping<'a>,
+    eye: Viewpoint,
+    half: f64,
+    is_warped: bool,
+}
+
+/// Where one channel showed a marker, in pixels from where it must be.
+struct MarkerError {
+    channel: usize,
+    marker: usize,
+    error_px: DVec2,
+    /// The same as a way along the screen, in pixels of the channel and display space's axes.
+    error_in_display: DVec3,
+}
+
+/// Proves where channels show points, for scenes near and far from the origin.
+///
+/// # Errors
+/// What could not be drawn or written.
+pub(super) fn verify(
+    client: &Client,
+    (shaped, drawn): (ResolvedWall<'_>, Drawn<'_>),
+    (folder, steps): (&Path, &mut Steps),
+    table: &mut VerificationReport,
+    mut keep: impl FnMut(&Capture) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    let wall = shaped.wall;
+    let seen = channels(shaped);
+    let markers = markers(wall, &seen);
+    let rest: Vec<&str> = wall
+        .channels
+        .iter()
+        .map(|channel| channel.name.as_str())
+        .filter(|name| seen.iter().all(|channel| channel.name != *name))
+        .collect();
+    if !rest.is_empty() {
+        let why = "too small for markers, or nothing is lit in their middle";
+        let note = format!("{}: {why}", rest.join(", "));
+        table.add("channels without markers", rest.len() as f64, "", None, note);
+    }
+    if markers.is_empty() {
+        return Ok(());
+    }
+    let distances = seen.iter().flat_map(|s| markers.iter().map(|m| m.distance_m(s.eye.middle())));
+    let step_m = STEP * distances.fold(1.0, f64::min);
+    for offset_m in OFFSETS_M {
+        let count = counted(markers.len(), "marker");
+        let is_near = offset_m == 0.0;
+        let away = if is_near { "at the origin" } else { &format!("{offset_m:e} m away") };
+        steps.begin(format_args!("looking for {count} on all channels, {away}"));
+        let offset = DVec3::new(offset_m, -0.5 * offset_m, 0.25 * offset_m);
+        let place = folder.join(format!("markers-{offset_m}"));
+        outputs::make_folder(&place)?;
+        for (name, bytes) in marker::files(&markers, offset)? {
+            outputs::write(&place.join(name), &bytes)?;
+        }
+        client.open_scene(place.join(marker::SCENE_NAME).display().to_string())?;
+        let mut frames = Vec::new();
+        for step in 0..STEPS {
+            let shift = step_m * f64::from(step);
+            client.set_camera(Camera { position: offset + shift, ..Camera::IDENTITY })?;
+            client.render_frame_at(None, Some(0.0))?;
+            let capture = client.capture()?;
+            if offset_m == 0.0 && step == 0 {
+                keep(&capture)?;
+            }
+            frames.push(find((wall, drawn), &seen, &markers, &capture, -shift)?);
+        }
+        let at = if offset_m == 0.0 { String::new() } else { format!(", {offset_m:e} m away") };
+        report(table, (wall, &seen, &markers), &frames, &at);
+    }
+    Ok(())
+}
+
+/// The channels that are large enough for markers.
+pub(super) fn channels(shaped: ResolvedWall<'_>) -> Vec<ChannelView<'_>> {
+    let wall = shaped.wall;
+    let head = HeadPose::facing_forward(wall.eye, wall.eye_separation_m);
+    let seen = |id| {
+        let channel = wall.channel(id)?;
+        let map = shaped.channel_mapping(id)?;
+        let eye = wall.viewpoint(&head, light::eye_of(&channel.adjustment));
+        let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
+        let is_warped = is_warped(wall, channel);
+        map.display_from_pixel(channel.size.as_dvec2() / 2.0)?;
+        Some(ChannelView { id, name: &channel.name, map, eye, half, is_warped })
+    };
+    wall.channel_ids().filter_map(seen).filter(|seen| seen.half >= HALF_MIN_PX).collect()
+}
+
+/// Whether a channel's picture is resampled on its way to the display.
+pub(super) fn is_warped(wall: &Wall, channel: &Channel) -> bool {
+    let adjustment = &channel.adjustment;
+    wall.screen_of(channel).plane().is_none()
+        || channel.cover != ChannelKind::Tile
+        || adjustment.pin != [DVec2::ZERO; 4]
+        || adjustment.bend.is_some()
+        || adjustment.warp.is_some()
+        || wall.is_omnidirectional(channel)
+}
+
+/// Nine for each channel, but for those that would lie over others.
+fn markers(wall: &Wall, seen: &[ChannelView<'_>]) -> Vec<Marker> {
+    // Both eyes see a marker at one place only where it lies on the screen; of those all around it
+    // is known how far apart they see it.
+    let is_around = seen.iter().all(|s| matches!(s.eye, Viewpoint::Around(_)));
+    let is_mono = is_around || seen.iter().all(|s| s.eye == Viewpoint::Fixed(wall.eye));
+    let mut markers: Vec<(Marker, DVec3, f64)> = Vec::new();
+    for (index, channel) in seen.iter().enumerate() {
+        let size = wall.channels[usize::from(channel.id.0)].size.as_dvec2();
+        let inset = DVec2::splat(channel.half * 1.25);
+        for place in 0..9 {
+            let share = DVec2::new(f64::from(place % 3), f64::from(place / 3)) / 2.0;
+            let pixel = inset + (size - inset * 2.0) * share;
+            let depth = if is_mono { DEPTHS[(index + place as usize) % DEPTHS.len()] } else { 1.0 };
+            let of = (channel.id, &channel.map);
+            // Where a file leaves margins dark, nearer to the middle.
+            let nearer = |pull: u32| {
+                let pixel = pixel.lerp(size / 2.0, f64::from(pull) / f64::from(PULLS));
+                let marker = Marker::at(of, channel.eye, pixel, channel.half, depth)?;
+                // Nothing nearer is drawn: a marker that is too near goes further away.
+                let needed = wall.near_m * NEARS_MIN / marker.distance_m(channel.eye.middle());
+                if needed <= 1.0 {
+                    return Some(marker);
+                }
+                let further = || Marker::at(of, channel.eye, pixel, channel.half, depth * needed);
+                if is_mono { further() } else { None }
+            };
+            let Some(marker) = (0..PULLS).find_map(nearer) else { continue };
+            let (toward, mut radius) = marker.cone(channel.eye.middle());
+            if is_around && !marker.is_on_screen {
+                radius += wall.eye_separation_m / marker.distance_m(channel.eye.middle());
+            }
+            let is_free = |(_, other, other_radius): &(_, DVec3, f64)| {
+                toward.distance(*other) > radius + other_radius
+            };
+            if markers.iter().all(is_free) {
+                markers.push((marker, toward, radius));
+            }
+        }
+    }
+    markers.into_iter().map(|(marker, _, _)| marker).collect()
+}
+
+/// Looks for every marker in the picture of every channel that must show all of it.
+fn find(
+    (wall, drawn): (&Wall, Drawn<'_>),
+    seen: &[ChannelView<'_>],
+    markers: &[Marker],
+    capture: &Capture,
+    offset: DVec3,
+) -> anyhow::Result<Vec<MarkerError>> {
+    let mut all = Vec::new();
+    for (at, channel) in seen.iter().enumerate() {
+        let picture = picture_of(capture, channel.name)?;
+        let light: LuminanceImage = light::of(drawn, wall, channel.id, picture)?;
+        for (index, marker) in markers.iter().enumerate() {
+            let is_own = marker.channel == channel.id;
+            let sight = marker::sight(&channel.map, channel.eye);
+            let middle = light.size.as_dvec2() / 2.0;
+            let from = if is_own { marker.pixel } else { middle };
+            let pixel = marker.seen_at(&sight, offset, (light.size, from));
+            // Another channel's marker counts where all of it is seen.
+            let inset = DVec2::splat(if is_own { 0.0 } else { channel.half * 1.5 });
+            let is_whole = |pixel: &DVec2| {
+                pixel.cmpge(inset).all() && pixel.cmple(light.size.as_dvec2() - inset).all()
+            };
+            let reading = pixel.filter(is_whole).map_or(Reading::Missing, |pixel| {
+                let around = (pixel, channel.half);
+                marker.read(&sight, &light, offset, around)
+            });
+            match (pixel, reading) {
+                (Some(pixel), Reading::Off(error_px)) => {
+                    all.push(MarkerError::new((at, index), &channel.map, pixel, error_px));
+                }
+                (_, Reading::Missing) if is_own => all.push(MarkerError::nothing(at, index)),
+                // Where its weight ends a channel says little, and another one shows the marker.
+                _ => {}
+            }
+        }
+    }
+    Ok(all)
+}
+
+/// The picture of a channel.
+///
+/// # Errors
+/// Why there is none.
+pub(super) fn picture_of<'a>(capture: &'a Capture, name: &str) -> anyhow::Result<&'a Image> {
+    let picture = capture.channels.iter().find(|picture| picture.name == name);
+    picture.with_context(|| {
+        let why = capture.missing.iter().find(|(missing, _)| missing == name);
+        format!("channel {name} has no picture: {}", why.map_or("it sent none", |(_, why)| why))
+    })
+}
+
+impl MarkerError {
+    fn nothing(channel: usize, marker: usize) -> Self {
+        Self { channel, marker, error_px: DVec2::NAN, error_in_display: DVec3::NAN }
+    }
+
+    fn new(
+        (channel, marker): (usize, usize),
+        map: &ChannelMapping<'_>,
+        pixel: DVec2,
+        error_px: DVec2,
+    ) -> Self {
+        let along = |step: DVec2| {
+            let (ahead, behind) =
+                (map.display_from_pixel(pixel + step)?, map.display_from_pixel(pixel - step)?);
+            Some((ahead - behind) / 2.0)
+        };
+        let (x, y) = (along(DVec2::X), along(DVec2::Y));
+        let error_in_display = x.zip(y).map_or(DVec3::NAN, |(x, y)| {
+            (x * error_px.x + y * error_px.y) / x.length().min(y.length())
+        });
+        Self { channel, marker, error_px, error_in_display }
+    }
+}
+
+/// The largest of these numbers and where it is; a number that is none is the largest, and none at
+/// all are no number: nothing is proved by what could not be read.
+pub(super) fn worst(numbers: impl Iterator<Item = (f64, String)>) -> (f64, String) {
+    let mut numbers = numbers.peekable();
+    if numbers.peek().is_none() {
+        return (f64::NAN, "nowhere".to_owned());
+    }
+    let mut worst = (0.0, String::new());
+    for (number, place) in numbers {
+        if number.is_nan() {
+            return (number, place);
+        }
+        if number > worst.0 {
+            worst = (number, place);
+        }
+    }
+    worst
+}
+
+/// Points that are not on the screen, for eyes of omnidirectional stereo.
+fn report_deep(
+    table: &mut VerificationReport,
+    (wall, seen): (&Wall, &[ChannelView<'_>]),
+    deep: &[&MarkerError],
+    at: &str,
+) {
+    if deep.is_empty() {
+        return;
+    }
+    let errors =
+        deep.iter().map(|found| (found.error_px.length(), seen[found.channel].name.to_owned()));
+    let (error, place) = worst(errors);
+    let most = Some(Bound::AtMost(wall.stereo.error_max_px + WARPED_ERROR_MAX_PX));
+    let note = format!("{place}, against an eye of its own for each pixel");
+    table.add(format!("omnidirectional stereo behind the screen{at}"), error, "px", most, note);
+}
+
+fn report(
+    table: &mut VerificationReport,
+    (wall, seen, markers): (&Wall, &[ChannelView<'_>], &[Marker]),
+    frames: &[Vec<MarkerError>],
+    at: &str,
+) {
+    // Eyes of omnidirectional stereo stand still within each part of a picture: what is not on the
+    // screen has a bound of its own.
+    let is_deep = |found: &&MarkerError| {
+        let is_around = matches!(seen[found.channel].eye, Viewpoint::Around(_));
+        is_around && !markers[found.marker].is_on_screen
+    };
+    let all = || frames.iter().flatten().filter(|found| !is_deep(found));
+    let deep: Vec<&MarkerError> = frames.iter().flatten().filter(is_deep).collect();
+    report_deep(table, (wall, seen), &deep, at);
+    for is_warped in [false, true] {
+        if !seen.iter().any(|channel| channel.is_warped == is_warped) {
+            continue;
+        }
+        let errors = all()
+            .filter(|found| seen[found.channel].is_warped == is_warped)
+            .map(|found| (found.error_px.length(), seen[found.channel].name.to_owned()));
+        let (error, place) = worst(errors);
+        let (kind, most) =
+            if is_warped { ("warped ", WARPED_ERROR_MAX_PX) } else { ("", ERROR_MAX_PX) };
+        let note = if error.is_nan() {
+            format!("{place}: a marker is not found, or none can be read")
+        } else {
+            place
+        };
+        table.add(format!("{kind}points{at}"), error, "px", Some(Bound::AtMost(most)), note);
+    }
+    let mut seams = Vec::new();
+    for frame in frames {
+        for (index, one) in frame.iter().enumerate() {
+            let others = frame[index + 1..].iter().filter(|other| other.marker == one.marker);
+            for other in others.filter(|other| !is_deep(other)) {
+                let apart = one.error_in_display.distance(other.error_in_display);
+                let names = [seen[one.channel].name, seen[other.channel].name].join(" and ");
+                seams.push((apart, names));
+            }
+        }
+    }
+    if !seams.is_empty() {
+        let (apart, place) = worst(seams.into_iter());
+        let most = Some(Bound::AtMost(SEAM_MAX_PX));
+        table.add(format!("one point on two channels{at}"), apart, "px", most, place);
+    }
+    let mut jitter = Vec::new();
+    for pair in frames.windows(2) {
+        for found in &pair[1] {
+            let is_same = |before: &&MarkerError| {
+                (before.channel, before.marker) == (found.channel, found.marker)
+            };
+            let Some(before) = pair[0].iter().find(is_same) else { continue };
+            let step = found.error_px.distance(before.error_px);
+            jitter.push((step, seen[found.channel].name.to_owned()));
+        }
+    }
+    let (step, place) = worst(jitter.into_iter());
+    let is_warped = seen.iter().any(|channel| channel.is_warped);
+    let most = if is_warped { WARPED_ERROR_MAX_PX } else { JITTER_MAX_PX };
+    let note = format!("{place} ({} markers)", markers.len());
+    table.add(format!("jitter{at}"), step, "px", Some(Bound::AtMost(most)), note);
+}
