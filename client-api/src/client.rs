@@ -30,8 +30,8 @@ use crate::pending::Pending;
 ///
 /// Clones share the connection, which closes when the last clone, [`Pending`] and
 /// [`FeedbackStream`] are dropped. Requests reach the manager in the order in which they are made,
-/// and several may be open at once. Dropping the future of a call gives up its answer and frees its place; the
-/// manager may do the request all the same.
+/// and several may be open at once. Dropping the future of a call gives up its answer and frees its
+/// place; the manager may do the request all the same.
 ///
 /// Every method fails with [`ClientError`]: as the manager says ([`ClientError::Failed`], after
 /// which the wall is as it was), or because no answer came ([`ClientError::TimedOut`],

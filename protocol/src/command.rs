@@ -85,8 +85,6 @@ pub struct Frame {
     pub head: HeadPose,
     /// Light is multiplied by this before tone mapping.
     pub exposure: f32,
-    /// The error in wall pixels that a channel may make to draw faster; 0: none.
-    pub error_bound_px: f32,
     /// Whether every server sends the picture of this frame over its bulk connection, once drawn.
     pub capture: bool,
     /// What displays show once the frame is swapped.

@@ -5,7 +5,7 @@ use std::time::Duration;
 use polyptych_files::blob::CHUNK_BYTES_MAX;
 
 /// The version of the wire protocol. A peer of another version is refused by both numbers.
-pub const PROTOCOL_VERSION: u16 = 4;
+pub const PROTOCOL_VERSION: u16 = 1;
 
 /// Largest control message. A status of 1,024 channels takes about 200 KiB.
 pub const MESSAGE_BYTES_MAX: usize = 4 << 20;

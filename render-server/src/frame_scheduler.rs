@@ -129,7 +129,6 @@ mod tests {
             views: Vec::new(),
             head: HeadPose::facing_forward(DVec3::ZERO, 0.0),
             exposure: 1.0,
-            error_bound_px: 0.0,
             capture: false,
             display: OutputMode::Normal,
             pattern: None,

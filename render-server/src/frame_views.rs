@@ -68,10 +68,6 @@ pub(crate) fn check_frame(frame: &Frame) -> Result<(), String> {
     if frame.views.len() > VIEWS_MAX {
         return Err(format!("{} views, where {VIEWS_MAX} can be", frame.views.len()));
     }
-    if frame.views.iter().any(|view| view.scene_root.is_some()) {
-        // Said, rather than showing more than was asked for.
-        return Err("this server draws whole scenes only, not the part under a node".to_owned());
-    }
     Ok(())
 }
 

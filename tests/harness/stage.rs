@@ -83,7 +83,6 @@ pub fn frame(wall: &Wall, camera: Camera) -> Frame {
         views: vec![View::of_wall(camera)],
         head: wall.head(),
         exposure: 1.0,
-        error_bound_px: 0.0,
         capture: false,
         display: OutputMode::Normal,
         pattern: None,

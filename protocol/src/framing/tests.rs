@@ -39,7 +39,6 @@ fn frame() -> Frame {
         views: vec![View::of_wall(camera())],
         head: HeadPose::facing_forward(DVec3::new(0.0, 1.6, 0.0), 0.064),
         exposure: 1.0,
-        error_bound_px: 0.0,
         capture: true,
         display: OutputMode::Blank,
         pattern: Some(TestPattern::Density),
@@ -141,9 +140,9 @@ fn golden() -> Vec<(Bytes, &'static str)> {
             encode(&Command::Frame(frame())),
             "01fd0807060504030201fb2c01000000000000f83f0201000000000000f03f00000000000000c000\
              000000d0126341000000000000000000000000000000000000000000000000000000000000f03f00\
-             0000000000e03f00000000000000000000009a9999999999f93f0000000000000000000000000000\
-             000000000000000000000000000000000000000000000000f03ffca9f1d24d62b03f0000803f0000\
-             00000102 0105",
+             0000000000e03f000000000000000000009a9999999999f93f0000000000000000000000000000\
+             000000000000000000000000000000000000000000000000f03ffca9f1d24d62b03f0000803f\
+             0102 0105",
         ),
         (
             encode(&Command::Swap(Swap { epoch: Epoch(1), frame: FrameId(300), not_after_us: 9 })),
@@ -175,7 +174,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (
             encode(&views),
             "09100100000000000000000000000000000000000000000000000000000000000000000000000000\
-             0000000000000000000000000000000000f03f000000000000f03f0001010002fb2c010402000000\
+             0000000000000000000000000000000000f03f000000000000f03f01010002fb2c010402000000\
              000000f83f",
         ),
         (encode(&pattern), "08120103"),
@@ -216,7 +215,6 @@ fn what_goes_out_comes_back() {
     let rect = [1, 2, 3, u32::MAX];
     comes_back(&View {
         camera: camera(),
-        scene_root: Some(7),
         area: Area::Screen { screen: 2, rect },
         projection: ViewProjection::Perspective { fov_y_rad: 0.5 },
     });

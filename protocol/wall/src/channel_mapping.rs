@@ -39,8 +39,8 @@ pub struct ChannelMapping<'a> {
 
 impl Wall {
     /// Where the pixels of a channel lie, as far as no file has to say it
-    /// ([`crate::wall_geometry::ResolvedWall::channel_mapping`]); `None` if there is no such channel, or
-    /// if its pins leave no picture.
+    /// ([`crate::wall_geometry::ResolvedWall::channel_mapping`]); `None` if there is no such
+    /// channel, or if its pins leave no picture.
     pub fn channel_mapping(&self, id: ChannelId) -> Option<ChannelMapping<'_>> {
         ResolvedWall::from(self).channel_mapping(id)
     }

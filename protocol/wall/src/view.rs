@@ -35,8 +35,6 @@ const ONE_PLANE_SHARE: f64 = 1e-6;
 pub struct View {
     /// Where display space stands in the world.
     pub camera: Camera,
-    /// The node under which all is drawn; `None`: the whole scene.
-    pub scene_root: Option<u32>,
     /// The part of the wall.
     pub area: Area,
     /// How the part shows what the camera sees.
@@ -64,7 +62,7 @@ pub enum ViewProjection {
 impl View {
     /// A camera's picture on the whole wall, as through a window.
     pub fn of_wall(camera: Camera) -> Self {
-        Self { camera, scene_root: None, area: Area::Wall, projection: ViewProjection::Wall }
+        Self { camera, area: Area::Wall, projection: ViewProjection::Wall }
     }
 }
 
@@ -91,9 +89,6 @@ pub enum ViewError {
     /// Its camera is none.
     #[error("{0}")]
     Camera(String),
-    /// Only a part of the scene is asked for.
-    #[error("a view of the part under a node is not drawn: leave out scene_root")]
-    SceneRoot,
     /// The angle or the height of a camera's own picture.
     #[error("{what} of {value} {unit}, where {right} can be")]
     Projection {
@@ -193,9 +188,6 @@ impl Wall {
     fn check_view(&self, view: &View) -> Result<(), ViewError> {
         if let Some(fault) = view.camera.fault() {
             return Err(ViewError::Camera(fault));
-        }
-        if view.scene_root.is_some() {
-            return Err(ViewError::SceneRoot);
         }
         view.projection.check()?;
         let is_own = view.projection != ViewProjection::Wall;

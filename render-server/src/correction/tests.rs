@@ -112,7 +112,6 @@ fn frame(head: HeadPose) -> Frame {
         views: vec![View::of_wall(Camera::IDENTITY)],
         head,
         exposure: 1.0,
-        error_bound_px: 0.0,
         capture: false,
         display: OutputMode::Normal,
         pattern: None,

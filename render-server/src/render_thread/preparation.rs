@@ -107,7 +107,6 @@ impl RenderThread {
             views: vec![View::of_wall(state.warm_up)],
             head: wall.head(),
             exposure: 1.0,
-            error_bound_px: 0.0,
             capture: false,
             display: OutputMode::Normal,
             pattern: None,

@@ -131,7 +131,6 @@ impl RenderThreadFixture {
             views: vec![View::of_wall(Camera::IDENTITY)],
             head: HeadPose::facing_forward(DVec3::ZERO, 0.0),
             exposure,
-            error_bound_px: 0.0,
             capture: true,
             display,
             pattern: None,

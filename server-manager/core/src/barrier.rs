@@ -257,7 +257,6 @@ impl Cluster {
             views: self.all_views(),
             head: self.head,
             exposure: self.exposure,
-            error_bound_px: 0.0,
             capture,
             display: self.displays,
             pattern: self.pattern,

@@ -135,7 +135,6 @@ fn commands() -> Vec<Command> {
         views: vec![view(Area::Wall), view(part)],
         head: HeadPose::facing_forward(DVec3::new(0.0, 0.1, 0.2), 0.06),
         exposure: 1.0,
-        error_bound_px: 0.0,
         capture: true,
         display: OutputMode::Identify,
         pattern: Some(TestPattern::Overlap),

@@ -202,7 +202,6 @@ fn views_that_cannot_be_are_refused_with_what_would_be_right() {
     for height_m in [0.0, -1.0, f64::INFINITY, f64::NAN] {
         refused(&wall, own(WHOLE, ViewProjection::Orthographic { height_m }), &["above 0"]);
     }
-    refused(&wall, View { scene_root: Some(1), ..own(WHOLE, plan) }, &["scene_root"]);
     let camera = Camera { scale: 0.0, ..Camera::IDENTITY };
     refused(&wall, View { camera, ..own(WHOLE, plan) }, &["scale"]);
     let mut pinned = tiled();
