@@ -15,7 +15,7 @@ use super::document::{
 };
 use super::error::WallFileError;
 use super::files::Files;
-use super::screen::{self, ChannelDraft, Section};
+use super::screen::{self, ChannelDraft, PlacedSection};
 use super::source::SourceText;
 use super::{calibration, visibility};
 
@@ -49,7 +49,7 @@ pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall,
     check_names(source, &document.screen, &channels)?;
     calibration::channels(source, &document.channel, &mut channels, &mut files)?;
     for ((index, section), screen) in (0u16..).zip(&document.screen).zip(&screens) {
-        Section { source, index, section }.check_cover(screen, &channels)?;
+        PlacedSection { source, index, section }.check_cover(screen, &channels)?;
     }
     visibility::check(source, eye, &screens, &channels)?;
     Ok(Wall {

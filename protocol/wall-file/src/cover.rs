@@ -6,7 +6,7 @@ use polyptych_wall::{ChannelKind, Eye, Screen};
 
 use super::document::ScreenSection;
 use super::error::WallFileError;
-use super::screen::{ChannelDraft, Section};
+use super::screen::{ChannelDraft, PlacedSection};
 use super::source::quoted;
 use crate::coverage::{Footprint, eyes, is_plain_tile, is_seen_by};
 use crate::tiling::{self, Rect};
@@ -14,7 +14,7 @@ use crate::tiling::{self, Rect};
 /// Most hidden rectangles of one screen: more than a grid of 1,024 tiles has gaps.
 const HIDDEN_MAX: usize = 4096;
 
-impl Section<'_> {
+impl PlacedSection<'_> {
     /// Every pixel of the canvas must be shown or hidden where channels are plain tiles that do
     /// not overlap. Where they blend, a hole is what [`coverage`](crate::coverage) reports:
     /// the light of projectors has no straight ends.

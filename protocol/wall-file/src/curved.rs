@@ -9,12 +9,12 @@ use super::document::{CylinderSection, SphereSection};
 use super::error::WallFileError;
 use super::files::Files;
 use super::rotation::rotation;
-use super::screen::{SCREEN_SIDE_MIN_M, Section};
+use super::screen::{PlacedSection, SCREEN_SIDE_MIN_M};
 
 /// Fewest degrees that a patch spans: less is a slip of the unit, and nearly a plane.
 const SWEEP_DEGREES_MIN: f64 = 0.01;
 
-impl Section<'_> {
+impl PlacedSection<'_> {
     /// The screen's surface where it is no rectangle; `None` where it is one.
     pub fn curved(&self, files: &mut Files) -> Result<Option<Surface>, WallFileError> {
         let s = self.section;

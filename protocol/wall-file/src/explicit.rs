@@ -9,10 +9,10 @@ use super::check::check_name;
 use super::document::ChannelSection;
 use super::error::WallFileError;
 use super::projector::projector;
-use super::screen::{ChannelDraft, Section};
+use super::screen::{ChannelDraft, PlacedSection};
 use crate::tiling::Rect;
 
-impl Section<'_> {
+impl PlacedSection<'_> {
     /// Channels by hand; sets the screen's canvas.
     pub fn channels(&self, screen: &mut Screen) -> Result<Vec<ChannelDraft>, WallFileError> {
         let Some(canvas) = self.section.pixels.map(UVec2::from_array) else {

@@ -38,7 +38,7 @@ impl ChannelDraft {
 }
 
 /// A section, where it stands and what it is read from.
-pub(super) struct Section<'a> {
+pub(super) struct PlacedSection<'a> {
     /// The file.
     pub source: &'a SourceText<'a>,
     /// The screen's place in the list of screens.
@@ -54,7 +54,7 @@ pub(super) fn screen(
     section: &ScreenSection,
     files: &mut Files,
 ) -> Result<(Screen, Vec<ChannelDraft>), WallFileError> {
-    let place = Section { source, index, section };
+    let place = PlacedSection { source, index, section };
     check_name(source, &place.key("name"), &section.name)?;
     let surface = if let Some(surface) = place.curved(files)? {
         surface
@@ -89,7 +89,7 @@ pub(super) fn screen(
     Ok((screen, drafts))
 }
 
-impl Section<'_> {
+impl PlacedSection<'_> {
     /// The whole key of one of the section's keys.
     pub fn key(&self, name: &str) -> String {
         format!("screen[{}].{name}", self.index)

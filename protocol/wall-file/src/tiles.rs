@@ -7,10 +7,10 @@ use polyptych_wall::{Bezel, Screen, Surface};
 use super::check::{COORDINATE_MAX_M, check_name, check_numbers};
 use super::document::TilesSection;
 use super::error::WallFileError;
-use super::screen::{ChannelDraft, Section};
+use super::screen::{ChannelDraft, PlacedSection};
 use crate::tiling::{self, Rect};
 
-impl Section<'_> {
+impl PlacedSection<'_> {
     /// Channels as a grid; sets the screen's canvas and bezel.
     pub fn tiles(
         &self,

@@ -151,10 +151,10 @@ impl RenderThreadFixture {
             match report {
                 RenderEvent::Picture(picture) => captured = picture.bytes.to_vec(),
                 RenderEvent::Status(ServerMessage::Drawn(FrameRendered { frame, .. })) => {
-                    drawn |= frame == number
+                    drawn |= frame == number;
                 }
                 RenderEvent::Status(ServerMessage::Shown(FramePresented { frame, .. })) => {
-                    shown |= frame == number
+                    shown |= frame == number;
                 }
                 RenderEvent::Status(other) => panic!("{other:?}"),
             }

@@ -177,7 +177,7 @@ impl Cluster {
         match change.purpose {
             ChangeOrigin::Scene { job, summary } => self.settle_scene(now, job, summary, &failed),
             ChangeOrigin::Tuning { wall, tuners } => {
-                self.commit_calibration(now, *wall, tuners, &failed)
+                self.commit_calibration(now, *wall, tuners, &failed);
             }
         }
     }

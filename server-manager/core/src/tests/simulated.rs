@@ -2,13 +2,14 @@
 //! clients and managers of our own, each from one number.
 //!
 //! ```text
-//! cargo test -p polyptych-manager simulated                              10,000 schedules
-//! POLYPTYCH_SCHEDULES=1000000 cargo test -p polyptych-manager --release simulated -- --nocapture
-//! POLYPTYCH_SEED=7 cargo test -p polyptych-manager simulated -- --nocapture   one, in all steps
+//! cargo test -p polyptych-core simulated                                 10,000 schedules
+//! POLYPTYCH_SCHEDULES=1000000 cargo test -p polyptych-core --release simulated -- --nocapture
+//! POLYPTYCH_SEED=7 cargo test -p polyptych-core simulated -- --nocapture   one, in all steps
 //! POLYPTYCH_FIRST_SEED=5000000 ...                                       other schedules
 //! ```
 
 #[expect(dead_code, reason = "the render server's own file; its shared clock is for threads")]
+#[expect(clippy::disallowed_methods, reason = "render servers have a clock; tests give theirs")]
 #[path = "../../../../render-server/src/clock.rs"]
 mod clock;
 mod coverage;
@@ -50,7 +51,7 @@ fn check(seed: u64, is_told: bool) -> Result<Coverage, String> {
     run.map_err(|fault| {
         format!(
             "seed {seed}: {fault}\nthis one alone, told step by step:\n    POLYPTYCH_SEED={seed} \
-             cargo test -p polyptych-manager simulated -- --nocapture"
+             cargo test -p polyptych-core simulated -- --nocapture"
         )
     })
 }

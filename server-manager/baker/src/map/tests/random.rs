@@ -186,6 +186,15 @@ fn screen(canvas: UVec2, surface: Option<Surface>) -> Screen {
     Screen::new("s", surface.unwrap_or(Surface::Plane(plane)), canvas)
 }
 
+/// The files of a wall as the baker left them.
+fn maps_of(wall: &Wall, blobs: &BlobStore) -> CalibrationMaps {
+    let read = |hash| {
+        let bytes = blobs.read(hash).map_err(|error| error.to_string())?.ok_or("gone")?;
+        CalibrationMap::decode(&bytes).map(Arc::new)
+    };
+    CalibrationMaps::load(wall, read).expect("the baker's own")
+}
+
 /// That a wall of this mesh is refused with a reason or can be prepared, and shows then at each
 /// pixel what the OBJ has there. `picture` is what its places are measured in.
 fn check(
@@ -205,11 +214,7 @@ fn check(
     };
     prop_assert!(obj.fault != Fault::NotANumber && obj.fault != Fault::Far, "taken");
     let blobs = BlobStore::new(place.folder.path().join("store/blobs"));
-    let read = |hash| {
-        let bytes = blobs.read(hash).map_err(|error| error.to_string())?.ok_or("gone")?;
-        CalibrationMap::decode(&bytes).map(Arc::new)
-    };
-    let maps = CalibrationMaps::load(&wall, read).expect("the baker's own");
+    let maps = maps_of(&wall, &blobs);
     let shapes = WallGeometry::new(&wall, &maps);
     let shaped = ResolvedWall { wall: &wall, shapes: &shapes };
     let accepted = shaped.check_files(&maps);
