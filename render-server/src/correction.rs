@@ -17,7 +17,7 @@ use overlay::{Overlay, OverlayContext};
 use polyptych_protocol::command::Frame;
 use polyptych_renderer::{
     self, BlendMapDesc, Correction, CorrectionDesc, DrawStats, Gpu, GpuScene, ImageEncoding,
-    Orientation, Renderer, StereoPacking, Target, TransferFunction, ViewDesc, WarpVertexDesc,
+    Renderer, Target, ViewDesc,
 };
 use polyptych_wall::blend::{self, BlendModel, ChannelMasks, LightInputs};
 use polyptych_wall::calibration_maps::CalibrationMaps;
@@ -151,21 +151,21 @@ impl CorrectionPlan {
             Some(known) => (known.warp.clone(), known.desc.warp.clone()),
             None => {
                 let warp = shaped.drawn_mesh(maps, id)?.refined_for(&wall.viewpoints(channel));
-                let drawn = renderer_mesh(&warp);
-                (Some(Arc::new(warp)), Some(Arc::new(drawn)))
+                let warp = Arc::new(warp);
+                (Some(Arc::clone(&warp)), Some(warp))
             }
         };
         let eyes = channel.eyes().to_vec();
         let color = blend.color(id).ok_or("the wall has no such channel")?;
         let desc = CorrectionDesc {
             upright: channel.size.to_array(),
-            turn: turn(adjustment.turn),
+            turn: adjustment.turn,
             is_mirrored: adjustment.mirror,
-            packing: packing(adjustment.packing),
+            packing: adjustment.packing,
             warp: drawn,
             light_map,
             color: color.made(),
-            curve: curve(&color.curve),
+            curve: color.curve.clone(),
             dither: wall.dither.then_some(u32::from(id.0)),
             is_fine: adjustment.bits == BitDepth::Ten,
         };
@@ -205,47 +205,8 @@ pub(crate) fn light_map(
     blend.blend_map(id, &masks)
 }
 
-fn renderer_mesh(mesh: &WarpMesh) -> polyptych_renderer::WarpMeshDesc {
-    let vertex = |vertex: &polyptych_wall::warp_mesh::WarpVertex| WarpVertexDesc {
-        pixel: vertex.pixel.to_array(),
-        point: vertex.point,
-    };
-    polyptych_renderer::WarpMeshDesc {
-        vertices: mesh.vertices.iter().map(vertex).collect(),
-        triangles: mesh.triangles.clone(),
-    }
-}
-
 fn renderer_light(map: blend::BlendMap) -> BlendMapDesc {
     BlendMapDesc { texels: map.texels, multiply: 1.0, add: map.add }
-}
-
-fn turn(turn: polyptych_wall::Orientation) -> Orientation {
-    match turn {
-        polyptych_wall::Orientation::None => Orientation::None,
-        polyptych_wall::Orientation::Left => Orientation::Left,
-        polyptych_wall::Orientation::Right => Orientation::Right,
-        polyptych_wall::Orientation::Half => Orientation::Half,
-    }
-}
-
-fn packing(packing: polyptych_wall::StereoPacking) -> StereoPacking {
-    match packing {
-        polyptych_wall::StereoPacking::None => StereoPacking::None,
-        polyptych_wall::StereoPacking::SideBySide => StereoPacking::SideBySide,
-        polyptych_wall::StereoPacking::TopBottom => StereoPacking::TopBottom,
-        polyptych_wall::StereoPacking::Anaglyph => StereoPacking::Anaglyph,
-    }
-}
-
-fn curve(curve: &polyptych_wall::TransferFunction) -> TransferFunction {
-    match curve {
-        polyptych_wall::TransferFunction::Srgb => TransferFunction::Srgb,
-        polyptych_wall::TransferFunction::Gamma(gamma) => TransferFunction::Gamma(*gamma),
-        polyptych_wall::TransferFunction::Measured(light) => {
-            TransferFunction::Measured(light.clone())
-        }
-    }
 }
 
 /// The last view that a warped channel shows through its own frusta on all of its pixels: those

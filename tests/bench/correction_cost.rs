@@ -15,7 +15,7 @@ use polyptych_files::blob::BlobHash;
 use polyptych_render::frame_views;
 use polyptych_renderer::{
     self, AtlasViewDesc, BlendMapDesc, Correction, CorrectionDesc, EyeAtlas, Gpu, GpuScene,
-    ImageEncoding, Renderer, SceneBuilder, Target, ViewDesc, WarpVertexDesc,
+    ImageEncoding, Renderer, SceneBuilder, Target, ViewDesc,
 };
 use polyptych_wall::camera::Camera;
 use polyptych_wall::surface::{Cylinder, Surface};
@@ -68,13 +68,7 @@ impl Corrected {
         let mesh = WarpMesh::new(UVec2::from(SIZE), rule, point);
         let eye = DVec3::ZERO;
         let plan = ViewAtlas::new(&mesh, &[eye], NEAR_M, gpu.info().texture_side_max)?;
-        let vertices = mesh.vertices.iter();
-        let warp = polyptych_renderer::WarpMeshDesc {
-            vertices: vertices
-                .map(|v| WarpVertexDesc { pixel: v.pixel.to_array(), point: v.point })
-                .collect(),
-            triangles: mesh.triangles.clone(),
-        };
+        let warp = mesh.clone();
         // A ramp of 15 % at both sides.
         let weight = |at: u32| {
             let x = (f64::from(at % SIZE[0]) + 0.5) / f64::from(SIZE[0]);

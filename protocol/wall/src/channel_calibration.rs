@@ -113,6 +113,13 @@ pub enum StereoPacking {
     Anaglyph,
 }
 
+impl StereoPacking {
+    /// Returns the number of eyes whose pictures share the display: 1 or 2.
+    pub fn eyes(self) -> usize {
+        if self == Self::None { 1 } else { 2 }
+    }
+}
+
 /// A grid of control points over the channel's picture, moved by pixels; between them the move is
 /// a Catmull-Rom spline's, which passes through each.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,21 +7,10 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, DMat4, DVec3};
-
-/// Source planes that one eye's picture may be put together from.
-pub const SOURCE_PLANES_MAX: usize = 6;
-
-/// Source planes that one eye's picture may be put together from where each has triangles of its
-/// own.
-pub const SOURCE_CELLS_MAX: usize = 64;
-
-/// Source pixels around each plane's own ones: filters reach over its edge without seeing a
-/// neighbour in the atlas or nothing at all.
-pub const SOURCE_GUARD: u32 = 2;
-
-/// Points of a measured curve.
-pub const CURVE_POINTS_MAX: usize = 4096;
+use glam::{DMat3, DMat4, DVec2, DVec3};
+use polyptych_wall::limits::CURVE_POINTS_MAX;
+use polyptych_wall::warp_mesh::{WarpMesh, WarpVertex};
+use polyptych_wall::{Orientation, StereoPacking, TransferFunction};
 
 /// All that a channel's picture goes through on its way to the display.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,7 +24,7 @@ pub struct CorrectionDesc {
     /// How two eyes share the display.
     pub packing: StereoPacking,
     /// Where the upright picture's pixels lie; without it, they are the source's pixels.
-    pub warp: Option<Arc<WarpMeshDesc>>,
+    pub warp: Option<Arc<WarpMesh>>,
     /// Blend weights, masks and black level.
     pub light_map: Option<Arc<BlendMapDesc>>,
     /// Applied to linear light; what leaves 0 to 1 is clipped.
@@ -47,53 +36,6 @@ pub struct CorrectionDesc {
     pub dither: Option<u32>,
     /// Whether the display has 1,024 codes and not 256.
     pub is_fine: bool,
-}
-
-/// How a display hangs: where its own upper side is, as the viewer sees it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Orientation {
-    /// Upright.
-    #[default]
-    None,
-    /// At the left.
-    Left,
-    /// At the right.
-    Right,
-    /// Below.
-    Half,
-}
-
-/// How two eyes share a display.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum StereoPacking {
-    /// There is one.
-    #[default]
-    None,
-    /// The left eye's in the left half of a picture twice as wide.
-    SideBySide,
-    /// The left eye's in the upper half of a picture twice as high.
-    TopBottom,
-    /// Red of the left eye's, green and blue of the right eye's.
-    Anaglyph,
-}
-
-/// Where an upright picture's pixels lie in display space. Between its points, in each triangle,
-/// the place is linear; pixels outside of all triangles stay black.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct WarpMeshDesc {
-    /// Its points.
-    pub vertices: Vec<WarpVertexDesc>,
-    /// Indices of corners, in any order.
-    pub triangles: Vec<[u32; 3]>,
-}
-
-/// A point of a [`WarpMeshDesc`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WarpVertexDesc {
-    /// Of the upright picture, from the upper left corner of its upper left pixel, y down.
-    pub pixel: [f64; 2],
-    /// In metres of display space.
-    pub point: DVec3,
 }
 
 /// What linear light is multiplied by, and what is added to it, at each pixel.
@@ -108,18 +50,6 @@ pub struct BlendMapDesc {
     pub multiply: f64,
     /// What an addend of 65,535 stands for, in red, green and blue.
     pub add: DVec3,
-}
-
-/// How a display makes light of codes.
-#[derive(Clone, Debug, PartialEq)]
-pub enum TransferFunction {
-    /// IEC 61966-2-1.
-    Srgb,
-    /// code^γ, in red, green and blue.
-    Gamma(DVec3),
-    /// Light of equally spaced codes, 2 to [`CURVE_POINTS_MAX`], rising from 0 to 1; linear
-    /// between them.
-    Measured(Vec<DVec3>),
 }
 
 /// The planes that an eye's picture is put together from. Without a warp mesh the one plane's
@@ -139,7 +69,7 @@ pub struct AtlasViewDesc {
     pub eye_in_display: DVec3,
     /// From vectors from the eye in display space to the clip space of `rect`.
     pub clip_from_eye: DMat4,
-    /// x, y, width and height in pixels of the source target, [`SOURCE_GUARD`] on all sides
+    /// x, y, width and height in pixels of the source target, [`polyptych_wall::view_atlas::SOURCE_GUARD`] on all sides
     /// included.
     pub rect: [u32; 4],
 }
@@ -170,13 +100,6 @@ pub enum CorrectionError {
     /// The device is lost, hangs, or is out of memory.
     #[error("the GPU failed: {0}")]
     Gpu(String),
-}
-
-impl StereoPacking {
-    /// How many eyes' pictures there are.
-    pub fn eyes(self) -> usize {
-        if self == Self::None { 1 } else { 2 }
-    }
 }
 
 impl BlendMapDesc {
@@ -256,7 +179,7 @@ impl CorrectionDesc {
         if !self.color.is_finite() {
             return Some(CorrectionError::Color("the matrix is not finite"));
         }
-        if let Some(reason) = self.curve.fault() {
+        if let Some(reason) = curve_fault(&self.curve) {
             return Some(CorrectionError::Color(reason));
         }
         let wanted = self.upright[0] as usize * self.upright[1] as usize;
@@ -264,64 +187,60 @@ impl CorrectionDesc {
         if let Some(map) = self.light_map.as_ref().filter(is_wrong) {
             return Some(CorrectionError::LightMap { found: map.texels.len(), wanted });
         }
-        let reason = self.warp.as_ref()?.fault(self.upright)?;
+        let reason = mesh_fault(self.warp.as_ref()?, self.upright)?;
         Some(CorrectionError::Mesh(reason))
     }
 }
 
-impl WarpMeshDesc {
-    /// What is wrong with it for an upright picture of this size, if anything.
-    pub(crate) fn fault(&self, [width, height]: [u32; 2]) -> Option<String> {
-        if self.triangles.is_empty() {
-            return Some("there is no triangle".to_owned());
+/// Returns what is wrong with a mesh for an upright picture of this size, if anything.
+pub(crate) fn mesh_fault(mesh: &WarpMesh, [width, height]: [u32; 2]) -> Option<String> {
+    if mesh.triangles.is_empty() {
+        return Some("there is no triangle".to_owned());
+    }
+    let count = mesh.vertices.len();
+    if mesh.triangles.iter().flatten().any(|index| *index as usize >= count) {
+        return Some(format!("a triangle has a corner beyond the {count} points"));
+    }
+    let is_inside = |v: &WarpVertex| {
+        let is_on = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
+        is_on(v.pixel.x, width) && is_on(v.pixel.y, height) && v.point.is_finite()
+    };
+    let outside = mesh.vertices.iter().find(|vertex| !is_inside(vertex))?;
+    let (DVec2 { x, y }, point) = (outside.pixel, outside.point);
+    Some(format!("pixel ({x}, {y}) at {point} m is not one of {width} × {height}"))
+}
+
+fn curve_fault(curve: &TransferFunction) -> Option<&'static str> {
+    match curve {
+        TransferFunction::Srgb => None,
+        TransferFunction::Gamma(gamma) => (!gamma.is_finite() || gamma.cmple(DVec3::ZERO).any())
+            .then_some("a gamma is not above 0"),
+        TransferFunction::Measured(light) => {
+            let rises = light.windows(2).all(|pair| pair[0].cmple(pair[1]).all());
+            let ends = (light.first(), light.last()) == (Some(&DVec3::ZERO), Some(&DVec3::ONE));
+            let is_good = (2..=CURVE_POINTS_MAX).contains(&light.len()) && rises && ends;
+            (!is_good).then_some("a curve does not rise from 0 to 1")
         }
-        let count = self.vertices.len();
-        if self.triangles.iter().flatten().any(|index| *index as usize >= count) {
-            return Some(format!("a triangle has a corner beyond the {count} points"));
-        }
-        let is_inside = |v: &WarpVertexDesc| {
-            let [x, y] = v.pixel;
-            let is_on = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
-            is_on(x, width) && is_on(y, height) && v.point.is_finite()
-        };
-        let outside = self.vertices.iter().find(|vertex| !is_inside(vertex))?;
-        let ([x, y], point) = (outside.pixel, outside.point);
-        Some(format!("pixel ({x}, {y}) at {point} m is not one of {width} × {height}"))
     }
 }
 
-impl TransferFunction {
-    fn fault(&self) -> Option<&'static str> {
-        match self {
-            Self::Srgb => None,
-            Self::Gamma(gamma) => (!gamma.is_finite() || gamma.cmple(DVec3::ZERO).any())
-                .then_some("a gamma is not above 0"),
-            Self::Measured(light) => {
-                let rises = light.windows(2).all(|pair| pair[0].cmple(pair[1]).all());
-                let ends = (light.first(), light.last()) == (Some(&DVec3::ZERO), Some(&DVec3::ONE));
-                let is_good = (2..=CURVE_POINTS_MAX).contains(&light.len()) && rises && ends;
-                (!is_good).then_some("a curve does not rise from 0 to 1")
-            }
-        }
-    }
-
-    /// Codes, 0 to 1, of the lights (i / (count − 1))²: their distances follow the curves of
-    /// displays, so that lines between them are off by less than a hundredth of a code.
-    pub(crate) fn codes(&self, count: usize) -> Vec<DVec3> {
-        let Self::Measured(light) = self else { return Vec::new() };
-        let last = (count - 1).max(1) as f64;
-        let code = |target: f64, at: usize| {
-            // The first of equal lights: a code that adds none is not sent.
-            let above = light.partition_point(|point| point[at] < target);
-            let Some(below) = above.checked_sub(1) else { return 0.0 };
-            let high = light.get(above).map_or(1.0, |point| point[at]);
-            let low = light[below][at];
-            (below as f64 + (target - low) / (high - low)) / (light.len() - 1) as f64
-        };
-        let of = |i: usize| {
-            let target = (i as f64 / last).powi(2);
-            DVec3::new(code(target, 0), code(target, 1), code(target, 2))
-        };
-        (0..count).map(of).collect()
-    }
+/// Returns the codes, 0 to 1, of the lights (i / (count − 1))²: their distances follow the curves
+/// of displays, so that lines between them are off by less than a hundredth of a code. Empty for
+/// curves that are not measured.
+pub(crate) fn curve_codes(curve: &TransferFunction, count: usize) -> Vec<DVec3> {
+    let TransferFunction::Measured(light) = curve else { return Vec::new() };
+    let last = (count - 1).max(1) as f64;
+    let code = |target: f64, at: usize| {
+        // The first of equal lights: a code that adds none is not sent.
+        let above = light.partition_point(|point| point[at] < target);
+        let Some(below) = above.checked_sub(1) else { return 0.0 };
+        let high = light.get(above).map_or(1.0, |point| point[at]);
+        let low = light[below][at];
+        (below as f64 + (target - low) / (high - low)) / (light.len() - 1) as f64
+    };
+    let of = |i: usize| {
+        let target = (i as f64 / last).powi(2);
+        DVec3::new(code(target, 0), code(target, 1), code(target, 2))
+    };
+    (0..count).map(of).collect()
 }

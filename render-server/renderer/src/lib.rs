@@ -30,11 +30,7 @@ mod text;
 mod tone;
 mod view;
 
-pub use correction::{
-    AtlasViewDesc, BlendMapDesc, CURVE_POINTS_MAX, CorrectionDesc, CorrectionError, EyeAtlas,
-    Orientation, SOURCE_GUARD, SOURCE_PLANES_MAX, StereoPacking, TransferFunction, WarpMeshDesc,
-    WarpVertexDesc,
-};
+pub use correction::{AtlasViewDesc, BlendMapDesc, CorrectionDesc, CorrectionError, EyeAtlas};
 pub use gpu::{AdapterInfo, Gpu, GpuError, GpuFault, GpuFaultKind};
 pub use output_texture::{FINE_FORMAT, ImageEncoding, OutputTexture};
 pub use pass::correct::{Correction, CorrectionMesh, TAPS_MAX};

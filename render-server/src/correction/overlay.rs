@@ -12,7 +12,6 @@ use polyptych_wall::warp_mesh::WarpMesh;
 use polyptych_wall::{ChannelId, Viewpoint};
 
 use super::eye_views::EyeViews;
-use super::renderer_mesh;
 use crate::frame_views::ViewTransform;
 
 /// A view's pixels on one channel. It stays while the view stays where it is, whatever its camera
@@ -76,9 +75,7 @@ impl Overlay {
         let side_max = gpu.info().texture_side_max;
         let plan = is_own.then(|| OverlayView::new(&mesh, side_max)).transpose();
         let plan = plan.map_err(|error| named(error.to_string()))?;
-        let shape = correction
-            .shape(gpu, &renderer_mesh(&mesh))
-            .map_err(|error| named(error.to_string()))?;
+        let shape = correction.shape(gpu, &mesh).map_err(|error| named(error.to_string()))?;
         Ok(lay(Some(OverlayMesh { shape, part, mesh, plan, shots: None })))
     }
 

@@ -48,7 +48,7 @@ const LAYERS: &[Layer] = &[
     },
     Layer {
         folder: "render-server/renderer",
-        ours: &["files", "scene"],
+        ours: &["files", "scene", "wall"],
         refused: &["tokio", "winit"],
     },
     Layer {

@@ -13,11 +13,13 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3, DVec4};
+use polyptych_wall::TransferFunction;
+use polyptych_wall::view_atlas::{SOURCE_CELLS_MAX, SOURCE_GUARD, SOURCE_PLANES_MAX};
+use polyptych_wall::warp_mesh::WarpMesh;
 use wgpu::util::DeviceExt;
 
 use crate::correction::{
-    AtlasViewDesc, CorrectionDesc, CorrectionError, EyeAtlas, SOURCE_CELLS_MAX, SOURCE_GUARD,
-    SOURCE_PLANES_MAX, TransferFunction, WarpMeshDesc,
+    AtlasViewDesc, CorrectionDesc, CorrectionError, EyeAtlas, curve_codes, mesh_fault,
 };
 use crate::frame::wait;
 use crate::gpu::Gpu;
@@ -154,11 +156,11 @@ impl Correction {
     ///
     /// # Errors
     /// What is wrong with the mesh, or that the correction resamples nothing.
-    pub fn shape(&self, gpu: &Gpu, warp: &WarpMeshDesc) -> Result<CorrectionMesh, CorrectionError> {
+    pub fn shape(&self, gpu: &Gpu, warp: &WarpMesh) -> Result<CorrectionMesh, CorrectionError> {
         if self.desc.warp.is_none() {
             return Err(CorrectionError::Source("a correction without a warp has one shape"));
         }
-        match warp.fault(self.desc.upright) {
+        match mesh_fault(warp, self.desc.upright) {
             Some(reason) => Err(CorrectionError::Mesh(reason)),
             None => Ok(CorrectionMesh::new(gpu, self.desc.upright, Some(warp))),
         }
@@ -370,7 +372,7 @@ fn is_same<T>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool {
 /// The codes of a measured curve; of another one, two that nobody reads.
 fn codes(gpu: &Gpu, curve: &TransferFunction) -> wgpu::Buffer {
     let codes = match curve {
-        TransferFunction::Measured(_) => curve.codes(CODE_COUNT),
+        TransferFunction::Measured(_) => curve_codes(curve, CODE_COUNT),
         _ => vec![DVec3::ZERO; 2],
     };
     let codes: Vec<[f32; 4]> = codes.iter().map(|code| row(code.extend(0.0))).collect();

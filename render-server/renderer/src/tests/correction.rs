@@ -4,14 +4,16 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
 use polyptych_scene::{AlphaMode, Material};
+use polyptych_wall::warp_mesh::{WarpMesh, WarpVertex};
+use polyptych_wall::{Orientation, StereoPacking, TransferFunction};
 
 use super::harness::{MeshFixture, SceneFixture, differences, draw_sampled, gpu, look, matt};
 use crate::readback::read_raw;
 use crate::tone::f16_from_bits;
 use crate::{
     AtlasViewDesc, BlendMapDesc, Correction, CorrectionDesc, CorrectionError, EyeAtlas, GpuScene,
-    ImageEncoding, Orientation, OutputTexture, PresentPass, Renderer, StereoPacking, Target,
-    TransferFunction, ViewDesc, WarpMeshDesc, WarpVertexDesc, read_picture, read_pixels,
+    ImageEncoding, OutputTexture, PresentPass, Renderer, Target, ViewDesc, read_picture,
+    read_pixels,
 };
 
 const SIZE: [u32; 2] = [96, 64];
@@ -352,18 +354,18 @@ fn what_cannot_be_corrected_is_refused() {
     }
     let vertices = |x: f64, z: f64| {
         let pixels = [[0.0, 0.0], [x, 0.0], [0.0, 9.0]];
-        pixels.map(|pixel| WarpVertexDesc { pixel, point: DVec3::NEG_Z * z }).to_vec()
+        pixels.map(|pixel| WarpVertex { pixel: pixel.into(), point: DVec3::NEG_Z * z }).to_vec()
     };
     for (vertices, triangle, why) in [
         (vertices(200.0, 1.0), [0, 1, 2], "pixel (200, 0)"),
         (vertices(9.0, f64::NAN), [0, 1, 2], "NaN"),
         (vertices(9.0, 1.0), [0, 1, 3], "beyond the 3 points"),
     ] {
-        let warp = Some(Arc::new(WarpMeshDesc { vertices, triangles: vec![triangle] }));
+        let warp = Some(Arc::new(WarpMesh { vertices, triangles: vec![triangle] }));
         let said = refused(CorrectionDesc { warp, ..identity() });
         assert!(said.contains(why), "{said}");
     }
-    let empty = Some(Arc::new(WarpMeshDesc::default()));
+    let empty = Some(Arc::new(WarpMesh::default()));
     assert!(refused(CorrectionDesc { warp: empty, ..identity() }).contains("no triangle"));
     let mut correction = Correction::new(gpu(), identity()).unwrap();
     let picture = correction.picture(gpu());

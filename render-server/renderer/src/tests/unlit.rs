@@ -2,12 +2,13 @@
 
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 use polyptych_scene::{AlphaMode, Material};
+use polyptych_wall::StereoPacking;
 
 use super::harness::{MeshFixture, SceneFixture, draw_sampled, gpu, look, matt, pixel};
 use crate::tone::{linear_from_srgb, tone_map};
 use crate::{
-    AtlasViewDesc, Correction, CorrectionDesc, EyeAtlas, GpuScene, ImageEncoding, Renderer,
-    StereoPacking, Target, ViewDesc, read_picture,
+    AtlasViewDesc, Correction, CorrectionDesc, EyeAtlas, GpuScene, ImageEncoding, Renderer, Target,
+    ViewDesc, read_picture,
 };
 
 /// Sixteen rectangles of eight pixels along each side.

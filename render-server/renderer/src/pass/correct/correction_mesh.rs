@@ -4,11 +4,11 @@ use std::cell::RefCell;
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
+use polyptych_wall::warp_mesh::{WarpMesh, WarpVertex};
 use wgpu::util::DeviceExt;
 
 use super::CorrectionUniform;
 use super::cells::{Parts, Triangles};
-use crate::correction::{WarpMeshDesc, WarpVertexDesc};
 use crate::gpu::Gpu;
 
 /// A corner of the warp mesh as the vertex stage reads it.
@@ -36,7 +36,7 @@ pub struct CorrectionMesh {
 }
 
 impl CorrectionMesh {
-    pub(super) fn new(gpu: &Gpu, upright: [u32; 2], warp: Option<&WarpMeshDesc>) -> Self {
+    pub(super) fn new(gpu: &Gpu, upright: [u32; 2], warp: Option<&WarpMesh>) -> Self {
         let (corners, indices, origin_in_display) = mesh(upright, warp);
         let buffer = |label, contents: &[u8], usage| {
             let descriptor =
@@ -62,10 +62,7 @@ impl CorrectionMesh {
 }
 
 /// Corners, indices and origin of the mesh; without one, two triangles over the picture.
-fn mesh(
-    upright: [u32; 2],
-    warp: Option<&WarpMeshDesc>,
-) -> (Vec<WarpVertexRecord>, Vec<u32>, DVec3) {
+fn mesh(upright: [u32; 2], warp: Option<&WarpMesh>) -> (Vec<WarpVertexRecord>, Vec<u32>, DVec3) {
     let Some(warp) = warp else {
         let [width, height] = upright.map(|side| side as f32);
         let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
@@ -74,8 +71,8 @@ fn mesh(
     };
     let count = warp.vertices.len().max(1) as f64;
     let origin: DVec3 = warp.vertices.iter().map(|vertex| vertex.point / count).sum();
-    let corner = |vertex: &WarpVertexDesc| WarpVertexRecord {
-        pixel: vertex.pixel.map(|at| at as f32),
+    let corner = |vertex: &WarpVertex| WarpVertexRecord {
+        pixel: vertex.pixel.as_vec2().to_array(),
         point: (vertex.point - origin).as_vec3().to_array(),
     };
     let corners = warp.vertices.iter().map(corner).collect();

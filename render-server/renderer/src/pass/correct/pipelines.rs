@@ -4,11 +4,12 @@
 use std::collections::BTreeMap;
 
 use glam::DMat3;
+use polyptych_wall::{StereoPacking, TransferFunction};
 
 use super::TAPS_MAX;
 use super::correction_mesh::WarpVertexRecord;
 use crate::bindings;
-use crate::correction::{CorrectionDesc, EyeAtlas, StereoPacking, TransferFunction};
+use crate::correction::{CorrectionDesc, EyeAtlas};
 use crate::gpu::Gpu;
 use crate::output_texture::{CODES_FORMAT, FINE_FORMAT};
 use crate::target::DISPLAY_FORMAT;
