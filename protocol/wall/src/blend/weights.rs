@@ -1,4 +1,4 @@
-//! The shares of all pixels of a channel, cell by cell, on all cores.
+//! The shares of all pixels of a channel, cell by cell; on all cores with the feature `parallel`.
 //!
 //! Places of other channels' pictures are found at a few places of a cell and interpolated between
 //! them, where that is as good as exact; where it is not, the cell is divided. Cells that no other
@@ -10,6 +10,7 @@ mod pixel;
 use glam::{DVec2, UVec2};
 use patch::Patch;
 use pixel::Pixels;
+#[cfg(feature = "parallel")]
 use rayon::prelude::*;
 
 use super::blend_channel::{BlendChannel, Smoothness, Spot};
@@ -83,7 +84,7 @@ impl<'w> BlendModel<'w> {
         };
         let size = lamp.channel.size;
         let strip = (size.x.max(1) * CELL) as usize;
-        texels.par_chunks_mut(strip).enumerate().for_each(|(strip, texels)| {
+        let fill = |(strip, texels): (usize, &mut [T])| {
             let top = strip as u32 * CELL;
             let mut put = |x: u32, y: u32, share: BlendWeight| {
                 let at = (y - top) as usize * size.x as usize + x as usize;
@@ -93,7 +94,11 @@ impl<'w> BlendModel<'w> {
                 let begin = UVec2::new(left, top);
                 raster.cell(&Cell { begin, end: (begin + CELL).min(size) }, CELL, &mut put);
             }
-        });
+        };
+        #[cfg(feature = "parallel")]
+        texels.par_chunks_mut(strip).enumerate().for_each(fill);
+        #[cfg(not(feature = "parallel"))]
+        texels.chunks_mut(strip).enumerate().for_each(fill);
     }
 
     fn other(&self, id: ChannelId, other: ChannelId) -> Neighbour<'_, 'w> {
