@@ -69,8 +69,8 @@ pub struct AtlasViewDesc {
     pub eye_in_display: DVec3,
     /// From vectors from the eye in display space to the clip space of `rect`.
     pub clip_from_eye: DMat4,
-    /// x, y, width and height in pixels of the source target, [`polyptych_wall::view_atlas::SOURCE_GUARD`] on all sides
-    /// included.
+    /// x, y, width and height in pixels of the source target,
+    /// [`SOURCE_GUARD`](polyptych_wall::view_atlas::SOURCE_GUARD) on all sides included.
     pub rect: [u32; 4],
 }
 
