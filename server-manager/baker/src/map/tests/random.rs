@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 use std::sync::Arc;
 
-use glam::{DVec2, DVec3};
+use glam::{DMat2, DVec2, DVec3};
 use polyptych_files::blob::BlobStore;
 use polyptych_wall::blend::{BlendModel, ChannelMasks, blend_map};
 use polyptych_wall::calibration_maps::CalibrationMaps;
@@ -195,6 +195,22 @@ fn maps_of(wall: &Wall, blobs: &BlobStore) -> CalibrationMaps {
     CalibrationMaps::load(wall, read).expect("the baker's own")
 }
 
+/// Returns how many pixels an error of a point in metres is, where the next pixels across and down
+/// are so far away: in units of the nearer of them, or along both, whichever is less. Pixels of a
+/// picture of one column may be a hundred times as wide as high.
+fn pixels_off(error: DVec3, [across, down]: [DVec3; 2]) -> f64 {
+    let nearest = error.length() / across.length().min(down.length());
+    let mixed = across.dot(down);
+    let gram = DMat2::from_cols(
+        DVec2::new(across.length_squared(), mixed),
+        DVec2::new(mixed, down.length_squared()),
+    );
+    // Beyond all numbers where both directions are one.
+    let along = gram.inverse() * DVec2::new(error.dot(across), error.dot(down));
+    let rest = error - across * along.x - down * along.y;
+    nearest.min(along.length() + rest.length() / across.length().min(down.length()))
+}
+
 /// That a wall of this mesh is refused with a reason or can be prepared, and shows then at each
 /// pixel what the OBJ has there. `picture` is what its places are measured in.
 fn check(
@@ -249,10 +265,8 @@ fn check(
             };
             match (due_at(pixel), mesh.point_at(pixel)) {
                 (Some((due, slope)), Some(found)) => {
-                    let pitch = slope.map(DVec3::length);
-                    let pitch = (pitch[0] / size.x).min(pitch[1] / size.y);
-                    let off = found.distance(due);
-                    prop_assert!(off <= ERROR_MAX_PX * pitch, "{pixel}: {found}, not {due}");
+                    let off = pixels_off(found - due, [slope[0] / size.x, slope[1] / size.y]);
+                    prop_assert!(off <= ERROR_MAX_PX, "{pixel}: {found}, not {due}");
                 }
                 (None, None) => {}
                 (due, found) => {
