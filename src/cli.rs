@@ -223,7 +223,7 @@ pub(crate) fn start_log(cli: &Cli) {
             "warn,polyptych_core=error,polyptych_manager=error"
         }
         // Its core would warn of what happened long ago.
-        Command::Replay(_) => "warn,polyptych_core=off",
+        Command::Replay(_) => "warn,polyptych_core=off,polyptych_manager=off",
         _ => "warn",
     };
     logging::start(cli.log.as_ref(), level, cli.process());

@@ -110,27 +110,27 @@ impl Client {
         Ok(Self { inner: AsyncClient::from_link(link) })
     }
 
-    /// As [`crate::Client::address`].
+    /// Blocking version of [`crate::Client::address`].
     pub fn address(&self) -> &str {
         self.inner.address()
     }
 
-    /// As [`crate::Client::wall_name`].
+    /// Blocking version of [`crate::Client::wall_name`].
     pub fn wall_name(&self) -> &str {
         self.inner.wall_name()
     }
 
-    /// As [`crate::Client::is_connected`].
+    /// Blocking version of [`crate::Client::is_connected`].
     pub fn is_connected(&self) -> bool {
         self.inner.is_connected()
     }
 
-    /// As [`crate::Client::epoch`].
+    /// Blocking version of [`crate::Client::epoch`].
     pub fn epoch(&self) -> Epoch {
         self.inner.epoch()
     }
 
-    /// As [`crate::Client::connected`].
+    /// Blocking version of [`crate::Client::connected`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -138,17 +138,17 @@ impl Client {
         wait(self.inner.connected())
     }
 
-    /// As [`crate::Client::close_reason`].
+    /// Blocking version of [`crate::Client::close_reason`].
     pub fn close_reason(&self) -> Option<String> {
         self.inner.close_reason()
     }
 
-    /// As [`crate::Client::pending_requests`].
+    /// Blocking version of [`crate::Client::pending_requests`].
     pub fn pending_requests(&self) -> usize {
         self.inner.pending_requests()
     }
 
-    /// As [`crate::Client::submit`].
+    /// Blocking version of [`crate::Client::submit`].
     ///
     /// # Errors
     /// [`ClientError`]: nothing was sent.
@@ -156,7 +156,7 @@ impl Client {
         Ok(Pending { inner: self.inner.submit(request)? })
     }
 
-    /// As [`crate::Client::request`].
+    /// Blocking version of [`crate::Client::request`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -164,7 +164,7 @@ impl Client {
         wait(self.inner.request(request))
     }
 
-    /// As [`crate::Client::open_scene`].
+    /// Blocking version of [`crate::Client::open_scene`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -185,7 +185,7 @@ impl Client {
         wait(self.inner.open_scene_with(path, on_progress))
     }
 
-    /// As [`crate::Client::close_scene`].
+    /// Blocking version of [`crate::Client::close_scene`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -193,7 +193,7 @@ impl Client {
         wait(self.inner.close_scene())
     }
 
-    /// As [`crate::Client::set_camera`].
+    /// Blocking version of [`crate::Client::set_camera`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -201,7 +201,7 @@ impl Client {
         wait(self.inner.set_camera(camera))
     }
 
-    /// As [`crate::Client::look_at`].
+    /// Blocking version of [`crate::Client::look_at`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -209,7 +209,7 @@ impl Client {
         wait(self.inner.look_at(position, target, up))
     }
 
-    /// As [`crate::Client::set_eye`].
+    /// Blocking version of [`crate::Client::set_eye`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -217,7 +217,7 @@ impl Client {
         wait(self.inner.set_eye(eye_in_display))
     }
 
-    /// As [`crate::Client::set_head`].
+    /// Blocking version of [`crate::Client::set_head`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -225,7 +225,7 @@ impl Client {
         wait(self.inner.set_head(head))
     }
 
-    /// As [`crate::Client::set_views`].
+    /// Blocking version of [`crate::Client::set_views`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -233,7 +233,7 @@ impl Client {
         wait(self.inner.set_views(views))
     }
 
-    /// As [`crate::Client::clear_views`].
+    /// Blocking version of [`crate::Client::clear_views`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -241,7 +241,7 @@ impl Client {
         wait(self.inner.clear_views())
     }
 
-    /// As [`crate::Client::view_state`].
+    /// Blocking version of [`crate::Client::view_state`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -249,7 +249,7 @@ impl Client {
         wait(self.inner.view_state())
     }
 
-    /// As [`crate::Client::set_exposure`].
+    /// Blocking version of [`crate::Client::set_exposure`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -257,7 +257,7 @@ impl Client {
         wait(self.inner.set_exposure(exposure))
     }
 
-    /// As [`crate::Client::render_frame`].
+    /// Blocking version of [`crate::Client::render_frame`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -265,7 +265,7 @@ impl Client {
         wait(self.inner.render_frame())
     }
 
-    /// As [`crate::Client::render_frame_at`].
+    /// Blocking version of [`crate::Client::render_frame_at`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -277,7 +277,7 @@ impl Client {
         wait(self.inner.render_frame_at(camera, time_s))
     }
 
-    /// As [`crate::Client::start_rendering`].
+    /// Blocking version of [`crate::Client::start_rendering`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -285,7 +285,7 @@ impl Client {
         wait(self.inner.start_rendering(pace))
     }
 
-    /// As [`crate::Client::pause`].
+    /// Blocking version of [`crate::Client::pause`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -293,7 +293,7 @@ impl Client {
         wait(self.inner.pause())
     }
 
-    /// As [`crate::Client::set_output_mode`].
+    /// Blocking version of [`crate::Client::set_output_mode`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -301,7 +301,7 @@ impl Client {
         wait(self.inner.set_output_mode(mode))
     }
 
-    /// As [`crate::Client::set_pattern`].
+    /// Blocking version of [`crate::Client::set_pattern`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -309,7 +309,7 @@ impl Client {
         wait(self.inner.set_pattern(pattern))
     }
 
-    /// As [`crate::Client::calibrate`].
+    /// Blocking version of [`crate::Client::calibrate`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -321,7 +321,7 @@ impl Client {
         wait(self.inner.calibrate(channel, changes))
     }
 
-    /// As [`crate::Client::capture`].
+    /// Blocking version of [`crate::Client::capture`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -329,7 +329,7 @@ impl Client {
         wait(self.inner.capture())
     }
 
-    /// As [`crate::Client::status`].
+    /// Blocking version of [`crate::Client::status`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -337,7 +337,7 @@ impl Client {
         wait(self.inner.status())
     }
 
-    /// As [`crate::Client::wall`].
+    /// Blocking version of [`crate::Client::wall`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -345,7 +345,7 @@ impl Client {
         wait(self.inner.wall())
     }
 
-    /// As [`crate::Client::statistics`].
+    /// Blocking version of [`crate::Client::statistics`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -353,7 +353,7 @@ impl Client {
         wait(self.inner.statistics(reset))
     }
 
-    /// As [`crate::Client::feedback`].
+    /// Blocking version of [`crate::Client::feedback`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -361,7 +361,7 @@ impl Client {
         Ok(FeedbackStream { inner: wait(self.inner.feedback())? })
     }
 
-    /// As [`crate::Client::stop`].
+    /// Blocking version of [`crate::Client::stop`].
     ///
     /// # Errors
     /// [`ClientError`].

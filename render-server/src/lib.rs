@@ -1,6 +1,6 @@
 //! The render server: one machine's channels of a wall, drawn with wgpu.
 //!
-//! Four threads: the window system's on the main thread ([`window`]), the network's ([`run`]),
+//! Four threads: the window system's on the main thread ([`window`]), the network's ([`mod@run`]),
 //! one that loads blobs ([`loader`]), and the one that owns the GPU ([`render_thread`]).
 //! The crate `polyptych-renderer` draws; it knows nothing of the wire.
 

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::Sender;
 use polyptych_protocol::server_message::ServerMessage;
@@ -24,6 +24,11 @@ use crate::window_output::WindowOutput;
 
 /// What a window has before the wall says more, in pixels.
 const FIRST_SIZE: PhysicalSize<u32> = PhysicalSize::new(640, 360);
+
+/// Longest time between two looks at the window system's events. Drivers present over the same X
+/// connection from threads of their own, and whoever reads from its socket takes the events of all
+/// into a queue that wakes nobody: without a look, a closed window of a wall at rest stays unheard.
+const EVENTS_PERIOD: Duration = Duration::from_millis(50);
 
 /// What another thread wants of the window system's.
 #[derive(Clone, Debug)]
@@ -249,7 +254,9 @@ impl ApplicationHandler<Message> for App {
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         self.navigate();
-        let next = self.mouse.as_ref().and_then(|mouse| mouse.next(Instant::now()));
-        event_loop.set_control_flow(next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
+        let now = Instant::now();
+        let look = now + EVENTS_PERIOD;
+        let due = self.mouse.as_ref().and_then(|mouse| mouse.next(now));
+        event_loop.set_control_flow(ControlFlow::WaitUntil(due.map_or(look, |due| due.min(look))));
     }
 }

@@ -9,7 +9,7 @@ use polyptych_core::{Cluster, Effect, Input, Micros};
 use crate::recorder::effect_digest::EffectDigest;
 use crate::recorder::{ClusterConfig, Recorder};
 
-/// A [`Meshlet`] that can be asked anything, and told things by [`RecordedCluster::handle`] only.
+/// A [`Cluster`] that can be asked anything, and told things by [`RecordedCluster::handle`] only.
 #[derive(Debug)]
 pub(crate) struct RecordedCluster {
     cluster: Cluster,

@@ -82,14 +82,12 @@ fn feedback_comes_for_every_frame_in_order() {
     assert!(asked.frame > some[29].frame && asked.time_s == 7.5, "{asked:?}");
 }
 
-/// An example beside this test's own program, where `cargo test` has built it.
-fn example(name: &str) -> Option<PathBuf> {
+/// An example beside this test's own program, as cargo builds it.
+fn example(name: &str) -> PathBuf {
     let own = std::env::current_exe().expect("this program has a file");
-    let path = own.ancestors().nth(2).map(|target| target.join("examples").join(name));
-    let path = path.filter(|path| path.is_file());
-    if path.is_none() {
-        println!("skipped: the example {name} is not built; cargo test without --test builds it");
-    }
+    let target = own.ancestors().nth(2).expect("a folder of programs");
+    let path = target.join("examples").join(name);
+    assert!(path.is_file(), "no example {name}: cargo build --workspace --examples builds it");
     path
 }
 
@@ -102,12 +100,8 @@ fn run_example(local: &LocalWall, path: &Path, arguments: &[&str]) -> String {
 #[test]
 fn the_examples_run() {
     let local = start(2, 1);
-    if let Some(hello_wall) = example("hello_wall") {
-        let said = run_example(&local, &hello_wall, &["town.glb", &local.address]);
-        assert!(said.contains("town: frame") && said.contains("on 2 of 2 channels"), "{said}");
-    }
-    if let Some(orbit) = example("orbit") {
-        let said = run_example(&local, &orbit, &["town.glb", "1", "20", &local.address]);
-        assert!(said.contains("slowest") && said.contains("median frame"), "{said}");
-    }
+    let said = run_example(&local, &example("hello_wall"), &["town.glb", &local.address]);
+    assert!(said.contains("town: frame") && said.contains("on 2 of 2 channels"), "{said}");
+    let said = run_example(&local, &example("orbit"), &["town.glb", "1", "20", &local.address]);
+    assert!(said.contains("slowest") && said.contains("median frame"), "{said}");
 }

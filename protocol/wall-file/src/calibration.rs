@@ -1,4 +1,4 @@
-//! From `[channel.NAME]` to a channel's [`ChannelCalibration`](polyptych_wall::Adjustment).
+//! From `[channel.NAME]` to a channel's [`ChannelCalibration`](polyptych_wall::ChannelCalibration).
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,5 @@
-//! From a screen's section to a [`Terminal`]: its place, its form and its projection. Its channels
-//! come from [`tiles`](super::tiles) or [`by_hand`](super::by_hand).
+//! From a screen's section to a [`Screen`]: its place, its form and its projection. Its channels
+//! come from [`tiles`](super::tiles) or [`by_hand`](super::explicit).
 
 use glam::{DMat3, DVec2, DVec3, UVec2};
 use polyptych_wall::limits::{CHANNEL_SIDE_MAX, SHARED_CANVAS_SIDE_MAX};

@@ -46,7 +46,7 @@ pub struct ViewDesc {
     pub exposure: f32,
 }
 
-/// Twin of `LocalFrame` in `include/frame.wgsl`.
+/// Twin of `Frame` in `include/frame.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(crate) struct FrameUniform {
@@ -59,7 +59,7 @@ pub(crate) struct FrameUniform {
     pub suns: [DirectionalLightRecord; SUNS_MAX],
 }
 
-/// Twin of `DirectionalLight` in `include/frame.wgsl`.
+/// Twin of `Sun` in `include/frame.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub(crate) struct DirectionalLightRecord {
@@ -69,7 +69,7 @@ pub(crate) struct DirectionalLightRecord {
     pub pad1: f32,
 }
 
-/// Twin of `LocalLight` in `include/frame.wgsl`.
+/// Twin of `Lamp` in `include/frame.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub(crate) struct LocalLightRecord {

@@ -138,7 +138,7 @@ impl EyeViews {
     /// What the renderer draws for a frame of a channel whose pixels are the source's.
     ///
     /// # Errors
-    /// As [`apply::views`].
+    /// As [`crate::frame_views::views`].
     pub fn unwarped_views(
         &self,
         wall: &Wall,

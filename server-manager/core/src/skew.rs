@@ -186,8 +186,8 @@ impl SkewWindow {
     fn skew(&self) -> Skew {
         let mut values: Vec<u32> = self.skews_us.iter().copied().collect();
         let max_us = values.iter().copied().max().unwrap_or(0);
-        // As `Quantiles::of`: the least value that so many of all do not exceed. Not sorted: this
-        // runs between two frames.
+        // As `Quantiles::from_samples`: the least value that so many of all do not exceed. Not
+        // sorted: this runs between two frames.
         let mut at = |share: f64| {
             let rank = (share * values.len() as f64).ceil() as usize;
             if values.is_empty() { 0 } else { *values.select_nth_unstable(rank.max(1) - 1).1 }

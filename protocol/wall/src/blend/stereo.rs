@@ -26,7 +26,7 @@ use crate::Eye;
 pub(super) struct EyeContribution {
     /// Who sees it.
     pub eye: Eye,
-    /// As [`lamp::BlendChannel::ramp`] has it; `None` where it lights only another part of the
+    /// As [`BlendChannel::ramp`] has it; `None` where it lights only another part of the
     /// pixel that is asked about.
     pub step: Option<f64>,
     /// Whether it comes before the channel that is asked about.

@@ -111,7 +111,7 @@ impl WarpMesh {
 /// The parts of a mesh that viewpoints around one head see.
 ///
 /// # Errors
-/// As [`ViewAtlas::new`](super::SourcePlan::new), of the head.
+/// As [`ViewAtlas::new`](super::ViewAtlas::new), of the head.
 pub(super) fn cells(
     mesh: &WarpMesh,
     viewpoints: &[Viewpoint],

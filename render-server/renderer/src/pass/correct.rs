@@ -42,7 +42,7 @@ const CODE_COUNT: usize = 4096;
 /// display.
 pub const TAPS_MAX: u32 = 4;
 
-/// Twin of `AtlasViewDesc` in `correct.wgsl`.
+/// Twin of `SourcePlane` in `correct.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub(crate) struct PlaneRecord {
