@@ -10,10 +10,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use polyptych_files::output_file;
-use polyptych_protocol::credentials::{
-    self, AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE,
-};
-use polyptych_protocol::identity::NodeIdentity;
+use polyptych_tls::{AUTHORITY_FILE, CERTIFICATE_FILE, Credentials, KEY_FILE, NodeIdentity};
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose,
     GeneralSubtree, IsCa, Issuer, KeyPair, KeyUsagePurpose, NameConstraints,
@@ -130,7 +127,7 @@ impl CertificateAuthority {
         let ours = self.folder.join(CERTIFICATE_FILE);
         let theirs = folder.join(AUTHORITY_FILE);
         ensure!(
-            credentials::certificate(&ours)? == credentials::certificate(&theirs)?,
+            polyptych_tls::certificate(&ours)? == polyptych_tls::certificate(&theirs)?,
             "{}: another authority than {}",
             theirs.display(),
             ours.display()

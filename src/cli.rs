@@ -139,7 +139,7 @@ pub(crate) struct ManagerAddress {
     #[arg(long, value_name = "FILE", env = polyptych_protocol::token::TOKEN_FILE_VARIABLE)]
     token_file: Option<PathBuf>,
     /// This client's folder of keys, as `polyptych keys` makes it
-    #[arg(long, value_name = "FOLDER", env = polyptych_protocol::credentials::KEYS_VARIABLE)]
+    #[arg(long, value_name = "FOLDER", env = polyptych_client::KEYS_VARIABLE)]
     keys: Option<PathBuf>,
     /// Go over a network without keys, though nothing is encrypted
     #[arg(long)]

@@ -6,12 +6,11 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use std::{fmt, io};
 
-use polyptych_protocol::credentials::{Credentials, KEYS_VARIABLE};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::handshake_io::{ConnectionError, send_hello};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::request::Request;
-use polyptych_protocol::stream::{self, ConnectError, Stream};
+use polyptych_protocol::stream::Stream;
 use polyptych_protocol::token;
 use polyptych_text::make_printable;
 use polyptych_wall::limits::{NAME_BYTES_MAX, PORT_DEFAULT};
@@ -20,9 +19,14 @@ use tokio::time::{sleep, timeout};
 
 use crate::connection::run_connection;
 use crate::connection_handle::ConnectionHandle;
+use crate::dial::dial;
 use crate::error::ClientError;
 use crate::image::CAPTURE_BYTES_MAX;
 use crate::reconnect::{HandshakeResult, ReconnectPolicy, Reconnector};
+
+/// Names a client's folder of keys. Servers and managers are told by `--keys` only: one
+/// environment may start several nodes, and each has its own.
+pub const KEYS_VARIABLE: &str = "POLYPTYCH_KEYS";
 
 /// Further attempts where a connection ends without a word, and the wait before the first; before
 /// each other one it is as much longer.
@@ -48,7 +52,8 @@ pub struct ConnectOptions {
     pub token_file: Option<PathBuf>,
     /// This client's folder of keys, as `polyptych keys` makes it: all is encrypted, both sides
     /// prove who they are, and no token is needed. [`ConnectOptions::new`] takes it from
-    /// `POLYPTYCH_KEYS`. It must be there where the manager is on another machine.
+    /// `POLYPTYCH_KEYS`. It must be there where the manager is on another machine, and the program
+    /// must be built with this crate's feature `tls`.
     pub keys: Option<PathBuf>,
     /// Goes over a network without keys, where the token can be read by all who listen there.
     pub insecure: bool,
@@ -110,17 +115,6 @@ impl ConnectOptions {
             capture_bytes_max: CAPTURE_BYTES_MAX,
             reconnect: Some(ReconnectPolicy::default()),
         }
-    }
-
-    /// The keys, whose client's name then is this one's.
-    fn read_keys(&mut self) -> Result<Option<Credentials>, ClientError> {
-        let Some(folder) = &self.keys else { return Ok(None) };
-        let keys = Credentials::load(folder)?;
-        keys.client_name()?.clone_into(&mut self.name);
-        for warning in keys.warnings() {
-            tracing::warn!("{warning}");
-        }
-        Ok(Some(keys))
     }
 
     fn read_token(&self) -> Result<String, ClientError> {
@@ -208,11 +202,10 @@ async fn dial_and_introduce(
     let address = &options.address;
     let connecting = async {
         let mut options = options.clone();
-        let keys = options.read_keys()?;
-        let stream = dial(address, keys.as_ref(), options.insecure).await?;
+        let stream = dial(&mut options).await?;
         // Only now: where nobody listens, that is the better thing to say. A certificate stands for
         // the token.
-        let token = if keys.is_some() { String::new() } else { options.read_token()? };
+        let token = if options.keys.is_some() { String::new() } else { options.read_token()? };
         handshake(stream, &options, token).await
     };
     let after = HANDSHAKE_TIME_MAX;
@@ -243,20 +236,6 @@ where
     let no_redial: Option<Reconnector<NoReconnect<S>>> = None;
     let driver = run_connection(frames, link.shared.clone(), messages, no_redial);
     Ok((link, driver))
-}
-
-async fn dial(
-    address: &str,
-    keys: Option<&Credentials>,
-    is_insecure: bool,
-) -> Result<Stream, ClientError> {
-    let dialed = stream::connect(address, keys, is_insecure).await;
-    let address = address.to_owned();
-    dialed.map_err(|error| match error {
-        ConnectError::Unresolved(source) => ClientError::Unresolved { address, source },
-        ConnectError::Unreachable(source) => ClientError::NoManager { address, source },
-        source => ClientError::NotSecured { address, source },
-    })
 }
 
 async fn handshake<S>(

@@ -1,11 +1,11 @@
 //! What can go wrong between an application and its wall.
 
+use std::error::Error;
 use std::io;
+use std::path::PathBuf;
 use std::time::Duration;
 
-use polyptych_protocol::credentials::CredentialsError;
 use polyptych_protocol::handshake_io::ConnectionError;
-use polyptych_protocol::stream::ConnectError;
 use polyptych_protocol::token::TokenError;
 
 /// Why a call did not do what it says.
@@ -48,14 +48,23 @@ pub enum ClientError {
     Token(#[from] TokenError),
     /// This client's keys cannot be used.
     #[error("no keys to show to the manager: {0}")]
-    Keys(#[from] CredentialsError),
+    Keys(#[source] Box<dyn Error + Send + Sync>),
+    /// There are keys, and this program cannot use any.
+    #[error(
+        "the keys in {folder} need TLS, which this program was built without: build it with \
+         polyptych-client's feature \"tls\", or unset POLYPTYCH_KEYS for a manager on this machine"
+    )]
+    WithoutTls {
+        /// The keys' folder.
+        folder: PathBuf,
+    },
     /// The connection would not be encrypted, or the two ends do not believe each other.
     #[error("no secure connection to the manager at {address}: {source}")]
     NotSecured {
         /// Host and port.
         address: String,
         /// What is wrong, and what would be right.
-        source: ConnectError,
+        source: Box<dyn Error + Send + Sync>,
     },
     /// The manager said no.
     #[error("the manager at {address} refused this client: {reason}")]

@@ -40,6 +40,7 @@ mod client;
 mod connect;
 mod connection;
 mod connection_handle;
+mod dial;
 mod error;
 mod feedback;
 mod image;
@@ -50,7 +51,7 @@ mod window;
 
 pub use camera::{fit_bounds, orbit};
 pub use client::Client;
-pub use connect::{ConnectOptions, Timeouts};
+pub use connect::{ConnectOptions, KEYS_VARIABLE, Timeouts};
 pub use error::ClientError;
 pub use feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream};
 pub use image::{CAPTURE_BYTES_MAX, Capture, Image};

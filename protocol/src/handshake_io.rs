@@ -12,7 +12,6 @@ use crate::handshake::{
     Rejection, Role, Secret, Welcome,
 };
 use crate::limits::{BULK_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
-use crate::tls;
 
 /// A byte stream cut into messages.
 pub type MessageStream<S> = Framed<S, LengthDelimitedCodec>;
@@ -21,7 +20,7 @@ pub type MessageStream<S> = Framed<S, LengthDelimitedCodec>;
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectionError {
     /// The stream failed.
-    #[error("the connection failed: {}", tls::describe(.0))]
+    #[error("the connection failed: {0}")]
     Io(#[from] std::io::Error),
     /// The other end closed the stream.
     #[error("the peer closed the connection during the handshake")]

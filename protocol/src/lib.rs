@@ -16,12 +16,10 @@
 
 pub mod bulk;
 pub mod command;
-pub mod credentials;
 pub mod feedback;
 pub mod framing;
 pub mod handshake;
 pub mod handshake_io;
-pub mod identity;
 pub mod ids;
 pub mod limits;
 pub mod navigation;
@@ -33,5 +31,4 @@ pub mod request;
 pub mod server_message;
 pub mod state_log;
 pub mod stream;
-pub mod tls;
 pub mod token;

@@ -10,16 +10,15 @@ use bytes::Bytes;
 use crossbeam_channel::Sender;
 use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::command::{Command, Goodbye};
-use polyptych_protocol::credentials::Credentials;
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, Hello, Role, Secret, ServerHello, Welcome,
 };
 use polyptych_protocol::handshake_io::{self, ConnectionError, MessageStream};
-use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
 use polyptych_protocol::process;
 use polyptych_protocol::server_message::{Ping, ServerMessage};
-use polyptych_protocol::stream::{self, ConnectError, Stream};
+use polyptych_protocol::stream::{ConnectError, Stream};
+use polyptych_tls::{Credentials, NodeIdentity};
 use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
 
@@ -69,10 +68,11 @@ impl End {
     }
 }
 
-impl From<ConnectError> for End {
-    fn from(error: ConnectError) -> Self {
+impl From<polyptych_tls::ConnectError> for End {
+    fn from(error: polyptych_tls::ConnectError) -> Self {
+        use polyptych_tls::ConnectError::Stream;
         match error {
-            ConnectError::Unresolved(_) | ConnectError::Unreachable(_) => {
+            Stream(ConnectError::Unresolved(_) | ConnectError::Unreachable(_)) => {
                 Self::Unreachable(error.to_string())
             }
             _ => Self::failed(error),
@@ -224,7 +224,7 @@ impl Network {
             let secret = self.secret().map_err(End::Failed)?;
             let keys = self.keys().map_err(End::Failed)?;
             let (manager, insecure) = (&self.options.manager, self.options.insecure);
-            let stream = stream::connect(manager, keys.as_ref(), insecure).await?;
+            let stream = polyptych_tls::connect(manager, keys.as_ref(), insecure).await?;
             Ok(handshake_io::send_hello(stream, role, hello, &secret).await?)
         };
         let limit = HANDSHAKE_TIME_MAX;

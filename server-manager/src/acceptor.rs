@@ -9,9 +9,9 @@ use polyptych_core::log_limiter::LogLimiter;
 use polyptych_files::blob::BlobStore;
 use polyptych_protocol::handshake::{Hello, Welcome};
 use polyptych_protocol::handshake_io;
-use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
-use polyptych_protocol::stream::{self, Stream};
+use polyptych_protocol::stream::Stream;
+use polyptych_tls::NodeIdentity;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc;
 
@@ -123,7 +123,7 @@ async fn meet(stream: TcpStream, address: SocketAddr, guest: Guest, door: Accept
 type LetIn = (handshake_io::Introduced<Stream>, Option<NodeIdentity>);
 
 async fn let_in(tcp: TcpStream, door: &AcceptContext) -> Result<LetIn, String> {
-    let (stream, proven) = stream::accept(tcp, door.gate.keys.as_ref()).await?;
+    let (stream, proven) = polyptych_tls::accept(tcp, door.gate.keys.as_ref()).await?;
     let introduced = handshake_io::receive_hello(stream, &door.gate.secret).await;
     let mut peer = introduced.map_err(|error| error.to_string())?;
     if let Err(reason) = door.gate.authenticate(&peer.hello, peer.is_proven, proven.as_ref()) {

@@ -3,9 +3,8 @@
 //! On this machine a token proves that a peer is the same user's. Over TLS no token is asked for:
 //! the certificate proves more, which node of this very wall it is, and for that node only.
 
-use polyptych_protocol::credentials::Credentials;
 use polyptych_protocol::handshake::{Hello, Secret};
-use polyptych_protocol::identity::NodeIdentity;
+use polyptych_tls::{Credentials, NodeIdentity};
 use polyptych_wall::Wall;
 use polyptych_wall::limits::NAME_BYTES_MAX;
 

@@ -10,8 +10,8 @@ use polyptych_files::blob::{BlobHash, BlobReader, BlobStore};
 use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
 use polyptych_protocol::handshake::{Proof, Welcome};
 use polyptych_protocol::handshake_io::{self, MessageStream};
-use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::stream::Stream;
+use polyptych_tls::NodeIdentity;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::session::Event;

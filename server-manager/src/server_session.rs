@@ -15,9 +15,9 @@ use polyptych_core::{Micros, SessionId};
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::handshake::{Proof, ServerHello};
 use polyptych_protocol::handshake_io::{self, MessageStream};
-use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::server_message::ServerMessage;
-use polyptych_protocol::stream::Stream;
+use polyptych_protocol::stream::{DuplexBytes, Stream};
+use polyptych_tls::NodeIdentity;
 use polyptych_wall::ChannelId;
 use tokio::io::{AsyncRead, AsyncWriteExt, WriteHalf};
 use tokio::net::tcp::OwnedWriteHalf;
@@ -153,7 +153,7 @@ async fn write_rest(
 
 /// The same over TLS, where nobody else writes.
 async fn write_encrypted(
-    mut half: WriteHalf<Stream>,
+    mut half: WriteHalf<Box<dyn DuplexBytes>>,
     mut outbox: mpsc::Receiver<Bytes>,
     close: CancellationToken,
     mut last_words: oneshot::Receiver<Bytes>,
@@ -281,8 +281,8 @@ async fn converse(
             writer.abort();
             ended.inspect_err(|fault| say_goodbye(&lane, fault))
         }
-        tls @ Stream::Tls(_) => {
-            let (read_half, write_half) = tokio::io::split(tls);
+        Stream::Encrypted { bytes, .. } => {
+            let (read_half, write_half) = tokio::io::split(bytes);
             let (say_last, last_words) = oneshot::channel();
             let mut writer = tokio::spawn(write_encrypted(write_half, outbox, close, last_words));
             let ended = tokio::select! {

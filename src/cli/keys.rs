@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use polyptych_protocol::identity::NodeIdentity;
+use polyptych_tls::NodeIdentity;
 use polyptych_wall::Wall;
 use polyptych_wall::limits::NAME_BYTES_MAX;
 

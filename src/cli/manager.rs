@@ -8,9 +8,8 @@ use polyptych_baker::BakeCache;
 use polyptych_manager::import::Baker;
 use polyptych_manager::recorder::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
-use polyptych_protocol::credentials::Credentials;
-use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::token;
+use polyptych_tls::{Credentials, NodeIdentity};
 
 use super::{bake_files, cache_folder, load_wall, log_file_warnings, shutdown_signal};
 use crate::state_lock::StateLock;

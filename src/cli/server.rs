@@ -8,14 +8,13 @@ use std::process::Command;
 use std::time::Duration;
 
 use anyhow::{anyhow, bail};
-use polyptych_protocol::credentials::{Credentials, CredentialsError};
-use polyptych_protocol::identity::NodeIdentity;
 use polyptych_protocol::stream::check_addresses;
 use polyptych_protocol::token;
 use polyptych_render::{
     OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, TokenSource, monitors,
     run as run_server,
 };
+use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use rustix::process::{Signal, getpid, kill_process};
 
 use super::{MANAGER_VARIABLE, address, cache_folder, say, shutdown_signal};

@@ -21,7 +21,7 @@ use polyptych_client::{ChannelState, ConnectOptions, Pacing, Quantiles};
 use polyptych_manager::import::Baker;
 use polyptych_manager::recorder::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
-use polyptych_protocol::identity::NodeIdentity;
+use polyptych_tls::NodeIdentity;
 use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, DeadlinePolicy, Screen, Surface, Wall};
 use secrets::Secrets;

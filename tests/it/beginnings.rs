@@ -83,7 +83,7 @@ fn a_server_whose_keys_are_not_valid_yet_waits_for_its_clock() {
     let name = wall.channels[0].server.clone();
     let folder = keys::of(&local.place, &format!("server-{name}")).expect("keys");
     let forged = |from| Forged {
-        names: vec![polyptych_protocol::identity::NodeIdentity::Server(name.clone()).dns_name()],
+        names: vec![polyptych_tls::NodeIdentity::Server(name.clone()).dns_name()],
         days: [from, 365],
         purpose: ExtendedKeyUsagePurpose::ClientAuth,
     };

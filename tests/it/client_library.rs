@@ -1,6 +1,7 @@
 //! The same program drives one channel and four, blocking or async, and is told what became of
 //! every frame.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -104,4 +105,22 @@ fn the_examples_run() {
     assert!(said.contains("town: frame") && said.contains("on 2 of 2 channels"), "{said}");
     let said = run_example(&local, &example("orbit"), &["town.glb", "1", "20", &local.address]);
     assert!(said.contains("slowest") && said.contains("median frame"), "{said}");
+}
+
+/// Packages that a program adds with the client library: more would be felt in every build of it.
+const CLIENT_PACKAGES_MAX: usize = 50;
+
+#[test]
+fn a_client_program_pulls_in_few_packages() {
+    let tree = Command::new(env!("CARGO"))
+        .args(["tree", "--offline", "--locked", "--package", "polyptych-client"])
+        .args(["--edges", "normal", "--prefix", "none", "--no-dedupe"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo");
+    assert!(tree.status.success(), "{}", String::from_utf8_lossy(&tree.stderr));
+    let said = String::from_utf8(tree.stdout).expect("text");
+    let packages: BTreeSet<&str> = said.lines().collect();
+    let own = packages.iter().any(|package| package.starts_with("polyptych-client "));
+    assert!(own && packages.len() <= CLIENT_PACKAGES_MAX, "{}: {packages:#?}", packages.len());
 }

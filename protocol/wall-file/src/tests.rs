@@ -5,6 +5,7 @@ mod curved;
 pub(crate) mod generated;
 mod meaning;
 pub(crate) mod random;
+mod reference;
 mod shape;
 mod slips;
 

@@ -2,9 +2,8 @@
 
 use std::path::PathBuf;
 
-use polyptych_protocol::credentials::{Credentials, CredentialsError};
 use polyptych_protocol::handshake::Secret;
-use polyptych_protocol::identity::NodeIdentity;
+use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 
 use crate::certificate_authority::CertificateAuthority;
 

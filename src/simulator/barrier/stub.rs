@@ -8,13 +8,13 @@ use std::time::{Duration, Instant};
 use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::command::{Command, Frame, Prepare};
 use polyptych_protocol::handshake::{Adapter, Hello, Role, ServerHello};
-use polyptych_protocol::identity::NodeIdentity;
+use polyptych_protocol::handshake_io;
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::server_message::{
     FramePresented, FrameRendered, Ping, Prepared, ServerMessage,
 };
 use polyptych_protocol::state_log::Replica;
-use polyptych_protocol::{handshake_io, stream};
+use polyptych_tls::NodeIdentity;
 use polyptych_wall::ChannelId;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use tokio_util::sync::CancellationToken;
@@ -124,7 +124,7 @@ async fn converse(
     seen: &mut StubLog,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let keys = secrets.keys(&NodeIdentity::Server(channel_name(index)))?;
-    let stream = stream::connect(address, keys.as_ref(), false).await?;
+    let stream = polyptych_tls::connect(address, keys.as_ref(), false).await?;
     let hello = Hello::Server(ServerHello {
         name: channel_name(index),
         channels: vec![channel_name(index)],

@@ -24,11 +24,16 @@ const LAYERS: &[Layer] = &[
     Layer {
         folder: "protocol",
         ours: &["codec", "files", "scene", "text", "wall"],
+        refused: &["bincode", "gltf", "image", "toml", "wgpu", "tokio-rustls"],
+    },
+    Layer {
+        folder: "protocol/tls",
+        ours: &["files", "protocol", "wall"],
         refused: &["bincode", "gltf", "image", "toml", "wgpu"],
     },
     Layer {
         folder: "client-api",
-        ours: &["codec", "protocol", "scene", "text", "wall", "wall-file"],
+        ours: &["codec", "protocol", "scene", "text", "tls", "wall", "wall-file"],
         refused: &["bincode", "gltf", "image", "wgpu"],
     },
     Layer {
@@ -43,7 +48,7 @@ const LAYERS: &[Layer] = &[
     },
     Layer {
         folder: "server-manager",
-        ours: &["codec", "core", "files", "protocol", "scene", "text", "wall", "wall-file"],
+        ours: &["codec", "core", "files", "protocol", "scene", "text", "tls", "wall", "wall-file"],
         refused: &["bincode", "gltf", "image", "wgpu"],
     },
     Layer {
@@ -53,7 +58,7 @@ const LAYERS: &[Layer] = &[
     },
     Layer {
         folder: "render-server",
-        ours: &["codec", "files", "protocol", "renderer", "scene", "wall"],
+        ours: &["codec", "files", "protocol", "renderer", "scene", "tls", "wall"],
         refused: &["bincode", "gltf"],
     },
 ];

@@ -7,14 +7,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use polyptych_protocol::credentials::Credentials;
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, ClientHello, Hello, Preamble, Role, Secret, ServerHello, Welcome,
 };
 use polyptych_protocol::handshake_io::{MessageStream, send_hello};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
-use polyptych_protocol::stream::{Stream, connect};
-use polyptych_protocol::tls;
+use polyptych_protocol::stream::Stream;
+use polyptych_tls::{Credentials, connect};
 use rcgen::ExtendedKeyUsagePurpose;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::crypto::ring;
@@ -122,7 +121,7 @@ async fn shake(address: &str, config: ClientConfig) -> Result<(), String> {
     let tcp = tokio::net::TcpStream::connect(address).await.expect("connected");
     let name = "manager.polyptych".try_into().expect("a name");
     let tls = TlsConnector::from(Arc::new(config)).connect(name, tcp).await;
-    let tls = tls.map_err(|error| tls::describe(&error))?;
+    let tls = tls.map_err(|error| polyptych_tls::describe(&error))?;
     let introduced = send_hello(tls, Role::Client, &client("x"), &no_token()).await;
     introduced.map(drop).map_err(|error| error.to_string())
 }

@@ -20,12 +20,8 @@ use tokio_rustls::rustls::version::TLS13;
 use tokio_rustls::rustls::{ClientConfig, Error, RootCertStore, ServerConfig};
 use tokio_rustls::{TlsAcceptor, TlsConnector};
 
+use crate::describe;
 use crate::identity::NodeIdentity;
-use crate::tls;
-
-/// Names a client's folder of keys. Servers and managers are told by `--keys` only: one
-/// environment may start several nodes, and each has its own.
-pub const KEYS_VARIABLE: &str = "POLYPTYCH_KEYS";
 
 /// The node's certificate, in its folder.
 pub const CERTIFICATE_FILE: &str = "cert.pem";
@@ -146,7 +142,7 @@ impl Credentials {
         let verdict = |at| judge.verify(&identity, &certificate, at);
         match verdict(now) {
             Ok(()) => {}
-            Err(Error::InvalidCertificate(fault)) if tls::is_not_yet_valid(&fault) => {
+            Err(Error::InvalidCertificate(fault)) if describe::is_not_yet_valid(&fault) => {
                 return Err(CredentialsError::NotYetValid {
                     path: path(CERTIFICATE_FILE),
                     identity,
@@ -322,7 +318,7 @@ fn unfit(path: &Path, what: String) -> CredentialsError {
 /// What is wrong with this end's own certificate.
 fn own_fault(error: &Error) -> String {
     match error {
-        Error::InvalidCertificate(fault) => tls::describe_certificate_error(fault),
+        Error::InvalidCertificate(fault) => describe::describe_certificate_error(fault),
         other => other.to_string(),
     }
 }
