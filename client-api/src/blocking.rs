@@ -26,14 +26,14 @@ use polyptych_protocol::feedback::{FrameFeedback, Statistics, Tuned, WallStatus}
 use polyptych_protocol::ids::{Epoch, RequestId};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{
-    Pacing, Request, Response, SceneSummary, StoppedServers, ViewState,
+    HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 
 use crate::client::Client as AsyncClient;
@@ -209,19 +209,11 @@ impl Client {
         wait(self.inner.look_at(position, target, up))
     }
 
-    /// Blocking version of [`crate::Client::set_eye`].
-    ///
-    /// # Errors
-    /// [`ClientError`].
-    pub fn set_eye(&self, eye_in_display: DVec3) -> Result<(), ClientError> {
-        wait(self.inner.set_eye(eye_in_display))
-    }
-
     /// Blocking version of [`crate::Client::set_head`].
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn set_head(&self, head: HeadPose) -> Result<(), ClientError> {
+    pub fn set_head(&self, head: impl Into<HeadUpdate>) -> Result<(), ClientError> {
         wait(self.inner.set_head(head))
     }
 
@@ -241,12 +233,12 @@ impl Client {
         wait(self.inner.clear_views())
     }
 
-    /// Blocking version of [`crate::Client::view_state`].
+    /// Blocking version of [`crate::Client::presentation`].
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn view_state(&self) -> Result<ViewState, ClientError> {
-        wait(self.inner.view_state())
+    pub fn presentation(&self) -> Result<Presentation, ClientError> {
+        wait(self.inner.presentation())
     }
 
     /// Blocking version of [`crate::Client::set_exposure`].

@@ -7,14 +7,14 @@ use polyptych_protocol::feedback::{FrameFeedback, Statistics, Tuned, WallStatus}
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{
-    Pacing, Request, Response, SceneSummary, StoppedServers, ViewState,
+    HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::watch;
@@ -235,21 +235,14 @@ impl Client {
     }
 
     /// Moves the viewer's head, from the next frame on: all channels draw it for their eye of it.
+    /// Takes a [`HeadPose`](crate::HeadPose), or a point between the eyes in metres of display
+    /// space: the head then stays turned as it is, and its eyes as far apart.
     ///
     /// # Errors
     /// [`ClientError`]; [`ClientError::Failed`] where one of the eyes would not see the front of a
     /// screen.
-    pub async fn set_head(&self, head: HeadPose) -> Result<(), ClientError> {
-        self.done("set the head", Request::SetHead(head)).await
-    }
-
-    /// As [`Client::set_head`], to a point between the eyes in metres of display space. The head
-    /// stays turned as it is, and its eyes as far apart.
-    ///
-    /// # Errors
-    /// As of [`Client::set_head`].
-    pub async fn set_eye(&self, eye_in_display: DVec3) -> Result<(), ClientError> {
-        self.done("set the eye", Request::SetEye(eye_in_display)).await
+    pub async fn set_head(&self, head: impl Into<HeadUpdate>) -> Result<(), ClientError> {
+        self.done("set the head", Request::SetHead(head.into())).await
     }
 
     /// Lays views over the wall's own picture, from the next frame on, later ones over earlier
@@ -269,15 +262,12 @@ impl Client {
         self.set_views(Vec::new()).await
     }
 
-    /// Where camera, head and views are.
+    /// What the next frame presents: camera, head, views, exposure, and what displays show.
     ///
     /// # Errors
     /// [`ClientError`].
-    pub async fn view_state(&self) -> Result<ViewState, ClientError> {
-        match self.request(Request::DescribeSight).await? {
-            Response::Sight(sight) => Ok(*sight),
-            other => Err(wrong_answer("read what the wall looks at", &other)),
-        }
+    pub async fn presentation(&self) -> Result<Presentation, ClientError> {
+        self.status().await.map(|status| status.presentation)
     }
 
     /// Multiplies light by `exposure` before tone mapping, from the next frame on and until

@@ -486,7 +486,6 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::Status(_) => "the status",
         Response::Wall(_) => "the wall's description",
         Response::Statistics(_) => "statistics",
-        Response::Sight(_) => "what the wall looks at",
         Response::Tuned(_) => "a tuning",
         Response::ServersStopped(_) => "the stopped servers",
     };

@@ -68,9 +68,10 @@ pub use polyptych_protocol::feedback::{
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 pub use polyptych_protocol::output_mode::OutputMode;
 pub use polyptych_protocol::pattern::TestPattern;
+pub use polyptych_protocol::presentation::Presentation;
 pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 pub use polyptych_protocol::request::{
-    Pacing, Request, Response, SceneSummary, StoppedServers, ViewState,
+    HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };
 pub use polyptych_scene::{Bounds, SceneFeatures};
 pub use polyptych_wall::calibration_change;

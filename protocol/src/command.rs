@@ -1,13 +1,10 @@
 //! What the manager tells a render server on its control connection.
 
 use polyptych_text::text_of_peer;
-use polyptych_wall::head::HeadPose;
-use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
 use crate::ids::{Epoch, FrameId, Revision};
-use crate::output_mode::OutputMode;
-use crate::pattern::TestPattern;
+use crate::presentation::Presentation;
 use crate::state_log::Operation;
 
 /// One message from the manager to a render server.
@@ -79,18 +76,10 @@ pub struct Frame {
     pub time_s: f64,
     /// The state to draw.
     pub revision: Revision,
-    /// What is shown where; later views lie over earlier ones.
-    pub views: Vec<View>,
-    /// Where the viewer's eyes are.
-    pub head: HeadPose,
-    /// Light is multiplied by this before tone mapping.
-    pub exposure: f32,
+    /// What is looked at, from where, and how it is shown.
+    pub presentation: Presentation,
     /// Whether every server sends the picture of this frame over its bulk connection, once drawn.
     pub capture: bool,
-    /// What displays show once the frame is swapped.
-    pub display: OutputMode,
-    /// What channels draw instead of the scene.
-    pub pattern: Option<TestPattern>,
 }
 
 /// Show the frame, unless it is too late.

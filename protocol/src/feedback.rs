@@ -6,8 +6,7 @@ use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
 use crate::ids::{Digest, Epoch, FrameId, Revision};
-use crate::output_mode::OutputMode;
-use crate::pattern::TestPattern;
+use crate::presentation::Presentation;
 use crate::progress::Opening;
 
 /// Where a channel stands.
@@ -182,10 +181,8 @@ pub struct WallStatus {
     pub scene: Option<String>,
     /// Present length of the frame deadline.
     pub deadline_ms: f64,
-    /// What all displays show.
-    pub displays: OutputMode,
-    /// What channels draw instead of the scene.
-    pub pattern: Option<TestPattern>,
+    /// What the next frame presents.
+    pub presentation: Presentation,
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelStatus>,
     /// Connected clients, by name.

@@ -25,6 +25,7 @@ pub mod limits;
 pub mod navigation;
 pub mod output_mode;
 pub mod pattern;
+pub mod presentation;
 pub mod process;
 pub mod progress;
 pub mod request;

@@ -3,7 +3,7 @@
 //! Every request has exactly one answer, which carries its number.
 
 use bytes::Bytes;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use polyptych_scene::{Bounds, SceneFeatures};
 use polyptych_text::text_of_peer;
 use polyptych_wall::Wall;
@@ -41,9 +41,6 @@ pub enum Request {
     CloseScene,
     /// Places display space in the scene, from the next frame on.
     SetCamera(Camera),
-    /// Moves the viewer's head, in metres of display space, from the next frame on, and neither
-    /// turns it nor moves its eyes apart.
-    SetEye(DVec3),
     /// Multiplies light before tone mapping, from the next frame on and until another scene is
     /// opened, which sets the exposure that suits it ([`SceneSummary::exposure`]).
     SetExposure(f32),
@@ -78,12 +75,10 @@ pub enum Request {
     SetDisplays(OutputMode),
     /// Moves the viewer's head, from the next frame on; refused where one of its eyes would not
     /// see the front of a screen.
-    SetHead(HeadPose),
+    SetHead(HeadUpdate),
     /// Lays these views over the wall's own picture, later ones over earlier ones, from the next
     /// frame on; none: takes them away.
     SetViews(Vec<View>),
-    /// Sends where the camera, the head and the views are.
-    DescribeSight,
     /// Lets all channels draw a test pattern instead of the scene, or the scene again; answered
     /// as [`Request::SetDisplays`] is.
     SetPattern(Option<TestPattern>),
@@ -114,10 +109,8 @@ impl Request {
             Self::OpenScene { .. } | Self::OpenOutcome { .. } => "open the scene",
             Self::CloseScene => "close the scene",
             Self::SetCamera(_) => "set the camera",
-            Self::SetEye(_) => "set the eye",
             Self::SetHead(_) => "set the head",
             Self::SetViews(_) => "set the views",
-            Self::DescribeSight => "read what the wall looks at",
             Self::SetExposure(_) => "set the exposure",
             Self::RenderFrame { .. } => "render a frame",
             Self::Run(_) => "run",
@@ -198,8 +191,6 @@ pub enum Response {
     Wall(Box<Wall>),
     /// To [`Request::Statistics`].
     Statistics(Box<Statistics>),
-    /// To [`Request::DescribeSight`].
-    Sight(Box<ViewState>),
     /// To [`Request::Tune`].
     Tuned(Tuned),
     /// To [`Request::StopServers`].
@@ -210,7 +201,7 @@ impl Response {
     /// Returns whether it says that something has changed, which then must outlive the manager.
     pub fn tells_of_change(&self) -> bool {
         match self {
-            Self::Status(_) | Self::Wall(_) | Self::Statistics(_) | Self::Sight(_) => false,
+            Self::Status(_) | Self::Wall(_) | Self::Statistics(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)
@@ -235,15 +226,39 @@ pub struct StoppedServers {
     pub absent: Vec<String>,
 }
 
-/// What the wall looks at, and from where.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ViewState {
-    /// Where display space stands in the scene, for the wall's own picture.
-    pub camera: Camera,
-    /// Where the viewer's eyes are.
-    pub head: HeadPose,
-    /// What lies over the wall's own picture, later ones over earlier ones.
-    pub views: Vec<View>,
+/// A pose of the viewer's head; what is not given stays as it is. A tracker of one marker knows
+/// the position only.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HeadUpdate {
+    /// The middle between the eyes, in metres of display space.
+    pub position: DVec3,
+    /// A unit quaternion, as [`HeadPose::rotation`].
+    pub rotation: Option<DQuat>,
+    /// From the left eye to the right one, in metres.
+    pub eye_separation_m: Option<f64>,
+}
+
+impl HeadUpdate {
+    /// The pose that this makes of another.
+    pub fn apply(&self, to: &HeadPose) -> HeadPose {
+        HeadPose {
+            position: self.position,
+            rotation: self.rotation.unwrap_or(to.rotation),
+            eye_separation_m: self.eye_separation_m.unwrap_or(to.eye_separation_m),
+        }
+    }
+}
+
+impl From<HeadPose> for HeadUpdate {
+    fn from(HeadPose { position, rotation, eye_separation_m }: HeadPose) -> Self {
+        Self { position, rotation: Some(rotation), eye_separation_m: Some(eye_separation_m) }
+    }
+}
+
+impl From<DVec3> for HeadUpdate {
+    fn from(position: DVec3) -> Self {
+        Self { position, rotation: None, eye_separation_m: None }
+    }
 }
 
 /// Why a request was not done; the wall is as it was before.

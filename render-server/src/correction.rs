@@ -211,9 +211,9 @@ fn renderer_light(map: blend::BlendMap) -> BlendMapDesc {
 
 /// The last view that a warped channel shows through its own frusta on all of its pixels: those
 /// before it are not seen.
-fn beneath(frame: &Frame) -> Option<usize> {
+fn beneath(views: &[View]) -> Option<usize> {
     let is_whole = |view: &View| view.area == Area::Wall && view.projection == ViewProjection::Wall;
-    frame.views.iter().rposition(is_whole)
+    views.iter().rposition(is_whole)
 }
 
 /// What is drawn and corrected in one go.
@@ -336,17 +336,18 @@ impl Corrector {
     /// What a frame is drawn from: the channel's own picture first, then what lies over it.
     fn layers(&mut self, gpu: &Gpu, wall: &Wall, frame: &Frame) -> Result<Vec<Layer>, String> {
         let views = self.views(gpu, wall, frame)?;
-        let shots = self.shots(gpu, wall, &frame.head)?.clone();
+        let shots = self.shots(gpu, wall, &frame.presentation.head)?.clone();
         let mut layers = vec![Layer { shots, views, lay: None }];
         if self.plan.warp.is_none() {
             return Ok(layers);
         }
-        let eyes = self.plan.viewpoints(wall, &frame.head);
+        let eyes = self.plan.viewpoints(wall, &frame.presentation.head);
         let (maps, shapes) = (self.plan.maps.clone(), self.plan.shapes.clone());
         let shaped = ResolvedWall { wall, shapes: &shapes };
         let ground = OverlayContext { gpu, shaped, maps: &maps, channel: self.plan.channel };
         let mut known = std::mem::take(&mut self.lays);
-        for view in &frame.views[beneath(frame).map_or(0, |beneath| beneath + 1)..] {
+        let all = frame.presentation.all_views();
+        for view in &all[beneath(&all).map_or(0, |beneath| beneath + 1)..] {
             let mut lay = match known.iter().position(|lay| lay.matches(view)) {
                 Some(index) => known.swap_remove(index),
                 None => Overlay::new(ground, view, &self.correction)?,
@@ -372,11 +373,12 @@ impl Corrector {
         frame: &Frame,
     ) -> Result<Vec<ViewDesc>, String> {
         let (channel, is_warped) = (self.plan.channel, self.plan.warp.is_some());
-        let shots = self.shots(gpu, wall, &frame.head)?;
+        let shots = self.shots(gpu, wall, &frame.presentation.head)?;
         if !is_warped {
             return shots.unwarped_views(wall, channel, frame);
         }
-        let beneath = beneath(frame).map(|index| &frame.views[index]);
+        let all = frame.presentation.all_views();
+        let beneath = beneath(&all).map(|index| &all[index]);
         Ok(beneath.map_or_else(Vec::new, |view| shots.view_descs(view, frame)))
     }
 

@@ -77,7 +77,8 @@ impl FrameScheduler {
         manager_us: Option<u64>,
     ) -> Option<FrameAction> {
         let took_us = took.min(SLOW_GRACE_MAX).as_micros() as u64;
-        let Frame { epoch, frame, display, .. } = *frame;
+        let Frame { epoch, frame, ref presentation, .. } = *frame;
+        let display = presentation.output_mode;
         self.drawn = Some(RenderedFrame { epoch, frame, display, took_us });
         self.take_show(manager_us)
     }
@@ -114,6 +115,7 @@ impl FrameScheduler {
 mod tests {
     use glam::DVec3;
     use polyptych_protocol::ids::Revision;
+    use polyptych_protocol::presentation::Presentation;
     use polyptych_wall::head::HeadPose;
 
     use super::*;
@@ -126,12 +128,8 @@ mod tests {
             frame: FrameId(n),
             time_s: 0.0,
             revision: Revision(1),
-            views: Vec::new(),
-            head: HeadPose::facing_forward(DVec3::ZERO, 0.0),
-            exposure: 1.0,
+            presentation: Presentation::new(HeadPose::facing_forward(DVec3::ZERO, 0.0)),
             capture: false,
-            display: OutputMode::Normal,
-            pattern: None,
         }
     }
 
@@ -181,7 +179,8 @@ mod tests {
     #[test]
     fn displays_change_with_the_frame_that_is_shown_and_not_with_the_one_that_is_drawn() {
         let mut playback = FrameScheduler::default();
-        let black = Frame { display: OutputMode::Blank, ..frame(2) };
+        let mut black = frame(2);
+        black.presentation.output_mode = OutputMode::Blank;
         assert_eq!(playback.frame_drawn(&frame(1), Duration::ZERO, None), None);
         playback.handle_frame(Box::new(black.clone()));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), Some(show(1)));

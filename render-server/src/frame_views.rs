@@ -32,7 +32,7 @@ impl ViewTransform {
             DMat3::from_quat(camera.rotation).transpose() * camera.scale.recip();
         // A camera's own picture is the same for both eyes.
         let middle_eye = match view.projection {
-            ViewProjection::Wall => frame.head.position,
+            ViewProjection::Wall => frame.presentation.head.position,
             _ => self.eye_in_display,
         };
         ViewDesc {
@@ -42,7 +42,7 @@ impl ViewTransform {
             clip_from_view: self.clip_from_view,
             viewport: self.viewport,
             scissor: None,
-            exposure: frame.exposure,
+            exposure: frame.presentation.exposure,
         }
     }
 }
@@ -57,7 +57,7 @@ pub(crate) fn view_rects(
     frame: &Frame,
 ) -> Result<Vec<ViewRect>, String> {
     check_frame(frame)?;
-    wall.view_rects(id, &frame.views).map_err(|error| error.to_string())
+    wall.view_rects(id, &frame.presentation.all_views()).map_err(|error| error.to_string())
 }
 
 /// Whether this server can draw the views of a frame.
@@ -65,8 +65,9 @@ pub(crate) fn view_rects(
 /// # Errors
 /// Too many of them, or more than it can.
 pub(crate) fn check_frame(frame: &Frame) -> Result<(), String> {
-    if frame.views.len() > VIEWS_MAX {
-        return Err(format!("{} views, where {VIEWS_MAX} can be", frame.views.len()));
+    let views = frame.presentation.views.len() + 1;
+    if views > VIEWS_MAX {
+        return Err(format!("{views} views, where {VIEWS_MAX} can be"));
     }
     Ok(())
 }
@@ -98,9 +99,11 @@ pub(crate) fn view_transform(
 pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewDesc>, String> {
     let eye = wall.channel(channel).map_or_else(Eye::default, |c| c.adjustment.eye);
     let size = wall.channel(channel).map_or([0; 2], |channel| channel.size.to_array());
+    let all = frame.presentation.all_views();
     let described = view_rects(wall, channel, frame)?.into_iter().map(|part| {
-        let view = &frame.views[part.view];
-        let seen = view_transform(wall, channel, view, frame.head.eye(eye))?.view(view, frame);
+        let view = &all[part.view];
+        let seen = view_transform(wall, channel, view, frame.presentation.head.eye(eye))?
+            .view(view, frame);
         let scissor = (part.rect != [0, 0, size[0], size[1]]).then_some(part.rect);
         Ok(ViewDesc { scissor, ..seen })
     });

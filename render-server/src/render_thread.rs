@@ -257,7 +257,7 @@ impl RenderThread {
         if !self.promote(frame.epoch, frame.revision) {
             return;
         }
-        if frame.pattern.is_none() {
+        if frame.presentation.pattern.is_none() {
             self.patterns.clear();
         }
         let began = Instant::now();
@@ -310,7 +310,7 @@ impl RenderThread {
         scene: &GpuScene,
         correctors: &Correctors,
     ) -> Result<DrawStats, String> {
-        if let Some(pattern) = frame.pattern {
+        if let Some(pattern) = frame.presentation.pattern {
             return self.draw_pattern(index, (wall, id), frame, pattern, scene.has_transparency());
         }
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;

@@ -1,7 +1,7 @@
 //! The server manager: the one process of a wall that decides.
 //!
-//! The crate `polyptych-core` decides, without sockets or a clock; [`run()`] gives it both. The crate
-//! `polyptych-baker` turns foreign files into blobs; the manager runs it as a child process only.
+//! The crate `polyptych-core` decides, without sockets or a clock; [`run()`] gives it both. The
+//! crate `polyptych-baker` turns foreign files into blobs; the manager runs it as a child process only.
 
 mod acceptor;
 mod authenticator;

@@ -23,6 +23,7 @@ use polyptych_files::blob::BlobStore;
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::Epoch;
+use polyptych_protocol::server_message::ServerMessage;
 use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use polyptych_wall::Wall;
 use tokio::sync::{Semaphore, mpsc};
@@ -173,6 +174,8 @@ struct EventLoop {
     progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),
     allowed: BlobAllowlist,
     traffic: Traffic,
+    /// Control bytes of frames in both directions, since the statistics were last reset.
+    frame_bytes: u64,
     repetitions: LogLimiter,
     started: Instant,
     next_session: u64,
@@ -219,6 +222,7 @@ impl EventLoop {
             progress: mpsc::channel(16),
             allowed,
             traffic: Traffic::default(),
+            frame_bytes: 0,
             repetitions: LogLimiter::default(),
             started: Instant::now(),
             next_session: 1,
@@ -355,8 +359,10 @@ impl EventLoop {
                 self.traffic.control_received(bytes);
                 let status = polyptych_core::truncate_reason(status);
                 self.note_drawing(from, &status);
-                let wire_bytes = bytes as u32;
-                self.tell(now, Input::Status { from, status, wire_bytes });
+                if matches!(status, ServerMessage::Drawn(_) | ServerMessage::Shown(_)) {
+                    self.frame_bytes += bytes as u64;
+                }
+                self.tell(now, Input::Status { from, status });
             }
             Event::ClientJoins { name, is_local, link, verdict } => {
                 let _ = verdict.send(self.let_client_in(now, name, is_local, link));
@@ -397,7 +403,12 @@ impl EventLoop {
     fn carry_out(&mut self) {
         while let Some(output) = self.cluster.poll_effect() {
             match output {
-                Effect::Command { to, bytes } => {
+                Effect::Command { to, command } => {
+                    // Once for all of them.
+                    let bytes = polyptych_codec::encode(&*command);
+                    if matches!(*command, Command::Frame(_) | Command::Swap(_)) {
+                        self.frame_bytes += (bytes.len() * to.len()) as u64;
+                    }
                     let frame = polyptych_codec::framed(&bytes);
                     for session in to {
                         let Some(link) = self.servers.get(&session) else { continue };

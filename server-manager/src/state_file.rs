@@ -183,6 +183,7 @@ mod tests {
     use polyptych_protocol::ids::Revision;
     use polyptych_protocol::output_mode::OutputMode;
     use polyptych_protocol::pattern::TestPattern;
+    use polyptych_protocol::presentation::Presentation;
     use polyptych_protocol::request::Pacing;
     use polyptych_scene::Bounds;
     use polyptych_wall::ChannelCalibration;
@@ -191,7 +192,6 @@ mod tests {
     use polyptych_wall::view::View;
 
     use super::*;
-    use polyptych_core::PersistentStateV2;
 
     #[test]
     fn what_is_saved_comes_back_and_damage_is_noticed() {
@@ -201,21 +201,21 @@ mod tests {
         let memory = PersistentState {
             revision: Revision(9),
             scene: None,
-            camera: Camera { scale: 0.1, ..Camera::IDENTITY },
-            head: HeadPose::facing_forward(DVec3::new(0.1, 1.6, 0.3), 0.06),
-            views: vec![View::of_wall(Camera::IDENTITY)],
-            exposure: 1.5,
-            pace: Some(Pacing::Rate(60.0)),
-            displays: OutputMode::Blank,
-            further: PersistentStateV2 {
-                bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
+            presentation: Presentation {
+                camera: Camera { scale: 0.1, ..Camera::IDENTITY },
+                head: HeadPose::facing_forward(DVec3::new(0.1, 1.6, 0.3), 0.06),
+                views: vec![View::of_wall(Camera::IDENTITY)],
+                exposure: 1.5,
+                output_mode: OutputMode::Blank,
                 pattern: Some(TestPattern::Grid),
-                tunings: vec![(
-                    "a".into(),
-                    ChannelCalibration { mirror: true, ..ChannelCalibration::default() },
-                )],
-                notes: vec!["animations: 1 is not played".into()],
             },
+            pace: Some(Pacing::Rate(60.0)),
+            tunings: vec![(
+                "a".into(),
+                ChannelCalibration { mirror: true, ..ChannelCalibration::default() },
+            )],
+            notes: vec!["animations: 1 is not played".into()],
+            bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");

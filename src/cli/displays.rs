@@ -33,7 +33,7 @@ pub(super) fn run(mode: OutputMode, arguments: &Arguments) -> anyhow::Result<Exi
         return Ok(seen.conclude());
     }
     // Someone may have asked for another mode since; that is not ours to end.
-    let present = client.status()?.displays;
+    let present = client.status()?.presentation.output_mode;
     if present != mode && present != OutputMode::Normal {
         let present = present.name();
         bail!("displays are in {present}, not {command}; end it with: polyptych {present} --off");

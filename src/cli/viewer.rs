@@ -36,7 +36,7 @@ pub(super) fn eye(arguments: &EyeArguments) -> anyhow::Result<ExitCode> {
             client.set_head(client.wall()?.head())?;
             return show(&client);
         }
-        say(in_words(&client.view_state()?.head))?;
+        say(in_words(&client.presentation()?.head))?;
         return Ok(ExitCode::SUCCESS);
     };
     let at_rest = client.wall()?.head();
@@ -116,14 +116,14 @@ pub(super) fn view(arguments: &ViewArguments) -> anyhow::Result<ExitCode> {
     match &arguments.what {
         ViewCommand::Add(add) => {
             let client = add.manager.connect()?;
-            let mut views = client.view_state()?.views;
+            let mut views = client.presentation()?.views;
             views.push(add.view(&client.wall()?)?);
             client.set_views(views)?;
             show(&client)
         }
         ViewCommand::List(manager) => {
             let client = manager.connect()?;
-            let (wall, views) = (client.wall()?, client.view_state()?.views);
+            let (wall, views) = (client.wall()?, client.presentation()?.views);
             if views.is_empty() {
                 say("there are no views: the wall shows its camera's picture")?;
             }

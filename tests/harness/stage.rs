@@ -7,13 +7,12 @@ use std::sync::atomic::AtomicBool;
 use glam::UVec2;
 use image::RgbaImage;
 use polyptych_baker::{BakeCache, bake};
-use polyptych_client::{Bounds, Camera, OutputMode, Wall};
+use polyptych_client::{Bounds, Camera, Presentation, Wall};
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
 use polyptych_render::frame_views;
 use polyptych_renderer::{GpuScene, Renderer, SceneBuilder, Target, ViewDesc, read_pixels};
 use polyptych_wall::ChannelId;
-use polyptych_wall::view::View;
 
 use super::adapter::gpu;
 use super::place::TestDir;
@@ -80,12 +79,8 @@ pub fn frame(wall: &Wall, camera: Camera) -> Frame {
         frame: FrameId(1),
         time_s: 0.0,
         revision: Revision(1),
-        views: vec![View::of_wall(camera)],
-        head: wall.head(),
-        exposure: 1.0,
+        presentation: Presentation { camera, ..Presentation::new(wall.head()) },
         capture: false,
-        display: OutputMode::Normal,
-        pattern: None,
     }
 }
 

@@ -135,7 +135,7 @@ fn displays_show_names_and_kept_pictures_and_captures_never_do() {
     seen.local.run(&["identify"]).succeeded();
     seen.await_parts("a name on each display", &plain, is_named);
     check("displays captured", &capture(&client), &plain, &IDENTICAL);
-    assert_eq!(client.status().expect("status").displays, OutputMode::Identify);
+    assert_eq!(client.status().expect("status").presentation.output_mode, OutputMode::Identify);
     let said = seen.local.run(&["status"]).succeeded();
     assert!(said.contains("displays: identify") && said.contains("SKEW"), "{said}");
     seen.local.run(&["blank", "--off"]).failed(&["identify", "polyptych identify --off"]);
@@ -176,7 +176,7 @@ fn a_lost_manager_is_told_in_a_corner_and_never_lights_a_black_wall() {
     wait::until("all displays back and none of them lit", || {
         assert!(seen.is_black(), "a display lights up");
         let status = client.status().expect("status");
-        assert_eq!(status.displays, OutputMode::Blank);
+        assert_eq!(status.presentation.output_mode, OutputMode::Blank);
         let is_back = status.channels.iter().all(|channel| channel.state == ChannelState::Live);
         is_back.then_some(())
     });

@@ -3,7 +3,7 @@
 
 use glam::{DVec3, UVec2};
 use image::{RgbaImage, imageops};
-use polyptych_client::{Area, Camera, HeadPose, View, ViewProjection, Wall};
+use polyptych_client::{Area, Camera, HeadPose, Presentation, View, ViewProjection, Wall};
 use polyptych_protocol::command::Frame;
 use polyptych_render::frame_views;
 use polyptych_wall::surface::Plane;
@@ -46,7 +46,8 @@ fn two_plans(stage: &RenderFixture) -> [(View, [u32; 4]); 2] {
 }
 
 fn with_views(wall: &Wall, views: Vec<View>) -> Frame {
-    Frame { views, ..frame(wall, Camera::IDENTITY) }
+    let presentation = Presentation { views, ..Presentation::new(wall.head()) };
+    Frame { presentation, ..frame(wall, Camera::IDENTITY) }
 }
 
 #[test]
@@ -79,7 +80,13 @@ fn two_plans_over_four_tiles_are_what_two_displays_show() {
             for mut tile in frame_views::views(&wall, id, &only).expect("views") {
                 let whole_tile = [0, 0, channel.size.x, channel.size.y];
                 let [x, y, width, height] = tile.scissor.unwrap_or(whole_tile);
-                let at = UVec2::new(x, y) + channel.origin - UVec2::new(rect[0], rect[1]);
+                let at = UVec2::new(x, y) + channel.origin;
+                let corner = UVec2::new(rect[0], rect[1]);
+                if at.cmplt(corner).any() || at.cmpge(corner + size).any() {
+                    // The wall's own picture, beside the window.
+                    continue;
+                }
+                let at = at - corner;
                 tile.viewport = [0.0, 0.0, f64::from(size.x), f64::from(size.y)];
                 tile.scissor = Some([at.x, at.y, width, height]);
                 let drawn = part(&stage.draw(size, &[tile]), [at.x, at.y, width, height]);
@@ -135,7 +142,11 @@ fn each_eye_has_its_own_picture_and_near_things_are_apart() {
     wall.channels[0].adjustment.eye = Eye::Left;
     wall.channels[1].adjustment.eye = Eye::Right;
     let head = HeadPose { eye_separation_m: 0.06, ..wall.head() };
-    let stereo = Frame { head, ..frame(&wall, Camera::IDENTITY) };
+    let seen_from = |wall: &Wall, head: HeadPose| {
+        let presentation = Presentation::new(head);
+        Frame { presentation, ..frame(wall, Camera::IDENTITY) }
+    };
+    let stereo = seen_from(&wall, head);
     let size = UVec2::from_array(CANVAS);
     let [left, right] = [(0, Eye::Left), (1, Eye::Right)].map(|(index, eye)| {
         let drawn = frame_views::views(&wall, ChannelId(index), &stereo).expect("views");
@@ -143,7 +154,7 @@ fn each_eye_has_its_own_picture_and_near_things_are_apart() {
         // What one eye alone sees from there.
         let mono = tiled([1, 1], CANVAS);
         let moved = HeadPose::facing_forward(head.eye(eye), 0.0);
-        let mono_frame = Frame { head: moved, ..frame(&mono, Camera::IDENTITY) };
+        let mono_frame = seen_from(&mono, moved);
         let expected = frame_views::views(&mono, ChannelId(0), &mono_frame).expect("views");
         check("one eye", &drawn, &stage.draw(size, &expected), &IDENTICAL);
         drawn
@@ -181,7 +192,7 @@ fn a_client_moves_the_head_and_lays_views_over_a_wall_of_processes() {
     }
     let moved = pictures();
     assert_ne!(moved, at_rest, "all frusta follow the head");
-    assert_eq!(client.view_state().expect("sight").head, head);
+    assert_eq!(client.presentation().expect("sight").head, head);
 
     let refused = two.run(&["eye", "0,0,-3"]).failed(&["behind screen front", "1.696"]);
     assert!(refused.contains(&small(2, 1).channels[0].name), "{refused}");
@@ -196,7 +207,7 @@ fn a_client_moves_the_head_and_lays_views_over_a_wall_of_processes() {
     let (target, above) = (format!("{x},{y},{z}"), format!("{x},{},{z}", y + bounds.radius()));
     let plan = ["view", "add", &above, &target, "--up", "0,0,-1", "--rect", "120,60,240,140"];
     two.run(&[&plan[..], &["--ortho", "200"]].concat()).succeeded();
-    let views = client.view_state().expect("sight").views;
+    let views = client.presentation().expect("sight").views;
     single.set_views(views).expect("set");
     let inset = pictures();
     let rect = [120, 60, 240, 140];

@@ -59,7 +59,7 @@ fn report(simulation: &Simulation) -> Value {
 }
 
 fn camera(client: &Client) -> Camera {
-    client.view_state().expect("a sight").camera
+    client.presentation().expect("a sight").camera
 }
 
 /// The camera once it is another one than before.

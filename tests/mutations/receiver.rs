@@ -2,12 +2,12 @@
 
 use std::collections::VecDeque;
 
-use polyptych_core::{ClientRequest, Cluster, Effect, ImportedScene, SessionId};
+use polyptych_core::{ClientRequest, Cluster, Effect, ImportedScene, Input, SessionId};
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_manager::capture::{CaptureBudget, CaptureJob, GeometryCache};
 use polyptych_protocol::bulk::BulkToManager;
 use polyptych_protocol::command::{Command, Frame};
-use polyptych_protocol::handshake::{Hello, Introduction};
+use polyptych_protocol::handshake::{Hello, Introduction, ServerHello};
 use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
 use polyptych_protocol::request::{Request, SceneSummary};
 use polyptych_protocol::server_message::{FrameRendered, Prepared, ServerMessage};
@@ -60,7 +60,7 @@ impl Receiver {
             says: Vec::new(),
             sent: VecDeque::new(),
         };
-        receiver.cluster.handle_client(CLIENT, "seed".into());
+        receiver.tell(Input::Client { session: CLIENT, name: "seed".into() });
         receiver.join_all();
         receiver.answer_all();
         receiver
@@ -72,7 +72,7 @@ impl Receiver {
             if let Hello::Server(hello) = hello {
                 self.next_session += 1;
                 let session = SessionId(self.next_session);
-                let joined = self.cluster.handle_server(self.now, session, hello, "a:1".into());
+                let joined = self.join(session, hello, "a:1");
                 if joined.is_ok() {
                     self.servers.push_back(session);
                 }
@@ -89,15 +89,15 @@ impl Receiver {
             Message::Status(status) => {
                 let pick = chance as usize % self.servers.len().max(1);
                 let from = self.servers.get(pick).copied().unwrap_or(SessionId(0));
-                self.cluster.handle_status(self.now, from, status, 64);
+                self.tell(Input::Status { from, status });
             }
             Message::Call(call) => {
-                self.cluster.handle_request(self.now, CLIENT, call.id, call.request);
+                self.tell(Input::Request { client: CLIENT, id: call.id, request: call.request });
             }
             Message::Introduction(Introduction { hello: Hello::Server(hello), .. }) => {
                 self.next_session += 1;
                 let session = SessionId(self.next_session);
-                if self.cluster.handle_server(self.now, session, hello, "a:2".into()).is_ok() {
+                if self.join(session, hello, "a:2").is_ok() {
                     self.servers.push_back(session);
                 }
             }
@@ -115,7 +115,7 @@ impl Receiver {
             _ => {}
         }
         if self.cluster.poll_timeout().is_some_and(|due| due <= self.now) {
-            self.cluster.handle_timeout(self.now);
+            self.tell(Input::Timeout);
         }
         self.read();
         if chance.is_multiple_of(64) {
@@ -128,8 +128,23 @@ impl Receiver {
     fn order_frame(&mut self) {
         self.frames += 1;
         let request = Request::RenderFrame { camera: None, time_s: None };
-        self.cluster.handle_request(self.now, CLIENT, RequestId(self.frames), request);
+        self.tell(Input::Request { client: CLIENT, id: RequestId(self.frames), request });
         self.read();
+    }
+
+    fn tell(&mut self, input: Input) {
+        // Only a server that joins is refused.
+        let _ = self.cluster.handle(self.now, input);
+    }
+
+    fn join(
+        &mut self,
+        session: SessionId,
+        hello: ServerHello,
+        address: &str,
+    ) -> Result<(), String> {
+        let input = Input::Server { session, hello, address: address.into() };
+        self.cluster.handle(self.now, input)
     }
 
     /// Takes what the core wants done, and plays the peers that do it.
@@ -139,15 +154,14 @@ impl Receiver {
             read += 1;
             assert!(read < OUTPUTS_MAX, "the core does not come to an end: {output:?}");
             match output {
-                Effect::Command { to, bytes } => {
-                    let command = polyptych_protocol::framing::decode::<Command>(&bytes)
-                        .expect("the core's own");
-                    self.sent.extend(to.into_iter().map(|server| (server, command.clone())));
+                Effect::Command { to, command } => {
+                    let to = to.into_iter();
+                    self.sent.extend(to.map(|server| (server, Command::clone(&command))));
                 }
                 Effect::Close { session, .. } => self.servers.retain(|server| *server != session),
                 Effect::Import { job, .. } => match &mut self.imports {
                     Some(imports) => imports.push(job),
-                    None => self.cluster.handle_import(self.now, job, Ok(imported())),
+                    None => self.tell(Input::Import { job, imported: Ok(imported()) }),
                 },
                 _ => {}
             }
@@ -184,7 +198,10 @@ impl Receiver {
                     features: Vec::new(),
                     scene_bytes: 0,
                 };
-                self.cluster.handle_status(self.now, server, ServerMessage::Prepared(prepared), 32);
+                self.tell(Input::Status {
+                    from: server,
+                    status: ServerMessage::Prepared(prepared),
+                });
             }
             Command::Frame(frame) => {
                 for channel in self.cluster.channels_of(server) {
@@ -197,7 +214,7 @@ impl Receiver {
                             status = FrameRendered { draw_us, triangles, draw_calls, ..status };
                         }
                     }
-                    self.cluster.handle_status(self.now, server, ServerMessage::Drawn(status), 32);
+                    self.tell(Input::Status { from: server, status: ServerMessage::Drawn(status) });
                 }
             }
             _ => {}
@@ -218,7 +235,7 @@ impl Receiver {
     pub fn finish_import(&mut self) {
         let imports = self.imports.as_mut().filter(|imports| !imports.is_empty());
         if let Some(job) = imports.map(|imports| imports.remove(0)) {
-            self.cluster.handle_import(self.now, job, Ok(imported()));
+            self.tell(Input::Import { job, imported: Ok(imported()) });
         }
         self.read();
     }

@@ -54,7 +54,7 @@ fn every_call_waits_for_its_reply() {
     let camera = fit_bounds(&client.wall().expect("wall"), &bounds, 0.0);
     client.set_camera(camera).expect("set");
     client.look_at(DVec3::X, DVec3::ZERO, DVec3::Y).expect("set");
-    client.set_eye(DVec3::Z).expect("set");
+    client.set_head(DVec3::Z).expect("set");
     client.set_exposure(2.0).expect("set");
     let mut feedbacks = client.feedback().expect("subscribed");
     assert_eq!(client.render_frame().expect("drawn"), feedback(9));

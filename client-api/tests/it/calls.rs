@@ -5,8 +5,8 @@ use std::time::Duration;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
     Camera, ClientError, Digest, Epoch, FrameId, HeadPose, OPEN_REQUESTS_MAX, OpenProgress,
-    OpenStage, OutputMode, Pacing, Quantiles, Request, RequestId, Response, Revision,
-    SceneFeatures, SceneSummary, Statistics, TestPattern, Tuned, View, ViewState, Wall, WallStatus,
+    OpenStage, OutputMode, Pacing, Presentation, Quantiles, Request, RequestId, Response, Revision,
+    SceneFeatures, SceneSummary, Statistics, TestPattern, Tuned, View, Wall, WallStatus,
     calibration_change::CalibrationChange,
 };
 use polyptych_protocol::request::MessageToClient;
@@ -34,8 +34,7 @@ fn status() -> WallStatus {
         frame: FrameId(9),
         scene: None,
         deadline_ms: 50.0,
-        displays: OutputMode::Normal,
-        pattern: None,
+        presentation: Presentation::new(HeadPose::facing_forward(DVec3::X, 0.05)),
         channels: Vec::new(),
         clients: vec!["test".into()],
         warnings: Vec::new(),
@@ -78,11 +77,6 @@ pub fn wall() -> Wall {
     polyptych_wall_file::parse(text, "lab.toml".as_ref()).expect("a wall")
 }
 
-fn sight() -> ViewState {
-    let head = HeadPose::facing_forward(DVec3::X, 0.05);
-    ViewState { camera: Camera::IDENTITY, head, views: Vec::new() }
-}
-
 fn tuned() -> Tuned {
     Tuned { revision: Revision(3), frames: 1, feedback: feedback(9) }
 }
@@ -98,7 +92,6 @@ pub fn answer(request: &Request) -> Response {
         Request::Status => Response::Status(Box::new(status())),
         Request::DescribeWall => Response::Wall(Box::new(wall())),
         Request::Statistics { .. } => Response::Statistics(Box::new(statistics())),
-        Request::DescribeSight => Response::Sight(Box::new(sight())),
         Request::Tune { .. } => Response::Tuned(tuned()),
         _ => Response::Done,
     }
@@ -123,13 +116,13 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     client.close_scene().await.expect("closed");
     client.set_camera(camera).await.expect("set");
     client.look_at(DVec3::X, DVec3::ZERO, DVec3::Y).await.expect("set");
-    client.set_eye(DVec3::Z).await.expect("set");
+    client.set_head(DVec3::Z).await.expect("set");
     let head = HeadPose::facing_forward(DVec3::Z, 0.06);
     client.set_head(head).await.expect("set");
     let view = View::of_wall(camera);
     client.set_views(vec![view.clone()]).await.expect("set");
     client.clear_views().await.expect("cleared");
-    assert_eq!(client.view_state().await.expect("sight"), sight());
+    assert_eq!(client.presentation().await.expect("status"), status().presentation);
     client.set_exposure(0.5).await.expect("set");
     assert_eq!(client.render_frame().await.expect("drawn"), feedback(9));
     let drawn = client.render_frame_at(Some(camera), Some(4.0)).await.expect("drawn");
@@ -151,11 +144,11 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
         Request::CloseScene,
         Request::SetCamera(camera),
         Request::SetCamera(looking),
-        Request::SetEye(DVec3::Z),
-        Request::SetHead(head),
+        Request::SetHead(DVec3::Z.into()),
+        Request::SetHead(head.into()),
         Request::SetViews(vec![view]),
         Request::SetViews(Vec::new()),
-        Request::DescribeSight,
+        Request::Status,
         Request::SetExposure(0.5),
         Request::RenderFrame { camera: None, time_s: None },
         Request::RenderFrame { camera: Some(camera), time_s: Some(4.0) },

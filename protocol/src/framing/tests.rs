@@ -22,6 +22,7 @@ use crate::handshake::{Adapter, ClientHello, Hello, HelloReply, Rejection, Serve
 use crate::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
+use crate::presentation::Presentation;
 use crate::request::{self, Pacing, Request, RequestError, RequestMessage, Response};
 use crate::server_message::{FramePresented, FrameRendered, Ping, Prepared, ServerMessage};
 use crate::state_log::{Operation, SceneRef};
@@ -36,12 +37,14 @@ fn frame() -> Frame {
         frame: FrameId(300),
         time_s: 1.5,
         revision: Revision(2),
-        views: vec![View::of_wall(camera())],
-        head: HeadPose::facing_forward(DVec3::new(0.0, 1.6, 0.0), 0.064),
-        exposure: 1.0,
+        presentation: Presentation {
+            camera: camera(),
+            views: vec![View::of_wall(camera())],
+            output_mode: OutputMode::Blank,
+            pattern: Some(TestPattern::Density),
+            ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 1.6, 0.0), 0.064))
+        },
         capture: true,
-        display: OutputMode::Blank,
-        pattern: Some(TestPattern::Density),
     }
 }
 
@@ -121,7 +124,10 @@ fn golden() -> Vec<(Bytes, &'static str)> {
     let tune = RequestMessage { id: RequestId(9), request: tune };
     let open =
         RequestMessage { id: RequestId(6), request: Request::OpenScene { path: "a.glb".into() } };
-    let head = RequestMessage { id: RequestId(8), request: Request::SetHead(frame().head) };
+    let head = RequestMessage {
+        id: RequestId(8),
+        request: Request::SetHead(frame().presentation.head.into()),
+    };
     let plan = View {
         area: Area::Screen { screen: 1, rect: [0, 2, 300, 4] },
         projection: ViewProjection::Orthographic { height_m: 1.5 },
@@ -138,11 +144,12 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         ),
         (
             encode(&Command::Frame(frame())),
-            "01fd0807060504030201fb2c01000000000000f83f0201000000000000f03f00000000000000c000\
-             000000d0126341000000000000000000000000000000000000000000000000000000000000f03f00\
-             0000000000e03f000000000000000000009a9999999999f93f0000000000000000000000000000\
-             000000000000000000000000000000000000000000000000f03ffca9f1d24d62b03f0000803f\
-             0102 0105",
+            "01fd0807060504030201fb2c01000000000000f83f02000000000000f03f00000000000000c0\
+             00000000d0126341000000000000000000000000000000000000000000000000000000000000\
+             f03f000000000000e03f00000000000000009a9999999999f93f000000000000000000000000\
+             0000000000000000000000000000000000000000000000000000f03ffca9f1d24d62b03f0100\
+             0000000000f03f00000000000000c000000000d0126341000000000000000000000000000000\
+             000000000000000000000000000000f03f000000000000e03f00000000803f02010501",
         ),
         (
             encode(&Command::Swap(Swap { epoch: Epoch(1), frame: FrameId(300), not_after_us: 9 })),
@@ -163,22 +170,22 @@ fn golden() -> Vec<(Bytes, &'static str)> {
             encode(&BulkToServer::Chunk(piece)),
             "0001010101010101010101010101010101010101010101010101010101010101010200020908",
         ),
-        (encode(&run), "0506010000000000004e40"),
+        (encode(&run), "0505010000000000004e40"),
         (encode(&open), "060005612e676c62"),
-        (encode(&freeze), "070e03"),
+        (encode(&freeze), "070d03"),
         (
             encode(&head),
-            "080f00000000000000009a9999999999f93f00000000000000000000000000000000000000000000\
-             00000000000000000000000000000000f03ffca9f1d24d62b03f",
+            "080e00000000000000009a9999999999f93f0000000000000000010000000000000000000000\
+             00000000000000000000000000000000000000f03f01fca9f1d24d62b03f",
         ),
         (
             encode(&views),
-            "09100100000000000000000000000000000000000000000000000000000000000000000000000000\
-             0000000000000000000000000000000000f03f000000000000f03f01010002fb2c010402000000\
-             000000f83f",
+            "090f010000000000000000000000000000000000000000000000000000000000000000000000\
+             00000000000000000000000000000000000000f03f000000000000f03f01010002fb2c010402\
+             000000000000f83f",
         ),
-        (encode(&pattern), "08120103"),
-        (encode(&tune), "0913016101000101000000000000f83f000000000000e0bf"),
+        (encode(&pattern), "08100103"),
+        (encode(&tune), "0911016101000101000000000000f83f000000000000e0bf"),
         (encode(&failure), "000501026e6f"),
         (encode(&done), "00050000"),
     ]

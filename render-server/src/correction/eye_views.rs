@@ -145,9 +145,9 @@ impl EyeViews {
         id: ChannelId,
         frame: &Frame,
     ) -> Result<Vec<ViewDesc>, String> {
-        let mut views = Vec::new();
+        let (all, mut views) = (frame.presentation.all_views(), Vec::new());
         for part in frame_views::view_rects(wall, id, frame)? {
-            let view = &frame.views[part.view];
+            let view = &all[part.view];
             for (seen, rect) in &self.planes {
                 let [x, y, width, height] = part.rect;
                 let mut own = frame_views::view_transform(wall, id, view, seen.eye_in_display)?;

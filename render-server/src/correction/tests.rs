@@ -5,9 +5,8 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DQuat, DVec2, DVec3, UVec2, Vec3};
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
-use polyptych_protocol::output_mode::OutputMode;
+use polyptych_protocol::presentation::Presentation;
 use polyptych_wall::calibration_maps::CalibrationMaps;
-use polyptych_wall::camera::Camera;
 use polyptych_wall::color::linear_from_srgb;
 use polyptych_wall::surface::{Cylinder, Plane, Sphere};
 use polyptych_wall::view::View;
@@ -109,12 +108,8 @@ fn frame(head: HeadPose) -> Frame {
         frame: FrameId(1),
         time_s: 0.0,
         revision: Revision(1),
-        views: vec![View::of_wall(Camera::IDENTITY)],
-        head,
-        exposure: 1.0,
+        presentation: Presentation::new(head),
         capture: false,
-        display: OutputMode::Normal,
-        pattern: None,
     }
 }
 

@@ -60,7 +60,7 @@ impl RenderThread {
         is_linear: bool,
     ) -> Result<DrawStats, String> {
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
-        let eye = frame.head.eye(Eye::Center);
+        let eye = frame.presentation.head.eye(Eye::Center);
         let known = self.patterns.remove(&channel.name);
         let known = known.filter(|known| known.is_of(wall, id, pattern, eye));
         let drawn = if let Some(known) = known {

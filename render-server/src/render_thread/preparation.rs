@@ -8,10 +8,9 @@ use std::time::Instant;
 
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::FrameId;
-use polyptych_protocol::output_mode::OutputMode;
+use polyptych_protocol::presentation::Presentation;
 use polyptych_renderer::{GpuScene, ImageEncoding, SceneBuilder, Target};
 use polyptych_scene::Scene;
-use polyptych_wall::view::View;
 
 use super::{Correctors, ReadyState, RenderThread, STATES_MAX, WARM_UP_SIDE};
 use crate::channel_output::ChannelOutput;
@@ -104,12 +103,8 @@ impl RenderThread {
             frame: FrameId(0),
             time_s: 0.0,
             revision: state.replica.revision,
-            views: vec![View::of_wall(state.warm_up)],
-            head: wall.head(),
-            exposure: 1.0,
+            presentation: Presentation { camera: state.warm_up, ..Presentation::new(wall.head()) },
             capture: false,
-            display: OutputMode::Normal,
-            pattern: None,
         };
         let (mut views, content) = match correctors.borrow_mut().get_mut(&channel.name) {
             Some(corrector) => (corrector.views(&self.gpu, wall, &frame)?, ImageEncoding::Light),

@@ -6,6 +6,7 @@ use crossbeam_channel::{Sender, bounded};
 use glam::{DVec2, DVec3, UVec2, Vec3};
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::output_mode::OutputMode;
+use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::server_message::{FramePresented, FrameRendered, ServerMessage};
 use polyptych_protocol::state_log::{Operation, Replica};
 use polyptych_renderer::OutputTexture;
@@ -14,7 +15,6 @@ use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::surface::{Cylinder, Plane};
-use polyptych_wall::view::View;
 use polyptych_wall::{Channel, Orientation, Screen, Surface};
 
 use super::*;
@@ -128,12 +128,12 @@ impl RenderThreadFixture {
             frame: FrameId(self.frame),
             time_s: 0.0,
             revision,
-            views: vec![View::of_wall(Camera::IDENTITY)],
-            head: HeadPose::facing_forward(DVec3::ZERO, 0.0),
-            exposure,
+            presentation: Presentation {
+                exposure,
+                output_mode: display,
+                ..Presentation::new(HeadPose::facing_forward(DVec3::ZERO, 0.0))
+            },
             capture: true,
-            display,
-            pattern: None,
         };
         self.thread.handle(RenderTask::Frame(Box::new(frame)));
         self.turn();

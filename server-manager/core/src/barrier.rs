@@ -201,7 +201,7 @@ impl Cluster {
         if let Some(FrameRequest { job, capture: true, .. }) = &order {
             self.collect(*job, &sent);
         }
-        self.command(sent.clone(), &Command::Frame(self.describe_frame(time_s, capture)));
+        self.command(sent.clone(), Command::Frame(self.describe_frame(time_s, capture)));
         self.barrier = Some(Barrier {
             frame: self.frame,
             revision: self.shown.revision,
@@ -237,11 +237,11 @@ impl Cluster {
     /// What an order asks for beside its frame holds from this frame on.
     fn take_over(&mut self, order: Option<&FrameRequest>) {
         if let Some(camera) = order.and_then(|order| order.camera) {
-            self.camera = camera;
+            self.presentation.camera = camera;
         }
         match order.and_then(|order| order.wish) {
-            Some(OutputChange::Displays(displays)) => self.displays = displays,
-            Some(OutputChange::Pattern(pattern)) => self.pattern = pattern,
+            Some(OutputChange::Displays(displays)) => self.presentation.output_mode = displays,
+            Some(OutputChange::Pattern(pattern)) => self.presentation.pattern = pattern,
             None => {}
         }
         self.is_going_on &= order.is_none();
@@ -254,12 +254,8 @@ impl Cluster {
             frame: self.frame,
             time_s,
             revision: self.shown.revision,
-            views: self.all_views(),
-            head: self.head,
-            exposure: self.exposure,
+            presentation: self.presentation.clone(),
             capture,
-            display: self.displays,
-            pattern: self.pattern,
         }
     }
 
@@ -352,7 +348,7 @@ impl Cluster {
             frame: barrier.frame,
             not_after_us: now + self.deadline.length(),
         };
-        self.command(barrier.sent.clone(), &Command::Swap(swap));
+        self.command(barrier.sent.clone(), Command::Swap(swap));
         self.swapped = barrier.frame;
         let slowest_us = barrier.slowest_us();
         if let Some(typical_us) = barrier.typical_slowest_us() {

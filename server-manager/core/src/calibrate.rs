@@ -96,7 +96,7 @@ impl Cluster {
         let present = self.changes.latest_wall().unwrap_or(&self.wall);
         let wall = Box::new(calibration_change::apply_changes(present, channel, changes)?);
         check_wall_size(&wall)?;
-        self.check_view_state(&wall).map_err(|reason| format!("{channel}: {reason}"))?;
+        self.check_presentation(&wall).map_err(|reason| format!("{channel}: {reason}"))?;
         let tuner = CalibrationWaiter { job, asked_at: self.frame };
         if let Err(wall) = self.changes.replace_waiting_wall(wall, tuner) {
             let purpose = ChangeOrigin::Tuning { wall, tuners: vec![tuner] };

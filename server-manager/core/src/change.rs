@@ -27,7 +27,7 @@ pub(super) const HOLDS_REFUSED: &str = "it has prepared a change that was refuse
 
 impl Cluster {
     /// A bake has ended.
-    pub fn handle_import(
+    pub(crate) fn handle_import(
         &mut self,
         now: Micros,
         job: ClientRequest,
@@ -77,7 +77,7 @@ impl Cluster {
                 underway.change.operations.clone()
             },
         };
-        self.command(to, &Command::Prepare(prepare));
+        self.command(to, Command::Prepare(prepare));
     }
 
     pub(super) fn expire_change(&mut self, now: Micros) {
@@ -198,7 +198,7 @@ impl Cluster {
         self.features.clear();
         self.notes.clear();
         // What suited another scene may make this one black or white.
-        self.exposure = summary.as_ref().map_or(1.0, |summary| summary.exposure);
+        self.presentation.exposure = summary.as_ref().map_or(1.0, |summary| summary.exposure);
         self.navigator.bounds = summary.as_ref().and_then(|summary| summary.bounds);
         let reply = if let Some(mut summary) = summary {
             summary.revision = self.shown.revision;

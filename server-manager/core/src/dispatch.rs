@@ -4,12 +4,11 @@ use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pacing, Request, RequestError, Response};
 use polyptych_protocol::state_log::Operation;
-use polyptych_wall::head::HeadPose;
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
 use super::change_queue::ChangeOrigin;
-use super::view_state::checked_camera;
+use super::presentation::checked_camera;
 use super::{
     ClientRequest, Cluster, Effect, FRAME_ORDERS_MAX, FrameRequest, Importing, Micros,
     OutputChange, SessionId, StateChange, progress,
@@ -26,7 +25,7 @@ const IMPORTS_OF_ALL_MAX: usize = 64;
 
 impl Cluster {
     /// A client asks for something. It gets exactly one reply, now or later.
-    pub fn handle_request(
+    pub(crate) fn handle_request(
         &mut self,
         now: Micros,
         client: SessionId,
@@ -70,15 +69,14 @@ impl Cluster {
                 self.request_change(now, StateChange { operations, purpose });
                 return Ok(None);
             }
-            Request::SetCamera(camera) => self.camera = checked_camera(camera)?,
-            Request::SetEye(position) => self.set_head(HeadPose { position, ..self.head })?,
+            Request::SetCamera(camera) => self.presentation.camera = checked_camera(camera)?,
             Request::SetHead(head) => self.set_head(head)?,
             Request::SetViews(views) => self.set_views(views)?,
             Request::SetExposure(exposure) => {
                 if !(exposure.is_finite() && exposure >= 0.0) {
                     return Err(format!("an exposure is 0 or more, not {exposure}"));
                 }
-                self.exposure = exposure;
+                self.presentation.exposure = exposure;
             }
             Request::RenderFrame { camera, time_s } => {
                 let camera = camera.map(checked_camera).transpose()?;
@@ -113,9 +111,6 @@ impl Cluster {
             Request::Pause => self.set_pace(None, now),
             Request::Status => return Ok(Some(Response::Status(Box::new(self.status(now))))),
             Request::DescribeWall => return Ok(Some(Response::Wall(Box::new(self.wall.clone())))),
-            Request::DescribeSight => {
-                return Ok(Some(Response::Sight(Box::new(self.view_state()))));
-            }
             Request::Statistics { reset } => {
                 return Ok(Some(Response::Statistics(Box::new(self.statistics(reset)))));
             }

@@ -29,8 +29,6 @@ pub enum Input {
         from: SessionId,
         /// What it reports.
         status: ServerMessage,
-        /// The size of the message.
-        wire_bytes: u32,
     },
     /// [`Cluster::handle_life`].
     Heard {
@@ -94,9 +92,7 @@ impl Cluster {
             Input::Server { session, hello, address } => {
                 return self.handle_server(now, session, hello, address);
             }
-            Input::Status { from, status, wire_bytes } => {
-                self.handle_status(now, from, status, wire_bytes as usize);
-            }
+            Input::Status { from, status } => self.handle_status(now, from, status),
             Input::Heard { from, at } => self.handle_life(from, at),
             Input::ServerGone { session, reason } => {
                 self.handle_server_gone(now, session, &reason);

@@ -1,8 +1,8 @@
 //! The core of the wall: what the manager decides, without sockets and without a clock.
 //!
-//! What arrives goes into a `handle_*` function, with `now` in microseconds of manager time; what
-//! is to be done comes out of [`Cluster::poll_effect`]; [`Cluster::poll_timeout`] says when
-//! [`Cluster::handle_timeout`] is due. Every failure of a wall is so a short deterministic test.
+//! What arrives goes as an [`Input`] into [`Cluster::handle`], with `now` in microseconds of manager
+//! time; what is to be done comes out of [`Cluster::poll_effect`]; [`Cluster::poll_timeout`] says
+//! when [`Input::Timeout`] is due. Every failure of a wall is so a short deterministic test.
 
 mod aggregate;
 mod barrier;
@@ -20,6 +20,7 @@ mod navigate;
 mod outcome;
 mod pace;
 mod persistent_state;
+mod presentation;
 mod progress;
 mod registry;
 mod skew;
@@ -29,24 +30,18 @@ mod statistics;
 mod supersede;
 #[cfg(test)]
 mod tests;
-mod view_state;
 
 use std::collections::{BTreeMap, VecDeque};
 
 use barrier::{Barrier, FrameRequest, OutputChange};
-use bytes::Bytes;
 use change_queue::{ChangeQueue, StateChange};
 use polyptych_protocol::command::{Command, Pong};
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId};
-use polyptych_protocol::output_mode::OutputMode;
-use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{MessageToClient, Pacing, RequestError, Response, SceneSummary};
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::state_log::{Operation, Replica};
-use polyptych_wall::camera::Camera;
-use polyptych_wall::head::HeadPose;
-use polyptych_wall::view::View;
 use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
@@ -55,7 +50,7 @@ pub use checkpoint::{Checkpoint, CheckpointOf};
 pub use counters::{ChannelCounters, Counters, Histogram};
 pub use input::Input;
 use pace::Pacer;
-pub use persistent_state::{PersistentState, PersistentStateV2};
+pub use persistent_state::PersistentState;
 use registry::Registry;
 use skew::SkewTracker;
 pub use snapshot::Snapshot;
@@ -80,12 +75,12 @@ const REASON_BYTES_MAX: usize = 1024;
 /// What the core wants done. In order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
-    /// Send this encoded [`Command`] to these servers; it was encoded once for all of them.
+    /// Send this to these servers.
     Command {
         /// The control connections.
         to: Vec<SessionId>,
-        /// An encoded [`Command`].
-        bytes: Bytes,
+        /// What to send.
+        command: Box<Command>,
     },
     /// Send this to a client.
     Answer {
@@ -94,7 +89,7 @@ pub enum Effect {
         /// What to send.
         answer: MessageToClient,
     },
-    /// Bake this scene and come back with [`Cluster::handle_import`].
+    /// Bake this scene and come back with [`Input::Import`].
     Import {
         /// Who asked; names the import.
         job: ClientRequest,
@@ -194,13 +189,8 @@ pub struct Cluster {
     frame: FrameId,
     /// The last frame that was swapped.
     swapped: FrameId,
-    camera: Camera,
-    head: HeadPose,
-    /// They lie over the wall's own picture.
-    views: Vec<View>,
-    exposure: f32,
-    displays: OutputMode,
-    pattern: Option<TestPattern>,
+    /// What the next frame presents.
+    presentation: Presentation,
     navigator: navigate::Navigator,
     /// Whether the wall has gone on from what another manager remembered, and no client has
     /// asked for a frame yet.
@@ -248,12 +238,7 @@ impl Cluster {
             beginnings: barrier::FrameStartTimes::default(),
             frame: FrameId(0),
             swapped: FrameId(0),
-            camera: Camera::IDENTITY,
-            head: wall.head(),
-            views: Vec::new(),
-            exposure: 1.0,
-            displays: OutputMode::Normal,
-            pattern: None,
+            presentation: Presentation::new(wall.head()),
             navigator: navigate::Navigator::default(),
             is_going_on: false,
             wants_frame: false,
@@ -276,14 +261,8 @@ impl Cluster {
         self.epoch
     }
 
-    /// A render server reports. `wire_bytes` is the size of the message.
-    pub fn handle_status(
-        &mut self,
-        now: Micros,
-        from: SessionId,
-        status: ServerMessage,
-        wire_bytes: usize,
-    ) {
+    /// A render server reports.
+    pub(crate) fn handle_status(&mut self, now: Micros, from: SessionId, status: ServerMessage) {
         if !self.registry.record_heartbeat(from, now) {
             return;
         }
@@ -295,15 +274,11 @@ impl Cluster {
                     self.handle_prepare_failed(now, from, revision, &reason);
                 }
             }
-            ServerMessage::Drawn(drawn) => {
-                self.gathered.add_wire_bytes(wire_bytes);
-                self.handle_drawn(now, from, &drawn);
-            }
+            ServerMessage::Drawn(drawn) => self.handle_drawn(now, from, &drawn),
             ServerMessage::DrawFailed { channel, frame, reason } => {
                 self.handle_draw_failed(now, from, channel, frame, reason);
             }
             ServerMessage::Shown(shown) => {
-                self.gathered.add_wire_bytes(wire_bytes);
                 let is_real = shown.epoch == self.epoch && shown.frame <= self.frame;
                 if is_real && self.registry.owns_channel(from, shown.channel) {
                     self.registry.shown(&shown);
@@ -327,13 +302,13 @@ impl Cluster {
             ServerMessage::Ping(ping) => {
                 self.registry.set_memory(from, ping.memory_bytes);
                 let pong = Pong { sent_us: ping.sent_us, received_us: now, answered_us: now };
-                self.command(vec![from], &Command::Pong(pong));
+                self.command(vec![from], Command::Pong(pong));
             }
         }
     }
 
     /// A message of this server came at `at`, and waits to be read: it is not silent.
-    pub fn handle_life(&mut self, from: SessionId, at: Micros) {
+    pub(crate) fn handle_life(&mut self, from: SessionId, at: Micros) {
         let _ = self.registry.record_heartbeat(from, at);
     }
 
@@ -353,7 +328,7 @@ impl Cluster {
     }
 
     /// Time has passed; see [`Cluster::poll_timeout`].
-    pub fn handle_timeout(&mut self, now: Micros) {
+    pub(crate) fn handle_timeout(&mut self, now: Micros) {
         for session in self.registry.timed_out(now) {
             let reason = format!("silent for more than {} ms", self.wall.heartbeat_ms);
             self.close(session, reason.clone());
@@ -366,7 +341,7 @@ impl Cluster {
         self.advance_frame(now);
     }
 
-    /// When [`Cluster::handle_timeout`] is due next, if ever.
+    /// When [`Input::Timeout`] is due next, if ever.
     pub fn poll_timeout(&self) -> Option<Micros> {
         let frame = match &self.barrier {
             Some(barrier) => Some(barrier.deadline()),
@@ -410,15 +385,10 @@ impl Cluster {
         self.wants_frame || !self.orders.is_empty()
     }
 
-    fn command(&mut self, to: Vec<SessionId>, command: &Command) {
-        if to.is_empty() {
-            return;
+    fn command(&mut self, to: Vec<SessionId>, command: Command) {
+        if !to.is_empty() {
+            self.outputs.push_back(Effect::Command { to, command: Box::new(command) });
         }
-        let bytes = polyptych_codec::encode(command);
-        if matches!(command, Command::Frame(_) | Command::Swap(_)) {
-            self.gathered.add_wire_bytes(bytes.len() * to.len());
-        }
-        self.outputs.push_back(Effect::Command { to, bytes });
     }
 
     fn send_reply(&mut self, to: ClientRequest, reply: Result<Response, RequestError>) {

@@ -26,7 +26,7 @@ impl Cluster {
     ///
     /// # Errors
     /// Why it may not have them: an unknown channel, one that another server drives.
-    pub fn handle_server(
+    pub(crate) fn handle_server(
         &mut self,
         now: Micros,
         session: SessionId,
@@ -99,12 +99,12 @@ impl Cluster {
             revision: shown,
             operations: self.shown.snapshot(),
         };
-        self.command(to_snapshot, &Command::Prepare(snapshot));
+        self.command(to_snapshot, Command::Prepare(snapshot));
         self.send_change_to(to_change);
     }
 
     /// A server's connection has ended.
-    pub fn handle_server_gone(&mut self, now: Micros, session: SessionId, reason: &str) {
+    pub(crate) fn handle_server_gone(&mut self, now: Micros, session: SessionId, reason: &str) {
         let span = self.registry.session_span(session);
         let Some(server) = span.in_scope(|| self.registry.remove(now, session, reason)) else {
             return;
@@ -120,14 +120,14 @@ impl Cluster {
     }
 
     /// A client has come.
-    pub fn handle_client(&mut self, session: SessionId, mut name: String) {
+    pub(crate) fn handle_client(&mut self, session: SessionId, mut name: String) {
         make_printable(&mut name);
         self.clients.insert(session, ClientState { name, is_subscribed: false });
         self.session_span(session).in_scope(|| tracing::info!("client joins"));
     }
 
     /// A client's connection has ended. The wall stays as it is.
-    pub fn handle_client_gone(&mut self, session: SessionId) {
+    pub(crate) fn handle_client_gone(&mut self, session: SessionId) {
         self.clients.remove(&session);
         self.orders.retain(|order| order.job.client != session);
         self.tuners.forget(session);
@@ -248,7 +248,8 @@ impl Cluster {
     fn must_see_a_frame(&self, now: Micros) -> bool {
         let comes_soon = self.pacer.is_soon(now);
         let has_shown = self.swapped.0 > 0;
-        let is_other = self.displays != OutputMode::Normal || self.pattern.is_some();
+        let is_other = self.presentation.output_mode != OutputMode::Normal
+            || self.presentation.pattern.is_some();
         !comes_soon && (self.is_going_on || has_shown || is_other)
     }
 }

@@ -103,13 +103,16 @@ impl Cluster {
         else {
             return;
         };
-        let eye = self.head.position;
+        let eye = self.presentation.head.position;
         let picture = Picture::new(&self.wall, id, eye);
-        let Some(camera) = moved(&self.camera, eye, &bounds, &picture, navigation) else { return };
-        if camera == self.camera {
+        let Some(camera) = moved(&self.presentation.camera, eye, &bounds, &picture, navigation)
+        else {
+            return;
+        };
+        if camera == self.presentation.camera {
             return;
         }
-        self.camera = camera;
+        self.presentation.camera = camera;
         self.navigator.count += 1;
         self.navigator.remember_at.get_or_insert(now + REMEMBER_WAIT);
         self.wants_frame |= !self.pacer.is_soon(now);

@@ -1,14 +1,10 @@
 //! What outlives a manager: remembered before a client is told that it was done.
 
 use polyptych_protocol::ids::{Epoch, Revision};
-use polyptych_protocol::output_mode::OutputMode;
-use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::request::Pacing;
 use polyptych_protocol::state_log::{Operation, SceneRef, check_wall_size};
 use polyptych_scene::Bounds;
-use polyptych_wall::camera::Camera;
-use polyptych_wall::head::HeadPose;
-use polyptych_wall::view::View;
 use polyptych_wall::{ChannelCalibration, Wall, calibration_change};
 use serde::{Deserialize, Serialize};
 
@@ -26,43 +22,38 @@ pub struct PersistentState {
     pub revision: Revision,
     /// The open scene.
     pub scene: Option<SceneRef>,
-    /// Where display space stands.
-    pub camera: Camera,
-    /// Where the viewer's eyes are.
-    pub head: HeadPose,
-    /// What lies over the wall's own picture.
-    pub views: Vec<View>,
-    /// Multiplies light.
-    pub exposure: f32,
+    /// What frames present: a wall that was made black does not light up with a new manager.
+    pub presentation: Presentation,
     /// How fast the wall draws by itself.
     pub pace: Option<Pacing>,
-    /// What displays show: a wall that was made black does not light up with a new manager.
-    pub displays: OutputMode,
-    /// What is beyond the first managers' memory, which stands last.
-    pub further: PersistentStateV2,
-}
-
-/// What the first managers did not remember.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct PersistentStateV2 {
-    /// What channels draw instead of the scene.
-    pub pattern: Option<TestPattern>,
     /// The adjustments of channels that were tuned, by name.
     pub tunings: Vec<(String, ChannelCalibration)>,
     /// What of the open scene is not drawn, as its manifest says.
-    #[serde(default)]
     pub notes: Vec<String>,
     /// Around everything that the open scene draws.
-    #[serde(default)]
     pub bounds: Option<Bounds>,
 }
 
 impl PersistentState {
+    /// What there is before anything was asked of this wall.
+    pub fn of_wall(wall: &Wall) -> Self {
+        Self {
+            revision: Revision::default(),
+            scene: None,
+            presentation: Presentation::new(wall.head()),
+            pace: None,
+            tunings: Vec::new(),
+            notes: Vec::new(),
+            bounds: None,
+        }
+    }
+
     /// Returns whether more differs than the camera, the head and the views, which a client sends
     /// all the time.
     pub fn differs_in_work(&self, other: &Self) -> bool {
-        let Self { camera, head, views, .. } = other.clone();
-        Self { camera, head, views, ..self.clone() } != *other
+        let Presentation { camera, head, views, .. } = other.presentation.clone();
+        let presentation = Presentation { camera, head, views, ..self.presentation.clone() };
+        Self { presentation, ..self.clone() } != *other
     }
 }
 
@@ -72,15 +63,17 @@ impl Cluster {
         let mut cluster = Self::new(wall, epoch);
         if let Some(scene) = &memory.scene {
             cluster.shown.apply(Operation::OpenScene(scene.clone()));
-            cluster.notes.clone_from(&memory.further.notes);
-            cluster.navigator.bounds = memory.further.bounds;
+            cluster.notes.clone_from(&memory.notes);
+            cluster.navigator.bounds = memory.bounds;
         }
         // It goes with the scene: lights in real units are white at any other.
-        if memory.exposure.is_finite() && memory.exposure >= 0.0 {
-            cluster.exposure = memory.exposure;
+        let Presentation { camera, head, ref views, exposure, output_mode, pattern } =
+            memory.presentation;
+        if exposure.is_finite() && exposure >= 0.0 {
+            cluster.presentation.exposure = exposure;
         }
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
-        let restored = calibration_change::reapply(&cluster.file, &memory.further.tunings)
+        let restored = calibration_change::reapply(&cluster.file, &memory.tunings)
             .and_then(|wall| check_wall_size(&wall).map(|()| wall));
         match restored {
             Ok(wall) => {
@@ -92,19 +85,19 @@ impl Cluster {
             Err(reason) => tracing::warn!(reason, "the tunings in the state file were dropped"),
         }
         // Numbers from a file are looked at as those of a client are.
-        if memory.camera.fault().is_none() {
-            cluster.camera = memory.camera;
+        if camera.fault().is_none() {
+            cluster.presentation.camera = camera;
         }
-        if let Err(reason) = cluster.set_head(memory.head) {
+        if let Err(reason) = cluster.set_head(head.into()) {
             tracing::warn!(reason, "the head that was remembered cannot be");
         }
-        if let Err(reason) = cluster.set_views(memory.views.clone()) {
+        if let Err(reason) = cluster.set_views(views.clone()) {
             tracing::warn!(reason, "the views that were remembered cannot be");
         }
         cluster.shown_digest = cluster.shown.digest();
         cluster.set_pace(memory.pace, 0);
-        cluster.displays = memory.displays;
-        cluster.pattern = memory.further.pattern;
+        cluster.presentation.output_mode = output_mode;
+        cluster.presentation.pattern = pattern;
         // Frames of another life were shown; its displays say that their manager is lost.
         cluster.is_going_on = true;
         cluster.remembered = Some(cluster.persistent_state());
@@ -117,18 +110,11 @@ impl Cluster {
         PersistentState {
             revision: self.shown.revision,
             scene: self.shown.scene.clone(),
-            camera: self.camera,
-            head: self.head,
-            views: self.views.clone(),
-            exposure: self.exposure,
+            presentation: self.presentation.clone(),
             pace: self.pacer.pace(),
-            displays: self.displays,
-            further: PersistentStateV2 {
-                pattern: self.pattern,
-                tunings,
-                notes: self.notes.clone(),
-                bounds: self.navigator.bounds,
-            },
+            tunings,
+            notes: self.notes.clone(),
+            bounds: self.navigator.bounds,
         }
     }
 

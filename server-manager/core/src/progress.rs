@@ -18,7 +18,7 @@ pub(super) fn name_of(path: &str) -> String {
 
 impl Cluster {
     /// The baker has come so far with a scene.
-    pub fn handle_progress(&mut self, job: ClientRequest, progress: OpenProgress) {
+    pub(crate) fn handle_progress(&mut self, job: ClientRequest, progress: OpenProgress) {
         let Some(import) = self.imports.iter_mut().find(|import| import.job == job) else {
             return;
         };

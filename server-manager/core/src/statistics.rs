@@ -100,7 +100,6 @@ pub(super) struct StatisticsCollector {
     /// When the first frame began.
     first: Option<Micros>,
     last: Micros,
-    wire_bytes: u64,
     late: Vec<u64>,
     totals: Counters,
 }
@@ -126,10 +125,6 @@ impl StatisticsCollector {
     /// Since the manager started.
     pub fn totals(&self) -> &Counters {
         &self.totals
-    }
-
-    pub fn add_wire_bytes(&mut self, bytes: usize) {
-        self.wire_bytes += bytes as u64;
     }
 
     /// Counts a drawing, `frame_us` after its frame began: one that came after the swap too, since
@@ -231,7 +226,8 @@ impl StatisticsCollector {
             // Servers say how many; whatever they say, it is added up.
             triangles: channels.iter().fold(0, |sum, c| sum.saturating_add(c.triangles)),
             draw_calls: channels.iter().fold(0, |sum, c| sum.saturating_add(c.draw_calls)),
-            bytes_per_frame: self.wire_bytes as f64 / self.frames.max(1) as f64,
+            // The core sees no bytes.
+            bytes_per_frame: 0.0,
             features: features.to_vec(),
             channels,
         }

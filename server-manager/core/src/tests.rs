@@ -27,6 +27,7 @@ use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, Screen, Surface};
 
 use super::*;
+use polyptych_wall::camera::Camera;
 
 const CLIENT: SessionId = SessionId(1000);
 
@@ -127,22 +128,21 @@ impl ClusterFixture {
     fn read(&mut self) {
         while let Some(output) = self.cluster.poll_effect() {
             match output {
-                Effect::Command { to, bytes } => {
-                    let command =
-                        polyptych_protocol::framing::decode::<Command>(&bytes).expect("a command");
+                Effect::Command { to, command } => {
                     for session in to {
-                        match &command {
+                        match &*command {
                             Command::Prepare(p) => self.prepares.push((session, p.clone())),
                             Command::Frame(frame) => {
-                                let most = 1024 + 80 * frame.views.len();
-                                assert!(bytes.len() < most, "{} bytes", bytes.len());
+                                let most = 1024 + 80 * frame.presentation.views.len();
+                                let bytes = polyptych_codec::encode(&*command).len();
+                                assert!(bytes < most, "{bytes} bytes");
                                 self.asked.insert(session, frame.revision);
                                 self.frames.push((session, frame.clone()));
                             }
                             _ => {}
                         }
                     }
-                    if let Command::Swap(swap) = command {
+                    if let Command::Swap(swap) = *command {
                         self.swaps.push(swap.frame);
                     }
                 }
@@ -174,7 +174,7 @@ impl ClusterFixture {
     }
 
     fn say(&mut self, from: SessionId, status: ServerMessage) {
-        self.cluster.handle_status(self.now, from, status, 10);
+        self.cluster.handle_status(self.now, from, status);
         self.read();
     }
 
@@ -413,15 +413,15 @@ fn a_restored_wall_goes_on_where_it_was() {
     let camera = Camera { scale: 3.0, ..Camera::IDENTITY };
     stage.request(Request::SetCamera(camera));
     let memory = stage.memories.pop().expect("remembered before the answer");
-    assert_eq!((memory.revision, memory.camera), (Revision(2), camera));
+    assert_eq!((memory.revision, memory.presentation.camera), (Revision(2), camera));
 
     let restored = Cluster::restore(wall(1), Epoch(8), &memory);
     assert_eq!(restored.shown, stage.cluster.shown);
     assert_eq!(restored.shown_digest, stage.cluster.shown_digest);
-    assert_eq!(restored.camera, camera);
+    assert_eq!(restored.presentation.camera, camera);
     // What another wall cannot take over was dropped before.
     let other = Cluster::restore(wall(2), Epoch(9), &memory);
-    assert_eq!((other.shown.revision, other.camera), (Revision(2), camera));
+    assert_eq!((other.shown.revision, other.presentation.camera), (Revision(2), camera));
     assert_eq!(other.shown.scene, stage.cluster.shown.scene);
 }
 
@@ -567,7 +567,7 @@ fn bad_requests_are_answered_with_what_would_be_right() {
     stage.request(Request::Run(Pacing::Rate(f64::INFINITY)));
     stage.request(Request::SetExposure(-1.0));
     stage.request(Request::OpenScene { path: String::new() });
-    stage.request(Request::SetEye(DVec3::new(0.0, 0.0, -5.0)));
+    stage.request(Request::SetHead(DVec3::new(0.0, 0.0, -5.0).into()));
     assert_eq!(stage.replies.len(), 5);
     assert!(stage.replies.iter().all(|(_, reply)| reply.is_err()), "{:?}", stage.replies);
 }

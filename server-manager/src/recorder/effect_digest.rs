@@ -67,9 +67,7 @@ impl EffectDigest {
 
 fn describe(output: &Effect) -> (char, Vec<u8>) {
     match output {
-        Effect::Command { to, bytes } => {
-            ('c', [&polyptych_codec::encode(to)[..], &bytes[..]].concat())
-        }
+        Effect::Command { to, command } => ('c', polyptych_codec::encode(&(to, command)).to_vec()),
         Effect::Answer { to, answer: MessageToClient::Feedback(feedback) } => {
             ('f', polyptych_codec::encode(&(to, frame(feedback))).to_vec())
         }

@@ -82,9 +82,7 @@ impl RandomRun {
         self.core.handle(self.now, input).expect("it may");
         while let Some(output) = self.core.poll_effect() {
             match output {
-                Effect::Command { to, bytes } => {
-                    let command: Command =
-                        polyptych_protocol::framing::decode(&bytes).expect("a command");
+                Effect::Command { to, command } => {
                     for session in to {
                         self.obey(session, &command);
                     }
@@ -181,12 +179,12 @@ impl RandomRun {
             10..20 => {
                 if let Some(from) = first {
                     let status = ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 5 });
-                    self.tell(Input::Status { from, status, wire_bytes: 9 });
+                    self.tell(Input::Status { from, status });
                 }
             }
             _ => {
                 if let Some((from, status)) = self.statuses.pop_front() {
-                    self.tell(Input::Status { from, status, wire_bytes: 40 });
+                    self.tell(Input::Status { from, status });
                 }
             }
         }

@@ -191,21 +191,19 @@ impl Timeline {
 
     fn note_output(&mut self, now: Micros, output: &Effect) {
         match output {
-            Effect::Command { bytes, .. } => {
-                match polyptych_protocol::framing::decode::<Command>(bytes) {
-                    Ok(Command::Frame(_)) => self.began = Some(now),
-                    Ok(Command::Swap(_)) => {
-                        self.summary.frames += 1;
-                        let began = self.began.take().unwrap_or(now);
-                        let took_ms = now.saturating_sub(began) as f64 / 1000.0;
-                        if took_ms > self.summary.longest_frame_ms {
-                            self.summary.longest_frame_ms = took_ms;
-                            self.summary.longest_frame_at_s = now as f64 / 1e6;
-                        }
+            Effect::Command { command, .. } => match &**command {
+                Command::Frame(_) => self.began = Some(now),
+                Command::Swap(_) => {
+                    self.summary.frames += 1;
+                    let began = self.began.take().unwrap_or(now);
+                    let took_ms = now.saturating_sub(began) as f64 / 1000.0;
+                    if took_ms > self.summary.longest_frame_ms {
+                        self.summary.longest_frame_ms = took_ms;
+                        self.summary.longest_frame_at_s = now as f64 / 1e6;
                     }
-                    _ => {}
                 }
-            }
+                _ => {}
+            },
             Effect::Answer { to, answer: MessageToClient::Reply { reply, .. } } => {
                 self.summary.answers += 1;
                 if let Err(failure) = reply {
@@ -233,9 +231,7 @@ fn is_everyday(request: &Request) -> bool {
         request,
         Request::RenderFrame { .. }
             | Request::SetCamera(_)
-            | Request::SetEye(_)
             | Request::SetHead(_)
-            | Request::DescribeSight
             | Request::Status
             | Request::DescribeWall
             | Request::Statistics { .. }

@@ -52,7 +52,6 @@ pub(super) fn of_request(request: &Request) -> String {
             let at = camera.position;
             format!("{name} to {:.3},{:.3},{:.3}", at.x, at.y, at.z)
         }
-        Request::SetEye(at) => format!("{name} to {:.3},{:.3},{:.3} m", at.x, at.y, at.z),
         Request::SetHead(head) => {
             let at = head.position;
             format!("{name} to {:.3},{:.3},{:.3} m", at.x, at.y, at.z)
@@ -143,7 +142,7 @@ mod tests {
                 "the client of session 3 asked, with number 7: stop the manager",
             ),
             (
-                Input::Status { from: SessionId(1), status: failed, wire_bytes: 9 },
+                Input::Status { from: SessionId(1), status: failed },
                 "the server of session 1 said: channel number 2 cannot draw frame 9: out of memory",
             ),
         ] {

@@ -4,7 +4,7 @@ use polyptych_core::{Input, Micros, SessionId};
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::process;
-use polyptych_protocol::request::{MessageToClient, Response};
+use polyptych_protocol::request::{MessageToClient, Request, Response};
 use tokio::time::{Duration, Instant};
 
 use super::EventLoop;
@@ -73,17 +73,22 @@ impl EventLoop {
                 seat.is_none_or(|seat| seat.link.has_room() || seat.link.outbox.is_closed())
             };
             let Some((from, asked)) = self.turns.next(now, may_ask) else { return };
+            let mut is_reset = false;
             match asked {
                 Asked::Call(call, _room) => {
                     if let Some(seat) = self.clients.get_mut(&from) {
                         seat.asked_at = Instant::now();
                     }
                     let (id, request) = (call.id, call.request);
+                    is_reset = matches!(request, Request::Statistics { reset: true });
                     self.tell(now, Input::Request { client: from, id, request });
                 }
                 Asked::Gone(reason) => self.forget(from, &reason),
             }
             self.carry_out();
+            if is_reset {
+                self.frame_bytes = 0;
+            }
             self.turns.spend(self.now() - now);
             if self.stopping.is_some() {
                 return;
@@ -113,6 +118,11 @@ impl EventLoop {
             status.warnings.extend(self.keeper.as_ref().and_then(Keeper::warning));
             status.warnings.extend(self.cluster.warning());
             status.memory_bytes = process::resident_bytes().unwrap_or(0);
+        }
+        if let MessageToClient::Reply { reply: Ok(Response::Statistics(statistics)), .. } =
+            &mut answer
+        {
+            statistics.bytes_per_frame = self.frame_bytes as f64 / statistics.frames.max(1) as f64;
         }
         let is_sent = link.send(polyptych_codec::encode(&answer));
         // One that is gone already says why itself.

@@ -42,8 +42,8 @@ pub(super) fn start_cluster(
         match import::read_manifest(&folder, scene.manifest) {
             Ok(import) => {
                 allowed.allow(&import.blobs);
-                memory.further.notes = import.scene.summary.notes;
-                memory.further.bounds = import.scene.summary.bounds;
+                memory.notes = import.scene.summary.notes;
+                memory.bounds = import.scene.summary.bounds;
             }
             Err(reason) => {
                 tracing::warn!(scene = scene.name, reason, "the last scene is not there any more");

@@ -79,14 +79,11 @@ mod tests {
 
     use fastrand::Rng;
     use polyptych_protocol::ids::Revision;
-    use polyptych_protocol::output_mode::OutputMode;
     use polyptych_wall::Wall;
-    use polyptych_wall::camera::Camera;
-    use polyptych_wall::head::HeadPose;
 
     use super::*;
     use crate::state_file::{StateFile, decode};
-    use polyptych_core::{PersistentState, PersistentStateV2};
+    use polyptych_core::PersistentState;
 
     /// States that are acknowledged in an ordinary run.
     const ACKNOWLEDGED: u64 = 100_000;
@@ -198,14 +195,7 @@ mod tests {
     fn memory(revision: u64) -> PersistentState {
         PersistentState {
             revision: Revision(revision),
-            scene: None,
-            camera: Camera::IDENTITY,
-            head: HeadPose::facing_forward(glam::DVec3::Y, 0.06),
-            views: Vec::new(),
-            exposure: 1.0,
-            pace: None,
-            displays: OutputMode::Normal,
-            further: PersistentStateV2::default(),
+            ..PersistentState::of_wall(&Wall::new("w", vec![], vec![]))
         }
     }
 

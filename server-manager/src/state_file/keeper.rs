@@ -261,13 +261,13 @@ fn next(
 mod tests {
     use std::sync::mpsc;
 
-    use polyptych_protocol::ids::{Epoch, RequestId};
+    use polyptych_protocol::ids::{RequestId, Revision};
     use polyptych_protocol::request::{RequestError, Response};
     use polyptych_wall::Wall;
     use polyptych_wall::view::View;
 
     use super::*;
-    use polyptych_core::Cluster;
+    use polyptych_wall::camera::Camera;
 
     /// A disk that does what the test says, one write after the other.
     struct Disk {
@@ -305,10 +305,10 @@ mod tests {
     }
 
     fn memory(revision: u64) -> PersistentState {
-        let wall = Wall::new("w", vec![], vec![]);
-        let mut memory = Cluster::new(wall, Epoch(1)).persistent_state();
-        memory.revision.0 = revision;
-        memory
+        PersistentState {
+            revision: Revision(revision),
+            ..PersistentState::of_wall(&Wall::new("w", vec![], vec![]))
+        }
     }
 
     fn done(id: u64) -> MessageToClient {
@@ -378,8 +378,8 @@ mod tests {
     fn a_camera_is_not_synced_and_a_tuning_is() {
         let before = memory(1);
         let mut moved = before.clone();
-        moved.camera.position.x += 1.0;
-        moved.views = vec![View::of_wall(moved.camera)];
+        moved.presentation.camera.position.x += 1.0;
+        moved.presentation.views = vec![View::of_wall(Camera::IDENTITY)];
         assert!(!before.differs_in_work(&moved));
         assert!(before.differs_in_work(&memory(2)));
     }

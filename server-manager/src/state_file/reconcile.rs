@@ -42,18 +42,18 @@ impl Reconciled {
 /// Returns the saved state as far as it is valid for this wall, and what is not.
 pub(crate) fn reconcile(saved: Saved, wall: &Wall) -> Reconciled {
     let Saved { wall: old, mut memory } = saved;
-    let tunings = carried_over(&old, &memory.further.tunings, wall);
-    let before = reapply(&old, &memory.further.tunings).unwrap_or_else(|_| old.clone());
+    let tunings = carried_over(&old, &memory.tunings, wall);
+    let before = reapply(&old, &memory.tunings).unwrap_or_else(|_| old.clone());
     // Carried over means that the wall takes them.
     let tuned = reapply(wall, &tunings.tunings).unwrap_or_else(|_| wall.clone());
     let mut dropped = Vec::new();
-    memory.head = head(&old, memory.head, wall);
-    if let Err(error) = tuned.check_head(&memory.head) {
+    memory.presentation.head = head(&old, memory.presentation.head, wall);
+    if let Err(error) = tuned.check_head(&memory.presentation.head) {
         dropped.push(("the viewer's head".to_owned(), error.to_string()));
-        memory.head = wall.head();
+        memory.presentation.head = wall.head();
     }
-    memory.views = views(&old, &memory.views, &tuned, &mut dropped);
-    memory.further.tunings.clone_from(&tunings.tunings);
+    memory.presentation.views = views(&old, &memory.presentation.views, &tuned, &mut dropped);
+    memory.tunings.clone_from(&tunings.tunings);
     if before.without_paths() != tuned.without_paths() {
         // Another wall is another state, which needs another number.
         memory.revision.0 += 1;

@@ -214,10 +214,11 @@ fn wall_in_words(status: &WallStatus, rates: &Rates) -> String {
 
 /// What displays and channels show instead of the scene, and how that ends.
 fn modes_in_words(status: &WallStatus) -> impl Iterator<Item = String> {
-    let mode = status.displays.name();
-    let displays = (status.displays != OutputMode::Normal)
+    let mode = status.presentation.output_mode.name();
+    let displays = (status.presentation.output_mode != OutputMode::Normal)
         .then(|| ["displays: ", mode, ", until: polyptych ", mode, " --off"].concat());
     let pattern = status
+        .presentation
         .pattern
         .map(|pattern| ["pattern: ", pattern.name(), ", until: polyptych pattern --off"].concat());
     displays.into_iter().chain(pattern)

@@ -10,7 +10,7 @@ use std::time::Instant;
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, ClientHello, Hello, Preamble, Role, Secret, ServerHello, Welcome,
 };
-use polyptych_protocol::handshake_io::{MessageStream, send_hello};
+use polyptych_protocol::handshake_io::{ConnectionError, MessageStream, send_hello};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::stream::Stream;
 use polyptych_tls::{Credentials, connect};
@@ -123,7 +123,10 @@ async fn shake(address: &str, config: ClientConfig) -> Result<(), String> {
     let tls = TlsConnector::from(Arc::new(config)).connect(name, tcp).await;
     let tls = tls.map_err(|error| polyptych_tls::describe(&error))?;
     let introduced = send_hello(tls, Role::Client, &client("x"), &no_token()).await;
-    introduced.map(drop).map_err(|error| error.to_string())
+    introduced.map(drop).map_err(|error| match error {
+        ConnectionError::Io(error) => polyptych_tls::describe(&error),
+        other => other.to_string(),
+    })
 }
 
 #[test]

@@ -18,6 +18,7 @@ use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::navigation::Navigation;
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::{OpenProgress, Opening};
 use polyptych_protocol::request::{
     self, CaptureInfo, ImageChunk, ImageInfo, Pacing, Request, RequestError, RequestMessage,
@@ -132,12 +133,14 @@ fn commands() -> Vec<Command> {
         frame: FrameId(1),
         time_s: 1.5,
         revision: Revision(1),
-        views: vec![view(Area::Wall), view(part)],
-        head: HeadPose::facing_forward(DVec3::new(0.0, 0.1, 0.2), 0.06),
-        exposure: 1.0,
+        presentation: Presentation {
+            camera: camera(),
+            views: vec![view(Area::Wall), view(part)],
+            output_mode: OutputMode::Identify,
+            pattern: Some(TestPattern::Overlap),
+            ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 0.1, 0.2), 0.06))
+        },
         capture: true,
-        display: OutputMode::Identify,
-        pattern: Some(TestPattern::Overlap),
     };
     let (base, revision) = (Some(Revision(1)), Revision(2));
     vec![
@@ -216,7 +219,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::OpenScene { path: "town.glb".into() },
         Request::CloseScene,
         Request::SetCamera(camera()),
-        Request::SetEye(DVec3::new(0.0, 0.1, 0.2)),
+        Request::SetHead(DVec3::new(0.0, 0.1, 0.2).into()),
         Request::SetExposure(2.0),
         Request::RenderFrame { camera: Some(camera()), time_s: Some(1.0) },
         Request::RenderFrame { camera: None, time_s: None },
@@ -232,9 +235,8 @@ fn calls() -> Vec<RequestMessage> {
         Request::StopServers,
         Request::OpenOutcome { session: 7, of: RequestId(9) },
         Request::SetDisplays(OutputMode::Blank),
-        Request::SetHead(HeadPose::facing_forward(DVec3::Y, 0.06)),
+        Request::SetHead(HeadPose::facing_forward(DVec3::Y, 0.06).into()),
         Request::SetViews(vec![View::of_wall(camera()), plan()]),
-        Request::DescribeSight,
         Request::SetPattern(Some(TestPattern::Focus)),
         Request::Tune { channel: "a-1-1".into(), changes: tuning() },
     ];
@@ -299,8 +301,11 @@ fn status() -> WallStatus {
         notes: vec!["animations: 1 is not played".into()],
         opening: vec![Opening { scene: "town".into(), progress: OpenProgress::NONE }],
         memory_bytes: 81_000_000,
-        displays: OutputMode::Freeze,
-        pattern: Some(TestPattern::Grid),
+        presentation: Presentation {
+            output_mode: OutputMode::Freeze,
+            pattern: Some(TestPattern::Grid),
+            ..Presentation::new(HeadPose::facing_forward(DVec3::Y, 0.06))
+        },
     }
 }
 

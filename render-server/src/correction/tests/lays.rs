@@ -24,7 +24,8 @@ fn codes(wall: &Wall, maps: &CalibrationMaps, scene: &GpuScene, views: &[View]) 
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
     renderer.prepare_for(gpu(), scene, ImageEncoding::Light);
     let mut output = ChannelOutput::new("curve".into(), None, None);
-    let frame = Frame { views: views.to_vec(), ..frame(wall.head()) };
+    let mut frame = frame(wall.head());
+    frame.presentation.views = views.to_vec();
     wall.check_views(views).expect("views that can be");
     let drawing = (&mut renderer, scene);
     corrector.draw(gpu(), drawing, wall, &frame, &mut output).expect("drawn");

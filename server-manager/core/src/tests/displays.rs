@@ -18,12 +18,12 @@ impl ClusterFixture {
         };
         // The report comes at once.
         let from = SessionId(u64::from(channel));
-        self.cluster.handle_status(shown.at_us, from, ServerMessage::Shown(shown), 10);
+        self.cluster.handle_status(shown.at_us, from, ServerMessage::Shown(shown));
         self.read();
     }
 
     fn mode_of_last_frame(&self) -> OutputMode {
-        self.frames.last().expect("a frame was sent").1.display
+        self.frames.last().expect("a frame was sent").1.presentation.output_mode
     }
 }
 
@@ -38,8 +38,11 @@ fn a_paused_wall_draws_one_frame_for_a_mode_and_answers_when_it_is_swapped() {
     assert_eq!((stage.replies.len(), stage.memories.len()), (0, 0), "not all have drawn it");
     stage.draw(&[1], 1_000);
     assert!(stage.is_answered_by_a_whole_frame(id), "{:?}", stage.replies);
-    assert_eq!(stage.memories.pop().expect("remembered").displays, OutputMode::Blank);
-    assert_eq!(stage.cluster.status(stage.now).displays, OutputMode::Blank);
+    assert_eq!(
+        stage.memories.pop().expect("remembered").presentation.output_mode,
+        OutputMode::Blank
+    );
+    assert_eq!(stage.cluster.status(stage.now).presentation.output_mode, OutputMode::Blank);
     stage.wait(1_500_000);
     assert_eq!(stage.swaps.len(), 1, "and no frame more");
     // It holds for all frames that follow, captures among them.
@@ -90,7 +93,7 @@ fn a_restored_wall_is_as_black_as_it_was_and_shows_itself_to_servers_that_come_b
     stage.draw(&[0], 1_000);
     let mut memory = stage.memories.pop().expect("remembered");
     for displays in [OutputMode::Blank, OutputMode::Normal] {
-        memory.displays = displays;
+        memory.presentation.output_mode = displays;
         let mut stage = ClusterFixture::empty(2);
         stage.cluster = Cluster::restore(wall(2), Epoch(7), &memory);
         stage.cluster.handle_client(CLIENT, "test".into());
@@ -106,10 +109,10 @@ fn a_restored_wall_is_as_black_as_it_was_and_shows_itself_to_servers_that_come_b
         stage.wait(1_500_000);
         assert_eq!(stage.swaps.len(), 2);
         // Another wall's memory says nothing about displays: to be on the safe side, it holds.
-        assert_eq!(stage.cluster.displays, displays);
+        assert_eq!(stage.cluster.presentation.output_mode, displays);
     }
     // Once a client has ordered frames, whoever comes is given the present one.
-    memory.displays = OutputMode::Normal;
+    memory.presentation.output_mode = OutputMode::Normal;
     let mut stage = ClusterFixture::empty(1);
     stage.cluster = Cluster::restore(wall(1), Epoch(7), &memory);
     stage.cluster.handle_client(CLIENT, "test".into());

@@ -70,13 +70,13 @@ fn a_frame_that_a_replica_in_doubt_has_drawn_is_not_shown_by_it() {
     let mut stage = ClusterFixture::new(2);
     stage.order_frame();
     let wrong = FrameRendered { digest: Digest(1), ..stage.drawn(1) };
-    stage.cluster.handle_status(stage.now, SessionId(1), ServerMessage::Drawn(wrong), 10);
+    stage.cluster.handle_status(stage.now, SessionId(1), ServerMessage::Drawn(wrong));
     let drawn = stage.drawn(0);
-    stage.cluster.handle_status(stage.now, SessionId(0), ServerMessage::Drawn(drawn), 10);
+    stage.cluster.handle_status(stage.now, SessionId(0), ServerMessage::Drawn(drawn));
     let mut told = Vec::new();
     while let Some(output) = stage.cluster.poll_effect() {
-        if let Effect::Command { to, bytes } = output
-            && let Ok(Command::Swap(_)) = polyptych_protocol::framing::decode::<Command>(&bytes)
+        if let Effect::Command { to, command } = output
+            && matches!(*command, Command::Swap(_))
         {
             told.extend(to);
         }

@@ -29,13 +29,13 @@ fn what_was_drawn_wrong_is_not_swapped() {
     let mut stage = ClusterFixture::new(2);
     stage.order_frame();
     let wrong = FrameRendered { digest: Digest(1), ..stage.drawn(1) };
-    stage.cluster.handle_status(stage.now, SessionId(1), ServerMessage::Drawn(wrong), 10);
+    stage.cluster.handle_status(stage.now, SessionId(1), ServerMessage::Drawn(wrong));
     let right = stage.drawn(0);
-    stage.cluster.handle_status(stage.now, SessionId(0), ServerMessage::Drawn(right), 10);
+    stage.cluster.handle_status(stage.now, SessionId(0), ServerMessage::Drawn(right));
     let mut asked_to_show = Vec::new();
     while let Some(output) = stage.cluster.poll_effect() {
-        if let Effect::Command { to, bytes } = output
-            && let Ok(Command::Swap(_)) = polyptych_protocol::framing::decode(&bytes)
+        if let Effect::Command { to, command } = output
+            && matches!(*command, Command::Swap(_))
         {
             asked_to_show.extend(to);
         }

@@ -3,6 +3,7 @@
 use polyptych_protocol::navigation::Navigation;
 
 use super::*;
+use polyptych_wall::camera::Camera;
 
 fn turn(channel: &str) -> ServerMessage {
     let orbit_rad = DVec2::new(0.5, 0.1);
@@ -28,12 +29,12 @@ fn with_scene() -> ClusterFixture {
 #[test]
 fn a_paused_wall_draws_one_frame_for_each_move_and_all_channels_see_it() {
     let mut stage = with_scene();
-    let before = stage.cluster.camera;
+    let before = stage.cluster.presentation.camera;
     stage.say(SessionId(1), turn("c1"));
     stage.wait(1_000);
-    let cameras: Vec<_> = stage.frames.iter().map(|(_, frame)| frame.views[0].camera).collect();
-    assert_eq!(cameras, [stage.cluster.camera; 2]);
-    assert!(stage.cluster.camera != before);
+    let cameras: Vec<_> = stage.frames.iter().map(|(_, frame)| frame.presentation.camera).collect();
+    assert_eq!(cameras, [stage.cluster.presentation.camera; 2]);
+    assert!(stage.cluster.presentation.camera != before);
     // Two moves while it is drawn make one frame more.
     stage.say(SessionId(1), turn("c1"));
     stage.say(SessionId(0), turn("c0"));
@@ -42,7 +43,7 @@ fn a_paused_wall_draws_one_frame_for_each_move_and_all_channels_see_it() {
     stage.draw(&[0, 1], 1_000);
     stage.wait(1_000_000);
     assert_eq!(stage.frames.len(), 4, "two frames for two servers");
-    assert_eq!(stage.frames[3].1.views[0].camera, stage.cluster.camera);
+    assert_eq!(stage.frames[3].1.presentation.camera, stage.cluster.presentation.camera);
 }
 
 #[test]
@@ -55,12 +56,12 @@ fn a_camera_that_a_mouse_has_set_is_persisted_once_it_rests() {
     stage.draw(&[0, 1], 1_000);
     stage.wait(600_000);
     let memory = stage.memories.last().expect("it is persisted").clone();
-    assert_eq!(memory.camera, stage.cluster.camera);
+    assert_eq!(memory.presentation.camera, stage.cluster.presentation.camera);
     assert!(stage.memories.len() <= 2, "{} times", stage.memories.len());
     // Another manager turns about the same scene.
     let mut restored = Cluster::restore(wall(2), Epoch(8), &memory);
     restored.set_navigable(true);
-    assert_eq!(restored.camera, stage.cluster.camera);
+    assert_eq!(restored.presentation.camera, stage.cluster.presentation.camera);
     assert_eq!(restored.navigator.bounds, stage.cluster.navigator.bounds);
 }
 
@@ -79,7 +80,7 @@ fn feedback_counts_moves_so_that_a_client_can_yield() {
 #[test]
 fn moves_that_no_window_of_the_server_can_make_are_ignored() {
     let mut stage = with_scene();
-    let before = stage.cluster.camera;
+    let before = stage.cluster.presentation.camera;
     let none = Navigation::none("c0");
     for (from, status) in [
         (0, turn("c1")),
@@ -100,7 +101,7 @@ fn moves_that_no_window_of_the_server_can_make_are_ignored() {
     stage.cluster.set_navigable(false);
     stage.say(SessionId(0), turn("c0"));
     stage.wait(100_000);
-    assert_eq!((stage.cluster.camera, stage.frames.len()), (before, 0));
+    assert_eq!((stage.cluster.presentation.camera, stage.frames.len()), (before, 0));
     // Without a scene there is nothing to turn about.
     let mut stage = ClusterFixture::new(1);
     stage.say(SessionId(0), turn("c0"));

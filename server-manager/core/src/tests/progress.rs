@@ -117,7 +117,7 @@ fn notes_of_a_scene_stand_in_status_and_memory_until_another_is_shown() {
     stage.read();
     stage.prepare(SessionId(0));
     assert_eq!(stage.cluster.status(stage.now).notes, notes);
-    assert_eq!(stage.memories.last().map(|memory| &memory.further.notes), Some(&notes));
+    assert_eq!(stage.memories.last().map(|memory| &memory.notes), Some(&notes));
     stage.request(Request::CloseScene);
     stage.prepare(SessionId(0));
     assert_eq!(stage.cluster.status(stage.now).notes, [] as [String; 0]);

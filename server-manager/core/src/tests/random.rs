@@ -9,6 +9,9 @@ use polyptych_wall::view::Area;
 use proptest::prelude::*;
 
 use super::*;
+use polyptych_protocol::pattern::TestPattern;
+use polyptych_wall::camera::Camera;
+use polyptych_wall::view::View;
 
 #[derive(Clone, Debug)]
 enum Step {
@@ -142,8 +145,8 @@ proptest! {
             // What frames show fits the wall that they name, whatever came in between.
             let cluster = &stage.cluster;
             prop_assert_eq!(cluster.shown.wall.as_deref(), Some(&cluster.wall));
-            prop_assert_eq!(cluster.camera.fault(), None);
-            prop_assert_eq!(cluster.check_view_state(&cluster.wall), Ok(()));
+            prop_assert_eq!(cluster.presentation.camera.fault(), None);
+            prop_assert_eq!(cluster.check_presentation(&cluster.wall), Ok(()));
             // A server that the core has let go of is gone for the test as well.
             for session in std::mem::take(&mut stage.closed) {
                 sessions.retain(|_, s| *s != session);

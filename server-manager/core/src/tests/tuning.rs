@@ -9,6 +9,7 @@ use polyptych_wall::view::{Area, View};
 
 use super::super::calibrate::TUNERS_MAX;
 use super::*;
+use polyptych_wall::camera::Camera;
 
 fn pin(x: f64) -> CalibrationChange {
     CalibrationChange::Pin { corner: Corner::UpperLeft, to: Offset::To(DVec2::new(x, 0.0)) }
@@ -317,7 +318,7 @@ fn a_restarted_manager_has_the_tuned_wall() {
     stage.draw(&[0, 1], 1_000);
     let memory = stage.memories.pop().expect("remembered");
     let tuned = stage.cluster.wall.clone();
-    let pattern_of = |cluster: &Cluster| cluster.status(0).pattern;
+    let pattern_of = |cluster: &Cluster| cluster.status(0).presentation.pattern;
 
     let again = Cluster::restore(wall(2), Epoch(8), &memory);
     assert_eq!((&again.wall, again.shown.wall.as_deref()), (&tuned, Some(&tuned)));
@@ -334,21 +335,22 @@ fn all_channels_change_their_pattern_with_one_frame_and_joiners_have_it() {
     let mut stage = ClusterFixture::new(2);
     stage.memories.clear();
     let id = stage.request(Request::SetPattern(Some(TestPattern::Checker)));
-    let patterns: Vec<_> = stage.frames.iter().map(|(_, frame)| frame.pattern).collect();
+    let patterns: Vec<_> =
+        stage.frames.iter().map(|(_, frame)| frame.presentation.pattern).collect();
     assert_eq!(patterns, [Some(TestPattern::Checker); 2]);
     stage.draw(&[0, 1], 1_000);
     assert!(stage.is_answered_by_a_whole_frame(id), "{:?}", stage.replies);
     let memory = stage.memories.pop().expect("remembered");
-    assert_eq!(memory.further.pattern, Some(TestPattern::Checker));
+    assert_eq!(memory.presentation.pattern, Some(TestPattern::Checker));
     stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
     stage.clear();
     stage.join(SessionId(1), 1).expect("joined");
     stage.prepare_all();
     let (to, frame) = stage.frames.last().expect("a frame for the joiner");
-    assert_eq!((*to, frame.pattern), (SessionId(1), Some(TestPattern::Checker)));
+    assert_eq!((*to, frame.presentation.pattern), (SessionId(1), Some(TestPattern::Checker)));
     stage.draw(&[0, 1], 1_000);
     stage.request(Request::SetPattern(None));
-    assert_eq!(stage.frames.last().expect("a frame").1.pattern, None);
+    assert_eq!(stage.frames.last().expect("a frame").1.presentation.pattern, None);
 }
 
 /// Views in rows and columns, which divide the second channel into more parts than a tile may
@@ -367,7 +369,7 @@ fn a_tuning_under_views_that_it_leaves_no_place_for_is_refused() {
     stage.prepare_all();
     stage.draw(&[0, 1], 1_000);
     stage.request(Request::SetViews(net()));
-    assert_eq!(stage.cluster.views.len(), 32);
+    assert_eq!(stage.cluster.presentation.views.len(), 32);
     let pinned = stage.cluster.wall.clone();
     let id = stage.tune(pin(0.0));
     for part in ["c1: the views", "256 rectangles", "take them away first"] {
@@ -397,14 +399,14 @@ fn views_are_refused_that_a_tuning_on_its_way_leaves_no_place_for() {
     refused(&mut stage);
     stage.prepare_all();
     refused(&mut stage);
-    assert!(stage.cluster.views.is_empty());
+    assert!(stage.cluster.presentation.views.is_empty());
 }
 
 #[test]
 fn a_tuning_under_a_head_that_cannot_be_there_is_refused() {
     let mut stage = ClusterFixture::new(2);
     // No request leads to this head; a wall is not tuned under it all the same.
-    stage.cluster.head = HeadPose::facing_forward(DVec3::Z * -1.25, 0.06);
+    stage.cluster.presentation.head = HeadPose::facing_forward(DVec3::Z * -1.25, 0.06);
     let id = stage.tune(pin(1.0));
     for part in ["c1: the head", "behind screen front", "move it first"] {
         assert!(stage.failure(id).contains(part), "{part} is not in {}", stage.failure(id));

@@ -1,9 +1,9 @@
 //! Remembered states that meet a changed wall.
 
 use glam::{DVec2, DVec3};
-use polyptych_core::PersistentStateV2;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::output_mode::OutputMode;
+use polyptych_protocol::presentation::Presentation;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::{ChannelCalibration, EYE_SEPARATION_DEFAULT_M};
 
@@ -43,17 +43,14 @@ fn saved() -> Saved {
     tuned.pin[0] = DVec2::ONE;
     let memory = PersistentState {
         revision: Revision(7),
-        scene: None,
-        camera: Camera { scale: 2.0, ..Camera::IDENTITY },
-        head: wall.head(),
-        views: vec![view(0, [0, 0, 50, 50]), view(1, [0, 0, 100, 100])],
-        exposure: 1.0,
-        pace: None,
-        displays: OutputMode::Blank,
-        further: PersistentStateV2 {
-            tunings: vec![("floor".to_owned(), tuned)],
-            ..PersistentStateV2::default()
+        presentation: Presentation {
+            camera: Camera { scale: 2.0, ..Camera::IDENTITY },
+            views: vec![view(0, [0, 0, 50, 50]), view(1, [0, 0, 100, 100])],
+            output_mode: OutputMode::Blank,
+            ..Presentation::new(wall.head())
         },
+        tunings: vec![("floor".to_owned(), tuned)],
+        ..PersistentState::of_wall(&wall)
     };
     Saved { wall: wall.without_paths(), memory }
 }
@@ -73,17 +70,20 @@ fn the_same_wall_has_the_same_state() {
 fn an_edited_eye_moves_a_head_that_stood_there_and_no_other() {
     let edited = WALL.replace("name = \"w\"", "name = \"w\"\neye = [0.0, 0.25, 0.0]");
     let new = after(&edited);
-    assert_eq!(new.memory.head.position, DVec3::Y * 0.25);
-    assert_eq!(new.memory.views, saved().memory.views);
-    assert_eq!(new.memory.further, saved().memory.further);
+    assert_eq!(new.memory.presentation.head.position, DVec3::Y * 0.25);
+    assert_eq!(new.memory.presentation.views, saved().memory.presentation.views);
+    assert_eq!(new.memory.tunings, saved().memory.tunings);
     assert_eq!((new.changes.len(), new.changes[0].key.as_str()), (1, "wall.eye"));
     assert_eq!(new.memory.revision, Revision(8), "another state, another number");
     assert!(!new.has_dropped(), "{new:?}");
 
     let mut moved = saved();
-    moved.memory.head.position = DVec3::X * 0.5;
+    moved.memory.presentation.head.position = DVec3::X * 0.5;
     let new = reconcile(moved, &parsed(&edited));
-    assert_eq!(new.memory.head, HeadPose::facing_forward(DVec3::X * 0.5, EYE_SEPARATION_DEFAULT_M));
+    assert_eq!(
+        new.memory.presentation.head,
+        HeadPose::facing_forward(DVec3::X * 0.5, EYE_SEPARATION_DEFAULT_M)
+    );
 }
 
 #[test]
@@ -93,30 +93,30 @@ fn a_view_follows_its_screen_and_is_dropped_with_it() {
     let head = "[wall]\n    name = \"w\"\n";
     let swapped = [head, floor, &front.replace(head.trim_start(), "")].concat();
     let new = after(&swapped.replacen("    [wall]\n    name = \"w\"\n", "", 1));
-    let screens: Vec<_> = new.memory.views.iter().map(|view| view.area).collect();
+    let screens: Vec<_> = new.memory.presentation.views.iter().map(|view| view.area).collect();
     let area = |screen, rect| Area::Screen { screen, rect };
     assert_eq!(screens, [area(1, [0, 0, 50, 50]), area(0, [0, 0, 100, 100])]);
 
     let new = after(front);
-    assert_eq!(new.memory.views, [view(0, [0, 0, 50, 50])]);
+    assert_eq!(new.memory.presentation.views, [view(0, [0, 0, 50, 50])]);
     let [(what, reason)] = &new.dropped[..] else { panic!("{:?}", new.dropped) };
     assert_eq!(what, "view 2");
     assert!(reason.contains("no screen floor"), "{reason}");
     assert_eq!(new.tunings.dropped.len(), 1, "and its channel's tuning");
-    assert_eq!(new.memory.camera, saved().memory.camera);
+    assert_eq!(new.memory.presentation.camera, saved().memory.presentation.camera);
 }
 
 #[test]
 fn a_view_beyond_the_canvas_and_a_head_behind_a_screen_are_dropped() {
     let new = after(&WALL.replace("pixels = [100, 100]", "pixels = [80, 80]"));
-    assert_eq!(new.memory.views.len(), 1);
+    assert_eq!(new.memory.presentation.views.len(), 1);
     assert_eq!(new.dropped.len(), 1, "{:?}", new.dropped);
 
     let mut moved = saved();
-    moved.memory.head.position = DVec3::Z * -1.5;
+    moved.memory.presentation.head.position = DVec3::Z * -1.5;
     let nearer = parsed(&WALL.replace("[0.0, 0.0, -2.0]", "[0.0, 0.0, -1.0]"));
     let new = reconcile(moved, &nearer);
-    assert_eq!(new.memory.head, nearer.head());
+    assert_eq!(new.memory.presentation.head, nearer.head());
     let [(what, reason)] = &new.dropped[..] else { panic!("{:?}", new.dropped) };
     assert!(what.contains("head") && reason.contains("front"), "{what}: {reason}");
 }

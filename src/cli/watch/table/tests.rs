@@ -1,6 +1,9 @@
 //! The table of walls that are well, ill, large and gone.
 
-use polyptych_client::{ChannelState, ChannelStatus, OutputMode, Skew, WallStatus};
+use polyptych_client::glam::DVec3;
+use polyptych_client::{
+    ChannelState, ChannelStatus, HeadPose, OutputMode, Presentation, Skew, WallStatus,
+};
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
 use unicode_width::UnicodeWidthStr;
 
@@ -37,8 +40,7 @@ pub fn wall(channels: usize) -> WallStatus {
         notes: Vec::new(),
         opening: Vec::new(),
         memory_bytes: 81_000_000,
-        displays: OutputMode::Normal,
-        pattern: None,
+        presentation: Presentation::new(HeadPose::facing_forward(DVec3::X, 0.05)),
     }
 }
 
@@ -94,8 +96,8 @@ fn one_look_and_a_watched_table_say_the_same() {
     let mut status = wall(3);
     trouble(&mut status, 1, ChannelState::Lost, "it closed the connection");
     status.warnings = (0..5).map(|n| format!("number {n}")).collect();
-    status.displays = OutputMode::Blank;
-    status.pattern = polyptych_client::TestPattern::from_name("grid");
+    status.presentation.output_mode = OutputMode::Blank;
+    status.presentation.pattern = polyptych_client::TestPattern::from_name("grid");
     let rates = Rates::default();
     let looked = text(&status);
     let looked: Vec<&str> = looked.lines().collect();

@@ -171,7 +171,7 @@ impl Simulation {
         }
         let moves = |cluster: &Cluster| cluster.navigator.count;
         let before = self.manager.cluster.as_ref().map(moves);
-        self.core(|cluster, now| cluster.handle_status(now, session, status, 40));
+        self.core(|cluster, now| cluster.handle_status(now, session, status));
         if self.manager.cluster.as_ref().map(moves) > before {
             self.coverage.count("camera moved by a mouse");
             self.watch.camera_moves();
@@ -308,17 +308,15 @@ impl Simulation {
 
     fn perform(&mut self, output: Effect) -> Check {
         match output {
-            Effect::Command { to, bytes } => {
-                let command = polyptych_protocol::framing::decode::<Command>(&bytes)
-                    .map_err(|e| e.to_string())?;
+            Effect::Command { to, command } => {
                 if let Some(cluster) = &self.manager.cluster {
                     let (now, before) = (self.now, &self.manager.before);
                     self.watch.commanded(now, cluster, before, &to, &command)?;
                 }
-                if !matches!(command, Command::Pong(_)) {
+                if !matches!(*command, Command::Pong(_)) {
                     self.tell(|| format!("    to {to:?}: {}", brief(&command)));
                 }
-                let command = Rc::new(command);
+                let command = Rc::new(*command);
                 for session in to {
                     let Some(&link) = self.manager.links.get(&session) else { continue };
                     let is_full = self.links[link.0].lane(Side::Server).waiting.len();

@@ -76,10 +76,10 @@ impl InvariantChecker {
             }
         }
         let Some(memory) = memory else { return Ok(()) };
-        let is_kept = told.camera.is_none_or(|camera| cluster.camera == camera)
-            && told.head.is_none_or(|head| cluster.head == head)
-            && told.views.as_ref().is_none_or(|views| cluster.views == *views)
-            && cluster.exposure == memory.exposure
+        let is_kept = told.camera.is_none_or(|camera| cluster.presentation.camera == camera)
+            && told.head.is_none_or(|head| cluster.presentation.head == head)
+            && told.views.as_ref().is_none_or(|views| cluster.presentation.views == *views)
+            && cluster.presentation.exposure == memory.presentation.exposure
             && told.pace.is_none_or(|pace| cluster.pacer.pace() == pace)
             && cluster.shown.scene == memory.scene
             && cluster.shown.revision == memory.revision;
@@ -227,7 +227,7 @@ impl InvariantChecker {
             (Request::SetCamera(camera), Response::Done) => {
                 let rotation = camera.rotation.normalize();
                 let camera = Some(Camera { rotation, ..*camera });
-                if memory.map(|memory| memory.camera) != camera {
+                if memory.map(|memory| memory.presentation.camera) != camera {
                     return Err(format!("{camera:?} was set, but {memory:?} is remembered"));
                 }
                 // A frame that waits may still place it elsewhere.
@@ -235,20 +235,23 @@ impl InvariantChecker {
                     |r: &Request| matches!(r, Request::RenderFrame { camera: Some(_), .. });
                 told.camera = camera.filter(|_| !self.promises.open.values().any(places));
             }
-            (Request::SetEye(_), Response::Done) => {
-                told.head = memory.map(|memory| memory.head);
-                is_kept(|memory, asked| *asked == Request::SetEye(memory.head.position))?;
-            }
-            (Request::SetHead(head), Response::Done) => {
-                told.head = Some(*head);
-                is_kept(|memory, asked| *asked == Request::SetHead(memory.head))?;
+            (Request::SetHead(_), Response::Done) => {
+                told.head = memory.map(|memory| memory.presentation.head);
+                is_kept(|memory, asked| {
+                    let head = memory.presentation.head;
+                    matches!(asked, Request::SetHead(update) if update.apply(&head) == head)
+                })?;
             }
             (Request::SetViews(views), Response::Done) => {
                 told.views = Some(views.clone());
-                is_kept(|memory, asked| *asked == Request::SetViews(memory.views.clone()))?;
+                is_kept(|memory, asked| {
+                    *asked == Request::SetViews(memory.presentation.views.clone())
+                })?;
             }
             (Request::SetExposure(_), Response::Done) => {
-                is_kept(|memory, asked| *asked == Request::SetExposure(memory.exposure))?;
+                is_kept(|memory, asked| {
+                    *asked == Request::SetExposure(memory.presentation.exposure)
+                })?;
             }
             (Request::Run(pace), Response::Done) => {
                 told.pace = Some(Some(*pace));
@@ -273,6 +276,13 @@ impl InvariantChecker {
                 if status.frame < self.swapped || !is_whole || status.epoch != self.epoch {
                     return Err(format!("a status of frame {}: {status:?}", self.swapped));
                 }
+                let seen = &status.presentation;
+                let told = &self.promises.told;
+                let is_it = told.head.is_none_or(|head| seen.head == head)
+                    && told.views.as_ref().is_none_or(|views| seen.views == *views);
+                if !is_it {
+                    return Err(format!("told {told:?}, but asked it is {seen:?}"));
+                }
             }
             (Request::Statistics { reset }, Response::Statistics(statistics)) => {
                 // Frames that nobody was sent are counted too.
@@ -284,13 +294,6 @@ impl InvariantChecker {
                 }
                 if *reset {
                     self.promises.frames = 0;
-                }
-            }
-            (Request::DescribeSight, Response::Sight(sight)) => {
-                let is_it = told.head.is_none_or(|head| sight.head == head)
-                    && told.views.as_ref().is_none_or(|views| sight.views == *views);
-                if !is_it {
-                    return Err(format!("told {told:?}, but asked it is {sight:?}"));
                 }
             }
             (Request::Tune { .. }, Response::Tuned(tuned)) => {

@@ -148,10 +148,10 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
             request
         }
         25..35 => Request::SetCamera(spot(dice)),
-        35 => Request::SetEye(DVec3::new(dice.below(9) as f64 * 0.1, 0.0, 0.5)),
-        36 => {
-            Request::SetHead(HeadPose::facing_forward(DVec3::Z * dice.below(9) as f64 * 0.1, 0.06))
-        }
+        35 => Request::SetHead(DVec3::new(dice.below(9) as f64 * 0.1, 0.0, 0.5).into()),
+        36 => Request::SetHead(
+            HeadPose::facing_forward(DVec3::Z * dice.below(9) as f64 * 0.1, 0.06).into(),
+        ),
         37 => Request::SetViews(vec![View::of_wall(spot(dice)); dice.below(3) as usize]),
         38..41 => Request::SetExposure(dice.below(5) as f32),
         41..50 => {
@@ -174,8 +174,7 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
         68..74 => Request::Capture,
         74..80 => Request::Status,
         80..86 => Request::Statistics { reset: dice.is_hit(300) },
-        86 => Request::DescribeWall,
-        87 => Request::DescribeSight,
+        86..88 => Request::DescribeWall,
         88..94 => Request::Subscribe(dice.is_hit(700)),
         94 => Request::SetExposure(f32::NAN),
         95..97 => {

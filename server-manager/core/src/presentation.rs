@@ -1,7 +1,7 @@
 //! What the wall looks at, and from where: the camera, the viewer's head, and the views that lie
 //! over the wall's own picture.
 
-use polyptych_protocol::request::ViewState;
+use polyptych_protocol::request::HeadUpdate;
 use polyptych_wall::Wall;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
@@ -10,9 +10,10 @@ use polyptych_wall::view::View;
 use super::Cluster;
 
 impl Cluster {
-    pub(super) fn set_head(&mut self, head: HeadPose) -> Result<(), String> {
+    pub(super) fn set_head(&mut self, update: HeadUpdate) -> Result<(), String> {
+        let head = update.apply(&self.presentation.head);
         self.walls().try_for_each(|wall| wall.check_head(&head)).map_err(|e| e.to_string())?;
-        self.head = HeadPose { rotation: head.rotation.normalize(), ..head };
+        self.presentation.head = HeadPose { rotation: head.rotation.normalize(), ..head };
         Ok(())
     }
 
@@ -21,7 +22,7 @@ impl Cluster {
         all.extend(views.into_iter().map(|view| View { camera: normal(view.camera), ..view }));
         self.walls().try_for_each(|wall| wall.check_views(&all)).map_err(|e| e.to_string())?;
         all.remove(0);
-        self.views = all;
+        self.presentation.views = all;
         Ok(())
     }
 
@@ -35,21 +36,11 @@ impl Cluster {
     ///
     /// # Errors
     /// What cannot, why, and what would be right.
-    pub(super) fn check_view_state(&self, wall: &Wall) -> Result<(), String> {
-        wall.check_head(&self.head)
+    pub(super) fn check_presentation(&self, wall: &Wall) -> Result<(), String> {
+        wall.check_head(&self.presentation.head)
             .map_err(|error| format!("the head as it stands: {error}; move it first"))?;
-        wall.check_views(&self.all_views())
+        wall.check_views(&self.presentation.all_views())
             .map_err(|error| format!("the views as they lie: {error}; take them away first"))
-    }
-
-    /// What a frame shows: the wall's own picture, and what lies over it.
-    pub(super) fn all_views(&self) -> Vec<View> {
-        let own = View::of_wall(self.camera);
-        std::iter::once(own).chain(self.views.iter().cloned()).collect()
-    }
-
-    pub(super) fn view_state(&self) -> ViewState {
-        ViewState { camera: self.camera, head: self.head, views: self.views.clone() }
     }
 }
 

@@ -1,0 +1,47 @@
+//! What the wall presents of its state: frames, the manager's memory and every status share it.
+
+use polyptych_wall::camera::Camera;
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::view::View;
+use serde::{Deserialize, Serialize};
+
+use crate::output_mode::OutputMode;
+use crate::pattern::TestPattern;
+
+/// What is looked at, from where, and how it is shown. A picture depends on this, on the revision
+/// and on scene time; on nothing else.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Presentation {
+    /// Where display space stands in the scene, for the wall's own picture.
+    pub camera: Camera,
+    /// Where the viewer's eyes are.
+    pub head: HeadPose,
+    /// What lies over the wall's own picture, later ones over earlier ones.
+    pub views: Vec<View>,
+    /// Light is multiplied by this before tone mapping.
+    pub exposure: f32,
+    /// What displays show once a frame is swapped.
+    pub output_mode: OutputMode,
+    /// What channels draw instead of the scene.
+    pub pattern: Option<TestPattern>,
+}
+
+impl Presentation {
+    /// The scene's own place at the scene's own light, seen from here.
+    pub fn new(head: HeadPose) -> Self {
+        Self {
+            camera: Camera::IDENTITY,
+            head,
+            views: Vec::new(),
+            exposure: 1.0,
+            output_mode: OutputMode::Normal,
+            pattern: None,
+        }
+    }
+
+    /// The wall's own picture, and what lies over it.
+    pub fn all_views(&self) -> Vec<View> {
+        let own = View::of_wall(self.camera);
+        std::iter::once(own).chain(self.views.iter().cloned()).collect()
+    }
+}
