@@ -157,9 +157,10 @@ const SECTIONS: &[Section] = &[
 
 const HEAD: &str = "# The wall file, key by key
 
-Written from the program's own types; `polyptych wall schema` prints the same for editors. Places are in metres of display
-space: x right, y up, the viewer looks along −z. Angles are in degrees, sizes of pictures in pixels. Every other key is
-refused, with the place and the nearest key that there is. Whole files stand in [`configs`](../configs).
+Written from the program's own types; `polyptych wall schema` prints the same for editors. Places
+are in metres of display space: x right, y up, the viewer looks along −z. Angles are in degrees,
+sizes of pictures in pixels. Every other key is refused, with the place and the nearest key that
+there is. Whole files stand in [`configs`](../configs).
 ";
 
 /// A comment as one line of a table.
