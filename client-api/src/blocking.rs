@@ -22,8 +22,9 @@ use std::task::{Context, Poll, Wake, Waker};
 use std::thread::{self, Thread};
 
 use glam::DVec3;
-use polyptych_protocol::feedback::{FrameFeedback, Statistics, Tuned, WallStatus};
+use polyptych_protocol::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use polyptych_protocol::ids::{Epoch, RequestId};
+use polyptych_protocol::node_query::{NodeInfo, NodePage, NodeQuery};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
@@ -31,6 +32,7 @@ use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{
     HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };
+use polyptych_protocol::transaction::Transaction;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
@@ -311,6 +313,30 @@ impl Client {
         changes: Vec<CalibrationChange>,
     ) -> Result<Tuned, ClientError> {
         wait(self.inner.calibrate(channel, changes))
+    }
+
+    /// Blocking version of [`crate::Client::commit`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn commit(&self, transaction: Transaction) -> Result<Edited, ClientError> {
+        wait(self.inner.commit(transaction))
+    }
+
+    /// Blocking version of [`crate::Client::find_nodes`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn find_nodes(&self, query: NodeQuery) -> Result<NodePage, ClientError> {
+        wait(self.inner.find_nodes(query))
+    }
+
+    /// Blocking version of [`crate::Client::find_all_nodes`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn find_all_nodes(&self, query: NodeQuery) -> Result<Vec<NodeInfo>, ClientError> {
+        wait(self.inner.find_all_nodes(query))
     }
 
     /// Blocking version of [`crate::Client::capture`].

@@ -8,16 +8,12 @@ use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
-use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{
-    HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
-};
+use polyptych_protocol::request::{HeadUpdate, Pacing, Request, Response, StoppedServers};
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::view::View;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::sync::watch;
 
 use crate::connect::{ConnectOptions, connect_over, connect_tcp};
 use crate::connection_handle::{ConnectionHandle, Wanted, wrong_answer};
@@ -45,7 +41,7 @@ use crate::pending::Pending;
 /// connection, and [`Client::feedback`] goes on. The manager remembers scene, camera and pace.
 #[derive(Clone, Debug)]
 pub struct Client {
-    link: ConnectionHandle,
+    pub(crate) link: ConnectionHandle,
 }
 
 impl Client {
@@ -158,57 +154,6 @@ impl Client {
     /// [`ClientError`].
     pub async fn request(&self, request: Request) -> Result<Response, ClientError> {
         self.submit(request)?.await
-    }
-
-    /// Shows a scene; returns once every live channel can draw it. The wall's exposure becomes
-    /// the one that suits the scene ([`SceneSummary::exposure`]).
-    ///
-    /// `path` names a file in one of the manager's scene folders, absolute or relative to one of
-    /// them, on the manager's machine.
-    ///
-    /// # Errors
-    /// [`ClientError`]; where the scene can't be opened, the wall shows what it showed before.
-    pub async fn open_scene(&self, path: impl Into<String>) -> Result<SceneSummary, ClientError> {
-        self.open_scene_with(path, |_| {}).await
-    }
-
-    /// As [`Client::open_scene`], and calls `on_progress` whenever the manager says how far it has
-    /// come: a few times a second at most, and only while this future is polled. Progress that
-    /// came meanwhile is left out but for the newest.
-    ///
-    /// The request may take [`crate::Timeouts::open_scene`] from each message about its progress
-    /// on, so a large file may take longer than that.
-    ///
-    /// # Errors
-    /// As of [`Client::open_scene`].
-    pub async fn open_scene_with(
-        &self,
-        path: impl Into<String>,
-        mut on_progress: impl FnMut(OpenProgress),
-    ) -> Result<SceneSummary, ClientError> {
-        let (sender, mut progress) = watch::channel(OpenProgress::NONE);
-        let wanted = Wanted { pictures: false, progress: Some(sender) };
-        let request = Request::OpenScene { path: path.into() };
-        let mut pending = self.link.post(request, wanted)?;
-        let reply = loop {
-            tokio::select! {
-                biased;
-                reply = &mut pending => break reply?,
-                Ok(()) = progress.changed() => on_progress(*progress.borrow_and_update()),
-            }
-        };
-        match reply {
-            Response::SceneOpened(summary) => Ok(summary),
-            other => Err(wrong_answer("open the scene", &other)),
-        }
-    }
-
-    /// Shows no scene.
-    ///
-    /// # Errors
-    /// [`ClientError`].
-    pub async fn close_scene(&self) -> Result<(), ClientError> {
-        self.done("close the scene", Request::CloseScene).await
     }
 
     /// Places display space in the scene, from the next frame on.
@@ -451,7 +396,11 @@ impl Client {
         }
     }
 
-    async fn done(&self, name: &'static str, request: Request) -> Result<(), ClientError> {
+    pub(crate) async fn done(
+        &self,
+        name: &'static str,
+        request: Request,
+    ) -> Result<(), ClientError> {
         match self.request(request).await? {
             Response::Done => Ok(()),
             other => Err(wrong_answer(name, &other)),

@@ -487,6 +487,8 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::Wall(_) => "the wall's description",
         Response::Statistics(_) => "statistics",
         Response::Tuned(_) => "a tuning",
+        Response::Edited(_) => "an edited scene",
+        Response::Nodes(_) => "nodes",
         Response::ServersStopped(_) => "the stopped servers",
     };
     ClientError::WrongAnswer { request, answer }

@@ -47,6 +47,7 @@ mod image;
 mod in_flight;
 mod pending;
 mod reconnect;
+mod scene;
 mod window;
 
 pub use camera::{fit_bounds, orbit};
@@ -60,12 +61,13 @@ pub use pending::Pending;
 pub use reconnect::ReconnectPolicy;
 
 pub use glam;
-pub use polyptych_protocol::feedback::Tuned;
 pub use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles,
     Shown, Skew, Statistics, WallStatus,
 };
+pub use polyptych_protocol::feedback::{Edited, Tuned};
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
+pub use polyptych_protocol::node_query::{NODES_MAX, NodeInfo, NodePage, NodeQuery};
 pub use polyptych_protocol::output_mode::OutputMode;
 pub use polyptych_protocol::pattern::TestPattern;
 pub use polyptych_protocol::presentation::Presentation;
@@ -73,7 +75,10 @@ pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 pub use polyptych_protocol::request::{
     HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };
-pub use polyptych_scene::{Bounds, SceneFeatures};
+pub use polyptych_protocol::transaction::Transaction;
+pub use polyptych_scene::{
+    AlphaMode, Attribute, Bounds, Edit, Light, LightKind, Material, NewNode, NodeId, SceneFeatures,
+};
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;
 pub use polyptych_wall::head::HeadPose;

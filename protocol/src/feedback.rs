@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use polyptych_scene::NodeId;
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
@@ -342,6 +343,27 @@ pub struct Tuned {
     pub frames: u64,
     /// What the first frame with it became: which displays show it, and which do not.
     pub feedback: FrameFeedback,
+}
+
+/// What a transaction has become.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Edited {
+    /// The state that has it.
+    pub revision: Revision,
+    /// The nodes that it made, in the order of their creations.
+    pub created: Vec<NodeId>,
+    /// Frames that were begun from the request to the first one with it, that one among them.
+    pub frames: u64,
+    /// What the first frame with it became: which displays show it, and which do not.
+    pub feedback: FrameFeedback,
+}
+
+impl Edited {
+    /// The node that a provisional number of the transaction stands for, or the node itself.
+    pub fn node(&self, node: NodeId) -> Option<NodeId> {
+        let Some(index) = node.provisional_index() else { return Some(node) };
+        usize::try_from(index).ok().and_then(|index| self.created.get(index)).copied()
+    }
 }
 
 #[cfg(test)]

@@ -10,8 +10,9 @@ pub const PROTOCOL_VERSION: u16 = 1;
 /// Largest control message. A status of 1,024 channels takes about 200 KiB.
 pub const MESSAGE_BYTES_MAX: usize = 4 << 20;
 
-/// Maximum size of a client's message, in bytes: a tuning of a whole grid takes 30 KiB.
-pub const CALL_BYTES_MAX: usize = 128 << 10;
+/// Maximum size of a client's message, in bytes: a transaction that moves ten thousand nodes takes
+/// 1.1 MiB.
+pub const CALL_BYTES_MAX: usize = 2 << 20;
 
 /// Largest message of a peer that has not finished the handshake: strangers get no memory.
 pub const HANDSHAKE_BYTES_MAX: usize = 4 << 10;

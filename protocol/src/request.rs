@@ -14,11 +14,13 @@ use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
 use crate::command::Goodbye;
-use crate::feedback::{FrameFeedback, Statistics, Tuned, WallStatus};
+use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::ids::{FrameId, RequestId, Revision};
+use crate::node_query::{NodePage, NodeQuery};
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
+use crate::transaction::Transaction;
 
 /// A message from a client.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -90,6 +92,11 @@ pub enum Request {
         /// What to change, in order.
         changes: Vec<CalibrationChange>,
     },
+    /// Changes the open scene, all of it or nothing; answered once a frame with it was swapped. A
+    /// wall that is paused makes one for it.
+    Edit(Transaction),
+    /// Asks for nodes of the open scene, as the state has it that frames name.
+    FindNodes(NodeQuery),
     /// Ends all servers and then the manager; answered with what became of the servers.
     StopServers,
     /// Asks what became of a [`Request::OpenScene`] whose connection was lost before its answer,
@@ -126,6 +133,8 @@ impl Request {
             Self::SetDisplays(_) => "change the displays",
             Self::SetPattern(_) => "change the pattern",
             Self::Tune { .. } => "tune the channel",
+            Self::Edit(_) => "edit the scene",
+            Self::FindNodes(_) => "find nodes",
         }
     }
 }
@@ -193,6 +202,10 @@ pub enum Response {
     Statistics(Box<Statistics>),
     /// To [`Request::Tune`].
     Tuned(Tuned),
+    /// To [`Request::Edit`].
+    Edited(Edited),
+    /// To [`Request::FindNodes`].
+    Nodes(NodePage),
     /// To [`Request::StopServers`].
     ServersStopped(StoppedServers),
 }
@@ -201,12 +214,13 @@ impl Response {
     /// Returns whether it says that something has changed, which then must outlive the manager.
     pub fn tells_of_change(&self) -> bool {
         match self {
-            Self::Status(_) | Self::Wall(_) | Self::Statistics(_) => false,
+            Self::Status(_) | Self::Wall(_) | Self::Statistics(_) | Self::Nodes(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)
             | Self::Captured(_)
             | Self::Tuned(_)
+            | Self::Edited(_)
             | Self::ServersStopped(_) => true,
         }
     }

@@ -4,6 +4,7 @@
 
 use glam::DVec2;
 use polyptych_files::blob::BlobHash;
+use polyptych_scene::{Edit, SceneEdits};
 use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +35,10 @@ pub enum Operation {
     OpenScene(SceneRef),
     /// The wall shows no scene.
     CloseScene,
+    /// The open scene is changed, by all of these.
+    EditScene(Vec<Edit>),
+    /// All that was changed of the open scene is this.
+    SetEdits(Box<SceneEdits>),
 }
 
 /// Maximum size of a wall's description, in encoded bytes: it travels in one message, beside a
@@ -77,6 +82,8 @@ pub struct Replica {
     pub wall: Option<Box<Wall>>,
     /// The open scene.
     pub scene: Option<SceneRef>,
+    /// What was changed of it since it was opened.
+    pub edits: SceneEdits,
     /// Fingerprints of the parts.
     parts: Parts,
 }
@@ -134,8 +141,16 @@ impl Replica {
                     }
                 }
             }),
-            Operation::OpenScene(scene) => self.scene = Some(scene),
-            Operation::CloseScene => self.scene = None,
+            Operation::OpenScene(scene) => {
+                (self.scene, self.edits) = (Some(scene), SceneEdits::default());
+            }
+            Operation::CloseScene => (self.scene, self.edits) = (None, SceneEdits::default()),
+            Operation::EditScene(edits) => {
+                for edit in edits {
+                    self.edits.apply(edit);
+                }
+            }
+            Operation::SetEdits(edits) => self.edits = *edits,
         }
         self.revision.0 += 1;
     }
@@ -154,7 +169,9 @@ impl Replica {
     pub fn snapshot(&self) -> Vec<Operation> {
         let wall = self.wall.clone().map(Operation::SetWall);
         let scene = self.scene.clone().map(Operation::OpenScene);
-        wall.into_iter().chain(scene).collect()
+        let edits =
+            (!self.edits.is_empty()).then(|| Operation::SetEdits(self.edits.clone().into()));
+        wall.into_iter().chain(scene).chain(edits).collect()
     }
 
     /// The state that a snapshot of this revision folds to.
@@ -174,6 +191,7 @@ impl Replica {
         let wall = of_adjustments.fold(self.parts.wall, |sum, part| sum.wrapping_add(*part));
         let scene = self.scene.as_ref().map_or(0, |scene| part(2, &scene.manifest.0));
         let revision = part(3, &self.revision.0.to_le_bytes());
+        let scene = scene.wrapping_add(self.edits.fingerprint());
         Digest(wall.wrapping_add(scene).wrapping_add(revision))
     }
 }

@@ -18,7 +18,7 @@ use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::server_message::{Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_renderer::SceneLayout;
-use polyptych_scene::{Mesh, SceneFeatures};
+use polyptych_scene::{Mesh, Scene, SceneEdits, SceneFeatures};
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
@@ -49,8 +49,8 @@ pub(crate) struct LoadedState {
     pub epoch: Epoch,
     pub replica: Replica,
     pub digest: Digest,
-    /// The manifest of its scene.
-    pub scene: Option<BlobHash>,
+    /// Its scene.
+    pub scene: Option<SceneVersion>,
     pub warm_up: Camera,
     /// Of the channels of this server; the same as before where the wall is.
     pub plans: Arc<CorrectionPlans>,
@@ -58,6 +58,24 @@ pub(crate) struct LoadedState {
     pub maps: CalibrationMaps,
     /// What they make of it, on the screens of this server's channels.
     pub shapes: Arc<WallGeometry>,
+}
+
+/// A scene as it stands: its manifest, and what was changed of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SceneVersion {
+    pub manifest: BlobHash,
+    /// See [`SceneEdits::fingerprint`].
+    pub edits: u64,
+}
+
+/// The scene that the render thread was given last.
+#[derive(Clone, Debug)]
+struct ReadyScene {
+    version: SceneVersion,
+    /// As its file has it.
+    base: Arc<Scene>,
+    features: SceneFeatures,
+    warm_up: Camera,
 }
 
 impl LoadedState {
@@ -72,6 +90,8 @@ impl LoadedState {
 pub(crate) enum Upload {
     /// A new scene begins.
     Begin(Arc<SceneLayout>),
+    /// The scene that was finished last is laid out otherwise.
+    Relayout(Arc<SceneLayout>),
     /// A texture of it.
     Texture { index: usize, bytes: Bytes },
     /// A primitive of it.
@@ -111,7 +131,7 @@ pub(crate) struct Loader {
     /// What was made ready last; the render thread still holds its scene.
     ready: Option<(Epoch, Replica)>,
     ready_plans: Option<(Wall, Arc<CorrectionPlans>)>,
-    ready_scene: Option<(BlobHash, SceneFeatures, Camera)>,
+    ready_scene: Option<ReadyScene>,
     /// The decoded files of the last wall: it changes in small things while it is adjusted.
     ready_maps: BTreeMap<BlobHash, Arc<CalibrationMap>>,
     /// What these make of a wall, which is kept as it was before it was adjusted.
@@ -203,24 +223,31 @@ impl Loader {
             Some(wall) => self.load_maps(wall, line)?,
             None => CalibrationMaps::default(),
         };
-        let (features, warm_up) = match &replica.scene {
-            None => (SceneFeatures::default(), Camera::IDENTITY),
-            Some(scene) => self.load_scene(scene, &replica, line)?,
+        let scene = match &replica.scene {
+            None => None,
+            Some(scene) => Some(self.load_scene(scene, &replica, line)?),
         };
         let digest = replica.digest();
-        let scene = replica.scene.as_ref().map(|scene| scene.manifest);
         let revision = replica.revision;
         let shapes = self.shapes(replica.wall.as_deref(), &maps);
         let plans = self.plans(replica.wall.as_deref(), &maps, &shapes)?;
-        let ready = replica.clone();
-        let state =
-            LoadedState { epoch, replica: ready, digest, scene, warm_up, plans, maps, shapes };
+        let state = LoadedState {
+            epoch,
+            replica: replica.clone(),
+            digest,
+            scene: scene.as_ref().map(|scene| scene.version),
+            warm_up: scene.as_ref().map_or(Camera::IDENTITY, |scene| scene.warm_up),
+            plans,
+            maps,
+            shapes,
+        };
         let (answer, finished) = sync_channel(1);
         self.upload(Upload::Finish { state: Arc::new(state), answer })?;
         let scene_bytes = finished.recv().map_err(|_| "the render thread has ended")??;
         self.ready = Some((epoch, replica));
-        self.ready_scene = scene.map(|manifest| (manifest, features, warm_up));
+        let features = scene.as_ref().map_or_else(SceneFeatures::default, |scene| scene.features);
         let features = features.names().into_iter().map(Into::into).collect();
+        self.ready_scene = scene;
         Ok(Prepared { epoch, revision, digest, features, scene_bytes })
     }
 
@@ -304,11 +331,17 @@ impl Loader {
         scene: &SceneRef,
         replica: &Replica,
         line: &LoaderLink,
-    ) -> Result<(SceneFeatures, Camera), String> {
-        if let Some((manifest, features, warm_up)) = self.ready_scene
-            && manifest == scene.manifest
+    ) -> Result<ReadyScene, String> {
+        let version = SceneVersion { manifest: scene.manifest, edits: replica.edits.fingerprint() };
+        if let Some(ready) = &self.ready_scene
+            && ready.version.manifest == scene.manifest
         {
-            return Ok((features, warm_up));
+            if ready.version == version {
+                return Ok(ready.clone());
+            }
+            let (edited, ready) = edited(&ready.base, version, &replica.edits, &scene.name)?;
+            self.upload(Upload::Relayout(self.layout(edited, line)?))?;
+            return Ok(ready);
         }
         let stores = stores(replica.wall.as_deref());
         let bytes = self.blob(scene.manifest, &stores, line)?;
@@ -318,16 +351,12 @@ impl Loader {
         if let Some(fault) = manifest.fault() {
             return Err(format!("manifest of scene {}: {fault}", scene.name));
         }
-        let known = (SceneFeatures::from_scene(&manifest), frame_views::warm_up_camera(&manifest));
+        let (edited, ready) = edited(&Arc::new(manifest), version, &replica.edits, &scene.name)?;
+        let manifest = &ready.base;
         let textures: Vec<BlobHash> = manifest.textures.iter().map(|t| t.blob).collect();
         let blobs_of = |mesh: &Mesh| mesh.primitives.iter().map(|p| p.blob).collect();
         let meshes: Vec<Vec<BlobHash>> = manifest.meshes.iter().map(blobs_of).collect();
-        let layout = SceneLayout::new(manifest, &|| self.fault(line).is_some());
-        let layout = layout.map_err(|error| match self.fault(line) {
-            Some(fault) => fault.to_owned(),
-            None => error.to_string(),
-        })?;
-        self.upload(Upload::Begin(Arc::new(layout)))?;
+        self.upload(Upload::Begin(self.layout(edited, line)?))?;
         for (index, blob) in textures.into_iter().enumerate() {
             let bytes = self.blob(blob, &stores, line)?;
             self.upload(Upload::Texture { index, bytes })?;
@@ -338,7 +367,15 @@ impl Loader {
                 self.upload(Upload::Primitive { mesh, primitive, bytes })?;
             }
         }
-        Ok(known)
+        Ok(ready)
+    }
+
+    fn layout(&self, scene: Scene, line: &LoaderLink) -> Result<Arc<SceneLayout>, String> {
+        let layout = SceneLayout::new(scene, &|| self.fault(line).is_some());
+        layout.map(Arc::new).map_err(|error| match self.fault(line) {
+            Some(fault) => fault.to_owned(),
+            None => error.to_string(),
+        })
     }
 
     fn blob(
@@ -399,6 +436,26 @@ impl Loader {
     fn upload(&self, upload: Upload) -> Result<(), String> {
         self.uploads.send(upload).map_err(|_| "the render thread has ended".to_owned())
     }
+}
+
+/// A scene as it stands, and what is kept of it.
+///
+/// # Errors
+/// What the edits make of it cannot be drawn.
+fn edited(
+    base: &Arc<Scene>,
+    version: SceneVersion,
+    edits: &SceneEdits,
+    name: &str,
+) -> Result<(Scene, ReadyScene), String> {
+    let (edited, _) = edits.apply_to(base);
+    if let Some(fault) = edited.fault() {
+        return Err(format!("scene {name} as it was edited: {fault}"));
+    }
+    let (features, warm_up) =
+        (SceneFeatures::from_scene(&edited), frame_views::warm_up_camera(&edited));
+    let base = Arc::clone(base);
+    Ok((edited, ReadyScene { version, base, features, warm_up }))
 }
 
 /// Where a wall's servers look for blobs before they ask the manager.

@@ -17,7 +17,7 @@ use crossbeam_channel::{Receiver, select};
 use patterns::PatternImage;
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, Revision};
-use polyptych_renderer::{DrawStats, Gpu, GpuScene, Renderer, SceneBuilder};
+use polyptych_renderer::{DrawStats, Gpu, GpuScene, Renderer, SceneBuilder, SceneLayout};
 use polyptych_wall::{ChannelId, Wall};
 use recovery::Losses;
 use tokio::sync::mpsc;
@@ -115,6 +115,8 @@ pub(crate) struct RenderThread {
     /// Oldest first; the last one was finished last.
     states: VecDeque<ReadyState>,
     building: Option<(SceneBuilder, u64)>,
+    /// How the latest scene is laid out in the state that is finished next.
+    relayout: Option<Arc<SceneLayout>>,
     showing: PresentationState,
     /// The test patterns of channels, by their names, while there are any.
     patterns: BTreeMap<String, PatternImage>,
@@ -147,6 +149,7 @@ impl RenderThread {
             playback: FrameScheduler::default(),
             states: VecDeque::new(),
             building: None,
+            relayout: None,
             showing: PresentationState::default(),
             patterns: BTreeMap::new(),
             identity,
@@ -348,6 +351,10 @@ impl RenderThread {
                 .map(|builder| builder.without_levels(self.losses.levels_left_out))
                 .map(|builder| self.building = Some((builder, 0)))
                 .map_err(|error| error.to_string()),
+            Upload::Relayout(layout) => {
+                self.relayout = Some(layout);
+                Ok(())
+            }
             Upload::Texture { index, bytes } => {
                 self.build(bytes.len(), |gpu, builder| builder.upload_texture(gpu, index, &bytes))
             }
@@ -362,7 +369,7 @@ impl RenderThread {
                 Ok(())
             }
             Upload::Abandon => {
-                self.building = None;
+                (self.building, self.relayout) = (None, None);
                 Ok(())
             }
         };

@@ -7,13 +7,14 @@ pub use wall_files::{bake_wall_files, read_wall_files};
 
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
+use std::sync::Arc;
 use std::time::Duration;
 
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::request::SceneSummary;
 use polyptych_protocol::state_log::SceneRef;
-use polyptych_scene::{Scene, SceneFeatures};
+use polyptych_scene::{Scene, SceneFeatures, SceneOutline};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
 use tokio::process::Command;
 
@@ -119,8 +120,9 @@ pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import
         exposure: scene.exposure.unwrap_or(1.0),
     };
     let blobs = std::iter::once(hash).chain(scene.blobs()).collect();
+    let outline = Arc::new(SceneOutline::from(&scene));
     let scene = SceneRef { name: scene.name, manifest: hash };
-    Ok(Import { scene: ImportedScene { scene, summary }, blobs })
+    Ok(Import { scene: ImportedScene { scene, summary, outline }, blobs })
 }
 
 /// What the baker says of a file, which is a scene unless `options` say else.

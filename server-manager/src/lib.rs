@@ -1,7 +1,8 @@
 //! The server manager: the one process of a wall that decides.
 //!
 //! The crate `polyptych-core` decides, without sockets or a clock; [`run()`] gives it both. The
-//! crate `polyptych-baker` turns foreign files into blobs; the manager runs it as a child process only.
+//! crate `polyptych-baker` turns foreign files into blobs; the manager runs it as a child process
+//! only.
 
 mod acceptor;
 mod authenticator;
@@ -16,6 +17,7 @@ pub mod recorder;
 pub mod replay;
 mod requests;
 mod run;
+mod scene_index;
 mod server_session;
 mod session;
 mod state_file;

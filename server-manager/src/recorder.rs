@@ -26,6 +26,7 @@ use buffer::Buffer;
 use effect_digest::EffectDigest;
 use polyptych_core::{Checkpoint, CheckpointOf, Cluster, Input, Micros, PersistentState};
 use polyptych_protocol::ids::Epoch;
+use polyptych_scene::SceneOutline;
 use polyptych_wall::Wall;
 use ring::{Ring, RingError};
 use serde::{Deserialize, Serialize};
@@ -84,6 +85,8 @@ pub struct ClusterConfig {
     pub epoch: Epoch,
     /// What the life before had remembered.
     pub memory: Option<PersistentState>,
+    /// What is to be known of its scene to edit it.
+    pub outline: Option<Arc<SceneOutline>>,
     /// Whether the mouse over its windows moves the camera.
     #[serde(default)]
     pub is_navigable: bool,
@@ -96,6 +99,7 @@ impl ClusterConfig {
             Some(memory) => Cluster::restore(self.wall.clone(), self.epoch, memory),
             None => Cluster::new(self.wall.clone(), self.epoch),
         };
+        cluster.set_outline(self.outline.clone());
         cluster.set_navigable(self.is_navigable);
         cluster
     }

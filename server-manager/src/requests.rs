@@ -9,7 +9,7 @@ use polyptych_protocol::request::RequestMessage;
 use tokio::sync::{Notify, OwnedSemaphorePermit};
 
 /// Maximum size of the requests of one client that wait, in bytes on the wire.
-pub(crate) const REQUEST_BYTES_MAX: usize = 128 << 10;
+pub(crate) const REQUEST_BYTES_MAX: usize = polyptych_protocol::limits::CALL_BYTES_MAX;
 
 /// What a request takes at least of [`REQUEST_BYTES_MAX`]: the queue's own memory for it.
 pub(crate) const REQUEST_BYTES_MIN: usize = 128;

@@ -5,6 +5,7 @@ mod clients;
 mod importing;
 mod metrics_snapshot;
 mod network;
+mod querying;
 mod shutdown;
 mod startup;
 
@@ -26,6 +27,7 @@ use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use polyptych_wall::Wall;
+use querying::Queries;
 use tokio::sync::{Semaphore, mpsc};
 use tokio::time::Instant;
 
@@ -172,6 +174,7 @@ struct EventLoop {
     imported: (mpsc::Sender<Imported>, mpsc::Receiver<Imported>),
     /// What bakers say of their progress.
     progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),
+    queries: Queries,
     allowed: BlobAllowlist,
     traffic: Traffic,
     /// Control bytes of frames in both directions, since the statistics were last reset.
@@ -220,6 +223,7 @@ impl EventLoop {
             events,
             imported: mpsc::channel(16),
             progress: mpsc::channel(16),
+            queries: Queries::new(blobs.clone()),
             allowed,
             traffic: Traffic::default(),
             frame_bytes: 0,
@@ -274,6 +278,7 @@ impl EventLoop {
                 Some((job, progress)) = self.progress.1.recv() => {
                     self.tell(self.now(), Input::Progress { job, progress });
                 }
+                Some(answered) = self.queries.answered() => self.handle_answered(answered),
                 () = progress_of(&mut self.keeper) => {}
                 () = wait_for_news(self.turns.queues().clone()) => {}
                 () = &mut timer => {}

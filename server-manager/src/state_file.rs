@@ -185,7 +185,7 @@ mod tests {
     use polyptych_protocol::pattern::TestPattern;
     use polyptych_protocol::presentation::Presentation;
     use polyptych_protocol::request::Pacing;
-    use polyptych_scene::Bounds;
+    use polyptych_scene::{Bounds, SceneEdits};
     use polyptych_wall::ChannelCalibration;
     use polyptych_wall::camera::Camera;
     use polyptych_wall::head::HeadPose;
@@ -216,6 +216,8 @@ mod tests {
             )],
             notes: vec!["animations: 1 is not played".into()],
             bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
+            edits: SceneEdits::default(),
+            next_node: 17,
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");

@@ -44,6 +44,7 @@ mod check;
 mod client_library;
 mod command_text;
 mod displays;
+mod editing;
 mod exact;
 mod failures;
 mod first_look;

@@ -1,6 +1,7 @@
 //! The manager behind the decoder: what a message that can be decoded meets next.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use polyptych_core::{ClientRequest, Cluster, Effect, ImportedScene, Input, SessionId};
 use polyptych_files::blob::{BlobHash, BlobStore};
@@ -274,7 +275,7 @@ fn imported() -> ImportedScene {
         notes: Vec::new(),
         exposure: 1.0,
     };
-    ImportedScene { scene, summary }
+    ImportedScene { scene, summary, outline: Arc::default() }
 }
 
 /// What the manager does with a manifest.

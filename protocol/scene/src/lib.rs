@@ -4,18 +4,24 @@
 //! scene; meshes and textures are further blobs, named in it by hash. Indices between its lists
 //! are checked once, by [`Scene::fault`], where a manifest comes in.
 
+mod edit;
 mod features;
 pub mod limits;
 mod material;
 mod mesh;
+mod outline;
+mod scene_edits;
 mod texture;
 
 use glam::{DAffine3, DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
+pub use edit::{Attribute, Edit, NewNode, NodeId};
 pub use features::SceneFeatures;
 pub use material::{AlphaMode, Material, TextureRef};
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
+pub use outline::{EditError, SceneOutline};
+pub use scene_edits::{NodeEdits, Replaced, SceneEdits};
 pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 
 use crate::limits::{DRAWS_MAX, LIT_DRAWS_MAX, MANIFEST_BYTES_MAX, NOTE_BYTES_MAX, NOTES_MAX};

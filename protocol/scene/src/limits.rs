@@ -22,3 +22,16 @@ pub const NOTES_MAX: usize = 64;
 /// Maximum length of a note in bytes: a line of a terminal and a half. All notes of a scene take
 /// 16 KiB of every status.
 pub const NOTE_BYTES_MAX: usize = 256;
+
+/// Maximum length of a node's name or of an attribute's key, in bytes: a line of a tree.
+pub const NODE_NAME_BYTES_MAX: usize = 256;
+
+/// Maximum length of an attribute's text, in bytes: some lines about a node.
+pub const ATTRIBUTE_BYTES_MAX: usize = 1024;
+
+/// Maximum number of attributes that edits give one node.
+pub const ATTRIBUTES_MAX: usize = 64;
+
+/// Maximum size of all that was changed of a scene, encoded, in bytes: it goes to a server that
+/// joins in one message, beside a wall. Ten thousand nodes that were moved take 1.1 MiB.
+pub const EDITS_BYTES_MAX: usize = 3 << 19;

@@ -3,9 +3,10 @@
 use std::fmt::Debug;
 
 use bytes::Bytes;
-use glam::{DQuat, DVec3};
+use glam::{DAffine3, DQuat, DVec3};
 use polyptych_codec::{append_framed, encode, framed};
 use polyptych_files::blob::BlobHash;
+use polyptych_scene::NodeId;
 use polyptych_scene::Scene;
 use polyptych_wall::ChannelId;
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Offset};
@@ -26,6 +27,7 @@ use crate::presentation::Presentation;
 use crate::request::{self, Pacing, Request, RequestError, RequestMessage, Response};
 use crate::server_message::{FramePresented, FrameRendered, Ping, Prepared, ServerMessage};
 use crate::state_log::{Operation, SceneRef};
+use crate::transaction::Transaction;
 
 fn camera() -> Camera {
     Camera { position: DVec3::new(1.0, -2.0, 1e7), rotation: DQuat::IDENTITY, scale: 0.5 }
@@ -122,6 +124,9 @@ fn golden() -> Vec<(Bytes, &'static str)> {
     let changes = vec![CalibrationChange::Pin { corner: Corner::UpperRight, to }];
     let tune = Request::Tune { channel: "a".into(), changes };
     let tune = RequestMessage { id: RequestId(9), request: tune };
+    let mut moving = Transaction::based_on(Revision(3));
+    moving.set_transform(NodeId(300), DAffine3::IDENTITY);
+    let edit = RequestMessage { id: RequestId(6), request: Request::Edit(moving) };
     let open =
         RequestMessage { id: RequestId(6), request: Request::OpenScene { path: "a.glb".into() } };
     let head = RequestMessage {
@@ -172,6 +177,12 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         ),
         (encode(&run), "0505010000000000004e40"),
         (encode(&open), "060005612e676c62"),
+        (
+            encode(&edit),
+            "061201030103fb2c01000000000000f03f000000000000000000000000000000000000000000\
+             000000000000000000f03f000000000000000000000000000000000000000000000000000000\
+             000000f03f000000000000000000000000000000000000000000000000",
+        ),
         (encode(&freeze), "070d03"),
         (
             encode(&head),

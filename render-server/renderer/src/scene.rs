@@ -12,6 +12,8 @@ mod texture;
 
 use std::sync::Arc;
 
+use crate::gpu::Gpu;
+
 pub use builder::{SceneBuilder, SceneError};
 #[cfg(test)]
 pub(crate) use bvh::Bvh;
@@ -44,12 +46,37 @@ pub(crate) struct Batch {
 #[derive(Debug)]
 pub struct GpuScene {
     pub(crate) layout: Arc<SceneLayout>,
-    pub(crate) geometries: Vec<Geometry>,
-    pub(crate) materials: Vec<wgpu::BindGroup>,
+    pub(crate) geometries: Arc<Vec<Geometry>>,
+    pub(crate) materials: Arc<Vec<wgpu::BindGroup>>,
     pub(crate) lamp_indices: wgpu::Buffer,
+    /// By slot; what materials are made of.
+    textures: Arc<Vec<wgpu::TextureView>>,
 }
 
 impl GpuScene {
+    /// The same scene with its nodes, lights and materials as in another layout of it: meshes and
+    /// textures are shared, and nothing is uploaded but what differs.
+    ///
+    /// # Errors
+    /// The other layout is not of this scene.
+    pub fn with_layout(&self, gpu: &Gpu, layout: Arc<SceneLayout>) -> Result<Self, SceneError> {
+        if !layout.shares_content_with(&self.layout) {
+            return Err(SceneError::Description("it is another scene".to_owned()));
+        }
+        let materials = if layout.has_materials_of(&self.layout) {
+            Arc::clone(&self.materials)
+        } else {
+            Arc::new(builder::materials(gpu, &layout, &self.textures))
+        };
+        Ok(Self {
+            lamp_indices: builder::index_buffer(gpu, &layout.lights.indices),
+            layout,
+            geometries: Arc::clone(&self.geometries),
+            materials,
+            textures: Arc::clone(&self.textures),
+        })
+    }
+
     /// Whether anything in it is blended; its targets are linear then.
     pub fn has_transparency(&self) -> bool {
         self.layout.blends

@@ -21,12 +21,20 @@ use crate::loader::LoadedState;
 impl RenderThread {
     /// Makes a state drawable. Gives the bytes of its scene.
     pub(super) fn finish(&mut self, state: Arc<LoadedState>) -> Result<u64, String> {
-        let latest = self.states.back().filter(|latest| latest.state.scene == state.scene);
+        let relayout = self.relayout.take();
+        let manifest = |state: &LoadedState| state.scene.map(|scene| scene.manifest);
+        let latest = self.states.back().filter(|latest| match relayout {
+            Some(_) => manifest(&latest.state) == manifest(&state),
+            None => latest.state.scene == state.scene,
+        });
         let is_known = self.building.is_none()
             && latest.is_some_and(|latest| latest.state.plans.keys().eq(state.plans.keys()));
         let (scene, scene_bytes) = if let Some((builder, bytes)) = self.building.take() {
             let scene = builder.finish(&self.gpu).map_err(|error| error.to_string())?;
             (Rc::new(scene), bytes)
+        } else if let (Some(layout), Some(latest)) = (&relayout, latest) {
+            let scene = latest.scene.with_layout(&self.gpu, Arc::clone(layout));
+            (Rc::new(scene.map_err(|error| error.to_string())?), latest.scene_bytes)
         } else if let Some(latest) = latest {
             (Rc::clone(&latest.scene), latest.scene_bytes)
         } else if state.scene.is_none() {
@@ -45,6 +53,9 @@ impl RenderThread {
         // Another wall around the same scene, as tunings bring it many times a second.
         if !is_known || state.samples() != Some(self.renderer.samples()) {
             self.warm_up(&state, &scene, &correctors)?;
+        } else if relayout.is_some() {
+            // An edit may need a pipeline that the scene did not.
+            self.prepare(&state, &scene);
         }
         if self.states.len() == STATES_MAX {
             self.states.remove(1);

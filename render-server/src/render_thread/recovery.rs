@@ -99,7 +99,7 @@ impl RenderThread {
             std::mem::forget(std::mem::take(&mut self.patterns));
         }
         self.states.clear();
-        self.building = None;
+        (self.building, self.relayout) = (None, None);
         self.patterns.clear();
         let Some(gpu) = self.reopen(begun)? else { return Ok(()) };
         let renderer = Renderer::new(&gpu, self.renderer.samples());

@@ -135,5 +135,6 @@ impl Cluster {
             let tuned = Tuned { revision, frames, feedback: feedback.clone() };
             self.reply(tuner.job, Ok(Response::Tuned(tuned)));
         }
+        self.answer_editors(feedback);
     }
 }

@@ -13,6 +13,7 @@ use polyptych_wall::ChannelId;
 
 use super::calibrate;
 use super::change_queue::{ChangeOrigin, InFlightChange, StateChange};
+use super::scene_editing::EditWaiter;
 use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId};
 
 /// How long a change waits for a server: enough for a large scene on a slow link; after this the
@@ -43,17 +44,17 @@ impl Cluster {
                 self.request_span(job).in_scope(tell);
                 self.reply(job, Err(RequestError::new(reason)));
             }
-            Ok(ImportedScene { scene, summary }) => {
+            Ok(ImportedScene { scene, summary, outline }) => {
                 let operations = vec![Operation::OpenScene(scene)];
-                let purpose = ChangeOrigin::Scene { job, summary: Some(summary) };
+                let (summary, outline) = (Some(summary), Some(outline));
+                let purpose = ChangeOrigin::Scene { job, summary, outline };
                 self.request_change(now, StateChange { operations, purpose });
             }
         }
     }
 
     pub(super) fn request_change(&mut self, now: Micros, change: StateChange) {
-        if self.changes.queue.len() >= CHANGES_MAX {
-            let reason = format!("{CHANGES_MAX} changes are waiting already; ask again later");
+        if let Err(reason) = self.changes.expect_room() {
             self.refuse(&change.purpose, &reason);
             return;
         }
@@ -163,6 +164,9 @@ impl Cluster {
             let reasons: Vec<_> = failed.into_iter().map(|(_, reason)| reason).collect();
             let reason = format!("nothing has changed, since {}", reasons.join("; "));
             self.refuse(&change.purpose, &reason);
+            if matches!(change.purpose, ChangeOrigin::Edit { .. }) {
+                self.refuse_waiting_edits(&reason);
+            }
             if is_tuning {
                 // They were made of the one that failed.
                 for tuner in self.changes.take_waiting_tuners() {
@@ -175,7 +179,13 @@ impl Cluster {
         self.shown = replica;
         self.shown_digest = digest;
         match change.purpose {
-            ChangeOrigin::Scene { job, summary } => self.settle_scene(now, job, summary, &failed),
+            ChangeOrigin::Scene { job, summary, outline } => {
+                self.editing.restart(outline);
+                self.settle_scene(now, job, summary, &failed);
+            }
+            ChangeOrigin::Edit { waiters } => {
+                self.commit_edits(now, &change.operations, waiters, &failed);
+            }
             ChangeOrigin::Tuning { wall, tuners } => {
                 self.commit_calibration(now, *wall, tuners, &failed);
             }
@@ -222,6 +232,7 @@ impl Cluster {
         let jobs: Vec<_> = match purpose {
             ChangeOrigin::Scene { job, .. } => vec![*job],
             ChangeOrigin::Tuning { tuners, .. } => tuners.iter().map(|tuner| tuner.job).collect(),
+            ChangeOrigin::Edit { waiters } => waiters.iter().map(EditWaiter::job).collect(),
         };
         for job in jobs {
             self.reply(job, Err(RequestError::new(reason)));

@@ -1,15 +1,19 @@
 //! The change of the replicated state that is on its way, and those that wait behind it.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::ids::{Digest, Revision};
 use polyptych_protocol::request::SceneSummary;
 use polyptych_protocol::state_log::{Operation, Replica};
+use polyptych_scene::SceneOutline;
 use polyptych_wall::Wall;
 use serde::{Deserialize, Serialize};
 
 use super::calibrate::CalibrationWaiter;
+use super::change::CHANGES_MAX;
+use super::scene_editing::EditWaiter;
 use super::{ClientRequest, Micros, SessionId, progress};
 
 /// A change that was asked for.
@@ -24,7 +28,14 @@ pub(super) struct StateChange {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum ChangeOrigin {
     /// Another scene, or none.
-    Scene { job: ClientRequest, summary: Option<SceneSummary> },
+    Scene {
+        job: ClientRequest,
+        summary: Option<SceneSummary>,
+        /// What is to be known of it to edit it.
+        outline: Option<Arc<SceneOutline>>,
+    },
+    /// The same scene, changed.
+    Edit { waiters: Vec<EditWaiter> },
     /// The same scene on a wall that is adjusted otherwise.
     Tuning { wall: Box<Wall>, tuners: Vec<CalibrationWaiter> },
 }
@@ -34,31 +45,31 @@ impl StateChange {
     pub fn tuning(&mut self) -> Option<(&mut Box<Wall>, &mut Vec<CalibrationWaiter>)> {
         match &mut self.purpose {
             ChangeOrigin::Tuning { wall, tuners } => Some((wall, tuners)),
-            ChangeOrigin::Scene { .. } => None,
+            ChangeOrigin::Scene { .. } | ChangeOrigin::Edit { .. } => None,
         }
     }
 
     /// Who opens a scene by it, and the scene's name.
     pub fn opened(&self) -> Option<(ClientRequest, String)> {
         match &self.purpose {
-            ChangeOrigin::Scene { job, summary: Some(summary) } => {
+            ChangeOrigin::Scene { job, summary: Some(summary), .. } => {
                 Some((*job, progress::name_of(&summary.name)))
             }
-            ChangeOrigin::Scene { summary: None, .. } | ChangeOrigin::Tuning { .. } => None,
+            _ => None,
         }
     }
 
     pub fn wall(&self) -> Option<&Wall> {
         match &self.purpose {
             ChangeOrigin::Tuning { wall, .. } => Some(wall),
-            ChangeOrigin::Scene { .. } => None,
+            ChangeOrigin::Scene { .. } | ChangeOrigin::Edit { .. } => None,
         }
     }
 
     pub fn tuners(&self) -> &[CalibrationWaiter] {
         match &self.purpose {
             ChangeOrigin::Tuning { tuners, .. } => tuners,
-            ChangeOrigin::Scene { .. } => &[],
+            _ => &[],
         }
     }
 }
@@ -142,6 +153,17 @@ impl ChangeQueue {
         {
             underway.failed.push((session, reason));
         }
+    }
+
+    /// Whether another change may wait.
+    ///
+    /// # Errors
+    /// How many wait already.
+    pub fn expect_room(&self) -> Result<(), String> {
+        if self.queue.len() < CHANGES_MAX {
+            return Ok(());
+        }
+        Err(format!("{CHANGES_MAX} changes are waiting already; ask again later"))
     }
 
     /// How many wait for their turn.

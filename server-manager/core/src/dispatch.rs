@@ -65,7 +65,7 @@ impl Cluster {
             Request::OpenOutcome { session, of } => return self.claim_outcome(job, session, of),
             Request::CloseScene => {
                 let operations = vec![Operation::CloseScene];
-                let purpose = ChangeOrigin::Scene { job, summary: None };
+                let purpose = ChangeOrigin::Scene { job, summary: None, outline: None };
                 self.request_change(now, StateChange { operations, purpose });
                 return Ok(None);
             }
@@ -99,6 +99,9 @@ impl Cluster {
             Request::Tune { channel, changes } => {
                 return self.calibrate(now, job, &channel, &changes);
             }
+            // They are many, and answered beside the core.
+            Request::FindNodes(_) => return Err("this manager answers no questions".into()),
+            Request::Edit(transaction) => return self.edit_scene(now, job, transaction),
             Request::Run(pace) => {
                 if let Pacing::Rate(rate) = pace
                     && !RATES.contains(&rate)

@@ -1,7 +1,7 @@
 //! The core of the wall: what the manager decides, without sockets and without a clock.
 //!
-//! What arrives goes as an [`Input`] into [`Cluster::handle`], with `now` in microseconds of manager
-//! time; what is to be done comes out of [`Cluster::poll_effect`]; [`Cluster::poll_timeout`] says
+//! What arrives goes as an [`Input`] into [`Cluster::handle`], with `now` in microseconds of the
+//! manager's time; what is to be done comes out of [`Cluster::poll_effect`]; [`Cluster::poll_timeout`] says
 //! when [`Input::Timeout`] is due. Every failure of a wall is so a short deterministic test.
 
 mod aggregate;
@@ -23,6 +23,7 @@ mod persistent_state;
 mod presentation;
 mod progress;
 mod registry;
+mod scene_editing;
 mod skew;
 mod snapshot;
 mod span;
@@ -32,6 +33,7 @@ mod supersede;
 mod tests;
 
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
 
 use barrier::{Barrier, FrameRequest, OutputChange};
 use change_queue::{ChangeQueue, StateChange};
@@ -42,6 +44,7 @@ use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{MessageToClient, Pacing, RequestError, Response, SceneSummary};
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::state_log::{Operation, Replica};
+use polyptych_scene::SceneOutline;
 use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
@@ -141,6 +144,8 @@ pub struct ImportedScene {
     pub scene: polyptych_protocol::state_log::SceneRef,
     /// What the client is told; the revision is filled in by the core.
     pub summary: SceneSummary,
+    /// What is to be known of it to edit it.
+    pub outline: Arc<SceneOutline>,
 }
 
 /// A scene that is being baked.
@@ -176,6 +181,7 @@ pub struct Cluster {
     notes: Vec<String>,
     changes: ChangeQueue,
     tuners: calibrate::CalibrationWaiters,
+    editing: scene_editing::SceneEditing,
     /// Scenes that are being baked.
     imports: Vec<Importing>,
     #[serde(default)]
@@ -229,6 +235,7 @@ impl Cluster {
             notes: Vec::new(),
             changes: ChangeQueue::default(),
             tuners: calibrate::CalibrationWaiters::default(),
+            editing: scene_editing::SceneEditing::default(),
             imports: Vec::new(),
             outcomes: outcome::Outcomes::default(),
             registry: Registry::new(&wall, heartbeat_us),
@@ -323,6 +330,7 @@ impl Cluster {
         let jobs = self.imports.iter().map(|import| import.job);
         let jobs = jobs.chain(self.orders.iter().map(|order| order.job));
         let jobs = jobs.chain(self.changes.jobs()).chain(self.tuners.jobs());
+        let jobs = jobs.chain(self.editing.jobs());
         let is_subscribed = self.clients.get(&client).is_some_and(|of| of.is_subscribed);
         is_subscribed || jobs.into_iter().any(|job| job.client == client)
     }
@@ -405,7 +413,8 @@ impl Cluster {
         self.pacer.set(pace, now);
         // The frame that a tuning waits for would have come by itself.
         let drawing = self.barrier.as_ref().map(|barrier| barrier.revision);
-        self.wants_frame |= !self.pacer.is_soon(now) && self.tuners.wait_beyond(drawing);
+        self.wants_frame |= !self.pacer.is_soon(now)
+            && (self.tuners.wait_beyond(drawing) || self.editing.wait_beyond(drawing));
     }
 }
 

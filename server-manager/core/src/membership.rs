@@ -131,6 +131,7 @@ impl Cluster {
         self.clients.remove(&session);
         self.orders.retain(|order| order.job.client != session);
         self.tuners.forget(session);
+        self.editing.forget(session);
     }
 
     /// A replica that disagrees is given the state anew, not believed; what it has drawn of the

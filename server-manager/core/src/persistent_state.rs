@@ -4,7 +4,7 @@ use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::request::Pacing;
 use polyptych_protocol::state_log::{Operation, SceneRef, check_wall_size};
-use polyptych_scene::Bounds;
+use polyptych_scene::{Bounds, SceneEdits};
 use polyptych_wall::{ChannelCalibration, Wall, calibration_change};
 use serde::{Deserialize, Serialize};
 
@@ -32,6 +32,10 @@ pub struct PersistentState {
     pub notes: Vec<String>,
     /// Around everything that the open scene draws.
     pub bounds: Option<Bounds>,
+    /// What was changed of the open scene.
+    pub edits: SceneEdits,
+    /// The number that the next node of it gets at least.
+    pub next_node: u64,
 }
 
 impl PersistentState {
@@ -45,6 +49,8 @@ impl PersistentState {
             tunings: Vec::new(),
             notes: Vec::new(),
             bounds: None,
+            edits: SceneEdits::default(),
+            next_node: 0,
         }
     }
 
@@ -63,6 +69,10 @@ impl Cluster {
         let mut cluster = Self::new(wall, epoch);
         if let Some(scene) = &memory.scene {
             cluster.shown.apply(Operation::OpenScene(scene.clone()));
+            if !memory.edits.is_empty() {
+                cluster.shown.apply(Operation::SetEdits(Box::new(memory.edits.clone())));
+            }
+            cluster.editing.restore(memory.edits.clone(), memory.next_node);
             cluster.notes.clone_from(&memory.notes);
             cluster.navigator.bounds = memory.bounds;
         }
@@ -115,6 +125,8 @@ impl Cluster {
             tunings,
             notes: self.notes.clone(),
             bounds: self.navigator.bounds,
+            edits: self.shown.edits.clone(),
+            next_node: self.editing.next_node(),
         }
     }
 

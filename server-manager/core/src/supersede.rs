@@ -9,6 +9,7 @@ use polyptych_protocol::ids::Revision;
 use polyptych_protocol::state_log::Operation;
 
 use super::change_queue::{ChangeOrigin, ChangeQueue, StateChange};
+use super::scene_editing::EditWaiter;
 use super::{ClientRequest, Cluster, Micros};
 
 /// How long a scene may still become ready once another one waits behind it: most take less, and
@@ -30,7 +31,7 @@ impl StateChange {
         self.operations.iter().rev().find_map(|operation| match operation {
             Operation::OpenScene(scene) => Some(Some(scene.manifest)),
             Operation::CloseScene => Some(None),
-            Operation::SetWall(_) | Operation::Adjust { .. } | Operation::MoveBend { .. } => None,
+            _ => None,
         })
     }
 }
@@ -41,9 +42,10 @@ impl ChangeQueue {
         let purposes = self.queued().chain(self.current()).map(|change| &change.purpose);
         let scenes = purposes.filter_map(|purpose| match purpose {
             ChangeOrigin::Scene { job, .. } => Some(*job),
-            ChangeOrigin::Tuning { .. } => None,
+            _ => None,
         });
-        scenes.chain(self.tuners().map(|tuner| tuner.job))
+        let edits = self.editors().map(EditWaiter::job);
+        scenes.chain(self.tuners().map(|tuner| tuner.job)).chain(edits)
     }
 
     /// Returns whether the scene on its way is to be replaced by another one that waits.

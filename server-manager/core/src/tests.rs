@@ -1,6 +1,7 @@
 //! Failures of a wall as short deterministic tests: the clock is the test's own.
 
 mod displays;
+mod editing;
 mod failures;
 mod found;
 mod hostile;
@@ -12,6 +13,7 @@ mod simulated;
 mod tuning;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_files::blob::BlobHash;
@@ -274,7 +276,7 @@ impl ClusterFixture {
             notes: Vec::new(),
             exposure: 1.0,
         };
-        ImportedScene { scene, summary }
+        ImportedScene { scene, summary, outline: Arc::default() }
     }
 }
 

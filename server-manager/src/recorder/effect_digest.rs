@@ -78,6 +78,12 @@ fn describe(output: &Effect) -> (char, Vec<u8>) {
                 Ok(Response::Status(status)) => {
                     polyptych_codec::encode(&(status.revision, status.digest, status.frame))
                 }
+                Ok(Response::Edited(edited)) => polyptych_codec::encode(&(
+                    edited.revision,
+                    &edited.created,
+                    edited.frames,
+                    frame(&edited.feedback),
+                )),
                 Ok(Response::Tuned(tuned)) => {
                     polyptych_codec::encode(&(tuned.revision, tuned.frames, frame(&tuned.feedback)))
                 }

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_core::{ClientRequest, Effect, ImportedScene, SessionId};
@@ -55,8 +56,13 @@ struct RandomRun {
 
 impl RandomRun {
     fn new(recorder: Recorder, seed: u64) -> Self {
-        let fresh =
-            ClusterConfig { wall: wall(), epoch: Epoch(seed), memory: None, is_navigable: true };
+        let fresh = ClusterConfig {
+            wall: wall(),
+            epoch: Epoch(seed),
+            memory: None,
+            outline: None,
+            is_navigable: true,
+        };
         let mut life = Self {
             core: RecordedCluster::new(fresh, Some(recorder)),
             random: seed,
@@ -202,7 +208,7 @@ fn imported() -> ImportedScene {
         notes: Vec::new(),
         exposure: 1.0,
     };
-    ImportedScene { scene, summary }
+    ImportedScene { scene, summary, outline: Arc::default() }
 }
 
 /// Records the life of a wall that is asked for frames all the time.

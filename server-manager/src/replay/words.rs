@@ -63,6 +63,9 @@ pub(super) fn of_request(request: &Request) -> String {
         Request::SetDisplays(mode) => format!("{name} to {}", mode.name()),
         Request::SetPattern(Some(pattern)) => format!("{name} to {}", pattern.name()),
         Request::SetPattern(None) => format!("{name} to none"),
+        Request::Edit(transaction) => {
+            format!("{name}: {}", counted(transaction.edits.len(), "edit"))
+        }
         Request::Tune { channel, changes } => {
             let keys: Vec<_> = changes.iter().take(8).map(CalibrationChange::key).collect();
             let more = if changes.len() > 8 { ", …" } else { "" };

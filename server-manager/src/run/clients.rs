@@ -81,7 +81,10 @@ impl EventLoop {
                     }
                     let (id, request) = (call.id, call.request);
                     is_reset = matches!(request, Request::Statistics { reset: true });
-                    self.tell(now, Input::Request { client: from, id, request });
+                    match request {
+                        Request::FindNodes(query) => self.query(from, id, query),
+                        request => self.tell(now, Input::Request { client: from, id, request }),
+                    }
                 }
                 Asked::Gone(reason) => self.forget(from, &reason),
             }

@@ -27,7 +27,7 @@ pub(super) fn start_cluster(
     let (Some(state), Some(saved)) = (&state, saved) else {
         return (
             RecordedCluster::new(
-                ClusterConfig { wall, epoch, memory: None, is_navigable },
+                ClusterConfig { wall, epoch, memory: None, outline: None, is_navigable },
                 recorder,
             ),
             state,
@@ -36,12 +36,13 @@ pub(super) fn start_cluster(
     let reconciled = state_file::reconcile(saved, &wall);
     log(&reconciled, state);
     let has_changed = reconciled.has_changed();
-    let mut memory = reconciled.memory;
+    let (mut memory, mut outline) = (reconciled.memory, None);
     if let Some(scene) = &memory.scene {
         let folder = BlobStore::new(options.baker.store.join("blobs"));
         match import::read_manifest(&folder, scene.manifest) {
             Ok(import) => {
                 allowed.allow(&import.blobs);
+                outline = Some(import.scene.outline);
                 memory.notes = import.scene.summary.notes;
                 memory.bounds = import.scene.summary.bounds;
             }
@@ -59,7 +60,7 @@ pub(super) fn start_cluster(
     }
     tracing::info!(revision = memory.revision.0, "going on where the last manager stopped");
     let core = RecordedCluster::new(
-        ClusterConfig { wall, epoch, memory: Some(memory), is_navigable },
+        ClusterConfig { wall, epoch, memory: Some(memory), outline, is_navigable },
         recorder,
     );
     (core, Some(state.clone()))

@@ -7,8 +7,8 @@ use polyptych_files::blob::BlobHash;
 use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
 use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
 use polyptych_protocol::feedback::{
-    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles,
-    Skew, Statistics, Tuned, WallStatus,
+    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Edited, FrameFeedback,
+    Quantiles, Skew, Statistics, Tuned, WallStatus,
 };
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, ClientHello, Hello, HelloReply, Introduction, Nonces, Rejection, Secret,
@@ -16,6 +16,7 @@ use polyptych_protocol::handshake::{
 };
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::navigation::Navigation;
+use polyptych_protocol::node_query::{NodeInfo, NodePage, NodeQuery};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
@@ -28,9 +29,11 @@ use polyptych_protocol::server_message::{
     FramePresented, FrameRendered, Ping, Prepared, ServerMessage,
 };
 use polyptych_protocol::state_log::{Operation, SceneRef};
+use polyptych_protocol::transaction::Transaction;
 use polyptych_scene::{
-    AlphaMode, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, Node, Primitive,
-    Sampler, Scene, SceneFeatures, Texture, TextureFormat, TextureRef, Topology, VertexLayout,
+    AlphaMode, Attribute, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, NewNode,
+    Node, NodeId, Primitive, Sampler, Scene, SceneEdits, SceneFeatures, Texture, TextureFormat,
+    TextureRef, Topology, VertexLayout,
 };
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_wall::camera::Camera;
@@ -119,11 +122,56 @@ fn scene_ref() -> SceneRef {
     SceneRef { name: "town".into(), manifest: BlobHash([0xab; 32]) }
 }
 
+/// One edit of each kind.
+fn transaction() -> Transaction {
+    let mut transaction = Transaction::based_on(Revision(1));
+    let light = Light { kind: LightKind::Point, color: Vec3::ONE, intensity: 1.0, range: None };
+    let new = NewNode { name: "lamp".into(), light: Some(light.clone()), ..NewNode::default() };
+    let lamp = transaction.create(new);
+    transaction.set_parent(NodeId(1), Some(lamp));
+    transaction.set_transform(NodeId(1), DAffine3::from_translation(DVec3::X));
+    transaction.set_visible(NodeId(1), false);
+    transaction.set_name(NodeId(1), "arm");
+    transaction.set_mesh(NodeId(1), Some(0));
+    transaction.set_light(lamp, None);
+    transaction.set_attribute(NodeId(1), "kind", Some(Attribute::Text("pointer".into())));
+    transaction.set_attribute(NodeId(1), "old", Some(Attribute::Bool(true)));
+    transaction.set_material(0, Material::default());
+    transaction.remove(NodeId(0));
+    transaction
+}
+
+fn scene_edits() -> SceneEdits {
+    let mut edits = SceneEdits::default();
+    for edit in transaction().edits {
+        let _ = edits.apply(edit);
+    }
+    edits
+}
+
+fn node() -> NodeInfo {
+    NodeInfo {
+        id: NodeId(1),
+        parent: Some(NodeId(0)),
+        name: "arm".into(),
+        depth: 1,
+        local: DAffine3::IDENTITY,
+        world: DAffine3::from_translation(DVec3::X),
+        visible: true,
+        mesh: Some(0),
+        light: None,
+        attributes: [("kind".to_owned(), Attribute::Number(1.5))].into(),
+        bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
+    }
+}
+
 fn commands() -> Vec<Command> {
     let operations = vec![
         Operation::SetWall(Box::new(wall())),
         Operation::OpenScene(scene_ref()),
+        Operation::EditScene(transaction().edits),
         Operation::CloseScene,
+        Operation::SetEdits(Box::new(scene_edits())),
     ];
     let part = Area::Screen { screen: 0, rect: [10, 20, 100, 200] };
     let projection = ViewProjection::Orthographic { height_m: 50.0 };
@@ -239,6 +287,14 @@ fn calls() -> Vec<RequestMessage> {
         Request::SetViews(vec![View::of_wall(camera()), plan()]),
         Request::SetPattern(Some(TestPattern::Focus)),
         Request::Tune { channel: "a-1-1".into(), changes: tuning() },
+        Request::Edit(transaction()),
+        Request::FindNodes(NodeQuery {
+            name: Some("arm".into()),
+            below: Some(NodeId(0)),
+            attribute: Some(("kind".into(), Some(Attribute::Number(1.5)))),
+            skip: 3,
+            count: 1000,
+        }),
     ];
     let call = |(request, id)| RequestMessage { id: RequestId(id), request };
     requests.into_iter().zip(1..).map(call).collect()
@@ -368,6 +424,13 @@ fn answers() -> Vec<request::MessageToClient> {
         Ok(Response::Status(Box::new(status()))),
         Ok(Response::Wall(Box::new(wall()))),
         Ok(Response::Statistics(Box::new(statistics()))),
+        Ok(Response::Edited(Edited {
+            revision: Revision(3),
+            created: vec![NodeId(9)],
+            frames: 1,
+            feedback: feedback(),
+        })),
+        Ok(Response::Nodes(NodePage { revision: Revision(3), found: 1, nodes: vec![node()] })),
         Ok(Response::Tuned(Tuned { revision: Revision(3), frames: 1, feedback: feedback() })),
         Ok(Response::ServersStopped(request::StoppedServers {
             ended: vec!["left".into()],

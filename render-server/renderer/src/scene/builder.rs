@@ -156,22 +156,28 @@ impl SceneBuilder {
             return Err(SceneError::Missing(format!("primitive {primitive} of mesh {mesh}")));
         }
         let lamp_indices = index_buffer(gpu, &self.layout.lights.indices);
-        let materials = self.materials(gpu);
-        let geometries = self.geometries.into_iter().flatten().collect();
-        Ok(GpuScene { layout: self.layout, geometries, materials, lamp_indices })
+        // None is missing, so that each stays in its slot.
+        let textures: Arc<Vec<_>> = Arc::new(self.textures.into_iter().flatten().collect());
+        let materials = Arc::new(materials(gpu, &self.layout, &textures));
+        let geometries = Arc::new(self.geometries.into_iter().flatten().collect());
+        Ok(GpuScene { layout: self.layout, geometries, materials, lamp_indices, textures })
     }
+}
 
-    fn materials(&self, gpu: &Gpu) -> Vec<wgpu::BindGroup> {
-        let mut known = HashMap::new();
-        let mut sampler =
-            |desc| known.entry(desc).or_insert_with(|| texture::sampler(gpu, desc)).clone();
-        let described = self.layout.desc.textures.iter().map(|texture| texture.sampler);
-        let samplers: Vec<_> = described.chain([Sampler::default()]).map(&mut sampler).collect();
-        let view = |&slot: &usize| self.textures[slot].clone();
-        let uploaded = self.layout.textures.of.iter().filter_map(view);
-        let views: Vec<_> = uploaded.chain([texture::placeholder(gpu)]).collect();
-        material::bind_groups(gpu, &self.layout.desc, &views, &samplers)
-    }
+/// The bindings of all materials of a layout, whose textures are given by slot.
+pub(super) fn materials(
+    gpu: &Gpu,
+    layout: &SceneLayout,
+    textures: &[wgpu::TextureView],
+) -> Vec<wgpu::BindGroup> {
+    let mut known = HashMap::new();
+    let mut sampler =
+        |desc| known.entry(desc).or_insert_with(|| texture::sampler(gpu, desc)).clone();
+    let described = layout.desc.textures.iter().map(|texture| texture.sampler);
+    let samplers: Vec<_> = described.chain([Sampler::default()]).map(&mut sampler).collect();
+    let uploaded = layout.textures.of.iter().map(|&slot| textures[slot].clone());
+    let views: Vec<_> = uploaded.chain([texture::placeholder(gpu)]).collect();
+    material::bind_groups(gpu, &layout.desc, &views, &samplers)
 }
 
 fn nowhere(what: &str) -> SceneError {
@@ -187,7 +193,7 @@ fn check_size(what: &str, bytes: &[u8], wanted: u64) -> Result<(), SceneError> {
     }
 }
 
-fn index_buffer(gpu: &Gpu, indices: &[u32]) -> wgpu::Buffer {
+pub(super) fn index_buffer(gpu: &Gpu, indices: &[u32]) -> wgpu::Buffer {
     // A binding must hold at least one element.
     let indices = if indices.is_empty() { &[0] } else { indices };
     let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {

@@ -144,6 +144,16 @@ impl SceneLayout {
         Self { ground, ..self }
     }
 
+    /// Returns whether its meshes and textures are those of another layout, slot by slot.
+    pub(super) fn shares_content_with(&self, other: &Self) -> bool {
+        self.desc.meshes == other.desc.meshes && self.desc.textures == other.desc.textures
+    }
+
+    /// Returns whether its materials are those of another layout.
+    pub(super) fn has_materials_of(&self, other: &Self) -> bool {
+        self.desc.materials == other.desc.materials
+    }
+
     /// Returns what of it is too large for a GPU, if anything: textures of a longer side than
     /// `side_max` pixels, primitives of more than `bytes_max` bytes.
     pub(super) fn size_fault(&self, side_max: u32, bytes_max: u64) -> Option<String> {

@@ -1,12 +1,13 @@
 //! Servers that lie, repeat themselves, or work on what nobody wants any more.
 
 use super::*;
+use std::sync::Arc;
 
 /// A scene of this name, as a bake gives it.
 fn imported(name: &str) -> ImportedScene {
     let scene = SceneRef { name: name.into(), manifest: BlobHash::of(name.as_bytes()) };
     let summary = SceneSummary { name: name.into(), ..ClusterFixture::imported().summary };
-    ImportedScene { scene, summary }
+    ImportedScene { scene, summary, outline: Arc::default() }
 }
 
 impl ClusterFixture {

@@ -90,9 +90,9 @@ fn views_lie_over_the_picture_of_the_camera() {
     assert!(reason.contains("65 views"), "{reason}");
     assert!(stage.a_frame(2).iter().all(|frame| frame.presentation.views == views), "as before");
     stage.request(Request::SetViews(Vec::new()));
-    assert!(
-        stage.a_frame(2).iter().all(|frame| frame.presentation.views.is_empty() && frame.presentation.camera == camera)
-    );
+    assert!(stage.a_frame(2).iter().all(|frame| {
+        frame.presentation.views.is_empty() && frame.presentation.camera == camera
+    }));
 }
 
 #[test]

@@ -223,7 +223,10 @@ impl InvariantChecker {
         let scene = prepare.operations.iter().rev().find_map(|operation| match operation {
             Operation::OpenScene(scene) => Some(Some(scene.manifest)),
             Operation::CloseScene => Some(None),
-            Operation::Adjust { .. } | Operation::MoveBend { .. } => None,
+            Operation::Adjust { .. }
+            | Operation::MoveBend { .. }
+            | Operation::EditScene(_)
+            | Operation::SetEdits(_) => None,
             Operation::SetWall(_) => prepare.base.is_none().then_some(None),
         });
         for session in to {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use glam::DVec3;
 use polyptych_files::blob::BlobHash;
@@ -12,7 +13,7 @@ use polyptych_protocol::ids::{Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::request::{Request, SceneSummary};
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::state_log::SceneRef;
-use polyptych_scene::{Bounds, SceneFeatures};
+use polyptych_scene::{Bounds, Node, Scene, SceneFeatures, SceneOutline};
 
 use super::super::{
     ClientRequest, Cluster, Effect, ImportedScene, Micros, PersistentState, SessionId,
@@ -47,6 +48,13 @@ pub struct Manager {
     pub frame_before: Option<FrameId>,
 }
 
+/// What every simulated scene is made of: four nodes, each below the one before.
+fn outline() -> Arc<SceneOutline> {
+    let node = |parent| Node { parent, ..Node::default() };
+    let nodes = [None, Some(0), Some(1), Some(2)].map(node).into();
+    Arc::new(SceneOutline::from(&Scene { nodes, ..Scene::default() }))
+}
+
 impl Simulation {
     /// The core, with what it was before this.
     fn core<R>(&mut self, what: impl FnOnce(&mut Cluster, Micros) -> R) -> Option<R> {
@@ -72,6 +80,7 @@ impl Simulation {
             None => Cluster::new(wall, epoch),
             Some(memory) => Cluster::restore(wall, epoch, memory),
         };
+        cluster.set_outline(Some(outline()));
         cluster.set_navigable(true);
         self.tell(|| format!("manager starts, memory {:?}", self.manager.memory.is_some()));
         let started = self.manager.started;
@@ -276,7 +285,8 @@ impl Simulation {
             notes: Vec::new(),
             exposure: 1.0,
         };
-        let scene = ImportedScene { scene: SceneRef { name, manifest }, summary };
+        let scene =
+            ImportedScene { scene: SceneRef { name, manifest }, summary, outline: outline() };
         let imported = if is_good { Ok(scene) } else { Err("not glTF".to_owned()) };
         self.coverage.count(if is_good { "import done" } else { "import failed" });
         self.core(|cluster, now| cluster.handle_import(now, job, imported));

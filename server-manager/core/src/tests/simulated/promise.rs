@@ -82,6 +82,7 @@ impl InvariantChecker {
             && cluster.presentation.exposure == memory.presentation.exposure
             && told.pace.is_none_or(|pace| cluster.pacer.pace() == pace)
             && cluster.shown.scene == memory.scene
+            && cluster.shown.edits == memory.edits
             && cluster.shown.revision == memory.revision;
         if !is_kept {
             return Err(format!("told {told:?}, remembered {memory:?}, but restored otherwise"));
@@ -303,6 +304,15 @@ impl InvariantChecker {
                 let is_early = is_shown && tuned.feedback.frame != self.swapped;
                 if is_late || is_early || of.is_some_and(|of| of < tuned.revision) {
                     return Err(format!("{tuned:?}, but frame {} was swapped last", self.swapped));
+                }
+            }
+            (Request::Edit(_), Response::Edited(edited)) => {
+                let of = self.revision_of(edited.feedback.frame);
+                if of.is_some_and(|of| of < edited.revision) {
+                    return Err(format!("{edited:?}, and that frame shows {of:?}"));
+                }
+                if memory.is_none_or(|memory| memory.revision < edited.revision) {
+                    return Err(format!("{edited:?}, but {memory:?} is remembered"));
                 }
             }
             (Request::DescribeWall, Response::Wall(_)) | (Request::Stop, Response::Done) => {}

@@ -1,9 +1,12 @@
 //! One schedule: a wall of a random size, random requests and faults, and then calm, in which all
 //! must come back.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::ids::Revision;
 use polyptych_protocol::request::{Pacing, Request};
+use polyptych_protocol::transaction::Transaction;
+use polyptych_scene::{NewNode, NodeId};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
@@ -126,6 +129,44 @@ fn a_pace(dice: &mut Rng) -> Pacing {
     }
 }
 
+/// Edits of which some cannot be, now and then on a state that was seen before.
+fn a_transaction(world: &Simulation, dice: &mut Rng) -> Transaction {
+    let node = |dice: &mut Rng| NodeId(dice.below(9));
+    let mut transaction = Transaction::default();
+    if dice.is_hit(300) {
+        let shown = world.manager.cluster.as_ref().map(|cluster| cluster.shown.revision.0);
+        transaction.base = Some(Revision(shown.unwrap_or(0).saturating_sub(dice.below(3))));
+    }
+    for _ in 0..dice.between(1, 4) {
+        match dice.below(10) {
+            0 => transaction.remove(node(dice)),
+            1..3 => {
+                let parent = dice.is_hit(500).then(|| node(dice));
+                transaction.create(NewNode { parent, ..NewNode::default() });
+            }
+            3 => {
+                let parent = dice.is_hit(700).then(|| node(dice));
+                transaction.set_parent(node(dice), parent);
+            }
+            4 => transaction.set_visible(node(dice), dice.is_hit(500)),
+            _ => {
+                let at = DVec3::X * dice.below(50) as f64;
+                transaction.set_transform(node(dice), DAffine3::from_translation(at));
+            }
+        }
+    }
+    transaction
+}
+
+/// Asks for many transactions now and then, and gives one more.
+fn edits(world: &mut Simulation, client: usize, dice: &mut Rng) -> Request {
+    for _ in 1..dice.pick(&[1, 1, 2, 40, 300]) {
+        let transaction = a_transaction(world, dice);
+        world.ask(client, Request::Edit(transaction));
+    }
+    Request::Edit(a_transaction(world, dice))
+}
+
 fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
     let client = dice.below(world.clients.len() as u64) as usize;
     if world.clients[client].session.is_none() {
@@ -174,7 +215,8 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
         68..74 => Request::Capture,
         74..80 => Request::Status,
         80..86 => Request::Statistics { reset: dice.is_hit(300) },
-        86..88 => Request::DescribeWall,
+        86 => Request::DescribeWall,
+        87 => edits(world, client, dice),
         88..94 => Request::Subscribe(dice.is_hit(700)),
         94 => Request::SetExposure(f32::NAN),
         95..97 => {

@@ -1,0 +1,123 @@
+//! What a client does with the open scene: shows it, changes it, and asks about it.
+
+use polyptych_protocol::feedback::Edited;
+use polyptych_protocol::node_query::{NODES_MAX, NodeInfo, NodePage, NodeQuery};
+use polyptych_protocol::progress::OpenProgress;
+use polyptych_protocol::request::{Request, Response, SceneSummary};
+use polyptych_protocol::transaction::Transaction;
+use tokio::sync::watch;
+
+use crate::client::Client;
+use crate::connection_handle::{Wanted, wrong_answer};
+use crate::error::ClientError;
+
+/// How often a scene that is edited meanwhile is read anew from its first node.
+const READ_TRIES: u32 = 8;
+
+impl Client {
+    /// Shows a scene; returns once every live channel can draw it. The wall's exposure becomes
+    /// the one that suits the scene ([`SceneSummary::exposure`]).
+    ///
+    /// `path` names a file in one of the manager's scene folders, absolute or relative to one of
+    /// them, on the manager's machine.
+    ///
+    /// # Errors
+    /// [`ClientError`]; where the scene can't be opened, the wall shows what it showed before.
+    pub async fn open_scene(&self, path: impl Into<String>) -> Result<SceneSummary, ClientError> {
+        self.open_scene_with(path, |_| {}).await
+    }
+
+    /// As [`Client::open_scene`], and calls `on_progress` whenever the manager says how far it has
+    /// come: a few times a second at most, and only while this future is polled. Progress that
+    /// came meanwhile is left out but for the newest.
+    ///
+    /// The request may take [`crate::Timeouts::open_scene`] from each message about its progress
+    /// on, so a large file may take longer than that.
+    ///
+    /// # Errors
+    /// As of [`Client::open_scene`].
+    pub async fn open_scene_with(
+        &self,
+        path: impl Into<String>,
+        mut on_progress: impl FnMut(OpenProgress),
+    ) -> Result<SceneSummary, ClientError> {
+        let (sender, mut progress) = watch::channel(OpenProgress::NONE);
+        let wanted = Wanted { pictures: false, progress: Some(sender) };
+        let request = Request::OpenScene { path: path.into() };
+        let mut pending = self.link.post(request, wanted)?;
+        let reply = loop {
+            tokio::select! {
+                biased;
+                reply = &mut pending => break reply?,
+                Ok(()) = progress.changed() => on_progress(*progress.borrow_and_update()),
+            }
+        };
+        match reply {
+            Response::SceneOpened(summary) => Ok(summary),
+            other => Err(wrong_answer("open the scene", &other)),
+        }
+    }
+
+    /// Shows no scene.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn close_scene(&self) -> Result<(), ClientError> {
+        self.done("close the scene", Request::CloseScene).await
+    }
+
+    /// Changes the open scene by all of these edits, on all displays from one frame on, or by none.
+    /// Returns once that frame was swapped, which a paused wall draws for it. Transactions that
+    /// come faster than frames are shown together. The manager remembers what was changed.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] names the edit that cannot be, or the node that
+    /// somebody else has changed since [`Transaction::base`].
+    pub async fn commit(&self, transaction: Transaction) -> Result<Edited, ClientError> {
+        match self.request(Request::Edit(transaction)).await? {
+            Response::Edited(edited) => Ok(edited),
+            other => Err(wrong_answer("edit the scene", &other)),
+        }
+    }
+
+    /// Returns the nodes of the open scene that a query asks for, a page of them.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] where no scene is open.
+    pub async fn find_nodes(&self, query: NodeQuery) -> Result<NodePage, ClientError> {
+        match self.request(Request::FindNodes(query)).await? {
+            Response::Nodes(page) => Ok(page),
+            other => Err(wrong_answer("find nodes", &other)),
+        }
+    }
+
+    /// Returns all nodes of the open scene that a query asks for, of one state of it, parents
+    /// before their children.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] where no scene is open, or it changes faster than
+    /// it can be read.
+    pub async fn find_all_nodes(&self, query: NodeQuery) -> Result<Vec<NodeInfo>, ClientError> {
+        let (mut nodes, mut revision, mut tries) = (Vec::new(), None, 0);
+        loop {
+            let skip = query.skip + nodes.len() as u64;
+            let page =
+                self.find_nodes(NodeQuery { skip, count: NODES_MAX, ..query.clone() }).await?;
+            if revision.replace(page.revision).is_some_and(|before| before != page.revision) {
+                // The scene was edited between two pages: what was read is of no use.
+                (nodes, revision) = (Vec::new(), None);
+                tries += 1;
+                if tries < READ_TRIES {
+                    continue;
+                }
+                let reason = "the scene changes faster than it can be read; ask for less of it";
+                return Err(ClientError::Failed { request: "find nodes", reason: reason.into() });
+            }
+            let is_end = page.nodes.is_empty();
+            nodes.extend(page.nodes);
+            if is_end || query.skip + nodes.len() as u64 >= page.found {
+                return Ok(nodes);
+            }
+        }
+    }
+}

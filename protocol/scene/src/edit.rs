@@ -1,0 +1,193 @@
+//! Changes of a scene while it is shown.
+
+use std::fmt;
+
+use glam::DAffine3;
+use serde::{Deserialize, Serialize};
+
+use crate::{Light, Material};
+
+/// A node of the open scene, for as long as the scene is open, restarts of the manager included.
+/// Nodes of the file have their index in [`Scene::nodes`](crate::Scene::nodes); those that were
+/// made since count on from there, and no number is given twice.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
+pub struct NodeId(pub u64);
+
+/// The first number of nodes that have none yet.
+const PROVISIONAL: u64 = 1 << 63;
+
+impl NodeId {
+    /// Stands in a transaction for the node that its `index`th creation makes.
+    pub fn provisional(index: u64) -> Self {
+        Self(PROVISIONAL | index)
+    }
+
+    /// The index of the creation that this stands for, if it does.
+    pub fn provisional_index(self) -> Option<u64> {
+        (self.0 >= PROVISIONAL).then_some(self.0 & !PROVISIONAL)
+    }
+}
+
+impl fmt::Display for NodeId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.provisional_index() {
+            Some(index) => write!(f, "new node {index}"),
+            None => write!(f, "node {}", self.0),
+        }
+    }
+}
+
+/// What an application knows of a node beside its picture.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Attribute {
+    /// Yes or no.
+    Bool(bool),
+    /// A number; finite.
+    Number(f64),
+    /// At most [`crate::limits::ATTRIBUTE_BYTES_MAX`] bytes.
+    Text(String),
+}
+
+/// A node as it is made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NewNode {
+    /// The node that it hangs from; `None` for the scene itself.
+    pub parent: Option<NodeId>,
+    /// May be empty or stand twice; at most [`crate::limits::NODE_NAME_BYTES_MAX`] bytes.
+    pub name: String,
+    /// Parent space from this node's space.
+    pub local: DAffine3,
+    /// An index into the meshes of the scene: two nodes with one mesh are two instances of it.
+    pub mesh: Option<u32>,
+    /// It shines along −Z of the node.
+    pub light: Option<Light>,
+}
+
+impl Default for NewNode {
+    /// A node without a name that shows nothing, at the scene's origin.
+    fn default() -> Self {
+        let (name, local) = (String::new(), DAffine3::IDENTITY);
+        Self { parent: None, name, local, mesh: None, light: None }
+    }
+}
+
+/// One change of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Edit {
+    /// Makes a node.
+    Create {
+        /// Its number; in a transaction on its way to the manager the provisional one.
+        node: NodeId,
+        /// What it is.
+        new: Box<NewNode>,
+    },
+    /// Takes a node away with all that hangs from it.
+    Remove(NodeId),
+    /// Hangs a node, with all that hangs from it, from another; its transform stays as it is.
+    SetParent {
+        /// Which.
+        node: NodeId,
+        /// `None` for the scene itself.
+        parent: Option<NodeId>,
+    },
+    /// Places a node in its parent's space.
+    SetTransform {
+        /// Which.
+        node: NodeId,
+        /// Parent space from this node's space; finite and not singular.
+        local: DAffine3,
+    },
+    /// Shows a node with all that hangs from it, or does not.
+    SetVisible {
+        /// Which.
+        node: NodeId,
+        /// Whether it is shown, where its parents are.
+        visible: bool,
+    },
+    /// Names a node.
+    SetName {
+        /// Which.
+        node: NodeId,
+        /// As [`NewNode::name`].
+        name: String,
+    },
+    /// Gives a node another mesh, or none.
+    SetMesh {
+        /// Which.
+        node: NodeId,
+        /// As [`NewNode::mesh`].
+        mesh: Option<u32>,
+    },
+    /// Gives a node another light, or none.
+    SetLight {
+        /// Which.
+        node: NodeId,
+        /// As [`NewNode::light`].
+        light: Option<Light>,
+    },
+    /// Notes something about a node, or forgets it.
+    SetAttribute {
+        /// Which.
+        node: NodeId,
+        /// At most [`crate::limits::NODE_NAME_BYTES_MAX`] bytes, and not empty.
+        key: String,
+        /// `None` forgets it.
+        value: Option<Attribute>,
+    },
+    /// Gives a material of the scene another look, on all that has it.
+    SetMaterial {
+        /// An index into the materials of the scene.
+        material: u32,
+        /// All of it.
+        to: Box<Material>,
+    },
+}
+
+impl Edit {
+    /// The node that it changes; `None` for a material.
+    pub fn node(&self) -> Option<NodeId> {
+        match self {
+            Self::Create { node, .. }
+            | Self::Remove(node)
+            | Self::SetParent { node, .. }
+            | Self::SetTransform { node, .. }
+            | Self::SetVisible { node, .. }
+            | Self::SetName { node, .. }
+            | Self::SetMesh { node, .. }
+            | Self::SetLight { node, .. }
+            | Self::SetAttribute { node, .. } => Some(*node),
+            Self::SetMaterial { .. } => None,
+        }
+    }
+
+    /// The same with other numbers of nodes.
+    ///
+    /// # Errors
+    /// That of `number`.
+    pub fn with_nodes<E>(
+        mut self,
+        mut number: impl FnMut(NodeId) -> Result<NodeId, E>,
+    ) -> Result<Self, E> {
+        match &mut self {
+            Self::Create { node, new } => {
+                *node = number(*node)?;
+                new.parent = new.parent.map(&mut number).transpose()?;
+            }
+            Self::SetParent { node, parent } => {
+                *node = number(*node)?;
+                *parent = parent.map(&mut number).transpose()?;
+            }
+            Self::Remove(node)
+            | Self::SetTransform { node, .. }
+            | Self::SetVisible { node, .. }
+            | Self::SetName { node, .. }
+            | Self::SetMesh { node, .. }
+            | Self::SetLight { node, .. }
+            | Self::SetAttribute { node, .. } => *node = number(*node)?,
+            Self::SetMaterial { .. } => {}
+        }
+        Ok(self)
+    }
+}

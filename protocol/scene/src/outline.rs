@@ -1,0 +1,343 @@
+//! What must be known of a scene to tell whether an edit of it can be.
+
+use std::collections::BTreeMap;
+
+use glam::DAffine3;
+use serde::{Deserialize, Serialize};
+
+use crate::edit::{Attribute, Edit, NewNode, NodeId};
+use crate::limits::{
+    ATTRIBUTE_BYTES_MAX, ATTRIBUTES_MAX, DRAWS_MAX, EDITS_BYTES_MAX, LIT_DRAWS_MAX,
+    NODE_NAME_BYTES_MAX,
+};
+use crate::scene_edits::SceneEdits;
+use crate::{Light, LightKind, Material, Scene};
+
+/// A scene without what it looks like: some bytes for each node.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SceneOutline {
+    /// The index of each node's parent.
+    parents: Vec<Option<u32>>,
+    /// Primitives of each mesh.
+    meshes: Vec<u32>,
+    materials: u32,
+    textures: u32,
+    /// Nodes with a light.
+    lights: u64,
+    /// Primitives, each in every place.
+    draws: u64,
+}
+
+/// Why an edit cannot be. The scene is as it was.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum EditError {
+    /// There is no such node.
+    #[error("there is no {0}; it was removed, or never made")]
+    NoNode(NodeId),
+    /// A node would hang from itself.
+    #[error("{node} cannot hang from {parent}, which hangs from it")]
+    Circle {
+        /// The node.
+        node: NodeId,
+        /// Where it was to hang.
+        parent: NodeId,
+    },
+    /// A number is not one that can be.
+    #[error("{node}: {what}")]
+    Value {
+        /// The node.
+        node: NodeId,
+        /// What is wrong, and what would be right.
+        what: String,
+    },
+    /// A material that is not there, or cannot be.
+    #[error("material {material}: {what}")]
+    Material {
+        /// Its index.
+        material: u32,
+        /// What is wrong, and what would be right.
+        what: String,
+    },
+    /// The scene would be too large.
+    #[error("{0}")]
+    TooLarge(String),
+}
+
+/// Largest distance by which a node may be moved, and factor by which it may scale; a factor's
+/// reciprocal is the smallest. Far beyond any unit.
+const SCALE_MAX: f64 = 1e18;
+
+impl From<&Scene> for SceneOutline {
+    fn from(scene: &Scene) -> Self {
+        Self {
+            parents: scene.nodes.iter().map(|node| node.parent).collect(),
+            meshes: scene.meshes.iter().map(|mesh| mesh.primitives.len() as u32).collect(),
+            materials: scene.materials.len() as u32,
+            textures: scene.textures.len() as u32,
+            lights: scene.nodes.iter().filter(|node| node.light.is_some()).count() as u64,
+            draws: scene.draws(),
+        }
+    }
+}
+
+impl SceneOutline {
+    /// How many nodes the scene's file has.
+    pub fn nodes(&self) -> u64 {
+        self.parents.len() as u64
+    }
+
+    /// Whether this edit can be, after those; what it makes must have a number already.
+    ///
+    /// # Errors
+    /// [`EditError`].
+    pub fn check(&self, edits: &SceneEdits, edit: &Edit) -> Result<(), EditError> {
+        let fault = |node: NodeId| move |what: String| EditError::Value { node, what };
+        match edit {
+            Edit::Create { node, new } => {
+                if let Some(parent) = new.parent {
+                    self.expect_node(edits, parent)?;
+                }
+                self.check_new(new).map_err(fault(*node))
+            }
+            Edit::SetParent { node, parent } => {
+                self.expect_node(edits, *node)?;
+                let Some(parent) = *parent else { return Ok(()) };
+                self.expect_node(edits, parent)?;
+                if self.hangs_from(edits, parent, *node) {
+                    return Err(EditError::Circle { node: *node, parent });
+                }
+                Ok(())
+            }
+            Edit::SetMaterial { material, to } => {
+                let error = |what| EditError::Material { material: *material, what };
+                if *material >= self.materials {
+                    return Err(error(format!("the scene has {}", self.materials)));
+                }
+                self.check_material(to).map_err(error)
+            }
+            Edit::Remove(node) | Edit::SetVisible { node, .. } => self.expect_node(edits, *node),
+            Edit::SetTransform { node, local } => {
+                self.expect_node(edits, *node)?;
+                check_transform(local).map_err(fault(*node))
+            }
+            Edit::SetName { node, name } => {
+                self.expect_node(edits, *node)?;
+                check_text("a name", name, NODE_NAME_BYTES_MAX).map_err(fault(*node))
+            }
+            Edit::SetMesh { node, mesh } => {
+                self.expect_node(edits, *node)?;
+                self.check_mesh(*mesh).map_err(fault(*node))
+            }
+            Edit::SetLight { node, light } => {
+                self.expect_node(edits, *node)?;
+                check_light(light.as_ref()).map_err(fault(*node))
+            }
+            Edit::SetAttribute { node, key, value } => {
+                self.expect_node(edits, *node)?;
+                let known = edits.node(*node).map(|edits| &edits.attributes);
+                check_attribute(known, key, value.as_ref()).map_err(fault(*node))
+            }
+        }
+    }
+
+    /// Whether all that was changed is of a size that can be held, sent and drawn.
+    ///
+    /// # Errors
+    /// [`EditError::TooLarge`].
+    pub fn check_size(&self, edits: &SceneEdits) -> Result<(), EditError> {
+        if edits.bytes() > EDITS_BYTES_MAX as u64 {
+            return Err(EditError::TooLarge(format!(
+                "all changes of the scene would take {} bytes, where {EDITS_BYTES_MAX} can be kept",
+                edits.bytes()
+            )));
+        }
+        // What was taken away or hidden is not subtracted: it may come back.
+        let (mut draws, mut lights) = (self.draws, self.lights);
+        for (_, of) in edits.nodes() {
+            let made = of.created.as_ref();
+            let mesh = of.mesh.unwrap_or(made.and_then(|new| new.mesh));
+            let primitives = mesh.and_then(|mesh| self.meshes.get(mesh as usize));
+            draws = draws.saturating_add(primitives.map_or(0, |count| u64::from(*count)));
+            let has_light = match &of.light {
+                Some(light) => light.is_some(),
+                None => made.is_some_and(|new| new.light.is_some()),
+            };
+            lights += u64::from(has_light);
+        }
+        if draws > DRAWS_MAX {
+            return Err(EditError::TooLarge(format!(
+                "the scene would draw {draws} primitives, where {DRAWS_MAX} can be drawn"
+            )));
+        }
+        if draws.saturating_mul(lights) > LIT_DRAWS_MAX {
+            return Err(EditError::TooLarge(format!(
+                "{lights} lights would shine on {draws} primitives, where the product can be \
+                 {LIT_DRAWS_MAX}"
+            )));
+        }
+        Ok(())
+    }
+
+    /// The nodes that were made and hang from this one, the deepest last.
+    pub fn made_below(&self, edits: &SceneEdits, node: NodeId) -> Vec<NodeId> {
+        let made = edits.nodes().filter(|(_, of)| of.created.is_some()).map(|(id, _)| id);
+        made.filter(|id| *id != node && self.hangs_from(edits, *id, node)).collect()
+    }
+
+    fn parent_of(&self, edits: &SceneEdits, node: NodeId) -> Option<NodeId> {
+        let of_file = || {
+            let index = usize::try_from(node.0).ok()?;
+            self.parents.get(index).copied().flatten().map(|parent| NodeId(parent.into()))
+        };
+        let Some(of) = edits.node(node) else { return of_file() };
+        of.parent.unwrap_or_else(|| match &of.created {
+            Some(made) => made.parent,
+            None => of_file(),
+        })
+    }
+
+    /// Whether a node is another, or hangs from it.
+    fn hangs_from(&self, edits: &SceneEdits, node: NodeId, from: NodeId) -> bool {
+        let up = std::iter::successors(Some(node), |node| self.parent_of(edits, *node));
+        // A circle is never let in; should there be one, this ends all the same.
+        let nodes = self.parents.len() + edits.nodes().count();
+        up.take(nodes + 1).any(|node| node == from)
+    }
+
+    fn expect_node(&self, edits: &SceneEdits, node: NodeId) -> Result<(), EditError> {
+        let is_there = |node: NodeId| match edits.node(node) {
+            Some(of) => !of.is_removed,
+            None => node.0 < self.nodes(),
+        };
+        let mut up = std::iter::successors(Some(node), |node| self.parent_of(edits, *node));
+        if up.all(is_there) { Ok(()) } else { Err(EditError::NoNode(node)) }
+    }
+
+    fn check_new(&self, new: &NewNode) -> Result<(), String> {
+        check_text("a name", &new.name, NODE_NAME_BYTES_MAX)?;
+        check_transform(&new.local)?;
+        self.check_mesh(new.mesh)?;
+        check_light(new.light.as_ref())
+    }
+
+    fn check_mesh(&self, mesh: Option<u32>) -> Result<(), String> {
+        match mesh.filter(|mesh| *mesh as usize >= self.meshes.len()) {
+            Some(mesh) => {
+                Err(format!("there is no mesh {mesh}; the scene has {}", self.meshes.len()))
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn check_material(&self, material: &Material) -> Result<(), String> {
+        check_text("a name", &material.name, NODE_NAME_BYTES_MAX)?;
+        if let Some(texture) = material.textures().find(|of| of.texture >= self.textures) {
+            let (texture, count) = (texture.texture, self.textures);
+            return Err(format!("there is no texture {texture}; the scene has {count}"));
+        }
+        let share = |what: &str, value: f32| {
+            if (0.0..=1.0).contains(&value) {
+                return Ok(());
+            }
+            Err(format!("{what} is 0 to 1, not {value}"))
+        };
+        share("metallic", material.metallic)?;
+        share("roughness", material.roughness)?;
+        share("occlusion_strength", material.occlusion_strength)?;
+        let color = material.base_color;
+        if !(color.is_finite() && color.min_element() >= 0.0 && color.max_element() <= 1.0) {
+            return Err(format!("base_color is 0 to 1 in all four, not {color}"));
+        }
+        let emissive = material.emissive;
+        if !(emissive.is_finite() && emissive.min_element() >= 0.0) {
+            return Err(format!("emissive is 0 or more in all three, not {emissive}"));
+        }
+        if !material.normal_scale.is_finite() {
+            return Err("normal_scale is a finite number".to_owned());
+        }
+        Ok(())
+    }
+}
+
+fn check_transform(local: &DAffine3) -> Result<(), String> {
+    if !local.is_finite() {
+        return Err("a transform is of finite numbers".to_owned());
+    }
+    let axes = [local.matrix3.x_axis, local.matrix3.y_axis, local.matrix3.z_axis];
+    let [x, y, z] = axes.map(glam::DVec3::length);
+    let range = SCALE_MAX.recip()..=SCALE_MAX;
+    // Relative to its axes, so that a small thing is not taken for a flat one.
+    let volume = local.matrix3.determinant().abs() / (x * y * z);
+    let is_near = local.translation.length() <= SCALE_MAX;
+    if is_near && [x, y, z].iter().all(|length| range.contains(length)) && volume > 1e-12 {
+        return Ok(());
+    }
+    Err("its transform is singular or beyond 1e18: give each axis a length and a direction of its \
+         own"
+    .to_owned())
+}
+
+fn check_text(what: &str, text: &str, bytes_max: usize) -> Result<(), String> {
+    if text.len() > bytes_max {
+        return Err(format!("{what} has {} bytes, where {bytes_max} can be", text.len()));
+    }
+    if text.chars().any(char::is_control) {
+        return Err(format!("{what} has no control characters"));
+    }
+    Ok(())
+}
+
+fn check_attribute(
+    known: Option<&BTreeMap<String, Attribute>>,
+    key: &str,
+    value: Option<&Attribute>,
+) -> Result<(), String> {
+    if key.is_empty() {
+        return Err("an attribute has a key".to_owned());
+    }
+    check_text("an attribute's key", key, NODE_NAME_BYTES_MAX)?;
+    match value {
+        None => return Ok(()),
+        Some(Attribute::Number(number)) if !number.is_finite() => {
+            return Err(format!("attribute {key} is {number}, not a finite number"));
+        }
+        Some(Attribute::Text(text)) if text.len() > ATTRIBUTE_BYTES_MAX => {
+            let bytes = text.len();
+            return Err(format!(
+                "attribute {key} has {bytes} bytes, where {ATTRIBUTE_BYTES_MAX} can be"
+            ));
+        }
+        Some(_) => {}
+    }
+    let count = known.map_or(0, BTreeMap::len);
+    if count >= ATTRIBUTES_MAX && known.is_none_or(|known| !known.contains_key(key)) {
+        return Err(format!("it has {ATTRIBUTES_MAX} attributes already; forget some first"));
+    }
+    Ok(())
+}
+
+fn check_light(light: Option<&Light>) -> Result<(), String> {
+    let Some(light) = light else { return Ok(()) };
+    if !(light.color.is_finite() && light.color.min_element() >= 0.0) {
+        return Err(format!("a light's color is 0 or more in all three, not {}", light.color));
+    }
+    if !(light.intensity.is_finite() && light.intensity >= 0.0) {
+        return Err(format!("a light's intensity is 0 or more, not {}", light.intensity));
+    }
+    if light.range.is_some_and(|range| !(range.is_finite() && range > 0.0)) {
+        return Err("a light's range is a number above 0".to_owned());
+    }
+    match light.kind {
+        LightKind::Spot { inner_rad, outer_rad }
+            if !(0.0 <= inner_rad
+                && inner_rad < outer_rad
+                && outer_rad <= std::f32::consts::FRAC_PI_2) =>
+        {
+            Err(format!(
+                "a spot's half angles are 0 ≤ inner < outer ≤ π/2 rad, not {inner_rad} and \
+                 {outer_rad}"
+            ))
+        }
+        _ => Ok(()),
+    }
+}

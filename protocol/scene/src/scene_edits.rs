@@ -1,0 +1,287 @@
+//! What was changed of a scene since it was opened: the fold of its edits.
+//!
+//! It knows nothing of the scene that it changes, so manager and servers fold alike, whatever each
+//! has of the scene. [`SceneEdits::apply_to`] makes the scene as it stands.
+
+use std::collections::BTreeMap;
+
+use glam::DAffine3;
+use polyptych_files::blob::BlobHash;
+use serde::{Deserialize, Serialize};
+
+use crate::edit::{Attribute, Edit, NewNode, NodeId};
+use crate::{Light, Material, Node, Scene};
+
+/// What differs from the scene's file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SceneEdits {
+    nodes: BTreeMap<NodeId, NodeEdits>,
+    materials: BTreeMap<u32, Material>,
+    /// A sum over the fingerprints of all entries, so that a change costs what it changes.
+    fingerprint: u64,
+    /// The same over their encoded sizes.
+    bytes: u64,
+}
+
+/// What differs of one node; `None` for what is as its file, or its creation, has it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct NodeEdits {
+    /// As it was made; `None` for nodes of the file.
+    pub created: Option<Box<NewNode>>,
+    /// Whether it was taken away.
+    pub is_removed: bool,
+    /// The node that it hangs from now.
+    pub parent: Option<Option<NodeId>>,
+    /// Where it is now.
+    pub local: Option<DAffine3>,
+    /// Whether it is hidden.
+    pub is_hidden: bool,
+    /// What it is called now.
+    pub name: Option<String>,
+    /// Its mesh now.
+    pub mesh: Option<Option<u32>>,
+    /// Its light now.
+    pub light: Option<Option<Light>>,
+    /// What is noted about it.
+    pub attributes: BTreeMap<String, Attribute>,
+}
+
+impl NodeEdits {
+    fn apply(&mut self, edit: Edit) {
+        match edit {
+            Edit::Create { new, .. } => *self = Self { created: Some(new), ..Self::default() },
+            Edit::Remove(_) => {
+                // One that was made is gone without a trace: its number is not given again.
+                let is_removed = self.created.is_none();
+                *self = Self { is_removed, ..Self::default() };
+            }
+            Edit::SetParent { parent, .. } => self.parent = Some(parent),
+            Edit::SetTransform { local, .. } => self.local = Some(local),
+            Edit::SetVisible { visible, .. } => self.is_hidden = !visible,
+            Edit::SetName { name, .. } => self.name = Some(name),
+            Edit::SetMesh { mesh, .. } => self.mesh = Some(mesh),
+            Edit::SetLight { light, .. } => self.light = Some(light),
+            Edit::SetAttribute { key, value: Some(value), .. } => {
+                self.attributes.insert(key, value);
+            }
+            Edit::SetAttribute { key, value: None, .. } => drop(self.attributes.remove(&key)),
+            Edit::SetMaterial { .. } => {}
+        }
+    }
+}
+
+/// Where a node stands among those of the scene as it is made.
+#[derive(Clone, Copy, Debug)]
+enum Place {
+    Unknown,
+    Nowhere,
+    At(u32),
+}
+
+/// An entry as it was before an edit, to take that back.
+#[derive(Debug)]
+pub enum Replaced {
+    /// Of a node; `None` where there was none.
+    Node(NodeId, Option<NodeEdits>),
+    /// Of a material; `None` where there was none.
+    Material(u32, Option<Material>),
+}
+
+/// The fingerprint of an entry and its encoded size; zeros of none.
+fn measure(entry: Option<impl Serialize>) -> (u64, u64) {
+    let Some(entry) = entry else { return (0, 0) };
+    let bytes = polyptych_codec::encode(&entry);
+    let BlobHash(hash) = BlobHash::of(&bytes);
+    let print = hash.iter().take(8).fold(0, |sum, &byte| (sum << 8) | u64::from(byte));
+    (print, bytes.len() as u64)
+}
+
+impl SceneEdits {
+    /// Returns whether the scene is as its file has it.
+    pub fn is_empty(&self) -> bool {
+        self.nodes.is_empty() && self.materials.is_empty()
+    }
+
+    /// A number that two with the same changes share, and others hardly ever.
+    pub fn fingerprint(&self) -> u64 {
+        self.fingerprint
+    }
+
+    /// The size of all entries, encoded.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// What differs of a node, if anything.
+    pub fn node(&self, node: NodeId) -> Option<&NodeEdits> {
+        self.nodes.get(&node)
+    }
+
+    /// All nodes of which something differs, in the order of their numbers.
+    pub fn nodes(&self) -> impl Iterator<Item = (NodeId, &NodeEdits)> {
+        self.nodes.iter().map(|(node, edits)| (*node, edits))
+    }
+
+    /// Applies the next edit; gives back what it replaced.
+    pub fn apply(&mut self, edit: Edit) -> Replaced {
+        if let Edit::SetMaterial { material, to } = edit {
+            return self.replace(Replaced::Material(material, Some(*to)));
+        }
+        let Some(node) = edit.node() else { return Replaced::Material(u32::MAX, None) };
+        let mut entry = self.nodes.get(&node).cloned().unwrap_or_default();
+        entry.apply(edit);
+        // A node of the file that is as it was again needs no entry.
+        self.replace(Replaced::Node(node, (entry != NodeEdits::default()).then_some(entry)))
+    }
+
+    /// Puts an entry in its place; gives back what stood there.
+    pub fn replace(&mut self, entry: Replaced) -> Replaced {
+        let added;
+        let old = match entry {
+            Replaced::Node(node, new) => {
+                added = measure(new.as_ref().map(|new| (node, new)));
+                let old = match new {
+                    Some(new) => self.nodes.insert(node, new),
+                    None => self.nodes.remove(&node),
+                };
+                Replaced::Node(node, old)
+            }
+            Replaced::Material(material, new) => {
+                added = measure(new.as_ref().map(|new| (material, new)));
+                let old = match new {
+                    Some(new) => self.materials.insert(material, new),
+                    None => self.materials.remove(&material),
+                };
+                Replaced::Material(material, old)
+            }
+        };
+        let taken = match &old {
+            Replaced::Node(node, old) => measure(old.as_ref().map(|old| (node, old))),
+            Replaced::Material(material, old) => measure(old.as_ref().map(|old| (material, old))),
+        };
+        self.fingerprint = self.fingerprint.wrapping_add(added.0).wrapping_sub(taken.0);
+        self.bytes = self.bytes.wrapping_add(added.1).wrapping_sub(taken.1);
+        old
+    }
+
+    /// The scene as it stands, and the number of each of its nodes. What is removed or hidden, and
+    /// what hangs from it, is left out; parents stand before their children, and otherwise nodes
+    /// in the order of their numbers.
+    pub fn apply_to(&self, base: &Scene) -> (Scene, Vec<NodeId>) {
+        // Without its nodes, which may be a million.
+        let mut scene = Scene {
+            name: base.name.clone(),
+            nodes: Vec::new(),
+            meshes: base.meshes.clone(),
+            materials: base.materials.clone(),
+            textures: base.textures.clone(),
+            lights: base.lights.clone(),
+            sky: base.sky,
+            bounds: base.bounds,
+            notes: base.notes.clone(),
+            exposure: base.exposure,
+        };
+        for (&material, to) in &self.materials {
+            if let Some(slot) = scene.materials.get_mut(material as usize) {
+                slot.clone_from(to);
+            }
+        }
+        let ids = self.placed(base, &mut scene, false);
+        (scene, ids)
+    }
+
+    /// The nodes as they stand, hidden ones too, and the number of each. Their lights are indices
+    /// into the lights that come with them.
+    pub fn all_nodes(&self, base: &Scene) -> (Vec<Node>, Vec<Light>, Vec<NodeId>) {
+        let mut scene = Scene { lights: base.lights.clone(), ..Scene::default() };
+        let ids = self.placed(base, &mut scene, true);
+        (scene.nodes, scene.lights, ids)
+    }
+
+    /// Places the nodes in `scene`; gives their numbers.
+    fn placed(&self, base: &Scene, scene: &mut Scene, with_hidden: bool) -> Vec<NodeId> {
+        let first_made = self.nodes.range(NodeId(base.nodes.len() as u64)..);
+        let made = first_made.filter(|(_, edits)| edits.created.is_some()).map(|(node, _)| *node);
+        let all: Vec<NodeId> = (0..base.nodes.len() as u64).map(NodeId).chain(made).collect();
+        let mut places = vec![Place::Unknown; all.len()];
+        let place_of = |places: &[Place], node: NodeId| {
+            all.binary_search(&node).map_or(Place::Nowhere, |slot| places[slot])
+        };
+        let (mut ids, mut way) = (Vec::with_capacity(all.len()), Vec::new());
+        for slot in 0..all.len() {
+            // Up to the first whose place is known, and down again.
+            let mut next = Some(slot);
+            while let Some(slot) = next.filter(|slot| matches!(places[*slot], Place::Unknown)) {
+                // Until it has its place, it has none: a circle ends here.
+                places[slot] = Place::Nowhere;
+                way.push(slot);
+                let parent = self.parent_of(base, all[slot]);
+                next = parent.and_then(|parent| all.binary_search(&parent).ok());
+            }
+            while let Some(slot) = way.pop() {
+                let node = all[slot];
+                let edits = self.nodes.get(&node);
+                let is_shown = edits
+                    .is_none_or(|edits| !edits.is_removed && (with_hidden || !edits.is_hidden));
+                let parent = self.parent_of(base, node).map(|parent| place_of(&places, parent));
+                let parent = match parent {
+                    None => None,
+                    Some(Place::At(index)) => Some(index),
+                    // What hangs from what is not there is not there either.
+                    Some(_) => continue,
+                };
+                if is_shown && let Some(placed) = self.node_as_it_stands(base, node, scene) {
+                    places[slot] = Place::At(scene.nodes.len() as u32);
+                    scene.nodes.push(Node { parent, ..placed });
+                    ids.push(node);
+                }
+            }
+        }
+        ids
+    }
+
+    /// The node that a node hangs from now; `None` too where there is no such node.
+    pub fn parent_of(&self, base: &Scene, node: NodeId) -> Option<NodeId> {
+        let edits = self.nodes.get(&node);
+        if let Some(parent) = edits.and_then(|edits| edits.parent) {
+            return parent;
+        }
+        if let Some(made) = edits.and_then(|edits| edits.created.as_ref()) {
+            return made.parent;
+        }
+        let of_file = usize::try_from(node.0).ok().and_then(|index| base.nodes.get(index));
+        of_file.and_then(|of_file| of_file.parent).map(|parent| NodeId(parent.into()))
+    }
+
+    /// The node without its parent; a light of its own is put behind those of `scene`.
+    fn node_as_it_stands(&self, base: &Scene, node: NodeId, scene: &mut Scene) -> Option<Node> {
+        let edits = self.nodes.get(&node);
+        let made = edits.and_then(|edits| edits.created.as_ref());
+        let mut placed = match made {
+            Some(new) => {
+                Node { name: new.name.clone(), local: new.local, mesh: new.mesh, ..Node::default() }
+            }
+            None => base.nodes.get(usize::try_from(node.0).ok()?)?.clone(),
+        };
+        placed.parent = None;
+        let mut light = made.and_then(|new| new.light.clone()).map(Some);
+        if let Some(edits) = edits {
+            placed.local = edits.local.unwrap_or(placed.local);
+            placed.mesh = edits.mesh.unwrap_or(placed.mesh);
+            if let Some(name) = &edits.name {
+                placed.name.clone_from(name);
+            }
+            light = edits.light.clone().or(light);
+        }
+        if let Some(light) = light {
+            placed.light = light.map(|light| {
+                scene.lights.push(light);
+                scene.lights.len() as u32 - 1
+            });
+        }
+        Some(placed)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,251 @@
+//! Edits against a model that keeps every node with its children, and what they leave behind.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec3, Vec3};
+use proptest::prelude::*;
+
+use super::*;
+use crate::{LightKind, SceneOutline};
+
+/// Two roots, the first with two children, of which the first has one.
+fn base() -> Scene {
+    let node = |name: &str, parent| Node {
+        name: name.into(),
+        parent,
+        local: DAffine3::from_translation(DVec3::X),
+        ..Node::default()
+    };
+    let nodes = vec![
+        node("house", None),
+        node("door", Some(0)),
+        node("handle", Some(1)),
+        node("roof", Some(0)),
+        node("tree", None),
+    ];
+    let materials = vec![Material::default(); 2];
+    Scene { name: "base".into(), nodes, materials, ..Scene::default() }
+}
+
+fn names(edits: &SceneEdits) -> Vec<(String, Option<String>)> {
+    let (scene, ids) = edits.apply_to(&base());
+    assert_eq!(scene.nodes.len(), ids.len());
+    assert_eq!(scene.fault(), None);
+    let name = |index: u32| scene.nodes[index as usize].name.clone();
+    scene.nodes.iter().map(|node| (node.name.clone(), node.parent.map(name))).collect()
+}
+
+fn pair(name: &str, parent: &str) -> (String, Option<String>) {
+    (name.into(), (!parent.is_empty()).then(|| parent.into()))
+}
+
+#[test]
+fn an_unedited_scene_is_its_file() {
+    let (scene, ids) = SceneEdits::default().apply_to(&base());
+    assert_eq!(scene, base());
+    assert_eq!(ids, [0, 1, 2, 3, 4].map(NodeId));
+}
+
+#[test]
+fn what_hangs_from_what_is_removed_or_hidden_goes_with_it() {
+    let mut edits = SceneEdits::default();
+    edits.apply(Edit::Remove(NodeId(1)));
+    let left = [pair("house", ""), pair("roof", "house"), pair("tree", "")];
+    assert_eq!(names(&edits), left);
+    edits.apply(Edit::SetVisible { node: NodeId(0), visible: false });
+    assert_eq!(names(&edits), [pair("tree", "")]);
+    edits.apply(Edit::SetVisible { node: NodeId(0), visible: true });
+    assert_eq!(names(&edits), left);
+    let (nodes, _, ids) = edits.all_nodes(&base());
+    assert_eq!((nodes.len(), ids), (3, [0, 3, 4].map(NodeId).to_vec()));
+}
+
+#[test]
+fn a_node_that_hangs_from_a_later_one_comes_behind_it() {
+    let mut edits = SceneEdits::default();
+    edits.apply(Edit::SetParent { node: NodeId(1), parent: Some(NodeId(4)) });
+    let expected = [
+        pair("house", ""),
+        pair("tree", ""),
+        pair("door", "tree"),
+        pair("handle", "door"),
+        pair("roof", "house"),
+    ];
+    assert_eq!(names(&edits), expected);
+}
+
+#[test]
+fn made_nodes_have_lights_and_materials_of_their_own() {
+    let mut edits = SceneEdits::default();
+    let light = Light { kind: LightKind::Point, color: Vec3::ONE, intensity: 9.0, range: None };
+    let new = NewNode {
+        parent: Some(NodeId(4)),
+        name: "lamp".into(),
+        light: Some(light.clone()),
+        ..NewNode::default()
+    };
+    edits.apply(Edit::Create { node: NodeId(5), new: Box::new(new) });
+    let red = Material { metallic: 0.0, ..Material::default() };
+    edits.apply(Edit::SetMaterial { material: 1, to: Box::new(red.clone()) });
+    let (scene, ids) = edits.apply_to(&base());
+    assert_eq!((ids.last(), &scene.lights[..]), (Some(&NodeId(5)), &[light][..]));
+    assert_eq!(scene.nodes[5].light, Some(0));
+    assert_eq!(scene.materials, [Material::default(), red]);
+    edits.apply(Edit::SetLight { node: NodeId(5), light: None });
+    assert_eq!(edits.apply_to(&base()).0.nodes[5].light, None);
+    edits.apply(Edit::Remove(NodeId(5)));
+    assert_eq!(names(&edits).len(), 5);
+}
+
+#[test]
+fn circles_and_parents_that_are_not_there_lose_nodes_and_nothing_else() {
+    let mut edits = SceneEdits::default();
+    edits.apply(Edit::SetParent { node: NodeId(0), parent: Some(NodeId(2)) });
+    edits.apply(Edit::SetParent { node: NodeId(4), parent: Some(NodeId(77)) });
+    assert!(names(&edits).is_empty());
+}
+
+/// A node of the model.
+#[derive(Clone, Debug, PartialEq)]
+struct Known {
+    parent: Option<NodeId>,
+    x: f64,
+    is_hidden: bool,
+}
+
+#[derive(Clone, Debug)]
+enum Step {
+    Create(Option<usize>, f64),
+    Remove(usize),
+    Hang(usize, Option<usize>),
+    Move(usize, f64),
+    Show(usize, bool),
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    let (node, x) = (0usize..16, -9.0..9.0);
+    prop_oneof![
+        (proptest::option::of(node.clone()), x.clone()).prop_map(|(at, x)| Step::Create(at, x)),
+        node.clone().prop_map(Step::Remove),
+        (node.clone(), proptest::option::of(node.clone())).prop_map(|(a, b)| Step::Hang(a, b)),
+        (node.clone(), x).prop_map(|(node, x)| Step::Move(node, x)),
+        (node, any::<bool>()).prop_map(|(node, shown)| Step::Show(node, shown)),
+    ]
+}
+
+fn place(x: f64) -> DAffine3 {
+    DAffine3::from_translation(DVec3::new(x, 0.0, 0.0))
+}
+
+impl Step {
+    fn edit(&self, next: u64) -> Edit {
+        let id = |index: usize| NodeId(index as u64);
+        match *self {
+            Self::Create(parent, x) => {
+                let new = NewNode { parent: parent.map(id), local: place(x), ..NewNode::default() };
+                Edit::Create { node: NodeId(next), new: Box::new(new) }
+            }
+            Self::Remove(node) => Edit::Remove(id(node)),
+            Self::Hang(node, parent) => Edit::SetParent { node: id(node), parent: parent.map(id) },
+            Self::Move(node, x) => Edit::SetTransform { node: id(node), local: place(x) },
+            Self::Show(node, visible) => Edit::SetVisible { node: id(node), visible },
+        }
+    }
+}
+
+type Model = BTreeMap<NodeId, Known>;
+
+fn is_below(model: &Model, node: NodeId, from: NodeId) -> bool {
+    let up = std::iter::successors(Some(node), |node| model[node].parent);
+    up.into_iter().any(|node| node == from)
+}
+
+/// Does to the model what an edit says, where that can be.
+fn change(model: &mut Model, edit: &Edit) -> bool {
+    match edit {
+        Edit::Create { node, new } => {
+            if new.parent.is_some_and(|parent| !model.contains_key(&parent)) {
+                return false;
+            }
+            let x = new.local.translation.x;
+            model.insert(*node, Known { parent: new.parent, x, is_hidden: false });
+        }
+        Edit::Remove(node) => {
+            if !model.contains_key(node) {
+                return false;
+            }
+            let whole = model.clone();
+            model.retain(|id, _| !is_below(&whole, *id, *node));
+        }
+        Edit::SetParent { node, parent } => {
+            let is_there = |id: &NodeId| model.contains_key(id);
+            if !is_there(node) || parent.is_some_and(|p| !is_there(&p) || is_below(model, p, *node))
+            {
+                return false;
+            }
+            model.get_mut(node).expect("there").parent = *parent;
+        }
+        Edit::SetTransform { node, local } => match model.get_mut(node) {
+            Some(known) => known.x = local.translation.x,
+            None => return false,
+        },
+        Edit::SetVisible { node, visible } => match model.get_mut(node) {
+            Some(known) => known.is_hidden = !visible,
+            None => return false,
+        },
+        other => panic!("{other:?}"),
+    }
+    true
+}
+
+proptest! {
+    #[test]
+    fn random_edits_are_what_a_model_makes_of_them(
+        steps in proptest::collection::vec(step(), 0..60),
+    ) {
+        let base = base();
+        let outline = SceneOutline::from(&base);
+        let mut model: Model = (0u64..).zip(&base.nodes).map(|(id, node)| {
+            let parent = node.parent.map(|parent| NodeId(parent.into()));
+            (NodeId(id), Known { parent, x: node.local.translation.x, is_hidden: false })
+        }).collect();
+        let (mut edits, mut next, mut undo) = (SceneEdits::default(), 5, Vec::new());
+        for step in steps {
+            let edit = step.edit(next);
+            let may = outline.check(&edits, &edit);
+            let did = change(&mut model, &edit);
+            prop_assert_eq!(may.is_ok(), did, "{:?}: {:?}", edit, may);
+            if !did {
+                continue;
+            }
+            next += u64::from(matches!(edit, Edit::Create { .. }));
+            if let Edit::Remove(node) = edit {
+                for below in outline.made_below(&edits, node) {
+                    undo.push(edits.apply(Edit::Remove(below)));
+                }
+            }
+            undo.push(edits.apply(edit));
+        }
+        // Moved below what was removed and back is as removed: the model has it gone.
+        let (nodes, _, ids) = edits.all_nodes(&base);
+        let found: Model = nodes.iter().zip(&ids).map(|(node, id)| {
+            let parent = node.parent.map(|parent| ids[parent as usize]);
+            let is_hidden = edits.node(*id).is_some_and(|of| of.is_hidden);
+            (*id, Known { parent, x: node.local.translation.x, is_hidden })
+        }).collect();
+        prop_assert_eq!(&found, &model);
+        let made = |id: &NodeId| id.0 >= 5;
+        let kept = edits.nodes().map(|(id, _)| id).filter(made).count();
+        prop_assert_eq!(kept, model.keys().copied().filter(made).count(), "nothing is left behind");
+        // The same state by another way has the same fingerprint, and by none is as before.
+        let mut again = SceneEdits::default();
+        for (node, of) in edits.nodes() {
+            again.replace(Replaced::Node(node, Some(of.clone())));
+        }
+        prop_assert_eq!(&again, &edits);
+        while let Some(replaced) = undo.pop() {
+            edits.replace(replaced);
+        }
+        prop_assert_eq!(edits, SceneEdits::default());
+    }
+}

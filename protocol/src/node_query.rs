@@ -1,0 +1,70 @@
+//! Questions about the nodes of the open scene.
+
+use std::collections::BTreeMap;
+
+use glam::DAffine3;
+use polyptych_scene::{Attribute, Bounds, Light, NodeId};
+use polyptych_text::text_of_peer;
+use serde::{Deserialize, Serialize};
+
+use crate::ids::Revision;
+
+/// Most nodes of one answer: about 400 KiB where their names are of usual length.
+pub const NODES_MAX: u32 = 1000;
+
+/// Most bytes of the names and attributes of one answer; where they are long, it has fewer nodes.
+pub const NODE_TEXT_BYTES_MAX: usize = 1 << 20;
+
+/// Which nodes are asked for. All that is given must hold.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct NodeQuery {
+    /// Of exactly this name.
+    pub name: Option<String>,
+    /// This one, and what hangs from it at any depth.
+    pub below: Option<NodeId>,
+    /// That have an attribute of this key, and of this value where one is given.
+    pub attribute: Option<(String, Option<Attribute>)>,
+    /// How many of those found are left out, from the first: the next page begins there.
+    pub skip: u64,
+    /// How many are given at most; more than [`NODES_MAX`] are never.
+    pub count: u32,
+}
+
+/// A node as it stands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NodeInfo {
+    /// Its number.
+    pub id: NodeId,
+    /// The node that it hangs from; `None` for the scene itself.
+    pub parent: Option<NodeId>,
+    /// What it is called; may be empty.
+    #[serde(deserialize_with = "text_of_peer")]
+    pub name: String,
+    /// How many nodes stand above it.
+    pub depth: u32,
+    /// Parent space from this node's space.
+    pub local: DAffine3,
+    /// World space from this node's space.
+    pub world: DAffine3,
+    /// Whether it is shown, where its parents are.
+    pub visible: bool,
+    /// An index into the meshes of the scene.
+    pub mesh: Option<u32>,
+    /// It shines along −Z of the node.
+    pub light: Option<Light>,
+    /// What was noted about it.
+    pub attributes: BTreeMap<String, Attribute>,
+    /// Around its mesh in all its places, in world space.
+    pub bounds: Option<Bounds>,
+}
+
+/// Nodes that were found, parents before their children.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NodePage {
+    /// The state that was looked at.
+    pub revision: Revision,
+    /// How many there are in all.
+    pub found: u64,
+    /// Those from [`NodeQuery::skip`] on, as many as fit.
+    pub nodes: Vec<NodeInfo>,
+}

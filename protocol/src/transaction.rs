@@ -1,0 +1,97 @@
+//! Changes of the open scene that belong together.
+
+use glam::DAffine3;
+use polyptych_scene::{Attribute, Edit, Light, Material, NewNode, NodeId};
+use serde::{Deserialize, Serialize};
+
+use crate::ids::Revision;
+
+/// Changes of the scene that are seen from one frame on, on all displays, or not at all.
+///
+/// ```
+/// use polyptych_protocol::transaction::Transaction;
+/// use polyptych_scene::{NewNode, NodeId};
+///
+/// let mut transaction = Transaction::default();
+/// let arm = transaction.create(NewNode { name: "arm".into(), ..NewNode::default() });
+/// transaction.create(NewNode { parent: Some(arm), mesh: Some(0), ..NewNode::default() });
+/// transaction.set_visible(NodeId(3), false);
+/// assert_eq!(transaction.edits.len(), 3);
+/// ```
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Transaction {
+    /// The revision that the client has seen: a node or material that was changed since is not
+    /// changed again, and the transaction refused. Where `None`, the last one wins.
+    pub base: Option<Revision>,
+    /// In order. What they create has provisional numbers.
+    pub edits: Vec<Edit>,
+}
+
+impl Transaction {
+    /// Changes of a scene as it was at this revision.
+    pub fn based_on(base: Revision) -> Self {
+        Self { base: Some(base), edits: Vec::new() }
+    }
+
+    /// Makes a node; returns its provisional number, which later edits of this transaction can
+    /// use. `Edited::node` says its own number once the transaction is done.
+    pub fn create(&mut self, new: NewNode) -> NodeId {
+        let last = self.edits.iter().rev().find_map(|edit| match edit {
+            Edit::Create { node, .. } => node.provisional_index(),
+            _ => None,
+        });
+        let node = NodeId::provisional(last.map_or(0, |last| last + 1));
+        self.edits.push(Edit::Create { node, new: Box::new(new) });
+        node
+    }
+
+    /// Takes a node away with all that hangs from it.
+    pub fn remove(&mut self, node: NodeId) {
+        self.edits.push(Edit::Remove(node));
+    }
+
+    /// Hangs a node from another, or from the scene itself; its transform stays as it is.
+    pub fn set_parent(&mut self, node: NodeId, parent: Option<NodeId>) {
+        self.edits.push(Edit::SetParent { node, parent });
+    }
+
+    /// Places a node in its parent's space.
+    pub fn set_transform(&mut self, node: NodeId, local: DAffine3) {
+        self.edits.push(Edit::SetTransform { node, local });
+    }
+
+    /// Shows a node with all that hangs from it, or does not.
+    pub fn set_visible(&mut self, node: NodeId, visible: bool) {
+        self.edits.push(Edit::SetVisible { node, visible });
+    }
+
+    /// Names a node.
+    pub fn set_name(&mut self, node: NodeId, name: impl Into<String>) {
+        self.edits.push(Edit::SetName { node, name: name.into() });
+    }
+
+    /// Gives a node another mesh of the scene, by its index, or none.
+    pub fn set_mesh(&mut self, node: NodeId, mesh: Option<u32>) {
+        self.edits.push(Edit::SetMesh { node, mesh });
+    }
+
+    /// Gives a node another light, or none.
+    pub fn set_light(&mut self, node: NodeId, light: Option<Light>) {
+        self.edits.push(Edit::SetLight { node, light });
+    }
+
+    /// Notes something about a node; `None` forgets it.
+    pub fn set_attribute(
+        &mut self,
+        node: NodeId,
+        key: impl Into<String>,
+        value: Option<Attribute>,
+    ) {
+        self.edits.push(Edit::SetAttribute { node, key: key.into(), value });
+    }
+
+    /// Gives a material of the scene, by its index, another look.
+    pub fn set_material(&mut self, material: u32, to: Material) {
+        self.edits.push(Edit::SetMaterial { material, to: Box::new(to) });
+    }
+}

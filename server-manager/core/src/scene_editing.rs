@@ -1,0 +1,363 @@
+//! Edits of the open scene: each transaction is checked against all that was accepted before it,
+//! and seen from one frame on, or not at all.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use polyptych_protocol::feedback::{Edited, FrameFeedback};
+use polyptych_protocol::ids::{FrameId, Revision};
+use polyptych_protocol::request::{RequestError, Response};
+use polyptych_protocol::state_log::Operation;
+use polyptych_protocol::transaction::Transaction;
+use polyptych_scene::{Edit, NodeId, Replaced, SceneEdits, SceneOutline};
+use serde::{Deserialize, Serialize};
+
+use super::change_queue::ChangeOrigin;
+use super::{ClientRequest, Cluster, Micros, SessionId, StateChange};
+
+/// Most transactions of one client that wait for their frame: those of four seconds of a wall that
+/// stands still, where a program sends 60 a second.
+pub(super) const TRANSACTIONS_MAX: usize = 256;
+
+/// Most edits that different transactions bring to one change: together they must fit into a
+/// message, and an edit takes at most 1.4 KiB.
+const MERGED_EDITS_MAX: usize = 1000;
+
+/// One who waits until a transaction is seen.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct EditWaiter {
+    job: ClientRequest,
+    /// The last frame that was begun when it asked.
+    asked_at: FrameId,
+    /// The nodes that it makes, in order.
+    created: Vec<NodeId>,
+}
+
+/// What an edit changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+enum Target {
+    Node(NodeId),
+    Material(u32),
+}
+
+impl Target {
+    fn of(edit: &Edit) -> Option<Self> {
+        match edit {
+            Edit::SetMaterial { material, .. } => Some(Self::Material(*material)),
+            other => other.node().map(Self::Node),
+        }
+    }
+}
+
+impl std::fmt::Display for Target {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Node(node) => node.fmt(f),
+            Self::Material(material) => write!(f, "material {material}"),
+        }
+    }
+}
+
+/// What is accepted of the open scene, shown or not yet.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct SceneEditing {
+    /// `None` where no scene is open, or what it holds is not known.
+    outline: Option<Arc<SceneOutline>>,
+    /// All that was accepted; frames may show less as yet.
+    accepted: SceneEdits,
+    /// The number that the next node gets at least.
+    next_node: u64,
+    /// The state from which on each target is as it was last changed; `None` where no frame names
+    /// it yet.
+    changed: BTreeMap<Target, Option<Revision>>,
+    /// Those whose transaction is in the state that frames name.
+    waiters: Vec<(Revision, EditWaiter)>,
+}
+
+impl SceneEditing {
+    /// Another scene is shown, or none.
+    pub fn restart(&mut self, outline: Option<Arc<SceneOutline>>) {
+        let waiters = std::mem::take(&mut self.waiters);
+        *self = Self { outline, waiters, ..Self::default() };
+    }
+
+    /// Goes on with what was remembered.
+    pub fn restore(&mut self, edits: SceneEdits, next_node: u64) {
+        (self.accepted, self.next_node) = (edits, next_node);
+    }
+
+    pub fn next_node(&self) -> u64 {
+        self.next_node
+    }
+
+    /// Whether any waits for a state that a frame of this one does not show.
+    pub fn wait_beyond(&self, drawing: Option<Revision>) -> bool {
+        self.waiters.iter().any(|(of, _)| Some(*of) > drawing)
+    }
+
+    /// The requests that wait.
+    pub fn jobs(&self) -> impl Iterator<Item = ClientRequest> {
+        self.waiters.iter().map(|(_, waiter)| waiter.job)
+    }
+
+    pub fn forget(&mut self, client: SessionId) {
+        self.waiters.retain(|(_, waiter)| waiter.job.client != client);
+    }
+
+    /// Applies a transaction to what is accepted: all of it, or nothing. Gives its edits with the
+    /// numbers of what they make, and these numbers.
+    ///
+    /// # Errors
+    /// Which edit cannot be, why, and what would be right.
+    fn accept(&mut self, transaction: Transaction) -> Result<(Vec<Edit>, Vec<NodeId>), String> {
+        let outline = self.outline.clone().ok_or(
+            "no scene is open that can be edited; open one first, or again after a restart",
+        )?;
+        let mut undo = Vec::new();
+        let done = self.accept_each(&outline, transaction, &mut undo);
+        if done.is_err() {
+            while let Some(replaced) = undo.pop() {
+                self.accepted.replace(replaced);
+            }
+        }
+        done
+    }
+
+    fn accept_each(
+        &mut self,
+        outline: &SceneOutline,
+        Transaction { base, edits }: Transaction,
+        undo: &mut Vec<Replaced>,
+    ) -> Result<(Vec<Edit>, Vec<NodeId>), String> {
+        let first = self.next_node.max(outline.nodes());
+        let (mut created, mut numbered) = (Vec::new(), Vec::new());
+        for (index, edit) in edits.into_iter().enumerate() {
+            let fault = |what: String| format!("edit {index}: {what}");
+            if let Edit::Create { node, .. } = &edit {
+                let wanted = NodeId::provisional(created.len() as u64);
+                if *node != wanted {
+                    return Err(fault(format!("it makes {node}, where {wanted} is next")));
+                }
+                created.push(NodeId(first + created.len() as u64));
+            }
+            let number = |node: NodeId| match node.provisional_index() {
+                None => Ok(node),
+                Some(at) => {
+                    let known = usize::try_from(at).ok().and_then(|at| created.get(at)).copied();
+                    known.ok_or_else(|| fault(format!("{node} is used before it is made")))
+                }
+            };
+            let edit = edit.with_nodes(number)?;
+            self.check_conflict(base, &edit).map_err(fault)?;
+            outline.check(&self.accepted, &edit).map_err(|error| fault(error.to_string()))?;
+            if let Edit::Remove(node) = &edit {
+                let below = outline.made_below(&self.accepted, *node);
+                numbered.extend(below.into_iter().map(Edit::Remove));
+            }
+            numbered.push(edit);
+            let from = undo.len();
+            for edit in &numbered[from..] {
+                undo.push(self.accepted.apply(edit.clone()));
+            }
+        }
+        outline.check_size(&self.accepted).map_err(|error| error.to_string())?;
+        self.next_node = first + created.len() as u64;
+        for target in numbered.iter().filter_map(Target::of) {
+            self.changed.insert(target, None);
+        }
+        Ok((numbered, created))
+    }
+
+    /// Whether what an edit changes was changed since the client has seen it.
+    fn check_conflict(&self, base: Option<Revision>, edit: &Edit) -> Result<(), String> {
+        let (Some(base), Some(target)) = (base, Target::of(edit)) else { return Ok(()) };
+        match self.changed.get(&target) {
+            Some(Some(revision)) if *revision > base => Err(format!(
+                "{target} was changed at revision {revision}, and this builds on {base}; read it \
+                 again, and decide anew"
+            )),
+            Some(None) => Err(format!(
+                "{target} is being changed by another transaction, and this builds on {base}; read \
+                 it again, and decide anew"
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// What servers are told to do to the scene, of these operations.
+fn edits_of(operations: &[Operation]) -> impl Iterator<Item = &Edit> {
+    operations.iter().flat_map(|operation| match operation {
+        Operation::EditScene(edits) => &edits[..],
+        _ => &[],
+    })
+}
+
+impl Cluster {
+    /// What the open scene is made of, for the state that was remembered: without it, it cannot be
+    /// edited.
+    pub fn set_outline(&mut self, outline: Option<Arc<SceneOutline>>) {
+        self.editing.outline = outline.filter(|_| self.shown.scene.is_some());
+    }
+
+    /// The open scene in the state that frames name, and what was changed of it.
+    pub fn shown_scene(&self) -> Option<(&polyptych_protocol::state_log::SceneRef, &SceneEdits)> {
+        self.shown.scene.as_ref().map(|scene| (scene, &self.shown.edits))
+    }
+
+    /// The state that frames name.
+    pub fn revision(&self) -> Revision {
+        self.shown.revision
+    }
+
+    /// Of all that was accepted.
+    #[cfg(test)]
+    pub(super) fn editing_fingerprint(&self) -> u64 {
+        self.editing.accepted.fingerprint()
+    }
+
+    /// A client edits the scene.
+    pub(super) fn edit_scene(
+        &mut self,
+        now: Micros,
+        job: ClientRequest,
+        transaction: Transaction,
+    ) -> Result<Option<Response>, String> {
+        if transaction.edits.is_empty() {
+            return Err("a transaction has one edit or more".into());
+        }
+        if self.changes.has_scene_underway() {
+            return Err("another scene is being opened; edit it once it is shown".into());
+        }
+        let waiting = self.changes.editors().map(EditWaiter::job).chain(self.editing.jobs());
+        if waiting.filter(|of| of.client == job.client).count() >= TRANSACTIONS_MAX {
+            return Err(format!(
+                "{TRANSACTIONS_MAX} transactions of this client are waiting already; await some \
+                 first"
+            ));
+        }
+        if let Some(base) = transaction.base.filter(|base| *base > self.shown.revision) {
+            let shown = self.shown.revision;
+            return Err(format!("it builds on revision {base}, and the wall shows {shown}"));
+        }
+        self.changes.expect_room()?;
+        let (edits, created) = self.editing.accept(transaction)?;
+        let waiter = EditWaiter { job, asked_at: self.frame, created };
+        if let Err((edits, waiter)) = self.changes.join_waiting_edits(edits, waiter) {
+            let purpose = ChangeOrigin::Edit { waiters: vec![waiter] };
+            let operations = vec![Operation::EditScene(edits)];
+            self.request_change(now, StateChange { operations, purpose });
+        }
+        Ok(None)
+    }
+
+    /// The state that is shown from the next frame on has an edited scene. Nothing is loaded for
+    /// it, so neither deadline nor warm-up begin anew.
+    pub(super) fn commit_edits(
+        &mut self,
+        now: Micros,
+        operations: &[Operation],
+        waiters: Vec<EditWaiter>,
+        failed: &[(SessionId, String)],
+    ) {
+        let revision = self.shown.revision;
+        for target in edits_of(operations).filter_map(Target::of) {
+            self.editing.changed.insert(target, Some(revision));
+        }
+        let waiting = self.changes.queued().flat_map(|change| edits_of(&change.operations));
+        for target in waiting.filter_map(Target::of) {
+            self.editing.changed.insert(target, None);
+        }
+        let waiters = waiters.into_iter().map(|waiter| (revision, waiter));
+        self.editing.waiters.extend(waiters);
+        self.wants_frame |= !self.pacer.is_soon(now);
+        self.demote_unprepared(now, failed);
+        self.persist();
+        tracing::debug!(revision = revision.0, "the scene is edited");
+    }
+
+    /// A change of edits was refused: those that were made of it are too.
+    pub(super) fn refuse_waiting_edits(&mut self, reason: &str) {
+        for waiter in self.changes.take_waiting_edits() {
+            self.reply(waiter.job, Err(RequestError::new(reason)));
+        }
+        self.editing.accepted = self.shown.edits.clone();
+        let revision = self.shown.revision;
+        for changed in self.editing.changed.values_mut() {
+            changed.get_or_insert(revision);
+        }
+    }
+
+    /// A frame of this state was swapped: who waits for it, or for one before, is told.
+    pub(super) fn answer_editors(&mut self, feedback: &FrameFeedback) {
+        let (frame, shown) = (feedback.frame, feedback.revision);
+        let waiters = &mut self.editing.waiters;
+        let seen: Vec<_> = waiters.extract_if(.., |(of, _)| *of <= shown).collect();
+        for (revision, EditWaiter { job, asked_at, created }) in seen {
+            let frames = frame.0.saturating_sub(asked_at.0);
+            let edited = Edited { revision, created, frames, feedback: feedback.clone() };
+            self.reply(job, Ok(Response::Edited(edited)));
+        }
+    }
+}
+
+impl EditWaiter {
+    pub fn job(&self) -> ClientRequest {
+        self.job
+    }
+}
+
+impl super::change_queue::ChangeQueue {
+    /// Whether a scene is on its way, or waits.
+    fn has_scene_underway(&self) -> bool {
+        let changes = self.queued().chain(self.current());
+        changes.into_iter().any(|change| matches!(change.purpose, ChangeOrigin::Scene { .. }))
+    }
+
+    /// Who waits for an edit that is not in the shown state yet.
+    pub fn editors(&self) -> impl Iterator<Item = &EditWaiter> {
+        self.queued().chain(self.current()).flat_map(|change| match &change.purpose {
+            ChangeOrigin::Edit { waiters } => &waiters[..],
+            _ => &[],
+        })
+    }
+
+    /// Puts edits behind those that wait for their turn, so that one frame shows all.
+    ///
+    /// # Errors
+    /// Both, where none wait, or they would be too many.
+    fn join_waiting_edits(
+        &mut self,
+        edits: Vec<Edit>,
+        waiter: EditWaiter,
+    ) -> Result<(), (Vec<Edit>, EditWaiter)> {
+        let waiting = self.queue.iter_mut().rev().find_map(|change| {
+            match (&mut change.purpose, &mut change.operations[..]) {
+                (ChangeOrigin::Edit { waiters }, [Operation::EditScene(of)]) => Some((of, waiters)),
+                _ => None,
+            }
+        });
+        match waiting {
+            Some((of, waiters)) if of.len() + edits.len() <= MERGED_EDITS_MAX => {
+                of.extend(edits);
+                waiters.push(waiter);
+                Ok(())
+            }
+            _ => Err((edits, waiter)),
+        }
+    }
+
+    /// Takes the edits out that wait for their turn, and gives who waits for them.
+    fn take_waiting_edits(&mut self) -> Vec<EditWaiter> {
+        let (edits, others) = self
+            .queue
+            .drain(..)
+            .partition::<Vec<_>, _>(|change| matches!(change.purpose, ChangeOrigin::Edit { .. }));
+        self.queue = others.into();
+        let waiters = edits.into_iter().filter_map(|change| match change.purpose {
+            ChangeOrigin::Edit { waiters } => Some(waiters),
+            _ => None,
+        });
+        waiters.flatten().collect()
+    }
+}

@@ -1,0 +1,236 @@
+//! Transactions: all of one on one frame, or nothing; who is told, what is remembered.
+
+use glam::{DAffine3, DVec3};
+use polyptych_protocol::feedback::Edited;
+use polyptych_protocol::transaction::Transaction;
+use polyptych_scene::{Edit, NewNode, Node, NodeId, Scene, SceneOutline};
+
+use super::super::scene_editing::TRANSACTIONS_MAX;
+use super::*;
+
+/// A house with a door, and a tree.
+fn outline() -> Arc<SceneOutline> {
+    let node = |parent| Node { parent, ..Node::default() };
+    let nodes = vec![node(None), node(Some(0)), node(None)];
+    Arc::new(SceneOutline::from(&Scene { nodes, ..Scene::default() }))
+}
+
+const HOUSE: NodeId = NodeId(0);
+const DOOR: NodeId = NodeId(1);
+const TREE: NodeId = NodeId(2);
+
+fn at(x: f64) -> DAffine3 {
+    DAffine3::from_translation(DVec3::X * x)
+}
+
+fn moving(node: NodeId, x: f64) -> Transaction {
+    let mut transaction = Transaction::default();
+    transaction.set_transform(node, at(x));
+    transaction
+}
+
+impl ClusterFixture {
+    /// A wall that shows the house.
+    fn with_house(channels: u32) -> Self {
+        let mut stage = Self::new(channels);
+        stage.open_house();
+        stage
+    }
+
+    fn open_house(&mut self) {
+        self.request(Request::OpenScene { path: "house.glb".into() });
+        let job = self.imports.pop().expect("baked");
+        let imported = ImportedScene { outline: outline(), ..Self::imported() };
+        self.cluster.handle_import(self.now, job, Ok(imported));
+        self.read();
+        self.prepare_all();
+        self.clear();
+    }
+
+    fn edit(&mut self, transaction: Transaction) -> RequestId {
+        self.request(Request::Edit(transaction))
+    }
+
+    fn edited(&self, id: RequestId) -> Option<&Edited> {
+        let of_id = self.replies.iter().find(|(of, _)| *of == id)?;
+        match &of_id.1 {
+            Ok(Response::Edited(edited)) => Some(edited),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn refusal(&mut self, transaction: Transaction) -> String {
+        let before = self.cluster.editing_fingerprint();
+        let id = self.edit(transaction);
+        assert_eq!(self.cluster.editing_fingerprint(), before, "nothing half done");
+        let (of, reply) = self.replies.pop().expect("an answer");
+        assert_eq!(of, id);
+        reply.expect_err("refused").reason
+    }
+
+    /// Where a server has a node.
+    fn place(&self, session: u64, node: NodeId) -> Option<f64> {
+        let edits = &self.replicas[&SessionId(session)].edits;
+        edits.node(node).and_then(|of| of.local).map(|local| local.translation.x)
+    }
+}
+
+#[test]
+fn a_transaction_is_seen_whole_from_one_frame_on() {
+    let mut stage = ClusterFixture::with_house(2);
+    let before = stage.cluster.frame;
+    let mut transaction = moving(TREE, 4.0);
+    let shed = transaction.create(NewNode { name: "shed".into(), ..NewNode::default() });
+    transaction.create(NewNode { parent: Some(shed), local: at(2.0), ..NewNode::default() });
+    transaction.set_parent(DOOR, Some(shed));
+    let id = stage.edit(transaction);
+    assert_eq!((stage.prepares.len(), stage.frames.len()), (2, 0), "nothing is drawn yet");
+    stage.prepare_all();
+    assert_eq!((stage.place(0, TREE), stage.place(1, TREE)), (Some(4.0), Some(4.0)));
+    stage.draw(&[0], 1_000);
+    assert!(stage.edited(id).is_none(), "not all have drawn it");
+    stage.draw(&[1], 1_000);
+    let edited = stage.edited(id).expect("an answer").clone();
+    assert_eq!(edited.created, [NodeId(3), NodeId(4)]);
+    assert_eq!(edited.node(shed), Some(NodeId(3)));
+    assert_eq!((edited.feedback.frame.0, edited.frames), (before.0 + 1, 1));
+    assert!(edited.feedback.is_complete());
+    assert_eq!(stage.cluster.shown.edits.node(DOOR).expect("moved").parent, Some(Some(NodeId(3))));
+    let memory = stage.memories.last().expect("remembered").clone();
+    assert_eq!((memory.edits, memory.next_node), (stage.cluster.shown.edits.clone(), 5));
+}
+
+#[test]
+fn an_edit_that_cannot_be_takes_its_transaction_with_it() {
+    let mut stage = ClusterFixture::with_house(2);
+    let mut tried = moving(TREE, 4.0);
+    tried.set_parent(HOUSE, Some(DOOR));
+    assert_eq!(stage.refusal(tried), "edit 1: node 0 cannot hang from node 1, which hangs from it");
+    let cases: [(Edit, &str); 9] = [
+        (Edit::Remove(NodeId(3)), "there is no node 3"),
+        (Edit::SetVisible { node: NodeId::provisional(0), visible: true }, "used before it is"),
+        (Edit::SetTransform { node: TREE, local: at(f64::NAN) }, "finite numbers"),
+        (Edit::SetTransform { node: TREE, local: DAffine3::ZERO }, "singular"),
+        (
+            Edit::SetTransform { node: TREE, local: DAffine3::from_scale(DVec3::splat(1e30)) },
+            "beyond 1e18",
+        ),
+        (Edit::SetTransform { node: TREE, local: at(1e30) }, "beyond 1e18"),
+        (Edit::SetMesh { node: TREE, mesh: Some(0) }, "no mesh 0; the scene has 0"),
+        (Edit::SetName { node: TREE, name: "n".repeat(1 << 20) }, "1048576 bytes, where 256"),
+        (Edit::Create { node: NodeId(7), new: Box::default() }, "where new node 0 is next"),
+    ];
+    for (edit, part) in cases {
+        let edits = vec![Edit::SetTransform { node: TREE, local: at(1.0) }, edit];
+        let reason = stage.refusal(Transaction { base: None, edits });
+        assert!(reason.starts_with("edit 1: ") && reason.contains(part), "{reason}");
+    }
+    assert_eq!(stage.refusal(Transaction::default()), "a transaction has one edit or more");
+    assert_eq!(stage.prepares.len(), 0);
+    let bare = ClusterFixture::new(1).refusal(moving(TREE, 1.0));
+    assert!(bare.contains("no scene is open"), "{bare}");
+}
+
+#[test]
+fn what_somebody_else_has_changed_since_is_not_overwritten() {
+    let mut stage = ClusterFixture::with_house(1);
+    let seen = stage.cluster.shown.revision;
+    stage.edit(moving(TREE, 1.0));
+    let on_it = |node, x| Transaction { base: Some(seen), ..moving(node, x) };
+    let reason = stage.refusal(on_it(TREE, 2.0));
+    assert!(reason.contains("node 2 is being changed by another"), "{reason}");
+    stage.prepare_all();
+    let reason = stage.refusal(on_it(TREE, 2.0));
+    let now = stage.cluster.shown.revision;
+    assert!(reason.contains(&format!("node 2 was changed at revision {now}")), "{reason}");
+    let id = stage.edit(on_it(DOOR, 2.0));
+    stage.prepare_all();
+    stage.draw(&[0], 1_000);
+    stage.draw(&[0], 1_000);
+    assert!(stage.edited(id).is_some(), "another node is free");
+    let later = Transaction { base: Some(Revision(now.0 + 9)), ..moving(TREE, 2.0) };
+    assert!(stage.refusal(later).contains("and the wall shows"));
+}
+
+#[test]
+fn transactions_that_come_faster_than_frames_are_shown_together() {
+    let mut stage = ClusterFixture::with_house(2);
+    let before = stage.cluster.shown.revision;
+    let ids: Vec<_> = (0..20).map(|x| stage.edit(moving(TREE, f64::from(x)))).collect();
+    stage.prepare_all();
+    stage.prepare_all();
+    for _ in 0..3 {
+        stage.draw(&[0, 1], 1_000);
+        stage.wait(0);
+    }
+    assert!(ids.iter().all(|id| stage.edited(*id).is_some()), "{:?}", stage.replies);
+    assert_eq!(stage.place(0, TREE), Some(19.0));
+    assert_eq!(stage.cluster.shown.revision.0, before.0 + 2, "two changes");
+    stage.clear();
+    for _ in 0..=TRANSACTIONS_MAX {
+        stage.edit(moving(TREE, 1.0));
+    }
+    let refused = stage.replies.iter().filter(|(_, reply)| reply.is_err()).count();
+    assert_eq!(refused, 1, "one client cannot fill the manager's memory");
+}
+
+#[test]
+fn numbers_and_edits_outlive_the_manager_and_end_with_the_scene() {
+    let mut stage = ClusterFixture::with_house(1);
+    let mut transaction = Transaction::default();
+    let shed = transaction.create(NewNode::default());
+    transaction.remove(shed);
+    transaction.create(NewNode { local: at(3.0), ..NewNode::default() });
+    stage.edit(transaction);
+    stage.prepare_all();
+    let memory = stage.memories.last().expect("remembered").clone();
+    let digest = stage.cluster.shown_digest;
+    stage.cluster = Cluster::restore(wall(1), Epoch(8), &memory);
+    stage.cluster.set_outline(Some(outline()));
+    assert_eq!(stage.cluster.shown_digest, digest);
+    stage.cluster.handle_client(CLIENT, "test".into());
+    stage.join(SessionId(9), 0).expect("joined");
+    let snapshot = &stage.prepares.last().expect("a snapshot").1;
+    assert_eq!((snapshot.base, snapshot.operations.len()), (None, 3), "wall, scene, edits");
+    stage.prepare_all();
+    assert_eq!(stage.place(9, NodeId(4)), None, "placed as it was made");
+    assert!(stage.replicas[&SessionId(9)].edits.node(NodeId(3)).is_none(), "gone without a trace");
+    let mut transaction = Transaction::default();
+    transaction.create(NewNode::default());
+    stage.edit(transaction);
+    stage.prepare_all();
+    assert_eq!(stage.memories.last().expect("remembered").next_node, 6, "no number twice");
+    stage.request(Request::OpenScene { path: "house.glb".into() });
+    let job = stage.imports.pop().expect("baked");
+    let imported = ImportedScene { outline: outline(), ..ClusterFixture::imported() };
+    stage.cluster.handle_import(stage.now, job, Ok(imported));
+    stage.read();
+    assert!(stage.refusal(moving(TREE, 1.0)).contains("another scene is being opened"));
+    stage.prepare_all();
+    assert!(stage.cluster.shown.edits.is_empty());
+}
+
+#[test]
+fn edits_that_no_server_can_prepare_change_nothing_and_take_those_behind_with_them() {
+    let mut stage = ClusterFixture::with_house(2);
+    let first = stage.edit(moving(TREE, 1.0));
+    let second = stage.edit(moving(DOOR, 1.0));
+    let before = stage.cluster.shown.edits.fingerprint();
+    for session in [0, 1] {
+        let revision = stage.prepares.last().expect("a change").1.revision;
+        let reason = "the disk is full".to_owned();
+        let epoch = stage.cluster.epoch();
+        let failed = ServerMessage::PrepareFailed { epoch, revision, reason };
+        stage.say(SessionId(session), failed);
+    }
+    for id in [first, second] {
+        let (_, reply) = stage.replies.iter().find(|(of, _)| *of == id).expect("an answer");
+        let reason = &reply.as_ref().expect_err("refused").reason;
+        assert!(
+            reason.starts_with("nothing has changed, since server c0: the disk is full"),
+            "{reason}"
+        );
+    }
+    assert_eq!(stage.cluster.shown.edits.fingerprint(), before);
+    assert_eq!(stage.cluster.editing_fingerprint(), before);
+}

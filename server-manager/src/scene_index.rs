@@ -1,0 +1,176 @@
+//! The open scene as it stands, for questions about it.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+use polyptych_files::blob::{BlobHash, BlobStore};
+use polyptych_protocol::ids::Revision;
+use polyptych_protocol::node_query::{
+    NODE_TEXT_BYTES_MAX, NODES_MAX, NodeInfo, NodePage, NodeQuery,
+};
+use polyptych_scene::{Attribute, Bounds, Light, Node, NodeEdits, NodeId, Scene, SceneEdits};
+
+/// A state of a scene, with what questions need of it.
+#[derive(Debug)]
+pub(crate) struct SceneIndex {
+    manifest: BlobHash,
+    base: Arc<Scene>,
+    edits: SceneEdits,
+    /// Parents before their children; hidden ones too.
+    nodes: Vec<Node>,
+    lights: Vec<Light>,
+    /// The number of each node.
+    ids: Vec<NodeId>,
+    /// World space from each node's space.
+    world: Vec<DAffine3>,
+}
+
+impl SceneIndex {
+    /// The index of a state, which shares with the one before what they have in common.
+    ///
+    /// # Errors
+    /// The scene's manifest cannot be read.
+    pub fn new(
+        before: Option<Arc<Self>>,
+        store: &BlobStore,
+        manifest: BlobHash,
+        edits: SceneEdits,
+    ) -> Result<Arc<Self>, String> {
+        let known = before.filter(|known| known.manifest == manifest);
+        if let Some(known) = known.as_ref().filter(|known| known.edits == edits) {
+            return Ok(Arc::clone(known));
+        }
+        let base = match known {
+            Some(known) => Arc::clone(&known.base),
+            None => Arc::new(read(store, manifest)?),
+        };
+        let (nodes, lights, ids) = edits.all_nodes(&base);
+        let mut world: Vec<DAffine3> = Vec::with_capacity(nodes.len());
+        for node in &nodes {
+            let parent = node.parent.map(|parent| world[parent as usize]);
+            world.push(parent.map_or(node.local, |parent| parent * node.local));
+        }
+        Ok(Arc::new(Self { manifest, base, edits, nodes, lights, ids, world }))
+    }
+
+    /// The nodes that a query asks for.
+    ///
+    /// # Errors
+    /// It names a node that is not there.
+    pub fn find(&self, query: &NodeQuery, revision: Revision) -> Result<NodePage, String> {
+        let below = query.below.map(|node| self.below(node)).transpose()?;
+        let is_found = |at: &usize| {
+            below.as_ref().is_none_or(|below| below[*at])
+                && query.name.as_ref().is_none_or(|name| self.nodes[*at].name == *name)
+                && query.attribute.as_ref().is_none_or(|(key, value)| {
+                    let edits = self.edits.node(self.ids[*at]);
+                    let has = edits.and_then(|edits| edits.attributes.get(key));
+                    has.is_some_and(|has| value.as_ref().is_none_or(|value| has == value))
+                })
+        };
+        let (mut page, mut text) = (NodePage { revision, found: 0, nodes: Vec::new() }, 0);
+        let mut is_full = false;
+        let count = query.count.min(NODES_MAX) as usize;
+        for at in (0..self.nodes.len()).filter(is_found) {
+            if page.found >= query.skip && page.nodes.len() < count && !is_full {
+                let info = self.info(at);
+                text += text_bytes(&info);
+                // One is always given, or there would be no end.
+                is_full = text > NODE_TEXT_BYTES_MAX && !page.nodes.is_empty();
+                if !is_full {
+                    page.nodes.push(info);
+                }
+            }
+            page.found += 1;
+        }
+        Ok(page)
+    }
+
+    /// For each node, whether it is this one or hangs from it.
+    fn below(&self, node: NodeId) -> Result<Vec<bool>, String> {
+        let top = self.ids.iter().position(|id| *id == node);
+        let top =
+            top.ok_or_else(|| format!("there is no {node}; it was removed, or never made"))?;
+        let mut below: Vec<bool> = Vec::with_capacity(self.nodes.len());
+        for (at, node) in self.nodes.iter().enumerate() {
+            let parent = node.parent.is_some_and(|parent| below[parent as usize]);
+            below.push(at == top || parent);
+        }
+        Ok(below)
+    }
+
+    fn info(&self, at: usize) -> NodeInfo {
+        let (node, id) = (&self.nodes[at], self.ids[at]);
+        let edits = self.edits.node(id);
+        let up = std::iter::successors(node.parent, |at| self.nodes[*at as usize].parent);
+        NodeInfo {
+            id,
+            parent: node.parent.map(|parent| self.ids[parent as usize]),
+            name: node.name.clone(),
+            depth: up.count() as u32,
+            local: node.local,
+            world: self.world[at],
+            visible: edits.is_none_or(|edits| !edits.is_hidden),
+            mesh: node.mesh,
+            light: node.light.and_then(|light| self.lights.get(light as usize)).cloned(),
+            attributes: edits.map(|of: &NodeEdits| of.attributes.clone()).unwrap_or_default(),
+            bounds: self.bounds(at),
+        }
+    }
+
+    /// Around a node's own mesh in all its places.
+    fn bounds(&self, at: usize) -> Option<Bounds> {
+        let node = &self.nodes[at];
+        let mesh = self.base.meshes.get(node.mesh? as usize)?;
+        let own = mesh.primitives.iter().map(|primitive| Bounds {
+            min: primitive.origin + primitive.min.as_dvec3(),
+            max: primitive.origin + primitive.max.as_dvec3(),
+        });
+        let own = own.reduce(union)?;
+        let of_node = self.world[at];
+        if node.instances.is_empty() {
+            return Some(moved(&own, &of_node));
+        }
+        let places = node.instances.iter().map(|instance| {
+            let place = DAffine3::from_scale_rotation_translation(
+                instance.scale.as_dvec3(),
+                instance.rotation.as_dquat(),
+                instance.translation.as_dvec3(),
+            );
+            moved(&own, &(of_node * place))
+        });
+        places.reduce(union)
+    }
+}
+
+fn read(store: &BlobStore, manifest: BlobHash) -> Result<Scene, String> {
+    let bytes = store.read(manifest).map_err(|error| error.to_string())?;
+    let bytes = bytes.ok_or("the open scene's manifest is not in the store any more")?;
+    let scene = polyptych_scene::decode(&bytes).map_err(|error| error.to_string())?;
+    scene.fault().map_or(Ok(scene), Err)
+}
+
+fn union(a: Bounds, b: Bounds) -> Bounds {
+    Bounds { min: a.min.min(b.min), max: a.max.max(b.max) }
+}
+
+/// The box around a box that was moved.
+fn moved(of: &Bounds, by: &DAffine3) -> Bounds {
+    let corners = (0..8u8).map(|corner| {
+        let along =
+            |axis: u8, low: f64, high: f64| if corner >> axis & 1 == 0 { low } else { high };
+        let (min, max) = (of.min, of.max);
+        let corner =
+            DVec3::new(along(0, min.x, max.x), along(1, min.y, max.y), along(2, min.z, max.z));
+        let corner = by.transform_point3(corner);
+        Bounds { min: corner, max: corner }
+    });
+    corners.reduce(union).unwrap_or(*of)
+}
+
+fn text_bytes(info: &NodeInfo) -> usize {
+    let attribute = |(key, value): (&String, &Attribute)| {
+        key.len() + if let Attribute::Text(text) = value { text.len() } else { 8 }
+    };
+    info.name.len() + info.attributes.iter().map(attribute).sum::<usize>()
+}
