@@ -10,6 +10,7 @@ mod displays;
 mod examples;
 mod keys;
 mod manager;
+mod node;
 mod pattern;
 mod progress;
 mod remote;
@@ -106,9 +107,14 @@ enum Command {
     Wall(wall::WallCommand),
     /// Decide again what a recorded manager decided, and say what happened
     Replay(replay::Arguments),
-    /// Generate a scene
+    /// Generate a scene, list the open one, or close it
     #[command(subcommand)]
     Scene(scene::Scene),
+    /// Change a node of the open scene
+    #[command(subcommand)]
+    Node(node::NodeCommand),
+    /// Change the open scene by a file of operations: all of them, or nothing
+    Transaction(node::TransactionArguments),
     /// Turn a glTF file into the blobs that servers read
     Bake(bake::Arguments),
     /// Measure what parts of the system cost
@@ -205,7 +211,9 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Prove(arguments) => return verify::run(&arguments),
         Command::Wall(wall) => return wall::run(&wall),
         Command::Replay(arguments) => return replay::run(&arguments),
-        Command::Scene(scene) => scene::run(&scene),
+        Command::Scene(scene) => return scene::run(&scene),
+        Command::Node(command) => return node::run(&command),
+        Command::Transaction(arguments) => return node::transaction(&arguments),
         Command::Bake(arguments) => bake::run(&arguments),
         Command::Bench(bench) => bench::run(&bench),
         Command::Completions(arguments) => completions::completions(&arguments),

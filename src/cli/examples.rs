@@ -33,6 +33,19 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         "open",
         &["polyptych open town.glb", "polyptych open lamp.gltf --heading 90 --exposure 0.0005"],
     ),
+    ("scene tree", &["polyptych scene tree", "polyptych scene tree --below /house --json"]),
+    ("scene close", &["polyptych scene close"]),
+    ("node add", &["polyptych node add name=sign mesh=0 position=0,2,0 --parent /house"]),
+    (
+        "node set",
+        &[
+            "polyptych node set /house/door rotation=80,0,0",
+            "polyptych node set 12 visible=false attribute.note=broken",
+        ],
+    ),
+    ("node move", &["polyptych node move sign /tower", "polyptych node move 12 /"]),
+    ("node remove", &["polyptych node remove /house/door"]),
+    ("transaction", &["polyptych transaction night.json"]),
     ("camera look-at", &["polyptych camera look-at 40,25,90 0,5,0"]),
     ("camera pose", &["polyptych camera pose 0,1.7,10 0,0,0,1"]),
     (

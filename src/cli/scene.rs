@@ -1,10 +1,12 @@
-//! `polyptych scene`: scenes made by code.
+//! `polyptych scene`: scenes made by code, and the one that is open.
 
 use std::path::PathBuf;
+use std::process::ExitCode;
 
 use polyptych_text::counted;
 
-use super::say;
+use super::seen::show;
+use super::{ManagerAddress, node, say};
 use crate::outputs;
 use crate::simulator::town::{TownOptions, generate};
 
@@ -12,6 +14,10 @@ use crate::simulator::town::{TownOptions, generate};
 pub(super) enum Scene {
     /// A small harbour town on a hill, the same bytes for the same blocks and seed
     Town(TownArguments),
+    /// List the nodes of the open scene
+    Tree(node::TreeArguments),
+    /// Show no scene
+    Close(ManagerAddress),
 }
 
 #[derive(Debug, clap::Args)]
@@ -30,8 +36,19 @@ pub(super) struct TownArguments {
     force: bool,
 }
 
-pub(super) fn run(scene: &Scene) -> anyhow::Result<()> {
-    let Scene::Town(arguments) = scene;
+pub(super) fn run(scene: &Scene) -> anyhow::Result<ExitCode> {
+    match scene {
+        Scene::Town(arguments) => town(arguments).map(|()| ExitCode::SUCCESS),
+        Scene::Tree(arguments) => node::tree(arguments),
+        Scene::Close(manager) => {
+            let client = manager.connect()?;
+            client.close_scene()?;
+            show(&client)
+        }
+    }
+}
+
+fn town(arguments: &TownArguments) -> anyhow::Result<()> {
     outputs::check_source(&arguments.output, arguments.force)?;
     let bytes = generate(&TownOptions { blocks: arguments.blocks, seed: arguments.seed })?;
     outputs::write(&arguments.output, &bytes)?;

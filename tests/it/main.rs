@@ -67,6 +67,7 @@ mod refusals;
 mod replay;
 mod report;
 mod restarts;
+mod scene_commands;
 mod seams;
 mod seen;
 mod soak;

@@ -1,8 +1,9 @@
 //! The core of the wall: what the manager decides, without sockets and without a clock.
 //!
 //! What arrives goes as an [`Input`] into [`Cluster::handle`], with `now` in microseconds of the
-//! manager's time; what is to be done comes out of [`Cluster::poll_effect`]; [`Cluster::poll_timeout`] says
-//! when [`Input::Timeout`] is due. Every failure of a wall is so a short deterministic test.
+//! manager's time; what is to be done comes out of [`Cluster::poll_effect`];
+//! [`Cluster::poll_timeout`] says when [`Input::Timeout`] is due. Every failure of a wall is so a
+//! short deterministic test.
 
 mod aggregate;
 mod barrier;

@@ -1,0 +1,391 @@
+//! `polyptych node`, `transaction` and `scene tree`: the open scene of a running wall, read and
+//! changed.
+
+mod node_change;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, anyhow, bail};
+use node_change::NodeChange;
+use polyptych_client::blocking::Client;
+use polyptych_client::glam::DAffine3;
+use polyptych_client::{Attribute, Edited, NodeId, NodeInfo, NodeQuery, Transaction};
+use polyptych_text::{counted, printable};
+use serde_json::{Value, json};
+
+use super::seen::Seen;
+use super::{ManagerAddress, say};
+
+/// Largest file of operations that is read: far more than a transaction may have.
+const FILE_BYTES_MAX: u64 = 64 << 20;
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum NodeCommand {
+    /// Make a node
+    Add(AddArguments),
+    /// Change a node
+    Set(SetArguments),
+    /// Hang a node, with all that hangs from it, from another
+    Move(MoveArguments),
+    /// Take a node away with all that hangs from it
+    Remove(RemoveArguments),
+}
+
+/// Where to change what, and how to say what came of it.
+#[derive(Debug, clap::Args)]
+struct Target {
+    /// Print JSON: the numbers of the nodes that were made, and the frame
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct AddArguments {
+    /// What it is: name=TEXT position=X,Y,Z rotation=YAW,PITCH,ROLL scale=S visible=true
+    /// mesh=INDEX attribute.KEY=VALUE
+    #[arg(value_name = "KEY=VALUE")]
+    words: Vec<String>,
+    /// The node that it hangs from, by number or path [default: the scene itself]
+    #[arg(long, value_name = "NODE")]
+    parent: Option<String>,
+    #[command(flatten)]
+    target: Target,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct SetArguments {
+    /// The node, by its number, its path such as /house/door, or the end of its path
+    node: String,
+    /// As of `node add`; what is not given stays as it is
+    #[arg(required = true, value_name = "KEY=VALUE")]
+    words: Vec<String>,
+    #[command(flatten)]
+    target: Target,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct MoveArguments {
+    /// The node, as of `node set`
+    node: String,
+    /// The node that it hangs from then; / for the scene itself
+    parent: String,
+    #[command(flatten)]
+    target: Target,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct RemoveArguments {
+    /// The node, as of `node set`
+    node: String,
+    #[command(flatten)]
+    target: Target,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct TransactionArguments {
+    /// A JSON file with a list of operations: {"op": "add", "as": "arm", "parent": NODE, KEY: …},
+    /// {"op": "set", "node": NODE, KEY: …}, {"op": "move", "node": NODE, "parent": NODE} and
+    /// {"op": "remove", "node": NODE}; "$arm" is the node that was added as "arm"
+    file: PathBuf,
+    #[command(flatten)]
+    target: Target,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct TreeArguments {
+    /// Only this node and what hangs from it, as of `node set`
+    #[arg(long, value_name = "NODE")]
+    below: Option<String>,
+    /// Only nodes of this name
+    #[arg(long)]
+    name: Option<String>,
+    /// Print JSON: all that is known of each node
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+/// The nodes of the open scene, and what is to become of them.
+struct Editor {
+    client: Client,
+    /// Read once a path is to be found.
+    nodes: Option<Vec<NodeInfo>>,
+    /// Nodes of this transaction by the name that it gives them.
+    made: BTreeMap<String, NodeId>,
+    /// Where nodes stand that this transaction has placed.
+    places: BTreeMap<NodeId, DAffine3>,
+    transaction: Transaction,
+}
+
+impl Editor {
+    /// Changes are refused where somebody else has changed the same since.
+    fn new(client: Client) -> anyhow::Result<Self> {
+        let transaction = Transaction::based_on(client.status()?.revision);
+        let (made, places) = (BTreeMap::new(), BTreeMap::new());
+        Ok(Self { client, nodes: None, made, places, transaction })
+    }
+
+    fn nodes(&mut self) -> anyhow::Result<&[NodeInfo]> {
+        if self.nodes.is_none() {
+            self.nodes = Some(self.client.find_all_nodes(NodeQuery::default())?);
+        }
+        Ok(self.nodes.as_deref().unwrap_or_default())
+    }
+
+    /// The node that is meant by a number, a path, or a name of this transaction.
+    fn node(&mut self, meant: &str) -> anyhow::Result<NodeId> {
+        if let Some(name) = meant.strip_prefix('$') {
+            let made = self.made.get(name).copied();
+            return made.ok_or_else(|| anyhow!("{meant}: no operation before this adds it"));
+        }
+        if let Ok(number) = meant.parse() {
+            return Ok(NodeId(number));
+        }
+        find(self.nodes()?, meant)
+    }
+
+    /// `None` for the scene itself.
+    fn parent(&mut self, meant: &str) -> anyhow::Result<Option<NodeId>> {
+        if meant == "/" { Ok(None) } else { self.node(meant).map(Some) }
+    }
+
+    fn add(
+        &mut self,
+        change: NodeChange,
+        parent: Option<&str>,
+        name: Option<&str>,
+    ) -> anyhow::Result<()> {
+        let parent = parent.map(|parent| self.parent(parent)).transpose()?.flatten();
+        let node = change.create(parent, &mut self.transaction);
+        if let Some(name) = name {
+            self.made.insert(name.to_owned(), node);
+        }
+        Ok(())
+    }
+
+    fn set(&mut self, node: &str, change: NodeChange) -> anyhow::Result<()> {
+        let node = self.node(node)?;
+        let local = match self.places.get(&node) {
+            Some(place) => *place,
+            None if node.provisional_index().is_some() => DAffine3::IDENTITY,
+            None => {
+                let known = self.nodes()?.iter().find(|of| of.id == node).map(|of| of.local);
+                known.ok_or_else(|| anyhow!("there is no {node} in the open scene"))?
+            }
+        };
+        let place = change.edit(node, &local, &mut self.transaction);
+        self.places.insert(node, place);
+        Ok(())
+    }
+
+    fn operation(&mut self, operation: &Value) -> anyhow::Result<()> {
+        let of = operation.as_object().context("an operation is an object with \"op\"")?;
+        let text = |key: &str| {
+            of.get(key).map(|value| match value {
+                Value::String(text) => Ok(text.clone()),
+                Value::Number(number) if number.is_u64() => Ok(number.to_string()),
+                _ => Err(anyhow!("{key} is a number of a node, or a path")),
+            })
+        };
+        let needed = |key: &str| text(key).unwrap_or_else(|| Err(anyhow!("it has no \"{key}\"")));
+        let mut change = NodeChange::default();
+        for (key, value) in of {
+            match (key.as_str(), value) {
+                ("op" | "node" | "parent" | "as", _) => {}
+                ("attributes", Value::Object(all)) => {
+                    for (key, value) in all {
+                        change.set(&format!("attribute.{key}"), value)?;
+                    }
+                }
+                (key, value) => change.set(key, value).with_context(|| key.to_owned())?,
+            }
+        }
+        match of.get("op").and_then(Value::as_str) {
+            Some("add") => {
+                let (parent, name) = (text("parent").transpose()?, text("as").transpose()?);
+                self.add(change, parent.as_deref(), name.as_deref())
+            }
+            Some("set") => self.set(&needed("node")?, change),
+            Some("move") => {
+                let (node, parent) = (self.node(&needed("node")?)?, needed("parent")?);
+                let parent = self.parent(&parent)?;
+                self.transaction.set_parent(node, parent);
+                Ok(())
+            }
+            Some("remove") => {
+                let node = self.node(&needed("node")?)?;
+                self.transaction.remove(node);
+                Ok(())
+            }
+            _ => bail!("\"op\" is \"add\", \"set\", \"move\" or \"remove\""),
+        }
+    }
+
+    /// Has it done, and says what came of it.
+    fn commit(self, is_json: bool) -> anyhow::Result<ExitCode> {
+        if self.transaction.edits.is_empty() {
+            bail!("nothing would change");
+        }
+        let count = self.transaction.edits.len();
+        let edited = self.client.commit(self.transaction)?;
+        let seen = Seen::of(&self.client, &edited.feedback)?;
+        if is_json {
+            say(in_json(&edited))?;
+        } else {
+            let made: Vec<_> = edited.created.iter().map(ToString::to_string).collect();
+            let made =
+                if made.is_empty() { String::new() } else { format!("made {}; ", made.join(", ")) };
+            let (count, revision) = (counted(count, "edit"), edited.revision);
+            say(format_args!("{made}{count}, revision {revision}, {}", seen.in_words()))?;
+        }
+        Ok(seen.conclude())
+    }
+}
+
+fn in_json(edited: &Edited) -> Value {
+    json!({
+        "revision": edited.revision.0,
+        "created": edited.created.iter().map(|node| node.0).collect::<Vec<_>>(),
+        "frame": edited.feedback.frame.0,
+        "is_complete": edited.feedback.is_complete(),
+    })
+}
+
+/// The one node whose path ends so; from the scene itself on where it begins with a slash. Names
+/// may have slashes of their own.
+fn find(nodes: &[NodeInfo], meant: &str) -> anyhow::Result<NodeId> {
+    // Parents come before their children.
+    let mut paths: BTreeMap<NodeId, String> = BTreeMap::new();
+    let end = format!("/{}", meant.trim_start_matches('/'));
+    let mut found = Vec::new();
+    for node in nodes {
+        let above = node.parent.and_then(|parent| paths.get(&parent));
+        let path = format!("{}/{}", above.map_or("", String::as_str), node.name);
+        let is_whole = meant.starts_with('/');
+        if path == end || (!is_whole && path.ends_with(&end)) {
+            found.push(node.id);
+        }
+        paths.insert(node.id, path);
+    }
+    match found[..] {
+        [node] => Ok(node),
+        [] => bail!("{meant}: the open scene has no such node; polyptych scene tree lists them"),
+        [..] => {
+            let some: Vec<_> = found.iter().take(8).map(|node| node.0.to_string()).collect();
+            let more = if found.len() > 8 { ", …" } else { "" };
+            bail!("{meant}: several nodes are called so: {}{more}; say which", some.join(", "))
+        }
+    }
+}
+
+pub(super) fn run(command: &NodeCommand) -> anyhow::Result<ExitCode> {
+    let target = match command {
+        NodeCommand::Add(AddArguments { target, .. })
+        | NodeCommand::Set(SetArguments { target, .. })
+        | NodeCommand::Move(MoveArguments { target, .. })
+        | NodeCommand::Remove(RemoveArguments { target, .. }) => target,
+    };
+    // Wrong words are told before a manager is asked for.
+    let change = match command {
+        NodeCommand::Add(AddArguments { words, .. })
+        | NodeCommand::Set(SetArguments { words, .. }) => NodeChange::from_words(words)?,
+        _ => NodeChange::default(),
+    };
+    let mut editor = Editor::new(target.manager.connect()?)?;
+    match command {
+        NodeCommand::Add(arguments) => editor.add(change, arguments.parent.as_deref(), None)?,
+        NodeCommand::Set(arguments) => editor.set(&arguments.node, change)?,
+        NodeCommand::Move(arguments) => {
+            let node = editor.node(&arguments.node)?;
+            let parent = editor.parent(&arguments.parent)?;
+            editor.transaction.set_parent(node, parent);
+        }
+        NodeCommand::Remove(arguments) => {
+            let node = editor.node(&arguments.node)?;
+            editor.transaction.remove(node);
+        }
+    }
+    editor.commit(target.json)
+}
+
+pub(super) fn transaction(arguments: &TransactionArguments) -> anyhow::Result<ExitCode> {
+    let file = arguments.file.display();
+    let facts = std::fs::metadata(&arguments.file).with_context(|| file.to_string())?;
+    if !facts.is_file() || facts.len() > FILE_BYTES_MAX {
+        bail!("{file}: not a file of at most {FILE_BYTES_MAX} bytes");
+    }
+    let text = std::fs::read(&arguments.file).with_context(|| file.to_string())?;
+    let operations: Vec<Value> = serde_json::from_slice(&text)
+        .with_context(|| format!("{file}: not a JSON list of operations"))?;
+    let mut editor = Editor::new(arguments.target.manager.connect()?)?;
+    for (index, operation) in operations.iter().enumerate() {
+        editor.operation(operation).with_context(|| format!("{file}: operation {index}"))?;
+    }
+    editor.commit(arguments.target.json)
+}
+
+pub(super) fn tree(arguments: &TreeArguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.manager.connect()?;
+    let mut query = NodeQuery { name: arguments.name.clone(), ..NodeQuery::default() };
+    if let Some(below) = &arguments.below {
+        query.below = Some(Editor::new(client.clone())?.node(below)?);
+    }
+    let nodes = client.find_all_nodes(query)?;
+    if arguments.json {
+        let nodes: Vec<Value> = nodes.iter().map(node_in_json).collect();
+        say(Value::Array(nodes))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let top = nodes.iter().map(|node| node.depth).min().unwrap_or(0);
+    for node in &nodes {
+        let name = if node.name.is_empty() { "(no name)".into() } else { printable(&node.name) };
+        let mut facts = Vec::new();
+        facts.extend(node.mesh.map(|mesh| format!("mesh {mesh}")));
+        facts.extend(node.light.as_ref().map(|_| "light".to_owned()));
+        facts.extend((!node.visible).then(|| "hidden".to_owned()));
+        facts.extend(node.attributes.iter().map(|(key, value)| {
+            let value = match value {
+                Attribute::Bool(is) => is.to_string(),
+                Attribute::Number(number) => number.to_string(),
+                Attribute::Text(text) => text.clone(),
+            };
+            printable(&format!("{key}={value}")).into_owned()
+        }));
+        let indent = "  ".repeat((node.depth - top) as usize);
+        say(format_args!("{indent}{} {name}  {}", node.id.0, facts.join(", "))
+            .to_string()
+            .trim_end())?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn node_in_json(node: &NodeInfo) -> Value {
+    let (scale, rotation, position) = node.local.to_scale_rotation_translation();
+    json!({
+        "id": node.id.0,
+        "parent": node.parent.map(|parent| parent.0),
+        "name": node.name,
+        "depth": node.depth,
+        "visible": node.visible,
+        "mesh": node.mesh,
+        "light": node.light,
+        "position": position,
+        "rotation": rotation,
+        "scale": scale,
+        "world": node.world,
+        "attributes": node.attributes.iter().map(|(key, value)| {
+            let value = match value {
+                Attribute::Bool(is) => json!(is),
+                Attribute::Number(number) => json!(number),
+                Attribute::Text(text) => json!(text),
+            };
+            (key.clone(), value)
+        }).collect::<serde_json::Map<_, _>>(),
+        "bounds": node.bounds.map(|of| json!({ "min": of.min, "max": of.max })),
+    })
+}

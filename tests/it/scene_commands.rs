@@ -1,0 +1,92 @@
+//! `scene tree`, `node` and `transaction`, as a person types them.
+
+use serde_json::Value;
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
+use crate::harness::place::TestDir;
+use crate::harness::scenes::Gltf;
+
+/// A wall that shows a house with two doors, of which one is a tower's.
+fn wall() -> LocalWall {
+    let place = TestDir::new();
+    let house = Gltf::triangle().with(|gltf| {
+        gltf.json["scenes"][0]["nodes"] = serde_json::json!([0, 2]);
+        gltf.json["nodes"] = serde_json::json!([
+            { "name": "house", "children": [1] },
+            { "name": "door", "mesh": 0 },
+            { "name": "tower/old", "children": [3] },
+            { "name": "door", "mesh": 0, "translation": [1.0, 0.0, 0.0] },
+        ]);
+    });
+    let folder = place.write("house.glb", house.glb()).parent().expect("a folder").to_owned();
+    let local = LocalWall::start_in(place, &small(1, 1), &[&folder], ANY_PORT);
+    local.run(&["scene", "tree"]).failed(&["no scene is open; open one first"]);
+    local.run(&["open", "house.glb"]).succeeded();
+    local
+}
+
+#[test]
+fn nodes_are_listed_changed_and_found_by_their_paths() {
+    let local = wall();
+    let tree = || local.run(&["scene", "tree"]).succeeded();
+    let before = "0 house\n  1 door  mesh 0\n2 tower/old\n  3 door  mesh 0";
+    assert_eq!(tree(), before);
+    local.run(&["node", "set", "door", "visible=false"]).failed(&["several nodes", "1, 3"]);
+    local.run(&["node", "set", "/door", "visible=false"]).failed(&["no such node"]);
+    local.run(&["node", "set", "house/door", "visible=false", "attribute.note=broken"]).succeeded();
+    local.run(&["node", "set", "/tower/old/door", "position=1,-2,3", "scale=2"]).succeeded();
+    let added = ["node", "add", "name=sign", "mesh=0", "--parent", "old/door", "--json"];
+    let added: Value = serde_json::from_str(&local.run(&added).succeeded()).expect("JSON");
+    assert_eq!((&added["created"][0], &added["is_complete"]), (&4.into(), &true.into()));
+    local.run(&["node", "move", "sign", "/"]).succeeded();
+    let now = "0 house\n  1 door  mesh 0, hidden, note=broken\n2 tower/old\n  3 door  mesh 0\n\
+               4 sign  mesh 0";
+    assert_eq!(tree(), now);
+    let below = local.run(&["scene", "tree", "--below", "tower/old", "--json"]).succeeded();
+    let below: Value = serde_json::from_str(&below).expect("JSON");
+    assert_eq!(below.as_array().map(Vec::len), Some(2));
+    assert_eq!(below[1]["position"], serde_json::json!([1.0, -2.0, 3.0]));
+    assert_eq!(below[1]["scale"], serde_json::json!([2.0, 2.0, 2.0]));
+    local.run(&["node", "remove", "sign"]).succeeded();
+    local.run(&["node", "remove", "sign"]).failed(&["sign: the open scene has no such node"]);
+    local.run(&["node", "move", "0", "1"]).failed(&["node 0 cannot hang from node 1"]);
+    local.run(&["node", "set", "0", "size=1"]).failed(&["size=1: there is no key size"]);
+    local.run(&["scene", "close"]).succeeded();
+}
+
+#[test]
+fn a_file_of_operations_is_done_whole_or_not_at_all() {
+    let local = wall();
+    let path =
+        |name: &str, text: &str| local.place.write(name, text.as_bytes()).display().to_string();
+    let good = path(
+        "good.json",
+        r#"[
+            { "op": "add", "as": "arm", "name": "arm", "rotation": [90, 0, 0] },
+            { "op": "add", "name": "hand", "parent": "$arm", "mesh": 0, "attributes": { "n": 5 } },
+            { "op": "move", "node": "house/door", "parent": "$arm" },
+            { "op": "set", "node": "$arm", "position": [0, 1, 0] },
+            { "op": "remove", "node": 2 }
+        ]"#,
+    );
+    let done: Value =
+        serde_json::from_str(&local.run(&["transaction", &good, "--json"]).succeeded())
+            .expect("JSON");
+    assert_eq!(done["created"], serde_json::json!([4, 5]));
+    let expected = "0 house\n4 arm\n  1 door  mesh 0\n  5 hand  mesh 0, n=5";
+    let tree = || local.run(&["scene", "tree"]).succeeded();
+    assert_eq!(tree(), expected);
+    for (text, parts) in [
+        ("[{ \"op\": \"remove\", \"node\": 4 }, { \"op\": \"remove\", \"node\": 99 }]", "node 99"),
+        ("[{ \"op\": \"fly\" }]", "operation 0: \"op\" is"),
+        ("[{ \"op\": \"set\", \"node\": \"$leg\" }]", "$leg: no operation before this adds it"),
+        ("[{ \"op\": \"set\", \"node\": 4, \"colour\": 1 }]", "there is no key colour"),
+        ("{}", "not a JSON list of operations"),
+        ("[]", "nothing would change"),
+    ] {
+        let bad = path("bad.json", text);
+        local.run(&["transaction", &bad]).failed(&[parts]);
+        assert_eq!(tree(), expected, "nothing half done");
+    }
+    local.run(&["transaction", "missing.json"]).failed(&["missing.json", "No such file"]);
+}
