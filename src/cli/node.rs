@@ -237,9 +237,12 @@ impl Editor {
         if is_json {
             say(in_json(&edited))?;
         } else {
-            let made: Vec<_> = edited.created.iter().map(ToString::to_string).collect();
-            let made =
-                if made.is_empty() { String::new() } else { format!("made {}; ", made.join(", ")) };
+            let made: Vec<_> = edited.created.iter().take(8).map(ToString::to_string).collect();
+            let made = match edited.created.len() {
+                0 => String::new(),
+                count if count <= 8 => format!("made {}; ", made.join(", ")),
+                count => format!("made {count} nodes from {} on; ", edited.created[0]),
+            };
             let (count, revision) = (counted(count, "edit"), edited.revision);
             say(format_args!("{made}{count}, revision {revision}, {}", seen.in_words()))?;
         }

@@ -105,6 +105,9 @@ fn the_examples_run() {
     assert!(said.contains("town: frame") && said.contains("on 2 of 2 channels"), "{said}");
     let said = run_example(&local, &example("orbit"), &["town.glb", "1", "20", &local.address]);
     assert!(said.contains("slowest") && said.contains("median frame"), "{said}");
+    let sail = ["town.glb", "boat", "1", &local.address];
+    let said = run_example(&local, &example("sail"), &sail);
+    assert!(said.contains("transactions, "), "{said}");
 }
 
 /// Packages that a program adds with the client library: more would be felt in every build of it.

@@ -23,10 +23,11 @@ pub struct SceneEdits {
     bytes: u64,
 }
 
-/// What differs of one node; `None` for what is as its file, or its creation, has it.
+/// What differs of one node; `None` for what is as its file has it. Of nodes that were made, all
+/// but what is hidden and noted stands in `created`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NodeEdits {
-    /// As it was made; `None` for nodes of the file.
+    /// As it stands; `None` for nodes of the file.
     pub created: Option<Box<NewNode>>,
     /// Whether it was taken away.
     pub is_removed: bool,
@@ -48,6 +49,17 @@ pub struct NodeEdits {
 
 impl NodeEdits {
     fn apply(&mut self, edit: Edit) {
+        // One that was made is kept as it would be made now, which takes no more than before.
+        if let Some(made) = &mut self.created {
+            match edit {
+                Edit::SetParent { parent, .. } => return made.parent = parent,
+                Edit::SetTransform { local, .. } => return made.local = local,
+                Edit::SetName { name, .. } => return made.name = name,
+                Edit::SetMesh { mesh, .. } => return made.mesh = mesh,
+                Edit::SetLight { light, .. } => return made.light = light,
+                _ => {}
+            }
+        }
         match edit {
             Edit::Create { new, .. } => *self = Self { created: Some(new), ..Self::default() },
             Edit::Remove(_) => {
