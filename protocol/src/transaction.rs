@@ -25,12 +25,20 @@ pub struct Transaction {
     pub base: Option<Revision>,
     /// In order. What they create has provisional numbers.
     pub edits: Vec<Edit>,
+    /// Whether the nodes that it makes are taken away when the connection of the client that made
+    /// them ends, or with the manager: pointers, highlights, what somebody else draws anew.
+    pub is_temporary: bool,
 }
 
 impl Transaction {
     /// Changes of a scene as it was at this revision.
     pub fn based_on(base: Revision) -> Self {
-        Self { base: Some(base), edits: Vec::new() }
+        Self { base: Some(base), ..Self::default() }
+    }
+
+    /// Changes of which the nodes that are made end with this client's connection.
+    pub fn temporary() -> Self {
+        Self { is_temporary: true, ..Self::default() }
     }
 
     /// Makes a node; returns its provisional number, which later edits of this transaction can

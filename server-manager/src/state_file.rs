@@ -218,6 +218,7 @@ mod tests {
             bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
             edits: SceneEdits::default(),
             next_node: 17,
+            temporary: Vec::new(),
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");

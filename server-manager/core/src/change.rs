@@ -190,6 +190,7 @@ impl Cluster {
                 self.commit_calibration(now, *wall, tuners, &failed);
             }
         }
+        self.end_temporary(now);
     }
 
     fn settle_scene(

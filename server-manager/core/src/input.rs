@@ -98,7 +98,7 @@ impl Cluster {
                 self.handle_server_gone(now, session, &reason);
             }
             Input::Client { session, name } => self.handle_client(session, name),
-            Input::ClientGone { session } => self.handle_client_gone(session),
+            Input::ClientGone { session } => self.handle_client_gone(now, session),
             Input::Request { client, id, request } => {
                 self.handle_request(now, client, id, request);
             }

@@ -126,12 +126,14 @@ impl Cluster {
         self.session_span(session).in_scope(|| tracing::info!("client joins"));
     }
 
-    /// A client's connection has ended. The wall stays as it is.
-    pub(crate) fn handle_client_gone(&mut self, session: SessionId) {
+    /// A client's connection has ended. The wall stays as it is, but for what
+    /// was to end with it.
+    pub(crate) fn handle_client_gone(&mut self, now: Micros, session: SessionId) {
         self.clients.remove(&session);
         self.orders.retain(|order| order.job.client != session);
         self.tuners.forget(session);
         self.editing.forget(session);
+        self.end_temporary(now);
     }
 
     /// A replica that disagrees is given the state anew, not believed; what it has drawn of the

@@ -4,7 +4,7 @@ use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::request::Pacing;
 use polyptych_protocol::state_log::{Operation, SceneRef, check_wall_size};
-use polyptych_scene::{Bounds, SceneEdits};
+use polyptych_scene::{Bounds, Edit, NodeId, SceneEdits};
 use polyptych_wall::{ChannelCalibration, Wall, calibration_change};
 use serde::{Deserialize, Serialize};
 
@@ -36,6 +36,8 @@ pub struct PersistentState {
     pub edits: SceneEdits,
     /// The number that the next node of it gets at least.
     pub next_node: u64,
+    /// Its nodes that end with a client's connection, and so with the manager.
+    pub temporary: Vec<NodeId>,
 }
 
 impl PersistentState {
@@ -51,6 +53,7 @@ impl PersistentState {
             bounds: None,
             edits: SceneEdits::default(),
             next_node: 0,
+            temporary: Vec::new(),
         }
     }
 
@@ -63,16 +66,28 @@ impl PersistentState {
     }
 }
 
+/// What was changed of the scene, without what ended with the manager.
+fn lasting(memory: &PersistentState) -> SceneEdits {
+    let mut edits = memory.edits.clone();
+    for &node in &memory.temporary {
+        if edits.node(node).is_some() {
+            edits.apply(Edit::Remove(node));
+        }
+    }
+    edits
+}
+
 impl Cluster {
     /// The core of this wall, going on from what another manager remembered.
     pub fn restore(wall: Wall, epoch: Epoch, memory: &PersistentState) -> Self {
         let mut cluster = Self::new(wall, epoch);
         if let Some(scene) = &memory.scene {
             cluster.shown.apply(Operation::OpenScene(scene.clone()));
-            if !memory.edits.is_empty() {
-                cluster.shown.apply(Operation::SetEdits(Box::new(memory.edits.clone())));
+            let edits = lasting(memory);
+            if !edits.is_empty() {
+                cluster.shown.apply(Operation::SetEdits(Box::new(edits.clone())));
             }
-            cluster.editing.restore(memory.edits.clone(), memory.next_node);
+            cluster.editing.restore(edits, memory.next_node);
             cluster.notes.clone_from(&memory.notes);
             cluster.navigator.bounds = memory.bounds;
         }
@@ -83,6 +98,8 @@ impl Cluster {
             cluster.presentation.exposure = exposure;
         }
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
+        // A state without what has ended has not been numbered yet.
+        cluster.shown.revision.0 += u64::from(cluster.shown.edits != memory.edits);
         let restored = calibration_change::reapply(&cluster.file, &memory.tunings)
             .and_then(|wall| check_wall_size(&wall).map(|()| wall));
         match restored {
@@ -127,6 +144,7 @@ impl Cluster {
             bounds: self.navigator.bounds,
             edits: self.shown.edits.clone(),
             next_node: self.editing.next_node(),
+            temporary: self.editing.temporary(),
         }
     }
 

@@ -72,6 +72,8 @@ pub(super) struct SceneEditing {
     changed: BTreeMap<Target, Option<Revision>>,
     /// Those whose transaction is in the state that frames name.
     waiters: Vec<(Revision, EditWaiter)>,
+    /// Nodes that end with a client's connection.
+    temporary: BTreeMap<SessionId, Vec<NodeId>>,
 }
 
 impl SceneEditing {
@@ -79,6 +81,11 @@ impl SceneEditing {
     pub fn restart(&mut self, outline: Option<Arc<SceneOutline>>) {
         let waiters = std::mem::take(&mut self.waiters);
         *self = Self { outline, waiters, ..Self::default() };
+    }
+
+    /// The nodes that end with a client's connection.
+    pub fn temporary(&self) -> Vec<NodeId> {
+        self.temporary.values().flatten().copied().collect()
     }
 
     /// Goes on with what was remembered.
@@ -126,7 +133,7 @@ impl SceneEditing {
     fn accept_each(
         &mut self,
         outline: &SceneOutline,
-        Transaction { base, edits }: Transaction,
+        Transaction { base, edits, .. }: Transaction,
         undo: &mut Vec<Replaced>,
     ) -> Result<(Vec<Edit>, Vec<NodeId>), String> {
         let first = self.next_node.max(outline.nodes());
@@ -241,14 +248,56 @@ impl Cluster {
             return Err(format!("it builds on revision {base}, and the wall shows {shown}"));
         }
         self.changes.expect_room()?;
+        let is_temporary = transaction.is_temporary;
         let (edits, created) = self.editing.accept(transaction)?;
+        if is_temporary && !created.is_empty() {
+            self.editing.temporary.entry(job.client).or_default().extend(&created);
+        }
         let waiter = EditWaiter { job, asked_at: self.frame, created };
+        self.request_edits(now, edits, Some(waiter));
+        Ok(None)
+    }
+
+    fn request_edits(&mut self, now: Micros, edits: Vec<Edit>, waiter: Option<EditWaiter>) {
         if let Err((edits, waiter)) = self.changes.join_waiting_edits(edits, waiter) {
-            let purpose = ChangeOrigin::Edit { waiters: vec![waiter] };
+            let purpose = ChangeOrigin::Edit { waiters: waiter.into_iter().collect() };
             let operations = vec![Operation::EditScene(edits)];
             self.request_change(now, StateChange { operations, purpose });
         }
-        Ok(None)
+    }
+
+    /// Takes the nodes away that ended with their clients' connections, where the scene can be
+    /// edited now; else it is tried again behind the next change.
+    pub(super) fn end_temporary(&mut self, now: Micros) {
+        let editing = &mut self.editing;
+        if editing.temporary.keys().all(|client| self.clients.contains_key(client))
+            || self.changes.has_scene_underway()
+            || self.changes.expect_room().is_err()
+        {
+            return;
+        }
+        let is_gone = |client: &SessionId, _: &mut Vec<NodeId>| !self.clients.contains_key(client);
+        let gone: Vec<NodeId> =
+            editing.temporary.extract_if(.., is_gone).flat_map(|(_, nodes)| nodes).collect();
+        let mut edits = Vec::new();
+        for node in gone {
+            // Somebody may have taken it away before.
+            if editing.accepted.node(node).is_none() {
+                continue;
+            }
+            let outline = editing.outline.clone().unwrap_or_default();
+            let below = outline.made_below(&editing.accepted, node);
+            for edit in below.into_iter().chain([node]).map(Edit::Remove) {
+                editing.accepted.apply(edit.clone());
+                edits.push(edit);
+            }
+        }
+        for target in edits.iter().filter_map(Target::of) {
+            editing.changed.insert(target, None);
+        }
+        if !edits.is_empty() {
+            self.request_edits(now, edits, None);
+        }
     }
 
     /// The state that is shown from the next frame on has an edited scene. Nothing is loaded for
@@ -329,8 +378,8 @@ impl super::change_queue::ChangeQueue {
     fn join_waiting_edits(
         &mut self,
         edits: Vec<Edit>,
-        waiter: EditWaiter,
-    ) -> Result<(), (Vec<Edit>, EditWaiter)> {
+        waiter: Option<EditWaiter>,
+    ) -> Result<(), (Vec<Edit>, Option<EditWaiter>)> {
         let waiting = self.queue.iter_mut().rev().find_map(|change| {
             match (&mut change.purpose, &mut change.operations[..]) {
                 (ChangeOrigin::Edit { waiters }, [Operation::EditScene(of)]) => Some((of, waiters)),
@@ -340,7 +389,7 @@ impl super::change_queue::ChangeQueue {
         match waiting {
             Some((of, waiters)) if of.len() + edits.len() <= MERGED_EDITS_MAX => {
                 of.extend(edits);
-                waiters.push(waiter);
+                waiters.extend(waiter);
                 Ok(())
             }
             _ => Err((edits, waiter)),

@@ -122,7 +122,7 @@ fn an_edit_that_cannot_be_takes_its_transaction_with_it() {
     ];
     for (edit, part) in cases {
         let edits = vec![Edit::SetTransform { node: TREE, local: at(1.0) }, edit];
-        let reason = stage.refusal(Transaction { base: None, edits });
+        let reason = stage.refusal(Transaction { edits, ..Transaction::default() });
         assert!(reason.starts_with("edit 1: ") && reason.contains(part), "{reason}");
     }
     assert_eq!(stage.refusal(Transaction::default()), "a transaction has one edit or more");
@@ -233,4 +233,40 @@ fn edits_that_no_server_can_prepare_change_nothing_and_take_those_behind_with_th
     }
     assert_eq!(stage.cluster.shown.edits.fingerprint(), before);
     assert_eq!(stage.cluster.editing_fingerprint(), before);
+}
+
+#[test]
+fn what_is_temporary_ends_with_its_client_and_with_the_manager() {
+    const GUEST: SessionId = SessionId(700);
+    let mut stage = ClusterFixture::with_house(1);
+    stage.cluster.handle_client(GUEST, "guest".into());
+    let mut pointer = Transaction::temporary();
+    let arrow = pointer.create(NewNode::default());
+    pointer.create(NewNode { parent: Some(arrow), ..NewNode::default() });
+    let request = Request::Edit(pointer);
+    stage.cluster.handle_request(stage.now, GUEST, RequestId(1), request);
+    stage.read();
+    stage.prepare_all();
+    stage.edit(moving(TREE, 1.0));
+    stage.prepare_all();
+    let memory = stage.memories.last().expect("remembered").clone();
+    assert_eq!(memory.temporary, [NodeId(3), NodeId(4)]);
+
+    let restored = Cluster::restore(wall(1), Epoch(8), &memory);
+    let left: Vec<_> = restored.shown.edits.nodes().map(|(node, _)| node).collect();
+    assert_eq!((left, restored.shown.revision), (vec![TREE], Revision(memory.revision.0 + 1)));
+
+    // Somebody hangs something from it; it goes too.
+    let mut below = Transaction::default();
+    below.create(NewNode { parent: Some(NodeId(3)), ..NewNode::default() });
+    stage.edit(below);
+    stage.prepare_all();
+    stage.cluster.handle_client_gone(stage.now, GUEST);
+    stage.read();
+    stage.prepare_all();
+    let left: Vec<_> = stage.cluster.shown.edits.nodes().map(|(node, _)| node).collect();
+    assert_eq!(left, [TREE]);
+    assert!(stage.memories.last().expect("remembered").temporary.is_empty());
+    let replica = &stage.replicas[&SessionId(0)];
+    assert_eq!(replica.digest(), stage.cluster.shown_digest);
 }

@@ -57,7 +57,7 @@ fn a_client_that_is_back_hears_what_became_of_the_scene_that_it_opened() {
         let mut stage = ClusterFixture::new(1);
         let id = stage.request(Request::OpenScene { path: "town.glb".into() });
         let job = stage.imports[0];
-        stage.cluster.handle_client_gone(job.client);
+        stage.cluster.handle_client_gone(stage.now, job.client);
         stage.bake(job, 40);
         let finish = |stage: &mut ClusterFixture| {
             stage.cluster.handle_import(stage.now, job, Ok(ClusterFixture::imported()));

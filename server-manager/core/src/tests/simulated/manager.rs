@@ -245,7 +245,7 @@ impl Simulation {
     pub fn disconnect_client(&mut self, index: usize) -> Check {
         let Some(session) = self.clients[index].session.take() else { return Ok(()) };
         self.watch.client_leaves(session);
-        self.core(|cluster, _| cluster.handle_client_gone(session));
+        self.core(|cluster, now| cluster.handle_client_gone(now, session));
         self.carry_out()
     }
 

@@ -132,7 +132,7 @@ fn a_pace(dice: &mut Rng) -> Pacing {
 /// Edits of which some cannot be, now and then on a state that was seen before.
 fn a_transaction(world: &Simulation, dice: &mut Rng) -> Transaction {
     let node = |dice: &mut Rng| NodeId(dice.below(9));
-    let mut transaction = Transaction::default();
+    let mut transaction = Transaction { is_temporary: dice.is_hit(200), ..Transaction::default() };
     if dice.is_hit(300) {
         let shown = world.manager.cluster.as_ref().map(|cluster| cluster.shown.revision.0);
         transaction.base = Some(Revision(shown.unwrap_or(0).saturating_sub(dice.below(3))));
