@@ -13,6 +13,7 @@ mod manager;
 mod node;
 mod pattern;
 mod progress;
+mod query;
 mod remote;
 mod replay;
 mod scene;
@@ -107,6 +108,11 @@ enum Command {
     Wall(wall::WallCommand),
     /// Decide again what a recorded manager decided, and say what happened
     Replay(replay::Arguments),
+    /// Say what of the open scene a pixel of the wall shows
+    Pick(query::PickArguments),
+    /// Ask what of the open scene is where
+    #[command(subcommand)]
+    Query(query::Query),
     /// Generate a scene, list the open one, or close it
     #[command(subcommand)]
     Scene(scene::Scene),
@@ -212,6 +218,8 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Wall(wall) => return wall::run(&wall),
         Command::Replay(arguments) => return replay::run(&arguments),
         Command::Scene(scene) => return scene::run(&scene),
+        Command::Pick(arguments) => return query::pick(&arguments),
+        Command::Query(query) => return query::run(&query),
         Command::Node(command) => return node::run(&command),
         Command::Transaction(arguments) => return node::transaction(&arguments),
         Command::Bake(arguments) => bake::run(&arguments),

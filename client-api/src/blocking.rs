@@ -21,10 +21,10 @@ use std::sync::mpsc::sync_channel;
 use std::task::{Context, Poll, Wake, Waker};
 use std::thread::{self, Thread};
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use polyptych_protocol::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use polyptych_protocol::ids::{Epoch, RequestId};
-use polyptych_protocol::node_query::{NodeInfo, NodePage, NodeQuery};
+use polyptych_protocol::node_query::{NodeInfo, NodePage, NodeQuery, RayHit, RayQuery};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
@@ -337,6 +337,22 @@ impl Client {
     /// [`ClientError`].
     pub fn find_all_nodes(&self, query: NodeQuery) -> Result<Vec<NodeInfo>, ClientError> {
         wait(self.inner.find_all_nodes(query))
+    }
+
+    /// Blocking version of [`crate::Client::cast_ray`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn cast_ray(&self, query: RayQuery) -> Result<Option<RayHit>, ClientError> {
+        wait(self.inner.cast_ray(query))
+    }
+
+    /// Blocking version of [`crate::Client::pick`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn pick(&self, screen: &str, pixel: DVec2) -> Result<Option<RayHit>, ClientError> {
+        wait(self.inner.pick(screen, pixel))
     }
 
     /// Blocking version of [`crate::Client::capture`].

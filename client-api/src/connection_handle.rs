@@ -489,6 +489,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::Tuned(_) => "a tuning",
         Response::Edited(_) => "an edited scene",
         Response::Nodes(_) => "nodes",
+        Response::Ray(_) => "what a ray meets",
         Response::ServersStopped(_) => "the stopped servers",
     };
     ClientError::WrongAnswer { request, answer }

@@ -67,7 +67,9 @@ pub use polyptych_protocol::feedback::{
 };
 pub use polyptych_protocol::feedback::{Edited, Tuned};
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
-pub use polyptych_protocol::node_query::{NODES_MAX, NodeInfo, NodePage, NodeQuery};
+pub use polyptych_protocol::node_query::{
+    NODES_MAX, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery,
+};
 pub use polyptych_protocol::output_mode::OutputMode;
 pub use polyptych_protocol::pattern::TestPattern;
 pub use polyptych_protocol::presentation::Presentation;
@@ -82,5 +84,6 @@ pub use polyptych_scene::{
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;
 pub use polyptych_wall::head::HeadPose;
+pub use polyptych_wall::pick_ray::Ray;
 pub use polyptych_wall::view::{Area, View, ViewProjection};
 pub use polyptych_wall::{Channel, Screen, Wall};

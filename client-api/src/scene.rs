@@ -1,10 +1,12 @@
 //! What a client does with the open scene: shows it, changes it, and asks about it.
 
+use glam::DVec2;
 use polyptych_protocol::feedback::Edited;
-use polyptych_protocol::node_query::{NODES_MAX, NodeInfo, NodePage, NodeQuery};
+use polyptych_protocol::node_query::{NODES_MAX, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery};
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Request, Response, SceneSummary};
 use polyptych_protocol::transaction::Transaction;
+use polyptych_wall::pick_ray::PickError;
 use tokio::sync::watch;
 
 use crate::client::Client;
@@ -119,5 +121,30 @@ impl Client {
                 return Ok(nodes);
             }
         }
+    }
+
+    /// Returns what a ray meets first in the open scene, if anything.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] where no scene is open, or the ray is none.
+    pub async fn cast_ray(&self, query: RayQuery) -> Result<Option<RayHit>, ClientError> {
+        match self.request(Request::CastRay(query)).await? {
+            Response::Ray(hit) => Ok(hit),
+            other => Err(wrong_answer("cast a ray", &other)),
+        }
+    }
+
+    /// Returns what a pixel of a screen shows of the open scene, if anything: of the wall's own
+    /// picture, or of the view that lies there. Pixels count from the upper left of the screen; the
+    /// middle of the first is (0.5, 0.5).
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] where no scene is open, or there is no such pixel.
+    pub async fn pick(&self, screen: &str, pixel: DVec2) -> Result<Option<RayHit>, ClientError> {
+        let (wall, presentation) = (self.wall().await?, self.presentation().await?);
+        let ray = wall.pick_ray(&presentation.all_views(), &presentation.head, screen, pixel);
+        let failed =
+            |error: PickError| ClientError::Failed { request: "pick", reason: error.to_string() };
+        self.cast_ray(RayQuery { ray: ray.map_err(failed)?, max_distance: None }).await
     }
 }

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
 use polyptych_scene::{Attribute, Bounds, Light, NodeId};
 use polyptych_text::text_of_peer;
+use polyptych_wall::pick_ray::Ray;
 use serde::{Deserialize, Serialize};
 
 use crate::ids::Revision;
@@ -56,6 +57,37 @@ pub struct NodeInfo {
     pub attributes: BTreeMap<String, Attribute>,
     /// Around its mesh in all its places, in world space.
     pub bounds: Option<Bounds>,
+}
+
+/// A question for what a ray meets.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RayQuery {
+    /// In world space.
+    pub ray: Ray,
+    /// How far it goes, in world units; for ever where `None`.
+    pub max_distance: Option<f64>,
+}
+
+/// What a ray meets first, from either side.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RayHit {
+    /// The state that was looked at.
+    pub revision: Revision,
+    /// Whose mesh it is.
+    pub node: NodeId,
+    /// What that node is called.
+    #[serde(deserialize_with = "text_of_peer")]
+    pub name: String,
+    /// Where, in world space.
+    pub position: DVec3,
+    /// Out of the front of the triangle, of length 1, in world space; 0 of one without an area.
+    pub normal: DVec3,
+    /// From the ray's origin, in world units.
+    pub distance: f64,
+    /// Whether the ray comes from the front.
+    pub is_front: bool,
+    /// An index into the materials of the scene; `None` is glTF's default material.
+    pub material: Option<u32>,
 }
 
 /// Nodes that were found, parents before their children.

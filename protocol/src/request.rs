@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::command::Goodbye;
 use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::ids::{FrameId, RequestId, Revision};
-use crate::node_query::{NodePage, NodeQuery};
+use crate::node_query::{NodePage, NodeQuery, RayHit, RayQuery};
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
@@ -97,6 +97,8 @@ pub enum Request {
     Edit(Transaction),
     /// Asks for nodes of the open scene, as the state has it that frames name.
     FindNodes(NodeQuery),
+    /// Asks what a ray meets first in the open scene, as the state has it that frames name.
+    CastRay(RayQuery),
     /// Ends all servers and then the manager; answered with what became of the servers.
     StopServers,
     /// Asks what became of a [`Request::OpenScene`] whose connection was lost before its answer,
@@ -135,6 +137,7 @@ impl Request {
             Self::Tune { .. } => "tune the channel",
             Self::Edit(_) => "edit the scene",
             Self::FindNodes(_) => "find nodes",
+            Self::CastRay(_) => "cast a ray",
         }
     }
 }
@@ -206,6 +209,8 @@ pub enum Response {
     Edited(Edited),
     /// To [`Request::FindNodes`].
     Nodes(NodePage),
+    /// To [`Request::CastRay`]: what it meets, if anything.
+    Ray(Option<RayHit>),
     /// To [`Request::StopServers`].
     ServersStopped(StoppedServers),
 }
@@ -214,7 +219,11 @@ impl Response {
     /// Returns whether it says that something has changed, which then must outlive the manager.
     pub fn tells_of_change(&self) -> bool {
         match self {
-            Self::Status(_) | Self::Wall(_) | Self::Statistics(_) | Self::Nodes(_) => false,
+            Self::Status(_)
+            | Self::Wall(_)
+            | Self::Statistics(_)
+            | Self::Nodes(_)
+            | Self::Ray(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)

@@ -12,6 +12,7 @@ mod capture_sender;
 mod client_session;
 pub mod import;
 mod metrics;
+mod ray_cast;
 mod recorded_cluster;
 pub mod recorder;
 pub mod replay;

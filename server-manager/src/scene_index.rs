@@ -8,7 +8,9 @@ use polyptych_protocol::ids::Revision;
 use polyptych_protocol::node_query::{
     NODE_TEXT_BYTES_MAX, NODES_MAX, NodeInfo, NodePage, NodeQuery,
 };
-use polyptych_scene::{Attribute, Bounds, Light, Node, NodeEdits, NodeId, Scene, SceneEdits};
+use polyptych_scene::{
+    Attribute, Bounds, Light, Node, NodeEdits, NodeId, Primitive, Scene, SceneEdits,
+};
 
 /// A state of a scene, with what questions need of it.
 #[derive(Debug)]
@@ -86,6 +88,52 @@ impl SceneIndex {
         Ok(page)
     }
 
+    /// The number of a node by its index.
+    pub fn id(&self, at: usize) -> NodeId {
+        self.ids[at]
+    }
+
+    /// What a node is called, by its index.
+    pub fn name(&self, at: usize) -> &str {
+        &self.nodes[at].name
+    }
+
+    /// What a node's mesh is made of, by the node's index.
+    pub fn primitives(&self, at: usize) -> &[Primitive] {
+        let mesh = self.nodes[at].mesh.and_then(|mesh| self.base.meshes.get(mesh as usize));
+        mesh.map_or(&[], |mesh| &mesh.primitives)
+    }
+
+    /// Visits every mesh in every place where it is shown: the index of its node, its box in its
+    /// own space, and world space from there.
+    pub fn visit_meshes(&self, mut visit: impl FnMut(usize, &Bounds, &DAffine3)) {
+        let mut shown: Vec<bool> = Vec::with_capacity(self.nodes.len());
+        for (at, node) in self.nodes.iter().enumerate() {
+            let is_hidden = self.edits.node(self.ids[at]).is_some_and(|edits| edits.is_hidden);
+            let above = node.parent.is_none_or(|parent| shown[parent as usize]);
+            shown.push(above && !is_hidden);
+            if let Some(own) = mesh_bounds(self.primitives(at)).filter(|_| shown[at]) {
+                self.places(at, |place| visit(at, &own, place));
+            }
+        }
+    }
+
+    /// World space from the space of a node's mesh, for each of its places.
+    fn places(&self, at: usize, mut visit: impl FnMut(&DAffine3)) {
+        let (node, world) = (&self.nodes[at], &self.world[at]);
+        if node.instances.is_empty() {
+            visit(world);
+        }
+        for instance in &node.instances {
+            let place = DAffine3::from_scale_rotation_translation(
+                instance.scale.as_dvec3(),
+                instance.rotation.as_dquat(),
+                instance.translation.as_dvec3(),
+            );
+            visit(&(*world * place));
+        }
+    }
+
     /// For each node, whether it is this one or hangs from it.
     fn below(&self, node: NodeId) -> Result<Vec<bool>, String> {
         let top = self.ids.iter().position(|id| *id == node);
@@ -120,27 +168,23 @@ impl SceneIndex {
 
     /// Around a node's own mesh in all its places.
     fn bounds(&self, at: usize) -> Option<Bounds> {
-        let node = &self.nodes[at];
-        let mesh = self.base.meshes.get(node.mesh? as usize)?;
-        let own = mesh.primitives.iter().map(|primitive| Bounds {
-            min: primitive.origin + primitive.min.as_dvec3(),
-            max: primitive.origin + primitive.max.as_dvec3(),
+        let own = mesh_bounds(self.primitives(at))?;
+        let mut all = None;
+        self.places(at, |place| {
+            let here = moved(&own, place);
+            all = Some(all.map_or(here, |all| union(all, here)));
         });
-        let own = own.reduce(union)?;
-        let of_node = self.world[at];
-        if node.instances.is_empty() {
-            return Some(moved(&own, &of_node));
-        }
-        let places = node.instances.iter().map(|instance| {
-            let place = DAffine3::from_scale_rotation_translation(
-                instance.scale.as_dvec3(),
-                instance.rotation.as_dquat(),
-                instance.translation.as_dvec3(),
-            );
-            moved(&own, &(of_node * place))
-        });
-        places.reduce(union)
+        all
     }
+}
+
+/// Around the primitives of a mesh, in its space.
+fn mesh_bounds(primitives: &[Primitive]) -> Option<Bounds> {
+    let own = primitives.iter().map(|primitive| Bounds {
+        min: primitive.origin + primitive.min.as_dvec3(),
+        max: primitive.origin + primitive.max.as_dvec3(),
+    });
+    own.reduce(union)
 }
 
 fn read(store: &BlobStore, manifest: BlobHash) -> Result<Scene, String> {

@@ -33,6 +33,8 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         "open",
         &["polyptych open town.glb", "polyptych open lamp.gltf --heading 90 --exposure 0.0005"],
     ),
+    ("pick", &["polyptych pick front 960,540", "polyptych pick front 100,80 --json"]),
+    ("query ray", &["polyptych query ray 0,1.7,20 0,0,-1 --max 100"]),
     ("scene tree", &["polyptych scene tree", "polyptych scene tree --below /house --json"]),
     ("scene close", &["polyptych scene close"]),
     ("node add", &["polyptych node add name=sign mesh=0 position=0,2,0 --parent /house"]),

@@ -90,3 +90,27 @@ fn a_file_of_operations_is_done_whole_or_not_at_all() {
     }
     local.run(&["transaction", "missing.json"]).failed(&["missing.json", "No such file"]);
 }
+
+#[test]
+fn a_pixel_of_the_wall_says_whose_it_is() {
+    let local = wall();
+    local.run(&["camera", "look-at", "0.25,0.25,3", "0.25,0.25,0"]).succeeded();
+    let wall = local.client().wall().expect("a wall");
+    let screen = &wall.screens[0];
+    let middle = format!("{},{}", screen.canvas.x / 2, screen.canvas.y / 2);
+    let said = local.run(&["pick", &screen.name, &middle]).succeeded();
+    assert!(said.starts_with("node 1 door at 0.25") && said.contains(", 3.00"), "{said}");
+    let json = local.run(&["pick", &screen.name, &middle, "--json"]).succeeded();
+    let hit: Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!((&hit["node"], &hit["normal"]), (&1.into(), &serde_json::json!([0.0, 0.0, 1.0])));
+    assert_eq!(local.run(&["pick", &screen.name, "0,0"]).succeeded(), "nothing");
+    local.run(&["node", "set", "house/door", "visible=false"]).succeeded();
+    assert_eq!(local.run(&["pick", &screen.name, &middle]).succeeded(), "nothing");
+    let said = local.run(&["query", "ray", "1.2,0.2,5", "0,0,-2"]).succeeded();
+    assert_eq!(said, "node 3 door at 1.200000,0.200000,0.000000, 5.000000 away");
+    let near = local.run(&["query", "ray", "1.2,0.2,5", "0,0,-2", "--max", "4"]).succeeded();
+    assert_eq!(near, "nothing");
+    local.run(&["pick", "roof", "0,0"]).failed(&["no screen \"roof\"; it has "]);
+    local.run(&["pick", &screen.name, "99999,0"]).failed(&["is not on screen"]);
+    local.run(&["query", "ray", "0,0,0", "0,0,0"]).failed(&["a finite direction that is not 0"]);
+}

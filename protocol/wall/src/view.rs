@@ -305,7 +305,15 @@ impl Wall {
     /// # Errors
     /// Screens that do not lie in one plane.
     pub fn canvas_rect(&self, channel: &Channel, area: &Area) -> Result<CanvasRect, ViewError> {
-        let screen = self.screen_of(channel);
+        self.canvas_rect_of(self.screen_of(channel), area)
+    }
+
+    /// As [`Wall::canvas_rect`], of a screen.
+    pub(crate) fn canvas_rect_of(
+        &self,
+        screen: &Screen,
+        area: &Area,
+    ) -> Result<CanvasRect, ViewError> {
         let (begin, end) = match *area {
             Area::Screen { rect: [x, y, width, height], .. } => {
                 let begin = UVec2::new(x, y).as_dvec2();
@@ -355,7 +363,7 @@ impl Screen {
     /// Width and height in metres of a part of the canvas as it lies on the surface, measured
     /// across and down its middle; those of pixels where the surface stands in a file, whose
     /// pixels count as square.
-    fn part_size_m(&self, part: &CanvasRect) -> DVec2 {
+    pub(crate) fn part_size_m(&self, part: &CanvasRect) -> DVec2 {
         let (canvas, size) = (self.canvas.as_dvec2(), part.end - part.begin);
         let size_m = match &self.surface {
             Surface::Mesh(_) => return size,

@@ -100,7 +100,9 @@ impl Cluster {
                 return self.calibrate(now, job, &channel, &changes);
             }
             // They are many, and answered beside the core.
-            Request::FindNodes(_) => return Err("this manager answers no questions".into()),
+            Request::FindNodes(_) | Request::CastRay(_) => {
+                return Err("this manager answers no questions".into());
+            }
             Request::Edit(transaction) => return self.edit_scene(now, job, transaction),
             Request::Run(pace) => {
                 if let Pacing::Rate(rate) = pace

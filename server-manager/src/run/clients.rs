@@ -8,6 +8,7 @@ use polyptych_protocol::request::{MessageToClient, Request, Response};
 use tokio::time::{Duration, Instant};
 
 use super::EventLoop;
+use super::querying::Query;
 use crate::requests::{Asked, RequestQueues};
 use crate::session::ClientHandle;
 use crate::state_file::keeper::{Keeper, tells_of_change};
@@ -82,7 +83,8 @@ impl EventLoop {
                     let (id, request) = (call.id, call.request);
                     is_reset = matches!(request, Request::Statistics { reset: true });
                     match request {
-                        Request::FindNodes(query) => self.query(from, id, query),
+                        Request::FindNodes(query) => self.query(from, id, Query::Nodes(query)),
+                        Request::CastRay(query) => self.query(from, id, Query::Ray(query)),
                         request => self.tell(now, Input::Request { client: from, id, request }),
                     }
                 }

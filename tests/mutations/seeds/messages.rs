@@ -16,7 +16,7 @@ use polyptych_protocol::handshake::{
 };
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::navigation::Navigation;
-use polyptych_protocol::node_query::{NodeInfo, NodePage, NodeQuery};
+use polyptych_protocol::node_query::{NodeInfo, NodePage, NodeQuery, RayHit, RayQuery};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
@@ -38,6 +38,7 @@ use polyptych_scene::{
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
+use polyptych_wall::pick_ray::Ray;
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Wall};
 
@@ -288,6 +289,10 @@ fn calls() -> Vec<RequestMessage> {
         Request::SetPattern(Some(TestPattern::Focus)),
         Request::Tune { channel: "a-1-1".into(), changes: tuning() },
         Request::Edit(transaction()),
+        Request::CastRay(RayQuery {
+            ray: Ray { origin: DVec3::Z, direction: DVec3::NEG_Z },
+            max_distance: Some(9.0),
+        }),
         Request::FindNodes(NodeQuery {
             name: Some("arm".into()),
             below: Some(NodeId(0)),
@@ -430,6 +435,16 @@ fn answers() -> Vec<request::MessageToClient> {
             frames: 1,
             feedback: feedback(),
         })),
+        Ok(Response::Ray(Some(RayHit {
+            revision: Revision(3),
+            node: NodeId(1),
+            name: "arm".into(),
+            position: DVec3::ZERO,
+            normal: DVec3::Z,
+            distance: 1.0,
+            is_front: true,
+            material: Some(0),
+        }))),
         Ok(Response::Nodes(NodePage { revision: Revision(3), found: 1, nodes: vec![node()] })),
         Ok(Response::Tuned(Tuned { revision: Revision(3), frames: 1, feedback: feedback() })),
         Ok(Response::ServersStopped(request::StoppedServers {

@@ -3,6 +3,7 @@
 use glam::UVec2;
 use proptest::prelude::*;
 
+use super::super::triangle_bvh::{CLOSE, meet};
 use super::*;
 use crate::warp_mesh::{TessellationOptions, WarpVertex};
 
@@ -129,7 +130,7 @@ proptest! {
         let due = by_loop.min_by(|a, b| (a.0, a.1).partial_cmp(&(b.0, b.1)).expect("numbers"));
         let facets = soup(&corners);
         let of = |at: usize| corners[at];
-        let found = facets.by_point.nearest_within(EDGE_SHARE, (from, direction, near), of);
+        let found = facets.by_point.nearest(EDGE_SHARE, (from, direction, near), of);
         let gap = |along: f64| (along - near).abs();
         let [found, due] = [found.map(|(_, met)| met), due.map(|(_, _, met)| met)];
         prop_assert_eq!(found.is_some(), due.is_some());

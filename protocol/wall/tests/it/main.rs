@@ -2,4 +2,5 @@
 
 mod carried_tunings;
 mod dome_blend;
+mod pick_ray;
 mod unfolded_windows;

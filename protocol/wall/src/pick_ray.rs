@@ -1,0 +1,131 @@
+//! What is looked at through a pixel of the wall: a ray into the world, in f64.
+
+use glam::{DVec2, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::head::HeadPose;
+use crate::view::{Area, View, ViewError, ViewProjection};
+use crate::{Screen, Wall};
+
+/// A half line in world space.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ray {
+    /// Where it begins.
+    pub origin: DVec3,
+    /// Where it goes; of any length but 0.
+    pub direction: DVec3,
+}
+
+impl Ray {
+    /// The point at so many times the direction from the origin.
+    pub fn at(&self, times: f64) -> DVec3 {
+        self.origin + self.direction * times
+    }
+}
+
+/// Why there is no ray.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PickError {
+    /// There is no such screen.
+    #[error("the wall has no screen {name:?}; it has {all}")]
+    NoScreen {
+        /// As asked.
+        name: String,
+        /// The names that there are.
+        all: String,
+    },
+    /// The pixel is not on the screen.
+    #[error("{pixel} is not on screen {name}, which has {} × {} pixels", .canvas.x, .canvas.y)]
+    OffScreen {
+        /// As asked.
+        pixel: DVec2,
+        /// The screen.
+        name: String,
+        /// Its size.
+        canvas: glam::UVec2,
+    },
+    /// The screen's shape stands in a file.
+    #[error("screen {0} is a mesh, whose points are not known here")]
+    Mesh(String),
+    /// The eye is on the screen itself.
+    #[error("the viewer's eye is at that very point of the screen")]
+    NoDirection,
+    /// No view is shown there, or one that cannot be.
+    #[error("{0}")]
+    View(#[from] ViewError),
+}
+
+impl Wall {
+    /// The ray that a pixel of a screen shows: from the eye, which stands between the viewer's,
+    /// through the place of the pixel on the screen; or from the camera of the last of these views
+    /// that covers it. Pixels count from the upper left corner of the screen; the middle of the
+    /// first is (0.5, 0.5).
+    ///
+    /// # Errors
+    /// [`PickError`].
+    pub fn pick_ray(
+        &self,
+        views: &[View],
+        head: &HeadPose,
+        screen: &str,
+        pixel: DVec2,
+    ) -> Result<Ray, PickError> {
+        let found = self.screens.iter().position(|known| known.name == screen);
+        let Some(index) = found else {
+            let all: Vec<_> = self.screens.iter().map(|known| known.name.as_str()).collect();
+            return Err(PickError::NoScreen { name: screen.to_owned(), all: all.join(", ") });
+        };
+        let screen = &self.screens[index];
+        let size = screen.canvas.as_dvec2();
+        if !(pixel.cmpge(DVec2::ZERO).all() && pixel.cmple(size).all()) {
+            let (name, canvas) = (screen.name.clone(), screen.canvas);
+            return Err(PickError::OffScreen { pixel, name, canvas });
+        }
+        let covers = |view: &&View| match view.area {
+            Area::Wall => true,
+            Area::Screen { screen, rect: [x, y, width, height] } => {
+                let begin = DVec2::new(x.into(), y.into());
+                let end = begin + DVec2::new(width.into(), height.into());
+                usize::from(screen) == index && pixel.cmpge(begin).all() && pixel.cmplt(end).all()
+            }
+        };
+        let own = View::of_wall(crate::camera::Camera::IDENTITY);
+        let view = views.iter().rev().find(covers).unwrap_or(&own);
+        let ray = self.view_ray(view, head, screen, pixel)?;
+        if ray.direction.length_squared() > 0.0 { Ok(ray) } else { Err(PickError::NoDirection) }
+    }
+
+    fn view_ray(
+        &self,
+        view: &View,
+        head: &HeadPose,
+        screen: &Screen,
+        pixel: DVec2,
+    ) -> Result<Ray, PickError> {
+        let world = |display: DVec3| view.camera.world_from_display(display);
+        if view.projection == ViewProjection::Wall {
+            let mesh = || PickError::Mesh(screen.name.clone());
+            let point = world(screen.display_from_canvas(pixel).ok_or_else(mesh)?);
+            let origin = world(head.position);
+            return Ok(Ray { origin, direction: point - origin });
+        }
+        let window = self.canvas_rect_of(screen, &view.area)?;
+        let size_m = screen.part_size_m(&window);
+        let part = (pixel - window.begin) / (window.end - window.begin);
+        // From the middle of the window, in heights of it; y up.
+        let at = DVec2::new((part.x - 0.5) * size_m.x / size_m.y, 0.5 - part.y);
+        let [from, through] = match view.projection {
+            ViewProjection::Perspective { fov_y_rad } => {
+                let at = at * 2.0 * (fov_y_rad / 2.0).tan();
+                [DVec3::ZERO, at.extend(-1.0)]
+            }
+            ViewProjection::Orthographic { height_m } => {
+                let at = at * height_m;
+                [at.extend(0.0), at.extend(-1.0)]
+            }
+            ViewProjection::Wall => [DVec3::ZERO; 2],
+        };
+        let origin = world(from);
+        Ok(Ray { origin, direction: world(through) - origin })
+    }
+}

@@ -1,0 +1,204 @@
+//! Which triangle of the open scene a ray meets first: f64, in the scene as it stands.
+//!
+//! A ray is taken into the space of each mesh whose box it meets, the nearest box first, and there
+//! into a tree of its triangles, which is kept for the next ray.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use glam::{DAffine3, DVec3};
+use polyptych_files::blob::{BlobHash, BlobStore};
+use polyptych_protocol::ids::Revision;
+use polyptych_protocol::node_query::{RayHit, RayQuery};
+use polyptych_scene::{Bounds, IndexFormat, Primitive, Topology};
+use polyptych_wall::pick_ray::Ray;
+use polyptych_wall::triangle_bvh::{EDGE_SHARE, TriangleBvh};
+
+use crate::scene_index::SceneIndex;
+
+/// Most bytes of triangles that are kept; beyond it, all are forgotten and read anew.
+const KEPT_BYTES_MAX: usize = 1 << 30;
+
+/// The triangles of a primitive, in its mesh's space.
+#[derive(Debug)]
+struct Triangles {
+    points: Vec<DVec3>,
+    corners: Vec<[u32; 3]>,
+    tree: TriangleBvh,
+}
+
+/// The triangles of primitives that a ray has come near.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct TriangleCache(Arc<Mutex<BTreeMap<BlobHash, Arc<Triangles>>>>);
+
+/// A mesh in one place, which a ray comes near.
+struct Candidate {
+    /// Where the ray enters its box, in lengths of the ray's direction.
+    enters: f64,
+    /// Its index in the scene.
+    node: usize,
+    world: DAffine3,
+}
+
+/// The nearest triangle that the ray meets, from either side.
+///
+/// # Errors
+/// The ray is none, or a mesh of the scene cannot be read.
+pub(crate) fn cast(
+    scene: &SceneIndex,
+    cache: &TriangleCache,
+    store: &BlobStore,
+    query: &RayQuery,
+    revision: Revision,
+) -> Result<Option<RayHit>, String> {
+    let RayQuery { ray, max_distance } = *query;
+    let length = ray.direction.length();
+    if !(ray.origin.is_finite() && length.is_finite() && length > 0.0) {
+        return Err("a ray has a finite origin, and a finite direction that is not 0".into());
+    }
+    if max_distance.is_some_and(|distance| distance.is_nan() || distance < 0.0) {
+        return Err("the distance that a ray may go is 0 or more".into());
+    }
+    let mut candidates = Vec::new();
+    scene.visit_meshes(|node, bounds, world| {
+        if let Some(enters) = enters(&local(&ray, world), bounds) {
+            candidates.push(Candidate { enters, node, world: *world });
+        }
+    });
+    candidates.sort_by(|a, b| a.enters.total_cmp(&b.enters));
+    let mut along_max = max_distance.map_or(f64::INFINITY, |distance| distance / length);
+    let mut best = None;
+    for candidate in candidates {
+        if candidate.enters > along_max {
+            break;
+        }
+        let local_ray = local(&ray, &candidate.world);
+        for primitive in scene.primitives(candidate.node) {
+            let Some(triangles) = cache.get(store, primitive)? else { continue };
+            let met = triangles.first(&local_ray).filter(|(along, _)| *along <= along_max);
+            let Some((along, corners)) = met else { continue };
+            along_max = along;
+            best = Some((candidate.node, candidate.world, along, corners, primitive.material));
+        }
+    }
+    Ok(best.map(|(node, world, along, corners, material)| {
+        let [a, b, c] = corners.map(|corner| world.transform_point3(corner));
+        // The front is the mesh's, also of one that is mirrored.
+        let normal =
+            (b - a).cross(c - a).normalize_or_zero() * world.matrix3.determinant().signum();
+        RayHit {
+            revision,
+            node: scene.id(node),
+            name: scene.name(node).to_owned(),
+            position: ray.at(along),
+            normal,
+            distance: along * length,
+            is_front: normal.dot(ray.direction) < 0.0,
+            material,
+        }
+    }))
+}
+
+/// The ray as a mesh sees it: at equal lengths of its direction it is at the same point.
+fn local(ray: &Ray, world: &DAffine3) -> Ray {
+    let inverse = world.inverse();
+    Ray {
+        origin: inverse.transform_point3(ray.origin),
+        direction: inverse.transform_vector3(ray.direction),
+    }
+}
+
+/// Where a ray enters a box, in lengths of its direction; 0 where it begins inside. `None` where it
+/// does not, or comes from a space that is flat.
+fn enters(ray: &Ray, bounds: &Bounds) -> Option<f64> {
+    if !(ray.origin.is_finite() && ray.direction.is_finite()) {
+        return None;
+    }
+    let inverse = ray.direction.recip();
+    let (one, two) = ((bounds.min - ray.origin) * inverse, (bounds.max - ray.origin) * inverse);
+    let (mut begin, mut end) = (0.0f64, f64::INFINITY);
+    for axis in 0..3 {
+        // A ray along a side of the box is 0 · ∞ from it, which is no number: it may be inside.
+        let (low, high) = (one[axis].min(two[axis]), one[axis].max(two[axis]));
+        begin = begin.max(low);
+        end = end.min(high);
+    }
+    // What rounds away on the way must not hide what lies in the box's own side.
+    (begin <= end + end.abs() * 1e-9 + f64::MIN_POSITIVE).then_some(begin)
+}
+
+impl TriangleCache {
+    /// `None` where a primitive has no triangles.
+    fn get(
+        &self,
+        store: &BlobStore,
+        primitive: &Primitive,
+    ) -> Result<Option<Arc<Triangles>>, String> {
+        if primitive.topology != Topology::Triangles {
+            return Ok(None);
+        }
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = lock().get(&primitive.blob) {
+            return Ok(Some(Arc::clone(known)));
+        }
+        let bytes = store.read(primitive.blob).map_err(|error| error.to_string())?;
+        let bytes = bytes.ok_or("a mesh of the open scene is not in the store any more")?;
+        let triangles = Arc::new(Triangles::decode(primitive, &bytes)?);
+        let mut kept = lock();
+        let held: usize = kept.values().map(|triangles| triangles.bytes()).sum();
+        if held + triangles.bytes() > KEPT_BYTES_MAX {
+            kept.clear();
+        }
+        kept.insert(primitive.blob, Arc::clone(&triangles));
+        Ok(Some(triangles))
+    }
+}
+
+impl Triangles {
+    fn decode(primitive: &Primitive, bytes: &[u8]) -> Result<Self, String> {
+        if bytes.len() as u64 != primitive.bytes() {
+            return Err("a mesh of the open scene is not what its description says".into());
+        }
+        let (vertices, indices) = bytes.split_at(primitive.vertex_bytes() as usize);
+        let vertices = vertices.chunks_exact(primitive.layout.stride() as usize);
+        let number = |vertex: &[u8], at: usize| {
+            let bytes = vertex.get(at..at + 4).and_then(|bytes| bytes.try_into().ok());
+            f64::from(f32::from_le_bytes(bytes.unwrap_or_default()))
+        };
+        let point = |v: &[u8]| DVec3::new(number(v, 0), number(v, 4), number(v, 8));
+        let points: Vec<DVec3> = vertices.map(|v| primitive.origin + point(v)).collect();
+        let indices: Vec<u32> = match primitive.index_format {
+            IndexFormat::U16 => {
+                let words = indices.as_chunks::<2>().0.iter();
+                words.map(|word| u16::from_le_bytes(*word).into()).collect()
+            }
+            IndexFormat::U32 => {
+                let words = indices.as_chunks::<4>().0.iter();
+                words.map(|word| u32::from_le_bytes(*word)).collect()
+            }
+        };
+        let corners = indices.as_chunks::<3>().0.to_vec();
+        if corners.iter().flatten().any(|index| *index as usize >= points.len()) {
+            return Err("a mesh of the open scene has an index behind its vertices".into());
+        }
+        let tree = TriangleBvh::new(&points, &corners);
+        Ok(Self { points, corners, tree })
+    }
+
+    /// Where a ray meets them first, in lengths of its direction, and the corners that it meets.
+    fn first(&self, ray: &Ray) -> Option<(f64, [DVec3; 3])> {
+        let corners =
+            |triangle: usize| self.corners[triangle].map(|corner| self.points[corner as usize]);
+        let from = (ray.origin, ray.direction, 0.0);
+        let (triangle, [along, ..]) = self.tree.nearest(EDGE_SHARE, from, corners)?;
+        Some((along, corners(triangle)))
+    }
+
+    /// What they take, about: points, corners, and a box of the tree for every two triangles.
+    fn bytes(&self) -> usize {
+        self.points.len() * 24 + self.corners.len() * (12 + 4 + 56 / 2)
+    }
+}
+
+#[cfg(test)]
+mod tests;
