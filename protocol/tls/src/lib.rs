@@ -1,8 +1,8 @@
 //! Connections over networks: TLS 1.3 over the wire's TCP, with both sides proving who they are.
 //!
 //! The wire itself knows only streams of bytes; programs that stay on one machine need none of
-//! this. A node's keys are [`Credentials`], its name in them a [`NodeIdentity`]. [`connect`] and
-//! [`accept`] do as they do in [`polyptych_protocol::stream`], over TLS where there are keys.
+//! this. A node's keys are [`Credentials`], its name in them a [`NodeIdentity`]. [`connect()`] and
+//! [`accept()`] do as they do in [`polyptych_protocol::stream`], over TLS where there are keys.
 
 mod accept;
 mod connect;
