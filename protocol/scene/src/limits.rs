@@ -35,3 +35,6 @@ pub const ATTRIBUTES_MAX: usize = 64;
 /// Maximum size of all that was changed of a scene, encoded, in bytes: it goes to a server that
 /// joins in one message, beside a wall. Ten thousand nodes that were moved take 1.1 MiB.
 pub const EDITS_BYTES_MAX: usize = 3 << 19;
+
+/// Maximum number of nodes above one that is edited. Files have tens; each edit looks at all.
+pub const DEPTH_MAX: usize = 256;

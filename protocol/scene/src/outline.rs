@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::edit::{Attribute, Edit, NewNode, NodeId};
 use crate::limits::{
-    ATTRIBUTE_BYTES_MAX, ATTRIBUTES_MAX, DRAWS_MAX, EDITS_BYTES_MAX, LIT_DRAWS_MAX,
+    ATTRIBUTE_BYTES_MAX, ATTRIBUTES_MAX, DEPTH_MAX, DRAWS_MAX, EDITS_BYTES_MAX, LIT_DRAWS_MAX,
     NODE_NAME_BYTES_MAX,
 };
 use crate::scene_edits::SceneEdits;
@@ -34,6 +34,9 @@ pub enum EditError {
     /// There is no such node.
     #[error("there is no {0}; it was removed, or never made")]
     NoNode(NodeId),
+    /// More nodes stand above it than an edit looks at.
+    #[error("{0} stands too deep: below at most {DEPTH_MAX} nodes, each hanging from the next")]
+    TooDeep(NodeId),
     /// A node would hang from itself.
     #[error("{node} cannot hang from {parent}, which hangs from it")]
     Circle {
@@ -95,14 +98,14 @@ impl SceneOutline {
         match edit {
             Edit::Create { node, new } => {
                 if let Some(parent) = new.parent {
-                    self.expect_node(edits, parent)?;
+                    self.expect_parent(edits, parent)?;
                 }
                 self.check_new(new).map_err(fault(*node))
             }
             Edit::SetParent { node, parent } => {
                 self.expect_node(edits, *node)?;
                 let Some(parent) = *parent else { return Ok(()) };
-                self.expect_node(edits, parent)?;
+                self.expect_parent(edits, parent)?;
                 if self.hangs_from(edits, parent, *node) {
                     return Err(EditError::Circle { node: *node, parent });
                 }
@@ -178,10 +181,42 @@ impl SceneOutline {
         Ok(())
     }
 
-    /// The nodes that were made and hang from this one, the deepest last.
-    pub fn made_below(&self, edits: &SceneEdits, node: NodeId) -> Vec<NodeId> {
-        let made = edits.nodes().filter(|(_, of)| of.created.is_some()).map(|(id, _)| id);
-        made.filter(|id| *id != node && self.hangs_from(edits, *id, node)).collect()
+    /// The nodes that were made and hang from one that is not there any more. Looks at each node
+    /// that was edited once.
+    pub fn orphans(&self, edits: &SceneEdits) -> Vec<NodeId> {
+        // Whether a node is there, with all that it hangs from.
+        let mut known: BTreeMap<NodeId, bool> = BTreeMap::new();
+        let (mut orphans, mut way) = (Vec::new(), Vec::new());
+        for (node, of) in edits.nodes() {
+            let mut next = Some(node);
+            let is_there = loop {
+                let Some(at) = next else { break true };
+                if let Some(is_there) = known.get(&at) {
+                    break *is_there;
+                }
+                if !self.has(edits, at) {
+                    known.insert(at, false);
+                    break false;
+                }
+                // A circle ends here; there is none.
+                known.insert(at, false);
+                way.push(at);
+                next = self.parent_of(edits, at);
+            };
+            known.extend(way.drain(..).map(|at| (at, is_there)));
+            if of.created.is_some() && !is_there {
+                orphans.push(node);
+            }
+        }
+        orphans
+    }
+
+    /// Whether a node was not taken away itself.
+    fn has(&self, edits: &SceneEdits, node: NodeId) -> bool {
+        match edits.node(node) {
+            Some(of) => !of.is_removed && (of.created.is_some() || node.0 < self.nodes()),
+            None => node.0 < self.nodes(),
+        }
     }
 
     fn parent_of(&self, edits: &SceneEdits, node: NodeId) -> Option<NodeId> {
@@ -199,18 +234,35 @@ impl SceneOutline {
     /// Whether a node is another, or hangs from it.
     fn hangs_from(&self, edits: &SceneEdits, node: NodeId, from: NodeId) -> bool {
         let up = std::iter::successors(Some(node), |node| self.parent_of(edits, *node));
-        // A circle is never let in; should there be one, this ends all the same.
-        let nodes = self.parents.len() + edits.nodes().count();
-        up.take(nodes + 1).any(|node| node == from)
+        up.take(DEPTH_MAX + 1).any(|node| node == from)
     }
 
+    /// That a node is there, with all that it hangs from.
     fn expect_node(&self, edits: &SceneEdits, node: NodeId) -> Result<(), EditError> {
-        let is_there = |node: NodeId| match edits.node(node) {
-            Some(of) => !of.is_removed,
-            None => node.0 < self.nodes(),
-        };
-        let mut up = std::iter::successors(Some(node), |node| self.parent_of(edits, *node));
-        if up.all(is_there) { Ok(()) } else { Err(EditError::NoNode(node)) }
+        self.expect_within(edits, node, DEPTH_MAX)
+    }
+
+    /// The same of a node from which another is to hang.
+    fn expect_parent(&self, edits: &SceneEdits, node: NodeId) -> Result<(), EditError> {
+        self.expect_within(edits, node, DEPTH_MAX - 1)
+    }
+
+    fn expect_within(
+        &self,
+        edits: &SceneEdits,
+        node: NodeId,
+        above_max: usize,
+    ) -> Result<(), EditError> {
+        let up = std::iter::successors(Some(node), |node| self.parent_of(edits, *node));
+        for (depth, above) in up.enumerate() {
+            if !self.has(edits, above) {
+                return Err(EditError::NoNode(node));
+            }
+            if depth > above_max {
+                return Err(EditError::TooDeep(node));
+            }
+        }
+        Ok(())
     }
 
     fn check_new(&self, new: &NewNode) -> Result<(), String> {

@@ -157,14 +157,14 @@ impl SceneEditing {
             let edit = edit.with_nodes(number)?;
             self.check_conflict(base, &edit).map_err(fault)?;
             outline.check(&self.accepted, &edit).map_err(|error| fault(error.to_string()))?;
-            if let Edit::Remove(node) = &edit {
-                let below = outline.made_below(&self.accepted, *node);
-                numbered.extend(below.into_iter().map(Edit::Remove));
-            }
+            undo.push(self.accepted.apply(edit.clone()));
             numbered.push(edit);
-            let from = undo.len();
-            for edit in &numbered[from..] {
+        }
+        if numbered.iter().any(|edit| matches!(edit, Edit::Remove(_))) {
+            // What hung from what was taken away, so that nothing is left behind.
+            for edit in outline.orphans(&self.accepted).into_iter().map(Edit::Remove) {
                 undo.push(self.accepted.apply(edit.clone()));
+                numbered.push(edit);
             }
         }
         outline.check_size(&self.accepted).map_err(|error| error.to_string())?;
@@ -280,16 +280,19 @@ impl Cluster {
         let gone: Vec<NodeId> =
             editing.temporary.extract_if(.., is_gone).flat_map(|(_, nodes)| nodes).collect();
         let mut edits = Vec::new();
-        for node in gone {
+        let mut remove = |accepted: &mut SceneEdits, node: NodeId| {
             // Somebody may have taken it away before.
-            if editing.accepted.node(node).is_none() {
-                continue;
+            if accepted.node(node).is_some() {
+                accepted.apply(Edit::Remove(node));
+                edits.push(Edit::Remove(node));
             }
-            let outline = editing.outline.clone().unwrap_or_default();
-            let below = outline.made_below(&editing.accepted, node);
-            for edit in below.into_iter().chain([node]).map(Edit::Remove) {
-                editing.accepted.apply(edit.clone());
-                edits.push(edit);
+        };
+        for node in gone {
+            remove(&mut editing.accepted, node);
+        }
+        if let Some(outline) = &editing.outline {
+            for node in outline.orphans(&editing.accepted) {
+                remove(&mut editing.accepted, node);
             }
         }
         for target in edits.iter().filter_map(Target::of) {
@@ -311,7 +314,16 @@ impl Cluster {
     ) {
         let revision = self.shown.revision;
         for target in edits_of(operations).filter_map(Target::of) {
-            self.editing.changed.insert(target, Some(revision));
+            // The number of a node that was made and is gone is not given again.
+            let is_gone = |node: NodeId| {
+                let of_file = self.editing.outline.as_ref().is_some_and(|of| node.0 < of.nodes());
+                !of_file && self.shown.edits.node(node).is_none()
+            };
+            if matches!(target, Target::Node(node) if is_gone(node)) {
+                self.editing.changed.remove(&target);
+            } else {
+                self.editing.changed.insert(target, Some(revision));
+            }
         }
         let waiting = self.changes.queued().flat_map(|change| edits_of(&change.operations));
         for target in waiting.filter_map(Target::of) {

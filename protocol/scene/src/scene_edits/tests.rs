@@ -219,12 +219,10 @@ proptest! {
                 continue;
             }
             next += u64::from(matches!(edit, Edit::Create { .. }));
-            if let Edit::Remove(node) = edit {
-                for below in outline.made_below(&edits, node) {
-                    undo.push(edits.apply(Edit::Remove(below)));
-                }
-            }
             undo.push(edits.apply(edit));
+            for orphan in outline.orphans(&edits) {
+                undo.push(edits.apply(Edit::Remove(orphan)));
+            }
         }
         // Moved below what was removed and back is as removed: the model has it gone.
         let (nodes, _, ids) = edits.all_nodes(&base);
@@ -248,4 +246,27 @@ proptest! {
         }
         prop_assert_eq!(edits, SceneEdits::default());
     }
+}
+
+#[test]
+fn a_chain_of_many_nodes_is_taken_away_at_once_and_too_deep_a_one_is_told() {
+    let base = base();
+    let outline = SceneOutline::from(&base);
+    let mut edits = SceneEdits::default();
+    let mut deepest = None;
+    for id in 5..1000 {
+        let new = NewNode { parent: deepest, ..NewNode::default() };
+        let create = Edit::Create { node: NodeId(id), new: Box::new(new) };
+        match outline.check(&edits, &create) {
+            Ok(()) => drop(edits.apply(create)),
+            Err(error) => {
+                assert!(error.to_string().contains("at most 256 nodes"), "{error}");
+                break;
+            }
+        }
+        deepest = Some(NodeId(id));
+    }
+    assert_eq!(edits.nodes().count(), 257);
+    edits.apply(Edit::Remove(NodeId(5)));
+    assert_eq!(outline.orphans(&edits).len(), 256);
 }

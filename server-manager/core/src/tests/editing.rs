@@ -148,6 +148,14 @@ fn what_somebody_else_has_changed_since_is_not_overwritten() {
     stage.draw(&[0], 1_000);
     stage.draw(&[0], 1_000);
     assert!(stage.edited(id).is_some(), "another node is free");
+    // Back as it was in the file it was changed all the same.
+    for visible in [false, true] {
+        let mut blink = Transaction::default();
+        blink.set_visible(HOUSE, visible);
+        stage.edit(blink);
+        stage.prepare_all();
+    }
+    assert!(stage.refusal(on_it(HOUSE, 2.0)).contains("node 0 was changed at revision"));
     let later = Transaction { base: Some(Revision(now.0 + 9)), ..moving(TREE, 2.0) };
     assert!(stage.refusal(later).contains("and the wall shows"));
 }
