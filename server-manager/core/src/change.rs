@@ -180,7 +180,7 @@ impl Cluster {
         self.shown_digest = digest;
         match change.purpose {
             ChangeOrigin::Scene { job, summary, outline } => {
-                self.editing.restart(outline);
+                self.editing.restart(self.shown.revision, outline);
                 self.settle_scene(now, job, summary, &failed);
             }
             ChangeOrigin::Edit { waiters } => {

@@ -121,6 +121,7 @@ impl Cluster {
         if let Err(reason) = cluster.set_views(views.clone()) {
             tracing::warn!(reason, "the views that were remembered cannot be");
         }
+        cluster.editing.begin_at(cluster.shown.revision);
         cluster.shown_digest = cluster.shown.digest();
         cluster.set_pace(memory.pace, 0);
         cluster.presentation.output_mode = output_mode;

@@ -63,6 +63,9 @@ impl std::fmt::Display for Target {
 pub(super) struct SceneEditing {
     /// `None` where no scene is open, or what it holds is not known.
     outline: Option<Arc<SceneOutline>>,
+    /// The state since which changes are known: that in which the scene was opened, or with which
+    /// this manager began.
+    since: Revision,
     /// All that was accepted; frames may show less as yet.
     accepted: SceneEdits,
     /// The number that the next node gets at least.
@@ -77,10 +80,15 @@ pub(super) struct SceneEditing {
 }
 
 impl SceneEditing {
-    /// Another scene is shown, or none.
-    pub fn restart(&mut self, outline: Option<Arc<SceneOutline>>) {
+    /// Another scene is shown from this state on, or none.
+    pub fn restart(&mut self, since: Revision, outline: Option<Arc<SceneOutline>>) {
         let waiters = std::mem::take(&mut self.waiters);
-        *self = Self { outline, waiters, ..Self::default() };
+        *self = Self { outline, since, waiters, ..Self::default() };
+    }
+
+    /// Nothing is known of changes before this state.
+    pub fn begin_at(&mut self, since: Revision) {
+        self.since = since;
     }
 
     /// The nodes that end with a client's connection.
@@ -178,6 +186,13 @@ impl SceneEditing {
     /// Whether what an edit changes was changed since the client has seen it.
     fn check_conflict(&self, base: Option<Revision>, edit: &Edit) -> Result<(), String> {
         let (Some(base), Some(target)) = (base, Target::of(edit)) else { return Ok(()) };
+        if base < self.since {
+            return Err(format!(
+                "it builds on revision {base}, before the scene was opened or the manager started \
+                 (revision {}); read {target} again, and decide anew",
+                self.since
+            ));
+        }
         match self.changed.get(&target) {
             Some(Some(revision)) if *revision > base => Err(format!(
                 "{target} was changed at revision {revision}, and this builds on {base}; read it \

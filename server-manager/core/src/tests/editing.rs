@@ -135,6 +135,8 @@ fn an_edit_that_cannot_be_takes_its_transaction_with_it() {
 fn what_somebody_else_has_changed_since_is_not_overwritten() {
     let mut stage = ClusterFixture::with_house(1);
     let seen = stage.cluster.shown.revision;
+    let before = Transaction { base: Some(Revision(seen.0 - 1)), ..moving(TREE, 1.0) };
+    assert!(stage.refusal(before).contains("before the scene was opened"), "another scene's node");
     stage.edit(moving(TREE, 1.0));
     let on_it = |node, x| Transaction { base: Some(seen), ..moving(node, x) };
     let reason = stage.refusal(on_it(TREE, 2.0));
