@@ -34,6 +34,7 @@
 //! again, so that a program outlives its manager: every request that was sent is told once that
 //! its outcome is unknown, and nothing is repeated; see [`ConnectOptions::reconnect`].
 
+mod assets;
 pub mod blocking;
 mod camera;
 mod client;
@@ -45,11 +46,13 @@ mod error;
 mod feedback;
 mod image;
 mod in_flight;
+mod mesh_data;
 mod pending;
 mod reconnect;
 mod scene;
 mod window;
 
+pub use assets::{AssetError, Assets};
 pub use camera::{fit_bounds, orbit};
 pub use client::Client;
 pub use connect::{ConnectOptions, KEYS_VARIABLE, Timeouts};
@@ -57,6 +60,7 @@ pub use error::ClientError;
 pub use feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream};
 pub use image::{CAPTURE_BYTES_MAX, Capture, Image};
 pub use in_flight::OPEN_REQUESTS_MAX;
+pub use mesh_data::MeshData;
 pub use pending::Pending;
 pub use reconnect::ReconnectPolicy;
 
@@ -77,9 +81,10 @@ pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 pub use polyptych_protocol::request::{
     HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };
-pub use polyptych_protocol::transaction::Transaction;
+pub use polyptych_protocol::transaction::{AssetNumbers, AssetSource, NewAssets, Transaction};
 pub use polyptych_scene::{
     AlphaMode, Attribute, Bounds, Edit, Light, LightKind, Material, NewNode, NodeId, SceneFeatures,
+    TextureRef, Topology, provisional_asset,
 };
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;

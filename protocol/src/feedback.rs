@@ -2,13 +2,14 @@
 
 use std::fmt;
 
-use polyptych_scene::NodeId;
+use polyptych_scene::{NodeId, provisional_asset_index};
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
 use crate::ids::{Digest, Epoch, FrameId, Revision};
 use crate::presentation::Presentation;
 use crate::progress::Opening;
+use crate::transaction::AssetNumbers;
 
 /// Where a channel stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -235,6 +236,8 @@ pub struct ChannelStatus {
     pub skew: Skew,
     /// Resident memory of its server's process, in bytes.
     pub memory_bytes: u64,
+    /// Textures and meshes of the scene that its server holds on the GPU, in bytes.
+    pub scene_bytes: u64,
 }
 
 /// What the frames took since the statistics were last reset.
@@ -352,6 +355,8 @@ pub struct Edited {
     pub revision: Revision,
     /// The nodes that it made, in the order of their creations.
     pub created: Vec<NodeId>,
+    /// The numbers of the assets that it brought, if it did.
+    pub assets: Option<AssetNumbers>,
     /// Frames that were begun from the request to the first one with it, that one among them.
     pub frames: u64,
     /// What the first frame with it became: which displays show it, and which do not.
@@ -363,6 +368,13 @@ impl Edited {
     pub fn node(&self, node: NodeId) -> Option<NodeId> {
         let Some(index) = node.provisional_index() else { return Some(node) };
         usize::try_from(index).ok().and_then(|index| self.created.get(index)).copied()
+    }
+
+    /// The number of the mesh that a provisional one of the transaction stands for, or the mesh
+    /// itself.
+    pub fn mesh(&self, mesh: u32) -> Option<u32> {
+        let Some(index) = provisional_asset_index(mesh) else { return Some(mesh) };
+        self.assets.map(|numbers| numbers.first_mesh + index)
     }
 }
 

@@ -1,7 +1,10 @@
 //! Changes of the open scene that belong together.
 
+use bytes::Bytes;
 use glam::DAffine3;
+use polyptych_files::blob::BlobHash;
 use polyptych_scene::{Attribute, Edit, Light, Material, NewNode, NodeId};
+use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
 use crate::ids::Revision;
@@ -28,6 +31,57 @@ pub struct Transaction {
     /// Whether the nodes that it makes are taken away when the connection of the client that made
     /// them ends, or with the manager: pointers, highlights, what somebody else draws anew.
     pub is_temporary: bool,
+    /// Meshes, materials and textures that come with it. Its edits name them by
+    /// [`polyptych_scene::provisional_asset`]. They stay for as long as anything of the scene uses
+    /// them.
+    pub assets: Option<NewAssets>,
+}
+
+/// Assets for the open scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NewAssets {
+    /// Where they come from.
+    pub source: AssetSource,
+    /// Where given, the source's nodes are made too, below this one, behind all that the
+    /// transaction makes otherwise.
+    pub below: Option<Box<NewNode>>,
+}
+
+/// Where assets come from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum AssetSource {
+    /// The bytes of a binary glTF file. Meshes that no node of its scene shows are left out, and
+    /// not counted.
+    Glb(Bytes),
+    /// A glTF file in one of the manager's scene folders, as of
+    /// [`Request::OpenScene`](crate::request::Request::OpenScene).
+    File(#[serde(deserialize_with = "text_of_peer")] String),
+    /// What the manager made of either. A client that sends it is refused.
+    Baked(BakedAssets),
+}
+
+/// Assets as blobs of the manager.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BakedAssets {
+    /// See [`polyptych_scene::AssetSet`], as all of these.
+    pub manifest: BlobHash,
+    /// Of each mesh.
+    pub primitives: Vec<u32>,
+    /// How many there are.
+    pub materials: u32,
+    /// How many there are.
+    pub textures: u32,
+}
+
+/// The numbers that assets got: the first of each kind; the others follow.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AssetNumbers {
+    /// Of its first mesh, as [`NewNode::mesh`].
+    pub first_mesh: u32,
+    /// Of its first material, as in [`Edit::SetMaterial`].
+    pub first_material: u32,
+    /// Of its first texture, as in [`polyptych_scene::TextureRef`].
+    pub first_texture: u32,
 }
 
 impl Transaction {
@@ -41,16 +95,33 @@ impl Transaction {
         Self { is_temporary: true, ..Self::default() }
     }
 
+    /// The same with these assets.
+    #[must_use]
+    pub fn with_assets(self, source: AssetSource) -> Self {
+        Self { assets: Some(NewAssets { source, below: None }), ..self }
+    }
+
+    /// The same with all of a file, below a node that is made for it.
+    #[must_use]
+    pub fn with_scene(self, source: AssetSource, below: NewNode) -> Self {
+        Self { assets: Some(NewAssets { source, below: Some(below.into()) }), ..self }
+    }
+
     /// Makes a node; returns its provisional number, which later edits of this transaction can
     /// use. `Edited::node` says its own number once the transaction is done.
     pub fn create(&mut self, new: NewNode) -> NodeId {
+        let node = NodeId::provisional(self.creations());
+        self.edits.push(Edit::Create { node, new: Box::new(new) });
+        node
+    }
+
+    /// How many nodes it makes.
+    pub fn creations(&self) -> u64 {
         let last = self.edits.iter().rev().find_map(|edit| match edit {
             Edit::Create { node, .. } => node.provisional_index(),
             _ => None,
         });
-        let node = NodeId::provisional(last.map_or(0, |last| last + 1));
-        self.edits.push(Edit::Create { node, new: Box::new(new) });
-        node
+        last.map_or(0, |last| last + 1)
     }
 
     /// Takes a node away with all that hangs from it.

@@ -17,8 +17,8 @@ use polyptych_protocol::command::Prepare;
 use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::server_message::{Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Replica, SceneRef};
-use polyptych_renderer::SceneLayout;
-use polyptych_scene::{Mesh, Scene, SceneEdits, SceneFeatures};
+use polyptych_renderer::{ContentPlace, SceneLayout};
+use polyptych_scene::{AssetManifests, AssetSet, Scene, SceneFeatures};
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
@@ -74,6 +74,9 @@ struct ReadyScene {
     version: SceneVersion,
     /// As its file has it.
     base: Arc<Scene>,
+    /// Manifests of what was added to it.
+    added: AssetManifests,
+    layout: Arc<SceneLayout>,
     features: SceneFeatures,
     warm_up: Camera,
 }
@@ -88,8 +91,9 @@ impl LoadedState {
 /// Work for the render thread, done between frames.
 #[derive(Debug)]
 pub(crate) enum Upload {
-    /// A new scene begins.
-    Begin(Arc<SceneLayout>),
+    /// A new scene begins; what it has in common with the one that was finished last is there
+    /// already, if so said.
+    Begin { layout: Arc<SceneLayout>, shares: bool },
     /// The scene that was finished last is laid out otherwise.
     Relayout(Arc<SceneLayout>),
     /// A texture of it.
@@ -333,41 +337,61 @@ impl Loader {
         line: &LoaderLink,
     ) -> Result<ReadyScene, String> {
         let version = SceneVersion { manifest: scene.manifest, edits: replica.edits.fingerprint() };
-        if let Some(ready) = &self.ready_scene
-            && ready.version.manifest == scene.manifest
-        {
-            if ready.version == version {
-                return Ok(ready.clone());
-            }
-            let (edited, ready) = edited(&ready.base, version, &replica.edits, &scene.name)?;
-            self.upload(Upload::Relayout(self.layout(edited, line)?))?;
-            return Ok(ready);
+        let before = self.ready_scene.as_ref().filter(|of| of.version.manifest == scene.manifest);
+        if let Some(ready) = before.filter(|ready| ready.version == version) {
+            return Ok(ready.clone());
         }
         let stores = stores(replica.wall.as_deref());
-        let bytes = self.blob(scene.manifest, &stores, line)?;
-        let manifest =
-            polyptych_scene::decode(&bytes).map_err(|error| format!("manifest: {error}"))?;
-        drop(bytes);
-        if let Some(fault) = manifest.fault() {
-            return Err(format!("manifest of scene {}: {fault}", scene.name));
+        let base = match before {
+            Some(ready) => Arc::clone(&ready.base),
+            None => Arc::new(self.manifest(scene.manifest, &scene.name, &stores, line)?),
+        };
+        let mut added = AssetManifests::new();
+        for AssetSet { manifest, .. } in replica.edits.assets() {
+            let known = before.and_then(|ready| ready.added.get(manifest)).cloned();
+            let read = || self.manifest(*manifest, "what was added", &stores, line).map(Arc::new);
+            added.insert(*manifest, known.map_or_else(read, Ok)?);
         }
-        let (edited, ready) = edited(&Arc::new(manifest), version, &replica.edits, &scene.name)?;
-        let manifest = &ready.base;
-        let textures: Vec<BlobHash> = manifest.textures.iter().map(|t| t.blob).collect();
-        let blobs_of = |mesh: &Mesh| mesh.primitives.iter().map(|p| p.blob).collect();
-        let meshes: Vec<Vec<BlobHash>> = manifest.meshes.iter().map(blobs_of).collect();
-        self.upload(Upload::Begin(self.layout(edited, line)?))?;
-        for (index, blob) in textures.into_iter().enumerate() {
+        let (edited, _) = replica.edits.apply_to(&base, &added);
+        if let Some(fault) = edited.fault() {
+            return Err(format!("scene {} as it was edited: {fault}", scene.name));
+        }
+        let features = SceneFeatures::from_scene(&edited);
+        let warm_up = frame_views::warm_up_camera(&edited);
+        if before.is_some_and(|before| before.added.keys().eq(added.keys())) {
+            let layout = self.layout(edited, line)?;
+            self.upload(Upload::Relayout(Arc::clone(&layout)))?;
+            return Ok(ReadyScene { version, base, added, layout, features, warm_up });
+        }
+        let (layout, held) = (self.layout(edited, line)?, before.map(|before| &*before.layout));
+        let missing = layout.content_beyond(held);
+        self.upload(Upload::Begin { layout: Arc::clone(&layout), shares: held.is_some() })?;
+        for (blob, place) in missing {
             let bytes = self.blob(blob, &stores, line)?;
-            self.upload(Upload::Texture { index, bytes })?;
+            self.upload(match place {
+                ContentPlace::Texture { index } => Upload::Texture { index, bytes },
+                ContentPlace::Primitive { mesh, primitive } => {
+                    Upload::Primitive { mesh, primitive, bytes }
+                }
+            })?;
         }
-        for (mesh, primitives) in meshes.into_iter().enumerate() {
-            for (primitive, blob) in primitives.into_iter().enumerate() {
-                let bytes = self.blob(blob, &stores, line)?;
-                self.upload(Upload::Primitive { mesh, primitive, bytes })?;
-            }
+        Ok(ReadyScene { version, base, added, layout, features, warm_up })
+    }
+
+    fn manifest(
+        &self,
+        hash: BlobHash,
+        name: &str,
+        stores: &[BlobStore],
+        line: &LoaderLink,
+    ) -> Result<Scene, String> {
+        let bytes = self.blob(hash, stores, line)?;
+        let scene = polyptych_scene::decode(&bytes)
+            .map_err(|error| format!("manifest of {name}: {error}"))?;
+        match scene.fault() {
+            Some(fault) => Err(format!("manifest of {name}: {fault}")),
+            None => Ok(scene),
         }
-        Ok(ready)
     }
 
     fn layout(&self, scene: Scene, line: &LoaderLink) -> Result<Arc<SceneLayout>, String> {
@@ -436,26 +460,6 @@ impl Loader {
     fn upload(&self, upload: Upload) -> Result<(), String> {
         self.uploads.send(upload).map_err(|_| "the render thread has ended".to_owned())
     }
-}
-
-/// A scene as it stands, and what is kept of it.
-///
-/// # Errors
-/// What the edits make of it cannot be drawn.
-fn edited(
-    base: &Arc<Scene>,
-    version: SceneVersion,
-    edits: &SceneEdits,
-    name: &str,
-) -> Result<(Scene, ReadyScene), String> {
-    let (edited, _) = edits.apply_to(base);
-    if let Some(fault) = edited.fault() {
-        return Err(format!("scene {name} as it was edited: {fault}"));
-    }
-    let (features, warm_up) =
-        (SceneFeatures::from_scene(&edited), frame_views::warm_up_camera(&edited));
-    let base = Arc::clone(base);
-    Ok((edited, ReadyScene { version, base, features, warm_up }))
 }
 
 /// Where a wall's servers look for blobs before they ask the manager.

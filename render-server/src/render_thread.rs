@@ -96,7 +96,6 @@ pub(crate) type SendMonitorNames = Box<dyn Fn(BTreeMap<String, String>) + Send>;
 struct ReadyState {
     state: Arc<LoadedState>,
     scene: Rc<GpuScene>,
-    scene_bytes: u64,
     correctors: Correctors,
 }
 
@@ -114,7 +113,7 @@ pub(crate) struct RenderThread {
     playback: FrameScheduler,
     /// Oldest first; the last one was finished last.
     states: VecDeque<ReadyState>,
-    building: Option<(SceneBuilder, u64)>,
+    building: Option<SceneBuilder>,
     /// How the latest scene is laid out in the state that is finished next.
     relayout: Option<Arc<SceneLayout>>,
     showing: PresentationState,
@@ -347,21 +346,27 @@ impl RenderThread {
 
     fn upload(&mut self, upload: Upload) {
         let uploaded = match upload {
-            Upload::Begin(layout) => SceneBuilder::of(&self.gpu, layout)
-                .map(|builder| builder.without_levels(self.losses.levels_left_out))
-                .map(|builder| self.building = Some((builder, 0)))
-                .map_err(|error| error.to_string()),
+            Upload::Begin { layout, shares } => {
+                let latest = self.states.back().filter(|_| shares);
+                SceneBuilder::of(&self.gpu, layout)
+                    .map(|builder| builder.without_levels(self.losses.levels_left_out))
+                    .map(|builder| match latest {
+                        Some(latest) => builder.sharing(&latest.scene),
+                        None => builder,
+                    })
+                    .map(|builder| self.building = Some(builder))
+                    .map_err(|error| error.to_string())
+            }
             Upload::Relayout(layout) => {
                 self.relayout = Some(layout);
                 Ok(())
             }
             Upload::Texture { index, bytes } => {
-                self.build(bytes.len(), |gpu, builder| builder.upload_texture(gpu, index, &bytes))
+                self.build(|gpu, builder| builder.upload_texture(gpu, index, &bytes))
             }
-            Upload::Primitive { mesh, primitive, bytes } => self
-                .build(bytes.len(), |gpu, builder| {
-                    builder.upload_primitive(gpu, mesh, primitive, &bytes)
-                }),
+            Upload::Primitive { mesh, primitive, bytes } => {
+                self.build(|gpu, builder| builder.upload_primitive(gpu, mesh, primitive, &bytes))
+            }
             Upload::Finish { state, answer } => {
                 let finished = self.finish(state);
                 // The loader waits for this; should it have ended, nobody does.
@@ -382,12 +387,10 @@ impl RenderThread {
 
     fn build<E: std::fmt::Display>(
         &mut self,
-        bytes: usize,
         upload: impl FnOnce(&Gpu, &mut SceneBuilder) -> Result<(), E>,
     ) -> Result<(), String> {
-        let Some((builder, total)) = &mut self.building else { return Ok(()) };
+        let Some(builder) = &mut self.building else { return Ok(()) };
         upload(&self.gpu, builder).map_err(|error| error.to_string())?;
-        *total += bytes as u64;
         // Staging memory is given back only when the queue has run.
         self.gpu.queue.submit([]);
         let _ = self.gpu.device.poll(wgpu::PollType::Poll);

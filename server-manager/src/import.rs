@@ -94,22 +94,34 @@ pub(crate) async fn import(
 ) -> Result<Import, String> {
     let file = resolve(path, roots)?;
     tell(0);
-    let baked = bake(&file, baker, &["--progress"], tell).await?;
-    let hash = baked.pointer("/manifest").and_then(|hash| hash.as_str());
-    let hash = hash.and_then(BlobHash::from_hex);
-    let hash = hash.ok_or_else(|| format!("{path}: the baker named no manifest"))?;
+    let hash = bake_scene(&file, baker, tell).await?;
     let folder = BlobStore::new(baker.store.join("blobs"));
     let read = tokio::task::spawn_blocking(move || read_manifest(&folder, hash)).await;
     read.map_err(|error| error.to_string())?.map_err(|reason| format!("{path}: {reason}"))
 }
 
-pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import, String> {
-    let bytes = folder.read(hash).map_err(|error| error.to_string())?;
-    let bytes = bytes.ok_or("the baker wrote no manifest")?;
+/// Bakes a scene; gives the hash of its manifest.
+pub(crate) async fn bake_scene(
+    file: &Path,
+    baker: &Baker,
+    tell: impl Fn(u8),
+) -> Result<BlobHash, String> {
+    let baked = bake(file, baker, &["--progress"], tell).await?;
+    let hash = baked.pointer("/manifest").and_then(|hash| hash.as_str());
+    let hash = hash.and_then(BlobHash::from_hex);
+    hash.ok_or_else(|| format!("{}: the baker named no manifest", file.display()))
+}
+
+/// Reads a manifest that was baked.
+pub(crate) fn read_scene(folder: &BlobStore, manifest: BlobHash) -> Result<Scene, String> {
+    let bytes = folder.read(manifest).map_err(|error| error.to_string())?;
+    let bytes = bytes.ok_or("the scene's manifest is not in the store")?;
     let scene: Scene = polyptych_scene::decode(&bytes).map_err(|error| error.to_string())?;
-    if let Some(fault) = scene.fault() {
-        return Err(fault);
-    }
+    scene.fault().map_or(Ok(scene), Err)
+}
+
+pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import, String> {
+    let scene = read_scene(folder, hash)?;
     let summary = SceneSummary {
         name: scene.name.clone(),
         revision: Revision(0),

@@ -5,6 +5,7 @@
 //! only.
 
 mod acceptor;
+mod assets;
 mod authenticator;
 mod bulk;
 pub mod capture;

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clients::{ClientSeat, progress_of, wait_for_news};
-use importing::{Baking, Imported};
+use importing::{BakedTransaction, Baking, Imported};
 use network::Network;
 use polyptych_core::log_limiter::LogLimiter;
 use polyptych_core::{self, ClientRequest, Effect, Input, Micros, SessionId};
@@ -172,6 +172,9 @@ struct EventLoop {
     keeper: Option<Keeper>,
     events: mpsc::Sender<Event>,
     imported: (mpsc::Sender<Imported>, mpsc::Receiver<Imported>),
+    baked_assets: (mpsc::Sender<BakedTransaction>, mpsc::Receiver<BakedTransaction>),
+    /// Transactions whose assets are being baked.
+    asset_bakes: Vec<ClientRequest>,
     /// What bakers say of their progress.
     progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),
     queries: Queries,
@@ -222,6 +225,8 @@ impl EventLoop {
             options,
             events,
             imported: mpsc::channel(16),
+            baked_assets: mpsc::channel(16),
+            asset_bakes: Vec::new(),
             progress: mpsc::channel(16),
             queries: Queries::new(blobs.clone()),
             allowed,
@@ -275,6 +280,7 @@ impl EventLoop {
                     self.take_picture(from, &chunk);
                 }
                 Some(imported) = self.imported.1.recv() => self.handle_imported(imported),
+                Some(baked) = self.baked_assets.1.recv() => self.handle_baked_assets(baked),
                 Some((job, progress)) = self.progress.1.recv() => {
                     self.tell(self.now(), Input::Progress { job, progress });
                 }

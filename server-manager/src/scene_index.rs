@@ -9,14 +9,21 @@ use polyptych_protocol::node_query::{
     NODE_TEXT_BYTES_MAX, NODES_MAX, NodeInfo, NodePage, NodeQuery,
 };
 use polyptych_scene::{
-    Attribute, Bounds, Light, Node, NodeEdits, NodeId, Primitive, Scene, SceneEdits,
+    AssetManifests, Attribute, Bounds, Light, Mesh, Node, NodeEdits, NodeId, Primitive, Scene,
+    SceneEdits,
 };
+
+use crate::import::read_scene;
 
 /// A state of a scene, with what questions need of it.
 #[derive(Debug)]
 pub(crate) struct SceneIndex {
     manifest: BlobHash,
     base: Arc<Scene>,
+    /// Manifests of what was added.
+    added: AssetManifests,
+    /// Those of the scene, where something was added, and what was.
+    meshes: Option<Vec<Mesh>>,
     edits: SceneEdits,
     /// Parents before their children; hidden ones too.
     nodes: Vec<Node>,
@@ -42,17 +49,24 @@ impl SceneIndex {
         if let Some(known) = known.as_ref().filter(|known| known.edits == edits) {
             return Ok(Arc::clone(known));
         }
+        let mut added = AssetManifests::new();
+        for set in edits.assets() {
+            let read = known.as_ref().and_then(|known| known.added.get(&set.manifest)).cloned();
+            let read = read.map_or_else(|| read_scene(store, set.manifest).map(Arc::new), Ok)?;
+            added.insert(set.manifest, read);
+        }
         let base = match known {
             Some(known) => Arc::clone(&known.base),
-            None => Arc::new(read(store, manifest)?),
+            None => Arc::new(read_scene(store, manifest)?),
         };
         let (nodes, lights, ids) = edits.all_nodes(&base);
+        let meshes = (!added.is_empty()).then(|| edits.all_meshes(&base, &added));
         let mut world: Vec<DAffine3> = Vec::with_capacity(nodes.len());
         for node in &nodes {
             let parent = node.parent.map(|parent| world[parent as usize]);
             world.push(parent.map_or(node.local, |parent| parent * node.local));
         }
-        Ok(Arc::new(Self { manifest, base, edits, nodes, lights, ids, world }))
+        Ok(Arc::new(Self { manifest, base, added, meshes, edits, nodes, lights, ids, world }))
     }
 
     /// The nodes that a query asks for.
@@ -100,7 +114,8 @@ impl SceneIndex {
 
     /// What a node's mesh is made of, by the node's index.
     pub fn primitives(&self, at: usize) -> &[Primitive] {
-        let mesh = self.nodes[at].mesh.and_then(|mesh| self.base.meshes.get(mesh as usize));
+        let meshes = self.meshes.as_ref().unwrap_or(&self.base.meshes);
+        let mesh = self.nodes[at].mesh.and_then(|mesh| meshes.get(mesh as usize));
         mesh.map_or(&[], |mesh| &mesh.primitives)
     }
 
@@ -185,13 +200,6 @@ fn mesh_bounds(primitives: &[Primitive]) -> Option<Bounds> {
         max: primitive.origin + primitive.max.as_dvec3(),
     });
     own.reduce(union)
-}
-
-fn read(store: &BlobStore, manifest: BlobHash) -> Result<Scene, String> {
-    let bytes = store.read(manifest).map_err(|error| error.to_string())?;
-    let bytes = bytes.ok_or("the open scene's manifest is not in the store any more")?;
-    let scene = polyptych_scene::decode(&bytes).map_err(|error| error.to_string())?;
-    scene.fault().map_or(Ok(scene), Err)
 }
 
 fn union(a: Bounds, b: Bounds) -> Bounds {

@@ -2,6 +2,7 @@
 //! changed.
 
 mod node_change;
+mod shape;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -11,10 +12,13 @@ use anyhow::{Context, anyhow, bail};
 use node_change::NodeChange;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DAffine3;
-use polyptych_client::{Attribute, Edited, NodeId, NodeInfo, NodeQuery, Transaction};
-use polyptych_text::{counted, printable};
+use polyptych_client::{
+    AssetSource, Assets, Attribute, Edited, NodeId, NodeInfo, NodeQuery, Transaction,
+};
+use polyptych_text::printable;
 use serde_json::{Value, json};
 
+use super::remote::path_from_here;
 use super::seen::Seen;
 use super::{ManagerAddress, say};
 
@@ -46,7 +50,9 @@ struct Target {
 #[derive(Debug, clap::Args)]
 pub(super) struct AddArguments {
     /// What it is: name=TEXT position=X,Y,Z rotation=YAW,PITCH,ROLL scale=S visible=true
-    /// mesh=INDEX attribute.KEY=VALUE
+    /// mesh=INDEX attribute.KEY=VALUE; a new mesh is mesh=box:X,Y,Z, sphere:RADIUS,
+    /// cylinder:RADIUS,HEIGHT, cone:LOW,HIGH,HEIGHT, rectangle:WIDTH,HEIGHT, line:X,Y,Z,… or
+    /// points:X,Y,Z,… with color=#RRGGBB
     #[arg(value_name = "KEY=VALUE")]
     words: Vec<String>,
     /// The node that it hangs from, by number or path [default: the scene itself]
@@ -110,6 +116,20 @@ pub(super) struct TreeArguments {
     manager: ManagerAddress,
 }
 
+#[derive(Debug, clap::Args)]
+pub(super) struct ImportArguments {
+    /// A .gltf or .glb file in one of the manager's scene folders
+    file: String,
+    /// Of the node that is made for it, as of `node add` without a mesh [default: the file's name]
+    #[arg(value_name = "KEY=VALUE")]
+    words: Vec<String>,
+    /// The node that it hangs from, by number or path [default: the scene itself]
+    #[arg(long, value_name = "NODE")]
+    parent: Option<String>,
+    #[command(flatten)]
+    target: Target,
+}
+
 /// The nodes of the open scene, and what is to become of them.
 struct Editor {
     client: Client,
@@ -120,6 +140,8 @@ struct Editor {
     /// Where nodes stand that this transaction has placed.
     places: BTreeMap<NodeId, DAffine3>,
     transaction: Transaction,
+    /// What it brings.
+    assets: Assets,
 }
 
 impl Editor {
@@ -127,7 +149,8 @@ impl Editor {
     fn new(client: Client) -> anyhow::Result<Self> {
         let transaction = Transaction::based_on(client.status()?.revision);
         let (made, places) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Self { client, nodes: None, made, places, transaction })
+        let assets = Assets::default();
+        Ok(Self { client, nodes: None, made, places, transaction, assets })
     }
 
     fn nodes(&mut self) -> anyhow::Result<&[NodeInfo]> {
@@ -156,11 +179,12 @@ impl Editor {
 
     fn add(
         &mut self,
-        change: NodeChange,
+        mut change: NodeChange,
         parent: Option<&str>,
         name: Option<&str>,
     ) -> anyhow::Result<()> {
         let parent = parent.map(|parent| self.parent(parent)).transpose()?.flatten();
+        change.take_shape(&mut self.assets)?;
         let node = change.create(parent, &mut self.transaction);
         if let Some(name) = name {
             self.made.insert(name.to_owned(), node);
@@ -168,7 +192,8 @@ impl Editor {
         Ok(())
     }
 
-    fn set(&mut self, node: &str, change: NodeChange) -> anyhow::Result<()> {
+    fn set(&mut self, node: &str, mut change: NodeChange) -> anyhow::Result<()> {
+        change.take_shape(&mut self.assets)?;
         let node = self.node(node)?;
         let local = match self.places.get(&node) {
             Some(place) => *place,
@@ -227,11 +252,13 @@ impl Editor {
     }
 
     /// Has it done, and says what came of it.
-    fn commit(self, is_json: bool) -> anyhow::Result<ExitCode> {
-        if self.transaction.edits.is_empty() {
+    fn commit(mut self, is_json: bool) -> anyhow::Result<ExitCode> {
+        if !self.assets.is_empty() {
+            self.transaction = self.transaction.with_assets(self.assets.to_source()?);
+        }
+        if self.transaction.edits.is_empty() && self.transaction.assets.is_none() {
             bail!("nothing would change");
         }
-        let count = self.transaction.edits.len();
         let edited = self.client.commit(self.transaction)?;
         let seen = Seen::of(&self.client, &edited.feedback)?;
         if is_json {
@@ -243,8 +270,8 @@ impl Editor {
                 count if count <= 8 => format!("made {}; ", made.join(", ")),
                 count => format!("made {count} nodes from {} on; ", edited.created[0]),
             };
-            let (count, revision) = (counted(count, "edit"), edited.revision);
-            say(format_args!("{made}{count}, revision {revision}, {}", seen.in_words()))?;
+            let revision = edited.revision;
+            say(format_args!("{made}revision {revision}, {}", seen.in_words()))?;
         }
         Ok(seen.conclude())
     }
@@ -254,6 +281,7 @@ fn in_json(edited: &Edited) -> Value {
     json!({
         "revision": edited.revision.0,
         "created": edited.created.iter().map(|node| node.0).collect::<Vec<_>>(),
+        "first_mesh": edited.assets.map(|numbers| numbers.first_mesh),
         "frame": edited.feedback.frame.0,
         "is_complete": edited.feedback.is_complete(),
     })
@@ -314,6 +342,16 @@ pub(super) fn run(command: &NodeCommand) -> anyhow::Result<ExitCode> {
         }
     }
     editor.commit(target.json)
+}
+
+pub(super) fn import(arguments: &ImportArguments) -> anyhow::Result<ExitCode> {
+    let change = NodeChange::from_words(&arguments.words)?;
+    let mut editor = Editor::new(arguments.target.manager.connect()?)?;
+    let parent = arguments.parent.as_deref().map(|parent| editor.parent(parent));
+    let below = change.new_node(parent.transpose()?.flatten(), &arguments.file)?;
+    let source = AssetSource::File(path_from_here(&arguments.file));
+    editor.transaction = editor.transaction.with_scene(source, below);
+    editor.commit(arguments.target.json)
 }
 
 pub(super) fn transaction(arguments: &TransactionArguments) -> anyhow::Result<ExitCode> {

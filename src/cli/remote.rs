@@ -36,11 +36,16 @@ pub(super) struct OpenArguments {
     manager: ManagerAddress,
 }
 
+/// The path of a scene as the manager is to resolve it: one that is meant from here must say where
+/// here is.
+pub(super) fn path_from_here(file: &str) -> String {
+    let from_here = std::path::absolute(file).ok().filter(|path| path.is_file());
+    from_here.map_or_else(|| file.to_owned(), |path| path.display().to_string())
+}
+
 pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
-    // The manager resolves the path; one that is meant from here must say where here is.
-    let from_here = std::path::absolute(&arguments.file).ok().filter(|path| path.is_file());
-    let path = from_here.map_or_else(|| arguments.file.clone(), |p| p.display().to_string());
+    let path = path_from_here(&arguments.file);
     let progress = ProgressReport::start();
     let scene = open_scene(&client, &path, &progress)?;
     if !arguments.keep_camera

@@ -16,6 +16,8 @@ pub(super) enum Scene {
     Town(TownArguments),
     /// List the nodes of the open scene
     Tree(node::TreeArguments),
+    /// Put all of another file into the open scene
+    Import(node::ImportArguments),
     /// Show no scene
     Close(ManagerAddress),
 }
@@ -40,6 +42,7 @@ pub(super) fn run(scene: &Scene) -> anyhow::Result<ExitCode> {
     match scene {
         Scene::Town(arguments) => town(arguments).map(|()| ExitCode::SUCCESS),
         Scene::Tree(arguments) => node::tree(arguments),
+        Scene::Import(arguments) => node::import(arguments),
         Scene::Close(manager) => {
             let client = manager.connect()?;
             client.close_scene()?;

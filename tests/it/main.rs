@@ -38,6 +38,7 @@
 //! - `seen`: exit codes say who sees what a command did, and long ones how far they are
 //! - `report`: what a simulated wall writes, also where it ends early or is late
 
+mod assets;
 mod back_pressure;
 mod beginnings;
 mod check;

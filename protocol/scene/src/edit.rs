@@ -1,11 +1,13 @@
 //! Changes of a scene while it is shown.
 
 use std::fmt;
+use std::ops::Range;
 
 use glam::DAffine3;
 use serde::{Deserialize, Serialize};
 
 use crate::{Light, Material};
+use polyptych_files::blob::BlobHash;
 
 /// A node of the open scene, for as long as the scene is open, restarts of the manager included.
 /// Nodes of the file have their index in [`Scene::nodes`](crate::Scene::nodes); those that were
@@ -17,6 +19,9 @@ pub struct NodeId(pub u64);
 
 /// The first number of nodes that have none yet.
 const PROVISIONAL: u64 = 1 << 63;
+
+/// The same of meshes and textures.
+const PROVISIONAL_ASSET: u32 = 1 << 31;
 
 impl NodeId {
     /// Stands in a transaction for the node that its `index`th creation makes.
@@ -37,6 +42,53 @@ impl fmt::Display for NodeId {
             None => write!(f, "node {}", self.0),
         }
     }
+}
+
+/// Meshes, materials and textures that were added to a scene: those of another manifest. They stay
+/// for as long as anything of the scene uses them.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AssetSet {
+    /// A [`Scene`](crate::Scene) of which the nodes and lights do not count.
+    pub manifest: BlobHash,
+    /// The number of its first mesh among those of the open scene; the others follow.
+    pub first_mesh: u32,
+    /// The number of primitives of each of its meshes.
+    pub primitives: Vec<u32>,
+    /// As `first_mesh`, of materials.
+    pub first_material: u32,
+    /// The number of its materials.
+    pub materials: u32,
+    /// As `first_mesh`, of textures.
+    pub first_texture: u32,
+    /// The number of its textures.
+    pub textures: u32,
+}
+
+impl AssetSet {
+    /// The numbers of its meshes.
+    pub fn mesh_range(&self) -> Range<u32> {
+        self.first_mesh..self.first_mesh.saturating_add(self.primitives.len() as u32)
+    }
+
+    /// The numbers of its materials.
+    pub fn material_range(&self) -> Range<u32> {
+        self.first_material..self.first_material.saturating_add(self.materials)
+    }
+
+    /// The numbers of its textures.
+    pub fn texture_range(&self) -> Range<u32> {
+        self.first_texture..self.first_texture.saturating_add(self.textures)
+    }
+}
+
+/// Stands in a transaction for a mesh or texture that it adds, by its index among those.
+pub fn provisional_asset(index: u32) -> u32 {
+    PROVISIONAL_ASSET | index
+}
+
+/// The index that stands for a mesh or texture of the same transaction, if it does.
+pub fn provisional_asset_index(number: u32) -> Option<u32> {
+    (number >= PROVISIONAL_ASSET).then_some(number & !PROVISIONAL_ASSET)
 }
 
 /// What an application knows of a node beside its picture.
@@ -143,10 +195,15 @@ pub enum Edit {
         /// All of it.
         to: Box<Material>,
     },
+    /// Adds meshes, materials and textures. No client can ask for it as such: the manager makes it
+    /// of what a transaction brings.
+    AddAssets(Box<AssetSet>),
+    /// Takes a set of them away, by the hash of its manifest; nothing uses it any more.
+    RemoveAssets(BlobHash),
 }
 
 impl Edit {
-    /// The node that it changes; `None` for a material.
+    /// The node that it changes; `None` for a material or for assets.
     pub fn node(&self) -> Option<NodeId> {
         match self {
             Self::Create { node, .. }
@@ -158,7 +215,7 @@ impl Edit {
             | Self::SetMesh { node, .. }
             | Self::SetLight { node, .. }
             | Self::SetAttribute { node, .. } => Some(*node),
-            Self::SetMaterial { .. } => None,
+            Self::SetMaterial { .. } | Self::AddAssets(_) | Self::RemoveAssets(_) => None,
         }
     }
 
@@ -186,7 +243,29 @@ impl Edit {
             | Self::SetMesh { node, .. }
             | Self::SetLight { node, .. }
             | Self::SetAttribute { node, .. } => *node = number(*node)?,
-            Self::SetMaterial { .. } => {}
+            Self::SetMaterial { .. } | Self::AddAssets(_) | Self::RemoveAssets(_) => {}
+        }
+        Ok(self)
+    }
+
+    /// The same with other numbers of meshes and textures.
+    ///
+    /// # Errors
+    /// Those of `mesh` and `texture`.
+    pub fn with_assets<E>(
+        mut self,
+        mesh: impl Fn(u32) -> Result<u32, E>,
+        texture: impl Fn(u32) -> Result<u32, E>,
+    ) -> Result<Self, E> {
+        match &mut self {
+            Self::Create { new, .. } => new.mesh = new.mesh.map(mesh).transpose()?,
+            Self::SetMesh { mesh: of, .. } => *of = of.map(mesh).transpose()?,
+            Self::SetMaterial { to, .. } => {
+                for of in to.textures_mut() {
+                    of.texture = texture(of.texture)?;
+                }
+            }
+            _ => {}
         }
         Ok(self)
     }

@@ -16,12 +16,14 @@ mod texture;
 use glam::{DAffine3, DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-pub use edit::{Attribute, Edit, NewNode, NodeId};
+pub use edit::{
+    AssetSet, Attribute, Edit, NewNode, NodeId, provisional_asset, provisional_asset_index,
+};
 pub use features::SceneFeatures;
 pub use material::{AlphaMode, Material, TextureRef};
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use outline::{EditError, SceneOutline};
-pub use scene_edits::{NodeEdits, Replaced, SceneEdits};
+pub use scene_edits::{AssetManifests, NodeEdits, Replaced, SceneEdits};
 pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 
 use crate::limits::{DRAWS_MAX, LIT_DRAWS_MAX, MANIFEST_BYTES_MAX, NOTE_BYTES_MAX, NOTES_MAX};

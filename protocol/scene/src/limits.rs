@@ -38,3 +38,7 @@ pub const EDITS_BYTES_MAX: usize = 3 << 19;
 
 /// Maximum number of nodes above one that is edited. Files have tens; each edit looks at all.
 pub const DEPTH_MAX: usize = 256;
+
+/// Maximum number of transactions whose assets are in a scene at a time: an edit looks at all, and
+/// a server that joins reads a manifest for each.
+pub const ASSET_SETS_MAX: usize = 4096;

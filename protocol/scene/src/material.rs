@@ -96,6 +96,19 @@ impl Material {
         ]
     }
 
+    /// The same to change them, those that it has.
+    pub(crate) fn textures_mut(&mut self) -> impl Iterator<Item = &mut TextureRef> {
+        [
+            &mut self.base_color_texture,
+            &mut self.metallic_roughness_texture,
+            &mut self.normal_texture,
+            &mut self.occlusion_texture,
+            &mut self.emissive_texture,
+        ]
+        .into_iter()
+        .flatten()
+    }
+
     /// The textures that it has.
     pub fn textures(&self) -> impl Iterator<Item = TextureRef> {
         self.texture_slots().into_iter().flatten()

@@ -1,14 +1,16 @@
 //! What must be known of a scene to tell whether an edit of it can be.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use glam::DAffine3;
+use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
-use crate::edit::{Attribute, Edit, NewNode, NodeId};
+use crate::edit::{AssetSet, Attribute, Edit, NewNode, NodeId};
 use crate::limits::{
-    ATTRIBUTE_BYTES_MAX, ATTRIBUTES_MAX, DEPTH_MAX, DRAWS_MAX, EDITS_BYTES_MAX, LIT_DRAWS_MAX,
-    NODE_NAME_BYTES_MAX,
+    ASSET_SETS_MAX, ATTRIBUTE_BYTES_MAX, ATTRIBUTES_MAX, DEPTH_MAX, DRAWS_MAX, EDITS_BYTES_MAX,
+    LIT_DRAWS_MAX, NODE_NAME_BYTES_MAX,
 };
 use crate::scene_edits::SceneEdits;
 use crate::{Light, LightKind, Material, Scene};
@@ -70,6 +72,10 @@ pub enum EditError {
 /// reciprocal is the smallest. Far beyond any unit.
 const SCALE_MAX: f64 = 1e18;
 
+/// Most meshes, materials or textures of a scene, those included that were added and are gone: an
+/// entry of each is kept.
+const ASSETS_MAX: u32 = 1 << 20;
+
 impl From<&Scene> for SceneOutline {
     fn from(scene: &Scene) -> Self {
         Self {
@@ -100,7 +106,7 @@ impl SceneOutline {
                 if let Some(parent) = new.parent {
                     self.expect_parent(edits, parent)?;
                 }
-                self.check_new(new).map_err(fault(*node))
+                self.check_new(edits, new).map_err(fault(*node))
             }
             Edit::SetParent { node, parent } => {
                 self.expect_node(edits, *node)?;
@@ -113,10 +119,11 @@ impl SceneOutline {
             }
             Edit::SetMaterial { material, to } => {
                 let error = |what| EditError::Material { material: *material, what };
-                if *material >= self.materials {
-                    return Err(error(format!("the scene has {}", self.materials)));
+                let is_added = |set: &AssetSet| set.material_range().contains(material);
+                if *material >= self.materials && !edits.assets().any(is_added) {
+                    return Err(error("the scene has no such material".to_owned()));
                 }
-                self.check_material(to).map_err(error)
+                self.check_material(edits, to).map_err(error)
             }
             Edit::Remove(node) | Edit::SetVisible { node, .. } => self.expect_node(edits, *node),
             Edit::SetTransform { node, local } => {
@@ -129,7 +136,7 @@ impl SceneOutline {
             }
             Edit::SetMesh { node, mesh } => {
                 self.expect_node(edits, *node)?;
-                self.check_mesh(*mesh).map_err(fault(*node))
+                self.check_mesh(edits, *mesh).map_err(fault(*node))
             }
             Edit::SetLight { node, light } => {
                 self.expect_node(edits, *node)?;
@@ -140,7 +147,47 @@ impl SceneOutline {
                 let known = edits.node(*node).map(|edits| &edits.attributes);
                 check_attribute(known, key, value.as_ref()).map_err(fault(*node))
             }
+            Edit::AddAssets(_) if edits.assets().count() >= ASSET_SETS_MAX => {
+                Err(EditError::TooLarge(format!(
+                    "assets of {ASSET_SETS_MAX} transactions are in the scene already; put more \
+                     of them into one"
+                )))
+            }
+            Edit::AddAssets(_) | Edit::RemoveAssets(_) => Ok(()),
         }
+    }
+
+    /// The numbers that added assets get: behind all that are there. `primitives` are those of each
+    /// mesh.
+    ///
+    /// # Errors
+    /// [`EditError::TooLarge`].
+    pub fn place_assets(
+        &self,
+        edits: &SceneEdits,
+        manifest: BlobHash,
+        primitives: Vec<u32>,
+        [materials, textures]: [u32; 2],
+    ) -> Result<AssetSet, EditError> {
+        let end = |own: u32, range: fn(&AssetSet) -> Range<u32>| {
+            edits.assets().map(|set| range(set).end).fold(own, u32::max)
+        };
+        let set = AssetSet {
+            manifest,
+            first_mesh: end(self.meshes.len() as u32, AssetSet::mesh_range),
+            primitives,
+            first_material: end(self.materials, AssetSet::material_range),
+            materials,
+            first_texture: end(self.textures, AssetSet::texture_range),
+            textures,
+        };
+        let ends = [set.mesh_range(), set.material_range(), set.texture_range()].map(|of| of.end);
+        if ends.into_iter().any(|end| end > ASSETS_MAX) {
+            return Err(EditError::TooLarge(format!(
+                "the scene would have more than {ASSETS_MAX} meshes, materials or textures"
+            )));
+        }
+        Ok(set)
     }
 
     /// Whether all that was changed is of a size that can be held, sent and drawn.
@@ -159,8 +206,8 @@ impl SceneOutline {
         for (_, of) in edits.nodes() {
             let made = of.created.as_ref();
             let mesh = of.mesh.unwrap_or(made.and_then(|new| new.mesh));
-            let primitives = mesh.and_then(|mesh| self.meshes.get(mesh as usize));
-            draws = draws.saturating_add(primitives.map_or(0, |count| u64::from(*count)));
+            let primitives = mesh.and_then(|mesh| self.primitives(edits, mesh));
+            draws = draws.saturating_add(primitives.unwrap_or(0).into());
             let has_light = match &of.light {
                 Some(light) => light.is_some(),
                 None => made.is_some_and(|new| new.light.is_some()),
@@ -265,27 +312,39 @@ impl SceneOutline {
         Ok(())
     }
 
-    fn check_new(&self, new: &NewNode) -> Result<(), String> {
+    /// Primitives of a mesh, if it is there.
+    fn primitives(&self, edits: &SceneEdits, mesh: u32) -> Option<u32> {
+        self.meshes.get(mesh as usize).copied().or_else(|| {
+            let set = edits.assets().find(|set| set.mesh_range().contains(&mesh))?;
+            set.primitives.get((mesh - set.first_mesh) as usize).copied()
+        })
+    }
+
+    fn check_new(&self, edits: &SceneEdits, new: &NewNode) -> Result<(), String> {
         check_text("a name", &new.name, NODE_NAME_BYTES_MAX)?;
         check_transform(&new.local)?;
-        self.check_mesh(new.mesh)?;
+        self.check_mesh(edits, new.mesh)?;
         check_light(new.light.as_ref())
     }
 
-    fn check_mesh(&self, mesh: Option<u32>) -> Result<(), String> {
-        match mesh.filter(|mesh| *mesh as usize >= self.meshes.len()) {
+    fn check_mesh(&self, edits: &SceneEdits, mesh: Option<u32>) -> Result<(), String> {
+        match mesh.filter(|mesh| self.primitives(edits, *mesh).is_none()) {
             Some(mesh) => {
-                Err(format!("there is no mesh {mesh}; the scene has {}", self.meshes.len()))
+                Err(format!("there is no mesh {mesh}; the scene's file has {}", self.meshes.len()))
             }
             None => Ok(()),
         }
     }
 
-    fn check_material(&self, material: &Material) -> Result<(), String> {
+    fn check_material(&self, edits: &SceneEdits, material: &Material) -> Result<(), String> {
         check_text("a name", &material.name, NODE_NAME_BYTES_MAX)?;
-        if let Some(texture) = material.textures().find(|of| of.texture >= self.textures) {
+        let is_there = |texture: u32| {
+            texture < self.textures
+                || edits.assets().any(|set| set.texture_range().contains(&texture))
+        };
+        if let Some(texture) = material.textures().find(|of| !is_there(of.texture)) {
             let (texture, count) = (texture.texture, self.textures);
-            return Err(format!("there is no texture {texture}; the scene has {count}"));
+            return Err(format!("there is no texture {texture}; the scene's file has {count}"));
         }
         let share = |what: &str, value: f32| {
             if (0.0..=1.0).contains(&value) {

@@ -3,20 +3,26 @@
 //! It knows nothing of the scene that it changes, so manager and servers fold alike, whatever each
 //! has of the scene. [`SceneEdits::apply_to`] makes the scene as it stands.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use glam::DAffine3;
 use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
-use crate::edit::{Attribute, Edit, NewNode, NodeId};
-use crate::{Light, Material, Node, Scene};
+use crate::edit::{AssetSet, Attribute, Edit, NewNode, NodeId};
+use crate::{Light, Material, Mesh, Node, Scene};
+
+/// The manifests of assets that were added to a scene.
+pub type AssetManifests = BTreeMap<BlobHash, Arc<Scene>>;
 
 /// What differs from the scene's file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SceneEdits {
     nodes: BTreeMap<NodeId, NodeEdits>,
     materials: BTreeMap<u32, Material>,
+    /// What was added, by manifest.
+    assets: BTreeMap<BlobHash, AssetSet>,
     /// A sum over the fingerprints of all entries, so that a change costs what it changes.
     fingerprint: u64,
     /// The same over their encoded sizes.
@@ -77,7 +83,7 @@ impl NodeEdits {
                 self.attributes.insert(key, value);
             }
             Edit::SetAttribute { key, value: None, .. } => drop(self.attributes.remove(&key)),
-            Edit::SetMaterial { .. } => {}
+            Edit::SetMaterial { .. } | Edit::AddAssets(_) | Edit::RemoveAssets(_) => {}
         }
     }
 }
@@ -97,6 +103,15 @@ pub enum Replaced {
     Node(NodeId, Option<NodeEdits>),
     /// Of a material; `None` where there was none.
     Material(u32, Option<Material>),
+    /// Of assets; `None` where there were none.
+    Assets(BlobHash, Option<AssetSet>),
+}
+
+/// Makes a list as long as this number says, if it is shorter.
+fn fill<T: Clone>(list: &mut Vec<T>, len: u32, filler: Option<T>) {
+    if let Some(filler) = filler.filter(|_| list.len() < len as usize) {
+        list.resize(len as usize, filler);
+    }
 }
 
 /// The fingerprint of an entry and its encoded size; zeros of none.
@@ -111,7 +126,7 @@ fn measure(entry: Option<impl Serialize>) -> (u64, u64) {
 impl SceneEdits {
     /// Returns whether the scene is as its file has it.
     pub fn is_empty(&self) -> bool {
-        self.nodes.is_empty() && self.materials.is_empty()
+        self.nodes.is_empty() && self.materials.is_empty() && self.assets.is_empty()
     }
 
     /// A number that two with the same changes share, and others hardly ever.
@@ -134,10 +149,46 @@ impl SceneEdits {
         self.nodes.iter().map(|(node, edits)| (*node, edits))
     }
 
+    /// What was added.
+    pub fn assets(&self) -> impl Iterator<Item = &AssetSet> {
+        self.assets.values()
+    }
+
+    /// What was added with this manifest.
+    pub fn assets_of(&self, manifest: BlobHash) -> Option<&AssetSet> {
+        self.assets.get(&manifest)
+    }
+
+    /// Assets that nothing uses any more: no node shows one of their meshes, and no material that
+    /// was changed has one of their textures.
+    pub fn unused_assets(&self) -> Vec<BlobHash> {
+        if self.assets.is_empty() {
+            return Vec::new();
+        }
+        let of_nodes = self.nodes.values().filter_map(|of| {
+            of.mesh.unwrap_or_else(|| of.created.as_ref().and_then(|new| new.mesh))
+        });
+        let meshes: BTreeSet<u32> = of_nodes.collect();
+        let of_materials = self.materials.values().flat_map(Material::textures);
+        let textures: BTreeSet<u32> = of_materials.map(|of| of.texture).collect();
+        let is_unused = |set: &&AssetSet| {
+            meshes.range(set.mesh_range()).next().is_none()
+                && textures.range(set.texture_range()).next().is_none()
+        };
+        self.assets.values().filter(is_unused).map(|set| set.manifest).collect()
+    }
+
     /// Applies the next edit; gives back what it replaced.
     pub fn apply(&mut self, edit: Edit) -> Replaced {
-        if let Edit::SetMaterial { material, to } = edit {
-            return self.replace(Replaced::Material(material, Some(*to)));
+        match edit {
+            Edit::SetMaterial { material, to } => {
+                return self.replace(Replaced::Material(material, Some(*to)));
+            }
+            Edit::AddAssets(set) => {
+                return self.replace(Replaced::Assets(set.manifest, Some(*set)));
+            }
+            Edit::RemoveAssets(manifest) => return self.replace(Replaced::Assets(manifest, None)),
+            _ => {}
         }
         let Some(node) = edit.node() else { return Replaced::Material(u32::MAX, None) };
         let mut entry = self.nodes.get(&node).cloned().unwrap_or_default();
@@ -166,10 +217,19 @@ impl SceneEdits {
                 };
                 Replaced::Material(material, old)
             }
+            Replaced::Assets(manifest, new) => {
+                added = measure(new.as_ref());
+                let old = match new {
+                    Some(new) => self.assets.insert(manifest, new),
+                    None => self.assets.remove(&manifest),
+                };
+                Replaced::Assets(manifest, old)
+            }
         };
         let taken = match &old {
             Replaced::Node(node, old) => measure(old.as_ref().map(|old| (node, old))),
             Replaced::Material(material, old) => measure(old.as_ref().map(|old| (material, old))),
+            Replaced::Assets(_, old) => measure(old.as_ref()),
         };
         self.fingerprint = self.fingerprint.wrapping_add(added.0).wrapping_sub(taken.0);
         self.bytes = self.bytes.wrapping_add(added.1).wrapping_sub(taken.1);
@@ -178,8 +238,8 @@ impl SceneEdits {
 
     /// The scene as it stands, and the number of each of its nodes. What is removed or hidden, and
     /// what hangs from it, is left out; parents stand before their children, and otherwise nodes
-    /// in the order of their numbers.
-    pub fn apply_to(&self, base: &Scene) -> (Scene, Vec<NodeId>) {
+    /// in the order of their numbers. Added meshes whose manifest is not given are empty.
+    pub fn apply_to(&self, base: &Scene, added: &AssetManifests) -> (Scene, Vec<NodeId>) {
         // Without its nodes, which may be a million.
         let mut scene = Scene {
             name: base.name.clone(),
@@ -193,6 +253,7 @@ impl SceneEdits {
             notes: base.notes.clone(),
             exposure: base.exposure,
         };
+        self.add_assets(&mut scene, added);
         for (&material, to) in &self.materials {
             if let Some(slot) = scene.materials.get_mut(material as usize) {
                 slot.clone_from(to);
@@ -200,6 +261,43 @@ impl SceneEdits {
         }
         let ids = self.placed(base, &mut scene, false);
         (scene, ids)
+    }
+
+    /// The meshes of the scene, and those that were added behind them.
+    pub fn all_meshes(&self, base: &Scene, added: &AssetManifests) -> Vec<Mesh> {
+        let mut scene = Scene { meshes: base.meshes.clone(), ..Scene::default() };
+        self.add_assets(&mut scene, added);
+        scene.meshes
+    }
+
+    /// Puts what was added to its places behind what a scene has. Numbers that nothing has are
+    /// those of a mesh without primitives, of a default material, and of a texture that is there
+    /// anyway.
+    fn add_assets(&self, scene: &mut Scene, added: &AssetManifests) {
+        let mut sets: Vec<&AssetSet> = self.assets.values().collect();
+        sets.sort_by_key(|set| (set.first_mesh, set.first_material, set.first_texture));
+        for set in sets {
+            let Some(from) = added.get(&set.manifest) else { continue };
+            let filler = from.textures.first().or(scene.textures.first()).cloned();
+            let first_texture = if from.textures.is_empty() { 0 } else { set.first_texture };
+            fill(&mut scene.meshes, set.first_mesh, Some(Mesh::default()));
+            fill(&mut scene.materials, set.first_material, Some(Material::default()));
+            fill(&mut scene.textures, first_texture, filler);
+            scene.textures.extend(from.textures.iter().cloned());
+            scene.materials.extend(from.materials.iter().cloned().map(|mut material| {
+                for of in material.textures_mut() {
+                    of.texture = of.texture.saturating_add(set.first_texture);
+                }
+                material
+            }));
+            scene.meshes.extend(from.meshes.iter().cloned().map(|mut mesh| {
+                for primitive in &mut mesh.primitives {
+                    let number = |material: u32| material.saturating_add(set.first_material);
+                    primitive.material = primitive.material.map(number);
+                }
+                mesh
+            }));
+        }
     }
 
     /// The nodes as they stand, hidden ones too, and the number of each. Their lights are indices

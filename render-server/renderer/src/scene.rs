@@ -19,7 +19,7 @@ pub use builder::{SceneBuilder, SceneError};
 pub(crate) use bvh::Bvh;
 pub(crate) use draw_item::{Bounds, EyeRelativeTransform};
 pub(crate) use geometry::Geometry;
-pub use layout::SceneLayout;
+pub use layout::{ContentPlace, SceneLayout};
 pub(crate) use light::LocalLight;
 pub(crate) use material::MaterialUniform;
 pub(crate) use meshlet::Meshlet;
@@ -51,6 +51,7 @@ pub struct GpuScene {
     pub(crate) lamp_indices: wgpu::Buffer,
     /// By slot; what materials are made of.
     textures: Arc<Vec<wgpu::TextureView>>,
+    content_bytes: u64,
 }
 
 impl GpuScene {
@@ -74,7 +75,13 @@ impl GpuScene {
             geometries: Arc::clone(&self.geometries),
             materials,
             textures: Arc::clone(&self.textures),
+            content_bytes: self.content_bytes,
         })
+    }
+
+    /// Bytes of its textures and primitives.
+    pub fn content_bytes(&self) -> u64 {
+        self.content_bytes
     }
 
     /// Whether anything in it is blended; its targets are linear then.

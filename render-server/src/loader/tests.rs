@@ -6,7 +6,7 @@ use crossbeam_channel::bounded;
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::state_log::Operation;
-use polyptych_scene::{IndexFormat, Node, Primitive, Scene, Topology, VertexLayout};
+use polyptych_scene::{IndexFormat, Mesh, Node, Primitive, Scene, Topology, VertexLayout};
 
 use super::*;
 
@@ -35,7 +35,7 @@ impl Stage {
             let mut begun = 0;
             for upload in uploaded {
                 match upload {
-                    Upload::Begin(_) => begun += 1,
+                    Upload::Begin { .. } => begun += 1,
                     Upload::Finish { answer, .. } => answer.send(Ok(7)).expect("waited for"),
                     _ => {}
                 }

@@ -29,18 +29,18 @@ impl RenderThread {
         });
         let is_known = self.building.is_none()
             && latest.is_some_and(|latest| latest.state.plans.keys().eq(state.plans.keys()));
-        let (scene, scene_bytes) = if let Some((builder, bytes)) = self.building.take() {
+        let scene = if let Some(builder) = self.building.take() {
             let scene = builder.finish(&self.gpu).map_err(|error| error.to_string())?;
-            (Rc::new(scene), bytes)
+            Rc::new(scene)
         } else if let (Some(layout), Some(latest)) = (&relayout, latest) {
             let scene = latest.scene.with_layout(&self.gpu, Arc::clone(layout));
-            (Rc::new(scene.map_err(|error| error.to_string())?), latest.scene_bytes)
+            Rc::new(scene.map_err(|error| error.to_string())?)
         } else if let Some(latest) = latest {
-            (Rc::clone(&latest.scene), latest.scene_bytes)
+            Rc::clone(&latest.scene)
         } else if state.scene.is_none() {
             let nothing = SceneBuilder::new(&self.gpu, Scene::default());
             let nothing = nothing.and_then(|builder| builder.finish(&self.gpu));
-            (Rc::new(nothing.map_err(|error| error.to_string())?), 0)
+            Rc::new(nothing.map_err(|error| error.to_string())?)
         } else {
             return Err("the scene could not be built; the server's log says why".to_owned());
         };
@@ -60,7 +60,8 @@ impl RenderThread {
         if self.states.len() == STATES_MAX {
             self.states.remove(1);
         }
-        self.states.push_back(ReadyState { state, scene, scene_bytes, correctors });
+        let scene_bytes = scene.content_bytes();
+        self.states.push_back(ReadyState { state, scene, correctors });
         Ok(scene_bytes)
     }
 

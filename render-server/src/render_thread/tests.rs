@@ -114,7 +114,7 @@ impl RenderThreadFixture {
         };
         let desc = Scene { sky: Vec3::new(0.2, 0.3, 0.4), ..Scene::default() };
         let builder = SceneBuilder::new(&self.thread.gpu, desc).expect("a scene");
-        self.thread.building = Some((builder, 0));
+        self.thread.building = Some(builder);
         let (answer, answered) = sync_channel(1);
         self.thread.upload(Upload::Finish { state: Arc::new(state), answer });
         answered.recv().expect("answered").expect("finished");

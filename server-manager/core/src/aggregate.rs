@@ -69,6 +69,7 @@ impl Cluster {
                 draw_us: channel.draw_us,
                 skew: self.present_calls.skew(id),
                 memory_bytes: server.map_or(0, |server| server.memory_bytes),
+                scene_bytes: server.map_or(0, |server| server.scene_bytes),
             }
         });
         WallStatus {

@@ -74,6 +74,9 @@ fn lasting(memory: &PersistentState) -> SceneEdits {
             edits.apply(Edit::Remove(node));
         }
     }
+    for manifest in edits.unused_assets() {
+        edits.apply(Edit::RemoveAssets(manifest));
+    }
     edits
 }
 

@@ -51,6 +51,7 @@ pub(super) struct ServerEntry {
     /// What it owes too, though nobody wants it any more. Nothing is sent beside both.
     pub obsolete: Option<Revision>,
     pub memory_bytes: u64,
+    pub scene_bytes: u64,
     /// When it is asked once more for what it could not prepare.
     retry_at: Option<Micros>,
     /// Pauses since it began to fail, and when the last one began.
@@ -257,6 +258,7 @@ impl Registry {
             owes: None,
             obsolete: None,
             memory_bytes: 0,
+            scene_bytes: 0,
             retry_at: None,
             failures: 0,
             failed_at: 0,

@@ -2,14 +2,19 @@
 //! and seen from one frame on, or not at all.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use polyptych_protocol::feedback::{Edited, FrameFeedback};
 use polyptych_protocol::ids::{FrameId, Revision};
 use polyptych_protocol::request::{RequestError, Response};
 use polyptych_protocol::state_log::Operation;
-use polyptych_protocol::transaction::Transaction;
-use polyptych_scene::{Edit, NodeId, Replaced, SceneEdits, SceneOutline};
+use polyptych_protocol::transaction::{
+    AssetNumbers, AssetSource, BakedAssets, NewAssets, Transaction,
+};
+use polyptych_scene::{
+    AssetSet, Edit, NodeId, Replaced, SceneEdits, SceneOutline, provisional_asset_index,
+};
 use serde::{Deserialize, Serialize};
 
 use super::change_queue::ChangeOrigin;
@@ -31,6 +36,8 @@ pub(super) struct EditWaiter {
     asked_at: FrameId,
     /// The nodes that it makes, in order.
     created: Vec<NodeId>,
+    /// The numbers of the assets that it brings.
+    assets: Option<AssetNumbers>,
 }
 
 /// What an edit changes.
@@ -119,12 +126,12 @@ impl SceneEditing {
         self.waiters.retain(|(_, waiter)| waiter.job.client != client);
     }
 
-    /// Applies a transaction to what is accepted: all of it, or nothing. Gives its edits with the
-    /// numbers of what they make, and these numbers.
+    /// Applies a transaction to what is accepted: all of it, or nothing. Gives what servers are to
+    /// do for it.
     ///
     /// # Errors
     /// Which edit cannot be, why, and what would be right.
-    fn accept(&mut self, transaction: Transaction) -> Result<(Vec<Edit>, Vec<NodeId>), String> {
+    fn accept(&mut self, transaction: Transaction) -> Result<Accepted, String> {
         let outline = self.outline.clone().ok_or(
             "no scene is open that can be edited; open one first, or again after a restart",
         )?;
@@ -141,11 +148,23 @@ impl SceneEditing {
     fn accept_each(
         &mut self,
         outline: &SceneOutline,
-        Transaction { base, edits, .. }: Transaction,
+        Transaction { base, edits, assets, .. }: Transaction,
         undo: &mut Vec<Replaced>,
-    ) -> Result<(Vec<Edit>, Vec<NodeId>), String> {
+    ) -> Result<Accepted, String> {
         let first = self.next_node.max(outline.nodes());
         let (mut created, mut numbered) = (Vec::new(), Vec::new());
+        let assets = assets.map(|assets| self.place_assets(outline, assets)).transpose()?;
+        if let Some(set) = &assets
+            && self.accepted.assets_of(set.manifest).is_none()
+        {
+            let edit = Edit::AddAssets(Box::new(set.clone()));
+            undo.push(self.accepted.apply(edit.clone()));
+            numbered.push(edit);
+        }
+        let (mesh, texture) = (
+            |number| own_number(number, assets.as_ref(), "mesh", AssetSet::mesh_range),
+            |number| own_number(number, assets.as_ref(), "texture", AssetSet::texture_range),
+        );
         for (index, edit) in edits.into_iter().enumerate() {
             let fault = |what: String| format!("edit {index}: {what}");
             if let Edit::Create { node, .. } = &edit {
@@ -162,25 +181,81 @@ impl SceneEditing {
                     known.ok_or_else(|| fault(format!("{node} is used before it is made")))
                 }
             };
-            let edit = edit.with_nodes(number)?;
+            let edit = edit.with_nodes(number)?.with_assets(mesh, texture).map_err(fault)?;
+            if matches!(edit, Edit::AddAssets(_) | Edit::RemoveAssets(_)) {
+                return Err(fault(
+                    "assets come beside the edits of a transaction, and go when \
+                                  nothing uses them"
+                        .to_owned(),
+                ));
+            }
             self.check_conflict(base, &edit).map_err(fault)?;
             outline.check(&self.accepted, &edit).map_err(|error| fault(error.to_string()))?;
             undo.push(self.accepted.apply(edit.clone()));
             numbered.push(edit);
         }
-        if numbered.iter().any(|edit| matches!(edit, Edit::Remove(_))) {
-            // What hung from what was taken away, so that nothing is left behind.
-            for edit in outline.orphans(&self.accepted).into_iter().map(Edit::Remove) {
-                undo.push(self.accepted.apply(edit.clone()));
-                numbered.push(edit);
-            }
-        }
-        outline.check_size(&self.accepted).map_err(|error| error.to_string())?;
+        self.complete(outline, &mut numbered, undo)?;
         self.next_node = first + created.len() as u64;
         for target in numbered.iter().filter_map(Target::of) {
             self.changed.insert(target, None);
         }
-        Ok((numbered, created))
+        let assets = assets.map(|set| AssetNumbers {
+            first_mesh: set.first_mesh,
+            first_material: set.first_material,
+            first_texture: set.first_texture,
+        });
+        Ok(Accepted { edits: numbered, created, assets })
+    }
+
+    /// Adds what follows of a transaction's edits, and checks what they come to.
+    fn complete(
+        &mut self,
+        outline: &SceneOutline,
+        numbered: &mut Vec<Edit>,
+        undo: &mut Vec<Replaced>,
+    ) -> Result<(), String> {
+        let mut follows = Vec::new();
+        if numbered.iter().any(|edit| matches!(edit, Edit::Remove(_))) {
+            // What hung from what was taken away, so that nothing is left behind.
+            follows.extend(outline.orphans(&self.accepted).into_iter().map(Edit::Remove));
+        }
+        for edit in &follows {
+            undo.push(self.accepted.apply(edit.clone()));
+        }
+        let added = match numbered.first() {
+            Some(Edit::AddAssets(set)) => Some(set.manifest),
+            _ => None,
+        };
+        for manifest in self.accepted.unused_assets() {
+            if added == Some(manifest) {
+                return Err(
+                    "nothing of the scene would use the assets that it brings; let a node \
+                            show one of their meshes"
+                        .to_owned(),
+                );
+            }
+            undo.push(self.accepted.apply(Edit::RemoveAssets(manifest)));
+            follows.push(Edit::RemoveAssets(manifest));
+        }
+        numbered.extend(follows);
+        outline.check_size(&self.accepted).map_err(|error| error.to_string())
+    }
+
+    /// The places of the assets of a transaction; those where they are, if they are there.
+    fn place_assets(&self, outline: &SceneOutline, assets: NewAssets) -> Result<AssetSet, String> {
+        let AssetSource::Baked(baked) = assets.source else {
+            return Err("its assets were not read yet".to_owned());
+        };
+        if let Some(known) = self.accepted.assets_of(baked.manifest) {
+            return Ok(known.clone());
+        }
+        let BakedAssets { manifest, primitives, materials, textures } = baked;
+        let counts = [materials, textures];
+        let set = outline.place_assets(&self.accepted, manifest, primitives, counts);
+        let set = set.map_err(|error| error.to_string())?;
+        let edit = Edit::AddAssets(Box::new(set.clone()));
+        outline.check(&self.accepted, &edit).map_err(|error| error.to_string())?;
+        Ok(set)
     }
 
     /// Whether what an edit changes was changed since the client has seen it.
@@ -205,6 +280,29 @@ impl SceneEditing {
             _ => Ok(()),
         }
     }
+}
+
+/// A transaction that was accepted.
+struct Accepted {
+    /// With the numbers of what they make, and what follows of them.
+    edits: Vec<Edit>,
+    created: Vec<NodeId>,
+    assets: Option<AssetNumbers>,
+}
+
+/// The number of what a transaction brings, where a provisional one stands for it.
+fn own_number(
+    number: u32,
+    assets: Option<&AssetSet>,
+    what: &str,
+    range: fn(&AssetSet) -> Range<u32>,
+) -> Result<u32, String> {
+    let Some(index) = provisional_asset_index(number) else { return Ok(number) };
+    let range = assets.map(range).unwrap_or_default();
+    let own = range.start.checked_add(index).filter(|own| range.contains(own));
+    own.ok_or_else(|| {
+        format!("the transaction brings no {what} {index}; it brings {}", range.len())
+    })
 }
 
 /// What servers are told to do to the scene, of these operations.
@@ -245,7 +343,7 @@ impl Cluster {
         job: ClientRequest,
         transaction: Transaction,
     ) -> Result<Option<Response>, String> {
-        if transaction.edits.is_empty() {
+        if transaction.edits.is_empty() && transaction.assets.is_none() {
             return Err("a transaction has one edit or more".into());
         }
         if self.changes.has_scene_underway() {
@@ -264,11 +362,11 @@ impl Cluster {
         }
         self.changes.expect_room()?;
         let is_temporary = transaction.is_temporary;
-        let (edits, created) = self.editing.accept(transaction)?;
+        let Accepted { edits, created, assets } = self.editing.accept(transaction)?;
         if is_temporary && !created.is_empty() {
             self.editing.temporary.entry(job.client).or_default().extend(&created);
         }
-        let waiter = EditWaiter { job, asked_at: self.frame, created };
+        let waiter = EditWaiter { job, asked_at: self.frame, created, assets };
         self.request_edits(now, edits, Some(waiter));
         Ok(None)
     }
@@ -309,6 +407,10 @@ impl Cluster {
             for node in outline.orphans(&editing.accepted) {
                 remove(&mut editing.accepted, node);
             }
+        }
+        for manifest in editing.accepted.unused_assets() {
+            editing.accepted.apply(Edit::RemoveAssets(manifest));
+            edits.push(Edit::RemoveAssets(manifest));
         }
         for target in edits.iter().filter_map(Target::of) {
             editing.changed.insert(target, None);
@@ -369,9 +471,10 @@ impl Cluster {
         let (frame, shown) = (feedback.frame, feedback.revision);
         let waiters = &mut self.editing.waiters;
         let seen: Vec<_> = waiters.extract_if(.., |(of, _)| *of <= shown).collect();
-        for (revision, EditWaiter { job, asked_at, created }) in seen {
+        for (revision, EditWaiter { job, asked_at, created, assets }) in seen {
             let frames = frame.0.saturating_sub(asked_at.0);
-            let edited = Edited { revision, created, frames, feedback: feedback.clone() };
+            let feedback = feedback.clone();
+            let edited = Edited { revision, created, assets, frames, feedback };
             self.reply(job, Ok(Response::Edited(edited)));
         }
     }

@@ -3,7 +3,7 @@
 use glam::{DQuat, Quat, Vec3};
 use polyptych_protocol::ids::Revision;
 use polyptych_scene::{
-    Edit, Instance, Mesh, Node, NodeId, Primitive, Scene, SceneEdits, VertexLayout,
+    AssetManifests, Edit, Instance, Mesh, Node, NodeId, Primitive, Scene, SceneEdits, VertexLayout,
 };
 use proptest::prelude::*;
 
@@ -73,7 +73,7 @@ impl Stage {
 
     /// Every triangle in the world, with its node.
     fn triangles(&self) -> Vec<(NodeId, [DVec3; 3])> {
-        let (scene, ids) = self.edits.apply_to(&self.base);
+        let (scene, ids) = self.edits.apply_to(&self.base, &AssetManifests::new());
         let world = scene.world_from_nodes();
         let mut all = Vec::new();
         for ((node, id), world) in scene.nodes.iter().zip(ids).zip(world) {

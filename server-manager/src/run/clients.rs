@@ -83,6 +83,11 @@ impl EventLoop {
                     let (id, request) = (call.id, call.request);
                     is_reset = matches!(request, Request::Statistics { reset: true });
                     match request {
+                        Request::Edit(mut transaction) if transaction.assets.is_some() => {
+                            if let Some(assets) = transaction.assets.take() {
+                                self.bake_assets(from, id, transaction, assets);
+                            }
+                        }
                         Request::FindNodes(query) => self.query(from, id, Query::Nodes(query)),
                         Request::CastRay(query) => self.query(from, id, Query::Ray(query)),
                         request => self.tell(now, Input::Request { client: from, id, request }),

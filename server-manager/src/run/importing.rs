@@ -2,15 +2,29 @@
 
 use std::sync::Arc;
 
-use polyptych_core::{ClientRequest, Input};
+use polyptych_core::{ClientRequest, Input, SessionId};
+use polyptych_files::blob::BlobHash;
+use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::{OpenProgress, OpenStage};
+use polyptych_protocol::request::{MessageToClient, Request, RequestError};
+use polyptych_protocol::transaction::{NewAssets, Transaction};
 use tracing::Instrument;
 
 use super::EventLoop;
+use crate::assets;
 use crate::import::{self, Import};
+
+/// Most transactions of one client whose assets are being baked.
+const ASSET_BAKES_MAX: usize = 16;
 
 /// How far the bake has come that a client waits for.
 pub(super) type Baking = (ClientRequest, OpenProgress);
+
+/// Assets of a transaction that were baked.
+pub(super) struct BakedTransaction {
+    job: ClientRequest,
+    result: Result<(Transaction, Vec<BlobHash>), String>,
+}
 
 /// A bake that has ended.
 pub(super) struct Imported {
@@ -26,6 +40,57 @@ impl EventLoop {
             import.scene
         });
         self.tell(self.now(), Input::Import { job, imported: scene });
+    }
+
+    /// Bakes what a transaction brings; then it is one as any.
+    pub(super) fn bake_assets(
+        &mut self,
+        client: SessionId,
+        id: RequestId,
+        transaction: Transaction,
+        assets: NewAssets,
+    ) {
+        let job = ClientRequest { client, id };
+        if self.asset_bakes.iter().filter(|of| of.client == client).count() >= ASSET_BAKES_MAX {
+            let reason = format!(
+                "assets of {ASSET_BAKES_MAX} transactions of this client are being read already; \
+                 await some first"
+            );
+            return self.refuse(job, reason);
+        }
+        self.asset_bakes.push(job);
+        let (roots, baker) = (self.options.scene_roots.clone(), self.options.baker.clone());
+        let (done, turns) = (self.baked_assets.0.clone(), Arc::clone(&self.bakes));
+        let work = async move {
+            // Nobody closes it, so there is always a turn.
+            let _turn = turns.acquire().await;
+            let result = assets::bake(transaction, assets, &roots, &baker).await;
+            // The manager may have ended meanwhile.
+            let _ = done.send(BakedTransaction { job, result }).await;
+        };
+        tokio::spawn(work.instrument(self.cluster.request_span(job)));
+    }
+
+    pub(super) fn handle_baked_assets(&mut self, baked: BakedTransaction) {
+        let job = baked.job;
+        self.asset_bakes.retain(|of| *of != job);
+        if !self.clients.contains_key(&job.client) {
+            return;
+        }
+        match baked.result {
+            Ok((transaction, blobs)) => {
+                self.allowed.allow(&blobs);
+                let ClientRequest { client, id } = job;
+                let request = Request::Edit(transaction);
+                self.tell(self.now(), Input::Request { client, id, request });
+            }
+            Err(reason) => self.refuse(job, reason),
+        }
+    }
+
+    fn refuse(&mut self, job: ClientRequest, reason: String) {
+        let reply = Err(RequestError::new(reason));
+        self.answer(job.client, MessageToClient::Reply { id: job.id, reply });
     }
 
     /// Bakes a scene, or finds that it was baked.

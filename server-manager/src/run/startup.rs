@@ -1,7 +1,9 @@
 //! How a core begins: afresh, or from what the last manager of its wall remembered.
 
+use polyptych_core::PersistentState;
 use polyptych_files::blob::BlobStore;
 use polyptych_protocol::ids::Epoch;
+use polyptych_scene::SceneEdits;
 
 use super::ManagerOptions;
 use crate::bulk::BlobAllowlist;
@@ -42,6 +44,11 @@ pub(super) fn start_cluster(
         match import::read_manifest(&folder, scene.manifest) {
             Ok(import) => {
                 allowed.allow(&import.blobs);
+                if let Err(reason) = allow_assets(&memory, &folder, allowed) {
+                    tracing::warn!(reason, "what was edited of the scene is forgotten");
+                    memory.edits = SceneEdits::default();
+                    memory.revision.0 += 1;
+                }
                 outline = Some(import.scene.outline);
                 memory.notes = import.scene.summary.notes;
                 memory.bounds = import.scene.summary.bounds;
@@ -64,6 +71,19 @@ pub(super) fn start_cluster(
         recorder,
     );
     (core, Some(state.clone()))
+}
+
+/// Lets servers have what was added to the remembered scene.
+fn allow_assets(
+    memory: &PersistentState,
+    folder: &BlobStore,
+    allowed: &BlobAllowlist,
+) -> Result<(), String> {
+    for set in memory.edits.assets() {
+        let added = import::read_manifest(folder, set.manifest)?;
+        allowed.allow(&added.blobs);
+    }
+    Ok(())
 }
 
 /// Logs what has changed in the wall file since the last manager, and what that makes invalid.

@@ -1,12 +1,16 @@
 //! What a person, or a file of operations, says about a node: keys and their values.
 
+use std::path::Path;
+
 use anyhow::{Context, anyhow, bail};
-use polyptych_client::glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
-use polyptych_client::{Attribute, NewNode, NodeId, Transaction};
+use polyptych_client::glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot, Vec4};
+use polyptych_client::{Assets, Attribute, NewNode, NodeId, Transaction};
 use serde_json::Value;
 
+use super::shape::{Shape, color};
+
 /// The keys, as they stand in help and in errors.
-const KEYS: &str = "name, position, rotation, scale, visible, mesh, attribute.KEY";
+const KEYS: &str = "name, position, rotation, scale, visible, mesh, color, attribute.KEY";
 
 /// Changes of one node; `None` for what stays as it is.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -18,6 +22,10 @@ pub(super) struct NodeChange {
     visible: Option<bool>,
     #[expect(clippy::option_option, reason = "as it is, none, or one")]
     mesh: Option<Option<u32>>,
+    /// Instead of a mesh that is there.
+    shape: Option<Shape>,
+    /// Of the shape.
+    color: Option<Vec4>,
     attributes: Vec<(String, Option<Attribute>)>,
 }
 
@@ -54,6 +62,11 @@ impl NodeChange {
             }
             "visible" => self.visible = Some(value.as_bool().context("true or false")?),
             "mesh" if value.is_null() => self.mesh = Some(None),
+            "color" => self.color = Some(color(value)?),
+            "mesh" if !value.is_number() => {
+                let shape = Shape::of(value)?;
+                self.shape = Some(shape.context("an index of a mesh, none, or a shape")?);
+            }
             "mesh" => {
                 let index = value.as_u64().and_then(|index| u32::try_from(index).ok());
                 self.mesh = Some(Some(index.context("an index of a mesh, or none")?));
@@ -66,6 +79,34 @@ impl NodeChange {
             }
         }
         Ok(())
+    }
+
+    /// Puts the mesh that it asks for into these.
+    ///
+    /// # Errors
+    /// It has a colour, but no new mesh.
+    pub fn take_shape(&mut self, assets: &mut Assets) -> anyhow::Result<()> {
+        match (self.shape.take(), self.color.take()) {
+            (Some(shape), color) => self.mesh = Some(Some(shape.add_to(assets, color))),
+            (None, None) => {}
+            (None, Some(_)) => bail!("a colour goes with a new mesh, such as mesh=box:1,1,1"),
+        }
+        Ok(())
+    }
+
+    /// The node to which a file's are to hang, named by the file where it has no name.
+    ///
+    /// # Errors
+    /// It has what such a node does not.
+    pub fn new_node(self, parent: Option<NodeId>, file: &str) -> anyhow::Result<NewNode> {
+        let is_plain = self.mesh.is_none() && self.shape.is_none() && self.color.is_none();
+        if !(is_plain && self.visible.is_none() && self.attributes.is_empty()) {
+            bail!("it takes name, position, rotation and scale; set the rest afterwards");
+        }
+        let local = self.place(&DAffine3::IDENTITY);
+        let stem = || Path::new(file).file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        let name = self.name.or_else(stem).unwrap_or_default();
+        Ok(NewNode { parent, name, local, mesh: None, light: None })
     }
 
     /// Puts a node of this kind into a transaction.
@@ -125,7 +166,7 @@ fn value_of(key: &str, text: &str) -> Value {
         "mesh" => text.parse::<u32>().map_or_else(|_| text.into(), Value::from),
         _ if key.starts_with("attribute.") && text.is_empty() => Value::Null,
         _ if text == "true" || text == "false" => Value::Bool(text == "true"),
-        "position" | "rotation" | "scale" if text.contains(',') => {
+        "position" | "rotation" | "scale" | "color" if text.contains(',') => {
             let numbers = text.split(',').map(|one| number(one).map_or(Value::Null, Value::Number));
             Value::Array(numbers.collect())
         }
@@ -233,7 +274,8 @@ mod tests {
             ("position=1,2", "X,Y,Z"),
             ("position=a,b,c", "a list of numbers"),
             ("rotation=0,0,0,2", "has the length 1, not 2"),
-            ("mesh=-1", "an index of a mesh, or none"),
+            ("mesh=-1", "an index of a mesh, none, or a shape"),
+            ("color=red", "#rrggbb"),
             ("visible=perhaps", "true or false"),
             ("attribute.=1", "there is no key"),
         ] {

@@ -29,7 +29,7 @@ use polyptych_protocol::server_message::{
     FramePresented, FrameRendered, Ping, Prepared, ServerMessage,
 };
 use polyptych_protocol::state_log::{Operation, SceneRef};
-use polyptych_protocol::transaction::Transaction;
+use polyptych_protocol::transaction::{AssetSource, Transaction};
 use polyptych_scene::{
     AlphaMode, Attribute, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, NewNode,
     Node, NodeId, Primitive, Sampler, Scene, SceneEdits, SceneFeatures, Texture, TextureFormat,
@@ -139,7 +139,7 @@ fn transaction() -> Transaction {
     transaction.set_attribute(NodeId(1), "old", Some(Attribute::Bool(true)));
     transaction.set_material(0, Material::default());
     transaction.remove(NodeId(0));
-    transaction
+    transaction.with_scene(AssetSource::Glb(b"glTF".as_slice().into()), NewNode::default())
 }
 
 fn scene_edits() -> SceneEdits {
@@ -347,6 +347,7 @@ fn status() -> WallStatus {
         draw_us: Some(20_000),
         skew: skew(),
         memory_bytes: 1 << 28,
+        scene_bytes: 1 << 20,
     };
     WallStatus {
         wall: "seed".into(),
@@ -432,6 +433,7 @@ fn answers() -> Vec<request::MessageToClient> {
         Ok(Response::Edited(Edited {
             revision: Revision(3),
             created: vec![NodeId(9)],
+            assets: None,
             frames: 1,
             feedback: feedback(),
         })),

@@ -2,11 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DVec3, Vec3};
+use glam::{Affine2, DVec3, Vec3};
 use proptest::prelude::*;
 
 use super::*;
-use crate::{LightKind, SceneOutline};
+use crate::{
+    IndexFormat, LightKind, Primitive, Sampler, SceneOutline, Texture, TextureFormat, TextureRef,
+    Topology, VertexLayout,
+};
 
 /// Two roots, the first with two children, of which the first has one.
 fn base() -> Scene {
@@ -28,7 +31,7 @@ fn base() -> Scene {
 }
 
 fn names(edits: &SceneEdits) -> Vec<(String, Option<String>)> {
-    let (scene, ids) = edits.apply_to(&base());
+    let (scene, ids) = edits.apply_to(&base(), &AssetManifests::new());
     assert_eq!(scene.nodes.len(), ids.len());
     assert_eq!(scene.fault(), None);
     let name = |index: u32| scene.nodes[index as usize].name.clone();
@@ -41,7 +44,7 @@ fn pair(name: &str, parent: &str) -> (String, Option<String>) {
 
 #[test]
 fn an_unedited_scene_is_its_file() {
-    let (scene, ids) = SceneEdits::default().apply_to(&base());
+    let (scene, ids) = SceneEdits::default().apply_to(&base(), &AssetManifests::new());
     assert_eq!(scene, base());
     assert_eq!(ids, [0, 1, 2, 3, 4].map(NodeId));
 }
@@ -87,12 +90,12 @@ fn made_nodes_have_lights_and_materials_of_their_own() {
     edits.apply(Edit::Create { node: NodeId(5), new: Box::new(new) });
     let red = Material { metallic: 0.0, ..Material::default() };
     edits.apply(Edit::SetMaterial { material: 1, to: Box::new(red.clone()) });
-    let (scene, ids) = edits.apply_to(&base());
+    let (scene, ids) = edits.apply_to(&base(), &AssetManifests::new());
     assert_eq!((ids.last(), &scene.lights[..]), (Some(&NodeId(5)), &[light][..]));
     assert_eq!(scene.nodes[5].light, Some(0));
     assert_eq!(scene.materials, [Material::default(), red]);
     edits.apply(Edit::SetLight { node: NodeId(5), light: None });
-    assert_eq!(edits.apply_to(&base()).0.nodes[5].light, None);
+    assert_eq!(edits.apply_to(&base(), &AssetManifests::new()).0.nodes[5].light, None);
     edits.apply(Edit::Remove(NodeId(5)));
     assert_eq!(names(&edits).len(), 5);
 }
@@ -269,4 +272,68 @@ fn a_chain_of_many_nodes_is_taken_away_at_once_and_too_deep_a_one_is_told() {
     assert_eq!(edits.nodes().count(), 257);
     edits.apply(Edit::Remove(NodeId(5)));
     assert_eq!(outline.orphans(&edits).len(), 256);
+}
+
+#[test]
+fn added_assets_stand_at_their_numbers_whatever_was_there_before() {
+    let texture = |name: &[u8]| Texture {
+        blob: BlobHash::of(name),
+        format: TextureFormat::Rgba8Srgb,
+        width: 1,
+        height: 1,
+        mip_count: 1,
+        sampler: Sampler::default(),
+    };
+    let set = |name: &str, meshes: usize| {
+        let textured = TextureRef { texture: 0, uv_set: 0, uv_transform: Affine2::IDENTITY };
+        let material = Material { base_color_texture: Some(textured), ..Material::default() };
+        let primitive = Primitive {
+            blob: BlobHash::of(name.as_bytes()),
+            layout: VertexLayout::default(),
+            vertex_count: 3,
+            index_count: 3,
+            index_format: IndexFormat::U16,
+            topology: Topology::Triangles,
+            material: Some(0),
+            origin: DVec3::ZERO,
+            min: Vec3::ZERO,
+            max: Vec3::ONE,
+        };
+        let mesh = Mesh { name: name.into(), primitives: vec![primitive] };
+        let textures = vec![texture(name.as_bytes())];
+        let (meshes, materials) = (vec![mesh; meshes], vec![material]);
+        Arc::new(Scene { meshes, materials, textures, ..Scene::default() })
+    };
+    let outline = SceneOutline::from(&base());
+    let (mut edits, mut manifests) = (SceneEdits::default(), AssetManifests::new());
+    for (name, meshes) in [("a", 2), ("b", 1), ("c", 3)] {
+        let (hash, scene) = (BlobHash::of(name.as_bytes()), set(name, meshes));
+        let placed = outline.place_assets(&edits, hash, vec![1; meshes], [1, 1]).expect("room");
+        edits.apply(Edit::AddAssets(Box::new(placed)));
+        manifests.insert(hash, scene);
+    }
+    let names = |edits: &SceneEdits| {
+        let (scene, _) = edits.apply_to(&base(), &manifests);
+        assert_eq!(scene.fault(), None);
+        for mesh in scene.meshes.iter().filter(|mesh| !mesh.primitives.is_empty()) {
+            let material = &scene.materials[mesh.primitives[0].material.expect("one") as usize];
+            let texture = material.base_color_texture.expect("one").texture;
+            let name = BlobHash::of(mesh.name.as_bytes());
+            assert_eq!(scene.textures[texture as usize].blob, name, "each has its own picture");
+        }
+        scene.meshes.iter().map(|mesh| mesh.name.clone()).collect::<Vec<_>>().join(",")
+    };
+    assert_eq!(names(&edits), "a,a,b,c,c,c");
+    let before = (edits.fingerprint(), edits.bytes());
+    let undo = edits.apply(Edit::RemoveAssets(BlobHash::of(b"a")));
+    assert_eq!(names(&edits), ",,b,c,c,c", "the others keep their numbers");
+    edits.replace(undo);
+    assert_eq!((edits.fingerprint(), edits.bytes()), before);
+    edits.apply(Edit::RemoveAssets(BlobHash::of(b"c")));
+    assert_eq!(names(&edits), "a,a,b");
+    assert_eq!(edits.unused_assets().len(), 2, "no node shows any");
+    let shown = NewNode { mesh: Some(2), ..NewNode::default() };
+    edits.apply(Edit::Create { node: NodeId(5), new: shown.into() });
+    assert_eq!(edits.unused_assets(), [BlobHash::of(b"a")]);
+    assert_eq!(edits.apply_to(&base(), &AssetManifests::new()).0.meshes.len(), 0, "none is read");
 }

@@ -93,6 +93,16 @@ impl SceneBuilder {
         Self { levels_left_out, ..self }
     }
 
+    /// Takes what it has in common with a scene that is there already.
+    #[must_use]
+    pub fn sharing(mut self, with: &GpuScene) -> Self {
+        let textures = self.layout.shared_textures(&with.layout).into_iter();
+        self.textures = textures.map(|slot| Some(with.textures[slot?].clone())).collect();
+        let geometries = self.layout.shared_geometries(&with.layout).into_iter();
+        self.geometries = geometries.map(|slot| Some(with.geometries[slot?].clone())).collect();
+        self
+    }
+
     /// Uploads a texture; does nothing where an equal one is there already.
     ///
     /// # Errors
@@ -160,7 +170,8 @@ impl SceneBuilder {
         let textures: Arc<Vec<_>> = Arc::new(self.textures.into_iter().flatten().collect());
         let materials = Arc::new(materials(gpu, &self.layout, &textures));
         let geometries = Arc::new(self.geometries.into_iter().flatten().collect());
-        Ok(GpuScene { layout: self.layout, geometries, materials, lamp_indices, textures })
+        let (content_bytes, layout) = (self.layout.content_bytes(), self.layout);
+        Ok(GpuScene { layout, geometries, materials, lamp_indices, textures, content_bytes })
     }
 }
 

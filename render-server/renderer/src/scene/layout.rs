@@ -42,10 +42,40 @@ impl Slots {
         Self { of, count }
     }
 
+    /// For each slot, that of the same name among others. `names` are those of what is described.
+    fn shared<K: std::hash::Hash + Eq>(
+        &self,
+        names: impl Iterator<Item = K>,
+        others: &HashMap<K, usize>,
+    ) -> Vec<Option<usize>> {
+        let mut shared = vec![None; self.count];
+        for (name, &slot) in names.zip(&self.of) {
+            shared[slot] = others.get(&name).copied();
+        }
+        shared
+    }
+
     /// Returns the first described thing whose slot is empty.
     pub fn first_missing<T>(&self, filled: &[Option<T>]) -> Option<usize> {
         self.of.iter().position(|&slot| filled[slot].is_none())
     }
+}
+
+/// Where bytes go in a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ContentPlace {
+    /// A texture, by its index.
+    Texture {
+        /// In the scene's textures.
+        index: usize,
+    },
+    /// A primitive of a mesh.
+    Primitive {
+        /// Its index in the scene's meshes.
+        mesh: usize,
+        /// Its index in the mesh's primitives.
+        primitive: usize,
+    },
 }
 
 /// All of a scene that does not depend on a GPU.
@@ -142,6 +172,62 @@ impl SceneLayout {
     #[must_use]
     pub fn with_ground(self, ground: Vec3) -> Self {
         Self { ground, ..self }
+    }
+
+    /// What must be brought to the GPU for it where another scene is there: the bytes, each once, and
+    /// where they go.
+    pub fn content_beyond(&self, held: Option<&Self>) -> Vec<(BlobHash, ContentPlace)> {
+        let mut textures = held.map(Self::texture_slots).unwrap_or_default();
+        let mut geometries = held.map(Self::geometry_slots).unwrap_or_default();
+        let mut missing = Vec::new();
+        for (index, texture) in self.desc.textures.iter().enumerate() {
+            if textures.insert(texture_name(texture), 0).is_none() {
+                missing.push((texture.blob, ContentPlace::Texture { index }));
+            }
+        }
+        for (mesh, of) in self.desc.meshes.iter().enumerate() {
+            for (primitive, of) in of.primitives.iter().enumerate() {
+                if geometries.insert(geometry_name(of), 0).is_none() {
+                    missing.push((of.blob, ContentPlace::Primitive { mesh, primitive }));
+                }
+            }
+        }
+        missing
+    }
+
+    /// Where each texture goes, by what it is.
+    fn texture_slots(&self) -> HashMap<TextureName, usize> {
+        let names = self.desc.textures.iter().map(texture_name);
+        names.zip(self.textures.of.iter().copied()).collect()
+    }
+
+    fn geometry_names(&self) -> impl Iterator<Item = GeometryName> {
+        self.desc.meshes.iter().flat_map(|mesh| &mesh.primitives).map(geometry_name)
+    }
+
+    /// Where each primitive goes, by what it is.
+    fn geometry_slots(&self) -> HashMap<GeometryName, usize> {
+        self.geometry_names().zip(self.geometries.of.iter().copied()).collect()
+    }
+
+    /// For each slot of a texture, that of the same one in another layout.
+    pub(super) fn shared_textures(&self, other: &Self) -> Vec<Option<usize>> {
+        self.textures.shared(self.desc.textures.iter().map(texture_name), &other.texture_slots())
+    }
+
+    /// The same of primitives.
+    pub(super) fn shared_geometries(&self, other: &Self) -> Vec<Option<usize>> {
+        self.geometries.shared(self.geometry_names(), &other.geometry_slots())
+    }
+
+    /// Bytes of its textures and primitives, each counted once.
+    pub fn content_bytes(&self) -> u64 {
+        let textures: HashMap<_, _> =
+            self.desc.textures.iter().map(|of| (texture_name(of), of.bytes())).collect();
+        let primitives = self.desc.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        let primitives: HashMap<_, _> =
+            primitives.map(|of| (geometry_name(of), of.bytes())).collect();
+        textures.values().chain(primitives.values()).sum()
     }
 
     /// Returns whether its meshes and textures are those of another layout, slot by slot.
@@ -279,12 +365,18 @@ impl Sorter {
     }
 }
 
+/// What textures of one slot have in common: bytes, format, width, height and number of levels.
+type TextureName = (BlobHash, TextureFormat, [u32; 3]);
+
+/// What primitives of one slot have in common: bytes, and how many there are of what.
+type GeometryName = (BlobHash, VertexLayout, IndexFormat, [u32; 2]);
+
 /// Textures of one name share a slot.
-fn texture_name(t: &Texture) -> (BlobHash, TextureFormat, [u32; 3]) {
+fn texture_name(t: &Texture) -> TextureName {
     (t.blob, t.format, [t.width, t.height, t.mip_count])
 }
 
 /// Primitives of one name share a slot.
-fn geometry_name(p: &Primitive) -> (BlobHash, VertexLayout, IndexFormat, [u32; 2]) {
+fn geometry_name(p: &Primitive) -> GeometryName {
     (p.blob, p.layout, p.index_format, [p.vertex_count, p.index_count])
 }

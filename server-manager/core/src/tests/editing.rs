@@ -1,9 +1,10 @@
 //! Transactions: all of one on one frame, or nothing; who is told, what is remembered.
 
 use glam::{DAffine3, DVec3};
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::feedback::Edited;
-use polyptych_protocol::transaction::Transaction;
-use polyptych_scene::{Edit, NewNode, Node, NodeId, Scene, SceneOutline};
+use polyptych_protocol::transaction::{AssetSource, BakedAssets, Transaction};
+use polyptych_scene::{Edit, NewNode, Node, NodeId, Scene, SceneOutline, provisional_asset};
 
 use super::super::scene_editing::TRANSACTIONS_MAX;
 use super::*;
@@ -106,7 +107,7 @@ fn an_edit_that_cannot_be_takes_its_transaction_with_it() {
     let mut tried = moving(TREE, 4.0);
     tried.set_parent(HOUSE, Some(DOOR));
     assert_eq!(stage.refusal(tried), "edit 1: node 0 cannot hang from node 1, which hangs from it");
-    let cases: [(Edit, &str); 9] = [
+    let cases: [(Edit, &str); 10] = [
         (Edit::Remove(NodeId(3)), "there is no node 3"),
         (Edit::SetVisible { node: NodeId::provisional(0), visible: true }, "used before it is"),
         (Edit::SetTransform { node: TREE, local: at(f64::NAN) }, "finite numbers"),
@@ -116,9 +117,10 @@ fn an_edit_that_cannot_be_takes_its_transaction_with_it() {
             "beyond 1e18",
         ),
         (Edit::SetTransform { node: TREE, local: at(1e30) }, "beyond 1e18"),
-        (Edit::SetMesh { node: TREE, mesh: Some(0) }, "no mesh 0; the scene has 0"),
+        (Edit::SetMesh { node: TREE, mesh: Some(0) }, "no mesh 0; the scene's file has 0"),
         (Edit::SetName { node: TREE, name: "n".repeat(1 << 20) }, "1048576 bytes, where 256"),
         (Edit::Create { node: NodeId(7), new: Box::default() }, "where new node 0 is next"),
+        (Edit::RemoveAssets(BlobHash([0; 32])), "assets come beside the edits"),
     ];
     for (edit, part) in cases {
         let edits = vec![Edit::SetTransform { node: TREE, local: at(1.0) }, edit];
@@ -279,4 +281,55 @@ fn what_is_temporary_ends_with_its_client_and_with_the_manager() {
     assert!(stage.memories.last().expect("remembered").temporary.is_empty());
     let replica = &stage.replicas[&SessionId(0)];
     assert_eq!(replica.digest(), stage.cluster.shown_digest);
+}
+
+/// A transaction that shows the last of so many meshes that it brings.
+fn bringing(manifest: u8, meshes: u32) -> Transaction {
+    let assets = BakedAssets {
+        manifest: BlobHash([manifest; 32]),
+        primitives: vec![1; meshes as usize],
+        materials: 1,
+        textures: 0,
+    };
+    let mut transaction = Transaction::default().with_assets(AssetSource::Baked(assets));
+    let mesh = Some(provisional_asset(meshes - 1));
+    transaction.create(NewNode { mesh, ..NewNode::default() });
+    transaction
+}
+
+#[test]
+fn assets_have_numbers_behind_all_others_and_go_when_nothing_uses_them() {
+    let mut stage = ClusterFixture::with_house(1);
+    let numbers = |stage: &mut ClusterFixture, transaction| {
+        let id = stage.edit(transaction);
+        stage.prepare_all();
+        stage.draw(&[0], 1_000);
+        let edited = stage.edited(id).expect("an answer").clone();
+        (edited.assets.map(|of| (of.first_mesh, of.first_material)), edited.created[0])
+    };
+    let (first, one) = numbers(&mut stage, bringing(1, 2));
+    let (second, _) = numbers(&mut stage, bringing(2, 1));
+    assert_eq!((first, second), (Some((0, 0)), Some((2, 1))));
+    let (again, other) = numbers(&mut stage, bringing(1, 2));
+    assert_eq!(again, first, "the same bytes are there once");
+    let held = |stage: &ClusterFixture| {
+        let shown = &stage.cluster.shown.edits;
+        (shown.assets().count(), shown.clone() == stage.replicas[&SessionId(0)].edits)
+    };
+    for (node, left) in [(one, 2), (other, 1)] {
+        let mut gone = Transaction::default();
+        gone.remove(node);
+        stage.edit(gone);
+        stage.prepare_all();
+        stage.draw(&[0], 1_000);
+        assert_eq!(held(&stage), (left, true), "one that is shown twice stays");
+    }
+    let idle = Transaction { edits: Vec::new(), ..bringing(3, 1) };
+    assert!(stage.refusal(idle).contains("nothing of the scene would use the assets"));
+    let mut beyond = bringing(3, 1);
+    beyond.create(NewNode { mesh: Some(provisional_asset(1)), ..NewNode::default() });
+    assert_eq!(stage.refusal(beyond), "edit 1: the transaction brings no mesh 1; it brings 1");
+    let raw = Transaction::default().with_assets(AssetSource::File("x.glb".into()));
+    assert_eq!(stage.refusal(raw), "its assets were not read yet");
+    assert_eq!(held(&stage), (1, true));
 }

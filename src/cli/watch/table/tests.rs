@@ -25,6 +25,7 @@ pub fn wall(channels: usize) -> WallStatus {
         draw_us: Some(41_230),
         skew: Skew { frames: 100, p50_us: 120, p99_us: 310, max_us: 900, clock_error_us: Some(60) },
         memory_bytes: 199_000_000,
+        scene_bytes: 0,
     };
     WallStatus {
         wall: "small".into(),
