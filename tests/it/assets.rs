@@ -18,7 +18,10 @@ fn flag() -> Gltf {
     Gltf::triangle().with(|gltf| {
         gltf.json["materials"] = json!([{
             "doubleSided": true,
-            "pbrMetallicRoughness": { "baseColorFactor": [0.8, 0.2, 0.1, 1.0], "metallicFactor": 0.0 },
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [0.8, 0.2, 0.1, 1.0],
+                "metallicFactor": 0.0,
+            },
         }]);
         gltf.json["meshes"][0]["primitives"][0]["material"] = json!(0);
         gltf.json["nodes"] = json!([

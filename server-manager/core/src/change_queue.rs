@@ -7,7 +7,7 @@ use polyptych_files::blob::BlobHash;
 use polyptych_protocol::ids::{Digest, Revision};
 use polyptych_protocol::request::SceneSummary;
 use polyptych_protocol::state_log::{Operation, Replica};
-use polyptych_scene::SceneOutline;
+use polyptych_scene::{Edit, SceneOutline};
 use polyptych_wall::Wall;
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +15,10 @@ use super::calibrate::CalibrationWaiter;
 use super::change::CHANGES_MAX;
 use super::scene_editing::EditWaiter;
 use super::{ClientRequest, Micros, SessionId, progress};
+
+/// Most edits that different transactions bring to one change: together they must fit into a
+/// message, and an edit takes at most 1.4 KiB.
+const MERGED_EDITS_MAX: usize = 1000;
 
 /// A change that was asked for.
 #[derive(Debug, Serialize, Deserialize)]
@@ -236,5 +240,62 @@ impl ChangeQueue {
     pub fn digest_of(&self, revision: Revision) -> Option<Digest> {
         let underway = self.current.as_ref();
         underway.filter(|u| u.replica.revision == revision).map(|u| u.digest)
+    }
+}
+
+impl ChangeQueue {
+    /// Whether a scene is on its way, or waits.
+    pub fn has_scene_underway(&self) -> bool {
+        let changes = self.queued().chain(self.current());
+        changes.into_iter().any(|change| matches!(change.purpose, ChangeOrigin::Scene { .. }))
+    }
+
+    /// Who waits for an edit that is not in the shown state yet.
+    pub fn editors(&self) -> impl Iterator<Item = &EditWaiter> {
+        self.queued().chain(self.current()).flat_map(|change| match &change.purpose {
+            ChangeOrigin::Edit { waiters } => &waiters[..],
+            _ => &[],
+        })
+    }
+
+    /// Puts edits behind those that wait for their turn, so that one frame shows all.
+    ///
+    /// # Errors
+    /// Both, where none wait, or they would be too many.
+    pub fn join_waiting_edits(
+        &mut self,
+        edits: Vec<Edit>,
+        waiter: Option<EditWaiter>,
+    ) -> Result<(), (Vec<Edit>, Option<EditWaiter>)> {
+        // Assets are as long as their meshes are many.
+        let is_small = !edits.iter().any(|edit| matches!(edit, Edit::AddAssets(_)));
+        let waiting = self.queue.iter_mut().rev().find_map(|change| {
+            match (&mut change.purpose, &mut change.operations[..]) {
+                (ChangeOrigin::Edit { waiters }, [Operation::EditScene(of)]) => Some((of, waiters)),
+                _ => None,
+            }
+        });
+        match waiting {
+            Some((of, waiters)) if is_small && of.len() + edits.len() <= MERGED_EDITS_MAX => {
+                of.extend(edits);
+                waiters.extend(waiter);
+                Ok(())
+            }
+            _ => Err((edits, waiter)),
+        }
+    }
+
+    /// Takes the edits out that wait for their turn, and gives who waits for them.
+    pub fn take_waiting_edits(&mut self) -> Vec<EditWaiter> {
+        let (edits, others) = self
+            .queue
+            .drain(..)
+            .partition::<Vec<_>, _>(|change| matches!(change.purpose, ChangeOrigin::Edit { .. }));
+        self.queue = others.into();
+        let waiters = edits.into_iter().filter_map(|change| match change.purpose {
+            ChangeOrigin::Edit { waiters } => Some(waiters),
+            _ => None,
+        });
+        waiters.flatten().collect()
     }
 }

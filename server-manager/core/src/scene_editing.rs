@@ -24,10 +24,6 @@ use super::{ClientRequest, Cluster, Micros, SessionId, StateChange};
 /// stands still, where a program sends 60 a second.
 pub(super) const TRANSACTIONS_MAX: usize = 256;
 
-/// Most edits that different transactions bring to one change: together they must fit into a
-/// message, and an edit takes at most 1.4 KiB.
-const MERGED_EDITS_MAX: usize = 1000;
-
 /// One who waits until a transaction is seen.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct EditWaiter {
@@ -483,60 +479,5 @@ impl Cluster {
 impl EditWaiter {
     pub fn job(&self) -> ClientRequest {
         self.job
-    }
-}
-
-impl super::change_queue::ChangeQueue {
-    /// Whether a scene is on its way, or waits.
-    fn has_scene_underway(&self) -> bool {
-        let changes = self.queued().chain(self.current());
-        changes.into_iter().any(|change| matches!(change.purpose, ChangeOrigin::Scene { .. }))
-    }
-
-    /// Who waits for an edit that is not in the shown state yet.
-    pub fn editors(&self) -> impl Iterator<Item = &EditWaiter> {
-        self.queued().chain(self.current()).flat_map(|change| match &change.purpose {
-            ChangeOrigin::Edit { waiters } => &waiters[..],
-            _ => &[],
-        })
-    }
-
-    /// Puts edits behind those that wait for their turn, so that one frame shows all.
-    ///
-    /// # Errors
-    /// Both, where none wait, or they would be too many.
-    fn join_waiting_edits(
-        &mut self,
-        edits: Vec<Edit>,
-        waiter: Option<EditWaiter>,
-    ) -> Result<(), (Vec<Edit>, Option<EditWaiter>)> {
-        let waiting = self.queue.iter_mut().rev().find_map(|change| {
-            match (&mut change.purpose, &mut change.operations[..]) {
-                (ChangeOrigin::Edit { waiters }, [Operation::EditScene(of)]) => Some((of, waiters)),
-                _ => None,
-            }
-        });
-        match waiting {
-            Some((of, waiters)) if of.len() + edits.len() <= MERGED_EDITS_MAX => {
-                of.extend(edits);
-                waiters.extend(waiter);
-                Ok(())
-            }
-            _ => Err((edits, waiter)),
-        }
-    }
-
-    /// Takes the edits out that wait for their turn, and gives who waits for them.
-    fn take_waiting_edits(&mut self) -> Vec<EditWaiter> {
-        let (edits, others) = self
-            .queue
-            .drain(..)
-            .partition::<Vec<_>, _>(|change| matches!(change.purpose, ChangeOrigin::Edit { .. }));
-        self.queue = others.into();
-        let waiters = edits.into_iter().filter_map(|change| match change.purpose {
-            ChangeOrigin::Edit { waiters } => Some(waiters),
-            _ => None,
-        });
-        waiters.flatten().collect()
     }
 }

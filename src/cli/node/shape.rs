@@ -6,8 +6,8 @@ use polyptych_client::{Assets, Material, MeshData};
 use serde_json::Value;
 
 /// The shapes, as they stand in help and in errors.
-pub(super) const SHAPES: &str = "box:X,Y,Z sphere:RADIUS cylinder:RADIUS,HEIGHT cone:LOW,HIGH,HEIGHT \
-                                 rectangle:WIDTH,HEIGHT line:X,Y,Z,X,Y,Z,… points:X,Y,Z,…";
+const SHAPES: &str = "box:X,Y,Z sphere:RADIUS cylinder:RADIUS,HEIGHT cone:LOW,HIGH,HEIGHT \
+                      rectangle:WIDTH,HEIGHT line:X,Y,Z,X,Y,Z,… points:X,Y,Z,…";
 
 /// A mesh that is made for a node.
 #[derive(Clone, Debug, PartialEq)]
