@@ -6,6 +6,7 @@ use glam::{DAffine3, DVec3};
 use polyptych_scene::{Attribute, Bounds, Light, NodeId};
 use polyptych_text::text_of_peer;
 use polyptych_wall::pick_ray::Ray;
+use polyptych_wall::region::{Region, Relation};
 use serde::{Deserialize, Serialize};
 
 use crate::ids::Revision;
@@ -88,6 +89,43 @@ pub struct RayHit {
     pub is_front: bool,
     /// An index into the materials of the scene; `None` is glTF's default material.
     pub material: Option<u32>,
+}
+
+/// A question for nodes by how their geometry lies to a region. Only nodes that are shown and whose
+/// own mesh has triangles are found, whatever hangs from them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RegionQuery {
+    /// The part of the world.
+    pub region: Region,
+    /// How the triangles of a node must lie to it, in all places of its mesh together.
+    pub relation: Relation,
+    /// What else must hold of the nodes, and which page of them is given.
+    pub nodes: NodeQuery,
+}
+
+/// A question for the point of the scene's triangles that is nearest to a point.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NearestQuery {
+    /// In world space.
+    pub point: DVec3,
+    /// Maximum distance, in world units, 0 or more; unlimited if `None`.
+    pub within: Option<f64>,
+}
+
+/// The point of the scene's triangles that is nearest to another point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NearestPoint {
+    /// The state that was looked at.
+    pub revision: Revision,
+    /// The node whose mesh has the point; one of them if several do.
+    pub node: NodeId,
+    /// The name of that node; may be empty.
+    #[serde(deserialize_with = "text_of_peer")]
+    pub name: String,
+    /// The nearest point, in world space.
+    pub position: DVec3,
+    /// The distance between the two points, in world units.
+    pub distance: f64,
 }
 
 /// Nodes that were found, parents before their children.

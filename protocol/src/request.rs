@@ -16,7 +16,9 @@ use serde::{Deserialize, Serialize};
 use crate::command::Goodbye;
 use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::ids::{FrameId, RequestId, Revision};
-use crate::node_query::{NodePage, NodeQuery, RayHit, RayQuery};
+use crate::node_query::{
+    NearestPoint, NearestQuery, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
+};
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
@@ -109,6 +111,12 @@ pub enum Request {
         /// The number of the request on that connection.
         of: RequestId,
     },
+    /// Asks for nodes of the open scene by where their triangles are, as the state has it that
+    /// frames name.
+    FindInRegion(RegionQuery),
+    /// Asks for the point of the open scene's triangles that is nearest to a point, as the state
+    /// has it that frames name.
+    NearestPoint(NearestQuery),
 }
 
 impl Request {
@@ -138,6 +146,8 @@ impl Request {
             Self::Edit(_) => "edit the scene",
             Self::FindNodes(_) => "find nodes",
             Self::CastRay(_) => "cast a ray",
+            Self::FindInRegion(_) => "find nodes in the region",
+            Self::NearestPoint(_) => "find the nearest point",
         }
     }
 }
@@ -207,12 +217,14 @@ pub enum Response {
     Tuned(Tuned),
     /// To [`Request::Edit`].
     Edited(Edited),
-    /// To [`Request::FindNodes`].
+    /// To [`Request::FindNodes`] and [`Request::FindInRegion`].
     Nodes(NodePage),
     /// To [`Request::CastRay`]: what it meets, if anything.
     Ray(Option<RayHit>),
     /// To [`Request::StopServers`].
     ServersStopped(StoppedServers),
+    /// To [`Request::NearestPoint`]: the point, if any is near enough.
+    Nearest(Option<NearestPoint>),
 }
 
 impl Response {
@@ -223,7 +235,8 @@ impl Response {
             | Self::Wall(_)
             | Self::Statistics(_)
             | Self::Nodes(_)
-            | Self::Ray(_) => false,
+            | Self::Ray(_)
+            | Self::Nearest(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)

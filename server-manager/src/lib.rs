@@ -12,18 +12,24 @@ pub mod capture;
 mod capture_sender;
 mod client_session;
 pub mod import;
+mod mesh_walk;
 mod metrics;
+mod nearest_point;
 mod ray_cast;
 mod recorded_cluster;
 pub mod recorder;
+mod region_search;
 pub mod replay;
 mod requests;
 mod run;
+#[cfg(test)]
+mod scene_fixture;
 mod scene_index;
 mod server_session;
 mod session;
 mod state_file;
 mod strangers;
 mod traffic;
+mod triangle_cache;
 
 pub use run::{ManagerError, ManagerOptions, run};

@@ -3,33 +3,16 @@
 //! A ray is taken into the space of each mesh whose box it meets, the nearest box first, and there
 //! into a tree of its triangles, which is kept for the next ray.
 
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
-
 use glam::{DAffine3, DVec3};
-use polyptych_files::blob::{BlobHash, BlobStore};
+use polyptych_files::blob::BlobStore;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::node_query::{RayHit, RayQuery};
-use polyptych_scene::{Bounds, IndexFormat, Primitive, Topology};
+use polyptych_scene::Bounds;
 use polyptych_wall::pick_ray::Ray;
-use polyptych_wall::triangle_bvh::{EDGE_SHARE, TriangleBvh};
+use polyptych_wall::triangle_bvh::EDGE_SHARE;
 
 use crate::scene_index::SceneIndex;
-
-/// Most bytes of triangles that are kept; beyond it, all are forgotten and read anew.
-const KEPT_BYTES_MAX: usize = 1 << 30;
-
-/// The triangles of a primitive, in its mesh's space.
-#[derive(Debug)]
-struct Triangles {
-    points: Vec<DVec3>,
-    corners: Vec<[u32; 3]>,
-    tree: TriangleBvh,
-}
-
-/// The triangles of primitives that a ray has come near.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct TriangleCache(Arc<Mutex<BTreeMap<BlobHash, Arc<Triangles>>>>);
+use crate::triangle_cache::{TriangleCache, Triangles};
 
 /// A mesh in one place, which a ray comes near.
 struct Candidate {
@@ -75,7 +58,7 @@ pub(crate) fn cast(
         let local_ray = local(&ray, &candidate.world);
         for primitive in scene.primitives(candidate.node) {
             let Some(triangles) = cache.get(store, primitive)? else { continue };
-            let met = triangles.first(&local_ray).filter(|(along, _)| *along <= along_max);
+            let met = first(&triangles, &local_ray).filter(|(along, _)| *along <= along_max);
             let Some((along, corners)) = met else { continue };
             along_max = along;
             best = Some((candidate.node, candidate.world, along, corners, primitive.material));
@@ -127,77 +110,12 @@ fn enters(ray: &Ray, bounds: &Bounds) -> Option<f64> {
     (begin <= end + end.abs() * 1e-9 + f64::MIN_POSITIVE).then_some(begin)
 }
 
-impl TriangleCache {
-    /// `None` where a primitive has no triangles.
-    fn get(
-        &self,
-        store: &BlobStore,
-        primitive: &Primitive,
-    ) -> Result<Option<Arc<Triangles>>, String> {
-        if primitive.topology != Topology::Triangles {
-            return Ok(None);
-        }
-        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = lock().get(&primitive.blob) {
-            return Ok(Some(Arc::clone(known)));
-        }
-        let bytes = store.read(primitive.blob).map_err(|error| error.to_string())?;
-        let bytes = bytes.ok_or("a mesh of the open scene is not in the store any more")?;
-        let triangles = Arc::new(Triangles::decode(primitive, &bytes)?);
-        let mut kept = lock();
-        let held: usize = kept.values().map(|triangles| triangles.bytes()).sum();
-        if held + triangles.bytes() > KEPT_BYTES_MAX {
-            kept.clear();
-        }
-        kept.insert(primitive.blob, Arc::clone(&triangles));
-        Ok(Some(triangles))
-    }
-}
-
-impl Triangles {
-    fn decode(primitive: &Primitive, bytes: &[u8]) -> Result<Self, String> {
-        if bytes.len() as u64 != primitive.bytes() {
-            return Err("a mesh of the open scene is not what its description says".into());
-        }
-        let (vertices, indices) = bytes.split_at(primitive.vertex_bytes() as usize);
-        let vertices = vertices.chunks_exact(primitive.layout.stride() as usize);
-        let number = |vertex: &[u8], at: usize| {
-            let bytes = vertex.get(at..at + 4).and_then(|bytes| bytes.try_into().ok());
-            f64::from(f32::from_le_bytes(bytes.unwrap_or_default()))
-        };
-        let point = |v: &[u8]| DVec3::new(number(v, 0), number(v, 4), number(v, 8));
-        let points: Vec<DVec3> = vertices.map(|v| primitive.origin + point(v)).collect();
-        let indices: Vec<u32> = match primitive.index_format {
-            IndexFormat::U16 => {
-                let words = indices.as_chunks::<2>().0.iter();
-                words.map(|word| u16::from_le_bytes(*word).into()).collect()
-            }
-            IndexFormat::U32 => {
-                let words = indices.as_chunks::<4>().0.iter();
-                words.map(|word| u32::from_le_bytes(*word)).collect()
-            }
-        };
-        let corners = indices.as_chunks::<3>().0.to_vec();
-        if corners.iter().flatten().any(|index| *index as usize >= points.len()) {
-            return Err("a mesh of the open scene has an index behind its vertices".into());
-        }
-        let tree = TriangleBvh::new(&points, &corners);
-        Ok(Self { points, corners, tree })
-    }
-
-    /// Where a ray meets them first, in lengths of its direction, and the corners that it meets.
-    fn first(&self, ray: &Ray) -> Option<(f64, [DVec3; 3])> {
-        let corners =
-            |triangle: usize| self.corners[triangle].map(|corner| self.points[corner as usize]);
-        let from = (ray.origin, ray.direction, 0.0);
-        let (triangle, [along, ..]) = self.tree.nearest(EDGE_SHARE, from, corners)?;
-        Some((along, corners(triangle)))
-    }
-
-    /// What they take, about: points, corners, and a box of the tree for every two triangles.
-    fn bytes(&self) -> usize {
-        self.points.len() * 24 + self.corners.len() * (12 + 4 + 56 / 2)
-    }
+/// Where a ray meets triangles first, in lengths of its direction, and the corners that it meets.
+fn first(triangles: &Triangles, ray: &Ray) -> Option<(f64, [DVec3; 3])> {
+    let from = (ray.origin, ray.direction, 0.0);
+    let corners = |triangle| triangles.corners(triangle);
+    let (triangle, [along, ..]) = triangles.tree.nearest(EDGE_SHARE, from, corners)?;
+    Some((along, triangles.corners(triangle)))
 }
 
 #[cfg(test)]

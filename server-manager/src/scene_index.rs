@@ -69,11 +69,16 @@ impl SceneIndex {
         Ok(Arc::new(Self { manifest, base, added, meshes, edits, nodes, lights, ids, world }))
     }
 
-    /// The nodes that a query asks for.
+    /// The nodes that a query asks for, of those whose index is `wanted`.
     ///
     /// # Errors
-    /// It names a node that is not there.
-    pub fn find(&self, query: &NodeQuery, revision: Revision) -> Result<NodePage, String> {
+    /// It names a node that is not there, or `wanted` fails.
+    pub fn find(
+        &self,
+        query: &NodeQuery,
+        revision: Revision,
+        mut wanted: impl FnMut(usize) -> Result<bool, String>,
+    ) -> Result<NodePage, String> {
         let below = query.below.map(|node| self.below(node)).transpose()?;
         let is_found = |at: &usize| {
             below.as_ref().is_none_or(|below| below[*at])
@@ -88,6 +93,9 @@ impl SceneIndex {
         let mut is_full = false;
         let count = query.count.min(NODES_MAX) as usize;
         for at in (0..self.nodes.len()).filter(is_found) {
+            if !wanted(at)? {
+                continue;
+            }
             if page.found >= query.skip && page.nodes.len() < count && !is_full {
                 let info = self.info(at);
                 text += text_bytes(&info);
@@ -119,34 +127,41 @@ impl SceneIndex {
         mesh.map_or(&[], |mesh| &mesh.primitives)
     }
 
-    /// Visits every mesh in every place where it is shown: the index of its node, its box in its
-    /// own space, and world space from there.
-    pub fn visit_meshes(&self, mut visit: impl FnMut(usize, &Bounds, &DAffine3)) {
+    /// For each node, whether it is shown: neither it nor a node above it is hidden.
+    pub fn shown(&self) -> Vec<bool> {
         let mut shown: Vec<bool> = Vec::with_capacity(self.nodes.len());
         for (at, node) in self.nodes.iter().enumerate() {
             let is_hidden = self.edits.node(self.ids[at]).is_some_and(|edits| edits.is_hidden);
             let above = node.parent.is_none_or(|parent| shown[parent as usize]);
             shown.push(above && !is_hidden);
-            if let Some(own) = mesh_bounds(self.primitives(at)).filter(|_| shown[at]) {
-                self.places(at, |place| visit(at, &own, place));
+        }
+        shown
+    }
+
+    /// Visits every mesh in every place where it is shown: the index of its node, its box in its
+    /// own space, and world space from there.
+    pub fn visit_meshes(&self, mut visit: impl FnMut(usize, &Bounds, &DAffine3)) {
+        let shown = self.shown();
+        for at in (0..self.nodes.len()).filter(|at| shown[*at]) {
+            if let Some(own) = mesh_bounds(self.primitives(at)) {
+                self.places(at).for_each(|place| visit(at, &own, &place));
             }
         }
     }
 
     /// World space from the space of a node's mesh, for each of its places.
-    fn places(&self, at: usize, mut visit: impl FnMut(&DAffine3)) {
-        let (node, world) = (&self.nodes[at], &self.world[at]);
-        if node.instances.is_empty() {
-            visit(world);
-        }
-        for instance in &node.instances {
-            let place = DAffine3::from_scale_rotation_translation(
-                instance.scale.as_dvec3(),
-                instance.rotation.as_dquat(),
-                instance.translation.as_dvec3(),
-            );
-            visit(&(*world * place));
-        }
+    pub fn places(&self, at: usize) -> impl Iterator<Item = DAffine3> {
+        let (instances, world) = (&self.nodes[at].instances, self.world[at]);
+        let alone = instances.is_empty().then_some(world);
+        let placed = instances.iter().map(move |instance| {
+            world
+                * DAffine3::from_scale_rotation_translation(
+                    instance.scale.as_dvec3(),
+                    instance.rotation.as_dquat(),
+                    instance.translation.as_dvec3(),
+                )
+        });
+        alone.into_iter().chain(placed)
     }
 
     /// For each node, whether it is this one or hangs from it.
@@ -181,25 +196,24 @@ impl SceneIndex {
         }
     }
 
-    /// Around a node's own mesh in all its places.
-    fn bounds(&self, at: usize) -> Option<Bounds> {
+    /// Around a node's own mesh in all its places, in world space; by the node's index.
+    pub fn bounds(&self, at: usize) -> Option<Bounds> {
         let own = mesh_bounds(self.primitives(at))?;
-        let mut all = None;
-        self.places(at, |place| {
-            let here = moved(&own, place);
-            all = Some(all.map_or(here, |all| union(all, here)));
-        });
-        all
+        self.places(at).map(|place| moved(&own, &place)).reduce(union)
     }
 }
 
 /// Around the primitives of a mesh, in its space.
 fn mesh_bounds(primitives: &[Primitive]) -> Option<Bounds> {
-    let own = primitives.iter().map(|primitive| Bounds {
+    primitives.iter().map(primitive_bounds).reduce(union)
+}
+
+/// Around a primitive, in the space of its mesh.
+pub(crate) fn primitive_bounds(primitive: &Primitive) -> Bounds {
+    Bounds {
         min: primitive.origin + primitive.min.as_dvec3(),
         max: primitive.origin + primitive.max.as_dvec3(),
-    });
-    own.reduce(union)
+    }
 }
 
 fn union(a: Bounds, b: Bounds) -> Bounds {

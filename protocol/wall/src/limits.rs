@@ -61,3 +61,15 @@ pub const DEADLINE_FACTOR_DEFAULT: f64 = 4.0;
 
 /// The manager's port where a wall file names none.
 pub const PORT_DEFAULT: u16 = 7878;
+
+/// Maximum number of corners of a prism's polygon: more than a person draws around a building, and
+/// each is looked at for each triangle near the border.
+pub const REGION_CORNERS_MAX: usize = 256;
+
+/// Maximum number of planes around a convex region: their corners are found by looking at every
+/// three of them.
+pub const REGION_PLANES_MAX: usize = 64;
+
+/// Maximum distance of a region from the origin, along each axis, in world units: products of three
+/// such lengths are still finite.
+pub const REGION_REACH_MAX: f64 = 1e100;

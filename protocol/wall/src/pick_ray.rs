@@ -50,6 +50,20 @@ pub enum PickError {
     /// The eye is on the screen itself.
     #[error("the viewer's eye is at that very point of the screen")]
     NoDirection,
+    /// A rectangle without pixels.
+    #[error("the rectangle from {begin} to {end} is empty; give its upper left corner first")]
+    EmptyRectangle {
+        /// Its upper left corner, in pixels.
+        begin: DVec2,
+        /// Its lower right corner, in pixels.
+        end: DVec2,
+    },
+    /// A rectangle over a border between views.
+    #[error("the rectangle shows more than one view; give one that lies in a single view")]
+    SeveralViews,
+    /// A rectangle of a screen whose rays through a line are not in one plane.
+    #[error("screen {0} is not a plane, so its rectangles show no pyramid; pick pixels of it")]
+    Curved(String),
     /// No view is shown there, or one that cannot be.
     #[error("{0}")]
     View(#[from] ViewError),

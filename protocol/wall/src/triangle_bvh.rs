@@ -1,9 +1,11 @@
-//! Which triangle a ray meets: f64, in a tree of boxes.
+//! Which triangle a ray meets, or what is in a region or near a point: f64, in a tree of boxes.
 //!
 //! Own code, because the crates for it bring another linear algebra with them, and what is needed
-//! is one query: I. Wald, *On fast construction of SAH-based bounding volume hierarchies*, 2007,
+//! is three walks through a tree: I. Wald, *On fast construction of SAH-based bounding volume hierarchies*, 2007,
 //! calls the division at the median the simplest tree; meshes of walls, and of most scenes, are
 //! nearly as even as it takes for that one to be good.
+
+use std::ops::ControlFlow;
 
 use glam::DVec3;
 
@@ -133,6 +135,74 @@ impl TriangleBvh {
             }
         }
         best.map(|(_, triangle, met)| (triangle as usize, met))
+    }
+
+    /// Visits the triangles of all boxes that `enters` says yes to, given their lowest and highest
+    /// corner, and of no box around which it has said no; ends early if either breaks. Triangles
+    /// lie well within their boxes.
+    pub fn visit<B>(
+        &self,
+        mut enters: impl FnMut(DVec3, DVec3) -> ControlFlow<B, bool>,
+        mut visit: impl FnMut(usize) -> ControlFlow<B>,
+    ) -> ControlFlow<B> {
+        let mut stack = [0u32; STACK_MAX];
+        let mut height = usize::from(!self.nodes.is_empty());
+        while height > 0 {
+            height -= 1;
+            let Node { low, high, first, count } = self.nodes[stack[height] as usize];
+            if !enters(low, high)? {
+                continue;
+            }
+            if count == 0 {
+                (stack[height], stack[height + 1]) = (first + 1, first);
+                height += 2;
+            }
+            for &triangle in &self.order[first as usize..][..count as usize] {
+                visit(triangle as usize)?;
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Visits triangles, those of the nearest boxes first, and leaves out boxes that are farther
+    /// than `visit` says of each triangle that it wishes to go on; ends early if `visit` breaks.
+    /// `distance` is that of a box, from its lowest and highest corner; at most that of anything
+    /// in it.
+    pub fn visit_nearest<B>(
+        &self,
+        mut limit: f64,
+        distance: impl Fn(DVec3, DVec3) -> f64,
+        mut visit: impl FnMut(usize) -> ControlFlow<B, f64>,
+    ) -> ControlFlow<B> {
+        let of = |node: u32| {
+            let Node { low, high, .. } = self.nodes[node as usize];
+            (distance(low, high), node)
+        };
+        let mut stack = [(f64::INFINITY, 0); STACK_MAX];
+        let mut height = 0;
+        if !self.nodes.is_empty() {
+            stack[0] = of(0);
+            height = 1;
+        }
+        while height > 0 {
+            height -= 1;
+            let (least, node) = stack[height];
+            if least > limit {
+                continue;
+            }
+            let Node { first, count, .. } = self.nodes[node as usize];
+            if count == 0 {
+                let (one, two) = (of(first), of(first + 1));
+                let (nearer, farther) = if one.0 <= two.0 { (one, two) } else { (two, one) };
+                (stack[height], stack[height + 1]) = (farther, nearer);
+                height += 2;
+                continue;
+            }
+            for &triangle in &self.order[first as usize..][..count as usize] {
+                limit = visit(triangle as usize)?;
+            }
+        }
+        ControlFlow::Continue(())
     }
 }
 

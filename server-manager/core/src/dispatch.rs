@@ -100,7 +100,10 @@ impl Cluster {
                 return self.calibrate(now, job, &channel, &changes);
             }
             // They are many, and answered beside the core.
-            Request::FindNodes(_) | Request::CastRay(_) => {
+            Request::FindNodes(_)
+            | Request::CastRay(_)
+            | Request::FindInRegion(_)
+            | Request::NearestPoint(_) => {
                 return Err("this manager answers no questions".into());
             }
             Request::Edit(transaction) => return self.edit_scene(now, job, transaction),

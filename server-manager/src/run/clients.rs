@@ -90,6 +90,12 @@ impl EventLoop {
                         }
                         Request::FindNodes(query) => self.query(from, id, Query::Nodes(query)),
                         Request::CastRay(query) => self.query(from, id, Query::Ray(query)),
+                        Request::FindInRegion(query) => {
+                            self.query(from, id, Query::Region(query));
+                        }
+                        Request::NearestPoint(query) => {
+                            self.query(from, id, Query::Nearest(query));
+                        }
                         request => self.tell(now, Input::Request { client: from, id, request }),
                     }
                 }

@@ -2,17 +2,22 @@
 //! for them.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use polyptych_core::{ClientRequest, SessionId};
 use polyptych_files::blob::BlobStore;
-use polyptych_protocol::ids::RequestId;
-use polyptych_protocol::node_query::{NodeQuery, RayQuery};
+use polyptych_protocol::ids::{RequestId, Revision};
+use polyptych_protocol::node_query::{NearestQuery, NodeQuery, RayQuery, RegionQuery};
 use polyptych_protocol::request::{MessageToClient, RequestError, Response};
 use tokio::sync::{Semaphore, mpsc};
 
 use super::EventLoop;
-use crate::ray_cast::{TriangleCache, cast};
+use crate::mesh_walk::MeshWalk;
+use crate::nearest_point::nearest;
+use crate::ray_cast::cast;
+use crate::region_search::find_in_region;
 use crate::scene_index::SceneIndex;
+use crate::triangle_cache::TriangleCache;
 
 /// Most questions of one client that are being answered.
 const QUERIES_MAX: usize = 16;
@@ -20,10 +25,34 @@ const QUERIES_MAX: usize = 16;
 /// Questions that are answered at a time: one core is left for everything else.
 const WORKERS_MAX: usize = 1;
 
+/// Maximum time that a question may take that looks at many triangles: other questions wait for it.
+/// All 10,000,000 triangles of a large scene are looked at in less.
+const QUERY_TIME_MAX: Duration = Duration::from_secs(5);
+
 /// A question about the scene.
 pub(super) enum Query {
     Nodes(NodeQuery),
     Ray(RayQuery),
+    Region(RegionQuery),
+    Nearest(NearestQuery),
+}
+
+impl Query {
+    fn answer(
+        &self,
+        scene: &SceneIndex,
+        triangles: &TriangleCache,
+        store: &BlobStore,
+        revision: Revision,
+    ) -> Result<Response, String> {
+        let walk = || MeshWalk::new(scene, triangles, store, QUERY_TIME_MAX);
+        match self {
+            Self::Nodes(query) => scene.find(query, revision, |_| Ok(true)).map(Response::Nodes),
+            Self::Ray(query) => cast(scene, triangles, store, query, revision).map(Response::Ray),
+            Self::Region(query) => find_in_region(&walk(), query, revision).map(Response::Nodes),
+            Self::Nearest(query) => nearest(&walk(), query, revision).map(Response::Nearest),
+        }
+    }
 }
 
 /// The answer to a question.
@@ -86,12 +115,7 @@ impl EventLoop {
                 let before = index.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 let now = SceneIndex::new(before, &store, manifest, edits)?;
                 *index.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&now));
-                match query {
-                    Query::Nodes(query) => now.find(&query, revision).map(Response::Nodes),
-                    Query::Ray(query) => {
-                        cast(&now, &triangles, &store, &query, revision).map(Response::Ray)
-                    }
-                }
+                query.answer(&now, &triangles, &store, revision)
             };
             let reply = tokio::task::spawn_blocking(work).await;
             let reply = reply.unwrap_or_else(|error| Err(error.to_string()));

@@ -16,7 +16,9 @@ use polyptych_protocol::handshake::{
 };
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::navigation::Navigation;
-use polyptych_protocol::node_query::{NodeInfo, NodePage, NodeQuery, RayHit, RayQuery};
+use polyptych_protocol::node_query::{
+    NearestPoint, NearestQuery, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
+};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
@@ -39,6 +41,7 @@ use polyptych_wall::calibration_change::{CalibrationChange, Corner, Edge, Offset
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::pick_ray::Ray;
+use polyptych_wall::region::{HalfSpace, Region, Relation};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Wall};
 
@@ -300,9 +303,28 @@ fn calls() -> Vec<RequestMessage> {
             skip: 3,
             count: 1000,
         }),
+        Request::NearestPoint(NearestQuery { point: DVec3::ONE, within: Some(2.5) }),
     ];
+    let requests = requests.into_iter().chain(regions().map(Request::FindInRegion));
     let call = |(request, id)| RequestMessage { id: RequestId(id), request };
-    requests.into_iter().zip(1..).map(call).collect()
+    requests.zip(1..).map(call).collect()
+}
+
+fn regions() -> impl Iterator<Item = RegionQuery> {
+    let half = |normal| HalfSpace { normal, offset: 1.5 };
+    let regions = [
+        Region::Box { min: DVec3::ZERO, max: DVec3::ONE },
+        Region::Sphere { center: DVec3::X, radius: 3.0 },
+        Region::Prism { polygon: vec![DVec2::ZERO, DVec2::X, DVec2::Y], low: -1.0, high: 2.0 },
+        Region::Convex(vec![half(DVec3::X), half(DVec3::Y), half(DVec3::NEG_Z)]),
+    ];
+    let relations = [Relation::Inside, Relation::Touches, Relation::Contains, Relation::Disjoint];
+    let nodes = NodeQuery { name: Some("arm".into()), count: 10, ..NodeQuery::default() };
+    regions.into_iter().zip(relations).map(move |(region, relation)| RegionQuery {
+        region,
+        relation,
+        nodes: nodes.clone(),
+    })
 }
 
 fn feedback() -> FrameFeedback {
@@ -454,6 +476,13 @@ fn answers() -> Vec<request::MessageToClient> {
             silent: vec![("right".into(), "it said nothing".into())],
             absent: vec!["floor".into()],
         })),
+        Ok(Response::Nearest(Some(NearestPoint {
+            revision: Revision(3),
+            node: NodeId(1),
+            name: "arm".into(),
+            position: DVec3::ZERO,
+            distance: 1.0,
+        }))),
         Err(RequestError::new("no such scene")),
     ];
     let part = ImageChunk { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };

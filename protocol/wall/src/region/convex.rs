@@ -1,0 +1,144 @@
+//! Convex regions: what lies in all of some half spaces.
+
+use glam::DVec3;
+
+use super::{BoxPlace, HalfSpace, ROUNDING, RegionError, check_all};
+use crate::limits::REGION_PLANES_MAX;
+
+/// Three planes meet in one point if the volume that their unit normals span is more than this.
+const VOLUME_MIN: f64 = 1e-12;
+
+/// How far beyond the other planes a corner of three planes may lie, as a share of its coordinates:
+/// it is farther off the flatter the planes meet.
+const CORNER_SHARE: f64 = 1e-9;
+
+/// Half spaces with normals of length 1.
+#[derive(Clone, Debug)]
+pub(super) struct Convex(Vec<HalfSpace>);
+
+impl Convex {
+    /// The region, with the box around it if it has an end in all directions.
+    pub fn new(planes: &[HalfSpace]) -> Result<(Self, Option<(DVec3, DVec3)>), RegionError> {
+        if !(3..=REGION_PLANES_MAX).contains(&planes.len()) {
+            return Err(RegionError::Planes(planes.len()));
+        }
+        let unit = |(index, plane): (usize, &HalfSpace)| {
+            check_all("the normal of a plane", &plane.normal.to_array())?;
+            let length = plane.normal.length();
+            let normal = plane.normal / length;
+            if !normal.is_normalized() {
+                return Err(RegionError::Normal(index));
+            }
+            let offset = plane.offset / length;
+            check_all("the distance of a plane", &[offset])?;
+            Ok(HalfSpace { normal, offset })
+        };
+        let planes = planes.iter().enumerate().map(unit);
+        let convex = Self(planes.collect::<Result<_, _>>()?);
+        let corners = convex.corners();
+        let (Some(low), Some(high)) = (
+            corners.iter().copied().reduce(DVec3::min),
+            corners.iter().copied().reduce(DVec3::max),
+        ) else {
+            return Err(RegionError::NoCorner);
+        };
+        let around = (!convex.is_endless()).then_some((low, high));
+        Ok((convex, around))
+    }
+
+    /// The points where three planes meet that lie in all half spaces.
+    fn corners(&self) -> Vec<DVec3> {
+        let mut found = Vec::new();
+        for (i, a) in self.0.iter().enumerate() {
+            for (j, b) in self.0.iter().enumerate().skip(i + 1) {
+                let ab = a.normal.cross(b.normal);
+                for c in &self.0[j + 1..] {
+                    let volume = ab.dot(c.normal);
+                    if volume.abs() < VOLUME_MIN {
+                        continue;
+                    }
+                    let (bc, ca) = (b.normal.cross(c.normal), c.normal.cross(a.normal));
+                    let at = (a.offset * bc + b.offset * ca + c.offset * ab) / volume;
+                    let is_in =
+                        |plane: &HalfSpace| plane.height(at) <= plane.slack(at, CORNER_SHARE);
+                    if self.0.iter().all(is_in) {
+                        found.push(at);
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// Returns whether some direction leads out of no half space; the region has a corner, so that
+    /// one along two of its planes does if any does.
+    fn is_endless(&self) -> bool {
+        let leads_on =
+            |direction: DVec3| self.0.iter().all(|plane| plane.normal.dot(direction) <= VOLUME_MIN);
+        self.0.iter().enumerate().any(|(i, a)| {
+            self.0[i + 1..].iter().any(|b| {
+                let along = a.normal.cross(b.normal).normalize_or_zero();
+                along != DVec3::ZERO && (leads_on(along) || leads_on(-along))
+            })
+        })
+    }
+
+    pub fn has(&self, point: DVec3) -> bool {
+        self.0.iter().all(|plane| plane.has(point))
+    }
+
+    pub fn place_of_box(&self, low: DVec3, high: DVec3) -> BoxPlace {
+        let (center, half) = ((low + high) * 0.5, (high - low) * 0.5);
+        let mut is_inside = true;
+        for plane in &self.0 {
+            let (height, reach) = (plane.height(center), plane.normal.abs().dot(half));
+            let slack = plane.slack(center, ROUNDING) + ROUNDING * reach;
+            if !(height - reach <= slack) {
+                return BoxPlace::Outside;
+            }
+            is_inside &= height + reach <= -slack;
+        }
+        if is_inside { BoxPlace::Inside } else { BoxPlace::Across }
+    }
+
+    /// Clips a triangle by each plane in turn: I. Sutherland, G. Hodgman, *Reentrant polygon
+    /// clipping*, 1974.
+    pub fn touches(&self, corners: &[DVec3; 3]) -> bool {
+        let mut polygon = corners.to_vec();
+        let mut left = Vec::new();
+        for plane in &self.0 {
+            left.clear();
+            let mut before = polygon[polygon.len() - 1];
+            for &at in &polygon {
+                let (from, to) = (plane.height(before), plane.height(at));
+                if from.min(to) < 0.0 && from.max(to) > 0.0 {
+                    left.push(before.lerp(at, from / (from - to)));
+                }
+                if plane.has(at) {
+                    left.push(at);
+                }
+                before = at;
+            }
+            std::mem::swap(&mut polygon, &mut left);
+            if polygon.is_empty() {
+                return false;
+            }
+        }
+        true
+    }
+}
+
+impl HalfSpace {
+    /// How far a point is outside, in lengths of the normal; negative inside.
+    fn height(&self, point: DVec3) -> f64 {
+        self.normal.dot(point) - self.offset
+    }
+
+    fn slack(&self, point: DVec3, share: f64) -> f64 {
+        share * (point.abs().element_sum() + self.offset.abs())
+    }
+
+    fn has(&self, point: DVec3) -> bool {
+        self.height(point) <= self.slack(point, ROUNDING)
+    }
+}
