@@ -15,6 +15,8 @@
 //! # Ok(()) }
 //! ```
 
+mod scene_space;
+
 use std::pin::pin;
 use std::sync::Arc;
 use std::sync::mpsc::sync_channel;

@@ -491,6 +491,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::Nodes(_) => "nodes",
         Response::Ray(_) => "what a ray meets",
         Response::ServersStopped(_) => "the stopped servers",
+        Response::Nearest(_) => "the nearest point",
     };
     ClientError::WrongAnswer { request, answer }
 }

@@ -50,6 +50,7 @@ mod mesh_data;
 mod pending;
 mod reconnect;
 mod scene;
+mod scene_space;
 mod window;
 
 pub use assets::{AssetError, Assets};
@@ -72,7 +73,8 @@ pub use polyptych_protocol::feedback::{
 pub use polyptych_protocol::feedback::{Edited, Tuned};
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 pub use polyptych_protocol::node_query::{
-    NODES_MAX, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery,
+    NODES_MAX, NearestPoint, NearestQuery, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery,
+    RegionQuery,
 };
 pub use polyptych_protocol::output_mode::OutputMode;
 pub use polyptych_protocol::pattern::TestPattern;
@@ -90,5 +92,6 @@ pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;
 pub use polyptych_wall::head::HeadPose;
 pub use polyptych_wall::pick_ray::Ray;
+pub use polyptych_wall::region::{HalfSpace, Region, Relation};
 pub use polyptych_wall::view::{Area, View, ViewProjection};
 pub use polyptych_wall::{Channel, Screen, Wall};

@@ -2,11 +2,14 @@
 
 use glam::DVec2;
 use polyptych_protocol::feedback::Edited;
-use polyptych_protocol::node_query::{NODES_MAX, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery};
+use polyptych_protocol::node_query::{
+    NODES_MAX, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
+};
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Request, Response, SceneSummary};
 use polyptych_protocol::transaction::Transaction;
 use polyptych_wall::pick_ray::PickError;
+use polyptych_wall::region::{Region, Relation};
 use tokio::sync::watch;
 
 use crate::client::Client;
@@ -100,11 +103,25 @@ impl Client {
     /// [`ClientError`]; [`ClientError::Failed`] where no scene is open, or it changes faster than
     /// it can be read.
     pub async fn find_all_nodes(&self, query: NodeQuery) -> Result<Vec<NodeInfo>, ClientError> {
+        self.find_all(query, None).await
+    }
+
+    /// Returns all pages of a query together; in a region, where one is given.
+    pub(crate) async fn find_all(
+        &self,
+        query: NodeQuery,
+        within: Option<(Region, Relation)>,
+    ) -> Result<Vec<NodeInfo>, ClientError> {
         let (mut nodes, mut revision, mut tries) = (Vec::new(), None, 0);
         loop {
             let skip = query.skip + nodes.len() as u64;
-            let page =
-                self.find_nodes(NodeQuery { skip, count: NODES_MAX, ..query.clone() }).await?;
+            let asked = NodeQuery { skip, count: NODES_MAX, ..query.clone() };
+            let page = match within.clone() {
+                None => self.find_nodes(asked).await?,
+                Some((region, relation)) => {
+                    self.find_in_region(RegionQuery { region, relation, nodes: asked }).await?
+                }
+            };
             if revision.replace(page.revision).is_some_and(|before| before != page.revision) {
                 // The scene was edited between two pages: what was read is of no use.
                 (nodes, revision) = (Vec::new(), None);

@@ -370,12 +370,22 @@ pub(super) fn transaction(arguments: &TransactionArguments) -> anyhow::Result<Ex
     editor.commit(arguments.target.json)
 }
 
-pub(super) fn tree(arguments: &TreeArguments) -> anyhow::Result<ExitCode> {
-    let client = arguments.manager.connect()?;
-    let mut query = NodeQuery { name: arguments.name.clone(), ..NodeQuery::default() };
-    if let Some(below) = &arguments.below {
+/// A query for nodes of a name, below one that is meant by its number or path.
+pub(super) fn query_for(
+    client: &Client,
+    below: Option<&str>,
+    name: Option<&str>,
+) -> anyhow::Result<NodeQuery> {
+    let mut query = NodeQuery { name: name.map(str::to_owned), ..NodeQuery::default() };
+    if let Some(below) = below {
         query.below = Some(Editor::new(client.clone())?.node(below)?);
     }
+    Ok(query)
+}
+
+pub(super) fn tree(arguments: &TreeArguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.manager.connect()?;
+    let query = query_for(&client, arguments.below.as_deref(), arguments.name.as_deref())?;
     let nodes = client.find_all_nodes(query)?;
     if arguments.json {
         let nodes: Vec<Value> = nodes.iter().map(node_in_json).collect();
@@ -405,7 +415,7 @@ pub(super) fn tree(arguments: &TreeArguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn node_in_json(node: &NodeInfo) -> Value {
+pub(super) fn node_in_json(node: &NodeInfo) -> Value {
     let (scale, rotation, position) = node.local.to_scale_rotation_translation();
     json!({
         "id": node.id.0,

@@ -114,3 +114,60 @@ fn a_pixel_of_the_wall_says_whose_it_is() {
     local.run(&["pick", &screen.name, "99999,0"]).failed(&["is not on screen"]);
     local.run(&["query", "ray", "0,0,0", "0,0,0"]).failed(&["a finite direction that is not 0"]);
 }
+
+#[test]
+fn regions_and_points_of_the_open_scene_are_asked_about() {
+    let local = wall();
+    let query = |parts: &[&str]| {
+        let words: Vec<&str> = ["query"].iter().chain(parts).copied().collect();
+        local.run(&words).succeeded()
+    };
+    // Triangles from (0, 0, 0) and (1, 0, 0), with legs of 1.
+    let (left, both) = ("node 1 door", "node 1 door\nnode 3 door");
+    let plank = ["box", "-1,0.2,-1", "2,0.3,1"];
+    assert_eq!(query(&plank), both);
+    assert_eq!(query(&["box", "-1,-1,-1", "1,1,0", "--relation", "inside"]), left);
+    assert_eq!(query(&["box", "-1,-1,-1", "0.9,1,0", "--relation", "inside"]), "nothing");
+    assert_eq!(query(&["box", "0.2,0.2,0", "0.3,0.3,0", "--relation", "contains"]), left);
+    assert_eq!(query(&["sphere", "2.5,0,0", "1", "--relation", "disjoint"]), left);
+    assert_eq!(query(&["sphere", "-1,0,0", "1"]), left, "its border belongs to it");
+    assert_eq!(query(&["prism", "-1,2", "-0.5,-0.5 0.5,-0.5 0,0.5"]), left);
+    assert_eq!(query(&["prism", "2,3", "-0.5,-0.5 0.5,-0.5 0,0.5"]), "nothing");
+    assert_eq!(query(&["box", "-1,0.2,-1", "2,0.3,1", "--below", "house"]), left);
+    local.run(&["node", "set", "house/door", "position=0,0,-4"]).succeeded();
+    assert_eq!(query(&plank), "node 3 door", "as it was edited");
+    local.run(&["camera", "look-at", "1.25,0.25,3", "1.25,0.25,0"]).succeeded();
+    let wall = local.client().wall().expect("a wall");
+    let (screen, size) = (&wall.screens[0].name, wall.screens[0].canvas);
+    let whole = format!("{},{}", size.x, size.y);
+    assert_eq!(query(&["frustum", screen, "0,0", &whole]), both);
+    let lower = format!("{},{}", size.x / 2, size.y / 2);
+    assert_eq!(query(&["frustum", screen, "0,0", &lower, "--relation", "inside"]), "nothing");
+    let json = query(&["frustum", screen, "0,0", &whole, "--name", "door", "--json"]);
+    let nodes: Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!((&nodes[0]["id"], &nodes[1]["position"][0]), (&1.into(), &1.0.into()));
+
+    let near = query(&["nearest", "1.25,0.25,3"]);
+    assert_eq!(near, "node 3 door at 1.250000,0.250000,0.000000, 3.000000 away");
+    assert_eq!(query(&["nearest", "1.25,0.25,3", "--within", "2.9"]), "nothing");
+    let json = query(&["nearest", "0,0,-5", "--json"]);
+    let nearest: Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!((&nearest["node"], &nearest["distance"]), (&1.into(), &1.0.into()));
+    let seen = query(&["segment", "1.2,0.2,5", "1.2,0.2,-1"]);
+    assert_eq!(seen, "node 3 door at 1.200000,0.200000,0.000000, 5.000000 away");
+    assert_eq!(query(&["segment", "1.2,0.2,5", "1.2,0.2,0"]), "nothing", "it ends there");
+    assert_eq!(query(&["segment", "1.2,0.2,0", "1.2,0.2,-3"]), "nothing", "it begins there");
+    local.run(&["node", "set", "3", "rotation=0,-90,0"]).succeeded();
+    let below = query(&["ground", "1.2,7,0.2"]);
+    assert_eq!(below, "node 3 door at 1.200000,0.000000,0.200000, 7.000000 away, from behind");
+    let refused = |parts: &[&str], said: &str| {
+        let words: Vec<&str> = ["query"].iter().chain(parts).copied().collect();
+        local.run(&words).failed(&[said]);
+    };
+    refused(&["box", "0,1,0", "1,0,1"], "its y ends at 0 and begins at 1; swap the two");
+    refused(&["sphere", "0,0,0", "-1"], "its radius is -1; give 0 or more");
+    refused(&["sphere", "0,NaN,0", "1"], "finite");
+    refused(&["prism", "0,1", "0,0 1,1 1,0 0,1"], "edges 0 and 2");
+    refused(&["frustum", screen, "9,9", "3,3"], "is empty; give its upper left");
+    refused(&["frustum", "roof", "0,0", "3,3"], "no screen \"roof\"");
+}

@@ -5,6 +5,7 @@ use std::path::Path;
 use glam::{DQuat, DVec2, DVec3, DVec4};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::pick_ray::PickError;
+use polyptych_wall::region::RegionTest;
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Eye, Wall};
 
@@ -89,6 +90,48 @@ fn cameras_of_their_own_are_picked_through_their_windows() {
         let ray = wall.pick_ray(&views, &wall.head(), screen, beside).expect("a ray");
         assert_eq!(ray.origin, wall.head().position, "the wall's own picture");
     }
+}
+
+#[test]
+fn a_rectangle_of_the_wall_shows_its_region() {
+    let wall = walls().remove(1);
+    let (head, screen) = (wall.head(), &wall.screens[0].name);
+    let area = Area::Screen { screen: 0, rect: [100, 50, 700, 400] };
+    let own = View::of_wall(camera());
+    let laid = |projection| View { camera: camera(), area, projection };
+    for view in [
+        own.clone(),
+        laid(ViewProjection::Perspective { fov_y_rad: 0.9 }),
+        laid(ViewProjection::Orthographic { height_m: 12.0 }),
+    ] {
+        let views = [own.clone(), view.clone()];
+        let [begin, end] = [DVec2::new(150.0, 60.0), DVec2::new(800.0, 300.0)];
+        let region = wall.pick_region(&views, &head, screen, [begin, end]).expect("a region");
+        let test = RegionTest::new(&region).expect("a sound region");
+        let pixels = [150.1, 400.0, 799.9].map(|x| [60.1, 299.9].map(|y| DVec2::new(x, y)));
+        for pixel in pixels.as_flattened() {
+            let ray = wall.pick_ray(&views, &head, screen, *pixel).expect("a ray");
+            assert!(test.touches(&[ray.at(3.0); 3]), "{pixel} {:?}", view.projection);
+            assert!(!test.touches(&[ray.at(-3.0); 3]), "behind the eye: {:?}", view.projection);
+        }
+        for pixel in [DVec2::new(149.9, 100.0), DVec2::new(200.0, 59.9), DVec2::new(200.0, 300.1)] {
+            let ray = wall.pick_ray(&views, &head, screen, pixel).expect("a ray");
+            assert!(!test.touches(&[ray.at(3.0); 3]), "{pixel} {:?}", view.projection);
+        }
+    }
+    let views = [own, laid(ViewProjection::Orthographic { height_m: 12.0 })];
+    let corners = |end: f64| [DVec2::splat(60.0), DVec2::splat(end)];
+    let several = wall.pick_region(&views, &head, screen, corners(300.0));
+    assert_eq!(several, Err(PickError::SeveralViews));
+    let empty = wall.pick_region(&views, &head, screen, corners(60.0));
+    assert!(matches!(empty, Err(PickError::EmptyRectangle { .. })));
+    let nowhere = wall.pick_region(&views, &head, "roof", corners(70.0));
+    assert!(matches!(nowhere, Err(PickError::NoScreen { .. })));
+    let round = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/cylinder-360.toml");
+    let round = polyptych_wall_file::load(&round).expect("a wall");
+    let name = &round.screens[0].name;
+    let curved = round.pick_region(&[], &round.head(), name, corners(70.0));
+    assert_eq!(curved, Err(PickError::Curved(name.clone())));
 }
 
 #[test]
