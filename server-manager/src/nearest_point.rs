@@ -37,7 +37,7 @@ pub(crate) fn nearest(
     revision: Revision,
 ) -> Result<Option<NearestPoint>, String> {
     let NearestQuery { point, within } = *query;
-    if !(point.abs().max_element() <= REGION_REACH_MAX) || point.is_nan() {
+    if point.is_nan() || point.abs().max_element() > REGION_REACH_MAX {
         let limit = format!("at most {REGION_REACH_MAX:e} from 0");
         return Err(format!("the point is {point}; give three finite numbers, {limit}"));
     }

@@ -1,5 +1,5 @@
-//! The triangles of the open scene's meshes, as read from the store, in trees: kept from question to
-//! question.
+//! The triangles of the open scene's meshes, as read from the store, in trees: kept from one
+//! question to the next.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -29,7 +29,7 @@ impl Wall {
         }
         let mut screens = self.screens.iter().enumerate();
         if let Some((index, known)) = screens.find(|(_, known)| known.name == screen) {
-            let view = only_view(views, index, [begin, end]).ok_or(PickError::SeveralViews)?;
+            let view = only_view(views, index, [begin, end])?;
             let is_window = view.is_none_or(|view| view.projection == ViewProjection::Wall);
             if is_window && !matches!(known.surface, Surface::Plane(_)) {
                 return Err(PickError::Curved(known.name.clone()));
@@ -48,22 +48,26 @@ impl Wall {
     }
 }
 
-/// The view of which alone a rectangle shows a part; `Some(None)` is the wall's own picture,
-/// where no view was laid. `None` if there are several.
-fn only_view(views: &[View], screen: usize, [begin, end]: [DVec2; 2]) -> Option<Option<&View>> {
+/// The view of which alone a rectangle shows a part; `None` is the wall's own picture, where no
+/// view was laid.
+fn only_view(
+    views: &[View],
+    screen: usize,
+    [begin, end]: [DVec2; 2],
+) -> Result<Option<&View>, PickError> {
     for view in views.iter().rev() {
         let Area::Screen { screen: index, rect: [x, y, width, height] } = view.area else {
-            return Some(Some(view));
+            return Ok(Some(view));
         };
         let low = DVec2::new(x.into(), y.into());
         let high = low + DVec2::new(width.into(), height.into());
         let is_beside = (low.cmpge(end) | high.cmple(begin)).any();
         if usize::from(index) == screen && !is_beside {
             let is_whole = low.cmple(begin).all() && high.cmpge(end).all();
-            return is_whole.then_some(Some(view));
+            return if is_whole { Ok(Some(view)) } else { Err(PickError::SeveralViews) };
         }
     }
-    Some(None)
+    Ok(None)
 }
 
 /// The planes between neighbouring rays, and where they all begin in different points, the plane

@@ -104,8 +104,8 @@ pub enum RegionError {
     Corners(usize),
     /// A polygon with edges that cross or touch each other.
     #[error(
-        "edges {first} and {second} of the prism's polygon meet beside their common corner, or have \
-         no length; give corners in order, whose edges do not cross"
+        "edges {first} and {second} of the prism's polygon meet beside their common corner, or \
+         have no length; give corners in order, whose edges do not cross"
     )]
     Edges {
         /// The edge from the corner of this index.
@@ -200,13 +200,14 @@ impl RegionTest {
 
     /// Returns where a box along the axes lies to the region.
     pub fn place_of_box(&self, low: DVec3, high: DVec3) -> BoxPlace {
-        if self.around.is_some_and(|(min, max)| !(min.cmple(high) & max.cmpge(low)).all()) {
+        let is_met = |(min, max): (DVec3, DVec3)| (min.cmple(high) & max.cmpge(low)).all();
+        if !self.around.is_none_or(is_met) {
             return BoxPlace::Outside;
         }
         let is_inside = match &self.shape {
             Shape::Box { min, max } => min.cmple(low).all() && max.cmpge(high).all(),
             Shape::Sphere { center, radius } => {
-                if is_farther(*center, center.clamp(low, high), *radius) {
+                if !is_near(*center, center.clamp(low, high), *radius) {
                     return BoxPlace::Outside;
                 }
                 let farthest = (*center - low).abs().max((high - *center).abs());
@@ -223,7 +224,7 @@ impl RegionTest {
         match &self.shape {
             Shape::Box { min, max } => meets_box(corners, *min, *max),
             Shape::Sphere { center, radius } => {
-                !is_farther(*center, nearest_on_triangle(*center, corners), *radius)
+                is_near(*center, nearest_on_triangle(*center, corners), *radius)
             }
             Shape::Prism(prism) => prism.touches(corners),
             Shape::Convex(convex) => convex.touches(corners),
@@ -237,7 +238,7 @@ impl RegionTest {
                 corners.iter().all(|at| at.cmpge(*min).all() && at.cmple(*max).all())
             }
             Shape::Sphere { center, radius } => {
-                corners.iter().all(|at| !is_farther(*center, *at, *radius))
+                corners.iter().all(|at| is_near(*center, *at, *radius))
             }
             Shape::Prism(prism) => prism.holds(corners),
             Shape::Convex(convex) => corners.iter().all(|at| convex.has(*at)),
@@ -245,11 +246,10 @@ impl RegionTest {
     }
 }
 
-/// Returns whether a point is farther from a centre than a radius, rounding apart.
-fn is_farther(center: DVec3, point: DVec3, radius: f64) -> bool {
+/// Returns whether a point is no farther from a centre than a radius, rounding apart; NaN is not.
+fn is_near(center: DVec3, point: DVec3, radius: f64) -> bool {
     let reach = center.abs().max_element().max(point.abs().max_element());
-    // NaN is not near anything.
-    !(point.distance(center) <= radius + ROUNDING * (radius + reach))
+    point.distance(center) <= radius + ROUNDING * (radius + reach)
 }
 
 /// Returns whether a triangle meets a box, by looking for an axis that separates them:
@@ -279,7 +279,7 @@ fn meets_box(corners: &[DVec3; 3], min: DVec3, max: DVec3) -> bool {
 }
 
 fn check_all(what: &'static str, numbers: &[f64]) -> Result<(), RegionError> {
-    let wrong = numbers.iter().find(|number| !(number.abs() <= REGION_REACH_MAX));
+    let wrong = numbers.iter().find(|number| number.is_nan() || number.abs() > REGION_REACH_MAX);
     wrong.map_or(Ok(()), |value| Err(RegionError::NoNumber { what, value: *value }))
 }
 

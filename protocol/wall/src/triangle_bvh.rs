@@ -1,9 +1,9 @@
 //! Which triangle a ray meets, or what is in a region or near a point: f64, in a tree of boxes.
 //!
 //! Own code, because the crates for it bring another linear algebra with them, and what is needed
-//! is three walks through a tree: I. Wald, *On fast construction of SAH-based bounding volume hierarchies*, 2007,
-//! calls the division at the median the simplest tree; meshes of walls, and of most scenes, are
-//! nearly as even as it takes for that one to be good.
+//! is three walks through a tree: I. Wald, *On fast construction of SAH-based bounding volume
+//! hierarchies*, 2007, calls the division at the median the simplest tree; meshes of walls, and of
+//! most scenes, are nearly as even as it takes for that one to be good.
 
 use std::ops::ControlFlow;
 

@@ -72,12 +72,7 @@ impl Cluster {
             Request::SetCamera(camera) => self.presentation.camera = checked_camera(camera)?,
             Request::SetHead(head) => self.set_head(head)?,
             Request::SetViews(views) => self.set_views(views)?,
-            Request::SetExposure(exposure) => {
-                if !(exposure.is_finite() && exposure >= 0.0) {
-                    return Err(format!("an exposure is 0 or more, not {exposure}"));
-                }
-                self.presentation.exposure = exposure;
-            }
+            Request::SetExposure(exposure) => self.set_exposure(exposure)?,
             Request::RenderFrame { camera, time_s } => {
                 let camera = camera.map(checked_camera).transpose()?;
                 if time_s.is_some_and(|time| !time.is_finite()) {
@@ -135,6 +130,14 @@ impl Cluster {
             }
         }
         Ok(Some(Response::Done))
+    }
+
+    fn set_exposure(&mut self, exposure: f32) -> Result<(), String> {
+        if !(exposure.is_finite() && exposure >= 0.0) {
+            return Err(format!("an exposure is 0 or more, not {exposure}"));
+        }
+        self.presentation.exposure = exposure;
+        Ok(())
     }
 
     /// Answers before the end: afterwards there is nobody to do it.

@@ -12,7 +12,7 @@ use crate::triangle_cache::TriangleCache;
 
 fn ask(stage: &Stage, point: DVec3, within: Option<f64>) -> Result<Option<NearestPoint>, String> {
     let cache = TriangleCache::default();
-    let walk = MeshWalk::new(&stage.index, &cache, &stage.store, Duration::from_secs(60));
+    let walk = MeshWalk::new(&stage.index, &cache, &stage.store, Duration::from_mins(1));
     nearest(&walk, &NearestQuery { point, within }, Revision(3))
 }
 
@@ -38,13 +38,15 @@ proptest! {
             let point = corner + DVec3::from(off) * far.exp2();
             let found = ask(&stage, point, None).expect("asked").expect("there are triangles");
             let of = |corners: &[DVec3; 3]| nearest_on_triangle(point, corners).distance(point);
-            let due = triangles.iter().map(|(_, corners)| of(corners)).fold(f64::INFINITY, f64::min);
+            let due = triangles.iter().map(|(_, corners)| of(corners));
+            let due = due.fold(f64::INFINITY, f64::min);
             prop_assert_eq!(found.distance, due);
             prop_assert_eq!(found.position.distance(point), due);
             let here = Region::Sphere { center: found.position, radius: 1e-9 * (1.0 + due) };
             let here = RegionTest::new(&here).expect("a region");
             let mut own = triangles.iter().filter(|(id, _)| *id == found.node);
-            prop_assert!(own.any(|(_, corners)| here.touches(corners)), "on a triangle of its node");
+            let is_own = own.any(|(_, corners)| here.touches(corners));
+            prop_assert!(is_own, "on a triangle of its node");
             prop_assert_eq!(ask(&stage, point, Some(due)).expect("asked"), Some(found));
             if due > 0.0 {
                 prop_assert_eq!(ask(&stage, point, Some(due.next_down())), Ok(None));

@@ -17,7 +17,7 @@ const RELATIONS: [Relation; 4] =
 
 fn find(stage: &Stage, region: &Region, relation: Relation) -> Result<Vec<NodeId>, String> {
     let cache = TriangleCache::default();
-    let walk = MeshWalk::new(&stage.index, &cache, &stage.store, Duration::from_secs(60));
+    let walk = MeshWalk::new(&stage.index, &cache, &stage.store, Duration::from_mins(1));
     let nodes = NodeQuery { count: NODES_MAX, ..NodeQuery::default() };
     let query = RegionQuery { region: region.clone(), relation, nodes };
     let page = find_in_region(&walk, &query, Revision(3))?;
@@ -164,8 +164,7 @@ fn pages_names_and_limits_are_those_of_other_questions() {
             Revision(1),
         )
     };
-    let (all, long) =
-        (Region::Sphere { center: DVec3::ZERO, radius: 1e3 }, Duration::from_secs(60));
+    let (all, long) = (Region::Sphere { center: DVec3::ZERO, radius: 1e3 }, Duration::from_mins(1));
     let nodes = NodeQuery { skip: 1, count: 5, ..NodeQuery::default() };
     let page = ask(all.clone(), nodes.clone(), long).expect("a page");
     assert_eq!((page.found, page.nodes.len(), page.nodes[0].id), (2, 1, NodeId(1)));

@@ -93,7 +93,8 @@ impl Convex {
         for plane in &self.0 {
             let (height, reach) = (plane.height(center), plane.normal.abs().dot(half));
             let slack = plane.slack(center, ROUNDING) + ROUNDING * reach;
-            if !(height - reach <= slack) {
+            let is_met = height - reach <= slack;
+            if !is_met {
                 return BoxPlace::Outside;
             }
             is_inside &= height + reach <= -slack;

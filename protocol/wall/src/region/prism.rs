@@ -68,7 +68,8 @@ impl Prism {
         let at = DVec2::new;
         let [x, z, to_x, to_z] = [low.x, low.z, high.x, high.z];
         let rectangle = [at(x, z), at(to_x, z), at(to_x, to_z), at(x, to_z)];
-        if !(self.low <= high.y && self.high >= low.y) || !self.meets(&rectangle) {
+        let is_met = self.low <= high.y && self.high >= low.y && self.meets(&rectangle);
+        if !is_met {
             return BoxPlace::Outside;
         }
         let is_inside = self.low <= low.y && self.high >= high.y && self.covers(&rectangle);
@@ -93,6 +94,15 @@ impl Prism {
         around(&self.polygon)
     }
 
+    /// The edges whose boxes meet a box, rounding apart.
+    fn edges_near(&self, min: DVec2, max: DVec2) -> impl Iterator<Item = (DVec2, DVec2)> {
+        let reach = self.min.abs().max(self.max.abs()).max(min.abs()).max(max.abs());
+        let slack = ROUNDING * reach.max_element();
+        self.edges().filter(move |(a, b)| {
+            a.min(*b).cmple(max + slack).all() && a.max(*b).cmpge(min - slack).all()
+        })
+    }
+
     /// Returns whether a convex polygon, which may be a line or a point, has a point of this one.
     fn meets(&self, convex: &[DVec2]) -> bool {
         let min = convex.iter().copied().fold(DVec2::INFINITY, DVec2::min);
@@ -101,7 +111,8 @@ impl Prism {
         if !((min - slack).cmple(self.max) & (max + slack).cmpge(self.min)).all() {
             return false;
         }
-        let edge_meets = |edge| self.edges().any(|own| edges_meet(own, edge));
+        let near: Vec<_> = self.edges_near(min, max).collect();
+        let edge_meets = |edge| near.iter().any(|own| edges_meet(*own, edge));
         if self.has(convex[0]) || around(convex).any(edge_meets) {
             return true;
         }
@@ -127,7 +138,7 @@ impl Prism {
         let (mut cuts, mut along) = (vec![0.0, 1.0], Vec::new());
         let length_squared = from.distance_squared(to);
         let share = |at: DVec2| (at - from).dot(to - from) / length_squared;
-        for (a, b) in self.edges() {
+        for (a, b) in self.edges_near(from.min(to), from.max(to)) {
             if side(from, to, a) == 0.0 && side(from, to, b) == 0.0 {
                 let (a, b) = (share(a), share(b));
                 along.push((a.min(b), a.max(b)));
@@ -152,11 +163,15 @@ impl Prism {
     fn has(&self, point: DVec2) -> bool {
         let mut is_in = false;
         for (a, b) in self.edges() {
+            let is_across = (a.y > point.y) != (b.y > point.y);
+            let is_beside = is_beside(a, b, point);
+            if !is_across && !is_beside {
+                continue;
+            }
             let side = side(a, b, point);
-            if side == 0.0 && is_beside(a, b, point) {
+            if is_beside && side == 0.0 {
                 return true;
             }
-            let is_across = (a.y > point.y) != (b.y > point.y);
             is_in ^= is_across && (side > 0.0) == (b.y > a.y);
         }
         is_in

@@ -23,8 +23,8 @@ fn vector(at: Point) -> DVec3 {
     DVec3::from(at.map(|number| number as f64))
 }
 
-/// Returns whether a triangle has a point p with n · p ≤ d for all of these: in shares u, v of two
-/// edges these are inequalities, and if they can be met, they are where two of them are equations.
+/// Returns whether a triangle has a point p with n · p ≤ d for all of these: in shares u, v of
+/// two edges these are inequalities, and if they can be met, they are where two of them are equations.
 fn meets_exactly([a, b, c]: [Point; 3], planes: &[(Point, i128)]) -> bool {
     let mut rows = vec![[-1, 0, 0], [0, -1, 0], [1, 1, 1]];
     rows.extend(
@@ -62,8 +62,10 @@ fn is_near_exactly([a, b, c]: [Point; 3], center: Point, radius: i128) -> bool {
         })
 }
 
+type Corners = &'static [[i128; 2]];
+
 /// Polygons, and convex ones that each of them is made of, with their corners in one direction.
-const POLYGONS: &[(&[[i128; 2]], &[&[[i128; 2]]])] = &[
+const POLYGONS: &[(Corners, &[Corners])] = &[
     (&[[0, 0], [4, 0], [2, 5]], &[&[[0, 0], [4, 0], [2, 5]]]),
     (
         &[[0, 0], [6, 0], [6, 6], [4, 6], [4, 2], [2, 2], [2, 6], [0, 6]],
@@ -139,7 +141,11 @@ fn check(region: &Region, triangle: [Point; 3], meets: bool, is_in: bool) -> Tes
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 4000, max_global_rejects: 40_000, ..Default::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 4000,
+        max_global_rejects: 40_000,
+        ..ProptestConfig::default()
+    })]
 
     #[test]
     fn boxes_are_met_as_exact_arithmetic_says(
@@ -172,8 +178,8 @@ proptest! {
     ) {
         let has = |at: &Point| planes.iter().all(|(n, d)| dot(*n, *at) <= *d);
         let (meets, is_in) = (meets_exactly(triangle, &planes), triangle.iter().all(has));
-        let halves = planes.iter().map(|(n, d)| HalfSpace { normal: vector(*n), offset: *d as f64 });
-        check(&Region::Convex(halves.collect()), triangle, meets, is_in)?;
+        let half = |(n, d): &(Point, i128)| HalfSpace { normal: vector(*n), offset: *d as f64 };
+        check(&Region::Convex(planes.iter().map(half).collect()), triangle, meets, is_in)?;
     }
 
     #[test]
