@@ -16,6 +16,7 @@
 //! ```
 
 mod scene_space;
+mod tours;
 
 use std::pin::pin;
 use std::sync::Arc;

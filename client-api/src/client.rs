@@ -311,8 +311,18 @@ impl Client {
     /// [`ClientError`]; [`ClientError::CaptureTooLarge`] where the pictures take more than
     /// [`ConnectOptions::capture_bytes_max`].
     pub async fn capture(&self) -> Result<Capture, ClientError> {
-        let mut pending =
-            self.link.post(Request::Capture, Wanted { pictures: true, progress: None })?;
+        self.capture_at(None).await
+    }
+
+    /// As [`Client::capture`], with the scene's time set to `time_s` seconds where given: frames
+    /// at equal steps of it make a film, however long each takes.
+    ///
+    /// # Errors
+    /// As of [`Client::capture`].
+    pub async fn capture_at(&self, time_s: Option<f64>) -> Result<Capture, ClientError> {
+        let mut pending = self
+            .link
+            .post(Request::Capture { time_s }, Wanted { pictures: true, progress: None })?;
         let answered = std::future::poll_fn(|context| pending.poll_answered(context)).await?;
         match (answered.reply, answered.parts) {
             (Response::Captured(captured), Some(parts)) => parts.assemble(captured),

@@ -93,7 +93,7 @@ impl Timeouts {
     pub(crate) fn of(&self, request: &Request) -> Duration {
         match request {
             Request::OpenScene { .. } | Request::OpenOutcome { .. } => self.open_scene,
-            Request::Capture => self.capture,
+            Request::Capture { .. } => self.capture,
             _ => self.other,
         }
     }

@@ -490,6 +490,8 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::Edited(_) => "an edited scene",
         Response::Nodes(_) => "nodes",
         Response::Ray(_) => "what a ray meets",
+        Response::StoredViews(_) => "stored views",
+        Response::Tour(_) => "how a tour stands",
         Response::ServersStopped(_) => "the stopped servers",
         Response::Nearest(_) => "the nearest point",
     };

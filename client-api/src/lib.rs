@@ -51,6 +51,7 @@ mod pending;
 mod reconnect;
 mod scene;
 mod scene_space;
+mod tours;
 mod window;
 
 pub use assets::{AssetError, Assets};
@@ -83,6 +84,8 @@ pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 pub use polyptych_protocol::request::{
     HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };
+pub use polyptych_protocol::stored_view::StoredView;
+pub use polyptych_protocol::tour_status::TourStatus;
 pub use polyptych_protocol::transaction::{AssetNumbers, AssetSource, NewAssets, Transaction};
 pub use polyptych_scene::{
     AlphaMode, Attribute, Bounds, Edit, Light, LightKind, Material, NewNode, NodeId, SceneFeatures,
@@ -93,5 +96,6 @@ pub use polyptych_wall::camera::Camera;
 pub use polyptych_wall::head::HeadPose;
 pub use polyptych_wall::pick_ray::Ray;
 pub use polyptych_wall::region::{HalfSpace, Region, Relation};
+pub use polyptych_wall::tour::{Easing, Tour, TourError, TourStop};
 pub use polyptych_wall::view::{Area, View, ViewProjection};
 pub use polyptych_wall::{Channel, Screen, Wall};

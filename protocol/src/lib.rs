@@ -32,6 +32,8 @@ pub mod progress;
 pub mod request;
 pub mod server_message;
 pub mod state_log;
+pub mod stored_view;
 pub mod stream;
 pub mod token;
+pub mod tour_status;
 pub mod transaction;

@@ -10,6 +10,7 @@ use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
+use polyptych_wall::tour::Tour;
 use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +23,8 @@ use crate::node_query::{
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
+use crate::stored_view::StoredView;
+use crate::tour_status::TourStatus;
 use crate::transaction::Transaction;
 
 /// A message from a client.
@@ -60,7 +63,10 @@ pub enum Request {
     /// Stops that.
     Pause,
     /// Draws and shows one frame, and sends its pictures.
-    Capture,
+    Capture {
+        /// Scene time in seconds; where not given, the wall's own clock goes on.
+        time_s: Option<f64>,
+    },
     /// Sends the wall's state.
     Status,
     /// Sends the wall's description.
@@ -117,6 +123,28 @@ pub enum Request {
     /// Asks for the point of the open scene's triangles that is nearest to a point, as the state
     /// has it that frames name.
     NearestPoint(NearestQuery),
+    /// Keeps a place of the camera under a name, in the place of what had that name.
+    StoreView {
+        /// See [`StoredView::name`].
+        name: String,
+        /// Where not given, the present one.
+        camera: Option<Camera>,
+    },
+    /// Forgets a place of the camera.
+    RemoveView {
+        /// As it was stored.
+        name: String,
+    },
+    /// Asks for all places of the camera that are kept.
+    ListStoredViews,
+    /// Lets the camera move through stops. It begins with the next frame that is asked for or
+    /// paced, and is evaluated for every frame as a function of scene time; what sets the camera
+    /// otherwise, or opens another scene, ends it. A wall that is paused does not move by itself.
+    PlayTour(Tour),
+    /// Ends the tour; the camera stays where it is.
+    StopTour,
+    /// Asks how the tour stands.
+    DescribeTour,
 }
 
 impl Request {
@@ -132,7 +160,7 @@ impl Request {
             Self::RenderFrame { .. } => "render a frame",
             Self::Run(_) => "run",
             Self::Pause => "pause",
-            Self::Capture => "capture the wall",
+            Self::Capture { .. } => "capture the wall",
             Self::Status => "read the status",
             Self::DescribeWall => "read the wall's description",
             Self::Statistics { .. } => "read the statistics",
@@ -148,6 +176,12 @@ impl Request {
             Self::CastRay(_) => "cast a ray",
             Self::FindInRegion(_) => "find nodes in the region",
             Self::NearestPoint(_) => "find the nearest point",
+            Self::StoreView { .. } => "store the view",
+            Self::RemoveView { .. } => "remove the view",
+            Self::ListStoredViews => "list the stored views",
+            Self::PlayTour(_) => "play the tour",
+            Self::StopTour => "stop the tour",
+            Self::DescribeTour => "read how the tour stands",
         }
     }
 }
@@ -225,6 +259,10 @@ pub enum Response {
     ServersStopped(StoppedServers),
     /// To [`Request::NearestPoint`]: the point, if any is near enough.
     Nearest(Option<NearestPoint>),
+    /// To [`Request::ListStoredViews`]: by name.
+    StoredViews(Vec<StoredView>),
+    /// To [`Request::DescribeTour`].
+    Tour(Box<TourStatus>),
 }
 
 impl Response {
@@ -236,7 +274,9 @@ impl Response {
             | Self::Statistics(_)
             | Self::Nodes(_)
             | Self::Ray(_)
-            | Self::Nearest(_) => false,
+            | Self::Nearest(_)
+            | Self::StoredViews(_)
+            | Self::Tour(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)

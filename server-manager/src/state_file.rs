@@ -1,7 +1,7 @@
 //! What a manager remembers over a restart: a small file that is there whole or not at all.
 //!
 //! ```text
-//! PLYPSTA3 | BLAKE3 of what follows, 32 bytes | encoded wall without paths | encoded Memory
+//! PLYPSTA4 | BLAKE3 of what follows, 32 bytes | encoded wall without paths | encoded Memory
 //! ```
 //!
 //! The last letter is the version of the form.
@@ -27,7 +27,7 @@ pub(crate) use reconcile::{Reconciled, reconcile};
 const MEMORY_BYTES_MAX: u64 = 2 * MESSAGE_BYTES_MAX as u64;
 
 /// How the file begins: one that begins otherwise is another program's, and is not written over.
-const MAGIC: [u8; 8] = *b"PLYPSTA3";
+const MAGIC: [u8; 8] = *b"PLYPSTA4";
 
 /// How files of all versions begin.
 const MAGIC_OF_ALL: [u8; 7] = *b"PLYPSTA";
@@ -180,15 +180,18 @@ impl StateFile {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
+    use polyptych_core::{PlayedTour, TourClock};
     use polyptych_protocol::ids::Revision;
     use polyptych_protocol::output_mode::OutputMode;
     use polyptych_protocol::pattern::TestPattern;
     use polyptych_protocol::presentation::Presentation;
     use polyptych_protocol::request::Pacing;
+    use polyptych_protocol::stored_view::StoredView;
     use polyptych_scene::{Bounds, SceneEdits};
     use polyptych_wall::ChannelCalibration;
     use polyptych_wall::camera::Camera;
     use polyptych_wall::head::HeadPose;
+    use polyptych_wall::tour::{Tour, TourStop};
     use polyptych_wall::view::View;
 
     use super::*;
@@ -219,6 +222,12 @@ mod tests {
             edits: SceneEdits::default(),
             next_node: 17,
             temporary: Vec::new(),
+            stored_views: vec![StoredView { name: "quay".into(), camera: Camera::IDENTITY }],
+            tour: Some(PlayedTour {
+                tour: Tour { stops: vec![TourStop::new(Camera::IDENTITY, 2.0)], is_loop: true },
+                from: Camera::IDENTITY,
+                clock: TourClock::Waiting { at_s: 1.5 },
+            }),
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");
@@ -243,7 +252,7 @@ mod tests {
     fn files_of_other_versions_are_of_no_use_but_may_be_written_over() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("wall");
-        for bytes in [&b"PLYPSTAT and more"[..], b"PLYPSTA2", b"PLYPSTA9", b"PLYPSTA", b"PL", b""] {
+        for bytes in [&b"PLYPSTAT and more"[..], b"PLYPSTA3", b"PLYPSTA9", b"PLYPSTA", b"PL", b""] {
             fs::write(&path, bytes).expect("written");
             assert_eq!((load(&path), check_writable(&path)), (None, Ok(())), "{bytes:?}");
         }

@@ -50,7 +50,7 @@ fn pictures_that_nobody_reads_wait_in_a_bounded_space() {
         stream.write_all(&call(0, Request::Subscribe(true))).await.expect("sent");
         // As many as one client may have under way: 64 MiB of pictures.
         for id in 1..=60 {
-            stream.write_all(&call(id, Request::Capture)).await.expect("sent");
+            stream.write_all(&call(id, Request::Capture { time_s: None })).await.expect("sent");
         }
         stream
     });

@@ -23,7 +23,7 @@ fn an_orbit_and_its_feedback_outlive_the_manager() {
         let drawn = draw(number).expect("drawn");
         assert_eq!(feedbacks.next().map(|feedback| feedback.frame), Some(drawn.frame));
     }
-    let open = client.submit(Request::Capture).expect("posted");
+    let open = client.submit(Request::Capture { time_s: None }).expect("posted");
     local.manager.kill();
     let error = open.wait().expect_err("nobody is there to answer");
     assert!(error.is_outcome_unknown() || matches!(error, ClientError::NotConnected { .. }));

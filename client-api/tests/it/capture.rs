@@ -19,8 +19,8 @@ fn captured(pictures: Vec<ImageInfo>) -> Response {
 async fn pictures_come_together_from_their_pieces() {
     let (client, mut manager) = pair().await;
     let script = async {
-        let first = manager.expect(Request::Capture).await;
-        let second = manager.expect(Request::Capture).await;
+        let first = manager.expect(Request::Capture { time_s: None }).await;
+        let second = manager.expect(Request::Capture { time_s: None }).await;
         manager.piece(first, 1, &[7; 5]).await;
         manager.piece(second, 0, &[9; 4]).await;
         manager.piece(RequestId(77), 0, &[1; 100]).await;
@@ -44,7 +44,7 @@ async fn a_capture_beyond_the_limit_ends_alone() {
     let small = ConnectOptions { capture_bytes_max: 1000, ..options("pipe") };
     let (client, mut manager) = pair_with(1 << 16, small).await;
     let script = async {
-        let id = manager.expect(Request::Capture).await;
+        let id = manager.expect(Request::Capture { time_s: None }).await;
         for _ in 0..3 {
             manager.piece(id, 0, &[0; 400]).await;
         }
@@ -63,7 +63,7 @@ async fn a_capture_beyond_the_limit_ends_alone() {
 async fn pictures_that_do_not_fit_their_description_are_refused() {
     let (client, mut manager) = pair().await;
     let script = async {
-        let id = manager.expect(Request::Capture).await;
+        let id = manager.expect(Request::Capture { time_s: None }).await;
         manager.piece(id, 0, &[0; 400]).await;
         manager.reply(id, captured(vec![info("front", true, 10, 11)])).await;
     };
@@ -76,10 +76,10 @@ async fn pictures_that_do_not_fit_their_description_are_refused() {
 async fn a_raw_capture_keeps_no_pictures() {
     let (client, mut manager) = pair().await;
     let script = async {
-        let id = manager.expect(Request::Capture).await;
+        let id = manager.expect(Request::Capture { time_s: None }).await;
         manager.piece(id, 0, &[0; 4]).await;
         manager.reply(id, captured(vec![info("s", true, 1, 1)])).await;
     };
-    let (reply, ()) = tokio::join!(client.request(Request::Capture), script);
+    let (reply, ()) = tokio::join!(client.request(Request::Capture { time_s: None }), script);
     assert!(matches!(reply, Ok(Response::Captured(_))));
 }

@@ -12,6 +12,7 @@ use polyptych_wall::ChannelId;
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Offset};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
+use polyptych_wall::tour::{Tour, TourStop};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use proptest::prelude::*;
 use serde::Serialize;
@@ -139,6 +140,11 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         ..View::of_wall(Camera::IDENTITY)
     };
     let views = RequestMessage { id: RequestId(9), request: Request::SetViews(vec![plan]) };
+    let call = |request| RequestMessage { id: RequestId(8), request };
+    let film = call(Request::Capture { time_s: Some(2.5) });
+    let store = call(Request::StoreView { name: "quay".into(), camera: None });
+    let stop = TourStop::new(Camera::IDENTITY, 2.0);
+    let play = call(Request::PlayTour(Tour { stops: vec![stop], is_loop: true }));
     vec![
         (encode(&Hello::Client(client)), "0003616e6e"),
         (encode(&Hello::Server(server)), "01016101046c656674fb921000000000"),
@@ -196,6 +202,14 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         ),
         (encode(&pattern), "08100103"),
         (encode(&tune), "0911016101000101000000000000f83f000000000000e0bf"),
+        (encode(&film), "0807010000000000000440"),
+        (encode(&store), "0817047175617900"),
+        (
+            encode(&play),
+            "081a010000000000000000000000000000000000000000000000000000000000000000000000\
+             00000000000000000000000000000000000000f03f000000000000f03f000000000000004000\
+             000000000000000001",
+        ),
         (encode(&failure), "000501026e6f"),
         (encode(&done), "00050000"),
     ]

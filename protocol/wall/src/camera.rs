@@ -1,5 +1,7 @@
 //! Where the display space stands in the scene.
 
+mod moves;
+
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 

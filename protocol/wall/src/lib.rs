@@ -28,6 +28,7 @@ pub mod region;
 pub mod screen;
 pub mod surface;
 pub mod surface_sample;
+pub mod tour;
 pub mod triangle_bvh;
 pub mod triangle_distance;
 pub mod unfold;

@@ -191,6 +191,7 @@ impl Cluster {
         self.frame.0 += 1;
         self.beginnings.add(now);
         let time_s = self.time_of(order.as_ref(), now);
+        self.follow_tour(order.as_ref(), time_s, now);
         // A picture that someone asked for is worth the longest wait. A channel that joins a wall
         // that moves is not: it would hold up those who have warmed up long ago.
         let (length, longest) = (self.deadline.length(), self.deadline.longest());
@@ -227,17 +228,21 @@ impl Cluster {
     /// Scene time of the frame that begins. One that nobody has ordered shows what the last one
     /// did.
     fn time_of(&mut self, order: Option<&FrameRequest>, now: Micros) -> f64 {
-        let is_ordered = order.is_some() || self.pacer.pace().is_some() || self.frame.0 <= 1;
-        if is_ordered {
+        if self.is_timed(order) || self.frame.0 <= 1 {
             self.time_s = order.and_then(|order| order.time_s).unwrap_or(now as f64 * 1e-6);
         }
         self.time_s
     }
 
+    /// Returns whether scene time goes on with a frame: it is asked for, or comes by itself.
+    pub(super) fn is_timed(&self, order: Option<&FrameRequest>) -> bool {
+        order.is_some() || self.pacer.pace().is_some()
+    }
+
     /// What an order asks for beside its frame holds from this frame on.
     fn take_over(&mut self, order: Option<&FrameRequest>) {
         if let Some(camera) = order.and_then(|order| order.camera) {
-            self.presentation.camera = camera;
+            self.place_camera(camera);
         }
         match order.and_then(|order| order.wish) {
             Some(OutputChange::Displays(displays)) => self.presentation.output_mode = displays,

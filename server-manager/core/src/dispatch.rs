@@ -69,28 +69,14 @@ impl Cluster {
                 self.request_change(now, StateChange { operations, purpose });
                 return Ok(None);
             }
-            Request::SetCamera(camera) => self.presentation.camera = checked_camera(camera)?,
+            Request::SetCamera(camera) => self.place_camera(checked_camera(camera)?),
             Request::SetHead(head) => self.set_head(head)?,
             Request::SetViews(views) => self.set_views(views)?,
             Request::SetExposure(exposure) => self.set_exposure(exposure)?,
-            Request::RenderFrame { camera, time_s } => {
-                let camera = camera.map(checked_camera).transpose()?;
-                if time_s.is_some_and(|time| !time.is_finite()) {
-                    return Err("the time of a frame is a finite number of seconds".into());
-                }
-                return self.order(FrameRequest { camera, time_s, ..FrameRequest::unchanged(job) });
-            }
-            Request::Capture => {
-                return self.order(FrameRequest { capture: true, ..FrameRequest::unchanged(job) });
-            }
-            Request::SetDisplays(mode) => {
-                let wish = Some(OutputChange::Displays(mode));
-                return self.order(FrameRequest { wish, ..FrameRequest::unchanged(job) });
-            }
-            Request::SetPattern(pattern) => {
-                let wish = Some(OutputChange::Pattern(pattern));
-                return self.order(FrameRequest { wish, ..FrameRequest::unchanged(job) });
-            }
+            frame @ (Request::RenderFrame { .. }
+            | Request::Capture { .. }
+            | Request::SetDisplays(_)
+            | Request::SetPattern(_)) => return self.order_frame(job, &frame),
             Request::Tune { channel, changes } => {
                 return self.calibrate(now, job, &channel, &changes);
             }
@@ -122,6 +108,12 @@ impl Cluster {
                     client.is_subscribed = wish;
                 }
             }
+            guiding @ (Request::StoreView { .. }
+            | Request::RemoveView { .. }
+            | Request::ListStoredViews
+            | Request::PlayTour(_)
+            | Request::StopTour
+            | Request::DescribeTour) => return self.guide(guiding).map(Some),
             Request::Stop => return Ok(self.stop(job)),
             Request::StopServers => {
                 // Answered by the event loop, which hears the goodbyes of servers.
@@ -168,7 +160,30 @@ impl Cluster {
         Ok(None)
     }
 
+    /// Orders the frame that a request asks for.
+    fn order_frame(
+        &mut self,
+        job: ClientRequest,
+        request: &Request,
+    ) -> Result<Option<Response>, String> {
+        let mut order = FrameRequest::unchanged(job);
+        match *request {
+            Request::RenderFrame { camera, time_s } => {
+                order.camera = camera.map(checked_camera).transpose()?;
+                order.time_s = time_s;
+            }
+            Request::Capture { time_s } => (order.capture, order.time_s) = (true, time_s),
+            Request::SetDisplays(mode) => order.wish = Some(OutputChange::Displays(mode)),
+            Request::SetPattern(pattern) => order.wish = Some(OutputChange::Pattern(pattern)),
+            _ => {}
+        }
+        self.order(order)
+    }
+
     fn order(&mut self, order: FrameRequest) -> Result<Option<Response>, String> {
+        if order.time_s.is_some_and(|time| !time.is_finite()) {
+            return Err("the time of a frame is a finite number of seconds".into());
+        }
         let waiting = self.orders.iter().filter(|o| o.job.client == order.job.client).count();
         if waiting >= FRAME_ORDERS_MAX {
             return Err(format!(

@@ -29,9 +29,11 @@ mod skew;
 mod snapshot;
 mod span;
 mod statistics;
+mod stored_views;
 mod supersede;
 #[cfg(test)]
 mod tests;
+mod tours;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -45,6 +47,7 @@ use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{MessageToClient, Pacing, RequestError, Response, SceneSummary};
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::state_log::{Operation, Replica};
+use polyptych_protocol::stored_view::StoredView;
 use polyptych_scene::SceneOutline;
 use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
@@ -59,6 +62,7 @@ use registry::Registry;
 use skew::SkewTracker;
 pub use snapshot::Snapshot;
 use statistics::StatisticsCollector;
+pub use tours::{PlayedTour, TourClock};
 
 /// Microseconds since the manager started.
 pub type Micros = u64;
@@ -206,6 +210,11 @@ pub struct Cluster {
     wants_frame: bool,
     /// Scene time of the last frame that was begun.
     time_s: f64,
+    /// By name.
+    #[serde(default)]
+    stored_views: Vec<StoredView>,
+    #[serde(default)]
+    tour: Option<PlayedTour>,
     pacer: Pacer,
     deadline: deadline::Deadline,
     /// Measurements decide nothing, and take more room than all else.
@@ -251,6 +260,8 @@ impl Cluster {
             is_going_on: false,
             wants_frame: false,
             time_s: 0.0,
+            stored_views: Vec::new(),
+            tour: None,
             pacer: Pacer::default(),
             deadline: deadline::Deadline::new(wall.deadline),
             gathered: StatisticsCollector::new(wall.channels.len()),

@@ -30,7 +30,7 @@ const DISTANCE_MAX_RADII: f64 = 1e6;
 const PAN_DEPTH_MIN: f64 = 0.05;
 
 /// How long after a move the camera is persisted; until then others may follow.
-const REMEMBER_WAIT: Micros = 500_000;
+pub(super) const REMEMBER_WAIT: Micros = 500_000;
 
 /// Who may move the camera, about what, and what is still to be persisted.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
@@ -112,7 +112,7 @@ impl Cluster {
         if camera == self.presentation.camera {
             return;
         }
-        self.presentation.camera = camera;
+        self.place_camera(camera);
         self.navigator.count += 1;
         self.navigator.remember_at.get_or_insert(now + REMEMBER_WAIT);
         self.wants_frame |= !self.pacer.is_soon(now);

@@ -4,11 +4,12 @@ use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::request::Pacing;
 use polyptych_protocol::state_log::{Operation, SceneRef, check_wall_size};
+use polyptych_protocol::stored_view::StoredView;
 use polyptych_scene::{Bounds, Edit, NodeId, SceneEdits};
 use polyptych_wall::{ChannelCalibration, Wall, calibration_change};
 use serde::{Deserialize, Serialize};
 
-use super::{Cluster, Effect, Micros};
+use super::{Cluster, Effect, Micros, PlayedTour};
 
 /// A camera that comes with every frame is remembered this often: it is where a client was, not
 /// what it asked to be kept.
@@ -38,6 +39,12 @@ pub struct PersistentState {
     pub next_node: u64,
     /// Its nodes that end with a client's connection, and so with the manager.
     pub temporary: Vec<NodeId>,
+    /// Places of the camera, by name.
+    #[serde(default)]
+    pub stored_views: Vec<StoredView>,
+    /// The tour that is played.
+    #[serde(default)]
+    pub tour: Option<PlayedTour>,
 }
 
 impl PersistentState {
@@ -54,15 +61,19 @@ impl PersistentState {
             edits: SceneEdits::default(),
             next_node: 0,
             temporary: Vec::new(),
+            stored_views: Vec::new(),
+            tour: None,
         }
     }
 
     /// Returns whether more differs than the camera, the head and the views, which a client sends
-    /// all the time.
+    /// all the time, and how far a tour has come.
     pub fn differs_in_work(&self, other: &Self) -> bool {
         let Presentation { camera, head, views, .. } = other.presentation.clone();
         let presentation = Presentation { camera, head, views, ..self.presentation.clone() };
-        Self { presentation, ..self.clone() } != *other
+        let is_same = |tour: &PlayedTour| other.tour.as_ref().is_some_and(|of| of.is_same(tour));
+        let tour = if self.tour.as_ref().is_some_and(is_same) { &other.tour } else { &self.tour };
+        Self { presentation, tour: tour.clone(), ..self.clone() } != *other
     }
 }
 
@@ -124,6 +135,8 @@ impl Cluster {
         if let Err(reason) = cluster.set_views(views.clone()) {
             tracing::warn!(reason, "the views that were remembered cannot be");
         }
+        cluster.restore_stored_views(&memory.stored_views);
+        cluster.restore_tour(memory.tour.as_ref());
         cluster.editing.begin_at(cluster.shown.revision);
         cluster.shown_digest = cluster.shown.digest();
         cluster.set_pace(memory.pace, 0);
@@ -149,6 +162,8 @@ impl Cluster {
             edits: self.shown.edits.clone(),
             next_node: self.editing.next_node(),
             temporary: self.editing.temporary(),
+            stored_views: self.stored_views.clone(),
+            tour: self.remembered_tour(),
         }
     }
 

@@ -10,6 +10,7 @@ mod progress;
 mod random;
 mod sight;
 mod simulated;
+mod tours;
 mod tuning;
 
 use std::collections::BTreeMap;
@@ -532,7 +533,7 @@ fn a_capture_collects_late_channels_too_but_the_wall_goes_on() {
     stage.draw(&[0, 2], 1_000);
     stage.wait(100_000);
     assert_eq!(stage.state(1), ChannelState::Late);
-    stage.request(Request::Capture);
+    stage.request(Request::Capture { time_s: None });
     assert_eq!(stage.collects, [[0, 1, 2].map(ChannelId)]);
     stage.draw(&[0], 300_000);
     assert_eq!(stage.swaps.len(), 1, "a live channel may take as long as any frame waits");

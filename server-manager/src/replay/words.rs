@@ -71,6 +71,14 @@ pub(super) fn of_request(request: &Request) -> String {
             let more = if changes.len() > 8 { ", …" } else { "" };
             format!("{name} {}: {}{more}", text(channel), keys.join(", "))
         }
+        Request::StoreView { name: view, .. } | Request::RemoveView { name: view } => {
+            format!("{name} {}", text(view))
+        }
+        Request::PlayTour(tour) => {
+            let times = if tour.is_loop { "in a loop" } else { "once" };
+            format!("{name} of {} {times}", counted(tour.stops.len(), "stop"))
+        }
+        Request::Capture { time_s: Some(time_s) } => format!("{name} at {time_s} s"),
         _ => name.to_owned(),
     }
 }

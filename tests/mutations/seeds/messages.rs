@@ -31,6 +31,8 @@ use polyptych_protocol::server_message::{
     FramePresented, FrameRendered, Ping, Prepared, ServerMessage,
 };
 use polyptych_protocol::state_log::{Operation, SceneRef};
+use polyptych_protocol::stored_view::StoredView;
+use polyptych_protocol::tour_status::TourStatus;
 use polyptych_protocol::transaction::{AssetSource, Transaction};
 use polyptych_scene::{
     AlphaMode, Attribute, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, NewNode,
@@ -42,6 +44,7 @@ use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::pick_ray::Ray;
 use polyptych_wall::region::{HalfSpace, Region, Relation};
+use polyptych_wall::tour::{Easing, Tour, TourStop};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Wall};
 
@@ -266,6 +269,11 @@ fn tuning() -> Vec<CalibrationChange> {
     ]
 }
 
+fn tour() -> Tour {
+    let stop = TourStop::new(camera(), 2.0).with_stay(0.5);
+    Tour { stops: vec![stop, stop.with_easing(Easing::Linear)], is_loop: true }
+}
+
 fn calls() -> Vec<RequestMessage> {
     let requests = [
         Request::OpenScene { path: "town.glb".into() },
@@ -278,7 +286,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::Run(Pacing::Free),
         Request::Run(Pacing::Rate(60.0)),
         Request::Pause,
-        Request::Capture,
+        Request::Capture { time_s: None },
         Request::Status,
         Request::DescribeWall,
         Request::Statistics { reset: true },
@@ -304,6 +312,13 @@ fn calls() -> Vec<RequestMessage> {
             count: 1000,
         }),
         Request::NearestPoint(NearestQuery { point: DVec3::ONE, within: Some(2.5) }),
+        Request::Capture { time_s: Some(2.5) },
+        Request::StoreView { name: "quay".into(), camera: Some(camera()) },
+        Request::RemoveView { name: "quay".into() },
+        Request::ListStoredViews,
+        Request::PlayTour(tour()),
+        Request::StopTour,
+        Request::DescribeTour,
     ];
     let requests = requests.into_iter().chain(regions().map(Request::FindInRegion));
     let call = |(request, id)| RequestMessage { id: RequestId(id), request };
@@ -482,6 +497,13 @@ fn answers() -> Vec<request::MessageToClient> {
             name: "arm".into(),
             position: DVec3::ZERO,
             distance: 1.0,
+        }))),
+        Ok(Response::StoredViews(vec![StoredView { name: "quay".into(), camera: camera() }])),
+        Ok(Response::Tour(Box::new(TourStatus {
+            tour: Some(tour()),
+            began_s: Some(1.5),
+            time_s: 2.0,
+            pace: Some(Pacing::Rate(60.0)),
         }))),
         Err(RequestError::new("no such scene")),
     ];

@@ -46,7 +46,7 @@ fn a_paused_wall_draws_one_frame_for_a_mode_and_answers_when_it_is_swapped() {
     stage.wait(1_500_000);
     assert_eq!(stage.swaps.len(), 1, "and no frame more");
     // It holds for all frames that follow, captures among them.
-    stage.request(Request::Capture);
+    stage.request(Request::Capture { time_s: None });
     assert_eq!(stage.mode_of_last_frame(), OutputMode::Blank);
     stage.draw(&[0, 1], 1_000);
     stage.request(Request::SetDisplays(OutputMode::Normal));

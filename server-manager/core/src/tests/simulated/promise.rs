@@ -131,7 +131,7 @@ impl InvariantChecker {
     /// A capture is answered by the manager's collection, from here on.
     pub fn collects(&mut self, job: ClientRequest, frame: FrameId, channels: usize) -> Check {
         match self.promises.open.remove(&(job.client, job.id)) {
-            Some(Request::Capture) => {}
+            Some(Request::Capture { .. }) => {}
             None if !self.promises.clients.contains(&job.client) => {}
             other => return Err(format!("a capture of frame {frame} answers {other:?}")),
         }

@@ -212,7 +212,7 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
         }
         56..64 => Request::Run(a_pace(dice)),
         64..68 => Request::Pause,
-        68..74 => Request::Capture,
+        68..74 => Request::Capture { time_s: dice.is_hit(300).then_some(2.5) },
         74..80 => Request::Status,
         80..86 => Request::Statistics { reset: dice.is_hit(300) },
         86 => Request::DescribeWall,
