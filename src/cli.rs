@@ -8,6 +8,7 @@ mod completions;
 mod demo;
 mod displays;
 mod examples;
+mod film;
 mod keys;
 mod manager;
 mod node;
@@ -22,6 +23,8 @@ mod server;
 mod simulate;
 mod status;
 mod stop;
+mod stored_view;
+mod tour;
 mod verify;
 mod viewer;
 mod wall;
@@ -79,10 +82,15 @@ enum Command {
     Camera(remote::CameraArguments),
     /// Say where the viewer's eyes are, or move them
     Eye(viewer::EyeArguments),
-    /// Lay other cameras' pictures and plans over parts of a running wall
+    /// Keep places of the camera, or lay other cameras' pictures and plans over parts of the wall
     View(viewer::ViewArguments),
+    /// Move the camera of a running wall through stops
+    #[command(subcommand)]
+    Tour(tour::TourCommand),
     /// Save the picture of a running wall
     Shot(remote::ShotArguments),
+    /// Save frames of a running wall at equal steps of scene time
+    Film(film::FilmArguments),
     /// Let every display say over its picture which one it is
     Identify(displays::Arguments),
     /// Make every display black
@@ -204,7 +212,9 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Camera(arguments) => return remote::camera(&arguments),
         Command::Eye(arguments) => return viewer::eye(&arguments),
         Command::View(arguments) => return viewer::view(&arguments),
+        Command::Tour(command) => return tour::run(&command),
         Command::Shot(arguments) => return remote::capture(&arguments),
+        Command::Film(arguments) => return film::film(&arguments),
         Command::Identify(arguments) => return displays::run(OutputMode::Identify, &arguments),
         Command::Blank(arguments) => return displays::run(OutputMode::Blank, &arguments),
         Command::Freeze(arguments) => return displays::run(OutputMode::Freeze, &arguments),

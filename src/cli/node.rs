@@ -10,6 +10,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, anyhow, bail};
 use node_change::NodeChange;
+pub(super) use node_change::rotation;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DAffine3;
 use polyptych_client::{

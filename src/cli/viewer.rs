@@ -8,6 +8,7 @@ use polyptych_client::{Area, Camera, HeadPose, View, ViewProjection, Wall};
 
 use super::remote::{field_of_view, numbers, point, positive};
 use super::seen::show;
+use super::stored_view::{self, GoArguments, NameArguments};
 use super::{ManagerAddress, say};
 
 #[derive(Debug, clap::Args)]
@@ -73,10 +74,25 @@ pub(super) struct ViewArguments {
 enum ViewCommand {
     /// Lay a camera's picture over a part of the wall
     Add(AddArguments),
-    /// Say which views there are
-    List(ManagerAddress),
-    /// Take all views away
+    /// Keep where the camera is under a name
+    Save(NameArguments),
+    /// Move the camera to where a stored view has it
+    Go(GoArguments),
+    /// Forget a stored view
+    Remove(NameArguments),
+    /// Say which views lie over the wall, and which places of the camera are stored
+    List(ListArguments),
+    /// Take all views away that lie over the wall
     Clear(ManagerAddress),
+}
+
+#[derive(Debug, clap::Args)]
+struct ListArguments {
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    manager: ManagerAddress,
 }
 
 #[derive(Debug, clap::Args)]
@@ -121,21 +137,33 @@ pub(super) fn view(arguments: &ViewArguments) -> anyhow::Result<ExitCode> {
             client.set_views(views)?;
             show(&client)
         }
-        ViewCommand::List(manager) => {
-            let client = manager.connect()?;
-            let (wall, views) = (client.wall()?, client.presentation()?.views);
-            if views.is_empty() {
-                say("there are no views: the wall shows its camera's picture")?;
-            }
-            views.iter().try_for_each(|view| say(line(view, &wall)))?;
-            Ok(ExitCode::SUCCESS)
-        }
+        ViewCommand::Save(arguments) => stored_view::save(arguments),
+        ViewCommand::Go(arguments) => stored_view::go(arguments),
+        ViewCommand::Remove(arguments) => stored_view::remove(arguments),
+        ViewCommand::List(arguments) => list(arguments),
         ViewCommand::Clear(manager) => {
             let client = manager.connect()?;
             client.clear_views()?;
             show(&client)
         }
     }
+}
+
+fn list(arguments: &ListArguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.manager.connect()?;
+    let (wall, views) = (client.wall()?, client.presentation()?.views);
+    let stored = client.stored_views()?;
+    if arguments.json {
+        let stored: Vec<_> = stored.iter().map(stored_view::in_json).collect();
+        say(serde_json::json!({ "overlays": views, "stored": stored }))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    if views.is_empty() {
+        say("there are no views: the wall shows its camera's picture")?;
+    }
+    views.iter().try_for_each(|view| say(line(view, &wall)))?;
+    stored.iter().try_for_each(|view| say(stored_view::line(view)))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 impl AddArguments {

@@ -34,6 +34,7 @@
 //! - `observation`: metrics, logs for programs, and a live status
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
 //! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
+//! - `tours`: the camera moves by itself, and films of it lose no frame
 //! - `notes`: what of a scene is not drawn is said
 //! - `seen`: exit codes say who sees what a command did, and long ones how far they are
 //! - `report`: what a simulated wall writes, also where it ends early or is late
@@ -74,6 +75,7 @@ mod seen;
 mod soak;
 mod stopping;
 mod tidy;
+mod tours;
 mod trust;
 mod tuning;
 mod twins;

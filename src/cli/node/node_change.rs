@@ -187,7 +187,10 @@ fn three(value: &Value) -> anyhow::Result<DVec3> {
 }
 
 /// Yaw, pitch and roll in degrees, as in wall files, or a quaternion.
-fn rotation(value: &Value) -> anyhow::Result<DQuat> {
+///
+/// # Errors
+/// What would be right.
+pub(in crate::cli) fn rotation(value: &Value) -> anyhow::Result<DQuat> {
     match numbers(value)?[..] {
         [yaw, pitch, roll] => {
             let [yaw, pitch, roll] = [yaw, pitch, roll].map(f64::to_radians);

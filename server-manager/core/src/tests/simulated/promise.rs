@@ -108,8 +108,8 @@ impl InvariantChecker {
     }
 
     pub fn asked(&mut self, client: SessionId, id: RequestId, request: Request) {
-        if let Request::RenderFrame { camera: Some(_), .. } = request {
-            // Where a client was with a frame is remembered now and then only.
+        if let Request::RenderFrame { camera: Some(_), .. } | Request::PlayTour(_) = request {
+            // Where a client was with a frame, or a tour, is remembered now and then only.
             self.promises.told.camera = None;
         }
         self.promises.open.insert((client, id), request);
@@ -316,7 +316,22 @@ impl InvariantChecker {
                     return Err(format!("{edited:?}, but {memory:?} is remembered"));
                 }
             }
-            (Request::DescribeWall, Response::Wall(_)) | (Request::Stop, Response::Done) => {}
+            (Request::PlayTour(_), Response::Done) => {
+                is_kept(|memory, asked| {
+                    let kept = memory.tour.as_ref().map(|played| &played.tour);
+                    matches!(asked, Request::PlayTour(tour) if kept == Some(tour))
+                })?;
+            }
+            (Request::StopTour, Response::Done) => is_kept(|memory, _| memory.tour.is_none())?,
+            (Request::StoreView { .. }, Response::Done) => {
+                is_kept(|memory, _| memory.stored_views.len() == 1)?;
+            }
+            (Request::RemoveView { .. }, Response::Done) => {
+                is_kept(|memory, _| memory.stored_views.is_empty())?;
+            }
+            (Request::DescribeTour, Response::Tour(_))
+            | (Request::DescribeWall, Response::Wall(_))
+            | (Request::Stop, Response::Done) => {}
             (request, reply) => return Err(format!("{request:?} is answered by {reply:?}")),
         }
         Ok(())

@@ -9,6 +9,7 @@ use polyptych_protocol::transaction::Transaction;
 use polyptych_scene::{NewNode, NodeId};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
+use polyptych_wall::tour::{Tour, TourStop};
 use polyptych_wall::view::View;
 use polyptych_wall::{ChannelId, DeadlinePolicy, calibration_change};
 
@@ -121,6 +122,23 @@ fn play(world: &mut Simulation, dice: &mut Rng, temper: FaultRates) -> Check {
     Ok(())
 }
 
+fn spot(dice: &mut Rng) -> Camera {
+    Camera { scale: 1.0 + dice.below(100) as f64 / 7.0, ..Camera::IDENTITY }
+}
+
+fn a_tour(dice: &mut Rng) -> Request {
+    let stop = |travel_s: u64, camera| TourStop::new(camera, travel_s as f64 * 0.1);
+    let stops = (0..dice.below(4)).map(|index| stop(index, spot(dice))).collect();
+    let is_loop = dice.is_hit(300);
+    match dice.below(8) {
+        0 => Request::StopTour,
+        1 => Request::StoreView { name: "spot".into(), camera: None },
+        2 => Request::RemoveView { name: "spot".into() },
+        3 => Request::DescribeTour,
+        _ => Request::PlayTour(Tour { stops, is_loop }),
+    }
+}
+
 fn a_pace(dice: &mut Rng) -> Pacing {
     match dice.below(6) {
         0..2 => Pacing::Free,
@@ -175,8 +193,6 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
         }
         return Ok(());
     }
-    let spot =
-        |dice: &mut Rng| Camera { scale: 1.0 + dice.below(100) as f64 / 7.0, ..Camera::IDENTITY };
     let request = match dice.below(100) {
         0..25 => {
             let camera = dice.is_hit(500).then(|| spot(dice));
@@ -216,6 +232,7 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
         74..80 => Request::Status,
         80..86 => Request::Statistics { reset: dice.is_hit(300) },
         86 => Request::DescribeWall,
+        87 if dice.is_hit(500) => a_tour(dice),
         87 => edits(world, client, dice),
         88..94 => Request::Subscribe(dice.is_hit(700)),
         94 => Request::SetExposure(f32::NAN),

@@ -1,0 +1,277 @@
+//! `polyptych film`: frames at equal steps of scene time, none lost and none twice.
+//!
+//! ```text
+//! time of frame n -> capture -> all channels in it? -- yes --> written
+//!                       ^------- no: wait for them ---+
+//! ```
+
+mod film_output;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use film_output::FilmOutput;
+use polyptych_client::Capture;
+use polyptych_client::blocking::Client;
+use polyptych_text::{counted, printable};
+use serde::Serialize;
+
+use super::progress::ProgressReport;
+use super::remote::{numbers, positive};
+use super::seen::await_displays;
+use super::{ManagerAddress, say};
+
+/// Maximum number of frames: their numbers have six digits, and ten hours at 27 a second are more
+/// than anybody renders in one go.
+const FRAMES_MAX: u32 = 1_000_000;
+
+/// Maximum number of times that a frame is captured: a channel that is missing this often, though
+/// it was back each time, will not come.
+const TRIES_MAX: u32 = 8;
+
+/// Maximum time that a frame waits for channels that are missing: a server is started again in
+/// seconds, and gets a large scene in a minute.
+const RETURN_TIME_MAX: Duration = Duration::from_mins(1);
+
+/// Maximum number of frames that the report names in words.
+const NAMED_MAX: usize = 32;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct FilmArguments {
+    /// A folder for a PNG of each screen and frame, or a file that ends in .mp4, .mkv or .webm,
+    /// which ffmpeg writes
+    out: PathBuf,
+    /// How many frames
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_MAX)))]
+    frames: u32,
+    /// Frames per second of scene time, however long the wall takes for each
+    #[arg(long, value_name = "F", value_parser = positive)]
+    fps: f64,
+    /// Scene time of the first frame [default: where the tour begins that is played, else 0]
+    #[arg(long, value_name = "SECONDS", value_parser = second, allow_hyphen_values = true)]
+    from: Option<f64>,
+    /// Print a report as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+fn second(text: &str) -> Result<f64, String> {
+    numbers::<1>(text).map(|[number]| number)
+}
+
+/// What became of a film.
+#[derive(Debug, Serialize)]
+struct FilmReport {
+    out: String,
+    /// As asked.
+    frames: u32,
+    /// Frames that are in the film, from the first on.
+    written: u32,
+    fps: f64,
+    from_s: f64,
+    redrawn: Vec<RedrawnFrame>,
+}
+
+/// A frame that was captured more than once.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct RedrawnFrame {
+    /// Its number, from 0.
+    frame: u32,
+    time_s: f64,
+    /// How often it was captured.
+    tries: u32,
+    /// Channels that were missing before the last try, each once, with the first reason.
+    missing: Vec<(String, String)>,
+}
+
+/// Where the pictures of a film come from.
+trait FilmSource {
+    fn capture(&mut self, time_s: f64) -> anyhow::Result<Capture>;
+
+    /// Waits until the channels of the wall are back, and no longer than this.
+    fn await_channels(&mut self, limit: Duration) -> anyhow::Result<()>;
+}
+
+/// A running wall.
+struct WallSource<'a> {
+    client: &'a Client,
+    progress: &'a ProgressReport,
+}
+
+impl FilmSource for WallSource<'_> {
+    fn capture(&mut self, time_s: f64) -> anyhow::Result<Capture> {
+        Ok(self.client.capture_at(Some(time_s))?)
+    }
+
+    fn await_channels(&mut self, limit: Duration) -> anyhow::Result<()> {
+        await_displays(self.client, Some(limit), self.progress)
+    }
+}
+
+pub(super) fn film(arguments: &FilmArguments) -> anyhow::Result<ExitCode> {
+    let mut output = FilmOutput::new(&arguments.out, arguments.fps)?;
+    let client = arguments.manager.connect()?;
+    let tour = client.tour()?;
+    let from_s = arguments.from.or(tour.began_s).unwrap_or(0.0);
+    let mut report = FilmReport {
+        out: arguments.out.display().to_string(),
+        frames: arguments.frames,
+        written: 0,
+        fps: arguments.fps,
+        from_s,
+        redrawn: Vec::new(),
+    };
+    // Frames of the wall's own pace would show other times between those of the film.
+    if tour.pace.is_some() {
+        client.pause()?;
+    }
+    let progress = ProgressReport::start();
+    let mut source = WallSource { client: &client, progress: &progress };
+    let filmed = all_frames(&mut source, &mut output, &mut report, &progress);
+    drop(progress);
+    // What was written stays valid, however the film ended.
+    let ended = output.finish();
+    let resumed = tour.pace.map_or(Ok(()), |pace| client.start_rendering(pace));
+    if arguments.json {
+        say(serde_json::to_string(&report)?)?;
+    } else {
+        say_report(&report)?;
+    }
+    filmed.and(ended)?;
+    resumed.context("the film is whole, but the wall does not run on")?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn all_frames(
+    source: &mut impl FilmSource,
+    output: &mut FilmOutput,
+    report: &mut FilmReport,
+    progress: &ProgressReport,
+) -> anyhow::Result<()> {
+    for frame in 0..report.frames {
+        let done = u64::from(frame) * 100 / u64::from(report.frames);
+        progress.say(&format!("frame {frame} of {}", report.frames), u8::try_from(done).ok());
+        let time_s = report.from_s + f64::from(frame) / report.fps;
+        let capture = whole_frame(source, frame, time_s, &mut report.redrawn)?;
+        output.write(frame, &capture)?;
+        report.written += 1;
+    }
+    Ok(())
+}
+
+/// Captures a frame until all channels are in it.
+///
+/// # Errors
+/// The manager does not answer, or channels are missing for too long: names them.
+fn whole_frame(
+    source: &mut impl FilmSource,
+    frame: u32,
+    time_s: f64,
+    redrawn: &mut Vec<RedrawnFrame>,
+) -> anyhow::Result<Capture> {
+    let mut missing: Vec<(String, String)> = Vec::new();
+    let mut began = None;
+    for tries in 1..=TRIES_MAX {
+        let capture = source.capture(time_s).with_context(|| format!("frame {frame}"))?;
+        if capture.missing.is_empty() {
+            if tries > 1 {
+                redrawn.push(RedrawnFrame { frame, time_s, tries, missing });
+            }
+            return Ok(capture);
+        }
+        for (name, reason) in capture.missing {
+            if missing.iter().all(|(other, _)| *other != name) {
+                missing.push((name, reason));
+            }
+        }
+        let waited = began.get_or_insert_with(Instant::now).elapsed();
+        let Some(rest) = RETURN_TIME_MAX.checked_sub(waited) else { break };
+        source.await_channels(rest)?;
+    }
+    let list: Vec<String> = missing.iter().map(|of| named(of)).collect();
+    bail!("frame {frame} has no picture of {}; see: polyptych status", list.join("; "))
+}
+
+fn named((name, reason): &(String, String)) -> String {
+    format!("channel {}: {}", printable(name), printable(reason))
+}
+
+fn say_report(report: &FilmReport) -> anyhow::Result<()> {
+    let FilmReport { out, written, fps, from_s, redrawn, .. } = report;
+    let (frames, out) = (counted(*written, "frame"), printable(out));
+    let again = match redrawn.len() {
+        0 => "none".to_owned(),
+        count => count.to_string(),
+    };
+    say(format_args!("{out}: {frames} from {from_s} s on, {fps} per second; {again} redrawn"))?;
+    for of in redrawn.iter().take(NAMED_MAX) {
+        let list: Vec<String> = of.missing.iter().map(named).collect();
+        let RedrawnFrame { frame, tries, .. } = of;
+        say(format_args!("frame {frame} was drawn {tries} times: {}", list.join("; ")))?;
+    }
+    if let Some(more @ 1..) = redrawn.len().checked_sub(NAMED_MAX) {
+        say(format_args!("{} more; --json names all", counted(more, "redrawn frame")))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_client::FrameId;
+
+    use super::*;
+
+    /// A wall on which a channel is missing in these captures.
+    struct Script {
+        captures: u32,
+        missing: Vec<u32>,
+        waits: u32,
+    }
+
+    impl FilmSource for Script {
+        fn capture(&mut self, _: f64) -> anyhow::Result<Capture> {
+            self.captures += 1;
+            let is_missing = self.missing.contains(&self.captures);
+            let missing = is_missing.then(|| ("left".to_owned(), "it is lost".to_owned()));
+            Ok(Capture {
+                frame: FrameId(u64::from(self.captures)),
+                screens: Vec::new(),
+                channels: Vec::new(),
+                missing: missing.into_iter().collect(),
+            })
+        }
+
+        fn await_channels(&mut self, _: Duration) -> anyhow::Result<()> {
+            self.waits += 1;
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_frame_without_a_channel_is_captured_again_and_told() {
+        let mut script = Script { captures: 0, missing: vec![2, 3], waits: 0 };
+        let mut redrawn = Vec::new();
+        for frame in 0..3 {
+            let time_s = f64::from(frame) * 0.5;
+            let capture = whole_frame(&mut script, frame, time_s, &mut redrawn).expect("whole");
+            assert!(capture.missing.is_empty());
+        }
+        assert_eq!((script.captures, script.waits), (5, 2));
+        let missing = vec![("left".to_owned(), "it is lost".to_owned())];
+        assert_eq!(redrawn, [RedrawnFrame { frame: 1, time_s: 0.5, tries: 3, missing }]);
+    }
+
+    #[test]
+    fn a_channel_that_stays_away_ends_the_film() {
+        let mut script = Script { captures: 0, missing: (1..100).collect(), waits: 0 };
+        let error = whole_frame(&mut script, 7, 0.0, &mut Vec::new()).expect_err("not whole");
+        assert!(
+            error.to_string().starts_with("frame 7 has no picture of channel left: it is lost")
+        );
+        assert_eq!((script.captures, script.waits), (TRIES_MAX, TRIES_MAX));
+    }
+}

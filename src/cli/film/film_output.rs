@@ -1,0 +1,173 @@
+//! Where the frames of a film go: numbered PNG files, or ffmpeg.
+
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use anyhow::{Context, anyhow, bail};
+use image::RgbaImage;
+use polyptych_client::Capture;
+
+use crate::{image_files, outputs};
+
+/// Endings of files that ffmpeg writes.
+const VIDEO_ENDINGS: [&str; 3] = ["mp4", "mkv", "webm"];
+
+/// The frames of a film that are written.
+pub(super) enum FilmOutput {
+    /// A PNG for each screen and frame.
+    Folder(PathBuf),
+    /// A video of the screens side by side.
+    Video(Video),
+}
+
+/// A video that ffmpeg encodes.
+pub(super) struct Video {
+    path: PathBuf,
+    fps: f64,
+    /// From the first frame on.
+    encoder: Option<Encoder>,
+}
+
+struct Encoder {
+    process: Child,
+    size: (u32, u32),
+}
+
+impl FilmOutput {
+    /// Checks that the film can be written, and makes its folder.
+    ///
+    /// # Errors
+    /// What stands in the way, and the fix.
+    pub fn new(out: &Path, fps: f64) -> anyhow::Result<Self> {
+        let Some(ending) = out.extension() else {
+            outputs::make_folder(out)?;
+            return Ok(Self::Folder(out.to_owned()));
+        };
+        if !VIDEO_ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known)) {
+            bail!(
+                "{}: films end in .{}; a name without an ending is a folder for PNG files",
+                out.display(),
+                VIDEO_ENDINGS.join(", .")
+            );
+        }
+        outputs::check(out)?;
+        check_ffmpeg()?;
+        Ok(Self::Video(Video { path: out.to_owned(), fps, encoder: None }))
+    }
+
+    /// Writes a frame.
+    ///
+    /// # Errors
+    /// The disk or ffmpeg takes nothing, or screens have another size than before.
+    pub fn write(&mut self, frame: u32, capture: &Capture) -> anyhow::Result<()> {
+        match self {
+            Self::Folder(folder) => capture.screens.iter().try_for_each(|screen| {
+                let name = format!("{}-{frame:06}.png", screen.name);
+                // A name of a peer must not lead out of the folder.
+                if name.contains(['/', '\0']) {
+                    bail!("screen {}: its name cannot stand in a file's name", screen.name);
+                }
+                let path = folder.join(name);
+                image_files::save_png(&path, &image_files::to_image(screen)?)
+            }),
+            Self::Video(video) => video.write(&image_files::side_by_side(&capture.screens)?),
+        }
+    }
+
+    /// Ends the film after its last frame.
+    ///
+    /// # Errors
+    /// What ffmpeg could not do.
+    pub fn finish(self) -> anyhow::Result<()> {
+        match self {
+            Self::Folder(_) => Ok(()),
+            Self::Video(video) => video.finish(),
+        }
+    }
+}
+
+fn check_ffmpeg() -> anyhow::Result<()> {
+    let mut command = Command::new("ffmpeg");
+    command.arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    match command.status() {
+        Ok(status) if status.success() => Ok(()),
+        Ok(status) => bail!("ffmpeg -version ended with {status}; install ffmpeg anew"),
+        Err(error) if error.kind() == ErrorKind::NotFound => bail!(
+            "ffmpeg is not installed; install it (Debian: apt install ffmpeg), or name a folder, \
+             which gets a PNG file for each frame"
+        ),
+        Err(error) => Err(anyhow!(error).context("cannot run ffmpeg")),
+    }
+}
+
+impl Video {
+    fn write(&mut self, picture: &RgbaImage) -> anyhow::Result<()> {
+        let size = picture.dimensions();
+        let encoder = match &mut self.encoder {
+            Some(encoder) => encoder,
+            none => none.insert(Encoder::start(&self.path, size, self.fps)?),
+        };
+        if encoder.size != size {
+            bail!("the screens have {size:?} pixels, where they had {:?} before", encoder.size);
+        }
+        let into = encoder.process.stdin.as_mut().context("ffmpeg has no input")?;
+        into.write_all(picture.as_raw()).context("ffmpeg takes no more frames")
+    }
+
+    fn finish(self) -> anyhow::Result<()> {
+        let Some(Encoder { mut process, .. }) = self.encoder else { return Ok(()) };
+        // The end of its input ends the video.
+        drop(process.stdin.take());
+        let status = process.wait().context("cannot wait for ffmpeg")?;
+        if !status.success() {
+            bail!("{}: ffmpeg ended with {status}; its own words stand above", self.path.display());
+        }
+        Ok(())
+    }
+}
+
+impl Encoder {
+    fn start(path: &Path, size: (u32, u32), fps: f64) -> anyhow::Result<Self> {
+        // A path with a colon would be taken for a protocol.
+        let mut target = std::ffi::OsString::from("file:");
+        target.push(path);
+        let (width, height) = size;
+        let process = Command::new("ffmpeg")
+            .args(["-hide_banner", "-loglevel", "error", "-y", "-f", "rawvideo"])
+            .args(["-pixel_format", "rgba", "-video_size", &format!("{width}x{height}")])
+            .args(["-framerate", &fps.to_string(), "-i", "pipe:0"])
+            // Encoders take pairs of pixels.
+            .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"])
+            .arg(target)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .spawn()
+            .context("cannot run ffmpeg")?;
+        Ok(Self { process, size })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_with_an_ending_that_is_no_video_is_refused() {
+        for name in ["film.avi", "film.png", "a/b.gif"] {
+            let error = FilmOutput::new(Path::new(name), 30.0).err().expect("refused");
+            let said = error.to_string();
+            assert!(said.starts_with(name) && said.contains(".mp4, .mkv, .webm"), "{said}");
+        }
+    }
+
+    #[test]
+    fn a_folder_is_made_and_used_again() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("a/film");
+        for _ in 0..2 {
+            assert!(matches!(FilmOutput::new(&out, 30.0), Ok(FilmOutput::Folder(_))));
+        }
+        assert!(out.is_dir());
+    }
+}

@@ -1,0 +1,147 @@
+//! The camera moves by itself: stored views, tours from a file, and films that lose no frame.
+
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+
+use image::RgbaImage;
+use serde_json::Value;
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
+use crate::harness::place::TestDir;
+use crate::harness::process::Process;
+use crate::harness::scenes::Gltf;
+use crate::harness::wait;
+use polyptych_client::ChannelState;
+
+/// A wall of two channels, each with a server, that shows a triangle.
+fn wall() -> LocalWall {
+    let place = TestDir::new();
+    let path = place.write("triangle.glb", Gltf::triangle().glb());
+    let folder = path.parent().expect("a folder").to_owned();
+    let local = LocalWall::start_in(place, &small(2, 1), &[&folder], ANY_PORT);
+    local.run(&["open", "triangle.glb"]).succeeded();
+    local
+}
+
+fn stored(local: &LocalWall) -> Value {
+    let said = local.run(&["view", "list", "--json"]).succeeded();
+    let mut said: Value = serde_json::from_str(&said).expect("JSON");
+    said["stored"].take()
+}
+
+/// The pictures of a film, by their numbers.
+fn pictures(folder: &Path, screen: &str, frames: u32) -> Vec<RgbaImage> {
+    let files = std::fs::read_dir(folder).expect("a folder").count();
+    assert_eq!(files, frames as usize, "one file for each frame");
+    let open = |frame: u32| {
+        let path = folder.join(format!("{screen}-{frame:06}.png"));
+        image::open(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).to_rgba8()
+    };
+    (0..frames).map(open).collect()
+}
+
+#[test]
+fn views_are_saved_listed_gone_to_and_removed() {
+    let local = wall();
+    local.run(&["camera", "look-at", "0,0,3", "0,0,0"]).succeeded();
+    local.run(&["view", "save", "near"]).succeeded();
+    local.run(&["camera", "look-at", "0,0,9", "0,0,0"]).succeeded();
+    local.run(&["view", "save", "far"]).succeeded();
+    let list = stored(&local);
+    assert_eq!((&list[0]["name"], &list[1]["name"]), (&"far".into(), &"near".into()));
+    assert_eq!(list[1]["camera"]["position"], serde_json::json!([0.0, 0.0, 3.0]));
+    let client = local.client();
+    let z = || client.presentation().expect("a presentation").camera.position.z;
+    local.run(&["view", "go", "near"]).succeeded();
+    assert_eq!(z(), 3.0);
+    // A wall that was paused moves meanwhile, and is paused again.
+    local.run(&["view", "go", "far", "--over", "0.2"]).succeeded();
+    assert_eq!(z(), 9.0);
+    let tour = client.tour().expect("how it stands");
+    assert_eq!((tour.tour, tour.pace), (None, None));
+    local.run(&["view", "go", "middle"]).failed(&["no stored view middle; there are far, near"]);
+    local.run(&["view", "remove", "far"]).succeeded();
+    local.run(&["view", "remove", "far"]).failed(&["far", "there are near"]);
+    let said = local.run(&["view", "list"]).succeeded();
+    assert!(said.contains("stored near: from 0.0000,0.0000,3.0000"), "{said}");
+}
+
+#[test]
+fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
+    let mut local = wall();
+    local.run(&["camera", "look-at", "0,0,3", "0,0,0"]).succeeded();
+    local.run(&["view", "save", "near"]).succeeded();
+    let tour = r#"{ "stops": [
+        { "position": [1, 0.5, 3], "target": [0, 0, 0], "travel": 1 },
+        { "view": "near", "travel": 1, "easing": "linear" }
+    ] }"#;
+    let file = local.place.write("tour.json", tour).display().to_string();
+    let said = local.run(&["tour", "play", &file, "--paused"]).succeeded();
+    assert!(said.contains("2 stops, 2 s; the wall is paused"), "{said}");
+    let screen = local.wall().screens[0].name.clone();
+    let film = ["--frames", "30", "--fps", "10", "--json"];
+    let out = |name: &str| local.place.path(name);
+    let arguments = |name| [&["film", name][..], &film[..]].concat();
+    let report = local.run(&arguments("first")).succeeded();
+    let report: Value = serde_json::from_str(&report).expect("JSON");
+    assert_eq!((&report["written"], &report["redrawn"]), (&30.into(), &serde_json::json!([])));
+    let first = pictures(&out("first"), &screen, 30);
+    assert!(first.windows(2).take(20).all(|pair| pair[0] != pair[1]), "the camera moves");
+    assert!(first[20..].iter().all(|picture| *picture == first[20]), "and stays at the end");
+
+    // Again, while a server is killed and started again.
+    let client = local.client();
+    let second = out("second");
+    let mut command = arguments("second");
+    command.extend(["--manager", &local.address]);
+    let mut film = local.place.start("film", &command);
+    wait::until("some frames", || {
+        second.join(format!("{screen}-000003.png")).exists().then_some(())
+    });
+    let server = local.wall().channels[0].server.clone();
+    local.servers.get_mut(&server).expect("a server").kill();
+    local.await_lost(&client, &server);
+    local.start_server(&server);
+    let report = film.finish(wait::LIMIT).succeeded();
+    let report: Value = serde_json::from_str(&report).expect("JSON");
+    assert_eq!(report["written"], 30);
+    let redrawn = &report["redrawn"][0];
+    assert_eq!(redrawn["missing"][0][0], local.wall().channels[0].name.as_str(), "{report}");
+    assert!(pictures(&second, &screen, 30) == first, "the same pictures");
+    await_states(&client, &[ChannelState::Live]);
+}
+
+#[test]
+fn files_and_films_that_cannot_be_are_refused_by_name() {
+    let local = wall();
+    let bad = |text: &str, parts: &[&str]| {
+        let file = local.place.write("bad.json", text).display().to_string();
+        local.run(&["tour", "play", &file]).failed(&[&["bad.json"], parts].concat());
+    };
+    let stop = |stop: &str, parts: &[&str]| bad(&format!(r#"{{ "stops": [{stop}] }}"#), parts);
+    stop(r#"{ "view": "quay", "travel": 1 }"#, &["stop 0", "no stored view quay"]);
+    stop("", &["1 to 256 stops, not 0"]);
+    let back = r#"{ "position": [0, 0, 1], "target": [0, 0, 0], "travel": -1 }"#;
+    stop(back, &["stop 0", "from 0 to 86400, not -1"]);
+    bad("{}", &["not a tour"]);
+    let film = |out: &str, path: &Path| {
+        let arguments = ["film", out, "--frames", "3", "--fps", "30", "--manager", &local.address];
+        let mut command = local.place.command(arguments);
+        Process::start("film", command.env("PATH", path)).finish(wait::LIMIT)
+    };
+    let empty = local.place.path("nothing");
+    film("film.avi", &empty).failed(&["film.avi", ".mp4, .mkv, .webm"]);
+    film("film.mp4", &empty).failed(&["ffmpeg is not installed", "name a folder"]);
+    // One that keeps what it is sent.
+    let script = "#!/bin/sh\n[ \"$1\" = -version ] && exit 0\nfor last; do :; done\n\
+                  exec /bin/cat > \"${last#file:}\"\n";
+    let encoder = local.place.write("tools/ffmpeg", script);
+    std::fs::set_permissions(&encoder, Permissions::from_mode(0o700)).expect("a program");
+    film("film.mp4", encoder.parent().expect("a folder")).succeeded();
+    let bytes = std::fs::metadata(local.place.path("film.mp4")).expect("a film").len();
+    let canvas = local.wall().screens[0].canvas;
+    assert_eq!(bytes, 3 * 4 * u64::from(canvas.x) * u64::from(canvas.y), "three raw frames");
+    let said = local.run(&["tour", "stop", "--pause"]).succeeded();
+    assert!(said.starts_with("shown at frame"), "{said}");
+}
