@@ -44,7 +44,8 @@ pub(super) struct FilmArguments {
     /// which ffmpeg writes
     out: PathBuf,
     /// How many frames
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_MAX)))]
+    #[arg(long, value_name = "N")]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_MAX)))]
     frames: u32,
     /// Frames per second of scene time, however long the wall takes for each
     #[arg(long, value_name = "F", value_parser = positive)]
@@ -192,7 +193,7 @@ fn whole_frame(
         let Some(rest) = RETURN_TIME_MAX.checked_sub(waited) else { break };
         source.await_channels(rest)?;
     }
-    let list: Vec<String> = missing.iter().map(|of| named(of)).collect();
+    let list: Vec<String> = missing.iter().map(named).collect();
     bail!("frame {frame} has no picture of {}; see: polyptych status", list.join("; "))
 }
 

@@ -1,7 +1,7 @@
 //! The camera as a tour moves it: a function of scene time, evaluated for every frame.
 //!
 //! ```text
-//! played --first frame that is asked for or paced--> moves --the wall's own clock passes the end-->
+//! played --a frame is asked for or paced--> moves --own clock beyond the end--> over
 //! ```
 //!
 //! Scene time begins anew with every life of the manager, unless clients give it with each frame.

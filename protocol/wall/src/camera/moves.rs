@@ -42,8 +42,8 @@ impl Camera {
         self.turned_around(self.world_from_display(eye), up, angle_rad)
     }
 
-    /// This camera with the eye moved towards `point`, in the world, by a share of the way: 0 stays,
-    /// 1 is there, below 0 goes away.
+    /// This camera with the eye moved towards `point`, in the world, by a share of the way: 0
+    /// stays, 1 is there, below 0 goes away.
     #[must_use]
     pub fn towards(self, eye: DVec3, point: DVec3, share: f64) -> Self {
         let way = point - self.world_from_display(eye);

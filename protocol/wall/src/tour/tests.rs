@@ -189,7 +189,8 @@ proptest! {
         let mut time_s = 0.0;
         for (index, stop) in tour.stops.iter().enumerate() {
             time_s += stop.travel_s;
-            let is_seen = stop.stay_s > 0.0 || tour.stops.get(index + 1).is_none_or(|next| next.travel_s > 0.0);
+            let next = tour.stops.get(index + 1);
+            let is_seen = stop.stay_s > 0.0 || next.is_none_or(|next| next.travel_s > 0.0);
             // A loop has no end at which its last stop would be seen.
             if is_seen && !(tour.is_loop && time_s >= tour.round_s()) {
                 prop_assert_eq!(tour.camera_at(&from, EYE, time_s), stop.camera);
@@ -204,7 +205,8 @@ proptest! {
         time_s in 0.0..12.0_f64,
         is_loop: bool,
     ) {
-        let stops = places.iter().map(|&(x, y, heading)| TourStop::new(camera(x, y, heading, 1.0), 1.5));
+        let place = |&(x, y, heading): &(f64, f64, f64)| camera(x, y, heading, 1.0);
+        let stops = places.iter().map(place).map(|camera| TourStop::new(camera, 1.5));
         let tour = Tour { stops: stops.collect(), is_loop };
         let from = tour.stops[0].camera;
         let [now, then] = [time_s, time_s + 1e-6].map(|time_s| tour.camera_at(&from, EYE, time_s));
