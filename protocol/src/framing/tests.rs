@@ -12,6 +12,7 @@ use polyptych_wall::ChannelId;
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Offset};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
+use polyptych_wall::region::{Region, Relation};
 use polyptych_wall::tour::{Tour, TourStop};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use proptest::prelude::*;
@@ -22,6 +23,7 @@ use crate::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
 use crate::command::{Command, Frame, Pong, Prepare, Swap};
 use crate::handshake::{Adapter, ClientHello, Hello, HelloReply, Rejection, ServerHello};
 use crate::ids::{Digest, Epoch, FrameId, RequestId, Revision};
+use crate::node_query::{NearestPoint, NearestQuery, NodeQuery, RegionQuery};
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::presentation::Presentation;
@@ -145,6 +147,23 @@ fn golden() -> Vec<(Bytes, &'static str)> {
     let store = call(Request::StoreView { name: "quay".into(), camera: None });
     let stop = TourStop::new(Camera::IDENTITY, 2.0);
     let play = call(Request::PlayTour(Tour { stops: vec![stop], is_loop: true }));
+    let region = RegionQuery {
+        region: Region::Sphere { center: DVec3::X, radius: 0.5 },
+        relation: Relation::Contains,
+        nodes: NodeQuery { skip: 1, count: 300, ..NodeQuery::default() },
+    };
+    let region = RequestMessage { id: RequestId(9), request: Request::FindInRegion(region) };
+    let near = NearestQuery { point: DVec3::Y, within: Some(0.5) };
+    let near = RequestMessage { id: RequestId(9), request: Request::NearestPoint(near) };
+    let nearest = NearestPoint {
+        revision: Revision(3),
+        node: NodeId(300),
+        name: "a".into(),
+        position: DVec3::Z,
+        distance: 0.5,
+    };
+    let nearest = Ok(Response::Nearest(Some(nearest)));
+    let nearest = request::MessageToClient::Reply { id: RequestId(9), reply: nearest };
     vec![
         (encode(&Hello::Client(client)), "0003616e6e"),
         (encode(&Hello::Server(server)), "01016101046c656674fb921000000000"),
@@ -155,12 +174,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         ),
         (
             encode(&Command::Frame(frame())),
-            "01fd0807060504030201fb2c01000000000000f83f02000000000000f03f00000000000000c000000000d0\
-             126341000000000000000000000000000000000000000000000000000000000000f03f000000000000e03f\
-             00000000000000009a9999999999f93f000000000000000000000000000000000000000000000000000000\
-             0000000000000000000000f03ffca9f1d24d62b03f01000000000000f03f00000000000000c000000000d0\
-             126341000000000000000000000000000000000000000000000000000000000000f03f000000000000e03f\
-             00000000803f02010501",
+            "01fd0807060504030201fb2c01000000000000f83f02000000000000f03f00000000000000c000000000d0126341000000000000000000000000000000000000000000000000000000000000f03f000000000000e03f00000000000000009a9999999999f93f0000000000000000000000000000000000000000000000000000000000000000000000000000f03ffca9f1d24d62b03f01000000000000f03f00000000000000c000000000d0126341000000000000000000000000000000000000000000000000000000000000f03f000000000000e03f00000000803f02010501",
         ),
         (
             encode(&Command::Swap(Swap { epoch: Epoch(1), frame: FrameId(300), not_after_us: 9 })),
@@ -185,30 +199,33 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&open), "060005612e676c62"),
         (
             encode(&edit),
-            "061201030103fb2c01000000000000f03f0000000000000000000000000000000000000000000000000000\
-             00000000f03f000000000000000000000000000000000000000000000000000000000000f03f0000000000\
-             000000000000000000000000000000000000000000",
+            "061201030103fb2c01000000000000f03f000000000000000000000000000000000000000000000000000000000000f03f000000000000000000000000000000000000000000000000000000000000f03f0000000000000000000000000000000000000000000000000000",
         ),
         (encode(&freeze), "070d03"),
         (
             encode(&head),
-            "080e00000000000000009a9999999999f93f00000000000000000100000000000000000000000000000000\
-             0000000000000000000000000000f03f01fca9f1d24d62b03f",
+            "080e00000000000000009a9999999999f93f000000000000000001000000000000000000000000000000000000000000000000000000000000f03f01fca9f1d24d62b03f",
         ),
         (
             encode(&views),
-            "090f0100000000000000000000000000000000000000000000000000000000000000000000000000000000\
-             0000000000000000000000000000f03f000000000000f03f01010002fb2c010402000000000000f83f",
+            "090f01000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000f03f000000000000f03f01010002fb2c010402000000000000f83f",
+        ),
+        (
+            encode(&region),
+            "091701000000000000f03f00000000000000000000000000000000000000000000e03f0200000001fb2c01",
+        ),
+        (encode(&near), "09180000000000000000000000000000f03f000000000000000001000000000000e03f"),
+        (
+            encode(&nearest),
+            "0009000c0103fb2c01016100000000000000000000000000000000000000000000f03f000000000000e03f",
         ),
         (encode(&pattern), "08100103"),
         (encode(&tune), "0911016101000101000000000000f83f000000000000e0bf"),
         (encode(&film), "0807010000000000000440"),
-        (encode(&store), "0817047175617900"),
+        (encode(&store), "0819047175617900"),
         (
             encode(&play),
-            "081a010000000000000000000000000000000000000000000000000000000000000000000000\
-             00000000000000000000000000000000000000f03f000000000000f03f000000000000004000\
-             000000000000000001",
+            "081c01000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000f03f000000000000f03f000000000000004000000000000000000001",
         ),
         (encode(&failure), "000501026e6f"),
         (encode(&done), "00050000"),

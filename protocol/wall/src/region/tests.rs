@@ -23,8 +23,8 @@ fn vector(at: Point) -> DVec3 {
     DVec3::from(at.map(|number| number as f64))
 }
 
-/// Returns whether a triangle has a point p with n · p ≤ d for all of these: in shares u, v of
-/// two edges these are inequalities, and if they can be met, they are where two of them are equations.
+/// Returns whether a triangle has a point p with n · p ≤ d for all of these: in shares of two
+/// edges these are inequalities, and if they can be met, they are where two of them are equations.
 fn meets_exactly([a, b, c]: [Point; 3], planes: &[(Point, i128)]) -> bool {
     let mut rows = vec![[-1, 0, 0], [0, -1, 0], [1, 1, 1]];
     rows.extend(
