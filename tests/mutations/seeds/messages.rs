@@ -442,6 +442,29 @@ fn statistics() -> Statistics {
     }
 }
 
+fn answers_about_space() -> Vec<Result<Response, RequestError>> {
+    vec![
+        Ok(Response::Ray(Some(RayHit {
+            revision: Revision(3),
+            node: NodeId(1),
+            name: "arm".into(),
+            position: DVec3::ZERO,
+            normal: DVec3::Z,
+            distance: 1.0,
+            is_front: true,
+            material: Some(0),
+        }))),
+        Ok(Response::Nodes(NodePage { revision: Revision(3), found: 1, nodes: vec![node()] })),
+        Ok(Response::Nearest(Some(NearestPoint {
+            revision: Revision(3),
+            node: NodeId(1),
+            name: "arm".into(),
+            position: DVec3::ZERO,
+            distance: 1.0,
+        }))),
+    ]
+}
+
 fn answers() -> Vec<request::MessageToClient> {
     let summary = SceneSummary {
         name: "town".into(),
@@ -474,30 +497,12 @@ fn answers() -> Vec<request::MessageToClient> {
             frames: 1,
             feedback: feedback(),
         })),
-        Ok(Response::Ray(Some(RayHit {
-            revision: Revision(3),
-            node: NodeId(1),
-            name: "arm".into(),
-            position: DVec3::ZERO,
-            normal: DVec3::Z,
-            distance: 1.0,
-            is_front: true,
-            material: Some(0),
-        }))),
-        Ok(Response::Nodes(NodePage { revision: Revision(3), found: 1, nodes: vec![node()] })),
         Ok(Response::Tuned(Tuned { revision: Revision(3), frames: 1, feedback: feedback() })),
         Ok(Response::ServersStopped(request::StoppedServers {
             ended: vec!["left".into()],
             silent: vec![("right".into(), "it said nothing".into())],
             absent: vec!["floor".into()],
         })),
-        Ok(Response::Nearest(Some(NearestPoint {
-            revision: Revision(3),
-            node: NodeId(1),
-            name: "arm".into(),
-            position: DVec3::ZERO,
-            distance: 1.0,
-        }))),
         Ok(Response::StoredViews(vec![StoredView { name: "quay".into(), camera: camera() }])),
         Ok(Response::Tour(Box::new(TourStatus {
             tour: Some(tour()),
@@ -515,7 +520,8 @@ fn answers() -> Vec<request::MessageToClient> {
         request::MessageToClient::Warning { id, warning: "the disk is full".into() },
         request::MessageToClient::Goodbye(Goodbye::Ended),
     ];
-    let replies = replies.into_iter().map(|reply| request::MessageToClient::Reply { id, reply });
+    let replies = replies.into_iter().chain(answers_about_space());
+    let replies = replies.map(|reply| request::MessageToClient::Reply { id, reply });
     replies.chain(others).collect()
 }
 
