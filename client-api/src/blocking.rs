@@ -15,6 +15,7 @@
 //! # Ok(()) }
 //! ```
 
+mod saved_scenes;
 mod scene_space;
 mod tours;
 

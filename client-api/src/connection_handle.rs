@@ -494,6 +494,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::Tour(_) => "how a tour stands",
         Response::ServersStopped(_) => "the stopped servers",
         Response::Nearest(_) => "the nearest point",
+        Response::SavedScenes(_) => "saved scenes",
     };
     ClientError::WrongAnswer { request, answer }
 }

@@ -49,6 +49,7 @@ mod in_flight;
 mod mesh_data;
 mod pending;
 mod reconnect;
+mod saved_scenes;
 mod scene;
 mod scene_space;
 mod tours;
@@ -84,6 +85,7 @@ pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 pub use polyptych_protocol::request::{
     HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };
+pub use polyptych_protocol::saved_scene::{SAVED_PREFIX, SavedScene};
 pub use polyptych_protocol::stored_view::StoredView;
 pub use polyptych_protocol::tour_status::TourStatus;
 pub use polyptych_protocol::transaction::{AssetNumbers, AssetSource, NewAssets, Transaction};

@@ -30,6 +30,7 @@ pub mod presentation;
 pub mod process;
 pub mod progress;
 pub mod request;
+pub mod saved_scene;
 pub mod server_message;
 pub mod state_log;
 pub mod stored_view;

@@ -23,6 +23,7 @@ use crate::node_query::{
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
+use crate::saved_scene::SavedScene;
 use crate::stored_view::StoredView;
 use crate::tour_status::TourStatus;
 use crate::transaction::Transaction;
@@ -41,7 +42,8 @@ pub struct RequestMessage {
 pub enum Request {
     /// Shows a scene; answered once every live channel can draw it.
     OpenScene {
-        /// A file in one of the manager's scene folders, absolute or relative to one of them.
+        /// A file in one of the manager's scene folders, absolute or relative to one of them; or
+        /// `saved:NAME` for one that was saved.
         path: String,
     },
     /// Shows none.
@@ -145,6 +147,19 @@ pub enum Request {
     StopTour,
     /// Asks how the tour stands.
     DescribeTour,
+    /// Keeps the open scene with all that was changed of it under a name, in the place of what had
+    /// that name. [`Request::OpenScene`] with `saved:NAME` opens it.
+    SaveScene {
+        /// See [`SavedScene::name`].
+        name: String,
+    },
+    /// Asks for all scenes that were saved.
+    ListSavedScenes,
+    /// Forgets a scene that was saved.
+    RemoveSavedScene {
+        /// As it was saved.
+        name: String,
+    },
 }
 
 impl Request {
@@ -182,6 +197,9 @@ impl Request {
             Self::PlayTour(_) => "play the tour",
             Self::StopTour => "stop the tour",
             Self::DescribeTour => "read how the tour stands",
+            Self::SaveScene { .. } => "save the scene",
+            Self::ListSavedScenes => "list the saved scenes",
+            Self::RemoveSavedScene { .. } => "remove the saved scene",
         }
     }
 }
@@ -263,6 +281,8 @@ pub enum Response {
     StoredViews(Vec<StoredView>),
     /// To [`Request::DescribeTour`].
     Tour(Box<TourStatus>),
+    /// To [`Request::ListSavedScenes`]: by name.
+    SavedScenes(Vec<SavedScene>),
 }
 
 impl Response {
@@ -276,7 +296,8 @@ impl Response {
             | Self::Ray(_)
             | Self::Nearest(_)
             | Self::StoredViews(_)
-            | Self::Tour(_) => false,
+            | Self::Tour(_)
+            | Self::SavedScenes(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)

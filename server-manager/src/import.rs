@@ -14,11 +14,11 @@ use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::request::SceneSummary;
 use polyptych_protocol::state_log::SceneRef;
-use polyptych_scene::{Scene, SceneFeatures, SceneOutline};
+use polyptych_scene::{Scene, SceneEdits, SceneFeatures, SceneOutline};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
 use tokio::process::Command;
 
-use polyptych_core::ImportedScene;
+use polyptych_core::{EditedScene, ImportedScene};
 
 /// Longest bake; a scene of ten gigabytes takes a few minutes.
 const BAKE_TIME_MAX: Duration = Duration::from_mins(30);
@@ -134,7 +134,25 @@ pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import
     let blobs = std::iter::once(hash).chain(scene.blobs()).collect();
     let outline = Arc::new(SceneOutline::from(&scene));
     let scene = SceneRef { name: scene.name, manifest: hash };
-    Ok(Import { scene: ImportedScene { scene, summary, outline }, blobs })
+    let (edits, next_node) = (SceneEdits::default(), 0);
+    Ok(Import { scene: ImportedScene { scene, summary, outline, edits, next_node }, blobs })
+}
+
+/// A scene that was saved, with all that was changed of it.
+pub(crate) fn read_saved(
+    folder: &BlobStore,
+    name: &str,
+    EditedScene { scene, edits, next_node }: EditedScene,
+) -> Result<Import, String> {
+    let gone = |reason| format!("the saved scene {name} is not whole any more: {reason}");
+    let mut import = read_manifest(folder, scene.manifest).map_err(gone)?;
+    for set in edits.assets() {
+        import.blobs.extend(read_manifest(folder, set.manifest).map_err(gone)?.blobs);
+    }
+    name.clone_into(&mut import.scene.scene.name);
+    name.clone_into(&mut import.scene.summary.name);
+    (import.scene.edits, import.scene.next_node) = (edits, next_node);
+    Ok(import)
 }
 
 /// What the baker says of a file, which is a scene unless `options` say else.

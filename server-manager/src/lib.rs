@@ -25,6 +25,7 @@ mod run;
 #[cfg(test)]
 mod scene_fixture;
 mod scene_index;
+mod scene_store;
 mod server_session;
 mod session;
 mod state_file;

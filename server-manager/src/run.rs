@@ -6,6 +6,7 @@ mod importing;
 mod metrics_snapshot;
 mod network;
 mod querying;
+mod saving;
 mod shutdown;
 mod startup;
 
@@ -38,6 +39,7 @@ use crate::import::Baker;
 use crate::recorded_cluster::RecordedCluster;
 use crate::recorder::Recorder;
 use crate::requests::Turns;
+use crate::scene_store::SceneFile;
 use crate::server_session::ServerHandle;
 use crate::session::{EVENTS_MAX, Event};
 use crate::state_file::keeper::Keeper;
@@ -178,6 +180,7 @@ struct EventLoop {
     /// What bakers say of their progress.
     progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),
     queries: Queries,
+    scene_store: Option<saving::SharedStore>,
     allowed: BlobAllowlist,
     traffic: Traffic,
     /// Control bytes of frames in both directions, since the statistics were last reset.
@@ -217,6 +220,10 @@ impl EventLoop {
         let allowed = BlobAllowlist::default();
         allowed.allow(&options.wall.blobs().collect::<Vec<_>>());
         let blobs = BlobStore::new(options.baker.store.join("blobs"));
+        let scene_store = options.memory.as_ref().map(|path| {
+            let file = SceneFile::new(path.with_extension("scenes"));
+            Arc::new(file) as saving::SharedStore
+        });
         let (cluster, state) = startup::start_cluster(&mut options, epoch, &allowed);
         let keeper = state.map(Keeper::of).transpose().map_err(ManagerError::Thread)?;
         Ok(Self {
@@ -229,6 +236,7 @@ impl EventLoop {
             asset_bakes: Vec::new(),
             progress: mpsc::channel(16),
             queries: Queries::new(blobs.clone()),
+            scene_store,
             allowed,
             traffic: Traffic::default(),
             frame_bytes: 0,

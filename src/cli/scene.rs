@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use polyptych_text::counted;
+use polyptych_client::{SAVED_PREFIX, SavedScene};
+use polyptych_text::{counted, printable};
+use serde_json::{Value, json};
 
 use super::seen::show;
 use super::{ManagerAddress, node, say};
@@ -16,6 +18,12 @@ pub(super) enum Scene {
     Town(TownArguments),
     /// List the nodes of the open scene
     Tree(node::TreeArguments),
+    /// Keep the open scene, as it was edited, under a name; `open saved:NAME` shows it again
+    Save(SaveArguments),
+    /// List the scenes that were saved
+    List(ListArguments),
+    /// Forget a scene that was saved
+    Remove(SaveArguments),
     /// Put all of another file into the open scene
     Import(node::ImportArguments),
     /// Show no scene
@@ -38,10 +46,37 @@ pub(super) struct TownArguments {
     force: bool,
 }
 
+#[derive(Debug, clap::Args)]
+pub(super) struct SaveArguments {
+    /// What it is called
+    name: String,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ListArguments {
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
 pub(super) fn run(scene: &Scene) -> anyhow::Result<ExitCode> {
     match scene {
         Scene::Town(arguments) => town(arguments).map(|()| ExitCode::SUCCESS),
         Scene::Tree(arguments) => node::tree(arguments),
+        Scene::Save(SaveArguments { name, manager }) => {
+            manager.connect()?.save_scene(name.as_str())?;
+            say(format_args!("saved; polyptych open {SAVED_PREFIX}{} shows it", printable(name)))?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Scene::Remove(SaveArguments { name, manager }) => {
+            manager.connect()?.remove_saved_scene(name.as_str())?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Scene::List(arguments) => list(arguments).map(|()| ExitCode::SUCCESS),
         Scene::Import(arguments) => node::import(arguments),
         Scene::Close(manager) => {
             let client = manager.connect()?;
@@ -49,6 +84,26 @@ pub(super) fn run(scene: &Scene) -> anyhow::Result<ExitCode> {
             show(&client)
         }
     }
+}
+
+fn list(arguments: &ListArguments) -> anyhow::Result<()> {
+    let scenes = arguments.manager.connect()?.saved_scenes()?;
+    if arguments.json {
+        let scene = |of: &SavedScene| {
+            json!({
+                "name": of.name,
+                "scene": of.scene,
+                "edited_nodes": of.edited_nodes,
+                "saved_at_s": of.saved_at_s,
+            })
+        };
+        return say(Value::Array(scenes.iter().map(scene).collect()));
+    }
+    for SavedScene { name, scene, edited_nodes, .. } in &scenes {
+        let edited = counted(edited_nodes, "edited node");
+        say(format_args!("{}: {}, {edited}", printable(name), printable(scene)))?;
+    }
+    Ok(())
 }
 
 fn town(arguments: &TownArguments) -> anyhow::Result<()> {

@@ -69,6 +69,7 @@ mod refusals;
 mod replay;
 mod report;
 mod restarts;
+mod saved_scenes;
 mod scene_commands;
 mod seams;
 mod seen;

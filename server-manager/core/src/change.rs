@@ -44,10 +44,13 @@ impl Cluster {
                 self.request_span(job).in_scope(tell);
                 self.reply(job, Err(RequestError::new(reason)));
             }
-            Ok(ImportedScene { scene, summary, outline }) => {
-                let operations = vec![Operation::OpenScene(scene)];
+            Ok(ImportedScene { scene, summary, outline, edits, next_node }) => {
+                let mut operations = vec![Operation::OpenScene(scene)];
+                if !edits.is_empty() {
+                    operations.push(Operation::SetEdits(Box::new(edits)));
+                }
                 let (summary, outline) = (Some(summary), Some(outline));
-                let purpose = ChangeOrigin::Scene { job, summary, outline };
+                let purpose = ChangeOrigin::Scene { job, summary, outline, next_node };
                 self.request_change(now, StateChange { operations, purpose });
             }
         }
@@ -179,8 +182,9 @@ impl Cluster {
         self.shown = replica;
         self.shown_digest = digest;
         match change.purpose {
-            ChangeOrigin::Scene { job, summary, outline } => {
+            ChangeOrigin::Scene { job, summary, outline, next_node } => {
                 self.editing.restart(self.shown.revision, outline);
+                self.editing.restore(self.shown.edits.clone(), next_node);
                 self.settle_scene(now, job, summary, &failed);
             }
             ChangeOrigin::Edit { waiters } => {

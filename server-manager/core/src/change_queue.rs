@@ -37,6 +37,8 @@ pub(super) enum ChangeOrigin {
         summary: Option<SceneSummary>,
         /// What is to be known of it to edit it.
         outline: Option<Arc<SceneOutline>>,
+        /// The number that its next node gets at least.
+        next_node: u64,
     },
     /// The same scene, changed.
     Edit { waiters: Vec<EditWaiter> },

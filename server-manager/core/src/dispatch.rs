@@ -65,7 +65,8 @@ impl Cluster {
             Request::OpenOutcome { session, of } => return self.claim_outcome(job, session, of),
             Request::CloseScene => {
                 let operations = vec![Operation::CloseScene];
-                let purpose = ChangeOrigin::Scene { job, summary: None, outline: None };
+                let purpose =
+                    ChangeOrigin::Scene { job, summary: None, outline: None, next_node: 0 };
                 self.request_change(now, StateChange { operations, purpose });
                 return Ok(None);
             }
@@ -84,7 +85,10 @@ impl Cluster {
             Request::FindNodes(_)
             | Request::CastRay(_)
             | Request::FindInRegion(_)
-            | Request::NearestPoint(_) => {
+            | Request::NearestPoint(_)
+            | Request::SaveScene { .. }
+            | Request::ListSavedScenes
+            | Request::RemoveSavedScene { .. } => {
                 return Err("this manager answers no questions".into());
             }
             Request::Edit(transaction) => return self.edit_scene(now, job, transaction),

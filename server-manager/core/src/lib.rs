@@ -48,7 +48,7 @@ use polyptych_protocol::request::{MessageToClient, Pacing, RequestError, Respons
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::state_log::{Operation, Replica};
 use polyptych_protocol::stored_view::StoredView;
-use polyptych_scene::SceneOutline;
+use polyptych_scene::{SceneEdits, SceneOutline};
 use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
@@ -151,6 +151,21 @@ pub struct ImportedScene {
     pub summary: SceneSummary,
     /// What is to be known of it to edit it.
     pub outline: Arc<SceneOutline>,
+    /// What was changed of it when it was saved.
+    pub edits: SceneEdits,
+    /// The number that its next node gets at least.
+    pub next_node: u64,
+}
+
+/// A scene with all that was changed of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EditedScene {
+    /// Its name and manifest.
+    pub scene: polyptych_protocol::state_log::SceneRef,
+    /// What was changed.
+    pub edits: SceneEdits,
+    /// The number that its next node gets at least.
+    pub next_node: u64,
 }
 
 /// A scene that is being baked.

@@ -9,7 +9,7 @@ use polyptych_scene::{Bounds, Edit, NodeId, SceneEdits};
 use polyptych_wall::{ChannelCalibration, Wall, calibration_change};
 use serde::{Deserialize, Serialize};
 
-use super::{Cluster, Effect, Micros, PlayedTour};
+use super::{Cluster, EditedScene, Effect, Micros, PlayedTour};
 
 /// A camera that comes with every frame is remembered this often: it is where a client was, not
 /// what it asked to be kept.
@@ -77,10 +77,10 @@ impl PersistentState {
     }
 }
 
-/// What was changed of the scene, without what ended with the manager.
-fn lasting(memory: &PersistentState) -> SceneEdits {
-    let mut edits = memory.edits.clone();
-    for &node in &memory.temporary {
+/// What was changed of a scene, without nodes that end with their client or the manager.
+fn lasting(all: &SceneEdits, temporary: &[NodeId]) -> SceneEdits {
+    let mut edits = all.clone();
+    for &node in temporary {
         if edits.node(node).is_some() {
             edits.apply(Edit::Remove(node));
         }
@@ -97,7 +97,7 @@ impl Cluster {
         let mut cluster = Self::new(wall, epoch);
         if let Some(scene) = &memory.scene {
             cluster.shown.apply(Operation::OpenScene(scene.clone()));
-            let edits = lasting(memory);
+            let edits = lasting(&memory.edits, &memory.temporary);
             if !edits.is_empty() {
                 cluster.shown.apply(Operation::SetEdits(Box::new(edits.clone())));
             }
@@ -165,6 +165,13 @@ impl Cluster {
             stored_views: self.stored_views.clone(),
             tour: self.remembered_tour(),
         }
+    }
+
+    /// The open scene in the state that frames name, without what is temporary.
+    pub fn edited_scene(&self) -> Option<EditedScene> {
+        let scene = self.shown.scene.clone()?;
+        let edits = lasting(&self.shown.edits, &self.editing.temporary());
+        Some(EditedScene { scene, edits, next_node: self.editing.next_node() })
     }
 
     /// Remembers the present state, where it has changed. Comes before the answer that tells of

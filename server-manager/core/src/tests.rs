@@ -277,7 +277,13 @@ impl ClusterFixture {
             notes: Vec::new(),
             exposure: 1.0,
         };
-        ImportedScene { scene, summary, outline: Arc::default() }
+        ImportedScene {
+            scene,
+            summary,
+            outline: Arc::default(),
+            edits: SceneEdits::default(),
+            next_node: 0,
+        }
     }
 }
 

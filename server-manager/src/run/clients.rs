@@ -88,6 +88,11 @@ impl EventLoop {
                                 self.bake_assets(from, id, transaction, assets);
                             }
                         }
+                        request @ (Request::SaveScene { .. }
+                        | Request::ListSavedScenes
+                        | Request::RemoveSavedScene { .. }) => {
+                            self.ask_saved_scenes(from, id, request);
+                        }
                         Request::FindNodes(query) => self.query(from, id, Query::Nodes(query)),
                         Request::CastRay(query) => self.query(from, id, Query::Ray(query)),
                         Request::FindInRegion(query) => {

@@ -3,22 +3,37 @@
 use std::sync::Arc;
 
 use polyptych_core::{ClientRequest, Input, SessionId};
-use polyptych_files::blob::BlobHash;
+use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::{OpenProgress, OpenStage};
 use polyptych_protocol::request::{MessageToClient, Request, RequestError};
+use polyptych_protocol::saved_scene::SAVED_PREFIX;
 use polyptych_protocol::transaction::{NewAssets, Transaction};
 use tracing::Instrument;
 
 use super::EventLoop;
+use super::saving::SharedStore;
 use crate::assets;
-use crate::import::{self, Import};
+use crate::import::{self, Baker, Import};
 
 /// Most transactions of one client whose assets are being baked.
 const ASSET_BAKES_MAX: usize = 16;
 
 /// How far the bake has come that a client waits for.
 pub(super) type Baking = (ClientRequest, OpenProgress);
+
+/// A scene that was saved.
+async fn open_saved(
+    store: Option<SharedStore>,
+    name: String,
+    baker: &Baker,
+) -> Result<Import, String> {
+    let store = store.ok_or("this wall keeps no state, so it keeps no scenes")?;
+    let folder = BlobStore::new(baker.store.join("blobs"));
+    let read = move || import::read_saved(&folder, &name, store.load(&name)?.scene);
+    let read = tokio::task::spawn_blocking(read).await;
+    read.map_err(|error| error.to_string())?
+}
 
 /// Assets of a transaction that were baked.
 pub(super) struct BakedTransaction {
@@ -99,7 +114,7 @@ impl EventLoop {
         let baker = self.options.baker.clone();
         let done = self.imported.0.clone();
         let baking = self.progress.0.clone();
-        let turns = Arc::clone(&self.bakes);
+        let (turns, saved) = (Arc::clone(&self.bakes), self.scene_store.clone());
         let work = async move {
             // Nobody closes it, so there is always a turn.
             let _turn = turns.acquire().await;
@@ -108,7 +123,10 @@ impl EventLoop {
                 // Where the manager is behind, the next one is as good.
                 let _ = baking.try_send((job, progress));
             };
-            let result = import::import(&path, &roots, &baker, tell).await;
+            let result = match path.strip_prefix(SAVED_PREFIX) {
+                Some(name) => open_saved(saved, name.to_owned(), &baker).await,
+                None => import::import(&path, &roots, &baker, tell).await,
+            };
             // The manager may have ended meanwhile.
             let _ = done.send(Imported { job, result }).await;
         };

@@ -61,6 +61,12 @@ pub(super) struct Answered {
     reply: Result<Response, String>,
 }
 
+impl Answered {
+    pub fn new(job: ClientRequest, reply: Result<Response, String>) -> Self {
+        Self { job, reply }
+    }
+}
+
 /// Who asks what of the scene.
 pub(super) struct Queries {
     store: BlobStore,
@@ -117,6 +123,30 @@ impl EventLoop {
                 *index.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&now));
                 query.answer(&now, &triangles, &store, revision)
             };
+            let reply = tokio::task::spawn_blocking(work).await;
+            let reply = reply.unwrap_or_else(|error| Err(error.to_string()));
+            // The manager may have ended meanwhile.
+            let _ = done.send(Answered { job, reply }).await;
+        });
+    }
+
+    /// Answers a request away from the loop, in turn with questions.
+    pub(super) fn answer_beside(
+        &mut self,
+        job: ClientRequest,
+        work: impl FnOnce() -> Result<Response, String> + Send + 'static,
+    ) {
+        let (done, turns) = (self.queries.done.0.clone(), Arc::clone(&self.queries.turns));
+        if self.queries.open.iter().filter(|of| of.client == job.client).count() >= QUERIES_MAX {
+            let reason = format!(
+                "{QUERIES_MAX} questions of this client are open already; await some first"
+            );
+            return self.reply_to_query(job, Err(reason));
+        }
+        self.queries.open.push(job);
+        tokio::spawn(async move {
+            // Nobody closes it, so there is always a turn.
+            let _turn = turns.acquire().await;
             let reply = tokio::task::spawn_blocking(work).await;
             let reply = reply.unwrap_or_else(|error| Err(error.to_string()));
             // The manager may have ended meanwhile.

@@ -4,7 +4,7 @@ use anyhow::{Context, bail};
 use polyptych_client::glam::DVec3;
 use polyptych_client::{Camera, Easing, StoredView, Tour, TourStop};
 use serde::Deserialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::super::node::rotation;
 use super::super::stored_view;
@@ -55,7 +55,10 @@ pub(super) struct TourDraft {
 /// # Errors
 /// The stop that is wrong, by its index from 0, and why.
 pub(super) fn parse(text: &[u8]) -> anyhow::Result<TourDraft> {
-    let TourText { r#loop: is_loop, stops } = serde_json::from_slice(text)
+    let file: Value = serde_json::from_slice(text).context("not JSON")?;
+    // A list is its stops.
+    let file = if file.is_array() { json!({ "stops": file }) } else { file };
+    let TourText { r#loop: is_loop, stops } = serde_json::from_value(file)
         .context("not a tour, which is {\"loop\": false, \"stops\": [{…}, …]}")?;
     let stops = stops
         .into_iter()

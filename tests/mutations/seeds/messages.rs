@@ -27,6 +27,7 @@ use polyptych_protocol::request::{
     self, CaptureInfo, ImageChunk, ImageInfo, Pacing, Request, RequestError, RequestMessage,
     Response, SceneSummary,
 };
+use polyptych_protocol::saved_scene::SavedScene;
 use polyptych_protocol::server_message::{
     FramePresented, FrameRendered, Ping, Prepared, ServerMessage,
 };
@@ -319,6 +320,9 @@ fn calls() -> Vec<RequestMessage> {
         Request::PlayTour(tour()),
         Request::StopTour,
         Request::DescribeTour,
+        Request::SaveScene { name: "evening".into() },
+        Request::ListSavedScenes,
+        Request::RemoveSavedScene { name: "evening".into() },
     ];
     let requests = requests.into_iter().chain(regions().map(Request::FindInRegion));
     let call = |(request, id)| RequestMessage { id: RequestId(id), request };
@@ -503,6 +507,12 @@ fn answers() -> Vec<request::MessageToClient> {
             silent: vec![("right".into(), "it said nothing".into())],
             absent: vec!["floor".into()],
         })),
+        Ok(Response::SavedScenes(vec![SavedScene {
+            name: "evening".into(),
+            scene: "town".into(),
+            edited_nodes: 3,
+            saved_at_s: 1 << 30,
+        }])),
         Ok(Response::StoredViews(vec![StoredView { name: "quay".into(), camera: camera() }])),
         Ok(Response::Tour(Box::new(TourStatus {
             tour: Some(tour()),

@@ -4,7 +4,6 @@ use polyptych_protocol::feedback::Shown;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::{OpenProgress, OpenStage};
 use polyptych_protocol::request::{Request, Response};
-use std::sync::Arc;
 
 use super::{ClusterFixture, SessionId};
 use crate::{ClientRequest, ImportedScene};
@@ -110,14 +109,11 @@ fn notes_of_a_scene_stand_in_status_and_memory_until_another_is_shown() {
     let mut stage = ClusterFixture::new(1);
     let notes = vec!["animations: 1, not played".to_owned()];
     stage.request(Request::OpenScene { path: "town.glb".into() });
-    let ImportedScene { scene, mut summary, .. } = ClusterFixture::imported();
+    let imported = ClusterFixture::imported();
+    let ImportedScene { scene, mut summary, .. } = imported.clone();
     summary.notes.clone_from(&notes);
     let job = stage.imports[0];
-    stage.cluster.handle_import(
-        stage.now,
-        job,
-        Ok(ImportedScene { scene, summary, outline: Arc::default() }),
-    );
+    stage.cluster.handle_import(stage.now, job, Ok(ImportedScene { scene, summary, ..imported }));
     assert_eq!(stage.cluster.status(stage.now).notes, [] as [String; 0], "not shown yet");
     stage.read();
     stage.prepare(SessionId(0));
