@@ -43,8 +43,24 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ("query prism", &["polyptych query prism 0,30 \"0,0 40,0 40,10 10,10 10,40 0,40\""]),
     ("query frustum", &["polyptych query frustum front 100,80 400,300 --below /house"]),
     ("scene tree", &["polyptych scene tree", "polyptych scene tree --below /house --json"]),
+    (
+        "scene import",
+        &[
+            "polyptych scene import boat.glb position=4,0,2 --parent /harbour",
+            "polyptych scene import tower.gltf name=tower scale=0.01",
+        ],
+    ),
+    ("scene save", &["polyptych scene save evening"]),
+    ("scene list", &["polyptych scene list", "polyptych scene list --json"]),
+    ("scene remove", &["polyptych scene remove evening"]),
     ("scene close", &["polyptych scene close"]),
-    ("node add", &["polyptych node add name=sign mesh=0 position=0,2,0 --parent /house"]),
+    (
+        "node add",
+        &[
+            "polyptych node add name=sign mesh=0 position=0,2,0 --parent /house",
+            "polyptych node add name=crate mesh=box:0.5,0.5,0.5 color=#ff8000",
+        ],
+    ),
     (
         "node set",
         &[

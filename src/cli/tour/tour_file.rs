@@ -55,11 +55,11 @@ pub(super) struct TourDraft {
 /// # Errors
 /// The stop that is wrong, by its index from 0, and why.
 pub(super) fn parse(text: &[u8]) -> anyhow::Result<TourDraft> {
-    let file: Value = serde_json::from_slice(text).context("not JSON")?;
+    const WHAT: &str = "not a tour, which is {\"loop\": false, \"stops\": [{…}, …]}";
+    let file: Value = serde_json::from_slice(text).context(WHAT)?;
     // A list is its stops.
     let file = if file.is_array() { json!({ "stops": file }) } else { file };
-    let TourText { r#loop: is_loop, stops } = serde_json::from_value(file)
-        .context("not a tour, which is {\"loop\": false, \"stops\": [{…}, …]}")?;
+    let TourText { r#loop: is_loop, stops } = serde_json::from_value(file).context(WHAT)?;
     let stops = stops
         .into_iter()
         .enumerate()
@@ -160,7 +160,9 @@ mod tests {
             let error = format!("{:#}", tour.expect_err(stop));
             assert!(error.starts_with("stop 1: ") && error.contains(said), "{error}");
         }
-        for text in ["[]", "{}", r#"{ "stops": [], "name": "x" }"#, "stops"] {
+        let list = parse(br#"[{ "view": "quay", "travel": 1 }]"#).expect("a list of stops");
+        assert_eq!((list.is_loop, list.stops.len()), (false, 1));
+        for text in ["7", "{}", r#"{ "stops": [], "name": "x" }"#, "stops"] {
             let error = format!("{:#}", parse(text.as_bytes()).expect_err(text));
             assert!(error.starts_with("not a tour, which is"), "{error}");
         }

@@ -174,8 +174,8 @@ impl SceneLayout {
         Self { ground, ..self }
     }
 
-    /// What must be brought to the GPU for it where another scene is there: the bytes, each once, and
-    /// where they go.
+    /// What must be brought to the GPU for it where another scene is there: the bytes, each once,
+    /// and where they go.
     pub fn content_beyond(&self, held: Option<&Self>) -> Vec<(BlobHash, ContentPlace)> {
         let mut textures = held.map(Self::texture_slots).unwrap_or_default();
         let mut geometries = held.map(Self::geometry_slots).unwrap_or_default();
