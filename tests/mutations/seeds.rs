@@ -1,6 +1,8 @@
 //! What mutations begin from: small valid inputs of every kind. The coverage-guided targets in
 //! `tests/fuzz` begin from the same, and find these files by their paths.
 
+#[path = "seeds/editing.rs"]
+pub mod editing;
 #[path = "seeds/maps.rs"]
 pub mod maps;
 #[path = "seeds/messages.rs"]

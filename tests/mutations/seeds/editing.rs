@@ -1,0 +1,94 @@
+//! What messages carry of edits of a scene and of questions about it.
+
+use glam::{DAffine3, DVec2, DVec3, Vec3};
+use polyptych_protocol::ids::Revision;
+use polyptych_protocol::node_query::{
+    NearestPoint, NodeInfo, NodePage, NodeQuery, RayHit, RegionQuery,
+};
+use polyptych_protocol::request::{RequestError, Response};
+use polyptych_protocol::transaction::{AssetSource, Transaction};
+use polyptych_scene::{Attribute, Bounds, Light, LightKind, Material, NewNode, NodeId, SceneEdits};
+use polyptych_wall::region::{HalfSpace, Region, Relation};
+
+/// One edit of each kind.
+pub fn transaction() -> Transaction {
+    let mut transaction = Transaction::based_on(Revision(1));
+    let light = Light { kind: LightKind::Point, color: Vec3::ONE, intensity: 1.0, range: None };
+    let new = NewNode { name: "lamp".into(), light: Some(light.clone()), ..NewNode::default() };
+    let lamp = transaction.create(new);
+    transaction.set_parent(NodeId(1), Some(lamp));
+    transaction.set_transform(NodeId(1), DAffine3::from_translation(DVec3::X));
+    transaction.set_visible(NodeId(1), false);
+    transaction.set_name(NodeId(1), "arm");
+    transaction.set_mesh(NodeId(1), Some(0));
+    transaction.set_light(lamp, None);
+    transaction.set_attribute(NodeId(1), "kind", Some(Attribute::Text("pointer".into())));
+    transaction.set_attribute(NodeId(1), "old", Some(Attribute::Bool(true)));
+    transaction.set_material(0, Material::default());
+    transaction.remove(NodeId(0));
+    transaction.with_scene(AssetSource::Glb(b"glTF".as_slice().into()), NewNode::default())
+}
+
+pub fn scene_edits() -> SceneEdits {
+    let mut edits = SceneEdits::default();
+    for edit in transaction().edits {
+        let _ = edits.apply(edit);
+    }
+    edits
+}
+
+pub fn node() -> NodeInfo {
+    NodeInfo {
+        id: NodeId(1),
+        parent: Some(NodeId(0)),
+        name: "arm".into(),
+        depth: 1,
+        local: DAffine3::IDENTITY,
+        world: DAffine3::from_translation(DVec3::X),
+        visible: true,
+        mesh: Some(0),
+        light: None,
+        attributes: [("kind".to_owned(), Attribute::Number(1.5))].into(),
+        bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
+    }
+}
+
+pub fn regions() -> impl Iterator<Item = RegionQuery> {
+    let half = |normal| HalfSpace { normal, offset: 1.5 };
+    let regions = [
+        Region::Box { min: DVec3::ZERO, max: DVec3::ONE },
+        Region::Sphere { center: DVec3::X, radius: 3.0 },
+        Region::Prism { polygon: vec![DVec2::ZERO, DVec2::X, DVec2::Y], low: -1.0, high: 2.0 },
+        Region::Convex(vec![half(DVec3::X), half(DVec3::Y), half(DVec3::NEG_Z)]),
+    ];
+    let relations = [Relation::Inside, Relation::Touches, Relation::Contains, Relation::Disjoint];
+    let nodes = NodeQuery { name: Some("arm".into()), count: 10, ..NodeQuery::default() };
+    regions.into_iter().zip(relations).map(move |(region, relation)| RegionQuery {
+        region,
+        relation,
+        nodes: nodes.clone(),
+    })
+}
+
+pub fn answers_about_space() -> Vec<Result<Response, RequestError>> {
+    vec![
+        Ok(Response::Ray(Some(RayHit {
+            revision: Revision(3),
+            node: NodeId(1),
+            name: "arm".into(),
+            position: DVec3::ZERO,
+            normal: DVec3::Z,
+            distance: 1.0,
+            is_front: true,
+            material: Some(0),
+        }))),
+        Ok(Response::Nodes(NodePage { revision: Revision(3), found: 1, nodes: vec![node()] })),
+        Ok(Response::Nearest(Some(NearestPoint {
+            revision: Revision(3),
+            node: NodeId(1),
+            name: "arm".into(),
+            position: DVec3::ZERO,
+            distance: 1.0,
+        }))),
+    ]
+}
