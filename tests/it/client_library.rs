@@ -108,6 +108,8 @@ fn the_examples_run() {
     let sail = ["town.glb", "boat", "1", &local.address];
     let said = run_example(&local, &example("sail"), &sail);
     assert!(said.contains("transactions, "), "{said}");
+    let said = run_example(&local, &example("clock"), &["town.glb", "1", &local.address]);
+    assert!(said.contains("9 nodes were made, and moved "), "{said}");
     let tour = ["town.glb", &local.address];
     let said = run_example(&local, &example("guided_tour"), &tour);
     assert!(said.lines().count() == 5 && said.contains(" at 8.00 s from ["), "{said}");
