@@ -303,6 +303,7 @@ impl EventLoop {
             }
             self.pass_time(inbox.is_empty());
             self.finish_collections();
+            self.follow_scene();
             self.carry_out();
             self.serve_clients();
             self.release_answers();

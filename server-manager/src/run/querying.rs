@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use polyptych_core::{ClientRequest, SessionId};
-use polyptych_files::blob::BlobStore;
+use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::ids::{RequestId, Revision};
 use polyptych_protocol::node_query::{NearestQuery, NodeQuery, RayQuery, RegionQuery};
 use polyptych_protocol::request::{MessageToClient, RequestError, Response};
@@ -70,6 +70,8 @@ impl Answered {
 /// Who asks what of the scene.
 pub(super) struct Queries {
     store: BlobStore,
+    /// The scene that is open, as far as is known here.
+    scene: Option<BlobHash>,
     /// The state that was asked about last.
     index: Arc<Mutex<Option<Arc<SceneIndex>>>>,
     triangles: TriangleCache,
@@ -82,12 +84,22 @@ impl Queries {
     pub fn new(store: BlobStore) -> Self {
         Self {
             store,
+            scene: None,
             index: Arc::default(),
             triangles: TriangleCache::default(),
             turns: Arc::new(Semaphore::new(WORKERS_MAX)),
             open: Vec::new(),
             done: mpsc::channel(16),
         }
+    }
+
+    /// Another scene is open, or none: gives what was kept of the one before, which is large.
+    /// Questions about it that are being answered end with what they hold of it.
+    pub fn follow(&mut self, scene: Option<BlobHash>) -> Option<impl Send + 'static> {
+        (self.scene != scene).then(|| {
+            self.scene = scene;
+            (std::mem::take(&mut self.index), std::mem::take(&mut self.triangles))
+        })
     }
 
     /// The next answer.
@@ -97,6 +109,15 @@ impl Queries {
 }
 
 impl EventLoop {
+    /// Forgets what questions have read of a scene that is not open any more.
+    pub(super) fn follow_scene(&mut self) {
+        let scene = self.cluster.shown_scene().map(|(scene, _)| scene.manifest);
+        if let Some(kept) = self.queries.follow(scene) {
+            // A gibibyte takes its time.
+            tokio::task::spawn_blocking(move || drop(kept));
+        }
+    }
+
     /// A client asks about the scene.
     pub(super) fn query(&mut self, client: SessionId, id: RequestId, query: Query) {
         let job = ClientRequest { client, id };
@@ -162,5 +183,23 @@ impl EventLoop {
     fn reply_to_query(&mut self, job: ClientRequest, reply: Result<Response, String>) {
         let reply = reply.map_err(RequestError::new);
         self.answer(job.client, MessageToClient::Reply { id: job.id, reply });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_kept_of_a_scene_goes_with_it() {
+        let mut queries = Queries::new(BlobStore::new("none"));
+        let [one, other] = [BlobHash::of(b"one"), BlobHash::of(b"other")];
+        drop(queries.follow(Some(one)));
+        let kept = Arc::downgrade(&queries.index);
+        assert!(queries.follow(Some(one)).is_none(), "edits leave the scene the same");
+        assert!(kept.upgrade().is_some());
+        drop(queries.follow(Some(other)).expect("another scene"));
+        assert!(kept.upgrade().is_none());
+        assert!(queries.follow(None).is_some() && queries.follow(None).is_none());
     }
 }
