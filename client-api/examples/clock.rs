@@ -8,7 +8,7 @@ use polyptych_client::{
     Assets, Bounds, Material, MeshData, NewNode, NodeId, Transaction, blocking::Client, fit_bounds,
 };
 
-/// How often the hands move.
+/// Time between two moves of the hands.
 const STEP: Duration = Duration::from_millis(50);
 
 fn placed(parent: Option<NodeId>, local: DAffine3, mesh: Option<u32>) -> NewNode {

@@ -38,7 +38,7 @@ pub enum AssetError {
     Mesh {
         /// Its index among those that were added.
         mesh: usize,
-        /// What is wrong, and what would be right.
+        /// The fault, and what would be right.
         what: String,
     },
     /// A material that names what is not there, or has a number that is none.
@@ -46,7 +46,7 @@ pub enum AssetError {
     Material {
         /// Its index among those that were added.
         material: usize,
-        /// What is wrong.
+        /// The fault.
         what: String,
     },
 }
@@ -79,7 +79,7 @@ impl Assets {
         provisional_asset(self.meshes.len() as u32 - 1)
     }
 
-    /// Whether there are none.
+    /// Returns whether there are none.
     pub fn is_empty(&self) -> bool {
         self.meshes.is_empty() && self.materials.is_empty() && self.pictures.is_empty()
     }

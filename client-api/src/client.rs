@@ -314,11 +314,11 @@ impl Client {
         self.capture_at(None).await
     }
 
-    /// As [`Client::capture`], with the scene's time set to `time_s` seconds where given: frames
+    /// Captures with the scene's time set to `time_s` seconds where given: frames
     /// at equal steps of it make a film, however long each takes.
     ///
     /// # Errors
-    /// As of [`Client::capture`].
+    /// Those of [`Client::capture`].
     pub async fn capture_at(&self, time_s: Option<f64>) -> Result<Capture, ClientError> {
         let mut pending = self
             .link

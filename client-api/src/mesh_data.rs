@@ -20,7 +20,7 @@ pub struct MeshData {
     /// Three for each triangle, counter-clockwise from its front, two for each line, or one for
     /// each point. Without them the vertices are taken in their order.
     pub indices: Vec<u32>,
-    /// What indices make; lines and points are one pixel wide.
+    /// The shape that indices make; lines and points are one pixel wide.
     pub topology: Topology,
 }
 

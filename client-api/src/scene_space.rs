@@ -1,4 +1,4 @@
-//! What a client asks about space in the open scene: what is in a region, what is near, and what is
+//! Questions of a client about space in the open scene: what is in a region, what is near, what is
 //! between two points.
 
 use glam::{DVec2, DVec3};
@@ -13,7 +13,7 @@ use crate::client::Client;
 use crate::connection_handle::wrong_answer;
 use crate::error::ClientError;
 
-/// How near to an end of a line of sight what it meets belongs to that end, as a share of the
+/// Distance within which what a line of sight meets belongs to its end, as a share of the
 /// coordinates and of the length: points that were picked lie on a surface, rounding apart.
 const END_SHARE: f64 = 1e-9;
 

@@ -65,21 +65,21 @@ pub struct NodeInfo {
 pub struct RayQuery {
     /// In world space.
     pub ray: Ray,
-    /// How far it goes, in world units; for ever where `None`.
+    /// The length of the ray, in world units; endless where `None`.
     pub max_distance: Option<f64>,
 }
 
-/// What a ray meets first, from either side.
+/// The first triangle that a ray meets, from either side.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RayHit {
     /// The state that was looked at.
     pub revision: Revision,
     /// Whose mesh it is.
     pub node: NodeId,
-    /// What that node is called.
+    /// The node's name.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
-    /// Where, in world space.
+    /// The place, in world space.
     pub position: DVec3,
     /// Out of the front of the triangle, of length 1, in world space; 0 of one without an area.
     pub normal: DVec3,
@@ -97,9 +97,9 @@ pub struct RayHit {
 pub struct RegionQuery {
     /// The part of the world.
     pub region: Region,
-    /// How the triangles of a node must lie to it, in all places of its mesh together.
+    /// The relation of the triangles of a node to it, in all places of its mesh together.
     pub relation: Relation,
-    /// What else must hold of the nodes, and which page of them is given.
+    /// The other demands on the nodes, and the page of them that is given.
     pub nodes: NodeQuery,
 }
 

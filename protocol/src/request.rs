@@ -129,12 +129,12 @@ pub enum Request {
     StoreView {
         /// See [`StoredView::name`].
         name: String,
-        /// Where not given, the present one.
+        /// The place; the present one if not given.
         camera: Option<Camera>,
     },
     /// Forgets a place of the camera.
     RemoveView {
-        /// As it was stored.
+        /// The name that it was stored under.
         name: String,
     },
     /// Asks for all places of the camera that are kept.
@@ -157,7 +157,7 @@ pub enum Request {
     ListSavedScenes,
     /// Forgets a scene that was saved.
     RemoveSavedScene {
-        /// As it was saved.
+        /// The name that it was saved under.
         name: String,
     },
 }

@@ -9,10 +9,10 @@ use polyptych_wall::limits::NAME_BYTES_MAX;
 /// `saved:NAME` in [`Request::OpenScene`](crate::request::Request::OpenScene).
 pub const SAVED_PREFIX: &str = "saved:";
 
-/// What is told of a saved scene.
+/// An entry in the list of saved scenes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SavedScene {
-    /// What it was saved as.
+    /// The name that it was saved under.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// The scene that was open.

@@ -12,7 +12,7 @@ pub struct StoredView {
     /// 1 to [`NAME_BYTES_MAX`] bytes without control characters, unique on a wall.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
-    /// Where display space stands in the scene.
+    /// The place of display space in the scene.
     pub camera: Camera,
 }
 

@@ -1,4 +1,4 @@
-//! How a tour of the camera stands.
+//! The state of a tour of the camera.
 
 use polyptych_wall::tour::Tour;
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,7 @@ pub struct TourStatus {
     pub began_s: Option<f64>,
     /// Scene time of the last frame, in seconds.
     pub time_s: f64,
-    /// How fast the wall draws by itself; `None` for a wall that is paused, on which nothing
+    /// The wall's own pace; `None` for a wall that is paused, on which nothing
     /// moves until a frame is asked for.
     pub pace: Option<Pacing>,
 }

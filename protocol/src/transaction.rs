@@ -40,14 +40,14 @@ pub struct Transaction {
 /// Assets for the open scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NewAssets {
-    /// Where they come from.
+    /// The source of the assets.
     pub source: AssetSource,
-    /// Where given, the source's nodes are made too, below this one, behind all that the
+    /// The node below which the source's nodes are made too, if given, behind all that the
     /// transaction makes otherwise.
     pub below: Option<Box<NewNode>>,
 }
 
-/// Where assets come from.
+/// A source of assets.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum AssetSource {
     /// The bytes of a binary glTF file. Meshes that no node of its scene shows are left out, and
@@ -56,7 +56,7 @@ pub enum AssetSource {
     /// A glTF file in one of the manager's scene folders, as of
     /// [`Request::OpenScene`](crate::request::Request::OpenScene).
     File(#[serde(deserialize_with = "text_of_peer")] String),
-    /// What the manager made of either. A client that sends it is refused.
+    /// Blobs that the manager made of either. A client that sends it is refused.
     Baked(BakedAssets),
 }
 
@@ -65,7 +65,7 @@ pub enum AssetSource {
 pub struct BakedAssets {
     /// See [`polyptych_scene::AssetSet`], as all of these.
     pub manifest: BlobHash,
-    /// Of each mesh.
+    /// The number of primitives of each mesh.
     pub primitives: Vec<u32>,
     /// How many there are.
     pub materials: u32,
@@ -76,11 +76,11 @@ pub struct BakedAssets {
 /// The numbers that assets got: the first of each kind; the others follow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AssetNumbers {
-    /// Of its first mesh, as [`NewNode::mesh`].
+    /// The number of its first mesh, as [`NewNode::mesh`].
     pub first_mesh: u32,
-    /// Of its first material, as in [`Edit::SetMaterial`].
+    /// The number of its first material, as in [`Edit::SetMaterial`].
     pub first_material: u32,
-    /// Of its first texture, as in [`polyptych_scene::TextureRef`].
+    /// The number of its first texture, as in [`polyptych_scene::TextureRef`].
     pub first_texture: u32,
 }
 
@@ -115,7 +115,7 @@ impl Transaction {
         node
     }
 
-    /// How many nodes it makes.
+    /// Returns the number of nodes that it makes.
     pub fn creations(&self) -> u64 {
         let last = self.edits.iter().rev().find_map(|edit| match edit {
             Edit::Create { node, .. } => node.provisional_index(),

@@ -118,7 +118,7 @@ fn place(scene: &Scene, below: NewNode, transaction: &mut Transaction) -> Result
     Ok(())
 }
 
-/// As much of a text as fits into so many bytes.
+/// Returns the beginning of a text that fits into this number of bytes.
 fn first_bytes(text: &str, bytes_max: usize) -> &str {
     text.get(..text.floor_char_boundary(bytes_max)).unwrap_or_default()
 }

@@ -14,7 +14,7 @@ use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::request::SceneSummary;
 use polyptych_protocol::state_log::SceneRef;
-use polyptych_scene::{Scene, SceneEdits, SceneFeatures, SceneOutline};
+use polyptych_scene::{Scene, SceneFeatures, SceneOutline};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
 use tokio::process::Command;
 
@@ -134,8 +134,7 @@ pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import
     let blobs = std::iter::once(hash).chain(scene.blobs()).collect();
     let outline = Arc::new(SceneOutline::from(&scene));
     let scene = SceneRef { name: scene.name, manifest: hash };
-    let (edits, next_node) = (SceneEdits::default(), 0);
-    Ok(Import { scene: ImportedScene { scene, summary, outline, edits, next_node }, blobs })
+    Ok(Import { scene: ImportedScene::of_file(scene, summary, outline), blobs })
 }
 
 /// A scene that was saved, with all that was changed of it.

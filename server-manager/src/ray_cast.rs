@@ -16,7 +16,7 @@ use crate::triangle_cache::{TriangleCache, Triangles};
 
 /// A mesh in one place, which a ray comes near.
 struct Candidate {
-    /// Where the ray enters its box, in lengths of the ray's direction.
+    /// The place at which the ray enters its box, in lengths of the ray's direction.
     enters: f64,
     /// Its index in the scene.
     node: usize,

@@ -40,7 +40,7 @@ pub(crate) fn find_in_region(
     })
 }
 
-/// What must hold of all triangles of a node.
+/// A condition on all triangles of a node.
 trait Demand {
     /// Returns whether it holds of whatever is in a box of this place, if that says so.
     fn of_box(&self, bounds: &Bounds, world: &DAffine3) -> Option<bool>;

@@ -115,12 +115,12 @@ impl SceneIndex {
         self.ids[at]
     }
 
-    /// What a node is called, by its index.
+    /// Returns the name of a node, by its index.
     pub fn name(&self, at: usize) -> &str {
         &self.nodes[at].name
     }
 
-    /// What a node's mesh is made of, by the node's index.
+    /// Returns the primitives of a node's mesh, by the node's index.
     pub fn primitives(&self, at: usize) -> &[Primitive] {
         let meshes = self.meshes.as_ref().unwrap_or(&self.base.meshes);
         let mesh = self.nodes[at].mesh.and_then(|mesh| meshes.get(mesh as usize));

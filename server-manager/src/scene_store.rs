@@ -1,4 +1,4 @@
-//! Where scenes are kept as they were edited.
+//! The store of scenes as they were edited.
 //!
 //! A site of many managers would put a database with transactions behind [`SceneStore`], such as
 //! PostgreSQL, and its blobs into an object store: all that a scene needs beside its entry is named
@@ -10,7 +10,7 @@ use std::sync::Mutex;
 use polyptych_core::EditedScene;
 use polyptych_protocol::saved_scene::{SavedScene, name_fault};
 use polyptych_scene::limits::EDITS_BYTES_MAX;
-use redb::{Database, ReadableDatabase, ReadableTable, TableDefinition};
+use redb::{Database, ReadOnlyTable, ReadableDatabase, ReadableTable, TableDefinition, TableError};
 use serde::{Deserialize, Serialize};
 
 /// Most scenes that are kept: a list that a person reads.
@@ -19,7 +19,7 @@ const SCENES_MAX: usize = 1024;
 /// Most bytes that an entry takes in memory.
 const ENTRY_BYTES_MAX: usize = 8 * EDITS_BYTES_MAX;
 
-/// Of the entries. Another form of them is another table, so that none is misread.
+/// The table of entries. Another form of them is another table, so that none is misread.
 const SCENES: TableDefinition<'static, &str, &[u8]> = TableDefinition::new("scenes.1");
 
 /// A scene as it is kept.
@@ -48,7 +48,7 @@ pub(crate) trait SceneStore: Send + Sync {
     /// Forgets a scene.
     ///
     /// # Errors
-    /// As of [`SceneStore::load`].
+    /// Those of [`SceneStore::load`].
     fn remove(&self, name: &str) -> Result<(), String>;
 
     /// All that there are, by name.
@@ -77,13 +77,8 @@ impl SceneFile {
         work: impl FnOnce(&Database) -> Result<Result<T, String>, redb::Error>,
     ) -> Result<T, String> {
         let _turn = self.turn.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let done = Database::create(&self.path).map_err(redb::Error::from).and_then(|file| {
-            // Without an entry there is no table yet.
-            let begin = file.begin_write()?;
-            begin.open_table(SCENES)?;
-            begin.commit()?;
-            work(&file)
-        });
+        let done = Database::create(&self.path).map_err(redb::Error::from);
+        let done = done.and_then(|file| work(&file));
         let path = self.path.display();
         done.map_err(|error| format!("the file of saved scenes, {path}: {error}"))?
     }
@@ -113,8 +108,10 @@ impl SceneStore for SceneFile {
 
     fn load(&self, name: &str) -> Result<StoredScene, String> {
         self.with(|file| {
-            let scenes = file.begin_read()?.open_table(SCENES)?;
-            let Some(entry) = scenes.get(name)? else { return Ok(Err(unknown(&scenes, name)?)) };
+            let Some(scenes) = entries(file)? else { return Ok(Err(unknown(&[], name))) };
+            let Some(entry) = scenes.get(name)? else {
+                return Ok(Err(unknown(&names(&scenes)?, name)));
+            };
             Ok(decode(name, entry.value()))
         })
     }
@@ -125,7 +122,7 @@ impl SceneStore for SceneFile {
             {
                 let mut scenes = change.open_table(SCENES)?;
                 if scenes.remove(name)?.is_none() {
-                    return Ok(Err(unknown(&scenes, name)?));
+                    return Ok(Err(unknown(&names(&scenes)?, name)));
                 }
             }
             change.commit()?;
@@ -135,7 +132,7 @@ impl SceneStore for SceneFile {
 
     fn list(&self) -> Result<Vec<SavedScene>, String> {
         self.with(|file| {
-            let scenes = file.begin_read()?.open_table(SCENES)?;
+            let Some(scenes) = entries(file)? else { return Ok(Ok(Vec::new())) };
             let mut all = Vec::new();
             for entry in scenes.iter()? {
                 let (name, bytes) = entry?;
@@ -160,18 +157,29 @@ fn decode(name: &str, bytes: &[u8]) -> Result<StoredScene, String> {
         .map_err(|error| format!("the saved scene {name} cannot be read: {error}"))
 }
 
-fn unknown(
-    scenes: &impl ReadableTable<&'static str, &'static [u8]>,
-    name: &str,
-) -> Result<String, redb::Error> {
-    /// Names that an error lists.
-    const NAMES_MAX: usize = 16;
-    let mut names = Vec::new();
-    for entry in scenes.iter()?.take(NAMES_MAX) {
-        names.push(entry?.0.value().to_owned());
+/// Returns the entries as they are now; `None` before the first one.
+fn entries(
+    file: &Database,
+) -> Result<Option<ReadOnlyTable<&'static str, &'static [u8]>>, redb::Error> {
+    match file.begin_read()?.open_table(SCENES) {
+        Ok(scenes) => Ok(Some(scenes)),
+        Err(TableError::TableDoesNotExist(_)) => Ok(None),
+        Err(error) => Err(error.into()),
     }
+}
+
+/// Returns the first names of the entries, for an error.
+fn names(
+    scenes: &impl ReadableTable<&'static str, &'static [u8]>,
+) -> Result<Vec<String>, redb::Error> {
+    const NAMES_MAX: usize = 16;
+    let entries = scenes.iter()?.take(NAMES_MAX);
+    entries.map(|entry| Ok(entry?.0.value().to_owned())).collect()
+}
+
+fn unknown(names: &[String], name: &str) -> String {
     let there = if names.is_empty() { "none is".to_owned() } else { names.join(", ") };
-    Ok(format!("no scene is saved as {}; saved: {there}", polyptych_text::printable(name)))
+    format!("no scene is saved as {}; saved: {there}", polyptych_text::printable(name))
 }
 
 #[cfg(test)]

@@ -95,7 +95,7 @@ impl Triangles {
         self.corners[triangle].map(|corner| self.points[corner as usize])
     }
 
-    /// What they take, about: points, corners, and a box of the tree for every two triangles.
+    /// Returns the bytes that they take, about: points, corners, a box for every two triangles.
     fn bytes(&self) -> usize {
         self.points.len() * 24 + self.corners.len() * (12 + 4 + 56 / 2)
     }

@@ -64,11 +64,11 @@ fn second(text: &str) -> Result<f64, String> {
     numbers::<1>(text).map(|[number]| number)
 }
 
-/// What became of a film.
+/// The report of a film.
 #[derive(Debug, Serialize)]
 struct FilmReport {
     out: String,
-    /// As asked.
+    /// Frames that were asked for.
     frames: u32,
     /// Frames that are in the film, from the first on.
     written: u32,
@@ -83,13 +83,13 @@ struct RedrawnFrame {
     /// Its number, from 0.
     frame: u32,
     time_s: f64,
-    /// How often it was captured.
+    /// The number of its captures.
     tries: u32,
     /// Channels that were missing before the last try, each once, with the first reason.
     missing: Vec<(String, String)>,
 }
 
-/// Where the pictures of a film come from.
+/// A source of pictures of a film.
 trait FilmSource {
     fn capture(&mut self, time_s: f64) -> anyhow::Result<Capture>;
 

@@ -141,7 +141,7 @@ struct Editor {
     /// Where nodes stand that this transaction has placed.
     places: BTreeMap<NodeId, DAffine3>,
     transaction: Transaction,
-    /// What it brings.
+    /// The assets that it brings.
     assets: Assets,
 }
 

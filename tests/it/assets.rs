@@ -6,6 +6,8 @@ use polyptych_client::{
     AssetSource, Assets, Camera, ChannelState, Material, MeshData, NewNode, NodeId, NodeQuery, Ray,
     RayQuery, Transaction, provisional_asset,
 };
+use polyptych_files::blob::BlobHash;
+use polyptych_protocol::transaction::BakedAssets;
 use serde_json::json;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, screen_of, shot, small};
@@ -208,6 +210,9 @@ fn assets_that_cannot_be_are_refused_and_the_wall_stays() {
             json!([{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }]);
         gltf.json["meshes"][0]["primitives"][0]["material"] = json!(0);
     });
+    // A client must not name blobs of the manager by itself.
+    let baked =
+        BakedAssets { manifest: BlobHash([7; 32]), primitives: vec![1], materials: 0, textures: 0 };
     let nothing = NewNode { local: DAffine3::IDENTITY, ..NewNode::default() };
     let cases = [
         (showing(AssetSource::Glb(b"no file".as_slice().into()), mesh), "the assets"),
@@ -215,6 +220,7 @@ fn assets_that_cannot_be_are_refused_and_the_wall_stays() {
         (showing(AssetSource::File("../none.glb".into()), mesh), "none.glb"),
         (showing(source.clone(), provisional_asset(1)), "brings no mesh 1; it brings 1"),
         (showing(source.clone(), 7), "there is no mesh 7"),
+        (showing(AssetSource::Baked(baked), mesh), "or as the bytes of one"),
         (Transaction::default().with_assets(source), "nothing of the scene would use"),
         (
             Transaction::default().with_scene(AssetSource::File("none.glb".into()), nothing),

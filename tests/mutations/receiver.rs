@@ -13,7 +13,7 @@ use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
 use polyptych_protocol::request::{Request, SceneSummary};
 use polyptych_protocol::server_message::{FrameRendered, Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Operation, Replica, SceneRef};
-use polyptych_scene::{Scene, SceneEdits, SceneFeatures, Texture};
+use polyptych_scene::{Scene, SceneFeatures, Texture};
 use polyptych_wall::{ChannelId, Wall};
 
 use crate::message::Message;
@@ -275,13 +275,7 @@ fn imported() -> ImportedScene {
         notes: Vec::new(),
         exposure: 1.0,
     };
-    ImportedScene {
-        scene,
-        summary,
-        outline: Arc::default(),
-        edits: SceneEdits::default(),
-        next_node: 0,
-    }
+    ImportedScene::of_file(scene, summary, Arc::default())
 }
 
 /// What the manager does with a manifest.

@@ -54,11 +54,11 @@ pub struct AssetSet {
     pub first_mesh: u32,
     /// The number of primitives of each of its meshes.
     pub primitives: Vec<u32>,
-    /// As `first_mesh`, of materials.
+    /// The number of its first material, as `first_mesh`.
     pub first_material: u32,
     /// The number of its materials.
     pub materials: u32,
-    /// As `first_mesh`, of textures.
+    /// The number of its first texture, as `first_mesh`.
     pub first_texture: u32,
     /// The number of its textures.
     pub textures: u32,

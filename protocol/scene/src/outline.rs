@@ -258,7 +258,7 @@ impl SceneOutline {
         orphans
     }
 
-    /// Whether a node was not taken away itself.
+    /// Returns whether a node was not taken away itself.
     fn has(&self, edits: &SceneEdits, node: NodeId) -> bool {
         match edits.node(node) {
             Some(of) => !of.is_removed && (of.created.is_some() || node.0 < self.nodes()),

@@ -21,7 +21,7 @@ pub type AssetManifests = BTreeMap<BlobHash, Arc<Scene>>;
 pub struct SceneEdits {
     nodes: BTreeMap<NodeId, NodeEdits>,
     materials: BTreeMap<u32, Material>,
-    /// What was added, by manifest.
+    /// Assets that were added, by manifest.
     assets: BTreeMap<BlobHash, AssetSet>,
     /// A sum over the fingerprints of all entries, so that a change costs what it changes.
     fingerprint: u64,
@@ -103,7 +103,7 @@ pub enum Replaced {
     Node(NodeId, Option<NodeEdits>),
     /// Of a material; `None` where there was none.
     Material(u32, Option<Material>),
-    /// Of assets; `None` where there were none.
+    /// The entry of assets; `None` where there was none.
     Assets(BlobHash, Option<AssetSet>),
 }
 
@@ -149,12 +149,12 @@ impl SceneEdits {
         self.nodes.iter().map(|(node, edits)| (*node, edits))
     }
 
-    /// What was added.
+    /// Returns the assets that were added.
     pub fn assets(&self) -> impl Iterator<Item = &AssetSet> {
         self.assets.values()
     }
 
-    /// What was added with this manifest.
+    /// Returns the assets that were added with this manifest.
     pub fn assets_of(&self, manifest: BlobHash) -> Option<&AssetSet> {
         self.assets.get(&manifest)
     }

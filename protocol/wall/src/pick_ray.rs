@@ -1,4 +1,4 @@
-//! What is looked at through a pixel of the wall: a ray into the world, in f64.
+//! The ray into the world that a pixel of the wall looks along, in f64.
 
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
@@ -10,9 +10,9 @@ use crate::{Screen, Wall};
 /// A half line in world space.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ray {
-    /// Where it begins.
+    /// The point from which it starts.
     pub origin: DVec3,
-    /// Where it goes; of any length but 0.
+    /// Its direction; of any length but 0.
     pub direction: DVec3,
 }
 

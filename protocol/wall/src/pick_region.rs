@@ -1,4 +1,4 @@
-//! What is looked at through a rectangle of the wall: a pyramid in the world, in f64.
+//! The pyramid in the world that a rectangle of the wall shows, in f64.
 
 use glam::{DVec2, DVec3};
 

@@ -16,7 +16,7 @@ use self::prism::Prism;
 use crate::limits::{REGION_CORNERS_MAX, REGION_PLANES_MAX, REGION_REACH_MAX};
 use crate::triangle_distance::nearest_on_triangle;
 
-/// How far beyond a border a computed point may lie and still count as on it, as a share of its
+/// Distance beyond a border within which a computed point counts as on it, as a share of its
 /// coordinates: 16 roundings of f64, which is more than the few operations make that lead to it.
 pub const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
@@ -47,7 +47,7 @@ pub enum Region {
         /// The height of its roof, y; at least `low`.
         high: f64,
     },
-    /// What lies in all of these half spaces, 3 to [`REGION_PLANES_MAX`]: a convex polyhedron, or a
+    /// The common part of these half spaces, 3 to [`REGION_PLANES_MAX`]: a convex polyhedron, or a
     /// pyramid without an end.
     Convex(Vec<HalfSpace>),
 }
@@ -61,7 +61,7 @@ pub struct HalfSpace {
     pub offset: f64,
 }
 
-/// How the triangles of a node lie to a region.
+/// The relation of a node's triangles to a region.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Relation {
     /// All of every triangle is in the region.
@@ -81,7 +81,7 @@ pub enum RegionError {
     /// A coordinate is NaN, infinite or too large.
     #[error("{what} is {value:e}; give a finite number, at most {REGION_REACH_MAX:e} from 0")]
     NoNumber {
-        /// What is wrong.
+        /// The number that is wrong.
         what: &'static str,
         /// Its value.
         value: f64,
@@ -91,9 +91,9 @@ pub enum RegionError {
     Empty {
         /// x, y or z.
         axis: char,
-        /// Where it begins.
+        /// Its lower end.
         begin: f64,
-        /// Where it ends, which is less.
+        /// Its upper end, which is less.
         end: f64,
     },
     /// A sphere of a negative radius.
@@ -127,7 +127,7 @@ pub enum RegionError {
     NoCorner,
 }
 
-/// Where a box lies to a region.
+/// The place of a box relative to a region.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoxPlace {
     /// It has no point of the region.

@@ -19,7 +19,7 @@ use crate::limits::{TOUR_SECONDS_MAX, TOUR_STOPS_MAX};
 /// distances stay finite.
 const REACH_MAX: f64 = 1e100;
 
-/// How a tour gets to a stop.
+/// The way in which a tour gets to a stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Easing {
     /// Along a curve, without a jerk: from rest, to rest, and through stops without a stay.
@@ -39,7 +39,7 @@ pub struct TourStop {
     pub travel_s: f64,
     /// Seconds at the stop, from 0.
     pub stay_s: f64,
-    /// How it gets here.
+    /// The way in which it gets here.
     pub easing: Easing,
 }
 
@@ -80,7 +80,7 @@ pub enum TourError {
     Stop {
         /// Its index, from 0.
         stop: usize,
-        /// What is wrong, and what would be right.
+        /// The fault, and what would be right.
         reason: String,
     },
     /// A loop takes no time.
@@ -91,7 +91,7 @@ pub enum TourError {
 /// One travel of a tour.
 struct Travel<'a> {
     tour: &'a Tour,
-    /// Where the tour begins.
+    /// The camera with which the tour begins.
     from: &'a Camera,
     /// The eye in display space.
     eye: DVec3,
@@ -160,7 +160,7 @@ impl Tour {
 }
 
 impl TourStop {
-    /// What is wrong with these numbers, if anything.
+    /// Returns the fault of these numbers, if they have one.
     fn fault(&self) -> Option<String> {
         if let Some(fault) = self.camera.fault() {
             return Some(fault);

@@ -12,7 +12,7 @@ use glam::DVec3;
 /// Triangles that are looked at one by one.
 const LEAF_MAX: usize = 4;
 
-/// How far beyond its edges a triangle is met, as a share of them: no ray slips through between
+/// Distance beyond its edges at which a triangle is met, as a share of them: no ray slips between
 /// two that share an edge.
 pub const EDGE_SHARE: f64 = 1e-9;
 

@@ -246,7 +246,7 @@ impl ChangeQueue {
 }
 
 impl ChangeQueue {
-    /// Whether a scene is on its way, or waits.
+    /// Returns whether a scene is on its way, or waits.
     pub fn has_scene_underway(&self) -> bool {
         let changes = self.queued().chain(self.current());
         changes.into_iter().any(|change| matches!(change.purpose, ChangeOrigin::Scene { .. }))

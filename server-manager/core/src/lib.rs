@@ -151,10 +151,21 @@ pub struct ImportedScene {
     pub summary: SceneSummary,
     /// What is to be known of it to edit it.
     pub outline: Arc<SceneOutline>,
-    /// What was changed of it when it was saved.
+    /// Its changes when it was saved.
     pub edits: SceneEdits,
     /// The number that its next node gets at least.
     pub next_node: u64,
+}
+
+impl ImportedScene {
+    /// A scene as its file has it.
+    pub fn of_file(
+        scene: polyptych_protocol::state_log::SceneRef,
+        summary: SceneSummary,
+        outline: Arc<SceneOutline>,
+    ) -> Self {
+        Self { scene, summary, outline, edits: SceneEdits::default(), next_node: 0 }
+    }
 }
 
 /// A scene with all that was changed of it.
@@ -162,7 +173,7 @@ pub struct ImportedScene {
 pub struct EditedScene {
     /// Its name and manifest.
     pub scene: polyptych_protocol::state_log::SceneRef,
-    /// What was changed.
+    /// Its changes.
     pub edits: SceneEdits,
     /// The number that its next node gets at least.
     pub next_node: u64,

@@ -77,7 +77,7 @@ impl PersistentState {
     }
 }
 
-/// What was changed of a scene, without nodes that end with their client or the manager.
+/// Returns the changes of a scene without nodes that end with their client or the manager.
 fn lasting(all: &SceneEdits, temporary: &[NodeId]) -> SceneEdits {
     let mut edits = all.clone();
     for &node in temporary {

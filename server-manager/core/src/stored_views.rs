@@ -11,7 +11,7 @@ impl Cluster {
     /// Stores, removes or lists places of the camera.
     ///
     /// # Errors
-    /// What cannot be, and what would be right.
+    /// The fault, and what would be right.
     pub(super) fn stored_view(&mut self, request: Request) -> Result<Response, String> {
         match request {
             Request::StoreView { name, camera } => {

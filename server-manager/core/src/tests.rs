@@ -277,13 +277,7 @@ impl ClusterFixture {
             notes: Vec::new(),
             exposure: 1.0,
         };
-        ImportedScene {
-            scene,
-            summary,
-            outline: Arc::default(),
-            edits: SceneEdits::default(),
-            next_node: 0,
-        }
+        ImportedScene::of_file(scene, summary, Arc::default())
     }
 }
 

@@ -26,11 +26,11 @@ pub struct PlayedTour {
     pub tour: Tour,
     /// The camera with which it begins.
     pub from: Camera,
-    /// How its time follows from scene time.
+    /// The relation of its time to scene time.
     pub clock: TourClock,
 }
 
-/// How a tour's time follows from scene time; all in seconds.
+/// The relation of a tour's time to scene time; all in seconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum TourClock {
     /// No frame of it was begun in this life of the manager.
@@ -98,7 +98,7 @@ impl Cluster {
     /// Does what a client asks of stored views and tours.
     ///
     /// # Errors
-    /// What cannot be, and what would be right.
+    /// The fault, and what would be right.
     pub(super) fn guide(&mut self, request: Request) -> Result<Response, String> {
         match request {
             Request::PlayTour(tour) => self.play_tour(tour)?,

@@ -15,7 +15,7 @@ use polyptych_protocol::ids::{RequestId, Revision};
 use polyptych_protocol::request::{Request, SceneSummary};
 use polyptych_protocol::server_message::{FrameRendered, Ping, Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Replica, SceneRef};
-use polyptych_scene::{SceneEdits, SceneFeatures};
+use polyptych_scene::SceneFeatures;
 use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, ChannelId, Screen, Surface};
 use ring::RingReader;
@@ -208,13 +208,7 @@ fn imported() -> ImportedScene {
         notes: Vec::new(),
         exposure: 1.0,
     };
-    ImportedScene {
-        scene,
-        summary,
-        outline: Arc::default(),
-        edits: SceneEdits::default(),
-        next_node: 0,
-    }
+    ImportedScene::of_file(scene, summary, Arc::default())
 }
 
 /// Records the life of a wall that is asked for frames all the time.

@@ -1,4 +1,4 @@
-//! Where the frames of a film go: numbered PNG files, or ffmpeg.
+//! The output of a film: numbered PNG files, or ffmpeg.
 
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -38,7 +38,7 @@ impl FilmOutput {
     /// Checks that the film can be written, and makes its folder.
     ///
     /// # Errors
-    /// What stands in the way, and the fix.
+    /// The obstacle, and the fix.
     pub fn new(out: &Path, fps: f64) -> anyhow::Result<Self> {
         let Some(ending) = out.extension() else {
             outputs::make_folder(out)?;
@@ -78,7 +78,7 @@ impl FilmOutput {
     /// Ends the film after its last frame.
     ///
     /// # Errors
-    /// What ffmpeg could not do.
+    /// The failure of ffmpeg.
     pub fn finish(self) -> anyhow::Result<()> {
         match self {
             Self::Folder(_) => Ok(()),

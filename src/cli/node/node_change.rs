@@ -24,7 +24,7 @@ pub(super) struct NodeChange {
     mesh: Option<Option<u32>>,
     /// Instead of a mesh that is there.
     shape: Option<Shape>,
-    /// Of the shape.
+    /// The colour of the shape.
     color: Option<Vec4>,
     attributes: Vec<(String, Option<Attribute>)>,
 }
@@ -189,7 +189,7 @@ fn three(value: &Value) -> anyhow::Result<DVec3> {
 /// Yaw, pitch and roll in degrees, as in wall files, or a quaternion.
 ///
 /// # Errors
-/// What would be right.
+/// The values that would be right.
 pub(in crate::cli) fn rotation(value: &Value) -> anyhow::Result<DQuat> {
     match numbers(value)?[..] {
         [yaw, pitch, roll] => {

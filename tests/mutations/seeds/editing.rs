@@ -1,4 +1,4 @@
-//! What messages carry of edits of a scene and of questions about it.
+//! Edits of a scene, and questions about it, as messages carry them.
 
 use glam::{DAffine3, DVec2, DVec3, Vec3};
 use polyptych_protocol::ids::Revision;

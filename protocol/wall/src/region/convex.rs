@@ -8,7 +8,7 @@ use crate::limits::REGION_PLANES_MAX;
 /// Three planes meet in one point if the volume that their unit normals span is more than this.
 const VOLUME_MIN: f64 = 1e-12;
 
-/// How far beyond the other planes a corner of three planes may lie, as a share of its coordinates:
+/// Distance beyond the other planes that a corner of three may have, as a share of its coordinates:
 /// it is farther off the flatter the planes meet.
 const CORNER_SHARE: f64 = 1e-9;
 
@@ -130,7 +130,7 @@ impl Convex {
 }
 
 impl HalfSpace {
-    /// How far a point is outside, in lengths of the normal; negative inside.
+    /// Returns the distance of a point outside, in lengths of the normal; negative inside.
     fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.offset
     }

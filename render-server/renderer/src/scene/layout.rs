@@ -61,7 +61,7 @@ impl Slots {
     }
 }
 
-/// Where bytes go in a scene.
+/// A place for bytes in a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContentPlace {
     /// A texture, by its index.
@@ -174,7 +174,7 @@ impl SceneLayout {
         Self { ground, ..self }
     }
 
-    /// What must be brought to the GPU for it where another scene is there: the bytes, each once,
+    /// Returns what must be brought to the GPU where another scene is there: the bytes, each once,
     /// and where they go.
     pub fn content_beyond(&self, held: Option<&Self>) -> Vec<(BlobHash, ContentPlace)> {
         let mut textures = held.map(Self::texture_slots).unwrap_or_default();
@@ -195,7 +195,7 @@ impl SceneLayout {
         missing
     }
 
-    /// Where each texture goes, by what it is.
+    /// Returns the slot of each texture.
     fn texture_slots(&self) -> HashMap<TextureName, usize> {
         let names = self.desc.textures.iter().map(texture_name);
         names.zip(self.textures.of.iter().copied()).collect()
@@ -205,7 +205,7 @@ impl SceneLayout {
         self.desc.meshes.iter().flat_map(|mesh| &mesh.primitives).map(geometry_name)
     }
 
-    /// Where each primitive goes, by what it is.
+    /// Returns the slot of each primitive.
     fn geometry_slots(&self) -> HashMap<GeometryName, usize> {
         self.geometry_names().zip(self.geometries.of.iter().copied()).collect()
     }
@@ -365,10 +365,10 @@ impl Sorter {
     }
 }
 
-/// What textures of one slot have in common: bytes, format, width, height and number of levels.
+/// The name of a texture's slot: bytes, format, width, height and number of levels.
 type TextureName = (BlobHash, TextureFormat, [u32; 3]);
 
-/// What primitives of one slot have in common: bytes, and how many there are of what.
+/// The name of a primitive's slot: bytes, layout, and the numbers of vertices and indices.
 type GeometryName = (BlobHash, VertexLayout, IndexFormat, [u32; 2]);
 
 /// Textures of one name share a slot.

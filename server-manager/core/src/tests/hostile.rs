@@ -7,13 +7,7 @@ use std::sync::Arc;
 fn imported(name: &str) -> ImportedScene {
     let scene = SceneRef { name: name.into(), manifest: BlobHash::of(name.as_bytes()) };
     let summary = SceneSummary { name: name.into(), ..ClusterFixture::imported().summary };
-    ImportedScene {
-        scene,
-        summary,
-        outline: Arc::default(),
-        edits: SceneEdits::default(),
-        next_node: 0,
-    }
+    ImportedScene::of_file(scene, summary, Arc::default())
 }
 
 impl ClusterFixture {

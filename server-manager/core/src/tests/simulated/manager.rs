@@ -13,7 +13,7 @@ use polyptych_protocol::ids::{Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::request::{Request, SceneSummary};
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::state_log::SceneRef;
-use polyptych_scene::{Bounds, Node, Scene, SceneEdits, SceneFeatures, SceneOutline};
+use polyptych_scene::{Bounds, Node, Scene, SceneFeatures, SceneOutline};
 
 use super::super::{
     ClientRequest, Cluster, Effect, ImportedScene, Micros, PersistentState, SessionId,
@@ -285,13 +285,7 @@ impl Simulation {
             notes: Vec::new(),
             exposure: 1.0,
         };
-        let scene = ImportedScene {
-            scene: SceneRef { name, manifest },
-            summary,
-            outline: outline(),
-            edits: SceneEdits::default(),
-            next_node: 0,
-        };
+        let scene = ImportedScene::of_file(SceneRef { name, manifest }, summary, outline());
         let imported = if is_good { Ok(scene) } else { Err("not glTF".to_owned()) };
         self.coverage.count(if is_good { "import done" } else { "import failed" });
         self.core(|cluster, now| cluster.handle_import(now, job, imported));
