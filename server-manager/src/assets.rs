@@ -41,6 +41,10 @@ pub(crate) async fn bake(
     let scene = scene.map_err(|error| error.to_string())??;
     if let Some(below) = assets.below {
         place(&scene, *below, &mut transaction)?;
+        if scene.meshes.is_empty() {
+            // Lights and places for others bring nothing that could be used.
+            return Ok((transaction, Vec::new()));
+        }
     }
     let blobs = std::iter::once(manifest).chain(scene.blobs()).collect();
     let source = AssetSource::Baked(BakedAssets {
@@ -105,7 +109,11 @@ fn place(scene: &Scene, below: NewNode, transaction: &mut Transaction) -> Result
             light,
         });
         ids.push(Some(id));
-        for instance in &node.instances {
+        let shown = node
+            .instances
+            .iter()
+            .filter(|of| of.scale.to_array().iter().all(|scale| *scale != 0.0));
+        for instance in shown {
             let local = DAffine3::from_scale_rotation_translation(
                 instance.scale.as_dvec3(),
                 instance.rotation.as_dquat(),
