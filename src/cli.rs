@@ -3,6 +3,7 @@
 mod bake;
 mod bench;
 mod calibrate;
+mod camera;
 mod check;
 mod completions;
 mod demo;
@@ -79,7 +80,8 @@ enum Command {
     /// Show a scene on a running wall
     Open(remote::OpenArguments),
     /// Move the camera of a running wall
-    Camera(remote::CameraArguments),
+    #[command(subcommand)]
+    Camera(camera::CameraCommand),
     /// Say where the viewer's eyes are, or move them
     Eye(viewer::EyeArguments),
     /// Keep places of the camera, or lay other cameras' pictures and plans over parts of the wall
@@ -209,7 +211,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Manager(arguments) => manager::run(arguments),
         Command::Server(arguments) => server::run(arguments),
         Command::Open(arguments) => return remote::open(&arguments),
-        Command::Camera(arguments) => return remote::camera(&arguments),
+        Command::Camera(command) => return camera::run(&command),
         Command::Eye(arguments) => return viewer::eye(&arguments),
         Command::View(arguments) => return viewer::view(&arguments),
         Command::Tour(command) => return tour::run(&command),

@@ -16,8 +16,8 @@ use polyptych_wall::view::View;
 use tokio::io::{AsyncRead, AsyncWrite};
 
 use crate::connect::{ConnectOptions, connect_over, connect_tcp};
-use crate::connection_handle::{ConnectionHandle, Wanted, wrong_answer};
-use crate::error::ClientError;
+use crate::connection_handle::{ConnectionHandle, Wanted};
+use crate::error::{ClientError, wrong_answer};
 use crate::feedback::FeedbackStream;
 use crate::image::Capture;
 use crate::pending::Pending;

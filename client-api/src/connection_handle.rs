@@ -14,7 +14,7 @@ use polyptych_protocol::request::{ImageChunk, Request, RequestError, RequestMess
 use tokio::sync::{Notify, broadcast, mpsc, oneshot, watch};
 
 use crate::connect::ConnectOptions;
-use crate::error::ClientError;
+use crate::error::{ClientError, wrong_answer};
 use crate::feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream};
 use crate::image::ImageAssembler;
 use crate::in_flight::{InFlight, OPEN_REQUESTS_MAX, OpenRequest};
@@ -474,27 +474,4 @@ fn deliver(
     answer: Result<CompletedResponse, ClientError>,
 ) {
     let _unwanted = waiter.send(answer);
-}
-
-/// The error of a reply that belongs to some other request.
-pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientError {
-    let answer = match reply {
-        Response::Done => "done",
-        Response::SceneOpened(_) => "a scene's summary",
-        Response::Frame(_) => "a frame's feedback",
-        Response::Captured(_) => "pictures",
-        Response::Status(_) => "the status",
-        Response::Wall(_) => "the wall's description",
-        Response::Statistics(_) => "statistics",
-        Response::Tuned(_) => "a tuning",
-        Response::Edited(_) => "an edited scene",
-        Response::Nodes(_) => "nodes",
-        Response::Ray(_) => "what a ray meets",
-        Response::StoredViews(_) => "stored views",
-        Response::Tour(_) => "how a tour stands",
-        Response::ServersStopped(_) => "the stopped servers",
-        Response::Nearest(_) => "the nearest point",
-        Response::SavedScenes(_) => "saved scenes",
-    };
-    ClientError::WrongAnswer { request, answer }
 }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use polyptych_protocol::handshake_io::ConnectionError;
+use polyptych_protocol::request::Response;
 use polyptych_protocol::token::TokenError;
 
 /// Why a call did not do what it says.
@@ -212,4 +213,28 @@ impl ClientError {
             Self::TimedOut { .. } | Self::ConnectionLost { .. } | Self::ManagerEnded { .. }
         )
     }
+}
+
+/// The error of a reply that belongs to some other request.
+pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientError {
+    let answer = match reply {
+        Response::Done => "done",
+        Response::SceneOpened(_) => "a scene's summary",
+        Response::Frame(_) => "a frame's feedback",
+        Response::Captured(_) => "pictures",
+        Response::Status(_) => "the status",
+        Response::Wall(_) => "the wall's description",
+        Response::Statistics(_) => "statistics",
+        Response::Tuned(_) => "a tuning",
+        Response::Edited(_) => "an edited scene",
+        Response::Nodes(_) => "nodes",
+        Response::Ray(_) => "what a ray meets",
+        Response::StoredViews(_) => "stored views",
+        Response::Tour(_) => "how a tour stands",
+        Response::ServersStopped(_) => "the stopped servers",
+        Response::Nearest(_) => "the nearest point",
+        Response::SavedScenes(_) => "saved scenes",
+        Response::Way(_) => "a way",
+    };
+    ClientError::WrongAnswer { request, answer }
 }

@@ -73,6 +73,7 @@ pub use polyptych_protocol::feedback::{
     Shown, Skew, Statistics, WallStatus,
 };
 pub use polyptych_protocol::feedback::{Edited, Tuned};
+pub use polyptych_protocol::follow::Follow;
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 pub use polyptych_protocol::node_query::{
     NODES_MAX, NearestPoint, NearestQuery, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery,
@@ -89,6 +90,9 @@ pub use polyptych_protocol::saved_scene::{SAVED_PREFIX, SavedScene};
 pub use polyptych_protocol::stored_view::StoredView;
 pub use polyptych_protocol::tour_status::TourStatus;
 pub use polyptych_protocol::transaction::{AssetNumbers, AssetSource, NewAssets, Transaction};
+pub use polyptych_protocol::walk_query::{
+    Touched, WAY_POINTS_MAX, WalkEnd, WalkQuery, WalkedWay, Walker,
+};
 pub use polyptych_scene::{
     AlphaMode, Attribute, Bounds, Edit, Light, LightKind, Material, NewNode, NodeId, SceneFeatures,
     TextureRef, Topology, provisional_asset,

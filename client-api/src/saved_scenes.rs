@@ -4,8 +4,7 @@ use polyptych_protocol::request::{Request, Response};
 use polyptych_protocol::saved_scene::SavedScene;
 
 use crate::client::Client;
-use crate::connection_handle::wrong_answer;
-use crate::error::ClientError;
+use crate::error::{ClientError, wrong_answer};
 
 impl Client {
     /// Keeps the open scene with all that was changed of it, in the place of what had that name.

@@ -13,8 +13,8 @@ use polyptych_wall::region::{Region, Relation};
 use tokio::sync::watch;
 
 use crate::client::Client;
-use crate::connection_handle::{Wanted, wrong_answer};
-use crate::error::ClientError;
+use crate::connection_handle::Wanted;
+use crate::error::{ClientError, wrong_answer};
 
 /// How often a scene that is edited meanwhile is read anew from its first node.
 const READ_TRIES: u32 = 8;

@@ -6,12 +6,12 @@ use polyptych_protocol::node_query::{
     NearestPoint, NearestQuery, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
 };
 use polyptych_protocol::request::{Request, Response};
+use polyptych_protocol::walk_query::{WalkQuery, WalkedWay};
 use polyptych_wall::pick_ray::{PickError, Ray};
 use polyptych_wall::region::{Region, Relation};
 
 use crate::client::Client;
-use crate::connection_handle::wrong_answer;
-use crate::error::ClientError;
+use crate::error::{ClientError, wrong_answer};
 
 /// Distance within which what a line of sight meets belongs to its end, as a share of the
 /// coordinates and of the length: points that were picked lie on a surface, rounding apart.
@@ -79,6 +79,20 @@ impl Client {
         match self.request(Request::NearestPoint(query)).await? {
             Response::Nearest(point) => Ok(point),
             other => Err(wrong_answer("find the nearest point", &other)),
+        }
+    }
+
+    /// Returns how far one comes on a way through the open scene: over its ground, at the height of
+    /// the eye, and up to what stands in the way. [`Tour::along`](crate::Tour::along) makes a tour
+    /// of it.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] if no scene is open, the way or the walker cannot
+    /// be, or the manager gives up because it takes too long.
+    pub async fn find_way(&self, query: WalkQuery) -> Result<WalkedWay, ClientError> {
+        match self.request(Request::FindWay(query)).await? {
+            Response::Way(way) => Ok(*way),
+            other => Err(wrong_answer("find a way", &other)),
         }
     }
 

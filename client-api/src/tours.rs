@@ -1,5 +1,6 @@
 //! Places of the camera that the manager keeps, and tours through them.
 
+use polyptych_protocol::follow::Follow;
 use polyptych_protocol::request::{Request, Response};
 use polyptych_protocol::stored_view::StoredView;
 use polyptych_protocol::tour_status::TourStatus;
@@ -7,8 +8,7 @@ use polyptych_wall::camera::Camera;
 use polyptych_wall::tour::Tour;
 
 use crate::client::Client;
-use crate::connection_handle::wrong_answer;
-use crate::error::ClientError;
+use crate::error::{ClientError, wrong_answer};
 
 impl Client {
     /// Keeps a camera under a name, in the place of what had that name; `None` is the present one.
@@ -58,7 +58,19 @@ impl Client {
         self.done("play the tour", Request::PlayTour(tour)).await
     }
 
-    /// Ends the tour; the camera stays where it is.
+    /// Lets the camera follow a node of the open scene, for every frame as a function of where the
+    /// node is in it: all channels draw the same camera, in the frame that moves the node. What
+    /// ends a tour ends it, [`Client::stop_tour`] too, and so does the end of the node. The manager
+    /// goes on with it after a restart.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] if there is no such node, or a number is not
+    /// finite.
+    pub async fn follow_node(&self, follow: Follow) -> Result<(), ClientError> {
+        self.done("follow the node", Request::FollowNode(follow)).await
+    }
+
+    /// Ends the tour, or the following of a node; the camera stays where it is.
     ///
     /// # Errors
     /// [`ClientError`].

@@ -17,6 +17,7 @@
 pub mod bulk;
 pub mod command;
 pub mod feedback;
+pub mod follow;
 pub mod framing;
 pub mod handshake;
 pub mod handshake_io;
@@ -38,3 +39,4 @@ pub mod stream;
 pub mod token;
 pub mod tour_status;
 pub mod transaction;
+pub mod walk_query;

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::command::Goodbye;
 use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
+use crate::follow::Follow;
 use crate::ids::{FrameId, RequestId, Revision};
 use crate::node_query::{
     NearestPoint, NearestQuery, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
@@ -27,6 +28,7 @@ use crate::saved_scene::SavedScene;
 use crate::stored_view::StoredView;
 use crate::tour_status::TourStatus;
 use crate::transaction::Transaction;
+use crate::walk_query::{WalkQuery, WalkedWay};
 
 /// A message from a client.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -143,7 +145,7 @@ pub enum Request {
     /// paced, and is evaluated for every frame as a function of scene time; what sets the camera
     /// otherwise, or opens another scene, ends it. A wall that is paused does not move by itself.
     PlayTour(Tour),
-    /// Ends the tour; the camera stays where it is.
+    /// Ends the tour, or what [`Request::FollowNode`] began; the camera stays where it is.
     StopTour,
     /// Asks how the tour stands.
     DescribeTour,
@@ -160,6 +162,13 @@ pub enum Request {
         /// The name that it was saved under.
         name: String,
     },
+    /// Lets the camera follow a node, for every frame as a function of where the node is in it and
+    /// of scene time; answered once its place is known. What ends a tour ends it, and so does the
+    /// end of the node.
+    FollowNode(Follow),
+    /// Asks how far one comes who walks or flies through the open scene, as the state has it that
+    /// frames name.
+    FindWay(WalkQuery),
 }
 
 impl Request {
@@ -200,6 +209,8 @@ impl Request {
             Self::SaveScene { .. } => "save the scene",
             Self::ListSavedScenes => "list the saved scenes",
             Self::RemoveSavedScene { .. } => "remove the saved scene",
+            Self::FollowNode(_) => "follow the node",
+            Self::FindWay(_) => "find a way",
         }
     }
 }
@@ -283,6 +294,8 @@ pub enum Response {
     Tour(Box<TourStatus>),
     /// To [`Request::ListSavedScenes`]: by name.
     SavedScenes(Vec<SavedScene>),
+    /// To [`Request::FindWay`].
+    Way(Box<WalkedWay>),
 }
 
 impl Response {
@@ -297,7 +310,8 @@ impl Response {
             | Self::Nearest(_)
             | Self::StoredViews(_)
             | Self::Tour(_)
-            | Self::SavedScenes(_) => false,
+            | Self::SavedScenes(_)
+            | Self::Way(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)

@@ -1,5 +1,6 @@
 //! The state of a tour of the camera.
 
+use polyptych_scene::NodeId;
 use polyptych_wall::tour::Tour;
 use serde::{Deserialize, Serialize};
 
@@ -10,6 +11,8 @@ use crate::request::Pacing;
 pub struct TourStatus {
     /// The tour; `None` where none is played.
     pub tour: Option<Tour>,
+    /// The node that the camera follows instead.
+    pub following: Option<NodeId>,
     /// Scene time at which it began, in seconds; `None` until the first frame of it, with which it
     /// begins.
     pub began_s: Option<f64>,

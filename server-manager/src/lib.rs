@@ -32,5 +32,6 @@ mod state_file;
 mod strangers;
 mod traffic;
 mod triangle_cache;
+mod walk;
 
 pub use run::{ManagerError, ManagerOptions, run};

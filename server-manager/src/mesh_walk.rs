@@ -19,8 +19,8 @@ const STEPS_PER_LOOK: u32 = 1024;
 #[derive(Debug)]
 pub(crate) struct MeshWalk<'a> {
     pub scene: &'a SceneIndex,
-    cache: &'a TriangleCache,
-    store: &'a BlobStore,
+    pub cache: &'a TriangleCache,
+    pub store: &'a BlobStore,
     time_max: Duration,
     begun: Instant,
     steps: Cell<u32>,
@@ -46,7 +46,9 @@ impl<'a> MeshWalk<'a> {
         if steps == STEPS_PER_LOOK { self.check_time() } else { Ok(()) }
     }
 
-    fn check_time(&self) -> Result<(), String> {
+    /// # Errors
+    /// The question has taken too long.
+    pub fn check_time(&self) -> Result<(), String> {
         if self.begun.elapsed() <= self.time_max {
             return Ok(());
         }

@@ -292,7 +292,7 @@ impl EventLoop {
                 Some((job, progress)) = self.progress.1.recv() => {
                     self.tell(self.now(), Input::Progress { job, progress });
                 }
-                Some(answered) = self.queries.answered() => self.handle_answered(answered),
+                Some(found) = self.queries.found() => self.handle_found(found),
                 () = progress_of(&mut self.keeper) => {}
                 () = wait_for_news(self.turns.queues().clone()) => {}
                 () = &mut timer => {}
@@ -306,6 +306,7 @@ impl EventLoop {
             self.follow_scene();
             self.carry_out();
             self.serve_clients();
+            self.place_nodes();
             self.release_answers();
             match self.stopping {
                 None => {}

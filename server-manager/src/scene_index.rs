@@ -110,6 +110,11 @@ impl SceneIndex {
         Ok(page)
     }
 
+    /// Parent space from the space of a node, as the scene's file has it.
+    pub fn file_place(&self, node: NodeId) -> Option<DAffine3> {
+        self.base.nodes.get(usize::try_from(node.0).ok()?).map(|node| node.local)
+    }
+
     /// The number of a node by its index.
     pub fn id(&self, at: usize) -> NodeId {
         self.ids[at]

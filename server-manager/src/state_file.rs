@@ -180,14 +180,15 @@ impl StateFile {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
-    use polyptych_core::{PlayedTour, TourClock};
+    use polyptych_core::{FollowedNode, PlayedTour, TourClock};
+    use polyptych_protocol::follow::Follow;
     use polyptych_protocol::ids::Revision;
     use polyptych_protocol::output_mode::OutputMode;
     use polyptych_protocol::pattern::TestPattern;
     use polyptych_protocol::presentation::Presentation;
     use polyptych_protocol::request::Pacing;
     use polyptych_protocol::stored_view::StoredView;
-    use polyptych_scene::{Bounds, SceneEdits};
+    use polyptych_scene::{Bounds, NodeId, SceneEdits};
     use polyptych_wall::ChannelCalibration;
     use polyptych_wall::camera::Camera;
     use polyptych_wall::head::HeadPose;
@@ -227,6 +228,15 @@ mod tests {
                 tour: Tour { stops: vec![TourStop::new(Camera::IDENTITY, 2.0)], is_loop: true },
                 from: Camera::IDENTITY,
                 clock: TourClock::Waiting { at_s: 1.5 },
+            }),
+            following: Some(FollowedNode {
+                follow: Follow {
+                    node: NodeId(3),
+                    camera: Some(Camera::IDENTITY),
+                    is_turning: true,
+                    orbit_rad_per_s: 0.5,
+                },
+                clock: TourClock::Waiting { at_s: 2.5 },
             }),
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };

@@ -74,6 +74,21 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ("camera look-at", &["polyptych camera look-at 40,25,90 0,5,0"]),
     ("camera pose", &["polyptych camera pose 0,1.7,10 0,0,0,1"]),
     (
+        "camera walk",
+        &[
+            "polyptych camera walk 60,0,-5 --via 40,0,10 --ahead",
+            "polyptych camera walk 0,30,0 --fly --speed 8",
+        ],
+    ),
+    (
+        "camera follow",
+        &[
+            "polyptych camera follow harbour/boat --from 0,6,20 --turning",
+            "polyptych camera follow lighthouse --orbit 10",
+        ],
+    ),
+    ("camera stay", &["polyptych camera stay"]),
+    (
         "eye",
         &["polyptych eye", "polyptych eye 0.2,1.7,0.4 --look 0,1.5,-3", "polyptych eye --reset"],
     ),

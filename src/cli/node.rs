@@ -288,6 +288,17 @@ fn in_json(edited: &Edited) -> Value {
     })
 }
 
+/// The node that is meant by a number or a path.
+///
+/// # Errors
+/// There is none, or there are several.
+pub(super) fn node_by_name(client: &Client, meant: &str) -> anyhow::Result<NodeId> {
+    match meant.parse() {
+        Ok(number) => Ok(NodeId(number)),
+        Err(_) => find(&client.find_all_nodes(NodeQuery::default())?, meant),
+    }
+}
+
 /// The one node whose path ends so; from the scene itself on where it begins with a slash. Names
 /// may have slashes of their own.
 fn find(nodes: &[NodeInfo], meant: &str) -> anyhow::Result<NodeId> {

@@ -1,4 +1,4 @@
-//! `polyptych open`, `camera` and `shot`: one request to a running manager each.
+//! `polyptych open` and `shot`: one request to a running manager each.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -6,12 +6,12 @@ use std::time::Duration;
 
 use anyhow::bail;
 use polyptych_client::blocking::Client;
-use polyptych_client::glam::{DQuat, DVec3};
-use polyptych_client::{Camera, ClientError, SceneSummary, fit_bounds};
+use polyptych_client::glam::DVec3;
+use polyptych_client::{ClientError, SceneSummary, fit_bounds};
 use polyptych_text::{counted, printable};
 
 use super::progress::ProgressReport;
-use super::seen::{Seen, await_displays, show};
+use super::seen::{Seen, await_displays};
 use super::{ManagerAddress, exposure, say, seconds};
 use crate::{image_files, outputs};
 
@@ -88,65 +88,6 @@ pub(super) fn say_notes(notes: &[String]) -> anyhow::Result<()> {
 }
 
 #[derive(Debug, clap::Args)]
-pub(super) struct CameraArguments {
-    #[command(subcommand)]
-    pose: Pose,
-}
-
-#[derive(Debug, clap::Subcommand)]
-enum Pose {
-    /// Stand at a point and look at another
-    LookAt {
-        /// Where to stand, in world units: X,Y,Z
-        #[arg(value_parser = point, allow_hyphen_values = true)]
-        position: DVec3,
-        /// What to look at: X,Y,Z
-        #[arg(value_parser = point, allow_hyphen_values = true)]
-        target: DVec3,
-        /// What is up: X,Y,Z
-        #[arg(long, value_parser = point, allow_hyphen_values = true, default_value = "0,1,0")]
-        up: DVec3,
-        /// World units per metre of display space
-        #[arg(long, default_value_t = 1.0)]
-        scale: f64,
-        #[command(flatten)]
-        manager: ManagerAddress,
-    },
-    /// Stand at a point with a rotation
-    Pose {
-        /// Where to stand, in world units: X,Y,Z
-        #[arg(value_parser = point, allow_hyphen_values = true)]
-        position: DVec3,
-        /// A unit quaternion: X,Y,Z,W
-        #[arg(value_parser = quaternion, allow_hyphen_values = true)]
-        rotation: DQuat,
-        /// World units per metre of display space
-        #[arg(long, default_value_t = 1.0)]
-        scale: f64,
-        #[command(flatten)]
-        manager: ManagerAddress,
-    },
-}
-
-pub(super) fn camera(arguments: &CameraArguments) -> anyhow::Result<ExitCode> {
-    let (camera, manager) = match &arguments.pose {
-        Pose::LookAt { position, target, .. } if position == target => {
-            bail!("the camera stands at {position} and cannot look at itself; look elsewhere");
-        }
-        Pose::LookAt { position, target, up, scale, manager } => {
-            (Camera::look_at(*position, *target, *up).with_scale(*scale), manager)
-        }
-        Pose::Pose { position, rotation, scale, manager } => {
-            (Camera { position: *position, rotation: *rotation, scale: *scale }, manager)
-        }
-    };
-    let client = manager.connect()?;
-    // Set for good, and not for one frame only: a manager remembers it over a restart.
-    client.set_camera(camera)?;
-    show(&client)
-}
-
-#[derive(Debug, clap::Args)]
 pub(super) struct ShotArguments {
     /// The .png file to write
     file: PathBuf,
@@ -202,8 +143,4 @@ pub(super) fn field_of_view(text: &str) -> Result<f64, String> {
 
 pub(super) fn point(text: &str) -> Result<DVec3, String> {
     numbers::<3>(text).map(DVec3::from_array)
-}
-
-fn quaternion(text: &str) -> Result<DQuat, String> {
-    numbers::<4>(text).map(DQuat::from_array)
 }

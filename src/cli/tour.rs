@@ -12,7 +12,7 @@ use super::seen::show;
 use super::stored_view::TOUR_PACE;
 use super::{ManagerAddress, say};
 
-/// Maximum size of a file of a tour, in bytes: many times what 256 stops take.
+/// Maximum size of a file of a tour, in bytes: what 4,096 stops take, at 256 bytes each.
 const FILE_BYTES_MAX: u64 = 1 << 20;
 
 #[derive(Debug, clap::Subcommand)]

@@ -13,6 +13,7 @@ use crate::harness::process::Process;
 use crate::harness::scenes::Gltf;
 use crate::harness::wait;
 use polyptych_client::ChannelState;
+use polyptych_client::glam::DVec3;
 
 /// A wall of two channels, each with a server, that shows a triangle.
 fn wall() -> LocalWall {
@@ -113,6 +114,42 @@ fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
 }
 
 #[test]
+fn the_camera_follows_a_node_and_walks_over_the_ground_up_to_a_wall() {
+    let local = wall();
+    let made = |words: &[&str]| local.run(&[&["node", "add"], words].concat()).succeeded();
+    made(&["name=ground", "mesh=box:40,1,40", "position=0,-0.5,0"]);
+    made(&["name=step", "mesh=box:4,0.6,4", "position=0,0,10"]);
+    made(&["name=gate", "mesh=box:9,9,1", "position=0,4,-9.5"]);
+    made(&["name=boat", "mesh=box:1,1,1", "position=12,1,0"]);
+    let client = local.client();
+    let camera = || client.presentation().expect("a presentation").camera;
+    let eye = client.wall().expect("a wall").eye;
+    let seen_from = || camera().world_from_display(eye);
+    local.run(&["camera", "follow", "boat", "--from", "0,2,6"]).succeeded();
+    assert!(seen_from().distance(DVec3::new(12.0, 3.0, 6.0)) < 1e-9, "{}", seen_from());
+    local.run(&["node", "set", "boat", "position=12,1,-5"]).succeeded();
+    assert!(seen_from().distance(DVec3::new(12.0, 3.0, 1.0)) < 1e-9, "{}", seen_from());
+    local.run(&["camera", "stay"]).succeeded();
+    local.run(&["node", "set", "boat", "position=12,1,0"]).succeeded();
+    assert!(seen_from().distance(DVec3::new(12.0, 3.0, 1.0)) < 1e-9, "it stays");
+
+    // The triangle of the file stands in the way, unless it is hidden.
+    local.run(&["node", "set", "0", "visible=false"]).succeeded();
+    local.run(&["camera", "look-at", "0,3,12", "0,1,-9"]).succeeded();
+    let walk = ["camera", "walk", "0,0,-15", "--speed", "100", "--json"];
+    let said: Value = serde_json::from_str(&local.run(&walk).succeeded()).expect("JSON");
+    assert!(said["end"].as_str().is_some_and(|end| end.contains("(gate)")), "{said}");
+    wait::until("the end of the way", || {
+        client.tour().expect("a tour").tour.is_none().then_some(())
+    });
+    assert!(seen_from().distance(DVec3::new(0.0, 1.7, -8.7)) < 0.02, "{}", seen_from());
+    let blocked = local.run(&["camera", "walk", "0,0,-15"]);
+    blocked.failed(&["cannot go there", "(gate)"]);
+    local.run(&["camera", "follow", "ship"]).failed(&["ship", "no such node"]);
+    local.run(&["camera", "follow", "999"]).failed(&["there is no node 999"]);
+}
+
+#[test]
 fn files_and_films_that_cannot_be_are_refused_by_name() {
     let local = wall();
     let bad = |text: &str, parts: &[&str]| {
@@ -121,7 +158,7 @@ fn files_and_films_that_cannot_be_are_refused_by_name() {
     };
     let stop = |stop: &str, parts: &[&str]| bad(&format!(r#"{{ "stops": [{stop}] }}"#), parts);
     stop(r#"{ "view": "quay", "travel": 1 }"#, &["stop 0", "no stored view quay"]);
-    stop("", &["1 to 256 stops, not 0"]);
+    stop("", &["1 to 4096 stops, not 0"]);
     let back = r#"{ "position": [0, 0, 1], "target": [0, 0, 0], "travel": -1 }"#;
     stop(back, &["stop 0", "from 0 to 86400, not -1"]);
     bad("{}", &["not a tour"]);

@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 use polyptych_protocol::node_query::{
     NearestPoint, NearestQuery, NodeInfo, NodePage, NodeQuery, RayHit, RegionQuery,
 };
+use polyptych_protocol::walk_query::{WalkQuery, WalkedWay};
 use polyptych_wall::region::{Region, Relation};
 
 use super::{Client, wait};
@@ -45,6 +46,14 @@ impl Client {
     /// [`ClientError`].
     pub fn nearest_point(&self, query: NearestQuery) -> Result<Option<NearestPoint>, ClientError> {
         wait(self.inner.nearest_point(query))
+    }
+
+    /// Blocking version of [`crate::Client::find_way`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn find_way(&self, query: WalkQuery) -> Result<WalkedWay, ClientError> {
+        wait(self.inner.find_way(query))
     }
 
     /// Blocking version of [`crate::Client::first_between`].

@@ -1,5 +1,6 @@
 //! Stored views, tours and frames at given times, for programs without tokio.
 
+use polyptych_protocol::follow::Follow;
 use polyptych_protocol::stored_view::StoredView;
 use polyptych_protocol::tour_status::TourStatus;
 use polyptych_wall::camera::Camera;
@@ -44,6 +45,14 @@ impl Client {
     /// [`ClientError`].
     pub fn play_tour(&self, tour: Tour) -> Result<(), ClientError> {
         wait(self.inner.play_tour(tour))
+    }
+
+    /// Blocking version of [`crate::Client::follow_node`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn follow_node(&self, follow: Follow) -> Result<(), ClientError> {
+        wait(self.inner.follow_node(follow))
     }
 
     /// Blocking version of [`crate::Client::stop_tour`].

@@ -258,6 +258,13 @@ impl SceneOutline {
         orphans
     }
 
+    /// A node and those that it hangs from, from below; `None` if one of them is not there.
+    pub fn way_up(&self, edits: &SceneEdits, node: NodeId) -> Option<Vec<NodeId>> {
+        let up = std::iter::successors(Some(node), |node| self.parent_of(edits, *node));
+        let way: Vec<NodeId> = up.take(DEPTH_MAX + 1).collect();
+        way.iter().all(|node| self.has(edits, *node)).then_some(way)
+    }
+
     /// Returns whether a node was not taken away itself.
     fn has(&self, edits: &SceneEdits, node: NodeId) -> bool {
         match edits.node(node) {

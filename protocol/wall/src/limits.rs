@@ -46,8 +46,9 @@ pub const VIEWS_MAX: usize = 64;
 /// Maximum number of stored views of a wall: more are found in no list.
 pub const STORED_VIEWS_MAX: usize = 256;
 
-/// Maximum number of stops of a tour: all are written with the manager's state every second.
-pub const TOUR_STOPS_MAX: usize = 256;
+/// Maximum number of stops of a tour: those of a walk over rough ground. All, 400 KiB, are written
+/// with the manager's state every second.
+pub const TOUR_STOPS_MAX: usize = 4096;
 
 /// Maximum time to a stop of a tour, and at it, in seconds: a day.
 pub const TOUR_SECONDS_MAX: f64 = 86_400.0;

@@ -100,6 +100,38 @@ struct Travel<'a> {
 }
 
 impl Tour {
+    /// A tour that goes from place to place in straight lines at one speed, in world units per
+    /// second, above 0. It begins where the camera is; `eye` is the point of display space that is
+    /// at each of the points of the world in turn.
+    pub fn along(camera: Camera, eye: DVec3, points: &[DVec3], speed: f64) -> Self {
+        let mut at = camera.world_from_display(eye);
+        let stops = points.iter().map(|point| {
+            let travel_s = at.distance(*point) / speed;
+            at = *point;
+            TourStop::new(camera.with_eye_at(eye, at), travel_s).with_easing(Easing::Linear)
+        });
+        Self { stops: stops.collect(), is_loop: false }
+    }
+
+    /// The same tour with a camera that looks, level, where it goes next; at the end of its way it
+    /// looks as before.
+    #[must_use]
+    pub fn looking_ahead(mut self, eye: DVec3) -> Self {
+        let eyes: Vec<DVec3> =
+            self.stops.iter().map(|stop| stop.camera.world_from_display(eye)).collect();
+        let mut ahead = None;
+        for (index, stop) in self.stops.iter_mut().enumerate() {
+            let way = eyes.get(index + 1).map(|next| (*next - eyes[index]).with_y(0.0));
+            ahead = way.filter(|way| way.length_squared() > 0.0).or(ahead);
+            if let Some(way) = ahead {
+                let turned = Camera::look_at(DVec3::ZERO, way, DVec3::Y);
+                let camera = Camera { rotation: turned.rotation, ..stop.camera };
+                stop.camera = camera.with_eye_at(eye, eyes[index]);
+            }
+        }
+        self
+    }
+
     /// Checks numbers that came from outside.
     ///
     /// # Errors

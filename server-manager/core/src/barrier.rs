@@ -192,6 +192,7 @@ impl Cluster {
         self.beginnings.add(now);
         let time_s = self.time_of(order.as_ref(), now);
         self.follow_tour(order.as_ref(), time_s, now);
+        self.follow_node(order.as_ref(), time_s, now);
         // A picture that someone asked for is worth the longest wait. A channel that joins a wall
         // that moves is not: it would hold up those who have warmed up long ago.
         let (length, longest) = (self.deadline.length(), self.deadline.longest());

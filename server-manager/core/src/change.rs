@@ -214,7 +214,7 @@ impl Cluster {
         self.notes.clear();
         // What suited another scene may make this one black or white.
         self.presentation.exposure = summary.as_ref().map_or(1.0, |summary| summary.exposure);
-        self.tour = None;
+        self.end_motion();
         self.navigator.bounds = summary.as_ref().and_then(|summary| summary.bounds);
         let reply = if let Some(mut summary) = summary {
             summary.revision = self.shown.revision;

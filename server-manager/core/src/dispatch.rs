@@ -87,6 +87,7 @@ impl Cluster {
             | Request::FindInRegion(_)
             | Request::NearestPoint(_)
             | Request::SaveScene { .. }
+            | Request::FindWay(_)
             | Request::ListSavedScenes
             | Request::RemoveSavedScene { .. } => {
                 return Err("this manager answers no questions".into());
@@ -118,6 +119,7 @@ impl Cluster {
             | Request::PlayTour(_)
             | Request::StopTour
             | Request::DescribeTour) => return self.guide(guiding).map(Some),
+            Request::FollowNode(follow) => return self.follow(job, follow),
             Request::Stop => return Ok(self.stop(job)),
             Request::StopServers => {
                 // Answered by the event loop, which hears the goodbyes of servers.

@@ -1,10 +1,13 @@
 //! What the core is told: every `handle_*` call as a value that can be kept and told again.
 
+use glam::DAffine3;
+use polyptych_files::blob::BlobHash;
 use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::server_message::ServerMessage;
+use polyptych_scene::NodeId;
 use serde::{Deserialize, Serialize};
 
 use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId};
@@ -79,6 +82,13 @@ pub enum Input {
         /// How far the baker has come.
         progress: OpenProgress,
     },
+    /// [`Cluster::handle_places`], to [`Cluster::unplaced_nodes`].
+    Places {
+        /// The manifest of the open scene.
+        scene: BlobHash,
+        /// Where its file has these nodes, each in its parent's space.
+        places: Result<Vec<(NodeId, DAffine3)>, String>,
+    },
 }
 
 impl Cluster {
@@ -103,6 +113,7 @@ impl Cluster {
                 self.handle_request(now, client, id, request);
             }
             Input::Progress { job, progress } => self.handle_progress(job, progress),
+            Input::Places { scene, places } => self.handle_places(scene, places),
             Input::Import { job, imported } => self.handle_import(now, job, imported),
         }
         Ok(())

@@ -14,6 +14,7 @@ mod checkpoint;
 mod counters;
 mod deadline;
 mod dispatch;
+mod follow;
 mod input;
 pub mod log_limiter;
 mod membership;
@@ -55,6 +56,7 @@ use serde::{Deserialize, Serialize};
 use crate::log_limiter::LogLimiter;
 pub use checkpoint::{Checkpoint, CheckpointOf};
 pub use counters::{ChannelCounters, Counters, Histogram};
+pub use follow::FollowedNode;
 pub use input::Input;
 use pace::Pacer;
 pub use persistent_state::PersistentState;
@@ -241,6 +243,8 @@ pub struct Cluster {
     stored_views: Vec<StoredView>,
     #[serde(default)]
     tour: Option<PlayedTour>,
+    #[serde(default)]
+    following: Option<follow::Following>,
     pacer: Pacer,
     deadline: deadline::Deadline,
     /// Measurements decide nothing, and take more room than all else.
@@ -288,6 +292,7 @@ impl Cluster {
             time_s: 0.0,
             stored_views: Vec::new(),
             tour: None,
+            following: None,
             pacer: Pacer::default(),
             deadline: deadline::Deadline::new(wall.deadline),
             gathered: StatisticsCollector::new(wall.channels.len()),

@@ -9,7 +9,7 @@ use polyptych_scene::{Bounds, Edit, NodeId, SceneEdits};
 use polyptych_wall::{ChannelCalibration, Wall, calibration_change};
 use serde::{Deserialize, Serialize};
 
-use super::{Cluster, EditedScene, Effect, Micros, PlayedTour};
+use super::{Cluster, EditedScene, Effect, FollowedNode, Micros, PlayedTour};
 
 /// A camera that comes with every frame is remembered this often: it is where a client was, not
 /// what it asked to be kept.
@@ -45,6 +45,9 @@ pub struct PersistentState {
     /// The tour that is played.
     #[serde(default)]
     pub tour: Option<PlayedTour>,
+    /// The node that the camera follows.
+    #[serde(default)]
+    pub following: Option<FollowedNode>,
 }
 
 impl PersistentState {
@@ -63,17 +66,22 @@ impl PersistentState {
             temporary: Vec::new(),
             stored_views: Vec::new(),
             tour: None,
+            following: None,
         }
     }
 
     /// Returns whether more differs than the camera, the head and the views, which a client sends
-    /// all the time, and how far a tour has come.
+    /// all the time, and how far a tour or what is followed has come.
     pub fn differs_in_work(&self, other: &Self) -> bool {
         let Presentation { camera, head, views, .. } = other.presentation.clone();
         let presentation = Presentation { camera, head, views, ..self.presentation.clone() };
         let is_same = |tour: &PlayedTour| other.tour.as_ref().is_some_and(|of| of.is_same(tour));
         let tour = if self.tour.as_ref().is_some_and(is_same) { &other.tour } else { &self.tour };
-        Self { presentation, tour: tour.clone(), ..self.clone() } != *other
+        let follow = |of: &Self| of.following.as_ref().map(|node| node.follow);
+        let is_followed_alike = follow(self) == follow(other);
+        let following = if is_followed_alike { &other.following } else { &self.following };
+        let (tour, following) = (tour.clone(), following.clone());
+        Self { presentation, tour, following, ..self.clone() } != *other
     }
 }
 
@@ -137,6 +145,7 @@ impl Cluster {
         }
         cluster.restore_stored_views(&memory.stored_views);
         cluster.restore_tour(memory.tour.as_ref());
+        cluster.restore_following(memory.following.as_ref());
         cluster.editing.begin_at(cluster.shown.revision);
         cluster.shown_digest = cluster.shown.digest();
         cluster.set_pace(memory.pace, 0);
@@ -164,6 +173,7 @@ impl Cluster {
             temporary: self.editing.temporary(),
             stored_views: self.stored_views.clone(),
             tour: self.remembered_tour(),
+            following: self.remembered_following(),
         }
     }
 

@@ -89,6 +89,11 @@ impl SceneEditing {
         *self = Self { outline, since, waiters, ..Self::default() };
     }
 
+    /// Returns the outline of the open scene, where it is known.
+    pub fn outline(&self) -> Option<&SceneOutline> {
+        self.outline.as_deref()
+    }
+
     /// Nothing is known of changes before this state.
     pub fn begin_at(&mut self, since: Revision) {
         self.since = since;

@@ -3,6 +3,7 @@
 mod displays;
 mod editing;
 mod failures;
+mod follow;
 mod found;
 mod hostile;
 mod navigation;

@@ -30,7 +30,7 @@ pub struct PlayedTour {
     pub clock: TourClock,
 }
 
-/// The relation of a tour's time to scene time; all in seconds.
+/// The relation of the time of a tour, or of a followed node, to scene time; all in seconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum TourClock {
     /// No frame of it was begun in this life of the manager.
@@ -64,6 +64,34 @@ impl TourClock {
         Some(time_s.clamp(-f64::MAX, f64::MAX))
     }
 
+    /// Begins with a frame at this scene time, which a client gave or not, if it has not yet.
+    pub(super) fn begin(&mut self, is_given: bool, time_s: f64) {
+        let Self::Waiting { at_s } = *self else { return };
+        *self = if is_given {
+            Self::Given { began_s: time_s - at_s }
+        } else {
+            Self::Own { scene_s: time_s, at_s }
+        };
+    }
+
+    /// The time in a frame at this scene time, that with which it will begin before.
+    pub(super) fn time_at(&self, time_s: f64) -> f64 {
+        match self {
+            Self::Waiting { at_s } => *at_s,
+            _ => self.tour_time_s(time_s).unwrap_or_default(),
+        }
+    }
+
+    /// The clock with which another life of the manager goes on, whose scene time begins anew.
+    pub(super) fn remembered(self, time_s: f64) -> Self {
+        match self {
+            Self::Own { at_s, .. } => {
+                Self::Waiting { at_s: self.tour_time_s(time_s).unwrap_or(at_s) }
+            }
+            other => other,
+        }
+    }
+
     fn began_s(&self) -> Option<f64> {
         match self {
             Self::Waiting { .. } => None,
@@ -72,7 +100,7 @@ impl TourClock {
         }
     }
 
-    fn is_finite(&self) -> bool {
+    pub(super) fn is_finite(&self) -> bool {
         match self {
             Self::Waiting { at_s } => at_s.is_finite(),
             Self::Own { scene_s, at_s } => scene_s.is_finite() && at_s.is_finite(),
@@ -89,9 +117,9 @@ impl PlayedTour {
 }
 
 impl Cluster {
-    /// Places the camera for good, which ends a tour.
+    /// Places the camera for good, which ends what moves it.
     pub(super) fn place_camera(&mut self, camera: Camera) {
-        self.tour = None;
+        self.end_motion();
         self.presentation.camera = camera;
     }
 
@@ -102,7 +130,7 @@ impl Cluster {
     pub(super) fn guide(&mut self, request: Request) -> Result<Response, String> {
         match request {
             Request::PlayTour(tour) => self.play_tour(tour)?,
-            Request::StopTour => self.tour = None,
+            Request::StopTour => self.end_motion(),
             Request::DescribeTour => return Ok(Response::Tour(Box::new(self.tour_status()))),
             other => return self.stored_view(other),
         }
@@ -114,6 +142,7 @@ impl Cluster {
         for stop in &mut tour.stops {
             stop.camera = checked_camera(stop.camera)?;
         }
+        self.end_motion();
         let clock = TourClock::Waiting { at_s: 0.0 };
         self.tour = Some(PlayedTour { tour, from: self.presentation.camera, clock });
         Ok(())
@@ -125,14 +154,8 @@ impl Cluster {
         let is_timed = self.is_timed(order);
         let is_given = order.is_some_and(|order| order.time_s.is_some());
         let Some(PlayedTour { tour, from, clock }) = &mut self.tour else { return };
-        if let TourClock::Waiting { at_s } = *clock
-            && is_timed
-        {
-            *clock = if is_given {
-                TourClock::Given { began_s: time_s - at_s }
-            } else {
-                TourClock::Own { scene_s: time_s, at_s }
-            };
+        if is_timed {
+            clock.begin(is_given, time_s);
         }
         let Some(tour_s) = clock.tour_time_s(time_s) else { return };
         self.presentation.camera = tour.camera_at(from, self.wall.eye, tour_s);
@@ -147,6 +170,7 @@ impl Cluster {
         let played = self.tour.as_ref();
         TourStatus {
             tour: played.map(|played| played.tour.clone()),
+            following: self.followed(),
             began_s: played.and_then(|played| played.clock.began_s()),
             time_s: self.time_s,
             pace: self.pacer.pace(),
@@ -156,10 +180,7 @@ impl Cluster {
     /// The tour as another life of the manager goes on with it.
     pub(super) fn remembered_tour(&self) -> Option<PlayedTour> {
         let mut played = self.tour.clone()?;
-        if let TourClock::Own { at_s, .. } = played.clock {
-            let at_s = played.clock.tour_time_s(self.time_s).unwrap_or(at_s);
-            played.clock = TourClock::Waiting { at_s };
-        }
+        played.clock = played.clock.remembered(self.time_s);
         Some(played)
     }
 

@@ -157,6 +157,7 @@ impl Timeline {
             Input::Timeout
             | Input::Status { .. }
             | Input::Heard { .. }
+            | Input::Places { .. }
             | Input::Progress { .. } => {}
         }
     }

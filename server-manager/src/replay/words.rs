@@ -39,6 +39,12 @@ pub(super) fn of_input(input: &Input) -> String {
         Input::Import { imported: Err(reason), .. } => {
             format!("a scene could not be baked: {}", text(reason))
         }
+        Input::Places { places: Ok(places), .. } => {
+            format!("{} of the scene's file were placed", counted(places.len(), "node"))
+        }
+        Input::Places { places: Err(reason), .. } => {
+            format!("nodes of the scene's file could not be placed: {}", text(reason))
+        }
         Input::Progress { progress, .. } => format!("a baker has come so far: {progress}"),
     }
 }
@@ -78,6 +84,7 @@ pub(super) fn of_request(request: &Request) -> String {
             let times = if tour.is_loop { "in a loop" } else { "once" };
             format!("{name} of {} {times}", counted(tour.stops.len(), "stop"))
         }
+        Request::FollowNode(follow) => format!("{name}: {}", follow.node),
         Request::Capture { time_s: Some(time_s) } => format!("{name} at {time_s} s"),
         _ => name.to_owned(),
     }

@@ -101,6 +101,7 @@ impl EventLoop {
                         Request::NearestPoint(query) => {
                             self.query(from, id, Query::Nearest(query));
                         }
+                        Request::FindWay(query) => self.query(from, id, Query::Way(query)),
                         request => self.tell(now, Input::Request { client: from, id, request }),
                     }
                 }

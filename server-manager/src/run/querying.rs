@@ -4,11 +4,15 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use polyptych_core::{ClientRequest, SessionId};
+use glam::DAffine3;
+
+use polyptych_core::{ClientRequest, Input, SessionId};
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::ids::{RequestId, Revision};
 use polyptych_protocol::node_query::{NearestQuery, NodeQuery, RayQuery, RegionQuery};
 use polyptych_protocol::request::{MessageToClient, RequestError, Response};
+use polyptych_protocol::walk_query::WalkQuery;
+use polyptych_scene::NodeId;
 use tokio::sync::{Semaphore, mpsc};
 
 use super::EventLoop;
@@ -18,6 +22,7 @@ use crate::ray_cast::cast;
 use crate::region_search::find_in_region;
 use crate::scene_index::SceneIndex;
 use crate::triangle_cache::TriangleCache;
+use crate::walk::walk;
 
 /// Most questions of one client that are being answered.
 const QUERIES_MAX: usize = 16;
@@ -35,6 +40,7 @@ pub(super) enum Query {
     Ray(RayQuery),
     Region(RegionQuery),
     Nearest(NearestQuery),
+    Way(WalkQuery),
 }
 
 impl Query {
@@ -45,14 +51,24 @@ impl Query {
         store: &BlobStore,
         revision: Revision,
     ) -> Result<Response, String> {
-        let walk = || MeshWalk::new(scene, triangles, store, QUERY_TIME_MAX);
+        let meshes = || MeshWalk::new(scene, triangles, store, QUERY_TIME_MAX);
         match self {
             Self::Nodes(query) => scene.find(query, revision, |_| Ok(true)).map(Response::Nodes),
             Self::Ray(query) => cast(scene, triangles, store, query, revision).map(Response::Ray),
-            Self::Region(query) => find_in_region(&walk(), query, revision).map(Response::Nodes),
-            Self::Nearest(query) => nearest(&walk(), query, revision).map(Response::Nearest),
+            Self::Region(query) => find_in_region(&meshes(), query, revision).map(Response::Nodes),
+            Self::Nearest(query) => nearest(&meshes(), query, revision).map(Response::Nearest),
+            Self::Way(query) => walk(&(&meshes(), revision), query, revision)
+                .map(|way| Response::Way(Box::new(way))),
         }
     }
+}
+
+/// What was found out beside the loop.
+pub(super) enum Found {
+    /// The answer to a question.
+    Answer(Answered),
+    /// Places of nodes in the file of the open scene.
+    Places(Placed),
 }
 
 /// The answer to a question.
@@ -77,8 +93,13 @@ pub(super) struct Queries {
     triangles: TriangleCache,
     turns: Arc<Semaphore>,
     open: Vec<ClientRequest>,
-    done: (mpsc::Sender<Answered>, mpsc::Receiver<Answered>),
+    done: (mpsc::Sender<Found>, mpsc::Receiver<Found>),
+    /// Whether places of nodes are being read.
+    is_placing: bool,
 }
+
+/// Where the file of a scene has nodes, each in its parent's space.
+type Placed = (BlobHash, Result<Vec<(NodeId, DAffine3)>, String>);
 
 impl Queries {
     pub fn new(store: BlobStore) -> Self {
@@ -90,6 +111,7 @@ impl Queries {
             turns: Arc::new(Semaphore::new(WORKERS_MAX)),
             open: Vec::new(),
             done: mpsc::channel(16),
+            is_placing: false,
         }
     }
 
@@ -102,8 +124,8 @@ impl Queries {
         })
     }
 
-    /// The next answer.
-    pub async fn answered(&mut self) -> Option<Answered> {
+    /// What is found next.
+    pub async fn found(&mut self) -> Option<Found> {
         self.done.1.recv().await
     }
 }
@@ -116,6 +138,34 @@ impl EventLoop {
             // A gibibyte takes its time.
             tokio::task::spawn_blocking(move || drop(kept));
         }
+    }
+
+    /// Reads where the scene's file has the nodes whose places the core has to know.
+    pub(super) fn place_nodes(&mut self) {
+        let nodes = self.cluster.unplaced_nodes();
+        if nodes.is_empty() || self.queries.is_placing {
+            return;
+        }
+        let Some((scene, edits)) = self.cluster.shown_scene() else { return };
+        let (manifest, edits) = (scene.manifest, edits.clone());
+        let (store, index) = (self.queries.store.clone(), Arc::clone(&self.queries.index));
+        let done = self.queries.done.0.clone();
+        self.queries.is_placing = true;
+        tokio::spawn(async move {
+            let work = move || {
+                let before = index.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                let now = SceneIndex::new(before, &store, manifest, edits)?;
+                let place = |node| match now.file_place(node) {
+                    Some(local) => Ok((node, local)),
+                    None => Err(format!("the scene's file has no {node}")),
+                };
+                nodes.into_iter().map(place).collect()
+            };
+            let places = tokio::task::spawn_blocking(work).await;
+            let places = places.unwrap_or_else(|error| Err(error.to_string()));
+            // The manager may have ended meanwhile.
+            let _ = done.send(Found::Places((manifest, places))).await;
+        });
     }
 
     /// A client asks about the scene.
@@ -147,7 +197,7 @@ impl EventLoop {
             let reply = tokio::task::spawn_blocking(work).await;
             let reply = reply.unwrap_or_else(|error| Err(error.to_string()));
             // The manager may have ended meanwhile.
-            let _ = done.send(Answered { job, reply }).await;
+            let _ = done.send(Found::Answer(Answered { job, reply })).await;
         });
     }
 
@@ -171,13 +221,21 @@ impl EventLoop {
             let reply = tokio::task::spawn_blocking(work).await;
             let reply = reply.unwrap_or_else(|error| Err(error.to_string()));
             // The manager may have ended meanwhile.
-            let _ = done.send(Answered { job, reply }).await;
+            let _ = done.send(Found::Answer(Answered { job, reply })).await;
         });
     }
 
-    pub(super) fn handle_answered(&mut self, Answered { job, reply }: Answered) {
-        self.queries.open.retain(|of| *of != job);
-        self.reply_to_query(job, reply);
+    pub(super) fn handle_found(&mut self, found: Found) {
+        match found {
+            Found::Answer(Answered { job, reply }) => {
+                self.queries.open.retain(|of| *of != job);
+                self.reply_to_query(job, reply);
+            }
+            Found::Places((scene, places)) => {
+                self.queries.is_placing = false;
+                self.tell(self.now(), Input::Places { scene, places });
+            }
+        }
     }
 
     fn reply_to_query(&mut self, job: ClientRequest, reply: Result<Response, String>) {

@@ -8,7 +8,7 @@ use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::{Request, Response};
 
 use super::EventLoop;
-use super::querying::Answered;
+use super::querying::{Answered, Found};
 use crate::scene_store::{SceneStore, StoredScene};
 
 impl EventLoop {
@@ -18,7 +18,8 @@ impl EventLoop {
         let Some(store) = self.scene_store.clone() else {
             let reason = "this wall keeps no state, so it keeps no scenes; start its manager with \
                           `polyptych manager`";
-            return self.handle_answered(Answered::new(job, Err(reason.to_owned())));
+            let refused = Answered::new(job, Err(reason.to_owned()));
+            return self.handle_found(Found::Answer(refused));
         };
         let scene = match request {
             Request::SaveScene { .. } => self.cluster.edited_scene().map(|scene| {

@@ -1,14 +1,36 @@
 //! Edits of a scene, and questions about it, as messages carry them.
 
 use glam::{DAffine3, DVec2, DVec3, Vec3};
+use polyptych_protocol::follow::Follow;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::node_query::{
     NearestPoint, NodeInfo, NodePage, NodeQuery, RayHit, RegionQuery,
 };
 use polyptych_protocol::request::{RequestError, Response};
 use polyptych_protocol::transaction::{AssetSource, Transaction};
+use polyptych_protocol::walk_query::{Touched, WalkEnd, WalkQuery, WalkedWay, Walker};
 use polyptych_scene::{Attribute, Bounds, Light, LightKind, Material, NewNode, NodeId, SceneEdits};
+use polyptych_wall::camera::Camera;
 use polyptych_wall::region::{HalfSpace, Region, Relation};
+
+/// A camera that goes around a node.
+pub fn follow() -> Follow {
+    let camera = Some(Camera::IDENTITY);
+    Follow { node: NodeId(3), camera, is_turning: true, orbit_rad_per_s: 0.5 }
+}
+
+/// A way for a person.
+pub fn way() -> WalkQuery {
+    let walker = Walker { eye_height: Some(1.7), radius: Some(0.3), step_height: 0.4 };
+    WalkQuery { way: vec![DVec3::ZERO, DVec3::X, DVec3::Z], walker }
+}
+
+/// A way up to a wall.
+pub fn walked() -> WalkedWay {
+    let wall = Touched { node: NodeId(4), name: "wall".into(), position: DVec3::X };
+    let points = vec![DVec3::ZERO, DVec3::X];
+    WalkedWay { revision: Revision(3), points, end: WalkEnd::Obstacle(wall) }
+}
 
 /// One edit of each kind.
 pub fn transaction() -> Transaction {

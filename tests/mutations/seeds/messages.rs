@@ -45,7 +45,7 @@ use polyptych_wall::tour::{Easing, Tour, TourStop};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Wall};
 
-use super::editing::{answers_about_space, regions, scene_edits, transaction};
+use super::editing::{answers_about_space, follow, regions, scene_edits, transaction, walked, way};
 use crate::message::Kind;
 
 /// The manager's life in all seeds, so that the core takes them for its own.
@@ -277,6 +277,8 @@ fn calls() -> Vec<RequestMessage> {
         Request::SaveScene { name: "evening".into() },
         Request::ListSavedScenes,
         Request::RemoveSavedScene { name: "evening".into() },
+        Request::FollowNode(follow()),
+        Request::FindWay(way()),
     ];
     let requests = requests.into_iter().chain(regions().map(Request::FindInRegion));
     let call = |(request, id)| RequestMessage { id: RequestId(id), request };
@@ -430,10 +432,12 @@ fn answers() -> Vec<request::MessageToClient> {
         Ok(Response::StoredViews(vec![StoredView { name: "quay".into(), camera: camera() }])),
         Ok(Response::Tour(Box::new(TourStatus {
             tour: Some(tour()),
+            following: Some(NodeId(3)),
             began_s: Some(1.5),
             time_s: 2.0,
             pace: Some(Pacing::Rate(60.0)),
         }))),
+        Ok(Response::Way(Box::new(walked()))),
         Err(RequestError::new("no such scene")),
     ];
     let part = ImageChunk { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };

@@ -60,6 +60,12 @@ impl Camera {
         self.towards(eye, nearest, share)
     }
 
+    /// This camera with the eye, a point of display space in metres, at a point of the world.
+    #[must_use]
+    pub fn with_eye_at(self, eye: DVec3, point: DVec3) -> Self {
+        Self { position: point - self.rotation * (self.scale * eye), ..self }
+    }
+
     /// This camera with another rotation and the eye where it is in the world.
     fn with_rotation_about(self, eye: DVec3, rotation: DQuat) -> Self {
         let position = self.world_from_display(eye) - rotation * (self.scale * eye);

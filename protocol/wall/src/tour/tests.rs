@@ -125,9 +125,9 @@ fn what_is_no_tour_is_refused_by_its_stop() {
         tour.validate().expect_err("refused").to_string()
     };
     assert_eq!(tour(false).validate(), Ok(()));
-    assert_eq!(refused(&|tour| tour.stops.clear()), "a tour has 1 to 256 stops, not 0");
+    assert_eq!(refused(&|tour| tour.stops.clear()), "a tour has 1 to 4096 stops, not 0");
     let many = |tour: &mut Tour| tour.stops = vec![tour.stops[0]; TOUR_STOPS_MAX + 1];
-    assert!(refused(&many).contains("not 257"));
+    assert!(refused(&many).contains("not 4097"));
     for bad in [f64::NAN, f64::INFINITY, -0.5, 1e9] {
         let said = refused(&|tour| tour.stops[1].travel_s = bad);
         assert!(said.starts_with("stop 1: the seconds of its travel"), "{said}");

@@ -10,21 +10,21 @@ use super::super::scene_editing::TRANSACTIONS_MAX;
 use super::*;
 
 /// A house with a door, and a tree.
-fn outline() -> Arc<SceneOutline> {
+pub(super) fn outline() -> Arc<SceneOutline> {
     let node = |parent| Node { parent, ..Node::default() };
     let nodes = vec![node(None), node(Some(0)), node(None)];
     Arc::new(SceneOutline::from(&Scene { nodes, ..Scene::default() }))
 }
 
-const HOUSE: NodeId = NodeId(0);
-const DOOR: NodeId = NodeId(1);
-const TREE: NodeId = NodeId(2);
+pub(super) const HOUSE: NodeId = NodeId(0);
+pub(super) const DOOR: NodeId = NodeId(1);
+pub(super) const TREE: NodeId = NodeId(2);
 
-fn at(x: f64) -> DAffine3 {
+pub(super) fn at(x: f64) -> DAffine3 {
     DAffine3::from_translation(DVec3::X * x)
 }
 
-fn moving(node: NodeId, x: f64) -> Transaction {
+pub(super) fn moving(node: NodeId, x: f64) -> Transaction {
     let mut transaction = Transaction::default();
     transaction.set_transform(node, at(x));
     transaction
@@ -32,13 +32,13 @@ fn moving(node: NodeId, x: f64) -> Transaction {
 
 impl ClusterFixture {
     /// A wall that shows the house.
-    fn with_house(channels: u32) -> Self {
+    pub(super) fn with_house(channels: u32) -> Self {
         let mut stage = Self::new(channels);
         stage.open_house();
         stage
     }
 
-    fn open_house(&mut self) {
+    pub(super) fn open_house(&mut self) {
         self.request(Request::OpenScene { path: "house.glb".into() });
         let job = self.imports.pop().expect("baked");
         let imported = ImportedScene { outline: outline(), ..Self::imported() };
@@ -48,7 +48,7 @@ impl ClusterFixture {
         self.clear();
     }
 
-    fn edit(&mut self, transaction: Transaction) -> RequestId {
+    pub(super) fn edit(&mut self, transaction: Transaction) -> RequestId {
         self.request(Request::Edit(transaction))
     }
 

@@ -1,0 +1,21 @@
+//! A camera that follows a node of the open scene.
+
+use polyptych_scene::NodeId;
+use polyptych_wall::camera::Camera;
+use serde::{Deserialize, Serialize};
+
+/// A node that the camera follows, and where the camera is to it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Follow {
+    /// The node.
+    pub node: NodeId,
+    /// The place of display space relative to the node, in world units: from the origin of the
+    /// node, along its axes if the camera turns with it, else along those of the world. `None`
+    /// keeps what it is when the camera begins to follow.
+    pub camera: Option<Camera>,
+    /// Whether the camera turns with the node. Scale, shear and mirroring of the node do not count.
+    pub is_turning: bool,
+    /// Radians in a second of scene time by which the camera goes around the node, about the Y of
+    /// the same axes: counterclockwise as seen from above. 0 stays.
+    pub orbit_rad_per_s: f64,
+}
