@@ -39,8 +39,8 @@ use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use polyptych_client::OutputMode;
 use polyptych_client::blocking::Client;
+use polyptych_client::{OutputMode, ReconnectPolicy};
 use polyptych_files::blob::BlobStore;
 use polyptych_manager::import::{Baker, bake_wall_files, read_wall_files};
 use polyptych_text::printable;
@@ -169,11 +169,16 @@ pub(crate) struct ManagerAddress {
 }
 
 impl ManagerAddress {
+    /// A command asks once: where the connection is lost, it says so at once.
     fn connect(&self) -> anyhow::Result<Client> {
+        self.connect_for(None)
+    }
+
+    /// The same for a command that goes on once the manager is there again.
+    fn connect_for(&self, reconnect: Option<ReconnectPolicy>) -> anyhow::Result<Client> {
         let mut options = polyptych_client::ConnectOptions::new(self.manager.as_str());
         options.token_file.clone_from(&self.token_file);
-        // A command asks once: without a manager it says so at once.
-        options.reconnect = None;
+        options.reconnect = reconnect;
         options.keys.clone_from(&self.keys);
         options.insecure = self.insecure;
         Ok(Client::connect_with(options)?)

@@ -1,8 +1,8 @@
 //! `polyptych film`: frames at equal steps of scene time, none lost and none twice.
 //!
 //! ```text
-//! time of frame n -> capture -> all channels in it? -- yes --> written
-//!                       ^------- no: wait for them ---+
+//! time of frame n -> capture -> all channels in it? ------- yes --> written
+//!                       ^--- no, or no manager: wait for them ---+
 //! ```
 
 mod film_output;
@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use film_output::FilmOutput;
-use polyptych_client::Capture;
 use polyptych_client::blocking::Client;
+use polyptych_client::{Capture, ClientError, ReconnectPolicy};
 use polyptych_text::{counted, printable};
 use serde::Serialize;
 
@@ -87,13 +87,15 @@ struct RedrawnFrame {
     tries: u32,
     /// Channels that were missing before the last try, each once, with the first reason.
     missing: Vec<(String, String)>,
+    /// Why the manager did not answer before the last try, if it did not; the first reason.
+    lost: Option<String>,
 }
 
 /// A source of pictures of a film.
 trait FilmSource {
-    fn capture(&mut self, time_s: f64) -> anyhow::Result<Capture>;
+    fn capture(&mut self, time_s: f64) -> Result<Capture, ClientError>;
 
-    /// Waits until the channels of the wall are back, and no longer than this.
+    /// Waits until manager and channels of the wall are back, and no longer than this.
     fn await_channels(&mut self, limit: Duration) -> anyhow::Result<()>;
 }
 
@@ -104,18 +106,23 @@ struct WallSource<'a> {
 }
 
 impl FilmSource for WallSource<'_> {
-    fn capture(&mut self, time_s: f64) -> anyhow::Result<Capture> {
-        Ok(self.client.capture_at(Some(time_s))?)
+    fn capture(&mut self, time_s: f64) -> Result<Capture, ClientError> {
+        self.client.capture_at(Some(time_s))
     }
 
     fn await_channels(&mut self, limit: Duration) -> anyhow::Result<()> {
-        await_displays(self.client, Some(limit), self.progress)
+        match await_displays(self.client, Some(limit), self.progress) {
+            // The next try says so, or goes through.
+            Err(error) if error.downcast_ref().is_some_and(is_lost) => Ok(()),
+            ended => ended,
+        }
     }
 }
 
 pub(super) fn film(arguments: &FilmArguments) -> anyhow::Result<ExitCode> {
     let mut output = FilmOutput::new(&arguments.out, arguments.fps)?;
-    let client = arguments.manager.connect()?;
+    let reconnect = ReconnectPolicy { wait: RETURN_TIME_MAX, give_up_after: None };
+    let client = arguments.manager.connect_for(Some(reconnect))?;
     let tour = client.tour()?;
     let from_s = arguments.from.or(tour.began_s).unwrap_or(0.0);
     let mut report = FilmReport {
@@ -164,6 +171,12 @@ fn all_frames(
     Ok(())
 }
 
+/// Returns whether a capture may go through once the manager is there again: that of a stated time
+/// is the same however often it is asked for.
+fn is_lost(error: &ClientError) -> bool {
+    matches!(error, ClientError::ConnectionLost { .. } | ClientError::NotConnected { .. })
+}
+
 /// Captures a frame until all channels are in it.
 ///
 /// # Errors
@@ -174,24 +187,34 @@ fn whole_frame(
     time_s: f64,
     redrawn: &mut Vec<RedrawnFrame>,
 ) -> anyhow::Result<Capture> {
-    let mut missing: Vec<(String, String)> = Vec::new();
+    let (mut missing, mut lost) = (Vec::<(String, String)>::new(), None);
     let mut began = None;
     for tries in 1..=TRIES_MAX {
-        let capture = source.capture(time_s).with_context(|| format!("frame {frame}"))?;
-        if capture.missing.is_empty() {
-            if tries > 1 {
-                redrawn.push(RedrawnFrame { frame, time_s, tries, missing });
+        match source.capture(time_s) {
+            Ok(capture) if capture.missing.is_empty() => {
+                if tries > 1 {
+                    redrawn.push(RedrawnFrame { frame, time_s, tries, missing, lost });
+                }
+                return Ok(capture);
             }
-            return Ok(capture);
-        }
-        for (name, reason) in capture.missing {
-            if missing.iter().all(|(other, _)| *other != name) {
-                missing.push((name, reason));
+            Ok(capture) => {
+                for (name, reason) in capture.missing {
+                    if missing.iter().all(|(other, _)| *other != name) {
+                        missing.push((name, reason));
+                    }
+                }
             }
+            Err(error) if is_lost(&error) => {
+                lost.get_or_insert_with(|| error.to_string());
+            }
+            Err(error) => return Err(error).with_context(|| format!("frame {frame}")),
         }
         let waited = began.get_or_insert_with(Instant::now).elapsed();
         let Some(rest) = RETURN_TIME_MAX.checked_sub(waited) else { break };
         source.await_channels(rest)?;
+    }
+    if missing.is_empty() {
+        bail!("frame {frame}: {}", lost.unwrap_or_default());
     }
     let list: Vec<String> = missing.iter().map(named).collect();
     bail!("frame {frame} has no picture of {}; see: polyptych status", list.join("; "))
@@ -210,7 +233,7 @@ fn say_report(report: &FilmReport) -> anyhow::Result<()> {
     };
     say(format_args!("{out}: {frames} from {from_s} s on, {fps} per second; {again} redrawn"))?;
     for of in redrawn.iter().take(NAMED_MAX) {
-        let list: Vec<String> = of.missing.iter().map(named).collect();
+        let list: Vec<String> = of.missing.iter().map(named).chain(of.lost.clone()).collect();
         let RedrawnFrame { frame, tries, .. } = of;
         say(format_args!("frame {frame} was drawn {tries} times: {}", list.join("; ")))?;
     }
@@ -230,12 +253,19 @@ mod tests {
     struct Script {
         captures: u32,
         missing: Vec<u32>,
+        /// Captures during which the manager goes.
+        lost: Vec<u32>,
         waits: u32,
     }
 
     impl FilmSource for Script {
-        fn capture(&mut self, _: f64) -> anyhow::Result<Capture> {
+        fn capture(&mut self, _: f64) -> Result<Capture, ClientError> {
             self.captures += 1;
+            if self.lost.contains(&self.captures) {
+                let (request, address) = ("capture the wall", "here".to_owned());
+                let reason = "it was killed".to_owned();
+                return Err(ClientError::ConnectionLost { request, address, reason });
+            }
             let is_missing = self.missing.contains(&self.captures);
             let missing = is_missing.then(|| ("left".to_owned(), "it is lost".to_owned()));
             Ok(Capture {
@@ -254,25 +284,35 @@ mod tests {
 
     #[test]
     fn a_frame_without_a_channel_is_captured_again_and_told() {
-        let mut script = Script { captures: 0, missing: vec![2, 3], waits: 0 };
+        let mut script = Script { captures: 0, missing: vec![2, 4], lost: vec![3], waits: 0 };
         let mut redrawn = Vec::new();
         for frame in 0..3 {
             let time_s = f64::from(frame) * 0.5;
             let capture = whole_frame(&mut script, frame, time_s, &mut redrawn).expect("whole");
             assert!(capture.missing.is_empty());
         }
-        assert_eq!((script.captures, script.waits), (5, 2));
-        let missing = vec![("left".to_owned(), "it is lost".to_owned())];
-        assert_eq!(redrawn, [RedrawnFrame { frame: 1, time_s: 0.5, tries: 3, missing }]);
+        assert_eq!((script.captures, script.waits), (6, 3));
+        let [RedrawnFrame { frame: 1, time_s: 0.5, tries: 4, missing, lost: Some(lost) }] =
+            &redrawn[..]
+        else {
+            panic!("{redrawn:?}");
+        };
+        assert_eq!(missing, &[("left".to_owned(), "it is lost".to_owned())]);
+        assert!(lost.contains("it was killed"), "{lost}");
     }
 
     #[test]
     fn a_channel_that_stays_away_ends_the_film() {
-        let mut script = Script { captures: 0, missing: (1..100).collect(), waits: 0 };
+        let (missing, lost) = ((1..100).collect(), Vec::new());
+        let mut script = Script { captures: 0, missing, lost, waits: 0 };
         let error = whole_frame(&mut script, 7, 0.0, &mut Vec::new()).expect_err("not whole");
         assert!(
             error.to_string().starts_with("frame 7 has no picture of channel left: it is lost")
         );
         assert_eq!((script.captures, script.waits), (TRIES_MAX, TRIES_MAX));
+        let (missing, lost) = (Vec::new(), (1..100).collect());
+        let mut script = Script { captures: 0, missing, lost, waits: 0 };
+        let error = whole_frame(&mut script, 7, 0.0, &mut Vec::new()).expect_err("not whole");
+        assert!(error.to_string().starts_with("frame 7: the connection to the manager at here"));
     }
 }

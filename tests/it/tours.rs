@@ -93,7 +93,7 @@ fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
 
     // Again, while a server is killed and started again.
     let client = local.client();
-    let second = out("second");
+    let [second, third] = ["second", "third"].map(out);
     let mut command = arguments("second");
     command.extend(["--manager", &local.address]);
     let mut film = local.place.start("film", &command);
@@ -111,6 +111,25 @@ fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
     assert_eq!(redrawn["missing"][0][0], local.wall().channels[0].name.as_str(), "{report}");
     assert!(pictures(&second, &screen, 30) == first, "the same pictures");
     await_states(&client, &[ChannelState::Live]);
+
+    // And while the manager is, which goes on with the tour.
+    let mut command = arguments("third");
+    command.extend(["--manager", &local.address]);
+    let mut film = local.place.start("film", &command);
+    wait::until("some frames", || {
+        third.join(format!("{screen}-000003.png")).exists().then_some(())
+    });
+    local.manager.kill();
+    let wall = local.wall().clone();
+    let LocalWall { place, address, servers, .. } = local;
+    let scenes = place.path("");
+    let mut local = LocalWall::manager(place, &wall, &[&scenes], &address);
+    local.servers = servers;
+    let report = film.finish(wait::LIMIT).succeeded();
+    let report: Value = serde_json::from_str(&report).expect("JSON");
+    assert_eq!(report["written"], 30);
+    assert!(report["redrawn"][0]["lost"].as_str().is_some_and(|why| why.contains("lost")));
+    assert!(pictures(&third, &screen, 30) == first, "the same pictures");
 }
 
 #[test]
