@@ -102,8 +102,8 @@ fn check(query: &WalkQuery) -> Result<(), String> {
     if !(2..=WAY_POINTS_MAX).contains(&way.len()) {
         return Err(format!("a way has 2 to {WAY_POINTS_MAX} points, not {}", way.len()));
     }
-    let is_out = |point: &DVec3| !(point.abs().max_element() <= REGION_REACH_MAX);
-    if let Some(point) = way.iter().find(|point| point.is_nan() || is_out(point)) {
+    let is_out = |point: &DVec3| point.is_nan() || point.abs().max_element() > REGION_REACH_MAX;
+    if let Some(point) = way.iter().find(|point| is_out(point)) {
         let limit = format!("at most {REGION_REACH_MAX:e} from 0");
         return Err(format!("a point of the way is {point}; give three finite numbers, {limit}"));
     }
@@ -255,13 +255,12 @@ fn on_ground(
     let Some(radius) = walker.radius.filter(|_| rise > 0.0) else { return Ok(Ok(eye)) };
     // What is low stops who is lifted: through it, or too near to it.
     let through = around.below(eye, Some(rise))?;
-    let low = match through {
-        Some(through) => Some(through),
-        None => {
-            let least = around.nearest(to, radius)?.map_or(radius, |before| before.distance);
-            let after = around.nearest(eye, radius)?;
-            after.filter(|after| after.distance < least * (1.0 - ROUNDING))
-        }
+    let low = if through.is_some() {
+        through
+    } else {
+        let least = around.nearest(to, radius)?.map_or(radius, |before| before.distance);
+        let after = around.nearest(eye, radius)?;
+        after.filter(|after| after.distance < least * (1.0 - ROUNDING))
     };
     Ok(low.map_or(Ok(eye), |low| Err(WalkEnd::Obstacle(low.place))))
 }
