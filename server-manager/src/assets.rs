@@ -87,7 +87,9 @@ fn place(scene: &Scene, below: NewNode, transaction: &mut Transaction) -> Result
     }
     let root = transaction.create(below);
     let mut ids = Vec::with_capacity(scene.nodes.len());
-    for node in &scene.nodes {
+    let mut extras = scene.extras.iter().peekable();
+    for (index, node) in (0..).zip(&scene.nodes) {
+        let extras = extras.next_if(|of| of.node == index);
         // Parents come before their children. What has no size shows nothing, and neither does
         // what hangs from it.
         let parent = match node.parent {
@@ -109,6 +111,7 @@ fn place(scene: &Scene, below: NewNode, transaction: &mut Transaction) -> Result
             light,
         });
         ids.push(Some(id));
+        transaction.edits.extend(extras.into_iter().flat_map(|of| of.edits(id)));
         let shown = node
             .instances
             .iter()

@@ -133,8 +133,10 @@ pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import
     };
     let blobs = std::iter::once(hash).chain(scene.blobs()).collect();
     let outline = Arc::new(SceneOutline::from(&scene));
+    let edits = scene.first_edits();
     let scene = SceneRef { name: scene.name, manifest: hash };
-    Ok(Import { scene: ImportedScene::of_file(scene, summary, outline), blobs })
+    let scene = ImportedScene { edits, ..ImportedScene::of_file(scene, summary, outline) };
+    Ok(Import { scene, blobs })
 }
 
 /// A scene that was saved, with all that was changed of it.

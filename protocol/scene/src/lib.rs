@@ -9,6 +9,7 @@ mod features;
 pub mod limits;
 mod material;
 mod mesh;
+mod node_extras;
 mod outline;
 mod scene_edits;
 mod texture;
@@ -22,7 +23,8 @@ pub use edit::{
 pub use features::SceneFeatures;
 pub use material::{AlphaMode, Material, TextureRef};
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
-pub use outline::{EditError, SceneOutline};
+pub use node_extras::NodeExtras;
+pub use outline::{EditError, SceneOutline, check_attribute};
 pub use scene_edits::{AssetManifests, NodeEdits, Replaced, SceneEdits};
 pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 
@@ -54,6 +56,8 @@ pub struct Scene {
     pub notes: Vec<String>,
     /// The exposure that suits its lights, above 0, if they are in real units; `None` for 1.
     pub exposure: Option<f32>,
+    /// What the source says of nodes beside their picture, by node; most have nothing.
+    pub extras: Vec<NodeExtras>,
 }
 
 /// One place in the scene.
@@ -204,6 +208,9 @@ impl Scene {
             }
         }
         if let Some(fault) = expansion_fault(&self.nodes, self.draws()) {
+            return Some(fault);
+        }
+        if let Some(fault) = node_extras::fault(&self.extras, self.nodes.len()) {
             return Some(fault);
         }
         if let Some(exposure) = self.exposure.filter(|e| !(e.is_finite() && *e > 0.0)) {

@@ -36,6 +36,10 @@ pub const ATTRIBUTES_MAX: usize = 64;
 /// joins in one message, beside a wall. Ten thousand nodes that were moved take 1.1 MiB.
 pub const EDITS_BYTES_MAX: usize = 3 << 19;
 
+/// Maximum size of what a file says of its nodes beside their picture, as edits of them, encoded,
+/// in bytes. The rest of [`EDITS_BYTES_MAX`] is left to edits.
+pub const EXTRAS_BYTES_MAX: usize = 1 << 19;
+
 /// Maximum number of nodes above one that is edited. Files have tens; each edit looks at all.
 pub const DEPTH_MAX: usize = 256;
 

@@ -405,7 +405,11 @@ fn check_text(what: &str, text: &str, bytes_max: usize) -> Result<(), String> {
     Ok(())
 }
 
-fn check_attribute(
+/// Checks an attribute for a node that has those which are known.
+///
+/// # Errors
+/// The limit that it breaks.
+pub fn check_attribute(
     known: Option<&BTreeMap<String, Attribute>>,
     key: &str,
     value: Option<&Attribute>,

@@ -252,6 +252,7 @@ impl SceneEdits {
             bounds: base.bounds,
             notes: base.notes.clone(),
             exposure: base.exposure,
+            extras: Vec::new(),
         };
         self.add_assets(&mut scene, added);
         for (&material, to) in &self.materials {

@@ -15,13 +15,14 @@ use super::uri;
 pub(super) const JSON_BYTES_MAX: usize = 256 << 20;
 
 /// The extensions that a file may require.
-pub(super) const EXTENSIONS: [&str; 7] = [
+pub(super) const EXTENSIONS: [&str; 8] = [
     "EXT_mesh_gpu_instancing",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_unlit",
     "KHR_materials_variants",
     "KHR_mesh_quantization",
+    "KHR_node_visibility",
     "KHR_texture_transform",
 ];
 

@@ -126,6 +126,8 @@ pub(super) struct Node {
     #[serde(deserialize_with = "numbers::scale")]
     pub scale: Option<[f64; 3]>,
     pub extensions: NodeExtensions,
+    /// Null where there are none.
+    pub extras: serde_json::Value,
 }
 
 /// Extensions of a node.
@@ -136,6 +138,21 @@ pub(super) struct NodeExtensions {
     pub light: Option<NodeLight>,
     #[serde(rename = "EXT_mesh_gpu_instancing")]
     pub instancing: Option<Instancing>,
+    #[serde(rename = "KHR_node_visibility")]
+    pub visibility: Visibility,
+}
+
+/// `KHR_node_visibility`.
+#[derive(Debug, Deserialize)]
+#[serde(default)]
+pub(super) struct Visibility {
+    pub visible: bool,
+}
+
+impl Default for Visibility {
+    fn default() -> Self {
+        Self { visible: true }
+    }
 }
 
 /// Which light stands at a node.

@@ -19,6 +19,7 @@ mod document;
 mod error;
 mod exposure;
 mod extensions;
+mod extras;
 mod geometry;
 mod image_format;
 mod json;
@@ -60,7 +61,7 @@ use notes::Notes;
 use source::GltfSource;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 4;
+const BAKER_VERSION: u32 = 5;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -240,8 +241,9 @@ impl BakeJob<'_> {
 
     fn scene(&mut self, name: String) -> Result<Scene, BakeError> {
         self.note_what_is_left_out();
-        let node::Placed { nodes, meshes } = node::read(self)?;
-        let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, ..Scene::default() };
+        let node::Placed { nodes, meshes, extras } = node::read(self)?;
+        let extras = extras.into_list(self);
+        let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, extras, ..Scene::default() };
         let scales = bounds::scales(&scene.nodes, &scene.world_from_nodes());
         let json: &[document::Mesh] = &self.source.document.meshes;
         let primitives = |used: u32| {

@@ -11,6 +11,7 @@ use polyptych_text::counted;
 use super::accessor::Accessor;
 use super::document::{self, Instancing};
 use super::error::BakeError;
+use super::extras::ExtrasList;
 use super::pose::Meshes;
 use super::{BakeJob, uri};
 
@@ -23,6 +24,7 @@ pub(super) struct Placed {
     /// Their meshes are indices into [`Meshes::uses`], their lights the file's own.
     pub nodes: Vec<Node>,
     pub meshes: Meshes,
+    pub extras: ExtrasList,
 }
 
 /// Reads the shown scene. A mesh that stands elsewhere than its node becomes a node of its own,
@@ -38,8 +40,9 @@ pub(super) fn read(job: &mut BakeJob<'_>) -> Result<Placed, BakeError> {
     let mut apart = Vec::new();
     // Each copy is a draw at least, and 40 bytes of the manifest.
     let mut instances_left = DRAWS_MAX as usize;
-    let mut stack: Vec<(u32, Option<u32>)> = roots.iter().rev().map(|&r| (r, None)).collect();
-    while let Some((index, parent)) = stack.pop() {
+    let mut stack: Vec<(u32, Option<u32>, bool)> =
+        roots.iter().rev().map(|&r| (r, None, false)).collect();
+    while let Some((index, parent, is_below_hidden)) = stack.pop() {
         if placed.nodes.len().is_multiple_of(1024) {
             job.step("nodes", placed.nodes.len() as u64, json.len() as u64)?;
         }
@@ -53,6 +56,8 @@ pub(super) fn read(job: &mut BakeJob<'_>) -> Result<Placed, BakeError> {
         let place = placed.nodes.len() as u32;
         let mut made = convert(job, node, index, parent, instances_left)?;
         instances_left -= made.instances.len();
+        placed.extras.add(place, node);
+        let is_hidden = is_below_hidden || !node.extensions.visibility.visible;
         if let Some(mesh) = made.mesh {
             let (used, elsewhere) = placed.meshes.of_node(job, &tree, index, mesh)?;
             made.mesh = Some(used).filter(|_| elsewhere.is_none());
@@ -62,13 +67,19 @@ pub(super) fn read(job: &mut BakeJob<'_>) -> Result<Placed, BakeError> {
                 }
                 let name = node.name.clone();
                 let (mesh, light, instances) = (Some(used), None, Vec::new());
-                apart.push(Node { name, parent: None, local, mesh, light, instances });
+                apart.push((Node { name, parent: None, local, mesh, light, instances }, is_hidden));
             }
         }
         placed.nodes.push(made);
-        stack.extend(node.children.iter().rev().map(|&child| (child, Some(place))));
+        let children = node.children.iter().rev();
+        stack.extend(children.map(|&child| (child, Some(place), is_hidden)));
     }
-    placed.nodes.append(&mut apart);
+    for (node, is_hidden) in apart {
+        if is_hidden {
+            placed.extras.hide(placed.nodes.len() as u32);
+        }
+        placed.nodes.push(node);
+    }
     Ok(placed)
 }
 

@@ -3,6 +3,7 @@
 mod broken;
 pub(crate) mod builder;
 mod exposure;
+mod extras;
 mod missing;
 mod numbers;
 mod pose;

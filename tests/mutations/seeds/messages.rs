@@ -34,8 +34,8 @@ use polyptych_protocol::stored_view::StoredView;
 use polyptych_protocol::tour_status::TourStatus;
 use polyptych_scene::{
     AlphaMode, Attribute, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, Node,
-    NodeId, Primitive, Sampler, Scene, SceneFeatures, Texture, TextureFormat, TextureRef, Topology,
-    VertexLayout,
+    NodeExtras, NodeId, Primitive, Sampler, Scene, SceneFeatures, Texture, TextureFormat,
+    TextureRef, Topology, VertexLayout,
 };
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_wall::camera::Camera;
@@ -523,5 +523,10 @@ fn scene() -> Scene {
         bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
         notes: vec!["animations: 1 is not played".into()],
         exposure: Some(0.5),
+        extras: vec![NodeExtras {
+            node: 1,
+            is_hidden: true,
+            attributes: [("kind".to_owned(), Attribute::Text("sail".into()))].into(),
+        }],
     }
 }

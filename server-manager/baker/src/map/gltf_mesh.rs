@@ -31,7 +31,7 @@ pub(super) fn read(
     let source = GltfSource::open(path, cancel)?;
     let mut progress = |_| {};
     let mut job = BakeJob::new(&source, blobs, &mut progress, cancel);
-    let node::Placed { nodes, meshes } = node::read(&mut job)?;
+    let node::Placed { nodes, meshes, .. } = node::read(&mut job)?;
     let scene = Scene { nodes, ..Scene::default() };
     let mut mesh = ImportedMesh { vertices: Vec::new(), triangles: Vec::new() };
     let mut origins = Vec::new();

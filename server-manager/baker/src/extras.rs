@@ -1,0 +1,115 @@
+//! What a file says of its nodes beside their picture: `KHR_node_visibility`, and `extras`, which
+//! are attributes here.
+
+use std::collections::BTreeMap;
+
+use polyptych_scene::limits::EXTRAS_BYTES_MAX;
+use polyptych_scene::{Attribute, NodeExtras, NodeId, SceneEdits, check_attribute};
+use polyptych_text::counted;
+use serde_json::Value;
+
+use super::{BakeJob, document};
+
+/// The key of `extras` that are no object.
+const WHOLE_KEY: &str = "extras";
+
+/// What the nodes of a scene say, in their order.
+#[derive(Debug, Default)]
+pub(super) struct ExtrasList {
+    list: Vec<NodeExtras>,
+    /// Entries of `extras` that are no attributes, since they break a limit.
+    left_out: u64,
+}
+
+impl ExtrasList {
+    /// Adds what a node of the file says, which is at this place of the scene.
+    pub(super) fn add(&mut self, place: u32, node: &document::Node) {
+        let is_hidden = !node.extensions.visibility.visible;
+        let attributes = self.attributes(&node.extras);
+        if is_hidden || !attributes.is_empty() {
+            self.list.push(NodeExtras { node: place, is_hidden, attributes });
+        }
+    }
+
+    /// Hides a node that the file has not.
+    pub(super) fn hide(&mut self, place: u32) {
+        self.list.push(NodeExtras { node: place, is_hidden: true, attributes: BTreeMap::new() });
+    }
+
+    fn attributes(&mut self, extras: &Value) -> BTreeMap<String, Attribute> {
+        let whole;
+        let entries: Box<dyn Iterator<Item = (&String, &Value)>> = match extras {
+            Value::Null => return BTreeMap::new(),
+            Value::Object(entries) => Box::new(entries.iter()),
+            other => {
+                whole = WHOLE_KEY.to_owned();
+                Box::new(std::iter::once((&whole, other)))
+            }
+        };
+        let mut attributes = BTreeMap::new();
+        for (key, value) in entries {
+            let Some(value) = attribute(value) else { continue };
+            if check_attribute(Some(&attributes), key, Some(&value)).is_ok() {
+                attributes.insert(key.clone(), value);
+            } else {
+                self.left_out += 1;
+            }
+        }
+        attributes
+    }
+
+    /// Returns what fits into a scene; notes what does not. Hidden nodes go before attributes.
+    pub(super) fn into_list(mut self, job: &mut BakeJob<'_>) -> Vec<NodeExtras> {
+        let mut edits = SceneEdits::default();
+        let mut shown = 0u64;
+        for of in &mut self.list {
+            let attributes = std::mem::take(&mut of.attributes);
+            // Before the attributes of any node are counted.
+            if of.is_hidden && !fits(&mut edits, of) {
+                (of.is_hidden, shown) = (false, shown + 1);
+            }
+            of.attributes = attributes;
+        }
+        for of in &mut self.list {
+            let count = of.attributes.len() as u64;
+            if count > 0 && !fits(&mut edits, of) {
+                of.attributes.clear();
+                self.left_out += count;
+            }
+        }
+        if shown > 0 {
+            let nodes = counted(shown, "node");
+            job.warn(&format!("nodes: {nodes} more are hidden than can be, and are shown"));
+        }
+        if self.left_out > 0 {
+            let left_out = counted(self.left_out, "value");
+            job.warn(&format!("nodes: {left_out} of extras are beyond the limits of attributes"));
+        }
+        self.list.retain(|of| of.is_hidden || !of.attributes.is_empty());
+        self.list
+    }
+}
+
+/// Adds the edits that say this of a node, if there is room for them.
+fn fits(edits: &mut SceneEdits, of: &NodeExtras) -> bool {
+    let node = NodeId(of.node.into());
+    let replaced: Vec<_> = of.edits(node).map(|edit| edits.apply(edit)).collect();
+    if edits.bytes() <= EXTRAS_BYTES_MAX as u64 {
+        return true;
+    }
+    for old in replaced.into_iter().rev() {
+        edits.replace(old);
+    }
+    false
+}
+
+/// The attribute that a value is; lists and objects are their JSON text. `None` for null.
+fn attribute(value: &Value) -> Option<Attribute> {
+    Some(match value {
+        Value::Null => return None,
+        Value::Bool(value) => Attribute::Bool(*value),
+        Value::Number(number) => Attribute::Number(number.as_f64()?),
+        Value::String(text) => Attribute::Text(text.clone()),
+        Value::Array(_) | Value::Object(_) => Attribute::Text(value.to_string()),
+    })
+}

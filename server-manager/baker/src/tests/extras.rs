@@ -1,0 +1,85 @@
+//! Hidden nodes, and attributes out of `extras`.
+
+use std::collections::BTreeMap;
+
+use polyptych_scene::limits::{ATTRIBUTES_MAX, EXTRAS_BYTES_MAX};
+use polyptych_scene::{Attribute, NodeExtras, NodeId};
+use serde_json::{Value, json};
+
+use super::bake_builder;
+use super::builder::Builder;
+
+fn nodes(nodes: &Value) -> Builder {
+    let mut builder = Builder::triangle();
+    builder.json["nodes"] = nodes.clone();
+    builder
+}
+
+#[test]
+fn extras_of_nodes_are_their_attributes() {
+    let hidden = json!({ "KHR_node_visibility": { "visible": false } });
+    let mut builder = nodes(&json!([
+        { "mesh": 0, "children": [1, 2, 3] },
+        { "extras": { "load": 2.5, "is_open": true, "note": "a\nb", "list": [1, {"a": null}],
+                      "none": null }, "extensions": hidden },
+        { "extras": "by hand", "extensions": { "KHR_node_visibility": {} } },
+        { "extras": null },
+    ]));
+    builder.json["extensionsRequired"] = json!(["KHR_node_visibility"]);
+    let (_place, baked, scene) = bake_builder(&builder);
+    let text = |text: &str| Attribute::Text(text.to_owned());
+    let attributes = |list: Vec<(&str, Attribute)>| -> BTreeMap<String, Attribute> {
+        list.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    };
+    let expected = attributes(vec![
+        ("load", Attribute::Number(2.5)),
+        ("is_open", Attribute::Bool(true)),
+        ("note", text("a\nb")),
+        ("list", text("[1,{\"a\":null}]")),
+    ]);
+    assert_eq!(
+        scene.extras,
+        [
+            NodeExtras { node: 1, is_hidden: true, attributes: expected.clone() },
+            NodeExtras {
+                node: 2,
+                is_hidden: false,
+                attributes: attributes(vec![("extras", text("by hand"))]),
+            },
+        ]
+    );
+    assert_eq!(baked.warnings, [] as [String; 0]);
+    let edits = scene.first_edits();
+    let first = edits.node(NodeId(1)).expect("edited");
+    assert_eq!((first.is_hidden, &first.attributes), (true, &expected));
+    assert_eq!(edits.nodes().count(), 2);
+}
+
+#[test]
+fn what_breaks_a_limit_is_counted_in_a_note() {
+    let many: BTreeMap<String, u64> = (0..70).map(|at| (format!("key {at:02}"), at)).collect();
+    let mut broken = json!(many);
+    broken["a\nb"] = json!(1);
+    broken["a long one"] = json!("x".repeat(1025));
+    broken[""] = json!(true);
+    let (_place, baked, scene) = bake_builder(&nodes(&json!([{ "mesh": 0, "extras": broken }])));
+    assert_eq!(scene.extras[0].attributes.len(), ATTRIBUTES_MAX);
+    assert_eq!(baked.warnings, ["nodes: 9 values of extras are beyond the limits of attributes"]);
+
+    // Together they are more than can be; those that are hidden still are.
+    let text = "y".repeat(1000);
+    let hidden = json!({ "KHR_node_visibility": { "visible": false } });
+    let mut list: Vec<Value> =
+        (0..600).map(|at| json!({ "extras": { "at": at, "text": text } })).collect();
+    list.push(json!({ "mesh": 0, "extensions": hidden }));
+    let mut builder = nodes(&Value::Array(list));
+    builder.json["scenes"][0]["nodes"] = json!((0..601).collect::<Vec<_>>());
+    let (_place, baked, scene) = bake_builder(&builder);
+    let edits = scene.first_edits();
+    assert!(edits.bytes() <= EXTRAS_BYTES_MAX as u64 && edits.bytes() > 500_000);
+    assert_eq!(scene.extras.last().map(|of| (of.node, of.is_hidden)), Some((600, true)));
+    let kept = scene.extras.len() as u64 - 1;
+    let note =
+        format!("nodes: {} values of extras are beyond the limits of attributes", (600 - kept) * 2);
+    assert_eq!(baked.warnings, [note]);
+}
