@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use polyptych_files::output_file;
+use polyptych_files::output_file::{self, OutputFile};
 
 /// Checks that a picture or a report can be written at this path, before the work that makes it.
 pub(crate) fn check(path: &Path) -> anyhow::Result<()> {
@@ -23,6 +23,16 @@ pub(crate) fn check_source(path: &Path, force: bool) -> anyhow::Result<()> {
 /// Writes a file that appears whole or not at all.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     output_file::write(path, bytes).with_context(|| cannot_write(path))
+}
+
+/// Begins a file that is written in parts, and appears whole or not at all.
+pub(crate) fn create(path: &Path) -> anyhow::Result<OutputFile> {
+    OutputFile::create(path).with_context(|| cannot_write(path))
+}
+
+/// Puts a file that was written in parts in its place.
+pub(crate) fn finish(path: &Path, file: OutputFile) -> anyhow::Result<()> {
+    file.finish().with_context(|| cannot_write(path))
 }
 
 /// Makes the folder for several files; one that exists is used.

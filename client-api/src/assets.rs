@@ -1,11 +1,15 @@
 //! Meshes, materials and pictures that a program makes, as the bytes of a glTF file.
 
-use std::fmt::Write;
+use std::fmt::Write as _;
+use std::io;
 
-use bytes::{BufMut, Bytes, BytesMut};
-use glam::{Affine2, Vec3};
+use bytes::Bytes;
+use glam::Vec3;
 use polyptych_protocol::transaction::AssetSource;
-use polyptych_scene::{AlphaMode, Material, TextureRef, Topology, provisional_asset};
+use polyptych_scene::glb::{
+    AccessorDesc, Component, GlbWriter, JsonList, ViewTarget, material_json,
+};
+use polyptych_scene::{AlphaMode, Material, Topology, provisional_asset};
 
 use crate::mesh_data::MeshData;
 
@@ -49,6 +53,9 @@ pub enum AssetError {
         /// The fault.
         what: String,
     },
+    /// All of them together make no file.
+    #[error("the file of the assets: {0}")]
+    File(String),
 }
 
 impl Assets {
@@ -97,34 +104,48 @@ impl Assets {
     /// # Errors
     /// [`AssetError`].
     pub fn to_glb(&self) -> Result<Bytes, AssetError> {
-        let mut file = GlbWriter::default();
-        let mut meshes = Vec::new();
         for (mesh, (data, material)) in self.meshes.iter().enumerate() {
             check_mesh(data, *material, self.materials.len())
                 .map_err(|what| AssetError::Mesh { mesh, what })?;
-            meshes.push(file.mesh(data, *material));
         }
-        let mut materials = Vec::new();
         for (index, material) in self.materials.iter().enumerate() {
             check_material(material, self.pictures.len())
                 .map_err(|what| AssetError::Material { material: index, what })?;
-            materials.push(material_json(material));
         }
-        let images: Vec<String> = self.pictures.iter().map(|bytes| file.picture(bytes)).collect();
-        let textures = (0..images.len()).map(|image| format!(r#"{{"source":{image}}}"#)).collect();
-        // What no node shows is not read.
-        let nodes = (0..meshes.len()).map(|mesh| format!(r#"{{"mesh":{mesh}}}"#)).collect();
-        let all: Vec<String> = (0..meshes.len()).map(|node| node.to_string()).collect();
-        let scenes = vec![format!(r#"{{"nodes":[{}]}}"#, all.join(","))];
-        let scenes = if meshes.is_empty() { Vec::new() } else { scenes };
-        Ok(file.finish(&[
-            ("scenes", scenes),
-            ("nodes", nodes),
-            ("meshes", meshes),
-            ("materials", materials),
-            ("images", images),
-            ("textures", textures),
-        ]))
+        self.write().map_err(|error| AssetError::File(error.to_string()))
+    }
+
+    /// As [`Assets::to_glb`], of assets that are sound.
+    fn write(&self) -> io::Result<Bytes> {
+        let mut file = GlbWriter::new(Vec::new());
+        let [mut meshes, mut nodes, mut materials, mut images, mut textures, mut scenes] =
+            [(); 6].map(|()| JsonList::default());
+        let mut roots = JsonList::default();
+        for (data, material) in &self.meshes {
+            let mesh = meshes.push(&mesh_json(&mut file, data, *material)?);
+            // What no node shows is not read.
+            let node = nodes.push(&format!(r#"{{"mesh":{mesh}}}"#));
+            roots.push(&node.to_string());
+        }
+        for material in &self.materials {
+            materials.push(&material_json(material, &mut file));
+        }
+        for picture in &self.pictures {
+            let image = images.push(&file.picture(picture)?);
+            textures.push(&format!(r#"{{"source":{image}}}"#));
+        }
+        scenes.push(&roots.as_member("nodes"));
+        let lists = [
+            ("scenes", &scenes),
+            ("nodes", &nodes),
+            ("meshes", &meshes),
+            ("materials", &materials),
+            ("images", &images),
+            ("textures", &textures),
+        ];
+        let (mut head, binary) = file.finish(&lists, None)?;
+        head.extend(binary);
+        Ok(head.into())
     }
 }
 
@@ -177,181 +198,55 @@ fn check_material(material: &Material, pictures: usize) -> Result<(), String> {
     Err("a number of it is not finite".to_owned())
 }
 
-/// A material in glTF's terms. No text of it comes from outside, so nothing is to be escaped.
-fn material_json(of: &Material) -> String {
-    let texture = |of: TextureRef| {
-        let (scale, angle, offset) = of.uv_transform.to_scale_angle_translation();
-        let moved = if of.uv_transform == Affine2::IDENTITY {
-            String::new()
-        } else {
-            // glTF turns the other way: its v points down (KHR_texture_transform).
-            let offset = format!(r#""offset":[{},{}],"rotation":{}"#, offset.x, offset.y, -angle);
-            let transform = format!(r#"{{{offset},"scale":[{},{}]}}"#, scale.x, scale.y);
-            format!(r#","extensions":{{"KHR_texture_transform":{transform}}}"#)
-        };
-        (of.texture, of.uv_set, moved)
+/// Writes a mesh; returns its value in the list of meshes.
+fn mesh_json(
+    file: &mut GlbWriter<Vec<u8>>,
+    mesh: &MeshData,
+    material: Option<u32>,
+) -> io::Result<String> {
+    let positions = mesh.positions.iter();
+    let min = positions.clone().copied().reduce(Vec3::min).unwrap_or_default();
+    let max = positions.copied().reduce(Vec3::max).unwrap_or_default();
+    let rows = mesh.positions.iter().map(Vec3::to_array);
+    let at = file.floats(true, rows, Some((min, max)))?;
+    let mut attributes = format!(r#""POSITION":{at}"#);
+    if !mesh.normals.is_empty() {
+        let at = file.floats(true, mesh.normals.iter().map(Vec3::to_array), None)?;
+        let _ = write!(attributes, r#","NORMAL":{at}"#);
+    }
+    if !mesh.uvs.is_empty() {
+        let at = file.floats(true, mesh.uvs.iter().map(glam::Vec2::to_array), None)?;
+        let _ = write!(attributes, r#","TEXCOORD_0":{at}"#);
+    }
+    if !mesh.colors.is_empty() {
+        let at = file.floats(true, mesh.colors.iter().map(glam::Vec4::to_array), None)?;
+        let _ = write!(attributes, r#","COLOR_0":{at}"#);
+    }
+    let mode = match mesh.topology {
+        Topology::Points => 0,
+        Topology::Lines => 1,
+        Topology::Triangles => 4,
     };
-    let slot = |key: &str, of: Option<TextureRef>, more: &str| {
-        of.map(texture).map_or_else(String::new, |(index, set, moved)| {
-            format!(r#","{key}":{{"index":{index},"texCoord":{set}{more}{moved}}}"#)
-        })
-    };
-    let [r, g, b, a] = of.base_color.to_array();
-    let strength = of.emissive.max_element().max(1.0);
-    let Vec3 { x, y, z } = of.emissive / strength;
-    let factors = format!(
-        r#""baseColorFactor":[{r},{g},{b},{a}],"metallicFactor":{},"roughnessFactor":{}"#,
-        of.metallic, of.roughness,
-    );
-    let base_color = slot("baseColorTexture", of.base_color_texture, "");
-    let metallic_roughness = slot("metallicRoughnessTexture", of.metallic_roughness_texture, "");
-    let mut json =
-        format!(r#"{{"pbrMetallicRoughness":{{{factors}{base_color}{metallic_roughness}}}"#);
-    let _ = write!(json, r#","emissiveFactor":[{x},{y},{z}],"doubleSided":{}"#, of.double_sided);
-    let scale = format!(r#","scale":{}"#, of.normal_scale);
-    json += &slot("normalTexture", of.normal_texture, &scale);
-    let strength_of_occlusion = format!(r#","strength":{}"#, of.occlusion_strength);
-    json += &slot("occlusionTexture", of.occlusion_texture, &strength_of_occlusion);
-    json += &slot("emissiveTexture", of.emissive_texture, "");
-    match of.alpha_mode {
-        AlphaMode::Opaque => {}
-        AlphaMode::Mask(cutoff) => {
-            let _ = write!(json, r#","alphaMode":"MASK","alphaCutoff":{cutoff}"#);
-        }
-        AlphaMode::Blend => json.push_str(r#","alphaMode":"BLEND""#),
+    let mut json = format!(r#"{{"primitives":[{{"attributes":{{{attributes}}},"mode":{mode}"#);
+    if !mesh.indices.is_empty() {
+        let bytes: Vec<u8> = mesh.indices.iter().flat_map(|index| index.to_le_bytes()).collect();
+        let view = file.view(ViewTarget::Indices, &bytes)?;
+        let count = mesh.indices.len() as u32;
+        let component = Component::U32;
+        let of = AccessorDesc { view, offset: 0, component, count, width: 1, bounds: None };
+        let _ = write!(json, r#","indices":{}"#, file.accessor(&of));
     }
-    let mut extensions = Vec::new();
-    if of.unlit {
-        extensions.push(r#""KHR_materials_unlit":{}"#.to_owned());
+    if let Some(material) = material {
+        let _ = write!(json, r#","material":{material}"#);
     }
-    if strength > 1.0 {
-        extensions.push(format!(
-            r#""KHR_materials_emissive_strength":{{"emissiveStrength":{strength}}}"#
-        ));
-    }
-    if !extensions.is_empty() {
-        let _ = write!(json, r#","extensions":{{{}}}"#, extensions.join(","));
-    }
-    json + "}"
-}
-
-/// A binary glTF file under way.
-#[derive(Debug, Default)]
-struct GlbWriter {
-    bytes: BytesMut,
-    views: Vec<String>,
-    accessors: Vec<String>,
-}
-
-impl GlbWriter {
-    /// Begins what comes next on a multiple of four bytes.
-    fn view(&mut self, write: impl FnOnce(&mut BytesMut)) -> usize {
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let offset = self.bytes.len();
-        write(&mut self.bytes);
-        let length = self.bytes.len() - offset;
-        self.views.push(format!(r#"{{"buffer":0,"byteOffset":{offset},"byteLength":{length}}}"#));
-        self.views.len() - 1
-    }
-
-    fn accessor<const N: usize>(
-        &mut self,
-        rows: impl ExactSizeIterator<Item = [f32; N]>,
-        bounds: Option<(Vec3, Vec3)>,
-    ) -> usize {
-        let count = rows.len();
-        let view = self.view(|bytes| rows.flatten().for_each(|number| bytes.put_f32_le(number)));
-        let bounds = bounds.map_or_else(String::new, |(min, max)| {
-            format!(
-                r#","min":[{},{},{}],"max":[{},{},{}]"#,
-                min.x, min.y, min.z, max.x, max.y, max.z
-            )
-        });
-        let floats = format!(r#""bufferView":{view},"componentType":5126,"count":{count}"#);
-        self.accessors.push(format!(r#"{{{floats},"type":"VEC{N}"{bounds}}}"#));
-        self.accessors.len() - 1
-    }
-
-    fn mesh(&mut self, mesh: &MeshData, material: Option<u32>) -> String {
-        let positions = mesh.positions.iter();
-        let min = positions.clone().copied().reduce(Vec3::min).unwrap_or_default();
-        let max = positions.copied().reduce(Vec3::max).unwrap_or_default();
-        let at = self.accessor(mesh.positions.iter().map(Vec3::to_array), Some((min, max)));
-        let mut attributes = format!(r#""POSITION":{at}"#);
-        if !mesh.normals.is_empty() {
-            let at = self.accessor(mesh.normals.iter().map(Vec3::to_array), None);
-            let _ = write!(attributes, r#","NORMAL":{at}"#);
-        }
-        if !mesh.uvs.is_empty() {
-            let at = self.accessor(mesh.uvs.iter().map(glam::Vec2::to_array), None);
-            let _ = write!(attributes, r#","TEXCOORD_0":{at}"#);
-        }
-        if !mesh.colors.is_empty() {
-            let at = self.accessor(mesh.colors.iter().map(glam::Vec4::to_array), None);
-            let _ = write!(attributes, r#","COLOR_0":{at}"#);
-        }
-        let mode = match mesh.topology {
-            Topology::Points => 0,
-            Topology::Lines => 1,
-            Topology::Triangles => 4,
-        };
-        let mut json = format!(r#"{{"primitives":[{{"attributes":{{{attributes}}},"mode":{mode}"#);
-        if !mesh.indices.is_empty() {
-            let view =
-                self.view(|bytes| mesh.indices.iter().for_each(|index| bytes.put_u32_le(*index)));
-            self.accessors.push(format!(
-                r#"{{"bufferView":{view},"componentType":5125,"count":{},"type":"SCALAR"}}"#,
-                mesh.indices.len()
-            ));
-            let _ = write!(json, r#","indices":{}"#, self.accessors.len() - 1);
-        }
-        if let Some(material) = material {
-            let _ = write!(json, r#","material":{material}"#);
-        }
-        json + "}]}"
-    }
-
-    fn picture(&mut self, file: &[u8]) -> String {
-        let kind = if file.starts_with(b"\x89PNG") { "image/png" } else { "image/jpeg" };
-        let view = self.view(|bytes| bytes.put_slice(file));
-        format!(r#"{{"bufferView":{view},"mimeType":"{kind}"}}"#)
-    }
-
-    fn finish(mut self, lists: &[(&str, Vec<String>)]) -> Bytes {
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let used = ["texture_transform", "materials_unlit", "materials_emissive_strength"];
-        let used = used.map(|name| format!("\"KHR_{name}\"")).join(",");
-        let buffers = format!(r#"[{{"byteLength":{}}}]"#, self.bytes.len());
-        let mut json = format!(
-            r#"{{"asset":{{"version":"2.0"}},"extensionsUsed":[{used}],"buffers":{buffers}"#
-        );
-        let own = [("bufferViews", &self.views), ("accessors", &self.accessors)];
-        for (key, list) in own.into_iter().chain(lists.iter().map(|(key, list)| (*key, list))) {
-            if !list.is_empty() {
-                let _ = write!(json, r#","{key}":[{}]"#, list.join(","));
-            }
-        }
-        json.push('}');
-        while !json.len().is_multiple_of(4) {
-            json.push(' ');
-        }
-        let mut file = BytesMut::new();
-        let length = 12 + 8 + json.len() + 8 + self.bytes.len();
-        file.put_slice(b"glTF");
-        file.put_u32_le(2);
-        file.put_u32_le(length as u32);
-        file.put_u32_le(json.len() as u32);
-        file.put_slice(b"JSON");
-        file.put_slice(json.as_bytes());
-        file.put_u32_le(self.bytes.len() as u32);
-        file.put_slice(b"BIN\0");
-        file.put_slice(&self.bytes);
-        file.freeze()
-    }
+    Ok(json + "}]}")
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::Affine2;
+    use polyptych_scene::TextureRef;
+
     use super::*;
 
     #[test]

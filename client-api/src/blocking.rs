@@ -15,6 +15,7 @@
 //! # Ok(()) }
 //! ```
 
+mod exports;
 mod saved_scenes;
 mod scene_space;
 mod tours;

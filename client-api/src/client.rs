@@ -16,10 +16,10 @@ use polyptych_wall::view::View;
 use tokio::io::{AsyncRead, AsyncWrite};
 
 use crate::connect::{ConnectOptions, connect_over, connect_tcp};
-use crate::connection_handle::{ConnectionHandle, Wanted};
+use crate::connection_handle::{ChunkSink, ConnectionHandle, Wanted};
 use crate::error::{ClientError, wrong_answer};
 use crate::feedback::FeedbackStream;
-use crate::image::Capture;
+use crate::image::{Capture, ImageAssembler};
 use crate::pending::Pending;
 
 /// A connection with a wall's manager.
@@ -320,12 +320,16 @@ impl Client {
     /// # Errors
     /// Those of [`Client::capture`].
     pub async fn capture_at(&self, time_s: Option<f64>) -> Result<Capture, ClientError> {
+        let pictures = ImageAssembler::new(self.link.shared.capture_bytes_max());
+        let pictures = ChunkSink::Pictures(pictures);
         let mut pending = self
             .link
-            .post(Request::Capture { time_s }, Wanted { pictures: true, progress: None })?;
+            .post(Request::Capture { time_s }, Wanted { parts: Some(pictures), progress: None })?;
         let answered = std::future::poll_fn(|context| pending.poll_answered(context)).await?;
         match (answered.reply, answered.parts) {
-            (Response::Captured(captured), Some(parts)) => parts.assemble(captured),
+            (Response::Captured(captured), Some(ChunkSink::Pictures(parts))) => {
+                parts.assemble(captured)
+            }
             (other, _) => Err(wrong_answer("capture the wall", &other)),
         }
     }

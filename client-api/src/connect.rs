@@ -74,7 +74,8 @@ pub struct ConnectOptions {
 /// How long this client waits for the answers to requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timeouts {
-    /// For opening a scene, which includes baking it: two minutes by default.
+    /// For opening a scene, which includes baking it, and for exporting one: two minutes by default
+    /// from each message about its progress on.
     pub open_scene: Duration,
     /// For a capture with its pictures: one minute by default.
     pub capture: Duration,
@@ -92,7 +93,9 @@ impl Default for Timeouts {
 impl Timeouts {
     pub(crate) fn of(&self, request: &Request) -> Duration {
         match request {
-            Request::OpenScene { .. } | Request::OpenOutcome { .. } => self.open_scene,
+            Request::OpenScene { .. }
+            | Request::OpenOutcome { .. }
+            | Request::ExportScene { .. } => self.open_scene,
             Request::Capture { .. } => self.capture,
             _ => self.other,
         }

@@ -127,7 +127,12 @@ where
         match polyptych_protocol::framing::decode::<MessageToClient>(&bytes) {
             Ok(MessageToClient::Reply { id, reply }) => shared.handle_reply(id, reply),
             Ok(MessageToClient::Feedback(feedback)) => shared.handle_feedback(feedback),
-            Ok(MessageToClient::Picture(part)) => shared.handle_image_chunk(&part),
+            Ok(MessageToClient::Chunk(part)) => {
+                if let Some((queue, piece)) = shared.handle_chunk(part) {
+                    // Until the caller has written enough; one that gave up holds nothing up.
+                    let _given_up = queue.send(piece).await;
+                }
+            }
             Ok(MessageToClient::Progress { id, progress }) => shared.handle_progress(id, progress),
             Ok(MessageToClient::Warning { warning, .. }) => tracing::warn!("{warning}"),
             Ok(MessageToClient::Goodbye(goodbye)) => {

@@ -10,7 +10,7 @@ use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::{Epoch, RequestId};
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{ImageChunk, Request, RequestError, RequestMessage, Response};
+use polyptych_protocol::request::{ReplyChunk, Request, RequestError, RequestMessage, Response};
 use tokio::sync::{Notify, broadcast, mpsc, oneshot, watch};
 
 use crate::connect::ConnectOptions;
@@ -95,11 +95,20 @@ impl CloseReason {
     }
 }
 
-/// Who waits for an answer, and the pictures that came until then, if they are wanted.
+/// The place for the pieces that come before a reply.
+#[derive(Debug)]
+pub(crate) enum ChunkSink {
+    /// Pictures of a capture.
+    Pictures(ImageAssembler),
+    /// The pieces of a file, in order, for the caller to write.
+    File(mpsc::Sender<Bytes>),
+}
+
+/// Who waits for an answer, and the pieces that came until then, if they are wanted.
 #[derive(Debug)]
 struct Waiter {
     answer: oneshot::Sender<Result<CompletedResponse, ClientError>>,
-    parts: Option<ImageAssembler>,
+    parts: Option<ChunkSink>,
     /// Holds the newest progress, for requests that tell theirs.
     progress: Option<watch::Sender<OpenProgress>>,
     /// Whether the outcome can be asked for over another connection.
@@ -111,17 +120,17 @@ struct Waiter {
 /// What of the messages that come before a reply is wanted.
 #[derive(Debug, Default)]
 pub(crate) struct Wanted {
-    /// Pieces of pictures are kept.
-    pub pictures: bool,
+    /// Pieces go here.
+    pub parts: Option<ChunkSink>,
     /// The newest progress goes here.
     pub progress: Option<watch::Sender<OpenProgress>>,
 }
 
-/// A reply, and the pieces of pictures that came before it.
+/// A reply, and the pieces that came before it.
 #[derive(Debug)]
 pub(crate) struct CompletedResponse {
     pub reply: Response,
-    pub parts: Option<ImageAssembler>,
+    pub parts: Option<ChunkSink>,
 }
 
 impl ConnectionHandle {
@@ -171,13 +180,13 @@ impl ConnectionHandle {
             return Err(ClientError::Closed { request: name, address, reason });
         }
         let (answer, receiver) = oneshot::channel();
-        let parts = wanted.pictures.then(|| ImageAssembler::new(shared.options.capture_bytes_max));
         let after = shared.options.timeouts.of(&request);
         // tokio's clock, which tests own.
         let now = tokio::time::Instant::now().into_std();
         let full = || ClientError::TooManyOpen { request: name, limit: OPEN_REQUESTS_MAX };
         let is_job = matches!(request, Request::OpenScene { .. });
-        let waiter = Waiter { answer, parts, progress: wanted.progress, is_job, session: 0 };
+        let Wanted { parts, progress } = wanted;
+        let waiter = Waiter { answer, parts, progress, is_job, session: 0 };
         // Without a connection it waits for one first.
         let first_after = if state.lost.is_some() { shared.wait() } else { after };
         let id = state.open.insert(now, name, first_after, waiter).ok_or_else(full)?;
@@ -384,20 +393,34 @@ impl Shared {
         self.deadline_moved.notify_one();
     }
 
-    /// A piece of a picture came.
-    pub fn handle_image_chunk(&self, part: &ImageChunk) {
+    /// A piece of what comes before a reply. Returns the queue that it is to be put into, if it
+    /// is one of a file.
+    pub fn handle_chunk(&self, part: ReplyChunk) -> Option<(mpsc::Sender<Bytes>, Bytes)> {
+        let now = tokio::time::Instant::now().into_std();
         let mut state = self.lock();
+        state.open.renew(now, part.id);
+        self.deadline_moved.notify_one();
         let parts = state.open.waiter_mut(part.id).and_then(|waiter| waiter.parts.as_mut());
-        let Some(parts) = parts else {
-            tracing::debug!(request = part.id.0, "a piece of a picture that nobody waits for");
-            return;
+        let parts = match parts {
+            Some(ChunkSink::Pictures(parts)) => parts,
+            Some(ChunkSink::File(queue)) => return Some((queue.clone(), part.bytes)),
+            None => {
+                tracing::debug!(request = part.id.0, "a piece that nobody waits for");
+                return None;
+            }
         };
-        let Err(error) = parts.add(part.index, &part.bytes) else { return };
+        let Err(error) = parts.add(part.index, &part.bytes) else { return None };
         let open = state.open.remove(part.id);
         drop(state);
         if let Some(open) = open {
             deliver(open.waiter.answer, Err(error));
         }
+        None
+    }
+
+    /// Most bytes that the pictures of a capture may take.
+    pub fn capture_bytes_max(&self) -> usize {
+        self.options.capture_bytes_max
     }
 
     /// A frame's feedback came.

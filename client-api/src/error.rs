@@ -185,6 +185,17 @@ pub enum ClientError {
         /// Which picture, what came, and what would be right.
         reason: String,
     },
+    /// The file of an exported scene cannot be written.
+    #[error("the exported scene cannot be written: {0}")]
+    Write(#[source] io::Error),
+    /// The pieces of a file don't make the file.
+    #[error("the manager sent {bytes} bytes of a file that has {expected}")]
+    IncompleteFile {
+        /// Bytes that came.
+        bytes: u64,
+        /// The size of the file.
+        expected: u64,
+    },
     /// An answer to some other question.
     #[error("the manager answered \"{request}\" with something else: {answer}")]
     WrongAnswer {
@@ -235,6 +246,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::Nearest(_) => "the nearest point",
         Response::SavedScenes(_) => "saved scenes",
         Response::Way(_) => "a way",
+        Response::Exported(_) => "an exported scene",
     };
     ClientError::WrongAnswer { request, answer }
 }

@@ -43,6 +43,7 @@ mod connection;
 mod connection_handle;
 mod dial;
 mod error;
+mod exports;
 mod feedback;
 mod image;
 mod in_flight;
@@ -68,6 +69,7 @@ pub use pending::Pending;
 pub use reconnect::ReconnectPolicy;
 
 pub use glam;
+pub use polyptych_protocol::exported_scene::ExportedScene;
 pub use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles,
     Shown, Skew, Statistics, WallStatus,

@@ -1,11 +1,11 @@
-//! How far the opening of a scene has come.
+//! How far the opening or the export of a scene has come.
 
 use std::fmt;
 
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
-/// A step of opening a scene, in the order in which they come.
+/// A step of opening a scene, in the order in which they come, or the one step of an export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OpenStage {
@@ -15,9 +15,11 @@ pub enum OpenStage {
     Baking,
     /// Servers fetch blobs and get ready to draw.
     Preparing,
+    /// The manager writes the file of an export.
+    Exporting,
 }
 
-/// How far the opening of a scene has come.
+/// How far the opening or the export of a scene has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct OpenProgress {
     /// The present step.
@@ -43,6 +45,7 @@ impl fmt::Display for OpenProgress {
             OpenStage::Waiting => f.write_str("waiting for its turn"),
             OpenStage::Baking => write!(f, "baking {} %", self.percent),
             OpenStage::Preparing => write!(f, "preparing {} %", self.percent),
+            OpenStage::Exporting => write!(f, "exporting {} %", self.percent),
         }
     }
 }

@@ -15,6 +15,7 @@ use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
 use crate::command::Goodbye;
+use crate::exported_scene::ExportedScene;
 use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::follow::Follow;
 use crate::ids::{FrameId, RequestId, Revision};
@@ -169,6 +170,12 @@ pub enum Request {
     /// Asks how far one comes who walks or flies through the open scene, as the state has it that
     /// frames name.
     FindWay(WalkQuery),
+    /// Asks for a scene with all that was changed of it as a binary glTF file, whose pieces come
+    /// before the answer. What is temporary is not in it.
+    ExportScene {
+        /// The name that it was saved under; the open scene if not given.
+        saved: Option<String>,
+    },
 }
 
 impl Request {
@@ -211,6 +218,7 @@ impl Request {
             Self::RemoveSavedScene { .. } => "remove the saved scene",
             Self::FollowNode(_) => "follow the node",
             Self::FindWay(_) => "find a way",
+            Self::ExportScene { .. } => "export the scene",
         }
     }
 }
@@ -236,8 +244,8 @@ pub enum MessageToClient {
     },
     /// What a frame became, for those who subscribed.
     Feedback(FrameFeedback),
-    /// A piece of a picture; all pieces come before the reply to the capture.
-    Picture(ImageChunk),
+    /// A piece of what is too large for a reply; all pieces come before the reply.
+    Chunk(ReplyChunk),
     /// The manager ends the connection.
     Goodbye(Goodbye),
     /// How far a request to open a scene has come: with every percent at most, and at least every
@@ -296,6 +304,8 @@ pub enum Response {
     SavedScenes(Vec<SavedScene>),
     /// To [`Request::FindWay`].
     Way(Box<WalkedWay>),
+    /// To [`Request::ExportScene`]: the file that was sent before this.
+    Exported(ExportedScene),
 }
 
 impl Response {
@@ -311,7 +321,8 @@ impl Response {
             | Self::StoredViews(_)
             | Self::Tour(_)
             | Self::SavedScenes(_)
-            | Self::Way(_) => false,
+            | Self::Way(_)
+            | Self::Exported(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)
@@ -437,13 +448,13 @@ pub struct ImageInfo {
     pub height: u32,
 }
 
-/// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a picture: sRGB RGBA8,
-/// rows from the top.
+/// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a picture (sRGB RGBA8, rows from
+/// the top) or of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ImageChunk {
-    /// The capture that it answers.
+pub struct ReplyChunk {
+    /// The request that it answers.
     pub id: RequestId,
-    /// Its place in [`CaptureInfo::pictures`].
+    /// Its place in [`CaptureInfo::pictures`]; 0 for a file.
     pub index: u32,
     /// The bytes, following those that came before.
     pub bytes: Bytes,

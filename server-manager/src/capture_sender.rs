@@ -2,7 +2,7 @@
 
 use polyptych_files::blob::CHUNK_BYTES_MAX;
 use polyptych_protocol::request::{
-    CaptureInfo, ImageChunk, MessageToClient, RequestError, Response,
+    CaptureInfo, MessageToClient, ReplyChunk, RequestError, Response,
 };
 
 use crate::capture::CaptureJob;
@@ -24,10 +24,10 @@ pub(crate) async fn send_capture(collection: CaptureJob, link: ClientHandle) {
                 let rgba = bytes::Bytes::from(picture.rgba);
                 for start in (0..rgba.len()).step_by(CHUNK_BYTES_MAX) {
                     let bytes = rgba.slice(start..rgba.len().min(start + CHUNK_BYTES_MAX));
-                    let part = ImageChunk { id, index: index as u32, bytes };
+                    let part = ReplyChunk { id, index: index as u32, bytes };
                     if link
                         .pieces
-                        .send(polyptych_codec::encode(&MessageToClient::Picture(part)))
+                        .send(polyptych_codec::encode(&MessageToClient::Chunk(part)))
                         .await
                         .is_err()
                     {

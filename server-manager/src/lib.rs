@@ -22,6 +22,7 @@ mod region_search;
 pub mod replay;
 mod requests;
 mod run;
+pub mod scene_export;
 #[cfg(test)]
 mod scene_fixture;
 mod scene_index;

@@ -2,6 +2,7 @@
 
 mod capturing;
 mod clients;
+mod exporting;
 mod importing;
 mod metrics_snapshot;
 mod network;
@@ -181,6 +182,8 @@ struct EventLoop {
     progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),
     queries: Queries,
     scene_store: Option<saving::SharedStore>,
+    /// Exports that may begin.
+    exports: Arc<Semaphore>,
     allowed: BlobAllowlist,
     traffic: Traffic,
     /// Control bytes of frames in both directions, since the statistics were last reset.
@@ -237,6 +240,7 @@ impl EventLoop {
             progress: mpsc::channel(16),
             queries: Queries::new(blobs.clone()),
             scene_store,
+            exports: Arc::new(Semaphore::new(exporting::EXPORTS_MAX)),
             allowed,
             traffic: Traffic::default(),
             frame_bytes: 0,

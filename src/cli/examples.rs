@@ -52,6 +52,10 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ),
     ("scene save", &["polyptych scene save evening"]),
     ("scene list", &["polyptych scene list", "polyptych scene list --json"]),
+    (
+        "scene export",
+        &["polyptych scene export evening.glb", "polyptych scene export a.glb --saved evening"],
+    ),
     ("scene remove", &["polyptych scene remove evening"]),
     ("scene close", &["polyptych scene close"]),
     (

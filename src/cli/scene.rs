@@ -1,5 +1,7 @@
 //! `polyptych scene`: scenes made by code, and the one that is open.
 
+mod export;
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -24,6 +26,8 @@ pub(super) enum Scene {
     List(ListArguments),
     /// Forget a scene that was saved
     Remove(SaveArguments),
+    /// Write the open scene, as it was edited, as a .glb file on this machine
+    Export(export::ExportArguments),
     /// Put all of another file into the open scene
     Import(node::ImportArguments),
     /// Show no scene
@@ -77,6 +81,7 @@ pub(super) fn run(scene: &Scene) -> anyhow::Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         Scene::List(arguments) => list(arguments).map(|()| ExitCode::SUCCESS),
+        Scene::Export(arguments) => export::run(arguments),
         Scene::Import(arguments) => node::import(arguments),
         Scene::Close(manager) => {
             let client = manager.connect()?;

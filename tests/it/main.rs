@@ -35,6 +35,7 @@
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
 //! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
 //! - `tours`: the camera moves by itself, and films of it lose no frame
+//! - `scene_export`: scenes leave a wall as files, and come back as they were
 //! - `notes`: what of a scene is not drawn is said
 //! - `seen`: exit codes say who sees what a command did, and long ones how far they are
 //! - `report`: what a simulated wall writes, also where it ends early or is late
@@ -71,6 +72,7 @@ mod report;
 mod restarts;
 mod saved_scenes;
 mod scene_commands;
+mod scene_export;
 mod seams;
 mod seen;
 mod soak;

@@ -7,7 +7,7 @@ use polyptych_client::{
 };
 use polyptych_protocol::handshake::{Hello, Secret, Welcome};
 use polyptych_protocol::handshake_io::{Introduced, MessageStream, accept, receive_hello};
-use polyptych_protocol::request::{ImageChunk, MessageToClient, RequestError, RequestMessage};
+use polyptych_protocol::request::{MessageToClient, ReplyChunk, RequestError, RequestMessage};
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 
 pub const TOKEN: &str = "0123456789abcdef";
@@ -75,7 +75,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Manager<S> {
 
     pub async fn piece(&mut self, id: RequestId, index: u32, bytes: &[u8]) {
         let bytes = Bytes::copy_from_slice(bytes);
-        self.send(MessageToClient::Picture(ImageChunk { id, index, bytes })).await;
+        self.send(MessageToClient::Chunk(ReplyChunk { id, index, bytes })).await;
     }
 
     /// Answers each request as `answer` says, until the client closes.

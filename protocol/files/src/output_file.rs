@@ -9,6 +9,8 @@ use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
+use tempfile::NamedTempFile;
+
 /// Permissions of a new file, before the process's umask.
 const MODE: u32 = 0o644;
 
@@ -33,18 +35,54 @@ fn place(
     bytes: &[u8],
     finish: impl FnOnce(&File) -> io::Result<()>,
 ) -> io::Result<()> {
-    let (path, existing) = resolve(path)?;
-    let mode = existing.map_or(MODE, |facts| facts.permissions().mode() & 0o777);
-    let mut file = tempfile::Builder::new()
-        .permissions(Permissions::from_mode(MODE))
-        .tempfile_in(folder_of(&path))?;
+    let mut file = OutputFile::create(path)?;
     file.write_all(bytes)?;
-    if mode != MODE {
-        file.as_file().set_permissions(Permissions::from_mode(mode))?;
+    finish(file.file.as_file())?;
+    file.finish()
+}
+
+/// A file that is written in parts, and appears with [`OutputFile::finish`] or not at all.
+#[derive(Debug)]
+pub struct OutputFile {
+    file: NamedTempFile,
+    path: PathBuf,
+}
+
+impl OutputFile {
+    /// Begins a file as [`write()`] does.
+    ///
+    /// # Errors
+    /// The reasons of [`check`], or the system's reason.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        let (path, existing) = resolve(path)?;
+        let mode = existing.map_or(MODE, |facts| facts.permissions().mode() & 0o777);
+        let file = tempfile::Builder::new()
+            .permissions(Permissions::from_mode(MODE))
+            .tempfile_in(folder_of(&path))?;
+        if mode != MODE {
+            file.as_file().set_permissions(Permissions::from_mode(mode))?;
+        }
+        Ok(Self { file, path })
     }
-    finish(file.as_file())?;
-    file.persist(&path).map_err(|error| error.error)?;
-    Ok(())
+
+    /// Puts the file in its place.
+    ///
+    /// # Errors
+    /// The system's reason.
+    pub fn finish(self) -> io::Result<()> {
+        self.file.persist(&self.path).map_err(|error| error.error)?;
+        Ok(())
+    }
+}
+
+impl Write for OutputFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
 }
 
 /// Checks that a file can be written at this path: nothing is there, or a regular file, or a

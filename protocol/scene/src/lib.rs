@@ -6,6 +6,7 @@
 
 mod edit;
 mod features;
+pub mod glb;
 pub mod limits;
 mod material;
 mod mesh;
@@ -31,6 +32,10 @@ pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 use crate::limits::{DRAWS_MAX, LIT_DRAWS_MAX, MANIFEST_BYTES_MAX, NOTE_BYTES_MAX, NOTES_MAX};
 use polyptych_codec::{DecodeError, decode_within};
 use polyptych_files::blob::BlobHash;
+
+/// The beginning of the note that a scene's lights set the exposure. They do not where it comes
+/// into another scene.
+pub const EXPOSURE_NOTE: &str = "lit in real units";
 
 /// A whole scene: nodes, and the lists that they point into.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

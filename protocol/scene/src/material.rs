@@ -97,7 +97,7 @@ impl Material {
     }
 
     /// The same to change them, those that it has.
-    pub(crate) fn textures_mut(&mut self) -> impl Iterator<Item = &mut TextureRef> {
+    pub fn textures_mut(&mut self) -> impl Iterator<Item = &mut TextureRef> {
         [
             &mut self.base_color_texture,
             &mut self.metallic_roughness_texture,

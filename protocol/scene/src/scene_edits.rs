@@ -240,6 +240,20 @@ impl SceneEdits {
     /// what hangs from it, is left out; parents stand before their children, and otherwise nodes
     /// in the order of their numbers. Added meshes whose manifest is not given are empty.
     pub fn apply_to(&self, base: &Scene, added: &AssetManifests) -> (Scene, Vec<NodeId>) {
+        self.applied(base, added, false)
+    }
+
+    /// As [`SceneEdits::apply_to`], with what is hidden.
+    pub fn apply_with_hidden(&self, base: &Scene, added: &AssetManifests) -> (Scene, Vec<NodeId>) {
+        self.applied(base, added, true)
+    }
+
+    fn applied(
+        &self,
+        base: &Scene,
+        added: &AssetManifests,
+        with_hidden: bool,
+    ) -> (Scene, Vec<NodeId>) {
         // Without its nodes, which may be a million.
         let mut scene = Scene {
             name: base.name.clone(),
@@ -260,7 +274,7 @@ impl SceneEdits {
                 slot.clone_from(to);
             }
         }
-        let ids = self.placed(base, &mut scene, false);
+        let ids = self.placed(base, &mut scene, with_hidden);
         (scene, ids)
     }
 

@@ -89,7 +89,8 @@ impl Cluster {
             | Request::SaveScene { .. }
             | Request::FindWay(_)
             | Request::ListSavedScenes
-            | Request::RemoveSavedScene { .. } => {
+            | Request::RemoveSavedScene { .. }
+            | Request::ExportScene { .. } => {
                 return Err("this manager answers no questions".into());
             }
             Request::Edit(transaction) => return self.edit_scene(now, job, transaction),

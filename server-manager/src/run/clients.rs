@@ -93,6 +93,7 @@ impl EventLoop {
                         | Request::RemoveSavedScene { .. }) => {
                             self.ask_saved_scenes(from, id, request);
                         }
+                        Request::ExportScene { saved } => self.export(from, id, saved),
                         Request::FindNodes(query) => self.query(from, id, Query::Nodes(query)),
                         Request::CastRay(query) => self.query(from, id, Query::Ray(query)),
                         Request::FindInRegion(query) => {

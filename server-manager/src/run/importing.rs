@@ -103,7 +103,8 @@ impl EventLoop {
         }
     }
 
-    fn refuse(&mut self, job: ClientRequest, reason: String) {
+    /// Answers a request with the reason why it is not done.
+    pub(super) fn refuse(&mut self, job: ClientRequest, reason: String) {
         let reply = Err(RequestError::new(reason));
         self.answer(job.client, MessageToClient::Reply { id: job.id, reply });
     }

@@ -11,14 +11,16 @@ use super::EventLoop;
 use super::querying::{Answered, Found};
 use crate::scene_store::{SceneStore, StoredScene};
 
+/// The reason where there is no store of scenes.
+pub(super) const NO_STORE: &str =
+    "this wall keeps no state, so it keeps no scenes; start its manager with `polyptych manager`";
+
 impl EventLoop {
     /// Does what a client asks of the saved scenes.
     pub(super) fn ask_saved_scenes(&mut self, client: SessionId, id: RequestId, request: Request) {
         let job = ClientRequest { client, id };
         let Some(store) = self.scene_store.clone() else {
-            let reason = "this wall keeps no state, so it keeps no scenes; start its manager with \
-                          `polyptych manager`";
-            let refused = Answered::new(job, Err(reason.to_owned()));
+            let refused = Answered::new(job, Err(NO_STORE.to_owned()));
             return self.handle_found(Found::Answer(refused));
         };
         let scene = match request {

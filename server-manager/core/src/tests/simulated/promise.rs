@@ -177,7 +177,7 @@ impl InvariantChecker {
                     && failure.reason.starts_with("nothing has changed");
                 Ok(())
             }
-            MessageToClient::Picture(_)
+            MessageToClient::Chunk(_)
             | MessageToClient::Goodbye(_)
             | MessageToClient::Progress { .. }
             | MessageToClient::Warning { .. } => Ok(()),

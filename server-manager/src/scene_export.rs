@@ -1,0 +1,431 @@
+//! A scene as it stands, as a binary glTF file.
+//!
+//! Vertices and indices are copied as their blobs have them, textures are PNG of their largest
+//! level, and transforms are the scene's own f64. The baker makes the same scene of it again, but
+//! for what the notes say, and for the numbers of nodes, meshes and materials.
+
+mod description;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::{self, BufWriter, Read, Seek, Write};
+use std::path::Path;
+use std::sync::Arc;
+
+use bytes::Bytes;
+use glam::{DAffine3, DVec3};
+use polyptych_core::EditedScene;
+use polyptych_files::blob::{BlobHash, BlobStore};
+use polyptych_protocol::exported_scene::ExportedScene;
+use polyptych_scene::glb::{
+    AccessorDesc, Component, GlbWriter, JsonList, ViewTarget, is_decomposable, material_json,
+    quoted,
+};
+use polyptych_scene::{
+    AssetManifests, IndexFormat, NodeId, Primitive, Scene, SceneEdits, Topology, VertexLayout,
+};
+use polyptych_text::counted;
+
+use crate::import::read_scene;
+use description::{NodeJson, light_json, sampler_json};
+
+/// Writes a scene into a nameless file in `folder`, and returns its description and all of its
+/// bytes. Calls `step` with the percentage that is done; `false` ends it.
+///
+/// # Errors
+/// The blob that is missing, the disk's reason, or that the file would be too large.
+pub fn write(
+    scene: &EditedScene,
+    store: &BlobStore,
+    folder: &Path,
+    step: &mut dyn FnMut(u8) -> bool,
+) -> Result<(ExportedScene, impl Read + Send + use<>), String> {
+    let cannot = |error: io::Error| {
+        format!("the file of the export cannot be written in {}: {error}", folder.display())
+    };
+    let base = read_scene(store, scene.scene.manifest)?;
+    let mut added = AssetManifests::new();
+    for set in scene.edits.assets() {
+        added.insert(set.manifest, Arc::new(read_scene(store, set.manifest)?));
+    }
+    let (whole, ids) = scene.edits.apply_with_hidden(&base, &added);
+    drop((base, added));
+    let binary = tempfile::tempfile_in(folder).map_err(cannot)?;
+    let mut writer = SceneWriter::new(&whole, store, BufWriter::new(binary), step);
+    let written = writer.write(&ids, &scene.edits).and_then(|lists| {
+        let (notes, file) = (std::mem::take(&mut writer.notes), writer.file);
+        let (head, binary) = lists.finish(file)?;
+        let mut binary = binary.into_inner().map_err(|error| error.into_error())?;
+        binary.rewind()?;
+        let bytes = head.len() as u64 + binary.metadata()?.len();
+        let about = ExportedScene {
+            name: scene.scene.name.clone(),
+            bytes,
+            nodes: ids.len() as u64,
+            meshes: lists.meshes.len().into(),
+            textures: lists.textures.len().into(),
+            notes,
+        };
+        Ok((about, io::Cursor::new(head).chain(binary)))
+    });
+    written.map_err(|error| match error {
+        ExportError::Io(error) => cannot(error),
+        ExportError::Other(reason) => reason,
+    })
+}
+
+/// Why a file cannot be written.
+enum ExportError {
+    /// The disk says so.
+    Io(io::Error),
+    /// For a person.
+    Other(String),
+}
+
+impl From<io::Error> for ExportError {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+/// The lists of the JSON.
+#[derive(Debug, Default)]
+struct Lists {
+    scenes: JsonList,
+    nodes: JsonList,
+    meshes: JsonList,
+    materials: JsonList,
+    textures: JsonList,
+    samplers: JsonList,
+    images: JsonList,
+    lights: JsonList,
+}
+
+impl Lists {
+    fn finish<W: Write>(&self, file: GlbWriter<W>) -> io::Result<(Vec<u8>, W)> {
+        let lists = [
+            ("scenes", &self.scenes),
+            ("nodes", &self.nodes),
+            ("meshes", &self.meshes),
+            ("materials", &self.materials),
+            ("textures", &self.textures),
+            ("samplers", &self.samplers),
+            ("images", &self.images),
+        ];
+        let lights = format!(r#"{{"KHR_lights_punctual":{}}}"#, self.lights.as_member("lights"));
+        file.finish(&lists, (!self.lights.is_empty()).then_some(&lights))
+    }
+}
+
+/// What of a mesh has its zero at one place, as a mesh of the file.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    origin: DVec3,
+    mesh: u32,
+}
+
+/// A file under way.
+struct SceneWriter<'a> {
+    scene: &'a Scene,
+    store: &'a BlobStore,
+    file: GlbWriter<BufWriter<File>>,
+    step: &'a mut dyn FnMut(u8) -> bool,
+    /// Bytes of blobs that are in the file, and of all that will be.
+    done: u64,
+    total: u64,
+    notes: Vec<String>,
+    /// Attributes and indices of primitives that are in the file.
+    geometry: BTreeMap<(BlobHash, VertexLayout, u32), String>,
+}
+
+impl<'a> SceneWriter<'a> {
+    fn new(
+        scene: &'a Scene,
+        store: &'a BlobStore,
+        binary: BufWriter<File>,
+        step: &'a mut dyn FnMut(u8) -> bool,
+    ) -> Self {
+        let (notes, geometry) = (Vec::new(), BTreeMap::new());
+        let file = GlbWriter::new(binary);
+        Self { scene, store, file, step, done: 0, total: 0, notes, geometry }
+    }
+
+    fn write(&mut self, ids: &[NodeId], edits: &SceneEdits) -> Result<Lists, ExportError> {
+        let scene = self.scene;
+        let is_drawn = |mesh: &u32| {
+            scene.meshes.get(*mesh as usize).is_some_and(|mesh| !mesh.primitives.is_empty())
+        };
+        let meshes: BTreeSet<u32> =
+            scene.nodes.iter().filter_map(|node| node.mesh).filter(is_drawn).collect();
+        let primitives = || meshes.iter().flat_map(|mesh| &scene.meshes[*mesh as usize].primitives);
+        let materials: BTreeSet<u32> = primitives().filter_map(|of| of.material).collect();
+        let textures: BTreeSet<u32> = materials
+            .iter()
+            .flat_map(|material| scene.materials[*material as usize].textures())
+            .map(|of| of.texture)
+            .collect();
+        let sizes = textures.iter().map(|texture| scene.textures[*texture as usize].bytes());
+        self.total = primitives().map(Primitive::bytes).chain(sizes).sum();
+
+        let mut lists = Lists::default();
+        let textures = self.textures(&textures, &mut lists)?;
+        let materials = self.materials(&materials, &textures, &mut lists);
+        let mut parts = BTreeMap::new();
+        for mesh in meshes {
+            parts.insert(mesh, self.mesh(mesh, &materials, &mut lists)?);
+        }
+        self.nodes(ids, edits, &parts, &mut lists)?;
+        self.notes.push("the sky and the exposure are not in the file".to_owned());
+        Ok(lists)
+    }
+
+    /// Reads a blob of a size that the manifest says.
+    fn blob(&mut self, hash: BlobHash, bytes: u64) -> Result<Bytes, ExportError> {
+        let percent = (self.done.min(self.total) * 100 / self.total.max(1)) as u8;
+        if !(self.step)(percent) {
+            return Err(ExportError::Other("nobody waits for the export any more".to_owned()));
+        }
+        self.done += bytes;
+        let other = ExportError::Other;
+        let blob = self.store.read(hash).map_err(|error| other(error.to_string()))?;
+        let blob = blob.ok_or_else(|| other(format!("blob {hash} is not in the store")))?;
+        if blob.len() as u64 != bytes {
+            let reason = format!("blob {hash} has {} bytes instead of {bytes}", blob.len());
+            return Err(other(reason));
+        }
+        Ok(blob)
+    }
+
+    /// Writes these textures; returns the new number of each.
+    fn textures(
+        &mut self,
+        used: &BTreeSet<u32>,
+        lists: &mut Lists,
+    ) -> Result<BTreeMap<u32, u32>, ExportError> {
+        let (mut images, mut samplers) = (BTreeMap::new(), BTreeMap::new());
+        let mut numbers = BTreeMap::new();
+        for &number in used {
+            let texture = &self.scene.textures[number as usize];
+            let key = (texture.blob, texture.width, texture.height);
+            let image = if let Some(&image) = images.get(&key) {
+                image
+            } else {
+                let blob = self.blob(texture.blob, texture.bytes())?;
+                let image = self.file.picture(&png(texture.width, texture.height, &blob)?)?;
+                let image = lists.images.push(&image);
+                images.insert(key, image);
+                image
+            };
+            let json = sampler_json(&texture.sampler);
+            let next = lists.samplers.len();
+            let sampler = *samplers.entry(json.clone()).or_insert(next);
+            if sampler == next {
+                lists.samplers.push(&json);
+            }
+            let json = format!(r#"{{"sampler":{sampler},"source":{image}}}"#);
+            numbers.insert(number, lists.textures.push(&json));
+        }
+        Ok(numbers)
+    }
+
+    /// Describes these materials; returns the new number of each.
+    fn materials(
+        &mut self,
+        used: &BTreeSet<u32>,
+        textures: &BTreeMap<u32, u32>,
+        lists: &mut Lists,
+    ) -> BTreeMap<u32, u32> {
+        let mut numbers = BTreeMap::new();
+        let mut sheared = 0;
+        for &number in used {
+            let mut material = self.scene.materials[number as usize].clone();
+            sheared += material.textures().filter(|of| !is_decomposable(&of.uv_transform)).count();
+            for of in material.textures_mut() {
+                of.texture = textures.get(&of.texture).copied().unwrap_or_default();
+            }
+            let json = material_json(&material, &mut self.file);
+            numbers.insert(number, lists.materials.push(&json));
+        }
+        if sheared > 0 {
+            let textures = counted(sheared, "texture");
+            self.notes.push(format!("materials: {textures} are sheared, which glTF cannot say"));
+        }
+        numbers
+    }
+
+    /// Writes a mesh, in a part for each place where vertices have their zero.
+    fn mesh(
+        &mut self,
+        number: u32,
+        materials: &BTreeMap<u32, u32>,
+        lists: &mut Lists,
+    ) -> Result<Vec<Part>, ExportError> {
+        let mesh = &self.scene.meshes[number as usize];
+        let mut parts: Vec<(DVec3, JsonList)> = Vec::new();
+        for primitive in &mesh.primitives {
+            let mut json = self.geometry(primitive)?;
+            if let Some(material) = primitive.material.and_then(|of| materials.get(&of)) {
+                json += &format!(r#","material":{material}"#);
+            }
+            let json = format!("{{{json}}}");
+            match parts.iter_mut().find(|(origin, _)| *origin == primitive.origin) {
+                Some((_, list)) => drop(list.push(&json)),
+                None => {
+                    let mut list = JsonList::default();
+                    list.push(&json);
+                    parts.push((primitive.origin, list));
+                }
+            }
+        }
+        let name = if mesh.name.is_empty() {
+            String::new()
+        } else {
+            format!(r#""name":{},"#, quoted(&mesh.name))
+        };
+        let part = |(origin, list): (DVec3, JsonList)| {
+            let members = list.as_member("primitives");
+            let json = format!("{{{name}{}", members.trim_start_matches('{'));
+            Part { origin, mesh: lists.meshes.push(&json) }
+        };
+        Ok(parts.into_iter().map(part).collect())
+    }
+
+    /// Copies the vertices and indices of a primitive; returns the members that describe them.
+    fn geometry(&mut self, of: &Primitive) -> Result<String, ExportError> {
+        let key = (of.blob, of.layout, of.vertex_count);
+        if let Some(known) = self.geometry.get(&key) {
+            return Ok(known.clone());
+        }
+        let blob = self.blob(of.blob, of.bytes())?;
+        let (vertices, indices) = blob.split_at(of.vertex_bytes() as usize);
+        let layout = of.layout;
+        let view = self.file.view(ViewTarget::Vertices(layout.stride()), vertices)?;
+        let file = &mut self.file;
+        let mut attribute = |name: &str, offset: u32, width: u32, bounds| {
+            let (component, count) = (Component::F32, of.vertex_count);
+            let at = AccessorDesc { view, offset, component, count, width, bounds };
+            format!(r#""{name}":{}"#, file.accessor(&at))
+        };
+        let mut attributes = vec![
+            attribute("POSITION", 0, 3, Some((of.min, of.max))),
+            attribute("NORMAL", 12, 3, None),
+        ];
+        if layout.tangent {
+            attributes.push(attribute("TANGENT", VertexLayout::TANGENT_OFFSET, 4, None));
+        }
+        // The sets of glTF begin at 0: one that stands for nothing has the other's values.
+        let first = if layout.uv0 { layout.uv0_offset() } else { layout.uv1_offset() };
+        if layout.uv0 || layout.uv1 {
+            attributes.push(attribute("TEXCOORD_0", first, 2, None));
+        }
+        if layout.uv1 {
+            attributes.push(attribute("TEXCOORD_1", layout.uv1_offset(), 2, None));
+        }
+        if layout.color {
+            attributes.push(attribute("COLOR_0", layout.color_offset(), 4, None));
+        }
+        let view = self.file.view(ViewTarget::Indices, indices)?;
+        let component = match of.index_format {
+            IndexFormat::U16 => Component::U16,
+            IndexFormat::U32 => Component::U32,
+        };
+        let count = of.index_count;
+        let indices = AccessorDesc { view, offset: 0, component, count, width: 1, bounds: None };
+        let indices = self.file.accessor(&indices);
+        let mode = match of.topology {
+            Topology::Points => 0,
+            Topology::Lines => 1,
+            Topology::Triangles => 4,
+        };
+        let attributes = attributes.join(",");
+        let json = format!(r#""attributes":{{{attributes}}},"indices":{indices},"mode":{mode}"#);
+        self.geometry.insert(key, json.clone());
+        Ok(json)
+    }
+
+    /// Writes all nodes, in their order.
+    fn nodes(
+        &mut self,
+        ids: &[NodeId],
+        edits: &SceneEdits,
+        parts: &BTreeMap<u32, Vec<Part>>,
+        lists: &mut Lists,
+    ) -> Result<(), ExportError> {
+        let nodes = &self.scene.nodes;
+        let (mut roots, mut children) = (JsonList::default(), vec![Vec::new(); nodes.len()]);
+        let (mut lights, mut further) = (BTreeMap::new(), Vec::new());
+        for (index, node) in (0u32..).zip(nodes) {
+            match node.parent {
+                Some(parent) => children[parent as usize].push(index),
+                None => drop(roots.push(&index.to_string())),
+            }
+        }
+        for ((node, id), mut children) in nodes.iter().zip(ids).zip(children) {
+            let edits = edits.node(*id);
+            let mut json = NodeJson { name: &node.name, local: node.local, ..NodeJson::default() };
+            json.is_hidden = edits.is_some_and(|edits| edits.is_hidden);
+            json.attributes = edits.map(|edits| &edits.attributes);
+            json.light = node.light.map(|light| {
+                let of = &self.scene.lights[light as usize];
+                *lights.entry(light).or_insert_with(|| lists.lights.push(&light_json(of)))
+            });
+            for part in node.mesh.and_then(|mesh| parts.get(&mesh)).into_iter().flatten() {
+                if part.origin == DVec3::ZERO {
+                    json.mesh = Some(part.mesh);
+                    continue;
+                }
+                // Nodes of its own, which stand where its zero is.
+                let zero = DAffine3::from_translation(part.origin);
+                let places: Vec<DAffine3> =
+                    node.instances.iter().map(|of| place_of(of) * zero).collect();
+                for local in if places.is_empty() { vec![zero] } else { places } {
+                    children.push((nodes.len() + further.len()) as u32);
+                    further.push(NodeJson { local, mesh: Some(part.mesh), ..NodeJson::default() });
+                }
+            }
+            if json.mesh.is_some() && !node.instances.is_empty() {
+                json.instances = Some(description::instances(&mut self.file, &node.instances)?);
+            }
+            lists.nodes.push(&json.to_json(&children, &mut self.file));
+        }
+        for node in further {
+            lists.nodes.push(&node.to_json(&[], &mut self.file));
+        }
+        if !lists.lights.is_empty() {
+            self.file.use_extension("KHR_lights_punctual");
+        }
+        let name = quoted(&self.scene.name);
+        let nodes = roots.as_member("nodes");
+        let comma = if roots.is_empty() { "" } else { "," };
+        let scene = format!(r#"{{"name":{name}{comma}{}"#, nodes.trim_start_matches('{'));
+        lists.scenes.push(&scene);
+        Ok(())
+    }
+}
+
+/// A node's space from that of one of its copies.
+fn place_of(of: &polyptych_scene::Instance) -> DAffine3 {
+    DAffine3::from_scale_rotation_translation(
+        of.scale.as_dvec3(),
+        of.rotation.as_dquat(),
+        of.translation.as_dvec3(),
+    )
+}
+
+/// The largest level of a texture as a PNG file.
+fn png(width: u32, height: u32, levels: &[u8]) -> Result<Vec<u8>, ExportError> {
+    let pixels = levels.get(..width as usize * height as usize * 4).unwrap_or_default();
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, width, height);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Fast);
+    let written = encoder.write_header().and_then(|mut writer| {
+        writer.write_image_data(pixels)?;
+        writer.finish()
+    });
+    written.map_err(|error| ExportError::Other(format!("a texture is no picture: {error}")))?;
+    Ok(file)
+}
