@@ -71,6 +71,20 @@ pub struct BakedAssets {
     pub materials: u32,
     /// How many there are.
     pub textures: u32,
+    /// What of their file is not drawn, or not as it is there; see
+    /// [`polyptych_scene::Scene::notes`].
+    #[serde(deserialize_with = "text_of_peer")]
+    pub notes: Vec<String>,
+}
+
+impl NewAssets {
+    /// Takes the notes out of assets that were baked.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        match &mut self.source {
+            AssetSource::Baked(baked) => std::mem::take(&mut baked.notes),
+            AssetSource::Glb(_) | AssetSource::File(_) => Vec::new(),
+        }
+    }
 }
 
 /// The numbers that assets got: the first of each kind; the others follow.

@@ -7,7 +7,7 @@ use glam::DAffine3;
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::transaction::{AssetSource, BakedAssets, NewAssets, Transaction};
 use polyptych_scene::limits::NODE_NAME_BYTES_MAX;
-use polyptych_scene::{NewNode, Scene, provisional_asset};
+use polyptych_scene::{EXPOSURE_NOTE, NewNode, Scene, provisional_asset};
 
 use crate::import::{self, Baker};
 
@@ -52,6 +52,7 @@ pub(crate) async fn bake(
         primitives: scene.meshes.iter().map(|mesh| mesh.primitives.len() as u32).collect(),
         materials: scene.materials.len() as u32,
         textures: scene.textures.len() as u32,
+        notes: scene.notes.into_iter().filter(|note| !note.starts_with(EXPOSURE_NOTE)).collect(),
     });
     transaction.assets = Some(NewAssets { source, below: None });
     Ok((transaction, blobs))

@@ -19,7 +19,7 @@ use polyptych_client::{
 use polyptych_text::printable;
 use serde_json::{Value, json};
 
-use super::remote::path_from_here;
+use super::remote::{path_from_here, say_notes};
 use super::seen::Seen;
 use super::{ManagerAddress, say};
 
@@ -273,6 +273,7 @@ impl Editor {
             };
             let revision = edited.revision;
             say(format_args!("{made}revision {revision}, {}", seen.in_words()))?;
+            say_notes(&edited.notes)?;
         }
         Ok(seen.conclude())
     }
@@ -285,6 +286,7 @@ fn in_json(edited: &Edited) -> Value {
         "first_mesh": edited.assets.map(|numbers| numbers.first_mesh),
         "frame": edited.feedback.frame.0,
         "is_complete": edited.feedback.is_complete(),
+        "notes": edited.notes,
     })
 }
 

@@ -214,8 +214,13 @@ fn assets_that_cannot_be_are_refused_and_the_wall_stays() {
         gltf.json["meshes"][0]["primitives"][0]["material"] = json!(0);
     });
     // A client must not name blobs of the manager by itself.
-    let baked =
-        BakedAssets { manifest: BlobHash([7; 32]), primitives: vec![1], materials: 0, textures: 0 };
+    let baked = BakedAssets {
+        manifest: BlobHash([7; 32]),
+        primitives: vec![1],
+        materials: 0,
+        textures: 0,
+        notes: Vec::new(),
+    };
     let nothing = NewNode { local: DAffine3::IDENTITY, ..NewNode::default() };
     let cases = [
         (showing(AssetSource::Glb(b"no file".as_slice().into()), mesh), "the assets"),

@@ -50,7 +50,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::Vec3;
 use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash, BlobStore};
 use polyptych_scene::limits::MANIFEST_BYTES_MAX;
-use polyptych_scene::{self, Mesh, Node, Scene};
+use polyptych_scene::{self, EXPOSURE_NOTE, Mesh, Node, Scene};
 use serde::{Deserialize, Serialize};
 
 pub use bake_cache::BakeCache;
@@ -277,7 +277,7 @@ impl BakeJob<'_> {
             // The sky is ours, and stays as bright beside what it lights.
             scene.sky /= exposure;
             self.warn(&format!(
-                "lit in real units: exposure set to {exposure}; --exposure changes it"
+                "{EXPOSURE_NOTE}: exposure set to {exposure}; --exposure changes it"
             ));
         }
         scene.notes = std::mem::take(&mut self.notes).into_lines();

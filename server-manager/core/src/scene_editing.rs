@@ -34,6 +34,8 @@ pub(super) struct EditWaiter {
     created: Vec<NodeId>,
     /// The numbers of the assets that it brings.
     assets: Option<AssetNumbers>,
+    /// What of their file is not drawn.
+    notes: Vec<String>,
 }
 
 /// What an edit changes.
@@ -250,7 +252,7 @@ impl SceneEditing {
         if let Some(known) = self.accepted.assets_of(baked.manifest) {
             return Ok(known.clone());
         }
-        let BakedAssets { manifest, primitives, materials, textures } = baked;
+        let BakedAssets { manifest, primitives, materials, textures, .. } = baked;
         let counts = [materials, textures];
         let set = outline.place_assets(&self.accepted, manifest, primitives, counts);
         let set = set.map_err(|error| error.to_string())?;
@@ -342,7 +344,7 @@ impl Cluster {
         &mut self,
         now: Micros,
         job: ClientRequest,
-        transaction: Transaction,
+        mut transaction: Transaction,
     ) -> Result<Option<Response>, String> {
         if transaction.edits.is_empty() && transaction.assets.is_none() {
             return Err("a transaction has one edit or more".into());
@@ -363,11 +365,12 @@ impl Cluster {
         }
         self.changes.expect_room()?;
         let is_temporary = transaction.is_temporary;
+        let notes = transaction.assets.as_mut().map(NewAssets::take_notes).unwrap_or_default();
         let Accepted { edits, created, assets } = self.editing.accept(transaction)?;
         if is_temporary && !created.is_empty() {
             self.editing.temporary.entry(job.client).or_default().extend(&created);
         }
-        let waiter = EditWaiter { job, asked_at: self.frame, created, assets };
+        let waiter = EditWaiter { job, asked_at: self.frame, created, assets, notes };
         self.request_edits(now, edits, Some(waiter));
         Ok(None)
     }
@@ -472,10 +475,10 @@ impl Cluster {
         let (frame, shown) = (feedback.frame, feedback.revision);
         let waiters = &mut self.editing.waiters;
         let seen: Vec<_> = waiters.extract_if(.., |(of, _)| *of <= shown).collect();
-        for (revision, EditWaiter { job, asked_at, created, assets }) in seen {
+        for (revision, EditWaiter { job, asked_at, created, assets, notes }) in seen {
             let frames = frame.0.saturating_sub(asked_at.0);
             let feedback = feedback.clone();
-            let edited = Edited { revision, created, assets, frames, feedback };
+            let edited = Edited { revision, created, assets, frames, feedback, notes };
             self.reply(job, Ok(Response::Edited(edited)));
         }
     }

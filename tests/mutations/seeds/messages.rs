@@ -6,6 +6,7 @@ use polyptych_codec::encode;
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
 use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
+use polyptych_protocol::exported_scene::ExportedScene;
 use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Edited, FrameFeedback,
     Quantiles, Skew, Statistics, Tuned, WallStatus,
@@ -22,7 +23,7 @@ use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::{OpenProgress, Opening};
 use polyptych_protocol::request::{
-    self, CaptureInfo, ImageChunk, ImageInfo, Pacing, Request, RequestError, RequestMessage,
+    self, CaptureInfo, ImageInfo, Pacing, ReplyChunk, Request, RequestError, RequestMessage,
     Response, SceneSummary,
 };
 use polyptych_protocol::saved_scene::SavedScene;
@@ -279,6 +280,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::RemoveSavedScene { name: "evening".into() },
         Request::FollowNode(follow()),
         Request::FindWay(way()),
+        Request::ExportScene { saved: Some("evening".into()) },
     ];
     let requests = requests.into_iter().chain(regions().map(Request::FindInRegion));
     let call = |(request, id)| RequestMessage { id: RequestId(id), request };
@@ -416,6 +418,15 @@ fn answers() -> Vec<request::MessageToClient> {
             assets: None,
             frames: 1,
             feedback: feedback(),
+            notes: vec!["animations: 1 is not played".into()],
+        })),
+        Ok(Response::Exported(ExportedScene {
+            name: "evening".into(),
+            bytes: 1 << 20,
+            nodes: 300,
+            meshes: 20,
+            textures: 3,
+            notes: vec!["materials: 1 is sheared".into()],
         })),
         Ok(Response::Tuned(Tuned { revision: Revision(3), frames: 1, feedback: feedback() })),
         Ok(Response::ServersStopped(request::StoppedServers {
@@ -440,10 +451,10 @@ fn answers() -> Vec<request::MessageToClient> {
         Ok(Response::Way(Box::new(walked()))),
         Err(RequestError::new("no such scene")),
     ];
-    let part = ImageChunk { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };
+    let part = ReplyChunk { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };
     let others = [
         request::MessageToClient::Feedback(feedback()),
-        request::MessageToClient::Picture(part),
+        request::MessageToClient::Chunk(part),
         request::MessageToClient::Progress { id, progress: OpenProgress::NONE },
         request::MessageToClient::Warning { id, warning: "the disk is full".into() },
         request::MessageToClient::Goodbye(Goodbye::Ended),

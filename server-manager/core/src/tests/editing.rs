@@ -290,6 +290,7 @@ fn bringing(manifest: u8, meshes: u32) -> Transaction {
         primitives: vec![1; meshes as usize],
         materials: 1,
         textures: 0,
+        notes: vec![format!("file {manifest}: a note")],
     };
     let mut transaction = Transaction::default().with_assets(AssetSource::Baked(assets));
     let mesh = Some(provisional_asset(meshes - 1));
@@ -305,6 +306,7 @@ fn assets_have_numbers_behind_all_others_and_go_when_nothing_uses_them() {
         stage.prepare_all();
         stage.draw(&[0], 1_000);
         let edited = stage.edited(id).expect("an answer").clone();
+        assert!(edited.notes.len() == 1 && edited.notes[0].ends_with(": a note"), "{edited:?}");
         (edited.assets.map(|of| (of.first_mesh, of.first_material)), edited.created[0])
     };
     let (first, one) = numbers(&mut stage, bringing(1, 2));
