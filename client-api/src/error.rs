@@ -246,6 +246,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::Nearest(_) => "the nearest point",
         Response::SavedScenes(_) => "saved scenes",
         Response::Way(_) => "a way",
+        Response::Layers(_) => "layers",
         Response::Exported(_) => "an exported scene",
     };
     ClientError::WrongAnswer { request, answer }

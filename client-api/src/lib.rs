@@ -78,8 +78,8 @@ pub use polyptych_protocol::feedback::{Edited, Tuned};
 pub use polyptych_protocol::follow::Follow;
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 pub use polyptych_protocol::node_query::{
-    NODES_MAX, NearestPoint, NearestQuery, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery,
-    RegionQuery,
+    LayerInfo, NODES_MAX, NearestPoint, NearestQuery, NodeInfo, NodeKind, NodePage, NodeQuery,
+    RayHit, RayQuery, RegionQuery,
 };
 pub use polyptych_protocol::output_mode::OutputMode;
 pub use polyptych_protocol::pattern::TestPattern;
@@ -97,7 +97,7 @@ pub use polyptych_protocol::walk_query::{
 };
 pub use polyptych_scene::{
     AlphaMode, Attribute, Bounds, Edit, Light, LightKind, Material, NewNode, NodeId, SceneFeatures,
-    TextureRef, Topology, provisional_asset,
+    SceneSubset, TextureRef, Topology, provisional_asset,
 };
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;

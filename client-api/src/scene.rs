@@ -3,13 +3,15 @@
 use glam::DVec2;
 use polyptych_protocol::feedback::Edited;
 use polyptych_protocol::node_query::{
-    NODES_MAX, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
+    LayerInfo, NODES_MAX, NodeInfo, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
 };
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Request, Response, SceneSummary};
 use polyptych_protocol::transaction::Transaction;
+use polyptych_scene::{NodeId, SceneSubset};
 use polyptych_wall::pick_ray::PickError;
 use polyptych_wall::region::{Region, Relation};
+use polyptych_wall::view::View;
 use tokio::sync::watch;
 
 use crate::client::Client;
@@ -140,6 +142,17 @@ impl Client {
         }
     }
 
+    /// Returns the layers of the open scene, by name.
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::Failed`] where no scene is open.
+    pub async fn layers(&self) -> Result<Vec<LayerInfo>, ClientError> {
+        match self.request(Request::ListLayers).await? {
+            Response::Layers(layers) => Ok(layers),
+            other => Err(wrong_answer("list the layers", &other)),
+        }
+    }
+
     /// Returns what a ray meets first in the open scene, if anything.
     ///
     /// # Errors
@@ -159,9 +172,14 @@ impl Client {
     /// [`ClientError`]; [`ClientError::Failed`] where no scene is open, or there is no such pixel.
     pub async fn pick(&self, screen: &str, pixel: DVec2) -> Result<Option<RayHit>, ClientError> {
         let (wall, presentation) = (self.wall().await?, self.presentation().await?);
-        let ray = wall.pick_ray(&presentation.all_views(), &presentation.head, screen, pixel);
+        let views = presentation.all_views();
+        let ray = wall.pick_ray(&views, &presentation.head, screen, pixel);
         let failed =
             |error: PickError| ClientError::Failed { request: "pick", reason: error.to_string() };
-        self.cast_ray(RayQuery { ray: ray.map_err(failed)?, max_distance: None }).await
+        let view = wall.view_at(&views, screen, pixel).cloned();
+        let subset = view.map_or_else(SceneSubset::default, |View { root, layers, .. }| {
+            SceneSubset { root: root.map(NodeId), layers }
+        });
+        self.cast_ray(RayQuery { subset, ..RayQuery::new(ray.map_err(failed)?) }).await
     }
 }

@@ -115,7 +115,7 @@ impl Client {
         }
         let ray = Ray { origin: from + direction * margin, direction };
         let max_distance = Some(length - 2.0 * margin);
-        let hit = self.cast_ray(RayQuery { ray, max_distance }).await?;
+        let hit = self.cast_ray(RayQuery { max_distance, ..RayQuery::new(ray) }).await?;
         Ok(hit.map(|hit| RayHit { distance: hit.position.distance(from), ..hit }))
     }
 
@@ -137,7 +137,7 @@ impl Client {
         // From a little higher, so that ground that the point lies in is met.
         let origin = point + DVec3::Y * (END_SHARE * point.abs().max_element());
         let ray = Ray { origin, direction: DVec3::NEG_Y };
-        let hit = self.cast_ray(RayQuery { ray, max_distance: None }).await?;
+        let hit = self.cast_ray(RayQuery::new(ray)).await?;
         Ok(hit.map(|hit| RayHit { distance: (point.y - hit.position.y).max(0.0), ..hit }))
     }
 }

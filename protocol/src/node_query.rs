@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::{DAffine3, DVec3};
-use polyptych_scene::{Attribute, Bounds, Light, NodeId};
+use polyptych_scene::{Attribute, Bounds, Light, NodeId, SceneSubset};
 use polyptych_text::text_of_peer;
 use polyptych_wall::pick_ray::Ray;
 use polyptych_wall::region::{Region, Relation};
@@ -26,10 +26,29 @@ pub struct NodeQuery {
     pub below: Option<NodeId>,
     /// That have an attribute of this key, and of this value where one is given.
     pub attribute: Option<(String, Option<Attribute>)>,
+    /// In this layer, their own or that of the nearest node above them that has one.
+    pub layer: Option<String>,
+    /// Of this kind.
+    pub kind: Option<NodeKind>,
     /// How many of those found are left out, from the first: the next page begins there.
     pub skip: u64,
     /// How many are given at most; more than [`NODES_MAX`] are never.
     pub count: u32,
+}
+
+/// A kind of node, by what it shows. A node with a mesh and a light is of both kinds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum NodeKind {
+    /// It has a mesh with triangles.
+    Mesh,
+    /// It has a mesh with lines.
+    Lines,
+    /// It has a mesh with points.
+    Points,
+    /// It has a light.
+    Light,
+    /// It has neither a mesh nor a light.
+    Empty,
 }
 
 /// A node as it stands.
@@ -58,15 +77,44 @@ pub struct NodeInfo {
     pub attributes: BTreeMap<String, Attribute>,
     /// Around its mesh in all its places, in world space.
     pub bounds: Option<Bounds>,
+    /// The layer that it was put into itself.
+    #[serde(deserialize_with = "text_of_peer")]
+    pub own_layer: Option<String>,
+    /// The layer that it is in: its own, or that of the nearest node above it that has one.
+    #[serde(deserialize_with = "text_of_peer")]
+    pub layer: Option<String>,
+    /// The only one of its children that is shown; `None` for all.
+    pub switch: Option<NodeId>,
+}
+
+/// A layer of the open scene.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LayerInfo {
+    /// Its name.
+    #[serde(deserialize_with = "text_of_peer")]
+    pub name: String,
+    /// The number of nodes in it, those that inherit it among them.
+    pub nodes: u64,
+    /// Whether the wall's own picture shows it.
+    pub visible: bool,
 }
 
 /// A question for what a ray meets.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RayQuery {
     /// In world space.
     pub ray: Ray,
     /// The length of the ray, in world units; endless where `None`.
     pub max_distance: Option<f64>,
+    /// The part of the scene that it can meet.
+    pub subset: SceneSubset,
+}
+
+impl RayQuery {
+    /// A question for what an endless ray meets of what the wall's own picture shows.
+    pub fn new(ray: Ray) -> Self {
+        Self { ray, max_distance: None, subset: SceneSubset::default() }
+    }
 }
 
 /// The first triangle that a ray meets, from either side.

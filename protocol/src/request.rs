@@ -20,7 +20,7 @@ use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::follow::Follow;
 use crate::ids::{FrameId, RequestId, Revision};
 use crate::node_query::{
-    NearestPoint, NearestQuery, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
+    LayerInfo, NearestPoint, NearestQuery, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
 };
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
@@ -176,6 +176,8 @@ pub enum Request {
         /// The name that it was saved under; the open scene if not given.
         saved: Option<String>,
     },
+    /// Asks for the layers of the open scene.
+    ListLayers,
 }
 
 impl Request {
@@ -219,6 +221,7 @@ impl Request {
             Self::FollowNode(_) => "follow the node",
             Self::FindWay(_) => "find a way",
             Self::ExportScene { .. } => "export the scene",
+            Self::ListLayers => "list the layers",
         }
     }
 }
@@ -306,6 +309,8 @@ pub enum Response {
     Way(Box<WalkedWay>),
     /// To [`Request::ExportScene`]: the file that was sent before this.
     Exported(ExportedScene),
+    /// To [`Request::ListLayers`]: by name.
+    Layers(Vec<LayerInfo>),
 }
 
 impl Response {
@@ -322,7 +327,8 @@ impl Response {
             | Self::Tour(_)
             | Self::SavedScenes(_)
             | Self::Way(_)
-            | Self::Exported(_) => false,
+            | Self::Exported(_)
+            | Self::Layers(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)

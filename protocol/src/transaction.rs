@@ -183,6 +183,22 @@ impl Transaction {
         self.edits.push(Edit::SetAttribute { node, key: key.into(), value });
     }
 
+    /// Puts a node, with all that hangs from it and has no layer of its own, into a layer; `None`
+    /// into that of its parent.
+    pub fn set_layer(&mut self, node: NodeId, layer: Option<&str>) {
+        self.edits.push(Edit::SetLayer { node, layer: layer.map(str::to_owned) });
+    }
+
+    /// Shows or hides all nodes of a layer, but in views that choose layers of their own.
+    pub fn set_layer_visible(&mut self, layer: impl Into<String>, visible: bool) {
+        self.edits.push(Edit::SetLayerVisible { layer: layer.into(), visible });
+    }
+
+    /// Shows only one of the nodes that hang from a node; `None` for all.
+    pub fn set_switch(&mut self, node: NodeId, shown: Option<NodeId>) {
+        self.edits.push(Edit::SetSwitch { node, shown });
+    }
+
     /// Gives a material of the scene, by its index, another look.
     pub fn set_material(&mut self, material: u32, to: Material) {
         self.edits.push(Edit::SetMaterial { material, to: Box::new(to) });

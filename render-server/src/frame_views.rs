@@ -3,7 +3,7 @@
 use glam::{DMat3, DMat4, DVec3};
 use polyptych_protocol::command::Frame;
 use polyptych_renderer::ViewDesc;
-use polyptych_scene::Scene;
+use polyptych_scene::{NodeId, Scene, SceneSubset};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::limits::VIEWS_MAX;
 use polyptych_wall::view::{View, ViewProjection, ViewRect};
@@ -43,6 +43,7 @@ impl ViewTransform {
             viewport: self.viewport,
             scissor: None,
             exposure: frame.presentation.exposure,
+            subset: SceneSubset { root: view.root.map(NodeId), layers: view.layers.clone() },
         }
     }
 }

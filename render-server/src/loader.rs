@@ -18,7 +18,7 @@ use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::server_message::{Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_renderer::{ContentPlace, SceneLayout};
-use polyptych_scene::{AssetManifests, AssetSet, Scene, SceneFeatures};
+use polyptych_scene::{AssetManifests, AssetSet, NodeTraits, Scene, SceneFeatures};
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
@@ -352,18 +352,20 @@ impl Loader {
             let read = || self.manifest(*manifest, "what was added", &stores, line).map(Arc::new);
             added.insert(*manifest, known.map_or_else(read, Ok)?);
         }
-        let (edited, _) = replica.edits.apply_to(&base, &added);
+        let (edited, ids) = replica.edits.apply_to(&base, &added);
+        let traits = replica.edits.traits(&edited.nodes, ids);
         if let Some(fault) = edited.fault() {
             return Err(format!("scene {} as it was edited: {fault}", scene.name));
         }
         let features = SceneFeatures::from_scene(&edited);
         let warm_up = frame_views::warm_up_camera(&edited);
         if before.is_some_and(|before| before.added.keys().eq(added.keys())) {
-            let layout = self.layout(edited, line)?;
+            let layout = self.layout(edited, &traits, line)?;
             self.upload(Upload::Relayout(Arc::clone(&layout)))?;
             return Ok(ReadyScene { version, base, added, layout, features, warm_up });
         }
-        let (layout, held) = (self.layout(edited, line)?, before.map(|before| &*before.layout));
+        let (layout, held) =
+            (self.layout(edited, &traits, line)?, before.map(|before| &*before.layout));
         let missing = layout.content_beyond(held);
         self.upload(Upload::Begin { layout: Arc::clone(&layout), shares: held.is_some() })?;
         for (blob, place) in missing {
@@ -394,8 +396,13 @@ impl Loader {
         }
     }
 
-    fn layout(&self, scene: Scene, line: &LoaderLink) -> Result<Arc<SceneLayout>, String> {
-        let layout = SceneLayout::new(scene, &|| self.fault(line).is_some());
+    fn layout(
+        &self,
+        scene: Scene,
+        traits: &NodeTraits,
+        line: &LoaderLink,
+    ) -> Result<Arc<SceneLayout>, String> {
+        let layout = SceneLayout::with_traits(scene, traits, &|| self.fault(line).is_some());
         layout.map(Arc::new).map_err(|error| match self.fault(line) {
             Some(fault) => fault.to_owned(),
             None => error.to_string(),

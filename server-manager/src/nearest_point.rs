@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use glam::{DAffine3, DVec3};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::node_query::{NearestPoint, NearestQuery};
-use polyptych_scene::Bounds;
+use polyptych_scene::{Bounds, SceneSubset};
 use polyptych_wall::limits::REGION_REACH_MAX;
 use polyptych_wall::triangle_distance::nearest_on_triangle;
 
@@ -45,7 +45,7 @@ pub(crate) fn nearest(
         return Err(format!("the point may be {wrong} away; give a distance of 0 or more"));
     }
     let mut candidates = Vec::new();
-    walk.scene.visit_meshes(|node, bounds, world| {
+    walk.scene.visit_meshes(&SceneSubset::default(), |node, bounds, world| {
         let distance = distance_of_box(point, bounds, world);
         candidates.push(Candidate { distance, node, world: *world });
     });

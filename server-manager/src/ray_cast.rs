@@ -34,7 +34,7 @@ pub(crate) fn cast(
     query: &RayQuery,
     revision: Revision,
 ) -> Result<Option<RayHit>, String> {
-    let RayQuery { ray, max_distance } = *query;
+    let RayQuery { ray, max_distance, ref subset } = *query;
     let length = ray.direction.length();
     if !(ray.origin.is_finite() && length.is_finite() && length > 0.0) {
         return Err("a ray has a finite origin, and a finite direction that is not 0".into());
@@ -43,7 +43,7 @@ pub(crate) fn cast(
         return Err("the distance that a ray may go is 0 or more".into());
     }
     let mut candidates = Vec::new();
-    scene.visit_meshes(|node, bounds, world| {
+    scene.visit_meshes(subset, |node, bounds, world| {
         if let Some(enters) = enters(&local(&ray, world), bounds) {
             candidates.push(Candidate { enters, node, world: *world });
         }

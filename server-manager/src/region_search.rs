@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use glam::DAffine3;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::node_query::{NodePage, RegionQuery};
-use polyptych_scene::Bounds;
+use polyptych_scene::{Bounds, SceneSubset};
 use polyptych_wall::region::{BoxPlace, RegionTest, Relation};
 
 use crate::mesh_walk::{MeshWalk, world_box};
@@ -23,7 +23,7 @@ pub(crate) fn find_in_region(
     revision: Revision,
 ) -> Result<NodePage, String> {
     let test = RegionTest::new(&query.region).map_err(|error| error.to_string())?;
-    let shown = walk.scene.shown();
+    let shown = walk.scene.shown(&SceneSubset::default());
     walk.scene.find(&query.nodes, revision, |node| {
         if !shown[node] || !walk.scene.primitives(node).iter().any(has_triangles) {
             return Ok(false);

@@ -1,5 +1,7 @@
 //! The open scene as it stands, for questions about it.
 
+mod shown;
+
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
@@ -9,8 +11,8 @@ use polyptych_protocol::node_query::{
     NODE_TEXT_BYTES_MAX, NODES_MAX, NodeInfo, NodePage, NodeQuery,
 };
 use polyptych_scene::{
-    AssetManifests, Attribute, Bounds, Light, Mesh, Node, NodeEdits, NodeId, Primitive, Scene,
-    SceneEdits,
+    AssetManifests, Attribute, Bounds, Light, Mesh, Node, NodeEdits, NodeId, NodeTraits, Primitive,
+    Scene, SceneEdits, SceneSubset,
 };
 
 use crate::import::read_scene;
@@ -28,8 +30,8 @@ pub(crate) struct SceneIndex {
     /// Parents before their children; hidden ones too.
     nodes: Vec<Node>,
     lights: Vec<Light>,
-    /// The number of each node.
-    ids: Vec<NodeId>,
+    /// The number of each node, and the layers.
+    traits: NodeTraits,
     /// World space from each node's space.
     world: Vec<DAffine3>,
 }
@@ -66,7 +68,8 @@ impl SceneIndex {
             let parent = node.parent.map(|parent| world[parent as usize]);
             world.push(parent.map_or(node.local, |parent| parent * node.local));
         }
-        Ok(Arc::new(Self { manifest, base, added, meshes, edits, nodes, lights, ids, world }))
+        let traits = edits.traits(&nodes, ids);
+        Ok(Arc::new(Self { manifest, base, added, meshes, edits, nodes, lights, traits, world }))
     }
 
     /// The nodes that a query asks for, of those whose index is `wanted`.
@@ -82,9 +85,11 @@ impl SceneIndex {
         let below = query.below.map(|node| self.below(node)).transpose()?;
         let is_found = |at: &usize| {
             below.as_ref().is_none_or(|below| below[*at])
+                && query.layer.as_ref().is_none_or(|layer| self.layer(*at) == Some(layer.as_str()))
+                && query.kind.is_none_or(|kind| self.is_of_kind(*at, kind))
                 && query.name.as_ref().is_none_or(|name| self.nodes[*at].name == *name)
                 && query.attribute.as_ref().is_none_or(|(key, value)| {
-                    let edits = self.edits.node(self.ids[*at]);
+                    let edits = self.edits.node(self.id(*at));
                     let has = edits.and_then(|edits| edits.attributes.get(key));
                     has.is_some_and(|has| value.as_ref().is_none_or(|value| has == value))
                 })
@@ -117,7 +122,7 @@ impl SceneIndex {
 
     /// The number of a node by its index.
     pub fn id(&self, at: usize) -> NodeId {
-        self.ids[at]
+        self.traits.ids[at]
     }
 
     /// Returns the name of a node, by its index.
@@ -132,21 +137,14 @@ impl SceneIndex {
         mesh.map_or(&[], |mesh| &mesh.primitives)
     }
 
-    /// For each node, whether it is shown: neither it nor a node above it is hidden.
-    pub fn shown(&self) -> Vec<bool> {
-        let mut shown: Vec<bool> = Vec::with_capacity(self.nodes.len());
-        for (at, node) in self.nodes.iter().enumerate() {
-            let is_hidden = self.edits.node(self.ids[at]).is_some_and(|edits| edits.is_hidden);
-            let above = node.parent.is_none_or(|parent| shown[parent as usize]);
-            shown.push(above && !is_hidden);
-        }
-        shown
-    }
-
-    /// Visits every mesh in every place where it is shown: the index of its node, its box in its
+    /// Visits every mesh in every place where a part of the scene shows it: the index of its node, its box in its
     /// own space, and world space from there.
-    pub fn visit_meshes(&self, mut visit: impl FnMut(usize, &Bounds, &DAffine3)) {
-        let shown = self.shown();
+    pub fn visit_meshes(
+        &self,
+        subset: &SceneSubset,
+        mut visit: impl FnMut(usize, &Bounds, &DAffine3),
+    ) {
+        let shown = self.shown(subset);
         for at in (0..self.nodes.len()).filter(|at| shown[*at]) {
             if let Some(own) = mesh_bounds(self.primitives(at)) {
                 self.places(at).for_each(|place| visit(at, &own, &place));
@@ -171,7 +169,7 @@ impl SceneIndex {
 
     /// For each node, whether it is this one or hangs from it.
     fn below(&self, node: NodeId) -> Result<Vec<bool>, String> {
-        let top = self.ids.iter().position(|id| *id == node);
+        let top = self.traits.ids.iter().position(|id| *id == node);
         let top =
             top.ok_or_else(|| format!("there is no {node}; it was removed, or never made"))?;
         let mut below: Vec<bool> = Vec::with_capacity(self.nodes.len());
@@ -183,12 +181,12 @@ impl SceneIndex {
     }
 
     fn info(&self, at: usize) -> NodeInfo {
-        let (node, id) = (&self.nodes[at], self.ids[at]);
+        let (node, id) = (&self.nodes[at], self.id(at));
         let edits = self.edits.node(id);
         let up = std::iter::successors(node.parent, |at| self.nodes[*at as usize].parent);
         NodeInfo {
             id,
-            parent: node.parent.map(|parent| self.ids[parent as usize]),
+            parent: node.parent.map(|parent| self.id(parent as usize)),
             name: node.name.clone(),
             depth: up.count() as u32,
             local: node.local,
@@ -198,6 +196,9 @@ impl SceneIndex {
             light: node.light.and_then(|light| self.lights.get(light as usize)).cloned(),
             attributes: edits.map(|of: &NodeEdits| of.attributes.clone()).unwrap_or_default(),
             bounds: self.bounds(at),
+            own_layer: edits.and_then(|edits| edits.layer.clone()),
+            layer: self.layer(at).map(str::to_owned),
+            switch: edits.and_then(|edits| edits.switch),
         }
     }
 

@@ -11,6 +11,7 @@ use polyptych_protocol::node_query::{NearestPoint, NearestQuery, RayHit, RayQuer
 use polyptych_protocol::walk_query::{
     Touched, WAY_POINTS_MAX, WalkEnd, WalkQuery, WalkedWay, Walker,
 };
+use polyptych_scene::SceneSubset;
 use polyptych_wall::limits::REGION_REACH_MAX;
 use polyptych_wall::pick_ray::Ray;
 
@@ -63,7 +64,9 @@ impl Surroundings for (&MeshWalk<'_>, Revision) {
         self.0.check_time()?;
         let ray = Ray { origin: point, direction: DVec3::NEG_Y };
         let MeshWalk { scene, cache, store, .. } = self.0;
-        let found = cast(scene, cache, store, &RayQuery { ray, max_distance: depth }, self.1)?;
+        let subset = SceneSubset::default();
+        let query = RayQuery { ray, max_distance: depth, subset };
+        let found = cast(scene, cache, store, &query, self.1)?;
         Ok(found.map(|RayHit { node, name, position, distance, .. }| Contact {
             distance,
             place: Touched { node, name, position },

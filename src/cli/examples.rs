@@ -42,7 +42,10 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ("query sphere", &["polyptych query sphere 12,30,-8 5 --json"]),
     ("query prism", &["polyptych query prism 0,30 \"0,0 40,0 40,10 10,10 10,40 0,40\""]),
     ("query frustum", &["polyptych query frustum front 100,80 400,300 --below /house"]),
-    ("scene tree", &["polyptych scene tree", "polyptych scene tree --below /house --json"]),
+    (
+        "scene tree",
+        &["polyptych scene tree --below /house --json", "polyptych scene tree --layer plan-a"],
+    ),
     (
         "scene import",
         &[
@@ -57,6 +60,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         &["polyptych scene export evening.glb", "polyptych scene export a.glb --saved evening"],
     ),
     ("scene remove", &["polyptych scene remove evening"]),
+    ("scene layer", &["polyptych scene layer", "polyptych scene layer night hide"]),
     ("scene close", &["polyptych scene close"]),
     (
         "node add",
@@ -70,6 +74,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         &[
             "polyptych node set /house/door rotation=80,0,0",
             "polyptych node set 12 visible=false attribute.note=broken",
+            "polyptych node set /house layer=plan-a switch=roof",
         ],
     ),
     ("node move", &["polyptych node move sign /tower", "polyptych node move 12 /"]),
@@ -101,6 +106,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         &[
             "polyptych view add 0,400,0 0,0,0 --up 0,0,-1 --ortho 250 --rect 0,0,960,1080",
             "polyptych view add 40,25,90 0,5,0 --fov 40 --screen front",
+            "polyptych view add 40,25,90 0,5,0 --layers night --root /harbour --rect 960,0,960,1080",
         ],
     ),
     ("view list", &["polyptych view list", "polyptych view list --json"]),

@@ -1,6 +1,7 @@
 //! `polyptych node`, `transaction` and `scene tree`: the open scene of a running wall, read and
 //! changed.
 
+mod layer;
 mod node_change;
 mod shape;
 
@@ -9,6 +10,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, anyhow, bail};
+pub(super) use layer::{LayerArguments, layers};
 use node_change::NodeChange;
 pub(super) use node_change::rotation;
 use polyptych_client::blocking::Client;
@@ -51,7 +53,7 @@ struct Target {
 #[derive(Debug, clap::Args)]
 pub(super) struct AddArguments {
     /// What it is: name=TEXT position=X,Y,Z rotation=YAW,PITCH,ROLL scale=S visible=true
-    /// mesh=INDEX attribute.KEY=VALUE; a new mesh is mesh=box:X,Y,Z, sphere:RADIUS,
+    /// mesh=INDEX layer=NAME attribute.KEY=VALUE; a new mesh is mesh=box:X,Y,Z, sphere:RADIUS,
     /// cylinder:RADIUS,HEIGHT, cone:LOW,HIGH,HEIGHT, rectangle:WIDTH,HEIGHT, line:X,Y,Z,… or
     /// points:X,Y,Z,… with color=#RRGGBB
     #[arg(value_name = "KEY=VALUE")]
@@ -67,7 +69,8 @@ pub(super) struct AddArguments {
 pub(super) struct SetArguments {
     /// The node, by its number, its path such as /house/door, or the end of its path
     node: String,
-    /// As of `node add`; what is not given stays as it is
+    /// As of `node add`, and switch=CHILD, which shows only this of the nodes that hang from it,
+    /// or switch=all; what is not given stays as it is
     #[arg(required = true, value_name = "KEY=VALUE")]
     words: Vec<String>,
     #[command(flatten)]
@@ -110,6 +113,12 @@ pub(super) struct TreeArguments {
     /// Only nodes of this name
     #[arg(long)]
     name: Option<String>,
+    /// Only nodes in this layer, their own or that of a node above them
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+    /// Only nodes of this kind
+    #[arg(long, value_name = "KIND")]
+    kind: Option<layer::Kind>,
     /// Print JSON: all that is known of each node
     #[arg(long)]
     json: bool,
@@ -173,6 +182,16 @@ impl Editor {
         find(self.nodes()?, meant)
     }
 
+    /// The node that is meant by the name of one that hangs from a node, or as by [`Self::node`].
+    fn child(&mut self, of: NodeId, meant: &str) -> anyhow::Result<NodeId> {
+        let nodes = self.nodes()?.iter();
+        let called = nodes.filter(|child| child.parent == Some(of) && child.name == meant);
+        match called.map(|child| child.id).collect::<Vec<_>>()[..] {
+            [child] => Ok(child),
+            _ => self.node(meant),
+        }
+    }
+
     /// `None` for the scene itself.
     fn parent(&mut self, meant: &str) -> anyhow::Result<Option<NodeId>> {
         if meant == "/" { Ok(None) } else { self.node(meant).map(Some) }
@@ -186,6 +205,9 @@ impl Editor {
     ) -> anyhow::Result<()> {
         let parent = parent.map(|parent| self.parent(parent)).transpose()?.flatten();
         change.take_shape(&mut self.assets)?;
+        if change.take_switch().is_some() {
+            bail!("nothing hangs from a node that is made; set its switch afterwards");
+        }
         let node = change.create(parent, &mut self.transaction);
         if let Some(name) = name {
             self.made.insert(name.to_owned(), node);
@@ -204,6 +226,10 @@ impl Editor {
                 known.ok_or_else(|| anyhow!("there is no {node} in the open scene"))?
             }
         };
+        if let Some(shown) = change.take_switch() {
+            let shown = shown.map(|child| self.child(node, &child)).transpose()?;
+            self.transaction.set_switch(node, shown);
+        }
         let place = change.edit(node, &local, &mut self.transaction);
         self.places.insert(node, place);
         Ok(())
@@ -384,6 +410,11 @@ pub(super) fn transaction(arguments: &TransactionArguments) -> anyhow::Result<Ex
     editor.commit(arguments.target.json)
 }
 
+/// The node of the open scene that is meant by a number or a path.
+pub(super) fn find_node(client: &Client, meant: &str) -> anyhow::Result<NodeId> {
+    Editor::new(client.clone())?.node(meant)
+}
+
 /// A query for nodes of a name, below one that is meant by its number or path.
 pub(super) fn query_for(
     client: &Client,
@@ -392,14 +423,16 @@ pub(super) fn query_for(
 ) -> anyhow::Result<NodeQuery> {
     let mut query = NodeQuery { name: name.map(str::to_owned), ..NodeQuery::default() };
     if let Some(below) = below {
-        query.below = Some(Editor::new(client.clone())?.node(below)?);
+        query.below = Some(find_node(client, below)?);
     }
     Ok(query)
 }
 
 pub(super) fn tree(arguments: &TreeArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
-    let query = query_for(&client, arguments.below.as_deref(), arguments.name.as_deref())?;
+    let mut query = query_for(&client, arguments.below.as_deref(), arguments.name.as_deref())?;
+    query.layer.clone_from(&arguments.layer);
+    query.kind = arguments.kind.map(layer::Kind::of_nodes);
     let nodes = client.find_all_nodes(query)?;
     if arguments.json {
         let nodes: Vec<Value> = nodes.iter().map(node_in_json).collect();
@@ -413,6 +446,8 @@ pub(super) fn tree(arguments: &TreeArguments) -> anyhow::Result<ExitCode> {
         facts.extend(node.mesh.map(|mesh| format!("mesh {mesh}")));
         facts.extend(node.light.as_ref().map(|_| "light".to_owned()));
         facts.extend((!node.visible).then(|| "hidden".to_owned()));
+        facts.extend(node.own_layer.as_ref().map(|layer| format!("layer {}", printable(layer))));
+        facts.extend(node.switch.map(|child| format!("shows only {child}")));
         facts.extend(node.attributes.iter().map(|(key, value)| {
             let value = match value {
                 Attribute::Bool(is) => is.to_string(),
@@ -437,6 +472,9 @@ pub(super) fn node_in_json(node: &NodeInfo) -> Value {
         "name": node.name,
         "depth": node.depth,
         "visible": node.visible,
+        "layer": node.layer,
+        "own_layer": node.own_layer,
+        "switch": node.switch.map(|child| child.0),
         "mesh": node.mesh,
         "light": node.light,
         "position": position,

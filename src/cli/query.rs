@@ -115,7 +115,8 @@ pub(super) fn run(query: &Query) -> anyhow::Result<ExitCode> {
         Query::Ray(arguments) => {
             let client = arguments.manager.connect()?;
             let ray = Ray { origin: arguments.origin, direction: arguments.direction };
-            let hit = client.cast_ray(RayQuery { ray, max_distance: arguments.max })?;
+            let hit =
+                client.cast_ray(RayQuery { max_distance: arguments.max, ..RayQuery::new(ray) })?;
             conclude(hit.as_ref(), arguments.json)
         }
         Query::Segment(arguments) => {

@@ -30,6 +30,8 @@ pub(super) enum Scene {
     Export(export::ExportArguments),
     /// Put all of another file into the open scene
     Import(node::ImportArguments),
+    /// List the layers of the open scene, or show or hide one
+    Layer(node::LayerArguments),
     /// Show no scene
     Close(ManagerAddress),
 }
@@ -83,6 +85,7 @@ pub(super) fn run(scene: &Scene) -> anyhow::Result<ExitCode> {
         Scene::List(arguments) => list(arguments).map(|()| ExitCode::SUCCESS),
         Scene::Export(arguments) => export::run(arguments),
         Scene::Import(arguments) => node::import(arguments),
+        Scene::Layer(arguments) => node::layers(arguments),
         Scene::Close(manager) => {
             let client = manager.connect()?;
             client.close_scene()?;

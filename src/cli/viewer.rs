@@ -6,10 +6,12 @@ use anyhow::{Context, bail};
 use polyptych_client::glam::DVec3;
 use polyptych_client::{Area, Camera, HeadPose, View, ViewProjection, Wall};
 
+use polyptych_text::printable;
+
 use super::remote::{field_of_view, numbers, point, positive};
 use super::seen::show;
 use super::stored_view::{self, GoArguments, NameArguments};
-use super::{ManagerAddress, say};
+use super::{ManagerAddress, node, say};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct EyeArguments {
@@ -124,6 +126,13 @@ struct AddArguments {
     #[arg(long, value_name = "DEGREES")]
     #[arg(value_parser = field_of_view, allow_hyphen_values = true)]
     fov: Option<f64>,
+    /// Show only this node of the scene and what hangs from it, by its number or path
+    #[arg(long, value_name = "NODE")]
+    root: Option<String>,
+    /// Show these layers and no others, whether the scene shows or hides them: NAME,NAME,…;
+    /// what is in no layer is always shown [default: as `scene layer` says]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    layers: Option<Vec<String>>,
     #[command(flatten)]
     manager: ManagerAddress,
 }
@@ -133,7 +142,11 @@ pub(super) fn view(arguments: &ViewArguments) -> anyhow::Result<ExitCode> {
         ViewCommand::Add(add) => {
             let client = add.manager.connect()?;
             let mut views = client.presentation()?.views;
-            views.push(add.view(&client.wall()?)?);
+            let mut view = add.view(&client.wall()?)?;
+            if let Some(root) = &add.root {
+                view.root = Some(node::find_node(&client, root)?.0);
+            }
+            views.push(view);
             client.set_views(views)?;
             show(&client)
         }
@@ -180,7 +193,11 @@ impl AddArguments {
             (None, None) => ViewProjection::Wall,
         };
         let camera = Camera::look_at(self.position, self.target, self.up).with_scale(self.scale);
-        Ok(View { projection, area: self.area(wall)?, ..View::of_wall(camera) })
+        let named = |layers: &Vec<String>| {
+            layers.iter().filter(|layer| !layer.is_empty()).cloned().collect()
+        };
+        let layers = self.layers.as_ref().map(named);
+        Ok(View { projection, area: self.area(wall)?, layers, ..View::of_wall(camera) })
     }
 
     fn area(&self, wall: &Wall) -> anyhow::Result<Area> {
@@ -216,7 +233,13 @@ fn line(view: &View, wall: &Wall) -> String {
         ViewProjection::Orthographic { height_m } => format!("a plan {height_m:.4} m high"),
     };
     let DVec3 { x, y, z } = view.camera.position;
-    format!("{area}: from {x:.4},{y:.4},{z:.4}, {projection}")
+    let root = view.root.map_or_else(String::new, |root| format!(", only node {root}"));
+    let layers = match view.layers.as_deref() {
+        None => String::new(),
+        Some([]) => ", no layers".to_owned(),
+        Some(layers) => format!(", layers {}", printable(&layers.join(", "))),
+    };
+    format!("{area}: from {x:.4},{y:.4},{z:.4}, {projection}{root}{layers}")
 }
 
 fn rectangle(text: &str) -> Result<[u32; 4], String> {

@@ -178,6 +178,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
         viewport: viewport.map(f64::from),
         scissor: None,
         exposure: 1.0,
+        subset: polyptych_scene::SceneSubset::default(),
     };
     let (whole, part) = (view([0, 0, SIZE[0], SIZE[1]]), view(plane.rect));
     let mut times = [const { Vec::new() }; 4];

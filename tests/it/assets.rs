@@ -118,7 +118,7 @@ fn a_mesh_from_arrays_is_the_picture_of_the_file_that_has_it() {
     let bounds = found.iter().find(|node| node.id == copy).and_then(|node| node.bounds);
     assert_eq!(bounds.map(|of| of.max), Some(DVec3::new(1.0, 1.0, 0.0)));
     let ray = Ray { origin: DVec3::new(0.2, 0.2, 5.0), direction: DVec3::NEG_Z };
-    let hit = client.cast_ray(RayQuery { ray, max_distance: None }).expect("asked");
+    let hit = client.cast_ray(RayQuery::new(ray)).expect("asked");
     assert_eq!(hit.map(|hit| (hit.node, hit.distance)), Some((copy, 5.0)));
     let mut gone = Transaction::default();
     gone.remove(copy);

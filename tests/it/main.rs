@@ -36,6 +36,7 @@
 //! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
 //! - `tours`: the camera moves by itself, and films of it lose no frame
 //! - `scene_export`: scenes leave a wall as files, and come back as they were
+//! - `layers`: layers, switches and views with a part of the scene of their own
 //! - `notes`: what of a scene is not drawn is said
 //! - `seen`: exit codes say who sees what a command did, and long ones how far they are
 //! - `report`: what a simulated wall writes, also where it ends early or is late
@@ -57,6 +58,7 @@ mod fullscreen;
 mod harness;
 #[path = "../hostile/hostile.rs"]
 mod hostile;
+mod layers;
 mod manager_kills;
 mod notes;
 mod observation;

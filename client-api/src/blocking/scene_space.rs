@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 use polyptych_protocol::node_query::{
-    NearestPoint, NearestQuery, NodeInfo, NodePage, NodeQuery, RayHit, RegionQuery,
+    LayerInfo, NearestPoint, NearestQuery, NodeInfo, NodePage, NodeQuery, RayHit, RegionQuery,
 };
 use polyptych_protocol::walk_query::{WalkQuery, WalkedWay};
 use polyptych_wall::region::{Region, Relation};
@@ -11,6 +11,14 @@ use super::{Client, wait};
 use crate::error::ClientError;
 
 impl Client {
+    /// Blocking version of [`crate::Client::layers`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn layers(&self) -> Result<Vec<LayerInfo>, ClientError> {
+        wait(self.inner.layers())
+    }
+
     /// Blocking version of [`crate::Client::find_in_region`].
     ///
     /// # Errors

@@ -200,10 +200,35 @@ pub enum Edit {
     AddAssets(Box<AssetSet>),
     /// Takes a set of them away, by the hash of its manifest; nothing uses it any more.
     RemoveAssets(BlobHash),
+    /// Puts a node, with all that hangs from it and has no layer of its own, into a layer.
+    SetLayer {
+        /// The node.
+        node: NodeId,
+        /// The name of the layer, not empty, at most [`crate::limits::NODE_NAME_BYTES_MAX`] bytes;
+        /// `None` for the layer of the node's parent.
+        layer: Option<String>,
+    },
+    /// Shows the nodes of a layer, or does not, in the wall's own picture and in views that choose
+    /// no layers of their own.
+    SetLayerVisible {
+        /// The name of a layer that nodes are in.
+        layer: String,
+        /// Whether its nodes are shown, where nothing else hides them.
+        visible: bool,
+    },
+    /// Shows only one of the nodes that hang from a node.
+    SetSwitch {
+        /// The node.
+        node: NodeId,
+        /// The child that is shown; `None` for all. Once it is removed or hangs elsewhere, none is
+        /// shown.
+        shown: Option<NodeId>,
+    },
 }
 
 impl Edit {
-    /// The node that it changes; `None` for a material or for assets.
+    /// The node that it changes; `None` for a material, for assets and for the visibility of a
+    /// layer.
     pub fn node(&self) -> Option<NodeId> {
         match self {
             Self::Create { node, .. }
@@ -214,8 +239,13 @@ impl Edit {
             | Self::SetName { node, .. }
             | Self::SetMesh { node, .. }
             | Self::SetLight { node, .. }
-            | Self::SetAttribute { node, .. } => Some(*node),
-            Self::SetMaterial { .. } | Self::AddAssets(_) | Self::RemoveAssets(_) => None,
+            | Self::SetAttribute { node, .. }
+            | Self::SetLayer { node, .. }
+            | Self::SetSwitch { node, .. } => Some(*node),
+            Self::SetMaterial { .. }
+            | Self::AddAssets(_)
+            | Self::RemoveAssets(_)
+            | Self::SetLayerVisible { .. } => None,
         }
     }
 
@@ -242,8 +272,16 @@ impl Edit {
             | Self::SetName { node, .. }
             | Self::SetMesh { node, .. }
             | Self::SetLight { node, .. }
-            | Self::SetAttribute { node, .. } => *node = number(*node)?,
-            Self::SetMaterial { .. } | Self::AddAssets(_) | Self::RemoveAssets(_) => {}
+            | Self::SetAttribute { node, .. }
+            | Self::SetLayer { node, .. } => *node = number(*node)?,
+            Self::SetSwitch { node, shown } => {
+                *node = number(*node)?;
+                *shown = shown.map(&mut number).transpose()?;
+            }
+            Self::SetMaterial { .. }
+            | Self::AddAssets(_)
+            | Self::RemoveAssets(_)
+            | Self::SetLayerVisible { .. } => {}
         }
         Ok(self)
     }

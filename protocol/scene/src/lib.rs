@@ -7,6 +7,7 @@
 mod edit;
 mod features;
 pub mod glb;
+mod layers;
 pub mod limits;
 mod material;
 mod mesh;
@@ -22,6 +23,7 @@ pub use edit::{
     AssetSet, Attribute, Edit, NewNode, NodeId, provisional_asset, provisional_asset_index,
 };
 pub use features::SceneFeatures;
+pub use layers::{Layers, NodeTraits, SceneSubset};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use node_extras::NodeExtras;

@@ -46,3 +46,7 @@ pub const DEPTH_MAX: usize = 256;
 /// Maximum number of transactions whose assets are in a scene at a time: an edit looks at all, and
 /// a server that joins reads a manifest for each.
 pub const ASSET_SETS_MAX: usize = 4096;
+
+/// Maximum number of layers of a scene, those that are hidden and have no nodes any more among them:
+/// a view chooses layers by one bit each.
+pub const LAYERS_MAX: usize = 64;

@@ -3,17 +3,21 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use glam::DAffine3;
 use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
-use crate::edit::{AssetSet, Attribute, Edit, NewNode, NodeId};
+use crate::edit::{AssetSet, Edit, NewNode, NodeId};
+use crate::layers::{Layers, SceneSubset};
 use crate::limits::{
-    ASSET_SETS_MAX, ATTRIBUTE_BYTES_MAX, ATTRIBUTES_MAX, DEPTH_MAX, DRAWS_MAX, EDITS_BYTES_MAX,
-    LIT_DRAWS_MAX, NODE_NAME_BYTES_MAX,
+    ASSET_SETS_MAX, DEPTH_MAX, DRAWS_MAX, EDITS_BYTES_MAX, LIT_DRAWS_MAX, NODE_NAME_BYTES_MAX,
 };
 use crate::scene_edits::SceneEdits;
-use crate::{Light, LightKind, Material, Scene};
+use crate::{Material, Scene};
+
+mod values;
+
+pub use values::check_attribute;
+use values::{check_layer, check_light, check_text, check_transform};
 
 /// A scene without what it looks like: some bytes for each node.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,14 +67,18 @@ pub enum EditError {
         /// What is wrong, and what would be right.
         what: String,
     },
+    /// A layer that no node is in, or a name that is none.
+    #[error("layer {layer}: {what}")]
+    Layer {
+        /// Its name.
+        layer: String,
+        /// What is wrong, and what would be right.
+        what: String,
+    },
     /// The scene would be too large.
     #[error("{0}")]
     TooLarge(String),
 }
-
-/// Largest distance by which a node may be moved, and factor by which it may scale; a factor's
-/// reciprocal is the smallest. Far beyond any unit.
-const SCALE_MAX: f64 = 1e18;
 
 /// Most meshes, materials or textures of a scene, those included that were added and are gone: an
 /// entry of each is kept.
@@ -154,6 +162,38 @@ impl SceneOutline {
                 )))
             }
             Edit::AddAssets(_) | Edit::RemoveAssets(_) => Ok(()),
+            Edit::SetLayer { .. } | Edit::SetLayerVisible { .. } | Edit::SetSwitch { .. } => {
+                self.check_shown(edits, edit)
+            }
+        }
+    }
+
+    /// As [`Self::check`], of edits that choose what is shown.
+    fn check_shown(&self, edits: &SceneEdits, edit: &Edit) -> Result<(), EditError> {
+        match edit {
+            Edit::SetLayer { node, layer } => {
+                self.expect_node(edits, *node)?;
+                let Some(layer) = layer else { return Ok(()) };
+                let fault = |what| EditError::Value { node: *node, what };
+                check_layer(edits.layers(), layer).map_err(fault)
+            }
+            Edit::SetLayerVisible { layer, visible } => {
+                if *visible || edits.layers().has(layer) {
+                    return Ok(());
+                }
+                Err(no_such_layer(edits.layers(), layer))
+            }
+            Edit::SetSwitch { node, shown } => {
+                self.expect_node(edits, *node)?;
+                let Some(child) = *shown else { return Ok(()) };
+                self.expect_node(edits, child)?;
+                if self.parent_of(edits, child) == Some(*node) {
+                    return Ok(());
+                }
+                let what = format!("its switch shows one of its children, and {child} is none");
+                Err(EditError::Value { node: *node, what })
+            }
+            _ => Ok(()),
         }
     }
 
@@ -263,6 +303,20 @@ impl SceneOutline {
         let up = std::iter::successors(Some(node), |node| self.parent_of(edits, *node));
         let way: Vec<NodeId> = up.take(DEPTH_MAX + 1).collect();
         way.iter().all(|node| self.has(edits, *node)).then_some(way)
+    }
+
+    /// Whether a part of the edited scene can be asked for.
+    ///
+    /// # Errors
+    /// Its root is not there, or no node is in one of its layers.
+    pub fn check_subset(&self, edits: &SceneEdits, subset: &SceneSubset) -> Result<(), EditError> {
+        if let Some(root) = subset.root {
+            self.expect_node(edits, root)?;
+        }
+        let layers = edits.layers();
+        let mut asked = subset.layers.iter().flatten();
+        let unknown = asked.find(|layer| !layers.has(layer));
+        unknown.map_or(Ok(()), |layer| Err(no_such_layer(layers, layer)))
     }
 
     /// Returns whether a node was not taken away itself.
@@ -377,89 +431,7 @@ impl SceneOutline {
     }
 }
 
-fn check_transform(local: &DAffine3) -> Result<(), String> {
-    if !local.is_finite() {
-        return Err("a transform is of finite numbers".to_owned());
-    }
-    let axes = [local.matrix3.x_axis, local.matrix3.y_axis, local.matrix3.z_axis];
-    let [x, y, z] = axes.map(glam::DVec3::length);
-    let range = SCALE_MAX.recip()..=SCALE_MAX;
-    // Relative to its axes, so that a small thing is not taken for a flat one.
-    let volume = local.matrix3.determinant().abs() / (x * y * z);
-    let is_near = local.translation.length() <= SCALE_MAX;
-    if is_near && [x, y, z].iter().all(|length| range.contains(length)) && volume > 1e-12 {
-        return Ok(());
-    }
-    Err("its transform is singular or beyond 1e18: give each axis a length and a direction of its \
-         own"
-    .to_owned())
-}
-
-fn check_text(what: &str, text: &str, bytes_max: usize) -> Result<(), String> {
-    if text.len() > bytes_max {
-        return Err(format!("{what} has {} bytes, where {bytes_max} can be", text.len()));
-    }
-    if text.chars().any(char::is_control) {
-        return Err(format!("{what} has no control characters"));
-    }
-    Ok(())
-}
-
-/// Checks an attribute for a node that has those which are known.
-///
-/// # Errors
-/// The limit that it breaks.
-pub fn check_attribute(
-    known: Option<&BTreeMap<String, Attribute>>,
-    key: &str,
-    value: Option<&Attribute>,
-) -> Result<(), String> {
-    if key.is_empty() {
-        return Err("an attribute has a key".to_owned());
-    }
-    check_text("an attribute's key", key, NODE_NAME_BYTES_MAX)?;
-    match value {
-        None => return Ok(()),
-        Some(Attribute::Number(number)) if !number.is_finite() => {
-            return Err(format!("attribute {key} is {number}, not a finite number"));
-        }
-        Some(Attribute::Text(text)) if text.len() > ATTRIBUTE_BYTES_MAX => {
-            let bytes = text.len();
-            return Err(format!(
-                "attribute {key} has {bytes} bytes, where {ATTRIBUTE_BYTES_MAX} can be"
-            ));
-        }
-        Some(_) => {}
-    }
-    let count = known.map_or(0, BTreeMap::len);
-    if count >= ATTRIBUTES_MAX && known.is_none_or(|known| !known.contains_key(key)) {
-        return Err(format!("it has {ATTRIBUTES_MAX} attributes already; forget some first"));
-    }
-    Ok(())
-}
-
-fn check_light(light: Option<&Light>) -> Result<(), String> {
-    let Some(light) = light else { return Ok(()) };
-    if !(light.color.is_finite() && light.color.min_element() >= 0.0) {
-        return Err(format!("a light's color is 0 or more in all three, not {}", light.color));
-    }
-    if !(light.intensity.is_finite() && light.intensity >= 0.0) {
-        return Err(format!("a light's intensity is 0 or more, not {}", light.intensity));
-    }
-    if light.range.is_some_and(|range| !(range.is_finite() && range > 0.0)) {
-        return Err("a light's range is a number above 0".to_owned());
-    }
-    match light.kind {
-        LightKind::Spot { inner_rad, outer_rad }
-            if !(0.0 <= inner_rad
-                && inner_rad < outer_rad
-                && outer_rad <= std::f32::consts::FRAC_PI_2) =>
-        {
-            Err(format!(
-                "a spot's half angles are 0 ≤ inner < outer ≤ π/2 rad, not {inner_rad} and \
-                 {outer_rad}"
-            ))
-        }
-        _ => Ok(()),
-    }
+fn no_such_layer(layers: &Layers, layer: &str) -> EditError {
+    let what = format!("no node is in it; of layers {}", layers.list());
+    EditError::Layer { layer: layer.to_owned(), what }
 }

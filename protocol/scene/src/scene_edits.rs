@@ -11,6 +11,7 @@ use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
 use crate::edit::{AssetSet, Attribute, Edit, NewNode, NodeId};
+use crate::layers::Layers;
 use crate::{Light, Material, Mesh, Node, Scene};
 
 /// The manifests of assets that were added to a scene.
@@ -23,14 +24,15 @@ pub struct SceneEdits {
     materials: BTreeMap<u32, Material>,
     /// Assets that were added, by manifest.
     assets: BTreeMap<BlobHash, AssetSet>,
+    layers: Layers,
     /// A sum over the fingerprints of all entries, so that a change costs what it changes.
     fingerprint: u64,
     /// The same over their encoded sizes.
     bytes: u64,
 }
 
-/// What differs of one node; `None` for what is as its file has it. Of nodes that were made, all
-/// but what is hidden and noted stands in `created`.
+/// What differs of one node; `None` for what is as its file has it. Of nodes that were made,
+/// `created` has all that [`NewNode`] has.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NodeEdits {
     /// As it stands; `None` for nodes of the file.
@@ -51,6 +53,10 @@ pub struct NodeEdits {
     pub light: Option<Option<Light>>,
     /// What is noted about it.
     pub attributes: BTreeMap<String, Attribute>,
+    /// The layer that it was put into; `None` for that of its parent.
+    pub layer: Option<String>,
+    /// The only one of its children that is shown; `None` for all.
+    pub switch: Option<NodeId>,
 }
 
 impl NodeEdits {
@@ -83,7 +89,12 @@ impl NodeEdits {
                 self.attributes.insert(key, value);
             }
             Edit::SetAttribute { key, value: None, .. } => drop(self.attributes.remove(&key)),
-            Edit::SetMaterial { .. } | Edit::AddAssets(_) | Edit::RemoveAssets(_) => {}
+            Edit::SetLayer { layer, .. } => self.layer = layer,
+            Edit::SetSwitch { shown, .. } => self.switch = shown,
+            Edit::SetMaterial { .. }
+            | Edit::AddAssets(_)
+            | Edit::RemoveAssets(_)
+            | Edit::SetLayerVisible { .. } => {}
         }
     }
 }
@@ -105,6 +116,8 @@ pub enum Replaced {
     Material(u32, Option<Material>),
     /// The entry of assets; `None` where there was none.
     Assets(BlobHash, Option<AssetSet>),
+    /// Whether a layer was hidden.
+    Layer(String, bool),
 }
 
 /// Makes a list as long as this number says, if it is shorter.
@@ -126,7 +139,10 @@ fn measure(entry: Option<impl Serialize>) -> (u64, u64) {
 impl SceneEdits {
     /// Returns whether the scene is as its file has it.
     pub fn is_empty(&self) -> bool {
-        self.nodes.is_empty() && self.materials.is_empty() && self.assets.is_empty()
+        self.nodes.is_empty()
+            && self.materials.is_empty()
+            && self.assets.is_empty()
+            && self.layers.is_empty()
     }
 
     /// A number that two with the same changes share, and others hardly ever.
@@ -159,6 +175,11 @@ impl SceneEdits {
         self.assets.get(&manifest)
     }
 
+    /// The layers of the scene.
+    pub fn layers(&self) -> &Layers {
+        &self.layers
+    }
+
     /// Assets that nothing uses any more: no node shows one of their meshes, and no material that
     /// was changed has one of their textures.
     pub fn unused_assets(&self) -> Vec<BlobHash> {
@@ -188,6 +209,9 @@ impl SceneEdits {
                 return self.replace(Replaced::Assets(set.manifest, Some(*set)));
             }
             Edit::RemoveAssets(manifest) => return self.replace(Replaced::Assets(manifest, None)),
+            Edit::SetLayerVisible { layer, visible } => {
+                return self.replace(Replaced::Layer(layer, !visible));
+            }
             _ => {}
         }
         let Some(node) = edit.node() else { return Replaced::Material(u32::MAX, None) };
@@ -203,10 +227,16 @@ impl SceneEdits {
         let old = match entry {
             Replaced::Node(node, new) => {
                 added = measure(new.as_ref().map(|new| (node, new)));
+                if let Some(layer) = new.as_ref().and_then(|new| new.layer.as_deref()) {
+                    self.layers.enter(layer);
+                }
                 let old = match new {
                     Some(new) => self.nodes.insert(node, new),
                     None => self.nodes.remove(&node),
                 };
+                if let Some(layer) = old.as_ref().and_then(|old| old.layer.as_deref()) {
+                    self.layers.leave(layer);
+                }
                 Replaced::Node(node, old)
             }
             Replaced::Material(material, new) => {
@@ -225,20 +255,27 @@ impl SceneEdits {
                 };
                 Replaced::Assets(manifest, old)
             }
+            Replaced::Layer(layer, is_hidden) => {
+                added = measure(is_hidden.then_some(&layer));
+                let was_hidden = self.layers.hide(&layer, is_hidden);
+                Replaced::Layer(layer, was_hidden)
+            }
         };
         let taken = match &old {
             Replaced::Node(node, old) => measure(old.as_ref().map(|old| (node, old))),
             Replaced::Material(material, old) => measure(old.as_ref().map(|old| (material, old))),
             Replaced::Assets(_, old) => measure(old.as_ref()),
+            Replaced::Layer(layer, was_hidden) => measure(was_hidden.then_some(layer)),
         };
         self.fingerprint = self.fingerprint.wrapping_add(added.0).wrapping_sub(taken.0);
         self.bytes = self.bytes.wrapping_add(added.1).wrapping_sub(taken.1);
         old
     }
 
-    /// The scene as it stands, and the number of each of its nodes. What is removed or hidden, and
-    /// what hangs from it, is left out; parents stand before their children, and otherwise nodes
-    /// in the order of their numbers. Added meshes whose manifest is not given are empty.
+    /// The scene as it stands, and the number of each of its nodes. What is removed, hidden or not
+    /// chosen by a switch, and what hangs from it, is left out; what hidden layers have is not,
+    /// since views may show it ([`Self::traits`]). Parents stand before their children, and
+    /// otherwise nodes in the order of their numbers. Added meshes whose manifest is not given are empty.
     pub fn apply_to(&self, base: &Scene, added: &AssetManifests) -> (Scene, Vec<NodeId>) {
         self.applied(base, added, false)
     }
@@ -346,10 +383,11 @@ impl SceneEdits {
             while let Some(slot) = way.pop() {
                 let node = all[slot];
                 let edits = self.nodes.get(&node);
+                let above = self.parent_of(base, node);
                 let is_shown = edits
-                    .is_none_or(|edits| !edits.is_removed && (with_hidden || !edits.is_hidden));
-                let parent = self.parent_of(base, node).map(|parent| place_of(&places, parent));
-                let parent = match parent {
+                    .is_none_or(|edits| !edits.is_removed && (with_hidden || !edits.is_hidden))
+                    && (with_hidden || self.is_switched_on(above, node));
+                let parent = match above.map(|parent| place_of(&places, parent)) {
                     None => None,
                     Some(Place::At(index)) => Some(index),
                     // What hangs from what is not there is not there either.
@@ -363,6 +401,12 @@ impl SceneEdits {
             }
         }
         ids
+    }
+
+    /// Returns whether the switch of the node above a node, if it has one, shows it.
+    pub fn is_switched_on(&self, above: Option<NodeId>, node: NodeId) -> bool {
+        let switch = above.and_then(|above| self.nodes.get(&above)?.switch);
+        switch.is_none_or(|shown| shown == node)
     }
 
     /// The node that a node hangs from now; `None` too where there is no such node.

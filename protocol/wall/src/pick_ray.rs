@@ -95,18 +95,16 @@ impl Wall {
             let (name, canvas) = (screen.name.clone(), screen.canvas);
             return Err(PickError::OffScreen { pixel, name, canvas });
         }
-        let covers = |view: &&View| match view.area {
-            Area::Wall => true,
-            Area::Screen { screen, rect: [x, y, width, height] } => {
-                let begin = DVec2::new(x.into(), y.into());
-                let end = begin + DVec2::new(width.into(), height.into());
-                usize::from(screen) == index && pixel.cmpge(begin).all() && pixel.cmplt(end).all()
-            }
-        };
         let own = View::of_wall(crate::camera::Camera::IDENTITY);
-        let view = views.iter().rev().find(covers).unwrap_or(&own);
+        let view = last_over(views, index, pixel).unwrap_or(&own);
         let ray = self.view_ray(view, head, screen, pixel)?;
         if ray.direction.length_squared() > 0.0 { Ok(ray) } else { Err(PickError::NoDirection) }
+    }
+
+    /// The last of these views that covers a pixel of a screen, as [`Wall::pick_ray`] counts them.
+    pub fn view_at<'a>(&self, views: &'a [View], screen: &str, pixel: DVec2) -> Option<&'a View> {
+        let screen = self.screens.iter().position(|known| known.name == screen)?;
+        last_over(views, screen, pixel)
     }
 
     fn view_ray(
@@ -142,4 +140,16 @@ impl Wall {
         let origin = world(from);
         Ok(Ray { origin, direction: world(through) - origin })
     }
+}
+
+fn last_over(views: &[View], screen: usize, pixel: DVec2) -> Option<&View> {
+    let covers = |view: &&View| match view.area {
+        Area::Wall => true,
+        Area::Screen { screen: of, rect: [x, y, width, height] } => {
+            let begin = DVec2::new(x.into(), y.into());
+            let end = begin + DVec2::new(width.into(), height.into());
+            usize::from(of) == screen && pixel.cmpge(begin).all() && pixel.cmplt(end).all()
+        }
+    };
+    views.iter().rev().find(covers)
 }

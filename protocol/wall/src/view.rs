@@ -12,7 +12,7 @@
 mod overlay_mesh;
 
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, UVec2};
-use polyptych_text::counted;
+use polyptych_text::{counted, text_of_peer};
 use serde::{Deserialize, Serialize};
 
 use super::frustum::{ChannelFrustum, FrustumError, ScreenFrustum};
@@ -39,6 +39,13 @@ pub struct View {
     pub area: Area,
     /// How the part shows what the camera sees.
     pub projection: ViewProjection,
+    /// The number of the only node of the scene that is shown, with all that hangs from it; all are
+    /// if `None`, and nothing once that node is removed. Lights outside of it shine into it.
+    pub root: Option<u64>,
+    /// The names of the layers that are shown, whether the scene shows or hides them; those that
+    /// the scene shows if `None`. What is in no layer is always shown.
+    #[serde(deserialize_with = "text_of_peer")]
+    pub layers: Option<Vec<String>>,
 }
 
 /// How a part of the wall shows what a view's camera sees.
@@ -62,7 +69,8 @@ pub enum ViewProjection {
 impl View {
     /// A camera's picture on the whole wall, as through a window.
     pub fn of_wall(camera: Camera) -> Self {
-        Self { camera, area: Area::Wall, projection: ViewProjection::Wall }
+        let projection = ViewProjection::Wall;
+        Self { camera, area: Area::Wall, projection, root: None, layers: None }
     }
 }
 

@@ -9,7 +9,7 @@ use glam::{DMat4, DVec3};
 
 use super::cull::FrustumPlanes;
 use super::pipeline::{Cull, InstanceRecord};
-use super::scene::{Bounds, EyeRelativeTransform, GpuScene, Meshlet};
+use super::scene::{Bounds, EyeRelativeTransform, GpuScene, Meshlet, Selection};
 use super::view::ViewDesc;
 
 /// Beyond so many visible items it costs more to find what of the target they touch than it
@@ -68,14 +68,23 @@ impl DrawList {
     ) -> Self {
         scratch.visible.clear();
         let planes = view.planes(rectangle);
-        scene.layout.tree.visible(&planes, &mut scratch.visible);
+        scene.layout.bvh.visible(&planes, &mut scratch.visible);
+        let part = scene.layout.tree.select(&view.subset);
+        if !part.is_whole() {
+            let layout = &scene.layout;
+            scratch.visible.retain(|&index| {
+                let item = &layout.items[index as usize];
+                part.has_place(item.place)
+                    && part.has_layer(layout.batches[item.batch as usize].layer)
+            });
+        }
         let mut list = Self {
             rectangle,
             visible: scratch.visible.len() as u32,
             touched: touched(scene, view, rectangle, &scratch.visible),
             ..Self::default()
         };
-        sort(scene, view, scratch);
+        sort(scene, view, part, scratch);
         let clip_from_eye = view.scaled_clip_from_eye();
         let seen_from = (view.eye_in_world, &clip_from_eye);
         for &(_, _, index) in &scratch.opaque {
@@ -224,10 +233,18 @@ fn push(
 
 /// Opaque: by batch, nearest batch first, and within it the nearest item first. Blended: the
 /// farthest item first. Ties go by index, that is by node, instance, primitive.
-fn sort(scene: &GpuScene, view: &ViewDesc, scratch: &mut Scratch) {
+///
+/// Batches are as near as those of their items that the view shows: what it does not show must not
+/// decide which of two surfaces of one depth wins.
+fn sort(scene: &GpuScene, view: &ViewDesc, part: Selection, scratch: &mut Scratch) {
+    let own = (!part.has_all_places()).then(|| scene.batch_bounds(part));
     let mut batches: Vec<(f64, u32)> = (0u32..)
         .zip(&scene.layout.batches)
-        .map(|(index, batch)| (view.sort_depth(&batch.bounds, true), index))
+        .map(|(index, batch)| {
+            let bounds = own.as_ref().map_or(&batch.bounds, |own| &own[index as usize]);
+            let is_empty = *bounds == Bounds::EMPTY;
+            (if is_empty { f64::INFINITY } else { view.sort_depth(bounds, true) }, index)
+        })
         .collect();
     batches.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     scratch.ranks.clear();

@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
+use polyptych_scene::SceneSubset;
 
 use super::bindings::uniform_stride;
 use super::draw_list::{Draw, DrawList, Scratch, samples_of};
@@ -167,9 +168,7 @@ impl FrameResources {
     ) -> Result<DrawStats, DrawError> {
         let start = Instant::now();
         self.records.clear();
-        let extent = scene.extent();
-        let views: Vec<ViewDesc> =
-            views.iter().map(|view| view.with_fitted_depth(&extent)).collect();
+        let views: Vec<ViewDesc> = views.iter().map(|view| fitted(scene, view)).collect();
         let mut lists = Vec::with_capacity(views.len());
         let mut seen = Vec::with_capacity(views.len());
         for view in &views {
@@ -241,6 +240,7 @@ impl FrameResources {
             viewport: [0.0, 0.0, 1.0, 1.0],
             scissor: None,
             exposure: 1.0,
+            subset: SceneSubset::default(),
         };
         let opaque = samples_of(scene);
         let lists = [DrawList { rectangle: [0, 0, 1, 1], opaque, ..DrawList::default() }];
@@ -274,7 +274,8 @@ impl FrameResources {
         let mut uniforms = vec![0; uniform_size * views.len().max(1)];
         let mut lamps = vec![0; lamp_stride * views.len().max(1)];
         for (index, view) in views.iter().enumerate() {
-            let uniform = view.uniform(scene);
+            let part = scene.layout.tree.select(&view.subset);
+            let uniform = view.uniform(scene, part);
             let bytes = bytemuck::bytes_of(&uniform);
             uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
             let eye = view.eye_in_world;
@@ -283,7 +284,7 @@ impl FrameResources {
                 .lights
                 .lamps
                 .iter()
-                .map(|lamp| LocalLightRecord::new(lamp, eye))
+                .map(|lamp| LocalLightRecord::new(lamp, eye, part))
                 .collect();
             let bytes = bytemuck::cast_slice(&records);
             lamps[index * lamp_stride..][..bytes.len()].copy_from_slice(bytes);
@@ -329,6 +330,14 @@ impl FrameResources {
             index_count_max: u32::MAX,
         }
     }
+}
+
+/// A view with a depth that suits the part of the scene that it shows.
+fn fitted(scene: &GpuScene, view: &ViewDesc) -> ViewDesc {
+    if !view.is_parallel() {
+        return view.clone();
+    }
+    view.with_fitted_depth(&scene.extent(scene.layout.tree.select(&view.subset)))
 }
 
 /// Refuses a frame whose views show more than is held for one.

@@ -8,6 +8,7 @@ mod layout;
 mod light;
 mod material;
 mod meshlet;
+mod subset;
 mod texture;
 
 use std::sync::Arc;
@@ -23,6 +24,7 @@ pub use layout::{ContentPlace, SceneLayout};
 pub(crate) use light::LocalLight;
 pub(crate) use material::MaterialUniform;
 pub(crate) use meshlet::Meshlet;
+pub(crate) use subset::Selection;
 
 /// Items that one draw call can draw: one geometry, one material, one winding.
 #[derive(Clone, Debug)]
@@ -36,6 +38,8 @@ pub(crate) struct Batch {
     /// Draws the back faces first; only for double-sided blended triangles.
     pub back_pipeline: Option<u32>,
     pub blended: bool,
+    /// The bit of the layer of its items; 0 if they are in none.
+    pub layer: u64,
     /// Around all items, visible or not.
     pub bounds: Bounds,
     /// Of one item.
@@ -89,9 +93,24 @@ impl GpuScene {
         self.layout.blends
     }
 
-    /// Around everything in it.
-    pub(crate) fn extent(&self) -> Bounds {
-        self.layout.batches.iter().fold(Bounds::EMPTY, |all, batch| all.union(batch.bounds))
+    /// Around everything in a part of it.
+    pub(crate) fn extent(&self, of: Selection) -> Bounds {
+        let own = (!of.has_all_places()).then(|| self.batch_bounds(of));
+        let shown = (0..).zip(&self.layout.batches).filter(|(_, batch)| of.has_layer(batch.layer));
+        let bounds =
+            shown.map(|(at, batch): (usize, _)| own.as_ref().map_or(batch.bounds, |own| own[at]));
+        bounds.fold(Bounds::EMPTY, Bounds::union)
+    }
+
+    /// Around the items of each batch that are in a part of it.
+    pub(crate) fn batch_bounds(&self, of: Selection) -> Vec<Bounds> {
+        let mut all = vec![Bounds::EMPTY; self.layout.batches.len()];
+        let items = self.layout.items.iter().zip(&self.layout.bounds);
+        for (item, bounds) in items.filter(|(item, _)| of.has_place(item.place)) {
+            let batch = &mut all[item.batch as usize];
+            *batch = batch.union(*bounds);
+        }
+        all
     }
 
     /// Primitives in all their places.

@@ -2,9 +2,10 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec4};
+use polyptych_scene::SceneSubset;
 
 use super::cull::FrustumPlanes;
-use super::scene::{Bounds, GpuScene, LocalLight};
+use super::scene::{Bounds, GpuScene, LocalLight, Selection};
 
 /// Directional lights in the uniforms; further ones are looked up like lamps.
 pub(crate) const SUNS_MAX: usize = 4;
@@ -44,6 +45,8 @@ pub struct ViewDesc {
     pub scissor: Option<[u32; 4]>,
     /// Factor of all light before tone mapping.
     pub exposure: f32,
+    /// What of the scene it shows.
+    pub subset: SceneSubset,
 }
 
 /// Twin of `Frame` in `include/frame.wgsl`.
@@ -84,12 +87,13 @@ pub(crate) struct LocalLightRecord {
 }
 
 impl LocalLightRecord {
-    /// The lamp as seen from the eye; subtracted in f64.
-    pub fn new(lamp: &LocalLight, eye: DVec3) -> Self {
+    /// The lamp as seen from the eye; subtracted in f64. Dark where a part of the scene is without
+    /// it.
+    pub fn new(lamp: &LocalLight, eye: DVec3, part: Selection) -> Self {
         Self {
             position: (lamp.position - eye).as_vec3().to_array(),
             inverse_range: lamp.inverse_range,
-            intensity: lamp.intensity.to_array(),
+            intensity: lamp.on.color_in(lamp.intensity, part).to_array(),
             directional: u32::from(lamp.directional),
             direction: lamp.direction.to_array(),
             pad: 0.0,
@@ -168,12 +172,12 @@ impl ViewDesc {
         Self { eye_in_world, clip_from_view, ..self.clone() }
     }
 
-    /// The uniforms of this view.
-    pub(crate) fn uniform(&self, scene: &GpuScene) -> FrameUniform {
+    /// The uniforms of this view of a part of a scene.
+    pub(crate) fn uniform(&self, scene: &GpuScene, part: Selection) -> FrameUniform {
         let mut suns = [DirectionalLightRecord::default(); SUNS_MAX];
         for (record, sun) in suns.iter_mut().zip(&scene.layout.lights.suns) {
             record.toward = sun.toward.to_array();
-            record.irradiance = sun.irradiance.to_array();
+            record.irradiance = sun.on.color_in(sun.irradiance, part).to_array();
         }
         let eye =
             if self.is_parallel() { (-self.forward()).as_vec3().extend(0.0) } else { Vec4::W };

@@ -215,6 +215,7 @@ impl Cluster {
         // What suited another scene may make this one black or white.
         self.presentation.exposure = summary.as_ref().map_or(1.0, |summary| summary.exposure);
         self.end_motion();
+        self.end_subsets();
         self.navigator.bounds = summary.as_ref().and_then(|summary| summary.bounds);
         let reply = if let Some(mut summary) = summary {
             summary.revision = self.shown.revision;

@@ -72,7 +72,7 @@ impl Cluster {
             }
             Request::SetCamera(camera) => self.place_camera(checked_camera(camera)?),
             Request::SetHead(head) => self.set_head(head)?,
-            Request::SetViews(views) => self.set_views(views)?,
+            Request::SetViews(views) => self.request_views(views)?,
             Request::SetExposure(exposure) => self.set_exposure(exposure)?,
             frame @ (Request::RenderFrame { .. }
             | Request::Capture { .. }
@@ -86,6 +86,7 @@ impl Cluster {
             | Request::CastRay(_)
             | Request::FindInRegion(_)
             | Request::NearestPoint(_)
+            | Request::ListLayers
             | Request::SaveScene { .. }
             | Request::FindWay(_)
             | Request::ListSavedScenes

@@ -17,6 +17,22 @@ impl Cluster {
         Ok(())
     }
 
+    /// Lays views over the wall that a client asks for.
+    pub(super) fn request_views(&mut self, views: Vec<View>) -> Result<(), String> {
+        for (number, view) in views.iter().enumerate() {
+            self.check_subset(view).map_err(|error| format!("view {number}: {error}"))?;
+        }
+        self.set_views(views)
+    }
+
+    /// Forgets nodes and layers of the scene that was shown before: views show all of the next.
+    pub(super) fn end_subsets(&mut self) {
+        for view in &mut self.presentation.views {
+            (view.root, view.layers) = (None, None);
+        }
+    }
+
+    /// Lays views over the wall, whatever the scene has of what they choose.
     pub(super) fn set_views(&mut self, views: Vec<View>) -> Result<(), String> {
         let mut all = vec![View::of_wall(Camera::IDENTITY)];
         all.extend(views.into_iter().map(|view| View { camera: normal(view.camera), ..view }));

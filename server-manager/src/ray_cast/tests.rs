@@ -8,7 +8,7 @@ use crate::scene_fixture::{Stage, corner, places, soup};
 
 fn cast_twice(stage: &Stage, ray: Ray) -> Option<RayHit> {
     let cache = TriangleCache::default();
-    let query = RayQuery { ray, max_distance: None };
+    let query = RayQuery::new(ray);
     let hit = cast(&stage.index, &cache, &stage.store, &query, Revision(3)).expect("a scene");
     let again = cast(&stage.index, &cache, &stage.store, &query, Revision(3)).expect("a scene");
     assert_eq!(hit, again, "what is kept answers alike");
@@ -79,7 +79,13 @@ fn a_hit_says_what_it_is_and_rays_that_are_none_are_refused() {
         assert!(!cast_twice(&stage, behind).expect("met").is_front);
         let (cache, revision) = (TriangleCache::default(), Revision(1));
         let ask = |ray, max_distance| {
-            cast(&stage.index, &cache, &stage.store, &RayQuery { ray, max_distance }, revision)
+            cast(
+                &stage.index,
+                &cache,
+                &stage.store,
+                &RayQuery { max_distance, ..RayQuery::new(ray) },
+                revision,
+            )
         };
         assert_eq!(ask(ray, Some(4.9)), Ok(None));
         assert!(ask(ray, Some(5.0)).expect("a ray").is_some());

@@ -99,6 +99,7 @@ impl EventLoop {
                         Request::FindInRegion(query) => {
                             self.query(from, id, Query::Region(query));
                         }
+                        Request::ListLayers => self.query(from, id, Query::Layers),
                         Request::NearestPoint(query) => {
                             self.query(from, id, Query::Nearest(query));
                         }

@@ -41,6 +41,7 @@ pub(super) enum Query {
     Region(RegionQuery),
     Nearest(NearestQuery),
     Way(WalkQuery),
+    Layers,
 }
 
 impl Query {
@@ -59,6 +60,7 @@ impl Query {
             Self::Nearest(query) => nearest(&meshes(), query, revision).map(Response::Nearest),
             Self::Way(query) => walk(&(&meshes(), revision), query, revision)
                 .map(|way| Response::Way(Box::new(way))),
+            Self::Layers => Ok(Response::Layers(scene.layers())),
         }
     }
 }

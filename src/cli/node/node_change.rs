@@ -10,7 +10,8 @@ use serde_json::Value;
 use super::shape::{Shape, color};
 
 /// The keys, as they stand in help and in errors.
-const KEYS: &str = "name, position, rotation, scale, visible, mesh, color, attribute.KEY";
+const KEYS: &str =
+    "name, position, rotation, scale, visible, mesh, color, layer, switch, attribute.KEY";
 
 /// Changes of one node; `None` for what stays as it is.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,6 +28,10 @@ pub(super) struct NodeChange {
     /// The colour of the shape.
     color: Option<Vec4>,
     attributes: Vec<(String, Option<Attribute>)>,
+    #[expect(clippy::option_option, reason = "as it is, that of the parent, or one")]
+    layer: Option<Option<String>>,
+    #[expect(clippy::option_option, reason = "as it is, all, or one")]
+    switch: Option<Option<String>>,
 }
 
 impl NodeChange {
@@ -62,6 +67,19 @@ impl NodeChange {
             }
             "visible" => self.visible = Some(value.as_bool().context("true or false")?),
             "mesh" if value.is_null() => self.mesh = Some(None),
+            "layer" if value.is_null() => self.layer = Some(None),
+            "layer" => {
+                let name = value.as_str().context("the name of a layer, or none")?;
+                self.layer = Some(Some(name.to_owned()));
+            }
+            "switch" => {
+                let child = match value {
+                    Value::String(child) => child.clone(),
+                    Value::Number(number) if number.is_u64() => number.to_string(),
+                    _ => bail!("the child that is shown, or all"),
+                };
+                self.switch = Some((child != "all").then_some(child));
+            }
             "color" => self.color = Some(color(value)?),
             "mesh" if !value.is_number() => {
                 let shape = Shape::of(value)?;
@@ -94,13 +112,21 @@ impl NodeChange {
         Ok(())
     }
 
+    /// Takes the child that its switch is to show, as a path, name or number; the inner `None`
+    /// stands for all.
+    #[expect(clippy::option_option, reason = "as it is, all, or one")]
+    pub fn take_switch(&mut self) -> Option<Option<String>> {
+        self.switch.take()
+    }
+
     /// The node to which a file's are to hang, named by the file where it has no name.
     ///
     /// # Errors
     /// It has what such a node does not.
     pub fn new_node(self, parent: Option<NodeId>, file: &str) -> anyhow::Result<NewNode> {
         let is_plain = self.mesh.is_none() && self.shape.is_none() && self.color.is_none();
-        if !(is_plain && self.visible.is_none() && self.attributes.is_empty()) {
+        let is_shown = self.visible.is_none() && self.layer.is_none() && self.switch.is_none();
+        if !(is_plain && is_shown && self.attributes.is_empty()) {
             bail!("it takes name, position, rotation and scale; set the rest afterwards");
         }
         let local = self.place(&DAffine3::IDENTITY);
@@ -115,7 +141,12 @@ impl NodeChange {
         let name = self.name.clone().unwrap_or_default();
         let mesh = self.mesh.flatten();
         let node = transaction.create(NewNode { parent, name, local, mesh, light: None });
-        let rest = Self { visible: self.visible, attributes: self.attributes, ..Self::default() };
+        let rest = Self {
+            visible: self.visible,
+            attributes: self.attributes,
+            layer: self.layer,
+            ..Self::default()
+        };
         rest.edit(node, &local, transaction);
         node
     }
@@ -135,6 +166,9 @@ impl NodeChange {
         }
         if let Some(mesh) = self.mesh {
             transaction.set_mesh(node, mesh);
+        }
+        if let Some(layer) = self.layer {
+            transaction.set_layer(node, layer.as_deref());
         }
         for (key, value) in self.attributes {
             transaction.set_attribute(node, key, value);
@@ -161,7 +195,9 @@ fn value_of(key: &str, text: &str) -> Value {
     let number =
         |text: &str| text.trim().parse::<f64>().ok().and_then(serde_json::Number::from_f64);
     match key {
-        "name" => text.into(),
+        "name" | "switch" => text.into(),
+        "layer" if text == "none" => Value::Null,
+        "layer" => text.into(),
         "mesh" if text == "none" => Value::Null,
         "mesh" => text.parse::<u32>().map_or_else(|_| text.into(), Value::from),
         _ if key.starts_with("attribute.") && text.is_empty() => Value::Null,
@@ -239,6 +275,8 @@ mod tests {
             "attribute.kind=door",
             "attribute.height=2.5",
             "attribute.old=",
+            "layer=7",
+            "switch=all",
         ]);
         let mut json = NodeChange::default();
         for (key, value) in [
@@ -251,6 +289,8 @@ mod tests {
             ("attribute.kind", serde_json::json!("door")),
             ("attribute.height", serde_json::json!(2.5)),
             ("attribute.old", Value::Null),
+            ("layer", serde_json::json!("7")),
+            ("switch", serde_json::json!("all")),
         ] {
             json.set(key, &value).expect("a key");
         }
@@ -281,6 +321,7 @@ mod tests {
             ("color=red", "#rrggbb"),
             ("visible=perhaps", "true or false"),
             ("attribute.=1", "there is no key"),
+            ("layers=a", "there is no key layers; there are name"),
         ] {
             let error = format!("{:#}", change(&[word]).expect_err(word));
             assert!(error.contains(part), "{error}");

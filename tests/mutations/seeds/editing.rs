@@ -4,7 +4,7 @@ use glam::{DAffine3, DVec2, DVec3, Vec3};
 use polyptych_protocol::follow::Follow;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::node_query::{
-    NearestPoint, NodeInfo, NodePage, NodeQuery, RayHit, RegionQuery,
+    LayerInfo, NearestPoint, NodeInfo, NodePage, NodeQuery, RayHit, RegionQuery,
 };
 use polyptych_protocol::request::{RequestError, Response};
 use polyptych_protocol::transaction::{AssetSource, Transaction};
@@ -47,6 +47,9 @@ pub fn transaction() -> Transaction {
     transaction.set_attribute(NodeId(1), "kind", Some(Attribute::Text("pointer".into())));
     transaction.set_attribute(NodeId(1), "old", Some(Attribute::Bool(true)));
     transaction.set_material(0, Material::default());
+    transaction.set_layer(NodeId(1), Some("plan-a"));
+    transaction.set_layer_visible("plan-a", false);
+    transaction.set_switch(NodeId(1), Some(lamp));
     transaction.remove(NodeId(0));
     transaction.with_scene(AssetSource::Glb(b"glTF".as_slice().into()), NewNode::default())
 }
@@ -72,6 +75,9 @@ pub fn node() -> NodeInfo {
         light: None,
         attributes: [("kind".to_owned(), Attribute::Number(1.5))].into(),
         bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
+        own_layer: None,
+        layer: Some("plan-a".into()),
+        switch: Some(NodeId(2)),
     }
 }
 
@@ -104,6 +110,7 @@ pub fn answers_about_space() -> Vec<Result<Response, RequestError>> {
             is_front: true,
             material: Some(0),
         }))),
+        Ok(Response::Layers(vec![LayerInfo { name: "plan-a".into(), nodes: 3, visible: false }])),
         Ok(Response::Nodes(NodePage { revision: Revision(3), found: 1, nodes: vec![node()] })),
         Ok(Response::Nearest(Some(NearestPoint {
             revision: Revision(3),

@@ -17,7 +17,7 @@ use polyptych_protocol::handshake::{
 };
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use polyptych_protocol::navigation::Navigation;
-use polyptych_protocol::node_query::{NearestQuery, NodeQuery, RayQuery};
+use polyptych_protocol::node_query::{NearestQuery, NodeKind, NodeQuery, RayQuery};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
@@ -35,8 +35,8 @@ use polyptych_protocol::stored_view::StoredView;
 use polyptych_protocol::tour_status::TourStatus;
 use polyptych_scene::{
     AlphaMode, Attribute, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, Node,
-    NodeExtras, NodeId, Primitive, Sampler, Scene, SceneFeatures, Texture, TextureFormat,
-    TextureRef, Topology, VertexLayout,
+    NodeExtras, NodeId, Primitive, Sampler, Scene, SceneFeatures, SceneSubset, Texture,
+    TextureFormat, TextureRef, Topology, VertexLayout,
 };
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_wall::camera::Camera;
@@ -206,9 +206,10 @@ fn statuses() -> Vec<ServerMessage> {
 }
 
 fn plan() -> View {
+    let layers = Some(vec!["day".to_owned()]);
     let area = Area::Screen { screen: 0, rect: [10, 20, 100, 200] };
     let projection = ViewProjection::Perspective { fov_y_rad: 0.8 };
-    View { area, projection, ..View::of_wall(camera()) }
+    View { area, projection, root: Some(1), layers, ..View::of_wall(camera()) }
 }
 
 fn tuning() -> Vec<CalibrationChange> {
@@ -259,11 +260,14 @@ fn calls() -> Vec<RequestMessage> {
         Request::CastRay(RayQuery {
             ray: Ray { origin: DVec3::Z, direction: DVec3::NEG_Z },
             max_distance: Some(9.0),
+            subset: SceneSubset { root: Some(NodeId(1)), layers: Some(vec!["day".into()]) },
         }),
         Request::FindNodes(NodeQuery {
             name: Some("arm".into()),
             below: Some(NodeId(0)),
             attribute: Some(("kind".into(), Some(Attribute::Number(1.5)))),
+            layer: Some("plan-a".into()),
+            kind: Some(NodeKind::Mesh),
             skip: 3,
             count: 1000,
         }),
@@ -277,6 +281,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::DescribeTour,
         Request::SaveScene { name: "evening".into() },
         Request::ListSavedScenes,
+        Request::ListLayers,
         Request::RemoveSavedScene { name: "evening".into() },
         Request::FollowNode(follow()),
         Request::FindWay(way()),

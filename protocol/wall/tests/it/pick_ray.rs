@@ -79,7 +79,7 @@ fn cameras_of_their_own_are_picked_through_their_windows() {
         ViewProjection::Perspective { fov_y_rad: 0.9 },
         ViewProjection::Orthographic { height_m: 12.0 },
     ] {
-        let view = View { camera: camera(), area, projection };
+        let view = View { area, projection, ..View::of_wall(camera()) };
         let views = [View::of_wall(Camera::IDENTITY), view.clone()];
         for pixel in [DVec2::new(100.5, 50.5), DVec2::new(444.0, 300.0), DVec2::new(799.0, 449.0)] {
             let ray = wall.pick_ray(&views, &wall.head(), screen, pixel).expect("a ray");
@@ -98,7 +98,7 @@ fn a_rectangle_of_the_wall_shows_its_region() {
     let (head, screen) = (wall.head(), &wall.screens[0].name);
     let area = Area::Screen { screen: 0, rect: [100, 50, 700, 400] };
     let own = View::of_wall(camera());
-    let laid = |projection| View { camera: camera(), area, projection };
+    let laid = |projection| View { area, projection, ..View::of_wall(camera()) };
     for view in [
         own.clone(),
         laid(ViewProjection::Perspective { fov_y_rad: 0.9 }),

@@ -93,6 +93,8 @@ pub(crate) struct DrawItem {
     pub batch: u32,
     /// An index into the scene's boxes of meshes.
     pub mesh_box: u32,
+    /// The place of its node in the scene's tree.
+    pub place: u32,
 }
 
 /// An item as the vertex stage takes it: `p` stands at `rows · (p − near) + offset` from the eye.
@@ -137,6 +139,8 @@ impl DrawItem {
 
 /// A primitive in one place, before it is sorted into a batch.
 pub(crate) struct PrimitiveInstance<'a> {
+    /// An index into the scene's nodes.
+    pub node: usize,
     pub mesh: u32,
     /// An index into the mesh's primitives.
     pub primitive: u32,
@@ -179,13 +183,14 @@ pub(crate) fn instantiate<'a, E>(
     mut give: impl FnMut(PrimitiveInstance<'a>) -> Result<(), E>,
 ) -> Result<Vec<Stance>, E> {
     let mut stances = Vec::new();
-    for (node, world_from_node) in desc.nodes.iter().zip(world) {
+    for (index, (node, world_from_node)) in desc.nodes.iter().zip(world).enumerate() {
         let Some(mesh) = node.mesh else { continue };
         let primitives = &desc.meshes[mesh as usize].primitives;
         let mut stand = |world_from_mesh: &DAffine3| {
             let stance = Stance::new(world_from_mesh.matrix3);
             for (primitive, desc) in (0..).zip(primitives) {
                 give(PrimitiveInstance {
+                    node: index,
                     mesh,
                     primitive,
                     origin: world_from_mesh.transform_point3(desc.origin),
@@ -251,7 +256,7 @@ mod tests {
     }
 
     fn item(origin: DVec3) -> DrawItem {
-        DrawItem { origin, stance: 0, lamps: [0; 2], batch: 0, mesh_box: 0 }
+        DrawItem { origin, stance: 0, lamps: [0; 2], batch: 0, mesh_box: 0, place: 0 }
     }
 
     /// Where the vertex stage puts a point: f32 throughout.

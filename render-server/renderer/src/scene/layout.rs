@@ -8,13 +8,14 @@ use std::collections::{BTreeSet, HashMap};
 use glam::Vec3;
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::{
-    AlphaMode, IndexFormat, Material, Primitive, Scene, Texture, TextureFormat, Topology,
-    VertexLayout,
+    AlphaMode, IndexFormat, Material, NodeTraits, Primitive, Scene, Texture, TextureFormat,
+    Topology, VertexLayout,
 };
 
 use super::bvh::Bvh;
 use super::draw_item::{self, Bounds, DrawItem, PrimitiveInstance, Stance};
 use super::light::{GROUND, Lights};
+use super::subset::{SceneTree, layer_bit};
 use super::{Batch, SceneError, material};
 use crate::pipeline::{Alpha, Cull, PipelineKey};
 
@@ -94,7 +95,8 @@ pub struct SceneLayout {
     pub(crate) bounds: Vec<Bounds>,
     /// One for each described primitive: its mesh, in the primitive's space.
     pub(crate) mesh_boxes: Vec<Bounds>,
-    pub(crate) tree: Bvh,
+    pub(crate) bvh: Bvh,
+    pub(crate) tree: SceneTree,
     pub(crate) batches: Vec<Batch>,
     pub(crate) keys: Vec<PipelineKey>,
     pub(crate) lights: Lights,
@@ -109,7 +111,20 @@ impl SceneLayout {
     /// # Errors
     /// An index points nowhere, a parent stands behind its child, a number is out of bounds; or
     /// [`SceneError::Cancelled`], soon after `is_cancelled` returns `true`.
-    pub fn new(mut desc: Scene, is_cancelled: &dyn Fn() -> bool) -> Result<Self, SceneError> {
+    pub fn new(desc: Scene, is_cancelled: &dyn Fn() -> bool) -> Result<Self, SceneError> {
+        let traits = NodeTraits::of_file(desc.nodes.len());
+        Self::with_traits(desc, &traits, is_cancelled)
+    }
+
+    /// As [`Self::new`], of a scene that was edited.
+    ///
+    /// # Errors
+    /// As of [`Self::new`].
+    pub fn with_traits(
+        mut desc: Scene,
+        traits: &NodeTraits,
+        is_cancelled: &dyn Fn() -> bool,
+    ) -> Result<Self, SceneError> {
         if let Some(fault) = desc.fault() {
             return Err(SceneError::Description(fault));
         }
@@ -122,7 +137,8 @@ impl SceneLayout {
         let primitives = desc.meshes.iter().flat_map(|mesh| &mesh.primitives);
         let geometries = Slots::new(primitives.map(geometry_name));
         let world = draw_item::world_from_nodes(&desc.nodes);
-        let mut lights = Lights::new(&desc, &world);
+        let mut lights = Lights::new(&desc, &world, traits);
+        let (tree, places) = SceneTree::new(&desc.nodes, traits);
         let mut sorter = Sorter::new(&desc, &lights);
         let (mut items, mut bounds) = (Vec::new(), Vec::new());
         let stances = draw_item::instantiate(&desc, &world, |placement| {
@@ -134,8 +150,13 @@ impl SceneLayout {
                 origin: placement.origin,
                 stance: placement.stance,
                 lamps: lights.lights_affecting(&placement.bounds)?,
-                batch: sorter.batch_of(&desc, geometries.of[primitive], &placement),
+                batch: sorter.batch_of(
+                    &desc,
+                    (geometries.of[primitive], layer_bit(traits, placement.node)),
+                    &placement,
+                ),
                 mesh_box: primitive as u32,
+                place: places[placement.node],
             });
             bounds.push(placement.bounds);
             Ok(())
@@ -147,7 +168,8 @@ impl SceneLayout {
         desc.nodes = Vec::new();
         desc.lights = Vec::new();
         Ok(Self {
-            tree: Bvh::new(&bounds, is_cancelled).ok_or(SceneError::Cancelled)?,
+            bvh: Bvh::new(&bounds, is_cancelled).ok_or(SceneError::Cancelled)?,
+            tree,
             desc,
             textures,
             geometries,
@@ -264,7 +286,8 @@ struct Sorter {
     template: Template,
     batches: Vec<Batch>,
     keys: Vec<PipelineKey>,
-    known: HashMap<(usize, u32, bool), u32>,
+    /// By geometry, layer, material, and whether they are mirrored.
+    known: HashMap<(usize, u64, u32, bool), u32>,
 }
 
 struct Template {
@@ -295,11 +318,11 @@ impl Sorter {
         }
     }
 
-    /// Returns the batch of a placement, whose geometry is in this slot.
+    /// Returns the batch of a placement, whose geometry is in this slot, in a layer of this bit.
     fn batch_of(
         &mut self,
         desc: &Scene,
-        geometry: usize,
+        (geometry, layer): (usize, u64),
         placement: &PrimitiveInstance<'_>,
     ) -> u32 {
         let primitive = placement.desc;
@@ -307,13 +330,13 @@ impl Sorter {
         let material = primitive.material.unwrap_or(desc.materials.len() as u32);
         let mirrored = placement.is_mirrored;
         let next = self.batches.len() as u32;
-        let index = *self.known.entry((geometry, material, mirrored)).or_insert(next);
+        let index = *self.known.entry((geometry, layer, material, mirrored)).or_insert(next);
         if index == next {
             let described = desc.materials.get(material as usize);
             let features =
                 material::features(described.unwrap_or(&self.default_material), primitive.layout);
             let batch = self.batch(primitive, features, mirrored);
-            self.batches.push(Batch { geometry: geometry as u32, material, ..batch });
+            self.batches.push(Batch { geometry: geometry as u32, material, layer, ..batch });
         }
         let batch = &mut self.batches[index as usize];
         batch.bounds = batch.bounds.union(placement.bounds);
@@ -351,6 +374,7 @@ impl Sorter {
             pipeline,
             back_pipeline,
             blended,
+            layer: 0,
             bounds: Bounds::EMPTY,
             triangles: primitive.triangles(),
         }

@@ -3,10 +3,11 @@
 use std::collections::HashMap;
 
 use glam::{DAffine3, DVec3, Vec3};
-use polyptych_scene::{Light, LightKind, Scene};
+use polyptych_scene::{Light, LightKind, NodeTraits, Scene};
 
 use super::SceneError;
 use super::draw_item::Bounds;
+use super::subset::{Selection, layer_bit};
 use crate::view::SUNS_MAX;
 
 /// Shines where a scene has no light of its own: from above, the right and the front, a little
@@ -14,6 +15,7 @@ use crate::view::SUNS_MAX;
 const DEFAULT_SUN: DirectionalLight = DirectionalLight {
     toward: Vec3::new(0.453, 0.754, 0.476),
     irradiance: Vec3::new(3.1, 2.95, 2.7),
+    on: Condition::Always,
 };
 
 /// Radiance from below as a factor of the sky's, where a scene does not say: a matt, warm ground.
@@ -26,6 +28,32 @@ const LAMP_INDICES_MAX: usize = 16 << 20;
 /// Widens the reach of a lamp by more than the shader's rounding.
 const REACH_SLACK: f64 = 1.0 + 1e-5;
 
+/// The parts of a scene that a light shines in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Condition {
+    Always,
+    /// Those that show the layer of this bit.
+    With(u64),
+    /// Those that show none of the layers of these bits.
+    Without(u64),
+}
+
+impl Condition {
+    fn of_layer(bit: u64) -> Self {
+        if bit == 0 { Self::Always } else { Self::With(bit) }
+    }
+
+    /// The colour of a light in a part of a scene: black where it does not shine.
+    pub fn color_in(self, color: Vec3, part: Selection) -> Vec3 {
+        let is_on = match self {
+            Self::Always => true,
+            Self::With(bit) => part.has_layer(bit),
+            Self::Without(bits) => !part.has_layer(bits),
+        };
+        if is_on { color } else { Vec3::ZERO }
+    }
+}
+
 /// A directional light.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DirectionalLight {
@@ -33,6 +61,7 @@ pub(crate) struct DirectionalLight {
     pub toward: Vec3,
     /// Lux, as linear RGB.
     pub irradiance: Vec3,
+    pub on: Condition,
 }
 
 /// A light that is not among the first directional ones: its place is looked up per item.
@@ -49,6 +78,7 @@ pub(crate) struct LocalLight {
     /// `KHR_lights_punctual`, "Inner and Outer Cone Angles".
     pub cone: [f32; 2],
     pub directional: bool,
+    pub on: Condition,
     range: Option<f64>,
 }
 
@@ -65,26 +95,34 @@ pub(crate) struct Lights {
 }
 
 impl Lights {
-    /// All lights of the scene, or the default sun.
-    pub fn new(desc: &Scene, world: &[DAffine3]) -> Self {
+    /// All lights of the scene, and the default sun if there may be none: each can be in a layer
+    /// that is not shown.
+    pub fn new(desc: &Scene, world: &[DAffine3], traits: &NodeTraits) -> Self {
         let mut lights = Self::default();
-        for (node, world_from_node) in desc.nodes.iter().zip(world) {
+        let (mut layers, mut is_lit) = (0, false);
+        for (index, (node, world_from_node)) in desc.nodes.iter().zip(world).enumerate() {
             let Some(light) = node.light.map(|light| &desc.lights[light as usize]) else {
                 continue;
             };
-            let lamp = LocalLight::new(light, world_from_node);
-            if lamp.directional && lights.suns.len() < SUNS_MAX {
-                lights
-                    .suns
-                    .push(DirectionalLight { toward: -lamp.direction, irradiance: lamp.intensity });
-            } else {
-                lights.lamps.push(lamp);
-            }
+            let layer = layer_bit(traits, index);
+            (layers, is_lit) = (layers | layer, is_lit || layer == 0);
+            lights.add(LocalLight::new(light, world_from_node, Condition::of_layer(layer)));
         }
-        if lights.suns.is_empty() && lights.lamps.is_empty() {
+        if !is_lit && layers == 0 {
             lights.suns.push(DEFAULT_SUN);
+        } else if !is_lit {
+            lights.add(LocalLight::of_sun(&DEFAULT_SUN, Condition::Without(layers)));
         }
         lights
+    }
+
+    fn add(&mut self, lamp: LocalLight) {
+        if lamp.directional && self.suns.len() < SUNS_MAX {
+            let (toward, irradiance) = (-lamp.direction, lamp.intensity);
+            self.suns.push(DirectionalLight { toward, irradiance, on: lamp.on });
+        } else {
+            self.lamps.push(lamp);
+        }
     }
 
     /// Returns start and count of the list of the lamps that reach a box. Equal lists are shared.
@@ -116,7 +154,20 @@ impl Lights {
 }
 
 impl LocalLight {
-    fn new(light: &Light, world_from_node: &DAffine3) -> Self {
+    fn of_sun(sun: &DirectionalLight, on: Condition) -> Self {
+        Self {
+            position: DVec3::ZERO,
+            direction: -sun.toward,
+            intensity: sun.irradiance,
+            inverse_range: 0.0,
+            cone: [0.0, 1.0],
+            directional: true,
+            on,
+            range: None,
+        }
+    }
+
+    fn new(light: &Light, world_from_node: &DAffine3, on: Condition) -> Self {
         let along = world_from_node.transform_vector3(DVec3::NEG_Z);
         let direction = along.try_normalize().unwrap_or(DVec3::NEG_Z).as_vec3();
         let cone = match light.kind {
@@ -136,6 +187,7 @@ impl LocalLight {
             inverse_range: range.map_or(0.0, f32::recip),
             cone,
             directional: light.kind == LightKind::Directional,
+            on,
             range: range.map(f64::from),
         }
     }

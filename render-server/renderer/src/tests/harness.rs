@@ -8,8 +8,8 @@ use polyptych_renderer::{
     DrawStats, Gpu, GpuScene, Renderer, SceneBuilder, SceneLayout, Target, ViewDesc, read_pixels,
 };
 use polyptych_scene::{
-    IndexFormat, Material, Mesh, Node, Primitive, Sampler, Scene, Texture, TextureFormat, Topology,
-    VertexLayout, Wrap,
+    IndexFormat, Material, Mesh, Node, Primitive, Sampler, Scene, SceneSubset, Texture,
+    TextureFormat, Topology, VertexLayout, Wrap,
 };
 
 /// The one adapter of all tests.
@@ -231,6 +231,7 @@ pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
         viewport: [0.0, 0.0, f64::from(canvas[0]), f64::from(canvas[1])],
         scissor: None,
         exposure: 1.0,
+        subset: SceneSubset::default(),
     }
 }
 
