@@ -163,6 +163,14 @@ impl Client {
         Ok(Pending { inner: self.inner.submit(request)? })
     }
 
+    /// Blocking version of [`crate::Client::submit_queued`].
+    ///
+    /// # Errors
+    /// [`ClientError`]: nothing was sent.
+    pub fn submit_queued(&self, request: Request, priority: u8) -> Result<Pending, ClientError> {
+        Ok(Pending { inner: self.inner.submit_queued(request, priority)? })
+    }
+
     /// Blocking version of [`crate::Client::request`].
     ///
     /// # Errors

@@ -3,6 +3,7 @@
 use std::pin::pin;
 
 use glam::DVec3;
+use polyptych_protocol::delivery::Delivery;
 use polyptych_protocol::feedback::{FrameFeedback, Statistics, Tuned, WallStatus};
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::output_mode::OutputMode;
@@ -16,10 +17,10 @@ use polyptych_wall::view::View;
 use tokio::io::{AsyncRead, AsyncWrite};
 
 use crate::connect::{ConnectOptions, connect_over, connect_tcp};
-use crate::connection_handle::{ChunkSink, ConnectionHandle, Wanted};
+use crate::connection_handle::{ConnectionHandle, Wanted};
 use crate::error::{ClientError, wrong_answer};
 use crate::feedback::FeedbackStream;
-use crate::image::{Capture, ImageAssembler};
+use crate::image::{Capture, ChunkSink, ImageAssembler};
 use crate::pending::Pending;
 
 /// A connection with a wall's manager.
@@ -146,6 +147,21 @@ impl Client {
     /// nothing was sent.
     pub fn submit(&self, request: Request) -> Result<Pending, ClientError> {
         self.link.post(request, Wanted::default())
+    }
+
+    /// Sends a request that is begun when no immediate one of this client waits for its turn, and
+    /// no queued one is under way: the highest priority next, equal ones in their order. All that
+    /// the other methods send is immediate. It has no time limit; what still waits when this
+    /// client's connection ends is dropped.
+    ///
+    /// At most [`QUEUED_REQUESTS_MAX`](crate::QUEUED_REQUESTS_MAX) wait, or 2 MiB of them; the
+    /// answer to one more says so.
+    ///
+    /// # Errors
+    /// Those of [`Client::submit`].
+    pub fn submit_queued(&self, request: Request, priority: u8) -> Result<Pending, ClientError> {
+        let delivery = Delivery::Queued { priority };
+        self.link.post(request, Wanted { delivery, ..Wanted::default() })
     }
 
     /// Sends any request and waits for its reply; the other methods are this, typed.
@@ -322,9 +338,10 @@ impl Client {
     pub async fn capture_at(&self, time_s: Option<f64>) -> Result<Capture, ClientError> {
         let pictures = ImageAssembler::new(self.link.shared.capture_bytes_max());
         let pictures = ChunkSink::Pictures(pictures);
-        let mut pending = self
-            .link
-            .post(Request::Capture { time_s }, Wanted { parts: Some(pictures), progress: None })?;
+        let mut pending = self.link.post(
+            Request::Capture { time_s },
+            Wanted { parts: Some(pictures), ..Wanted::default() },
+        )?;
         let answered = std::future::poll_fn(|context| pending.poll_answered(context)).await?;
         match (answered.reply, answered.parts) {
             (Response::Captured(captured), Some(ChunkSink::Pictures(parts))) => {

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
+use polyptych_protocol::delivery::Delivery;
 use polyptych_protocol::feedback::FrameFeedback;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::{Epoch, RequestId};
@@ -16,7 +17,7 @@ use tokio::sync::{Notify, broadcast, mpsc, oneshot, watch};
 use crate::connect::ConnectOptions;
 use crate::error::{ClientError, wrong_answer};
 use crate::feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream};
-use crate::image::ImageAssembler;
+use crate::image::ChunkSink;
 use crate::in_flight::{InFlight, OPEN_REQUESTS_MAX, OpenRequest};
 use crate::pending::Pending;
 
@@ -95,15 +96,6 @@ impl CloseReason {
     }
 }
 
-/// The place for the pieces that come before a reply.
-#[derive(Debug)]
-pub(crate) enum ChunkSink {
-    /// Pictures of a capture.
-    Pictures(ImageAssembler),
-    /// The pieces of a file, in order, for the caller to write.
-    File(mpsc::Sender<Bytes>),
-}
-
 /// Who waits for an answer, and the pieces that came until then, if they are wanted.
 #[derive(Debug)]
 struct Waiter {
@@ -117,13 +109,15 @@ struct Waiter {
     session: u64,
 }
 
-/// What of the messages that come before a reply is wanted.
+/// What of the messages that come before a reply is wanted, and when.
 #[derive(Debug, Default)]
 pub(crate) struct Wanted {
     /// Pieces go here.
     pub parts: Option<ChunkSink>,
     /// The newest progress goes here.
     pub progress: Option<watch::Sender<OpenProgress>>,
+    /// When the request is begun.
+    pub delivery: Delivery,
 }
 
 /// A reply, and the pieces that came before it.
@@ -180,19 +174,23 @@ impl ConnectionHandle {
             return Err(ClientError::Closed { request: name, address, reason });
         }
         let (answer, receiver) = oneshot::channel();
-        let after = shared.options.timeouts.of(&request);
+        let Wanted { parts, progress, delivery } = wanted;
+        let after = match delivery {
+            Delivery::Immediate => shared.options.timeouts.of(&request),
+            // It has none for its turn to come.
+            Delivery::Queued { .. } => Duration::MAX,
+        };
         // tokio's clock, which tests own.
         let now = tokio::time::Instant::now().into_std();
         let full = || ClientError::TooManyOpen { request: name, limit: OPEN_REQUESTS_MAX };
         let is_job = matches!(request, Request::OpenScene { .. });
-        let Wanted { parts, progress } = wanted;
         let waiter = Waiter { answer, parts, progress, is_job, session: 0 };
         // Without a connection it waits for one first.
         let first_after = if state.lost.is_some() { shared.wait() } else { after };
         let id = state.open.insert(now, name, first_after, waiter).ok_or_else(full)?;
 
         let is_stop = matches!(request, Request::Stop | Request::StopServers);
-        let message = polyptych_codec::encode(&RequestMessage { id, request });
+        let message = polyptych_codec::encode(&RequestMessage { id, request, delivery });
         let (bytes, limit) = (message.len(), MESSAGE_BYTES_MAX);
         let sent = if bytes > limit {
             Err(ClientError::RequestTooLarge { request: name, bytes, limit })
@@ -347,16 +345,16 @@ impl Shared {
             let gone = state.open.drain_sent(|_| !is_same);
             let asked = |(id, waiter): (RequestId, &Waiter)| {
                 let request = Request::OpenOutcome { session: waiter.session, of: id };
-                polyptych_codec::encode(&RequestMessage { id, request })
+                polyptych_codec::encode(&RequestMessage::new(id, request))
             };
             let mut greeting: Vec<Bytes> = state.open.sent().map(asked).collect();
             if state.subscribers > 0 {
                 // Should it fail, the stream is silent, as that of a wall that draws nothing.
                 let id = state.open.number();
-                greeting.push(polyptych_codec::encode(&RequestMessage {
+                greeting.push(polyptych_codec::encode(&RequestMessage::new(
                     id,
-                    request: Request::Subscribe(true),
-                }));
+                    Request::Subscribe(true),
+                )));
             }
             (greeting, gone, lost)
         };

@@ -8,8 +8,9 @@ use polyptych_protocol::request::{Request, Response};
 use tokio::sync::{mpsc, watch};
 
 use crate::client::Client;
-use crate::connection_handle::{ChunkSink, Wanted};
+use crate::connection_handle::Wanted;
 use crate::error::{ClientError, wrong_answer};
+use crate::image::ChunkSink;
 
 /// Pieces of a file, each of at most a mebibyte, that wait to be written.
 const PIECES_MAX: usize = 2;
@@ -49,7 +50,8 @@ impl Client {
         let (sender, mut progress) = watch::channel(OpenProgress::NONE);
         let parts = Some(ChunkSink::File(queue));
         let request = Request::ExportScene { saved: saved.map(str::to_owned) };
-        let mut pending = self.link.post(request, Wanted { parts, progress: Some(sender) })?;
+        let wanted = Wanted { parts, progress: Some(sender), ..Wanted::default() };
+        let mut pending = self.link.post(request, wanted)?;
         let mut bytes = 0;
         let mut write = |piece: bytes::Bytes| {
             bytes += piece.len() as u64;

@@ -2,9 +2,11 @@
 
 use std::fmt;
 
+use bytes::Bytes;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::CaptureInfo;
 use polyptych_wall::limits::{CHANNELS_MAX, SCREENS_MAX};
+use tokio::sync::mpsc;
 
 use crate::error::ClientError;
 
@@ -47,6 +49,15 @@ impl fmt::Debug for Image {
         let Self { name, width, height, rgba } = self;
         write!(f, "Picture({name}, {width} x {height}, {} bytes)", rgba.len())
     }
+}
+
+/// The place for the pieces that come before a reply.
+#[derive(Debug)]
+pub(crate) enum ChunkSink {
+    /// Pictures of a capture.
+    Pictures(ImageAssembler),
+    /// The pieces of a file, in order, for the caller to write.
+    File(mpsc::Sender<Bytes>),
 }
 
 /// The pieces of a capture's pictures, which come before their description does.

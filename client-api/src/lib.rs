@@ -69,6 +69,7 @@ pub use pending::Pending;
 pub use reconnect::ReconnectPolicy;
 
 pub use glam;
+pub use polyptych_protocol::delivery::QUEUED_REQUESTS_MAX;
 pub use polyptych_protocol::exported_scene::ExportedScene;
 pub use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles,

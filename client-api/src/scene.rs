@@ -49,7 +49,7 @@ impl Client {
         mut on_progress: impl FnMut(OpenProgress),
     ) -> Result<SceneSummary, ClientError> {
         let (sender, mut progress) = watch::channel(OpenProgress::NONE);
-        let wanted = Wanted { parts: None, progress: Some(sender) };
+        let wanted = Wanted { progress: Some(sender), ..Wanted::default() };
         let request = Request::OpenScene { path: path.into() };
         let mut pending = self.link.post(request, wanted)?;
         let reply = loop {

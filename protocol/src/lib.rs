@@ -16,6 +16,7 @@
 
 pub mod bulk;
 pub mod command;
+pub mod delivery;
 pub mod exported_scene;
 pub mod feedback;
 pub mod follow;

@@ -15,6 +15,7 @@ use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
 use crate::command::Goodbye;
+use crate::delivery::Delivery;
 use crate::exported_scene::ExportedScene;
 use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::follow::Follow;
@@ -38,6 +39,15 @@ pub struct RequestMessage {
     pub id: RequestId,
     /// What it asks.
     pub request: Request,
+    /// When it is begun.
+    pub delivery: Delivery,
+}
+
+impl RequestMessage {
+    /// A request that is begun in its turn.
+    pub fn new(id: RequestId, request: Request) -> Self {
+        Self { id, request, delivery: Delivery::Immediate }
+    }
 }
 
 /// What a client can ask.

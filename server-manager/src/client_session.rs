@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use futures_util::StreamExt;
 use polyptych_core::SessionId;
+use polyptych_protocol::delivery::Delivery;
 use polyptych_protocol::handshake::Proof;
 use polyptych_protocol::handshake_io::{self, MessageStream};
 use polyptych_protocol::limits::CALL_BYTES_MAX;
@@ -13,7 +14,9 @@ use tokio::io::ReadHalf;
 use tokio::sync::{Semaphore, mpsc, oneshot};
 use tokio_util::codec::{FramedParts, FramedRead, FramedWrite, LengthDelimitedCodec};
 
-use crate::requests::{Asked, REQUEST_BYTES_MAX, REQUEST_BYTES_MIN, RequestQueues};
+use crate::requests::{
+    Asked, QUEUED_BYTES_MIN, REQUEST_BYTES_MAX, REQUEST_BYTES_MIN, RequestQueues,
+};
 use crate::session::{ClientHandle, Event, write_all};
 
 /// A client that may come in.
@@ -68,7 +71,7 @@ async fn hear(
     session: SessionId,
     queues: &RequestQueues,
 ) -> String {
-    let room = Arc::new(Semaphore::new(REQUEST_BYTES_MAX));
+    let [room, queued_room] = [(); 2].map(|()| Arc::new(Semaphore::new(REQUEST_BYTES_MAX)));
     loop {
         let bytes = match stream.next().await {
             None => return "it closed the connection".to_owned(),
@@ -79,6 +82,16 @@ async fn hear(
             Ok(call) => call,
             Err(error) => return format!("it sent something malformed: {error}"),
         };
+        if call.delivery != Delivery::Immediate {
+            // Waiting for room here would hold up what must not wait.
+            let share = bytes.len().clamp(QUEUED_BYTES_MIN, REQUEST_BYTES_MAX) as u32;
+            let asked = match Arc::clone(&queued_room).try_acquire_many_owned(share) {
+                Ok(share) => Asked::Call(call, share),
+                Err(_) => Asked::Beyond(call.id),
+            };
+            queues.push(session, asked);
+            continue;
+        }
         let share = bytes.len().clamp(REQUEST_BYTES_MIN, REQUEST_BYTES_MAX) as u32;
         let Ok(share) = Arc::clone(&room).acquire_many_owned(share).await else {
             return "the manager ends".to_owned();

@@ -1,10 +1,15 @@
 //! Requests that wait for the core: a queue for each client, served in turn within a budget, so
 //! that however much clients ask, servers are heard first and frames go on.
 
-use std::collections::{BTreeMap, VecDeque};
+mod client_queue;
+
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use client_queue::ClientQueue;
 use polyptych_core::{Micros, SessionId};
+use polyptych_protocol::delivery::QUEUED_REQUESTS_MAX;
+use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::RequestMessage;
 use tokio::sync::{Notify, OwnedSemaphorePermit};
 
@@ -13,6 +18,9 @@ pub(crate) const REQUEST_BYTES_MAX: usize = polyptych_protocol::limits::CALL_BYT
 
 /// What a request takes at least of [`REQUEST_BYTES_MAX`]: the queue's own memory for it.
 pub(crate) const REQUEST_BYTES_MIN: usize = 128;
+
+/// What a queued request takes at least of as much memory for all of those.
+pub(crate) const QUEUED_BYTES_MIN: usize = REQUEST_BYTES_MAX / QUEUED_REQUESTS_MAX;
 
 /// Length of a budget's period, in microseconds.
 const PERIOD: Micros = 10_000;
@@ -30,11 +38,13 @@ const REQUESTS_PER_PERIOD: u32 = 32;
 pub(crate) enum Asked {
     /// A request, and its share of [`REQUEST_BYTES_MAX`].
     Call(RequestMessage, OwnedSemaphorePermit),
+    /// A request for which there is no room among the queued ones.
+    Beyond(RequestId),
     /// The connection has ended, for this reason; nothing follows.
     Gone(String),
 }
 
-type Queues = BTreeMap<SessionId, VecDeque<Asked>>;
+type Queues = BTreeMap<SessionId, ClientQueue>;
 
 /// The queues of all clients, which their connections fill.
 #[derive(Clone, Debug, Default)]
@@ -48,10 +58,22 @@ impl RequestQueues {
         self.queues.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Puts it behind what the client has said before.
+    /// Puts it behind what the client has said before, or among its queued requests.
     pub fn push(&self, from: SessionId, asked: Asked) {
-        self.lock().entry(from).or_default().push_back(asked);
+        self.lock().entry(from).or_default().push(asked);
         self.news.notify_one();
+    }
+
+    /// A request of a client has its answer: the next queued one may begin.
+    pub fn finish(&self, from: SessionId, id: RequestId) {
+        let mut queues = self.lock();
+        let Some(queue) = queues.get_mut(&from) else { return };
+        if queue.finish(id) {
+            self.news.notify_one();
+        }
+        if queue.is_empty() {
+            queues.remove(&from);
+        }
     }
 
     /// Ready when there may be something to serve.
@@ -89,10 +111,10 @@ impl Turns {
         }
         let mut queues = self.queues.lock();
         let has_budget = self.spent < TIME_PER_PERIOD;
-        let is_next = |(session, queue): &(&SessionId, &VecDeque<Asked>)| match queue.front() {
+        let is_next = |(session, queue): &(&SessionId, &ClientQueue)| match queue.front() {
             None => false,
             Some(Asked::Gone(_)) => true,
-            Some(Asked::Call(..)) => {
+            Some(Asked::Call(..) | Asked::Beyond(_)) => {
                 let served = self.served.get(session).copied().unwrap_or(0);
                 has_budget && served < REQUESTS_PER_PERIOD && may_ask(**session)
             }
@@ -101,7 +123,7 @@ impl Turns {
             queues.range((std::ops::Bound::Excluded(self.last), std::ops::Bound::Unbounded));
         let found = behind.chain(queues.range(..=self.last)).find(is_next).map(|(of, _)| *of)?;
         let queue = queues.get_mut(&found)?;
-        let asked = queue.pop_front()?;
+        let asked = queue.pop()?;
         if queue.is_empty() {
             queues.remove(&found);
         }
@@ -117,7 +139,7 @@ impl Turns {
 
     /// When requests that wait may be served; `None` if none waits.
     pub fn due(&self) -> Option<Micros> {
-        let is_any = self.queues.lock().values().any(|queue| !queue.is_empty());
+        let is_any = self.queues.lock().values().any(|queue| queue.front().is_some());
         is_any.then_some(self.period + PERIOD)
     }
 
@@ -130,7 +152,7 @@ impl Turns {
 
 #[cfg(test)]
 mod tests {
-    use polyptych_protocol::ids::RequestId;
+    use polyptych_protocol::delivery::Delivery;
     use polyptych_protocol::request::Request;
     use tokio::sync::Semaphore;
 
@@ -138,7 +160,7 @@ mod tests {
 
     fn ask(turns: &Turns, session: u64, id: u64) {
         let room = Arc::new(Semaphore::new(1)).try_acquire_owned().expect("free");
-        let call = RequestMessage { id: RequestId(id), request: Request::Status };
+        let call = RequestMessage::new(RequestId(id), Request::Status);
         turns.queues().push(SessionId(session), Asked::Call(call, room));
     }
 
@@ -163,6 +185,62 @@ mod tests {
         assert_eq!(serve(&mut turns, PERIOD + 1, 1), [0; 0], "its budget is spent");
         assert_eq!(turns.due(), Some(2 * PERIOD));
         assert_eq!(serve(&mut turns, 2 * PERIOD, 1).len() as u32, REQUESTS_PER_PERIOD);
+    }
+
+    fn queue(turns: &Turns, session: u64, id: u64, priority: u8) {
+        let room = Arc::new(Semaphore::new(1)).try_acquire_owned().expect("free");
+        let delivery = Delivery::Queued { priority };
+        let call = RequestMessage { id: RequestId(id), request: Request::Status, delivery };
+        turns.queues().push(SessionId(session), Asked::Call(call, room));
+    }
+
+    /// The number of the next request; that of an end is 0.
+    fn next(turns: &mut Turns) -> Option<u64> {
+        turns.next(PERIOD, |_| true).map(|(_, asked)| match asked {
+            Asked::Call(call, _) => call.id.0,
+            Asked::Beyond(id) => id.0,
+            Asked::Gone(_) => 0,
+        })
+    }
+
+    #[test]
+    fn queued_requests_begin_one_by_one_by_priority_behind_all_others() {
+        let mut turns = Turns::default();
+        for (id, priority) in [(1, 0), (2, 7), (3, 7), (4, 255), (5, 0)] {
+            queue(&turns, 3, id, priority);
+        }
+        ask(&turns, 3, 10);
+        ask(&turns, 3, 11);
+        assert_eq!([next(&mut turns), next(&mut turns)], [Some(10), Some(11)]);
+        let finish = |turns: &Turns, id| turns.queues().finish(SessionId(3), RequestId(id));
+        for (at, id) in (12..).zip([4, 2, 3, 1, 5]) {
+            assert_eq!(next(&mut turns), Some(id));
+            assert_eq!((next(&mut turns), turns.due()), (None, None), "{id} has no answer yet");
+            // Others need not wait for it, and their answers are not its own.
+            ask(&turns, 3, at);
+            assert_eq!(next(&mut turns), Some(at));
+            finish(&turns, at);
+            assert_eq!(next(&mut turns), None);
+            finish(&turns, id);
+        }
+        assert_eq!((next(&mut turns), turns.queues().lock().len()), (None, 0), "nothing is left");
+    }
+
+    #[test]
+    fn a_client_that_goes_away_drops_its_queued_requests() {
+        let mut turns = Turns::default();
+        queue(&turns, 3, 1, 0);
+        queue(&turns, 3, 2, 9);
+        ask(&turns, 3, 10);
+        queue(&turns, 4, 20, 0);
+        turns.queues().push(SessionId(3), Asked::Beyond(RequestId(11)));
+        turns.queues().push(SessionId(3), Asked::Gone("closed".into()));
+        let mut heard: Vec<u64> = std::iter::from_fn(|| next(&mut turns)).collect();
+        heard.sort_unstable();
+        assert_eq!(heard, [0, 10, 11, 20]);
+        turns.forget(SessionId(3));
+        turns.queues().finish(SessionId(3), RequestId(2));
+        assert_eq!(turns.queues().lock().keys().collect::<Vec<_>>(), [&SessionId(4)]);
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod description;
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, Write};
 use std::path::Path;
@@ -57,7 +58,7 @@ pub fn write(
     let written = writer.write(&ids, &scene.edits).and_then(|lists| {
         let (notes, file) = (std::mem::take(&mut writer.notes), writer.file);
         let (head, binary) = lists.finish(file)?;
-        let mut binary = binary.into_inner().map_err(|error| error.into_error())?;
+        let mut binary = binary.into_inner().map_err(io::IntoInnerError::into_error)?;
         binary.rewind()?;
         let bytes = head.len() as u64 + binary.metadata()?.len();
         let about = ExportedScene {
@@ -218,7 +219,7 @@ impl<'a> SceneWriter<'a> {
                 images.insert(key, image);
                 image
             };
-            let json = sampler_json(&texture.sampler);
+            let json = sampler_json(texture.sampler);
             let next = lists.samplers.len();
             let sampler = *samplers.entry(json.clone()).or_insert(next);
             if sampler == next {
@@ -267,17 +268,15 @@ impl<'a> SceneWriter<'a> {
         for primitive in &mesh.primitives {
             let mut json = self.geometry(primitive)?;
             if let Some(material) = primitive.material.and_then(|of| materials.get(&of)) {
-                json += &format!(r#","material":{material}"#);
+                let _ = write!(json, r#","material":{material}"#);
             }
             let json = format!("{{{json}}}");
-            match parts.iter_mut().find(|(origin, _)| *origin == primitive.origin) {
-                Some((_, list)) => drop(list.push(&json)),
-                None => {
-                    let mut list = JsonList::default();
-                    list.push(&json);
-                    parts.push((primitive.origin, list));
-                }
-            }
+            let part = parts.iter().position(|(origin, _)| *origin == primitive.origin);
+            let part = part.unwrap_or_else(|| {
+                parts.push((primitive.origin, JsonList::default()));
+                parts.len() - 1
+            });
+            parts[part].1.push(&json);
         }
         let name = if mesh.name.is_empty() {
             String::new()

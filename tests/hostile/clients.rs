@@ -86,11 +86,8 @@ fn connect(local: &LocalWall, name: &str) -> TcpStream {
 }
 
 fn call(id: u64, request: Request) -> Vec<u8> {
-    polyptych_codec::framed(&polyptych_codec::encode(&RequestMessage {
-        id: RequestId(id),
-        request,
-    }))
-    .to_vec()
+    polyptych_codec::framed(&polyptych_codec::encode(&RequestMessage::new(RequestId(id), request)))
+        .to_vec()
 }
 
 fn servers() -> u32 {

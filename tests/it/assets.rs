@@ -190,6 +190,18 @@ fn shapes_are_added_by_words() {
     local.run(&["node", "set", "crate", "color=#ff0000"]).failed(&["goes with a new mesh"]);
     local.run(&["node", "remove", "crate"]).succeeded();
     check("removed", &picture(&local), &before, &IDENTICAL);
+    // What of a file is not drawn is said as it is of a scene.
+    let coated = flag().with(|gltf| {
+        gltf.json["materials"][0]["extensions"] =
+            json!({ "KHR_materials_clearcoat": { "clearcoatFactor": 1 } });
+    });
+    local.place.write("coated.glb", coated.glb());
+    let note = "materials: 1 is drawn without KHR_materials_clearcoat";
+    let said = local.run(&["scene", "import", "coated.glb"]).succeeded();
+    assert_eq!(said.lines().last(), Some(format!("note: {note}").as_str()), "{said}");
+    let said = local.run(&["scene", "import", "coated.glb", "--json"]).succeeded();
+    let said: serde_json::Value = serde_json::from_str(&said).expect("JSON");
+    assert_eq!(said["notes"], json!([note]));
     local.run(&["scene", "import", "none.glb"]).failed(&["none.glb", "not found"]);
     local.run(&["scene", "import", "flag.glb", "mesh=1"]).failed(&["name, position, rotation"]);
 }

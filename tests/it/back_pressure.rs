@@ -131,11 +131,8 @@ fn flood(local: &LocalWall, request: impl Fn(u64) -> Request, most: u64) -> (u64
 }
 
 fn call(id: u64, request: Request) -> Vec<u8> {
-    polyptych_codec::framed(&polyptych_codec::encode(&RequestMessage {
-        id: RequestId(id),
-        request,
-    }))
-    .to_vec()
+    polyptych_codec::framed(&polyptych_codec::encode(&RequestMessage::new(RequestId(id), request)))
+        .to_vec()
 }
 
 fn runtime() -> tokio::runtime::Runtime {

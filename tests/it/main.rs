@@ -10,6 +10,7 @@
 //! - `hostile`: strangers, clients and disks that would stop a wall if they could
 //! - `back_pressure`: peers that flood or don't read cost the others nothing
 //! - `replay`: what a manager was told is recorded, and decided again in the same way
+//! - `queued_requests`: requests that a client queues wait for all others, and go by priority
 //! - `reconnecting`: a program goes on when its manager is killed and started again
 //! - `client_library`: the same program drives one channel and four
 //! - `command_text`: help, schema, manuals, variables, and files that the command leaves alone
@@ -65,6 +66,7 @@ mod observation;
 mod one_process;
 mod outputs;
 mod prove;
+mod queued_requests;
 mod reconnecting;
 #[path = "../reference/reference.rs"]
 mod reference;

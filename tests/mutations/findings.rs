@@ -49,7 +49,7 @@ fn counts_that_a_server_makes_up_are_added_up() {
         receiver.take_for_each_frame(ServerMessage::Drawn(drawn));
     }
     let request = Request::Statistics { reset: false };
-    receiver.take(Message::Call(RequestMessage { id: RequestId(1), request }), 1);
+    receiver.take(Message::Call(RequestMessage::new(RequestId(1), request)), 1);
 }
 
 /// A server that repeats itself filled the manager's memory: reports of one frame were all kept.
@@ -116,7 +116,7 @@ fn a_client_opens_a_few_scenes_at_a_time() {
         let open = |receiver: &mut Receiver, id: u64| {
             let request = Request::OpenScene { path: "town.glb".into() };
             let id = RequestId(if same { 7 } else { id });
-            receiver.take(Message::Call(RequestMessage { id, request }), 1);
+            receiver.take(Message::Call(RequestMessage::new(id, request)), 1);
             receiver.imports_held()
         };
         let mut receiver = Receiver::new();

@@ -5,6 +5,7 @@ mod calls;
 mod capture;
 mod connecting;
 mod endings;
+mod exports;
 mod feedback;
 mod manager;
 mod reconnecting;

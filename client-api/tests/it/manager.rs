@@ -48,10 +48,13 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Manager<S> {
 
     /// The next request; `None` once the client has closed.
     pub async fn next(&mut self) -> Option<(RequestId, Request)> {
+        self.next_message().await.map(|message| (message.id, message.request))
+    }
+
+    /// The next request, with all that is sent beside it.
+    pub async fn next_message(&mut self) -> Option<RequestMessage> {
         let bytes = self.frames.next().await?.expect("a message");
-        let RequestMessage { id, request } =
-            polyptych_protocol::framing::decode(&bytes).expect("a call");
-        Some((id, request))
+        Some(polyptych_protocol::framing::decode(&bytes).expect("a call"))
     }
 
     /// The next request, which must be this one.

@@ -194,8 +194,7 @@ impl<W: Write> GlbWriter<W> {
     ) -> io::Result<(Vec<u8>, W)> {
         self.align()?;
         self.binary.flush()?;
-        let mut json =
-            format!(r#"{{"asset":{{"version":"2.0","generator":"Polyptych"}},"scene":0"#);
+        let mut json = r#"{"asset":{"version":"2.0","generator":"Polyptych"},"scene":0"#.to_owned();
         let names: Vec<String> = self.extensions.iter().map(|name| quoted(name)).collect();
         if !names.is_empty() {
             let _ = write!(json, r#","extensionsUsed":[{}]"#, names.join(","));

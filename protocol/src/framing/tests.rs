@@ -21,6 +21,8 @@ use serde::Serialize;
 use super::*;
 use crate::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
 use crate::command::{Command, Frame, Pong, Prepare, Swap};
+use crate::delivery::Delivery;
+use crate::exported_scene::ExportedScene;
 use crate::handshake::{Adapter, ClientHello, Hello, HelloReply, Rejection, ServerHello};
 use crate::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 use crate::node_query::{NearestPoint, NearestQuery, NodeQuery, RegionQuery};
@@ -116,33 +118,32 @@ fn golden() -> Vec<(Bytes, &'static str)> {
     let failure =
         request::MessageToClient::Reply { id: RequestId(5), reply: Err(RequestError::new("no")) };
     let done = request::MessageToClient::Reply { id: RequestId(5), reply: Ok(Response::Done) };
-    let run = RequestMessage { id: RequestId(5), request: Request::Run(Pacing::Rate(60.0)) };
-    let freeze =
-        RequestMessage { id: RequestId(7), request: Request::SetDisplays(OutputMode::Freeze) };
-    let pattern = RequestMessage {
-        id: RequestId(8),
-        request: Request::SetPattern(Some(TestPattern::Weights)),
-    };
+    let run = RequestMessage::new(RequestId(5), Request::Run(Pacing::Rate(60.0)));
+    let freeze = RequestMessage::new(RequestId(7), Request::SetDisplays(OutputMode::Freeze));
+    let pattern =
+        RequestMessage::new(RequestId(8), Request::SetPattern(Some(TestPattern::Weights)));
     let to = Offset::By(glam::DVec2::new(1.5, -0.5));
     let changes = vec![CalibrationChange::Pin { corner: Corner::UpperRight, to }];
     let tune = Request::Tune { channel: "a".into(), changes };
-    let tune = RequestMessage { id: RequestId(9), request: tune };
+    let tune = RequestMessage::new(RequestId(9), tune);
     let mut moving = Transaction::based_on(Revision(3));
     moving.set_transform(NodeId(300), DAffine3::IDENTITY);
-    let edit = RequestMessage { id: RequestId(6), request: Request::Edit(moving) };
-    let open =
-        RequestMessage { id: RequestId(6), request: Request::OpenScene { path: "a.glb".into() } };
-    let head = RequestMessage {
-        id: RequestId(8),
-        request: Request::SetHead(frame().presentation.head.into()),
-    };
+    let edit = RequestMessage::new(RequestId(6), Request::Edit(moving));
+    let open = RequestMessage::new(RequestId(6), Request::OpenScene { path: "a.glb".into() });
+    let head =
+        RequestMessage::new(RequestId(8), Request::SetHead(frame().presentation.head.into()));
     let plan = View {
         area: Area::Screen { screen: 1, rect: [0, 2, 300, 4] },
         projection: ViewProjection::Orthographic { height_m: 1.5 },
         ..View::of_wall(Camera::IDENTITY)
     };
-    let views = RequestMessage { id: RequestId(9), request: Request::SetViews(vec![plan]) };
-    let call = |request| RequestMessage { id: RequestId(8), request };
+    let views = RequestMessage::new(RequestId(9), Request::SetViews(vec![plan]));
+    let call = |request| RequestMessage::new(RequestId(8), request);
+    let delivery = Delivery::Queued { priority: 7 };
+    let queued = RequestMessage { delivery, ..call(Request::ExportScene { saved: None }) };
+    let exported = ExportedScene { name: "a".into(), bytes: 300, nodes: 2, ..Default::default() };
+    let exported = Ok(Response::Exported(exported));
+    let exported = request::MessageToClient::Reply { id: RequestId(9), reply: exported };
     let film = call(Request::Capture { time_s: Some(2.5) });
     let store = call(Request::StoreView { name: "quay".into(), camera: None });
     let stop = TourStop::new(Camera::IDENTITY, 2.0);
@@ -152,9 +153,9 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         relation: Relation::Contains,
         nodes: NodeQuery { skip: 1, count: 300, ..NodeQuery::default() },
     };
-    let region = RequestMessage { id: RequestId(9), request: Request::FindInRegion(region) };
+    let region = RequestMessage::new(RequestId(9), Request::FindInRegion(region));
     let near = NearestQuery { point: DVec3::Y, within: Some(0.5) };
-    let near = RequestMessage { id: RequestId(9), request: Request::NearestPoint(near) };
+    let near = RequestMessage::new(RequestId(9), Request::NearestPoint(near));
     let nearest = NearestPoint {
         revision: Revision(3),
         node: NodeId(300),
@@ -200,45 +201,48 @@ fn golden() -> Vec<(Bytes, &'static str)> {
             encode(&BulkToServer::Chunk(piece)),
             "0001010101010101010101010101010101010101010101010101010101010101010200020908",
         ),
-        (encode(&run), "0505010000000000004e40"),
-        (encode(&open), "060005612e676c62"),
+        (encode(&run), "0505010000000000004e4000"),
+        (encode(&open), "060005612e676c6200"),
         (
             encode(&edit),
             "061201030103fb2c01000000000000f03f00000000000000000000000000000000000000000000000000\
              0000000000f03f000000000000000000000000000000000000000000000000000000000000f03f000000\
-             0000000000000000000000000000000000000000000000",
+             000000000000000000000000000000000000000000000000",
         ),
-        (encode(&freeze), "070d03"),
+        (encode(&freeze), "070d0300"),
         (
             encode(&head),
             "080e00000000000000009a9999999999f93f000000000000000001000000000000000000000000000000\
-             000000000000000000000000000000f03f01fca9f1d24d62b03f",
+             000000000000000000000000000000f03f01fca9f1d24d62b03f00",
         ),
         (
             encode(&views),
             "090f0100000000000000000000000000000000000000000000000000000000000000000000000000000000\
-             0000000000000000000000000000f03f000000000000f03f01010002fb2c010402000000000000f83f0000",
+             0000000000000000000000000000f03f000000000000f03f01010002fb2c010402000000000000f83f00\
+             0000",
         ),
         (
             encode(&region),
             "091701000000000000f03f00000000000000000000000000000000000000000000e03f02000000000001fb\
-             2c01",
+             2c0100",
         ),
-        (encode(&near), "09180000000000000000000000000000f03f000000000000000001000000000000e03f"),
+        (encode(&near), "09180000000000000000000000000000f03f000000000000000001000000000000e03f00"),
         (
             encode(&nearest),
             "0009000c0103fb2c01016100000000000000000000000000000000000000000000f03f000000000000e0\
              3f",
         ),
-        (encode(&pattern), "08100103"),
-        (encode(&tune), "0911016101000101000000000000f83f000000000000e0bf"),
-        (encode(&film), "0807010000000000000440"),
-        (encode(&store), "0819047175617900"),
+        (encode(&pattern), "0810010300"),
+        (encode(&tune), "0911016101000101000000000000f83f000000000000e0bf00"),
+        (encode(&queued), "0822000107"),
+        (encode(&exported), "000900100161fb2c0102000000"),
+        (encode(&film), "080701000000000000044000"),
+        (encode(&store), "081904717561790000"),
         (
             encode(&play),
             "081c01000000000000000000000000000000000000000000000000000000000000000000000000000000\
              000000000000000000000000000000f03f000000000000f03f0000000000000040000000000000000000\
-             01",
+             0100",
         ),
         (encode(&failure), "000501026e6f"),
         (encode(&done), "00050000"),

@@ -96,7 +96,12 @@ impl EventLoop {
         let finished = self.collections.extract_if(.., |(_, collection)| collection.is_complete());
         for (_, collection) in finished {
             let Some(seat) = self.clients.get(&collection.job.client) else { continue };
-            tokio::spawn(capture_sender::send_capture(collection, seat.link.clone()));
+            let (link, queues) = (seat.link.clone(), self.turns.queues().clone());
+            let ClientRequest { client, id } = collection.job;
+            tokio::spawn(async move {
+                capture_sender::send_capture(collection, link).await;
+                queues.finish(client, id);
+            });
         }
     }
 }

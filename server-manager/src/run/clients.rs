@@ -1,7 +1,8 @@
 //! What the hub does for clients: lets them in, serves their requests in turn, and answers.
 
-use polyptych_core::{Input, Micros, SessionId};
+use polyptych_core::{ClientRequest, Input, Micros, SessionId};
 use polyptych_protocol::command::Goodbye;
+use polyptych_protocol::delivery::QUEUED_REQUESTS_MAX;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::process;
 use polyptych_protocol::request::{MessageToClient, Request, Response};
@@ -107,6 +108,13 @@ impl EventLoop {
                         request => self.tell(now, Input::Request { client: from, id, request }),
                     }
                 }
+                Asked::Beyond(id) => {
+                    let reason = format!(
+                        "{QUEUED_REQUESTS_MAX} requests of this client are queued already, or 2 \
+                         MiB of them; await some first"
+                    );
+                    self.refuse(ClientRequest { client: from, id }, reason);
+                }
                 Asked::Gone(reason) => self.forget(from, &reason),
             }
             self.carry_out();
@@ -149,6 +157,9 @@ impl EventLoop {
             statistics.bytes_per_frame = self.frame_bytes as f64 / statistics.frames.max(1) as f64;
         }
         let is_sent = link.send(polyptych_codec::encode(&answer));
+        if let MessageToClient::Reply { id, .. } = &answer {
+            self.turns.queues().finish(to, *id);
+        }
         // One that is gone already says why itself.
         if !is_sent && !may_be_lost && !link.outbox.is_closed() {
             self.let_client_go(to, "it does not read its answers");

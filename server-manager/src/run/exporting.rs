@@ -1,7 +1,7 @@
 //! Scenes that clients export, beside the loop of the manager.
 
 use std::io::Read;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use polyptych_core::{ClientRequest, EditedScene, SessionId};
@@ -49,8 +49,10 @@ impl EventLoop {
             Err(reason) => return self.refuse(job, reason),
         };
         let folder = self.options.baker.store.clone();
+        let queues = self.turns.queues().clone();
         let work = async move {
             send(source, folder, &link, id).await;
+            queues.finish(client, id);
             drop(turn);
         };
         tokio::spawn(work.instrument(self.cluster.request_span(job)));
@@ -60,7 +62,7 @@ impl EventLoop {
 /// Sends a scene in pieces, and the reply behind them.
 async fn send(source: ExportSource, folder: PathBuf, link: &ClientHandle, id: RequestId) {
     let progress = link.clone();
-    let written = tokio::task::spawn_blocking(move || write(source, folder, &progress, id)).await;
+    let written = tokio::task::spawn_blocking(move || write(source, &folder, &progress, id)).await;
     let reply = match written.unwrap_or_else(|error| Err(error.to_string())) {
         Ok((about, file)) => send_file(file, link, id).await.map(|()| Response::Exported(about)),
         Err(reason) => Err(reason),
@@ -72,7 +74,7 @@ async fn send(source: ExportSource, folder: PathBuf, link: &ClientHandle, id: Re
 
 fn write(
     source: ExportSource,
-    folder: PathBuf,
+    folder: &Path,
     link: &ClientHandle,
     id: RequestId,
 ) -> Result<(ExportedScene, impl Read + Send + use<>), String> {
@@ -94,7 +96,7 @@ fn write(
         !link.close.is_cancelled() && !link.pieces.is_closed()
     };
     let store = BlobStore::new(folder.join("blobs"));
-    scene_export::write(&scene, &store, &folder, &mut step)
+    scene_export::write(&scene, &store, folder, &mut step)
 }
 
 /// Sends all of a file. Waits for the client where it reads slowly: little of it is in memory.

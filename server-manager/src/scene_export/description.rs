@@ -110,7 +110,7 @@ pub(super) fn light_json(of: &Light) -> String {
 }
 
 /// A sampler, by the numbers of OpenGL.
-pub(super) fn sampler_json(of: &Sampler) -> String {
+pub(super) fn sampler_json(of: Sampler) -> String {
     let mag = match of.mag {
         Filter::Nearest => 9728,
         Filter::Linear => 9729,

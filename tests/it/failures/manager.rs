@@ -78,7 +78,7 @@ fn a_wall_goes_on_when_the_client_that_moves_it_is_killed() {
         let (mut frames, _) =
             send_hello(stream, Role::Client, &hello, &Secret(token)).await.expect("let in");
         let request = Request::Run(Pacing::Rate(RATE));
-        let call = RequestMessage { id: RequestId(1), request };
+        let call = RequestMessage::new(RequestId(1), request);
         frames.send(polyptych_codec::encode(&call)).await.expect("asked");
         frames.into_inner().into_std().expect("a socket")
     });

@@ -288,7 +288,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::ExportScene { saved: Some("evening".into()) },
     ];
     let requests = requests.into_iter().chain(regions().map(Request::FindInRegion));
-    let call = |(request, id)| RequestMessage { id: RequestId(id), request };
+    let call = |(request, id)| RequestMessage::new(RequestId(id), request);
     requests.zip(1..).map(call).collect()
 }
 
