@@ -11,7 +11,7 @@ use polyptych_client::{Camera, Client, FrameFeedback, Pacing};
 use crate::harness::local_wall::{LocalWall, screen_of, shot, small};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
 use crate::harness::process::Process;
-use crate::harness::scenes::{poses, town};
+use crate::harness::scenes::{Gltf, poses, town};
 use crate::harness::wait;
 
 fn start(columns: u32, rows: u32) -> LocalWall {
@@ -98,6 +98,19 @@ fn run_example(local: &LocalWall, path: &Path, arguments: &[&str]) -> String {
     Process::start("example", &mut command).finish(wait::LIMIT).succeeded()
 }
 
+/// A triangle that stands high over the town, at this z.
+fn gable(z: f64) -> Gltf {
+    Gltf::triangle().with(|gltf| {
+        let corners = [[0.0f32, 0.0, 0.0], [2.0, 0.0, 0.0], [1.0, 2.0, 0.0]];
+        let bytes: Vec<u8> = corners.iter().flatten().flat_map(|at| at.to_le_bytes()).collect();
+        gltf.bin[..bytes.len()].copy_from_slice(&bytes);
+        let place = serde_json::json!([0.0, 200.0, z]);
+        gltf.json["nodes"] = serde_json::json!([
+            { "name": "gable", "mesh": 0, "translation": place, "scale": [50, 50, 50] },
+        ]);
+    })
+}
+
 #[test]
 fn the_examples_run() {
     let local = start(2, 1);
@@ -113,6 +126,20 @@ fn the_examples_run() {
     let tour = ["town.glb", &local.address];
     let said = run_example(&local, &example("guided_tour"), &tour);
     assert!(said.lines().count() == 5 && said.contains(" at 8.00 s from ["), "{said}");
+    for (name, z) in [("plan-a.glb", 0.0), ("plan-b.glb", -10.0)] {
+        std::fs::write(town().with_file_name(name), gable(z).glb()).expect("written");
+    }
+    let plans = ["town.glb", "plan-a.glb", "plan-b.glb", &local.address];
+    let said = run_example(&local, &example("plan_comparison"), &plans);
+    let lines: Vec<&str> = said.lines().collect();
+    assert_eq!(lines.len(), 4, "{said}");
+    assert!(
+        lines[0].starts_with("plan a: node ") && lines[1].starts_with("plan b: node "),
+        "{said}"
+    );
+    assert!(lines[0].contains(" gable, ") && lines[2].starts_with("there they are 1"), "{said}");
+    // From the same pixel it is further away than from plane to plane.
+    assert_eq!(lines[3], "plan b comes as near as 10.000 to what plan a shows there");
 }
 
 /// Packages that a program adds with the client library: more would be felt in every build of it.
