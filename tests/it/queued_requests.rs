@@ -53,13 +53,13 @@ fn first_name(client: &Client) -> String {
 fn queued_requests_wait_for_all_others_and_go_by_their_priority() {
     let local = wall();
     let client = local.client();
-    let mut first = client.submit_queued(open("town.glb"), 0).expect("sent");
+    let mut first = client.submit_queued(open("town.glb"), 255).expect("sent");
     let late = client.submit_queued(rename("late"), 0).expect("sent");
     let middle = ["one", "two"].map(|name| client.submit_queued(rename(name), 7).expect("sent"));
     let soon = client.submit_queued(rename("soon"), 255).expect("sent");
     // What is immediate is answered while the first of them is under way.
     await_opening(&client);
-    assert!(first.poll().is_none(), "and nothing waits for that");
+    assert!(first.query().is_none(), "and nothing waits for that");
     assert!(matches!(first.wait(), Ok(Response::SceneOpened(_))));
     let [one, two] = middle;
     let [soon, one, two, late] = [soon, one, two, late].map(|pending| edited(pending).revision);

@@ -6,10 +6,10 @@ use std::io::{self, Write};
 use std::sync::mpsc;
 
 use image::RgbaImage;
-use polyptych_client::glam::{DVec3, Vec3, Vec4};
+use polyptych_client::glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
 use polyptych_client::{
-    Assets, Attribute, Camera, ClientError, Light, LightKind, Material, MeshData, NewNode,
-    NodeInfo, NodeQuery, TextureRef, Transaction, blocking::Client, fit_bounds,
+    AlphaMode, Assets, Attribute, Camera, ClientError, Light, LightKind, Material, MeshData,
+    NewNode, NodeInfo, NodeQuery, TextureRef, Transaction, blocking::Client, fit_bounds,
 };
 use serde_json::{Value, json};
 
@@ -52,13 +52,12 @@ fn edit(client: &Client) {
     });
     checks.write_to(&mut png, image::ImageFormat::Png).expect("encoded");
     let texture = assets.add_picture(png.into_inner());
-    let uv_transform =
-        polyptych_client::glam::Affine2::from_scale(polyptych_client::glam::Vec2::new(2.0, 3.0));
+    let uv_transform = Affine2::from_scale(Vec2::new(2.0, 3.0));
     let paint = Material {
         name: "paint".into(),
         base_color: Vec4::new(0.9, 0.7, 0.4, 1.0),
         emissive: Vec3::new(0.1, 2.5, 0.3),
-        alpha_mode: polyptych_client::AlphaMode::Mask(0.5),
+        alpha_mode: AlphaMode::Mask(0.5),
         double_sided: true,
         base_color_texture: Some(TextureRef { texture, uv_set: 0, uv_transform }),
         ..Assets::matt()
@@ -66,10 +65,10 @@ fn edit(client: &Client) {
     let paint = assets.add_material(paint);
     let mesh = assets.add_mesh(MeshData::cuboid(Vec3::splat(30.0)), Some(paint));
     let mut change = Transaction::default().with_assets(assets.to_source().expect("sound"));
-    let at = |y| polyptych_client::glam::DAffine3::from_translation(DVec3::new(0.1, y, 0.3));
+    let at = |y| DAffine3::from_translation(DVec3::new(0.1, y, 0.3));
     let crate_ = change.create(NewNode {
-        name: "crate \"1\"\n".trim().into(),
-        local: at(40.0) * polyptych_client::glam::DAffine3::from_rotation_y(0.7),
+        name: "crate \"1\"".into(),
+        local: at(40.0) * DAffine3::from_rotation_y(0.7),
         mesh: Some(mesh),
         ..NewNode::default()
     });

@@ -90,13 +90,13 @@ async fn each_piece_renews_the_time_and_queued_requests_have_no_end_of_theirs() 
     let work = async {
         let id = manager.expect(EXPORT).await;
         for _ in 0..5 {
-            tokio::time::sleep(second * 9 / 10).await;
+            tokio::time::advance(second * 9 / 10).await;
             manager.piece(id, 0, b"abc").await;
         }
         manager.reply(id, exported(15)).await;
         // One that says nothing any more.
         manager.expect(EXPORT).await;
-        tokio::time::sleep(second * 2).await;
+        tokio::time::advance(second * 2).await;
     };
     let mut file = Vec::new();
     let export = async {

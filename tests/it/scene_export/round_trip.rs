@@ -134,7 +134,10 @@ fn primitive(random: &mut Rng, scene: &Scene, store: &BlobStore) -> Primitive {
         (min, max) = (min.min(position), max.max(position));
         let mut floats = [position.to_array(), normal.to_array()].concat();
         if layout.tangent {
-            floats.extend(normal.any_orthonormal_vector().extend(1.0).to_array());
+            // Only triangles have their own; a bake gives lines and points this one.
+            let is_surface = topology == Topology::Triangles;
+            let own = normal.any_orthonormal_vector().extend(1.0);
+            floats.extend(if is_surface { own.to_array() } else { [1.0, 0.0, 0.0, 1.0] });
         }
         let uvs = 2 * (usize::from(layout.uv0) + usize::from(layout.uv1));
         floats.extend((0..uvs).map(|_| signed(random)));
