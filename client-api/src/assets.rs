@@ -45,6 +45,12 @@ pub enum AssetError {
         /// The fault, and what would be right.
         what: String,
     },
+    /// A text that cannot be a mesh.
+    #[error("the label: {what}")]
+    Label {
+        /// The fault, and what would be right.
+        what: String,
+    },
     /// A material that names what is not there, or has a number that is none.
     #[error("material {material}: {what}")]
     Material {

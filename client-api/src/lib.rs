@@ -47,6 +47,8 @@ mod exports;
 mod feedback;
 mod image;
 mod in_flight;
+#[cfg(feature = "labels")]
+mod labels;
 mod mesh_data;
 mod pending;
 mod reconnect;
@@ -64,6 +66,8 @@ pub use error::ClientError;
 pub use feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream};
 pub use image::{CAPTURE_BYTES_MAX, Capture, Image};
 pub use in_flight::OPEN_REQUESTS_MAX;
+#[cfg(feature = "labels")]
+pub use labels::{LABEL_BYTES_MAX, LABEL_KEY};
 pub use mesh_data::MeshData;
 pub use pending::Pending;
 pub use reconnect::ReconnectPolicy;
@@ -97,8 +101,9 @@ pub use polyptych_protocol::walk_query::{
     Touched, WAY_POINTS_MAX, WalkEnd, WalkQuery, WalkedWay, Walker,
 };
 pub use polyptych_scene::{
-    AlphaMode, Attribute, Bounds, Edit, Light, LightKind, Material, NewNode, NodeId, SceneFeatures,
-    SceneSubset, TextureRef, Topology, provisional_asset,
+    AlphaMode, Attribute, Bounds, Edit, Facing, Fill, Highlight, Light, LightKind, Material,
+    NewNode, NodeId, NodeStyle, SceneFeatures, SceneSubset, Shading, TextureRef, Topology,
+    provisional_asset,
 };
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::{DAffine3, DVec3};
-use polyptych_scene::{Attribute, Bounds, Light, NodeId, SceneSubset};
+use polyptych_scene::{Attribute, Bounds, Facing, Light, NodeId, NodeStyle, SceneSubset};
 use polyptych_text::text_of_peer;
 use polyptych_wall::pick_ray::Ray;
 use polyptych_wall::region::{Region, Relation};
@@ -49,6 +49,8 @@ pub enum NodeKind {
     Light,
     /// It has neither a mesh nor a light.
     Empty,
+    /// It has a mesh, and its text as the attribute `label`.
+    Label,
 }
 
 /// A node as it stands.
@@ -85,6 +87,10 @@ pub struct NodeInfo {
     pub layer: Option<String>,
     /// The only one of its children that is shown; `None` for all.
     pub switch: Option<NodeId>,
+    /// The style that it has of its own.
+    pub style: NodeStyle,
+    /// The way in which it turns towards the viewer by itself; its places here are without that.
+    pub facing: Option<Facing>,
 }
 
 /// A layer of the open scene.

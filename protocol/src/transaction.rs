@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use glam::DAffine3;
 use polyptych_files::blob::BlobHash;
-use polyptych_scene::{Attribute, Edit, Light, Material, NewNode, NodeId};
+use polyptych_scene::{Attribute, Edit, Facing, Light, Material, NewNode, NodeId, NodeStyle};
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
@@ -197,6 +197,16 @@ impl Transaction {
     /// Shows only one of the nodes that hang from a node; `None` for all.
     pub fn set_switch(&mut self, node: NodeId, shown: Option<NodeId>) {
         self.edits.push(Edit::SetSwitch { node, shown });
+    }
+
+    /// Draws a node, with all that hangs from it and has no style of its own, in another way.
+    pub fn set_style(&mut self, node: NodeId, style: NodeStyle) {
+        self.edits.push(Edit::SetStyle { node, style });
+    }
+
+    /// Lets a node, with all that hangs from it, turn towards the viewer.
+    pub fn set_facing(&mut self, node: NodeId, facing: Option<Facing>) {
+        self.edits.push(Edit::SetFacing { node, facing });
     }
 
     /// Gives a material of the scene, by its index, another look.

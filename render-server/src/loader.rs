@@ -359,13 +359,13 @@ impl Loader {
         }
         let features = SceneFeatures::from_scene(&edited);
         let warm_up = frame_views::warm_up_camera(&edited);
-        if before.is_some_and(|before| before.added.keys().eq(added.keys())) {
-            let layout = self.layout(edited, &traits, line)?;
+        let (layout, held) = (self.layout(edited, &traits, line)?, before.map(|of| &*of.layout));
+        if before.is_some_and(|before| before.added.keys().eq(added.keys()))
+            && held.is_some_and(|held| layout.shares_content_with(held))
+        {
             self.upload(Upload::Relayout(Arc::clone(&layout)))?;
             return Ok(ReadyScene { version, base, added, layout, features, warm_up });
         }
-        let (layout, held) =
-            (self.layout(edited, &traits, line)?, before.map(|before| &*before.layout));
         let missing = layout.content_beyond(held);
         self.upload(Upload::Begin { layout: Arc::clone(&layout), shares: held.is_some() })?;
         for (blob, place) in missing {

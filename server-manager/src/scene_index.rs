@@ -137,7 +137,8 @@ impl SceneIndex {
         mesh.map_or(&[], |mesh| &mesh.primitives)
     }
 
-    /// Visits every mesh in every place where a part of the scene shows it: the index of its node, its box in its
+    /// Visits every mesh in every place where a part of the scene shows it: the index of its node,
+    /// its box in its
     /// own space, and world space from there.
     pub fn visit_meshes(
         &self,
@@ -199,6 +200,8 @@ impl SceneIndex {
             own_layer: edits.and_then(|edits| edits.layer.clone()),
             layer: self.layer(at).map(str::to_owned),
             switch: edits.and_then(|edits| edits.switch),
+            style: edits.map(|edits| edits.style).unwrap_or_default(),
+            facing: edits.and_then(|edits| edits.facing),
         }
     }
 

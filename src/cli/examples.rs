@@ -67,6 +67,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         &[
             "polyptych node add name=sign mesh=0 position=0,2,0 --parent /house",
             "polyptych node add name=crate mesh=box:0.5,0.5,0.5 color=#ff8000",
+            "polyptych node add label=Harbour size=2 color=#ffffff position=0,8,0 facing=upright",
         ],
     ),
     (
@@ -75,6 +76,8 @@ const EXAMPLES: &[(&str, &[&str])] = &[
             "polyptych node set /house/door rotation=80,0,0",
             "polyptych node set 12 visible=false attribute.note=broken",
             "polyptych node set /house layer=plan-a switch=roof",
+            "polyptych node set sign facing=upright",
+            "polyptych node set /house fill=wireframe shading=unlit highlight=#ff8800",
         ],
     ),
     ("node move", &["polyptych node move sign /tower", "polyptych node move 12 /"]),
@@ -106,7 +109,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         &[
             "polyptych view add 0,400,0 0,0,0 --up 0,0,-1 --ortho 250 --rect 0,0,960,1080",
             "polyptych view add 40,25,90 0,5,0 --fov 40 --screen front",
-            "polyptych view add 40,25,90 0,5,0 --layers night --root /harbour --rect 960,0,960,1080",
+            "polyptych view add 40,25,90 0,5,0 --layers night --root /harbour --screen front",
         ],
     ),
     ("view list", &["polyptych view list", "polyptych view list --json"]),

@@ -4,6 +4,7 @@
 mod layer;
 mod node_change;
 mod shape;
+mod style_change;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -16,10 +17,11 @@ pub(super) use node_change::rotation;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DAffine3;
 use polyptych_client::{
-    AssetSource, Assets, Attribute, Edited, NodeId, NodeInfo, NodeQuery, Transaction,
+    AssetSource, Assets, Attribute, Edited, NodeId, NodeInfo, NodeQuery, NodeStyle, Transaction,
 };
 use polyptych_text::printable;
 use serde_json::{Value, json};
+use style_change::{facing_name, style_in_json};
 
 use super::remote::{path_from_here, say_notes};
 use super::seen::Seen;
@@ -55,7 +57,8 @@ pub(super) struct AddArguments {
     /// What it is: name=TEXT position=X,Y,Z rotation=YAW,PITCH,ROLL scale=S visible=true
     /// mesh=INDEX layer=NAME attribute.KEY=VALUE; a new mesh is mesh=box:X,Y,Z, sphere:RADIUS,
     /// cylinder:RADIUS,HEIGHT, cone:LOW,HIGH,HEIGHT, rectangle:WIDTH,HEIGHT, line:X,Y,Z,… or
-    /// points:X,Y,Z,… with color=#RRGGBB
+    /// points:X,Y,Z,… with color=#RRGGBB; a text is
+    /// label=TEXT size=SIZE color=#RRGGBB, with SIZE from line to line
     #[arg(value_name = "KEY=VALUE")]
     words: Vec<String>,
     /// The node that it hangs from, by number or path [default: the scene itself]
@@ -70,7 +73,8 @@ pub(super) struct SetArguments {
     /// The node, by its number, its path such as /house/door, or the end of its path
     node: String,
     /// As of `node add`, and switch=CHILD, which shows only this of the nodes that hang from it,
-    /// or switch=all; what is not given stays as it is
+    /// or switch=all; fill=solid|wireframe|points shading=material|unlit highlight=#RRGGBB|off
+    /// facing=eye|upright|none, for all that hangs from it too; what is not given stays as it is
     #[arg(required = true, value_name = "KEY=VALUE")]
     words: Vec<String>,
     #[command(flatten)]
@@ -147,8 +151,8 @@ struct Editor {
     nodes: Option<Vec<NodeInfo>>,
     /// Nodes of this transaction by the name that it gives them.
     made: BTreeMap<String, NodeId>,
-    /// Where nodes stand that this transaction has placed.
-    places: BTreeMap<NodeId, DAffine3>,
+    /// Where nodes stand that this transaction has changed, and how they are drawn.
+    places: BTreeMap<NodeId, (DAffine3, NodeStyle)>,
     transaction: Transaction,
     /// The assets that it brings.
     assets: Assets,
@@ -218,11 +222,14 @@ impl Editor {
     fn set(&mut self, node: &str, mut change: NodeChange) -> anyhow::Result<()> {
         change.take_shape(&mut self.assets)?;
         let node = self.node(node)?;
-        let local = match self.places.get(&node) {
-            Some(place) => *place,
-            None if node.provisional_index().is_some() => DAffine3::IDENTITY,
+        let (local, style) = match self.places.get(&node) {
+            Some(known) => *known,
+            None if node.provisional_index().is_some() => {
+                (DAffine3::IDENTITY, NodeStyle::default())
+            }
             None => {
-                let known = self.nodes()?.iter().find(|of| of.id == node).map(|of| of.local);
+                let mut nodes = self.nodes()?.iter();
+                let known = nodes.find(|of| of.id == node).map(|of| (of.local, of.style));
                 known.ok_or_else(|| anyhow!("there is no {node} in the open scene"))?
             }
         };
@@ -230,8 +237,8 @@ impl Editor {
             let shown = shown.map(|child| self.child(node, &child)).transpose()?;
             self.transaction.set_switch(node, shown);
         }
-        let place = change.edit(node, &local, &mut self.transaction);
-        self.places.insert(node, place);
+        let known = change.edit(node, (&local, style), &mut self.transaction);
+        self.places.insert(node, known);
         Ok(())
     }
 
@@ -475,6 +482,8 @@ pub(super) fn node_in_json(node: &NodeInfo) -> Value {
         "layer": node.layer,
         "own_layer": node.own_layer,
         "switch": node.switch.map(|child| child.0),
+        "style": style_in_json(&node.style),
+        "facing": node.facing.map(facing_name),
         "mesh": node.mesh,
         "light": node.light,
         "position": position,

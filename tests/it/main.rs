@@ -38,6 +38,7 @@
 //! - `tours`: the camera moves by itself, and films of it lose no frame
 //! - `scene_export`: scenes leave a wall as files, and come back as they were
 //! - `layers`: layers, switches and views with a part of the scene of their own
+//! - `styles`: wireframes, highlights, what turns towards the viewer, and labels
 //! - `notes`: what of a scene is not drawn is said
 //! - `seen`: exit codes say who sees what a command did, and long ones how far they are
 //! - `report`: what a simulated wall writes, also where it ends early or is late
@@ -81,6 +82,7 @@ mod seams;
 mod seen;
 mod soak;
 mod stopping;
+mod styles;
 mod tidy;
 mod tours;
 mod trust;

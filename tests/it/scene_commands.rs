@@ -50,7 +50,7 @@ fn nodes_are_listed_changed_and_found_by_their_paths() {
     local.run(&["node", "remove", "sign"]).succeeded();
     local.run(&["node", "remove", "sign"]).failed(&["sign: the open scene has no such node"]);
     local.run(&["node", "move", "0", "1"]).failed(&["node 0 cannot hang from node 1"]);
-    local.run(&["node", "set", "0", "size=1"]).failed(&["size=1: there is no key size"]);
+    local.run(&["node", "set", "0", "width=1"]).failed(&["width=1: there is no key width"]);
     local.run(&["scene", "close"]).succeeded();
 }
 

@@ -6,7 +6,7 @@ use std::ops::Range;
 use glam::DAffine3;
 use serde::{Deserialize, Serialize};
 
-use crate::{Light, Material};
+use crate::{Facing, Light, Material, NodeStyle};
 use polyptych_files::blob::BlobHash;
 
 /// A node of the open scene, for as long as the scene is open, restarts of the manager included.
@@ -224,6 +224,21 @@ pub enum Edit {
         /// shown.
         shown: Option<NodeId>,
     },
+    /// Draws a node, with all that hangs from it and has no style of its own, in another way.
+    SetStyle {
+        /// The node.
+        node: NodeId,
+        /// All of its style.
+        style: NodeStyle,
+    },
+    /// Lets a node turn towards the viewer. Questions about the scene find it as it stands without
+    /// that.
+    SetFacing {
+        /// The node.
+        node: NodeId,
+        /// `None` for one that stays as it is.
+        facing: Option<Facing>,
+    },
 }
 
 impl Edit {
@@ -241,7 +256,9 @@ impl Edit {
             | Self::SetLight { node, .. }
             | Self::SetAttribute { node, .. }
             | Self::SetLayer { node, .. }
-            | Self::SetSwitch { node, .. } => Some(*node),
+            | Self::SetSwitch { node, .. }
+            | Self::SetStyle { node, .. }
+            | Self::SetFacing { node, .. } => Some(*node),
             Self::SetMaterial { .. }
             | Self::AddAssets(_)
             | Self::RemoveAssets(_)
@@ -273,7 +290,9 @@ impl Edit {
             | Self::SetMesh { node, .. }
             | Self::SetLight { node, .. }
             | Self::SetAttribute { node, .. }
-            | Self::SetLayer { node, .. } => *node = number(*node)?,
+            | Self::SetLayer { node, .. }
+            | Self::SetStyle { node, .. }
+            | Self::SetFacing { node, .. } => *node = number(*node)?,
             Self::SetSwitch { node, shown } => {
                 *node = number(*node)?;
                 *shown = shown.map(&mut number).transpose()?;

@@ -1,14 +1,14 @@
 //! Layers: named groups of nodes that are shown or hidden together.
 //!
-//! A node without a layer of its own is in that of its parent. Nodes that are in no layer are always
-//! shown.
+//! A node without a layer of its own is in that of its parent. Nodes that are in no layer are
+//! always shown.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 use crate::limits::LAYERS_MAX;
-use crate::{Node, NodeId, SceneEdits};
+use crate::{Facing, Node, NodeEdits, NodeId, NodeStyle, SceneEdits};
 
 /// The layers of an edited scene, by name.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -119,6 +119,11 @@ pub struct NodeTraits {
     pub layers: Vec<(String, bool)>,
     /// For each node the index of its layer, its own or inherited. Empty if there are no layers.
     pub layer_of: Vec<Option<u8>>,
+    /// For each node the style in which it is drawn, its own or inherited. Empty if all are drawn
+    /// as they are.
+    pub styles: Vec<NodeStyle>,
+    /// For each node the way in which it turns towards the viewer by itself. Empty if none does.
+    pub facings: Vec<Option<Facing>>,
 }
 
 impl NodeTraits {
@@ -143,7 +148,30 @@ impl SceneEdits {
                 layer_of.push(own.map(|index| index as u8).or_else(inherited));
             }
         }
-        NodeTraits { ids, layers, layer_of }
+        let styles = self.inherited(nodes, &ids, |of| of.style, NodeStyle::below);
+        let facings = self.inherited(nodes, &ids, |of| of.facing, |own, _| own);
+        NodeTraits { ids, layers, layer_of, styles, facings }
+    }
+
+    /// For each node what `below` makes of what it has of its own and of what the node above it
+    /// has. Empty if no node has any of its own.
+    fn inherited<T: Copy + Default + PartialEq>(
+        &self,
+        nodes: &[Node],
+        ids: &[NodeId],
+        own: impl Fn(&NodeEdits) -> T,
+        below: impl Fn(T, T) -> T,
+    ) -> Vec<T> {
+        if self.nodes().all(|(_, edits)| own(edits) == T::default()) {
+            return Vec::new();
+        }
+        let mut all: Vec<T> = Vec::with_capacity(nodes.len());
+        for (node, id) in nodes.iter().zip(ids) {
+            let own = self.node(*id).map_or_else(T::default, &own);
+            let above = node.parent.map_or_else(T::default, |parent| all[parent as usize]);
+            all.push(below(own, above));
+        }
+        all
     }
 }
 

@@ -14,6 +14,7 @@ mod mesh;
 mod node_extras;
 mod outline;
 mod scene_edits;
+mod style;
 mod texture;
 
 use glam::{DAffine3, DVec3, Quat, Vec3};
@@ -29,6 +30,7 @@ pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use node_extras::NodeExtras;
 pub use outline::{EditError, SceneOutline, check_attribute};
 pub use scene_edits::{AssetManifests, NodeEdits, Replaced, SceneEdits};
+pub use style::{Facing, Fill, Highlight, NodeStyle, Shading};
 pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 
 use crate::limits::{DRAWS_MAX, LIT_DRAWS_MAX, MANIFEST_BYTES_MAX, NOTE_BYTES_MAX, NOTES_MAX};

@@ -4,7 +4,7 @@
 pub const MANIFEST_BYTES_MAX: usize = 512 << 20;
 
 /// Maximum number of draws of a scene, a draw being one primitive in one place. A few kilobytes of
-/// glTF can name billions. A render server holds 324 bytes for each draw (its place, its box and
+/// glTF can name billions. A render server holds 348 bytes for each draw (its place, its box and
 /// its share of the tree that culls it), and at most 360 more while it is on screen: 1.4 GiB in
 /// all.
 pub const DRAWS_MAX: u64 = 2 << 20;
@@ -47,6 +47,6 @@ pub const DEPTH_MAX: usize = 256;
 /// a server that joins reads a manifest for each.
 pub const ASSET_SETS_MAX: usize = 4096;
 
-/// Maximum number of layers of a scene, those that are hidden and have no nodes any more among them:
-/// a view chooses layers by one bit each.
+/// Maximum number of layers of a scene, those that are hidden and have no nodes any more among
+/// them: a view chooses layers by one bit each.
 pub const LAYERS_MAX: usize = 64;

@@ -133,7 +133,9 @@ impl SceneOutline {
                 }
                 self.check_material(edits, to).map_err(error)
             }
-            Edit::Remove(node) | Edit::SetVisible { node, .. } => self.expect_node(edits, *node),
+            Edit::Remove(node) | Edit::SetVisible { node, .. } | Edit::SetFacing { node, .. } => {
+                self.expect_node(edits, *node)
+            }
             Edit::SetTransform { node, local } => {
                 self.expect_node(edits, *node)?;
                 check_transform(local).map_err(fault(*node))
@@ -162,13 +164,14 @@ impl SceneOutline {
                 )))
             }
             Edit::AddAssets(_) | Edit::RemoveAssets(_) => Ok(()),
-            Edit::SetLayer { .. } | Edit::SetLayerVisible { .. } | Edit::SetSwitch { .. } => {
-                self.check_shown(edits, edit)
-            }
+            Edit::SetLayer { .. }
+            | Edit::SetLayerVisible { .. }
+            | Edit::SetSwitch { .. }
+            | Edit::SetStyle { .. } => self.check_shown(edits, edit),
         }
     }
 
-    /// As [`Self::check`], of edits that choose what is shown.
+    /// As [`Self::check`], of edits that choose what is shown, and how.
     fn check_shown(&self, edits: &SceneEdits, edit: &Edit) -> Result<(), EditError> {
         match edit {
             Edit::SetLayer { node, layer } => {
@@ -192,6 +195,11 @@ impl SceneOutline {
                 }
                 let what = format!("its switch shows one of its children, and {child} is none");
                 Err(EditError::Value { node: *node, what })
+            }
+            Edit::SetStyle { node, style } => {
+                self.expect_node(edits, *node)?;
+                let fault = |what| EditError::Value { node: *node, what };
+                style.fault().map_or(Ok(()), |what| Err(fault(what)))
             }
             _ => Ok(()),
         }

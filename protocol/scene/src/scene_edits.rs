@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::edit::{AssetSet, Attribute, Edit, NewNode, NodeId};
 use crate::layers::Layers;
-use crate::{Light, Material, Mesh, Node, Scene};
+use crate::{Facing, Light, Material, Mesh, Node, NodeStyle, Scene};
 
 /// The manifests of assets that were added to a scene.
 pub type AssetManifests = BTreeMap<BlobHash, Arc<Scene>>;
@@ -57,6 +57,10 @@ pub struct NodeEdits {
     pub layer: Option<String>,
     /// The only one of its children that is shown; `None` for all.
     pub switch: Option<NodeId>,
+    /// The way in which it is drawn.
+    pub style: NodeStyle,
+    /// The way in which it turns towards the viewer.
+    pub facing: Option<Facing>,
 }
 
 impl NodeEdits {
@@ -91,6 +95,8 @@ impl NodeEdits {
             Edit::SetAttribute { key, value: None, .. } => drop(self.attributes.remove(&key)),
             Edit::SetLayer { layer, .. } => self.layer = layer,
             Edit::SetSwitch { shown, .. } => self.switch = shown,
+            Edit::SetStyle { style, .. } => self.style = style,
+            Edit::SetFacing { facing, .. } => self.facing = facing,
             Edit::SetMaterial { .. }
             | Edit::AddAssets(_)
             | Edit::RemoveAssets(_)
@@ -275,7 +281,8 @@ impl SceneEdits {
     /// The scene as it stands, and the number of each of its nodes. What is removed, hidden or not
     /// chosen by a switch, and what hangs from it, is left out; what hidden layers have is not,
     /// since views may show it ([`Self::traits`]). Parents stand before their children, and
-    /// otherwise nodes in the order of their numbers. Added meshes whose manifest is not given are empty.
+    /// otherwise nodes in the order of their numbers. Added meshes whose manifest is not given are
+    /// empty.
     pub fn apply_to(&self, base: &Scene, added: &AssetManifests) -> (Scene, Vec<NodeId>) {
         self.applied(base, added, false)
     }

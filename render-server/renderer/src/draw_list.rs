@@ -3,13 +3,16 @@
 //! What a channel does not see is left out, but never reorders what stays. So where two surfaces
 //! have one depth, the same one wins in every channel.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use glam::{DMat4, DVec3};
+use glam::{DAffine3, DMat4, DVec3};
 
 use super::cull::FrustumPlanes;
 use super::pipeline::{Cull, InstanceRecord};
-use super::scene::{Bounds, EyeRelativeTransform, GpuScene, Meshlet, Selection};
+use super::scene::{
+    Billboard, Bounds, EyeRelativeTransform, GpuScene, Meshlet, Selection, Stance, relative_to,
+};
 use super::view::ViewDesc;
 
 /// Beyond so many visible items it costs more to find what of the target they touch than it
@@ -85,24 +88,26 @@ impl DrawList {
             ..Self::default()
         };
         sort(scene, view, part, scratch);
-        let clip_from_eye = view.scaled_clip_from_eye();
-        let seen_from = (view.eye_in_world, &clip_from_eye);
+        let turns = Billboard::turns(&scene.layout.billboards, view);
+        let seen_from =
+            SeenFrom { eye: view.eye_in_world, clip_from_eye: view.scaled_clip_from_eye(), turns };
         for &(_, _, index) in &scratch.opaque {
             let batch = scene.layout.items[index as usize].batch;
             let pipeline = scene.layout.batches[batch as usize].pipeline;
-            let first = push(scene, index, seen_from, instances);
+            let first = push(scene, index, &seen_from, instances);
             let whole = Draw { batch, pipeline, first, count: 1, part: None };
             if scene.clusters_of(batch).is_empty() {
                 list.triangles += scene.layout.batches[batch as usize].triangles;
                 extend(&mut list.opaque, whole);
             } else {
-                list.triangles += draw_parts(scene, index, &planes, whole, &mut list.opaque);
+                list.triangles +=
+                    draw_parts(scene, (index, &seen_from), &planes, whole, &mut list.opaque);
             }
         }
         for &(_, index) in &scratch.blended {
             let batch_index = scene.layout.items[index as usize].batch;
             let batch = &scene.layout.batches[batch_index as usize];
-            let first = push(scene, index, seen_from, instances);
+            let first = push(scene, index, &seen_from, instances);
             let draw =
                 Draw { batch: batch_index, pipeline: batch.pipeline, first, count: 1, part: None };
             if let Some(pipeline) = batch.back_pipeline {
@@ -113,7 +118,8 @@ impl DrawList {
                 list.triangles += batch.triangles;
                 extend(&mut list.transparent, draw);
             } else {
-                list.triangles += draw_parts(scene, index, &planes, draw, &mut list.transparent);
+                list.triangles +=
+                    draw_parts(scene, (index, &seen_from), &planes, draw, &mut list.transparent);
             }
         }
         list
@@ -170,20 +176,20 @@ impl CullView {
 /// where they follow each other. Gives the triangles within the rectangle.
 fn draw_parts(
     scene: &GpuScene,
-    index: u32,
+    (index, seen_from): (u32, &SeenFrom),
     planes: &FrustumPlanes,
     whole: Draw,
     draws: &mut Vec<Draw>,
 ) -> u64 {
-    let item = &scene.layout.items[index as usize];
-    let linear = scene.layout.stances[item.stance as usize].linear;
-    let local = planes.in_space_of(&linear, item.origin);
+    let (stance, origin) = seen_from.place(scene, index);
+    let linear = stance.linear;
+    let local = planes.in_space_of(&linear, origin);
     let culls_back = scene.layout.keys[whole.pipeline as usize].cull == Cull::Back;
     // A flat item has no side that an eye could be on.
     let is_solid = linear.determinant().abs() > f64::MIN_POSITIVE;
     let sight = (culls_back && is_solid).then(|| match planes.view_direction() {
         Some(rays) => CullView::Along((linear.inverse() * rays).normalize_or_zero()),
-        None => CullView::From(linear.inverse() * (planes.eye() - item.origin)),
+        None => CullView::From(linear.inverse() * (planes.eye() - origin)),
     });
     let mut triangles = 0;
     let mut part: Option<[u32; 2]> = None;
@@ -209,18 +215,44 @@ fn draw_parts(
     triangles
 }
 
+/// What records are relative to.
+#[derive(Debug)]
+struct SeenFrom {
+    eye: DVec3,
+    clip_from_eye: DMat4,
+    /// How each billboard of the scene turns, in world space.
+    turns: Vec<DAffine3>,
+}
+
+impl SeenFrom {
+    /// How an item stands, and its origin, in world space.
+    fn place<'a>(&self, scene: &'a GpuScene, index: u32) -> (Cow<'a, Stance>, DVec3) {
+        let item = &scene.layout.items[index as usize];
+        let stance = &scene.layout.stances[item.stance as usize];
+        let turn = stance.billboard.and_then(|billboard| self.turns.get(billboard as usize));
+        match turn {
+            None => (Cow::Borrowed(stance), item.origin),
+            Some(turn) => {
+                let (stance, origin) = stance.turned(item.origin, turn);
+                (Cow::Owned(stance), origin)
+            }
+        }
+    }
+}
+
 /// Writes an item's record, relative to the eye; returns its index.
 fn push(
     scene: &GpuScene,
     index: u32,
-    (eye, clip_from_eye): (DVec3, &DMat4),
+    seen_from: &SeenFrom,
     instances: &mut Vec<InstanceRecord>,
 ) -> u32 {
     let item = &scene.layout.items[index as usize];
-    let stance = &scene.layout.stances[item.stance as usize];
+    let (stance, origin) = seen_from.place(scene, index);
+    let SeenFrom { eye, clip_from_eye, .. } = seen_from;
     let mesh_box = &scene.layout.mesh_boxes[item.mesh_box as usize];
     let EyeRelativeTransform { near, rows, offset } =
-        item.relative_to(stance.linear, eye, mesh_box);
+        relative_to(origin, stance.linear, *eye, mesh_box);
     instances.push(InstanceRecord {
         rows,
         normal_rows: stance.normal_rows,

@@ -123,8 +123,8 @@ impl DrawContext<'_> {
             }
             let shape = &self.scene.geometries[batch.geometry as usize];
             if geometry.replace(batch.geometry) != Some(batch.geometry) {
-                pass.set_vertex_buffer(0, shape.buffer.slice(..shape.vertex_bytes));
-                let indices = shape.buffer.slice(shape.vertex_bytes..);
+                pass.set_vertex_buffer(0, shape.vertices.slice(..shape.vertex_bytes));
+                let indices = shape.indices.slice(shape.first_index_byte..);
                 pass.set_index_buffer(indices, shape.index_format);
             }
             let [start, count] = draw.part.unwrap_or([0, shape.index_count]);

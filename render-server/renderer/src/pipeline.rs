@@ -43,6 +43,7 @@ pub(crate) struct MaterialFeatures {
     pub emissive: TextureSlot,
     pub glowing: bool,
     pub uv_transformed: bool,
+    pub highlighted: bool,
 }
 
 /// Which faces are left out.
@@ -96,6 +97,7 @@ impl PipelineKey {
             ("MASKED", flag(m.alpha == Alpha::Mask)),
             ("DOUBLE_SIDED", flag(m.double_sided)),
             ("LIT", flag(m.lit)),
+            ("HIGHLIGHTED", flag(m.highlighted)),
             ("SUN_COUNT", f64::from(self.sun_count)),
             ("LAMPS", flag(self.lamps)),
             ("MIRRORED", flag(self.mirrored)),
@@ -117,7 +119,7 @@ pub(crate) struct InstanceRecord {
     pub normal_rows: [[f32; 3]; 3],
     /// Start and count in the list of lamp indices.
     pub lamps: [u32; 2],
-    /// Subtracted from positions first; see `DrawItem::relative_to`.
+    /// Subtracted from positions first; see `relative_to`.
     pub near: [f32; 3],
     /// Where `near` stands in clip space.
     pub clip_offset: [f32; 4],
@@ -188,7 +190,7 @@ impl Pipelines {
             || wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
         let target = wgpu::ColorTargetState {
             format: if is_float { LINEAR_FORMAT } else { DISPLAY_FORMAT },
-            blend: blended.then(|| blend_state(key.material.lit)),
+            blend: blended.then(|| blend_state(key.material.lit && !key.material.highlighted)),
             write_mask: wgpu::ColorWrites::ALL,
         };
         gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
@@ -228,7 +230,8 @@ fn is_float(key: &PipelineKey, content: ImageEncoding) -> bool {
 }
 
 /// Blending of premultiplied colours. The target's alpha is the part of its colour that is scene
-/// light, see `include/tone.wgsl`: lit surfaces add their coverage to it, unlit ones take theirs.
+/// light, see `include/tone.wgsl`: lit surfaces add their coverage to it, unlit and highlighted
+/// ones take theirs.
 fn blend_state(lit: bool) -> wgpu::BlendState {
     let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
     if lit {

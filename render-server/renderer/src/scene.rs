@@ -1,5 +1,6 @@
 //! A scene on the GPU: everything about it that does not change from frame to frame.
 
+mod billboard;
 mod builder;
 mod bvh;
 mod draw_item;
@@ -8,6 +9,7 @@ mod layout;
 mod light;
 mod material;
 mod meshlet;
+mod outline;
 mod subset;
 mod texture;
 
@@ -15,10 +17,11 @@ use std::sync::Arc;
 
 use crate::gpu::Gpu;
 
+pub(crate) use billboard::Billboard;
 pub use builder::{SceneBuilder, SceneError};
 #[cfg(test)]
 pub(crate) use bvh::Bvh;
-pub(crate) use draw_item::{Bounds, EyeRelativeTransform};
+pub(crate) use draw_item::{Bounds, EyeRelativeTransform, Stance, relative_to};
 pub(crate) use geometry::Geometry;
 pub use layout::{ContentPlace, SceneLayout};
 pub(crate) use light::LocalLight;

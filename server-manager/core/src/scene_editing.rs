@@ -1,6 +1,8 @@
 //! Edits of the open scene: each transaction is checked against all that was accepted before it,
 //! and seen from one frame on, or not at all.
 
+mod subset;
+
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,12 +14,9 @@ use polyptych_protocol::state_log::Operation;
 use polyptych_protocol::transaction::{
     AssetNumbers, AssetSource, BakedAssets, NewAssets, Transaction,
 };
-use polyptych_scene::limits::LAYERS_MAX;
 use polyptych_scene::{
-    AssetSet, Edit, NodeId, Replaced, SceneEdits, SceneOutline, SceneSubset,
-    provisional_asset_index,
+    AssetSet, Edit, NodeId, Replaced, SceneEdits, SceneOutline, provisional_asset_index,
 };
-use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
 use super::change_queue::ChangeOrigin;
@@ -332,25 +331,6 @@ impl Cluster {
     /// The open scene in the state that frames name, and what was changed of it.
     pub fn shown_scene(&self) -> Option<(&polyptych_protocol::state_log::SceneRef, &SceneEdits)> {
         self.shown.scene.as_ref().map(|scene| (scene, &self.shown.edits))
-    }
-
-    /// Whether the open scene has what a view shows of it, as it was edited.
-    ///
-    /// # Errors
-    /// Which node or layer it does not have, or that no scene is open.
-    pub(super) fn check_subset(&self, view: &View) -> Result<(), String> {
-        let (root, layers) = (view.root.map(NodeId), view.layers.clone());
-        if root.is_none() && layers.is_none() {
-            return Ok(());
-        }
-        if layers.as_ref().is_some_and(|layers| layers.len() > LAYERS_MAX) {
-            return Err(format!("a view names at most {LAYERS_MAX} layers"));
-        }
-        let outline = self.editing.outline.as_ref();
-        let outline = outline.ok_or("no scene is open, so there are no nodes and no layers")?;
-        let subset = SceneSubset { root, layers };
-        let checked = outline.check_subset(&self.editing.accepted, &subset);
-        checked.map_err(|error| error.to_string())
     }
 
     /// The state that frames name.

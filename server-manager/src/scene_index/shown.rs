@@ -1,7 +1,7 @@
 //! The nodes that the wall's own picture shows, their layers and their kinds.
 
 use polyptych_protocol::node_query::{LayerInfo, NodeKind};
-use polyptych_scene::{SceneSubset, Topology};
+use polyptych_scene::{Attribute, SceneSubset, Topology};
 
 use super::SceneIndex;
 
@@ -62,6 +62,11 @@ impl SceneIndex {
             NodeKind::Lines => has(Topology::Lines),
             NodeKind::Points => has(Topology::Points),
             NodeKind::Light => node.light.is_some(),
+            NodeKind::Label => {
+                let edits = self.edits.node(self.id(at));
+                let text = edits.and_then(|edits| edits.attributes.get("label"));
+                node.mesh.is_some() && matches!(text, Some(Attribute::Text(_)))
+            }
             NodeKind::Empty => node.mesh.is_none() && node.light.is_none(),
         }
     }

@@ -38,6 +38,7 @@ pub(super) enum Kind {
     Points,
     Light,
     Empty,
+    Label,
 }
 
 impl Kind {
@@ -49,6 +50,7 @@ impl Kind {
             Self::Points => NodeKind::Points,
             Self::Light => NodeKind::Light,
             Self::Empty => NodeKind::Empty,
+            Self::Label => NodeKind::Label,
         }
     }
 }

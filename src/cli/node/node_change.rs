@@ -4,14 +4,17 @@ use std::path::Path;
 
 use anyhow::{Context, anyhow, bail};
 use polyptych_client::glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot, Vec4};
-use polyptych_client::{Assets, Attribute, NewNode, NodeId, Transaction};
+use polyptych_client::{
+    Assets, Attribute, Facing, LABEL_KEY, NewNode, NodeId, NodeStyle, Transaction,
+};
 use serde_json::Value;
 
 use super::shape::{Shape, color};
+use super::style_change::StyleChange;
 
 /// The keys, as they stand in help and in errors.
-const KEYS: &str =
-    "name, position, rotation, scale, visible, mesh, color, layer, switch, attribute.KEY";
+const KEYS: &str = "name, position, rotation, scale, visible, mesh, color, label, size, layer, \
+                    switch, fill, shading, highlight, facing, attribute.KEY";
 
 /// Changes of one node; `None` for what stays as it is.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,13 +28,20 @@ pub(super) struct NodeChange {
     mesh: Option<Option<u32>>,
     /// Instead of a mesh that is there.
     shape: Option<Shape>,
-    /// The colour of the shape.
+    /// The colour of the shape or of the text.
     color: Option<Vec4>,
+    /// A text as its mesh.
+    label: Option<String>,
+    /// The size of the text.
+    size: Option<f32>,
     attributes: Vec<(String, Option<Attribute>)>,
     #[expect(clippy::option_option, reason = "as it is, that of the parent, or one")]
     layer: Option<Option<String>>,
     #[expect(clippy::option_option, reason = "as it is, all, or one")]
     switch: Option<Option<String>>,
+    style: StyleChange,
+    #[expect(clippy::option_option, reason = "as it is, none, or one")]
+    facing: Option<Option<Facing>>,
 }
 
 impl NodeChange {
@@ -54,6 +64,9 @@ impl NodeChange {
     /// # Errors
     /// There is no such key, or the value is not one of it.
     pub fn set(&mut self, key: &str, value: &Value) -> anyhow::Result<()> {
+        if self.style.set(key, value)? {
+            return Ok(());
+        }
         match key {
             "name" => self.name = Some(value.as_str().context("a name is text")?.to_owned()),
             "position" => self.position = Some(three(value)?),
@@ -66,11 +79,21 @@ impl NodeChange {
                 self.scale = Some(scale);
             }
             "visible" => self.visible = Some(value.as_bool().context("true or false")?),
+            "label" => self.label = Some(value.as_str().context("a label is text")?.to_owned()),
+            "size" => self.size = Some(value.as_f64().context("a size is a number")? as f32),
             "mesh" if value.is_null() => self.mesh = Some(None),
             "layer" if value.is_null() => self.layer = Some(None),
             "layer" => {
                 let name = value.as_str().context("the name of a layer, or none")?;
                 self.layer = Some(Some(name.to_owned()));
+            }
+            "facing" => {
+                self.facing = Some(match value.as_str() {
+                    Some("eye") => Some(Facing::Eye),
+                    Some("upright") => Some(Facing::Upright),
+                    Some("none") => None,
+                    _ => bail!("eye, upright, or none"),
+                });
             }
             "switch" => {
                 let child = match value {
@@ -102,12 +125,28 @@ impl NodeChange {
     /// Puts the mesh that it asks for into these.
     ///
     /// # Errors
-    /// It has a colour, but no new mesh.
+    /// It has a colour or a size, but no new mesh or text, or the text cannot be a mesh.
     pub fn take_shape(&mut self, assets: &mut Assets) -> anyhow::Result<()> {
+        match (self.label.take(), self.size.take()) {
+            (Some(_), _) if self.shape.is_some() || self.mesh.is_some() => {
+                bail!("a label is a mesh of its own; leave the key mesh out")
+            }
+            (Some(text), size) => {
+                let color = self.color.take().unwrap_or(Vec4::ONE);
+                let mesh = assets.add_label(&text, size.unwrap_or(1.0), color)?;
+                self.mesh = Some(Some(mesh));
+                self.attributes.push((LABEL_KEY.to_owned(), Some(Attribute::Text(text))));
+                return Ok(());
+            }
+            (None, Some(_)) => bail!("a size goes with a text: label=TEXT"),
+            (None, None) => {}
+        }
         match (self.shape.take(), self.color.take()) {
             (Some(shape), color) => self.mesh = Some(Some(shape.add_to(assets, color))),
             (None, None) => {}
-            (None, Some(_)) => bail!("a colour goes with a new mesh, such as mesh=box:1,1,1"),
+            (None, Some(_)) => {
+                bail!("a colour goes with a new mesh, such as mesh=box:1,1,1, or a label")
+            }
         }
         Ok(())
     }
@@ -124,8 +163,16 @@ impl NodeChange {
     /// # Errors
     /// It has what such a node does not.
     pub fn new_node(self, parent: Option<NodeId>, file: &str) -> anyhow::Result<NewNode> {
-        let is_plain = self.mesh.is_none() && self.shape.is_none() && self.color.is_none();
-        let is_shown = self.visible.is_none() && self.layer.is_none() && self.switch.is_none();
+        let is_plain = self.mesh.is_none()
+            && self.shape.is_none()
+            && self.color.is_none()
+            && self.label.is_none()
+            && self.size.is_none();
+        let is_shown = self.visible.is_none()
+            && self.layer.is_none()
+            && self.switch.is_none()
+            && self.facing.is_none()
+            && self.style.is_empty();
         if !(is_plain && is_shown && self.attributes.is_empty()) {
             bail!("it takes name, position, rotation and scale; set the rest afterwards");
         }
@@ -145,15 +192,22 @@ impl NodeChange {
             visible: self.visible,
             attributes: self.attributes,
             layer: self.layer,
+            style: self.style,
+            facing: self.facing,
             ..Self::default()
         };
-        rest.edit(node, &local, transaction);
+        rest.edit(node, (&local, NodeStyle::default()), transaction);
         node
     }
 
-    /// Puts the changes of a node that stands at `local` into a transaction; returns where it
-    /// stands then.
-    pub fn edit(self, node: NodeId, local: &DAffine3, transaction: &mut Transaction) -> DAffine3 {
+    /// Puts the changes of a node that stands so and has this style into a transaction; returns
+    /// what it has then.
+    pub fn edit(
+        self,
+        node: NodeId,
+        (local, style): (&DAffine3, NodeStyle),
+        transaction: &mut Transaction,
+    ) -> (DAffine3, NodeStyle) {
         let place = self.place(local);
         if place != *local {
             transaction.set_transform(node, place);
@@ -173,7 +227,13 @@ impl NodeChange {
         for (key, value) in self.attributes {
             transaction.set_attribute(node, key, value);
         }
-        place
+        if let Some(facing) = self.facing {
+            transaction.set_facing(node, facing);
+        }
+        if !self.style.is_empty() {
+            transaction.set_style(node, self.style.apply(style));
+        }
+        (place, self.style.apply(style))
     }
 
     /// Where it stands with the changes. What is not given stays, shear too where it can.
@@ -195,14 +255,12 @@ fn value_of(key: &str, text: &str) -> Value {
     let number =
         |text: &str| text.trim().parse::<f64>().ok().and_then(serde_json::Number::from_f64);
     match key {
-        "name" | "switch" => text.into(),
-        "layer" if text == "none" => Value::Null,
-        "layer" => text.into(),
-        "mesh" if text == "none" => Value::Null,
+        "mesh" | "layer" if text == "none" => Value::Null,
+        "name" | "label" | "layer" | "switch" | "fill" | "shading" | "facing" => text.into(),
         "mesh" => text.parse::<u32>().map_or_else(|_| text.into(), Value::from),
         _ if key.starts_with("attribute.") && text.is_empty() => Value::Null,
         _ if text == "true" || text == "false" => Value::Bool(text == "true"),
-        "position" | "rotation" | "scale" | "color" if text.contains(',') => {
+        "position" | "rotation" | "scale" | "color" | "highlight" if text.contains(',') => {
             let numbers = text.split(',').map(|one| number(one).map_or(Value::Null, Value::Number));
             Value::Array(numbers.collect())
         }
@@ -277,6 +335,8 @@ mod tests {
             "attribute.old=",
             "layer=7",
             "switch=all",
+            "fill=wireframe",
+            "highlight=0,0.5,1,0.25",
         ]);
         let mut json = NodeChange::default();
         for (key, value) in [
@@ -291,6 +351,8 @@ mod tests {
             ("attribute.old", Value::Null),
             ("layer", serde_json::json!("7")),
             ("switch", serde_json::json!("all")),
+            ("fill", serde_json::json!("wireframe")),
+            ("highlight", serde_json::json!([0, 0.5, 1, 0.25])),
         ] {
             json.set(key, &value).expect("a key");
         }
@@ -321,6 +383,10 @@ mod tests {
             ("color=red", "#rrggbb"),
             ("visible=perhaps", "true or false"),
             ("attribute.=1", "there is no key"),
+            ("facing=north", "eye, upright, or none"),
+            ("fill=hollow", "solid, wireframe, points, or none"),
+            ("shading=dark", "material, unlit, or none"),
+            ("highlight=red", "a colour, off, or none"),
             ("layers=a", "there is no key layers; there are name"),
         ] {
             let error = format!("{:#}", change(&[word]).expect_err(word));

@@ -9,7 +9,10 @@ use polyptych_protocol::node_query::{
 use polyptych_protocol::request::{RequestError, Response};
 use polyptych_protocol::transaction::{AssetSource, Transaction};
 use polyptych_protocol::walk_query::{Touched, WalkEnd, WalkQuery, WalkedWay, Walker};
-use polyptych_scene::{Attribute, Bounds, Light, LightKind, Material, NewNode, NodeId, SceneEdits};
+use polyptych_scene::{
+    Attribute, Bounds, Facing, Fill, Highlight, Light, LightKind, Material, NewNode, NodeId,
+    NodeStyle, SceneEdits, Shading,
+};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::region::{HalfSpace, Region, Relation};
 
@@ -50,8 +53,18 @@ pub fn transaction() -> Transaction {
     transaction.set_layer(NodeId(1), Some("plan-a"));
     transaction.set_layer_visible("plan-a", false);
     transaction.set_switch(NodeId(1), Some(lamp));
+    transaction.set_style(NodeId(1), style());
+    transaction.set_facing(NodeId(1), Some(Facing::Eye));
     transaction.remove(NodeId(0));
     transaction.with_scene(AssetSource::Glb(b"glTF".as_slice().into()), NewNode::default())
+}
+
+fn style() -> NodeStyle {
+    NodeStyle {
+        fill: Some(Fill::Wireframe),
+        shading: Some(Shading::Unlit),
+        highlight: Some(Highlight::Tint { color: Vec3::X, share: 0.5 }),
+    }
 }
 
 pub fn scene_edits() -> SceneEdits {
@@ -78,6 +91,8 @@ pub fn node() -> NodeInfo {
         own_layer: None,
         layer: Some("plan-a".into()),
         switch: Some(NodeId(2)),
+        style: style(),
+        facing: Some(Facing::Upright),
     }
 }
 

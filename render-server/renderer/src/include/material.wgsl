@@ -13,6 +13,8 @@ struct Material {
     normal_scale: f32,
     occlusion_strength: f32,
     alpha_cutoff: f32,
+    // Display light, and the part of it in what is shown.
+    highlight: vec4<f32>,
     uv_transforms: array<UvTransform, 5>,
 }
 
@@ -42,6 +44,7 @@ override UV_TRANSFORMED: bool = false;
 override MASKED: bool = false;
 override DOUBLE_SIDED: bool = false;
 override LIT: bool = true;
+override HIGHLIGHTED: bool = false;
 
 fn coordinates(v: Varyings, slot: u32, which: u32) -> vec2<f32> {
     var uv = vec2<f32>(0.0);

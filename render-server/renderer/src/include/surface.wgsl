@@ -193,12 +193,25 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     return light;
 }
 
+// Whether `outgoing` is display light already.
+fn shown_as_is() -> bool {
+    return !LIT || HIGHLIGHTED;
+}
+
 // Exposed light of a surface; of an unlit one its colour, which displays show as it is
-// (`KHR_materials_unlit`), whatever the exposure.
+// (`KHR_materials_unlit`), whatever the exposure. A highlight is mixed into what is shown, so that
+// its colour is the same at every exposure.
 fn outgoing(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
-    if !LIT {
-        return clamp(base, vec3<f32>(0.0), vec3<f32>(1.0));
+    var color = clamp(base, vec3<f32>(0.0), vec3<f32>(1.0));
+    if LIT {
+        let light = radiance(v, base, front) * frame.exposure;
+        color = clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX));
     }
-    let light = radiance(v, base, front) * frame.exposure;
-    return clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX));
+    if HIGHLIGHTED {
+        if LIT {
+            color = tone_map(color);
+        }
+        color = mix(color, material.highlight.rgb, material.highlight.a);
+    }
+    return color;
 }

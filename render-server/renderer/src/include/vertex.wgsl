@@ -40,7 +40,7 @@ fn unit(v: vec3<f32>) -> vec3<f32> {
 
 @vertex
 fn vertex(in: VertexIn) -> Varyings {
-    // Exact for what is near the eye: see Item::relative_to.
+    // Exact for what is near the eye: see `relative_to`.
     let l = in.position - in.near;
     let away = vec3<f32>(dot(in.row0.xyz, l), dot(in.row1.xyz, l), dot(in.row2.xyz, l));
     var out: Varyings;

@@ -7,7 +7,8 @@ use polyptych_scene::{Sampler, Scene};
 
 use super::geometry::{self, Geometry};
 use super::layout::SceneLayout;
-use super::{GpuScene, material, texture};
+use super::outline::Outline;
+use super::{GpuScene, material, outline, texture};
 use crate::gpu::Gpu;
 
 /// Why a scene cannot be brought to the GPU.
@@ -59,6 +60,8 @@ pub struct SceneBuilder {
     /// By slot; `None` until its bytes come.
     textures: Vec<Option<wgpu::TextureView>>,
     geometries: Vec<Option<Geometry>>,
+    /// Edges and vertices of some of them.
+    outlines: Vec<Option<Geometry>>,
     levels_left_out: u32,
 }
 
@@ -83,7 +86,8 @@ impl SceneBuilder {
         }
         let textures = (0..layout.textures.count).map(|_| None).collect();
         let geometries = (0..layout.geometries.count).map(|_| None).collect();
-        Ok(Self { layout, textures, geometries, levels_left_out: 0 })
+        let outlines = layout.outlines.iter().map(|_| None).collect();
+        Ok(Self { layout, textures, geometries, outlines, levels_left_out: 0 })
     }
 
     /// Leaves the largest levels of all textures out, where smaller ones remain: each takes a
@@ -100,6 +104,8 @@ impl SceneBuilder {
         self.textures = textures.map(|slot| Some(with.textures[slot?].clone())).collect();
         let geometries = self.layout.shared_geometries(&with.layout).into_iter();
         self.geometries = geometries.map(|slot| Some(with.geometries[slot?].clone())).collect();
+        let outlines = self.layout.shared_outlines(&with.layout).into_iter();
+        self.outlines = outlines.map(|slot| Some(with.geometries[slot?].clone())).collect();
         self
     }
 
@@ -139,14 +145,26 @@ impl SceneBuilder {
         let desc = in_mesh.ok_or_else(|| nowhere(&what))?;
         check_size(&what, bytes, desc.bytes())?;
         let slot = self.layout.geometries.of[self.layout.first_primitive[mesh] + primitive];
-        if self.geometries[slot].is_some() {
+        let needs_outline =
+            |(of, outline): (&Outline, &Option<Geometry>)| of.slot == slot && outline.is_none();
+        let mut outlines = self.layout.outlines.iter().zip(&self.outlines);
+        if self.geometries[slot].is_some() && !outlines.any(needs_outline) {
             return Ok(());
         }
         if let Some(index) = geometry::index_beyond(desc, bytes) {
             return Err(SceneError::Index { what, index, vertex_count: desc.vertex_count });
         }
-        let geometry = Geometry::upload(gpu, desc, bytes)
-            .map_err(|reason| SceneError::Gpu { what, reason })?;
+        let fault = |reason| SceneError::Gpu { what: what.clone(), reason };
+        let geometry = match &self.geometries[slot] {
+            Some(known) => known.clone(),
+            None => Geometry::upload(gpu, desc, bytes).map_err(fault)?,
+        };
+        for (of, outline) in self.layout.outlines.iter().zip(&mut self.outlines) {
+            if of.slot == slot && outline.is_none() {
+                let indices = outline::indices(desc, bytes, of.fill);
+                *outline = Some(geometry.with_indices(gpu, &indices).map_err(fault)?);
+            }
+        }
         self.geometries[slot] = Some(geometry);
         Ok(())
     }
@@ -165,11 +183,17 @@ impl SceneBuilder {
             let primitive = index - first_primitive[mesh];
             return Err(SceneError::Missing(format!("primitive {primitive} of mesh {mesh}")));
         }
+        if let Some(at) = self.outlines.iter().position(Option::is_none) {
+            let Outline { mesh, primitive, fill, .. } = self.layout.outlines[at];
+            let what = format!("{fill:?} of primitive {primitive} of mesh {mesh}");
+            return Err(SceneError::Missing(what));
+        }
         let lamp_indices = index_buffer(gpu, &self.layout.lights.indices);
         // None is missing, so that each stays in its slot.
         let textures: Arc<Vec<_>> = Arc::new(self.textures.into_iter().flatten().collect());
         let materials = Arc::new(materials(gpu, &self.layout, &textures));
-        let geometries = Arc::new(self.geometries.into_iter().flatten().collect());
+        let geometries = self.geometries.into_iter().chain(self.outlines).flatten();
+        let geometries = Arc::new(geometries.collect());
         let (content_bytes, layout) = (self.layout.content_bytes(), self.layout);
         Ok(GpuScene { layout, geometries, materials, lamp_indices, textures, content_bytes })
     }
@@ -188,7 +212,7 @@ pub(super) fn materials(
     let samplers: Vec<_> = described.chain([Sampler::default()]).map(&mut sampler).collect();
     let uploaded = layout.textures.of.iter().map(|&slot| textures[slot].clone());
     let views: Vec<_> = uploaded.chain([texture::placeholder(gpu)]).collect();
-    material::bind_groups(gpu, &layout.desc, &views, &samplers)
+    material::bind_groups(gpu, &layout.desc, &layout.styled, &views, &samplers)
 }
 
 fn nowhere(what: &str) -> SceneError {

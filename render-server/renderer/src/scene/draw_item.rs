@@ -15,7 +15,8 @@ impl Bounds {
     pub const EMPTY: Self =
         Self { min: DVec3::splat(f64::INFINITY), max: DVec3::splat(f64::NEG_INFINITY) };
 
-    const UNBOUNDED: Self =
+    /// Holds everything.
+    pub const UNBOUNDED: Self =
         Self { min: DVec3::splat(f64::NEG_INFINITY), max: DVec3::splat(f64::INFINITY) };
 
     /// The box around both.
@@ -66,11 +67,19 @@ pub(crate) struct Stance {
     pub linear: DMat3,
     /// Rows of the matrix that takes normals to the world; any length.
     pub normal_rows: [[f32; 3]; 3],
+    /// An index into the scene's billboards, if it turns with one.
+    pub billboard: Option<u32>,
 }
 
 impl Stance {
-    fn new(linear: DMat3) -> Self {
-        Self { linear, normal_rows: rows(normal_matrix(linear)) }
+    fn new(linear: DMat3, billboard: Option<u32>) -> Self {
+        Self { linear, normal_rows: rows(normal_matrix(linear)), billboard }
+    }
+
+    /// It and an item's origin, as a billboard turns them in world space.
+    pub fn turned(&self, origin: DVec3, turn: &DAffine3) -> (Self, DVec3) {
+        let linear = turn.matrix3 * self.linear;
+        (Self::new(linear, None), turn.transform_point3(origin))
     }
 
     /// Returns whether the transform turns the winding around.
@@ -108,33 +117,32 @@ pub(crate) struct EyeRelativeTransform {
     pub offset: DVec3,
 }
 
-impl DrawItem {
-    /// The item as seen from the eye; `linear` is that of its stance.
-    ///
-    /// What is large is taken away before anything is rounded to f32: vertices near the eye are
-    /// near `near` too, so their difference is exact (Sterbenz), and the offset, taken in f64, is
-    /// as short as the eye's distance to the mesh. All that is left to f32 is in proportion to
-    /// the distance from the eye, whatever the size of the mesh. `near` may be any point: that it
-    /// is the nearest only makes the numbers small. All parts of a mesh have the same one, so that
-    /// they meet in equal bits.
-    pub fn relative_to(
-        &self,
-        linear: DMat3,
-        eye: DVec3,
-        mesh_box: &Bounds,
-    ) -> EyeRelativeTransform {
-        let eye_in_primitive = linear.inverse() * (eye - self.origin);
-        let near = if eye_in_primitive.is_finite() {
-            eye_in_primitive.max(mesh_box.min).min(mesh_box.max)
-        } else {
-            // A flat item: there is no telling where in its box the eye would be.
-            mesh_box.center()
-        };
-        let near = Some(near.as_vec3()).filter(|near| near.is_finite()).unwrap_or(Vec3::ZERO);
-        let offset = (self.origin - eye) + linear * near.as_dvec3();
-        let row = |i: usize| linear.row(i).extend(offset[i]).as_vec4().to_array();
-        EyeRelativeTransform { near: near.to_array(), rows: [0, 1, 2].map(row), offset }
-    }
+/// An item as seen from the eye, of which `origin` is the zero of its primitive and `linear` its
+/// stance's, both in world space.
+///
+/// What is large is taken away before anything is rounded to f32: vertices near the eye are
+/// near `near` too, so their difference is exact (Sterbenz), and the offset, taken in f64, is
+/// as short as the eye's distance to the mesh. All that is left to f32 is in proportion to
+/// the distance from the eye, whatever the size of the mesh. `near` may be any point: that it
+/// is the nearest only makes the numbers small. All parts of a mesh have the same one, so that
+/// they meet in equal bits.
+pub(crate) fn relative_to(
+    origin: DVec3,
+    linear: DMat3,
+    eye: DVec3,
+    mesh_box: &Bounds,
+) -> EyeRelativeTransform {
+    let eye_in_primitive = linear.inverse() * (eye - origin);
+    let near = if eye_in_primitive.is_finite() {
+        eye_in_primitive.max(mesh_box.min).min(mesh_box.max)
+    } else {
+        // A flat item: there is no telling where in its box the eye would be.
+        mesh_box.center()
+    };
+    let near = Some(near.as_vec3()).filter(|near| near.is_finite()).unwrap_or(Vec3::ZERO);
+    let offset = (origin - eye) + linear * near.as_dvec3();
+    let row = |i: usize| linear.row(i).extend(offset[i]).as_vec4().to_array();
+    EyeRelativeTransform { near: near.to_array(), rows: [0, 1, 2].map(row), offset }
 }
 
 /// A primitive in one place, before it is sorted into a batch.
@@ -180,14 +188,16 @@ pub(crate) fn world_from_nodes(nodes: &[Node]) -> Vec<DAffine3> {
 pub(crate) fn instantiate<'a, E>(
     desc: &'a Scene,
     world: &[DAffine3],
+    billboard_of: &[Option<u32>],
     mut give: impl FnMut(PrimitiveInstance<'a>) -> Result<(), E>,
 ) -> Result<Vec<Stance>, E> {
     let mut stances = Vec::new();
     for (index, (node, world_from_node)) in desc.nodes.iter().zip(world).enumerate() {
         let Some(mesh) = node.mesh else { continue };
         let primitives = &desc.meshes[mesh as usize].primitives;
+        let billboard = billboard_of.get(index).copied().flatten();
         let mut stand = |world_from_mesh: &DAffine3| {
-            let stance = Stance::new(world_from_mesh.matrix3);
+            let stance = Stance::new(world_from_mesh.matrix3, billboard);
             for (primitive, desc) in (0..).zip(primitives) {
                 give(PrimitiveInstance {
                     node: index,
@@ -255,10 +265,6 @@ mod tests {
         check(DMat3::from_cols(DVec3::X, DVec3::new(0.5, 1.0, 0.0), DVec3::new(0.0, 0.3, -1.0)));
     }
 
-    fn item(origin: DVec3) -> DrawItem {
-        DrawItem { origin, stance: 0, lamps: [0; 2], batch: 0, mesh_box: 0, place: 0 }
-    }
-
     /// Where the vertex stage puts a point: f32 throughout.
     fn emulated(relative: &EyeRelativeTransform, point: Vec3) -> Vec3 {
         let local = (point - Vec3::from(relative.near)).extend(1.0);
@@ -274,7 +280,6 @@ mod tests {
             let mesh_box = Bounds { min: DVec3::splat(-half), max: DVec3::splat(half) };
             for linear in [DMat3::IDENTITY, turn, turn * shear, turn * 1e-4] {
                 let origin = DVec3::new(6_378_137.123_456, -1e7, 3.0);
-                let item = item(origin);
                 for step in 0..1000u32 {
                     let along = |by: u32| f64::from(step * by % 997) / 498.5 - 1.0;
                     let point = DVec3::new(along(7), along(31), along(101)) * half;
@@ -283,7 +288,7 @@ mod tests {
                     // From 2 cm to ten times the mesh away.
                     let distance = 0.02 * (10.0 * half / 0.02).powf(f64::from(step) / 1000.0);
                     let eye = world - DVec3::new(along(11), along(13), along(17)) * distance;
-                    let relative = item.relative_to(linear, eye, &mesh_box);
+                    let relative = relative_to(origin, linear, eye, &mesh_box);
                     let error = emulated(&relative, point).as_dvec3().distance(world - eye);
                     // A nanometre is what f64 itself has 10 000 km from the origin.
                     worst = worst.max((error - 4e-9) / (world - eye).length());
@@ -297,10 +302,9 @@ mod tests {
 
     #[test]
     fn flat_and_boundless_items_are_seen_from_a_finite_point() {
-        let item = item(DVec3::ONE);
         for linear in [DMat3::ZERO, DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.0))] {
             for mesh_box in [Bounds::EMPTY, Bounds::UNBOUNDED] {
-                let relative = item.relative_to(linear, DVec3::ZERO, &mesh_box);
+                let relative = relative_to(DVec3::ONE, linear, DVec3::ZERO, &mesh_box);
                 assert!(relative.rows.iter().flatten().all(|number| number.is_finite()));
                 assert!(relative.near.iter().all(|number| number.is_finite()));
             }

@@ -5,12 +5,16 @@ use polyptych_scene::{IndexFormat, Primitive};
 use super::meshlet::{Meshlet, meshlets};
 use crate::gpu::Gpu;
 
-/// One buffer that holds the vertices and, behind them, the indices.
+/// Vertices, and the indices that are drawn of them.
 #[derive(Clone, Debug)]
 pub(crate) struct Geometry {
-    pub buffer: wgpu::Buffer,
-    /// Where the indices begin.
+    pub vertices: wgpu::Buffer,
+    /// Bytes of the vertices, which come first in their buffer.
     pub vertex_bytes: u64,
+    /// The same buffer, or another one.
+    pub indices: wgpu::Buffer,
+    /// Where the indices begin in theirs.
+    pub first_index_byte: u64,
     pub index_count: u32,
     pub index_format: wgpu::IndexFormat,
     /// Empty where it is always drawn whole.
@@ -38,8 +42,43 @@ impl Geometry {
             wgpu::IndexFormat::Uint16
         };
         let (vertex_bytes, index_count) = (desc.vertex_bytes(), desc.index_count);
-        let clusters = meshlets(desc, bytes);
-        Ok(Self { buffer, vertex_bytes, index_count, index_format, clusters })
+        Ok(Self {
+            vertices: buffer.clone(),
+            vertex_bytes,
+            indices: buffer,
+            first_index_byte: vertex_bytes,
+            index_count,
+            index_format,
+            clusters: meshlets(desc, bytes),
+        })
+    }
+
+    /// The same vertices with other indices, which are drawn whole.
+    ///
+    /// # Errors
+    /// They take more bytes than a buffer of this GPU has.
+    pub fn with_indices(&self, gpu: &Gpu, indices: &[u32]) -> Result<Self, String> {
+        // A buffer has at least one element.
+        let size = size_of_val(indices).max(size_of::<u32>()) as u64;
+        let bytes_max = gpu.device.limits().max_buffer_size;
+        if size > bytes_max {
+            return Err(format!("its edges or points take {size} bytes, where {bytes_max} can be"));
+        }
+        let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("geometry/outline"),
+            size,
+            usage: wgpu::BufferUsages::INDEX | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(indices));
+        Ok(Self {
+            indices: buffer,
+            first_index_byte: 0,
+            index_count: indices.len() as u32,
+            index_format: wgpu::IndexFormat::Uint32,
+            clusters: Vec::new(),
+            ..self.clone()
+        })
     }
 }
 

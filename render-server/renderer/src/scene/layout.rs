@@ -3,20 +3,23 @@
 //! A million draws take a second to place and sort, so who makes a layout can stop it. It outlives
 //! a lost device: only buffers, textures and materials are made anew then.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::Vec3;
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::{
-    AlphaMode, IndexFormat, Material, NodeTraits, Primitive, Scene, Texture, TextureFormat,
-    Topology, VertexLayout,
+    AlphaMode, Fill, IndexFormat, Material, NodeStyle, NodeTraits, Primitive, Scene, Texture,
+    TextureFormat, Topology, VertexLayout,
 };
 
+use super::billboard::Billboard;
 use super::bvh::Bvh;
 use super::draw_item::{self, Bounds, DrawItem, PrimitiveInstance, Stance};
 use super::light::{GROUND, Lights};
+use super::material::StyledMaterial;
+use super::outline::Outline;
 use super::subset::{SceneTree, layer_bit};
-use super::{Batch, SceneError, material};
+use super::{Batch, SceneError, material, outline};
 use crate::pipeline::{Alpha, Cull, PipelineKey};
 
 /// Draws that are placed between two looks at whether to stop: a millisecond.
@@ -103,6 +106,11 @@ pub struct SceneLayout {
     pub(crate) sky: Vec3,
     pub(crate) ground: Vec3,
     pub(crate) blends: bool,
+    /// Their geometries stand behind all others.
+    pub(super) outlines: Vec<Outline>,
+    /// They stand behind the default material.
+    pub(super) styled: Vec<StyledMaterial>,
+    pub(crate) billboards: Vec<Billboard>,
 }
 
 impl SceneLayout {
@@ -139,9 +147,12 @@ impl SceneLayout {
         let world = draw_item::world_from_nodes(&desc.nodes);
         let mut lights = Lights::new(&desc, &world, traits);
         let (tree, places) = SceneTree::new(&desc.nodes, traits);
-        let mut sorter = Sorter::new(&desc, &lights);
+        let mut sorter = Sorter::new(&desc, &lights, geometries.count);
         let (mut items, mut bounds) = (Vec::new(), Vec::new());
-        let stances = draw_item::instantiate(&desc, &world, |placement| {
+        let (billboards, billboard_of) = Billboard::all(&desc.nodes, &world, &traits.facings);
+        let stances = draw_item::instantiate(&desc, &world, &billboard_of, |mut placement| {
+            let billboard = billboard_of.get(placement.node).copied().flatten();
+            placement.bounds = Billboard::bounds(&billboards, billboard, placement.bounds);
             if items.len().is_multiple_of(DRAWS_BETWEEN_CHECKS) && is_cancelled() {
                 return Err(SceneError::Cancelled);
             }
@@ -152,7 +163,11 @@ impl SceneLayout {
                 lamps: lights.lights_affecting(&placement.bounds)?,
                 batch: sorter.batch_of(
                     &desc,
-                    (geometries.of[primitive], layer_bit(traits, placement.node)),
+                    Look {
+                        geometry: geometries.of[primitive],
+                        layer: layer_bit(traits, placement.node),
+                        style: traits.styles.get(placement.node).copied().unwrap_or_default(),
+                    },
                     &placement,
                 ),
                 mesh_box: primitive as u32,
@@ -162,7 +177,7 @@ impl SceneLayout {
             Ok(())
         })?;
         lights.seal();
-        let Sorter { batches, keys, template, .. } = sorter;
+        let Sorter { batches, keys, template, outlines, styled, .. } = sorter;
         let (sky, mesh_boxes) = (desc.sky, draw_item::mesh_boxes(&desc));
         let ground = sky * GROUND;
         desc.nodes = Vec::new();
@@ -184,6 +199,9 @@ impl SceneLayout {
             sky,
             ground,
             blends: template.linear,
+            outlines,
+            styled,
+            billboards,
         })
     }
 }
@@ -201,6 +219,13 @@ impl SceneLayout {
     pub fn content_beyond(&self, held: Option<&Self>) -> Vec<(BlobHash, ContentPlace)> {
         let mut textures = held.map(Self::texture_slots).unwrap_or_default();
         let mut geometries = held.map(Self::geometry_slots).unwrap_or_default();
+        let shared = held.map(|held| self.shared_outlines(held));
+        let mut outlines: HashSet<GeometryName> = HashSet::new();
+        for (at, (name, _)) in self.outline_names().enumerate() {
+            if shared.as_ref().is_none_or(|shared| shared[at].is_none()) {
+                outlines.insert(name);
+            }
+        }
         let mut missing = Vec::new();
         for (index, texture) in self.desc.textures.iter().enumerate() {
             if textures.insert(texture_name(texture), 0).is_none() {
@@ -209,7 +234,10 @@ impl SceneLayout {
         }
         for (mesh, of) in self.desc.meshes.iter().enumerate() {
             for (primitive, of) in of.primitives.iter().enumerate() {
-                if geometries.insert(geometry_name(of), 0).is_none() {
+                let name = geometry_name(of);
+                let lacks_outline = outlines.contains(&name);
+                if geometries.insert(name, 0).is_none() || lacks_outline {
+                    outlines.remove(&name);
                     missing.push((of.blob, ContentPlace::Primitive { mesh, primitive }));
                 }
             }
@@ -252,14 +280,28 @@ impl SceneLayout {
         textures.values().chain(primitives.values()).sum()
     }
 
-    /// Returns whether its meshes and textures are those of another layout, slot by slot.
-    pub(super) fn shares_content_with(&self, other: &Self) -> bool {
-        self.desc.meshes == other.desc.meshes && self.desc.textures == other.desc.textures
+    /// For each outline, the geometry of the same one in another layout.
+    pub(super) fn shared_outlines(&self, other: &Self) -> Vec<Option<usize>> {
+        let known: HashMap<_, _> = other.outline_names().zip(other.geometries.count..).collect();
+        self.outline_names().map(|name| known.get(&name).copied()).collect()
+    }
+
+    fn outline_names(&self) -> impl Iterator<Item = (GeometryName, Fill)> {
+        let primitive = |of: &Outline| &self.desc.meshes[of.mesh].primitives[of.primitive];
+        self.outlines.iter().map(move |of| (geometry_name(primitive(of)), of.fill))
+    }
+
+    /// Returns whether its meshes, their edges, and its textures are those of another layout, slot
+    /// by slot.
+    pub fn shares_content_with(&self, other: &Self) -> bool {
+        self.desc.meshes == other.desc.meshes
+            && self.desc.textures == other.desc.textures
+            && self.outlines == other.outlines
     }
 
     /// Returns whether its materials are those of another layout.
     pub(super) fn has_materials_of(&self, other: &Self) -> bool {
-        self.desc.materials == other.desc.materials
+        self.desc.materials == other.desc.materials && self.styled == other.styled
     }
 
     /// Returns what of it is too large for a GPU, if anything: textures of a longer side than
@@ -279,6 +321,16 @@ impl SceneLayout {
     }
 }
 
+/// How a primitive is drawn in one place.
+#[derive(Clone, Copy, Debug)]
+struct Look {
+    /// The slot of its geometry.
+    geometry: usize,
+    /// The bit of its layer.
+    layer: u64,
+    style: NodeStyle,
+}
+
 /// Finds the batch of each placement, and collects the pipelines that they need.
 struct Sorter {
     default_material: Material,
@@ -288,6 +340,10 @@ struct Sorter {
     keys: Vec<PipelineKey>,
     /// By geometry, layer, material, and whether they are mirrored.
     known: HashMap<(usize, u64, u32, bool), u32>,
+    /// The number of geometries that are not outlines.
+    geometry_count: usize,
+    outlines: Vec<Outline>,
+    styled: Vec<StyledMaterial>,
 }
 
 struct Template {
@@ -297,7 +353,7 @@ struct Template {
 }
 
 impl Sorter {
-    fn new(desc: &Scene, lights: &Lights) -> Self {
+    fn new(desc: &Scene, lights: &Lights, geometry_count: usize) -> Self {
         let blends = |primitive: &Primitive| {
             let material = primitive.material.and_then(|m| desc.materials.get(m as usize));
             material.is_some_and(|material| material.alpha_mode == AlphaMode::Blend)
@@ -315,27 +371,62 @@ impl Sorter {
             batches: Vec::new(),
             keys: Vec::new(),
             known: HashMap::new(),
+            geometry_count,
+            outlines: Vec::new(),
+            styled: Vec::new(),
         }
     }
 
-    /// Returns the batch of a placement, whose geometry is in this slot, in a layer of this bit.
-    fn batch_of(
+    /// Returns the geometry of a placement, and what it makes.
+    fn geometry_of(&mut self, look: &Look, placement: &PrimitiveInstance<'_>) -> (usize, Topology) {
+        let (slot, fill) = (look.geometry, look.style.fill.unwrap_or_default());
+        let topology = placement.desc.topology;
+        let Some(topology) = outline::drawn(topology, fill) else { return (slot, topology) };
+        let known = self.outlines.iter().position(|of| of.slot == slot && of.fill == fill);
+        let index = known.unwrap_or_else(|| {
+            let (mesh, primitive) = (placement.mesh as usize, placement.primitive as usize);
+            self.outlines.push(Outline { slot, fill, mesh, primitive });
+            self.outlines.len() - 1
+        });
+        (self.geometry_count + index, topology)
+    }
+
+    /// Returns the index of a material in a style, and the style's part in it.
+    fn material_of(
         &mut self,
         desc: &Scene,
-        (geometry, layer): (usize, u64),
-        placement: &PrimitiveInstance<'_>,
-    ) -> u32 {
+        material: u32,
+        style: NodeStyle,
+    ) -> (u32, Option<StyledMaterial>) {
+        let Some(styled) = StyledMaterial::new(material, style) else { return (material, None) };
+        let known = self.styled.iter().position(|one| *one == styled);
+        let index = known.unwrap_or_else(|| {
+            self.styled.push(styled);
+            self.styled.len() - 1
+        });
+        ((desc.materials.len() + 1 + index) as u32, Some(styled))
+    }
+
+    /// Returns the batch of a placement.
+    fn batch_of(&mut self, desc: &Scene, look: Look, placement: &PrimitiveInstance<'_>) -> u32 {
         let primitive = placement.desc;
         // The default material stands behind all others.
-        let material = primitive.material.unwrap_or(desc.materials.len() as u32);
+        let plain = primitive.material.unwrap_or(desc.materials.len() as u32);
+        let (geometry, topology) = self.geometry_of(&look, placement);
+        let (material, styled) = self.material_of(desc, plain, look.style);
+        let layer = look.layer;
         let mirrored = placement.is_mirrored;
         let next = self.batches.len() as u32;
         let index = *self.known.entry((geometry, layer, material, mirrored)).or_insert(next);
         if index == next {
-            let described = desc.materials.get(material as usize);
-            let features =
-                material::features(described.unwrap_or(&self.default_material), primitive.layout);
-            let batch = self.batch(primitive, features, mirrored);
+            let described = desc.materials.get(plain as usize).unwrap_or(&self.default_material);
+            let layout = primitive.layout;
+            let features = styled.map_or_else(
+                || material::features(described, layout),
+                |styled| styled.features(described, layout),
+            );
+            let triangles = if topology == Topology::Triangles { primitive.triangles() } else { 0 };
+            let batch = self.batch((layout, topology, triangles), features, mirrored);
             self.batches.push(Batch { geometry: geometry as u32, material, layer, ..batch });
         }
         let batch = &mut self.batches[index as usize];
@@ -345,14 +436,14 @@ impl Sorter {
 
     fn batch(
         &mut self,
-        primitive: &Primitive,
+        (layout, topology, triangles): (VertexLayout, Topology, u64),
         features: crate::pipeline::MaterialFeatures,
         mirrored: bool,
     ) -> Batch {
         let blended = features.alpha == Alpha::Blend;
         let key = PipelineKey {
-            layout: primitive.layout,
-            topology: primitive.topology,
+            layout,
+            topology,
             material: features,
             cull: if features.double_sided { Cull::Nothing } else { Cull::Back },
             mirrored,
@@ -360,8 +451,7 @@ impl Sorter {
             lamps: self.template.lamps,
             linear: self.template.linear,
         };
-        let two_passes =
-            blended && features.double_sided && primitive.topology == Topology::Triangles;
+        let two_passes = blended && features.double_sided && topology == Topology::Triangles;
         let (pipeline, back_pipeline) = if two_passes {
             let back = self.key_index(PipelineKey { cull: Cull::Front, ..key });
             (self.key_index(PipelineKey { cull: Cull::Back, ..key }), Some(back))
@@ -376,7 +466,7 @@ impl Sorter {
             blended,
             layer: 0,
             bounds: Bounds::EMPTY,
-            triangles: primitive.triangles(),
+            triangles,
         }
     }
 

@@ -1,8 +1,8 @@
 //! Materials on the GPU, and what each asks of its pipeline.
 
 use bytemuck::{Pod, Zeroable};
-use glam::Affine2;
-use polyptych_scene::{AlphaMode, Material, Scene, VertexLayout};
+use glam::{Affine2, Vec4};
+use polyptych_scene::{AlphaMode, Highlight, Material, NodeStyle, Scene, Shading, VertexLayout};
 
 use crate::bindings;
 use crate::gpu::Gpu;
@@ -19,6 +19,8 @@ pub(crate) struct MaterialUniform {
     pub normal_scale: f32,
     pub occlusion_strength: f32,
     pub alpha_cutoff: f32,
+    /// Display light, and the part of it in what is shown.
+    pub highlight: [f32; 4],
     /// Per texture, in the order of the bindings: columns x and y, then the offset.
     pub uv_transforms: [UvTransform; 5],
 }
@@ -32,7 +34,7 @@ pub(crate) struct UvTransform {
 }
 
 impl MaterialUniform {
-    fn new(desc: &Material) -> Self {
+    fn new(desc: &Material, highlight: Vec4) -> Self {
         let transform = |affine: Affine2| {
             let (x, y, offset) = (affine.x_axis, affine.y_axis, affine.translation);
             UvTransform { columns: [x.x, x.y, y.x, y.y], offset: [offset.x, offset.y, 0.0, 0.0] }
@@ -46,9 +48,44 @@ impl MaterialUniform {
             normal_scale: desc.normal_scale,
             occlusion_strength: desc.occlusion_strength,
             alpha_cutoff: if let AlphaMode::Mask(cutoff) = desc.alpha_mode { cutoff } else { 0.0 },
+            highlight: highlight.to_array(),
             uv_transforms: uses
                 .map(|one| transform(one.map_or(Affine2::IDENTITY, |one| one.uv_transform))),
         }
+    }
+}
+
+/// A material as a style draws it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct StyledMaterial {
+    /// An index into the scene's materials; the default one stands behind them.
+    pub material: u32,
+    pub is_unlit: bool,
+    /// Display light, and the part of it in what is shown; zeros for none.
+    pub highlight: Vec4,
+}
+
+impl StyledMaterial {
+    /// The material in a style; `None` where it is drawn as it is.
+    pub fn new(material: u32, style: NodeStyle) -> Option<Self> {
+        let is_unlit = style.shading == Some(Shading::Unlit);
+        let highlight = match style.highlight {
+            Some(Highlight::Tint { color, share }) if share > 0.0 => color.extend(share),
+            _ => Vec4::ZERO,
+        };
+        let is_styled = is_unlit || highlight != Vec4::ZERO;
+        is_styled.then_some(Self { material, is_unlit, highlight })
+    }
+
+    /// Its description, of that of the material.
+    pub fn desc(&self, of: &Material) -> Material {
+        Material { unlit: of.unlit || self.is_unlit, ..of.clone() }
+    }
+
+    /// As [`features`], of the description of the material.
+    pub fn features(&self, of: &Material, layout: VertexLayout) -> MaterialFeatures {
+        let highlighted = self.highlight != Vec4::ZERO;
+        MaterialFeatures { highlighted, ..features(&self.desc(of), layout) }
     }
 }
 
@@ -85,22 +122,28 @@ pub(crate) fn features(desc: &Material, layout: VertexLayout) -> MaterialFeature
         emissive: only_lit(slot(4)),
         glowing: lit && desc.emissive.max_element() > 0.0,
         uv_transformed: uses.iter().flatten().any(|one| one.uv_transform != Affine2::IDENTITY),
+        highlighted: false,
     }
 }
 
-/// Bind group 2 of every material, the default material last.
+/// Bind group 2 of every material, the default material, and these as styles draw them.
 pub(crate) fn bind_groups(
     gpu: &Gpu,
     desc: &Scene,
+    styled: &[StyledMaterial],
     views: &[wgpu::TextureView],
     samplers: &[wgpu::Sampler],
 ) -> Vec<wgpu::BindGroup> {
     let default = Material::default();
-    let materials: Vec<&Material> = desc.materials.iter().chain([&default]).collect();
+    let described = || desc.materials.iter().chain([&default]);
+    let plain = described().map(|material| (material.clone(), Vec4::ZERO));
+    let of = |one: &StyledMaterial| desc.materials.get(one.material as usize).unwrap_or(&default);
+    let styled = styled.iter().map(|one| (one.desc(of(one)), one.highlight));
+    let materials: Vec<(Material, Vec4)> = plain.chain(styled).collect();
     let stride = bindings::uniform_stride(gpu, size_of::<MaterialUniform>());
     let mut bytes = vec![0; stride * materials.len()];
-    for (slot, material) in bytes.chunks_exact_mut(stride).zip(&materials) {
-        let uniform = MaterialUniform::new(material);
+    for (slot, (material, highlight)) in bytes.chunks_exact_mut(stride).zip(&materials) {
+        let uniform = MaterialUniform::new(material, *highlight);
         slot[..size_of::<MaterialUniform>()].copy_from_slice(bytemuck::bytes_of(&uniform));
     }
     let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -112,7 +155,7 @@ pub(crate) fn bind_groups(
     gpu.queue.write_buffer(&buffer, 0, &bytes);
     let layout = bindings::material_layout(&gpu.device);
     let (empty_view, empty_sampler) = (views.len() - 1, samplers.len() - 1);
-    let group = |(index, material): (usize, &&Material)| {
+    let group = |(index, (material, _)): (usize, &(Material, Vec4))| {
         let uses = material.texture_slots();
         let at = |one: usize, empty: usize| uses[one].map_or(empty, |one| one.texture as usize);
         let mut entries = vec![wgpu::BindGroupEntry {

@@ -104,6 +104,7 @@ fn uniforms_match_their_twins() {
         normal_scale,
         occlusion_strength,
         alpha_cutoff,
+        highlight,
         uv_transforms
     );
 }

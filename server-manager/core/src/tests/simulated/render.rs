@@ -29,7 +29,7 @@ pub enum Drawing {
     /// A frame, one channel after the other.
     Frame { frame: Box<Frame>, channel: usize, began: Micros, is_good: bool },
     /// A new state, where nobody sees it.
-    WarmUp(State),
+    WarmUp(Box<State>),
 }
 
 impl Simulation {
@@ -79,7 +79,7 @@ impl Simulation {
                 None => {
                     let Some(state) = self.servers[index].finish.take() else { break };
                     let warm_up_us = self.dice.between(200, 5_000);
-                    self.draw_until(index, Drawing::WarmUp(state), warm_up_us);
+                    self.draw_until(index, Drawing::WarmUp(state.into()), warm_up_us);
                 }
             }
         }
@@ -127,7 +127,7 @@ impl Simulation {
                 if states.len() == STATES_MAX {
                     states.remove(1);
                 }
-                states.push_back(state.clone());
+                states.push_back((*state).clone());
                 self.finished(index, &state)?;
             }
             Some(Drawing::Frame { frame, channel, began, is_good }) => {

@@ -1,0 +1,96 @@
+//! Edges and vertices of triangles, for nodes whose style shows only these.
+//!
+//! Lines are drawn from indices, and not by a GPU that fills no polygons: that is an option which
+//! not every GPU has, and it would draw an edge of two triangles twice.
+
+use polyptych_scene::{Fill, IndexFormat, Primitive, Topology};
+
+/// A primitive of which edges or vertices are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Outline {
+    /// The slot of its geometry.
+    pub slot: usize,
+    pub fill: Fill,
+    /// One of the meshes that have it, and its index there.
+    pub mesh: usize,
+    pub primitive: usize,
+}
+
+/// What is drawn of a primitive in a style, if that is not all of it.
+pub(super) fn drawn(topology: Topology, fill: Fill) -> Option<Topology> {
+    match (fill, topology) {
+        (Fill::Wireframe, Topology::Triangles) => Some(Topology::Lines),
+        (Fill::Points, Topology::Triangles | Topology::Lines) => Some(Topology::Points),
+        _ => None,
+    }
+}
+
+/// The indices of the edges or vertices of a primitive's checked bytes, each once, in the order of
+/// their numbers.
+pub(super) fn indices(desc: &Primitive, bytes: &[u8], fill: Fill) -> Vec<u32> {
+    let of_primitive = bytes.get(desc.vertex_bytes() as usize..).unwrap_or_default();
+    let all: Vec<u32> = if desc.index_format == IndexFormat::U32 {
+        of_primitive.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
+    } else {
+        let words = of_primitive.as_chunks::<2>().0.iter();
+        words.map(|word| u16::from_le_bytes(*word).into()).collect()
+    };
+    if fill != Fill::Wireframe {
+        let mut all = all;
+        all.sort_unstable();
+        all.dedup();
+        return all;
+    }
+    let edges = |[a, b, c]: &[u32; 3]| [[*a, *b], [*b, *c], [*c, *a]];
+    let sorted = |[a, b]: [u32; 2]| [a.min(b), a.max(b)];
+    let mut edges: Vec<[u32; 2]> =
+        all.as_chunks::<3>().0.iter().flat_map(edges).map(sorted).collect();
+    edges.sort_unstable();
+    edges.dedup();
+    edges.retain(|[a, b]| a != b);
+    edges.into_flattened()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DVec3, Vec3};
+    use polyptych_files::blob::BlobHash;
+    use polyptych_scene::VertexLayout;
+
+    use super::*;
+
+    fn quad(index_format: IndexFormat) -> (Primitive, Vec<u8>) {
+        // Two triangles with one edge in common, and one that is a point.
+        let indices = [3u32, 1, 0, 0, 1, 2, 2, 2, 2];
+        let primitive = Primitive {
+            blob: BlobHash([0; 32]),
+            layout: VertexLayout::default(),
+            vertex_count: 4,
+            index_count: indices.len() as u32,
+            index_format,
+            topology: Topology::Triangles,
+            material: None,
+            origin: DVec3::ZERO,
+            min: Vec3::ZERO,
+            max: Vec3::ONE,
+        };
+        let mut bytes = vec![0; primitive.vertex_bytes() as usize];
+        for index in indices {
+            match index_format {
+                IndexFormat::U16 => bytes.extend((index as u16).to_le_bytes()),
+                IndexFormat::U32 => bytes.extend(index.to_le_bytes()),
+            }
+        }
+        (primitive, bytes)
+    }
+
+    #[test]
+    fn each_edge_and_each_vertex_comes_once() {
+        for format in [IndexFormat::U16, IndexFormat::U32] {
+            let (desc, bytes) = quad(format);
+            let edges = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3]].concat();
+            assert_eq!(indices(&desc, &bytes, Fill::Wireframe), edges);
+            assert_eq!(indices(&desc, &bytes, Fill::Points), [0, 1, 2, 3]);
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! Parts of the open scene that views show.
+
+use polyptych_scene::limits::LAYERS_MAX;
+use polyptych_scene::{NodeId, SceneSubset};
+use polyptych_wall::view::View;
+
+use crate::Cluster;
+
+impl Cluster {
+    /// Whether the open scene has what a view shows of it, as it was edited.
+    ///
+    /// # Errors
+    /// Which node or layer it does not have, or that no scene is open.
+    pub(crate) fn check_subset(&self, view: &View) -> Result<(), String> {
+        let (root, layers) = (view.root.map(NodeId), view.layers.clone());
+        if root.is_none() && layers.is_none() {
+            return Ok(());
+        }
+        if layers.as_ref().is_some_and(|layers| layers.len() > LAYERS_MAX) {
+            return Err(format!("a view names at most {LAYERS_MAX} layers"));
+        }
+        let outline = self.editing.outline.as_ref();
+        let outline = outline.ok_or("no scene is open, so there are no nodes and no layers")?;
+        let subset = SceneSubset { root, layers };
+        let checked = outline.check_subset(&self.editing.accepted, &subset);
+        checked.map_err(|error| error.to_string())
+    }
+}
