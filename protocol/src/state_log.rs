@@ -2,6 +2,8 @@
 //!
 //! Manager and servers fold with this same code; what they folded is compared by digest.
 
+use std::sync::Arc;
+
 use glam::DVec2;
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::{Edit, SceneEdits};
@@ -36,7 +38,7 @@ pub enum Operation {
     /// The wall shows no scene.
     CloseScene,
     /// The open scene is changed, by all of these.
-    EditScene(Vec<Edit>),
+    EditScene(Arc<Vec<Edit>>),
     /// All that was changed of the open scene is this.
     SetEdits(Box<SceneEdits>),
 }
@@ -146,13 +148,20 @@ impl Replica {
             }
             Operation::CloseScene => (self.scene, self.edits) = (None, SceneEdits::default()),
             Operation::EditScene(edits) => {
-                for edit in edits {
+                for edit in Arc::unwrap_or_clone(edits) {
                     self.edits.apply(edit);
                 }
             }
             Operation::SetEdits(edits) => self.edits = *edits,
         }
         self.revision.0 += 1;
+    }
+
+    /// The state after an edit of the scene of which it is known what it comes to.
+    #[must_use]
+    pub fn with_edits(&self, edits: SceneEdits) -> Self {
+        let revision = Revision(self.revision.0 + 1);
+        Self { revision, edits, ..self.clone() }
     }
 
     /// Changes a channel's adjustment. What a wall does not have is left alone: the digest tells.

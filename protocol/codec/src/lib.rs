@@ -51,6 +51,16 @@ pub fn encode<T: Serialize>(message: &T) -> Bytes {
     }
 }
 
+/// Encodes a value into `room`, which is emptied before: for many small values, without memory of
+/// its own for each. Fails as [`encode`] does, with nothing in `room`.
+pub fn encode_into<T: Serialize>(value: &T, room: &mut Vec<u8>) {
+    room.clear();
+    let config = bincode::config::standard();
+    if bincode::serde::encode_into_writer(value, Growing(room), config).is_err() {
+        room.clear();
+    }
+}
+
 /// Puts a message with its length before it behind what `frames` holds, as [`framed`] would:
 /// for a file of many small ones, without memory of its own for each.
 pub fn append_framed<T: Serialize>(message: &T, frames: &mut Vec<u8>) {

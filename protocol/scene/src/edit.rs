@@ -266,6 +266,17 @@ impl Edit {
         }
     }
 
+    /// Returns whether other nodes, meshes, lights or textures may be in use after it.
+    pub fn changes_contents(&self) -> bool {
+        !matches!(
+            self,
+            Self::SetTransform { .. }
+                | Self::SetVisible { .. }
+                | Self::SetName { .. }
+                | Self::SetAttribute { .. }
+        )
+    }
+
     /// The same with other numbers of nodes.
     ///
     /// # Errors

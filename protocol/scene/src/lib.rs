@@ -10,10 +10,13 @@ pub mod glb;
 mod layers;
 pub mod limits;
 mod material;
+mod measured;
 mod mesh;
 mod node_extras;
 mod outline;
+mod placed_nodes;
 mod scene_edits;
+mod shared_map;
 mod style;
 mod texture;
 
@@ -29,7 +32,8 @@ pub use material::{AlphaMode, Material, TextureRef};
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use node_extras::NodeExtras;
 pub use outline::{EditError, SceneOutline, check_attribute};
-pub use scene_edits::{AssetManifests, NodeEdits, Replaced, SceneEdits};
+pub use placed_nodes::{MovedPlace, PlacedNodes};
+pub use scene_edits::{AssetManifests, NodeEdits, SceneEdits};
 pub use style::{Facing, Fill, Highlight, NodeStyle, Shading};
 pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 

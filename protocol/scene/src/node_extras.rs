@@ -39,7 +39,7 @@ impl Scene {
     pub fn first_edits(&self) -> SceneEdits {
         let mut edits = SceneEdits::default();
         for of in &self.extras {
-            of.edits(NodeId(of.node.into())).for_each(|edit| drop(edits.apply(edit)));
+            of.edits(NodeId(of.node.into())).for_each(|edit| edits.apply(edit));
         }
         edits
     }

@@ -11,7 +11,7 @@ use crate::layers::{Layers, SceneSubset};
 use crate::limits::{
     ASSET_SETS_MAX, DEPTH_MAX, DRAWS_MAX, EDITS_BYTES_MAX, LIT_DRAWS_MAX, NODE_NAME_BYTES_MAX,
 };
-use crate::scene_edits::SceneEdits;
+use crate::scene_edits::{NodeEdits, SceneEdits};
 use crate::{Material, Scene};
 
 mod values;
@@ -243,12 +243,26 @@ impl SceneOutline {
     /// # Errors
     /// [`EditError::TooLarge`].
     pub fn check_size(&self, edits: &SceneEdits) -> Result<(), EditError> {
+        self.check_bytes(edits)?;
+        self.check_draws(edits)
+    }
+
+    /// Whether all that was changed can be held and sent.
+    ///
+    /// # Errors
+    /// [`EditError::TooLarge`].
+    pub fn check_bytes(&self, edits: &SceneEdits) -> Result<(), EditError> {
         if edits.bytes() > EDITS_BYTES_MAX as u64 {
             return Err(EditError::TooLarge(format!(
                 "all changes of the scene would take {} bytes, where {EDITS_BYTES_MAX} can be kept",
                 edits.bytes()
             )));
         }
+        Ok(())
+    }
+
+    /// Whether all that is drawn can be.
+    fn check_draws(&self, edits: &SceneEdits) -> Result<(), EditError> {
         // What was taken away or hidden is not subtracted: it may come back.
         let (mut draws, mut lights) = (self.draws, self.lights);
         for (_, of) in edits.nodes() {
@@ -329,18 +343,28 @@ impl SceneOutline {
 
     /// Returns whether a node was not taken away itself.
     fn has(&self, edits: &SceneEdits, node: NodeId) -> bool {
-        match edits.node(node) {
+        self.is_there(node, edits.node(node))
+    }
+
+    /// The same of a node with these edits.
+    fn is_there(&self, node: NodeId, of: Option<&NodeEdits>) -> bool {
+        match of {
             Some(of) => !of.is_removed && (of.created.is_some() || node.0 < self.nodes()),
             None => node.0 < self.nodes(),
         }
     }
 
     fn parent_of(&self, edits: &SceneEdits, node: NodeId) -> Option<NodeId> {
+        self.parent(node, edits.node(node))
+    }
+
+    /// The parent of a node with these edits.
+    fn parent(&self, node: NodeId, of: Option<&NodeEdits>) -> Option<NodeId> {
         let of_file = || {
             let index = usize::try_from(node.0).ok()?;
             self.parents.get(index).copied().flatten().map(|parent| NodeId(parent.into()))
         };
-        let Some(of) = edits.node(node) else { return of_file() };
+        let Some(of) = of else { return of_file() };
         of.parent.unwrap_or_else(|| match &of.created {
             Some(made) => made.parent,
             None => of_file(),
@@ -369,14 +393,17 @@ impl SceneOutline {
         node: NodeId,
         above_max: usize,
     ) -> Result<(), EditError> {
-        let up = std::iter::successors(Some(node), |node| self.parent_of(edits, *node));
-        for (depth, above) in up.enumerate() {
-            if !self.has(edits, above) {
+        let (mut next, mut depth) = (Some(node), 0);
+        while let Some(above) = next {
+            // Looked up once for both questions.
+            let of = edits.node(above);
+            if !self.is_there(above, of) {
                 return Err(EditError::NoNode(node));
             }
             if depth > above_max {
                 return Err(EditError::TooDeep(node));
             }
+            (next, depth) = (self.parent(above, of), depth + 1);
         }
         Ok(())
     }

@@ -12,23 +12,64 @@ use serde::{Deserialize, Serialize};
 
 use crate::edit::{AssetSet, Attribute, Edit, NewNode, NodeId};
 use crate::layers::Layers;
+use crate::measured::Measured;
+use crate::shared_map::SharedMap;
 use crate::{Facing, Light, Material, Mesh, Node, NodeStyle, Scene};
 
 /// The manifests of assets that were added to a scene.
 pub type AssetManifests = BTreeMap<BlobHash, Arc<Scene>>;
 
-/// What differs from the scene's file.
+/// What differs from the scene's file. Copies share what they have in common.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Entries")]
 pub struct SceneEdits {
-    nodes: BTreeMap<NodeId, NodeEdits>,
-    materials: BTreeMap<u32, Material>,
+    nodes: SharedMap<NodeId, Arc<Measured<NodeEdits>>>,
+    materials: SharedMap<u32, Arc<Measured<Material>>>,
     /// Assets that were added, by manifest.
-    assets: BTreeMap<BlobHash, AssetSet>,
+    assets: SharedMap<BlobHash, Arc<Measured<AssetSet>>>,
     layers: Layers,
     /// A sum over the fingerprints of all entries, so that a change costs what it changes.
     fingerprint: u64,
     /// The same over their encoded sizes.
     bytes: u64,
+}
+
+/// [`SceneEdits`] as they are encoded; what follows from the entries is made anew, whatever a peer
+/// says of it.
+#[derive(Deserialize)]
+struct Entries {
+    nodes: SharedMap<NodeId, NodeEdits>,
+    materials: SharedMap<u32, Material>,
+    assets: SharedMap<BlobHash, AssetSet>,
+    layers: Layers,
+    #[serde(rename = "fingerprint")]
+    _fingerprint: u64,
+    #[serde(rename = "bytes")]
+    _bytes: u64,
+}
+
+impl From<Entries> for SceneEdits {
+    fn from(Entries { nodes, materials, assets, layers: encoded, .. }: Entries) -> Self {
+        let (nodes, materials) = (Measured::all(nodes), Measured::all(materials));
+        let (assets, layers) = (Measured::all(assets), Layers::default());
+        let mut edits = Self { nodes, materials, assets, layers, fingerprint: 0, bytes: 0 };
+        for of in edits.nodes.values() {
+            if let Some(layer) = &of.value.layer {
+                edits.layers.enter(layer);
+            }
+        }
+        let of_nodes = edits.nodes.values().map(|of| (of.print, of.bytes));
+        let of_materials = edits.materials.values().map(|of| (of.print, of.bytes));
+        let of_assets = edits.assets.values().map(|of| (of.print, of.bytes));
+        let all = of_nodes.chain(of_materials).chain(of_assets);
+        (edits.fingerprint, edits.bytes) = all.fold((0u64, 0u64), |sum, (print, bytes)| {
+            (sum.0.wrapping_add(print), sum.1.wrapping_add(bytes))
+        });
+        for (layer, _) in encoded.all().filter(|(_, is_hidden)| *is_hidden) {
+            edits.hide_layer(layer, true);
+        }
+        edits
+    }
 }
 
 /// What differs of one node; `None` for what is as its file has it. Of nodes that were made,
@@ -64,6 +105,19 @@ pub struct NodeEdits {
 }
 
 impl NodeEdits {
+    /// Returns whether no more of what is drawn differs than where the node is.
+    fn differs_in_place_only(&self, other: &Self) -> bool {
+        // Whatever else there is of a node, or comes to be, counts as drawn.
+        let mut here = self.clone();
+        (here.local, here.name) = (other.local, other.name.clone());
+        here.attributes.clone_from(&other.attributes);
+        if let (Some(own), Some(its)) = (&mut here.created, &other.created) {
+            own.local = its.local;
+            own.name.clone_from(&its.name);
+        }
+        here == *other
+    }
+
     fn apply(&mut self, edit: Edit) {
         // One that was made is kept as it would be made now, which takes no more than before.
         if let Some(made) = &mut self.created {
@@ -113,33 +167,11 @@ enum Place {
     At(u32),
 }
 
-/// An entry as it was before an edit, to take that back.
-#[derive(Debug)]
-pub enum Replaced {
-    /// Of a node; `None` where there was none.
-    Node(NodeId, Option<NodeEdits>),
-    /// Of a material; `None` where there was none.
-    Material(u32, Option<Material>),
-    /// The entry of assets; `None` where there was none.
-    Assets(BlobHash, Option<AssetSet>),
-    /// Whether a layer was hidden.
-    Layer(String, bool),
-}
-
 /// Makes a list as long as this number says, if it is shorter.
 fn fill<T: Clone>(list: &mut Vec<T>, len: u32, filler: Option<T>) {
     if let Some(filler) = filler.filter(|_| list.len() < len as usize) {
         list.resize(len as usize, filler);
     }
-}
-
-/// The fingerprint of an entry and its encoded size; zeros of none.
-fn measure(entry: Option<impl Serialize>) -> (u64, u64) {
-    let Some(entry) = entry else { return (0, 0) };
-    let bytes = polyptych_codec::encode(&entry);
-    let BlobHash(hash) = BlobHash::of(&bytes);
-    let print = hash.iter().take(8).fold(0, |sum, &byte| (sum << 8) | u64::from(byte));
-    (print, bytes.len() as u64)
 }
 
 impl SceneEdits {
@@ -163,22 +195,65 @@ impl SceneEdits {
 
     /// What differs of a node, if anything.
     pub fn node(&self, node: NodeId) -> Option<&NodeEdits> {
-        self.nodes.get(&node)
+        self.nodes.get(&node).map(|edits| &edits.value)
+    }
+
+    /// The nodes of which the place in their parents' spaces, the name or the attributes differ from
+    /// the edits before, in rising order; `None` where more of what is drawn may. It costs what
+    /// differs.
+    pub fn moved_since(&self, before: &Self) -> Option<Vec<NodeId>> {
+        let is_alike = self.materials == before.materials && self.assets == before.assets;
+        if !is_alike || self.layers != before.layers {
+            return None;
+        }
+        let (mut moved, none) = (Vec::new(), NodeEdits::default());
+        let all = before.nodes.diff(&self.nodes, |node, before, now| {
+            let before = before.map_or(&none, |edits| &edits.value);
+            let now = now.map_or(&none, |edits| &edits.value);
+            moved.push(node);
+            before.differs_in_place_only(now)
+        });
+        all.then_some(moved)
+    }
+
+    /// A node's name as it stands. `None` if there is no such node.
+    pub fn name_of<'a>(&'a self, base: &'a Scene, node: NodeId) -> Option<&'a str> {
+        let edits = self.node(node);
+        if let Some(name) = edits.and_then(|edits| edits.name.as_ref()) {
+            return Some(name);
+        }
+        if let Some(made) = edits.and_then(|edits| edits.created.as_ref()) {
+            return Some(&made.name);
+        }
+        Some(&base.nodes.get(usize::try_from(node.0).ok()?)?.name)
+    }
+
+    /// A node's transform as it stands: parent space from its space. `None` if there is no such
+    /// node.
+    pub fn local_of(&self, base: &Scene, node: NodeId) -> Option<DAffine3> {
+        let edits = self.node(node);
+        if let Some(local) = edits.and_then(|edits| edits.local) {
+            return Some(local);
+        }
+        if let Some(made) = edits.and_then(|edits| edits.created.as_ref()) {
+            return Some(made.local);
+        }
+        Some(base.nodes.get(usize::try_from(node.0).ok()?)?.local)
     }
 
     /// All nodes of which something differs, in the order of their numbers.
     pub fn nodes(&self) -> impl Iterator<Item = (NodeId, &NodeEdits)> {
-        self.nodes.iter().map(|(node, edits)| (*node, edits))
+        self.nodes.iter().map(|(node, edits)| (*node, &edits.value))
     }
 
     /// Returns the assets that were added.
     pub fn assets(&self) -> impl Iterator<Item = &AssetSet> {
-        self.assets.values()
+        self.assets.values().map(|set| &set.value)
     }
 
     /// Returns the assets that were added with this manifest.
     pub fn assets_of(&self, manifest: BlobHash) -> Option<&AssetSet> {
-        self.assets.get(&manifest)
+        self.assets.get(&manifest).map(|set| &set.value)
     }
 
     /// The layers of the scene.
@@ -192,90 +267,83 @@ impl SceneEdits {
         if self.assets.is_empty() {
             return Vec::new();
         }
-        let of_nodes = self.nodes.values().filter_map(|of| {
+        let of_nodes = self.nodes().filter_map(|(_, of)| {
             of.mesh.unwrap_or_else(|| of.created.as_ref().and_then(|new| new.mesh))
         });
         let meshes: BTreeSet<u32> = of_nodes.collect();
-        let of_materials = self.materials.values().flat_map(Material::textures);
+        let of_materials = self.materials.values().flat_map(|material| material.value.textures());
         let textures: BTreeSet<u32> = of_materials.map(|of| of.texture).collect();
         let is_unused = |set: &&AssetSet| {
             meshes.range(set.mesh_range()).next().is_none()
                 && textures.range(set.texture_range()).next().is_none()
         };
-        self.assets.values().filter(is_unused).map(|set| set.manifest).collect()
+        self.assets().filter(is_unused).map(|set| set.manifest).collect()
     }
 
-    /// Applies the next edit; gives back what it replaced.
-    pub fn apply(&mut self, edit: Edit) -> Replaced {
+    /// Applies the next edit.
+    pub fn apply(&mut self, edit: Edit) {
         match edit {
             Edit::SetMaterial { material, to } => {
-                return self.replace(Replaced::Material(material, Some(*to)));
+                let new = self.added(Measured::new(&material, *to));
+                let old = self.materials.insert(material, new);
+                self.discount(old.as_deref());
             }
             Edit::AddAssets(set) => {
-                return self.replace(Replaced::Assets(set.manifest, Some(*set)));
+                let manifest = set.manifest;
+                let new = self.added(Measured::new(&manifest, *set));
+                let old = self.assets.insert(manifest, new);
+                self.discount(old.as_deref());
             }
-            Edit::RemoveAssets(manifest) => return self.replace(Replaced::Assets(manifest, None)),
-            Edit::SetLayerVisible { layer, visible } => {
-                return self.replace(Replaced::Layer(layer, !visible));
+            Edit::RemoveAssets(manifest) => {
+                let old = self.assets.remove(&manifest);
+                self.discount(old.as_deref());
             }
-            _ => {}
-        }
-        let Some(node) = edit.node() else { return Replaced::Material(u32::MAX, None) };
-        let mut entry = self.nodes.get(&node).cloned().unwrap_or_default();
-        entry.apply(edit);
-        // A node of the file that is as it was again needs no entry.
-        self.replace(Replaced::Node(node, (entry != NodeEdits::default()).then_some(entry)))
-    }
-
-    /// Puts an entry in its place; gives back what stood there.
-    pub fn replace(&mut self, entry: Replaced) -> Replaced {
-        let added;
-        let old = match entry {
-            Replaced::Node(node, new) => {
-                added = measure(new.as_ref().map(|new| (node, new)));
-                if let Some(layer) = new.as_ref().and_then(|new| new.layer.as_deref()) {
+            Edit::SetLayerVisible { layer, visible } => self.hide_layer(&layer, !visible),
+            _ => {
+                let Some(node) = edit.node() else { return };
+                let mut entry = self.node(node).cloned().unwrap_or_default();
+                entry.apply(edit);
+                if let Some(layer) = &entry.layer {
                     self.layers.enter(layer);
                 }
-                let old = match new {
-                    Some(new) => self.nodes.insert(node, new),
-                    None => self.nodes.remove(&node),
+                // A node of the file that is as it was again needs no entry.
+                let old = if entry == NodeEdits::default() {
+                    self.nodes.remove(&node)
+                } else {
+                    let new = self.added(Measured::new(&node, entry));
+                    self.nodes.insert(node, new)
                 };
-                if let Some(layer) = old.as_ref().and_then(|old| old.layer.as_deref()) {
+                if let Some(layer) = old.as_ref().and_then(|old| old.value.layer.as_ref()) {
                     self.layers.leave(layer);
                 }
-                Replaced::Node(node, old)
+                self.discount(old.as_deref());
             }
-            Replaced::Material(material, new) => {
-                added = measure(new.as_ref().map(|new| (material, new)));
-                let old = match new {
-                    Some(new) => self.materials.insert(material, new),
-                    None => self.materials.remove(&material),
-                };
-                Replaced::Material(material, old)
-            }
-            Replaced::Assets(manifest, new) => {
-                added = measure(new.as_ref());
-                let old = match new {
-                    Some(new) => self.assets.insert(manifest, new),
-                    None => self.assets.remove(&manifest),
-                };
-                Replaced::Assets(manifest, old)
-            }
-            Replaced::Layer(layer, is_hidden) => {
-                added = measure(is_hidden.then_some(&layer));
-                let was_hidden = self.layers.hide(&layer, is_hidden);
-                Replaced::Layer(layer, was_hidden)
-            }
-        };
-        let taken = match &old {
-            Replaced::Node(node, old) => measure(old.as_ref().map(|old| (node, old))),
-            Replaced::Material(material, old) => measure(old.as_ref().map(|old| (material, old))),
-            Replaced::Assets(_, old) => measure(old.as_ref()),
-            Replaced::Layer(layer, was_hidden) => measure(was_hidden.then_some(layer)),
-        };
-        self.fingerprint = self.fingerprint.wrapping_add(added.0).wrapping_sub(taken.0);
-        self.bytes = self.bytes.wrapping_add(added.1).wrapping_sub(taken.1);
-        old
+        }
+    }
+
+    /// Hides a layer, or does not. One that is hidden counts as an entry.
+    fn hide_layer(&mut self, layer: &str, is_hidden: bool) {
+        let was_hidden = self.layers.hide(layer, is_hidden);
+        let entry = Measured::new(&layer, ());
+        match (was_hidden, is_hidden) {
+            (false, true) => drop(self.added(entry)),
+            (true, false) => self.discount(Some(&entry)),
+            _ => {}
+        }
+    }
+
+    /// Adds an entry to the sums.
+    fn added<T>(&mut self, new: Measured<T>) -> Arc<Measured<T>> {
+        self.fingerprint = self.fingerprint.wrapping_add(new.print);
+        self.bytes = self.bytes.wrapping_add(new.bytes);
+        Arc::new(new)
+    }
+
+    /// Takes an entry out of the sums.
+    fn discount<T>(&mut self, old: Option<&Measured<T>>) {
+        let (print, bytes) = old.map_or((0, 0), |old| (old.print, old.bytes));
+        self.fingerprint = self.fingerprint.wrapping_sub(print);
+        self.bytes = self.bytes.wrapping_sub(bytes);
     }
 
     /// The scene as it stands, and the number of each of its nodes. What is removed, hidden or not
@@ -313,9 +381,9 @@ impl SceneEdits {
             extras: Vec::new(),
         };
         self.add_assets(&mut scene, added);
-        for (&material, to) in &self.materials {
+        for (&material, to) in self.materials.iter() {
             if let Some(slot) = scene.materials.get_mut(material as usize) {
-                slot.clone_from(to);
+                slot.clone_from(&to.value);
             }
         }
         let ids = self.placed(base, &mut scene, with_hidden);
@@ -333,7 +401,7 @@ impl SceneEdits {
     /// those of a mesh without primitives, of a default material, and of a texture that is there
     /// anyway.
     fn add_assets(&self, scene: &mut Scene, added: &AssetManifests) {
-        let mut sets: Vec<&AssetSet> = self.assets.values().collect();
+        let mut sets: Vec<&AssetSet> = self.assets().collect();
         sets.sort_by_key(|set| (set.first_mesh, set.first_material, set.first_texture));
         for set in sets {
             let Some(from) = added.get(&set.manifest) else { continue };
@@ -369,8 +437,9 @@ impl SceneEdits {
 
     /// Places the nodes in `scene`; gives their numbers.
     fn placed(&self, base: &Scene, scene: &mut Scene, with_hidden: bool) -> Vec<NodeId> {
-        let first_made = self.nodes.range(NodeId(base.nodes.len() as u64)..);
-        let made = first_made.filter(|(_, edits)| edits.created.is_some()).map(|(node, _)| *node);
+        let first_made = self.nodes.iter_from(NodeId(base.nodes.len() as u64));
+        let made =
+            first_made.filter(|(_, edits)| edits.value.created.is_some()).map(|(node, _)| *node);
         let all: Vec<NodeId> = (0..base.nodes.len() as u64).map(NodeId).chain(made).collect();
         let mut places = vec![Place::Unknown; all.len()];
         let place_of = |places: &[Place], node: NodeId| {
@@ -389,7 +458,7 @@ impl SceneEdits {
             }
             while let Some(slot) = way.pop() {
                 let node = all[slot];
-                let edits = self.nodes.get(&node);
+                let edits = self.node(node);
                 let above = self.parent_of(base, node);
                 let is_shown = edits
                     .is_none_or(|edits| !edits.is_removed && (with_hidden || !edits.is_hidden))
@@ -412,13 +481,13 @@ impl SceneEdits {
 
     /// Returns whether the switch of the node above a node, if it has one, shows it.
     pub fn is_switched_on(&self, above: Option<NodeId>, node: NodeId) -> bool {
-        let switch = above.and_then(|above| self.nodes.get(&above)?.switch);
+        let switch = above.and_then(|above| self.node(above)?.switch);
         switch.is_none_or(|shown| shown == node)
     }
 
     /// The node that a node hangs from now; `None` too where there is no such node.
     pub fn parent_of(&self, base: &Scene, node: NodeId) -> Option<NodeId> {
-        let edits = self.nodes.get(&node);
+        let edits = self.node(node);
         if let Some(parent) = edits.and_then(|edits| edits.parent) {
             return parent;
         }
@@ -431,7 +500,7 @@ impl SceneEdits {
 
     /// The node without its parent; a light of its own is put behind those of `scene`.
     fn node_as_it_stands(&self, base: &Scene, node: NodeId, scene: &mut Scene) -> Option<Node> {
-        let edits = self.nodes.get(&node);
+        let edits = self.node(node);
         let made = edits.and_then(|edits| edits.created.as_ref());
         let mut placed = match made {
             Some(new) => {

@@ -8,7 +8,7 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 use polyptych_protocol::request::{RequestError, Response, SceneSummary};
-use polyptych_protocol::state_log::Operation;
+use polyptych_protocol::state_log::{Operation, Replica};
 use polyptych_wall::ChannelId;
 
 use super::calibrate;
@@ -106,10 +106,7 @@ impl Cluster {
             if let Some(wall) = change.wall() {
                 change.operations = calibrate::operations(&self.wall, wall);
             }
-            let mut replica = self.shown.clone();
-            for operation in change.operations.clone() {
-                replica.apply(operation);
-            }
+            let mut replica = self.replica_after(&change);
             if let Some(refused) = self.changes.refused.filter(|r| *r > self.shown.revision) {
                 replica.revision.0 += refused.0 - self.shown.revision.0;
             }
@@ -123,6 +120,24 @@ impl Cluster {
             self.send_due_prepares(everyone);
             self.tell_preparing();
         }
+    }
+
+    /// The state that a change leads to, which is no longer among those that wait.
+    fn replica_after(&self, change: &StateChange) -> Replica {
+        let folded = || {
+            let mut replica = self.shown.clone();
+            for operation in change.operations.clone() {
+                replica.apply(operation);
+            }
+            replica
+        };
+        if !(change.is_edit() && self.changes.queued().all(|waiting| !waiting.is_edit())) {
+            return folded();
+        }
+        // All that was accepted is folded already: nothing else of it waits.
+        let replica = self.shown.with_edits(self.editing.accepted().clone());
+        debug_assert_eq!(replica, folded(), "what was accepted is not what is shown next");
+        replica
     }
 
     /// Whether every server with a channel that is live, or about to be, has answered.

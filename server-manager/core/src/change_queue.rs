@@ -65,6 +65,11 @@ impl StateChange {
         }
     }
 
+    /// Returns whether it changes the open scene; by one operation.
+    pub fn is_edit(&self) -> bool {
+        matches!(self.purpose, ChangeOrigin::Edit { .. })
+    }
+
     pub fn wall(&self) -> Option<&Wall> {
         match &self.purpose {
             ChangeOrigin::Tuning { wall, .. } => Some(wall),
@@ -279,7 +284,7 @@ impl ChangeQueue {
         });
         match waiting {
             Some((of, waiters)) if is_small && of.len() + edits.len() <= MERGED_EDITS_MAX => {
-                of.extend(edits);
+                Arc::make_mut(of).extend(edits);
                 waiters.extend(waiter);
                 Ok(())
             }
@@ -289,10 +294,7 @@ impl ChangeQueue {
 
     /// Takes the edits out that wait for their turn, and gives who waits for them.
     pub fn take_waiting_edits(&mut self) -> Vec<EditWaiter> {
-        let (edits, others) = self
-            .queue
-            .drain(..)
-            .partition::<Vec<_>, _>(|change| matches!(change.purpose, ChangeOrigin::Edit { .. }));
+        let (edits, others) = self.queue.drain(..).partition::<Vec<_>, _>(StateChange::is_edit);
         self.queue = others.into();
         let waiters = edits.into_iter().filter_map(|change| match change.purpose {
             ChangeOrigin::Edit { waiters } => Some(waiters),

@@ -14,9 +14,7 @@ use polyptych_protocol::state_log::Operation;
 use polyptych_protocol::transaction::{
     AssetNumbers, AssetSource, BakedAssets, NewAssets, Transaction,
 };
-use polyptych_scene::{
-    AssetSet, Edit, NodeId, Replaced, SceneEdits, SceneOutline, provisional_asset_index,
-};
+use polyptych_scene::{AssetSet, Edit, NodeId, SceneEdits, SceneOutline, provisional_asset_index};
 use serde::{Deserialize, Serialize};
 
 use super::change_queue::ChangeOrigin;
@@ -116,6 +114,11 @@ impl SceneEditing {
         (self.accepted, self.next_node) = (edits, next_node);
     }
 
+    /// All that was accepted, shown or not yet.
+    pub fn accepted(&self) -> &SceneEdits {
+        &self.accepted
+    }
+
     pub fn next_node(&self) -> u64 {
         self.next_node
     }
@@ -143,12 +146,10 @@ impl SceneEditing {
         let outline = self.outline.clone().ok_or(
             "no scene is open that can be edited; open one first, or again after a restart",
         )?;
-        let mut undo = Vec::new();
-        let done = self.accept_each(&outline, transaction, &mut undo);
+        let before = self.accepted.clone();
+        let done = self.accept_each(&outline, transaction);
         if done.is_err() {
-            while let Some(replaced) = undo.pop() {
-                self.accepted.replace(replaced);
-            }
+            self.accepted = before;
         }
         done
     }
@@ -157,16 +158,15 @@ impl SceneEditing {
         &mut self,
         outline: &SceneOutline,
         Transaction { base, edits, assets, .. }: Transaction,
-        undo: &mut Vec<Replaced>,
     ) -> Result<Accepted, String> {
         let first = self.next_node.max(outline.nodes());
-        let (mut created, mut numbered) = (Vec::new(), Vec::new());
+        let (mut created, mut numbered) = (Vec::new(), Vec::with_capacity(edits.len() + 1));
         let assets = assets.map(|assets| self.place_assets(outline, assets)).transpose()?;
         if let Some(set) = &assets
             && self.accepted.assets_of(set.manifest).is_none()
         {
             let edit = Edit::AddAssets(Box::new(set.clone()));
-            undo.push(self.accepted.apply(edit.clone()));
+            self.accepted.apply(edit.clone());
             numbered.push(edit);
         }
         let (mesh, texture) = (
@@ -199,10 +199,10 @@ impl SceneEditing {
             }
             self.check_conflict(base, &edit).map_err(fault)?;
             outline.check(&self.accepted, &edit).map_err(|error| fault(error.to_string()))?;
-            undo.push(self.accepted.apply(edit.clone()));
+            self.accepted.apply(edit.clone());
             numbered.push(edit);
         }
-        self.complete(outline, &mut numbered, undo)?;
+        self.complete(outline, &mut numbered)?;
         self.next_node = first + created.len() as u64;
         for target in numbered.iter().filter_map(Target::of) {
             self.changed.insert(target, None);
@@ -216,19 +216,17 @@ impl SceneEditing {
     }
 
     /// Adds what follows of a transaction's edits, and checks what they come to.
-    fn complete(
-        &mut self,
-        outline: &SceneOutline,
-        numbered: &mut Vec<Edit>,
-        undo: &mut Vec<Replaced>,
-    ) -> Result<(), String> {
+    fn complete(&mut self, outline: &SceneOutline, numbered: &mut Vec<Edit>) -> Result<(), String> {
+        if !numbered.iter().any(Edit::changes_contents) {
+            return outline.check_bytes(&self.accepted).map_err(|error| error.to_string());
+        }
         let mut follows = Vec::new();
         if numbered.iter().any(|edit| matches!(edit, Edit::Remove(_))) {
             // What hung from what was taken away, so that nothing is left behind.
             follows.extend(outline.orphans(&self.accepted).into_iter().map(Edit::Remove));
         }
         for edit in &follows {
-            undo.push(self.accepted.apply(edit.clone()));
+            self.accepted.apply(edit.clone());
         }
         let added = match numbered.first() {
             Some(Edit::AddAssets(set)) => Some(set.manifest),
@@ -242,7 +240,7 @@ impl SceneEditing {
                         .to_owned(),
                 );
             }
-            undo.push(self.accepted.apply(Edit::RemoveAssets(manifest)));
+            self.accepted.apply(Edit::RemoveAssets(manifest));
             follows.push(Edit::RemoveAssets(manifest));
         }
         numbered.extend(follows);
@@ -383,7 +381,7 @@ impl Cluster {
     fn request_edits(&mut self, now: Micros, edits: Vec<Edit>, waiter: Option<EditWaiter>) {
         if let Err((edits, waiter)) = self.changes.join_waiting_edits(edits, waiter) {
             let purpose = ChangeOrigin::Edit { waiters: waiter.into_iter().collect() };
-            let operations = vec![Operation::EditScene(edits)];
+            let operations = vec![Operation::EditScene(edits.into())];
             self.request_change(now, StateChange { operations, purpose });
         }
     }

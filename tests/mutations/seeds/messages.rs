@@ -132,7 +132,7 @@ fn commands() -> Vec<Command> {
     let operations = vec![
         Operation::SetWall(Box::new(wall())),
         Operation::OpenScene(scene_ref()),
-        Operation::EditScene(transaction().edits),
+        Operation::EditScene(transaction().edits.into()),
         Operation::CloseScene,
         Operation::SetEdits(Box::new(scene_edits())),
     ];
