@@ -4,6 +4,8 @@
 //! looked for in the wall's store folders, then in this machine's cache, then asked for over the
 //! bulk connection. Hashes are checked wherever the bytes come from.
 
+mod moves;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -17,8 +19,8 @@ use polyptych_protocol::command::Prepare;
 use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::server_message::{Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Replica, SceneRef};
-use polyptych_renderer::{ContentPlace, SceneLayout};
-use polyptych_scene::{AssetManifests, AssetSet, NodeTraits, Scene, SceneFeatures};
+use polyptych_renderer::{ContentPlace, MovedItems, SceneLayout};
+use polyptych_scene::{AssetManifests, AssetSet, NodeTraits, PlacedNodes, Scene, SceneFeatures};
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
@@ -77,6 +79,8 @@ struct ReadyScene {
     /// Manifests of what was added to it.
     added: AssetManifests,
     layout: Arc<SceneLayout>,
+    /// The nodes as they stand in the layout.
+    placed: Arc<PlacedNodes>,
     features: SceneFeatures,
     warm_up: Camera,
 }
@@ -94,8 +98,8 @@ pub(crate) enum Upload {
     /// A new scene begins; what it has in common with the one that was finished last is there
     /// already, if so said.
     Begin { layout: Arc<SceneLayout>, shares: bool },
-    /// The scene that was finished last is laid out otherwise.
-    Relayout(Arc<SceneLayout>),
+    /// The scene that was finished last is laid out otherwise, but for what was moved since.
+    Relayout { layout: Arc<SceneLayout>, moved: Option<Arc<MovedItems>> },
     /// A texture of it.
     Texture { index: usize, bytes: Bytes },
     /// A primitive of it.
@@ -352,6 +356,13 @@ impl Loader {
             let read = || self.manifest(*manifest, "what was added", &stores, line).map(Arc::new);
             added.insert(*manifest, known.map_or_else(read, Ok)?);
         }
+        if let Some(ready) = before
+            && let Some(moved) = moves::moved_items(ready, &replica.edits)
+        {
+            let (layout, moved) = (Arc::clone(&ready.layout), Some(Arc::new(moved)));
+            self.upload(Upload::Relayout { layout, moved })?;
+            return Ok(ReadyScene { version, ..ready.clone() });
+        }
         let (edited, ids) = replica.edits.apply_to(&base, &added);
         let traits = replica.edits.traits(&edited.nodes, ids);
         if let Some(fault) = edited.fault() {
@@ -359,12 +370,14 @@ impl Loader {
         }
         let features = SceneFeatures::from_scene(&edited);
         let warm_up = frame_views::warm_up_camera(&edited);
+        let placed = PlacedNodes::new(&edited.nodes, traits.ids.clone(), replica.edits.clone());
+        let placed = Arc::new(placed);
         let (layout, held) = (self.layout(edited, &traits, line)?, before.map(|of| &*of.layout));
         if before.is_some_and(|before| before.added.keys().eq(added.keys()))
             && held.is_some_and(|held| layout.shares_content_with(held))
         {
-            self.upload(Upload::Relayout(Arc::clone(&layout)))?;
-            return Ok(ReadyScene { version, base, added, layout, features, warm_up });
+            self.upload(Upload::Relayout { layout: Arc::clone(&layout), moved: None })?;
+            return Ok(ReadyScene { version, base, added, layout, placed, features, warm_up });
         }
         let missing = layout.content_beyond(held);
         self.upload(Upload::Begin { layout: Arc::clone(&layout), shares: held.is_some() })?;
@@ -377,7 +390,7 @@ impl Loader {
                 }
             })?;
         }
-        Ok(ReadyScene { version, base, added, layout, features, warm_up })
+        Ok(ReadyScene { version, base, added, layout, placed, features, warm_up })
     }
 
     fn manifest(

@@ -17,7 +17,9 @@ use crossbeam_channel::{Receiver, select};
 use patterns::PatternImage;
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, Revision};
-use polyptych_renderer::{DrawStats, Gpu, GpuScene, Renderer, SceneBuilder, SceneLayout};
+use polyptych_renderer::{
+    DrawStats, Gpu, GpuScene, MovedItems, Renderer, SceneBuilder, SceneLayout,
+};
 use polyptych_wall::{ChannelId, Wall};
 use recovery::Losses;
 use tokio::sync::mpsc;
@@ -115,7 +117,7 @@ pub(crate) struct RenderThread {
     states: VecDeque<ReadyState>,
     building: Option<SceneBuilder>,
     /// How the latest scene is laid out in the state that is finished next.
-    relayout: Option<Arc<SceneLayout>>,
+    relayout: Option<(Arc<SceneLayout>, Option<Arc<MovedItems>>)>,
     showing: PresentationState,
     /// The test patterns of channels, by their names, while there are any.
     patterns: BTreeMap<String, PatternImage>,
@@ -357,8 +359,8 @@ impl RenderThread {
                     .map(|builder| self.building = Some(builder))
                     .map_err(|error| error.to_string())
             }
-            Upload::Relayout(layout) => {
-                self.relayout = Some(layout);
+            Upload::Relayout { layout, moved } => {
+                self.relayout = Some((layout, moved));
                 Ok(())
             }
             Upload::Texture { index, bytes } => {

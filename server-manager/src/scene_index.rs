@@ -11,8 +11,8 @@ use polyptych_protocol::node_query::{
     NODE_TEXT_BYTES_MAX, NODES_MAX, NodeInfo, NodePage, NodeQuery,
 };
 use polyptych_scene::{
-    AssetManifests, Attribute, Bounds, Light, Mesh, Node, NodeEdits, NodeId, NodeTraits, Primitive,
-    Scene, SceneEdits, SceneSubset,
+    AssetManifests, Attribute, Bounds, Light, Mesh, MovedPlace, Node, NodeEdits, NodeId,
+    NodeTraits, PlacedNodes, Primitive, Scene, SceneEdits, SceneSubset,
 };
 
 use crate::import::read_scene;
@@ -32,12 +32,15 @@ pub(crate) struct SceneIndex {
     lights: Vec<Light>,
     /// The number of each node, and the layers.
     traits: NodeTraits,
+    /// The same nodes, to find those that a move moves.
+    placed: PlacedNodes,
     /// World space from each node's space.
     world: Vec<DAffine3>,
 }
 
 impl SceneIndex {
-    /// The index of a state, which shares with the one before what they have in common.
+    /// The index of a state. Where no more than places and names differ from the one before, and
+    /// that is in use nowhere else, only these are changed.
     ///
     /// # Errors
     /// The scene's manifest cannot be read.
@@ -47,8 +50,11 @@ impl SceneIndex {
         manifest: BlobHash,
         edits: SceneEdits,
     ) -> Result<Arc<Self>, String> {
-        let known = before.filter(|known| known.manifest == manifest);
-        if let Some(known) = known.as_ref().filter(|known| known.edits == edits) {
+        let mut known = before.filter(|known| known.manifest == manifest);
+        if let Some(known) = &mut known
+            && (known.edits == edits
+                || Arc::get_mut(known).is_some_and(|known| known.follow(&edits).is_some()))
+        {
             return Ok(Arc::clone(known));
         }
         let mut added = AssetManifests::new();
@@ -68,8 +74,41 @@ impl SceneIndex {
             let parent = node.parent.map(|parent| world[parent as usize]);
             world.push(parent.map_or(node.local, |parent| parent * node.local));
         }
+        let placed = PlacedNodes::new(&nodes, ids.clone(), edits.clone());
         let traits = edits.traits(&nodes, ids);
-        Ok(Arc::new(Self { manifest, base, added, meshes, edits, nodes, lights, traits, world }))
+        Ok(Arc::new(Self {
+            manifest,
+            base,
+            added,
+            meshes,
+            edits,
+            nodes,
+            lights,
+            traits,
+            placed,
+            world,
+        }))
+    }
+
+    /// Goes over to a state in which no more than places and names differ. `None`, and nothing is
+    /// changed, where more does.
+    fn follow(&mut self, edits: &SceneEdits) -> Option<()> {
+        let changed = edits.moved_since(&self.edits)?;
+        let moved = self.placed.moved(&self.base, edits)?;
+        for node in changed {
+            let Some(at) = self.placed.index_of(node) else { continue };
+            let (name, own) = (edits.name_of(&self.base, node), &mut self.nodes[at as usize].name);
+            if name != Some(own) {
+                *own = name.unwrap_or_default().to_owned();
+            }
+        }
+        for MovedPlace { index, local, world, .. } in moved {
+            self.nodes[index as usize].local = local;
+            self.world[index as usize] = world;
+        }
+        self.placed.follow(edits.clone());
+        self.edits = edits.clone();
+        Some(())
     }
 
     /// The nodes that a query asks for, of those whose index is `wanted`.
@@ -248,4 +287,68 @@ fn text_bytes(info: &NodeInfo) -> usize {
         key.len() + if let Attribute::Text(text) = value { text.len() } else { 8 }
     };
     info.name.len() + info.attributes.iter().map(attribute).sum::<usize>()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use polyptych_scene::Edit;
+
+    use super::*;
+
+    /// Edits of a scene of some nodes, each below the one before but for every third.
+    fn edit() -> impl Strategy<Value = Edit> {
+        let node = (0u64..12).prop_map(NodeId);
+        prop_oneof![
+            6 => (node.clone(), -9.0..9.0).prop_map(|(node, at)| Edit::SetTransform {
+                node,
+                local: DAffine3::from_translation(DVec3::new(at, 1.0, -at)),
+            }),
+            1 => (node.clone(), "[ab]").prop_map(|(node, name)| Edit::SetName { node, name }),
+            1 => (node.clone(), any::<bool>())
+                .prop_map(|(node, visible)| Edit::SetVisible { node, visible }),
+            1 => node.prop_map(|node| Edit::SetAttribute {
+                node,
+                key: "k".into(),
+                value: Some(Attribute::Bool(true)),
+            }),
+        ]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+
+        #[test]
+        fn an_index_that_followed_is_as_one_made_anew(
+            steps in prop::collection::vec(prop::collection::vec(edit(), 1..4), 1..8),
+        ) {
+            let folder = tempfile::tempdir().expect("a folder");
+            let store = BlobStore::new(folder.path());
+            let node = |index: u32| Node {
+                parent: index.checked_sub(1).filter(|_| !index.is_multiple_of(3)),
+                local: DAffine3::from_rotation_y(f64::from(index)),
+                name: format!("node {index}"),
+                ..Node::default()
+            };
+            let base = Scene { nodes: (0..12).map(node).collect(), ..Scene::default() };
+            let manifest = store.write(&polyptych_codec::encode(&base)).expect("written");
+            let mut edits = SceneEdits::default();
+            let index = |before, edits: &SceneEdits| {
+                SceneIndex::new(before, &store, manifest, edits.clone()).expect("an index")
+            };
+            let mut followed = index(None, &edits);
+            for step in steps {
+                step.into_iter().for_each(|edit| edits.apply(edit));
+                followed = index(Some(followed), &edits);
+                let anew = index(None, &edits);
+                let all = |index: &SceneIndex| {
+                    index.find(&NodeQuery::default(), Revision(1), |_| Ok(true)).expect("nodes")
+                };
+                prop_assert_eq!(all(&followed), all(&anew));
+                let whole = SceneSubset::default();
+                prop_assert_eq!(followed.shown(&whole), anew.shown(&whole));
+            }
+        }
+    }
 }

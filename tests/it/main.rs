@@ -62,6 +62,7 @@ mod harness;
 mod hostile;
 mod layers;
 mod manager_kills;
+mod moving;
 mod notes;
 mod observation;
 mod one_process;

@@ -4,9 +4,9 @@
 pub const MANIFEST_BYTES_MAX: usize = 512 << 20;
 
 /// Maximum number of draws of a scene, a draw being one primitive in one place. A few kilobytes of
-/// glTF can name billions. A render server holds 348 bytes for each draw (its place, its box and
-/// its share of the tree that culls it), and at most 360 more while it is on screen: 1.4 GiB in
-/// all.
+/// glTF can name billions. A render server holds 352 bytes for each draw (its place, its box, its
+/// share of the tree that culls it, and its node), 20 more once a node was moved, about 340 more
+/// while it stands elsewhere, and at most 360 more while it is on screen: 1.4 GiB in all.
 pub const DRAWS_MAX: u64 = 2 << 20;
 
 /// Maximum product of the draws and the lights of a scene: each pair is tested once when a scene is

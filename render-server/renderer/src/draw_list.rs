@@ -11,7 +11,8 @@ use glam::{DAffine3, DMat4, DVec3};
 use super::cull::FrustumPlanes;
 use super::pipeline::{Cull, InstanceRecord};
 use super::scene::{
-    Billboard, Bounds, EyeRelativeTransform, GpuScene, Meshlet, Selection, Stance, relative_to,
+    Billboard, Bounds, DrawItem, EyeRelativeTransform, GpuScene, Meshlet, Selection, Stance,
+    relative_to,
 };
 use super::view::ViewDesc;
 
@@ -71,7 +72,7 @@ impl DrawList {
     ) -> Self {
         scratch.visible.clear();
         let planes = view.planes(rectangle);
-        scene.layout.bvh.visible(&planes, &mut scratch.visible);
+        scene.visible(&planes, &mut scratch.visible);
         let part = scene.layout.tree.select(&view.subset);
         if !part.is_whole() {
             let layout = &scene.layout;
@@ -181,7 +182,7 @@ fn draw_parts(
     whole: Draw,
     draws: &mut Vec<Draw>,
 ) -> u64 {
-    let (stance, origin) = seen_from.place(scene, index);
+    let (_, stance, origin) = seen_from.place(scene, index);
     let linear = stance.linear;
     let local = planes.in_space_of(&linear, origin);
     let culls_back = scene.layout.keys[whole.pipeline as usize].cull == Cull::Back;
@@ -225,16 +226,15 @@ struct SeenFrom {
 }
 
 impl SeenFrom {
-    /// How an item stands, and its origin, in world space.
-    fn place<'a>(&self, scene: &'a GpuScene, index: u32) -> (Cow<'a, Stance>, DVec3) {
-        let item = &scene.layout.items[index as usize];
-        let stance = &scene.layout.stances[item.stance as usize];
+    /// An item, how it stands, and its origin, in world space.
+    fn place<'a>(&self, scene: &'a GpuScene, index: u32) -> (&'a DrawItem, Cow<'a, Stance>, DVec3) {
+        let (item, stance, _) = scene.item(index);
         let turn = stance.billboard.and_then(|billboard| self.turns.get(billboard as usize));
         match turn {
-            None => (Cow::Borrowed(stance), item.origin),
+            None => (item, Cow::Borrowed(stance), item.origin),
             Some(turn) => {
                 let (stance, origin) = stance.turned(item.origin, turn);
-                (Cow::Owned(stance), origin)
+                (item, Cow::Owned(stance), origin)
             }
         }
     }
@@ -247,8 +247,7 @@ fn push(
     seen_from: &SeenFrom,
     instances: &mut Vec<InstanceRecord>,
 ) -> u32 {
-    let item = &scene.layout.items[index as usize];
-    let (stance, origin) = seen_from.place(scene, index);
+    let (item, stance, origin) = seen_from.place(scene, index);
     let SeenFrom { eye, clip_from_eye, .. } = seen_from;
     let mesh_box = &scene.layout.mesh_boxes[item.mesh_box as usize];
     let EyeRelativeTransform { near, rows, offset } =
@@ -269,13 +268,14 @@ fn push(
 /// Batches are as near as those of their items that the view shows: what it does not show must not
 /// decide which of two surfaces of one depth wins.
 fn sort(scene: &GpuScene, view: &ViewDesc, part: Selection, scratch: &mut Scratch) {
-    let own = (!part.has_all_places()).then(|| scene.batch_bounds(part));
+    let own = (!part.has_all_places()).then(|| scene.batch_bounds_of(part));
     let mut batches: Vec<(f64, u32)> = (0u32..)
         .zip(&scene.layout.batches)
-        .map(|(index, batch)| {
-            let bounds = own.as_ref().map_or(&batch.bounds, |own| &own[index as usize]);
-            let is_empty = *bounds == Bounds::EMPTY;
-            (if is_empty { f64::INFINITY } else { view.sort_depth(bounds, true) }, index)
+        .map(|(index, _)| {
+            let bounds =
+                own.as_ref().map_or_else(|| scene.batch_bounds(index), |own| own[index as usize]);
+            let is_empty = bounds == Bounds::EMPTY;
+            (if is_empty { f64::INFINITY } else { view.sort_depth(&bounds, true) }, index)
         })
         .collect();
     batches.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -287,8 +287,8 @@ fn sort(scene: &GpuScene, view: &ViewDesc, part: Selection, scratch: &mut Scratc
     scratch.opaque.clear();
     scratch.blended.clear();
     for &index in &scratch.visible {
-        let item = &scene.layout.items[index as usize];
-        let distance = view.sort_depth(&scene.layout.bounds[index as usize], false);
+        let (item, _, bounds) = scene.item(index);
+        let distance = view.sort_depth(bounds, false);
         if scene.layout.batches[item.batch as usize].blended {
             scratch.blended.push((!rising(distance), index));
         } else {
@@ -325,7 +325,7 @@ fn touched(
     let clip_from_eye = view.clip_from_eye();
     let mut span = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     for &index in visible {
-        if !widen(&mut span, view, &clip_from_eye, &scene.layout.bounds[index as usize]) {
+        if !widen(&mut span, view, &clip_from_eye, scene.item(index).2) {
             return Some(rectangle);
         }
     }

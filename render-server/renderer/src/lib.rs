@@ -39,7 +39,9 @@ pub use pass::label::{Label, LabelPosition};
 pub use pass::present_pass::{PresentPass, letterbox};
 pub use pass::tonemap::SkyError;
 pub use readback::{ReadError, read_picture, read_pixels};
-pub use scene::{ContentPlace, GpuScene, SceneBuilder, SceneError, SceneLayout};
+pub use scene::{
+    ContentPlace, GpuScene, MovedItems, MovedNode, SceneBuilder, SceneError, SceneLayout,
+};
 pub use target::{Target, TargetError};
 pub use text::rasterize;
 pub use view::ViewDesc;

@@ -5,28 +5,32 @@ mod builder;
 mod bvh;
 mod draw_item;
 mod geometry;
+mod items_by_batch;
 mod layout;
 mod light;
 mod material;
 mod meshlet;
+mod moved_items;
 mod outline;
 mod subset;
 mod texture;
 
 use std::sync::Arc;
 
+use crate::cull::FrustumPlanes;
 use crate::gpu::Gpu;
 
 pub(crate) use billboard::Billboard;
 pub use builder::{SceneBuilder, SceneError};
 #[cfg(test)]
 pub(crate) use bvh::Bvh;
-pub(crate) use draw_item::{Bounds, EyeRelativeTransform, Stance, relative_to};
+pub(crate) use draw_item::{Bounds, DrawItem, EyeRelativeTransform, Stance, relative_to};
 pub(crate) use geometry::Geometry;
 pub use layout::{ContentPlace, SceneLayout};
 pub(crate) use light::LocalLight;
 pub(crate) use material::MaterialUniform;
 pub(crate) use meshlet::Meshlet;
+pub use moved_items::{MovedItems, MovedNode};
 pub(crate) use subset::Selection;
 
 /// Items that one draw call can draw: one geometry, one material, one winding.
@@ -43,7 +47,7 @@ pub(crate) struct Batch {
     pub blended: bool,
     /// The bit of the layer of its items; 0 if they are in none.
     pub layer: u64,
-    /// Around all items, visible or not.
+    /// Around all items as they were laid out, visible or not.
     pub bounds: Bounds,
     /// Of one item.
     pub triangles: u64,
@@ -53,6 +57,8 @@ pub(crate) struct Batch {
 #[derive(Debug)]
 pub struct GpuScene {
     pub(crate) layout: Arc<SceneLayout>,
+    /// What stands elsewhere than in the layout.
+    moved: Option<Arc<MovedItems>>,
     pub(crate) geometries: Arc<Vec<Geometry>>,
     pub(crate) materials: Arc<Vec<wgpu::BindGroup>>,
     pub(crate) lamp_indices: wgpu::Buffer,
@@ -62,28 +68,79 @@ pub struct GpuScene {
 }
 
 impl GpuScene {
-    /// The same scene with its nodes, lights and materials as in another layout of it: meshes and
-    /// textures are shared, and nothing is uploaded but what differs.
+    /// The same scene with its nodes, lights and materials as in another layout of it, but for what
+    /// was moved since that was made: meshes and textures are shared, and nothing is uploaded but
+    /// what differs.
     ///
     /// # Errors
     /// The other layout is not of this scene.
-    pub fn with_layout(&self, gpu: &Gpu, layout: Arc<SceneLayout>) -> Result<Self, SceneError> {
-        if !layout.shares_content_with(&self.layout) {
+    pub fn with_layout(
+        &self,
+        gpu: &Gpu,
+        layout: Arc<SceneLayout>,
+        moved: Option<Arc<MovedItems>>,
+    ) -> Result<Self, SceneError> {
+        let is_same = Arc::ptr_eq(&layout, &self.layout);
+        if !is_same && !layout.shares_content_with(&self.layout) {
             return Err(SceneError::Description("it is another scene".to_owned()));
         }
-        let materials = if layout.has_materials_of(&self.layout) {
+        let materials = if is_same || layout.has_materials_of(&self.layout) {
             Arc::clone(&self.materials)
         } else {
             Arc::new(builder::materials(gpu, &layout, &self.textures))
         };
+        let [before, now] = [&self.moved, &moved]
+            .map(|moved| moved.as_ref().map_or(&[][..], |moved| moved.lamp_indices()));
+        let lamp_indices = if is_same && before == now {
+            self.lamp_indices.clone()
+        } else if now.is_empty() {
+            builder::index_buffer(gpu, &layout.lights.indices)
+        } else {
+            builder::index_buffer(gpu, &[&layout.lights.indices[..], now].concat())
+        };
         Ok(Self {
-            lamp_indices: builder::index_buffer(gpu, &layout.lights.indices),
+            lamp_indices,
             layout,
+            moved,
             geometries: Arc::clone(&self.geometries),
             materials,
             textures: Arc::clone(&self.textures),
             content_bytes: self.content_bytes,
         })
+    }
+
+    /// Appends the items that may be visible, in no particular order. Never leaves one out that
+    /// is.
+    pub(crate) fn visible(&self, planes: &FrustumPlanes, found: &mut Vec<u32>) {
+        self.layout.bvh.visible(planes, found);
+        if let Some(moved) = &self.moved {
+            found.retain(|&item| !moved.holds(item));
+            moved.visible(planes, found);
+        }
+    }
+
+    /// An item where it stands, with its stance and its box.
+    pub(crate) fn item(&self, item: u32) -> (&DrawItem, &Stance, &Bounds) {
+        self.moved.as_ref().and_then(|moved| moved.item(item)).unwrap_or_else(|| {
+            let of_layout = &self.layout.items[item as usize];
+            let stance = &self.layout.stances[of_layout.stance as usize];
+            (of_layout, stance, &self.layout.bounds[item as usize])
+        })
+    }
+
+    /// The lamps of a range of the list of lamp indices.
+    #[cfg(test)]
+    pub(crate) fn lamp_list(&self, range: std::ops::Range<usize>) -> Vec<u32> {
+        let own = self.moved.as_ref().map_or(&[][..], |moved| moved.lamp_indices());
+        self.layout.lights.indices.iter().chain(own).copied().collect::<Vec<_>>()[range].to_vec()
+    }
+
+    /// Around all items of a batch, visible or not.
+    pub(crate) fn batch_bounds(&self, batch: u32) -> Bounds {
+        match &self.moved {
+            Some(moved) => moved.batch_bounds(batch),
+            None => self.layout.batches[batch as usize].bounds,
+        }
     }
 
     /// Bytes of its textures and primitives.
@@ -98,20 +155,24 @@ impl GpuScene {
 
     /// Around everything in a part of it.
     pub(crate) fn extent(&self, of: Selection) -> Bounds {
-        let own = (!of.has_all_places()).then(|| self.batch_bounds(of));
-        let shown = (0..).zip(&self.layout.batches).filter(|(_, batch)| of.has_layer(batch.layer));
-        let bounds =
-            shown.map(|(at, batch): (usize, _)| own.as_ref().map_or(batch.bounds, |own| own[at]));
+        let own = (!of.has_all_places()).then(|| self.batch_bounds_of(of));
+        let shown =
+            (0u32..).zip(&self.layout.batches).filter(|(_, of_all)| of.has_layer(of_all.layer));
+        let bounds = shown.map(|(at, _)| {
+            own.as_ref().map_or_else(|| self.batch_bounds(at), |own| own[at as usize])
+        });
         bounds.fold(Bounds::EMPTY, Bounds::union)
     }
 
     /// Around the items of each batch that are in a part of it.
-    pub(crate) fn batch_bounds(&self, of: Selection) -> Vec<Bounds> {
+    pub(crate) fn batch_bounds_of(&self, part: Selection) -> Vec<Bounds> {
         let mut all = vec![Bounds::EMPTY; self.layout.batches.len()];
-        let items = self.layout.items.iter().zip(&self.layout.bounds);
-        for (item, bounds) in items.filter(|(item, _)| of.has_place(item.place)) {
-            let batch = &mut all[item.batch as usize];
-            *batch = batch.union(*bounds);
+        for index in 0..self.layout.items.len() as u32 {
+            let (item, _, bounds) = self.item(index);
+            if part.has_place(item.place) {
+                let batch = &mut all[item.batch as usize];
+                *batch = batch.union(*bounds);
+            }
         }
         all
     }

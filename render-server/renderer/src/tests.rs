@@ -5,6 +5,7 @@ mod furnace;
 #[expect(dead_code, reason = "the render server's tests use the rest")]
 mod harness;
 mod labels;
+mod moved;
 mod order;
 mod parallel;
 mod robustness;

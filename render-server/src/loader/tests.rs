@@ -6,7 +6,9 @@ use crossbeam_channel::bounded;
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::state_log::Operation;
-use polyptych_scene::{IndexFormat, Mesh, Node, Primitive, Scene, Topology, VertexLayout};
+use polyptych_scene::{
+    Edit, IndexFormat, Mesh, Node, NodeId, Primitive, Scene, Topology, VertexLayout,
+};
 
 use super::*;
 
@@ -16,10 +18,21 @@ struct Stage {
     orders: Sender<LoadOrder>,
     line: LoaderLink,
     reports: mpsc::Receiver<RenderEvent>,
-    /// How many scenes were begun, once the loader has ended.
-    begun: thread::JoinHandle<usize>,
+    /// What the render thread was given, once the loader has ended.
+    uploads: thread::JoinHandle<Uploads>,
     loader: Option<Loader>,
     _root: tempfile::TempDir,
+}
+
+/// What a render thread was given.
+#[derive(Debug, Default, PartialEq)]
+struct Uploads {
+    /// Scenes that were begun.
+    begun: usize,
+    /// Scenes that were laid out anew after edits.
+    laid_out: usize,
+    /// Items that were moved, of each scene where they were laid over the layout.
+    moved: Vec<usize>,
 }
 
 impl Stage {
@@ -27,24 +40,26 @@ impl Stage {
         let root = tempfile::tempdir().expect("a temporary folder");
         let cache = BlobStore::new(root.path());
         let (orders, waiting) = bounded(ORDERS_MAX);
-        let (uploads, uploaded) = bounded(UPLOADS_MAX);
+        let (sender, uploaded) = bounded(UPLOADS_MAX);
         let (bulk, _) = mpsc::channel(1);
         let (reporter, reports) = mpsc::channel(16);
         let line = LoaderLink { bulk, reports: reporter, is_cut: Arc::default() };
         let take = move || {
-            let mut begun = 0;
+            let mut uploads = Uploads::default();
             for upload in uploaded {
                 match upload {
-                    Upload::Begin { .. } => begun += 1,
+                    Upload::Begin { .. } => uploads.begun += 1,
+                    Upload::Relayout { moved: Some(moved), .. } => uploads.moved.push(moved.len()),
+                    Upload::Relayout { moved: None, .. } => uploads.laid_out += 1,
                     Upload::Finish { answer, .. } => answer.send(Ok(7)).expect("waited for"),
                     _ => {}
                 }
             }
-            begun
+            uploads
         };
-        let begun = thread::Builder::new().name("render".into()).spawn(take).expect("a thread");
-        let loader = Loader::new(cache.clone(), waiting, uploads, Arc::default(), Vec::new());
-        Self { cache, orders, line, reports, begun, loader: Some(loader), _root: root }
+        let uploads = thread::Builder::new().name("render".into()).spawn(take).expect("a thread");
+        let loader = Loader::new(cache.clone(), waiting, sender, Arc::default(), Vec::new());
+        Self { cache, orders, line, reports, uploads, loader: Some(loader), _root: root }
     }
 
     /// Orders a scene of a mesh of so many primitives, drawn by so many nodes.
@@ -80,8 +95,16 @@ impl Stage {
         self.orders.send(LoadOrder { prepare, line: self.line.clone() }).expect("taken");
     }
 
-    /// Serves all orders; returns what was said of each, and how many scenes were begun.
-    fn run(mut self) -> (Vec<Result<Revision, String>>, usize) {
+    /// Orders edits of the scene, the state of which has the revision before.
+    fn edit(&self, revision: u64, edits: Vec<Edit>) {
+        let (base, revision) = (Some(Revision(revision - 1)), Revision(revision));
+        let operations = vec![Operation::EditScene(edits.into())];
+        let prepare = Prepare { epoch: Epoch(1), base, revision, operations };
+        self.orders.send(LoadOrder { prepare, line: self.line.clone() }).expect("taken");
+    }
+
+    /// Serves all orders; returns what was said of each, and what the render thread was given.
+    fn run(mut self) -> (Vec<Result<Revision, String>>, Uploads) {
         let loader = self.loader.take().expect("not run yet");
         drop((self.orders, self.line));
         loader.run();
@@ -93,7 +116,7 @@ impl Stage {
                 other => panic!("{other:?}"),
             });
         }
-        (said, self.begun.join().expect("no panic"))
+        (said, self.uploads.join().expect("no panic"))
     }
 }
 
@@ -101,12 +124,12 @@ impl Stage {
 fn refuses_a_manifest_that_expands_beyond_the_limit() {
     let stage = Stage::new();
     stage.order(1, 1000, 100_000);
-    let (said, begun) = stage.run();
+    let (said, uploads) = stage.run();
     let [Err(reason)] = &said[..] else { panic!("{said:?}") };
     for part in ["manifest", "100000 nodes", "100000000 primitives", "2097152"] {
         assert!(reason.contains(part), "{part:?} is not in {reason:?}");
     }
-    assert_eq!(begun, 0, "the render thread never hears of it");
+    assert_eq!(uploads, Uploads::default(), "the render thread never hears of it");
 }
 
 #[test]
@@ -114,7 +137,48 @@ fn gives_up_a_scene_behind_which_another_waits() {
     let stage = Stage::new();
     stage.order(1, 1000, 2000);
     stage.order(2, 1, 1);
-    let (said, begun) = stage.run();
+    let (said, uploads) = stage.run();
     let expected = [Err("a newer preparation has come".to_owned()), Ok(Revision(2))];
-    assert_eq!((said, begun), (expected.to_vec(), 1));
+    assert_eq!((said, uploads.begun), (expected.to_vec(), 1));
+}
+
+#[test]
+fn moves_are_laid_over_the_layout_and_other_edits_lay_out_anew() {
+    let mut stage = Stage::new();
+    let loader = stage.loader.take().expect("not run yet");
+    let thread = thread::Builder::new().name("loader".into()).spawn(|| loader.run());
+    let expect_ready = |stage: &mut Stage, revision: u64| {
+        // One at a time: each waits for the state before.
+        let report = stage.reports.blocking_recv().expect("an answer");
+        let RenderEvent::Status(ServerMessage::Prepared(prepared)) = report else {
+            panic!("{report:?}")
+        };
+        assert_eq!(prepared.revision, Revision(revision));
+    };
+    let place = |node: u64| Edit::SetTransform {
+        node: NodeId(node),
+        local: DAffine3::from_translation(DVec3::X * node as f64),
+    };
+    stage.order(1, 1, 100);
+    expect_ready(&mut stage, 1);
+    let name = Edit::SetName { node: NodeId(9), name: "nine".into() };
+    let hide = Edit::SetVisible { node: NodeId(5), visible: false };
+    let all = [
+        vec![place(3)],
+        vec![name],
+        vec![place(4)],
+        vec![hide],
+        vec![place(4), place(5)],
+        (0..60).map(place).collect(),
+    ];
+    for (revision, edits) in (2..).zip(all) {
+        stage.edit(revision, edits);
+        expect_ready(&mut stage, revision);
+    }
+    drop((stage.orders, stage.line));
+    thread.expect("a thread").join().expect("no panic");
+    let uploads = stage.uploads.join().expect("no panic");
+    // Node 4 stands in the layout that was made without node 5 as it was moved before.
+    let expected = Uploads { begun: 1, laid_out: 2, moved: vec![1, 1, 2, 0] };
+    assert_eq!(uploads, expected);
 }

@@ -32,8 +32,8 @@ impl RenderThread {
         let scene = if let Some(builder) = self.building.take() {
             let scene = builder.finish(&self.gpu).map_err(|error| error.to_string())?;
             Rc::new(scene)
-        } else if let (Some(layout), Some(latest)) = (&relayout, latest) {
-            let scene = latest.scene.with_layout(&self.gpu, Arc::clone(layout));
+        } else if let (Some((layout, moved)), Some(latest)) = (&relayout, latest) {
+            let scene = latest.scene.with_layout(&self.gpu, Arc::clone(layout), moved.clone());
             Rc::new(scene.map_err(|error| error.to_string())?)
         } else if let Some(latest) = latest {
             Rc::clone(&latest.scene)
@@ -53,8 +53,8 @@ impl RenderThread {
         // Another wall around the same scene, as tunings bring it many times a second.
         if !is_known || state.samples() != Some(self.renderer.samples()) {
             self.warm_up(&state, &scene, &correctors)?;
-        } else if relayout.is_some() {
-            // An edit may need a pipeline that the scene did not.
+        } else if relayout.is_some_and(|(_, moved)| moved.is_none()) {
+            // An edit may need a pipeline that the scene did not; what moves needs none.
             self.prepare(&state, &scene);
         }
         if self.states.len() == STATES_MAX {

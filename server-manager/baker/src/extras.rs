@@ -93,14 +93,13 @@ impl ExtrasList {
 /// Adds the edits that say this of a node, if there is room for them.
 fn fits(edits: &mut SceneEdits, of: &NodeExtras) -> bool {
     let node = NodeId(of.node.into());
-    let replaced: Vec<_> = of.edits(node).map(|edit| edits.apply(edit)).collect();
-    if edits.bytes() <= EXTRAS_BYTES_MAX as u64 {
-        return true;
+    let before = edits.clone();
+    of.edits(node).for_each(|edit| edits.apply(edit));
+    let has_room = edits.bytes() <= EXTRAS_BYTES_MAX as u64;
+    if !has_room {
+        *edits = before;
     }
-    for old in replaced.into_iter().rev() {
-        edits.replace(old);
-    }
-    false
+    has_room
 }
 
 /// The attribute that a value is; lists and objects are their JSON text. `None` for null.

@@ -191,7 +191,8 @@ impl EventLoop {
             // Nobody closes it, so there is always a turn.
             let _turn = turns.acquire().await;
             let work = move || {
-                let before = index.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                // Taken out, so that it can be changed where it is: nobody else answers meanwhile.
+                let before = index.lock().unwrap_or_else(PoisonError::into_inner).take();
                 let now = SceneIndex::new(before, &store, manifest, edits)?;
                 *index.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&now));
                 query.answer(&now, &triangles, &store, revision)

@@ -42,7 +42,7 @@ impl Stored {
         assert_eq!(scene.fault(), None);
         let manifest = store.write(&polyptych_codec::encode(&scene)).expect("written");
         let mut all = scene.first_edits();
-        edits.into_iter().for_each(|edit| drop(all.apply(edit)));
+        edits.into_iter().for_each(|edit| all.apply(edit));
         let scene = SceneRef { name: "evening".into(), manifest };
         let scene = EditedScene { scene, edits: all, next_node: 100 };
         Self { folder, store, scene }

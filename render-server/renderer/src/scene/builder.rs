@@ -195,7 +195,8 @@ impl SceneBuilder {
         let geometries = self.geometries.into_iter().chain(self.outlines).flatten();
         let geometries = Arc::new(geometries.collect());
         let (content_bytes, layout) = (self.layout.content_bytes(), self.layout);
-        Ok(GpuScene { layout, geometries, materials, lamp_indices, textures, content_bytes })
+        let moved = None;
+        Ok(GpuScene { layout, moved, geometries, materials, lamp_indices, textures, content_bytes })
     }
 }
 

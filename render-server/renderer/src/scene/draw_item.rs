@@ -1,7 +1,7 @@
 //! Where each primitive stands: everything about it that does not change from frame to frame.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
-use polyptych_scene::{Node, Primitive, Scene};
+use polyptych_scene::{Instance, Node, Primitive, Scene};
 
 /// A box with its sides along the world's axes; unbounded where the source was not finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -184,24 +184,53 @@ pub(crate) fn world_from_nodes(nodes: &[Node]) -> Vec<DAffine3> {
 }
 
 /// Gives every primitive in every place, in the order of the nodes, and returns the stances that
-/// they name. Ends early where `give` fails.
+/// they name; `None` before those of each node. Ends early where `give` fails.
 pub(crate) fn instantiate<'a, E>(
     desc: &'a Scene,
     world: &[DAffine3],
     billboard_of: &[Option<u32>],
-    mut give: impl FnMut(PrimitiveInstance<'a>) -> Result<(), E>,
+    mut give: impl FnMut(Option<PrimitiveInstance<'a>>) -> Result<(), E>,
 ) -> Result<Vec<Stance>, E> {
     let mut stances = Vec::new();
     for (index, (node, world_from_node)) in desc.nodes.iter().zip(world).enumerate() {
+        give(None)?;
         let Some(mesh) = node.mesh else { continue };
         let primitives = &desc.meshes[mesh as usize].primitives;
         let billboard = billboard_of.get(index).copied().flatten();
+        let shape =
+            PlacedMesh { node: index, mesh, primitives, instances: &node.instances, billboard };
+        shape.place(world_from_node, &mut stances, |placed| give(Some(placed)))?;
+    }
+    Ok(stances)
+}
+
+/// The mesh of a node, with the places that it has in the node's space.
+pub(crate) struct PlacedMesh<'a, 'b> {
+    /// An index into the scene's nodes.
+    pub node: usize,
+    pub mesh: u32,
+    pub primitives: &'a [Primitive],
+    /// Empty for one place: that of the node.
+    pub instances: &'b [Instance],
+    /// The billboard with which it turns, if it does.
+    pub billboard: Option<u32>,
+}
+
+impl<'a> PlacedMesh<'a, '_> {
+    /// Gives every primitive in every place, and appends the stances that they name. Ends early
+    /// where `give` fails.
+    pub fn place<E>(
+        &self,
+        world_from_node: &DAffine3,
+        stances: &mut Vec<Stance>,
+        mut give: impl FnMut(PrimitiveInstance<'a>) -> Result<(), E>,
+    ) -> Result<(), E> {
         let mut stand = |world_from_mesh: &DAffine3| {
-            let stance = Stance::new(world_from_mesh.matrix3, billboard);
-            for (primitive, desc) in (0..).zip(primitives) {
+            let stance = Stance::new(world_from_mesh.matrix3, self.billboard);
+            for (primitive, desc) in (0..).zip(self.primitives) {
                 give(PrimitiveInstance {
-                    node: index,
-                    mesh,
+                    node: self.node,
+                    mesh: self.mesh,
                     primitive,
                     origin: world_from_mesh.transform_point3(desc.origin),
                     stance: stances.len() as u32,
@@ -213,10 +242,10 @@ pub(crate) fn instantiate<'a, E>(
             stances.push(stance);
             Ok(())
         };
-        if node.instances.is_empty() {
+        if self.instances.is_empty() {
             stand(world_from_node)?;
         }
-        for instance in &node.instances {
+        for instance in self.instances {
             let node_from_instance = DAffine3::from_scale_rotation_translation(
                 instance.scale.as_dvec3(),
                 instance.rotation.as_dquat(),
@@ -224,8 +253,8 @@ pub(crate) fn instantiate<'a, E>(
             );
             stand(&(*world_from_node * node_from_instance))?;
         }
+        Ok(())
     }
-    Ok(stances)
 }
 
 /// Normals go with the cofactors, which exist for singular matrices too: the inverse transpose

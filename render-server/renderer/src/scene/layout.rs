@@ -4,6 +4,7 @@
 //! a lost device: only buffers, textures and materials are made anew then.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
+use std::sync::OnceLock;
 
 use glam::Vec3;
 use polyptych_files::blob::BlobHash;
@@ -15,6 +16,7 @@ use polyptych_scene::{
 use super::billboard::Billboard;
 use super::bvh::Bvh;
 use super::draw_item::{self, Bounds, DrawItem, PrimitiveInstance, Stance};
+use super::items_by_batch::ItemsByBatch;
 use super::light::{GROUND, Lights};
 use super::material::StyledMaterial;
 use super::outline::Outline;
@@ -92,6 +94,10 @@ pub struct SceneLayout {
     /// Index of each mesh's first primitive in the order of all primitives.
     pub(super) first_primitive: Vec<usize>,
     pub(crate) items: Vec<DrawItem>,
+    /// Index of each described node's first item, and the number of all items behind the last.
+    pub(super) first_items: Vec<u32>,
+    /// Made where nodes are moved for the first time.
+    pub(super) by_batch: OnceLock<ItemsByBatch>,
     /// Named by items.
     pub(crate) stances: Vec<Stance>,
     /// In the order of the items.
@@ -149,8 +155,13 @@ impl SceneLayout {
         let (tree, places) = SceneTree::new(&desc.nodes, traits);
         let mut sorter = Sorter::new(&desc, &lights, geometries.count);
         let (mut items, mut bounds) = (Vec::new(), Vec::new());
+        let mut first_items = Vec::with_capacity(desc.nodes.len() + 1);
         let (billboards, billboard_of) = Billboard::all(&desc.nodes, &world, &traits.facings);
-        let stances = draw_item::instantiate(&desc, &world, &billboard_of, |mut placement| {
+        let stances = draw_item::instantiate(&desc, &world, &billboard_of, |placement| {
+            let Some(mut placement) = placement else {
+                first_items.push(items.len() as u32);
+                return Ok(());
+            };
             let billboard = billboard_of.get(placement.node).copied().flatten();
             placement.bounds = Billboard::bounds(&billboards, billboard, placement.bounds);
             if items.len().is_multiple_of(DRAWS_BETWEEN_CHECKS) && is_cancelled() {
@@ -176,6 +187,7 @@ impl SceneLayout {
             bounds.push(placement.bounds);
             Ok(())
         })?;
+        first_items.push(items.len() as u32);
         lights.seal();
         let Sorter { batches, keys, template, outlines, styled, .. } = sorter;
         let (sky, mesh_boxes) = (desc.sky, draw_item::mesh_boxes(&desc));
@@ -190,6 +202,8 @@ impl SceneLayout {
             geometries,
             first_primitive,
             items,
+            first_items,
+            by_batch: OnceLock::new(),
             stances,
             bounds,
             mesh_boxes,

@@ -23,7 +23,7 @@ pub(crate) const GROUND: Vec3 = Vec3::new(0.36, 0.32, 0.28);
 
 /// Maximum number of entries of all lists of lamps: 64 MiB here and on the GPU, and as much again
 /// while they are made.
-const LAMP_INDICES_MAX: usize = 16 << 20;
+pub(super) const LAMP_INDICES_MAX: usize = 16 << 20;
 
 /// Widens the reach of a lamp by more than the shader's rounding.
 const REACH_SLACK: f64 = 1.0 + 1e-5;
@@ -130,8 +130,7 @@ impl Lights {
     /// # Errors
     /// All lists together would be longer than [`LAMP_INDICES_MAX`].
     pub fn lights_affecting(&mut self, bounds: &Bounds) -> Result<[u32; 2], SceneError> {
-        let reaches = |&index: &u32| self.lamps[index as usize].reaches(bounds);
-        let list: Vec<u32> = (0..self.lamps.len() as u32).filter(reaches).collect();
+        let list = self.lamps_reaching(bounds);
         if let Some(&range) = self.known.get(&list) {
             return Ok(range);
         }
@@ -145,6 +144,12 @@ impl Lights {
         self.indices.extend_from_slice(&list);
         self.known.insert(list, range);
         Ok(range)
+    }
+
+    /// Returns the lamps that reach a box, in order.
+    pub fn lamps_reaching(&self, bounds: &Bounds) -> Vec<u32> {
+        let reaches = |&index: &u32| self.lamps[index as usize].reaches(bounds);
+        (0..self.lamps.len() as u32).filter(reaches).collect()
     }
 
     /// Forgets which lists are equal, once all are made: that takes as much memory as the lists.

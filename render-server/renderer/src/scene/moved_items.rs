@@ -1,0 +1,214 @@
+//! Items of a layout that stand elsewhere than where they were laid out.
+//!
+//! A layout of a million items takes seconds. Where only nodes were moved, it stays as it is, and
+//! what moved lies over it: the items in their new places, and a tree of their own. What is drawn is
+//! the same as after a new layout, bit for bit: items keep their indices and batches, which decide
+//! every order, and the boxes of batches are the same.
+
+use std::collections::HashMap;
+
+use glam::DAffine3;
+use polyptych_scene::Instance;
+
+use super::bvh::Bvh;
+use super::draw_item::{Bounds, DrawItem, PlacedMesh, Stance};
+use super::items_by_batch::ItemsByBatch;
+use super::layout::SceneLayout;
+use super::light::LAMP_INDICES_MAX;
+use crate::cull::FrustumPlanes;
+
+/// Where more than one of so many items was moved, all are laid out anew: that costs little more
+/// then, and culling looks at one tree instead of two.
+const MOVED_FRACTION: usize = 2;
+
+/// A node in another place than in the layout. Its mesh, if any, is the same.
+#[derive(Clone, Copy, Debug)]
+pub struct MovedNode<'a> {
+    /// Its index among those of the layout's description.
+    pub node: u32,
+    /// World space from its space.
+    pub world_from_node: DAffine3,
+    /// The places of its mesh, as in the description.
+    pub instances: &'a [Instance],
+}
+
+/// The items of a layout that were moved since it was made.
+#[derive(Debug)]
+pub struct MovedItems {
+    /// Those of the layout that are moved: a bit for each.
+    is_moved: Vec<u64>,
+    /// Their indices in the layout, rising.
+    indices: Vec<u32>,
+    items: Vec<DrawItem>,
+    /// Named by these items.
+    stances: Vec<Stance>,
+    bounds: Vec<Bounds>,
+    tree: Bvh,
+    /// Around all items of each batch, moved or not.
+    batch_bounds: Vec<Bounds>,
+    /// Lists of lamps, which follow those of the layout.
+    lamp_indices: Vec<u32>,
+}
+
+impl MovedItems {
+    /// Places nodes of a layout, in the order of their indices. `None` where the scene must be laid
+    /// out anew: too much was moved, something turns towards the viewer, or an item was turned inside
+    /// out and so belongs to another batch.
+    pub fn new<'a>(
+        layout: &SceneLayout,
+        nodes: impl Iterator<Item = MovedNode<'a>>,
+    ) -> Option<Self> {
+        // A billboard turns about its own origin, and so does what hangs from it.
+        if !layout.billboards.is_empty() {
+            return None;
+        }
+        let mut moved = Self {
+            is_moved: vec![0; layout.items.len().div_ceil(64)],
+            indices: Vec::new(),
+            items: Vec::new(),
+            stances: Vec::new(),
+            bounds: Vec::new(),
+            tree: Bvh::default(),
+            batch_bounds: Vec::new(),
+            lamp_indices: Vec::new(),
+        };
+        let mut known_lamps = HashMap::new();
+        for node in nodes {
+            moved.add(layout, &node, &mut known_lamps)?;
+            if moved.items.len() > layout.items.len() / MOVED_FRACTION {
+                return None;
+            }
+        }
+        moved.tree = Bvh::new(&moved.bounds, &|| false)?;
+        let by_batch = layout
+            .by_batch
+            .get_or_init(|| ItemsByBatch::new(&layout.items, &layout.bounds, layout.batches.len()));
+        let known = layout.batches.iter().map(|batch| batch.bounds);
+        let bounds = |item: usize| match moved.slot(item as u32) {
+            Some(slot) => moved.bounds[slot],
+            None => layout.bounds[item],
+        };
+        moved.batch_bounds = by_batch.moved(&layout.items, known, &moved.indices, bounds);
+        Some(moved)
+    }
+
+    /// Adds the items of a node behind those of all nodes before it.
+    fn add(
+        &mut self,
+        layout: &SceneLayout,
+        node: &MovedNode<'_>,
+        known_lamps: &mut HashMap<Vec<u32>, [u32; 2]>,
+    ) -> Option<()> {
+        let at = node.node as usize;
+        let (first, end) = (*layout.first_items.get(at)?, *layout.first_items.get(at + 1)?);
+        let Some(one) = layout.items[first as usize..end as usize].first() else {
+            return Some(());
+        };
+        // The first primitive of a mesh that has any is where the next mesh's begins.
+        let starts = &layout.first_primitive;
+        let mesh =
+            starts.partition_point(|&start| start <= one.mesh_box as usize).checked_sub(1)?;
+        let shape = PlacedMesh {
+            node: at,
+            billboard: None,
+            mesh: mesh as u32,
+            primitives: &layout.desc.meshes[mesh].primitives,
+            instances: node.instances,
+        };
+        let (mut next, mut stances) = (first, std::mem::take(&mut self.stances));
+        let placed = shape.place(&node.world_from_node, &mut stances, |placed| {
+            let index = next;
+            next += 1;
+            let known = layout.items.get(index as usize).filter(|_| index < end).ok_or(())?;
+            if layout.stances[known.stance as usize].is_mirrored() != placed.is_mirrored {
+                return Err(());
+            }
+            let lamps = self.lamps(layout, known, &placed.bounds, known_lamps).ok_or(())?;
+            let (origin, stance) = (placed.origin, placed.stance);
+            self.items.push(DrawItem { origin, stance, lamps, ..known.clone() });
+            self.bounds.push(placed.bounds);
+            self.is_moved[index as usize / 64] |= 1 << (index % 64);
+            self.indices.push(index);
+            Ok(())
+        });
+        self.stances = stances;
+        placed.ok().filter(|()| next == end)
+    }
+
+    /// Start and count of the list of the lamps that reach a box. Where it is that of the item
+    /// where it was, or of another that was moved, it is shared.
+    fn lamps(
+        &mut self,
+        layout: &SceneLayout,
+        item: &DrawItem,
+        bounds: &Bounds,
+        known: &mut HashMap<Vec<u32>, [u32; 2]>,
+    ) -> Option<[u32; 2]> {
+        let lights = &layout.lights;
+        let list = lights.lamps_reaching(bounds);
+        let [start, count] = item.lamps.map(|number| number as usize);
+        if lights.indices.get(start..start + count) == Some(&list[..]) {
+            return Some(item.lamps);
+        }
+        if let Some(&range) = known.get(&list) {
+            return Some(range);
+        }
+        let start = lights.indices.len() + self.lamp_indices.len();
+        if start + list.len() > LAMP_INDICES_MAX {
+            return None;
+        }
+        let range = [start as u32, list.len() as u32];
+        self.lamp_indices.extend_from_slice(&list);
+        known.insert(list, range);
+        Some(range)
+    }
+
+    /// Returns the place of an item among those that were moved, if it was.
+    fn slot(&self, item: u32) -> Option<usize> {
+        if !self.holds(item) {
+            return None;
+        }
+        self.indices.binary_search(&item).ok()
+    }
+
+    /// Returns whether an item was moved.
+    pub(super) fn holds(&self, item: u32) -> bool {
+        self.is_moved[item as usize / 64] >> (item % 64) & 1 == 1
+    }
+
+    /// An item in its new place, with its stance and its box, if it was moved.
+    pub(super) fn item(&self, item: u32) -> Option<(&DrawItem, &Stance, &Bounds)> {
+        let slot = self.slot(item)?;
+        let item = &self.items[slot];
+        Some((item, &self.stances[item.stance as usize], &self.bounds[slot]))
+    }
+
+    /// The box around all items of a batch, moved or not.
+    pub(super) fn batch_bounds(&self, batch: u32) -> Bounds {
+        self.batch_bounds[batch as usize]
+    }
+
+    /// Appends the moved items that may be visible, in no particular order.
+    pub(super) fn visible(&self, planes: &FrustumPlanes, found: &mut Vec<u32>) {
+        let from = found.len();
+        self.tree.visible(planes, found);
+        for slot in &mut found[from..] {
+            *slot = self.indices[*slot as usize];
+        }
+    }
+
+    /// Lists of lamps, which follow those of the layout.
+    pub(super) fn lamp_indices(&self) -> &[u32] {
+        &self.lamp_indices
+    }
+
+    /// Returns the number of items that were moved.
+    pub fn len(&self) -> usize {
+        self.items.len()
+    }
+
+    /// Returns whether nothing was moved.
+    pub fn is_empty(&self) -> bool {
+        self.items.is_empty()
+    }
+}

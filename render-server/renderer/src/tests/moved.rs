@@ -1,0 +1,184 @@
+//! Nodes that were moved: what is drawn is as after a new layout, in the same order, bit for bit.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec3, Quat, Vec3, Vec4};
+use polyptych_scene::{AlphaMode, Instance, Light, LightKind, Material, Node};
+use proptest::prelude::*;
+
+use super::harness::{MeshFixture, SceneFixture, differences, draw, gpu, look};
+use crate::draw_list::{DrawList, Scratch};
+use crate::{GpuScene, MovedItems, MovedNode};
+
+const SIZE: [u32; 2] = [96, 64];
+
+/// Where a node stands: its place, the angle of its turn, and its size, which may be mirrored.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    at: [f64; 3],
+    turn: f64,
+    is_mirrored: bool,
+}
+
+impl Place {
+    fn local(self) -> DAffine3 {
+        let scale = DVec3::new(if self.is_mirrored { -0.6 } else { 0.6 }, 0.5, 0.7);
+        let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), self.turn);
+        DAffine3::from_scale_rotation_translation(scale, turn, DVec3::from(self.at))
+    }
+}
+
+/// A node: its parent among those before it, its mesh, its copies and its place.
+type Described = (Option<u8>, Option<u8>, u8, Place);
+
+fn place(mirrored: f64) -> impl Strategy<Value = Place> {
+    // Whole numbers, so that distances tie and boxes touch.
+    let number = || (-4i8..5).prop_map(f64::from);
+    ([number(), number(), number()], 0..6, prop::bool::weighted(mirrored))
+        .prop_map(|(at, turn, is_mirrored)| Place { at, turn: f64::from(turn) * 0.5, is_mirrored })
+}
+
+fn described() -> impl Strategy<Value = Described> {
+    (
+        prop::option::weighted(0.5, any::<u8>()),
+        prop::option::weighted(0.8, 0u8..4),
+        0u8..3,
+        place(0.3),
+    )
+}
+
+/// Meshes of which one is cut into clusters, materials that are opaque, blended and two-sided.
+fn scene(nodes: &[Described], lamps: &[([i8; 3], u8)]) -> SceneFixture {
+    let mut stage = SceneFixture::new();
+    let plain = stage.material(Material { metallic: 0.0, ..Material::default() });
+    let glass = |double_sided| Material {
+        base_color: Vec4::new(0.9, 0.5, 0.2, 0.4),
+        alpha_mode: AlphaMode::Blend,
+        double_sided,
+        ..Material::default()
+    };
+    let [pane, both] = [false, true].map(|both| stage.material(glass(both)));
+    let (small, large) = (MeshFixture::sphere(4), MeshFixture::sphere(40));
+    let pane_shape = MeshFixture::rectangle(1.0, 0.7);
+    stage.mesh(&small, Some(plain));
+    stage.mesh(&large, Some(plain));
+    stage.mesh(&pane_shape, Some(pane));
+    stage.mesh(&pane_shape, Some(both));
+    for (index, (parent, mesh, copies, place)) in (0u32..).zip(nodes) {
+        let copy = |of: u8| Instance {
+            translation: Vec3::X * f32::from(of),
+            rotation: Quat::IDENTITY,
+            scale: Vec3::ONE,
+        };
+        stage.desc.nodes.push(Node {
+            parent: parent.filter(|_| index > 0).map(|parent| u32::from(parent) % index.max(1)),
+            local: place.local(),
+            mesh: mesh.map(u32::from),
+            instances: (0..*copies).map(copy).collect(),
+            ..Node::default()
+        });
+    }
+    for (at, range) in lamps {
+        let at = DVec3::from(at.map(f64::from));
+        let (color, intensity, range) = (Vec3::ONE, 30.0, Some(f32::from(*range) + 0.5));
+        let light = Light { kind: LightKind::Point, color, intensity, range };
+        stage.light(light, DAffine3::from_translation(at));
+    }
+    stage
+}
+
+/// All that two scenes draw of a view, but for where the lists of lamps stand.
+fn expect_same_draws(a: &GpuScene, b: &GpuScene, eye: DVec3) {
+    let view = look(eye, DVec3::ZERO, SIZE);
+    let listed = |scene: &GpuScene| {
+        let (mut scratch, mut records) = (Scratch::default(), Vec::new());
+        let whole = [0, 0, SIZE[0], SIZE[1]];
+        let list = DrawList::new(scene, &view, whole, &mut scratch, &mut records);
+        let counts: Vec<u32> = records.iter().map(|record| record.lamps[1]).collect();
+        records.iter_mut().for_each(|record| record.lamps = [0; 2]);
+        let bytes = bytemuck::cast_slice::<_, u8>(&records).to_vec();
+        (list.opaque, list.transparent, list.triangles, list.visible, list.touched, counts, bytes)
+    };
+    assert_eq!(listed(a), listed(b), "seen from {eye}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+
+    #[test]
+    fn moved_nodes_are_drawn_as_laid_out_anew(
+        nodes in prop::collection::vec(described(), 12..40),
+        lamps in prop::collection::vec(([-4i8..5, -4i8..5, -4i8..5], 0u8..6), 0..3),
+        moves in prop::collection::vec((any::<u8>(), place(0.02)), 1..4),
+        eyes in prop::collection::vec([-7i8..8, -7i8..8, 4i8..9], 2),
+    ) {
+        let mut stage = scene(&nodes, &lamps);
+        let built = stage.build();
+        let world_before = stage.desc.world_from_nodes();
+        for (node, place) in moves {
+            stage.desc.nodes[usize::from(node) % nodes.len()].local = place.local();
+        }
+        let worlds = stage.desc.world_from_nodes();
+        let all = (0u32..).zip(&stage.desc.nodes).zip(worlds.iter().zip(&world_before));
+        let moved = all.filter(|(_, (now, before))| now != before).map(|((node, of), (now, _))| {
+            MovedNode { node, world_from_node: *now, instances: &of.instances }
+        });
+        let moved = MovedItems::new(&built.layout, moved);
+        // Too many such cases would fail.
+        prop_assume!(moved.as_ref().is_some_and(|moved| !moved.is_empty()));
+        let moved = moved.expect("few were moved");
+        let layout = Arc::clone(&built.layout);
+        let patched = built.with_layout(gpu(), layout, Some(Arc::new(moved))).expect("the same");
+        let anew = stage.build();
+        prop_assert_eq!(patched.layout.batches.len(), anew.layout.batches.len());
+        for batch in 0..anew.layout.batches.len() as u32 {
+            prop_assert_eq!(patched.batch_bounds(batch), anew.batch_bounds(batch));
+        }
+        let lamps_of = |scene: &GpuScene, item: u32| {
+            let [start, count] = scene.item(item).0.lamps.map(|number| number as usize);
+            scene.lamp_list(start..start + count)
+        };
+        for item in 0..anew.item_count() as u32 {
+            let (own, its) = (patched.item(item), anew.item(item));
+            prop_assert_eq!((own.0.origin, own.0.batch), (its.0.origin, its.0.batch));
+            prop_assert_eq!(own.1.linear, its.1.linear);
+            prop_assert_eq!(own.1.normal_rows, its.1.normal_rows);
+            prop_assert_eq!(own.2, its.2);
+            prop_assert_eq!(lamps_of(&patched, item), lamps_of(&anew, item));
+        }
+        for eye in &eyes {
+            expect_same_draws(&patched, &anew, DVec3::from(eye.map(f64::from)));
+        }
+        let view = look(DVec3::from(eyes[0].map(f64::from)), DVec3::ZERO, SIZE);
+        let (own, its) = (draw(&patched, SIZE, &view), draw(&anew, SIZE, &view));
+        prop_assert_eq!(differences(&own, &its), [0; 3]);
+    }
+}
+
+/// A row of spheres, of which some are moved.
+fn row(moved: &[(u32, DAffine3)]) -> Option<MovedItems> {
+    let mut stage = SceneFixture::new();
+    let mesh = stage.mesh(&MeshFixture::sphere(4), None);
+    (0..1000).for_each(|at| {
+        stage.node(mesh, DAffine3::from_translation(DVec3::X * f64::from(at)));
+    });
+    let layout = crate::SceneLayout::new(stage.desc, &|| false).expect("sound");
+    let nodes = moved.iter().map(|&(node, world_from_node)| MovedNode {
+        node,
+        world_from_node,
+        instances: &[],
+    });
+    MovedItems::new(&layout, nodes)
+}
+
+#[test]
+fn too_many_moves_and_items_turned_inside_out_ask_for_a_new_layout() {
+    let up = DAffine3::from_translation(DVec3::Y);
+    let all: Vec<_> = (0..501).map(|node| (node, up)).collect();
+    assert_eq!(row(&all[..500]).map(|moved| moved.len()), Some(500));
+    assert!(row(&all).is_none(), "more than half");
+    let mirrored = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    assert!(row(&[(3, mirrored)]).is_none(), "it belongs to another batch");
+    assert!(row(&[(1000, up)]).is_none(), "there is no such node");
+    assert!(row(&[]).is_some_and(|moved| moved.is_empty()));
+}

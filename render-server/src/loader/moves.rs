@@ -1,0 +1,31 @@
+//! Moves of nodes, laid over the scene as it was laid out.
+
+use std::time::Instant;
+
+use polyptych_renderer::{MovedItems, MovedNode};
+use polyptych_scene::SceneEdits;
+
+use super::ReadyScene;
+
+/// The items that were moved since a scene was laid out; `None` where it must be laid out anew.
+pub(super) fn moved_items(ready: &ReadyScene, edits: &SceneEdits) -> Option<MovedItems> {
+    let start = Instant::now();
+    let places = ready.placed.moved(&ready.base, edits)?;
+    // Each light may reach other items then.
+    if ready.placed.has_light(&places) {
+        return None;
+    }
+    let nodes = places.iter().map(|place| MovedNode {
+        node: place.index,
+        world_from_node: place.world,
+        // Those that were made since have none.
+        instances: usize::try_from(place.node.0)
+            .ok()
+            .and_then(|index| ready.base.nodes.get(index))
+            .map_or(&[][..], |node| &node.instances),
+    });
+    let moved = MovedItems::new(&ready.layout, nodes)?;
+    let (nodes, items, move_us) = (places.len(), moved.len(), start.elapsed().as_micros() as u64);
+    tracing::debug!(nodes, items, move_us, "nodes were moved");
+    Some(moved)
+}
