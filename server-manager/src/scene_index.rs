@@ -99,7 +99,7 @@ impl SceneIndex {
             let Some(at) = self.placed.index_of(node) else { continue };
             let (name, own) = (edits.name_of(&self.base, node), &mut self.nodes[at as usize].name);
             if name != Some(own) {
-                *own = name.unwrap_or_default().to_owned();
+                name.unwrap_or_default().clone_into(own);
             }
         }
         for MovedPlace { index, local, world, .. } in moved {
@@ -339,7 +339,9 @@ mod tests {
             };
             let mut followed = index(None, &edits);
             for step in steps {
-                step.into_iter().for_each(|edit| edits.apply(edit));
+                for edit in step {
+                    edits.apply(edit);
+                }
                 followed = index(Some(followed), &edits);
                 let anew = index(None, &edits);
                 let all = |index: &SceneIndex| {

@@ -33,7 +33,7 @@ impl<T: Serialize> Measured<T> {
     }
 
     /// Measures all entries of a map.
-    pub fn all<K: Ord + Copy + Serialize>(map: SharedMap<K, T>) -> SharedMap<K, Arc<Self>>
+    pub fn all<K: Ord + Copy + Serialize>(map: &SharedMap<K, T>) -> SharedMap<K, Arc<Self>>
     where
         T: Clone,
     {

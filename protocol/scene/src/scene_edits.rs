@@ -50,8 +50,8 @@ struct Entries {
 
 impl From<Entries> for SceneEdits {
     fn from(Entries { nodes, materials, assets, layers: encoded, .. }: Entries) -> Self {
-        let (nodes, materials) = (Measured::all(nodes), Measured::all(materials));
-        let (assets, layers) = (Measured::all(assets), Layers::default());
+        let (nodes, materials) = (Measured::all(&nodes), Measured::all(&materials));
+        let (assets, layers) = (Measured::all(&assets), Layers::default());
         let mut edits = Self { nodes, materials, assets, layers, fingerprint: 0, bytes: 0 };
         for of in edits.nodes.values() {
             if let Some(layer) = &of.value.layer {

@@ -90,8 +90,9 @@ impl<K: Ord + Copy, V: Clone> SharedMap<K, V> {
             // What comes in rising order leaves full chunks behind.
             let is_last = chunk.last().is_some_and(|(last, _)| *last == key);
             let rest = chunk.split_off(if is_last { CHUNK_MAX } else { CHUNK_MAX / 2 });
-            let rest = Chunk::new(rest).into_iter();
-            self.chunks.splice(at + 1..at + 1, rest);
+            if let Some(rest) = Chunk::new(rest) {
+                self.chunks.insert(at + 1, rest);
+            }
         }
         None
     }

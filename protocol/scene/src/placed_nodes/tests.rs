@@ -66,7 +66,9 @@ proptest! {
     ) {
         let base = base(&parents);
         let mut edits = SceneEdits::default();
-        before.iter().for_each(|step| apply(&mut edits, step));
+        for step in &before {
+            apply(&mut edits, step);
+        }
         let (scene, ids) = edits.apply_to(&base, &AssetManifests::new());
         let placed = PlacedNodes::new(&scene.nodes, ids.clone(), edits.clone());
         let exists = |edits: &SceneEdits, node: u64| {
@@ -77,7 +79,9 @@ proptest! {
                 apply(&mut edits, &Step::Move(node, by));
             }
         }
-        renamed.into_iter().for_each(|node| apply(&mut edits, &Step::Rename(node)));
+        if let Some(node) = renamed {
+            apply(&mut edits, &Step::Rename(node));
+        }
         let (now, now_ids) = edits.apply_to(&base, &AssetManifests::new());
         prop_assert_eq!(&ids, &now_ids);
         let moved = placed.moved(&base, &edits).expect("nothing but moves");
@@ -97,15 +101,21 @@ proptest! {
     ) {
         let base = base(&[Some(1); 30]);
         let mut edits = SceneEdits::default();
-        before.iter().for_each(|step| apply(&mut edits, step));
+        for step in &before {
+            apply(&mut edits, step);
+        }
         let (scene, ids) = edits.apply_to(&base, &AssetManifests::new());
         let placed = PlacedNodes::new(&scene.nodes, ids.clone(), edits.clone());
-        after.iter().for_each(|step| apply(&mut edits, step));
+        for step in &after {
+            apply(&mut edits, step);
+        }
         let Some(moved) = placed.moved(&base, &edits) else { return Ok(()) };
         let (now, now_ids) = edits.apply_to(&base, &AssetManifests::new());
         prop_assert_eq!(ids, now_ids);
         let (mut worlds, expected) = (scene.world_from_nodes(), now.world_from_nodes());
-        moved.iter().for_each(|moved| worlds[moved.index as usize] = moved.world);
+        for moved in moved {
+            worlds[moved.index as usize] = moved.world;
+        }
         prop_assert_eq!(worlds, expected);
         for (a, b) in scene.nodes.iter().zip(&now.nodes) {
             prop_assert_eq!((a.parent, a.mesh, a.light), (b.parent, b.mesh, b.light));

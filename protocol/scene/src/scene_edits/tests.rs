@@ -239,7 +239,7 @@ proptest! {
         let kept = edits.nodes().map(|(id, _)| id).filter(made).count();
         prop_assert_eq!(kept, model.keys().copied().filter(made).count(), "nothing is left behind");
         // The same state by another way has the same sums, whatever is said of them.
-        let none = BTreeMap::<u32, ()>::new();
+        let none = BTreeMap::<u32, bool>::new();
         let bytes = polyptych_codec::encode(&(&edits.nodes, &none, &none, &none, 1u64, 1u64));
         let again = polyptych_codec::decode_within::<SceneEdits, 65536>(&bytes);
         prop_assert_eq!(again.as_ref(), Ok(&edits));

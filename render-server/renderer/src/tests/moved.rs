@@ -95,7 +95,9 @@ fn expect_same_draws(a: &GpuScene, b: &GpuScene, eye: DVec3) {
         let whole = [0, 0, SIZE[0], SIZE[1]];
         let list = DrawList::new(scene, &view, whole, &mut scratch, &mut records);
         let counts: Vec<u32> = records.iter().map(|record| record.lamps[1]).collect();
-        records.iter_mut().for_each(|record| record.lamps = [0; 2]);
+        for record in &mut records {
+            record.lamps = [0; 2];
+        }
         let bytes = bytemuck::cast_slice::<_, u8>(&records).to_vec();
         (list.opaque, list.transparent, list.triangles, list.visible, list.touched, counts, bytes)
     };
