@@ -249,7 +249,8 @@ fn clients_that_read_slowly_or_go_away_hold_nothing_up() {
     let expected = picture(&watcher, camera);
     let begin = || {
         let (client, (pieces, taken)) = (local.client(), mpsc::sync_channel(0));
-        let work = std::thread::spawn(move || client.export_scene(None, &mut Handed(pieces)));
+        let work = move || client.export_scene(None, &mut Handed(pieces));
+        let work = std::thread::Builder::new().name("export".into()).spawn(work).expect("spawned");
         (work, taken)
     };
     for _ in 0..2 {

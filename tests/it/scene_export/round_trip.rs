@@ -147,7 +147,7 @@ fn primitive(random: &mut Rng, scene: &Scene, store: &BlobStore) -> Primitive {
     let each = [1, 2, 3][topology as usize];
     // Every vertex once at least: others are left out.
     let mut indices: Vec<u16> = (0..vertex_count as u16).collect();
-    while indices.len() % each != 0 || random.bool() {
+    while !indices.len().is_multiple_of(each) || random.bool() {
         indices.push(random.u16(0..vertex_count as u16));
     }
     bytes.extend(indices.iter().flat_map(|index| index.to_le_bytes()));

@@ -392,6 +392,17 @@ fn statistics() -> Statistics {
     }
 }
 
+fn exported() -> ExportedScene {
+    ExportedScene {
+        name: "evening".into(),
+        bytes: 1 << 20,
+        nodes: 300,
+        meshes: 20,
+        textures: 3,
+        notes: vec!["materials: 1 is sheared".into()],
+    }
+}
+
 fn answers() -> Vec<request::MessageToClient> {
     let summary = SceneSummary {
         name: "town".into(),
@@ -425,14 +436,7 @@ fn answers() -> Vec<request::MessageToClient> {
             feedback: feedback(),
             notes: vec!["animations: 1 is not played".into()],
         })),
-        Ok(Response::Exported(ExportedScene {
-            name: "evening".into(),
-            bytes: 1 << 20,
-            nodes: 300,
-            meshes: 20,
-            textures: 3,
-            notes: vec!["materials: 1 is sheared".into()],
-        })),
+        Ok(Response::Exported(exported())),
         Ok(Response::Tuned(Tuned { revision: Revision(3), frames: 1, feedback: feedback() })),
         Ok(Response::ServersStopped(request::StoppedServers {
             ended: vec!["left".into()],
