@@ -1,6 +1,8 @@
 //! Nodes that are moved while they are shown, a few of many: servers lay what was moved over the
 //! scene as it was laid out, and the picture is that of a file that has the nodes there.
 
+use std::collections::BTreeMap;
+
 use image::RgbaImage;
 use polyptych_client::glam::{DAffine3, DVec3};
 use polyptych_client::{Camera, ChannelState, NodeId, NodeQuery, Transaction};
@@ -46,6 +48,7 @@ fn rows(moved: impl Fn(u32) -> u32) -> Gltf {
         let node = |node: u32| {
             let at = place(node, moved(node));
             let mut described = json!({
+                "name": node.to_string(),
                 "mesh": node % 2,
                 "translation": at.to_array(),
                 "scale": [0.4, 0.4, 0.4],
@@ -87,25 +90,28 @@ fn moved_nodes_are_the_picture_of_a_file_that_has_them_there() {
     assert!(color_count(&before) > 2, "there is something to see");
     assert!(before != half && half != expected && before != expected);
     client.open_scene("rows.glb").expect("opened");
+    let nodes = || client.find_all_nodes(NodeQuery::default()).expect("found");
+    let named = nodes().into_iter().filter_map(|node| Some((node.name.parse().ok()?, node.id)));
+    let ids: BTreeMap<u32, NodeId> = named.collect();
+    assert_eq!(ids.len() as u32, NODES);
     for frame in 0..FRAMES {
         let mut transaction = Transaction::default();
         for node in movers(frame) {
             let at = DAffine3::from_translation(place(node, times(node, frame + 1)));
             let local = at * DAffine3::from_scale(DVec3::splat(0.4));
-            transaction.set_transform(NodeId(node.into()), local);
+            transaction.set_transform(ids[&node], local);
         }
         let edited = client.commit(transaction).expect("edited");
         assert!(edited.feedback.is_complete(), "{edited:?}");
         if frame + 1 == FRAMES / 2 {
             check("half way", &picture(&local), &half, &IDENTICAL);
             // Which a question sees in the index that it left behind for the next.
-            client.find_nodes(NodeQuery::default()).expect("found");
+            nodes();
         }
     }
     check("moved", &picture(&local), &expected, &IDENTICAL);
-    let found = client.find_all_nodes(NodeQuery::default()).expect("found");
-    for node in found.iter().filter(|node| node.id.0 < NODES.into()) {
-        let number = node.id.0 as u32;
+    for node in nodes() {
+        let Ok(number) = node.name.parse() else { continue };
         assert_eq!(node.local.translation, place(number, times(number, FRAMES)), "{}", node.id);
     }
 
