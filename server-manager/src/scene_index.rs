@@ -32,7 +32,7 @@ pub(crate) struct SceneIndex {
     lights: Vec<Light>,
     /// The number of each node, and the layers.
     traits: NodeTraits,
-    /// The same nodes, to find those that a move moves.
+    /// Finds the nodes that a move moves.
     placed: PlacedNodes,
     /// World space from each node's space.
     world: Vec<DAffine3>,

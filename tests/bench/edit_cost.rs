@@ -1,4 +1,4 @@
-//! What edits of a large scene cost: the manager for each transaction, by part, and a server for
+//! Cost of edits of a large scene: the manager for each transaction, by part, and a server for
 //! each state that it makes ready.
 //!
 //! `cargo bench --bench edit_cost [-- NODES MOVED]`; without, scenes of 10,000, 100,000 and a

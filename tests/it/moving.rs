@@ -19,7 +19,7 @@ const FRAMES: u32 = 12;
 /// Sees all of the rows.
 const VIEW: Camera = Camera { position: DVec3::new(0.0, 0.0, 6.0), ..Camera::IDENTITY };
 
-/// Where a node stands: in rows, and away from there by a multiple of `moved`.
+/// A node's place: in rows, and away from there by a multiple of `moved`.
 fn place(node: u32, moved: u32) -> DVec3 {
     let at = DVec3::new(f64::from(node % 10) - 4.5, f64::from(node / 10) - 2.5, 0.0) * 0.5;
     at + DVec3::new(0.1, 0.05, 0.02) * f64::from(moved)
@@ -65,7 +65,7 @@ fn rows(moved: impl Fn(u32) -> u32) -> Gltf {
     })
 }
 
-/// How often a node is moved until the end of a frame.
+/// Number of times that a node is moved until the end of a frame.
 fn times(node: u32, frames: u32) -> u32 {
     (0..frames).filter(|frame| movers(*frame).any(|moved| moved == node)).count() as u32
 }

@@ -13,7 +13,7 @@ use crate::shared_map::SharedMap;
 #[derive(Debug, PartialEq)]
 pub struct Measured<T> {
     pub value: T,
-    /// Of key and value; entries that differ hardly ever have the same.
+    /// Hash of key and value; entries that differ hardly ever share it.
     pub print: u64,
     /// Encoded size of key and value.
     pub bytes: u64,

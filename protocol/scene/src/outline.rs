@@ -247,7 +247,7 @@ impl SceneOutline {
         self.check_draws(edits)
     }
 
-    /// Whether all that was changed can be held and sent.
+    /// Checks that all that was changed can be held and sent.
     ///
     /// # Errors
     /// [`EditError::TooLarge`].
@@ -261,7 +261,7 @@ impl SceneOutline {
         Ok(())
     }
 
-    /// Whether all that is drawn can be.
+    /// Checks that all that is drawn can be.
     fn check_draws(&self, edits: &SceneEdits) -> Result<(), EditError> {
         // What was taken away or hidden is not subtracted: it may come back.
         let (mut draws, mut lights) = (self.draws, self.lights);
@@ -346,7 +346,7 @@ impl SceneOutline {
         self.is_there(node, edits.node(node))
     }
 
-    /// The same of a node with these edits.
+    /// Returns whether a node with these edits was not taken away itself.
     fn is_there(&self, node: NodeId, of: Option<&NodeEdits>) -> bool {
         match of {
             Some(of) => !of.is_removed && (of.created.is_some() || node.0 < self.nodes()),

@@ -27,7 +27,7 @@ pub struct PlacedNodes {
     tree: OnceLock<Tree>,
 }
 
-/// Who hangs from whom.
+/// Children of each node.
 #[derive(Debug)]
 struct Tree {
     /// Indices in the order of the nodes' numbers.

@@ -19,7 +19,7 @@ use crate::{Facing, Light, Material, Mesh, Node, NodeStyle, Scene};
 /// The manifests of assets that were added to a scene.
 pub type AssetManifests = BTreeMap<BlobHash, Arc<Scene>>;
 
-/// What differs from the scene's file. Copies share what they have in common.
+/// All that differs from the scene's file. Copies share what they have in common.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Entries")]
 pub struct SceneEdits {

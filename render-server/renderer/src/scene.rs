@@ -57,7 +57,7 @@ pub(crate) struct Batch {
 #[derive(Debug)]
 pub struct GpuScene {
     pub(crate) layout: Arc<SceneLayout>,
-    /// What stands elsewhere than in the layout.
+    /// Items that stand elsewhere than in the layout.
     moved: Option<Arc<MovedItems>>,
     pub(crate) geometries: Arc<Vec<Geometry>>,
     pub(crate) materials: Arc<Vec<wgpu::BindGroup>>,
@@ -68,7 +68,7 @@ pub struct GpuScene {
 }
 
 impl GpuScene {
-    /// The same scene with its nodes, lights and materials as in another layout of it, but for what
+    /// Returns the scene with its nodes, lights and materials as in another layout, but for what
     /// was moved since that was made: meshes and textures are shared, and nothing is uploaded but
     /// what differs.
     ///

@@ -18,13 +18,13 @@ struct Stage {
     orders: Sender<LoadOrder>,
     line: LoaderLink,
     reports: mpsc::Receiver<RenderEvent>,
-    /// What the render thread was given, once the loader has ended.
+    /// Uploads that the render thread was given, once the loader has ended.
     uploads: thread::JoinHandle<Uploads>,
     loader: Option<Loader>,
     _root: tempfile::TempDir,
 }
 
-/// What a render thread was given.
+/// Uploads that a render thread was given.
 #[derive(Debug, Default, PartialEq)]
 struct Uploads {
     /// Scenes that were begun.

@@ -17,7 +17,7 @@ use super::layout::SceneLayout;
 use super::light::LAMP_INDICES_MAX;
 use crate::cull::FrustumPlanes;
 
-/// Where more than one of so many items was moved, all are laid out anew: that costs little more
+/// Inverse of the largest share of items that may be moved; beyond it a new layout costs little more
 /// then, and culling looks at one tree instead of two.
 const MOVED_FRACTION: usize = 2;
 

@@ -12,7 +12,7 @@ use crate::{GpuScene, MovedItems, MovedNode};
 
 const SIZE: [u32; 2] = [96, 64];
 
-/// Where a node stands: its place, the angle of its turn, and its size, which may be mirrored.
+/// A node's place: its position, the angle of its turn, and its size, which may be mirrored.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     at: [f64; 3],
