@@ -17,8 +17,8 @@ use super::layout::SceneLayout;
 use super::light::LAMP_INDICES_MAX;
 use crate::cull::FrustumPlanes;
 
-/// Inverse of the largest share of items that may be moved; beyond it a new layout costs little more
-/// then, and culling looks at one tree instead of two.
+/// Inverse of the largest share of items that may be moved: beyond it a new layout costs little
+/// more, and culling looks at one tree instead of two.
 const MOVED_FRACTION: usize = 2;
 
 /// A node in another place than in the layout. Its mesh, if any, is the same.
