@@ -2,7 +2,7 @@
 //! each state that it makes ready.
 //!
 //! `cargo bench --bench edit_cost [-- NODES MOVED]`; without, scenes of 10,000, 100,000 and a
-//! million nodes, of which 1 % move in each frame. Nothing is drawn, and nothing goes over a socket.
+//! million nodes, of which 1 % move in each frame. Nothing is drawn, and no socket is used.
 
 use std::error::Error;
 use std::sync::Arc;

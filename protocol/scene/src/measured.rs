@@ -1,5 +1,5 @@
-//! Values that are measured once: a map of them has a fingerprint and a size that cost what changes,
-//! not what there is.
+//! Values that are measured once: a map of them has a fingerprint and a size that cost what
+//! changes, not what there is.
 
 use std::cell::RefCell;
 use std::sync::Arc;

@@ -198,8 +198,8 @@ impl SceneEdits {
         self.nodes.get(&node).map(|edits| &edits.value)
     }
 
-    /// The nodes of which the place in their parents' spaces, the name or the attributes differ from
-    /// the edits before, in rising order; `None` where more of what is drawn may. It costs what
+    /// The nodes of which the place in their parents' spaces, the name or the attributes differ
+    /// from the edits before, in rising order; `None` where more of what is drawn may. It costs what
     /// differs.
     pub fn moved_since(&self, before: &Self) -> Option<Vec<NodeId>> {
         let is_alike = self.materials == before.materials && self.assets == before.assets;
