@@ -199,8 +199,8 @@ impl SceneEdits {
     }
 
     /// The nodes of which the place in their parents' spaces, the name or the attributes differ
-    /// from the edits before, in rising order; `None` where more of what is drawn may. It costs what
-    /// differs.
+    /// from the edits before, in rising order; `None` where more of what is drawn may. It costs
+    /// what differs.
     pub fn moved_since(&self, before: &Self) -> Option<Vec<NodeId>> {
         let is_alike = self.materials == before.materials && self.assets == before.assets;
         if !is_alike || self.layers != before.layers {

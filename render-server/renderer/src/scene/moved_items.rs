@@ -2,8 +2,8 @@
 //!
 //! A layout of a million items takes seconds. Where only nodes were moved, it stays as it is, and
 //! what moved lies over it: the items in their new places, and a tree of their own. What is drawn
-//! is the same as after a new layout, bit for bit: items keep their indices and batches, which decide
-//! every order, and the boxes of batches are the same.
+//! is as after a new layout, bit for bit: items keep their indices and batches, which decide every
+//! order, and the boxes of batches are those of a new layout.
 
 use std::collections::HashMap;
 
