@@ -25,7 +25,8 @@ use polyptych_scene::glb::{
     quoted,
 };
 use polyptych_scene::{
-    AssetManifests, IndexFormat, NodeId, Primitive, Scene, SceneEdits, Topology, VertexLayout,
+    AssetManifests, IndexFormat, NodeId, NodeStyle, Primitive, Scene, SceneEdits, Topology,
+    VertexLayout,
 };
 use polyptych_text::counted;
 
@@ -178,7 +179,9 @@ impl<'a> SceneWriter<'a> {
             parts.insert(mesh, self.mesh(mesh, &materials, &mut lists)?);
         }
         self.nodes(ids, edits, &parts, &mut lists)?;
-        self.notes.push("the sky and the exposure are not in the file".to_owned());
+        if scene.exposure.is_some() {
+            self.notes.push("the exposure is not in the file: viewers choose their own".to_owned());
+        }
         Ok(lists)
     }
 
@@ -344,6 +347,51 @@ impl<'a> SceneWriter<'a> {
         Ok(json)
     }
 
+    /// For each node, whether the wall's own picture shows it; notes what a file cannot say.
+    fn hidden(&mut self, ids: &[NodeId], edits: &SceneEdits) -> Vec<Hidden> {
+        let nodes = &self.scene.nodes;
+        let traits = edits.traits(nodes, ids.to_vec());
+        let in_hidden_layer = |at: usize| {
+            let layer = traits.layer_of.get(at).copied().flatten();
+            layer.is_some_and(|layer| traits.layers[usize::from(layer)].1)
+        };
+        // From the children up: something of each is shown if it is in a layer that is.
+        let mut is_shown: Vec<bool> = (0..nodes.len()).map(|at| !in_hidden_layer(at)).collect();
+        for (at, node) in nodes.iter().enumerate().rev() {
+            if let Some(parent) = node.parent {
+                is_shown[parent as usize] |= is_shown[at];
+            }
+        }
+        let mut hidden = Vec::with_capacity(nodes.len());
+        let (mut looks, mut left_out) = (0, 0);
+        for (at, node) in nodes.iter().enumerate() {
+            let (id, above) = (ids[at], node.parent.map(|parent| ids[parent as usize]));
+            let own = edits.node(id);
+            let is_all = own.is_some_and(|own| own.is_hidden)
+                || !edits.is_switched_on(above, id)
+                || !is_shown[at];
+            let is_own = in_hidden_layer(at) && is_shown[at];
+            left_out += u64::from(is_own && (node.mesh.is_some() || node.light.is_some()));
+            let is_plain = own.is_none_or(|own| {
+                own.layer.is_none()
+                    && own.switch.is_none()
+                    && own.facing.is_none()
+                    && own.style == NodeStyle::default()
+            });
+            looks += u64::from(!is_plain);
+            hidden.push(Hidden { is_all, is_own });
+        }
+        if looks > 0 {
+            let nodes = counted(looks, "node");
+            self.notes.push(format!("layers, switches, styles and facing of {nodes} are not kept"));
+        }
+        if left_out > 0 {
+            let nodes = counted(left_out, "node");
+            self.notes.push(format!("meshes and lights of {nodes} in hidden layers are left out"));
+        }
+        hidden
+    }
+
     /// Writes all nodes, in their order.
     fn nodes(
         &mut self,
@@ -361,16 +409,18 @@ impl<'a> SceneWriter<'a> {
                 None => drop(roots.push(&index.to_string())),
             }
         }
-        for ((node, id), mut children) in nodes.iter().zip(ids).zip(children) {
+        let hidden = self.hidden(ids, edits);
+        for (index, ((node, id), mut children)) in nodes.iter().zip(ids).zip(children).enumerate() {
             let edits = edits.node(*id);
             let mut json = NodeJson { name: &node.name, local: node.local, ..NodeJson::default() };
-            json.is_hidden = edits.is_some_and(|edits| edits.is_hidden);
+            json.is_hidden = hidden[index].is_all;
             json.attributes = edits.map(|edits| &edits.attributes);
-            json.light = node.light.map(|light| {
+            json.light = node.light.filter(|_| !hidden[index].is_own).map(|light| {
                 let of = &self.scene.lights[light as usize];
                 *lights.entry(light).or_insert_with(|| lists.lights.push(&light_json(of)))
             });
-            for part in node.mesh.and_then(|mesh| parts.get(&mesh)).into_iter().flatten() {
+            let own = node.mesh.filter(|_| !hidden[index].is_own);
+            for part in own.and_then(|mesh| parts.get(&mesh)).into_iter().flatten() {
                 if part.origin == DVec3::ZERO {
                     json.mesh = Some(part.mesh);
                     continue;
@@ -402,6 +452,16 @@ impl<'a> SceneWriter<'a> {
         lists.scenes.push(&scene);
         Ok(())
     }
+}
+
+/// Whether a node is hidden.
+#[derive(Clone, Copy, Debug, Default)]
+struct Hidden {
+    /// With all that hangs from it.
+    is_all: bool,
+    /// Without what hangs from it, of which something is shown: glTF cannot say that, so its mesh
+    /// and light are left out.
+    is_own: bool,
 }
 
 /// A node's space from that of one of its copies.

@@ -350,7 +350,7 @@ fn random_scenes_come_back_as_they_were() {
         let edited = EditedScene { scene, edits, next_node: 0 };
         let written = scene_export::write(&edited, store, folder.path(), &mut |_| true);
         let (about, mut bytes) = written.expect("exported");
-        assert_eq!(about.notes, ["the sky and the exposure are not in the file"], "seed {seed}");
+        assert!(about.notes.is_empty(), "seed {seed}: {:?}", about.notes);
         let mut glb = Vec::new();
         bytes.read_to_end(&mut glb).expect("read");
         std::fs::write(&file, &glb).expect("written");
