@@ -3,6 +3,7 @@
 
 mod layer;
 mod node_change;
+mod node_name;
 mod shape;
 mod style_change;
 
@@ -14,6 +15,8 @@ use anyhow::{Context, anyhow, bail};
 pub(super) use layer::{LayerArguments, layers};
 use node_change::NodeChange;
 pub(super) use node_change::rotation;
+use node_name::find;
+pub(super) use node_name::node_by_name;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DAffine3;
 use polyptych_client::{
@@ -321,44 +324,6 @@ fn in_json(edited: &Edited) -> Value {
         "is_complete": edited.feedback.is_complete(),
         "notes": edited.notes,
     })
-}
-
-/// The node that is meant by a number or a path.
-///
-/// # Errors
-/// There is none, or there are several.
-pub(super) fn node_by_name(client: &Client, meant: &str) -> anyhow::Result<NodeId> {
-    match meant.parse() {
-        Ok(number) => Ok(NodeId(number)),
-        Err(_) => find(&client.find_all_nodes(NodeQuery::default())?, meant),
-    }
-}
-
-/// The one node whose path ends so; from the scene itself on where it begins with a slash. Names
-/// may have slashes of their own.
-fn find(nodes: &[NodeInfo], meant: &str) -> anyhow::Result<NodeId> {
-    // Parents come before their children.
-    let mut paths: BTreeMap<NodeId, String> = BTreeMap::new();
-    let end = format!("/{}", meant.trim_start_matches('/'));
-    let mut found = Vec::new();
-    for node in nodes {
-        let above = node.parent.and_then(|parent| paths.get(&parent));
-        let path = format!("{}/{}", above.map_or("", String::as_str), node.name);
-        let is_whole = meant.starts_with('/');
-        if path == end || (!is_whole && path.ends_with(&end)) {
-            found.push(node.id);
-        }
-        paths.insert(node.id, path);
-    }
-    match found[..] {
-        [node] => Ok(node),
-        [] => bail!("{meant}: the open scene has no such node; polyptych scene tree lists them"),
-        [..] => {
-            let some: Vec<_> = found.iter().take(8).map(|node| node.0.to_string()).collect();
-            let more = if found.len() > 8 { ", …" } else { "" };
-            bail!("{meant}: several nodes are called so: {}{more}; say which", some.join(", "))
-        }
-    }
 }
 
 pub(super) fn run(command: &NodeCommand) -> anyhow::Result<ExitCode> {

@@ -11,7 +11,8 @@ use crate::layers::{Layers, SceneSubset};
 use crate::limits::{
     ASSET_SETS_MAX, DEPTH_MAX, DRAWS_MAX, EDITS_BYTES_MAX, LIT_DRAWS_MAX, NODE_NAME_BYTES_MAX,
 };
-use crate::scene_edits::{NodeEdits, SceneEdits};
+use crate::node_edits::NodeEdits;
+use crate::scene_edits::SceneEdits;
 use crate::{Material, Scene};
 
 mod values;

@@ -234,8 +234,8 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         ),
         (encode(&pattern), "0810010300"),
         (encode(&tune), "0911016101000101000000000000f83f000000000000e0bf00"),
-        (encode(&queued), "0822000107"),
-        (encode(&exported), "000900100161fb2c0102000000"),
+        (encode(&queued), "0824000107"),
+        (encode(&exported), "000900110161fb2c0102000000"),
         (encode(&film), "080701000000000000044000"),
         (encode(&store), "081904717561790000"),
         (

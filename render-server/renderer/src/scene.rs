@@ -12,6 +12,7 @@ mod material;
 mod meshlet;
 mod moved_items;
 mod outline;
+mod slots;
 mod subset;
 mod texture;
 

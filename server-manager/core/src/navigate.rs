@@ -141,7 +141,11 @@ fn moved(
         return None;
     }
     let zoomed = zoomed(camera, pivot, radius, navigation.zoom);
-    let turned = turned(&zoomed, pivot, navigation.orbit_rad);
+    // To turn by nothing would still round.
+    let turned = match navigation.orbit_rad {
+        DVec2::ZERO => zoomed,
+        orbit_rad => turned(&zoomed, pivot, orbit_rad),
+    };
     let next = panned(&turned, eye, pivot, picture, navigation.pan);
     let distance = |of: &Camera| of.world_from_display(eye).distance(pivot);
     let reach = distance(camera).max(DISTANCE_MAX_RADII * radius);

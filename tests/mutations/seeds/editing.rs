@@ -70,7 +70,7 @@ fn style() -> NodeStyle {
 pub fn scene_edits() -> SceneEdits {
     let mut edits = SceneEdits::default();
     for edit in transaction().edits {
-        let _ = edits.apply(edit);
+        edits.apply(edit);
     }
     edits
 }

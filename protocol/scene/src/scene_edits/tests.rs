@@ -6,6 +6,7 @@ use glam::{Affine2, DVec3, Vec3};
 use proptest::prelude::*;
 
 use super::*;
+use crate::NewNode;
 use crate::{
     IndexFormat, LightKind, Primitive, Sampler, SceneOutline, Texture, TextureFormat, TextureRef,
     Topology, VertexLayout,

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 use glam::Vec3;
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::{
-    AlphaMode, Fill, IndexFormat, Material, NodeStyle, NodeTraits, Primitive, Scene, Texture,
+    AlphaMode, Fill, IndexFormat, Material, Mesh, NodeStyle, NodeTraits, Primitive, Scene, Texture,
     TextureFormat, Topology, VertexLayout,
 };
 
@@ -20,52 +20,13 @@ use super::items_by_batch::ItemsByBatch;
 use super::light::{GROUND, Lights};
 use super::material::StyledMaterial;
 use super::outline::Outline;
+use super::slots::Slots;
 use super::subset::{SceneTree, layer_bit};
 use super::{Batch, SceneError, material, outline};
 use crate::pipeline::{Alpha, Cull, PipelineKey};
 
 /// Draws that are placed between two looks at whether to stop: a millisecond.
 const DRAWS_BETWEEN_CHECKS: usize = 1 << 12;
-
-/// Where equal contents go; they share one slot.
-#[derive(Debug)]
-pub(super) struct Slots {
-    /// Slot of each described thing, in the order of the description.
-    pub of: Vec<usize>,
-    pub count: usize,
-}
-
-impl Slots {
-    fn new<K: std::hash::Hash + Eq>(names: impl Iterator<Item = K>) -> Self {
-        let (mut of, mut count) = (Vec::new(), 0);
-        let mut known = HashMap::new();
-        for name in names {
-            let next = count;
-            let slot = *known.entry(name).or_insert(next);
-            count += usize::from(slot == next);
-            of.push(slot);
-        }
-        Self { of, count }
-    }
-
-    /// For each slot, that of the same name among others. `names` are those of what is described.
-    fn shared<K: std::hash::Hash + Eq>(
-        &self,
-        names: impl Iterator<Item = K>,
-        others: &HashMap<K, usize>,
-    ) -> Vec<Option<usize>> {
-        let mut shared = vec![None; self.count];
-        for (name, &slot) in names.zip(&self.of) {
-            shared[slot] = others.get(&name).copied();
-        }
-        shared
-    }
-
-    /// Returns the first described thing whose slot is empty.
-    pub fn first_missing<T>(&self, filled: &[Option<T>]) -> Option<usize> {
-        self.of.iter().position(|&slot| filled[slot].is_none())
-    }
-}
 
 /// A place for bytes in a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -142,11 +103,7 @@ impl SceneLayout {
         if let Some(fault) = desc.fault() {
             return Err(SceneError::Description(fault));
         }
-        let (mut first_primitive, mut count) = (Vec::new(), 0);
-        for mesh in &desc.meshes {
-            first_primitive.push(count);
-            count += mesh.primitives.len();
-        }
+        let first_primitive = first_primitives(&desc);
         let textures = Slots::new(desc.textures.iter().map(texture_name));
         let primitives = desc.meshes.iter().flat_map(|mesh| &mesh.primitives);
         let geometries = Slots::new(primitives.map(geometry_name));
@@ -168,19 +125,16 @@ impl SceneLayout {
                 return Err(SceneError::Cancelled);
             }
             let primitive = first_primitive[placement.mesh as usize] + placement.primitive as usize;
+            let look = Look {
+                geometry: geometries.of[primitive],
+                layer: layer_bit(traits, placement.node),
+                style: traits.styles.get(placement.node).copied().unwrap_or_default(),
+            };
             items.push(DrawItem {
                 origin: placement.origin,
                 stance: placement.stance,
                 lamps: lights.lights_affecting(&placement.bounds)?,
-                batch: sorter.batch_of(
-                    &desc,
-                    Look {
-                        geometry: geometries.of[primitive],
-                        layer: layer_bit(traits, placement.node),
-                        style: traits.styles.get(placement.node).copied().unwrap_or_default(),
-                    },
-                    &placement,
-                ),
+                batch: sorter.batch_of(&desc, look, &placement),
                 mesh_box: primitive as u32,
                 place: places[placement.node],
             });
@@ -191,9 +145,7 @@ impl SceneLayout {
         lights.seal();
         let Sorter { batches, keys, template, outlines, styled, .. } = sorter;
         let (sky, mesh_boxes) = (desc.sky, draw_item::mesh_boxes(&desc));
-        let ground = sky * GROUND;
-        desc.nodes = Vec::new();
-        desc.lights = Vec::new();
+        (desc.nodes, desc.lights) = (Vec::new(), Vec::new());
         Ok(Self {
             bvh: Bvh::new(&bounds, is_cancelled).ok_or(SceneError::Cancelled)?,
             tree,
@@ -211,7 +163,7 @@ impl SceneLayout {
             keys,
             lights,
             sky,
-            ground,
+            ground: sky * GROUND,
             blends: template.linear,
             outlines,
             styled,
@@ -343,6 +295,16 @@ struct Look {
     /// The bit of its layer.
     layer: u64,
     style: NodeStyle,
+}
+
+/// Returns the index of each mesh's first primitive in the order of all primitives.
+fn first_primitives(desc: &Scene) -> Vec<usize> {
+    let mut next = 0;
+    let first = |mesh: &Mesh| {
+        next += mesh.primitives.len();
+        next - mesh.primitives.len()
+    };
+    desc.meshes.iter().map(first).collect()
 }
 
 /// Finds the batch of each placement, and collects the pipelines that they need.

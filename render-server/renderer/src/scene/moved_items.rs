@@ -52,8 +52,8 @@ pub struct MovedItems {
 
 impl MovedItems {
     /// Places nodes of a layout, in the order of their indices. `None` where the scene must be laid
-    /// out anew: too much was moved, something turns towards the viewer, or an item was turned inside
-    /// out and so belongs to another batch.
+    /// out anew: too much was moved, something turns towards the viewer, or an item was turned
+    /// inside out and so belongs to another batch.
     pub fn new<'a>(
         layout: &SceneLayout,
         nodes: impl Iterator<Item = MovedNode<'a>>,
