@@ -4,12 +4,15 @@
 //! start --travel--> stop 0 --stay, travel--> stop 1 --stay, travel--> ... [--travel--> stop 0]
 //! ```
 //!
-//! Rotation goes the shortest way, scale in its logarithm. The position follows from the place of
-//! the eye, which goes straight or along a centripetal Catmull–Rom curve (C. Yuksel, S. Schaefer,
-//! J. Keyser, *Parameterization and applications of Catmull–Rom curves*, 2011): what the viewer
-//! sees moves evenly, whatever the display space turns about.
+//! The position follows from the place of the eye, which goes straight or along a centripetal
+//! Catmull–Rom curve (C. Yuksel, S. Schaefer, J. Keyser, *Parameterization and applications of
+//! Catmull–Rom curves*, 2011): what the viewer sees moves evenly, whatever the display space turns
+//! about. Rotation goes the shortest way, or along the same curve in rotation vectors (M.-J. Kim,
+//! M.-S. Kim, S. Y. Shin, *A general construction scheme for unit quaternion curves with simple
+//! high order derivatives*, 1995), so that it turns through a stop without a jerk too. Scale goes
+//! in its logarithm.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
@@ -239,7 +242,11 @@ impl Travel<'_> {
             }
             Easing::Smooth => self.on_curve(progress),
         };
-        let rotation = begin.rotation.slerp(end.rotation, progress).normalize();
+        let rotation = match stop.easing {
+            Easing::Linear => begin.rotation.slerp(end.rotation, progress),
+            Easing::Smooth => self.on_rotation_curve(begin.rotation, end.rotation, progress),
+        };
+        let rotation = rotation.normalize();
         let scale = if begin.scale == end.scale {
             end.scale
         } else {
@@ -301,26 +308,54 @@ impl Travel<'_> {
         (cubic * time).clamp(0.0, 1.0)
     }
 
+    /// The rotation at a share of the way along the curve: cumulative cubic Bézier, whose inner
+    /// control rotations are a third of the turns at the ends away.
+    fn on_rotation_curve(&self, begin: DQuat, end: DQuat, progress: f64) -> DQuat {
+        let (from, to) = (self.at, self.at + 1);
+        let chord = turn_between(begin, end);
+        let rotation = |number| self.camera(number).map(|camera: Camera| camera.rotation);
+        let before = rotation(from.saturating_sub(1)).map(|before| turn_between(before, begin));
+        let after = rotation(to + 1).map(|after| turn_between(end, after));
+        let at_begin = self.tangent(chord, from, before) / 3.0;
+        let at_end = self.tangent(chord, to + 1, after) / 3.0;
+        let (u, turn) = (progress, DQuat::from_scaled_axis);
+        let middle = turn_between(begin * turn(at_begin), end * turn(-at_end));
+        let first = turn(at_begin * (1.0 - (1.0 - u).powi(3)));
+        let second = turn(middle * (u * u * (3.0 - 2.0 * u)));
+        begin * first * second * turn(at_end * u.powi(3))
+    }
+
+    /// The direction at an end of this travel, for all of its length, where another one continues it,
+    /// or its own chord where none does. The other one leads to camera `number`, along `other`.
+    fn tangent(&self, chord: DVec3, number: usize, other: Option<DVec3>) -> DVec3 {
+        let length = self.length(self.at + 1).unwrap_or(0.0);
+        let other = other.zip(self.length(number).filter(|length| *length > 0.0));
+        let Some((other, other_length)) = other.filter(|_| length > 0.0) else { return chord };
+        let across = (chord + other) / (length + other_length);
+        length * (chord / length + other / other_length - across)
+    }
+
     /// The eye in the world at a share of the way along the curve.
     fn on_curve(&self, progress: f64) -> DVec3 {
         let (from, to) = (self.at, self.at + 1);
         let (Some(begin), Some(end)) = (self.eye(from), self.eye(to)) else { return DVec3::ZERO };
         let chord = end - begin;
-        let length = self.length(to).unwrap_or(0.0);
-        // The direction at an end that another travel continues, for the length of this one.
-        let tangent = |number: usize, other: Option<DVec3>| {
-            let other = other.zip(self.length(number).filter(|length| *length > 0.0));
-            let Some((other, other_length)) = other.filter(|_| length > 0.0) else { return chord };
-            let across = (chord + other) / (length + other_length);
-            length * (chord / length + other / other_length - across)
-        };
         let before = self.eye(from.saturating_sub(1)).map(|before| begin - before);
         let after = self.eye(to + 1).map(|after| after - end);
-        let (at_begin, at_end) = (tangent(from, before), tangent(to + 1, after));
+        let at_begin = self.tangent(chord, from, before);
+        let at_end = self.tangent(chord, to + 1, after);
         let u = progress;
         let bend = (at_begin - chord) * (u - 1.0) + (at_end - chord) * u;
         begin + chord * u + bend * (u * (u - 1.0))
     }
+}
+
+/// The shortest turn from one rotation to another, as a rotation vector in the space of either:
+/// along its axis, as long as its angle in radians.
+fn turn_between(from: DQuat, to: DQuat) -> DVec3 {
+    let turn = from.inverse() * to;
+    let turn = if turn.w < 0.0 { -turn } else { turn };
+    turn.to_scaled_axis()
 }
 
 #[cfg(test)]

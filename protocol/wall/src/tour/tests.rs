@@ -81,6 +81,38 @@ fn the_shortest_way_is_turned() {
 }
 
 #[test]
+fn the_view_turns_through_a_stop_without_a_jerk_and_the_shortest_way_to_it() {
+    let rotations = [[0.0, 0.0, 0.0], [0.9, 0.2, 0.0], [1.2, -0.7, 0.4], [3.0, 0.1, -0.3]];
+    let stops = rotations.iter().zip([0.0, 4.0, 11.0, 13.0]).map(|([y, x, z], at)| {
+        let rotation = DQuat::from_euler(glam::EulerRot::YXZ, *y, *x, *z);
+        TourStop::new(Camera { rotation, ..camera(at, at * 0.5, 0.0, 1.0) }, 2.0)
+    });
+    let tour = Tour { stops: stops.collect(), is_loop: true };
+    let at = |time_s: f64| tour.camera_at(&Camera::IDENTITY, EYE, time_s).rotation;
+    let step = 1e-5;
+    // About the axes of the world, in radians a second.
+    let speed = |time_s: f64| {
+        let turn = at(time_s + step) * at(time_s - step).inverse();
+        let turn = if turn.w < 0.0 { -turn } else { turn };
+        turn.to_scaled_axis() / (2.0 * step)
+    };
+    for stop in [12.0, 14.0, 16.0, 18.0] {
+        let (before, after) = (speed(stop - 2.0 * step), speed(stop + 2.0 * step));
+        assert!(before.length() > 0.1, "it goes on turning at {stop} s: {before}");
+        assert!(before.distance(after) < 0.01, "no jerk at {stop} s: {before}, {after}");
+    }
+    // Between stops it stays near the straight turn from the one to the other.
+    for (from, to) in [(12.0, 14.0), (14.0, 16.0), (16.0, 18.0)] {
+        let whole = at(from).angle_between(at(to));
+        for tenth in 1..10 {
+            let now = at(from + (to - from) * f64::from(tenth) / 10.0);
+            let way = at(from).angle_between(now) + now.angle_between(at(to));
+            assert!(way < 1.3 * whole, "{way} rad where {whole} are needed");
+        }
+    }
+}
+
+#[test]
 fn the_eye_passes_a_stop_without_a_stay_at_one_speed_and_rests_at_others() {
     let (tour, from) = (tour(true), Camera::IDENTITY);
     let speed = |time_s: f64| {
