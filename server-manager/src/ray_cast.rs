@@ -97,17 +97,19 @@ fn enters(ray: &Ray, bounds: &Bounds) -> Option<f64> {
     if !(ray.origin.is_finite() && ray.direction.is_finite()) {
         return None;
     }
+    // What rounds away on the way must not hide what lies in the box's own side, and a ray along
+    // that side is inside: without room it would be 0 · ∞ from it, which is no number.
+    let reach = ray.origin.abs().max(bounds.min.abs()).max(bounds.max.abs());
+    let room = (reach * EDGE_SHARE).max(DVec3::splat(f64::MIN_POSITIVE));
     let inverse = ray.direction.recip();
-    let (one, two) = ((bounds.min - ray.origin) * inverse, (bounds.max - ray.origin) * inverse);
+    let one = (bounds.min - room - ray.origin) * inverse;
+    let two = (bounds.max + room - ray.origin) * inverse;
     let (mut begin, mut end) = (0.0f64, f64::INFINITY);
     for axis in 0..3 {
-        // A ray along a side of the box is 0 · ∞ from it, which is no number: it may be inside.
-        let (low, high) = (one[axis].min(two[axis]), one[axis].max(two[axis]));
-        begin = begin.max(low);
-        end = end.min(high);
+        begin = begin.max(one[axis].min(two[axis]));
+        end = end.min(one[axis].max(two[axis]));
     }
-    // What rounds away on the way must not hide what lies in the box's own side.
-    (begin <= end + end.abs() * 1e-9 + f64::MIN_POSITIVE).then_some(begin)
+    (begin <= end).then_some(begin)
 }
 
 /// Where a ray meets triangles first, in lengths of its direction, and the corners that it meets.

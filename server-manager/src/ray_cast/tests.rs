@@ -101,3 +101,24 @@ fn a_hit_says_what_it_is_and_rays_that_are_none_are_refused() {
         }
     }
 }
+
+#[test]
+fn a_ray_along_the_sides_of_boxes_meets_what_is_in_them() {
+    let [a, b, c, d] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let flat = |[x, z]: [f32; 2]| corner([x, 0.0, z]);
+    let square = [[a, b, c].map(flat), [a, c, d].map(flat)];
+    let places = [0.0, -1.0, 1e6].map(|x| DAffine3::from_translation(DVec3::X * x));
+    let stage = Stage::new(&square, &places, SceneEdits::default());
+    // Two squares that meet at 10: their sides, corners and the seam between them.
+    for x in [9.0, 9.5, 10.0, 10.5, 11.0] {
+        for z in [0.0, 0.5, 1.0] {
+            for (y, direction) in [(5.0, DVec3::NEG_Y), (-5.0, DVec3::Y)] {
+                let ray = Ray { origin: DVec3::new(x, y, z), direction };
+                let hit = cast_twice(&stage, ray);
+                assert_eq!(hit.map(|hit| hit.distance), Some(5.0), "{ray:?}");
+            }
+        }
+    }
+    let beside = Ray { origin: DVec3::new(11.001, 5.0, 0.5), direction: DVec3::NEG_Y };
+    assert_eq!(cast_twice(&stage, beside), None);
+}
