@@ -26,8 +26,9 @@ pub struct WalkQuery {
 pub struct Walker {
     /// The height of the eye above the ground, which it keeps, above 0; `None` flies.
     pub eye_height: Option<f64>,
-    /// The distance that is kept from everything, above 0 and below `eye_height`: by the eye and,
-    /// above ground, by the body below it down to `step_height`. `None` passes through.
+    /// The distance that is kept from everything, to a thirtieth of it, above 0 and below
+    /// `eye_height`: by the eye and, above ground, by the body below it down to `step_height`.
+    /// `None` passes through.
     pub radius: Option<f64>,
     /// Greatest rise or fall of the ground within a sixteenth of `eye_height`, from 0 to
     /// `eye_height`; a greater one ends the way. Of no use to one who flies.

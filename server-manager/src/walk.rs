@@ -2,7 +2,7 @@
 //!
 //! The way is gone in short steps. Of every place the distance to the nearest triangle is known, so
 //! a step that is shorter can pass through none, and is taken if it leads no nearer than the walker
-//! may be. Above ground the same holds for a column of balls from the eye down to where a step is
+//! may be: what lies between two places is nearer by half of their distance at most. Above ground the same holds for a column of balls from the eye down to where a step is
 //! high enough.
 
 use glam::DVec3;
@@ -24,6 +24,10 @@ const STEPS_PER_HEIGHT: f64 = 16.0;
 
 /// How near to its limit a step ends, as a share of the radius; a way of less is no progress.
 const CONTACT_SHARE: f64 = 1e-3;
+
+/// The longest part of a step of which only the ends are looked at, as a share of the radius: in
+/// between, a walker is nearer by half of it at most.
+const PART_SHARE: f64 = 1.0 / 16.0;
 
 /// By how much less a distance may be than one that must be kept: rounding, far below what shows.
 const ROUNDING: f64 = 1e-9;
@@ -223,7 +227,7 @@ fn free_step(
     Ok(Err(first.place.clone()))
 }
 
-/// Returns whether no part of a body comes nearer than it may, or than it was.
+/// Returns whether no part of a body comes nearer on the way than it may, or than it was.
 fn keeps_distance(
     around: &impl Surroundings,
     near: &[(DVec3, Contact)],
@@ -231,10 +235,38 @@ fn keeps_distance(
     by: DVec3,
 ) -> Result<bool, String> {
     for (center, before) in near {
-        let least = before.distance.min(radius) * (1.0 - ROUNDING);
-        let after = around.nearest(*center + by, radius)?;
-        if after.is_some_and(|after| after.distance < least) {
+        let [from, to] = [*center, *center + by];
+        if !is_clear(around, radius, [(from, before.distance), (to, f64::NAN)])? {
             return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Returns whether a ball comes no nearer to anything than its radius, or than it is at first, on
+/// the way between two places, each with its distance from the nearest triangle; NaN if that is not
+/// known yet.
+fn is_clear(
+    around: &impl Surroundings,
+    radius: f64,
+    [(from, first), (to, last)]: [(DVec3, f64); 2],
+) -> Result<bool, String> {
+    let within = radius + from.distance(to);
+    let distance = |point: DVec3| -> Result<f64, String> {
+        Ok(around.nearest(point, within)?.map_or(within, |contact| contact.distance))
+    };
+    let least = first.min(radius) * (1.0 - ROUNDING);
+    let last = if last.is_nan() { distance(to)? } else { last };
+    let mut open = vec![(from, first, to, last)];
+    while let Some((from, first, to, last)) = open.pop() {
+        let length = from.distance(to);
+        if first.min(last) < least {
+            return Ok(false);
+        }
+        if length > PART_SHARE * radius && f64::midpoint(first, last) - length / 2.0 < least {
+            let middle = from.midpoint(to);
+            let between = distance(middle)?;
+            open.extend([(middle, between, to, last), (from, first, middle, between)]);
         }
     }
     Ok(true)
@@ -258,14 +290,15 @@ fn on_ground(
     let Some(radius) = walker.radius.filter(|_| rise > 0.0) else { return Ok(Ok(eye)) };
     // What is low stops who is lifted: through it, or too near to it.
     let through = around.below(eye, Some(rise))?;
-    let low = if through.is_some() {
-        through
-    } else {
-        let least = around.nearest(to, radius)?.map_or(radius, |before| before.distance);
-        let after = around.nearest(eye, radius)?;
-        after.filter(|after| after.distance < least * (1.0 - ROUNDING))
+    let before = around.nearest(to, radius)?.map_or(radius, |before| before.distance);
+    if through.is_none() && is_clear(around, radius, [(to, before), (eye, f64::NAN)])? {
+        return Ok(Ok(eye));
+    }
+    let low = match through {
+        Some(low) => low.place,
+        None => around.nearest(eye, radius + rise)?.map_or(ground.place, |low| low.place),
     };
-    Ok(low.map_or(Ok(eye), |low| Err(WalkEnd::Obstacle(low.place))))
+    Ok(Err(WalkEnd::Obstacle(low)))
 }
 
 /// Leaves out points that are this near to the straight line between those that stay (D. Douglas,
