@@ -2,8 +2,8 @@
 //!
 //! The way is gone in short steps. Of every place the distance to the nearest triangle is known, so
 //! a step that is shorter can pass through none, and is taken if it leads no nearer than the walker
-//! may be: what lies between two places is nearer by half of their distance at most. Above ground the same holds for a column of balls from the eye down to where a step is
-//! high enough.
+//! may be: what lies between two places is nearer by half of their distance at most. Above ground
+//! the same holds for a column of balls from the eye down to where a step is high enough.
 
 use glam::DVec3;
 use polyptych_protocol::ids::Revision;
