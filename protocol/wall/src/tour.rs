@@ -325,8 +325,8 @@ impl Travel<'_> {
         begin * first * second * turn(at_end * u.powi(3))
     }
 
-    /// The direction at an end of this travel, for all of its length, where another one continues it,
-    /// or its own chord where none does. The other one leads to camera `number`, along `other`.
+    /// The direction at an end of this travel, for all of its length, where another one continues
+    /// it, or its own chord where none does. The other one leads to camera `number`, along `other`.
     fn tangent(&self, chord: DVec3, number: usize, other: Option<DVec3>) -> DVec3 {
         let length = self.length(self.at + 1).unwrap_or(0.0);
         let other = other.zip(self.length(number).filter(|length| *length > 0.0));
