@@ -174,7 +174,7 @@ impl ManagerAddress {
         self.connect_for(None)
     }
 
-    /// The same for a command that goes on once the manager is there again.
+    /// Connects for a command that goes on once the manager is there again.
     fn connect_for(&self, reconnect: Option<ReconnectPolicy>) -> anyhow::Result<Client> {
         let mut options = polyptych_client::ConnectOptions::new(self.manager.as_str());
         options.token_file.clone_from(&self.token_file);

@@ -121,7 +121,7 @@ impl Assets {
         self.write().map_err(|error| AssetError::File(error.to_string()))
     }
 
-    /// As [`Assets::to_glb`], of assets that are sound.
+    /// The bytes of [`Assets::to_glb`], of assets that are sound.
     fn write(&self) -> io::Result<Bytes> {
         let mut file = GlbWriter::new(Vec::new());
         let [mut meshes, mut nodes, mut materials, mut images, mut textures, mut scenes] =
@@ -129,7 +129,7 @@ impl Assets {
         let mut roots = JsonList::default();
         for (data, material) in &self.meshes {
             let mesh = meshes.push(&mesh_json(&mut file, data, *material)?);
-            // What no node shows is not read.
+            // Meshes that no node shows are not read.
             let node = nodes.push(&format!(r#"{{"mesh":{mesh}}}"#));
             roots.push(&node.to_string());
         }

@@ -109,7 +109,7 @@ struct Waiter {
     session: u64,
 }
 
-/// What of the messages that come before a reply is wanted, and when.
+/// The messages before a reply that are wanted, and when the request is begun.
 #[derive(Debug, Default)]
 pub(crate) struct Wanted {
     /// Pieces go here.

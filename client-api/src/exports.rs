@@ -35,11 +35,11 @@ impl Client {
         self.export_scene_with(saved, to, |_| {}).await
     }
 
-    /// As [`Client::export_scene`], and calls `on_progress` whenever the manager says how far it
-    /// has come, before the first byte is written.
+    /// Does what [`Client::export_scene`] does, and calls `on_progress` whenever the manager says
+    /// how far it has come, before the first byte is written.
     ///
     /// # Errors
-    /// As of [`Client::export_scene`].
+    /// Those of [`Client::export_scene`].
     pub async fn export_scene_with(
         &self,
         saved: Option<&str>,

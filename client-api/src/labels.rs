@@ -140,7 +140,7 @@ fn places(face: &Face<'_>, line: &str) -> Result<(Vec<(GlyphId, f32)>, f32), Str
     Ok((places, x))
 }
 
-/// How much further apart than usual two letters stand.
+/// The distance by which two letters stand further apart than usual.
 fn kerning(face: &Face<'_>, left: GlyphId, right: GlyphId) -> f32 {
     let tables = face.tables().kern.into_iter().flat_map(|kern| kern.subtables);
     let mut plain = tables.filter(|table| table.horizontal && !table.variable);

@@ -17,7 +17,7 @@ pub struct ExportedScene {
     pub meshes: u64,
     /// Textures in it: those of the materials of these meshes.
     pub textures: u64,
-    /// What glTF cannot say of the scene, in lines for people; at most
+    /// The facts of the scene that glTF cannot hold, in lines for people; at most
     /// [`polyptych_scene::limits::NOTES_MAX`].
     #[serde(deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,

@@ -361,7 +361,7 @@ pub struct Edited {
     pub frames: u64,
     /// What the first frame with it became: which displays show it, and which do not.
     pub feedback: FrameFeedback,
-    /// What of the file of its assets is not drawn, or not as it is there; see
+    /// Parts of the file of its assets that are not drawn, or not as there; see
     /// [`polyptych_scene::Scene::notes`].
     #[serde(deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,

@@ -13,7 +13,7 @@ pub struct Follow {
     /// node, along its axes if the camera turns with it, else along those of the world. `None`
     /// keeps what it is when the camera begins to follow.
     pub camera: Option<Camera>,
-    /// Whether the camera turns with the node. Scale, shear and mirroring of the node do not count.
+    /// `true` turns the camera with the node. Scale, shear and mirroring of the node do not count.
     pub is_turning: bool,
     /// Radians in a second of scene time by which the camera goes around the node, about the Y of
     /// the same axes: counterclockwise as seen from above. 0 stays.

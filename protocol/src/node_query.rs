@@ -28,7 +28,7 @@ pub struct NodeQuery {
     pub attribute: Option<(String, Option<Attribute>)>,
     /// In this layer, their own or that of the nearest node above them that has one.
     pub layer: Option<String>,
-    /// Of this kind.
+    /// Only nodes of this kind.
     pub kind: Option<NodeKind>,
     /// How many of those found are left out, from the first: the next page begins there.
     pub skip: u64,
@@ -101,7 +101,7 @@ pub struct LayerInfo {
     pub name: String,
     /// The number of nodes in it, those that inherit it among them.
     pub nodes: u64,
-    /// Whether the wall's own picture shows it.
+    /// `true` where the wall's own picture shows it.
     pub visible: bool,
 }
 

@@ -1,4 +1,4 @@
-//! How far the opening or the export of a scene has come.
+//! The progress of opening or exporting a scene.
 
 use std::fmt;
 
@@ -19,7 +19,7 @@ pub enum OpenStage {
     Exporting,
 }
 
-/// How far the opening or the export of a scene has come.
+/// The progress of opening or exporting a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct OpenProgress {
     /// The present step.

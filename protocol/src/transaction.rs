@@ -71,7 +71,7 @@ pub struct BakedAssets {
     pub materials: u32,
     /// How many there are.
     pub textures: u32,
-    /// What of their file is not drawn, or not as it is there; see
+    /// Parts of their file that are not drawn, or not as there; see
     /// [`polyptych_scene::Scene::notes`].
     #[serde(deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,

@@ -19,7 +19,7 @@ pub(crate) const REQUEST_BYTES_MAX: usize = polyptych_protocol::limits::CALL_BYT
 /// What a request takes at least of [`REQUEST_BYTES_MAX`]: the queue's own memory for it.
 pub(crate) const REQUEST_BYTES_MIN: usize = 128;
 
-/// What a queued request takes at least of as much memory for all of those.
+/// The least share of a queued request of as much memory for all of those.
 pub(crate) const QUEUED_BYTES_MIN: usize = REQUEST_BYTES_MAX / QUEUED_REQUESTS_MAX;
 
 /// Length of a budget's period, in microseconds.

@@ -121,7 +121,7 @@ impl Lists {
     }
 }
 
-/// What of a mesh has its zero at one place, as a mesh of the file.
+/// The part of a mesh that has its zero at one place, as a mesh of the file.
 #[derive(Clone, Copy, Debug)]
 struct Part {
     origin: DVec3,
@@ -454,7 +454,7 @@ impl<'a> SceneWriter<'a> {
     }
 }
 
-/// Whether a node is hidden.
+/// The way in which a node is hidden.
 #[derive(Clone, Copy, Debug, Default)]
 struct Hidden {
     /// With all that hangs from it.

@@ -1,4 +1,4 @@
-//! How far one comes who walks or flies through the open scene.
+//! The way that is possible of one who walks or flies through the open scene.
 //!
 //! The way is gone in short steps. Of every place the distance to the nearest triangle is known, so
 //! a step that is shorter can pass through none, and is taken if it leads no nearer than the walker
@@ -22,7 +22,7 @@ use crate::ray_cast::cast;
 /// Steps in the height of an eye: ground between two of them is not looked at.
 const STEPS_PER_HEIGHT: f64 = 16.0;
 
-/// How near to its limit a step ends, as a share of the radius; a way of less is no progress.
+/// The shortest way that counts as progress, as a share of the radius.
 const CONTACT_SHARE: f64 = 1e-3;
 
 /// The longest part of a step of which only the ends are looked at, as a share of the radius: in
@@ -194,8 +194,8 @@ fn body(walker: &Walker, eye: DVec3) -> impl Iterator<Item = DVec3> + use<> {
     (0..=count as u32).map(move |index| eye - DVec3::Y * (spacing * f64::from(index)))
 }
 
-/// As much of a step as keeps the walker's distance from everything, or the place that lets it go
-/// no further.
+/// The part of a step that keeps the walker's distance from everything, or the place that lets it
+/// go no further.
 fn free_step(
     around: &impl Surroundings,
     walker: &Walker,

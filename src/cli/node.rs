@@ -154,7 +154,7 @@ struct Editor {
     nodes: Option<Vec<NodeInfo>>,
     /// Nodes of this transaction by the name that it gives them.
     made: BTreeMap<String, NodeId>,
-    /// Where nodes stand that this transaction has changed, and how they are drawn.
+    /// The places and styles of nodes that this transaction has changed.
     places: BTreeMap<NodeId, (DAffine3, NodeStyle)>,
     transaction: Transaction,
     /// The assets that it brings.

@@ -9,9 +9,11 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{
     Camera, Capture, ChannelState, ChannelStatus, ConnectOptions, Wall, WallStatus,
 };
+use serde_json::json;
 
 use super::place::TestDir;
 use super::process::{Finished, Process};
+use super::scenes::Gltf;
 use super::{keys, pictures, wait};
 
 /// How long frames wait for a channel in tests: machines that also build something are slow, and
@@ -80,6 +82,19 @@ impl LocalWall {
     /// channels could draw.
     pub fn start(wall: &Wall, scenes: &[&Path]) -> Self {
         Self::start_in(TestDir::new(), wall, scenes, ANY_PORT)
+    }
+
+    /// The [small] wall of so many tiles with a scene without meshes.
+    pub fn with_nothing(columns: u32, rows: u32) -> Self {
+        let place = TestDir::new();
+        let nothing = Gltf::triangle().with(|gltf| {
+            gltf.json["scenes"][0]["nodes"] = json!([0]);
+            gltf.json["nodes"] = json!([{ "name": "nothing" }]);
+        });
+        let folder = place.write("empty.glb", nothing.glb()).parent().expect("a folder").to_owned();
+        let local = Self::start_in(place, &small(columns, rows), &[&folder], ANY_PORT);
+        local.client().open_scene("empty.glb").expect("opened");
+        local
     }
 
     /// The same in a place that is there, with the keys that it may have.

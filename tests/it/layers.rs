@@ -10,28 +10,13 @@ use polyptych_client::{
 };
 use serde_json::{Value, json};
 
-use crate::harness::local_wall::{ANY_PORT, LocalWall, screen_of, shot, small};
+use crate::harness::local_wall::{LocalWall, screen_of, shot};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
-use crate::harness::place::TestDir;
-use crate::harness::scenes::Gltf;
 
 const VIEW: Camera = Camera { position: DVec3::new(0.0, 0.1, 1.5), ..Camera::IDENTITY };
 
 fn picture(local: &LocalWall) -> RgbaImage {
     screen_of(&shot(&local.client(), VIEW))
-}
-
-/// A wall of so many tiles with a scene without nodes.
-fn wall(columns: u32, rows: u32) -> LocalWall {
-    let place = TestDir::new();
-    let nothing = Gltf::triangle().with(|gltf| {
-        gltf.json["scenes"][0]["nodes"] = json!([0]);
-        gltf.json["nodes"] = json!([{ "name": "nothing" }]);
-    });
-    let folder = place.write("empty.glb", nothing.glb()).parent().expect("a folder").to_owned();
-    let local = LocalWall::start_in(place, &small(columns, rows), &[&folder], ANY_PORT);
-    local.client().open_scene("empty.glb").expect("opened");
-    local
 }
 
 /// The nodes of a street: a floor in no layer, a house and its lamp in the layer `night`, and what
@@ -94,7 +79,7 @@ fn bare(client: &Client, nodes: &[NodeId]) {
 
 #[test]
 fn a_hidden_layer_leaves_the_picture_of_the_scene_without_it() {
-    let local = wall(2, 2);
+    let local = LocalWall::with_nothing(2, 2);
     let client = local.client();
     let street = build(&client);
     let whole = picture(&local);
@@ -130,7 +115,7 @@ fn a_hidden_layer_leaves_the_picture_of_the_scene_without_it() {
 
 #[test]
 fn a_switch_shows_one_child() {
-    let local = wall(1, 1);
+    let local = LocalWall::with_nothing(1, 1);
     let client = local.client();
     let street = build(&client);
     let switch = |shown: Option<NodeId>| {
@@ -182,7 +167,7 @@ fn halves(picture: &RgbaImage) -> [RgbaImage; 2] {
 
 #[test]
 fn views_side_by_side_show_layers_and_roots_of_their_own() {
-    let local = wall(2, 2);
+    let local = LocalWall::with_nothing(2, 2);
     let client = local.client();
     let street = build(&client);
     let show = |views: Vec<View>| {
@@ -204,7 +189,7 @@ fn views_side_by_side_show_layers_and_roots_of_their_own() {
     assert!(of_day != of_night && color_count(&mixed) > 50);
 
     // One channel shows the same.
-    let single = wall(1, 1);
+    let single = LocalWall::with_nothing(1, 1);
     build(&single.client());
     let views = two_plans((None, Some(&["roofs"])), (None, Some(&["night", "roofs"])));
     single.client().set_views(views).expect("set");
@@ -252,7 +237,7 @@ fn views_side_by_side_show_layers_and_roots_of_their_own() {
 
 #[test]
 fn layers_and_switches_are_typed() {
-    let local = wall(1, 1);
+    let local = LocalWall::with_nothing(1, 1);
     build(&local.client());
     let run = |words: &[&str]| local.run(words).succeeded();
     assert_eq!(run(&["scene", "layer"]), "night: 2 nodes\nroofs: 1 node");

@@ -9,10 +9,8 @@ use polyptych_client::{
 };
 use serde_json::{Value, json};
 
-use crate::harness::local_wall::{ANY_PORT, LocalWall, screen_of, shot, small};
+use crate::harness::local_wall::{LocalWall, screen_of, shot};
 use crate::harness::pictures::{IDENTICAL, Policy, SEAMS, check, color_count};
-use crate::harness::place::TestDir;
-use crate::harness::scenes::Gltf;
 
 const VIEW: Camera = Camera { position: DVec3::new(0.0, 0.1, 1.5), ..Camera::IDENTITY };
 
@@ -20,22 +18,9 @@ fn picture(local: &LocalWall) -> RgbaImage {
     screen_of(&shot(&local.client(), VIEW))
 }
 
-/// As [`SEAMS`], of lines: one that runs between two rows of pixels lies in either, as f32 rounds,
+/// [`SEAMS`] for lines: one that runs between two rows of pixels lies in either, as f32 rounds,
 /// and an edge of a box is 70 of 130,560 pixels long.
 const LINES: Policy = Policy { within_1_share_min: 0.999, above_8_ppm_max: 1000.0, ..SEAMS };
-
-/// A wall of so many tiles with a scene without meshes.
-fn wall(columns: u32, rows: u32) -> LocalWall {
-    let place = TestDir::new();
-    let nothing = Gltf::triangle().with(|gltf| {
-        gltf.json["scenes"][0]["nodes"] = json!([0]);
-        gltf.json["nodes"] = json!([{ "name": "nothing" }]);
-    });
-    let folder = place.write("empty.glb", nothing.glb()).parent().expect("a folder").to_owned();
-    let local = LocalWall::start_in(place, &small(columns, rows), &[&folder], ANY_PORT);
-    local.client().open_scene("empty.glb").expect("opened");
-    local
-}
 
 fn style(client: &Client, node: NodeId, style: NodeStyle) {
     let mut transaction = Transaction::default();
@@ -85,7 +70,7 @@ fn share_of(picture: &RgbaImage, color: Rgba<u8>) -> f64 {
 
 #[test]
 fn styles_are_inherited_and_what_materials_and_meshes_would_show() {
-    let local = wall(2, 2);
+    let local = LocalWall::with_nothing(2, 2);
     let client = local.client();
     let ([group, red, blue], paint) = boxes(&client);
     let plain = picture(&local);
@@ -125,7 +110,7 @@ fn styles_are_inherited_and_what_materials_and_meshes_would_show() {
 
 #[test]
 fn highlights_are_what_they_say_at_any_exposure_and_across_seams() {
-    let local = wall(2, 2);
+    let local = LocalWall::with_nothing(2, 2);
     let client = local.client();
     let ([group, red, _], _) = boxes(&client);
     let plain = picture(&local);
@@ -145,7 +130,7 @@ fn highlights_are_what_they_say_at_any_exposure_and_across_seams() {
     style(&client, group, tint(0.5));
     let half = picture(&local);
     assert!(half != plain && half != marked);
-    let single = wall(1, 1);
+    let single = LocalWall::with_nothing(1, 1);
     let ([group, red, _], _) = boxes(&single.client());
     style(&single.client(), group, tint(0.5));
     let off = NodeStyle { highlight: Some(Highlight::Off), ..NodeStyle::default() };
@@ -170,9 +155,9 @@ fn group_of(client: &Client) -> NodeId {
 
 #[test]
 fn what_faces_the_viewer_is_turned_alike_on_all_tiles() {
-    let local = wall(2, 2);
+    let local = LocalWall::with_nothing(2, 2);
     let client = local.client();
-    let single = wall(1, 1);
+    let single = LocalWall::with_nothing(1, 1);
     let turn = |client: &Client, facing| {
         let ([group, _, _], _) = boxes(client);
         let mut transaction = Transaction::default();
@@ -216,7 +201,7 @@ fn what_faces_the_viewer_is_turned_alike_on_all_tiles() {
 
 #[test]
 fn labels_and_styles_are_typed() {
-    let local = wall(2, 1);
+    let local = LocalWall::with_nothing(2, 1);
     let run = |words: &[&str]| local.run(words).succeeded();
     let before = picture(&local);
     let label = ["node", "add", "name=sign", "label=Hafen Ägäis", "size=0.3", "color=#ffcc00"];

@@ -213,7 +213,7 @@ pub enum Edit {
     SetLayerVisible {
         /// The name of a layer that nodes are in.
         layer: String,
-        /// Whether its nodes are shown, where nothing else hides them.
+        /// `true` shows its nodes, where nothing else hides them.
         visible: bool,
     },
     /// Shows only one of the nodes that hang from a node.

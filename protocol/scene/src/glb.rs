@@ -69,9 +69,9 @@ pub enum ViewTarget {
 pub struct AccessorDesc {
     /// The part.
     pub view: u32,
-    /// Where the first value begins in it, in bytes.
+    /// The place of the first value in it, in bytes.
     pub offset: u32,
-    /// What each number is.
+    /// The type of each number.
     pub component: Component,
     /// The number of values.
     pub count: u32,
@@ -150,7 +150,7 @@ impl<W: Write> GlbWriter<W> {
     /// Appends rows of floats as a view of their own; returns the index of their accessor.
     ///
     /// # Errors
-    /// As of [`GlbWriter::view`].
+    /// Those of [`GlbWriter::view`].
     pub fn floats<const N: usize>(
         &mut self,
         is_of_vertices: bool,
@@ -169,7 +169,7 @@ impl<W: Write> GlbWriter<W> {
     /// Appends a picture, the bytes of a PNG or JPEG file; returns the value of its image.
     ///
     /// # Errors
-    /// As of [`GlbWriter::view`].
+    /// Those of [`GlbWriter::view`].
     pub fn picture(&mut self, file: &[u8]) -> io::Result<String> {
         let kind = if file.starts_with(b"\x89PNG") { "image/png" } else { "image/jpeg" };
         let view = self.view(ViewTarget::Other, file)?;
@@ -186,7 +186,7 @@ impl<W: Write> GlbWriter<W> {
     /// Returns what stands before the binary part, and the binary part.
     ///
     /// # Errors
-    /// As of [`GlbWriter::view`].
+    /// Those of [`GlbWriter::view`].
     pub fn finish(
         mut self,
         lists: &[(&str, &JsonList)],

@@ -101,7 +101,7 @@ pub struct SceneSubset {
 }
 
 impl SceneSubset {
-    /// Whether a layer is shown, which the scene hides or does not.
+    /// Returns whether a layer is shown, which the scene hides or does not.
     pub fn shows_layer(&self, name: &str, is_hidden: bool) -> bool {
         match &self.layers {
             Some(layers) => layers.iter().any(|layer| layer == name),

@@ -71,7 +71,7 @@ pub struct Scene {
     pub notes: Vec<String>,
     /// The exposure that suits its lights, above 0, if they are in real units; `None` for 1.
     pub exposure: Option<f32>,
-    /// What the source says of nodes beside their picture, by node; most have nothing.
+    /// Facts of the source about nodes beside their picture, by node; most have none.
     pub extras: Vec<NodeExtras>,
 }
 

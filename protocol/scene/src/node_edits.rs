@@ -1,4 +1,4 @@
-//! What was changed of one node of a scene.
+//! The changes of one node of a scene.
 
 use std::collections::BTreeMap;
 
@@ -8,27 +8,27 @@ use serde::{Deserialize, Serialize};
 use crate::edit::{Attribute, Edit, NewNode, NodeId};
 use crate::{Facing, Light, NodeStyle};
 
-/// What differs of one node; `None` for what is as its file has it. Of nodes that were made,
+/// The differences of one node; `None` for what is as its file has it. Of nodes that were made,
 /// `created` has all that [`NewNode`] has.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NodeEdits {
-    /// As it stands; `None` for nodes of the file.
+    /// The node as it stands; `None` for nodes of the file.
     pub created: Option<Box<NewNode>>,
-    /// Whether it was taken away.
+    /// `true` once it was taken away.
     pub is_removed: bool,
     /// The node that it hangs from now.
     pub parent: Option<Option<NodeId>>,
-    /// Where it is now.
+    /// Its place now: parent space from its space.
     pub local: Option<DAffine3>,
-    /// Whether it is hidden.
+    /// `true` while it is hidden.
     pub is_hidden: bool,
-    /// What it is called now.
+    /// Its name now.
     pub name: Option<String>,
     /// Its mesh now.
     pub mesh: Option<Option<u32>>,
     /// Its light now.
     pub light: Option<Option<Light>>,
-    /// What is noted about it.
+    /// Its attributes.
     pub attributes: BTreeMap<String, Attribute>,
     /// The layer that it was put into; `None` for that of its parent.
     pub layer: Option<String>,

@@ -1,4 +1,4 @@
-//! What a file says of a node beside its picture: whether it is hidden, and its attributes.
+//! Facts of a file about a node beside its picture: whether it is hidden, and its attributes.
 
 use std::collections::BTreeMap;
 
@@ -10,13 +10,13 @@ use crate::outline::check_attribute;
 use crate::scene_edits::SceneEdits;
 use crate::{EditError, Scene};
 
-/// What a file says of one node. A scene is opened with it as its first edits, so that it can be
-/// asked for, changed and taken back as what clients say of nodes.
+/// The facts of a file about one node. A scene is opened with it as its first edits, so that it
+/// can be asked for, changed and taken back as what clients say of nodes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NodeExtras {
     /// An index into [`Scene::nodes`].
     pub node: u32,
-    /// Whether it is not shown, with all that hangs from it (`KHR_node_visibility`).
+    /// `true` hides it, with all that hangs from it (`KHR_node_visibility`).
     pub is_hidden: bool,
     /// Attributes by key, within the limits of [`Edit::SetAttribute`].
     pub attributes: BTreeMap<String, Attribute>,

@@ -172,7 +172,7 @@ impl SceneOutline {
         }
     }
 
-    /// As [`Self::check`], of edits that choose what is shown, and how.
+    /// The part of [`Self::check`] for edits that choose what is shown, and how.
     fn check_shown(&self, edits: &SceneEdits, edit: &Edit) -> Result<(), EditError> {
         match edit {
             Edit::SetLayer { node, layer } => {
@@ -328,7 +328,7 @@ impl SceneOutline {
         way.iter().all(|node| self.has(edits, *node)).then_some(way)
     }
 
-    /// Whether a part of the edited scene can be asked for.
+    /// Checks that a part of the edited scene can be asked for.
     ///
     /// # Errors
     /// Its root is not there, or no node is in one of its layers.

@@ -269,7 +269,7 @@ impl SceneEdits {
         self.applied(base, added, false)
     }
 
-    /// As [`SceneEdits::apply_to`], with what is hidden.
+    /// The scene of [`SceneEdits::apply_to`], with what is hidden.
     pub fn apply_with_hidden(&self, base: &Scene, added: &AssetManifests) -> (Scene, Vec<NodeId>) {
         self.applied(base, added, true)
     }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-/// How a node, with all that hangs from it, is drawn. What is `None` is as of the node above, and
+/// The way in which a node, with all that hangs from it, is drawn. `None` is as of the node above,
 /// of nodes that hang from the scene itself solid, as its material says, without a highlight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NodeStyle {

@@ -116,7 +116,7 @@ impl Tour {
         Self { stops: stops.collect(), is_loop: false }
     }
 
-    /// The same tour with a camera that looks, level, where it goes next; at the end of its way it
+    /// This tour with a camera that looks, level, where it goes next; at the end of its way it
     /// looks as before.
     #[must_use]
     pub fn looking_ahead(mut self, eye: DVec3) -> Self {

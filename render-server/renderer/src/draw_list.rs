@@ -216,12 +216,12 @@ fn draw_parts(
     triangles
 }
 
-/// What records are relative to.
+/// The viewpoint that records are relative to.
 #[derive(Debug)]
 struct SeenFrom {
     eye: DVec3,
     clip_from_eye: DMat4,
-    /// How each billboard of the scene turns, in world space.
+    /// The turn of each billboard of the scene, in world space.
     turns: Vec<DAffine3>,
 }
 

@@ -45,7 +45,7 @@ pub struct ViewDesc {
     pub scissor: Option<[u32; 4]>,
     /// Factor of all light before tone mapping.
     pub exposure: f32,
-    /// What of the scene it shows.
+    /// The part of the scene that it shows.
     pub subset: SceneSubset,
 }
 

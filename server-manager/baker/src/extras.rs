@@ -1,5 +1,5 @@
-//! What a file says of its nodes beside their picture: `KHR_node_visibility`, and `extras`, which
-//! are attributes here.
+//! The facts of a file about its nodes beside their picture: `KHR_node_visibility`, and `extras`,
+//! which are attributes here.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use super::{BakeJob, document};
 /// The key of `extras` that are no object.
 const WHOLE_KEY: &str = "extras";
 
-/// What the nodes of a scene say, in their order.
+/// The facts about the nodes of a scene, in their order.
 #[derive(Debug, Default)]
 pub(super) struct ExtrasList {
     list: Vec<NodeExtras>,

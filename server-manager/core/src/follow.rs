@@ -102,6 +102,11 @@ impl Cluster {
         if self.shown.scene.is_none() {
             return Err("no scene is open; open one first".to_owned());
         }
+        if self.editing.outline().is_none() {
+            return Err(
+                "what the open scene holds is not known after a restart; open it again".to_owned()
+            );
+        }
         if matches!(self.place_of(follow.node, &BTreeMap::new()), NodePlace::Gone) {
             return Err(format!("there is no {}; it was removed, or never made", follow.node));
         }

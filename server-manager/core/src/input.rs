@@ -86,7 +86,7 @@ pub enum Input {
     Places {
         /// The manifest of the open scene.
         scene: BlobHash,
-        /// Where its file has these nodes, each in its parent's space.
+        /// The places of these nodes in its file, each in its parent's space.
         places: Result<Vec<(NodeId, DAffine3)>, String>,
     },
 }

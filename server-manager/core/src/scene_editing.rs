@@ -34,7 +34,7 @@ pub(super) struct EditWaiter {
     created: Vec<NodeId>,
     /// The numbers of the assets that it brings.
     assets: Option<AssetNumbers>,
-    /// What of their file is not drawn.
+    /// Parts of their file that are not drawn.
     notes: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What one client asks: in turn, or queued with a priority.
+//! The requests of one client: in turn, or queued with a priority.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, VecDeque};
@@ -36,7 +36,7 @@ impl ClientQueue {
         self.immediate.push_back(asked);
     }
 
-    /// What is next, if anything may begin.
+    /// The next request, if any may begin.
     pub fn front(&self) -> Option<&Asked> {
         let queued = || self.queued.values().next().filter(|_| self.under_way.is_none());
         self.immediate.front().or_else(queued)

@@ -65,7 +65,7 @@ impl Query {
     }
 }
 
-/// What was found out beside the loop.
+/// A finding from beside the loop.
 pub(super) enum Found {
     /// The answer to a question.
     Answer(Answered),
@@ -96,11 +96,11 @@ pub(super) struct Queries {
     turns: Arc<Semaphore>,
     open: Vec<ClientRequest>,
     done: (mpsc::Sender<Found>, mpsc::Receiver<Found>),
-    /// Whether places of nodes are being read.
+    /// `true` while places of nodes are being read.
     is_placing: bool,
 }
 
-/// Where the file of a scene has nodes, each in its parent's space.
+/// The places of nodes in the file of a scene, each in its parent's space.
 type Placed = (BlobHash, Result<Vec<(NodeId, DAffine3)>, String>);
 
 impl Queries {
@@ -126,7 +126,7 @@ impl Queries {
         })
     }
 
-    /// What is found next.
+    /// The next finding.
     pub async fn found(&mut self) -> Option<Found> {
         self.done.1.recv().await
     }

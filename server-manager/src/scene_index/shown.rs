@@ -53,7 +53,7 @@ impl SceneIndex {
         layers
     }
 
-    /// Whether a node is of a kind, by its index.
+    /// Returns whether a node is of a kind, by its index.
     pub(super) fn is_of_kind(&self, at: usize, kind: NodeKind) -> bool {
         let has = |topology| self.primitives(at).iter().any(|of| of.topology == topology);
         let node = &self.nodes[at];

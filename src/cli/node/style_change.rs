@@ -1,4 +1,4 @@
-//! How a node is drawn, as a person or a file of operations says it.
+//! The style of a node, as a person or a file of operations says it.
 
 use anyhow::bail;
 use polyptych_client::{Facing, Fill, Highlight, NodeStyle, Shading};

@@ -43,7 +43,7 @@ impl Billboard {
         (all, of_nodes)
     }
 
-    /// How each of these turns for a view, in world space.
+    /// The turn of each of these for a view, in world space.
     pub fn turns(all: &[Self], view: &ViewDesc) -> Vec<DAffine3> {
         let mut turns: Vec<DAffine3> = Vec::with_capacity(all.len());
         for one in all {

@@ -11,9 +11,9 @@ pub(crate) struct Geometry {
     pub vertices: wgpu::Buffer,
     /// Bytes of the vertices, which come first in their buffer.
     pub vertex_bytes: u64,
-    /// The same buffer, or another one.
+    /// That of the vertices, or another one.
     pub indices: wgpu::Buffer,
-    /// Where the indices begin in theirs.
+    /// The place of the first index in their buffer, in bytes.
     pub first_index_byte: u64,
     pub index_count: u32,
     pub index_format: wgpu::IndexFormat,
@@ -53,7 +53,7 @@ impl Geometry {
         })
     }
 
-    /// The same vertices with other indices, which are drawn whole.
+    /// These vertices with other indices, which are drawn whole.
     ///
     /// # Errors
     /// They take more bytes than a buffer of this GPU has.

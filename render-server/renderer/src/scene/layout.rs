@@ -91,10 +91,10 @@ impl SceneLayout {
         Self::with_traits(desc, &traits, is_cancelled)
     }
 
-    /// As [`Self::new`], of a scene that was edited.
+    /// The layout of a scene that was edited; see [`Self::new`].
     ///
     /// # Errors
-    /// As of [`Self::new`].
+    /// Those of [`Self::new`].
     pub fn with_traits(
         mut desc: Scene,
         traits: &NodeTraits,
@@ -287,7 +287,7 @@ impl SceneLayout {
     }
 }
 
-/// How a primitive is drawn in one place.
+/// The way in which a primitive is drawn in one place.
 #[derive(Clone, Copy, Debug)]
 struct Look {
     /// The slot of its geometry.

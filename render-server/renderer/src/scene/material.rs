@@ -82,7 +82,7 @@ impl StyledMaterial {
         Material { unlit: of.unlit || self.is_unlit, ..of.clone() }
     }
 
-    /// As [`features`], of the description of the material.
+    /// The [`features`] of the description of a material.
     pub fn features(&self, of: &Material, layout: VertexLayout) -> MaterialFeatures {
         let highlighted = self.highlight != Vec4::ZERO;
         MaterialFeatures { highlighted, ..features(&self.desc(of), layout) }

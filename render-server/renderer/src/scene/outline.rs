@@ -16,7 +16,7 @@ pub(crate) struct Outline {
     pub primitive: usize,
 }
 
-/// What is drawn of a primitive in a style, if that is not all of it.
+/// The topology that is drawn of a primitive in a style, if that is not all of it.
 pub(super) fn drawn(topology: Topology, fill: Fill) -> Option<Topology> {
     match (fill, topology) {
         (Fill::Wireframe, Topology::Triangles) => Some(Topology::Lines),

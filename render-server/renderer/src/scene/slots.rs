@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-/// Where equal contents go; they share one slot.
+/// The slots of described things; equal ones share one.
 #[derive(Debug)]
 pub(super) struct Slots {
     /// Slot of each described thing, in the order of the description.

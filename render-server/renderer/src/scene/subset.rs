@@ -13,22 +13,22 @@ pub(crate) struct Selection {
 }
 
 impl Selection {
-    /// Whether it holds all of the scene.
+    /// Returns whether it holds all of the scene.
     pub fn is_whole(&self) -> bool {
         self.is_whole
     }
 
-    /// Whether it holds all places of the layers that it shows.
+    /// Returns whether it holds all places of the layers that it shows.
     pub fn has_all_places(&self) -> bool {
         self.places.is_none()
     }
 
-    /// Whether it shows a layer, given by its bit; 0 stands for none, which is always shown.
+    /// Returns whether it shows a layer, given by its bit; 0 is none, which is always shown.
     pub fn has_layer(&self, layer: u64) -> bool {
         layer == 0 || self.layers & layer != 0
     }
 
-    /// Whether it holds a place in the tree.
+    /// Returns whether it holds a place in the tree.
     pub fn has_place(&self, place: u32) -> bool {
         self.places.is_none_or(|[begin, end]| (begin..end).contains(&place))
     }
@@ -96,7 +96,7 @@ mod tests {
 
     use super::*;
 
-    /// Whether a node is another, or hangs from it.
+    /// Returns whether a node is another, or hangs from it.
     fn hangs_from(nodes: &[Node], node: usize, from: usize) -> bool {
         let up = |at: &usize| nodes[*at].parent.map(|parent| parent as usize);
         std::iter::successors(Some(node), up).any(|at| at == from)

@@ -7,7 +7,7 @@ use polyptych_wall::view::View;
 use crate::Cluster;
 
 impl Cluster {
-    /// Whether the open scene has what a view shows of it, as it was edited.
+    /// Checks that the open scene, as it was edited, has what a view shows of it.
     ///
     /// # Errors
     /// Which node or layer it does not have, or that no scene is open.

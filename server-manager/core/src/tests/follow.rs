@@ -193,6 +193,9 @@ fn what_cannot_be_followed_is_refused() {
     let bad = Camera { scale: 0.0, ..Camera::IDENTITY };
     assert!(refused(&mut stage, Follow { camera: Some(bad), ..follow(TREE) }).contains("scale"));
     assert!(refused(&mut stage, follow(NodeId(99))).contains("there is no node 99"));
+    // Who would wait for what nobody knows is told so.
+    stage.cluster.set_outline(None);
+    assert!(refused(&mut stage, follow(TREE)).contains("open it again"));
     stage.request(Request::CloseScene);
     stage.prepare_all();
     assert!(refused(&mut stage, follow(TREE)).contains("no scene is open"));
