@@ -301,7 +301,8 @@ impl<'a> SceneWriter<'a> {
             return Ok(known.clone());
         }
         let blob = self.blob(of.blob, of.bytes())?;
-        let (vertices, indices) = blob.split_at(of.vertex_bytes() as usize);
+        let (vertices, rest) = blob.split_at(of.vertex_bytes() as usize);
+        let indices = &rest[..of.index_bytes() as usize];
         let layout = of.layout;
         let view = self.file.view(ViewTarget::Vertices(layout.stride()), vertices)?;
         let file = &mut self.file;

@@ -43,6 +43,8 @@ impl Stage {
             layout: VertexLayout::default(),
             vertex_count: soup.len() as u32 * 3,
             index_count: soup.len() as u32 * 3,
+            coarser_index_count: 0,
+            meshlet_count: 0,
             index_format: IndexFormat::U16,
             topology: Topology::Triangles,
             material: None,

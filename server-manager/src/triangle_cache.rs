@@ -64,7 +64,8 @@ impl Triangles {
         if bytes.len() as u64 != primitive.bytes() {
             return Err("a mesh of the open scene is not what its description says".into());
         }
-        let (vertices, indices) = bytes.split_at(primitive.vertex_bytes() as usize);
+        let (vertices, rest) = bytes.split_at(primitive.vertex_bytes() as usize);
+        let indices = &rest[..primitive.index_bytes() as usize];
         let vertices = vertices.chunks_exact(primitive.layout.stride() as usize);
         let number = |vertex: &[u8], at: usize| {
             let bytes = vertex.get(at..at + 4).and_then(|bytes| bytes.try_into().ok());

@@ -179,6 +179,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
         scissor: None,
         exposure: 1.0,
         subset: polyptych_scene::SceneSubset::default(),
+        allowed_error: polyptych_renderer::AllowedError::NONE,
     };
     let (whole, part) = (view([0, 0, SIZE[0], SIZE[1]]), view(plane.rect));
     let mut times = [const { Vec::new() }; 4];

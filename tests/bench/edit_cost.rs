@@ -54,6 +54,8 @@ fn scene(nodes: u64) -> Scene {
         layout: VertexLayout::default(),
         vertex_count: 24,
         index_count: 36,
+        coarser_index_count: 0,
+        meshlet_count: 0,
         index_format: IndexFormat::U16,
         topology: Topology::Triangles,
         material: None,

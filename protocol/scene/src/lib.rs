@@ -12,6 +12,7 @@ pub mod limits;
 mod material;
 mod measured;
 mod mesh;
+pub mod meshlet;
 mod node_edits;
 mod node_extras;
 mod outline;
@@ -238,6 +239,9 @@ impl Scene {
             if mesh.primitives.iter().any(|p| p.index_count == 0 || p.vertex_count == 0) {
                 return Some(format!("mesh {i} has a primitive of nothing"));
             }
+            if mesh.primitives.iter().any(Primitive::has_unusable_levels) {
+                return Some(format!("mesh {i} has levels of detail that cannot be drawn"));
+            }
         }
         for (i, material) in self.materials.iter().enumerate() {
             if material.textures().any(|t| t.texture as usize >= self.textures.len()) {
@@ -285,6 +289,8 @@ mod tests {
             layout: VertexLayout::default(),
             vertex_count: 3,
             index_count: 3,
+            coarser_index_count: 0,
+            meshlet_count: 0,
             index_format: IndexFormat::U16,
             topology: Topology::Triangles,
             material: None,

@@ -4,6 +4,8 @@ use glam::{DVec3, Vec3};
 use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
+use super::meshlet::Meshlet;
+
 /// Parts that are drawn together under one node.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Mesh {
@@ -15,8 +17,9 @@ pub struct Mesh {
 
 /// Geometry with one material.
 ///
-/// Its blob holds `vertex_count` vertices of [`VertexLayout::stride`] bytes, then `index_count`
-/// indices, both little-endian; nothing else.
+/// Its blob holds `vertex_count` vertices of [`VertexLayout::stride`] bytes, then the `index_count`
+/// indices of the finest level, those of coarser levels, zeros up to a multiple of 4 bytes if it has
+/// meshlets, and the [`Meshlet`]s; all little-endian, nothing else.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Primitive {
     /// The bytes.
@@ -25,8 +28,12 @@ pub struct Primitive {
     pub layout: VertexLayout,
     /// Number of vertices.
     pub vertex_count: u32,
-    /// Number of indices; never 0.
+    /// Number of indices of the finest level; never 0.
     pub index_count: u32,
+    /// Number of indices of all coarser levels of detail, which name the same vertices.
+    pub coarser_index_count: u32,
+    /// Number of meshlets, of all levels; 0 for what is always drawn whole.
+    pub meshlet_count: u32,
     /// How wide an index is.
     pub index_format: IndexFormat,
     /// What three, two or one indices make.
@@ -111,18 +118,46 @@ impl Primitive {
         u64::from(self.vertex_count) * u64::from(self.layout.stride())
     }
 
-    /// Bytes of the indices, which follow the vertices.
+    /// Bytes of the indices of the finest level, which follow the vertices.
     pub fn index_bytes(&self) -> u64 {
-        let width = match self.index_format {
-            IndexFormat::U16 => 2,
-            IndexFormat::U32 => 4,
-        };
-        u64::from(self.index_count) * width
+        u64::from(self.index_count) * self.index_width()
+    }
+
+    /// Number of indices of all levels.
+    pub fn index_count_of_all(&self) -> u64 {
+        u64::from(self.index_count) + u64::from(self.coarser_index_count)
+    }
+
+    /// Bytes of the vertices and of the indices of all levels: what is drawn of the blob.
+    pub fn geometry_bytes(&self) -> u64 {
+        self.vertex_bytes() + self.index_count_of_all() * self.index_width()
+    }
+
+    /// The place of the first meshlet in the blob, in bytes.
+    pub fn first_meshlet_byte(&self) -> u64 {
+        let bytes = self.geometry_bytes();
+        if self.meshlet_count == 0 { bytes } else { bytes.next_multiple_of(4) }
     }
 
     /// Bytes of the whole blob.
     pub fn bytes(&self) -> u64 {
-        self.vertex_bytes() + self.index_bytes()
+        self.first_meshlet_byte() + u64::from(self.meshlet_count) * Meshlet::BYTES as u64
+    }
+
+    /// Returns whether it has levels of detail that no blob can hold, or levels of what are not
+    /// triangles.
+    pub(super) fn has_unusable_levels(&self) -> bool {
+        let is_plain = self.coarser_index_count == 0 && self.meshlet_count == 0;
+        let is_short = u32::try_from(self.index_count_of_all()).is_ok();
+        let is_drawn = self.topology == Topology::Triangles && self.meshlet_count > 0;
+        !is_plain && !(is_short && is_drawn)
+    }
+
+    fn index_width(&self) -> u64 {
+        match self.index_format {
+            IndexFormat::U16 => 2,
+            IndexFormat::U32 => 4,
+        }
     }
 
     /// Triangles that it draws.

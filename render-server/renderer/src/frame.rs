@@ -14,7 +14,7 @@ use super::pipeline::{InstanceRecord, Pipelines};
 use super::scene::GpuScene;
 use super::target::Target;
 use super::tone::{LIGHT_MAX, tone_map};
-use super::view::{FrameUniform, LocalLightRecord, ViewDesc};
+use super::view::{AllowedError, FrameUniform, LocalLightRecord, ViewDesc};
 use super::{DrawError, DrawStats, albedo};
 
 /// A frame that takes longer is taken for a GPU that hangs.
@@ -241,6 +241,7 @@ impl FrameResources {
             scissor: None,
             exposure: 1.0,
             subset: SceneSubset::default(),
+            allowed_error: AllowedError::NONE,
         };
         let opaque = samples_of(scene);
         let lists = [DrawList { rectangle: [0, 0, 1, 1], opaque, ..DrawList::default() }];

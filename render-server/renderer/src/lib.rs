@@ -44,7 +44,7 @@ pub use scene::{
 };
 pub use target::{Target, TargetError};
 pub use text::rasterize;
-pub use view::ViewDesc;
+pub use view::{AllowedError, ViewDesc};
 
 /// Why a frame was not drawn.
 #[derive(Debug, thiserror::Error)]

@@ -47,6 +47,23 @@ pub struct ViewDesc {
     pub exposure: f32,
     /// The part of the scene that it shows.
     pub subset: SceneSubset,
+    /// The error up to which coarser levels of detail are drawn.
+    pub allowed_error: AllowedError,
+}
+
+/// The distance by which surfaces may be drawn beside their place, as a function of their distance
+/// to [`ViewDesc::middle_eye_in_world`]. All channels have the same one.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AllowedError {
+    /// In radians as seen from that point: the part of the error that grows with the distance.
+    pub angle_rad: f64,
+    /// In units of the world: the part that does not, for parallel rays.
+    pub length: f64,
+}
+
+impl AllowedError {
+    /// Only the finest level.
+    pub const NONE: Self = Self { angle_rad: 0.0, length: 0.0 };
 }
 
 /// Twin of `Frame` in `include/frame.wgsl`.

@@ -71,6 +71,8 @@ impl Stage {
             layout,
             vertex_count: 3,
             index_count: 3,
+            coarser_index_count: 0,
+            meshlet_count: 0,
             index_format: IndexFormat::U16,
             topology: Topology::Triangles,
             material: None,

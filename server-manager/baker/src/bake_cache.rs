@@ -75,7 +75,7 @@ impl BakeCache {
     /// else find the next damaged one with each `open`.
     fn has_all(&self, scene: &Scene) -> bool {
         let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
-        let meshes = primitives.map(|p| (p.blob, p.vertex_bytes() + p.index_bytes()));
+        let meshes = primitives.map(|p| (p.blob, p.bytes()));
         let textures = scene.textures.iter().map(|t| (t.blob, t.bytes()));
         let all: BTreeMap<BlobHash, u64> = meshes.chain(textures).collect();
         let damaged = |&(blob, bytes): &(&BlobHash, &u64)| !self.blobs.verify(*blob, *bytes);

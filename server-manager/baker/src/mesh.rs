@@ -182,6 +182,8 @@ impl Writer {
             layout: self.layout,
             vertex_count: vertices.len() as u32,
             index_count: indices.len() as u32,
+            coarser_index_count: 0,
+            meshlet_count: 0,
             index_format: if is_short { IndexFormat::U16 } else { IndexFormat::U32 },
             topology,
             material: None,

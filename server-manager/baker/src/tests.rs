@@ -68,7 +68,7 @@ fn bake_builder(builder: &Builder) -> (BakeFixture, Baked, Scene) {
 fn vertices(place: &BakeFixture, scene: &Scene, mesh: usize, primitive: usize) -> Vec<Vec<f32>> {
     let primitive = &scene.meshes[mesh].primitives[primitive];
     let bytes = place.store.blobs().read(primitive.blob).expect("read").expect("there");
-    assert_eq!(bytes.len() as u64, primitive.vertex_bytes() + primitive.index_bytes());
+    assert_eq!(bytes.len() as u64, primitive.bytes());
     let float = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
     let rows =
         bytes[..primitive.vertex_bytes() as usize].chunks(primitive.layout.stride() as usize);

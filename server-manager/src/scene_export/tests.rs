@@ -25,6 +25,8 @@ fn triangle(store: &BlobStore, origin: DVec3) -> Primitive {
         layout: VertexLayout::default(),
         vertex_count: 3,
         index_count: 3,
+        coarser_index_count: 0,
+        meshlet_count: 0,
         index_format: IndexFormat::U16,
         topology: Topology::Triangles,
         material: None,

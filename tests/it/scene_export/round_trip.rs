@@ -156,6 +156,8 @@ fn primitive(random: &mut Rng, scene: &Scene, store: &BlobStore) -> Primitive {
         layout,
         vertex_count,
         index_count: indices.len() as u32,
+        coarser_index_count: 0,
+        meshlet_count: 0,
         index_format: IndexFormat::U16,
         topology,
         material,

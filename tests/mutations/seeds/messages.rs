@@ -499,6 +499,8 @@ fn scene() -> Scene {
         layout,
         vertex_count: 3,
         index_count: 3,
+        coarser_index_count: 0,
+        meshlet_count: 0,
         index_format: IndexFormat::U16,
         topology: Topology::Triangles,
         material: Some(0),

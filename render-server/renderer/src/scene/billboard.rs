@@ -101,6 +101,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::view::AllowedError;
 
     fn view(eye: DVec3) -> ViewDesc {
         ViewDesc {
@@ -117,6 +118,7 @@ mod tests {
             scissor: None,
             exposure: 1.0,
             subset: SceneSubset::default(),
+            allowed_error: AllowedError::NONE,
         }
     }
 

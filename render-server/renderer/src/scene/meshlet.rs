@@ -142,6 +142,8 @@ mod tests {
             layout: VertexLayout::default(),
             vertex_count: (rows + 1) * (rows + 1),
             index_count: indices.len() as u32,
+            coarser_index_count: 0,
+            meshlet_count: 0,
             index_format: IndexFormat::U32,
             topology: Topology::Triangles,
             material: None,

@@ -67,6 +67,8 @@ mod tests {
             layout: VertexLayout::default(),
             vertex_count: 4,
             index_count: indices.len() as u32,
+            coarser_index_count: 0,
+            meshlet_count: 0,
             index_format,
             topology: Topology::Triangles,
             material: None,

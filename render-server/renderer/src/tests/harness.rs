@@ -5,7 +5,8 @@ use std::sync::{Arc, OnceLock};
 use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4, Vec2, Vec3};
 use polyptych_files::blob::BlobHash;
 use polyptych_renderer::{
-    DrawStats, Gpu, GpuScene, Renderer, SceneBuilder, SceneLayout, Target, ViewDesc, read_pixels,
+    AllowedError, DrawStats, Gpu, GpuScene, Renderer, SceneBuilder, SceneLayout, Target, ViewDesc,
+    read_pixels,
 };
 use polyptych_scene::{
     IndexFormat, Material, Mesh, Node, Primitive, Sampler, Scene, SceneSubset, Texture,
@@ -86,6 +87,8 @@ impl MeshFixture {
             layout: Self::LAYOUT,
             vertex_count: self.vertices.len() as u32,
             index_count: self.indices.len() as u32,
+            coarser_index_count: 0,
+            meshlet_count: 0,
             index_format: IndexFormat::U32,
             topology: Topology::Triangles,
             material,
@@ -232,6 +235,7 @@ pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
         scissor: None,
         exposure: 1.0,
         subset: SceneSubset::default(),
+        allowed_error: AllowedError::NONE,
     }
 }
 
