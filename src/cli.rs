@@ -2,6 +2,7 @@
 
 mod bake;
 mod bench;
+mod bound;
 mod calibrate;
 mod camera;
 mod check;
@@ -103,6 +104,8 @@ enum Command {
     Pattern(pattern::Arguments),
     /// Adjust a channel of a running wall: corners, bend, light, blends
     Tune(calibrate::Arguments),
+    /// Bound the error and the rate of a running wall's pictures, or say how they are bounded
+    Bound(bound::Arguments),
     /// Say how a running wall stands
     Status(status::Arguments),
     /// End the manager of a running wall, and its servers if asked to
@@ -227,6 +230,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Freeze(arguments) => return displays::run(OutputMode::Freeze, &arguments),
         Command::Pattern(arguments) => return pattern::run(&arguments),
         Command::Tune(arguments) => return calibrate::run(&arguments),
+        Command::Bound(arguments) => bound::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => stop::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),

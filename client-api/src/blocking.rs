@@ -34,6 +34,7 @@ use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::OpenProgress;
+use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{
     HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };
@@ -262,6 +263,14 @@ impl Client {
     /// [`ClientError`].
     pub fn set_exposure(&self, exposure: f32) -> Result<(), ClientError> {
         wait(self.inner.set_exposure(exposure))
+    }
+
+    /// Blocking version of [`crate::Client::set_bounds`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_bounds(&self, bounds: QualityBounds) -> Result<(), ClientError> {
+        wait(self.inner.set_bounds(bounds))
     }
 
     /// Blocking version of [`crate::Client::render_frame`].

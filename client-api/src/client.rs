@@ -9,6 +9,7 @@ use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
+use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{HeadUpdate, Pacing, Request, Response, StoppedServers};
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
@@ -238,6 +239,16 @@ impl Client {
     /// [`ClientError`].
     pub async fn set_exposure(&self, exposure: f32) -> Result<(), ClientError> {
         self.done("set the exposure", Request::SetExposure(exposure)).await
+    }
+
+    /// Bounds the error and the rate of pictures, from the next frame on and until it is set again.
+    /// The feedback of every frame says which error bound was in force, and the largest error that
+    /// was drawn.
+    ///
+    /// # Errors
+    /// [`ClientError`]; a number out of its range, with the range.
+    pub async fn set_bounds(&self, bounds: QualityBounds) -> Result<(), ClientError> {
+        self.done("set the bounds", Request::SetBounds(bounds)).await
     }
 
     /// Draws and shows one frame on all channels; returns what it became.

@@ -90,6 +90,7 @@ pub use polyptych_protocol::output_mode::OutputMode;
 pub use polyptych_protocol::pattern::TestPattern;
 pub use polyptych_protocol::presentation::Presentation;
 pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
+pub use polyptych_protocol::quality_bounds::{DrawnDetail, ERROR_PX_MAX, QualityBounds};
 pub use polyptych_protocol::request::{
     HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };

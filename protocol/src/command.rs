@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ids::{Epoch, FrameId, Revision};
 use crate::presentation::Presentation;
+use crate::quality_bounds::DetailBound;
 use crate::state_log::Operation;
 
 /// One message from the manager to a render server.
@@ -80,6 +81,8 @@ pub struct Frame {
     pub presentation: Presentation,
     /// Whether every server sends the picture of this frame over its bulk connection, once drawn.
     pub capture: bool,
+    /// The error up to which coarser levels of detail are drawn.
+    pub detail: DetailBound,
 }
 
 /// Show the frame, unless it is too late.

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::ids::{Digest, Epoch, FrameId, Revision};
 use crate::presentation::Presentation;
 use crate::progress::Opening;
+use crate::quality_bounds::DrawnDetail;
 use crate::transaction::AssetNumbers;
 
 /// Where a channel stands.
@@ -77,6 +78,8 @@ pub struct FrameFeedback {
     /// Times that the mouse over a window has moved the wall's camera since the manager started. A
     /// client that sets a camera of its own with every frame stops doing so once this grows.
     pub navigations: u64,
+    /// The level of detail that it was drawn with.
+    pub detail: DrawnDetail,
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelFeedback>,
 }
@@ -183,6 +186,9 @@ pub struct WallStatus {
     pub scene: Option<String>,
     /// Present length of the frame deadline.
     pub deadline_ms: f64,
+    /// The error bound of the next frame in pixels of the wall: the one that is asked for, or what
+    /// the rate bound makes of it.
+    pub error_in_force_px: f64,
     /// What the next frame presents.
     pub presentation: Presentation,
     /// One for each channel of the wall, in the wall's order.
@@ -266,6 +272,17 @@ pub struct Statistics {
     pub triangles: u64,
     /// Of the last frame, over all channels.
     pub draw_calls: u64,
+    /// The error bound that is asked for, in pixels of the wall.
+    pub error_bound_px: f64,
+    /// The error bounds in force, in pixels of the wall.
+    pub error_in_force_px: Quantiles,
+    /// The largest error of what any channel drew or left out, in pixels of the wall.
+    pub largest_error_px: f64,
+    /// Bytes of the scene's meshes and textures on the GPUs of all servers.
+    pub gpu_bytes: u64,
+    /// The channel that drew longest in most frames.
+    #[serde(deserialize_with = "text_of_peer")]
+    pub limiting_channel: Option<String>,
     /// Control bytes in both directions for one frame, over all channels.
     pub bytes_per_frame: f64,
     /// What the open scene needs of the renderer.
@@ -405,6 +422,7 @@ mod tests {
             frame_us: 1,
             barrier_us: 0,
             navigations: 0,
+            detail: DrawnDetail::default(),
             channels: channels.iter().map(channel).collect(),
         }
     }

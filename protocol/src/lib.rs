@@ -32,6 +32,7 @@ pub mod pattern;
 pub mod presentation;
 pub mod process;
 pub mod progress;
+pub mod quality_bounds;
 pub mod request;
 pub mod saved_scene;
 pub mod server_message;

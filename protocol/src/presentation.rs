@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
+use crate::quality_bounds::QualityBounds;
 
 /// What is looked at, from where, and how it is shown. A picture depends on this, on the revision
 /// and on scene time; on nothing else.
@@ -24,6 +25,8 @@ pub struct Presentation {
     pub output_mode: OutputMode,
     /// What channels draw instead of the scene.
     pub pattern: Option<TestPattern>,
+    /// The error and the rate that pictures are asked to keep.
+    pub bounds: QualityBounds,
 }
 
 impl Presentation {
@@ -36,6 +39,7 @@ impl Presentation {
             exposure: 1.0,
             output_mode: OutputMode::Normal,
             pattern: None,
+            bounds: QualityBounds::FINEST,
         }
     }
 

@@ -26,6 +26,7 @@ use crate::node_query::{
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
+use crate::quality_bounds::QualityBounds;
 use crate::saved_scene::SavedScene;
 use crate::stored_view::StoredView;
 use crate::tour_status::TourStatus;
@@ -188,6 +189,8 @@ pub enum Request {
     },
     /// Asks for the layers of the open scene.
     ListLayers,
+    /// Bounds the error and the rate of pictures, from the next frame on.
+    SetBounds(QualityBounds),
 }
 
 impl Request {
@@ -232,6 +235,7 @@ impl Request {
             Self::FindWay(_) => "find a way",
             Self::ExportScene { .. } => "export the scene",
             Self::ListLayers => "list the layers",
+            Self::SetBounds(_) => "set the bounds",
         }
     }
 }

@@ -79,7 +79,7 @@ pub struct Prepared {
 }
 
 /// A channel has drawn a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameRendered {
     /// Which life of the manager.
     pub epoch: Epoch,
@@ -97,6 +97,8 @@ pub struct FrameRendered {
     pub triangles: u64,
     /// Calls that drew them.
     pub draw_calls: u32,
+    /// The largest error of what was drawn or left out, as a fraction of the bound in force: 0 to 1.
+    pub error_fraction: f32,
 }
 
 /// A channel has shown a frame.

@@ -347,14 +347,15 @@ impl Corrector {
         let ground = OverlayContext { gpu, shaped, maps: &maps, channel: self.plan.channel };
         let mut known = std::mem::take(&mut self.lays);
         let all = frame.presentation.all_views();
-        for view in &all[beneath(&all).map_or(0, |beneath| beneath + 1)..] {
+        let first = beneath(&all).map_or(0, |beneath| beneath + 1);
+        for (number, view) in all.iter().enumerate().skip(first) {
             let mut lay = match known.iter().position(|lay| lay.matches(view)) {
                 Some(index) => known.swap_remove(index),
                 None => Overlay::new(ground, view, &self.correction)?,
             };
             if let Some(sheet) = lay.mesh() {
                 let shots = sheet.eye_views(ground, view, &eyes)?;
-                let views = shots.view_descs(view, frame);
+                let views = shots.view_descs((number, view), frame);
                 layers.push(Layer { shots, views, lay: Some(self.lays.len()) });
             }
             self.lays.push(lay);
@@ -378,7 +379,7 @@ impl Corrector {
             return shots.unwarped_views(wall, channel, frame);
         }
         let all = frame.presentation.all_views();
-        let beneath = beneath(&all).map(|index| &all[index]);
+        let beneath = beneath(&all).map(|number| (number, &all[number]));
         Ok(beneath.map_or_else(Vec::new, |view| shots.view_descs(view, frame)))
     }
 

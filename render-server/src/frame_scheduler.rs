@@ -116,6 +116,7 @@ mod tests {
     use glam::DVec3;
     use polyptych_protocol::ids::Revision;
     use polyptych_protocol::presentation::Presentation;
+    use polyptych_protocol::quality_bounds::DetailBound;
     use polyptych_wall::head::HeadPose;
 
     use super::*;
@@ -130,6 +131,7 @@ mod tests {
             revision: Revision(1),
             presentation: Presentation::new(HeadPose::facing_forward(DVec3::ZERO, 0.0)),
             capture: false,
+            detail: DetailBound::default(),
         }
     }
 

@@ -23,9 +23,16 @@ pub(crate) struct ViewTransform {
 }
 
 impl ViewTransform {
-    /// What this view of a frame is from here, on all of the pixels.
-    pub fn view(&self, view: &View, frame: &Frame) -> ViewDesc {
+    /// The view of this number of a frame from here, on all of the pixels.
+    pub fn view(&self, (number, view): (usize, &View), frame: &Frame) -> ViewDesc {
         let camera = &view.camera;
+        let allowed = frame.detail.allowed_in(number);
+        let allowed_error = match view.projection {
+            ViewProjection::Orthographic { .. } => {
+                AllowedError { length: allowed * camera.scale, ..AllowedError::NONE }
+            }
+            _ => AllowedError { angle_rad: allowed, ..AllowedError::NONE },
+        };
         // World to display space, the eye being the origin of both, then to the screen's axes;
         // a view is in metres, whatever the world's unit.
         let display_from_world =
@@ -44,7 +51,7 @@ impl ViewTransform {
             scissor: None,
             exposure: frame.presentation.exposure,
             subset: SceneSubset { root: view.root.map(NodeId), layers: view.layers.clone() },
-            allowed_error: AllowedError::NONE,
+            allowed_error,
         }
     }
 }
@@ -105,7 +112,7 @@ pub fn views(wall: &Wall, channel: ChannelId, frame: &Frame) -> Result<Vec<ViewD
     let described = view_rects(wall, channel, frame)?.into_iter().map(|part| {
         let view = &all[part.view];
         let seen = view_transform(wall, channel, view, frame.presentation.head.eye(eye))?
-            .view(view, frame);
+            .view((part.view, view), frame);
         let scissor = (part.rect != [0, 0, size[0], size[1]]).then_some(part.rect);
         Ok(ViewDesc { scissor, ..seen })
     });

@@ -206,6 +206,7 @@ mod tests {
             revision: Revision(9),
             scene: None,
             presentation: Presentation {
+                bounds: polyptych_protocol::quality_bounds::QualityBounds::FINEST,
                 camera: Camera { scale: 0.1, ..Camera::IDENTITY },
                 head: HeadPose::facing_forward(DVec3::new(0.1, 1.6, 0.3), 0.06),
                 views: vec![View::of_wall(Camera::IDENTITY)],

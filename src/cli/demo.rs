@@ -53,6 +53,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         windows,
         record: None,
         exposure: None,
+        error_bound: 0.0,
+        rate_bound: None,
         out: arguments.out.clone(),
         fault: Vec::new(),
         fault_seed: 0,

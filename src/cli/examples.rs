@@ -33,6 +33,10 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         "open",
         &["polyptych open town.glb", "polyptych open lamp.gltf --heading 90 --exposure 0.0005"],
     ),
+    (
+        "bound",
+        &["polyptych bound --error 1", "polyptych bound --error 0.5 --rate 30", "polyptych bound"],
+    ),
     ("pick", &["polyptych pick front 960,540", "polyptych pick front 100,80 --json"]),
     ("query ray", &["polyptych query ray 0,1.7,20 0,0,-1 --max 100"]),
     ("query segment", &["polyptych query segment 0,1.7,20 12,30,-8"]),

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use polyptych_client::{Bounds, Camera, fit_bounds, orbit};
+use polyptych_client::{Bounds, Camera, QualityBounds, fit_bounds, orbit};
 use polyptych_manager::recorder::Recorder;
 use polyptych_text::counted;
 use polyptych_wall::Wall;
@@ -16,7 +16,8 @@ use super::progress::ProgressReport;
 use super::remote::{open_scene, say_notes};
 use super::seen::Seen;
 use super::{
-    bake_files, cache_folder, exposure, load_wall, log_file_warnings, manager, rate, say, seconds,
+    bake_files, bound, cache_folder, exposure, load_wall, log_file_warnings, manager, rate, say,
+    seconds,
 };
 use crate::simulator::ending::Ending;
 use crate::simulator::faults::{self, Fault, FaultHooks, Faults};
@@ -71,6 +72,12 @@ pub(super) struct Arguments {
     /// Multiply all light by this [default: 1, or what suits lights in real units]
     #[arg(long, value_name = "FACTOR", value_parser = exposure)]
     pub exposure: Option<f32>,
+    /// Draw coarser levels of detail where that moves no edge by more pixels of the wall than this
+    #[arg(long, value_name = "PX", default_value_t = 0.0, value_parser = bound::error_px)]
+    pub error_bound: f64,
+    /// Allow more error as long as the wall draws fewer frames per second than this
+    #[arg(long, value_name = "FPS", value_parser = bound::rate_fps)]
+    pub rate_bound: Option<f64>,
     /// Record what the manager is told, to be replayed
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
@@ -188,6 +195,8 @@ fn drive(
     if let Some(exposure) = arguments.exposure {
         client.set_exposure(exposure)?;
     }
+    let (error_px, rate_fps) = (arguments.error_bound, arguments.rate_bound);
+    client.set_bounds(QualityBounds { error_px, rate_fps })?;
     let focus = shown.focus.or(summary.bounds);
     let camera = |n: u64| camera_of_frame(wall, focus.as_ref(), arguments, n);
     let mut navigations = 0;

@@ -248,6 +248,7 @@ impl Stage {
                 draw_us: 0,
                 triangles: 0,
                 draw_calls: 0,
+                error_fraction: 0.0,
             }),
             _ => return,
         };

@@ -10,6 +10,7 @@ use polyptych_baker::{BakeCache, bake};
 use polyptych_client::{Bounds, Camera, Presentation, Wall};
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
+use polyptych_protocol::quality_bounds::DetailBound;
 use polyptych_render::frame_views;
 use polyptych_renderer::{GpuScene, Renderer, SceneBuilder, Target, ViewDesc, read_pixels};
 use polyptych_wall::ChannelId;
@@ -81,6 +82,7 @@ pub fn frame(wall: &Wall, camera: Camera) -> Frame {
         revision: Revision(1),
         presentation: Presentation { camera, ..Presentation::new(wall.head()) },
         capture: false,
+        detail: DetailBound::default(),
     }
 }
 

@@ -168,6 +168,7 @@ impl Shared {
             draw_us: 0,
             triangles: 0,
             draw_calls: 0,
+            error_fraction: 0.0,
         }
     }
 }

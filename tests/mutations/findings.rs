@@ -45,6 +45,7 @@ fn counts_that_a_server_makes_up_are_added_up() {
             draw_us: u32::MAX,
             triangles: u64::MAX,
             draw_calls: u32::MAX,
+            error_fraction: 0.0,
         };
         receiver.take_for_each_frame(ServerMessage::Drawn(drawn));
     }

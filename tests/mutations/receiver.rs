@@ -261,6 +261,7 @@ fn drawn(frame: &Frame, channel: ChannelId, digest: Digest) -> FrameRendered {
         draw_us: 20_000,
         triangles: 1000,
         draw_calls: 6,
+        error_fraction: 0.0,
     }
 }
 

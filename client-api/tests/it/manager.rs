@@ -97,6 +97,7 @@ pub fn feedback(frame: u64) -> FrameFeedback {
         frame_us: 900,
         barrier_us: 100,
         navigations: 0,
+        detail: polyptych_client::DrawnDetail::default(),
         channels: Vec::new(),
     }
 }

@@ -29,6 +29,7 @@ use crate::node_query::{NearestPoint, NearestQuery, NodeQuery, RegionQuery};
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::presentation::Presentation;
+use crate::quality_bounds::DetailBound;
 use crate::request::{self, Pacing, Request, RequestError, RequestMessage, Response};
 use crate::server_message::{FramePresented, FrameRendered, Ping, Prepared, ServerMessage};
 use crate::state_log::{Operation, SceneRef};
@@ -52,6 +53,7 @@ fn frame() -> Frame {
             ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 1.6, 0.0), 0.064))
         },
         capture: true,
+        detail: DetailBound { error_px: 0.5, densities: vec![2000.0] },
     }
 }
 
@@ -65,6 +67,7 @@ fn drawn() -> FrameRendered {
         draw_us: 20_000,
         triangles: 100_000,
         draw_calls: 6,
+        error_fraction: 0.0,
     }
 }
 
@@ -180,7 +183,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
              00000000000000009a9999999999f93f000000000000000000000000000000000000000000000000000000\
              0000000000000000000000f03ffca9f1d24d62b03f01000000000000f03f00000000000000c000000000d0\
              126341000000000000000000000000000000000000000000000000000000000000f03f000000000000e03f\
-             000000000000803f02010501",
+             000000000000803f02010500000000000000000001000000000000e03f010000000000409f40",
         ),
         (
             encode(&Command::Swap(Swap { epoch: Epoch(1), frame: FrameId(300), not_after_us: 9 })),
@@ -190,7 +193,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&ServerMessage::Prepared(prepared)), "000102030105626c656e64fbe803"),
         (
             encode(&ServerMessage::Drawn(drawn())),
-            "0201fb2c010302fdfffffffffffffffffb204efca086010006",
+            "0201fb2c010302fdfffffffffffffffffb204efca08601000600000000",
         ),
         (encode(&ServerMessage::Shown(shown)), "0401fb2c0103fc7011010028"),
         (encode(&ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 2 })), "050102"),

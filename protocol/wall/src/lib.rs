@@ -23,6 +23,7 @@ mod lit_area;
 pub mod mesh_bvh;
 pub mod pick_ray;
 pub mod pick_region;
+mod pixel_density;
 pub mod projector;
 pub mod region;
 pub mod screen;

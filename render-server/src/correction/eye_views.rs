@@ -127,7 +127,7 @@ impl EyeViews {
     }
 
     /// What the renderer draws of one view, into all planes.
-    pub fn view_descs(&self, view: &View, frame: &Frame) -> Vec<ViewDesc> {
+    pub fn view_descs(&self, view: (usize, &View), frame: &Frame) -> Vec<ViewDesc> {
         let drawn = |(seen, rect): &(ViewTransform, [u32; 4])| ViewDesc {
             scissor: Some(*rect),
             ..seen.view(view, frame)
@@ -153,7 +153,7 @@ impl EyeViews {
                 let mut own = frame_views::view_transform(wall, id, view, seen.eye_in_display)?;
                 own.viewport[0] += f64::from(rect[0]);
                 let scissor = Some([rect[0] + x, rect[1] + y, width, height]);
-                views.push(ViewDesc { scissor, ..own.view(view, frame) });
+                views.push(ViewDesc { scissor, ..own.view((part.view, view), frame) });
             }
         }
         Ok(views)

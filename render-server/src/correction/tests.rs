@@ -6,6 +6,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DAffine3, DQuat, DVec2, DVec3, UVec2, Vec3};
 use polyptych_protocol::ids::{Epoch, FrameId, Revision};
 use polyptych_protocol::presentation::Presentation;
+use polyptych_protocol::quality_bounds::DetailBound;
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::color::linear_from_srgb;
 use polyptych_wall::surface::{Cylinder, Plane, Sphere};
@@ -110,6 +111,7 @@ fn frame(head: HeadPose) -> Frame {
         revision: Revision(1),
         presentation: Presentation::new(head),
         capture: false,
+        detail: DetailBound::default(),
     }
 }
 

@@ -9,6 +9,7 @@ use std::time::Instant;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::presentation::Presentation;
+use polyptych_protocol::quality_bounds::DetailBound;
 use polyptych_renderer::{GpuScene, ImageEncoding, SceneBuilder, Target};
 use polyptych_scene::Scene;
 
@@ -117,6 +118,7 @@ impl RenderThread {
             revision: state.replica.revision,
             presentation: Presentation { camera: state.warm_up, ..Presentation::new(wall.head()) },
             capture: false,
+            detail: DetailBound::default(),
         };
         let (mut views, content) = match correctors.borrow_mut().get_mut(&channel.name) {
             Some(corrector) => (corrector.views(&self.gpu, wall, &frame)?, ImageEncoding::Light),

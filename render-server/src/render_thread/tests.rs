@@ -7,6 +7,7 @@ use glam::{DVec2, DVec3, UVec2, Vec3};
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::presentation::Presentation;
+use polyptych_protocol::quality_bounds::DetailBound;
 use polyptych_protocol::server_message::{FramePresented, FrameRendered, ServerMessage};
 use polyptych_protocol::state_log::{Operation, Replica};
 use polyptych_renderer::OutputTexture;
@@ -134,6 +135,7 @@ impl RenderThreadFixture {
                 ..Presentation::new(HeadPose::facing_forward(DVec3::ZERO, 0.0))
             },
             capture: true,
+            detail: DetailBound::default(),
         };
         self.thread.handle(RenderTask::Frame(Box::new(frame)));
         self.turn();

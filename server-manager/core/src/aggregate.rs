@@ -38,6 +38,7 @@ impl Cluster {
             frame_us,
             barrier_us: frame_us.saturating_sub(Micros::from(slowest_us)),
             navigations: self.navigator.count,
+            detail: self.drawn_detail(barrier),
             channels: channels.map(|(id, of)| channel(id, of)).collect(),
         }
     }
@@ -80,6 +81,7 @@ impl Cluster {
             frame: self.swapped,
             scene: self.shown.scene.as_ref().map(|scene| scene.name.clone()),
             deadline_ms: self.deadline.length() as f64 / 1000.0,
+            error_in_force_px: self.rate_bound.in_force_px(&self.presentation.bounds),
             presentation: self.presentation.clone(),
             channels: channels.collect(),
             clients: self.clients.values().map(|client| client.name.clone()).collect(),
@@ -94,7 +96,8 @@ impl Cluster {
     fn warnings(&self) -> Vec<String> {
         let displays = self.registry.channels();
         let displays = displays.filter_map(|(_, channel)| channel.display_warning.clone());
-        self.mixed_adapters().into_iter().chain(displays).collect()
+        let slow = self.rate_warning();
+        self.mixed_adapters().into_iter().chain(displays).chain(slow).collect()
     }
 
     fn mixed_adapters(&self) -> Option<String> {
@@ -118,7 +121,8 @@ impl Cluster {
         for compared in self.present_calls.settle() {
             self.gathered.add_skews(&compared);
         }
-        let statistics = self.gathered.report(&self.registry, &self.features);
+        let asked_px = self.presentation.bounds.error_px;
+        let statistics = self.gathered.report(&self.registry, &self.features, asked_px);
         if reset {
             self.gathered.restart();
         }

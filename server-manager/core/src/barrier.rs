@@ -7,6 +7,7 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::quality_bounds::DetailBound;
 use polyptych_protocol::request::Response;
 use polyptych_protocol::server_message::FrameRendered;
 use polyptych_wall::ChannelId;
@@ -29,20 +30,21 @@ const OUTLIER_FACTOR: u32 = 4;
 /// two seconds of a wall at 240 frames per second.
 const FRAMES_REMEMBERED: usize = 480;
 
-/// When the newest frames began; their numbers have no gaps.
+/// The beginnings of the newest frames and the error bounds in pixels that they were drawn with;
+/// their numbers have no gaps.
 #[derive(Debug, Default, Serialize, Deserialize)]
-pub(super) struct FrameStartTimes(VecDeque<Micros>);
+pub(super) struct FrameStartTimes(VecDeque<(Micros, f64)>);
 
 impl FrameStartTimes {
-    fn add(&mut self, now: Micros) {
+    fn add(&mut self, now: Micros, error_px: f64) {
         if self.0.len() == FRAMES_REMEMBERED {
             self.0.pop_front();
         }
-        self.0.push_back(now);
+        self.0.push_back((now, error_px));
     }
 
-    /// When `frame` began, the newest one being `newest`.
-    fn of(&self, frame: FrameId, newest: FrameId) -> Option<Micros> {
+    /// When `frame` began, and its error bound, the newest one being `newest`.
+    fn of(&self, frame: FrameId, newest: FrameId) -> Option<(Micros, f64)> {
         let back = usize::try_from(newest.0.checked_sub(frame.0)?).ok()?;
         self.0.get(self.0.len().checked_sub(back + 1)?).copied()
     }
@@ -80,6 +82,11 @@ pub(super) struct Barrier {
     /// What it draws. The wall's state may go on meanwhile; this frame does not.
     pub revision: Revision,
     digest: Digest,
+    /// The error bound that it is drawn with, in pixels.
+    pub error_px: f64,
+    /// A channel that it waits for has just come, or its pictures are read back: its time says
+    /// nothing of the next frames.
+    is_untypical: bool,
     pub time_s: f64,
     pub began: Micros,
     deadline: Micros,
@@ -111,6 +118,12 @@ impl Barrier {
     /// The longest that a server drew for the channels that the frame waited for, where one has.
     pub fn slowest_us(&self) -> Option<u32> {
         self.busy_us.values().copied().max()
+    }
+
+    /// The channel that took longest to draw, of those that the frame waited for.
+    pub fn limiting_channel(&self) -> Option<ChannelId> {
+        let awaited = self.drawn.values().filter(|drawn| self.awaited.contains(&drawn.channel));
+        awaited.max_by_key(|drawn| drawn.draw_us).map(|drawn| drawn.channel)
     }
 
     /// The same for the deadline, which one server alone must not move: what exceeds
@@ -158,7 +171,7 @@ impl Cluster {
         self.registry.admit_ready(now, next);
         self.registry.admit_late(now, next);
         let (mut waited, mut late) = (Vec::new(), Vec::new());
-        let (mut sent, mut is_warm) = (Vec::new(), false);
+        let (mut sent, mut is_warm, mut is_cold) = (Vec::new(), false, false);
         for (id, channel) in self.registry.channels() {
             let is_late = channel.state == ChannelState::Late;
             let Some(session) = channel.server else { continue };
@@ -173,6 +186,7 @@ impl Cluster {
             } else {
                 waited.push(id);
                 is_warm |= channel.frames_drawn >= WARM_UP_FRAMES;
+                is_cold |= channel.frames_drawn < WARM_UP_FRAMES;
             }
         }
         let sent_channels = waited.len() + late.len();
@@ -189,7 +203,6 @@ impl Cluster {
             }
         }
         self.frame.0 += 1;
-        self.beginnings.add(now);
         let time_s = self.time_of(order.as_ref(), now);
         self.follow_tour(order.as_ref(), time_s, now);
         self.follow_node(order.as_ref(), time_s, now);
@@ -203,11 +216,16 @@ impl Cluster {
         if let Some(FrameRequest { job, capture: true, .. }) = &order {
             self.collect(*job, &sent);
         }
-        self.command(sent.clone(), Command::Frame(self.describe_frame(time_s, capture)));
+        let detail = self.detail_bound();
+        let error_px = detail.error_px;
+        self.beginnings.add(now, error_px);
+        self.command(sent.clone(), Command::Frame(self.describe_frame(time_s, capture, detail)));
         self.barrier = Some(Barrier {
             frame: self.frame,
             revision: self.shown.revision,
             digest: self.shown_digest,
+            error_px,
+            is_untypical: is_cold || capture,
             time_s,
             began: now,
             deadline: now + wait,
@@ -254,7 +272,7 @@ impl Cluster {
         self.wants_frame = false;
     }
 
-    fn describe_frame(&self, time_s: f64, capture: bool) -> Frame {
+    fn describe_frame(&self, time_s: f64, capture: bool, detail: DetailBound) -> Frame {
         Frame {
             epoch: self.epoch,
             frame: self.frame,
@@ -262,6 +280,7 @@ impl Cluster {
             revision: self.shown.revision,
             presentation: self.presentation.clone(),
             capture,
+            detail,
         }
     }
 
@@ -284,8 +303,14 @@ impl Cluster {
             Some(b) if b.awaits(drawn) => b.deadline() - b.began,
             _ => self.deadline.length(),
         };
-        let began = self.beginnings.of(drawn.frame, self.frame);
+        let beginning = self.beginnings.of(drawn.frame, self.frame);
+        let began = beginning.map(|(began, _)| began);
         self.registry.record_draw(drawn.channel, drawn.draw_us, now, began, allowed);
+        let is_awaited = self.barrier.as_ref().is_some_and(|b| b.awaits(drawn));
+        if let Some((_, error_px)) = beginning.filter(|_| !is_awaited) {
+            let draw_us = Micros::from(drawn.draw_us);
+            self.rate_bound.add_late(&self.presentation.bounds, draw_us, error_px);
+        }
         let is_its = |b: &&mut Barrier| (b.frame, b.revision) == (drawn.frame, drawn.revision);
         let Some(barrier) = self.barrier.as_mut().filter(is_its) else {
             if let Some(began) = began {
@@ -360,10 +385,18 @@ impl Cluster {
         if let Some(typical_us) = barrier.typical_slowest_us() {
             self.deadline.add(typical_us);
         }
+        if !barrier.is_untypical {
+            // One that was not waited for any longer took as long as that.
+            let missed_us = (!barrier.waited.is_empty()).then(|| now.saturating_sub(barrier.began));
+            if let Some(us) = slowest_us.map(Micros::from).max(missed_us) {
+                self.rate_bound.add(&self.presentation.bounds, us, barrier.error_px);
+            }
+        }
         let feedback = self.aggregate(&barrier, now);
         let is_awaited = !barrier.awaited.is_empty();
         let is_complete = feedback.is_complete();
-        let facts = FrameFacts { is_awaited, is_complete, slowest_us };
+        let limiting = barrier.limiting_channel();
+        let facts = FrameFacts { is_awaited, is_complete, slowest_us, limiting };
         self.gathered.add_frame(&feedback, facts, now);
         let (frame, sent) = (barrier.frame, barrier.sent_channels);
         if let Some(compared) = self.present_calls.swapped(frame, sent, now) {

@@ -116,6 +116,7 @@ impl Cluster {
     ) {
         let revision = self.shown.revision;
         self.wall = wall;
+        self.end_densities();
         self.tuners.0.extend(tuners.into_iter().map(|tuner| (revision, tuner)));
         self.wants_frame |= !self.pacer.is_soon(now);
         self.demote_unprepared(now, failed);

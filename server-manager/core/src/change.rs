@@ -220,6 +220,7 @@ impl Cluster {
         failed: &[(SessionId, String)],
     ) {
         self.deadline.restart();
+        self.rate_bound.restart();
         self.registry.restart_warm_up();
         self.demote_unprepared(now, failed);
         let revision = self.shown.revision;

@@ -74,6 +74,7 @@ impl Cluster {
             Request::SetHead(head) => self.set_head(head)?,
             Request::SetViews(views) => self.request_views(views)?,
             Request::SetExposure(exposure) => self.set_exposure(exposure)?,
+            Request::SetBounds(bounds) => self.set_bounds(bounds)?,
             frame @ (Request::RenderFrame { .. }
             | Request::Capture { .. }
             | Request::SetDisplays(_)

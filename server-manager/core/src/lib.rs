@@ -13,6 +13,7 @@ mod change_queue;
 mod checkpoint;
 mod counters;
 mod deadline;
+mod detail;
 mod dispatch;
 mod follow;
 mod input;
@@ -24,6 +25,7 @@ mod pace;
 mod persistent_state;
 mod presentation;
 mod progress;
+mod rate_bound;
 mod registry;
 mod scene_editing;
 mod skew;
@@ -247,6 +249,11 @@ pub struct Cluster {
     following: Option<follow::Following>,
     pacer: Pacer,
     deadline: deadline::Deadline,
+    #[serde(default)]
+    rate_bound: rate_bound::RateBound,
+    /// Pixel densities of the last views and head that frames were bounded for.
+    #[serde(skip)]
+    densities: Option<detail::Densities>,
     /// Measurements decide nothing, and take more room than all else.
     #[serde(skip)]
     gathered: StatisticsCollector,
@@ -295,6 +302,8 @@ impl Cluster {
             following: None,
             pacer: Pacer::default(),
             deadline: deadline::Deadline::new(wall.deadline),
+            rate_bound: rate_bound::RateBound::default(),
+            densities: None,
             gathered: StatisticsCollector::new(wall.channels.len()),
             present_calls: SkewTracker::new(wall.channels.len()),
             remembered: None,

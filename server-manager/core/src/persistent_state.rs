@@ -114,7 +114,7 @@ impl Cluster {
             cluster.navigator.bounds = memory.bounds;
         }
         // It goes with the scene: lights in real units are white at any other.
-        let Presentation { camera, head, ref views, exposure, output_mode, pattern } =
+        let Presentation { camera, head, ref views, exposure, output_mode, pattern, bounds } =
             memory.presentation;
         if exposure.is_finite() && exposure >= 0.0 {
             cluster.presentation.exposure = exposure;
@@ -151,6 +151,9 @@ impl Cluster {
         cluster.set_pace(memory.pace, 0);
         cluster.presentation.output_mode = output_mode;
         cluster.presentation.pattern = pattern;
+        if let Err(reason) = cluster.set_bounds(bounds) {
+            tracing::warn!(reason, "the bounds that were remembered cannot be");
+        }
         // Frames of another life were shown; its displays say that their manager is lost.
         cluster.is_going_on = true;
         cluster.remembered = Some(cluster.persistent_state());

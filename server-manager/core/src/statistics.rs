@@ -3,6 +3,7 @@
 use hdrhistogram::Histogram;
 use polyptych_protocol::feedback::{ChannelStatistics, FrameFeedback, Quantiles, Statistics};
 use polyptych_protocol::server_message::{FramePresented, FrameRendered};
+use polyptych_wall::ChannelId;
 
 use super::Micros;
 use super::counters::Counters;
@@ -15,6 +16,9 @@ const DIGITS: u8 = 3;
 /// The longest time that is told apart from longer ones; it bounds what one kind takes to some
 /// hundred kibibytes.
 const LONGEST_US: u64 = 3_600_000_000;
+
+/// Units of error bounds in a pixel, as they are counted.
+const ERROR_UNITS: f64 = 1000.0;
 
 /// Measurements of one kind, counted by their size: noting one and asking for quantiles cost the
 /// same after a minute and after a year, which a list of all that was measured would not.
@@ -73,6 +77,8 @@ struct ChannelSamples {
     late_before: u64,
     triangles: u64,
     draw_calls: u64,
+    /// Frames in which it drew longest.
+    limiting: u64,
 }
 
 /// What is counted of a swapped frame beside its feedback.
@@ -85,6 +91,8 @@ pub(super) struct FrameFacts {
     /// The longest drawing time of a server for the channels that it waited for, in microseconds;
     /// `None` if none of these had drawn.
     pub slowest_us: Option<u32>,
+    /// The channel that drew longest.
+    pub limiting: Option<ChannelId>,
 }
 
 /// All that was measured since the last reset.
@@ -95,6 +103,9 @@ pub(super) struct StatisticsCollector {
     draw: Samples,
     barrier: Samples,
     skew: Samples,
+    /// Error bounds in force, in thousandths of a pixel.
+    error: Samples,
+    largest_error_px: f64,
     frames: u64,
     complete: u64,
     /// When the first frame began.
@@ -145,6 +156,12 @@ impl StatisticsCollector {
         self.complete += u64::from(facts.is_complete);
         self.first.get_or_insert(now.saturating_sub(feedback.frame_us));
         self.last = now;
+        self.error.add_us((feedback.detail.error_in_force_px * ERROR_UNITS) as u64);
+        self.largest_error_px = self.largest_error_px.max(feedback.detail.largest_error_px);
+        let limiting = facts.limiting.and_then(|id| self.channels.get_mut(usize::from(id.0)));
+        if let Some(channel) = limiting {
+            channel.limiting += 1;
+        }
         // A frame that waits for no channel takes no time, and says nothing of those that do. One
         // whose deadline passed took that long, even if no channel drew it.
         if facts.is_awaited {
@@ -186,7 +203,13 @@ impl StatisticsCollector {
         }
     }
 
-    pub fn report(&mut self, registry: &Registry, features: &[String]) -> Statistics {
+    /// The report; `asked_px` is the error bound that is asked for.
+    pub fn report(
+        &mut self,
+        registry: &Registry,
+        features: &[String],
+        asked_px: f64,
+    ) -> Statistics {
         self.late = registry.channels().map(|(_, channel)| channel.late).collect();
         let channels: Vec<ChannelStatistics> = registry
             .channels()
@@ -226,10 +249,21 @@ impl StatisticsCollector {
             // Servers say how many; whatever they say, it is added up.
             triangles: channels.iter().fold(0, |sum, c| sum.saturating_add(c.triangles)),
             draw_calls: channels.iter().fold(0, |sum, c| sum.saturating_add(c.draw_calls)),
+            error_bound_px: asked_px,
+            error_in_force_px: self.error.spread(ERROR_UNITS),
+            largest_error_px: self.largest_error_px,
+            gpu_bytes: registry.servers().fold(0, |sum, (_, s)| sum.saturating_add(s.scene_bytes)),
+            limiting_channel: self.limiting_channel(registry),
             // The core sees no bytes.
             bytes_per_frame: 0.0,
             features: features.to_vec(),
             channels,
         }
+    }
+
+    fn limiting_channel(&self, registry: &Registry) -> Option<String> {
+        let all = registry.channels().zip(&self.channels).filter(|(_, of)| of.limiting > 0);
+        let most = all.max_by_key(|(_, of)| of.limiting);
+        most.map(|((_, channel), _)| channel.name.clone())
     }
 }

@@ -1,5 +1,6 @@
 //! Failures of a wall as short deterministic tests: the clock is the test's own.
 
+mod bounds;
 mod displays;
 mod editing;
 mod failures;
@@ -23,6 +24,7 @@ use polyptych_protocol::command::{Frame, Prepare};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::Revision;
+use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::server_message::{FrameRendered, Ping, Prepared};
 use polyptych_protocol::state_log::SceneRef;
@@ -230,6 +232,7 @@ impl ClusterFixture {
             draw_us: 20_000,
             triangles: 1,
             draw_calls: 1,
+            error_fraction: 0.0,
         }
     }
 
@@ -572,6 +575,8 @@ fn bad_requests_are_answered_with_what_would_be_right() {
     stage.request(Request::SetExposure(-1.0));
     stage.request(Request::OpenScene { path: String::new() });
     stage.request(Request::SetHead(DVec3::new(0.0, 0.0, -5.0).into()));
-    assert_eq!(stage.replies.len(), 5);
+    stage.request(Request::SetBounds(QualityBounds { error_px: -1.0, rate_fps: None }));
+    stage.request(Request::SetBounds(QualityBounds { error_px: 1.0, rate_fps: Some(f64::NAN) }));
+    assert_eq!(stage.replies.len(), 7);
     assert!(stage.replies.iter().all(|(_, reply)| reply.is_err()), "{:?}", stage.replies);
 }

@@ -127,6 +127,7 @@ impl RandomRun {
                 draw_us: 9000,
                 triangles: 7,
                 draw_calls: 1,
+                error_fraction: 0.0,
             }),
             _ => return,
         };

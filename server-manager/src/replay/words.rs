@@ -1,6 +1,7 @@
 //! What a manager was told, in plain words.
 
 use polyptych_core::Input;
+use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{Pacing, Request};
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_text::counted;
@@ -64,6 +65,12 @@ pub(super) fn of_request(request: &Request) -> String {
         }
         Request::SetViews(views) => format!("{name}: {}", counted(views.len(), "view")),
         Request::SetExposure(exposure) => format!("{name} to {exposure}"),
+        Request::SetBounds(QualityBounds { error_px, rate_fps: None }) => {
+            format!("{name} to {error_px} pixels")
+        }
+        Request::SetBounds(QualityBounds { error_px, rate_fps: Some(rate) }) => {
+            format!("{name} to {error_px} pixels and {rate} frames per second")
+        }
         Request::Run(Pacing::Free) => "run as fast as the wall can".to_owned(),
         Request::Run(Pacing::Rate(rate)) => format!("run at {rate} frames per second"),
         Request::SetDisplays(mode) => format!("{name} to {}", mode.name()),

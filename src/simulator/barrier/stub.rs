@@ -201,5 +201,6 @@ fn drawn(frame: &Frame, index: u16, revision: Revision, digest: Digest) -> Serve
         draw_us: 0,
         triangles: 0,
         draw_calls: 0,
+        error_fraction: 0.0,
     })
 }

@@ -311,6 +311,7 @@ mod tests {
                 frame_us: 0,
                 barrier_us: 0,
                 navigations: 0,
+                detail: polyptych_client::DrawnDetail::default(),
                 channels: vec![channel(0), channel(1)],
             };
             let (now, restarts) = (self.at(ms), self.restarts);

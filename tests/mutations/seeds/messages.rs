@@ -22,6 +22,7 @@ use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::{OpenProgress, Opening};
+use polyptych_protocol::quality_bounds::{DetailBound, DrawnDetail, QualityBounds};
 use polyptych_protocol::request::{
     self, CaptureInfo, ImageInfo, Pacing, ReplyChunk, Request, RequestError, RequestMessage,
     Response, SceneSummary,
@@ -152,6 +153,7 @@ fn commands() -> Vec<Command> {
             ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 0.1, 0.2), 0.06))
         },
         capture: true,
+        detail: DetailBound { error_px: 0.5, densities: vec![2000.0, 10.0] },
     };
     let (base, revision) = (Some(Revision(1)), Revision(2));
     vec![
@@ -176,6 +178,7 @@ fn statuses() -> Vec<ServerMessage> {
         draw_us: 20_000,
         triangles: 100_000,
         draw_calls: 6,
+        error_fraction: 0.0,
     };
     let features = vec!["blend".into(), "textures".into()];
     let prepared =
@@ -282,6 +285,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::SaveScene { name: "evening".into() },
         Request::ListSavedScenes,
         Request::ListLayers,
+        Request::SetBounds(QualityBounds { error_px: 0.5, rate_fps: Some(30.0) }),
         Request::RemoveSavedScene { name: "evening".into() },
         Request::FollowNode(follow()),
         Request::FindWay(way()),
@@ -311,6 +315,11 @@ fn feedback() -> FrameFeedback {
         frame_us: 21_000,
         barrier_us: 1000,
         navigations: 2,
+        detail: DrawnDetail {
+            error_in_force_px: 0.5,
+            largest_error_px: 0.25,
+            limiting_channel: Some("a-1-1".into()),
+        },
         channels: vec![channel; 3],
     }
 }
@@ -344,6 +353,7 @@ fn status() -> WallStatus {
         frame: FrameId(1),
         scene: Some("town".into()),
         deadline_ms: 50.0,
+        error_in_force_px: 0.5,
         channels: vec![channel; 3],
         clients: vec!["ann".into()],
         warnings: vec!["mixed".into()],
@@ -386,6 +396,11 @@ fn statistics() -> Statistics {
         late: 1,
         triangles: 300_000,
         draw_calls: 18,
+        error_bound_px: 0.5,
+        error_in_force_px: spread,
+        largest_error_px: 0.25,
+        gpu_bytes: 1 << 20,
+        limiting_channel: Some("a-1-1".into()),
         bytes_per_frame: 555.0,
         features: vec!["blend".into()],
         channels: vec![channel; 3],

@@ -35,6 +35,7 @@ pub fn wall(channels: usize) -> WallStatus {
         frame: FrameId(1235),
         scene: Some("town".into()),
         deadline_ms: 164.9,
+        error_in_force_px: 0.0,
         channels: (0..channels).map(channel).collect(),
         clients: vec!["orbit".into()],
         warnings: Vec::new(),

@@ -255,6 +255,9 @@ impl InvariantChecker {
                     *asked == Request::SetExposure(memory.presentation.exposure)
                 })?;
             }
+            (Request::SetBounds(_), Response::Done) => {
+                is_kept(|memory, asked| *asked == Request::SetBounds(memory.presentation.bounds))?;
+            }
             (Request::Run(pace), Response::Done) => {
                 told.pace = Some(Some(*pace));
                 is_kept(|memory, asked| memory.pace.is_some_and(|p| *asked == Request::Run(p)))?;

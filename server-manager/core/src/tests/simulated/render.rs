@@ -178,6 +178,7 @@ impl Simulation {
             draw_us,
             triangles: 1,
             draw_calls: 1,
+            error_fraction: 0.0,
         };
         self.report(index, ServerMessage::Drawn(drawn));
         true

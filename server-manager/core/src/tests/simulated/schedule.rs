@@ -4,6 +4,7 @@
 use glam::{DAffine3, DVec3};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::Revision;
+use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{Pacing, Request};
 use polyptych_protocol::transaction::Transaction;
 use polyptych_scene::{NewNode, NodeId};
@@ -210,7 +211,11 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
             HeadPose::facing_forward(DVec3::Z * dice.below(9) as f64 * 0.1, 0.06).into(),
         ),
         37 => Request::SetViews(vec![View::of_wall(spot(dice)); dice.below(3) as usize]),
-        38..41 => Request::SetExposure(dice.below(5) as f32),
+        38 => Request::SetExposure(dice.below(5) as f32),
+        39..41 => Request::SetBounds(QualityBounds {
+            error_px: dice.below(5) as f64 * 0.25,
+            rate_fps: dice.is_hit(500).then(|| 1.0 + dice.below(60) as f64),
+        }),
         41..50 => {
             let request = Request::OpenScene { path: "town.glb".into() };
             let burst = if dice.is_hit(30) { dice.between(2, 80) } else { 1 };

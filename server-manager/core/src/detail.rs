@@ -1,0 +1,81 @@
+//! The level of detail of frames: one decision for all channels.
+
+use polyptych_protocol::quality_bounds::{DetailBound, DrawnDetail, ERROR_PX_MAX, QualityBounds};
+use polyptych_wall::head::HeadPose;
+use polyptych_wall::view::View;
+
+use super::Cluster;
+use super::barrier::Barrier;
+
+/// The pixel densities of views, which depend on the wall, the head and the views.
+#[derive(Debug)]
+pub(super) struct Densities {
+    head: HeadPose,
+    views: Vec<View>,
+    densities: Vec<f64>,
+}
+
+/// Views of which only the camera differs have the same density.
+fn without_cameras(views: &[View]) -> Vec<View> {
+    let camera = polyptych_wall::camera::Camera::IDENTITY;
+    views.iter().map(|view| View { camera, ..view.clone() }).collect()
+}
+
+impl Cluster {
+    /// Bounds error and rate from the next frame on.
+    pub(super) fn set_bounds(&mut self, bounds: QualityBounds) -> Result<(), String> {
+        bounds.validate()?;
+        self.presentation.bounds = bounds;
+        Ok(())
+    }
+
+    /// The error bound in force for the next frame.
+    pub(super) fn detail_bound(&mut self) -> DetailBound {
+        let error_px = self.rate_bound.in_force_px(&self.presentation.bounds);
+        if error_px == 0.0 {
+            return DetailBound::default();
+        }
+        let head = self.presentation.head;
+        let views = without_cameras(&self.presentation.all_views());
+        let is_known = |of: &Densities| of.head == head && of.views == views;
+        if !self.densities.as_ref().is_some_and(is_known) {
+            let density = |view: &View| self.wall.pixel_density(view, &head);
+            let densities = views.iter().map(density).collect();
+            self.densities = Some(Densities { head, views, densities });
+        }
+        let densities = self.densities.as_ref().map(|of| of.densities.clone());
+        DetailBound { error_px, densities: densities.unwrap_or_default() }
+    }
+
+    /// Forgets the densities of a wall that is calibrated anew.
+    pub(super) fn end_densities(&mut self) {
+        self.densities = None;
+    }
+
+    /// The detail that a frame was drawn with.
+    pub(super) fn drawn_detail(&self, barrier: &Barrier) -> DrawnDetail {
+        // A server may say what it wants; NaN becomes 0.
+        let fractions = barrier.drawn.values().map(|drawn| drawn.error_fraction.clamp(0.0, 1.0));
+        let largest = f64::from(fractions.fold(0.0, f32::max));
+        let limiting = barrier.limiting_channel().and_then(|id| self.wall.channel(id));
+        DrawnDetail {
+            error_in_force_px: barrier.error_px,
+            largest_error_px: barrier.error_px * largest,
+            limiting_channel: limiting.map(|channel| channel.name.clone()),
+        }
+    }
+
+    /// The warning that no level of detail keeps the rate bound, if so.
+    pub(super) fn rate_warning(&self) -> Option<String> {
+        let bounds = &self.presentation.bounds;
+        let rate = bounds.rate_fps.filter(|_| self.rate_bound.is_unmet(bounds))?;
+        let slowest = self.registry.channels().max_by_key(|(_, channel)| channel.draw_us);
+        let name = slowest.map_or("?", |(_, channel)| channel.name.as_str());
+        let draw_ms = slowest.and_then(|(_, of)| of.draw_us).unwrap_or(0) as f64 / 1000.0;
+        Some(format!(
+            "the rate bound of {rate} frames per second is not kept: channel {name} draws \
+             {draw_ms:.1} ms even with an error of {ERROR_PX_MAX} pixels; lower the bound, or the \
+             pixels of the channel"
+        ))
+    }
+}

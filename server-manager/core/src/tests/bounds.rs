@@ -1,0 +1,136 @@
+//! Bounds of error and rate: one decision in every frame, which follows the slowest channel.
+
+use polyptych_protocol::feedback::FrameFeedback;
+use polyptych_protocol::quality_bounds::{DetailBound, ERROR_PX_MAX, QualityBounds};
+use polyptych_wall::view::View;
+
+use super::*;
+
+const RATE: QualityBounds = QualityBounds { error_px: 0.0, rate_fps: Some(20.0) };
+
+impl ClusterFixture {
+    fn bound(&mut self, bounds: QualityBounds) {
+        self.replies.clear();
+        self.request(Request::SetBounds(bounds));
+        assert_eq!(self.replies.pop().map(|(_, reply)| reply), Some(Ok(Response::Done)));
+    }
+
+    /// One frame, which both channels draw in the times that they take with its bound.
+    fn bounded_frame(&mut self, draw_us: impl Fn(f64) -> [u32; 2]) -> FrameFeedback {
+        self.frames.clear();
+        self.replies.clear();
+        self.order_frame();
+        let error_px = self.frames.last().expect("a frame").1.detail.error_px;
+        assert!(self.frames.iter().all(|(_, frame)| frame.detail == self.frames[0].1.detail));
+        let times = draw_us(error_px);
+        self.wait(Micros::from(times[0].max(times[1])));
+        for (channel, draw_us) in (0u32..).zip(times) {
+            let drawn = FrameRendered { draw_us, error_fraction: 0.5, ..self.drawn(channel) };
+            self.say(SessionId(u64::from(channel)), ServerMessage::Drawn(drawn));
+        }
+        match self.replies.pop() {
+            Some((_, Ok(Response::Frame(feedback)))) => feedback,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn detail(&mut self) -> DetailBound {
+        self.bounded_frame(|_| [1_000; 2]);
+        self.frames[0].1.detail.clone()
+    }
+}
+
+/// A wall whose second channel takes 300 ms at its finest.
+fn city(error_px: f64) -> [u32; 2] {
+    [8_000, 8_000 + (292_000.0 / (1.0 + 4.0 * error_px)) as u32]
+}
+
+#[test]
+fn frames_carry_the_error_bound_and_what_it_is_in_the_scene() {
+    let mut stage = ClusterFixture::new(2);
+    assert_eq!(stage.detail(), DetailBound::default());
+    stage.bound(QualityBounds { error_px: 0.5, rate_fps: None });
+    let detail = stage.detail();
+    let density = |stage: &ClusterFixture| {
+        let head = stage.cluster.presentation.head;
+        stage.cluster.wall.pixel_density(&View::of_wall(Camera::IDENTITY), &head)
+    };
+    assert_eq!(detail, DetailBound { error_px: 0.5, densities: vec![density(&stage)] });
+    // A head that moves sees pixels of another size, and a view has its own.
+    stage.request(Request::SetHead(DVec3::new(0.3, 0.0, 0.5).into()));
+    stage.request(Request::SetViews(vec![View::of_wall(Camera::IDENTITY)]));
+    let moved = stage.detail();
+    assert_eq!(moved.densities, [density(&stage); 2]);
+    assert_ne!(moved.densities[0], detail.densities[0]);
+}
+
+#[test]
+fn bounds_outlive_the_manager() {
+    let mut stage = ClusterFixture::new(2);
+    let bounds = QualityBounds { error_px: 0.25, rate_fps: Some(30.0) };
+    stage.bound(bounds);
+    let memory = stage.memories.last().expect("kept").clone();
+    let restored = Cluster::restore(wall(2), Epoch(8), &memory);
+    assert_eq!(restored.presentation.bounds, bounds);
+    let mut damaged = memory;
+    damaged.presentation.bounds.error_px = f64::NAN;
+    let restored = Cluster::restore(wall(2), Epoch(8), &damaged);
+    assert_eq!(restored.presentation.bounds, QualityBounds::FINEST);
+}
+
+#[test]
+fn the_bound_in_force_follows_the_slowest_channel_and_is_reported() {
+    let mut stage = ClusterFixture::new(2);
+    stage.bound(RATE);
+    stage.request(Request::Statistics { reset: true });
+    let mut late = 0;
+    let mut last = None;
+    for _ in 0..200 {
+        let feedback = stage.bounded_frame(city);
+        late += u32::from(feedback.frame_us > 50_000);
+        last = Some(feedback.detail);
+    }
+    assert!(late <= 6, "{late} of 200 frames were late");
+    let detail = last.expect("a frame");
+    // 50 ms are kept from 1.49 pixels on.
+    assert!((1.49..1.49 * 1.3).contains(&detail.error_in_force_px), "{detail:?}");
+    assert_eq!(detail.largest_error_px, detail.error_in_force_px * 0.5);
+    assert_eq!(detail.limiting_channel.as_deref(), Some("c1"));
+    stage.request(Request::Statistics { reset: false });
+    let Some((_, Ok(Response::Statistics(all)))) = stage.replies.pop() else { panic!("none") };
+    assert_eq!(all.error_bound_px, 0.0);
+    assert!(all.error_in_force_px.p50 > 1.4 && all.error_in_force_px.max < 8.0, "{all:?}");
+    assert!(all.largest_error_px > 0.7);
+    assert_eq!(all.limiting_channel.as_deref(), Some("c1"));
+    let status = stage.cluster.status(stage.now);
+    assert_eq!(status.error_in_force_px, detail.error_in_force_px);
+    assert!(status.warnings.is_empty(), "{:?}", status.warnings);
+}
+
+#[test]
+fn a_rate_that_no_detail_keeps_is_told_with_the_channel() {
+    let mut stage = ClusterFixture::new(2);
+    stage.bound(RATE);
+    for _ in 0..40 {
+        stage.bounded_frame(|_| [60_000, 10_000]);
+    }
+    let status = stage.cluster.status(stage.now);
+    assert_eq!(status.error_in_force_px, ERROR_PX_MAX);
+    let told = status.warnings.iter().find(|warning| warning.contains("20 frames per second"));
+    assert!(told.is_some_and(|told| told.contains("channel c0 draws 60.0 ms")), "{status:?}");
+    stage.bound(QualityBounds::FINEST);
+    assert!(stage.cluster.status(stage.now).warnings.is_empty());
+}
+
+#[test]
+fn what_a_server_makes_up_about_its_error_stays_within_the_bound() {
+    let mut stage = ClusterFixture::new(1);
+    stage.bound(QualityBounds { error_px: 2.0, rate_fps: None });
+    for (said, counted) in [(f32::NAN, 0.0), (f32::INFINITY, 2.0), (-1.0, 0.0), (7.0, 2.0)] {
+        stage.order_frame();
+        let drawn = FrameRendered { error_fraction: said, ..stage.drawn(0) };
+        stage.say(SessionId(0), ServerMessage::Drawn(drawn));
+        let Some((_, Ok(Response::Frame(feedback)))) = stage.replies.pop() else { panic!("none") };
+        assert_eq!(feedback.detail.largest_error_px, counted, "of {said}");
+    }
+}

@@ -1,0 +1,73 @@
+//! `polyptych bound`: bounds the error and the rate of a running wall's pictures.
+
+use polyptych_client::QualityBounds;
+
+use super::{ManagerAddress, say};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    bounds: BoundArguments,
+    /// Take the rate bound away
+    #[arg(long, conflicts_with = "rate")]
+    no_rate: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+/// The bounds as arguments.
+#[derive(Debug, clap::Args)]
+struct BoundArguments {
+    /// Draw coarser levels of detail where that moves no edge by more pixels of the wall than this;
+    /// 0 draws everything at its finest
+    #[arg(long, value_name = "PX", value_parser = error_px)]
+    error: Option<f64>,
+    /// Allow more error as long as the wall draws fewer frames per second than this
+    #[arg(long, value_name = "FPS", value_parser = rate_fps)]
+    rate: Option<f64>,
+}
+
+/// An error bound in pixels, as an argument.
+pub(super) fn error_px(text: &str) -> Result<f64, String> {
+    let error_px = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    QualityBounds { error_px, ..QualityBounds::FINEST }.validate().map(|()| error_px)
+}
+
+/// A rate bound in frames per second, as an argument.
+pub(super) fn rate_fps(text: &str) -> Result<f64, String> {
+    let rate = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    QualityBounds { rate_fps: Some(rate), ..QualityBounds::FINEST }.validate().map(|()| rate)
+}
+
+/// Sets the bounds that are given, keeps the others, and says which hold.
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let client = arguments.manager.connect()?;
+    let before = client.presentation()?.bounds;
+    let BoundArguments { error, rate } = arguments.bounds;
+    let kept = if arguments.no_rate { None } else { before.rate_fps };
+    let bounds =
+        QualityBounds { error_px: error.unwrap_or(before.error_px), rate_fps: rate.or(kept) };
+    if bounds != before {
+        client.set_bounds(bounds)?;
+    }
+    let in_force_px = client.status()?.error_in_force_px;
+    if arguments.json {
+        let QualityBounds { error_px, rate_fps } = bounds;
+        return say(serde_json::json!({
+            "error_bound_px": error_px,
+            "rate_bound_fps": rate_fps,
+            "error_in_force_px": in_force_px,
+        }));
+    }
+    let rate = match bounds.rate_fps {
+        Some(rate) => format!("at least {rate} frames per second"),
+        None => "any rate".to_owned(),
+    };
+    say(format_args!(
+        "an error of at most {} pixels, {rate}; in force: {in_force_px:.2} pixels",
+        bounds.error_px
+    ))
+}
