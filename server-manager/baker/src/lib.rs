@@ -7,12 +7,13 @@
 //! One primitive or one image is in memory at a time, beside the source's buffers.
 //!
 //! ```text
-//! container -> document -> node (pose) -> mesh (geometry, tangent, split, order) -> texture (mip)
+//! container -> document -> node (pose) -> mesh (geometry, tangent, split, levels) -> texture (mip)
 //!      \-> source, uri, accessor: bytes                    \-> material, light -> manifest
 //! ```
 
 mod accessor;
 mod bake_cache;
+mod borders;
 mod bounds;
 mod container;
 mod document;
@@ -23,6 +24,7 @@ mod extras;
 mod geometry;
 mod image_format;
 mod json;
+mod levels;
 mod light;
 pub mod map;
 mod material;
@@ -31,6 +33,7 @@ mod mip;
 mod node;
 mod notes;
 mod numbers;
+mod piece;
 mod placeholder;
 mod pose;
 mod source;
@@ -56,12 +59,13 @@ use serde::{Deserialize, Serialize};
 pub use bake_cache::BakeCache;
 pub use error::BakeError;
 
+use levels::LevelFacts;
 use material::Palette;
 use notes::Notes;
 use source::GltfSource;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 5;
+const BAKER_VERSION: u32 = 6;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -70,7 +74,7 @@ pub const SKY_DEFAULT: Vec3 = Vec3::new(0.20, 0.32, 0.50);
 /// How far a bake has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// `reading`, `nodes`, `meshes`, `textures` or `manifest`, in this order.
+    /// `reading`, `nodes`, `meshes` and `levels` by turns, `textures` or `manifest`, in this order.
     pub stage: &'static str,
     /// How many of the stage's parts are done.
     pub done: u64,
@@ -85,7 +89,7 @@ impl Progress {
         let (from, to) = match self.stage {
             "reading" => (0, 5),
             "nodes" => (5, 10),
-            "meshes" => (10, 45),
+            "meshes" | "levels" => (10, 45),
             "textures" => (45, 98),
             _ => (98, 100),
         };
@@ -94,8 +98,18 @@ impl Progress {
     }
 }
 
+/// One level of detail of all meshes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BakedLevel {
+    /// Its triangles, those of a mesh that is drawn several times counted once. A mesh without so
+    /// many levels has none.
+    pub triangles: u64,
+    /// The largest stated error of any of them, as its node scales it, in metres.
+    pub error_m: f64,
+}
+
 /// What a bake gave.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Baked {
     /// The blob that is the scene; 64 hexadecimal digits in JSON.
     #[serde(with = "hex")]
@@ -115,6 +129,13 @@ pub struct Baked {
     pub triangles: u64,
     /// Bytes of all blobs, the manifest among them; one that is used twice counts once.
     pub bytes: u64,
+    /// The levels of detail of all meshes, the finest first.
+    #[serde(default)]
+    pub levels: Vec<BakedLevel>,
+    /// The largest angle by which a normal of a coarser level differs from that of a vertex that it
+    /// leaves out, in degrees.
+    #[serde(default)]
+    pub normal_angle_deg: f64,
     /// What is not drawn, or not as it is there; see [`Scene::notes`].
     #[serde(default)]
     pub warnings: Vec<String>,
@@ -192,6 +213,7 @@ struct BakeJob<'a> {
     /// The first part that is not drawn, as a place, what is wrong, and what would be right.
     left_out: Option<[String; 3]>,
     written: BTreeMap<BlobHash, u64>,
+    levels: LevelFacts,
 }
 
 impl<'a> BakeJob<'a> {
@@ -202,7 +224,8 @@ impl<'a> BakeJob<'a> {
         cancel: &'a AtomicBool,
     ) -> Self {
         let (notes, left_out, written) = (Notes::default(), None, BTreeMap::new());
-        Self { source, blobs, progress, cancel, notes, left_out, written }
+        let levels = LevelFacts::default();
+        Self { source, blobs, progress, cancel, notes, left_out, written, levels }
     }
 }
 
@@ -339,6 +362,8 @@ impl BakeJob<'_> {
             textures: scene.textures.len() as u64,
             triangles: scene.triangles(),
             bytes: self.written.values().sum(),
+            levels: self.levels.list(),
+            normal_angle_deg: self.levels.normal_angle.to_degrees(),
             warnings: scene.notes.clone(),
         })
     }

@@ -3,17 +3,21 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::AtomicBool;
 
-use glam::{DVec3, Vec3};
-use polyptych_scene::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
+use polyptych_scene::{Mesh, Primitive, Topology, VertexLayout};
+use rayon::prelude::*;
 
+use super::borders::Borders;
 use super::error::BakeError;
 use super::geometry::{self, Geometry, Tangents, flat_normal};
 use super::material::{Palette, VertexRequirements};
-use super::pose::{Meshes, Pose};
-use super::{BakeJob, check, document, split, tangent, topology, vertex_cache};
+use super::piece::{Blob, Piece};
+use super::pose::{MeshUse, Meshes, Pose};
+use super::split::{self, Pieces};
+use super::{BakeJob, check, document, tangent, topology};
 
-/// Most vertices that 16-bit indices are used for: 65,535 is left free, as it restarts strips.
-const U16_VERTICES_MAX: usize = 65_535;
+/// Triangles, lines and points whose levels are made at once: enough to keep all cores busy with
+/// small primitives, some 20 MB.
+const BATCH_ELEMENTS: usize = 1 << 17;
 
 /// Corners that are welded between two looks at the cancel flag: some milliseconds.
 const CORNERS_BETWEEN_CHECKS: usize = 1 << 16;
@@ -29,6 +33,18 @@ struct PrimitiveKey {
     keeps_order: bool,
     scale: u64,
     pose: Option<u32>,
+    /// The other surfaces of the mesh, whose vertices are borders of this one.
+    neighbors: Vec<SurfaceKey>,
+}
+
+/// Everything that the positions of a surface depend on: POSITION, indices and pose.
+type SurfaceKey = (Option<u32>, Option<u32>, Option<u32>);
+
+/// A mesh whose primitives are being written.
+struct Draft {
+    name: String,
+    /// Each as the number of what was written, and the material that it is drawn with here.
+    primitives: Vec<(usize, Option<u32>)>,
 }
 
 /// Bakes the uses of meshes named by the keys of `scales`, whose values are the most metres that
@@ -39,41 +55,139 @@ pub(super) fn write_all(
     uses: &Meshes,
     scales: &BTreeMap<u32, f64>,
 ) -> Result<Vec<Mesh>, BakeError> {
-    let mut shared: BTreeMap<PrimitiveKey, Vec<Primitive>> = BTreeMap::new();
+    let mut shared: BTreeMap<PrimitiveKey, usize> = BTreeMap::new();
     let json: &[document::Mesh] = &job.source.document.meshes;
     let used = || {
         let uses =
             scales.iter().filter_map(|(used, scale)| Some((uses.uses.get(*used as usize)?, scale)));
         uses.filter_map(|(used, scale)| Some((*used, json.get(used.mesh as usize)?, *scale)))
     };
-    let total: usize = used().map(|(_, mesh, _)| mesh.primitives.len()).sum();
-    let (mut done, mut meshes) = (0u64, Vec::with_capacity(scales.len()));
+    let total = used().map(|(_, mesh, _)| mesh.primitives.len() as u64).sum();
+    let mut batch = Batch { total, ..Batch::default() };
+    let mut drafts = Vec::with_capacity(scales.len());
     for (used, json, scale) in used() {
-        let mut mesh = Mesh { name: json.name.clone(), primitives: Vec::new() };
+        let mut draft = Draft { name: json.name.clone(), primitives: Vec::new() };
+        let surfaces = surfaces(uses, used, json);
+        let mut borders = None;
         for (i, primitive) in json.primitives.iter().enumerate() {
-            job.step("meshes", done, total as u64)?;
-            done += 1;
+            job.step("meshes", batch.read, total)?;
+            batch.read += 1;
             let place = format!("meshes[{}].primitives[{i}]", used.mesh);
             let is_surface = topology::of_mode(primitive.mode) == Some(Topology::Triangles);
             let is_lit = is_surface || primitive.attributes.contains_key("NORMAL");
             let (material, needs) = palette.material(job, primitive.material, is_lit, &place)?;
             let pose = uses.pose(used, primitive);
-            let key = key(primitive, &needs, scale, pose.map(|(index, _)| index));
-            let pieces = if let Some(pieces) = shared.get(&key) {
-                pieces.clone()
-            } else {
-                let pose = pose.map(|(_, pose)| pose);
-                let pieces = write(job, primitive, &needs, scale, pose, &place)?;
-                shared.insert(key, pieces.clone());
-                pieces
+            let neighbors = surfaces.iter().filter(|(of, _)| is_surface && *of != i);
+            let key = PrimitiveKey {
+                neighbors: neighbors.map(|(_, key)| *key).collect(),
+                ..key(primitive, &needs, scale, pose.map(|(index, _)| index))
             };
-            let pieces = pieces.into_iter().map(|piece| Primitive { material, ..piece });
-            mesh.primitives.extend(pieces);
+            let number = if let Some(number) = shared.get(&key) {
+                *number
+            } else {
+                let borders = match &mut borders {
+                    Some(borders) => borders,
+                    none => none.insert(borders_of(job, uses, used, json)?),
+                };
+                let pose = pose.map(|(_, pose)| pose);
+                let pieces = read(job, primitive, &needs, scale, pose, borders, &place)?;
+                let number = batch.add(pieces);
+                shared.insert(key, number);
+                number
+            };
+            draft.primitives.push((number, material));
+            if batch.elements >= BATCH_ELEMENTS {
+                batch.finish(job)?;
+            }
         }
-        meshes.push(mesh);
+        drafts.push(draft);
     }
-    job.step("meshes", done, total as u64)?;
-    Ok(meshes)
+    batch.finish(job)?;
+    Ok(drafts.into_iter().map(|draft| batch.mesh(draft)).collect())
+}
+
+/// Pieces whose levels are made together, and what was written of earlier ones.
+#[derive(Default)]
+struct Batch {
+    /// Each with the number of its primitive.
+    pieces: Vec<(usize, Piece)>,
+    /// Triangles, lines and points of `pieces`.
+    elements: usize,
+    /// The pieces of each primitive.
+    written: Vec<Vec<Primitive>>,
+    /// Primitives that were read, of `total`.
+    read: u64,
+    total: u64,
+}
+
+impl Batch {
+    /// Adds the pieces of a primitive; gives its number.
+    fn add(&mut self, pieces: Vec<Piece>) -> usize {
+        let number = self.written.len();
+        self.elements += pieces.iter().map(Piece::element_count).sum::<usize>();
+        self.pieces.extend(pieces.into_iter().map(|piece| (number, piece)));
+        self.written.push(Vec::new());
+        number
+    }
+
+    /// Makes the levels of all pieces on all cores, and writes them in order.
+    fn finish(&mut self, job: &mut BakeJob<'_>) -> Result<(), BakeError> {
+        job.step("levels", self.read, self.total)?;
+        self.elements = 0;
+        let pieces = std::mem::take(&mut self.pieces);
+        let cancel = job.cancel;
+        let finish = |(number, piece): (usize, Piece)| Ok((number, piece.finish(cancel)?));
+        let blobs: Vec<(usize, Blob)> =
+            pieces.into_par_iter().map(finish).collect::<Result<_, BakeError>>()?;
+        for (number, Blob { bytes, primitive, levels, place }) in blobs {
+            let blob = job.write(&bytes, &place)?;
+            job.levels.add(&levels, 1.0);
+            self.written[number].push(Primitive { blob, ..primitive });
+        }
+        Ok(())
+    }
+
+    fn mesh(&self, draft: Draft) -> Mesh {
+        let primitives = draft.primitives.into_iter().flat_map(|(number, material)| {
+            let pieces = self.written[number].iter();
+            pieces.map(move |piece| Primitive { material, ..piece.clone() })
+        });
+        Mesh { name: draft.name, primitives: primitives.collect() }
+    }
+}
+
+/// The surfaces of a mesh, each with its number among the primitives.
+fn surfaces(uses: &Meshes, used: MeshUse, json: &document::Mesh) -> Vec<(usize, SurfaceKey)> {
+    let is_surface = |primitive: &document::Primitive| {
+        topology::of_mode(primitive.mode) == Some(Topology::Triangles)
+    };
+    let primitives = json.primitives.iter().enumerate();
+    let key = |(i, primitive): (usize, &document::Primitive)| {
+        let pose = uses.pose(used, primitive).map(|(index, _)| index);
+        let positions = primitive.attributes.get("POSITION").copied();
+        is_surface(primitive).then_some((i, (positions, primitive.indices, pose)))
+    };
+    primitives.filter_map(key).collect()
+}
+
+/// The positions that several surfaces of a mesh have.
+fn borders_of(
+    job: &mut BakeJob<'_>,
+    uses: &Meshes,
+    used: MeshUse,
+    json: &document::Mesh,
+) -> Result<Borders, BakeError> {
+    let surfaces = surfaces(uses, used, json);
+    let mut borders = Borders::default();
+    for &(i, _) in surfaces.iter().filter(|_| surfaces.len() > 1) {
+        job.check()?;
+        let primitive = &json.primitives[i];
+        let pose = uses.pose(used, primitive).map(|(_, pose)| pose);
+        // What is wrong with one is said when it is read for itself.
+        let positions = geometry::used_positions(job, primitive, pose).unwrap_or_default();
+        borders.add(i as u32, positions.into_iter());
+    }
+    Ok(borders)
 }
 
 fn key(
@@ -92,18 +206,20 @@ fn key(
         keeps_order: needs.keeps_order,
         scale: scale.to_bits(),
         pose,
+        neighbors: Vec::new(),
     }
 }
 
-/// Writes one primitive in pieces.
-fn write(
+/// Reads one primitive in pieces. `borders` has the positions that it shares with others.
+fn read(
     job: &mut BakeJob<'_>,
     json: &document::Primitive,
     needs: &VertexRequirements,
     scale: f64,
     pose: Option<&Pose>,
+    borders: &Borders,
     place: &str,
-) -> Result<Vec<Primitive>, BakeError> {
+) -> Result<Vec<Piece>, BakeError> {
     let Some(mut geometry) = geometry::read(job, json, needs, pose, place)? else {
         return Ok(Vec::new());
     };
@@ -116,7 +232,7 @@ fn write(
     job.check()?;
     let arity = topology::arity(geometry.topology);
     let pieces = split::split(&geometry.positions, &geometry.indices, arity, scale, job.cancel)?;
-    let mut writer = Writer {
+    let mut reader = PieceReader {
         layout: VertexLayout {
             // Lines and points with a normal map get a tangent too: one layout per material.
             tangent: needs.normal_map.is_some(),
@@ -125,15 +241,18 @@ fn write(
             color: geometry.colors.is_some(),
         },
         new_of: vec![u32::MAX; geometry.positions.len()],
+        is_locked: Vec::new(),
         geometry,
         keeps_order: needs.keeps_order,
+        scale,
     };
-    let mut written = Vec::with_capacity(pieces.ranges.len());
+    reader.is_locked = reader.locked(&pieces, borders);
+    let mut read = Vec::with_capacity(pieces.ranges.len());
     for range in pieces.ranges {
         job.check()?;
-        written.push(writer.write(job, &pieces.elements[range], place)?);
+        read.push(reader.read(job, &pieces.elements[range], place)?);
     }
-    Ok(written)
+    Ok(read)
 }
 
 /// A vertex of a piece: which of the primitive's it is, and a corner that it stands at.
@@ -143,54 +262,52 @@ struct Vertex {
     corner: u32,
 }
 
-struct Writer {
+struct PieceReader {
     geometry: Geometry,
     layout: VertexLayout,
     keeps_order: bool,
+    scale: f64,
     /// The piece's number of each of the primitive's vertices; all unset between pieces.
     new_of: Vec<u32>,
+    /// Whether each of the primitive's vertices is at the position of another piece.
+    is_locked: Vec<bool>,
 }
 
-impl Writer {
-    fn write(
+impl PieceReader {
+    fn read(
         &mut self,
-        job: &mut BakeJob<'_>,
+        job: &BakeJob<'_>,
         elements: &[u32],
         place: &str,
-    ) -> Result<Primitive, BakeError> {
+    ) -> Result<Piece, BakeError> {
         let is_shared = self.geometry.normals.is_some()
             && !matches!(self.geometry.tangents, Tangents::Corner(_));
-        let (mut indices, vertices) =
+        let (indices, vertices) =
             if is_shared { self.gather(elements) } else { self.weld(elements, job.cancel)? };
-        let topology = self.geometry.topology;
-        if topology == Topology::Triangles && !self.keeps_order {
-            vertex_cache::triangles(&mut indices, vertices.len());
-        }
-        let order = vertex_cache::vertices(&mut indices, vertices.len());
-        let vertices: Vec<Vertex> = order.iter().map(|&old| vertices[old as usize]).collect();
-
-        let is_short = vertices.len() <= U16_VERTICES_MAX;
-        let bytes_max = vertices.len() * self.layout.stride() as usize + indices.len() * 4;
-        let mut bytes = Vec::with_capacity(bytes_max);
-        let (min, max) = self.interleave(&vertices, &mut bytes);
-        for &index in &indices {
-            let index = index.to_le_bytes();
-            bytes.extend_from_slice(if is_short { &index[..2] } else { &index });
-        }
-        Ok(Primitive {
-            blob: job.write(&bytes, place)?,
+        let is_locked = vertices.iter().map(|vertex| self.is_locked[vertex.source as usize]);
+        Ok(Piece {
+            topology: self.geometry.topology,
             layout: self.layout,
-            vertex_count: vertices.len() as u32,
-            index_count: indices.len() as u32,
-            coarser_index_count: 0,
-            meshlet_count: 0,
-            index_format: if is_short { IndexFormat::U16 } else { IndexFormat::U32 },
-            topology,
-            material: None,
-            origin: DVec3::ZERO,
-            min,
-            max,
+            is_locked: is_locked.collect(),
+            vertices: self.interleave(&vertices),
+            indices,
+            keeps_order: self.keeps_order,
+            scale: self.scale,
+            place: place.to_owned(),
         })
+    }
+
+    /// Says of each vertex whether another piece or another surface of the mesh has its position.
+    fn locked(&self, pieces: &Pieces, others: &Borders) -> Vec<bool> {
+        let position = |vertex: u32| self.geometry.positions[vertex as usize];
+        let mut own = Borders::default();
+        for (part, range) in (0..).zip(&pieces.ranges).filter(|_| pieces.ranges.len() > 1) {
+            let corners = self.corners(&pieces.elements[range.clone()]);
+            let vertices = corners.map(|corner| self.geometry.indices[corner as usize]);
+            own.add(part, vertices.map(position));
+        }
+        let positions = self.geometry.positions.iter();
+        positions.map(|at| own.contains(*at) || others.contains(*at)).collect()
     }
 
     fn corners<'a>(&'a self, elements: &'a [u32]) -> impl Iterator<Item = u32> + 'a {
@@ -260,33 +377,22 @@ impl Writer {
         }
     }
 
-    /// Appends the vertices as the file has them; gives the box around them.
-    ///
-    /// They are not moved to the middle of the piece: that would round each, and differently in
-    /// every piece. As they are, they are exact, and pieces meet in equal bits; the renderer takes
-    /// what is large from them before anything is rounded.
-    fn interleave(&self, vertices: &[Vertex], bytes: &mut Vec<u8>) -> (Vec3, Vec3) {
+    /// Gives the vertices as the file has them, in the order of the layout.
+    fn interleave(&self, vertices: &[Vertex]) -> Vec<f32> {
         let geometry = &self.geometry;
-        let (mut min, mut max) = (Vec3::MAX, Vec3::MIN);
+        let mut floats = Vec::with_capacity(vertices.len() * self.layout.stride() as usize / 4);
         for vertex in vertices {
             let source = vertex.source as usize;
-            let position = Vec3::from(geometry.positions[source]);
-            (min, max) = (min.min(position), max.max(position));
-            let mut put = |values: &[f32]| {
-                for value in values {
-                    bytes.extend_from_slice(&value.to_le_bytes());
-                }
-            };
-            put(&position.to_array());
-            put(&self.normal(*vertex));
+            floats.extend(geometry.positions[source]);
+            floats.extend(self.normal(*vertex));
             if self.layout.tangent {
-                put(&self.tangent(*vertex));
+                floats.extend(self.tangent(*vertex));
             }
-            geometry.uvs.iter().flatten().for_each(|uv| put(&uv[source]));
+            geometry.uvs.iter().flatten().for_each(|uv| floats.extend(uv[source]));
             if let Some(colors) = &geometry.colors {
-                put(&colors[source]);
+                floats.extend(colors[source]);
             }
         }
-        (min, max)
+        floats
     }
 }

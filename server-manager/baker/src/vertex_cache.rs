@@ -1,15 +1,15 @@
 //! The order of triangles and vertices: neighbours in space become neighbours in memory.
 //!
 //! Triangles are ordered by Tipsify (Sander, Nehab, Barczak: "Fast Triangle Reordering for
-//! Vertex Locality and Reduced Overdraw", SIGGRAPH 2007), which takes linear time; vertices
+//! Vertex Locality and Reduced Overdraw", SIGGRAPH 2007) in linear time; vertices
 //! follow in the order of their first use.
 
 /// Vertices that a processor is taken to remember: small, so that the order serves all of them.
-const CACHE: u32 = 16;
+pub(super) const CACHE: u32 = 16;
 
 /// Orders a list of triangles over `vertices` vertices, unless it is already better than that.
 pub(super) fn triangles(indices: &mut Vec<u32>, vertices: usize) {
-    let ordered = tipsify(indices, vertices);
+    let ordered = meshopt::optimize_vertex_cache_fifo(indices, vertices, CACHE);
     if misses(&ordered, vertices) < misses(indices, vertices) {
         *indices = ordered;
     }
@@ -42,83 +42,6 @@ fn misses(indices: &[u32], vertices: usize) -> usize {
         }
     }
     (time - CACHE - 1) as usize
-}
-
-/// Which triangles each vertex has: those of vertex `v` are `list[start[v]..start[v + 1]]`.
-struct Adjacency {
-    start: Vec<u32>,
-    list: Vec<u32>,
-}
-
-impl Adjacency {
-    fn new(indices: &[u32], vertices: usize) -> Self {
-        let mut start = vec![0u32; vertices + 1];
-        for &index in indices {
-            start[index as usize + 1] += 1;
-        }
-        (0..vertices).for_each(|vertex| start[vertex + 1] += start[vertex]);
-        let mut next = start.clone();
-        let mut list = vec![0u32; indices.len()];
-        for (corner, &index) in indices.iter().enumerate() {
-            let slot = &mut next[index as usize];
-            list[*slot as usize] = (corner / 3) as u32;
-            *slot += 1;
-        }
-        Self { start, list }
-    }
-
-    fn of(&self, vertex: u32) -> &[u32] {
-        let vertex = vertex as usize;
-        &self.list[self.start[vertex] as usize..self.start[vertex + 1] as usize]
-    }
-}
-
-fn tipsify(indices: &[u32], vertices: usize) -> Vec<u32> {
-    let adjacency = Adjacency::new(indices, vertices);
-    let mut live: Vec<u32> = (0..vertices as u32).map(|v| adjacency.of(v).len() as u32).collect();
-    let mut entered = vec![0u32; vertices];
-    let mut is_done = vec![false; indices.len() / 3];
-    let mut out = Vec::with_capacity(indices.len());
-    let mut dead_ends: Vec<u32> = Vec::new();
-    let mut ring: Vec<u32> = Vec::new();
-    let (mut time, mut cursor) = (CACHE + 1, 0usize);
-    let mut fan = indices.first().copied();
-    while let Some(hub) = fan {
-        ring.clear();
-        for &triangle in adjacency.of(hub) {
-            if std::mem::replace(&mut is_done[triangle as usize], true) {
-                continue;
-            }
-            let first = triangle as usize * 3;
-            for &vertex in &indices[first..first + 3] {
-                out.push(vertex);
-                ring.push(vertex);
-                live[vertex as usize] -= 1;
-                if time - entered[vertex as usize] > CACHE {
-                    entered[vertex as usize] = time;
-                    time += 1;
-                }
-            }
-        }
-        dead_ends.extend(&ring);
-        // The vertex that entered longest ago and will still be there when its fan is drawn.
-        let age = |&vertex: &u32| {
-            let age = time - entered[vertex as usize];
-            if age + 2 * live[vertex as usize] <= CACHE { age } else { 0 }
-        };
-        let alive = ring.iter().copied().filter(|&vertex| live[vertex as usize] > 0);
-        fan = alive.max_by_key(age).or_else(|| {
-            while let Some(vertex) = dead_ends.pop() {
-                if live[vertex as usize] > 0 {
-                    return Some(vertex);
-                }
-            }
-            let rest = live.get(cursor..)?.iter().position(|&live| live > 0)?;
-            cursor += rest;
-            Some(cursor as u32)
-        });
-    }
-    out
 }
 
 #[cfg(test)]

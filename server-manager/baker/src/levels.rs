@@ -1,0 +1,143 @@
+//! Levels of detail: a hierarchy of meshlets whose coarser ones name the same vertices.
+//!
+//! ```text
+//! source -> hierarchy: cut into meshlets -> group neighbours -> patch: simplify, measure -> cut ...
+//!                                              deviation, appearance -> error of the group
+//! ```
+//!
+//! The error of a coarser meshlet is an upper bound of the distance between its level and the
+//! finest one, in both directions. That of one step is proven by [`deviation`], up to a rounding
+//! that is added; errors of steps are added up, since distances obey the triangle inequality. A
+//! texture that slides by more than that raises the error, but that is sampled: see [`appearance`].
+//!
+//! Borders between parts that are replaced on their own stay as they are, as do the vertices that
+//! other pieces of the mesh have at the same positions, so that any parts meet without a crack.
+
+mod appearance;
+mod cone;
+mod convex_polygon;
+mod deviation;
+mod enclosing_sphere;
+mod hierarchy;
+mod patch;
+mod source;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod triangle_set;
+
+use std::sync::atomic::AtomicBool;
+
+use glam::DVec3;
+use polyptych_scene::meshlet::Meshlet;
+
+use super::BakedLevel;
+use super::error::BakeError;
+use hierarchy::Cluster;
+use source::Source;
+pub(super) use surface::Surface;
+
+/// Fewer triangles than this cost less than another level.
+const TRIANGLES_MIN: usize = 32;
+
+/// The triangles of all levels of a surface.
+#[derive(Clone, Debug)]
+pub(super) struct Levels {
+    /// The triangles of the finest level, as many as were given, then those of coarser ones.
+    pub indices: Vec<u32>,
+    /// Those of the finest level first.
+    pub meshlets: Vec<Meshlet>,
+    /// What was made, of each level.
+    pub facts: LevelFacts,
+}
+
+/// What coarser levels are worth.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct LevelFacts {
+    /// The triangles of each level, the finest first.
+    pub triangles: Vec<u64>,
+    /// The largest error of each level, in units of the primitive's space times a scale.
+    pub errors: Vec<f64>,
+    /// The largest angle by which a normal differs at a removed vertex, in radians.
+    pub normal_angle: f64,
+}
+
+impl LevelFacts {
+    /// Adds the levels of another surface, of which one unit is `scale` of the sum's.
+    pub fn add(&mut self, other: &Self, scale: f64) {
+        let levels = self.triangles.len().max(other.triangles.len());
+        self.triangles.resize(levels, 0);
+        self.errors.resize(levels, 0.0);
+        for (sum, triangles) in self.triangles.iter_mut().zip(&other.triangles) {
+            *sum += triangles;
+        }
+        for (most, error) in self.errors.iter_mut().zip(&other.errors) {
+            *most = most.max(error * scale);
+        }
+        self.normal_angle = self.normal_angle.max(other.normal_angle);
+    }
+
+    /// Returns them as a bake reports them; errors must be in metres.
+    pub fn list(&self) -> Vec<BakedLevel> {
+        let levels = self.triangles.iter().zip(&self.errors);
+        levels.map(|(&triangles, &error_m)| BakedLevel { triangles, error_m }).collect()
+    }
+}
+
+/// Makes the levels of a surface; `None` if it is too small, or nothing of it can be spared.
+///
+/// # Errors
+/// [`BakeError::Cancelled`].
+pub(super) fn build(
+    surface: Surface<'_>,
+    cancel: &AtomicBool,
+) -> Result<Option<Levels>, BakeError> {
+    if surface.indices.len() < TRIANGLES_MIN * 3 {
+        return Ok(None);
+    }
+    let source = Source::new(surface);
+    let hierarchy = hierarchy::build(&source, cancel)?;
+    let is_divided = hierarchy.clusters.len() > 1 && !surface.keeps_order;
+    if hierarchy.clusters.iter().all(|cluster| cluster.level == 0) && !is_divided {
+        return Ok(None);
+    }
+    let normal_angle = hierarchy.normal_angle;
+    let mut levels = Levels {
+        indices: Vec::new(),
+        meshlets: Vec::with_capacity(hierarchy.clusters.len()),
+        facts: LevelFacts { normal_angle, ..LevelFacts::default() },
+    };
+    for cluster in &hierarchy.clusters {
+        levels.meshlets.push(meshlet(&surface, cluster, levels.indices.len()));
+        levels.indices.extend(&cluster.indices);
+        let mut triangles = vec![0; cluster.level + 1];
+        let mut errors = vec![0.0; cluster.level + 1];
+        triangles[cluster.level] = cluster.indices.len() as u64 / 3;
+        errors[cluster.level] = f64::from(cluster.error);
+        levels.facts.add(&LevelFacts { triangles, errors, normal_angle: 0.0 }, 1.0);
+    }
+    // What no 32-bit number counts is drawn at full detail.
+    Ok(u32::try_from(levels.indices.len()).is_ok().then_some(levels))
+}
+
+fn meshlet(surface: &Surface<'_>, cluster: &Cluster, first_index: usize) -> Meshlet {
+    let points = cluster.indices.iter().map(|vertex| surface.position(*vertex));
+    let bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (min, max) = points.fold(bounds, |(min, max), point| (min.min(point), max.max(point)));
+    let triangles = cluster.indices.as_chunks::<3>().0.iter();
+    let corners = triangles.map(|corners| corners.map(|vertex| surface.position(vertex)));
+    let cone = cone::around_normals(corners);
+    Meshlet {
+        first_index: first_index as u32,
+        index_count: cluster.indices.len() as u32,
+        // Positions of f32, so exact.
+        min: min.as_vec3(),
+        max: max.as_vec3(),
+        cone_axis: cone.axis,
+        cone_sine: cone.sine,
+        error: cluster.error,
+        sphere: cluster.sphere,
+        coarser_error: cluster.coarser_error,
+        coarser_sphere: cluster.coarser_sphere,
+    }
+}

@@ -1,0 +1,279 @@
+//! The hierarchy of meshlets: groups of neighbours are simplified and cut into meshlets again,
+//! until nothing can be spared.
+
+use std::collections::HashSet;
+use std::sync::atomic::AtomicBool;
+
+use polyptych_scene::meshlet::ErrorSphere;
+use rayon::prelude::*;
+
+use super::enclosing_sphere::{around_points, around_spheres, round_up};
+use super::patch::{Patch, Simplified};
+use super::source::{Source, adapter};
+use crate::check;
+use crate::error::BakeError;
+use crate::vertex_cache::CACHE;
+
+/// Triangles of a meshlet at most; a multiple of 4.
+pub(super) const MESHLET_TRIANGLES: usize = 128;
+
+/// Triangles of a meshlet at least where there are as many; a multiple of 4.
+const MESHLET_TRIANGLES_MIN: usize = 40;
+
+/// Vertices of a meshlet at most: all that meshoptimizer can count.
+const MESHLET_VERTICES: usize = 256;
+
+/// How much a meshlet's normals count beside its extent: meshoptimizer's documentation advises
+/// 0.25 where meshlets are culled by their cones.
+const CONE_WEIGHT: f32 = 0.25;
+
+/// Meshlets larger than this times the expected size are split, as meshoptimizer's own builder of
+/// hierarchies does.
+const SPLIT_FACTOR: f32 = 2.0;
+
+/// Meshlets that are simplified together: enough that most vertices are not on the border, few
+/// enough that a view needs few levels of other parts.
+const GROUP_MESHLETS: usize = 16;
+
+/// Groups that a meshlet may be in which could not be simplified, before it is coarsest.
+const TRIES: u8 = 2;
+
+/// Triangles that are drawn together, and what replaces them.
+#[derive(Clone, Debug)]
+pub(super) struct Cluster {
+    /// Three for each triangle.
+    pub indices: Vec<u32>,
+    /// 0 is the finest.
+    pub level: usize,
+    /// See [`polyptych_scene::meshlet::Meshlet::error`].
+    pub error: f32,
+    /// The sphere of `error`.
+    pub sphere: ErrorSphere,
+    /// The number of the group that it is replaced with.
+    pub group: usize,
+    /// The error of what replaces the group; infinite if nothing does.
+    pub coarser_error: f32,
+    /// The sphere of `coarser_error`.
+    pub coarser_sphere: ErrorSphere,
+    tries: u8,
+}
+
+/// The meshlets of all levels of a surface.
+#[derive(Debug, Default)]
+pub(super) struct Hierarchy {
+    /// The finest first, those of a group in a row.
+    pub clusters: Vec<Cluster>,
+    /// The largest angle by which normals differ at removed vertices, in radians.
+    pub normal_angle: f64,
+}
+
+/// Makes the hierarchy of a surface.
+pub(super) fn build(source: &Source<'_>, cancel: &AtomicBool) -> Result<Hierarchy, BakeError> {
+    let mut builder = Builder {
+        source,
+        hierarchy: Hierarchy::default(),
+        groups: 0,
+        kept: vec![false; source.welded.len()],
+    };
+    let mut open = builder.cut(source.surface.indices, 0, 0.0, None);
+    while !open.is_empty() {
+        check(cancel)?;
+        open = builder.coarsen(open, cancel)?;
+    }
+    let mut hierarchy = builder.hierarchy;
+    hierarchy.clusters.sort_by_key(|cluster| (cluster.level, cluster.group));
+    Ok(hierarchy)
+}
+
+struct Builder<'a> {
+    source: &'a Source<'a>,
+    hierarchy: Hierarchy,
+    /// Groups so far.
+    groups: usize,
+    /// Whether each position is that of a coarsest meshlet, which its neighbours must go on to
+    /// meet; named by the first vertex there.
+    kept: Vec<bool>,
+}
+
+impl Builder<'_> {
+    /// Cuts triangles into meshlets; the finest ones bring their own spheres.
+    fn cut(
+        &self,
+        triangles: &[u32],
+        level: usize,
+        error: f32,
+        sphere: Option<ErrorSphere>,
+    ) -> Vec<Cluster> {
+        let parts = cut(self.source, triangles).into_iter();
+        let position = |vertex: &u32| self.source.surface.position(*vertex);
+        let cluster = |indices: Vec<u32>| {
+            let sphere = sphere.unwrap_or_else(|| around_points(indices.iter().map(position)));
+            let coarser_error = f32::INFINITY;
+            let (group, tries, coarser_sphere) = (0, 0, sphere);
+            Cluster { indices, level, error, sphere, group, coarser_error, coarser_sphere, tries }
+        };
+        parts.map(cluster).collect()
+    }
+
+    /// Replaces groups of neighbours by fewer triangles. Gives the new meshlets, and those that may
+    /// be replaced with other neighbours.
+    fn coarsen(
+        &mut self,
+        open: Vec<Cluster>,
+        cancel: &AtomicBool,
+    ) -> Result<Vec<Cluster>, BakeError> {
+        let groups = self.group(open);
+        let borders = self.borders(&groups);
+        let simplify = |group: &Vec<Cluster>| {
+            check(cancel)?;
+            let triangles: Vec<u32> = group.iter().flat_map(|c| &c.indices).copied().collect();
+            let prior = group.iter().map(|cluster| f64::from(cluster.error)).fold(0.0, f64::max);
+            let is_locked = |vertex: u32| {
+                let at = self.source.welded[vertex as usize];
+                borders.contains(&at) || self.kept[at as usize]
+            };
+            let simplified = Patch::new(self.source, &triangles).simplify(is_locked, prior);
+            Ok(simplified.and_then(|simplified| Replacement::new(group, simplified, prior)))
+        };
+        let replacements: Vec<Option<Replacement>> =
+            groups.par_iter().map(simplify).collect::<Result<_, BakeError>>()?;
+        let is_stuck = replacements.iter().all(Option::is_none);
+        let mut next = Vec::new();
+        for (group, replacement) in groups.into_iter().zip(replacements) {
+            match replacement {
+                Some(replacement) => next.extend(self.replace(group, replacement)),
+                None => next.extend(self.retry(group, is_stuck)),
+            }
+        }
+        Ok(next)
+    }
+
+    /// Keeps a group, and gives the meshlets that replace it.
+    fn replace(&mut self, group: Vec<Cluster>, by: Replacement) -> Vec<Cluster> {
+        let level = group.iter().map(|cluster| cluster.level).max().unwrap_or(0) + 1;
+        let angle = &mut self.hierarchy.normal_angle;
+        *angle = angle.max(by.simplified.normal_angle);
+        self.hierarchy.clusters.extend(group.into_iter().map(|cluster| Cluster {
+            group: self.groups,
+            coarser_error: by.error,
+            coarser_sphere: by.sphere,
+            ..cluster
+        }));
+        self.groups += 1;
+        self.cut(&by.simplified.indices, level, by.error, Some(by.sphere))
+    }
+
+    /// Gives those of a group that could not be simplified which may be in another one, and keeps
+    /// the others as the coarsest ones.
+    fn retry(&mut self, group: Vec<Cluster>, is_last: bool) -> Vec<Cluster> {
+        let (mut open, number) = (Vec::new(), self.groups);
+        self.groups += 1;
+        for cluster in group {
+            let tries = cluster.tries + 1;
+            if tries < TRIES && !is_last {
+                open.push(Cluster { tries, ..cluster });
+                continue;
+            }
+            for vertex in &cluster.indices {
+                self.kept[self.source.welded[*vertex as usize] as usize] = true;
+            }
+            self.hierarchy.clusters.push(Cluster { group: number, ..cluster });
+        }
+        open
+    }
+
+    /// Groups neighbours, and orders the groups by their place.
+    fn group(&self, open: Vec<Cluster>) -> Vec<Vec<Cluster>> {
+        let positions = adapter(&self.source.scaled);
+        let Some(positions) = positions.filter(|_| self.is_divided(&open)) else {
+            return vec![open];
+        };
+        let mut group_of = vec![0; open.len()];
+        let welded = |vertex: &u32| self.source.welded[*vertex as usize];
+        let vertices: Vec<u32> = open.iter().flat_map(|c| c.indices.iter().map(welded)).collect();
+        let counts: Vec<u32> = open.iter().map(|cluster| cluster.indices.len() as u32).collect();
+        let count = meshopt::partition_clusters_with_positions(
+            &mut group_of,
+            &vertices,
+            &counts,
+            &positions,
+            GROUP_MESHLETS,
+        );
+        let mut groups: Vec<Vec<Cluster>> = (0..count).map(|_| Vec::new()).collect();
+        for (cluster, group) in open.into_iter().zip(group_of) {
+            groups[group as usize].push(cluster);
+        }
+        groups.retain(|group| !group.is_empty());
+        let place = |group: &Vec<Cluster>| self.source.scaled[group[0].indices[0] as usize];
+        let places: Vec<[f32; 3]> = groups.iter().map(place).collect();
+        let Some(places) = adapter(&places) else { return groups };
+        let mut ordered: Vec<_> = meshopt::spatial_sort_remap(&places).into_iter().zip(groups).collect();
+        ordered.sort_by_key(|(order, _)| *order);
+        ordered.into_iter().map(|(_, group)| group).collect()
+    }
+
+    /// Returns whether parts of the surface have levels of their own. What is drawn in order is
+    /// replaced as a whole.
+    fn is_divided(&self, open: &[Cluster]) -> bool {
+        open.len() > GROUP_MESHLETS && !self.source.surface.keeps_order
+    }
+
+    /// Returns the positions that several groups have, named by the first vertex there.
+    fn borders(&self, groups: &[Vec<Cluster>]) -> HashSet<u32> {
+        let mut group_at = vec![0; self.source.welded.len()];
+        let mut borders = HashSet::new();
+        for (number, group) in (1..).zip(groups) {
+            for vertex in group.iter().flat_map(|cluster| &cluster.indices) {
+                let at = self.source.welded[*vertex as usize];
+                let known = &mut group_at[at as usize];
+                if *known != 0 && *known != number {
+                    borders.insert(at);
+                }
+                *known = number;
+            }
+        }
+        borders
+    }
+}
+
+/// What replaces a group.
+struct Replacement {
+    simplified: Simplified,
+    error: f32,
+    sphere: ErrorSphere,
+}
+
+impl Replacement {
+    /// The replacement of a group whose largest error is `prior`; `None` if its error is no number
+    /// of f32.
+    fn new(group: &[Cluster], simplified: Simplified, prior: f64) -> Option<Self> {
+        let error = round_up(prior + simplified.error);
+        let sphere = around_spheres(group.iter().map(|cluster| cluster.sphere));
+        error.is_finite().then_some(Self { simplified, error, sphere })
+    }
+}
+
+/// Cuts triangles into the runs of meshlets.
+fn cut(source: &Source<'_>, triangles: &[u32]) -> Vec<Vec<u32>> {
+    let whole = || triangles.chunks(MESHLET_TRIANGLES * 3).map(<[u32]>::to_vec).collect();
+    if source.surface.keeps_order {
+        return whole();
+    }
+    let Some(positions) = source.adapter() else { return whole() };
+    let meshlets = meshopt::build_meshlets_flex(
+        triangles,
+        &positions,
+        MESHLET_VERTICES,
+        MESHLET_TRIANGLES_MIN,
+        MESHLET_TRIANGLES,
+        CONE_WEIGHT,
+        SPLIT_FACTOR,
+    );
+    let run = |meshlet: meshopt::Meshlet<'_>| -> Vec<u32> {
+        let local: Vec<u32> = meshlet.triangles.iter().map(|index| u32::from(*index)).collect();
+        let count = meshlet.vertices.len();
+        let ordered = meshopt::optimize_vertex_cache_fifo(&local, count, CACHE);
+        ordered.into_iter().map(|index| meshlet.vertices[index as usize]).collect()
+    };
+    meshlets.iter().map(run).collect()
+}

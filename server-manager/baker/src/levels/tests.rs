@@ -1,0 +1,1 @@
+//! Levels of surfaces made in code.

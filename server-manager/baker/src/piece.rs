@@ -1,0 +1,136 @@
+//! A piece of a primitive on its way to its blob: ordered, with its levels of detail.
+
+use std::sync::atomic::AtomicBool;
+
+use glam::{DVec3, Vec3};
+use polyptych_files::blob::BlobHash;
+use polyptych_scene::meshlet::Meshlet;
+use polyptych_scene::{IndexFormat, Primitive, Topology, VertexLayout};
+
+use super::error::BakeError;
+use super::levels::{self, LevelFacts, Surface};
+use super::vertex_cache;
+
+/// Most vertices that 16-bit indices are used for: 65,535 is left free, as it restarts strips.
+const U16_VERTICES_MAX: usize = 65_535;
+
+/// Vertices and indices as they came from the source.
+#[derive(Debug)]
+pub(super) struct Piece {
+    pub topology: Topology,
+    pub layout: VertexLayout,
+    /// Vertices of `layout`, in f32.
+    pub vertices: Vec<f32>,
+    /// What makes the elements; each vertex is used.
+    pub indices: Vec<u32>,
+    /// Whether each vertex has a position that another part of the mesh has too.
+    pub is_locked: Vec<bool>,
+    /// Whether the elements are drawn in the order of the source.
+    pub keeps_order: bool,
+    /// Metres that one unit is drawn as, at most.
+    pub scale: f64,
+    /// The primitive in the file, for messages.
+    pub place: String,
+}
+
+/// A piece as it is stored.
+#[derive(Debug)]
+pub(super) struct Blob {
+    pub bytes: Vec<u8>,
+    /// What is in the bytes; it has yet to be told their hash and the material.
+    pub primitive: Primitive,
+    /// The levels, with their errors in metres.
+    pub levels: LevelFacts,
+    pub place: String,
+}
+
+impl Piece {
+    /// Returns the number of elements.
+    pub(super) fn element_count(&self) -> usize {
+        self.indices.len() / super::topology::arity(self.topology)
+    }
+
+    /// Makes the levels and the bytes.
+    ///
+    /// # Errors
+    /// [`BakeError::Cancelled`].
+    pub(super) fn finish(mut self, cancel: &AtomicBool) -> Result<Blob, BakeError> {
+        let fine_count = self.indices.len();
+        let mut meshlets = Vec::new();
+        let mut facts = LevelFacts::default();
+        let levels = if self.topology == Topology::Triangles { self.levels(cancel)? } else { None };
+        if let Some(levels) = levels {
+            self.indices = levels.indices;
+            meshlets = levels.meshlets;
+            facts.add(&levels.facts, self.scale);
+        } else if self.topology == Topology::Triangles {
+            let triangles = vec![fine_count as u64 / 3];
+            facts = LevelFacts { triangles, errors: vec![0.0], normal_angle: 0.0 };
+            if !self.keeps_order {
+                vertex_cache::triangles(&mut self.indices, self.is_locked.len());
+            }
+        }
+        let order = vertex_cache::vertices(&mut self.indices, self.is_locked.len());
+        let (primitive, bytes) = self.lay_out(&order, fine_count, &meshlets);
+        Ok(Blob { bytes, primitive, levels: facts, place: self.place })
+    }
+
+    fn levels(&self, cancel: &AtomicBool) -> Result<Option<levels::Levels>, BakeError> {
+        let surface = Surface {
+            layout: self.layout,
+            vertices: &self.vertices,
+            indices: &self.indices,
+            is_locked: &self.is_locked,
+            keeps_order: self.keeps_order,
+        };
+        levels::build(surface, cancel)
+    }
+
+    /// Gives the bytes, and what is in them. `order` has the old number of each vertex.
+    ///
+    /// Vertices are not moved to the middle of the piece: that would round each, and differently in
+    /// every piece. As they are, they are exact, and pieces meet in equal bits; the renderer takes
+    /// what is large from them before anything is rounded.
+    fn lay_out(
+        &self,
+        order: &[u32],
+        fine_count: usize,
+        meshlets: &[Meshlet],
+    ) -> (Primitive, Vec<u8>) {
+        let is_short = order.len() <= U16_VERTICES_MAX;
+        let floats = self.layout.stride() as usize / 4;
+        let mut bytes = Vec::with_capacity(
+            self.vertices.len() * 4 + self.indices.len() * 4 + meshlets.len() * Meshlet::BYTES + 4,
+        );
+        let (mut min, mut max) = (Vec3::MAX, Vec3::MIN);
+        for &old in order {
+            let vertex = &self.vertices[old as usize * floats..][..floats];
+            let position = Vec3::new(vertex[0], vertex[1], vertex[2]);
+            (min, max) = (min.min(position), max.max(position));
+            bytes.extend(vertex.iter().flat_map(|value| value.to_le_bytes()));
+        }
+        for &index in &self.indices {
+            let index = index.to_le_bytes();
+            bytes.extend_from_slice(if is_short { &index[..2] } else { &index });
+        }
+        if !meshlets.is_empty() {
+            bytes.resize(bytes.len().next_multiple_of(4), 0);
+        }
+        bytes.extend(meshlets.iter().flat_map(Meshlet::to_bytes));
+        let primitive = Primitive {
+            blob: BlobHash([0; 32]),
+            layout: self.layout,
+            vertex_count: order.len() as u32,
+            index_count: fine_count as u32,
+            coarser_index_count: (self.indices.len() - fine_count) as u32,
+            meshlet_count: meshlets.len() as u32,
+            index_format: if is_short { IndexFormat::U16 } else { IndexFormat::U32 },
+            topology: self.topology,
+            material: None,
+            origin: DVec3::ZERO,
+            min,
+            max,
+        };
+        (primitive, bytes)
+    }
+}
