@@ -8,11 +8,11 @@ use std::collections::BTreeSet;
 
 use glam::{DAffine3, DMat4, DVec3};
 
-use super::cull::FrustumPlanes;
-use super::pipeline::{Cull, InstanceRecord};
+use super::error_tolerance::ErrorTolerance;
+use super::item_draws::ItemDraws;
+use super::pipeline::InstanceRecord;
 use super::scene::{
-    Billboard, Bounds, DrawItem, EyeRelativeTransform, GpuScene, Meshlet, Selection, Stance,
-    relative_to,
+    Billboard, Bounds, DrawItem, EyeRelativeTransform, GpuScene, Selection, Stance, relative_to,
 };
 use super::view::ViewDesc;
 
@@ -31,8 +31,8 @@ pub(crate) struct Draw {
     /// Into the instance records of the frame.
     pub first: u32,
     pub count: u32,
-    /// A part of the geometry's indices; `None`: all of them.
-    pub part: Option<[u32; 2]>,
+    /// The first of the geometry's indices, and their number.
+    pub indices: [u32; 2],
 }
 
 /// What one view draws.
@@ -47,6 +47,8 @@ pub(crate) struct DrawList {
     /// Within the rectangle, whichever way they face.
     pub triangles: u64,
     pub visible: u32,
+    /// The largest error as a share of what is allowed where it is drawn, 0 to 1.
+    pub error_share: f32,
     /// Pixels that visible items may touch; `None` where there are none.
     pub touched: Option<[u32; 4]>,
 }
@@ -59,6 +61,8 @@ pub(crate) struct Scratch {
     opaque: Vec<(u32, u64, u32)>,
     blended: Vec<(u64, u32)>,
     ranks: Vec<u32>,
+    /// Meshlets of the item that is being drawn.
+    chosen: Vec<u32>,
 }
 
 impl DrawList {
@@ -82,48 +86,48 @@ impl DrawList {
                     && part.has_layer(layout.batches[item.batch as usize].layer)
             });
         }
-        let mut list = Self {
-            rectangle,
-            visible: scratch.visible.len() as u32,
-            touched: touched(scene, view, rectangle, &scratch.visible),
-            ..Self::default()
-        };
+        let tolerance = ErrorTolerance::new(view);
+        let mut list = Self { rectangle, ..Self::default() };
+        list.error_share = leave_out_small(scene, &tolerance, &mut scratch.visible);
+        list.visible = scratch.visible.len() as u32;
+        list.touched = touched(scene, view, rectangle, &scratch.visible);
         sort(scene, view, part, scratch);
         let turns = Billboard::turns(&scene.layout.billboards, view);
         let seen_from =
             SeenFrom { eye: view.eye_in_world, clip_from_eye: view.scaled_clip_from_eye(), turns };
-        for &(_, _, index) in &scratch.opaque {
-            let batch = scene.layout.items[index as usize].batch;
-            let pipeline = scene.layout.batches[batch as usize].pipeline;
-            let first = push(scene, index, &seen_from, instances);
-            let whole = Draw { batch, pipeline, first, count: 1, part: None };
-            if scene.clusters_of(batch).is_empty() {
-                list.triangles += scene.layout.batches[batch as usize].triangles;
-                extend(&mut list.opaque, whole);
-            } else {
-                list.triangles +=
-                    draw_parts(scene, (index, &seen_from), &planes, whole, &mut list.opaque);
-            }
+        let Scratch { opaque, blended, chosen, .. } = scratch;
+        let mut item_draws = ItemDraws { scene, planes: &planes, tolerance, chosen };
+        for &(_, _, index) in &*opaque {
+            list.add(&mut item_draws, &seen_from, index, instances);
         }
-        for &(_, index) in &scratch.blended {
-            let batch_index = scene.layout.items[index as usize].batch;
-            let batch = &scene.layout.batches[batch_index as usize];
-            let first = push(scene, index, &seen_from, instances);
-            let draw =
-                Draw { batch: batch_index, pipeline: batch.pipeline, first, count: 1, part: None };
-            if let Some(pipeline) = batch.back_pipeline {
-                list.triangles += batch.triangles;
-                list.transparent.push(Draw { pipeline, ..draw });
-                list.transparent.push(draw);
-            } else if scene.clusters_of(batch_index).is_empty() {
-                list.triangles += batch.triangles;
-                extend(&mut list.transparent, draw);
-            } else {
-                list.triangles +=
-                    draw_parts(scene, (index, &seen_from), &planes, draw, &mut list.transparent);
-            }
+        for &(_, index) in &*blended {
+            list.add(&mut item_draws, &seen_from, index, instances);
         }
         list
+    }
+
+    /// Appends an item's record and its draws, those of its back faces first if it has any.
+    fn add(
+        &mut self,
+        item_draws: &mut ItemDraws<'_>,
+        seen_from: &SeenFrom,
+        index: u32,
+        instances: &mut Vec<InstanceRecord>,
+    ) {
+        let scene = item_draws.scene;
+        let (item, stance, origin) = seen_from.place(scene, index);
+        let batch = &scene.layout.batches[item.batch as usize];
+        let indices = [0, scene.geometry_of(item.batch).index_count];
+        let (pipeline, first) = (batch.pipeline, instances.len() as u32);
+        let whole = Draw { batch: item.batch, pipeline, first, count: 1, indices };
+        instances.push(seen_from.record(scene, item, &stance, origin));
+        let draws = if batch.blended { &mut self.transparent } else { &mut self.opaque };
+        if let Some(pipeline) = batch.back_pipeline {
+            item_draws.add((&stance, origin), Draw { pipeline, ..whole }, draws);
+        }
+        let drawn = item_draws.add((&stance, origin), whole, draws);
+        self.triangles += drawn.triangles;
+        self.error_share = self.error_share.max(drawn.error_share as f32);
     }
 }
 
@@ -134,86 +138,12 @@ pub(crate) fn samples_of(scene: &GpuScene) -> Vec<Draw> {
     for (batch, b) in (0u32..).zip(&scene.layout.batches) {
         for pipeline in [b.back_pipeline, Some(b.pipeline)].into_iter().flatten() {
             if known.insert((pipeline, b.material)) {
-                draws.push(Draw { batch, pipeline, first: 0, count: 1, part: None });
+                let indices = [0, scene.geometry_of(batch).index_count];
+                draws.push(Draw { batch, pipeline, first: 0, count: 1, indices });
             }
         }
     }
     draws
-}
-
-/// Lengthens the last draw by an item that follows it, or begins another.
-fn extend(draws: &mut Vec<Draw>, draw: Draw) {
-    match draws.last_mut() {
-        Some(last)
-            if last.batch == draw.batch
-                && last.pipeline == draw.pipeline
-                && last.part.is_none()
-                && last.first + last.count == draw.first =>
-        {
-            last.count += 1;
-        }
-        _ => draws.push(draw),
-    }
-}
-
-/// From where, or along what, an item is seen, in its own space.
-#[derive(Clone, Copy, Debug)]
-enum CullView {
-    From(DVec3),
-    Along(DVec3),
-}
-
-impl CullView {
-    /// Whether only backs of the cluster are seen.
-    fn misses(self, cluster: &Meshlet) -> bool {
-        match self {
-            Self::From(eye) => eye.is_finite() && cluster.faces_away_from(eye),
-            Self::Along(rays) => rays.is_finite() && cluster.faces_along(rays),
-        }
-    }
-}
-
-/// Draws the clusters of an item that the rectangle may show and that may face the eye, joined
-/// where they follow each other. Gives the triangles within the rectangle.
-fn draw_parts(
-    scene: &GpuScene,
-    (index, seen_from): (u32, &SeenFrom),
-    planes: &FrustumPlanes,
-    whole: Draw,
-    draws: &mut Vec<Draw>,
-) -> u64 {
-    let (_, stance, origin) = seen_from.place(scene, index);
-    let linear = stance.linear;
-    let local = planes.in_space_of(&linear, origin);
-    let culls_back = scene.layout.keys[whole.pipeline as usize].cull == Cull::Back;
-    // A flat item has no side that an eye could be on.
-    let is_solid = linear.determinant().abs() > f64::MIN_POSITIVE;
-    let sight = (culls_back && is_solid).then(|| match planes.view_direction() {
-        Some(rays) => CullView::Along((linear.inverse() * rays).normalize_or_zero()),
-        None => CullView::From(linear.inverse() * (planes.eye() - origin)),
-    });
-    let mut triangles = 0;
-    let mut part: Option<[u32; 2]> = None;
-    for cluster in scene.clusters_of(whole.batch) {
-        if local.test(cluster.center, cluster.half, FrustumPlanes::ALL).is_none() {
-            continue;
-        }
-        triangles += u64::from(cluster.index_count / 3);
-        if sight.is_some_and(|sight| sight.misses(cluster)) {
-            continue;
-        }
-        match &mut part {
-            Some([first, count]) if *first + *count == cluster.first_index => {
-                *count += cluster.index_count;
-            }
-            _ => {
-                draws.extend(part.map(|part| Draw { part: Some(part), ..whole }));
-                part = Some([cluster.first_index, cluster.index_count]);
-            }
-        }
-    }
-    draws.extend(part.map(|part| Draw { part: Some(part), ..whole }));
-    triangles
 }
 
 /// The viewpoint that records are relative to.
@@ -238,28 +168,45 @@ impl SeenFrom {
             }
         }
     }
+
+    /// The record of an item that stands so, relative to the eye.
+    fn record(
+        &self,
+        scene: &GpuScene,
+        item: &DrawItem,
+        stance: &Stance,
+        origin: DVec3,
+    ) -> InstanceRecord {
+        let mesh_box = &scene.layout.mesh_boxes[item.mesh_box as usize];
+        let EyeRelativeTransform { near, rows, offset } =
+            relative_to(origin, stance.linear, self.eye, mesh_box);
+        InstanceRecord {
+            rows,
+            normal_rows: stance.normal_rows,
+            lamps: item.lamps,
+            near,
+            clip_offset: (self.clip_from_eye * offset.extend(1.0)).as_vec4().to_array(),
+        }
+    }
 }
 
-/// Writes an item's record, relative to the eye; returns its index.
-fn push(
-    scene: &GpuScene,
-    index: u32,
-    seen_from: &SeenFrom,
-    instances: &mut Vec<InstanceRecord>,
-) -> u32 {
-    let (item, stance, origin) = seen_from.place(scene, index);
-    let SeenFrom { eye, clip_from_eye, .. } = seen_from;
-    let mesh_box = &scene.layout.mesh_boxes[item.mesh_box as usize];
-    let EyeRelativeTransform { near, rows, offset } =
-        relative_to(origin, stance.linear, *eye, mesh_box);
-    instances.push(InstanceRecord {
-        rows,
-        normal_rows: stance.normal_rows,
-        lamps: item.lamps,
-        near,
-        clip_offset: (*clip_from_eye * offset.extend(1.0)).as_vec4().to_array(),
+/// Removes the items that are too small for the allowed error, and returns the largest of their
+/// sizes as a share of it. Lines and points stay: they are one pixel wide at any distance.
+fn leave_out_small(scene: &GpuScene, tolerance: &ErrorTolerance, visible: &mut Vec<u32>) -> f32 {
+    let mut largest: f64 = 0.0;
+    if tolerance.is_zero() {
+        return 0.0;
+    }
+    visible.retain(|&index| {
+        let (item, _, bounds) = scene.item(index);
+        if scene.layout.batches[item.batch as usize].triangles == 0 {
+            return true;
+        }
+        let share = tolerance.share_if_small(bounds);
+        largest = largest.max(share.unwrap_or(0.0));
+        share.is_none()
     });
-    instances.len() as u32 - 1
+    largest as f32
 }
 
 /// Opaque: by batch, nearest batch first, and within it the nearest item first. Blended: the

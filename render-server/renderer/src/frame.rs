@@ -127,7 +127,7 @@ impl DrawContext<'_> {
                 let indices = shape.indices.slice(shape.first_index_byte..);
                 pass.set_index_buffer(indices, shape.index_format);
             }
-            let [start, count] = draw.part.unwrap_or([0, shape.index_count]);
+            let [start, count] = draw.indices;
             let indices = start..start + count.min(self.index_count_max);
             pass.draw_indexed(indices, 0, draw.first..draw.first + draw.count);
         }
@@ -215,6 +215,7 @@ impl FrameResources {
             draw_calls: lists.iter().map(|l| l.opaque.len() + l.transparent.len()).sum::<usize>()
                 as u32,
             visible,
+            error_share: lists.iter().map(|list| list.error_share).fold(0.0, f32::max),
             culled: (scene.layout.items.len() * lists.len()) as u32 - visible,
             cull_us: microseconds(culled),
             encode_us: microseconds(encoded.saturating_sub(culled)),

@@ -12,8 +12,10 @@ mod bindings;
 mod correction;
 mod cull;
 mod draw_list;
+mod error_tolerance;
 mod frame;
 mod gpu;
+mod item_draws;
 mod output_texture;
 mod pass;
 mod pipeline;
@@ -72,7 +74,7 @@ pub enum DrawError {
 }
 
 /// What a frame took.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DrawStats {
     /// Of all visible items.
     pub triangles: u64,
@@ -80,8 +82,11 @@ pub struct DrawStats {
     pub draw_calls: u32,
     /// Primitives in their places that passed culling, over all views.
     pub visible: u32,
-    /// Primitives in their places that did not.
+    /// Primitives in their places that did not, or that are too small for the allowed error.
     pub culled: u32,
+    /// The largest error of what was drawn coarser than it is or left out as too small, as a share
+    /// of what is allowed where it stands; 0 to 1, and 0 if all is at its finest.
+    pub error_share: f32,
     /// Microseconds to cull and sort.
     pub cull_us: u64,
     /// Microseconds to write buffers, encode and submit.
@@ -99,6 +104,7 @@ impl DrawStats {
             draw_calls: self.draw_calls + other.draw_calls,
             visible: self.visible + other.visible,
             culled: self.culled + other.culled,
+            error_share: self.error_share.max(other.error_share),
             cull_us: self.cull_us + other.cull_us,
             encode_us: self.encode_us + other.encode_us,
             gpu_us: self.gpu_us + other.gpu_us,

@@ -25,12 +25,14 @@ pub(crate) use billboard::Billboard;
 pub use builder::{SceneBuilder, SceneError};
 #[cfg(test)]
 pub(crate) use bvh::Bvh;
+#[cfg(test)]
+pub(crate) use draw_item::PlacedMesh;
 pub(crate) use draw_item::{Bounds, DrawItem, EyeRelativeTransform, Stance, relative_to};
 pub(crate) use geometry::Geometry;
 pub use layout::{ContentPlace, SceneLayout};
 pub(crate) use light::LocalLight;
 pub(crate) use material::MaterialUniform;
-pub(crate) use meshlet::Meshlet;
+pub(crate) use meshlet::{MeshletCull, Meshlets, joined};
 pub use moved_items::{MovedItems, MovedNode};
 pub(crate) use subset::Selection;
 
@@ -144,7 +146,7 @@ impl GpuScene {
         }
     }
 
-    /// Bytes of its textures and primitives.
+    /// Bytes that its textures and primitives take on the GPU.
     pub fn content_bytes(&self) -> u64 {
         self.content_bytes
     }
@@ -183,9 +185,9 @@ impl GpuScene {
         self.layout.items.len()
     }
 
-    /// The clusters of a batch's geometry; none where it is always drawn whole.
-    pub(crate) fn clusters_of(&self, batch: u32) -> &[Meshlet] {
-        &self.geometries[self.layout.batches[batch as usize].geometry as usize].clusters
+    /// The geometry of a batch.
+    pub(crate) fn geometry_of(&self, batch: u32) -> &Geometry {
+        &self.geometries[self.layout.batches[batch as usize].geometry as usize]
     }
 
     /// Different pipelines that it needs.

@@ -5,11 +5,14 @@ mod furnace;
 #[expect(dead_code, reason = "the render server's tests use the rest")]
 mod harness;
 mod labels;
+mod level_choice;
+mod levels;
 mod moved;
 mod order;
 mod parallel;
 mod robustness;
 mod shaders;
 mod shading;
+mod terrain;
 mod tiles;
 mod unlit;

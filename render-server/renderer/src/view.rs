@@ -57,7 +57,7 @@ pub struct ViewDesc {
 pub struct AllowedError {
     /// In radians as seen from that point: the part of the error that grows with the distance.
     pub angle_rad: f64,
-    /// In units of the world: the part that does not, for parallel rays.
+    /// In units of the world: the part that does not. Of parallel rays it is all there is.
     pub length: f64,
 }
 
@@ -257,6 +257,12 @@ impl ViewDesc {
             && self.exposure.is_finite();
         if !finite {
             return Some("a number in it is not finite".to_owned());
+        }
+        let AllowedError { angle_rad, length } = self.allowed_error;
+        let is_error = |number: f64| number.is_finite() && number >= 0.0;
+        if !is_error(angle_rad) || !is_error(length) {
+            let got = format!("{angle_rad} rad and {length} units of the world");
+            return Some(format!("its allowed error is {got}, where 0 and more can be"));
         }
         let [x, y, width, height] = self.viewport;
         let side_max = f64::from(side_max);

@@ -7,6 +7,7 @@ use polyptych_scene::{Sampler, Scene};
 
 use super::geometry::{self, Geometry};
 use super::layout::SceneLayout;
+use super::meshlet::Meshlets;
 use super::outline::Outline;
 use super::{GpuScene, material, outline, texture};
 use crate::gpu::Gpu;
@@ -132,7 +133,8 @@ impl SceneBuilder {
     /// Uploads a primitive's vertices and indices; does nothing where equal ones are there.
     ///
     /// # Errors
-    /// No such primitive, not the described number of bytes, or an index behind the vertices.
+    /// No such primitive, not the described number of bytes, an index behind the vertices, or
+    /// meshlets that are not those of its indices.
     pub fn upload_primitive(
         &mut self,
         gpu: &Gpu,
@@ -155,9 +157,12 @@ impl SceneBuilder {
             return Err(SceneError::Index { what, index, vertex_count: desc.vertex_count });
         }
         let fault = |reason| SceneError::Gpu { what: what.clone(), reason };
-        let geometry = match &self.geometries[slot] {
-            Some(known) => known.clone(),
-            None => Geometry::upload(gpu, desc, bytes).map_err(fault)?,
+        let geometry = if let Some(known) = &self.geometries[slot] {
+            known.clone()
+        } else {
+            let meshlets = Meshlets::parse(desc, bytes)
+                .map_err(|fault| SceneError::Description(format!("{what}: {fault}")))?;
+            Geometry::upload(gpu, desc, bytes, meshlets).map_err(fault)?
         };
         for (of, outline) in self.layout.outlines.iter().zip(&mut self.outlines) {
             if of.slot == slot && outline.is_none() {

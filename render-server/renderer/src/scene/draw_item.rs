@@ -67,19 +67,23 @@ pub(crate) struct Stance {
     pub linear: DMat3,
     /// Rows of the matrix that takes normals to the world; any length.
     pub normal_rows: [[f32; 3]; 3],
+    /// No length becomes longer in the world than by this factor, and few reach it.
+    pub stretch: f64,
     /// An index into the scene's billboards, if it turns with one.
     pub billboard: Option<u32>,
 }
 
 impl Stance {
     fn new(linear: DMat3, billboard: Option<u32>) -> Self {
-        Self { linear, normal_rows: rows(normal_matrix(linear)), billboard }
+        let normal_rows = rows(normal_matrix(linear));
+        Self { linear, normal_rows, stretch: stretch(linear), billboard }
     }
 
     /// It and an item's origin, as a billboard turns them in world space.
     pub fn turned(&self, origin: DVec3, turn: &DAffine3) -> (Self, DVec3) {
         let linear = turn.matrix3 * self.linear;
-        (Self::new(linear, None), turn.transform_point3(origin))
+        let stretch = self.stretch;
+        (Self { stretch, ..Self::new(linear, None) }, turn.transform_point3(origin))
     }
 
     /// Returns whether the transform turns the winding around.
@@ -269,6 +273,16 @@ fn normal_matrix(linear: DMat3) -> DMat3 {
     }
     let sign = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
     cofactors * (sign / largest)
+}
+
+/// An upper bound of the largest singular value, which is exact where a turn follows a scale: the
+/// root of the largest row sum of MᵀM, which bounds its eigenvalues (Gershgorin, 1931).
+fn stretch(linear: DMat3) -> f64 {
+    /// More than the sums round.
+    const ROUNDING: f64 = 1e-14;
+    let gram = linear.transpose() * linear;
+    let sums = [gram.x_axis, gram.y_axis, gram.z_axis].map(|of| of.abs().element_sum());
+    sums.into_iter().fold(0.0, f64::max).sqrt() * (1.0 + ROUNDING)
 }
 
 fn rows(matrix: DMat3) -> [[f32; 3]; 3] {

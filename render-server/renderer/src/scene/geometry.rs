@@ -1,8 +1,10 @@
 //! Vertices and indices on the GPU.
 
+use std::sync::Arc;
+
 use polyptych_scene::{IndexFormat, Primitive};
 
-use super::meshlet::{Meshlet, meshlets};
+use super::meshlet::Meshlets;
 use crate::gpu::Gpu;
 
 /// Vertices, and the indices that are drawn of them.
@@ -15,19 +17,26 @@ pub(crate) struct Geometry {
     pub indices: wgpu::Buffer,
     /// The place of the first index in their buffer, in bytes.
     pub first_index_byte: u64,
+    /// Those of its finest level; indices of coarser levels follow them.
     pub index_count: u32,
     pub index_format: wgpu::IndexFormat,
-    /// Empty where it is always drawn whole.
-    pub clusters: Vec<Meshlet>,
+    /// `None` where it is always drawn whole.
+    pub meshlets: Option<Arc<Meshlets>>,
 }
 
 impl Geometry {
-    /// Copies checked bytes to the GPU.
-    pub fn upload(gpu: &Gpu, desc: &Primitive, bytes: &[u8]) -> Result<Self, String> {
+    /// Copies the vertices and indices of checked bytes to the GPU.
+    pub fn upload(
+        gpu: &Gpu,
+        desc: &Primitive,
+        bytes: &[u8],
+        meshlets: Option<Meshlets>,
+    ) -> Result<Self, String> {
+        let bytes = &bytes[..desc.geometry_bytes() as usize];
         let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("geometry/buffer"),
             // An odd number of short indices ends between two multiples of 4.
-            size: desc.bytes().next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
+            size: desc.geometry_bytes().next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
             usage: wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::INDEX,
             mapped_at_creation: true,
         });
@@ -49,7 +58,7 @@ impl Geometry {
             first_index_byte: vertex_bytes,
             index_count,
             index_format,
-            clusters: meshlets(desc, bytes),
+            meshlets: meshlets.map(Arc::new),
         })
     }
 
@@ -76,15 +85,15 @@ impl Geometry {
             first_index_byte: 0,
             index_count: indices.len() as u32,
             index_format: wgpu::IndexFormat::Uint32,
-            clusters: Vec::new(),
+            meshlets: None,
             ..self.clone()
         })
     }
 }
 
-/// The largest index in the bytes, where it points beyond the vertices.
+/// The largest index of all levels in the bytes, where it points beyond the vertices.
 pub(crate) fn index_beyond(desc: &Primitive, bytes: &[u8]) -> Option<u32> {
-    let indices = bytes.get(desc.vertex_bytes() as usize..)?;
+    let indices = bytes.get(desc.vertex_bytes() as usize..desc.geometry_bytes() as usize)?;
     let largest = if desc.index_format == IndexFormat::U32 {
         let (words, _) = indices.as_chunks::<4>();
         words.iter().map(|word| u32::from_le_bytes(*word)).max()

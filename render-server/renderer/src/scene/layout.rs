@@ -236,13 +236,13 @@ impl SceneLayout {
         self.geometries.shared(self.geometry_names(), &other.geometry_slots())
     }
 
-    /// Bytes of its textures and primitives, each counted once.
+    /// Bytes that its textures and primitives take on the GPU, each counted once.
     pub fn content_bytes(&self) -> u64 {
         let textures: HashMap<_, _> =
             self.desc.textures.iter().map(|of| (texture_name(of), of.bytes())).collect();
         let primitives = self.desc.meshes.iter().flat_map(|mesh| &mesh.primitives);
         let primitives: HashMap<_, _> =
-            primitives.map(|of| (geometry_name(of), of.bytes())).collect();
+            primitives.map(|of| (geometry_name(of), of.geometry_bytes())).collect();
         textures.values().chain(primitives.values()).sum()
     }
 
@@ -274,7 +274,7 @@ impl SceneLayout {
     /// `side_max` pixels, primitives of more than `bytes_max` bytes.
     pub(super) fn size_fault(&self, side_max: u32, bytes_max: u64) -> Option<String> {
         for (i, mesh) in self.desc.meshes.iter().enumerate() {
-            let sizes = mesh.primitives.iter().map(Primitive::bytes);
+            let sizes = mesh.primitives.iter().map(Primitive::geometry_bytes);
             if let Some(bytes) = sizes.max().filter(|bytes| *bytes > bytes_max) {
                 return Some(format!("mesh {i}: {bytes} bytes, where {bytes_max} can be"));
             }
@@ -458,8 +458,9 @@ impl Sorter {
 /// The name of a texture's slot: bytes, format, width, height and number of levels.
 type TextureName = (BlobHash, TextureFormat, [u32; 3]);
 
-/// The name of a primitive's slot: bytes, layout, and the numbers of vertices and indices.
-type GeometryName = (BlobHash, VertexLayout, IndexFormat, [u32; 2]);
+/// The name of a primitive's slot: bytes, layout, and the numbers of vertices, indices, indices of
+/// coarser levels, and meshlets.
+type GeometryName = (BlobHash, VertexLayout, IndexFormat, [u32; 4]);
 
 /// Textures of one name share a slot.
 fn texture_name(t: &Texture) -> TextureName {
@@ -468,5 +469,6 @@ fn texture_name(t: &Texture) -> TextureName {
 
 /// Primitives of one name share a slot.
 fn geometry_name(p: &Primitive) -> GeometryName {
-    (p.blob, p.layout, p.index_format, [p.vertex_count, p.index_count])
+    let counts = [p.vertex_count, p.index_count, p.coarser_index_count, p.meshlet_count];
+    (p.blob, p.layout, p.index_format, counts)
 }

@@ -1,190 +1,260 @@
-//! Parts of a large primitive that are culled on their own: what a channel does not see of a mesh
-//! should cost it no vertex work.
+//! The meshlets of a geometry: which of them are drawn, and which cannot show.
 //!
-//! A cluster is a run of triangles in the order of the blob, so leaving one out changes neither
-//! the order nor the pixels of the others. It is culled where its box lies outside the channel's
-//! rectangle, and where all of its triangles face away from the eye, whom all channels share.
+//! A meshlet is a run of triangles in the order of the blob, so leaving one out changes neither
+//! the order nor the pixels of the others. It is left out where its box lies outside the channel's
+//! rectangle, and where all of its triangles face away from the eye. Which levels are drawn does
+//! not depend on the channel: see [`ItemErrors`].
 
-use glam::{DVec3, Vec3};
-use polyptych_scene::{IndexFormat, Primitive, Topology};
+use glam::{DMat3, DVec3};
+use polyptych_scene::Primitive;
+use polyptych_scene::meshlet::{self, Meshlet};
 
-/// Triangles of a cluster: few enough to be compact, enough that testing one costs a thousandth
-/// of drawing it.
-const CLUSTER_TRIANGLES: usize = 256;
+use super::draw_item::Bounds;
+use crate::cull::FrustumPlanes;
+use crate::error_tolerance::{BoundingSphere, ItemErrors};
 
-/// Primitives below this many clusters are drawn whole: they are small, or many instances.
-const CLUSTERS_MIN: usize = 8;
+/// Meshlets that are tested together first: 20,000 of them cost 600 such tests.
+const BLOCK_MESHLETS: usize = 32;
 
-/// A run of triangles and what bounds it, in the primitive's space.
-#[derive(Clone, Debug)]
-pub(crate) struct Meshlet {
-    pub first_index: u32,
-    pub index_count: u32,
-    pub center: DVec3,
-    pub half: DVec3,
-    /// The middle of the triangles' normals, and the sine of the widest angle to it; `None` where
-    /// they point in too many directions.
-    pub cone: Option<(DVec3, f64)>,
+/// A share of the distance by which cones are wider than they say: triangles seen edge-on are left
+/// to the GPU, and f32 rounds what cones say by less.
+const CONE_MARGIN: f64 = 1e-3;
+
+/// Meshlets that follow each other in the blob, and what bounds them.
+#[derive(Debug)]
+struct Block {
+    first: u32,
+    count: u32,
+    /// Of the box around their boxes.
+    center: DVec3,
+    half: DVec3,
+    /// Around the spheres of all their errors.
+    around: BoundingSphere,
+    /// The least of their own errors.
+    error_min: f32,
+    /// The greatest of the errors of what replaces them.
+    coarser_error_max: f32,
 }
 
-impl Meshlet {
-    /// Whether all triangles face away from an eye in the primitive's space, by a margin that
-    /// rounding does not reach.
+impl Block {
+    fn new(first: usize, meshlets: &[Meshlet]) -> Self {
+        let boxes = meshlets.iter().map(|of| Bounds { min: of.min.into(), max: of.max.into() });
+        let all = boxes.fold(Bounds::EMPTY, Bounds::union);
+        Self {
+            first: first as u32,
+            count: meshlets.len() as u32,
+            center: all.center(),
+            half: all.half(),
+            around: around(meshlets),
+            error_min: meshlets.iter().map(|of| of.error).fold(f32::INFINITY, f32::min),
+            coarser_error_max: meshlets.iter().map(|of| of.coarser_error).fold(0.0, f32::max),
+        }
+    }
+
+    /// Returns whether the errors alone say that none of its meshlets is drawn.
+    fn is_left_out(&self, errors: &ItemErrors) -> bool {
+        let [least, most] = errors.allowed_within(&self.around);
+        let is_replaced = errors.compared(self.coarser_error_max, least).is_some()
+            && self.coarser_error_max.is_finite();
+        let is_too_coarse = self.error_min > 0.0 && errors.compared(self.error_min, most).is_none();
+        is_replaced || is_too_coarse
+    }
+}
+
+fn around(meshlets: &[Meshlet]) -> BoundingSphere {
+    BoundingSphere::around(meshlets.iter().flat_map(|of| [&of.sphere, &of.coarser_sphere]))
+}
+
+/// A run of a geometry's indices that is all of one level.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LevelRun {
+    /// Its first index and the number of its indices.
+    pub indices: [u32; 2],
+    /// Its largest error as a share of what is allowed, 0 to 1.
+    pub error_share: f64,
+}
+
+/// All meshlets of a geometry.
+#[derive(Debug)]
+pub(crate) struct Meshlets {
+    all: Vec<Meshlet>,
+    blocks: Vec<Block>,
+    /// Around the spheres of all errors.
+    around: BoundingSphere,
+    /// The least error above 0.
+    error_min: f32,
+    /// The greatest finite error.
+    error_max: f32,
+    finest: [u32; 2],
+    /// The indices of all that nothing replaces, if they follow each other.
+    coarsest: Option<[u32; 2]>,
+    /// The greatest error of these.
+    coarsest_error: f32,
+}
+
+impl Meshlets {
+    /// Reads them from the bytes of a primitive, which are as many as it says; `None` if it has
+    /// none.
     ///
-    /// As in Olano and others, and Zeux's meshoptimizer: with the eye at distance d from the
-    /// middle, no triangle faces it where `toward · axis ≥ sine · d + radius`.
-    pub fn faces_away_from(&self, eye: DVec3) -> bool {
-        /// A share of the distance: triangles seen edge-on are left to the GPU.
-        const MARGIN: f64 = 1e-3;
-        let Some((axis, sine)) = self.cone else { return false };
-        let away = self.center - eye;
-        let distance = away.length();
-        away.dot(axis) >= (sine + MARGIN) * distance + self.half.length()
-    }
-
-    /// The same for rays in one direction, of unit length: from infinitely far the cluster has no
-    /// extent.
-    pub fn faces_along(&self, rays: DVec3) -> bool {
-        const MARGIN: f64 = 1e-3;
-        self.cone.is_some_and(|(axis, sine)| rays.dot(axis) >= sine + MARGIN)
-    }
-}
-
-/// The clusters of a primitive's checked bytes; none where it is small, or not of triangles.
-pub(crate) fn meshlets(desc: &Primitive, bytes: &[u8]) -> Vec<Meshlet> {
-    let triangles = desc.index_count as usize / 3;
-    if desc.topology != Topology::Triangles || triangles < CLUSTERS_MIN * CLUSTER_TRIANGLES {
-        return Vec::new();
-    }
-    let (vertices, indices) = bytes.split_at(desc.vertex_bytes() as usize);
-    let stride = desc.layout.stride() as usize;
-    let position = |index: u32| {
-        let start = index as usize * stride;
-        let (words, _) = vertices[start..start + 12].as_chunks::<4>();
-        let [x, y, z] = [0, 1, 2].map(|axis| f32::from_le_bytes(words[axis]));
-        Vec3::new(x, y, z)
-    };
-    let index = |at: usize| {
-        if desc.index_format == IndexFormat::U32 {
-            let (words, _) = indices.as_chunks::<4>();
-            u32::from_le_bytes(words[at])
-        } else {
-            let (words, _) = indices.as_chunks::<2>();
-            u32::from(u16::from_le_bytes(words[at]))
+    /// # Errors
+    /// They are not those of its indices, or a number of theirs is out of bounds.
+    pub fn parse(desc: &Primitive, bytes: &[u8]) -> Result<Option<Self>, String> {
+        let bytes = bytes.get(desc.first_meshlet_byte() as usize..).unwrap_or_default();
+        let chunks = bytes.as_chunks::<{ Meshlet::BYTES }>().0;
+        let all: Vec<Meshlet> = chunks.iter().map(Meshlet::from_bytes).collect();
+        if all.is_empty() {
+            return Ok(None);
         }
-    };
-    let corner = |triangle: usize| [0, 1, 2].map(|i| position(index(triangle * 3 + i)));
-    let starts = (0..triangles).step_by(CLUSTER_TRIANGLES);
-    starts
-        .map(|start| {
-            let end = (start + CLUSTER_TRIANGLES).min(triangles);
-            let corners: Vec<[Vec3; 3]> = (start..end).map(corner).collect();
-            cluster(start as u32 * 3, &corners)
-        })
-        .collect()
-}
-
-fn cluster(first_index: u32, triangles: &[[Vec3; 3]]) -> Meshlet {
-    let points = || triangles.iter().flatten().map(|point| point.as_dvec3());
-    let min = points().fold(DVec3::MAX, DVec3::min);
-    let max = points().fold(DVec3::MIN, DVec3::max);
-    // A triangle without area is not drawn, wherever it faces.
-    let normals = || {
-        triangles.iter().filter_map(|[a, b, c]| {
-            let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
-            (b - a).cross(c - a).try_normalize()
-        })
-    };
-    let axis = normals().sum::<DVec3>().try_normalize();
-    let cone = axis.and_then(|axis| {
-        let cosine = normals().map(|normal| normal.dot(axis)).fold(1.0, f64::min);
-        // Beyond 80 degrees hardly any eye sees none of them.
-        (cosine > 0.17).then(|| (axis, (1.0 - cosine * cosine).max(0.0).sqrt()))
-    });
-    Meshlet {
-        first_index,
-        index_count: triangles.len() as u32 * 3,
-        center: (min + max) * 0.5,
-        half: (max - min) * 0.5,
-        cone,
+        let indices = desc.index_count_of_all();
+        let of_all = u32::try_from(indices).map_err(|error| error.to_string())?;
+        if let Some(fault) = meshlet::fault(&all, desc.index_count, of_all) {
+            return Err(fault);
+        }
+        // Else a small blob could ask for any amount of work.
+        let named: u64 = all.iter().map(|of| u64::from(of.index_count)).sum();
+        if named > indices {
+            return Err(format!("its meshlets have {named} indices, where {indices} can be"));
+        }
+        Ok(Some(Self::new(all, desc.index_count)))
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use polyptych_files::blob::BlobHash;
-    use polyptych_scene::VertexLayout;
+    fn new(all: Vec<Meshlet>, fine: u32) -> Self {
+        let blocks = all.chunks(BLOCK_MESHLETS).enumerate();
+        let blocks = blocks.map(|(at, some)| Block::new(at * BLOCK_MESHLETS, some)).collect();
+        let errors = || all.iter().flat_map(|of| [of.error, of.coarser_error]);
+        let positive = errors().filter(|error| *error > 0.0);
+        let finite = errors().filter(|error| error.is_finite());
+        let coarsest = || all.iter().filter(|of| of.coarser_error.is_infinite());
+        Self {
+            around: around(&all),
+            error_min: positive.fold(f32::INFINITY, f32::min),
+            error_max: finite.fold(0.0, f32::max),
+            finest: [0, fine],
+            coarsest: joined(coarsest()),
+            coarsest_error: coarsest().map(|of| of.error).fold(0.0, f32::max),
+            blocks,
+            all,
+        }
+    }
 
-    /// A sphere of triangles around the origin, counter-clockwise from outside.
-    fn sphere(rows: u32) -> (Primitive, Vec<u8>) {
-        let mut vertices = Vec::new();
-        for row in 0..=rows {
-            for column in 0..=rows {
-                let turn = f64::from(column) / f64::from(rows) * std::f64::consts::TAU;
-                let down = f64::from(row) / f64::from(rows) * std::f64::consts::PI;
-                let (sin_t, cos_t) = turn.sin_cos();
-                let (sin_d, cos_d) = down.sin_cos();
-                let point = DVec3::new(sin_d * sin_t, cos_d, sin_d * cos_t).as_vec3();
-                vertices.extend_from_slice(bytemuck::bytes_of(&[point.to_array(); 2]));
+    /// Returns what is drawn, if that is quickly seen to be all of one level.
+    pub fn one_level(&self, errors: &ItemErrors) -> Option<LevelRun> {
+        let [least, most] = errors.allowed_within(&self.around);
+        if errors.compared(self.error_min, most).is_none() {
+            return Some(LevelRun { indices: self.finest, error_share: 0.0 });
+        }
+        let indices = self.coarsest?;
+        errors.compared(self.error_max, least)?;
+        let error_share = errors.compared(self.coarsest_error, least)?;
+        Some(LevelRun { indices, error_share })
+    }
+
+    /// Appends those that are drawn, by their places, and returns the largest share of their errors
+    /// in what is allowed. Leaves out some that cannot show, if it is given what can.
+    pub fn choose(
+        &self,
+        errors: &ItemErrors,
+        cull: Option<&MeshletCull>,
+        chosen: &mut Vec<u32>,
+    ) -> f64 {
+        let mut largest: f64 = 0.0;
+        for block in &self.blocks {
+            let is_seen = cull.is_none_or(|cull| cull.may_show(block.center, block.half));
+            if !is_seen || block.is_left_out(errors) {
+                continue;
             }
-        }
-        let mut indices: Vec<u32> = Vec::new();
-        for row in 0..rows {
-            for column in 0..rows {
-                let a = row * (rows + 1) + column;
-                let b = a + rows + 1;
-                indices.extend([a, b, a + 1, a + 1, b, b + 1]);
-            }
-        }
-        let desc = Primitive {
-            blob: BlobHash([0; 32]),
-            layout: VertexLayout::default(),
-            vertex_count: (rows + 1) * (rows + 1),
-            index_count: indices.len() as u32,
-            coarser_index_count: 0,
-            meshlet_count: 0,
-            index_format: IndexFormat::U32,
-            topology: Topology::Triangles,
-            material: None,
-            origin: DVec3::ZERO,
-            min: Vec3::NEG_ONE,
-            max: Vec3::ONE,
-        };
-        vertices.extend_from_slice(bytemuck::cast_slice(&indices));
-        (desc, vertices)
-    }
-
-    #[test]
-    fn clusters_that_face_away_hold_no_triangle_that_faces_the_eye() {
-        let (desc, bytes) = sphere(64);
-        let all = meshlets(&desc, &bytes);
-        assert_eq!(all.iter().map(|c| c.index_count).sum::<u32>(), desc.index_count);
-        let (vertices, indices) = bytes.split_at(desc.vertex_bytes() as usize);
-        let indices: &[u32] = bytemuck::cast_slice(indices);
-        let position = |index: u32| {
-            let vertex: [f32; 6] = *bytemuck::from_bytes(&vertices[index as usize * 24..][..24]);
-            Vec3::new(vertex[0], vertex[1], vertex[2]).as_dvec3()
-        };
-        let mut away = 0;
-        for eye in [DVec3::new(0.0, 0.0, 4.0), DVec3::new(3.0, 1.0, -2.0), DVec3::Y * 1.05] {
-            for cluster in all.iter().filter(|cluster| cluster.faces_away_from(eye)) {
-                away += 1;
-                let first = cluster.first_index as usize;
-                for triangle in indices[first..first + cluster.index_count as usize].chunks(3) {
-                    let [a, b, c] = [0, 1, 2].map(|i| position(triangle[i]));
-                    assert!((b - a).cross(c - a).dot(eye - a) <= 0.0, "it faces {eye}");
+            for at in block.first..block.first + block.count {
+                if let Some(share) = errors.share_if_drawn(&self.all[at as usize]) {
+                    largest = largest.max(share);
+                    chosen.push(at);
                 }
             }
         }
-        assert!(away > 10, "only {away} clusters were found to face away");
+        largest
     }
 
-    #[test]
-    fn triangles_without_area_or_bounds_hide_nothing() {
-        let flat = cluster(0, &[[Vec3::ZERO; 3]]);
-        assert!(!flat.faces_away_from(DVec3::Z));
-        let wild = cluster(0, &[[Vec3::ZERO, Vec3::NAN, Vec3::X]]);
-        assert!(!wild.faces_away_from(DVec3::Z));
+    /// The meshlet in a place.
+    pub fn get(&self, at: u32) -> &Meshlet {
+        &self.all[at as usize]
     }
+}
+
+/// The first index of meshlets and the number of their indices, if these follow each other.
+pub(crate) fn joined<'a>(mut meshlets: impl Iterator<Item = &'a Meshlet>) -> Option<[u32; 2]> {
+    let first = meshlets.next()?;
+    let run = [first.first_index, first.index_count];
+    meshlets.try_fold(run, |[first, count], of| {
+        (of.first_index == first + count).then_some([first, count + of.index_count])
+    })
+}
+
+/// From where, or along what, a geometry is seen, in its own space.
+#[derive(Clone, Copy, Debug)]
+enum CullView {
+    From(DVec3),
+    Along(DVec3),
+}
+
+/// What an item's meshlets must be before to be seen.
+#[derive(Debug)]
+pub(crate) struct MeshletCull {
+    /// In the item's space.
+    planes: FrustumPlanes,
+    /// `None` where both sides are drawn.
+    view: Option<CullView>,
+}
+
+impl MeshletCull {
+    /// What shows of an item with its origin in world space. `culls_back`: back faces are not
+    /// drawn.
+    pub fn new(planes: &FrustumPlanes, linear: &DMat3, origin: DVec3, culls_back: bool) -> Self {
+        // A flat item has no side that an eye could be on.
+        let is_solid = linear.determinant().abs() > f64::MIN_POSITIVE;
+        let view = (culls_back && is_solid).then(|| match planes.view_direction() {
+            Some(rays) => CullView::Along((linear.inverse() * rays).normalize_or_zero()),
+            None => CullView::From(linear.inverse() * (planes.eye() - origin)),
+        });
+        Self { planes: planes.in_space_of(linear, origin), view }
+    }
+
+    /// Returns whether a box may show.
+    fn may_show(&self, center: DVec3, half: DVec3) -> bool {
+        self.planes.test(center, half, FrustumPlanes::ALL).is_some()
+    }
+
+    /// Returns whether the box of a meshlet may show.
+    pub fn may_show_meshlet(&self, meshlet: &Meshlet) -> bool {
+        let (min, max) = (meshlet.min.as_dvec3(), meshlet.max.as_dvec3());
+        self.may_show((min + max) * 0.5, (max - min) * 0.5)
+    }
+
+    /// Returns whether only backs of a meshlet can be seen, which are not drawn.
+    pub fn hides(&self, meshlet: &Meshlet) -> bool {
+        match self.view {
+            Some(CullView::From(eye)) => eye.is_finite() && faces_away_from(meshlet, eye),
+            Some(CullView::Along(rays)) => rays.is_finite() && faces_along(meshlet, rays),
+            None => false,
+        }
+    }
+}
+
+/// Returns whether all triangles face away from an eye in the primitive's space, by a margin that
+/// rounding does not reach.
+///
+/// As in Olano and others, and Zeux's meshoptimizer: with the eye at distance d from the
+/// middle, no triangle faces it where `toward · axis ≥ sine · d + radius`.
+fn faces_away_from(meshlet: &Meshlet, eye: DVec3) -> bool {
+    let axis = meshlet.cone_axis.as_dvec3();
+    let (min, max) = (meshlet.min.as_dvec3(), meshlet.max.as_dvec3());
+    let away = (min + max) * 0.5 - eye;
+    let sine = f64::from(meshlet.cone_sine) + CONE_MARGIN;
+    let reach = sine * away.length() + (max - min).length() * 0.5;
+    axis != DVec3::ZERO && away.dot(axis) >= reach
+}
+
+/// The same for rays in one direction, of unit length: from infinitely far the meshlet has no
+/// extent.
+fn faces_along(meshlet: &Meshlet, rays: DVec3) -> bool {
+    let axis = meshlet.cone_axis.as_dvec3();
+    axis != DVec3::ZERO && rays.dot(axis) >= f64::from(meshlet.cone_sine) + CONE_MARGIN
 }

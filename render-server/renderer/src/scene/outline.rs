@@ -25,10 +25,12 @@ pub(super) fn drawn(topology: Topology, fill: Fill) -> Option<Topology> {
     }
 }
 
-/// The indices of the edges or vertices of a primitive's checked bytes, each once, in the order of
-/// their numbers.
+/// The indices of the edges or vertices of the finest level in a primitive's checked bytes, each
+/// once, in the order of their numbers.
 pub(super) fn indices(desc: &Primitive, bytes: &[u8], fill: Fill) -> Vec<u32> {
-    let of_primitive = bytes.get(desc.vertex_bytes() as usize..).unwrap_or_default();
+    let first = desc.vertex_bytes();
+    let finest = first as usize..(first + desc.index_bytes()) as usize;
+    let of_primitive = bytes.get(finest).unwrap_or_default();
     let all: Vec<u32> = if desc.index_format == IndexFormat::U32 {
         of_primitive.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
     } else {
@@ -61,14 +63,16 @@ mod tests {
 
     fn quad(index_format: IndexFormat) -> (Primitive, Vec<u8>) {
         // Two triangles with one edge in common, and one that is a point.
-        let indices = [3u32, 1, 0, 0, 1, 2, 2, 2, 2];
+        let finest = [3u32, 1, 0, 0, 1, 2, 2, 2, 2];
+        // Of a coarser level, and of no outline.
+        let indices = finest.into_iter().chain([1, 3, 2]);
         let primitive = Primitive {
             blob: BlobHash([0; 32]),
             layout: VertexLayout::default(),
             vertex_count: 4,
-            index_count: indices.len() as u32,
-            coarser_index_count: 0,
-            meshlet_count: 0,
+            index_count: finest.len() as u32,
+            coarser_index_count: 3,
+            meshlet_count: 1,
             index_format,
             topology: Topology::Triangles,
             material: None,

@@ -8,6 +8,7 @@ use polyptych_renderer::{
     AllowedError, DrawStats, Gpu, GpuScene, Renderer, SceneBuilder, SceneLayout, Target, ViewDesc,
     read_pixels,
 };
+use polyptych_scene::meshlet::{ErrorSphere, Meshlet};
 use polyptych_scene::{
     IndexFormat, Material, Mesh, Node, Primitive, Sampler, Scene, SceneSubset, Texture,
     TextureFormat, Topology, VertexLayout, Wrap,
@@ -24,13 +25,15 @@ pub fn gpu() -> &'static Gpu {
 pub struct MeshFixture {
     pub vertices: Vec<[f32; 12]>,
     pub indices: Vec<u32>,
+    pub coarser_indices: Vec<u32>,
+    pub meshlets: Vec<Meshlet>,
 }
 
 impl MeshFixture {
     pub const LAYOUT: VertexLayout =
         VertexLayout { tangent: true, uv0: true, uv1: false, color: false };
 
-    fn push(&mut self, p: Vec3, n: Vec3, t: Vec3, uv: Vec2) -> u32 {
+    pub fn push(&mut self, p: Vec3, n: Vec3, t: Vec3, uv: Vec2) -> u32 {
         self.vertices.push([p.x, p.y, p.z, n.x, n.y, n.z, t.x, t.y, t.z, 1.0, uv.x, uv.y]);
         self.vertices.len() as u32 - 1
     }
@@ -80,6 +83,45 @@ impl MeshFixture {
         shape
     }
 
+    /// The same with meshlets of so many triangles, which are all of its finest level and have none
+    /// that replace them.
+    pub fn with_meshlets(mut self, triangles: usize) -> Self {
+        let runs = self.indices.chunks(triangles * 3).enumerate();
+        let meshlets = runs.map(|(at, run)| self.meshlet((at * triangles * 3) as u32, run));
+        self.meshlets = meshlets.collect();
+        self
+    }
+
+    /// A meshlet of these triangles, which begin at an index; without error, and not replaced.
+    pub fn meshlet(&self, first_index: u32, triangles: &[u32]) -> Meshlet {
+        let point = |index: &u32| Vec3::from_slice(&self.vertices[*index as usize][..3]);
+        let min = triangles.iter().map(point).fold(Vec3::INFINITY, Vec3::min);
+        let max = triangles.iter().map(point).fold(Vec3::NEG_INFINITY, Vec3::max);
+        // A triangle without area is not drawn, wherever it faces.
+        let normals = || {
+            triangles.as_chunks::<3>().0.iter().filter_map(|triangle| {
+                let [a, b, c] = [0, 1, 2].map(|corner| point(&triangle[corner]).as_dvec3());
+                (b - a).cross(c - a).try_normalize()
+            })
+        };
+        let axis = normals().sum::<DVec3>().normalize_or_zero();
+        let cosine = normals().map(|normal| normal.dot(axis)).fold(1.0, f64::min);
+        let has_cone = cosine > 0.17;
+        let sphere = ErrorSphere { center: (min + max) * 0.5, radius: (max - min).length() * 0.5 };
+        Meshlet {
+            first_index,
+            index_count: triangles.len() as u32,
+            min,
+            max,
+            cone_axis: if has_cone { axis.as_vec3() } else { Vec3::ZERO },
+            cone_sine: if has_cone { (1.0 - cosine * cosine).max(0.0).sqrt() as f32 } else { 1.0 },
+            error: 0.0,
+            sphere,
+            coarser_error: f32::INFINITY,
+            coarser_sphere: sphere,
+        }
+    }
+
     pub fn primitive(&self, material: Option<u32>) -> Primitive {
         let points = || self.vertices.iter().map(|v| Vec3::new(v[0], v[1], v[2]));
         Primitive {
@@ -87,8 +129,8 @@ impl MeshFixture {
             layout: Self::LAYOUT,
             vertex_count: self.vertices.len() as u32,
             index_count: self.indices.len() as u32,
-            coarser_index_count: 0,
-            meshlet_count: 0,
+            coarser_index_count: self.coarser_indices.len() as u32,
+            meshlet_count: self.meshlets.len() as u32,
             index_format: IndexFormat::U32,
             topology: Topology::Triangles,
             material,
@@ -101,6 +143,8 @@ impl MeshFixture {
     pub fn bytes(&self) -> Vec<u8> {
         let mut bytes = bytemuck::cast_slice(&self.vertices).to_vec();
         bytes.extend_from_slice(bytemuck::cast_slice(&self.indices));
+        bytes.extend_from_slice(bytemuck::cast_slice(&self.coarser_indices));
+        bytes.extend(self.meshlets.iter().flat_map(Meshlet::to_bytes));
         bytes
     }
 }

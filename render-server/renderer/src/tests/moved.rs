@@ -1,14 +1,15 @@
 //! Nodes that were moved: what is drawn is as after a new layout, in the same order, bit for bit.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use glam::{DAffine3, DQuat, DVec3, Quat, Vec3, Vec4};
+use glam::{DAffine3, DQuat, DVec2, DVec3, Quat, Vec3, Vec4};
 use polyptych_scene::{AlphaMode, Instance, Light, LightKind, Material, Node};
 use proptest::prelude::*;
 
 use super::harness::{MeshFixture, SceneFixture, differences, draw, gpu, look};
+use super::terrain::Terrain;
 use crate::draw_list::{DrawList, Scratch};
-use crate::{GpuScene, MovedItems, MovedNode};
+use crate::{AllowedError, GpuScene, MovedItems, MovedNode, ViewDesc};
 
 const SIZE: [u32; 2] = [96, 64];
 
@@ -47,7 +48,7 @@ fn described() -> impl Strategy<Value = Described> {
     )
 }
 
-/// Meshes of which one is cut into clusters, materials that are opaque, blended and two-sided.
+/// Meshes of which one has meshlets of several levels, materials that are opaque, blended and two-sided.
 fn scene(nodes: &[Described], lamps: &[([i8; 3], u8)]) -> SceneFixture {
     let mut stage = SceneFixture::new();
     let plain = stage.material(Material { metallic: 0.0, ..Material::default() });
@@ -58,10 +59,12 @@ fn scene(nodes: &[Described], lamps: &[([i8; 3], u8)]) -> SceneFixture {
         ..Material::default()
     };
     let [pane, both] = [false, true].map(|both| stage.material(glass(both)));
-    let (small, large) = (MeshFixture::sphere(4), MeshFixture::sphere(40));
+    static LARGE: OnceLock<MeshFixture> = OnceLock::new();
+    let hills = |at: DVec2| (at.x * 7.0).sin() * (at.y * 5.0).cos() * 0.2;
+    let (small, large) = (MeshFixture::sphere(4), LARGE.get_or_init(|| Terrain::mesh(3, hills)));
     let pane_shape = MeshFixture::rectangle(1.0, 0.7);
     stage.mesh(&small, Some(plain));
-    stage.mesh(&large, Some(plain));
+    stage.mesh(large, Some(plain));
     stage.mesh(&pane_shape, Some(pane));
     stage.mesh(&pane_shape, Some(both));
     for (index, (parent, mesh, copies, place)) in (0u32..).zip(nodes) {
@@ -88,12 +91,11 @@ fn scene(nodes: &[Described], lamps: &[([i8; 3], u8)]) -> SceneFixture {
 }
 
 /// All that two scenes draw of a view, but for where the lists of lamps stand.
-fn expect_same_draws(a: &GpuScene, b: &GpuScene, eye: DVec3) {
-    let view = look(eye, DVec3::ZERO, SIZE);
+fn expect_same_draws(a: &GpuScene, b: &GpuScene, view: &ViewDesc) {
     let listed = |scene: &GpuScene| {
         let (mut scratch, mut records) = (Scratch::default(), Vec::new());
         let whole = [0, 0, SIZE[0], SIZE[1]];
-        let list = DrawList::new(scene, &view, whole, &mut scratch, &mut records);
+        let list = DrawList::new(scene, view, whole, &mut scratch, &mut records);
         let counts: Vec<u32> = records.iter().map(|record| record.lamps[1]).collect();
         for record in &mut records {
             record.lamps = [0; 2];
@@ -101,7 +103,7 @@ fn expect_same_draws(a: &GpuScene, b: &GpuScene, eye: DVec3) {
         let bytes = bytemuck::cast_slice::<_, u8>(&records).to_vec();
         (list.opaque, list.transparent, list.triangles, list.visible, list.touched, counts, bytes)
     };
-    assert_eq!(listed(a), listed(b), "seen from {eye}");
+    assert_eq!(listed(a), listed(b), "seen from {}", view.eye_in_world);
 }
 
 proptest! {
@@ -149,7 +151,11 @@ proptest! {
             prop_assert_eq!(lamps_of(&patched, item), lamps_of(&anew, item));
         }
         for eye in &eyes {
-            expect_same_draws(&patched, &anew, DVec3::from(eye.map(f64::from)));
+            let view = look(DVec3::from(eye.map(f64::from)), DVec3::ZERO, SIZE);
+            for angle_rad in [0.0, 0.01, 0.1] {
+                let allowed_error = AllowedError { angle_rad, length: 0.0 };
+                expect_same_draws(&patched, &anew, &ViewDesc { allowed_error, ..view.clone() });
+            }
         }
         let view = look(DVec3::from(eyes[0].map(f64::from)), DVec3::ZERO, SIZE);
         let (own, its) = (draw(&patched, SIZE, &view), draw(&anew, SIZE, &view));

@@ -155,10 +155,10 @@ fn panes_of_a_plan_are_sorted_by_depth_and_not_by_distance() {
 fn culling_a_plan_changes_no_pixel() {
     let mut stage = SceneFixture::new();
     let material = stage.material(flat([0.8, 0.5, 0.2], 1.0));
-    // Fine enough that its clusters are culled one by one, and facing one way.
+    // Fine enough that its meshlets are culled one by one, and facing one way.
     let single = Material { double_sided: false, ..flat([0.2, 0.7, 0.3], 1.0) };
     let single = stage.material(single);
-    let ball = stage.mesh(&MeshFixture::sphere(40), Some(single));
+    let ball = stage.mesh(&MeshFixture::sphere(40).with_meshlets(256), Some(single));
     let tile = stage.mesh(&MeshFixture::rectangle(0.4, 0.4), Some(material));
     for i in 0..60 {
         let t = f64::from(i);

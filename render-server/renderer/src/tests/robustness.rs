@@ -4,7 +4,7 @@ use glam::{Affine2, DAffine3, DMat3, DVec3, Vec3};
 use polyptych_scene::{AlphaMode, Instance, Light, LightKind, Material, TextureRef};
 
 use super::harness::{MeshFixture, SceneFixture, draw, drawn, gpu, look, matt, pixel};
-use crate::{DrawError, Renderer, SceneBuilder, SceneError, Target, ViewDesc};
+use crate::{AllowedError, DrawError, Renderer, SceneBuilder, SceneError, Target, ViewDesc};
 
 const SIZE: [u32; 2] = [96, 96];
 
@@ -163,6 +163,26 @@ fn wrong_uploads_say_both_sizes_and_the_index() {
 }
 
 #[test]
+fn wrong_meshlets_and_coarser_indices_are_refused_by_name() {
+    let shape = MeshFixture { coarser_indices: vec![0, 1, 2], ..MeshFixture::rectangle(1.0, 1.0) };
+    let shape = shape.with_meshlets(1);
+    let check = |spoil: fn(&mut MeshFixture), wanted: &str| {
+        let mut shape = shape.clone();
+        spoil(&mut shape);
+        let mut stage = SceneFixture::new();
+        stage.mesh(&shape, None);
+        let mut builder = SceneBuilder::new(gpu(), stage.desc.clone()).unwrap();
+        let error = builder.upload_primitive(gpu(), 0, 0, &shape.bytes()).unwrap_err().to_string();
+        assert!(error.contains("primitive 0 of mesh 0") && error.contains(wanted), "{error}");
+    };
+    check(|s| s.coarser_indices[2] = 4, "has the index 4, but only 4 vertices");
+    check(|s| s.meshlets[1].error = f32::NAN, "meshlet 1: its errors are not in order");
+    check(|s| s.meshlets[1].first_index = 9, "meshlet 1: its indices are not whole triangles");
+    check(|s| s.meshlets.truncate(1), "the finest level has 3 indices");
+    assert_eq!(gpu().take_error(), None);
+}
+
+#[test]
 fn equal_contents_are_uploaded_once() {
     let mut stage = SceneFixture::new();
     let shape = MeshFixture::rectangle(1.0, 1.0);
@@ -212,6 +232,12 @@ fn what_does_not_fit_together_is_an_error() {
     let broken = ViewDesc { exposure: f32::NAN, ..view.clone() };
     let error = renderer.draw(gpu(), &scene, &mut target, &[view.clone(), broken]).unwrap_err();
     assert!(error.to_string().contains("view 1"), "{error}");
+    for wrong in [f64::NAN, f64::INFINITY, -1e-9] {
+        let allowed_error = AllowedError { angle_rad: 0.0, length: wrong };
+        let view = ViewDesc { allowed_error, ..view.clone() };
+        let error = renderer.draw(gpu(), &scene, &mut target, &[view]).unwrap_err();
+        assert!(error.to_string().contains("allowed error"), "{error}");
+    }
     let mut linear = Target::new(gpu(), SIZE, 1, true).unwrap();
     let error = renderer.draw(gpu(), &scene, &mut linear, views).unwrap_err();
     assert!(matches!(error, DrawError::Target), "{error}");
