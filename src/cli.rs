@@ -136,9 +136,8 @@ enum Command {
     Transaction(node::TransactionArguments),
     /// Turn a glTF file into the blobs that servers read
     Bake(bake::Arguments),
-    /// Measure what parts of the system cost
-    #[command(subcommand)]
-    Bench(bench::Bench),
+    /// Report what frames of scenes cost at each error bound, and how far their pictures are off
+    Bench(bench::Arguments),
     /// Print a script with which a shell completes this command
     Completions(completions::CompletionArguments),
     /// Write manual pages of all commands
@@ -244,7 +243,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Node(command) => return node::run(&command),
         Command::Transaction(arguments) => return node::transaction(&arguments),
         Command::Bake(arguments) => bake::run(&arguments),
-        Command::Bench(bench) => bench::run(&bench),
+        Command::Bench(arguments) => return bench::run(&arguments),
         Command::Completions(arguments) => completions::completions(&arguments),
         Command::Man(arguments) => completions::man(&arguments),
     };
@@ -256,7 +255,7 @@ pub(crate) fn start_log(cli: &Cli) {
     let level = match cli.command {
         Command::Manager(_) | Command::Server(_) => "info",
         // What its own manager would warn of, the command says itself.
-        Command::Simulate(_) | Command::Demo(_) => {
+        Command::Simulate(_) | Command::Demo(_) | Command::Bench(_) => {
             "warn,polyptych_core=error,polyptych_manager=error"
         }
         // Its core would warn of what happened long ago.

@@ -1,9 +1,11 @@
 //! The laboratory: a wall on one machine, faults on purpose, measurements, and a scene to show.
 
 pub(crate) mod barrier;
+pub(crate) mod benchmark;
 pub(crate) mod ending;
 pub(crate) mod faults;
 pub(crate) mod local_wall;
+pub(crate) mod orbit;
 pub(crate) mod run_report;
 mod supervise;
 pub(crate) mod town;

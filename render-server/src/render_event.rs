@@ -43,7 +43,7 @@ pub(crate) fn drawn(
         draw_us: u32::try_from(draw_us).unwrap_or(u32::MAX),
         triangles: stats.triangles,
         draw_calls: stats.draw_calls,
-        error_fraction: 0.0,
+        error_fraction: stats.error_share,
     }))
 }
 

@@ -1,69 +1,188 @@
-//! `polyptych bench`: what parts of the system cost, beside a measuring stick in the same run.
+//! `polyptych bench`: a report of speed against error, and what parts of the system cost.
 
-use std::path::PathBuf;
+mod barrier;
 
-use super::say;
-use crate::simulator::barrier::{BarrierCost, measure};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::bail;
+use polyptych_text::counted;
+use polyptych_wall::limits::CHANNEL_SIDE_MAX;
+
+use super::{manager, one_line, say, simulate};
+use crate::simulator::benchmark::{
+    Benchmark, BenchmarkOptions, COLUMNS_MAX, RunInfo, SceneReport, ending_of, grid_of, page,
+};
+use crate::simulator::ending::Ending;
+use crate::simulator::local_wall::INTERRUPTED;
+use crate::{logging, outputs};
+
+/// The largest error bound that can be asked for, in pixels: the width of a wall's largest channel.
+const ERROR_BOUND_MAX_PX: f64 = CHANNEL_SIDE_MAX as f64;
+
+#[derive(Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    part: Option<Part>,
+    #[command(flatten)]
+    report: ReportArguments,
+}
 
 #[derive(Debug, clap::Subcommand)]
-pub(super) enum Bench {
+enum Part {
     /// The frame barrier with stub servers on loopback, beside a raw TCP barrier
-    Barrier(BarrierArguments),
+    Barrier(barrier::BarrierArguments),
 }
 
 #[derive(Debug, clap::Args)]
-pub(super) struct BarrierArguments {
-    /// Number of servers; may be given again [default: 4, 16 and 64]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=512))]
-    servers: Vec<u16>,
-    /// Frames to measure
-    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u64).range(10..=60_000))]
-    frames: u64,
-    /// Record what the manager is told meanwhile, to see what that costs
-    #[arg(long, value_name = "FILE")]
-    record: Option<PathBuf>,
-    /// Encrypt ours, with keys made for the measurement; the raw barrier stays in the clear
-    #[arg(long)]
-    tls: bool,
-    /// Print JSON instead of a table
-    #[arg(long)]
-    json: bool,
+struct ReportArguments {
+    /// The .gltf or .glb files to measure; without one, the generated town
+    #[arg(value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Where report.html and report.json go
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Pixels of the wall
+    #[arg(long, value_name = "WxH", value_parser = super::wall::pixels)]
+    #[arg(default_value = "1920x1080")]
+    size: [u32; 2],
+    /// Error bounds in pixels; 0, full detail, is always among them
+    #[arg(long, value_name = "PX,...", value_delimiter = ',', value_parser = error_bound)]
+    #[arg(default_value = "0.25,0.5,1,2,4,8")]
+    error_bounds: Vec<f64>,
+    /// Numbers of channels to cut the wall into; one channel is always measured
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = channels)]
+    #[arg(default_value = "2,4,8")]
+    channels: Vec<u32>,
+    /// Frames to time for each setting in each round
+    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: u32,
+    /// Rounds, in each of which all settings take turns
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: u32,
+    /// Poses around the scene of which pictures are compared
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    poses: u32,
+    /// Pixels along each side of a pixel for comparing outlines
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=4))]
+    supersampling: u32,
 }
 
-pub(super) fn run(bench: &Bench) -> anyhow::Result<()> {
-    let Bench::Barrier(arguments) = bench;
-    let numbers =
-        if arguments.servers.is_empty() { vec![4, 16, 64] } else { arguments.servers.clone() };
-    let (record, is_encrypted) = (arguments.record.as_deref(), arguments.tls);
-    let measure = |servers| measure(servers, arguments.frames, record, is_encrypted);
-    let costs: anyhow::Result<Vec<BarrierCost>> = numbers.into_iter().map(measure).collect();
-    let costs = costs?;
-    if arguments.json {
-        say(serde_json::to_string_pretty(&costs)?)?;
-        return Ok(());
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    match &arguments.part {
+        Some(Part::Barrier(barrier)) => barrier::run(barrier).map(|()| ExitCode::SUCCESS),
+        None => report(&arguments.report),
     }
-    say(format_args!(
-        "barrier: from the frame command to the swap command; skew: of its arrival; µs"
-    ))?;
-    say(format_args!("servers          p50      p99      max  skew p50      p99   joined"))?;
-    for cost in &costs {
-        for (name, measured) in [("ours", &cost.ours), ("raw", &cost.raw)] {
-            let (barrier, skew) = (&measured.barrier_us, &measured.skew_us);
-            say(format_args!(
-                "{:>7}  {name:<4} {:>7.0}  {:>7.0}  {:>7.0}  {:>8.0}  {:>7.0}  {}",
-                cost.servers,
-                barrier.p50,
-                barrier.p99,
-                barrier.max,
-                skew.p50,
-                skew.p99,
-                if name == "ours" { format!("{:.0} ms", cost.joined_ms) } else { String::new() }
-            ))?;
+}
+
+fn report(arguments: &ReportArguments) -> anyhow::Result<ExitCode> {
+    let options = arguments.options()?;
+    outputs::make_folder(&arguments.out)?;
+    let [json, html] = ["report.json", "report.html"].map(|name| arguments.out.join(name));
+    outputs::check(&json)?;
+    outputs::check(&html)?;
+    let run = RunInfo::new(&options);
+    let generated = [None];
+    let named: Vec<Option<&Path>> = arguments.scenes.iter().map(|s| Some(s.as_path())).collect();
+    let scenes = if named.is_empty() { &generated[..] } else { &named };
+    let mut benchmark = Benchmark::new(&options, &run, manager::default_baker()?, scenes.len());
+    let mut reports: Vec<SceneReport> = Vec::new();
+    let mut ended = None;
+    for scene in scenes {
+        match simulate::shown(*scene).and_then(|shown| benchmark.measure(&shown)) {
+            Ok(measured) => reports.push(measured),
+            Err(error) => {
+                ended = ending_of(&error);
+                if ended.is_some() {
+                    break;
+                }
+                let file = scene.unwrap_or(Path::new("the generated town"));
+                let reason = one_line(&error.context(file.display().to_string()));
+                logging::say_failure("bench", &format!("error: {reason}"));
+                reports.push(SceneReport::failed(file, &run, reason));
+            }
         }
-        say(format_args!(
-            "         ratio {:>6.2}  {:>7.2}           {:>8.2}",
-            cost.ratio_p50, cost.ratio_p99, cost.skew_ratio_p50
-        ))?;
     }
-    Ok(())
+    drop(benchmark);
+    if let Some(ending) = ended {
+        logging::say_failure("bench", &format!("{ending}; scenes measured: {}", reports.len()));
+    }
+    if !reports.is_empty() {
+        outputs::write(&json, &serde_json::to_vec_pretty(&reports)?)?;
+        outputs::write(&html, page(&run, &reports).as_bytes())?;
+        reports.iter().flat_map(SceneReport::lines).try_for_each(say)?;
+        say(format_args!("report: {}", html.display()))?;
+    }
+    let failed = reports.iter().filter(|report| report.error.is_some()).count();
+    match ended {
+        Some(Ending::Interrupted) => return Ok(ExitCode::from(INTERRUPTED)),
+        Some(Ending::WindowClosed) | None => {}
+    }
+    if failed > 0 {
+        let all = counted(reports.len(), "scene");
+        bail!("{failed} of {all} could not be measured; the report names them with the reasons");
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+impl ReportArguments {
+    /// Returns what is measured.
+    ///
+    /// # Errors
+    /// A size that cannot be cut into the channels, or is too large for fine pictures.
+    fn options(&self) -> anyhow::Result<BenchmarkOptions> {
+        let [width, height] = self.size;
+        let most = self.channels.iter().filter_map(|&count| grid_of(count));
+        let [columns, rows] = most.fold([1, 1], |[a, b], [c, d]| [a.max(c), b.max(d)]);
+        if width % columns != 0 || height % rows != 0 || width == 0 || height == 0 {
+            bail!(
+                "--size {width}x{height} cannot be cut into {columns} columns and {rows} rows of \
+                 channels; give multiples of {columns} and {rows}, or fewer --channels"
+            );
+        }
+        let side_max = CHANNEL_SIDE_MAX / self.supersampling;
+        if width.max(height) > side_max {
+            bail!(
+                "--size {width}x{height} is too large: with --supersampling {} a side has at most \
+                 {side_max} pixels",
+                self.supersampling
+            );
+        }
+        let mut bounds_px = self.error_bounds.clone();
+        bounds_px.push(0.0);
+        bounds_px.sort_by(f64::total_cmp);
+        bounds_px.dedup();
+        let mut channel_counts = self.channels.clone();
+        channel_counts.push(1);
+        channel_counts.sort_unstable();
+        channel_counts.dedup();
+        Ok(BenchmarkOptions {
+            size: self.size,
+            bounds_px,
+            channel_counts,
+            frames: self.frames,
+            repetitions: self.rounds,
+            poses: self.poses,
+            supersampling: self.supersampling,
+        })
+    }
+}
+
+/// An error bound in pixels, as an argument.
+fn error_bound(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of pixels"))?;
+    let is_bound = (0.0..=ERROR_BOUND_MAX_PX).contains(&number);
+    // Not -0, which would be another bound than 0.
+    let number = number + 0.0;
+    is_bound.then_some(number).ok_or_else(|| format!("{text} is not 0 to {ERROR_BOUND_MAX_PX}"))
+}
+
+/// A number of channels, as an argument.
+fn channels(text: &str) -> Result<u32, String> {
+    let number: u32 = text.parse().map_err(|_| format!("{text:?} is not a number of channels"))?;
+    let max = COLUMNS_MAX * COLUMNS_MAX;
+    let fits = grid_of(number).is_some();
+    fits.then_some(number).ok_or_else(|| format!("{text} is not a power of two from 1 to {max}"))
 }

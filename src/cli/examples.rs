@@ -182,6 +182,13 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ),
     ("scene town", &["polyptych scene town --blocks 8 --seed 3 -o town.glb"]),
     ("bake", &["polyptych bake town.glb -o store", "polyptych bake left.pfm -o store --as warp"]),
+    (
+        "bench",
+        &[
+            "polyptych bench town.glb helmet.glb --out report",
+            "polyptych bench --size 1280x720 --error-bounds 0.5,2 --channels 4",
+        ],
+    ),
     ("bench barrier", &["polyptych bench barrier --servers 16 --frames 500"]),
     ("completions", &["polyptych completions bash", "polyptych completions fish"]),
     ("man", &["polyptych man -o man1"]),
@@ -222,13 +229,13 @@ mod tests {
     use super::super::{Cli, command};
     use super::*;
 
-    /// All commands that have none below them, by their names.
+    /// All commands that can be run, by their names: those that have none below them, and those
+    /// that need none of these.
     fn leaves(command: &Command, above: &str, found: &mut Vec<String>) {
         for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
             let path = format!("{above} {}", sub.get_name()).trim().to_owned();
-            if sub.has_subcommands() {
-                leaves(sub, &path, found);
-            } else {
+            leaves(sub, &path, found);
+            if !sub.has_subcommands() || sub.is_args_conflicts_with_subcommands_set() {
                 found.push(path);
             }
         }

@@ -1,13 +1,12 @@
 //! `polyptych simulate`: a whole wall on one machine, with real processes.
 
-use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use polyptych_client::{Bounds, Camera, QualityBounds, fit_bounds, orbit};
+use polyptych_client::{Bounds, Camera, QualityBounds, fit_bounds};
 use polyptych_manager::recorder::Recorder;
 use polyptych_text::counted;
 use polyptych_wall::Wall;
@@ -22,6 +21,7 @@ use super::{
 use crate::simulator::ending::Ending;
 use crate::simulator::faults::{self, Fault, FaultHooks, Faults};
 use crate::simulator::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
+use crate::simulator::orbit;
 use crate::simulator::run_report::RunReport;
 use crate::simulator::verify::ReferenceScene;
 use crate::{image_files, logging, outputs, progress};
@@ -31,15 +31,6 @@ const FRAMES_DEFAULT: u64 = 60;
 
 /// Frames that are drawn before measuring begins: the first ones fill caches.
 const WARM_UP_FRAMES: u64 = 3;
-
-/// One turn of the orbiting camera, in seconds of scene time.
-const ORBIT_SECONDS: f64 = 12.0;
-
-/// Where the camera looks from at first, in radians around the vertical.
-const HEADING_RAD: f64 = 0.52;
-
-/// Steps of scene time, where no rate is given.
-const TIME_RATE: f64 = 30.0;
 
 /// The file with the picture of the whole wall.
 const WALL_PICTURE: &str = "wall.png";
@@ -241,11 +232,11 @@ fn camera_of_frame(
     arguments: &Arguments,
     n: u64,
 ) -> Option<Camera> {
-    let time_s = n as f64 / arguments.rate.unwrap_or(TIME_RATE);
+    let time_s = n as f64 / arguments.rate.unwrap_or(orbit::TIME_RATE);
     Some(if arguments.orbit {
-        orbit(wall, focus?, HEADING_RAD + TAU * time_s / ORBIT_SECONDS)
+        orbit::camera_at(wall, focus?, time_s)
     } else {
-        fit_bounds(wall, focus?, HEADING_RAD)
+        fit_bounds(wall, focus?, orbit::HEADING_RAD)
     })
 }
 
@@ -284,7 +275,7 @@ fn draw_frames(
         if local.end.wait_until(start.checked_add(due).unwrap_or(start)).is_some() {
             break;
         }
-        let time_s = n as f64 / arguments.rate.unwrap_or(TIME_RATE);
+        let time_s = n as f64 / arguments.rate.unwrap_or(orbit::TIME_RATE);
         // Once the mouse has moved the camera, it is the user's.
         let own = if navigations == 0 { camera(n) } else { None };
         let feedback = local.client.render_frame_at(own, Some(time_s))?;

@@ -170,7 +170,7 @@ fn degrees(text: &str) -> Result<f64, String> {
 }
 
 /// Width and height in pixels, as an argument: `1920x1080`.
-fn pixels(text: &str) -> Result<[u32; 2], String> {
+pub(super) fn pixels(text: &str) -> Result<[u32; 2], String> {
     let pair = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     pair.ok_or_else(|| format!("{text:?} is no size in pixels; write WIDTHxHEIGHT"))
 }

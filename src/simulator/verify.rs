@@ -22,10 +22,8 @@ use verification_report::VerificationReport;
 use crate::progress::Steps;
 use crate::simulator::faults::FaultHooks;
 use crate::simulator::local_wall::{LocalWall, LocalWallOptions};
+use crate::simulator::orbit::HEADING_RAD;
 use crate::{image_files, outputs};
-
-/// Where the camera looks from when pictures are compared, in radians around the vertical.
-const HEADING_RAD: f64 = 0.52;
 
 /// A wall to prove.
 #[derive(Clone, Copy, Debug)]

@@ -42,10 +42,12 @@
 //! - `notes`: what of a scene is not drawn is said
 //! - `seen`: exit codes say who sees what a command did, and long ones how far they are
 //! - `report`: what a simulated wall writes, also where it ends early or is late
+//! - `bench_report`: speed against error of scenes, as a page and as JSON
 
 mod assets;
 mod back_pressure;
 mod beginnings;
+mod bench_report;
 mod check;
 mod client_library;
 mod command_text;

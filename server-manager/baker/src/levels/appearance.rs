@@ -59,7 +59,8 @@ impl VertexList<'_> {
             if corners.iter().all(|corner| tangents[*corner as usize].is_some()) {
                 continue;
             }
-            let position = |corner: u32| self.source.surface.position(self.vertices[corner as usize]);
+            let position =
+                |corner: u32| self.source.surface.position(self.vertices[corner as usize]);
             let of = triangle_tangents(
                 corners.map(position),
                 corners.map(|corner| self.uv(corner, offset)),

@@ -60,7 +60,10 @@ impl ConvexPolygon {
             part
         };
         let opposite = self.count.div_ceil(2);
-        [around(next(first), opposite), around(next(first) + opposite - 1, self.count - opposite + 1)]
+        [
+            around(next(first), opposite),
+            around(next(first) + opposite - 1, self.count - opposite + 1),
+        ]
     }
 
     /// Divides it by the three planes that stand on the edges of a triangle. Returns what projects
@@ -148,9 +151,9 @@ mod tests {
 
     fn area(polygon: &ConvexPolygon) -> f64 {
         let corners = polygon.corners();
-        let fan = corners.windows(2).map(|edge| {
-            (edge[0] - corners[0]).cross(edge[1] - corners[0]).length() * 0.5
-        });
+        let fan = corners
+            .windows(2)
+            .map(|edge| (edge[0] - corners[0]).cross(edge[1] - corners[0]).length() * 0.5);
         fan.sum()
     }
 

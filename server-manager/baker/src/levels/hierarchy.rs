@@ -207,7 +207,8 @@ impl Builder<'_> {
         let place = |group: &Vec<Cluster>| self.source.scaled[group[0].indices[0] as usize];
         let places: Vec<[f32; 3]> = groups.iter().map(place).collect();
         let Some(places) = adapter(&places) else { return groups };
-        let mut ordered: Vec<_> = meshopt::spatial_sort_remap(&places).into_iter().zip(groups).collect();
+        let mut ordered: Vec<_> =
+            meshopt::spatial_sort_remap(&places).into_iter().zip(groups).collect();
         ordered.sort_by_key(|(order, _)| *order);
         ordered.into_iter().map(|(_, group)| group).collect()
     }

@@ -75,7 +75,8 @@ impl<'a> Patch<'a> {
     /// `is_locked` says of a vertex whether it must stay, and `prior` is the error that the
     /// patch's triangles have already.
     pub fn simplify(&self, is_locked: impl Fn(u32) -> bool, prior: f64) -> Option<Simplified> {
-        let flags = self.vertices.iter().map(|vertex| self.source.flags(*vertex, is_locked(*vertex)));
+        let flags =
+            self.vertices.iter().map(|vertex| self.source.flags(*vertex, is_locked(*vertex)));
         let flags: Vec<SimplifyVertex> = flags.collect();
         let is_whole = !flags.iter().any(|flags| flags.contains(SimplifyVertex::Lock));
         let mut after = self.fewer(&flags, SimplifyOptions::Permissive);

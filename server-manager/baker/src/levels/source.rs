@@ -45,8 +45,9 @@ impl<'a> Source<'a> {
         let mut is_at_seam = vec![false; welded.len()];
         for vertex in vertices.clone() {
             let first = welded[vertex as usize];
-            let differs =
-                |(offset, _): &(usize, f64)| surface.uv(vertex, *offset) != surface.uv(first, *offset);
+            let differs = |(offset, _): &(usize, f64)| {
+                surface.uv(vertex, *offset) != surface.uv(first, *offset)
+            };
             is_at_seam[first as usize] |= uv_lengths.iter().any(differs);
         }
         let seams = welded.iter().map(|first| is_at_seam[*first as usize]).collect();

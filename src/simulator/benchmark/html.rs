@@ -1,0 +1,289 @@
+//! `report.html`: one file with tables and plots, without scripts.
+
+use std::fmt::Write;
+
+use super::frame_samples::FrameCosts;
+use super::plot::{Axis, Plot, Point, Scale, Series, number};
+use super::scene_report::{BoundReport, RunInfo, SceneReport};
+
+const STYLE: &str = include_str!("report.css");
+
+/// Bytes of a MiB.
+const MIB: f64 = 1024.0 * 1024.0;
+
+/// Returns the report of a run as an HTML file, which is well-formed XML below its first line.
+pub(crate) fn page(run: &RunInfo, scenes: &[SceneReport]) -> String {
+    let mut body = format!(
+        "<h1>Speed against error</h1>\n\
+         <p>What frames cost at each error bound, and how far their pictures are from those of full \
+         detail. Measured by polyptych {}.</p>\n",
+        run.version
+    );
+    body.push_str(&run_table(run, scenes));
+    body.push_str(&meaning(run));
+    for scene in scenes {
+        add_scene(&mut body, scene);
+    }
+    format!(
+        "<!doctype html>\n\
+         <html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n\
+         <meta name=\"color-scheme\" content=\"light dark\"/>\n\
+         <title>Speed against error</title>\n<style>\n{STYLE}</style>\n</head>\n\
+         <body>\n{body}</body>\n</html>\n"
+    )
+}
+
+/// Returns text as it stands in HTML and XML, between tags or in quotes.
+pub(super) fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            // XML has no way to write them.
+            c if c.is_control() && c != '\n' && c != '\t' => escaped.push('\u{fffd}'),
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
+fn run_table(run: &RunInfo, scenes: &[SceneReport]) -> String {
+    let [width, height] = run.size;
+    let mut adapters: Vec<&str> =
+        scenes.iter().map(|scene| scene.adapter.as_str()).filter(|name| !name.is_empty()).collect();
+    adapters.dedup();
+    let rows = [
+        ("Date", run.date.clone()),
+        ("Machine", format!("{}, {} cores, {}", run.processor, run.cores, run.system)),
+        ("Graphics adapter", adapters.join("; ")),
+        ("Wall", format!("{width} × {height} pixels in all, one server process")),
+        ("Frames", format!("{} of each setting in each of {} rounds", run.frames, run.repetitions)),
+        ("Command", run.command.clone()),
+    ];
+    let row = |(name, value): &(&str, String)| {
+        format!("<tr><th scope=\"row\">{name}</th><td>{}</td></tr>\n", escaped(value))
+    };
+    format!("<table class=\"run\">\n{}</table>\n", rows.iter().map(row).collect::<String>())
+}
+
+/// What the numbers mean.
+fn meaning(run: &RunInfo) -> String {
+    let (poses, factor) = (run.poses, run.supersampling);
+    format!(
+        "<details open=\"open\">\n<summary>What the numbers mean</summary>\n<dl>\n\
+         <dt>Error bound</dt><dd>The error in pixels that is asked for; 0 is full detail.</dd>\n\
+         <dt>Frame</dt><dd>Time from the frame command to the swap command: the median of all \
+         frames, the range that half of them lie in, and the time that 95 % do not exceed. The \
+         camera goes around the scene by 1° a frame. Settings take turns in every round.</dd>\n\
+         <dt>Empty frame</dt><dd>The same wall and scene while the camera looks away: what a frame \
+         costs without anything to draw.</dd>\n\
+         <dt>Silhouette</dt><dd>The largest distance in pixels between the outlines of the scene \
+         at this bound and at full detail, in either direction, over {poses} poses. The outline \
+         separates pixels that differ from the background; edges in front of other parts of the \
+         scene are not in it. A feature that vanishes counts by how far its outline has to move to \
+         close over it, which is half of its width. It is measured on pictures of {factor} × {factor} pixels for each pixel, \
+         so that the number is a whole multiple of 1/{factor} px along rows and columns, and can \
+         exceed the true distance by that much.</dd>\n\
+         <dt>FLIP</dt><dd>The difference that a viewer sees who alternates between both pictures, \
+         from 0 to 1 (LDR-FLIP, Andersson et al. 2020, 67 pixels per degree): the mean over all \
+         pixels and poses, and what 99 of 100 pixels do not exceed in the worst pose.</dd>\n\
+         <dt>GPU and server</dt><dd>Textures and meshes on the GPU; resident memory of the server \
+         process.</dd>\n</dl>\n</details>\n"
+    )
+}
+
+fn add_scene(page: &mut String, scene: &SceneReport) {
+    let name = escaped(&scene.scene);
+    page.push_str(&format!("<section>\n<h2>{name}</h2>\n"));
+    if let Some(reason) = &scene.error {
+        let reason = escaped(reason);
+        page.push_str(&format!("<p class=\"failure\">Not measured: {reason}</p>\n</section>\n"));
+        return;
+    }
+    let triangles = number(scene.scene_triangles as f64);
+    page.push_str(&format!("<p>{}, {triangles} triangles.</p>\n", escaped(&scene.file)));
+    for note in &scene.notes {
+        page.push_str(&format!("<p class=\"note\">Note: {}</p>\n", escaped(note)));
+    }
+    page.push_str("<div class=\"plots\">\n");
+    for plot in plots(scene) {
+        page.push_str(&plot.svg());
+    }
+    page.push_str("</div>\n");
+    page.push_str(&bounds_table(scene));
+    page.push_str(&other_table(scene));
+    page.push_str("</section>\n");
+}
+
+fn plots(scene: &SceneReport) -> [Plot; 4] {
+    let marks: Vec<f64> = scene.bounds.iter().map(|bound| bound.error_bound_px).collect();
+    let asked =
+        || Axis { label: "error bound, px".into(), scale: Scale::Bound, marks: marks.clone() };
+    let largest =
+        |of: &dyn Fn(&BoundReport) -> f64| scene.bounds.iter().map(of).fold(0.0, f64::max);
+    let times = scene.bounds.iter().map(|bound| time_point(bound.error_bound_px, &bound.frames));
+    let empty_ms = scene.empty_frame.map_or(0.0, |frame| frame.frame_ms);
+    let flat = |y: f64| ends(&marks).map(|x| Point { x, y, quartiles: None }).to_vec();
+    let time = Plot {
+        title: "Time of a frame".into(),
+        x: asked(),
+        y: Axis::linear("ms", largest(&|bound| bound.frames.frame_ms_spread.p75)),
+        series: vec![
+            series("median and quartiles", times.collect()),
+            Series { is_guide: true, ..series("empty frame", flat(empty_ms)) },
+        ],
+    };
+    let value = |of: &dyn Fn(&BoundReport) -> f64| {
+        let point = |b: &BoundReport| Point { x: b.error_bound_px, y: of(b), quartiles: None };
+        scene.bounds.iter().map(point).collect::<Vec<Point>>()
+    };
+    let triangles = |bound: &BoundReport| bound.frames.triangles as f64;
+    let detail = Plot {
+        title: "Triangles drawn".into(),
+        x: asked(),
+        y: Axis::linear("triangles", largest(&triangles)),
+        series: vec![series("median frame", value(&triangles))],
+    };
+    let worst = largest(&|bound| bound.silhouette_px);
+    let mut errors = asked();
+    errors.label = "silhouette, px".into();
+    // An error beyond the largest bound is shown, not cut off.
+    while errors.marks.last().is_some_and(|&last| last < worst) {
+        errors.marks.push(errors.marks.last().map_or(1.0, |last| (last * 2.0).max(1.0)));
+    }
+    let diagonal = ends(&marks).map(|x| Point { x, y: x, quartiles: None }).to_vec();
+    let error = Plot {
+        title: "Measured error".into(),
+        x: asked(),
+        y: errors,
+        series: vec![
+            series("measured", value(&|bound| bound.silhouette_px)),
+            Series { is_guide: true, ..series("as asked", diagonal) },
+        ],
+    };
+    [time, detail, error, scaling(scene)]
+}
+
+fn scaling(scene: &SceneReport) -> Plot {
+    let marks: Vec<f64> = scene.channels.iter().map(|c| f64::from(c.channels)).collect();
+    let frames = scene.channels.iter().map(|c| time_point(f64::from(c.channels), &c.frames));
+    let drawing = scene.channels.iter().map(|c| Point {
+        x: f64::from(c.channels),
+        y: c.frames.draw_ms,
+        quartiles: None,
+    });
+    let largest = scene.channels.iter().map(|c| c.frames.frame_ms_spread.p75.max(c.frames.draw_ms));
+    Plot {
+        title: "The same pixels on more channels".into(),
+        x: Axis { label: "channels".into(), scale: Scale::Doublings, marks },
+        y: Axis::linear("ms", largest.fold(0.0, f64::max)),
+        series: vec![
+            series("frame, with quartiles", frames.collect()),
+            series("drawing, all channels", drawing.collect()),
+        ],
+    }
+}
+
+fn series(name: &str, points: Vec<Point>) -> Series {
+    Series { name: name.into(), points, is_guide: false }
+}
+
+fn time_point(x: f64, frames: &FrameCosts) -> Point {
+    let spread = &frames.frame_ms_spread;
+    Point { x, y: frames.frame_ms, quartiles: Some([spread.p25, spread.p75]) }
+}
+
+/// The first and last number of a list; 0 of an empty one.
+fn ends(list: &[f64]) -> [f64; 2] {
+    [list.first(), list.last()].map(|end| end.copied().unwrap_or(0.0))
+}
+
+fn bounds_table(scene: &SceneReport) -> String {
+    let full_ms = scene.bounds.first().map_or(0.0, |bound| bound.frames.frame_ms);
+    let mut table = String::from(
+        "<table>\n<caption>One channel at each error bound</caption>\n<thead><tr>\
+         <th scope=\"col\">Bound, px</th><th scope=\"col\">Frame, ms</th>\
+         <th scope=\"col\">Quartiles</th><th scope=\"col\">95 %</th>\
+         <th scope=\"col\">Of full detail</th><th scope=\"col\">Triangles</th>\
+         <th scope=\"col\">Draw calls</th><th scope=\"col\">Silhouette, px</th>\
+         <th scope=\"col\">FLIP, mean</th><th scope=\"col\">FLIP, 99 %</th>\
+         <th scope=\"col\">GPU, MiB</th><th scope=\"col\">Server, MiB</th></tr></thead>\n<tbody>\n",
+    );
+    for bound in &scene.bounds {
+        let (frames, spread) = (&bound.frames, &bound.frames.frame_ms_spread);
+        let cells = [
+            number(bound.error_bound_px),
+            format!("{:.1}", frames.frame_ms),
+            format!("{:.1} to {:.1}", spread.p25, spread.p75),
+            format!("{:.1}", spread.p95),
+            ratio(frames.frame_ms, full_ms),
+            frames.triangles.to_string(),
+            frames.draw_calls.to_string(),
+            format!("{:.2}", bound.silhouette_px),
+            format!("{:.4}", bound.flip),
+            format!("{:.4}", bound.flip_p99),
+            format!("{:.1}", bound.memory.gpu_bytes as f64 / MIB),
+            format!("{:.0}", bound.memory.server_bytes as f64 / MIB),
+        ];
+        add_row(&mut table, &cells);
+    }
+    table.push_str("</tbody>\n</table>\n");
+    table
+}
+
+fn other_table(scene: &SceneReport) -> String {
+    let full_ms = scene.bounds.first().map_or(0.0, |bound| bound.frames.frame_ms);
+    let mut table = String::from(
+        "<table>\n<caption>The same pixels otherwise, at full detail</caption>\n<thead><tr>\
+         <th scope=\"col\">Setting</th><th scope=\"col\">Frame, ms</th>\
+         <th scope=\"col\">Quartiles</th><th scope=\"col\">95 %</th>\
+         <th scope=\"col\">Of one channel</th><th scope=\"col\">Drawing, all channels, ms</th>\
+         <th scope=\"col\">Draw calls</th></tr></thead>\n<tbody>\n",
+    );
+    let empty = scene.empty_frame.iter().map(|frames| ("empty frame".to_owned(), frames));
+    let channels =
+        scene.channels.iter().map(|c| (polyptych_text::counted(c.channels, "channel"), &c.frames));
+    let samples = scene
+        .samples
+        .iter()
+        .filter(|s| s.samples > 1)
+        .map(|s| (format!("{} samples a pixel", s.samples), &s.frames));
+    for (name, frames) in empty.chain(channels).chain(samples) {
+        let spread = &frames.frame_ms_spread;
+        let cells = [
+            name,
+            format!("{:.1}", frames.frame_ms),
+            format!("{:.1} to {:.1}", spread.p25, spread.p75),
+            format!("{:.1}", spread.p95),
+            ratio(frames.frame_ms, full_ms),
+            format!("{:.1}", frames.draw_ms),
+            frames.draw_calls.to_string(),
+        ];
+        add_row(&mut table, &cells);
+    }
+    table.push_str("</tbody>\n</table>\n");
+    table
+}
+
+fn ratio(value: f64, full: f64) -> String {
+    if full > 0.0 { format!("{:.2}", value / full) } else { "–".into() }
+}
+
+/// A row whose first cell is its heading.
+fn add_row(table: &mut String, cells: &[String]) {
+    let cell = |(index, text): (usize, &String)| {
+        let text = escaped(text);
+        if index == 0 {
+            format!("<th scope=\"row\">{text}</th>")
+        } else {
+            format!("<td>{text}</td>")
+        }
+    };
+    let cells: String = cells.iter().enumerate().map(cell).collect();
+    // Writing to a String cannot fail.
+    let _ = writeln!(table, "<tr>{cells}</tr>");
+}

@@ -1,0 +1,211 @@
+//! `report.json`: a list of scenes, each with what it costs at every error bound.
+
+use std::path::Path;
+
+use polyptych_client::SceneSummary;
+use polyptych_text::counted;
+use serde::Serialize;
+use time::OffsetDateTime;
+
+use super::BenchmarkOptions;
+use super::flip::FlipError;
+use super::frame_samples::FrameCosts;
+use super::stage::Memory;
+
+/// What was run, when and on what.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct RunInfo {
+    /// The command as it was typed.
+    pub command: String,
+    /// The version of the program.
+    pub version: &'static str,
+    /// When the run began, in UTC.
+    pub date: String,
+    /// The processor, as the system calls it.
+    pub processor: String,
+    /// Cores that the program may use.
+    pub cores: usize,
+    /// The operating system.
+    pub system: String,
+    /// Pixels across and down.
+    pub size: [u32; 2],
+    /// Frames that were timed for each setting in each repetition.
+    pub frames: u32,
+    pub repetitions: u32,
+    /// Poses of which pictures were compared.
+    pub poses: u32,
+    /// Pixels along each side of a pixel in the pictures of which outlines were compared.
+    pub supersampling: u32,
+}
+
+impl RunInfo {
+    /// Describes a run of this process that begins now.
+    pub fn new(options: &BenchmarkOptions) -> Self {
+        let now = OffsetDateTime::now_utc();
+        let (month, day) = (u8::from(now.month()), now.day());
+        let (hour, minute) = (now.hour(), now.minute());
+        Self {
+            command: std::env::args().map(|word| quoted(&word)).collect::<Vec<_>>().join(" "),
+            version: env!("CARGO_PKG_VERSION"),
+            date: format!("{}-{month:02}-{day:02} {hour:02}:{minute:02} UTC", now.year()),
+            processor: processor().unwrap_or_else(|| std::env::consts::ARCH.into()),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            system: std::env::consts::OS.into(),
+            size: options.size,
+            frames: options.frames,
+            repetitions: options.repetitions,
+            poses: options.poses,
+            supersampling: options.supersampling,
+        }
+    }
+}
+
+/// A word of a command as a shell reads it back.
+fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+/// Returns the processor's name; `None` where the system has no such file.
+fn processor() -> Option<String> {
+    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let line = text.lines().find(|line| line.starts_with("model name"))?;
+    Some(line.split_once(':')?.1.trim().to_owned())
+}
+
+/// A scene: what it costs and how far its pictures are off, or why it could not be measured.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct SceneReport {
+    /// The scene's name.
+    pub scene: String,
+    /// The path of its file.
+    pub file: String,
+    /// Why it could not be measured; the lists below are empty then.
+    pub error: Option<String>,
+    /// Triangles of the whole scene, each instance counted.
+    pub scene_triangles: u64,
+    /// What of the scene is not drawn as its file has it.
+    pub notes: Vec<String>,
+    /// What it was drawn with.
+    pub adapter: String,
+    pub run: RunInfo,
+    /// From full detail to the largest bound, on one channel.
+    pub(super) bounds: Vec<BoundReport>,
+    /// The same wall without anything to draw: the camera looks away from the scene.
+    pub(super) empty_frame: Option<FrameCosts>,
+    /// Full detail, the same pixels cut into more channels.
+    pub(super) channels: Vec<ChannelsReport>,
+    /// Full detail, with more samples per pixel.
+    pub(super) samples: Vec<SamplesReport>,
+}
+
+impl SceneReport {
+    /// A scene of which nothing was measured yet.
+    pub fn new(file: &Path, run: &RunInfo) -> Self {
+        Self {
+            scene: file.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            file: file.display().to_string(),
+            error: None,
+            scene_triangles: 0,
+            notes: Vec::new(),
+            adapter: String::new(),
+            run: run.clone(),
+            bounds: Vec::new(),
+            empty_frame: None,
+            channels: Vec::new(),
+            samples: Vec::new(),
+        }
+    }
+
+    /// A scene that could not be measured, with the reason.
+    pub fn failed(file: &Path, run: &RunInfo, reason: String) -> Self {
+        Self { error: Some(reason), ..Self::new(file, run) }
+    }
+
+    /// Returns what was measured, for people: one line for each error bound.
+    pub fn lines(&self) -> impl Iterator<Item = String> {
+        self.bounds.iter().map(|bound| {
+            format!(
+                "{}: bound {} px: {:.1} ms a frame, {}, silhouette {:.2} px, FLIP {:.4}",
+                self.scene,
+                bound.error_bound_px,
+                bound.frames.frame_ms,
+                counted(bound.frames.triangles, "triangle"),
+                bound.silhouette_px,
+                bound.flip
+            )
+        })
+    }
+
+    /// Takes over what opening the scene has told.
+    pub(super) fn describe(&mut self, summary: &SceneSummary, adapter: String) {
+        self.scene.clone_from(&summary.name);
+        self.scene_triangles = summary.triangles;
+        self.notes.clone_from(&summary.notes);
+        self.adapter = adapter;
+    }
+}
+
+/// What a frame costs at an error bound, and how far it is off.
+#[derive(Clone, Debug, Default, Serialize)]
+pub(super) struct BoundReport {
+    /// The bound that was asked for, in pixels; 0 is full detail.
+    pub error_bound_px: f64,
+    #[serde(flatten)]
+    pub frames: FrameCosts,
+    #[serde(flatten)]
+    pub memory: Memory,
+    /// The largest measured distance between outlines at this bound and at full detail, in pixels.
+    pub silhouette_px: f64,
+    /// The mean FLIP error against full detail, from 0 to 1.
+    pub flip: f64,
+    /// The FLIP error that 99 of 100 pixels do not exceed, in the worst pose.
+    pub flip_p99: f64,
+}
+
+impl BoundReport {
+    pub fn new(error_bound_px: f64) -> Self {
+        Self { error_bound_px, ..Self::default() }
+    }
+
+    pub fn set_flip(&mut self, error: FlipError) {
+        (self.flip, self.flip_p99) = (error.mean, error.p99);
+    }
+}
+
+/// What a frame costs on a number of channels.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct ChannelsReport {
+    pub channels: u32,
+    #[serde(flatten)]
+    pub frames: FrameCosts,
+}
+
+/// What a frame costs with a number of samples per pixel.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct SamplesReport {
+    pub samples: u32,
+    #[serde(flatten)]
+    pub frames: FrameCosts,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_of_a_command_can_be_typed_again() {
+        for (word, typed) in [
+            ("bench", "bench"),
+            ("a b.glb", "'a b.glb'"),
+            ("it's", r"'it'\''s'"),
+            ("", "''"),
+            ("--size=1920x1080", "--size=1920x1080"),
+        ] {
+            assert_eq!(quoted(word), typed);
+        }
+    }
+}

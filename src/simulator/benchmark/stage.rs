@@ -1,0 +1,136 @@
+//! A wall of this machine that shows the scene to be measured.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context, bail};
+use glam::DVec3;
+use polyptych_client::{
+    Bounds, Camera, ClientError, FrameFeedback, Image, QualityBounds, SceneSummary,
+};
+use polyptych_manager::import::Baker;
+use polyptych_wall::Wall;
+use serde::Serialize;
+
+use crate::simulator::ending::EndRequest;
+use crate::simulator::faults::FaultHooks;
+use crate::simulator::local_wall::{LocalWall, LocalWallOptions};
+use crate::simulator::orbit;
+use crate::simulator::verify::ReferenceScene;
+
+/// Memory of the servers of a wall, in bytes.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(super) struct Memory {
+    /// Textures and meshes of the scene on the GPU.
+    pub gpu_bytes: u64,
+    /// Resident memory of the server's process.
+    pub server_bytes: u64,
+}
+
+/// A running wall with an open scene; dropping it ends the processes.
+#[derive(Debug)]
+pub(super) struct Stage {
+    local: LocalWall,
+    wall: Wall,
+    pub summary: SceneSummary,
+    /// The part of the scene that the camera goes around.
+    focus: Bounds,
+}
+
+impl Stage {
+    /// Starts the wall and opens the scene.
+    ///
+    /// # Errors
+    /// The reason why a process does not start or the scene cannot be opened;
+    /// [`crate::simulator::ending::Ending`] if the user ended the run.
+    pub fn open(wall: Wall, scene: &ReferenceScene, baker: &Baker) -> anyhow::Result<Self> {
+        let local = LocalWall::start(LocalWallOptions {
+            wall: wall.clone(),
+            scene_roots: vec![scene.file.parent().unwrap_or(Path::new("/")).to_owned()],
+            baker: baker.clone(),
+            windows: false,
+            recorder: None,
+            needs: FaultHooks::default(),
+        })?;
+        let opened = local.client.open_scene(scene.file.display().to_string());
+        let summary = unless_ended(&local, opened)?;
+        // A scene without anything to see is measured too.
+        let nothing = Bounds { min: DVec3::ZERO, max: DVec3::ZERO };
+        let focus = scene.focus.or(summary.bounds).unwrap_or(nothing);
+        Ok(Self { local, wall, summary, focus })
+    }
+
+    /// Returns what tells that the user ended the run, which outlives the wall.
+    pub fn end(&self) -> Arc<EndRequest> {
+        Arc::clone(&self.local.end)
+    }
+
+    /// Returns the camera of the orbit at a scene time in seconds.
+    pub fn camera_at(&self, time_s: f64) -> Camera {
+        orbit::camera_at(&self.wall, &self.focus, time_s)
+    }
+
+    /// Returns a camera above the scene that looks up, and so sees the background only.
+    pub fn camera_away(&self) -> Camera {
+        let bounds = self.summary.bounds.unwrap_or(self.focus);
+        let up = DVec3::Y * bounds.radius().max(1.0);
+        let above = bounds.center() + 4.0 * up;
+        Camera::look_at(above, above + up, DVec3::Z)
+    }
+
+    /// Sets the maximum error of what is drawn, in pixels of this wall.
+    pub fn set_error_bound(&self, bound_px: f64) -> anyhow::Result<()> {
+        let bounds = QualityBounds { error_px: bound_px, ..QualityBounds::FINEST };
+        unless_ended(&self.local, self.local.client.set_bounds(bounds))
+    }
+
+    /// Draws a frame on all channels.
+    ///
+    /// # Errors
+    /// The channel that did not draw it; `Ending` if the user ended the run.
+    pub fn draw(&self, camera: Camera, time_s: f64) -> anyhow::Result<FrameFeedback> {
+        let drawn = self.local.client.render_frame_at(Some(camera), Some(time_s));
+        let feedback = unless_ended(&self.local, drawn)?;
+        if let Some(channel) = feedback.missing_channels().next() {
+            let reason = channel.reason.as_deref().unwrap_or("no reason is known");
+            bail!("channel {} did not draw a frame: {reason}", channel.name);
+        }
+        Ok(feedback)
+    }
+
+    /// Draws a frame and returns its picture of the whole screen.
+    pub fn picture(&self, camera: Camera, time_s: f64) -> anyhow::Result<Image> {
+        self.draw(camera, time_s)?;
+        let mut capture = unless_ended(&self.local, self.local.client.capture())?;
+        if let Some((channel, reason)) = capture.missing.first() {
+            bail!("channel {channel} has no picture: {reason}");
+        }
+        capture.screens.pop().context("the capture has no picture of the screen")
+    }
+
+    /// Returns the name of what draws.
+    pub fn adapter(&self) -> anyhow::Result<String> {
+        let status = unless_ended(&self.local, self.local.client.status())?;
+        let adapter = status.channels.into_iter().find_map(|channel| channel.adapter);
+        Ok(adapter.unwrap_or_else(|| "unknown".into()))
+    }
+
+    /// Returns the memory that the server takes now.
+    pub fn memory(&self) -> anyhow::Result<Memory> {
+        let status = unless_ended(&self.local, self.local.client.status())?;
+        // All channels are those of one server, and each reports its whole process.
+        let largest = |of: fn(&polyptych_client::ChannelStatus) -> u64| {
+            status.channels.iter().map(of).max().unwrap_or(0)
+        };
+        let gpu_bytes = largest(|channel| channel.scene_bytes);
+        Ok(Memory { gpu_bytes, server_bytes: largest(|channel| channel.memory_bytes) })
+    }
+}
+
+/// Returns a result, or why the user ended the run: what failed then failed for that reason.
+fn unless_ended<T>(local: &LocalWall, result: Result<T, ClientError>) -> anyhow::Result<T> {
+    match local.end.ending() {
+        Some(ending) => Err(ending.into()),
+        None => Ok(result?),
+    }
+}

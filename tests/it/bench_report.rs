@@ -1,0 +1,147 @@
+//! `polyptych bench`: speed against error of scenes, as a page and as JSON.
+
+use std::fs;
+
+use rustix::process::Signal;
+use serde_json::Value;
+
+use crate::harness::place::TestDir;
+use crate::harness::scenes::{Gltf, town};
+use crate::harness::{signals, wait};
+
+/// A report of few small frames.
+const SMALL: &str = "bench --size 160x96 --error-bounds 0.5,4 --channels 2 --rounds 1 --poses 2 \
+                     --out report --frames";
+
+fn arguments<'a>(frames: &'a str, scenes: &[&'a str]) -> Vec<&'a str> {
+    SMALL.split(' ').chain([frames]).chain(scenes.iter().copied()).collect()
+}
+
+fn json_of(place: &TestDir) -> Value {
+    let text = fs::read(place.path("report/report.json")).expect("a report");
+    serde_json::from_slice(&text).expect("JSON")
+}
+
+/// The page as XML, which it is below its first line.
+fn page_of(place: &TestDir) -> String {
+    let page = fs::read_to_string(place.path("report/report.html")).expect("a page");
+    let (doctype, rest) = page.split_once('\n').expect("lines");
+    assert_eq!(doctype, "<!doctype html>");
+    rest.to_owned()
+}
+
+fn number(value: &Value, key: &str) -> f64 {
+    value[key].as_f64().unwrap_or_else(|| panic!("{key} is no number: {value}"))
+}
+
+#[test]
+fn a_report_has_time_detail_and_measured_error_for_every_bound() {
+    let place = TestDir::new();
+    let town = town().display().to_string();
+    let said = place.run(arguments("3", &[&town])).succeeded();
+    assert!(said.contains("town: bound 0.5 px: ") && said.contains("report.html"), "{said}");
+    let report = json_of(&place);
+    let [scene] = &report.as_array().expect("a list of scenes")[..] else { panic!("{report}") };
+    assert_eq!((&scene["scene"], &scene["error"]), (&"town".into(), &Value::Null));
+    assert!(scene["adapter"].as_str().is_some_and(|adapter| !adapter.is_empty()), "{scene}");
+    assert!(scene["run"]["command"].as_str().is_some_and(|c| c.contains("--rounds 1")), "{scene}");
+    let bounds = scene["bounds"].as_array().expect("a list of bounds");
+    let asked: Vec<f64> = bounds.iter().map(|bound| number(bound, "error_bound_px")).collect();
+    assert_eq!(asked, [0.0, 0.5, 4.0]);
+    for bound in bounds {
+        assert_eq!(bound["frame_ms_spread"]["count"], 3, "{bound}");
+        assert!(number(bound, "frame_ms") > 0.0, "{bound}");
+        assert!(number(bound, "triangles") > 1000.0 && number(bound, "draw_calls") > 1.0);
+        assert!(number(bound, "gpu_bytes") > 1e4 && number(bound, "server_bytes") > 1e6);
+        // What is drawn keeps its bound; pixels are compared in halves.
+        let silhouette_px = number(bound, "silhouette_px");
+        assert!(silhouette_px <= number(bound, "error_bound_px") + 0.75, "{bound}");
+        assert!((0.0..=1.0).contains(&number(bound, "flip")), "{bound}");
+        assert!(number(bound, "flip") <= number(bound, "flip_p99"), "{bound}");
+    }
+    let full = &bounds[0];
+    assert_eq!((number(full, "silhouette_px"), number(full, "flip")), (0.0, 0.0));
+    let empty = &scene["empty_frame"];
+    assert_eq!((number(empty, "triangles"), number(empty, "draw_calls")), (0.0, 0.0), "{empty}");
+    assert!(number(empty, "frame_ms") < number(full, "frame_ms"), "{empty}, {full}");
+    for (list, key, expected) in [("channels", "channels", [1, 2]), ("samples", "samples", [1, 4])]
+    {
+        let entries = scene[list].as_array().expect("a list");
+        assert_eq!(entries.iter().map(|e| e[key].clone()).collect::<Vec<_>>(), expected);
+        for entry in entries {
+            assert!(number(entry, "frame_ms") > 0.0 && number(entry, "draw_ms") > 0.0, "{entry}");
+        }
+    }
+    check_page(&page_of(&place));
+}
+
+fn check_page(page: &str) {
+    let document = roxmltree::Document::parse(page).unwrap_or_else(|error| panic!("{error}"));
+    let count = |name: &str| document.descendants().filter(|n| n.has_tag_name(name)).count();
+    assert_eq!((count("svg"), count("section"), count("script")), (4, 1, 0));
+    // Times, triangles, silhouettes at three bounds; frames and drawing on one and two channels.
+    assert_eq!(count("circle"), 3 * 3 + 2 * 2);
+    for outside in ["http://", "https://", "src=", "@import"] {
+        assert!(!page.contains(outside), "the page is one file: {outside}");
+    }
+}
+
+#[test]
+fn a_scene_that_cannot_be_opened_is_named_and_the_others_are_reported() {
+    let place = TestDir::new();
+    place.write("one.glb", Gltf::triangle().glb());
+    place.write("<broken>.glb", b"not a scene");
+    let finished = place.run(arguments("3", &["no-such.glb", "one.glb", "<broken>.glb"]));
+    let said = finished.failed(&["no-such.glb", "2 of 3 scenes"]);
+    assert!(said.contains("<broken>.glb"), "{said}");
+    let report = json_of(&place);
+    let errors: Vec<bool> =
+        report.as_array().expect("a list").iter().map(|scene| scene["error"].is_string()).collect();
+    assert_eq!(errors, [true, false, true]);
+    assert!(report[0]["bounds"].as_array().is_some_and(Vec::is_empty), "{report}");
+    assert_eq!(report[1]["bounds"][0]["triangles"], 1);
+    let page = page_of(&place);
+    let document = roxmltree::Document::parse(&page).unwrap_or_else(|error| panic!("{error}"));
+    let failures = document.descendants().filter(|n| n.attribute("class") == Some("failure"));
+    assert_eq!(failures.count(), 2);
+}
+
+#[test]
+fn a_folder_or_size_that_cannot_be_is_refused_before_any_work() {
+    let place = TestDir::new();
+    place.write("report", b"a file");
+    place.run(arguments("3", &["no-such.glb"])).failed(&["report"]);
+    for (wrong, reasons) in [
+        (["--size", "161x96"], ["161x96", "2 columns"]),
+        (["--size", "8000x96"], ["8000x96", "--supersampling"]),
+        (["--channels", "3"], ["3", "power of two"]),
+        (["--error-bounds", "nan"], ["nan", "is not 0 to"]),
+        (["--error-bounds", "-1"], ["-1", "--error-bounds"]),
+    ] {
+        let arguments = ["bench", "--out", "other"].iter().chain(&wrong);
+        let said = place.run(arguments).failed(&reasons);
+        assert!(!said.contains("step 1"), "{said}");
+        assert!(!place.path("other").exists(), "{wrong:?}");
+    }
+}
+
+#[test]
+fn an_interrupted_report_ends_its_processes() {
+    let place = TestDir::new();
+    let town = town().display().to_string();
+    let mut process = place.start("bench", arguments("100000", &[&town]));
+    process.await_line(&["all bounds"]);
+    wait::until("a server", || {
+        let all = signals::processes_of(place.folder());
+        (all.len() > 1).then_some(())
+    });
+    process.signal(Signal::INT);
+    let finished = process.finish(wait::SOON);
+    assert_eq!(finished.code(), 130, "{}", finished.output);
+    assert!(finished.output.contains("interrupted"), "{}", finished.output);
+    let left = wait::look_for(wait::SOON, || {
+        signals::processes_of(place.folder()).is_empty().then_some(())
+    });
+    assert!(left.is_some(), "processes are left");
+    assert!(!place.path("report/report.json").exists());
+}
