@@ -19,7 +19,7 @@ use super::convex_polygon::ConvexPolygon;
 use super::triangle_set::{Nearest, TriangleSet};
 
 /// A bound may be so much larger than the largest distance that was found, as a share of it.
-const EXCESS: f64 = 0.03;
+const EXCESS: f64 = 0.05;
 
 /// Parts that each triangle may be divided into on average. Beyond, bounds stay as they are.
 const PARTS_MAX: usize = 64;
@@ -44,7 +44,7 @@ pub(super) fn measure(
     points: &[DVec3],
     triangles: &[[u32; 3]],
     nearest: &[Nearest],
-    to: &TriangleSet<'_>,
+    to: &TriangleSet,
     negligible: f64,
 ) {
     let corners = triangles.iter().flatten();
@@ -65,7 +65,7 @@ pub(super) fn measure(
 
 struct Search<'a> {
     deviation: &'a mut Deviation,
-    to: &'a TriangleSet<'a>,
+    to: &'a TriangleSet,
     negligible: f64,
     /// Polygons that may yet be divided.
     budget: usize,
@@ -103,7 +103,7 @@ impl Search<'_> {
             if self.accept(polygon.corners(), near) {
                 continue;
             }
-            match polygon.divide(&self.to.corners(near), outside) {
+            match polygon.divide(self.to.corners(near), outside) {
                 Some(inside) => {
                     self.work.extend(outside.drain(..).map(|part| (part, near)));
                     self.bound_or_halve(&inside, near);

@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use glam::DVec3;
 use meshopt::{SimplifyOptions, SimplifyVertex};
 
-use super::appearance::{self, VertexList};
+use super::appearance::VertexList;
 use super::deviation::{self, Deviation};
 use super::source::{Source, adapter};
 use super::triangle_set::{Nearest, TriangleSet};
@@ -41,6 +41,7 @@ pub(super) struct Patch<'a> {
     indices: Vec<u32>,
     /// The first of `vertices` at the position of each.
     welded: Vec<u32>,
+    looks: VertexList,
 }
 
 /// A patch with fewer triangles.
@@ -62,13 +63,14 @@ impl<'a> Patch<'a> {
         vertices.sort_unstable();
         vertices.dedup();
         let local = |vertex: &u32| vertices.partition_point(|known| known < vertex) as u32;
-        let indices = triangles.iter().map(local).collect();
+        let indices: Vec<u32> = triangles.iter().map(local).collect();
         let mut first_at = HashMap::new();
         let weld = |(local, vertex): (u32, &u32)| {
             *first_at.entry(source.welded[*vertex as usize]).or_insert(local)
         };
         let welded = (0..).zip(&vertices).map(weld).collect();
-        Self { source, vertices, indices, welded }
+        let looks = VertexList::new(source, &vertices, &indices);
+        Self { source, vertices, indices, welded, looks }
     }
 
     /// Returns the patch with about half of its triangles, or `None` if too few can be spared.
@@ -123,15 +125,16 @@ impl<'a> Patch<'a> {
     fn attributes(&self) -> (Vec<f32>, Vec<f32>) {
         let surface = &self.source.surface;
         let side = self.size().max_element();
+        let sets = surface.uv_offsets().count();
         let mut weights = vec![NORMAL_WEIGHT; 3];
-        weights.extend(self.source.uv_lengths.iter().flat_map(|_| [1.0; 2]));
+        weights.extend([[1.0; 2]; 2][..sets].as_flattened());
         weights.extend(surface.layout.color.then_some([COLOR_WEIGHT; 4]).into_iter().flatten());
         let mut attributes = Vec::with_capacity(self.vertices.len() * weights.len());
-        for &vertex in &self.vertices {
+        for (&vertex, point) in self.vertices.iter().zip(self.looks.points()) {
             attributes.extend(surface.normal(vertex).as_vec3().to_array());
-            for &(offset, length) in &self.source.uv_lengths {
-                let uv = surface.uv(vertex, offset) * length / side;
-                attributes.extend(if uv.is_finite() { uv.as_vec2().to_array() } else { [0.0; 2] });
+            for uv in &point.uvs[..sets] {
+                let uv = (*uv / side).as_vec2();
+                attributes.extend(if uv.is_finite() { uv.to_array() } else { [0.0; 2] });
             }
             attributes.extend(surface.color(vertex).into_iter().flatten());
         }
@@ -141,7 +144,7 @@ impl<'a> Patch<'a> {
     /// The sides of the box around it.
     fn size(&self) -> DVec3 {
         let bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let positions = self.vertices.iter().map(|vertex| self.source.surface.position(*vertex));
+        let positions = self.looks.points().iter().map(|point| point.position);
         let (low, high) = positions.fold(bounds, |(low, high), at| (low.min(at), high.max(at)));
         high - low
     }
@@ -150,8 +153,7 @@ impl<'a> Patch<'a> {
     fn change(&self, after: &[u32], prior: f64) -> (f64, f64) {
         let size = self.size().length();
         let negligible = (NEGLIGIBLE * size).max(NEGLIGIBLE_BESIDE * prior);
-        let position = |vertex: &u32| self.source.surface.position(*vertex);
-        let points: Vec<DVec3> = self.vertices.iter().map(position).collect();
+        let points: Vec<DVec3> = self.looks.points().iter().map(|point| point.position).collect();
         let list = |indices: &[u32]| -> Vec<[u32; 3]> {
             let triangles = indices.as_chunks::<3>().0.iter();
             triangles.map(|corners| corners.map(|index| self.welded[index as usize])).collect()
@@ -165,15 +167,12 @@ impl<'a> Patch<'a> {
         let mut deviation = Deviation::default();
         deviation::measure(&mut deviation, &points, &removed, &to_new, &new_set, negligible);
         deviation::measure(&mut deviation, &points, &added, &to_old, &old_set, negligible);
-        let vertices = VertexList { source: self.source, vertices: &self.vertices };
         let nearest = |index: u32| to_new[self.welded[index as usize] as usize];
-        let change =
-            appearance::change(&vertices, &self.indices, after, &new_set, nearest, negligible);
-        let slide = change.slide.unwrap_or(size);
+        let change = self.looks.change(&self.indices, after, &new_set, nearest, size);
         let reach = points.iter().map(|point| point.abs().max_element()).fold(0.0, f64::max);
         // Positions are no more exact than this themselves, so a smaller error has no meaning.
         let least = (reach * f64::from(f32::EPSILON)).max(f64::from(f32::MIN_POSITIVE));
-        let error = (deviation.upper + reach * ROUNDING).max(slide).max(least);
+        let error = (deviation.upper + reach * ROUNDING).max(change.slide).max(least);
         (error, change.normal_angle)
     }
 }
@@ -195,7 +194,7 @@ fn nearest_of_corners(
     points: &[DVec3],
     triangles: &[[u32; 3]],
     surface: &[[u32; 3]],
-    to: &TriangleSet<'_>,
+    to: &TriangleSet,
 ) -> Vec<Nearest> {
     let mut nearest = vec![None; points.len()];
     for (triangle, corners) in (0..).zip(surface) {

@@ -16,9 +16,6 @@ pub(super) struct Source<'a> {
     pub scaled: Vec<[f32; 3]>,
     /// The first vertex at the position of each.
     pub welded: Vec<u32>,
-    /// For each set of texture coordinates: its offset in a vertex, and how long one of its units
-    /// is on the surface on average, in units of the primitive's space; 0 if that has no meaning.
-    pub uv_lengths: Vec<(usize, f64)>,
     /// Whether each vertex is at a seam: another at its position has other texture coordinates.
     pub seams: Vec<bool>,
 }
@@ -40,18 +37,14 @@ impl<'a> Source<'a> {
             *first_at.entry(position).or_insert(vertex)
         };
         let welded: Vec<u32> = vertices.clone().map(weld).collect();
-        let uv_lengths: Vec<(usize, f64)> =
-            surface.uv_offsets().map(|offset| (offset, uv_length(&surface, offset))).collect();
         let mut is_at_seam = vec![false; welded.len()];
         for vertex in vertices.clone() {
             let first = welded[vertex as usize];
-            let differs = |(offset, _): &(usize, f64)| {
-                surface.uv(vertex, *offset) != surface.uv(first, *offset)
-            };
-            is_at_seam[first as usize] |= uv_lengths.iter().any(differs);
+            let differs = |offset| surface.uv(vertex, offset) != surface.uv(first, offset);
+            is_at_seam[first as usize] |= surface.uv_offsets().any(differs);
         }
         let seams = welded.iter().map(|first| is_at_seam[*first as usize]).collect();
-        Self { surface, scaled, welded, uv_lengths, seams }
+        Self { surface, scaled, welded, seams }
     }
 
     /// Returns the scaled positions as meshoptimizer takes them.
@@ -71,17 +64,4 @@ impl<'a> Source<'a> {
 /// Returns positions as meshoptimizer takes them.
 pub(super) fn adapter(positions: &[[f32; 3]]) -> Option<VertexDataAdapter<'_>> {
     VertexDataAdapter::new(meshopt::typed_to_bytes(positions), size_of::<[f32; 3]>(), 0).ok()
-}
-
-/// The square root of the area on the surface by the area of the texture.
-fn uv_length(surface: &Surface<'_>, offset: usize) -> f64 {
-    let (mut area, mut texture_area) = (0.0, 0.0);
-    for corners in surface.indices.as_chunks::<3>().0 {
-        let [a, b, c] = corners.map(|vertex| surface.position(vertex));
-        area += (b - a).cross(c - a).length();
-        let [a, b, c] = corners.map(|vertex| surface.uv(vertex, offset));
-        texture_area += (b - a).perp_dot(c - a).abs();
-    }
-    let length = (area / texture_area).sqrt();
-    if length.is_finite() { length } else { 0.0 }
 }

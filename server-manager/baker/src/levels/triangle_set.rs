@@ -3,15 +3,51 @@
 use std::convert::Infallible;
 use std::ops::ControlFlow;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use polyptych_wall::triangle_bvh::TriangleBvh;
-use polyptych_wall::triangle_distance::nearest_on_triangle;
+
+/// The square of the sine between two edges below which what is nearest is looked for on the edges:
+/// the area is mostly rounding.
+const SLIVER: f64 = 1e-10;
+
+/// A point of a surface with the place of its textures, in lengths of the surface.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct SurfacePoint {
+    pub position: DVec3,
+    /// Of two sets; zero for one that is missing.
+    pub uvs: [DVec2; 2],
+}
+
+impl SurfacePoint {
+    /// Returns the distance in space and on the textures: the root of the sum of all squares.
+    pub fn distance(self, other: Self) -> f64 {
+        let between = self.minus(other);
+        between.dot(between).sqrt()
+    }
+
+    /// Returns the point of a triangle that has these shares of its corners.
+    pub fn mix([a, b, c]: &[Self; 3], shares: [f64; 3]) -> Self {
+        let [first, second, third] = shares;
+        let uv = |set: usize| a.uvs[set] * first + b.uvs[set] * second + c.uvs[set] * third;
+        let position = a.position * first + b.position * second + c.position * third;
+        Self { position, uvs: [uv(0), uv(1)] }
+    }
+
+    fn minus(self, other: Self) -> Self {
+        let uvs = [self.uvs[0] - other.uvs[0], self.uvs[1] - other.uvs[1]];
+        Self { position: self.position - other.position, uvs }
+    }
+
+    fn dot(self, other: Self) -> f64 {
+        let textures = self.uvs[0].dot(other.uvs[0]) + self.uvs[1].dot(other.uvs[1]);
+        self.position.dot(other.position) + textures
+    }
+}
 
 /// Triangles over points, with a tree over them; at least one.
 #[derive(Debug)]
-pub(super) struct TriangleSet<'a> {
-    points: &'a [DVec3],
-    triangles: &'a [[u32; 3]],
+pub(super) struct TriangleSet {
+    triangles: Vec<[DVec3; 3]>,
     tree: TriangleBvh,
 }
 
@@ -22,26 +58,34 @@ pub(super) struct Nearest {
     pub distance: f64,
 }
 
-impl<'a> TriangleSet<'a> {
+impl TriangleSet {
     /// The set of these triangles.
-    pub fn new(points: &'a [DVec3], triangles: &'a [[u32; 3]]) -> Self {
-        Self { points, triangles, tree: TriangleBvh::new(points, triangles) }
+    pub fn new(points: &[DVec3], triangles: &[[u32; 3]]) -> Self {
+        let corners = |triangle: &[u32; 3]| triangle.map(|point| points[point as usize]);
+        let tree = TriangleBvh::new(points, triangles);
+        Self { triangles: triangles.iter().map(corners).collect(), tree }
     }
 
     /// Returns the points of a triangle's corners.
-    pub fn corners(&self, triangle: u32) -> [DVec3; 3] {
-        self.triangles[triangle as usize].map(|point| self.points[point as usize])
+    pub fn corners(&self, triangle: u32) -> &[DVec3; 3] {
+        &self.triangles[triangle as usize]
     }
 
     /// Returns the distance of a point to a triangle.
     pub fn distance(&self, point: DVec3, triangle: u32) -> f64 {
-        nearest_on_triangle(point, &self.corners(triangle)).distance(point)
+        let [a, b, c] = *self.corners(triangle);
+        let (ab, ac, to) = (b - a, c - a, point - a);
+        let dots = [ab.dot(ab), ab.dot(ac), ac.dot(ac), ab.dot(to), ac.dot(to)];
+        let [second, third] = nearest_shares(dots);
+        // Of the point itself, not by the quadratic function, which rounds off small distances.
+        (ab * second + ac * third).distance(to)
     }
 
     /// Returns the triangle that is nearest to a point, found sooner if `guess` is near to it.
     pub fn nearest(&self, point: DVec3, guess: u32) -> Nearest {
         let mut best = Nearest { triangle: guess, distance: self.distance(point, guess) };
-        self.visit_within(point, best.distance, |triangle, distance| {
+        self.visit_within(point, best.distance, |triangle| {
+            let distance = self.distance(point, triangle);
             if distance < best.distance {
                 best = Nearest { triangle, distance };
             }
@@ -50,20 +94,92 @@ impl<'a> TriangleSet<'a> {
         best
     }
 
-    /// Visits triangles with their distances to a point, all of those that are within the limit
-    /// and others. `visit` returns the limit for what follows.
-    pub fn visit_within(&self, point: DVec3, limit: f64, mut visit: impl FnMut(u32, f64) -> f64) {
+    /// Visits triangles, all of those whose distance to a point is within the limit and others.
+    /// `visit` returns the limit for what follows.
+    pub fn visit_within(&self, point: DVec3, limit: f64, mut visit: impl FnMut(u32) -> f64) {
         let distance = |low: DVec3, high: DVec3| point.clamp(low, high).distance(point);
         let end = self.tree.visit_nearest(limit, distance, |triangle| {
-            let triangle = triangle as u32;
-            ControlFlow::<Infallible, f64>::Continue(visit(
-                triangle,
-                self.distance(point, triangle),
-            ))
+            ControlFlow::<Infallible, f64>::Continue(visit(triangle as u32))
         });
         match end {
             ControlFlow::Continue(()) => {}
             ControlFlow::Break(never) => match never {},
+        }
+    }
+}
+
+/// Returns the shares of the corners in the point of a triangle that is nearest to `point`.
+pub(super) fn shares_of_nearest(point: SurfacePoint, [a, b, c]: &[SurfacePoint; 3]) -> [f64; 3] {
+    let (ab, ac, to) = (b.minus(*a), c.minus(*a), point.minus(*a));
+    let dots = [ab.dot(ab), ab.dot(ac), ac.dot(ac), ab.dot(to), ac.dot(to)];
+    let [second, third] = nearest_shares(dots);
+    [1.0 - second - third, second, third]
+}
+
+/// Returns the shares of the second and the third corner in the point of a triangle that is nearest
+/// to another point. They come from the products of the edges `ab` and `ac` and the way `to` the
+/// point, all from the first corner: `ab·ab`, `ab·ac`, `ac·ac`, `ab·to`, `ac·to`; in a space of any
+/// dimension. Some point of the triangle is returned in any case.
+///
+/// The square of the distance is a quadratic function of the shares. Its minimum is where the
+/// gradient is zero, or on an edge.
+fn nearest_shares([bb, bc, cc, b, c]: [f64; 5]) -> [f64; 2] {
+    let area = bb * cc - bc * bc;
+    let (second, third) = ((cc * b - bc * c) / area, (bb * c - bc * b) / area);
+    // A triangle without an area has no such minimum: comparisons with NaN are false.
+    if second >= 0.0 && third >= 0.0 && second + third <= 1.0 && area > SLIVER * bb * cc {
+        return [second, third];
+    }
+    let share = |along: f64, length: f64| {
+        let share = along / length;
+        if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) }
+    };
+    // From the second corner to the third one.
+    let across = share(c - b + bb - bc, bb - 2.0 * bc + cc);
+    let edges = [[share(b, bb), 0.0], [0.0, share(c, cc)], [1.0 - across, across]];
+    let square = |[second, third]: &[f64; 2]| {
+        second * (second * bb + 2.0 * third * bc - 2.0 * b) + third * (third * cc - 2.0 * c)
+    };
+    let mut nearest = edges[0];
+    let mut least = square(&edges[0]);
+    for edge in &edges[1..] {
+        let square = square(edge);
+        if square < least {
+            (nearest, least) = (*edge, square);
+        }
+    }
+    nearest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use polyptych_wall::triangle_distance::nearest_on_triangle;
+    use proptest::prelude::*;
+
+    fn point() -> impl Strategy<Value = DVec3> {
+        [-1.0..1.0_f64, -1.0..1.0, -1.0..1.0].prop_map(DVec3::from_array)
+    }
+
+    proptest! {
+        #[test]
+        fn agrees_with_the_other_formula(corners in [point(), point(), point()], at in point()) {
+            let set = TriangleSet::new(&corners, &[[0, 1, 2]]);
+            let expected = nearest_on_triangle(at, &corners).distance(at);
+            prop_assert!((set.distance(at, 0) - expected).abs() < 1e-9);
+            let flat = |position: DVec3| SurfacePoint { position, ..SurfacePoint::default() };
+            let shares = shares_of_nearest(flat(at), &corners.map(flat));
+            let near: DVec3 = corners.iter().zip(shares).map(|(corner, share)| *corner * share).sum();
+            prop_assert!((near.distance(at) - expected).abs() < 1e-9);
+        }
+
+        #[test]
+        fn lines_and_points_are_triangles(one in point(), two in point(), at in point()) {
+            for corners in [[one; 3], [one, one, two], [one, two, one], [one, two, one.lerp(two, 0.3)]] {
+                let set = TriangleSet::new(&corners, &[[0, 1, 2]]);
+                let expected = nearest_on_triangle(at, &corners).distance(at);
+                prop_assert!((set.distance(at, 0) - expected).abs() < 1e-6, "{corners:?} {at}");
+            }
         }
     }
 }
