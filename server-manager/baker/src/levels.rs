@@ -23,7 +23,7 @@ mod patch;
 mod source;
 mod surface;
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 mod triangle_set;
 
 use std::sync::atomic::AtomicBool;

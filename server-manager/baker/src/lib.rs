@@ -352,6 +352,8 @@ impl BakeJob<'_> {
             return Err(BakeError::at("nodes", what, right));
         }
         let manifest = self.write(&bytes, "manifest")?;
+        let levels = self.levels.list();
+        tracing::info!(?levels, normal_angle_rad = self.levels.normal_angle, "levels were made");
         self.step("manifest", 1, 1)?;
         Ok(Baked {
             manifest,
@@ -362,7 +364,7 @@ impl BakeJob<'_> {
             textures: scene.textures.len() as u64,
             triangles: scene.triangles(),
             bytes: self.written.values().sum(),
-            levels: self.levels.list(),
+            levels,
             normal_angle_deg: self.levels.normal_angle.to_degrees(),
             warnings: scene.notes.clone(),
         })

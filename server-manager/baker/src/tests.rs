@@ -4,6 +4,7 @@ mod broken;
 pub(crate) mod builder;
 mod exposure;
 mod extras;
+mod levels;
 mod missing;
 mod numbers;
 mod pose;
@@ -293,7 +294,7 @@ fn a_bake_is_reused_until_a_file_changes() {
 fn a_cancelled_bake_leaves_a_store_that_works() {
     let place = BakeFixture::new();
     let path = place.write("scene.glb", &Builder::quad().glb());
-    for stage in ["reading", "nodes", "meshes", "textures", "manifest"] {
+    for stage in ["reading", "nodes", "meshes", "levels", "textures", "manifest"] {
         let cancel = AtomicBool::new(false);
         let mut watch = |progress: Progress| {
             cancel.fetch_or(progress.stage == stage, Ordering::Relaxed);

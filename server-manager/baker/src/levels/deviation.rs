@@ -83,12 +83,16 @@ impl Search<'_> {
     /// it is.
     fn accept(&mut self, corners: &[DVec3], triangle: u32) -> bool {
         let limit = (self.deviation.lower * (1.0 + EXCESS)).max(self.negligible);
-        let bound = self.bound(corners, triangle);
-        let is_tight = bound <= limit;
-        if is_tight {
-            self.deviation.upper = self.deviation.upper.max(bound);
+        let mut bound = self.deviation.upper;
+        for corner in corners {
+            bound = bound.max(self.to.distance(*corner, triangle));
+            // `upper` itself may be above the limit, after parts were too many.
+            if bound > limit.max(self.deviation.upper) {
+                return false;
+            }
         }
-        is_tight
+        self.deviation.upper = bound;
+        true
     }
 
     fn divide_all(&mut self, outside: &mut Vec<ConvexPolygon>) {

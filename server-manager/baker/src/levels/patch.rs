@@ -13,6 +13,12 @@ use super::triangle_set::{Nearest, TriangleSet};
 /// The number of triangles of a coarser level as a share of the finer one's.
 const RATIO: f64 = 0.5;
 
+/// The same of few triangles, where the next ones to spare may cost far more than the others.
+const RATIO_OF_FEW: f64 = 0.7;
+
+/// Triangles that are few: some meshlets.
+const FEW: usize = 512;
+
 /// A coarser level that has more triangles than this, as a share, is not worth its memory.
 const RATIO_MAX: f64 = 0.85;
 
@@ -105,7 +111,9 @@ impl<'a> Patch<'a> {
             self.vertices.iter().map(|vertex| self.source.scaled[*vertex as usize]).collect();
         let Some(positions) = adapter(&scaled) else { return Vec::new() };
         let (attributes, weights) = self.attributes();
-        let triangles = (self.indices.len() / 3) as f64 * RATIO;
+        let triangles = self.indices.len() / 3;
+        let ratio = if triangles <= FEW { RATIO_OF_FEW } else { RATIO };
+        let triangles = triangles as f64 * ratio;
         meshopt::simplify_with_attributes_and_locks(
             &self.indices,
             &positions,

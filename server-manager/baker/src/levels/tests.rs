@@ -1,7 +1,7 @@
 //! Levels of surfaces made in code, and of the assets that may lie beside.
 
 mod cut;
-mod distance;
+pub(crate) mod distance;
 mod hostile;
 mod order;
 mod shapes;

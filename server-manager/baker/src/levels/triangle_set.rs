@@ -47,8 +47,25 @@ impl SurfacePoint {
 /// Triangles over points, with a tree over them; at least one.
 #[derive(Debug)]
 pub(super) struct TriangleSet {
-    triangles: Vec<[DVec3; 3]>,
+    triangles: Vec<Triangle>,
     tree: TriangleBvh,
+}
+
+/// A triangle with what its distance to any point takes.
+#[derive(Debug)]
+struct Triangle {
+    corners: [DVec3; 3],
+    /// From the first corner to the second and the third one.
+    edges: [DVec3; 2],
+    /// The products of the edges, as [`nearest_shares`] takes them.
+    products: [f64; 3],
+}
+
+impl Triangle {
+    fn new(corners: [DVec3; 3]) -> Self {
+        let [ab, ac] = [corners[1] - corners[0], corners[2] - corners[0]];
+        Self { corners, edges: [ab, ac], products: [ab.dot(ab), ab.dot(ac), ac.dot(ac)] }
+    }
 }
 
 /// A triangle and its distance to a point.
@@ -61,24 +78,26 @@ pub(super) struct Nearest {
 impl TriangleSet {
     /// The set of these triangles.
     pub fn new(points: &[DVec3], triangles: &[[u32; 3]]) -> Self {
-        let corners = |triangle: &[u32; 3]| triangle.map(|point| points[point as usize]);
         let tree = TriangleBvh::new(points, triangles);
-        Self { triangles: triangles.iter().map(corners).collect(), tree }
+        let triangles = triangles.iter();
+        let triangles = triangles.map(|at| Triangle::new(at.map(|point| points[point as usize])));
+        Self { triangles: triangles.collect(), tree }
     }
 
     /// Returns the points of a triangle's corners.
     pub fn corners(&self, triangle: u32) -> &[DVec3; 3] {
-        &self.triangles[triangle as usize]
+        &self.triangles[triangle as usize].corners
     }
 
     /// Returns the distance of a point to a triangle.
+    #[inline]
     pub fn distance(&self, point: DVec3, triangle: u32) -> f64 {
-        let [a, b, c] = *self.corners(triangle);
-        let (ab, ac, to) = (b - a, c - a, point - a);
-        let dots = [ab.dot(ab), ab.dot(ac), ac.dot(ac), ab.dot(to), ac.dot(to)];
-        let [second, third] = nearest_shares(dots);
+        let Triangle { corners: [first, ..], edges: [ab, ac], products } =
+            &self.triangles[triangle as usize];
+        let to = point - *first;
+        let [second, third] = nearest_shares(*products, [ab.dot(to), ac.dot(to)]);
         // Of the point itself, not by the quadratic function, which rounds off small distances.
-        (ab * second + ac * third).distance(to)
+        (*ab * second + *ac * third).distance(to)
     }
 
     /// Returns the triangle that is nearest to a point, found sooner if `guess` is near to it.
@@ -111,19 +130,20 @@ impl TriangleSet {
 /// Returns the shares of the corners in the point of a triangle that is nearest to `point`.
 pub(super) fn shares_of_nearest(point: SurfacePoint, [a, b, c]: &[SurfacePoint; 3]) -> [f64; 3] {
     let (ab, ac, to) = (b.minus(*a), c.minus(*a), point.minus(*a));
-    let dots = [ab.dot(ab), ab.dot(ac), ac.dot(ac), ab.dot(to), ac.dot(to)];
-    let [second, third] = nearest_shares(dots);
+    let products = [ab.dot(ab), ab.dot(ac), ac.dot(ac)];
+    let [second, third] = nearest_shares(products, [ab.dot(to), ac.dot(to)]);
     [1.0 - second - third, second, third]
 }
 
 /// Returns the shares of the second and the third corner in the point of a triangle that is nearest
 /// to another point. They come from the products of the edges `ab` and `ac` and the way `to` the
-/// point, all from the first corner: `ab·ab`, `ab·ac`, `ac·ac`, `ab·to`, `ac·to`; in a space of any
+/// point, all from the first corner: `ab·ab`, `ab·ac`, `ac·ac`; `ab·to`, `ac·to`; in a space of any
 /// dimension. Some point of the triangle is returned in any case.
 ///
 /// The square of the distance is a quadratic function of the shares. Its minimum is where the
 /// gradient is zero, or on an edge.
-fn nearest_shares([bb, bc, cc, b, c]: [f64; 5]) -> [f64; 2] {
+#[inline]
+fn nearest_shares([bb, bc, cc]: [f64; 3], [b, c]: [f64; 2]) -> [f64; 2] {
     let area = bb * cc - bc * bc;
     let (second, third) = ((cc * b - bc * c) / area, (bb * c - bc * b) / area);
     // A triangle without an area has no such minimum: comparisons with NaN are false.

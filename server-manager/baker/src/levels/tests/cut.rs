@@ -148,7 +148,7 @@ fn cuts_are_whole_and_have_no_cracks() {
         let levels = levels(&shape);
         for view in 0..40 {
             let eye = DVec3::from_array([0, 1, 2].map(|axis| 5.0 * noise(view * 3 + axis)));
-            let error = 10.0_f64.powf(noise(view + 700) * 3.0 - 2.0);
+            let error = 10.0_f64.powf(noise(view + 700) * 1.5 - 1.5);
             let drawn = check_replacement(&levels, Allowed { eye, error }, shape.name);
             let drawn: Vec<Meshlet> = drawn.into_iter().map(|at| levels.meshlets[at]).collect();
             let is_finest = |meshlet: &Meshlet| meshlet.error == 0.0;

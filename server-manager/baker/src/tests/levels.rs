@@ -1,0 +1,190 @@
+//! Levels of detail in blobs: of meshes with several primitives, and of the assets that may lie
+//! beside.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use polyptych_scene::meshlet::{self, Meshlet};
+use polyptych_scene::{IndexFormat, Primitive};
+use serde_json::json;
+
+use super::builder::Builder;
+use super::{BakeFixture, bake_builder};
+use crate::levels::tests::distance::sampled;
+
+/// Triangles from which samples are taken, of one primitive at one error.
+const SAMPLED_TRIANGLES: usize = 300;
+
+/// The levels of a primitive, as its blob has them.
+struct BlobLevels {
+    positions: Vec<DVec3>,
+    indices: Vec<u32>,
+    meshlets: Vec<Meshlet>,
+}
+
+impl BlobLevels {
+    fn read(place: &BakeFixture, primitive: &Primitive) -> Self {
+        let bytes = place.store.blobs().read(primitive.blob).expect("read").expect("there");
+        assert_eq!(bytes.len() as u64, primitive.bytes());
+        let (geometry, records) = bytes.split_at(primitive.first_meshlet_byte() as usize);
+        let (vertices, indices) = geometry.split_at(primitive.vertex_bytes() as usize);
+        let position = |row: &[u8]| {
+            let float =
+                |at: usize| f32::from_le_bytes(row[at..at + 4].try_into().expect("4 bytes"));
+            DVec3::new(float(0).into(), float(4).into(), float(8).into())
+        };
+        let count = primitive.index_count_of_all() as usize;
+        let indices: Vec<u32> = match primitive.index_format {
+            IndexFormat::U16 => {
+                let words = indices.as_chunks::<2>().0.iter();
+                words.map(|word| u16::from_le_bytes(*word).into()).take(count).collect()
+            }
+            IndexFormat::U32 => {
+                let words = indices.as_chunks::<4>().0.iter();
+                words.map(|word| u32::from_le_bytes(*word)).take(count).collect()
+            }
+        };
+        let records = records.as_chunks::<{ Meshlet::BYTES }>().0.iter();
+        let meshlets: Vec<Meshlet> = records.map(Meshlet::from_bytes).collect();
+        assert_eq!(meshlets.len(), primitive.meshlet_count as usize);
+        assert_eq!(meshlet::fault(&meshlets, primitive.index_count, count as u32), None);
+        let rows = vertices.chunks_exact(primitive.layout.stride() as usize);
+        Self { positions: rows.map(position).collect(), indices, meshlets }
+    }
+
+    /// The triangles at an allowed error.
+    fn drawn(&self, limit: f32) -> Vec<[DVec3; 3]> {
+        let is_drawn = |meshlet: &&Meshlet| meshlet.error <= limit && meshlet.coarser_error > limit;
+        let drawn = self.meshlets.iter().filter(is_drawn);
+        let runs = drawn.flat_map(|meshlet| {
+            let first = meshlet.first_index as usize;
+            self.indices[first..first + meshlet.index_count as usize].as_chunks::<3>().0
+        });
+        runs.map(|corners| corners.map(|vertex| self.positions[vertex as usize])).collect()
+    }
+
+    /// Finite errors at which something is replaced, in ascending order.
+    fn errors(&self) -> Vec<f32> {
+        let errors = self.meshlets.iter().map(|meshlet| meshlet.coarser_error);
+        let mut errors: Vec<f32> = errors.filter(|error| error.is_finite()).collect();
+        errors.sort_by(f32::total_cmp);
+        errors.dedup();
+        errors
+    }
+}
+
+/// A mesh of two primitives, the halves of one bumpy sheet.
+fn halves() -> Builder {
+    let mut builder = Builder::empty();
+    let side = 41_u32;
+    let at = |column: u32, row: u32| {
+        let height = f64::from((column * 7919 + row * 104_729) % 31) / 100.0;
+        [column as f32, row as f32, height as f32]
+    };
+    let positions: Vec<f32> = (0..side * side).flat_map(|i| at(i % side, i / side)).collect();
+    let half = |columns: std::ops::Range<u32>| -> Vec<u32> {
+        let cells = (0..side - 1).flat_map(|row| columns.clone().map(move |column| (column, row)));
+        let corners = cells.flat_map(|(column, row)| {
+            let first = row * side + column;
+            [first, first + 1, first + side, first + 1, first + side + 1, first + side]
+        });
+        corners.collect()
+    };
+    let positions = builder.floats("VEC3", &positions);
+    let normals = builder.floats("VEC3", &[0.0, 0.0, 1.0].repeat((side * side) as usize));
+    let primitives = [half(0..20), half(20..40)].map(|half| {
+        let indices = builder.indices(&half);
+        let attributes = json!({ "POSITION": positions, "NORMAL": normals });
+        json!({ "attributes": attributes, "indices": indices })
+    });
+    builder.mesh(&primitives[0]);
+    builder.json["meshes"][0]["primitives"] = json!(primitives);
+    builder
+}
+
+#[test]
+fn primitives_of_a_mesh_meet_at_every_level() {
+    let (place, baked, scene) = bake_builder(&halves());
+    assert!(baked.levels.len() > 3, "{:?}", baked.levels);
+    let [one, two] = [0, 1].map(|at| BlobLevels::read(&place, &scene.meshes[0].primitives[at]));
+    let seam = |triangles: &[[DVec3; 3]]| -> BTreeSet<[u64; 3]> {
+        let points = triangles.iter().flatten().filter(|point| point.x == 20.0);
+        points.map(|point| point.to_array().map(f64::to_bits)).collect()
+    };
+    let finest = seam(&one.drawn(0.0));
+    assert_eq!(finest.len(), 41);
+    let coarsest = [&one, &two].map(|half| *half.errors().last().expect("an error"));
+    for limit in [coarsest[0], coarsest[1], 0.05] {
+        assert!(one.drawn(limit).len() < 1600 && two.drawn(limit).len() < 1600);
+        assert_eq!(seam(&one.drawn(limit)), finest);
+        assert_eq!(seam(&two.drawn(limit)), finest);
+    }
+}
+
+#[test]
+fn blended_primitives_keep_their_order() {
+    let mut builder = halves();
+    builder.json["materials"] = json!([{ "alphaMode": "BLEND" }]);
+    builder.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let (place, _, scene) = bake_builder(&builder);
+    let blended = BlobLevels::read(&place, &scene.meshes[0].primitives[0]);
+    assert!(blended.meshlets.iter().any(|meshlet| meshlet.error > 0.0));
+    // Vertices are numbered by their first use, so the order is that of the source's places.
+    let drawn = blended.drawn(0.0);
+    let expected = (0..1600).map(|at| ((at / 2 % 20) as f64, (at / 40) as f64));
+    for (triangle, (column, row)) in drawn.iter().zip(expected) {
+        let least = triangle.iter().fold(DVec3::INFINITY, |low, point| low.min(*point));
+        assert_eq!((least.x, least.y), (column, row));
+    }
+}
+
+fn assets() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/assets");
+    let (mut files, mut folders) = (Vec::new(), vec![root]);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|end| end == "glb" || end == "gltf") {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    files
+}
+
+/// Of each file's largest primitive, at three errors.
+#[test]
+#[cfg_attr(not(has_shared_files), ignore = "no assets and walls in ../shared")]
+fn stated_errors_hold_on_assets() {
+    let place = BakeFixture::new();
+    let mut checked = 0;
+    for file in assets() {
+        // Files that are broken on purpose are other tests' matter.
+        let Ok(baked) = place.bake(&file) else { continue };
+        let scene = place.scene(&baked);
+        let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        let with_levels = primitives.filter(|primitive| primitive.coarser_index_count > 0);
+        let Some(largest) = with_levels.max_by_key(|primitive| primitive.index_count) else {
+            continue;
+        };
+        let levels = BlobLevels::read(&place, largest);
+        let (errors, finest) = (levels.errors(), levels.drawn(0.0));
+        for limit in [0, errors.len() / 2, errors.len() - 1].map(|at| errors[at]) {
+            let coarser = levels.drawn(limit);
+            let every = |of: &[[DVec3; 3]]| of.len().div_ceil(SAMPLED_TRIANGLES);
+            let some =
+                |of: &[[DVec3; 3]]| -> Vec<_> { of.iter().step_by(every(of)).copied().collect() };
+            let there = sampled(&some(&finest), &coarser, 2);
+            let back = sampled(&some(&coarser), &finest, 2);
+            let found = there.max(back);
+            assert!(found <= f64::from(limit), "{}: {found} > {limit}", file.display());
+        }
+        checked += 1;
+    }
+    println!("{checked} assets have levels");
+    assert!(checked >= 20, "only {checked} assets have levels");
+}
