@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_baker::map::{MapUse, bake_map};
-use polyptych_baker::{BakeCache, Progress, bake};
+use polyptych_baker::{BakeCache, Baked, Progress, bake};
 use polyptych_text::counted;
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
@@ -109,9 +109,24 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         counted(baked.triangles, "triangle"),
         counted(baked.bytes, "byte")
     ))?;
+    if let Some(levels) = levels(&baked) {
+        say(levels)?;
+    }
     say_notes(&baked.warnings)?;
     say(format_args!("manifest {} in {}", baked.manifest, arguments.output.display()))?;
     Ok(())
+}
+
+/// Returns what levels of detail there are beside the finest one, or `None` if there are none.
+fn levels(baked: &Baked) -> Option<String> {
+    let coarser = baked.levels.get(1..).filter(|coarser| !coarser.is_empty())?;
+    let each = coarser.iter().map(|level| format!("{} ({:.2e} m)", level.triangles, level.error_m));
+    let each: Vec<String> = each.collect();
+    let angle = baked.normal_angle_deg;
+    Some(format!(
+        "coarser levels, as triangles and largest error: {}; normals differ by up to {angle:.0} degrees",
+        each.join(", ")
+    ))
 }
 
 /// Lines that tell a parent process how much is done.
