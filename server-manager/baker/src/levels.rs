@@ -47,11 +47,11 @@ pub(super) struct Levels {
     pub indices: Vec<u32>,
     /// Those of the finest level first.
     pub meshlets: Vec<Meshlet>,
-    /// What was made, of each level.
+    /// Counts and errors of each level.
     pub facts: LevelFacts,
 }
 
-/// What coarser levels are worth.
+/// Triangles and errors of all levels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct LevelFacts {
     /// The triangles of each level, the finest first.

@@ -269,7 +269,7 @@ struct PieceReader {
     scale: f64,
     /// The piece's number of each of the primitive's vertices; all unset between pieces.
     new_of: Vec<u32>,
-    /// Whether each of the primitive's vertices is at the position of another piece.
+    /// `true` for each of the primitive's vertices at the position of another piece.
     is_locked: Vec<bool>,
 }
 

@@ -21,11 +21,11 @@ pub(super) struct Piece {
     pub layout: VertexLayout,
     /// Vertices of `layout`, in f32.
     pub vertices: Vec<f32>,
-    /// What makes the elements; each vertex is used.
+    /// Corners of the elements; each vertex is used.
     pub indices: Vec<u32>,
-    /// Whether each vertex has a position that another part of the mesh has too.
+    /// `true` for each vertex at a position that another part of the mesh has too.
     pub is_locked: Vec<bool>,
-    /// Whether the elements are drawn in the order of the source.
+    /// `true` if the elements are drawn in the order of the source.
     pub keeps_order: bool,
     /// Metres that one unit is drawn as, at most.
     pub scale: f64,
@@ -37,7 +37,7 @@ pub(super) struct Piece {
 #[derive(Debug)]
 pub(super) struct Blob {
     pub bytes: Vec<u8>,
-    /// What is in the bytes; it has yet to be told their hash and the material.
+    /// The contents of the bytes; their hash and the material have yet to be set.
     pub primitive: Primitive,
     /// The levels, with their errors in metres.
     pub levels: LevelFacts,

@@ -66,8 +66,12 @@ impl VertexList {
         slide_max: f64,
     ) -> Change {
         let mut is_removed = vec![false; self.points.len()];
-        before.iter().for_each(|index| is_removed[*index as usize] = true);
-        after.iter().for_each(|index| is_removed[*index as usize] = false);
+        for index in before {
+            is_removed[*index as usize] = true;
+        }
+        for index in after {
+            is_removed[*index as usize] = false;
+        }
         let removed = (0..).zip(is_removed).filter_map(|(index, is)| is.then_some(index));
         let mut change = Change::default();
         for index in removed {

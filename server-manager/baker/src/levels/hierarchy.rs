@@ -23,7 +23,7 @@ const MESHLET_TRIANGLES_MIN: usize = 40;
 /// Vertices of a meshlet at most: all that meshoptimizer can count.
 const MESHLET_VERTICES: usize = 256;
 
-/// How much a meshlet's normals count beside its extent: meshoptimizer's documentation advises
+/// The weight of a meshlet's normals beside its extent: meshoptimizer's documentation advises
 /// 0.25 where meshlets are culled by their cones.
 const CONE_WEIGHT: f32 = 0.25;
 
@@ -90,8 +90,8 @@ struct Builder<'a> {
     hierarchy: Hierarchy,
     /// Groups so far.
     groups: usize,
-    /// Whether each position is that of a coarsest meshlet, which its neighbours must go on to
-    /// meet; named by the first vertex there.
+    /// `true` for each position of a coarsest meshlet, which its neighbours must go on to meet;
+    /// named by the first vertex there.
     kept: Vec<bool>,
 }
 
@@ -141,7 +141,7 @@ impl Builder<'_> {
         let mut next = Vec::new();
         for (group, replacement) in groups.into_iter().zip(replacements) {
             match replacement {
-                Some(replacement) => next.extend(self.replace(group, replacement)),
+                Some(replacement) => next.extend(self.replace(group, &replacement)),
                 None => next.extend(self.retry(group, is_stuck)),
             }
         }
@@ -149,7 +149,7 @@ impl Builder<'_> {
     }
 
     /// Keeps a group, and gives the meshlets that replace it.
-    fn replace(&mut self, group: Vec<Cluster>, by: Replacement) -> Vec<Cluster> {
+    fn replace(&mut self, group: Vec<Cluster>, by: &Replacement) -> Vec<Cluster> {
         let level = group.iter().map(|cluster| cluster.level).max().unwrap_or(0) + 1;
         let angle = &mut self.hierarchy.normal_angle;
         *angle = angle.max(by.simplified.normal_angle);
@@ -237,7 +237,7 @@ impl Builder<'_> {
     }
 }
 
-/// What replaces a group.
+/// The triangles that replace a group.
 struct Replacement {
     simplified: Simplified,
     error: f32,

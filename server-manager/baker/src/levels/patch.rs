@@ -13,7 +13,7 @@ use super::triangle_set::{Nearest, TriangleSet};
 /// The number of triangles of a coarser level as a share of the finer one's.
 const RATIO: f64 = 0.5;
 
-/// The same of few triangles, where the next ones to spare may cost far more than the others.
+/// [`RATIO`] of few triangles, where the next ones to spare may cost far more than the others.
 const RATIO_OF_FEW: f64 = 0.7;
 
 /// Triangles that are few: some meshlets.
@@ -26,7 +26,7 @@ const RATIO_MAX: f64 = 0.85;
 /// patch's size.
 const NORMAL_WEIGHT: f32 = 0.1;
 
-/// The same of a colour that goes from black to white.
+/// [`NORMAL_WEIGHT`] of a colour that goes from black to white.
 const COLOR_WEIGHT: f32 = 0.1;
 
 /// Distances below this share of the patch's size need not be measured.

@@ -16,7 +16,7 @@ pub(super) struct Source<'a> {
     pub scaled: Vec<[f32; 3]>,
     /// The first vertex at the position of each.
     pub welded: Vec<u32>,
-    /// Whether each vertex is at a seam: another at its position has other texture coordinates.
+    /// `true` for each vertex at a seam: another at its position has other texture coordinates.
     pub seams: Vec<bool>,
 }
 

@@ -12,10 +12,10 @@ pub(crate) struct Surface<'a> {
     pub vertices: &'a [f32],
     /// Three for each triangle; all name a vertex.
     pub indices: &'a [u32],
-    /// Returns for each vertex whether a coarser level keeps it if it keeps a triangle there:
-    /// true where other pieces of the same mesh have a vertex at the same position.
+    /// `true` for each vertex that no level may move: other pieces of the mesh have one at the same
+    /// position.
     pub is_locked: &'a [bool],
-    /// Whether the triangles of a level are drawn in the order of `indices`.
+    /// `true` if the triangles of a level are drawn in the order of `indices`.
     pub keeps_order: bool,
 }
 

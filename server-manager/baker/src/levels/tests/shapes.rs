@@ -97,7 +97,9 @@ impl Shape {
         let mut normals = vec![DVec3::ZERO; self.is_locked.len()];
         for corners in self.indices.as_chunks::<3>().0 {
             let [a, b, c] = corners.map(|corner| position(&self.vertices, corner));
-            corners.iter().for_each(|at| normals[*at as usize] += (b - a).cross(c - a));
+            for at in corners {
+                normals[*at as usize] += (b - a).cross(c - a);
+            }
         }
         for (row, normal) in self.vertices.chunks_exact_mut(8).zip(normals) {
             let normal = normal.normalize_or(DVec3::Z).as_vec3();
