@@ -124,7 +124,8 @@ fn levels(baked: &Baked) -> Option<String> {
     let each: Vec<String> = each.collect();
     let angle = baked.normal_angle_deg;
     Some(format!(
-        "coarser levels, as triangles and largest error: {}; normals differ by up to {angle:.0} degrees",
+        "coarser levels, as triangles and largest error: {}; \
+         normals differ by up to {angle:.0} degrees",
         each.join(", ")
     ))
 }

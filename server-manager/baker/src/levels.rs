@@ -1,8 +1,8 @@
 //! Levels of detail: a hierarchy of meshlets whose coarser ones name the same vertices.
 //!
 //! ```text
-//! source -> hierarchy: cut into meshlets -> group neighbours -> patch: simplify, measure -> cut ...
-//!                                              deviation, appearance -> error of the group
+//! source -> hierarchy: cut into meshlets -> group neighbours -> patch: simplify -> cut again
+//!                                    deviation, appearance: measure -> error of the group
 //! ```
 //!
 //! The error of a coarser meshlet is an upper bound of the distance between its level and the

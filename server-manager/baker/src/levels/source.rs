@@ -1,4 +1,4 @@
-//! What all parts of a piece share while its levels are made.
+//! A whole piece, for those who simplify parts of it.
 
 use std::collections::HashMap;
 

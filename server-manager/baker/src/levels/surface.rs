@@ -6,7 +6,7 @@ use polyptych_scene::VertexLayout;
 /// A list of triangles over vertices, and what must not be changed of it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surface<'a> {
-    /// What each vertex holds.
+    /// The attributes of each vertex.
     pub layout: VertexLayout,
     /// The vertices, each of `layout.stride()` bytes; all finite.
     pub vertices: &'a [f32],

@@ -14,7 +14,7 @@ const SLIVER: f64 = 1e-10;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SurfacePoint {
     pub position: DVec3,
-    /// Of two sets; zero for one that is missing.
+    /// Coordinates of two sets, as lengths; zero for one that is missing.
     pub uvs: [DVec2; 2],
 }
 
@@ -189,13 +189,15 @@ mod tests {
             prop_assert!((set.distance(at, 0) - expected).abs() < 1e-9);
             let flat = |position: DVec3| SurfacePoint { position, ..SurfacePoint::default() };
             let shares = shares_of_nearest(flat(at), &corners.map(flat));
-            let near: DVec3 = corners.iter().zip(shares).map(|(corner, share)| *corner * share).sum();
+            let near = corners.iter().zip(shares);
+            let near: DVec3 = near.map(|(corner, share)| *corner * share).sum();
             prop_assert!((near.distance(at) - expected).abs() < 1e-9);
         }
 
         #[test]
         fn lines_and_points_are_triangles(one in point(), two in point(), at in point()) {
-            for corners in [[one; 3], [one, one, two], [one, two, one], [one, two, one.lerp(two, 0.3)]] {
+            let inner = one.lerp(two, 0.3);
+            for corners in [[one; 3], [one, one, two], [one, two, one], [one, two, inner]] {
                 let set = TriangleSet::new(&corners, &[[0, 1, 2]]);
                 let expected = nearest_on_triangle(at, &corners).distance(at);
                 prop_assert!((set.distance(at, 0) - expected).abs() < 1e-6, "{corners:?} {at}");

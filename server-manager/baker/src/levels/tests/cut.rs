@@ -1,4 +1,4 @@
-//! What is drawn at an allowed error: no gap, nothing twice.
+//! Cuts through the hierarchy at an allowed error: no gap, nothing twice.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -72,7 +72,7 @@ fn check_replacement(levels: &Levels, allowed: Allowed, name: &str) -> Vec<usize
     chosen.into_iter().collect()
 }
 
-/// Where triangles end: for each edge, by the bits of its ends, the triangles on its left minus
+/// The edges at which triangles end: for each, by the bits of its ends, the triangles on its left minus
 /// those on its right.
 fn open_edges(shape: &Shape, indices: &[u32]) -> BTreeMap<[[u32; 3]; 2], i32> {
     let position = |vertex: u32| {

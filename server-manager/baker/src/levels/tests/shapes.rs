@@ -108,7 +108,7 @@ impl Shape {
         self
     }
 
-    /// The same with vertices and normals of its own for each triangle.
+    /// The shape with vertices and normals of its own for each triangle.
     fn faceted(self, name: &'static str) -> Self {
         let mut shape = Self::new(name);
         for &index in &self.indices {
