@@ -14,6 +14,7 @@
 //! other pieces of the mesh have at the same positions, so that any parts meet without a crack.
 
 mod appearance;
+mod chart;
 mod cone;
 mod convex_polygon;
 mod deviation;

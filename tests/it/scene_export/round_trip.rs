@@ -253,7 +253,8 @@ fn rounded(values: impl IntoIterator<Item = f32>) -> Vec<i64> {
 /// its least vertex, and turns as before.
 fn elements(of: &Primitive, store: &BlobStore) -> Vec<Vec<Vec<u8>>> {
     let blob = store.read(of.blob).expect("read").expect("there");
-    let (vertices, indices) = blob.split_at(of.vertex_bytes() as usize);
+    let (vertices, rest) = blob.split_at(of.vertex_bytes() as usize);
+    let indices = &rest[..of.index_bytes() as usize];
     let stride = of.layout.stride() as usize;
     let vertex = |index: &[u8]| {
         let index = usize::from(u16::from_le_bytes([index[0], index[1]]));

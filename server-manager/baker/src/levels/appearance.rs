@@ -5,13 +5,15 @@
 //! *Appearance-preserving simplification* (1998). Coordinates that only nearly agree count by their
 //! difference, as a length on the surface: so what is measured is the distance of a vertex to the
 //! coarser surface where each point has its place in space and on the textures. At a seam, the side
-//! that fits is taken.
+//! that fits is taken. What nothing fits any more, since its whole chart is left out, is counted by
+//! the chart's size.
 //!
 //! Only vertices that are removed are measured. Between vertices, position and texture coordinates
 //! are linear on both surfaces, so that the largest slide nearly is at one; this is not proven.
 
 use glam::{DVec2, DVec3};
 
+use super::chart;
 use super::source::Source;
 use super::triangle_set::{Nearest, SurfacePoint, TriangleSet, shares_of_nearest};
 
@@ -63,7 +65,6 @@ impl VertexList {
         after: &[u32],
         after_set: &TriangleSet,
         nearest: impl Fn(u32) -> Nearest,
-        slide_max: f64,
     ) -> Change {
         let mut is_removed = vec![false; self.points.len()];
         for index in before {
@@ -73,8 +74,10 @@ impl VertexList {
             is_removed[*index as usize] = false;
         }
         let removed = (0..).zip(is_removed).filter_map(|(index, is)| is.then_some(index));
+        let charts = chart::sizes(&self.points, before);
         let mut change = Change::default();
         for index in removed {
+            let slide_max = charts[index as usize];
             let point = self.points[index as usize];
             let fit = |triangle: u32| {
                 let first = triangle as usize * 3;

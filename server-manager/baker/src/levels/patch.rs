@@ -176,7 +176,7 @@ impl<'a> Patch<'a> {
         deviation::measure(&mut deviation, &points, &removed, &to_new, &new_set, negligible);
         deviation::measure(&mut deviation, &points, &added, &to_old, &old_set, negligible);
         let nearest = |index: u32| to_new[self.welded[index as usize] as usize];
-        let change = self.looks.change(&self.indices, after, &new_set, nearest, size);
+        let change = self.looks.change(&self.indices, after, &new_set, nearest);
         let reach = points.iter().map(|point| point.abs().max_element()).fold(0.0, f64::max);
         // Positions are no more exact than this themselves, so a smaller error has no meaning.
         let least = (reach * f64::from(f32::EPSILON)).max(f64::from(f32::MIN_POSITIVE));

@@ -72,8 +72,8 @@ fn check_replacement(levels: &Levels, allowed: Allowed, name: &str) -> Vec<usize
     chosen.into_iter().collect()
 }
 
-/// The edges at which triangles end: for each, by the bits of its ends, the triangles on its left minus
-/// those on its right.
+/// The edges at which triangles end: for each, by the bits of its ends, the triangles on its left
+/// minus those on its right.
 fn open_edges(shape: &Shape, indices: &[u32]) -> BTreeMap<[[u32; 3]; 2], i32> {
     let position = |vertex: u32| {
         let row = &shape.vertices[vertex as usize * 8..][..3];
