@@ -97,24 +97,6 @@ pub(super) fn read(
     Ok(Some(Geometry { topology, indices, positions, normals, tangents, uvs, colors }))
 }
 
-/// Reads the positions that a primitive draws, shaped by a pose if it has one; `None` where there
-/// are none, or something is wrong with them. Nothing is noted.
-pub(super) fn used_positions(
-    job: &BakeJob<'_>,
-    json: &document::Primitive,
-    pose: Option<&Pose>,
-) -> Option<Vec<[f32; 3]>> {
-    let mut positions = attribute::<3>(job, json, "POSITION", None, "").ok()??;
-    if let Some(pose) = pose {
-        let vertices = Vertices { positions: &mut positions, normals: None, tangents: None };
-        pose.apply(job, json, vertices, "").ok()?;
-    }
-    let Some(index) = json.indices else { return Some(positions) };
-    let indices = Accessor::open(job.source, index, "").ok()?.indices().ok()?.values;
-    // An index that restarts a strip names no position.
-    Some(indices.iter().filter_map(|index| positions.get(*index as usize)).copied().collect())
-}
-
 /// Leaves a primitive out whose positions or indices have no data: drawn as glTF says, all zeros,
 /// it would be one point.
 fn lacks_data(job: &mut BakeJob<'_>, json: &document::Primitive, place: &str) -> bool {

@@ -10,8 +10,8 @@
 //! that is added; errors of steps are added up, since distances obey the triangle inequality. A
 //! texture that slides by more than that raises the error, but that is sampled: see [`appearance`].
 //!
-//! Borders between parts that are replaced on their own stay as they are, as do the vertices that
-//! other pieces of the mesh have at the same positions, so that any parts meet without a crack.
+//! All surfaces of a mesh are simplified together, so that they meet without a crack at any level.
+//! Borders between parts that are replaced on their own stay as they are.
 
 mod appearance;
 mod chart;
@@ -85,32 +85,47 @@ impl LevelFacts {
     }
 }
 
-/// Makes the levels of a surface; `None` if it is too small, or nothing of it can be spared.
+/// Makes the levels of the surfaces of a mesh, which are replaced together; `None` for one that is
+/// always drawn whole.
 ///
 /// # Errors
 /// [`BakeError::Cancelled`].
 pub(super) fn build(
-    surface: Surface<'_>,
+    surfaces: &[Surface<'_>],
     cancel: &AtomicBool,
-) -> Result<Option<Levels>, BakeError> {
-    if surface.indices.len() < TRIANGLES_MIN * 3 {
-        return Ok(None);
+) -> Result<Vec<Option<Levels>>, BakeError> {
+    let indices: usize = surfaces.iter().map(|surface| surface.indices.len()).sum();
+    if indices < TRIANGLES_MIN * 3 {
+        return Ok(surfaces.iter().map(|_| None).collect());
     }
-    let source = Source::new(surface);
+    let source = Source::new(surfaces);
     let hierarchy = hierarchy::build(&source, cancel)?;
-    let is_divided = hierarchy.clusters.len() > 1 && !surface.keeps_order;
-    if hierarchy.clusters.iter().all(|cluster| cluster.level == 0) && !is_divided {
-        return Ok(None);
+    let mut clusters_of = vec![Vec::new(); surfaces.len()];
+    for cluster in &hierarchy.clusters {
+        clusters_of[source.surface_of(cluster.indices[0]) as usize].push(cluster);
     }
-    let normal_angle = hierarchy.normal_angle;
+    let levels = surfaces.iter().zip(&clusters_of).map(|(surface, clusters)| {
+        let levels = levels_of(&source, surface, clusters)?;
+        let normal_angle = hierarchy.normal_angle;
+        Some(Levels { facts: LevelFacts { normal_angle, ..levels.facts }, ..levels })
+    });
+    Ok(levels.collect())
+}
+
+/// The levels of one surface; `None` if it is always drawn whole.
+fn levels_of(source: &Source<'_>, surface: &Surface<'_>, clusters: &[&Cluster]) -> Option<Levels> {
+    let is_culled = clusters.len() > 1 && !surface.keeps_order;
+    if clusters.iter().all(|cluster| cluster.coarser_error.is_infinite()) && !is_culled {
+        return None;
+    }
     let mut levels = Levels {
         indices: Vec::new(),
-        meshlets: Vec::with_capacity(hierarchy.clusters.len()),
-        facts: LevelFacts { normal_angle, ..LevelFacts::default() },
+        meshlets: Vec::with_capacity(clusters.len()),
+        facts: LevelFacts::default(),
     };
-    for cluster in &hierarchy.clusters {
-        levels.meshlets.push(meshlet(&surface, cluster, levels.indices.len()));
-        levels.indices.extend(&cluster.indices);
+    for cluster in clusters {
+        levels.meshlets.push(meshlet(source, cluster, levels.indices.len()));
+        levels.indices.extend(cluster.indices.iter().map(|at| source.vertex_in_surface(*at)));
         let mut triangles = vec![0; cluster.level + 1];
         let mut errors = vec![0.0; cluster.level + 1];
         triangles[cluster.level] = cluster.indices.len() as u64 / 3;
@@ -118,15 +133,15 @@ pub(super) fn build(
         levels.facts.add(&LevelFacts { triangles, errors, normal_angle: 0.0 }, 1.0);
     }
     // What no 32-bit number counts is drawn at full detail.
-    Ok(u32::try_from(levels.indices.len()).is_ok().then_some(levels))
+    u32::try_from(levels.indices.len()).is_ok().then_some(levels)
 }
 
-fn meshlet(surface: &Surface<'_>, cluster: &Cluster, first_index: usize) -> Meshlet {
-    let points = cluster.indices.iter().map(|vertex| surface.position(*vertex));
+fn meshlet(source: &Source<'_>, cluster: &Cluster, first_index: usize) -> Meshlet {
+    let points = cluster.indices.iter().map(|vertex| source.position(*vertex));
     let bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (min, max) = points.fold(bounds, |(min, max), point| (min.min(point), max.max(point)));
     let triangles = cluster.indices.as_chunks::<3>().0.iter();
-    let corners = triangles.map(|corners| corners.map(|vertex| surface.position(vertex)));
+    let corners = triangles.map(|corners| corners.map(|vertex| source.position(vertex)));
     let cone = cone::around_normals(corners);
     Meshlet {
         first_index: first_index as u32,

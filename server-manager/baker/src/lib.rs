@@ -13,7 +13,6 @@
 
 mod accessor;
 mod bake_cache;
-mod borders;
 mod bounds;
 mod container;
 mod document;

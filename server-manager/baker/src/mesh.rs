@@ -6,13 +6,12 @@ use std::sync::atomic::AtomicBool;
 use polyptych_scene::{Mesh, Primitive, Topology, VertexLayout};
 use rayon::prelude::*;
 
-use super::borders::Borders;
 use super::error::BakeError;
 use super::geometry::{self, Geometry, Tangents, flat_normal};
 use super::material::{Palette, VertexRequirements};
 use super::piece::{Blob, Piece};
-use super::pose::{MeshUse, Meshes, Pose};
-use super::split::{self, Pieces};
+use super::pose::{Meshes, Pose};
+use super::split;
 use super::{BakeJob, check, document, tangent, topology};
 
 /// Triangles, lines and points whose levels are made at once: enough to keep all cores busy with
@@ -33,18 +32,15 @@ struct PrimitiveKey {
     keeps_order: bool,
     scale: u64,
     pose: Option<u32>,
-    /// The other surfaces of the mesh, whose vertices are borders of this one.
-    neighbors: Vec<SurfaceKey>,
 }
-
-/// Everything that the positions of a surface depend on: POSITION, indices and pose.
-type SurfaceKey = (Option<u32>, Option<u32>, Option<u32>);
 
 /// A mesh whose primitives are being written.
 struct Draft {
     name: String,
-    /// Each as the number of what was written, and the material that it is drawn with here.
-    primitives: Vec<(usize, Option<u32>)>,
+    /// The number of what was written.
+    written: usize,
+    /// The material that each primitive is drawn with here.
+    materials: Vec<Option<u32>>,
 }
 
 /// Bakes the uses of meshes named by the keys of `scales`, whose values are the most metres that
@@ -55,7 +51,7 @@ pub(super) fn write_all(
     uses: &Meshes,
     scales: &BTreeMap<u32, f64>,
 ) -> Result<Vec<Mesh>, BakeError> {
-    let mut shared: BTreeMap<PrimitiveKey, usize> = BTreeMap::new();
+    let mut shared: BTreeMap<Vec<PrimitiveKey>, usize> = BTreeMap::new();
     let json: &[document::Mesh] = &job.source.document.meshes;
     let used = || {
         let uses =
@@ -66,128 +62,97 @@ pub(super) fn write_all(
     let mut batch = Batch { total, ..Batch::default() };
     let mut drafts = Vec::with_capacity(scales.len());
     for (used, json, scale) in used() {
-        let mut draft = Draft { name: json.name.clone(), primitives: Vec::new() };
-        let surfaces = surfaces(uses, used, json);
-        let mut borders = None;
+        let (mut keys, mut all_needs, mut materials) = (Vec::new(), Vec::new(), Vec::new());
         for (i, primitive) in json.primitives.iter().enumerate() {
-            job.step("meshes", batch.read, total)?;
-            batch.read += 1;
             let place = format!("meshes[{}].primitives[{i}]", used.mesh);
             let is_surface = topology::of_mode(primitive.mode) == Some(Topology::Triangles);
             let is_lit = is_surface || primitive.attributes.contains_key("NORMAL");
             let (material, needs) = palette.material(job, primitive.material, is_lit, &place)?;
-            let pose = uses.pose(used, primitive);
-            let neighbors = surfaces.iter().filter(|(of, _)| is_surface && *of != i);
-            let key = PrimitiveKey {
-                neighbors: neighbors.map(|(_, key)| *key).collect(),
-                ..key(primitive, &needs, scale, pose.map(|(index, _)| index))
-            };
-            let number = if let Some(number) = shared.get(&key) {
-                *number
-            } else {
-                let borders = match &mut borders {
-                    Some(borders) => borders,
-                    none => none.insert(borders_of(job, uses, used, json)?),
-                };
-                let pose = pose.map(|(_, pose)| pose);
-                let pieces = read(job, primitive, &needs, scale, pose, borders, &place)?;
-                let number = batch.add(pieces);
-                shared.insert(key, number);
-                number
-            };
-            draft.primitives.push((number, material));
-            if batch.elements >= BATCH_ELEMENTS {
-                batch.finish(job)?;
-            }
+            let pose = uses.pose(used, primitive).map(|(index, _)| index);
+            keys.push(key(primitive, &needs, scale, pose));
+            all_needs.push((place, needs));
+            materials.push(material);
         }
-        drafts.push(draft);
+        let written = if let Some(written) = shared.get(&keys) {
+            batch.read += json.primitives.len() as u64;
+            *written
+        } else {
+            let mut mesh = Vec::with_capacity(keys.len());
+            for (primitive, (place, needs)) in json.primitives.iter().zip(&all_needs) {
+                job.step("meshes", batch.read, total)?;
+                batch.read += 1;
+                let pose = uses.pose(used, primitive).map(|(_, pose)| pose);
+                mesh.push(read(job, primitive, needs, scale, pose, place)?);
+            }
+            let number = batch.add(mesh);
+            shared.insert(keys, number);
+            number
+        };
+        drafts.push(Draft { name: json.name.clone(), written, materials });
+        if batch.elements >= BATCH_ELEMENTS {
+            batch.finish(job)?;
+        }
     }
     batch.finish(job)?;
     Ok(drafts.into_iter().map(|draft| batch.mesh(draft)).collect())
 }
 
-/// Pieces whose levels are made together, and what was written of earlier ones.
+/// Meshes whose levels are made together, and what was written of earlier ones.
 #[derive(Default)]
 struct Batch {
-    /// Each with the number of its primitive.
-    pieces: Vec<(usize, Piece)>,
-    /// Triangles, lines and points of `pieces`.
+    /// Each with its number, and its pieces by primitive.
+    meshes: Vec<(usize, Vec<Vec<Piece>>)>,
+    /// Triangles, lines and points of `meshes`.
     elements: usize,
-    /// The pieces of each primitive.
-    written: Vec<Vec<Primitive>>,
+    /// The pieces of each primitive of each mesh.
+    written: Vec<Vec<Vec<Primitive>>>,
     /// Primitives that were read, of `total`.
     read: u64,
     total: u64,
 }
 
 impl Batch {
-    /// Adds the pieces of a primitive; gives its number.
-    fn add(&mut self, pieces: Vec<Piece>) -> usize {
+    /// Adds the pieces of a mesh by primitive; gives its number.
+    fn add(&mut self, mesh: Vec<Vec<Piece>>) -> usize {
         let number = self.written.len();
-        self.elements += pieces.iter().map(Piece::element_count).sum::<usize>();
-        self.pieces.extend(pieces.into_iter().map(|piece| (number, piece)));
-        self.written.push(Vec::new());
+        self.elements += mesh.iter().flatten().map(Piece::element_count).sum::<usize>();
+        self.written.push(mesh.iter().map(|_| Vec::new()).collect());
+        self.meshes.push((number, mesh));
         number
     }
 
-    /// Makes the levels of all pieces on all cores, and writes them in order.
+    /// Makes the levels of all meshes on all cores, and writes them in order.
     fn finish(&mut self, job: &mut BakeJob<'_>) -> Result<(), BakeError> {
         job.step("levels", self.read, self.total)?;
         self.elements = 0;
-        let pieces = std::mem::take(&mut self.pieces);
         let cancel = job.cancel;
-        let finish = |(number, piece): (usize, Piece)| Ok((number, piece.finish(cancel)?));
-        let blobs: Vec<(usize, Blob)> =
-            pieces.into_par_iter().map(finish).collect::<Result<_, BakeError>>()?;
-        for (number, Blob { bytes, primitive, levels, place }) in blobs {
-            let blob = job.write(&bytes, &place)?;
-            job.levels.add(&levels, 1.0);
-            self.written[number].push(Primitive { blob, ..primitive });
+        let finish = |(mesh, pieces): (usize, Vec<Vec<Piece>>)| {
+            let primitives = pieces.iter().enumerate();
+            let owners: Vec<usize> =
+                primitives.flat_map(|(at, pieces)| pieces.iter().map(move |_| at)).collect();
+            let blobs = Piece::finish(pieces.into_iter().flatten().collect(), cancel)?;
+            Ok((mesh, owners.into_iter().zip(blobs).collect()))
+        };
+        let meshes = std::mem::take(&mut self.meshes);
+        let finished: Vec<(usize, Vec<(usize, Blob)>)> =
+            meshes.into_par_iter().map(finish).collect::<Result<_, BakeError>>()?;
+        for (mesh, blobs) in finished {
+            for (at, Blob { bytes, primitive, levels, place }) in blobs {
+                let blob = job.write(&bytes, &place)?;
+                job.levels.add(&levels, 1.0);
+                self.written[mesh][at].push(Primitive { blob, ..primitive });
+            }
         }
         Ok(())
     }
 
     fn mesh(&self, draft: Draft) -> Mesh {
-        let primitives = draft.primitives.into_iter().flat_map(|(number, material)| {
-            let pieces = self.written[number].iter();
-            pieces.map(move |piece| Primitive { material, ..piece.clone() })
+        let primitives = self.written[draft.written].iter().zip(draft.materials);
+        let primitives = primitives.flat_map(|(pieces, material)| {
+            pieces.iter().map(move |piece| Primitive { material, ..piece.clone() })
         });
         Mesh { name: draft.name, primitives: primitives.collect() }
     }
-}
-
-/// The surfaces of a mesh, each with its number among the primitives.
-fn surfaces(uses: &Meshes, used: MeshUse, json: &document::Mesh) -> Vec<(usize, SurfaceKey)> {
-    let is_surface = |primitive: &document::Primitive| {
-        topology::of_mode(primitive.mode) == Some(Topology::Triangles)
-    };
-    let primitives = json.primitives.iter().enumerate();
-    let key = |(i, primitive): (usize, &document::Primitive)| {
-        let pose = uses.pose(used, primitive).map(|(index, _)| index);
-        let positions = primitive.attributes.get("POSITION").copied();
-        is_surface(primitive).then_some((i, (positions, primitive.indices, pose)))
-    };
-    primitives.filter_map(key).collect()
-}
-
-/// The positions that several surfaces of a mesh have.
-fn borders_of(
-    job: &mut BakeJob<'_>,
-    uses: &Meshes,
-    used: MeshUse,
-    json: &document::Mesh,
-) -> Result<Borders, BakeError> {
-    let surfaces = surfaces(uses, used, json);
-    let mut borders = Borders::default();
-    for &(i, _) in surfaces.iter().filter(|_| surfaces.len() > 1) {
-        job.check()?;
-        let primitive = &json.primitives[i];
-        let pose = uses.pose(used, primitive).map(|(_, pose)| pose);
-        // What is wrong with one is said when it is read for itself.
-        let positions = geometry::used_positions(job, primitive, pose).unwrap_or_default();
-        borders.add(i as u32, positions.into_iter());
-    }
-    Ok(borders)
 }
 
 fn key(
@@ -206,18 +171,16 @@ fn key(
         keeps_order: needs.keeps_order,
         scale: scale.to_bits(),
         pose,
-        neighbors: Vec::new(),
     }
 }
 
-/// Reads one primitive in pieces. `borders` has the positions that it shares with others.
+/// Reads one primitive in pieces.
 fn read(
     job: &mut BakeJob<'_>,
     json: &document::Primitive,
     needs: &VertexRequirements,
     scale: f64,
     pose: Option<&Pose>,
-    borders: &Borders,
     place: &str,
 ) -> Result<Vec<Piece>, BakeError> {
     let Some(mut geometry) = geometry::read(job, json, needs, pose, place)? else {
@@ -241,12 +204,10 @@ fn read(
             color: geometry.colors.is_some(),
         },
         new_of: vec![u32::MAX; geometry.positions.len()],
-        is_locked: Vec::new(),
         geometry,
         keeps_order: needs.keeps_order,
         scale,
     };
-    reader.is_locked = reader.locked(&pieces, borders);
     let mut read = Vec::with_capacity(pieces.ranges.len());
     for range in pieces.ranges {
         job.check()?;
@@ -269,8 +230,6 @@ struct PieceReader {
     scale: f64,
     /// The piece's number of each of the primitive's vertices; all unset between pieces.
     new_of: Vec<u32>,
-    /// `true` for each of the primitive's vertices at the position of another piece.
-    is_locked: Vec<bool>,
 }
 
 impl PieceReader {
@@ -284,30 +243,15 @@ impl PieceReader {
             && !matches!(self.geometry.tangents, Tangents::Corner(_));
         let (indices, vertices) =
             if is_shared { self.gather(elements) } else { self.weld(elements, job.cancel)? };
-        let is_locked = vertices.iter().map(|vertex| self.is_locked[vertex.source as usize]);
         Ok(Piece {
             topology: self.geometry.topology,
             layout: self.layout,
-            is_locked: is_locked.collect(),
             vertices: self.interleave(&vertices),
             indices,
             keeps_order: self.keeps_order,
             scale: self.scale,
             place: place.to_owned(),
         })
-    }
-
-    /// Says of each vertex whether another piece or another surface of the mesh has its position.
-    fn locked(&self, pieces: &Pieces, others: &Borders) -> Vec<bool> {
-        let position = |vertex: u32| self.geometry.positions[vertex as usize];
-        let mut own = Borders::default();
-        for (part, range) in (0..).zip(&pieces.ranges).filter(|_| pieces.ranges.len() > 1) {
-            let corners = self.corners(&pieces.elements[range.clone()]);
-            let vertices = corners.map(|corner| self.geometry.indices[corner as usize]);
-            own.add(part, vertices.map(position));
-        }
-        let positions = self.geometry.positions.iter();
-        positions.map(|at| own.contains(*at) || others.contains(*at)).collect()
     }
 
     fn corners<'a>(&'a self, elements: &'a [u32]) -> impl Iterator<Item = u32> + 'a {

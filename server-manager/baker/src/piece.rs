@@ -8,8 +8,8 @@ use polyptych_scene::meshlet::Meshlet;
 use polyptych_scene::{IndexFormat, Primitive, Topology, VertexLayout};
 
 use super::error::BakeError;
-use super::levels::{self, LevelFacts, Surface};
-use super::vertex_cache;
+use super::levels::{self, LevelFacts, Levels, Surface};
+use super::{check, vertex_cache};
 
 /// Most vertices that 16-bit indices are used for: 65,535 is left free, as it restarts strips.
 const U16_VERTICES_MAX: usize = 65_535;
@@ -23,8 +23,6 @@ pub(super) struct Piece {
     pub vertices: Vec<f32>,
     /// Corners of the elements; each vertex is used.
     pub indices: Vec<u32>,
-    /// `true` for each vertex at a position that another part of the mesh has too.
-    pub is_locked: Vec<bool>,
     /// `true` if the elements are drawn in the order of the source.
     pub keeps_order: bool,
     /// Metres that one unit is drawn as, at most.
@@ -50,15 +48,38 @@ impl Piece {
         self.indices.len() / super::topology::arity(self.topology)
     }
 
-    /// Makes the levels and the bytes.
+    /// Makes the levels of all pieces of a mesh, and their bytes.
     ///
     /// # Errors
     /// [`BakeError::Cancelled`].
-    pub(super) fn finish(mut self, cancel: &AtomicBool) -> Result<Blob, BakeError> {
+    pub(super) fn finish(pieces: Vec<Self>, cancel: &AtomicBool) -> Result<Vec<Blob>, BakeError> {
+        let is_surface = |piece: &&Self| piece.topology == Topology::Triangles;
+        let surfaces: Vec<Surface<'_>> =
+            pieces.iter().filter(is_surface).map(Self::surface).collect();
+        let mut levels = levels::build(&surfaces, cancel)?.into_iter();
+        let mut blobs = Vec::with_capacity(pieces.len());
+        for piece in pieces {
+            check(cancel)?;
+            let levels = if is_surface(&&piece) { levels.next().flatten() } else { None };
+            blobs.push(piece.blob(levels));
+        }
+        Ok(blobs)
+    }
+
+    fn surface(&self) -> Surface<'_> {
+        Surface {
+            layout: self.layout,
+            vertices: &self.vertices,
+            indices: &self.indices,
+            keeps_order: self.keeps_order,
+        }
+    }
+
+    fn blob(mut self, levels: Option<Levels>) -> Blob {
         let fine_count = self.indices.len();
+        let vertex_count = self.surface().vertex_count();
         let mut meshlets = Vec::new();
         let mut facts = LevelFacts::default();
-        let levels = if self.topology == Topology::Triangles { self.levels(cancel)? } else { None };
         if let Some(levels) = levels {
             self.indices = levels.indices;
             meshlets = levels.meshlets;
@@ -67,23 +88,12 @@ impl Piece {
             let triangles = vec![fine_count as u64 / 3];
             facts = LevelFacts { triangles, errors: vec![0.0], normal_angle: 0.0 };
             if !self.keeps_order {
-                vertex_cache::triangles(&mut self.indices, self.is_locked.len());
+                vertex_cache::triangles(&mut self.indices, vertex_count);
             }
         }
-        let order = vertex_cache::vertices(&mut self.indices, self.is_locked.len());
+        let order = vertex_cache::vertices(&mut self.indices, vertex_count);
         let (primitive, bytes) = self.lay_out(&order, fine_count, &meshlets);
-        Ok(Blob { bytes, primitive, levels: facts, place: self.place })
-    }
-
-    fn levels(&self, cancel: &AtomicBool) -> Result<Option<levels::Levels>, BakeError> {
-        let surface = Surface {
-            layout: self.layout,
-            vertices: &self.vertices,
-            indices: &self.indices,
-            is_locked: &self.is_locked,
-            keeps_order: self.keeps_order,
-        };
-        levels::build(surface, cancel)
+        Blob { bytes, primitive, levels: facts, place: self.place }
     }
 
     /// Gives the bytes, and what is in them. `order` has the old number of each vertex.

@@ -14,6 +14,7 @@
 use glam::{DVec2, DVec3};
 
 use super::chart;
+use super::patch::by_surface;
 use super::source::Source;
 use super::triangle_set::{Nearest, SurfacePoint, TriangleSet, shares_of_nearest};
 
@@ -34,22 +35,25 @@ pub(super) struct Change {
 
 impl VertexList {
     /// These vertices of a source. Texture units are as long as they are on average on the
-    /// triangles `indices`, which number the list.
+    /// triangles `indices` of each surface, which number the list.
     pub fn new(source: &Source<'_>, vertices: &[u32], indices: &[u32]) -> Self {
-        let surface = &source.surface;
-        let positions = vertices.iter().map(|vertex| surface.position(*vertex));
+        let positions = vertices.iter().map(|vertex| source.position(*vertex));
         let point = |position| SurfacePoint { position, ..SurfacePoint::default() };
         let mut points: Vec<SurfacePoint> = positions.map(point).collect();
-        for (set, offset) in surface.uv_offsets().enumerate() {
-            let uv = |index: u32| surface.uv(vertices[index as usize], offset);
-            let position = |index: u32| points[index as usize].position;
-            let length = uv_length(indices, position, uv);
-            for (point, vertex) in points.iter_mut().zip(vertices) {
-                let place = surface.uv(*vertex, offset) * length;
-                point.uvs[set] = if place.is_finite() { place } else { DVec2::ZERO };
+        let surface_of = |index: u32| source.surface_of(vertices[index as usize]);
+        for (surface, own) in by_surface(indices, surface_of) {
+            for set in 0..2 {
+                let uv = |index: u32| source.uvs(vertices[index as usize])[set];
+                let length = uv_length(&own, |index| points[index as usize].position, uv);
+                for (index, point) in (0..).zip(&mut points) {
+                    if surface_of(index) == surface {
+                        let place = uv(index) * length;
+                        point.uvs[set] = if place.is_finite() { place } else { DVec2::ZERO };
+                    }
+                }
             }
         }
-        Self { points, normals: vertices.iter().map(|vertex| surface.normal(*vertex)).collect() }
+        Self { points, normals: vertices.iter().map(|vertex| source.normal(*vertex)).collect() }
     }
 
     /// Returns its vertices' places in space and on the textures.

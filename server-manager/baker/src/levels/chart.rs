@@ -39,8 +39,8 @@ pub(super) fn sizes(points: &[SurfacePoint], indices: &[u32]) -> Vec<f64> {
     (0..points.len() as u32).map(size).collect()
 }
 
-/// Gives the point that stands for a chart, and shortens the way to it.
-fn root(parents: &mut [u32], mut point: u32) -> u32 {
+/// Gives the point that stands for all that are connected to one, and shortens the way to it.
+pub(super) fn root(parents: &mut [u32], mut point: u32) -> u32 {
     while parents[point as usize] != point {
         let parent = parents[point as usize];
         parents[point as usize] = parents[parent as usize];

@@ -8,7 +8,7 @@ use polyptych_scene::meshlet::ErrorSphere;
 use rayon::prelude::*;
 
 use super::enclosing_sphere::{around_points, around_spheres, round_up};
-use super::patch::{Patch, Simplified};
+use super::patch::{Patch, Simplified, by_surface};
 use super::source::{Source, adapter};
 use crate::check;
 use crate::error::BakeError;
@@ -75,7 +75,15 @@ pub(super) fn build(source: &Source<'_>, cancel: &AtomicBool) -> Result<Hierarch
         groups: 0,
         kept: vec![false; source.welded.len()],
     };
-    let mut open = builder.cut(source.surface.indices, 0, 0.0, None);
+    let mut open = Vec::new();
+    for (number, surface) in source.surfaces().iter().enumerate() {
+        let triangles = source.triangles_of(number);
+        if surface.keeps_order && !source.keeps_order() {
+            builder.keep(&triangles);
+        } else {
+            open.extend(builder.cut(&triangles, 0, 0.0, None));
+        }
+    }
     while !open.is_empty() {
         check(cancel)?;
         open = builder.coarsen(open, cancel)?;
@@ -105,7 +113,7 @@ impl Builder<'_> {
         sphere: Option<ErrorSphere>,
     ) -> Vec<Cluster> {
         let parts = cut(self.source, triangles).into_iter();
-        let position = |vertex: &u32| self.source.surface.position(*vertex);
+        let position = |vertex: &u32| self.source.position(*vertex);
         let cluster = |indices: Vec<u32>| {
             let sphere = sphere.unwrap_or_else(|| around_points(indices.iter().map(position)));
             let coarser_error = f32::INFINITY;
@@ -163,6 +171,13 @@ impl Builder<'_> {
         self.cut(&by.simplified.indices, level, by.error, Some(by.sphere))
     }
 
+    /// Keeps the positions of triangles in all levels.
+    fn keep(&mut self, triangles: &[u32]) {
+        for vertex in triangles {
+            self.kept[self.source.welded[*vertex as usize] as usize] = true;
+        }
+    }
+
     /// Gives those of a group that could not be simplified which may be in another one, and keeps
     /// the others as the coarsest ones.
     fn retry(&mut self, group: Vec<Cluster>, is_last: bool) -> Vec<Cluster> {
@@ -174,9 +189,7 @@ impl Builder<'_> {
                 open.push(Cluster { tries, ..cluster });
                 continue;
             }
-            for vertex in &cluster.indices {
-                self.kept[self.source.welded[*vertex as usize] as usize] = true;
-            }
+            self.keep(&cluster.indices);
             self.hierarchy.clusters.push(Cluster { group: number, ..cluster });
         }
         open
@@ -216,7 +229,7 @@ impl Builder<'_> {
     /// Returns whether parts of the surface have levels of their own. What is drawn in order is
     /// replaced as a whole.
     fn is_divided(&self, open: &[Cluster]) -> bool {
-        open.len() > GROUP_MESHLETS && !self.source.surface.keeps_order
+        open.len() > GROUP_MESHLETS && !self.source.keeps_order()
     }
 
     /// Returns the positions that several groups have, named by the first vertex there.
@@ -254,15 +267,29 @@ impl Replacement {
     }
 }
 
-/// Cuts triangles into the runs of meshlets.
+/// Cuts triangles into the runs of meshlets, each of one surface.
 fn cut(source: &Source<'_>, triangles: &[u32]) -> Vec<Vec<u32>> {
-    let whole = || triangles.chunks(MESHLET_TRIANGLES * 3).map(<[u32]>::to_vec).collect();
-    if source.surface.keeps_order {
-        return whole();
+    if source.keeps_order() {
+        return triangles.chunks(MESHLET_TRIANGLES * 3).map(<[u32]>::to_vec).collect();
     }
-    let Some(positions) = source.adapter() else { return whole() };
+    let surfaces = by_surface(triangles, |vertex| source.surface_of(vertex));
+    surfaces.values().flat_map(|triangles| cut_surface(source, triangles)).collect()
+}
+
+fn cut_surface(source: &Source<'_>, triangles: &[u32]) -> Vec<Vec<u32>> {
+    // Numbered anew: the time that cutting takes grows with all vertices that it could name.
+    let mut vertices = triangles.to_vec();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let number = |vertex: &u32| vertices.partition_point(|known| known < vertex) as u32;
+    let local: Vec<u32> = triangles.iter().map(number).collect();
+    let positions: Vec<[f32; 3]> =
+        vertices.iter().map(|vertex| source.scaled[*vertex as usize]).collect();
+    let Some(positions) = adapter(&positions) else {
+        return triangles.chunks(MESHLET_TRIANGLES * 3).map(<[u32]>::to_vec).collect();
+    };
     let meshlets = meshopt::build_meshlets_flex(
-        triangles,
+        &local,
         &positions,
         MESHLET_VERTICES,
         MESHLET_TRIANGLES_MIN,
@@ -274,7 +301,8 @@ fn cut(source: &Source<'_>, triangles: &[u32]) -> Vec<Vec<u32>> {
         let local: Vec<u32> = meshlet.triangles.iter().map(|index| u32::from(*index)).collect();
         let count = meshlet.vertices.len();
         let ordered = meshopt::optimize_vertex_cache_fifo(&local, count, CACHE);
-        ordered.into_iter().map(|index| meshlet.vertices[index as usize]).collect()
+        let vertex = |index: u32| vertices[meshlet.vertices[index as usize] as usize];
+        ordered.into_iter().map(vertex).collect()
     };
     meshlets.iter().map(run).collect()
 }

@@ -1,11 +1,12 @@
 //! A part of a surface that is simplified at once, and what that changes.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use glam::DVec3;
 use meshopt::{SimplifyOptions, SimplifyVertex};
 
-use super::appearance::VertexList;
+use super::appearance::{Change, VertexList};
+use super::chart::root;
 use super::deviation::{self, Deviation};
 use super::source::{Source, adapter};
 use super::triangle_set::{Nearest, TriangleSet};
@@ -55,8 +56,11 @@ pub(super) struct Patch<'a> {
 pub(super) struct Simplified {
     /// Three for each triangle, as the piece numbers vertices.
     pub indices: Vec<u32>,
-    /// An upper bound of the distance between the surfaces before and after, in both directions;
-    /// or how far a texture slides, if that is more. Above 0, in units of the primitive's space.
+    /// An upper bound of the distance between each surface before and after, in both directions.
+    /// Connected parts of a surface that are removed as a whole, as windows in a wall, count by
+    /// their distance to what is left of all surfaces, and by their extent, which is how far their
+    /// outline moves. Or how far a texture slides, if that is more. Above 0, in units of the
+    /// primitive's space.
     pub error: f64,
     /// The largest angle by which the normal at a removed vertex differs, in radians.
     pub normal_angle: f64,
@@ -83,20 +87,17 @@ impl<'a> Patch<'a> {
     /// `is_locked` says of a vertex whether it must stay, and `prior` is the error that the
     /// patch's triangles have already.
     pub fn simplify(&self, is_locked: impl Fn(u32) -> bool, prior: f64) -> Option<Simplified> {
-        let flags =
-            self.vertices.iter().map(|vertex| self.source.flags(*vertex, is_locked(*vertex)));
-        let flags: Vec<SimplifyVertex> = flags.collect();
-        let is_whole = !flags.iter().any(|flags| flags.contains(SimplifyVertex::Lock));
-        let mut after = self.fewer(&flags, SimplifyOptions::Permissive);
-        if !self.is_worth(&after) {
-            let flags: Vec<_> = flags.iter().map(|flags| *flags & SimplifyVertex::Lock).collect();
-            // What is removed as a whole may have no neighbour in other patches.
-            let prune = if is_whole { SimplifyOptions::Prune } else { SimplifyOptions::None };
-            after = self.fewer(&flags, SimplifyOptions::Permissive | prune);
-        }
-        if !self.is_worth(&after) {
-            return None;
-        }
+        let flags = |keeps_seams: bool| -> Vec<SimplifyVertex> {
+            let vertices = self.vertices.iter();
+            vertices.map(|at| self.source.flags(*at, is_locked(*at), keeps_seams)).collect()
+        };
+        // From what changes least to what spares most.
+        let tries = [(true, SimplifyOptions::None), (false, SimplifyOptions::Prune)];
+        let after = tries.into_iter().find_map(|(keeps_seams, prune)| {
+            let flags = flags(keeps_seams);
+            let after = self.fewer(&flags, SimplifyOptions::Permissive | prune);
+            (self.is_worth(&after) && self.fits(&after, &flags)).then_some(after)
+        })?;
         let (error, normal_angle) = self.change(&after, prior);
         let indices = after.iter().map(|index| self.vertices[*index as usize]).collect();
         error.is_finite().then_some(Simplified { indices, error, normal_angle })
@@ -104,6 +105,24 @@ impl<'a> Patch<'a> {
 
     fn is_worth(&self, after: &[u32]) -> bool {
         !after.is_empty() && after.len() as f64 <= self.indices.len() as f64 * RATIO_MAX
+    }
+
+    /// Returns whether triangles go on to meet other patches, and each is of one surface.
+    fn fits(&self, after: &[u32], flags: &[SimplifyVertex]) -> bool {
+        let mut is_kept = vec![false; self.vertices.len()];
+        after.iter().for_each(|index| is_kept[self.welded[*index as usize] as usize] = true);
+        let is_met = (0..).zip(flags).all(|(index, flags): (usize, _)| {
+            !flags.contains(SimplifyVertex::Lock) || is_kept[self.welded[index] as usize]
+        });
+        let is_of_one = |corners: &[u32; 3]| {
+            let [a, b, c] = corners.map(|index| self.surface_of(index));
+            a == b && b == c
+        };
+        is_met && after.as_chunks::<3>().0.iter().all(is_of_one)
+    }
+
+    fn surface_of(&self, index: u32) -> u32 {
+        self.source.surface_of(self.vertices[index as usize])
     }
 
     fn fewer(&self, flags: &[SimplifyVertex], options: SimplifyOptions) -> Vec<u32> {
@@ -131,20 +150,21 @@ impl<'a> Patch<'a> {
     /// Gives what the simplifier keeps beside positions, and the weight of each number of a vertex.
     /// Weights are shares of the patch's longest side.
     fn attributes(&self) -> (Vec<f32>, Vec<f32>) {
-        let surface = &self.source.surface;
         let side = self.size().max_element();
-        let sets = surface.uv_offsets().count();
+        let layouts = || self.source.surfaces().iter().map(|surface| surface.layout);
+        let sets = [layouts().any(|of| of.uv0), layouts().any(|of| of.uv1)];
+        let has_color = layouts().any(|of| of.color);
         let mut weights = vec![NORMAL_WEIGHT; 3];
-        weights.extend([[1.0; 2]; 2][..sets].as_flattened());
-        weights.extend(surface.layout.color.then_some([COLOR_WEIGHT; 4]).into_iter().flatten());
+        weights.extend(sets.iter().filter(|is| **is).flat_map(|_| [1.0; 2]));
+        weights.extend(has_color.then_some([COLOR_WEIGHT; 4]).into_iter().flatten());
         let mut attributes = Vec::with_capacity(self.vertices.len() * weights.len());
         for (&vertex, point) in self.vertices.iter().zip(self.looks.points()) {
-            attributes.extend(surface.normal(vertex).as_vec3().to_array());
-            for uv in &point.uvs[..sets] {
+            attributes.extend(self.source.normal(vertex).as_vec3().to_array());
+            for (uv, _) in point.uvs.iter().zip(sets).filter(|(_, is)| *is) {
                 let uv = (*uv / side).as_vec2();
                 attributes.extend(if uv.is_finite() { uv.to_array() } else { [0.0; 2] });
             }
-            attributes.extend(surface.color(vertex).into_iter().flatten());
+            attributes.extend(has_color.then(|| self.source.color(vertex)).into_iter().flatten());
         }
         (attributes, weights)
     }
@@ -162,27 +182,108 @@ impl<'a> Patch<'a> {
         let size = self.size().length();
         let negligible = (NEGLIGIBLE * size).max(NEGLIGIBLE_BESIDE * prior);
         let points: Vec<DVec3> = self.looks.points().iter().map(|point| point.position).collect();
-        let list = |indices: &[u32]| -> Vec<[u32; 3]> {
-            let triangles = indices.as_chunks::<3>().0.iter();
-            triangles.map(|corners| corners.map(|index| self.welded[index as usize])).collect()
-        };
-        let (old, new) = (list(&self.indices), list(after));
-        let (old_set, new_set) = (TriangleSet::new(&points, &old), TriangleSet::new(&points, &new));
-        let (removed, added) = (without(&old, &new), without(&new, &old));
-        // Of vertices too that only their texture coordinates or normals tell from kept ones.
-        let to_new = nearest_of_corners(&points, &old, &new, &new_set);
-        let to_old = nearest_of_corners(&points, &added, &old, &old_set);
-        let mut deviation = Deviation::default();
-        deviation::measure(&mut deviation, &points, &removed, &to_new, &new_set, negligible);
-        deviation::measure(&mut deviation, &points, &added, &to_old, &old_set, negligible);
-        let nearest = |index: u32| to_new[self.welded[index as usize] as usize];
-        let change = self.looks.change(&self.indices, after, &new_set, nearest);
+        let all = TriangleSet::new(&points, &self.weld(after));
+        let mut after_of = by_surface(after, |index| self.surface_of(index));
+        let (mut deviation, mut lost) = (Deviation::default(), 0.0_f64);
+        let mut looks = Change::default();
+        for (surface, before) in by_surface(&self.indices, |index| self.surface_of(index)) {
+            let after = after_of.remove(&surface).unwrap_or_default();
+            let Parts { kept, removed } = self.divide(&before, &after);
+            let old = self.weld(&kept);
+            let new = self.weld(&after);
+            for part in &removed {
+                let part = self.weld(part);
+                let near = nearest_of_corners(&points, &part, &[], &all);
+                deviation::measure(&mut deviation, &points, &part, &near, &all, negligible);
+                lost = lost.max(extent(&points, &part));
+            }
+            if new.is_empty() {
+                continue;
+            }
+            let (old_set, new_set) =
+                (TriangleSet::new(&points, &old), TriangleSet::new(&points, &new));
+            let (gone, added) = (without(&old, &new), without(&new, &old));
+            // Of vertices too that only their texture coordinates or normals tell from kept ones.
+            let to_new = nearest_of_corners(&points, &old, &new, &new_set);
+            let to_old = nearest_of_corners(&points, &added, &old, &old_set);
+            deviation::measure(&mut deviation, &points, &gone, &to_new, &new_set, negligible);
+            deviation::measure(&mut deviation, &points, &added, &to_old, &old_set, negligible);
+            let nearest = |index: u32| to_new[self.welded[index as usize] as usize];
+            let change = self.looks.change(&kept, &after, &new_set, nearest);
+            looks.slide = looks.slide.max(change.slide);
+            looks.normal_angle = looks.normal_angle.max(change.normal_angle);
+        }
         let reach = points.iter().map(|point| point.abs().max_element()).fold(0.0, f64::max);
         // Positions are no more exact than this themselves, so a smaller error has no meaning.
         let least = (reach * f64::from(f32::EPSILON)).max(f64::from(f32::MIN_POSITIVE));
-        let error = (deviation.upper + reach * ROUNDING).max(change.slide).max(least);
-        (error, change.normal_angle)
+        let error = (deviation.upper + reach * ROUNDING).max(looks.slide).max(lost).max(least);
+        (error, looks.normal_angle)
     }
+
+    /// The triangles of a list by their positions.
+    fn weld(&self, indices: &[u32]) -> Vec<[u32; 3]> {
+        let triangles = indices.as_chunks::<3>().0.iter();
+        triangles.map(|corners| corners.map(|index| self.welded[index as usize])).collect()
+    }
+
+    /// Divides the triangles of a surface into those of connected parts of which something is
+    /// kept, and the parts of which nothing is. A patch of one surface has no such parts: what is
+    /// removed there is as far from what is kept as it is.
+    fn divide(&self, before: &[u32], after: &[u32]) -> Parts {
+        if self.source.surfaces().len() == 1 {
+            return Parts { kept: before.to_vec(), removed: Vec::new() };
+        }
+        let mut part_of: Vec<u32> = (0..self.vertices.len() as u32).collect();
+        for corners in self.weld(before) {
+            let [a, b, c] = corners.map(|corner| root(&mut part_of, corner));
+            let least = a.min(b).min(c);
+            for part in [a, b, c] {
+                part_of[part as usize] = least;
+            }
+        }
+        let kept: HashSet<u32> =
+            self.weld(after).iter().flatten().map(|corner| root(&mut part_of, *corner)).collect();
+        let mut parts = Parts::default();
+        let mut removed: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        for corners in before.as_chunks::<3>().0 {
+            let part = root(&mut part_of, self.welded[corners[0] as usize]);
+            let list = if kept.contains(&part) {
+                &mut parts.kept
+            } else {
+                removed.entry(part).or_default()
+            };
+            list.extend(corners);
+        }
+        parts.removed = removed.into_values().collect();
+        parts
+    }
+}
+
+/// The triangles of a surface by what becomes of its connected parts.
+#[derive(Debug, Default)]
+struct Parts {
+    kept: Vec<u32>,
+    removed: Vec<Vec<u32>>,
+}
+
+/// Returns the diagonal of the box around triangles.
+fn extent(points: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
+    let corners = triangles.iter().flatten().map(|corner| points[*corner as usize]);
+    let bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = corners.fold(bounds, |(low, high), at| (low.min(at), high.max(at)));
+    (high - low).length()
+}
+
+/// Divides a list of triangles by the surfaces of their vertices.
+pub(super) fn by_surface(
+    indices: &[u32],
+    surface_of: impl Fn(u32) -> u32,
+) -> BTreeMap<u32, Vec<u32>> {
+    let mut lists: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for corners in indices.as_chunks::<3>().0 {
+        lists.entry(surface_of(corners[0])).or_default().extend(corners);
+    }
+    lists
 }
 
 /// Gives the triangles of the first list that are not in the second, whatever their sides.

@@ -12,9 +12,6 @@ pub(crate) struct Surface<'a> {
     pub vertices: &'a [f32],
     /// Three for each triangle; all name a vertex.
     pub indices: &'a [u32],
-    /// `true` for each vertex that no level may move: other pieces of the mesh have one at the same
-    /// position.
-    pub is_locked: &'a [bool],
     /// `true` if the triangles of a level are drawn in the order of `indices`.
     pub keeps_order: bool,
 }
@@ -37,18 +34,16 @@ impl Surface<'_> {
         DVec3::new(row[3].into(), row[4].into(), row[5].into())
     }
 
-    /// Returns the places of the sets of texture coordinates within a vertex, in floats.
-    pub fn uv_offsets(&self) -> impl Iterator<Item = usize> {
-        let VertexLayout { uv0, uv1, .. } = self.layout;
-        let first = uv0.then(|| self.layout.uv0_offset());
-        let second = uv1.then(|| self.layout.uv1_offset());
-        first.into_iter().chain(second).map(|bytes| bytes as usize / 4)
-    }
-
-    /// Returns the texture coordinates that stand at an offset of [`Self::uv_offsets`].
-    pub fn uv(&self, vertex: u32, offset: usize) -> DVec2 {
+    /// Returns the texture coordinates of a vertex, of each of two sets; zero for one that is
+    /// missing.
+    pub fn uvs(&self, vertex: u32) -> [DVec2; 2] {
         let row = self.row(vertex);
-        DVec2::new(row[offset].into(), row[offset + 1].into())
+        let VertexLayout { uv0, uv1, .. } = self.layout;
+        let set = |is_there: bool, bytes: u32| {
+            let at = bytes as usize / 4;
+            if is_there { DVec2::new(row[at].into(), row[at + 1].into()) } else { DVec2::ZERO }
+        };
+        [set(uv0, self.layout.uv0_offset()), set(uv1, self.layout.uv1_offset())]
     }
 
     /// Returns the linear RGBA of a vertex, if it has one.

@@ -16,7 +16,8 @@ use shapes::Shape;
 
 /// The levels of a shape, which has some.
 fn levels(shape: &Shape) -> Levels {
-    let levels = build(shape.surface(), &AtomicBool::new(false)).expect("not cancelled");
+    let levels = build(&[shape.surface()], &AtomicBool::new(false)).expect("not cancelled");
+    let levels = levels.into_iter().next().flatten();
     levels.unwrap_or_else(|| panic!("{} has no levels", shape.name))
 }
 

@@ -167,12 +167,8 @@ proptest! {
         rows in 12..80_u32,
         seed in any::<u32>(),
         height in 0.0..0.5_f64,
-        locked in 0..3_u32,
     ) {
-        let mut shape = shapes::bumpy(columns, rows, seed, height);
-        for (vertex, lock) in shape.is_locked.iter_mut().enumerate() {
-            *lock = locked > 0 && (vertex as u32).wrapping_mul(seed | 1) % 7 < locked;
-        }
+        let shape = shapes::bumpy(columns, rows, seed, height);
         let levels = levels(&shape);
         for step in 0..12 {
             let allowed = Allowed {

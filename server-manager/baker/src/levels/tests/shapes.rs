@@ -13,7 +13,6 @@ pub(crate) struct Shape {
     pub name: &'static str,
     pub vertices: Vec<f32>,
     pub indices: Vec<u32>,
-    pub is_locked: Vec<bool>,
     pub keeps_order: bool,
 }
 
@@ -29,17 +28,19 @@ impl Shape {
             layout: LAYOUT,
             vertices: &self.vertices,
             indices: &self.indices,
-            is_locked: &self.is_locked,
             keeps_order: self.keeps_order,
         }
+    }
+
+    pub(crate) fn vertex_count(&self) -> usize {
+        self.vertices.len() / 8
     }
 
     pub(crate) fn vertex(&mut self, position: DVec3, uv: DVec2) -> u32 {
         self.vertices.extend(position.as_vec3().to_array());
         self.vertices.extend([0.0, 0.0, 1.0]);
         self.vertices.extend(uv.as_vec2().to_array());
-        self.is_locked.push(false);
-        self.is_locked.len() as u32 - 1
+        self.vertex_count() as u32 - 1
     }
 
     /// A flat or bent sheet, from 0 to 1 both ways; quads without `keep` are left out.
@@ -49,7 +50,7 @@ impl Shape {
         position: impl Fn(f64, f64) -> DVec3,
         keep: impl Fn(u32, u32) -> bool,
     ) -> Self {
-        let first = self.is_locked.len() as u32;
+        let first = self.vertex_count() as u32;
         for row in 0..=rows {
             for column in 0..=columns {
                 let [u, v] =
@@ -94,7 +95,7 @@ impl Shape {
             let at = at as usize * 8;
             Vec3::new(vertices[at], vertices[at + 1], vertices[at + 2]).as_dvec3()
         };
-        let mut normals = vec![DVec3::ZERO; self.is_locked.len()];
+        let mut normals = vec![DVec3::ZERO; self.vertex_count()];
         for corners in self.indices.as_chunks::<3>().0 {
             let [a, b, c] = corners.map(|corner| position(&self.vertices, corner));
             for at in corners {
@@ -114,7 +115,6 @@ impl Shape {
         for &index in &self.indices {
             let row = &self.vertices[index as usize * 8..][..8];
             shape.vertices.extend(row);
-            shape.is_locked.push(false);
         }
         shape.indices = (0..self.indices.len() as u32).collect();
         shape.lit()
