@@ -4,6 +4,9 @@
 //! order is a function of the scene and the view, never of the target or of earlier frames.
 //! Nothing here panics: faults of the GPU come back as errors.
 //!
+//! Levels of detail: a view allows an error, and each part of a mesh is drawn at the coarsest level
+//! whose error is within it, as seen from the point between the viewer's eyes.
+//!
 //! Light: lux and candela are taken as they are, so that a white matt surface under π lux has the
 //! radiance 1, and exposure scales radiance before the tone mapping.
 

@@ -1,9 +1,9 @@
 //! A terrain with levels of detail, made by hand, of which every error is known.
 //!
 //! Its meshlets are squares of a height field. A square's border stays as it is in all coarser
-//! levels of its size, so that neighbours of any level meet. From one level to the next, a square of
-//! 8 × 8 cells loses every second row and column within, then all points but its middle; and four
-//! squares become one that has only their outer border and the middle.
+//! levels of its size, so that neighbours of any level meet. From one level to the next, a square
+//! of 8 × 8 cells loses every second row and column within, then all points but its middle; and
+//! four squares become one that has only their outer border and the middle.
 
 use glam::{DVec2, DVec3, IVec2, Vec2, Vec3};
 use polyptych_scene::meshlet::{ErrorSphere, Meshlet};
