@@ -190,23 +190,35 @@ impl SeenFrom {
     }
 }
 
-/// Removes the items that are too small for the allowed error, and returns the largest of their
-/// sizes as a share of it. Lines and points stay: they are one pixel wide at any distance.
+/// Removes the items whose meshes are too small for the allowed error, and returns the largest of
+/// their sizes as a share of it. Lines and points stay: they are one pixel wide at any distance.
 fn leave_out_small(scene: &GpuScene, tolerance: &ErrorTolerance, visible: &mut Vec<u32>) -> f32 {
     let mut largest: f64 = 0.0;
     if tolerance.is_zero() {
         return 0.0;
     }
     visible.retain(|&index| {
-        let (item, _, bounds) = scene.item(index);
+        let (item, stance, bounds) = scene.item(index);
         if scene.layout.batches[item.batch as usize].triangles == 0 {
             return true;
         }
-        let share = tolerance.share_if_small(bounds);
+        let own = (bounds.center(), bounds.half().length());
+        let mut share = tolerance.share_if_small(own);
+        if share.is_some() && stance.billboard.is_none() {
+            share = tolerance.share_if_small(sphere_of_mesh(scene, item, stance));
+        }
         largest = largest.max(share.unwrap_or(0.0));
         share.is_none()
     });
     largest as f32
+}
+
+/// A sphere around all parts of an item's mesh in its place: many small parts may make up a surface
+/// that is not small.
+fn sphere_of_mesh(scene: &GpuScene, item: &DrawItem, stance: &Stance) -> (DVec3, f64) {
+    let mesh_box = &scene.layout.mesh_boxes[item.mesh_box as usize];
+    let center = item.origin + stance.linear * mesh_box.center();
+    (center, stance.stretch * mesh_box.half().length())
 }
 
 /// Opaque: by batch, nearest batch first, and within it the nearest item first. Blended: the

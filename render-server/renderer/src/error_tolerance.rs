@@ -78,11 +78,10 @@ impl ErrorTolerance {
         self.angle_rad * grown + self.length
     }
 
-    /// Returns the size of what is in a box as a share of the allowed error, if it is so small that
-    /// it may be left out: below 1, and with no eye inside the sphere around the box.
-    pub fn share_if_small(&self, bounds: &Bounds) -> Option<f64> {
-        let radius = bounds.half().length();
-        let distance = bounds.center().distance(self.eye) - radius;
+    /// Returns the diameter of a sphere in world space as a share of the allowed error, if it is so
+    /// small that what is in it may be left out: below 1, and with no eye inside.
+    pub fn share_if_small(&self, (center, radius): (DVec3, f64)) -> Option<f64> {
+        let distance = center.distance(self.eye) - radius;
         let (size, allowed) = (2.0 * radius, self.at(distance));
         (distance > self.eye_offset && size < allowed).then(|| size / allowed)
     }

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use glam::{DAffine3, DMat4, DVec2, DVec3, DVec4, Vec4};
-use polyptych_scene::{AlphaMode, Material};
+use polyptych_scene::{AlphaMode, Material, Primitive};
 
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, drawn, look, matt,
@@ -264,6 +264,25 @@ fn what_is_smaller_than_the_allowed_error_is_left_out() {
     assert_eq!((left_out.visible, left_out.culled), (2, 1), "the small one");
     assert!((0.02..0.05).contains(&left_out.error_share), "{left_out:?}");
     assert_eq!(stats(0.5).visible, 1, "only the one around the eye");
+}
+
+#[test]
+fn small_parts_of_a_large_mesh_are_drawn() {
+    let parts = |count: u32| {
+        let mut stage = SceneFixture::new();
+        let mesh = stage.mesh(&MeshFixture::rectangle(0.5, 0.5), None) as usize;
+        let primitives = &mut stage.desc.meshes[mesh].primitives;
+        for at in 1..count {
+            let origin = DVec3::X * f64::from(at);
+            primitives.push(Primitive { origin, ..primitives[0].clone() });
+        }
+        stage.node(mesh as u32, DAffine3::from_translation(DVec3::new(-20.0, 0.0, -100.0)));
+        let view = look(DVec3::ZERO, DVec3::NEG_Z, SIZE);
+        // Three parts of one unit are about as wide.
+        let view = allowing(AllowedError { angle_rad: 0.03, length: 0.0 }, &view);
+        draw_sampled(&stage.build(), SIZE, 1, &[view]).1.visible
+    };
+    assert_eq!([parts(1), parts(2), parts(40)], [0, 0, 40]);
 }
 
 /// A plan of this height, with the distances that parallel rays show of an error.
