@@ -170,7 +170,7 @@ fn silhouettes_are_no_farther_off_than_allowed() {
             let margin = (count * f64::from(FINE)) as i64 + 3;
             let off = farthest_alone(&exact, &coarse, fine, margin)
                 .max(farthest_alone(&coarse, &exact, fine, margin));
-            // A point of a surface covers the pixel whose middle it is nearest to, on both pictures.
+            // On both pictures, a point of a surface covers the pixel whose middle is nearest.
             let off = (off - std::f64::consts::SQRT_2) / f64::from(FINE);
             assert!(off <= count, "{off} px off where {count} are allowed, view {step}");
             largest[at] = f64::max(largest[at], off);

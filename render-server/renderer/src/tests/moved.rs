@@ -48,7 +48,8 @@ fn described() -> impl Strategy<Value = Described> {
     )
 }
 
-/// Meshes of which one has meshlets of several levels, materials that are opaque, blended and two-sided.
+/// Meshes of which one has meshlets of several levels, and materials that are opaque, blended and
+/// two-sided.
 fn scene(nodes: &[Described], lamps: &[([i8; 3], u8)]) -> SceneFixture {
     let mut stage = SceneFixture::new();
     let plain = stage.material(Material { metallic: 0.0, ..Material::default() });
