@@ -6,19 +6,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::bail;
+use polyptych_client::ERROR_PX_MAX;
 use polyptych_text::counted;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 
-use super::{manager, one_line, say, simulate};
+use super::{bound, manager, one_line, say, simulate};
 use crate::simulator::benchmark::{
     Benchmark, BenchmarkOptions, COLUMNS_MAX, RunInfo, SceneReport, ending_of, grid_of, page,
 };
 use crate::simulator::ending::Ending;
 use crate::simulator::local_wall::INTERRUPTED;
 use crate::{logging, outputs};
-
-/// The largest error bound that can be asked for, in pixels: the width of a wall's largest channel.
-const ERROR_BOUND_MAX_PX: f64 = CHANNEL_SIDE_MAX as f64;
 
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true)]
@@ -48,7 +46,7 @@ struct ReportArguments {
     #[arg(default_value = "1920x1080")]
     size: [u32; 2],
     /// Error bounds in pixels; 0, full detail, is always among them
-    #[arg(long, value_name = "PX,...", value_delimiter = ',', value_parser = error_bound)]
+    #[arg(long, value_name = "PX,...", value_delimiter = ',', value_parser = bound::error_px)]
     #[arg(default_value = "0.25,0.5,1,2,4,8")]
     error_bounds: Vec<f64>,
     /// Numbers of channels to cut the wall into; one channel is always measured
@@ -150,7 +148,16 @@ impl ReportArguments {
                 self.supersampling
             );
         }
-        let mut bounds_px = self.error_bounds.clone();
+        let bound_max_px = ERROR_PX_MAX / f64::from(self.supersampling);
+        if let Some(bound_px) = self.error_bounds.iter().find(|px| **px > bound_max_px) {
+            bail!(
+                "--error-bounds {bound_px} is too large: with --supersampling {} a bound is at \
+                 most {bound_max_px} pixels",
+                self.supersampling
+            );
+        }
+        // Adding 0 makes 0 of -0, which would be another bound.
+        let mut bounds_px: Vec<f64> = self.error_bounds.iter().map(|px| px + 0.0).collect();
         bounds_px.push(0.0);
         bounds_px.sort_by(f64::total_cmp);
         bounds_px.dedup();
@@ -168,15 +175,6 @@ impl ReportArguments {
             supersampling: self.supersampling,
         })
     }
-}
-
-/// An error bound in pixels, as an argument.
-fn error_bound(text: &str) -> Result<f64, String> {
-    let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of pixels"))?;
-    let is_bound = (0.0..=ERROR_BOUND_MAX_PX).contains(&number);
-    // Not -0, which would be another bound than 0.
-    let number = number + 0.0;
-    is_bound.then_some(number).ok_or_else(|| format!("{text} is not 0 to {ERROR_BOUND_MAX_PX}"))
 }
 
 /// A number of channels, as an argument.

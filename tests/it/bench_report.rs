@@ -53,9 +53,11 @@ fn a_report_has_time_detail_and_measured_error_for_every_bound() {
         assert!(number(bound, "frame_ms") > 0.0, "{bound}");
         assert!(number(bound, "triangles") > 1000.0 && number(bound, "draw_calls") > 1.0);
         assert!(number(bound, "gpu_bytes") > 1e4 && number(bound, "server_bytes") > 1e6);
-        // What is drawn keeps its bound; pixels are compared in halves.
-        let silhouette_px = number(bound, "silhouette_px");
-        assert!(silhouette_px <= number(bound, "error_bound_px") + 0.75, "{bound}");
+        let asked_px = number(bound, "error_bound_px");
+        assert_eq!(number(&bound["error_in_force_px"], "max"), asked_px, "{bound}");
+        assert!(number(bound, "largest_error_px") <= asked_px, "{bound}");
+        // Outlines are compared in half pixels, in which an edge may round either way.
+        assert!(number(bound, "silhouette_px") <= asked_px + 0.75, "{bound}");
         assert!((0.0..=1.0).contains(&number(bound, "flip")), "{bound}");
         assert!(number(bound, "flip") <= number(bound, "flip_p99"), "{bound}");
     }
@@ -79,8 +81,9 @@ fn check_page(page: &str) {
     let document = roxmltree::Document::parse(page).unwrap_or_else(|error| panic!("{error}"));
     let count = |name: &str| document.descendants().filter(|n| n.has_tag_name(name)).count();
     assert_eq!((count("svg"), count("section"), count("script")), (4, 1, 0));
-    // Times, triangles, silhouettes at three bounds; frames and drawing on one and two channels.
-    assert_eq!(count("circle"), 3 * 3 + 2 * 2);
+    // Times, triangles, silhouettes, stated errors at three bounds; frames and drawing on one and
+    // two channels.
+    assert_eq!(count("circle"), 4 * 3 + 2 * 2);
     for outside in ["http://", "https://", "src=", "@import"] {
         assert!(!page.contains(outside), "the page is one file: {outside}");
     }
@@ -115,8 +118,9 @@ fn a_folder_or_size_that_cannot_be_is_refused_before_any_work() {
         (["--size", "161x96"], ["161x96", "2 columns"]),
         (["--size", "8000x96"], ["8000x96", "--supersampling"]),
         (["--channels", "3"], ["3", "power of two"]),
-        (["--error-bounds", "nan"], ["nan", "is not 0 to"]),
-        (["--error-bounds", "-1"], ["-1", "--error-bounds"]),
+        (["--error-bounds", "nan"], ["NaN", "0 to 64 pixels"]),
+        (["--error-bounds", "40"], ["40", "at most 32 pixels"]),
+        (["--error-bounds", "0,65"], ["65", "0 to 64 pixels"]),
     ] {
         let arguments = ["bench", "--out", "other"].iter().chain(&wrong);
         let said = place.run(arguments).failed(&reasons);

@@ -10,6 +10,8 @@ pub(super) struct FrameSamples {
     draw_ms: Vec<f64>,
     triangles: Vec<f64>,
     draw_calls: Vec<f64>,
+    error_in_force_px: Vec<f64>,
+    largest_error_px: f64,
 }
 
 impl FrameSamples {
@@ -23,6 +25,8 @@ impl FrameSamples {
         self.draw_ms.push(draw_us as f64 / 1e3);
         self.triangles.push(triangles as f64);
         self.draw_calls.push(draw_calls as f64);
+        self.error_in_force_px.push(feedback.detail.error_in_force_px);
+        self.largest_error_px = self.largest_error_px.max(feedback.detail.largest_error_px);
     }
 
     /// Returns what a frame costs.
@@ -34,6 +38,8 @@ impl FrameSamples {
             draw_ms: Spread::from_samples(&self.draw_ms).p50,
             triangles: Spread::from_samples(&self.triangles).p50 as u64,
             draw_calls: Spread::from_samples(&self.draw_calls).p50 as u64,
+            error_in_force_px: Spread::from_samples(&self.error_in_force_px),
+            largest_error_px: self.largest_error_px,
         }
     }
 }
@@ -51,6 +57,10 @@ pub(super) struct FrameCosts {
     pub triangles: u64,
     /// Calls that drew them.
     pub draw_calls: u64,
+    /// The error bounds in force, in pixels of the wall.
+    pub error_in_force_px: Spread,
+    /// The largest error that any frame is stated to have, in pixels of the wall.
+    pub largest_error_px: f64,
 }
 
 /// Quantiles of measurements: the quantile q is the smallest one that q of all do not exceed.

@@ -81,6 +81,8 @@ fn meaning(run: &RunInfo) -> String {
          camera goes around the scene by 1° a frame. Settings take turns in every round.</dd>\n\
          <dt>Empty frame</dt><dd>The same wall and scene while the camera looks away: what a frame \
          costs without anything to draw.</dd>\n\
+         <dt>Stated error</dt><dd>The largest error in pixels that the servers state for what they \
+         drew or left out in any timed frame.</dd>\n\
          <dt>Silhouette</dt><dd>The largest distance in pixels between the outlines of the scene \
          at this bound and at full detail, in either direction, over {poses} poses. The outline \
          separates pixels that differ from the background; edges in front of other parts of the \
@@ -148,9 +150,10 @@ fn plots(scene: &SceneReport) -> [Plot; 4] {
         y: Axis::linear("triangles", largest(&triangles)),
         series: vec![series("median frame", value(&triangles))],
     };
-    let worst = largest(&|bound| bound.silhouette_px);
+    let stated = |bound: &BoundReport| bound.frames.largest_error_px;
+    let worst = largest(&|bound| bound.silhouette_px.max(stated(bound)));
     let mut errors = asked();
-    errors.label = "silhouette, px".into();
+    errors.label = "error, px".into();
     // An error beyond the largest bound is shown, not cut off.
     while errors.marks.last().is_some_and(|&last| last < worst) {
         errors.marks.push(errors.marks.last().map_or(1.0, |last| (last * 2.0).max(1.0)));
@@ -161,7 +164,8 @@ fn plots(scene: &SceneReport) -> [Plot; 4] {
         x: asked(),
         y: errors,
         series: vec![
-            series("measured", value(&|bound| bound.silhouette_px)),
+            series("silhouette", value(&|bound| bound.silhouette_px)),
+            series("stated", value(&stated)),
             Series { is_guide: true, ..series("as asked", diagonal) },
         ],
     };
@@ -209,7 +213,8 @@ fn bounds_table(scene: &SceneReport) -> String {
          <th scope=\"col\">Bound, px</th><th scope=\"col\">Frame, ms</th>\
          <th scope=\"col\">Quartiles</th><th scope=\"col\">95 %</th>\
          <th scope=\"col\">Of full detail</th><th scope=\"col\">Triangles</th>\
-         <th scope=\"col\">Draw calls</th><th scope=\"col\">Silhouette, px</th>\
+         <th scope=\"col\">Draw calls</th><th scope=\"col\">Stated error, px</th>\
+         <th scope=\"col\">Silhouette, px</th>\
          <th scope=\"col\">FLIP, mean</th><th scope=\"col\">FLIP, 99 %</th>\
          <th scope=\"col\">GPU, MiB</th><th scope=\"col\">Server, MiB</th></tr></thead>\n<tbody>\n",
     );
@@ -223,6 +228,7 @@ fn bounds_table(scene: &SceneReport) -> String {
             ratio(frames.frame_ms, full_ms),
             frames.triangles.to_string(),
             frames.draw_calls.to_string(),
+            format!("{:.2}", frames.largest_error_px),
             format!("{:.2}", bound.silhouette_px),
             format!("{:.4}", bound.flip),
             format!("{:.4}", bound.flip_p99),

@@ -80,7 +80,7 @@ impl Stage {
 
     /// Sets the maximum error of what is drawn, in pixels of this wall.
     pub fn set_error_bound(&self, bound_px: f64) -> anyhow::Result<()> {
-        let bounds = QualityBounds { error_px: bound_px, ..QualityBounds::FINEST };
+        let bounds = QualityBounds { error_px: bound_px, rate_fps: None };
         unless_ended(&self.local, self.local.client.set_bounds(bounds))
     }
 
