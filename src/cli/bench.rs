@@ -12,7 +12,8 @@ use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 
 use super::{bound, manager, one_line, say, simulate};
 use crate::simulator::benchmark::{
-    Benchmark, BenchmarkOptions, COLUMNS_MAX, RunInfo, SceneReport, ending_of, grid_of, page,
+    Benchmark, BenchmarkOptions, COLUMNS_MAX, PeerKit, RunInfo, SceneReport, ending_of, grid_of,
+    page,
 };
 use crate::simulator::ending::Ending;
 use crate::simulator::local_wall::INTERRUPTED;
@@ -66,6 +67,9 @@ struct ReportArguments {
     #[arg(long, value_name = "N", default_value_t = 2)]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=4))]
     supersampling: u32,
+    /// Time other renderers too, by the program time.sh of this folder
+    #[arg(long, value_name = "DIR")]
+    peers: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -77,15 +81,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 
 fn report(arguments: &ReportArguments) -> anyhow::Result<ExitCode> {
     let options = arguments.options()?;
+    let find = |folder: &PathBuf| PeerKit::find(folder, arguments.out.join("peers"));
+    let kit = arguments.peers.as_ref().map(find).transpose()?;
     outputs::make_folder(&arguments.out)?;
-    let [json, html] = ["report.json", "report.html"].map(|name| arguments.out.join(name));
-    outputs::check(&json)?;
-    outputs::check(&html)?;
+    arguments.files().iter().try_for_each(|file| outputs::check(file))?;
     let run = RunInfo::new(&options);
     let generated = [None];
     let named: Vec<Option<&Path>> = arguments.scenes.iter().map(|s| Some(s.as_path())).collect();
     let scenes = if named.is_empty() { &generated[..] } else { &named };
-    let mut benchmark = Benchmark::new(&options, &run, manager::default_baker()?, scenes.len());
+    let baker = manager::default_baker()?;
+    let mut benchmark = Benchmark::new(&options, &run, baker, kit, scenes.len());
     let mut reports: Vec<SceneReport> = Vec::new();
     let mut ended = None;
     for scene in scenes {
@@ -104,28 +109,46 @@ fn report(arguments: &ReportArguments) -> anyhow::Result<ExitCode> {
         }
     }
     drop(benchmark);
+    conclude(&reports, ended, arguments, &run)
+}
+
+/// Writes what was measured, and returns the exit code.
+fn conclude(
+    reports: &[SceneReport],
+    ended: Option<Ending>,
+    arguments: &ReportArguments,
+    run: &RunInfo,
+) -> anyhow::Result<ExitCode> {
     if let Some(ending) = ended {
         logging::say_failure("bench", &format!("{ending}; scenes measured: {}", reports.len()));
     }
     if !reports.is_empty() {
-        outputs::write(&json, &serde_json::to_vec_pretty(&reports)?)?;
-        outputs::write(&html, page(&run, &reports).as_bytes())?;
+        let [json, html] = arguments.files();
+        outputs::write(&json, &serde_json::to_vec_pretty(reports)?)?;
+        outputs::write(&html, page(run, reports).as_bytes())?;
         reports.iter().flat_map(SceneReport::lines).try_for_each(say)?;
         say(format_args!("report: {}", html.display()))?;
     }
-    let failed = reports.iter().filter(|report| report.error.is_some()).count();
-    match ended {
-        Some(Ending::Interrupted) => return Ok(ExitCode::from(INTERRUPTED)),
-        Some(Ending::WindowClosed) | None => {}
+    if ended == Some(Ending::Interrupted) {
+        return Ok(ExitCode::from(INTERRUPTED));
     }
+    let failed = reports.iter().filter(|report| report.error.is_some()).count();
     if failed > 0 {
         let all = counted(reports.len(), "scene");
         bail!("{failed} of {all} could not be measured; the report names them with the reasons");
+    }
+    if let Some(reason) = reports.iter().find_map(|report| report.peers_error.as_ref()) {
+        bail!("other renderers: {reason}");
     }
     Ok(ExitCode::SUCCESS)
 }
 
 impl ReportArguments {
+    /// The files that a report is written to.
+    fn files(&self) -> [PathBuf; 2] {
+        ["report.json", "report.html"].map(|name| self.out.join(name))
+    }
+
     /// Returns what is measured.
     ///
     /// # Errors

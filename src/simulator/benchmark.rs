@@ -7,6 +7,7 @@ mod flip;
 mod frame_samples;
 mod html;
 mod image_error;
+mod peers;
 mod plot;
 mod scene_report;
 mod silhouette;
@@ -22,6 +23,7 @@ use bench_wall::BenchWall;
 pub(crate) use bench_wall::{COLUMNS_MAX, grid_of};
 use frame_samples::FrameSamples;
 pub(crate) use html::page;
+pub(crate) use peers::PeerKit;
 use scene_report::{BoundReport, ChannelsReport, SamplesReport};
 pub(crate) use scene_report::{RunInfo, SceneReport};
 use stage::Stage;
@@ -58,9 +60,9 @@ pub(crate) struct BenchmarkOptions {
 
 impl BenchmarkOptions {
     /// Steps of one scene that progress counts.
-    fn steps(&self) -> u64 {
+    fn steps(&self, has_peers: bool) -> u64 {
         let walls = 1 + self.channel_counts[1..].len() as u64 + 1;
-        2 + u64::from(self.repetitions) * walls
+        2 + u64::from(self.repetitions) * walls + u64::from(has_peers)
     }
 }
 
@@ -70,7 +72,10 @@ pub(crate) struct Benchmark<'a> {
     options: &'a BenchmarkOptions,
     run: &'a RunInfo,
     baker: Baker,
+    peers: Option<PeerKit>,
     steps: Steps,
+    /// Number of scenes so far.
+    scenes: usize,
     /// The end that was asked of the last wall: Ctrl-C may come between two walls.
     end: Option<Arc<EndRequest>>,
 }
@@ -80,10 +85,11 @@ impl<'a> Benchmark<'a> {
         options: &'a BenchmarkOptions,
         run: &'a RunInfo,
         baker: Baker,
+        peers: Option<PeerKit>,
         scenes: usize,
     ) -> Self {
-        let steps = Steps::new(scenes as u64 * options.steps());
-        Self { options, run, baker, steps, end: None }
+        let steps = Steps::new(scenes as u64 * options.steps(peers.is_some()));
+        Self { options, run, baker, peers, steps, scenes: 0, end: None }
     }
 
     /// Measures a scene.
@@ -91,6 +97,7 @@ impl<'a> Benchmark<'a> {
     /// # Errors
     /// The reason why it cannot be opened or drawn; [`Ending`] if the user ended the run.
     pub fn measure(&mut self, scene: &ReferenceScene) -> anyhow::Result<SceneReport> {
+        self.scenes += 1;
         let single = BenchWall { size: self.options.size, channels: 1, samples: 1 };
         let mut report = SceneReport::new(&scene.file, self.run);
         report.bounds = self.options.bounds_px.iter().map(|&px| BoundReport::new(px)).collect();
@@ -129,7 +136,25 @@ impl<'a> Benchmark<'a> {
         report.samples = [(1, &bounds[0]), (SAMPLES, &samples)]
             .map(|(samples, measured)| SamplesReport { samples, frames: measured.costs() })
             .to_vec();
+        self.time_peers(scene, &mut report)?;
         Ok(report)
+    }
+
+    /// Times other renderers, if the user has named a kit. One that fails leaves the rest of the
+    /// report as it is.
+    fn time_peers(
+        &mut self,
+        scene: &ReferenceScene,
+        report: &mut SceneReport,
+    ) -> anyhow::Result<()> {
+        let (Some(kit), Some(end)) = (&self.peers, &self.end) else { return Ok(()) };
+        self.steps.begin(format_args!("{}: other renderers", report.scene));
+        match kit.time(&scene.file, self.scenes, self.options, end) {
+            Ok(peers) => report.peers = peers,
+            Err(error) if error.is::<Ending>() => return Err(error),
+            Err(error) => report.peers_error = Some(format!("{error:#}")),
+        }
+        Ok(())
     }
 
     /// Compares the pictures of every bound with those of full detail: all of them as the wall

@@ -1,6 +1,7 @@
 //! `polyptych bench`: speed against error of scenes, as a page and as JSON.
 
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
 
 use rustix::process::Signal;
 use serde_json::Value;
@@ -107,6 +108,38 @@ fn a_scene_that_cannot_be_opened_is_named_and_the_others_are_reported() {
     let document = roxmltree::Document::parse(&page).unwrap_or_else(|error| panic!("{error}"));
     let failures = document.descendants().filter(|n| n.attribute("class") == Some("failure"));
     assert_eq!(failures.count(), 2);
+}
+
+/// A kit that is asked to time a scene, and knows a renderer that is fast and one that fails.
+const KIT: &str = r#"#!/bin/sh
+set -eu
+test -x "$POLYPTYCH" && test -f "$1" && test "$2 $3 $4 $5 $6 $7 $8" = \
+    "--frames 3 --rounds 1 --size 160x96 -o"
+echo '{"name": "three", "median_ms": 1.5, "round": 1}' >"$9/runs.jsonl"
+echo '{"name": "vtk", "error": "no <display>", "round": 1}' >>"$9/runs.jsonl"
+"#;
+
+#[test]
+fn other_renderers_are_timed_by_the_kit_that_the_user_names() {
+    let place = TestDir::new();
+    place.write("one.glb", Gltf::triangle().glb());
+    let kit = place.write("kit/time.sh", KIT);
+    fs::set_permissions(&kit, Permissions::from_mode(0o700)).expect("a program");
+    place.run(arguments("3", &["one.glb", "--peers", "kit"])).succeeded();
+    let peers = &json_of(&place)[0]["peers"];
+    assert_eq!((&peers[0]["name"], &peers[0]["frame_ms"]), (&"three".into(), &1.5.into()));
+    assert_eq!((&peers[1]["name"], &peers[1]["frame_ms"]), (&"vtk".into(), &Value::Null));
+    let page = page_of(&place);
+    assert!(page.contains("no &lt;display&gt;"), "{page}");
+    roxmltree::Document::parse(&page).unwrap_or_else(|error| panic!("{error}"));
+
+    place.write("kit/time.sh", "#!/bin/sh\necho broken; exit 3\n");
+    fs::set_permissions(&kit, Permissions::from_mode(0o700)).expect("a program");
+    let finished = place.run(arguments("3", &["one.glb", "--peers", "kit"]));
+    finished.failed(&["other renderers", "messages.log"]);
+    assert!(json_of(&place)[0]["bounds"][0]["frame_ms"].is_number());
+    let none = place.run(arguments("3", &["one.glb", "--peers", "no-kit"]));
+    assert!(!none.failed(&["--peers", "no-kit"]).contains("step 1"));
 }
 
 #[test]

@@ -84,6 +84,8 @@ fn commands_that_make_a_file_replace_only_regular_files() {
         ("simulate wall.toml --record TARGET", "wall.rec"),
         ("manager wall.toml --listen 127.0.0.1:0 --record TARGET", "wall.rec"),
         ("prove wall.toml --out proof", "proof/prove.json"),
+        ("bench --out out", "out/report.html"),
+        ("bench --out out", "out/report.json"),
     ] {
         refuses(&place, command, name);
     }
@@ -98,6 +100,7 @@ fn folders_of_results_are_folders() {
     for command in [
         "simulate wall.toml --out NAME",
         "prove wall.toml --out NAME",
+        "bench --out NAME",
         "man -o NAME",
         "keys wall.toml -o NAME",
     ] {

@@ -76,7 +76,7 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    fn from_samples(samples: &[f64]) -> Self {
+    pub fn from_samples(samples: &[f64]) -> Self {
         let mut sorted = samples.to_vec();
         sorted.sort_by(f64::total_cmp);
         let quantile = |percent: usize| {

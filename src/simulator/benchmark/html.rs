@@ -53,6 +53,7 @@ pub(super) fn escaped(text: &str) -> String {
 
 fn run_table(run: &RunInfo, scenes: &[SceneReport]) -> String {
     let [width, height] = run.size;
+    let rounds = polyptych_text::counted(run.repetitions, "round");
     let mut adapters: Vec<&str> =
         scenes.iter().map(|scene| scene.adapter.as_str()).filter(|name| !name.is_empty()).collect();
     adapters.dedup();
@@ -118,6 +119,7 @@ fn add_scene(page: &mut String, scene: &SceneReport) {
     page.push_str("</div>\n");
     page.push_str(&bounds_table(scene));
     page.push_str(&other_table(scene));
+    add_peers(page, scene);
     page.push_str("</section>\n");
 }
 
@@ -273,6 +275,34 @@ fn other_table(scene: &SceneReport) -> String {
     }
     table.push_str("</tbody>\n</table>\n");
     table
+}
+
+fn add_peers(page: &mut String, scene: &SceneReport) {
+    if let Some(reason) = &scene.peers_error {
+        let reason = escaped(reason);
+        page.push_str(&format!("<p class=\"failure\">Other renderers: {reason}</p>\n"));
+    }
+    if scene.peers.is_empty() {
+        return;
+    }
+    let fastest = scene.peers.iter().filter_map(|peer| peer.frame_ms).fold(f64::INFINITY, f64::min);
+    page.push_str(
+        "<table>\n<caption>Renderers on the same poses at full detail, in one run of the kit\
+         </caption>\n<thead><tr><th scope=\"col\">Renderer</th>\
+         <th scope=\"col\">Frame, ms</th><th scope=\"col\">Of the fastest</th>\
+         <th scope=\"col\">Medians of rounds</th></tr></thead>\n<tbody>\n",
+    );
+    for peer in &scene.peers {
+        let rounds: Vec<String> = peer.rounds_ms.iter().map(|ms| format!("{ms:.1}")).collect();
+        let cells = [
+            peer.name.clone(),
+            peer.frame_ms.map_or("failed".into(), |ms| format!("{ms:.1}")),
+            peer.frame_ms.map_or("–".into(), |ms| ratio(ms, fastest)),
+            peer.error.clone().unwrap_or_else(|| rounds.join(", ")),
+        ];
+        add_row(page, &cells);
+    }
+    page.push_str("</tbody>\n</table>\n");
 }
 
 fn ratio(value: f64, full: f64) -> String {

@@ -10,6 +10,7 @@ use time::OffsetDateTime;
 use super::BenchmarkOptions;
 use super::flip::FlipError;
 use super::frame_samples::FrameCosts;
+use super::peers::PeerReport;
 use super::stage::Memory;
 
 /// What was run, when and on what.
@@ -100,6 +101,11 @@ pub(crate) struct SceneReport {
     pub(super) channels: Vec<ChannelsReport>,
     /// Full detail, with more samples per pixel.
     pub(super) samples: Vec<SamplesReport>,
+    /// Other renderers with the same scene, size and poses; this one as the kit ran it is among
+    /// them. Empty without a kit.
+    pub(super) peers: Vec<PeerReport>,
+    /// Why the kit of other renderers failed.
+    pub peers_error: Option<String>,
 }
 
 impl SceneReport {
@@ -117,6 +123,8 @@ impl SceneReport {
             empty_frame: None,
             channels: Vec::new(),
             samples: Vec::new(),
+            peers: Vec::new(),
+            peers_error: None,
         }
     }
 
