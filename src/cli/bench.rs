@@ -132,10 +132,12 @@ fn conclude(
     if ended == Some(Ending::Interrupted) {
         return Ok(ExitCode::from(INTERRUPTED));
     }
-    let failed = reports.iter().filter(|report| report.error.is_some()).count();
-    if failed > 0 {
-        let all = counted(reports.len(), "scene");
-        bail!("{failed} of {all} could not be measured; the report names them with the reasons");
+    let failed = reports.iter().filter(|report| report.error.is_some());
+    let failed: Vec<&str> = failed.map(|report| report.file.as_str()).collect();
+    if !failed.is_empty() {
+        let (count, all) = (failed.len(), counted(reports.len(), "scene"));
+        let files = failed.join(", ");
+        bail!("{count} of {all} could not be measured, for the reasons above: {files}");
     }
     if let Some(reason) = reports.iter().find_map(|report| report.peers_error.as_ref()) {
         bail!("other renderers: {reason}");

@@ -62,7 +62,7 @@ fn run_table(run: &RunInfo, scenes: &[SceneReport]) -> String {
         ("Machine", format!("{}, {} cores, {}", run.processor, run.cores, run.system)),
         ("Graphics adapter", adapters.join("; ")),
         ("Wall", format!("{width} × {height} pixels in all, one server process")),
-        ("Frames", format!("{} of each setting in each of {} rounds", run.frames, run.repetitions)),
+        ("Frames", format!("{} of each setting in each of {rounds}", run.frames)),
         ("Command", run.command.clone()),
     ];
     let row = |(name, value): &(&str, String)| {
