@@ -15,8 +15,8 @@ const MIB: f64 = 1024.0 * 1024.0;
 pub(crate) fn page(run: &RunInfo, scenes: &[SceneReport]) -> String {
     let mut body = format!(
         "<h1>Speed against error</h1>\n\
-         <p>What frames cost at each error bound, and how far their pictures are from those of full \
-         detail. Measured by polyptych {}.</p>\n",
+         <p>What frames cost at each error bound, and how far their pictures are from those of \
+         full detail. Measured by polyptych {}.</p>\n",
         run.version
     );
     body.push_str(&run_table(run, scenes));
@@ -88,7 +88,8 @@ fn meaning(run: &RunInfo) -> String {
          at this bound and at full detail, in either direction, over {poses} poses. The outline \
          separates pixels that differ from the background; edges in front of other parts of the \
          scene are not in it. A feature that vanishes counts by how far its outline has to move to \
-         close over it, which is half of its width. It is measured on pictures of {factor} × {factor} pixels for each pixel, \
+         close over it, which is half of its width. It is measured on pictures of \
+         {factor} × {factor} pixels for each pixel, \
          so that the number is a whole multiple of 1/{factor} px along rows and columns, and can \
          exceed the true distance by that much.</dd>\n\
          <dt>FLIP</dt><dd>The difference that a viewer sees who alternates between both pictures, \

@@ -136,7 +136,8 @@ impl Plot {
             add(
                 svg,
                 format_args!(
-                    "<line class=\"grid\" x1=\"{left}\" x2=\"{right}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>\
+                    "<line class=\"grid\" x1=\"{left}\" x2=\"{right}\" y1=\"{y:.1}\" \
+                     y2=\"{y:.1}\"/>\
                  <text class=\"mark y\" x=\"{:.1}\" y=\"{:.1}\">{text}</text>\n",
                     left - 6.0,
                     y + 4.0
@@ -148,7 +149,8 @@ impl Plot {
             add(
                 svg,
                 format_args!(
-                    "<line class=\"grid\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{top}\" y2=\"{bottom}\"/>\
+                    "<line class=\"grid\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{top}\" \
+                     y2=\"{bottom}\"/>\
                  <text class=\"mark x\" x=\"{x:.1}\" y=\"{:.1}\">{text}</text>\n",
                     bottom + 16.0
                 ),
