@@ -1,9 +1,7 @@
 //! `report.html`: one file with tables and plots, without scripts.
 
-use std::fmt::Write;
-
 use super::frame_samples::FrameCosts;
-use super::plot::{Axis, Plot, Point, Scale, Series, number};
+use super::plot::{Axis, Plot, Point, Scale, Series, add, number};
 use super::scene_report::{BoundReport, RunInfo, SceneReport};
 
 const STYLE: &str = include_str!("report.css");
@@ -102,16 +100,16 @@ fn meaning(run: &RunInfo) -> String {
 
 fn add_scene(page: &mut String, scene: &SceneReport) {
     let name = escaped(&scene.scene);
-    page.push_str(&format!("<section>\n<h2>{name}</h2>\n"));
+    add(page, format_args!("<section>\n<h2>{name}</h2>\n"));
     if let Some(reason) = &scene.error {
         let reason = escaped(reason);
-        page.push_str(&format!("<p class=\"failure\">Not measured: {reason}</p>\n</section>\n"));
+        add(page, format_args!("<p class=\"failure\">Not measured: {reason}</p>\n</section>\n"));
         return;
     }
     let triangles = number(scene.scene_triangles as f64);
-    page.push_str(&format!("<p>{}, {triangles} triangles.</p>\n", escaped(&scene.file)));
+    add(page, format_args!("<p>{}, {triangles} triangles.</p>\n", escaped(&scene.file)));
     for note in &scene.notes {
-        page.push_str(&format!("<p class=\"note\">Note: {}</p>\n", escaped(note)));
+        add(page, format_args!("<p class=\"note\">Note: {}</p>\n", escaped(note)));
     }
     page.push_str("<div class=\"plots\">\n");
     for plot in plots(scene) {
@@ -281,7 +279,7 @@ fn other_table(scene: &SceneReport) -> String {
 fn add_peers(page: &mut String, scene: &SceneReport) {
     if let Some(reason) = &scene.peers_error {
         let reason = escaped(reason);
-        page.push_str(&format!("<p class=\"failure\">Other renderers: {reason}</p>\n"));
+        add(page, format_args!("<p class=\"failure\">Other renderers: {reason}</p>\n"));
     }
     if scene.peers.is_empty() {
         return;
@@ -321,6 +319,5 @@ fn add_row(table: &mut String, cells: &[String]) {
         }
     };
     let cells: String = cells.iter().enumerate().map(cell).collect();
-    // Writing to a String cannot fail.
-    let _ = writeln!(table, "<tr>{cells}</tr>");
+    add(table, format_args!("<tr>{cells}</tr>\n"));
 }

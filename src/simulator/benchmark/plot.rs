@@ -230,7 +230,8 @@ impl Plot {
     }
 }
 
-fn add(text: &mut String, what: std::fmt::Arguments<'_>) {
+/// Adds formatted text.
+pub(super) fn add(text: &mut String, what: std::fmt::Arguments<'_>) {
     // Writing to a String cannot fail.
     let _ = text.write_fmt(what);
 }
