@@ -16,6 +16,7 @@
 //! ```
 
 mod exports;
+mod quality;
 mod saved_scenes;
 mod scene_space;
 mod tours;
@@ -34,7 +35,6 @@ use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{
     HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
 };
@@ -255,22 +255,6 @@ impl Client {
     /// [`ClientError`].
     pub fn presentation(&self) -> Result<Presentation, ClientError> {
         wait(self.inner.presentation())
-    }
-
-    /// Blocking version of [`crate::Client::set_exposure`].
-    ///
-    /// # Errors
-    /// [`ClientError`].
-    pub fn set_exposure(&self, exposure: f32) -> Result<(), ClientError> {
-        wait(self.inner.set_exposure(exposure))
-    }
-
-    /// Blocking version of [`crate::Client::set_bounds`].
-    ///
-    /// # Errors
-    /// [`ClientError`].
-    pub fn set_bounds(&self, bounds: QualityBounds) -> Result<(), ClientError> {
-        wait(self.inner.set_bounds(bounds))
     }
 
     /// Blocking version of [`crate::Client::render_frame`].

@@ -97,7 +97,8 @@ pub struct FrameRendered {
     pub triangles: u64,
     /// Calls that drew them.
     pub draw_calls: u32,
-    /// The largest error of what was drawn or left out, as a fraction of the bound in force: 0 to 1.
+    /// The largest error of what was drawn or left out, as a fraction of the bound in force: 0 to
+    /// 1.
     pub error_fraction: f32,
 }
 

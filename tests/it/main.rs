@@ -48,6 +48,7 @@ mod assets;
 mod back_pressure;
 mod beginnings;
 mod bench_report;
+mod bounds;
 mod check;
 mod client_library;
 mod command_text;

@@ -18,8 +18,8 @@ pub struct Mesh {
 /// Geometry with one material.
 ///
 /// Its blob holds `vertex_count` vertices of [`VertexLayout::stride`] bytes, then the `index_count`
-/// indices of the finest level, those of coarser levels, zeros up to a multiple of 4 bytes if it has
-/// meshlets, and the [`Meshlet`]s; all little-endian, nothing else.
+/// indices of the finest level, those of coarser levels, zeros up to a multiple of 4 bytes if it
+/// has meshlets, and the [`Meshlet`]s; all little-endian, nothing else.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Primitive {
     /// The bytes.
@@ -150,7 +150,7 @@ impl Primitive {
         let is_plain = self.coarser_index_count == 0 && self.meshlet_count == 0;
         let is_short = u32::try_from(self.index_count_of_all()).is_ok();
         let is_drawn = self.topology == Topology::Triangles && self.meshlet_count > 0;
-        !is_plain && !(is_short && is_drawn)
+        !(is_plain || (is_short && is_drawn))
     }
 
     fn index_width(&self) -> u64 {

@@ -29,7 +29,7 @@ impl Wall {
     /// Returns the maximum number of pixels for each unit of a view: per radian around its eye,
     /// and per metre of display space where its rays are parallel.
     pub fn pixel_density(&self, view: &View, head: &HeadPose) -> f64 {
-        let whole = || self.channels.iter().filter(|channel| self.shows(channel, &view.area));
+        let whole = || self.channels.iter().filter(|channel| is_shown(channel, &view.area));
         match view.projection {
             ViewProjection::Wall => {
                 let eyes = [Eye::Center, Eye::Left, Eye::Right].map(|eye| head.eye(eye));
@@ -50,13 +50,6 @@ impl Wall {
                 let pixels = whole().filter_map(|channel| self.pixels_across(channel, &view.area));
                 pixels.map(|[_, height]| height / height_m).fold(0.0, f64::max)
             }
-        }
-    }
-
-    fn shows(&self, channel: &Channel, area: &Area) -> bool {
-        match area {
-            Area::Wall => true,
-            Area::Screen { screen, .. } => *screen == channel.screen,
         }
     }
 
@@ -104,6 +97,13 @@ impl Wall {
         let is_plane = self.screen_of(channel).plane().is_some();
         let density = if is_plane { density } else { density * BETWEEN_FACTOR };
         if density > 0.0 { density } else { UNKNOWN_PER_RAD }
+    }
+}
+
+fn is_shown(channel: &Channel, area: &Area) -> bool {
+    match area {
+        Area::Wall => true,
+        Area::Screen { screen, .. } => *screen == channel.screen,
     }
 }
 

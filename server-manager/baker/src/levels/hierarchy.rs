@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::enclosing_sphere::{around_points, around_spheres, round_up};
 use super::patch::{Patch, Simplified, by_surface};
 use super::source::{Source, adapter};
+use super::surface::Surface;
 use crate::check;
 use crate::error::BakeError;
 use crate::vertex_cache::CACHE;
@@ -34,6 +35,9 @@ const SPLIT_FACTOR: f32 = 2.0;
 /// Meshlets that are simplified together: enough that most vertices are not on the border, few
 /// enough that a view needs few levels of other parts.
 const GROUP_MESHLETS: usize = 16;
+
+/// Triangles of a finest level that all coarser ones are measured against.
+const SMALL_TRIANGLES: usize = 4096;
 
 /// Groups that a meshlet may be in which could not be simplified, before it is coarsest.
 const TRIES: u8 = 2;
@@ -132,16 +136,24 @@ impl Builder<'_> {
     ) -> Result<Vec<Cluster>, BakeError> {
         let groups = self.group(open);
         let borders = self.borders(&groups);
+        let finest = if groups.len() == 1 { self.small_finest() } else { None };
         let simplify = |group: &Vec<Cluster>| {
             check(cancel)?;
             let triangles: Vec<u32> = group.iter().flat_map(|c| &c.indices).copied().collect();
+            let measured = finest.as_ref().unwrap_or(&triangles);
             let prior = group.iter().map(|cluster| f64::from(cluster.error)).fold(0.0, f64::max);
             let is_locked = |vertex: u32| {
                 let at = self.source.welded[vertex as usize];
                 borders.contains(&at) || self.kept[at as usize]
             };
-            let simplified = Patch::new(self.source, &triangles).simplify(is_locked, prior);
-            Ok(simplified.and_then(|simplified| Replacement::new(group, simplified, prior)))
+            let patch = Patch::new(self.source, &triangles, measured);
+            let simplified = patch.simplify(is_locked, prior);
+            let replacement = simplified.and_then(|simplified| {
+                let steps = if finest.is_some() { 0.0 } else { prior };
+                let error = (steps + simplified.error).max(prior);
+                Replacement::new(group, simplified, error)
+            });
+            Ok(replacement)
         };
         let replacements: Vec<Option<Replacement>> =
             groups.par_iter().map(simplify).collect::<Result<_, BakeError>>()?;
@@ -226,6 +238,17 @@ impl Builder<'_> {
         ordered.into_iter().map(|(_, group)| group).collect()
     }
 
+    /// Gives the finest level if it is small and replaced as a whole, so that each coarser level
+    /// can be measured against it: the sum of steps is up to four times as much.
+    fn small_finest(&self) -> Option<Vec<u32>> {
+        let surfaces = self.source.surfaces();
+        let indices: usize = surfaces.iter().map(|surface| surface.indices.len()).sum();
+        let is_fixed = |at: &Surface<'_>| at.keeps_order && !self.source.keeps_order();
+        let is_small = indices <= SMALL_TRIANGLES * 3 && !surfaces.iter().any(is_fixed);
+        let all = (0..surfaces.len()).flat_map(|number| self.source.triangles_of(number));
+        (is_small && !self.kept.contains(&true)).then(|| all.collect())
+    }
+
     /// Returns whether parts of the surface have levels of their own. What is drawn in order is
     /// replaced as a whole.
     fn is_divided(&self, open: &[Cluster]) -> bool {
@@ -258,10 +281,9 @@ struct Replacement {
 }
 
 impl Replacement {
-    /// The replacement of a group whose largest error is `prior`; `None` if its error is no number
-    /// of f32.
-    fn new(group: &[Cluster], simplified: Simplified, prior: f64) -> Option<Self> {
-        let error = round_up(prior + simplified.error);
+    /// The replacement of a group with this error; `None` if it is no number of f32.
+    fn new(group: &[Cluster], simplified: Simplified, error: f64) -> Option<Self> {
+        let error = round_up(error);
         let sphere = around_spheres(group.iter().map(|cluster| cluster.sphere));
         error.is_finite().then_some(Self { simplified, error, sphere })
     }

@@ -44,8 +44,10 @@ pub(super) struct Patch<'a> {
     source: &'a Source<'a>,
     /// The vertices of the piece that it uses, in ascending order.
     vertices: Vec<u32>,
-    /// Three for each triangle, in `vertices`.
+    /// Three for each triangle, in `vertices`: what changes are measured against.
     indices: Vec<u32>,
+    /// The triangles that are simplified; those of `indices`, or coarser ones.
+    current: Vec<u32>,
     /// The first of `vertices` at the position of each.
     welded: Vec<u32>,
     looks: VertexList,
@@ -67,20 +69,24 @@ pub(super) struct Simplified {
 }
 
 impl<'a> Patch<'a> {
-    /// The patch of these triangles.
-    pub fn new(source: &'a Source<'a>, triangles: &[u32]) -> Self {
+    /// The patch of these triangles, which are simplified. What that changes is measured against
+    /// others of the same vertices, or more.
+    pub fn new(source: &'a Source<'a>, triangles: &[u32], measured: &[u32]) -> Self {
+        let current = triangles;
+        let triangles = measured;
         let mut vertices = triangles.to_vec();
         vertices.sort_unstable();
         vertices.dedup();
         let local = |vertex: &u32| vertices.partition_point(|known| known < vertex) as u32;
         let indices: Vec<u32> = triangles.iter().map(local).collect();
+        let current = current.iter().map(local).collect();
         let mut first_at = HashMap::new();
         let weld = |(local, vertex): (u32, &u32)| {
             *first_at.entry(source.welded[*vertex as usize]).or_insert(local)
         };
         let welded = (0..).zip(&vertices).map(weld).collect();
         let looks = VertexList::new(source, &vertices, &indices);
-        Self { source, vertices, indices, welded, looks }
+        Self { source, vertices, indices, current, welded, looks }
     }
 
     /// Returns the patch with about half of its triangles, or `None` if too few can be spared.
@@ -104,7 +110,7 @@ impl<'a> Patch<'a> {
     }
 
     fn is_worth(&self, after: &[u32]) -> bool {
-        !after.is_empty() && after.len() as f64 <= self.indices.len() as f64 * RATIO_MAX
+        !after.is_empty() && after.len() as f64 <= self.current.len() as f64 * RATIO_MAX
     }
 
     /// Returns whether triangles go on to meet other patches, and each is of one surface.
@@ -130,11 +136,11 @@ impl<'a> Patch<'a> {
             self.vertices.iter().map(|vertex| self.source.scaled[*vertex as usize]).collect();
         let Some(positions) = adapter(&scaled) else { return Vec::new() };
         let (attributes, weights) = self.attributes();
-        let triangles = self.indices.len() / 3;
+        let triangles = self.current.len() / 3;
         let ratio = if triangles <= FEW { RATIO_OF_FEW } else { RATIO };
         let triangles = triangles as f64 * ratio;
         meshopt::simplify_with_attributes_and_locks(
-            &self.indices,
+            &self.current,
             &positions,
             &attributes,
             &weights,

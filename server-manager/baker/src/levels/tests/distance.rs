@@ -8,7 +8,7 @@ use super::shapes::{self, Shape};
 use super::{Drawn, levels};
 
 /// Points of a triangle along each side.
-const STEPS: u32 = 5;
+const STEPS: u32 = 4;
 
 /// A triangle with a sphere around it, so that those far away are passed over.
 struct Target {
@@ -104,7 +104,7 @@ fn first_steps_are_tight() {
         for vertex in shape.vertices.chunks_exact_mut(8) {
             vertex[6..8].fill(0.0);
         }
-        let [sampled, ratio] = check(&shape, 12);
+        let [sampled, ratio] = check(&shape, 8);
         // Smaller ones are not measured exactly: all shapes have a size of about 1 to 50.
         if sampled > 1e-3 {
             tight += 1;
