@@ -287,6 +287,6 @@ fn read_manifest(scene: &Scene) {
     let _ = (scene.triangles(), SceneFeatures::from_scene(scene).names(), scene.world_from_nodes());
     let textures = scene.textures.iter().map(Texture::bytes);
     let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
-    let meshes = primitives.map(|p| p.bytes());
+    let meshes = primitives.map(polyptych_scene::Primitive::bytes);
     let _ = meshes.chain(textures).fold(0, u64::saturating_add);
 }

@@ -109,6 +109,19 @@ pub(super) struct Barrier {
     pub drawn: BTreeMap<ChannelId, FrameRendered>,
 }
 
+/// The servers and channels that draw a frame.
+#[derive(Debug, Default)]
+struct Participants {
+    sent: Vec<SessionId>,
+    /// Live channels.
+    waited: Vec<ChannelId>,
+    late: Vec<ChannelId>,
+    /// A live channel has warmed up.
+    is_warm: bool,
+    /// A live channel has not.
+    is_cold: bool,
+}
+
 impl Barrier {
     /// When it is over, as far as is known now.
     pub fn deadline(&self) -> Micros {
@@ -170,25 +183,7 @@ impl Cluster {
         let next = FrameId(self.frame.0 + 1);
         self.registry.admit_ready(now, next);
         self.registry.admit_late(now, next);
-        let (mut waited, mut late) = (Vec::new(), Vec::new());
-        let (mut sent, mut is_warm, mut is_cold) = (Vec::new(), false, false);
-        for (id, channel) in self.registry.channels() {
-            let is_late = channel.state == ChannelState::Late;
-            let Some(session) = channel.server else { continue };
-            if channel.state != ChannelState::Live && !is_late {
-                continue;
-            }
-            if !sent.contains(&session) {
-                sent.push(session);
-            }
-            if is_late {
-                late.push(id);
-            } else {
-                waited.push(id);
-                is_warm |= channel.frames_drawn >= WARM_UP_FRAMES;
-                is_cold |= channel.frames_drawn < WARM_UP_FRAMES;
-            }
-        }
+        let Participants { sent, mut waited, late, is_warm, is_cold } = self.participants();
         let sent_channels = waited.len() + late.len();
         // Where all are late, not to wait would count frames that nobody draws. Those that drew
         // the last one are given time, and must not be held up by those that hang.
@@ -242,6 +237,30 @@ impl Cluster {
         if self.barrier.as_ref().is_some_and(Barrier::is_complete) {
             self.finish_frame(now);
         }
+    }
+
+    /// Those that draw the frame that begins.
+    fn participants(&self) -> Participants {
+        let mut all = Participants::default();
+        for (id, channel) in self.registry.channels() {
+            let is_late = channel.state == ChannelState::Late;
+            let Some(session) = channel.server else { continue };
+            if channel.state != ChannelState::Live && !is_late {
+                continue;
+            }
+            if !all.sent.contains(&session) {
+                all.sent.push(session);
+            }
+            if is_late {
+                all.late.push(id);
+            } else {
+                all.waited.push(id);
+                let is_warm = channel.frames_drawn >= WARM_UP_FRAMES;
+                all.is_warm |= is_warm;
+                all.is_cold |= !is_warm;
+            }
+        }
+        all
     }
 
     /// Scene time of the frame that begins. One that nobody has ordered shows what the last one

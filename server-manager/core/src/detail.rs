@@ -12,7 +12,8 @@ use super::barrier::Barrier;
 pub(super) struct Densities {
     head: HeadPose,
     views: Vec<View>,
-    densities: Vec<f64>,
+    /// By view.
+    all: Vec<f64>,
 }
 
 /// Views of which only the camera differs have the same density.
@@ -40,10 +41,10 @@ impl Cluster {
         let is_known = |of: &Densities| of.head == head && of.views == views;
         if !self.densities.as_ref().is_some_and(is_known) {
             let density = |view: &View| self.wall.pixel_density(view, &head);
-            let densities = views.iter().map(density).collect();
-            self.densities = Some(Densities { head, views, densities });
+            let all = views.iter().map(density).collect();
+            self.densities = Some(Densities { head, views, all });
         }
-        let densities = self.densities.as_ref().map(|of| of.densities.clone());
+        let densities = self.densities.as_ref().map(|of| of.all.clone());
         DetailBound { error_px, densities: densities.unwrap_or_default() }
     }
 

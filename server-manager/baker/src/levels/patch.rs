@@ -116,7 +116,9 @@ impl<'a> Patch<'a> {
     /// Returns whether triangles go on to meet other patches, and each is of one surface.
     fn fits(&self, after: &[u32], flags: &[SimplifyVertex]) -> bool {
         let mut is_kept = vec![false; self.vertices.len()];
-        after.iter().for_each(|index| is_kept[self.welded[*index as usize] as usize] = true);
+        for index in after {
+            is_kept[self.welded[*index as usize] as usize] = true;
+        }
         let is_met = (0..).zip(flags).all(|(index, flags): (usize, _)| {
             !flags.contains(SimplifyVertex::Lock) || is_kept[self.welded[index] as usize]
         });

@@ -186,6 +186,13 @@ fn edits(world: &mut Simulation, client: usize, dice: &mut Rng) -> Request {
     Request::Edit(a_transaction(world, dice))
 }
 
+fn bounds(dice: &mut Rng) -> QualityBounds {
+    QualityBounds {
+        error_px: dice.below(5) as f64 * 0.25,
+        rate_fps: dice.is_hit(500).then(|| 1.0 + dice.below(60) as f64),
+    }
+}
+
 fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
     let client = dice.below(world.clients.len() as u64) as usize;
     if world.clients[client].session.is_none() {
@@ -212,10 +219,7 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
         ),
         37 => Request::SetViews(vec![View::of_wall(spot(dice)); dice.below(3) as usize]),
         38 => Request::SetExposure(dice.below(5) as f32),
-        39..41 => Request::SetBounds(QualityBounds {
-            error_px: dice.below(5) as f64 * 0.25,
-            rate_fps: dice.is_hit(500).then(|| 1.0 + dice.below(60) as f64),
-        }),
+        39..41 => Request::SetBounds(bounds(dice)),
         41..50 => {
             let request = Request::OpenScene { path: "town.glb".into() };
             let burst = if dice.is_hit(30) { dice.between(2, 80) } else { 1 };
