@@ -1,11 +1,12 @@
-//! How far textures slide and normals turn where vertices are removed: sampled at these vertices.
+//! How far textures and colours slide and normals turn where vertices are removed: sampled at these
+//! vertices.
 //!
 //! A texture slides by the distance between a point and the one of the other surface that has the
 //! same texture coordinates: the texture deviation of J. Cohen, M. Olano, D. Manocha,
 //! *Appearance-preserving simplification* (1998). Coordinates that only nearly agree count by their
 //! difference, as a length on the surface: so what is measured is the distance of a vertex to the
-//! coarser surface where each point has its place in space and on the textures. At a seam, the side
-//! that fits is taken. What nothing fits any more, since its whole chart is left out, is counted by
+//! coarser surface where each point has its place in space and on the textures. Colours of vertices
+//! count likewise: as far as it is to where that colour is. At a seam, the side that fits is taken. What nothing fits any more, since its whole chart is left out, is counted by
 //! the chart's size.
 //!
 //! Only vertices that are removed are measured. Between vertices, position and texture coordinates
@@ -34,8 +35,8 @@ pub(super) struct Change {
 }
 
 impl VertexList {
-    /// These vertices of a source. Texture units are as long as they are on average on the
-    /// triangles `indices` of each surface, which number the list.
+    /// These vertices of a source. Units of textures and colours are as long as they are on average
+    /// on the triangles `indices` of each surface, which number the list.
     pub fn new(source: &Source<'_>, vertices: &[u32], indices: &[u32]) -> Self {
         let positions = vertices.iter().map(|vertex| source.position(*vertex));
         let point = |position| SurfacePoint { position, ..SurfacePoint::default() };
@@ -48,7 +49,18 @@ impl VertexList {
                 for (index, point) in (0..).zip(&mut points) {
                     if surface_of(index) == surface {
                         let place = uv(index) * length;
-                        point.uvs[set] = if place.is_finite() { place } else { DVec2::ZERO };
+                        point.looks[set] = if place.is_finite() { place } else { DVec2::ZERO };
+                    }
+                }
+            }
+            if source.surfaces()[surface as usize].layout.color {
+                let color = |index: u32| source.color(vertices[index as usize]);
+                let length = color_length(&own, |index| points[index as usize].position, color);
+                for (index, point) in (0..).zip(&mut points) {
+                    if surface_of(index) == surface {
+                        let [red, green, blue, alpha] = color(index).map(|one| one * length);
+                        point.looks[2] = DVec2::new(red, green);
+                        point.looks[3] = DVec2::new(blue, alpha);
                     }
                 }
             }
@@ -124,5 +136,25 @@ pub(super) fn uv_length(
         texture_area += (b - a).perp_dot(c - a).abs();
     }
     let length = (area / texture_area).sqrt();
+    if length.is_finite() { length } else { 0.0 }
+}
+
+/// Returns how far it is on the surface on average to where the colour differs by 1: the lengths of
+/// all edges by the differences along them; 0 if no colour differs.
+fn color_length(
+    indices: &[u32],
+    position: impl Fn(u32) -> DVec3,
+    color: impl Fn(u32) -> [f64; 4],
+) -> f64 {
+    let (mut way, mut change) = (0.0, 0.0);
+    for [a, b, c] in indices.as_chunks::<3>().0 {
+        for (from, to) in [(*a, *b), (*b, *c), (*c, *a)] {
+            way += position(from).distance(position(to));
+            let (from, to) = (color(from), color(to));
+            let squares = from.iter().zip(to).map(|(from, to)| (to - from) * (to - from));
+            change += squares.sum::<f64>().sqrt();
+        }
+    }
+    let length = way / change;
     if length.is_finite() { length } else { 0.0 }
 }

@@ -1,4 +1,4 @@
-//! Charts: the parts of a patch on which texture coordinates are continuous.
+//! Charts: the parts of a patch on which texture coordinates and colours are continuous.
 
 use std::collections::HashMap;
 
@@ -8,12 +8,12 @@ use super::triangle_set::SurfacePoint;
 
 /// Returns for each point the length of the box around its chart, in units of the primitive's
 /// space: 0 for one without a triangle. Triangles are of one chart if they have a point with the
-/// same place in space and on the textures.
+/// same place in space and on the textures, and the same colour.
 pub(super) fn sizes(points: &[SurfacePoint], indices: &[u32]) -> Vec<f64> {
     let mut first_at = HashMap::new();
     let bits = |point: &SurfacePoint| {
-        let [first, second] = point.uvs.map(|uv| uv.to_array().map(f64::to_bits));
-        (point.position.to_array().map(f64::to_bits), first, second)
+        let looks = point.looks.map(|look| look.to_array().map(f64::to_bits));
+        (point.position.to_array().map(f64::to_bits), looks)
     };
     // Each point's way to the one that stands for its chart.
     let mut parents: Vec<u32> =
@@ -58,7 +58,7 @@ mod tests {
     fn charts_end_at_seams_and_not_at_creases() {
         let point = |x: f64, u: f64| SurfacePoint {
             position: DVec3::new(x, 0.0, 0.0),
-            uvs: [DVec2::new(u, 0.0), DVec2::ZERO],
+            looks: [DVec2::new(u, 0.0), DVec2::ZERO, DVec2::ZERO, DVec2::ZERO],
         };
         // Two triangles with corners alike, of different normals; then one beyond a seam.
         let points = [0.0, 1.0, 2.0, 2.0, 3.0, 4.0].map(|x| point(x, x));

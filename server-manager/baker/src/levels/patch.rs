@@ -168,11 +168,12 @@ impl<'a> Patch<'a> {
         let mut attributes = Vec::with_capacity(self.vertices.len() * weights.len());
         for (&vertex, point) in self.vertices.iter().zip(self.looks.points()) {
             attributes.extend(self.source.normal(vertex).as_vec3().to_array());
-            for (uv, _) in point.uvs.iter().zip(sets).filter(|(_, is)| *is) {
+            for (uv, _) in point.looks.iter().zip(sets).filter(|(_, is)| *is) {
                 let uv = (*uv / side).as_vec2();
                 attributes.extend(if uv.is_finite() { uv.to_array() } else { [0.0; 2] });
             }
-            attributes.extend(has_color.then(|| self.source.color(vertex)).into_iter().flatten());
+            let color = has_color.then(|| self.source.color(vertex)).into_iter().flatten();
+            attributes.extend(color.map(|number| number as f32));
         }
         (attributes, weights)
     }

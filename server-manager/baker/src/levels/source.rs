@@ -127,10 +127,10 @@ impl<'a> Source<'a> {
     }
 
     /// Returns the linear RGBA of a vertex; white if it has none.
-    pub fn color(&self, vertex: u32) -> [f32; 4] {
+    pub fn color(&self, vertex: u32) -> [f64; 4] {
         let (surface, vertex) = self.locate(vertex);
-        let color = surface.color(vertex).and_then(|color| color.try_into().ok());
-        color.unwrap_or([1.0; 4])
+        let color: Option<[f32; 4]> = surface.color(vertex).and_then(|color| color.try_into().ok());
+        color.map_or([1.0; 4], |color| color.map(f64::from))
     }
 
     /// Returns the flags of a vertex for the simplifier. Seams of textures may be given up if

@@ -1,5 +1,6 @@
 //! Levels of surfaces made in code, and of the assets that may lie beside.
 
+mod colors;
 mod cut;
 pub(crate) mod distance;
 mod hostile;

@@ -10,16 +10,18 @@ use polyptych_wall::triangle_bvh::TriangleBvh;
 /// the area is mostly rounding.
 const SLIVER: f64 = 1e-10;
 
-/// A point of a surface with the place of its textures, in lengths of the surface.
+/// A point of a surface with its place on the textures and its colour, in lengths of the surface.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SurfacePoint {
     pub position: DVec3,
-    /// Coordinates of two sets, as lengths; zero for one that is missing.
-    pub uvs: [DVec2; 2],
+    /// Texture coordinates of two sets, then red and green, then blue and alpha, as lengths; zero
+    /// for what is missing.
+    pub looks: [DVec2; 4],
 }
 
 impl SurfacePoint {
-    /// Returns the distance in space and on the textures: the root of the sum of all squares.
+    /// Returns the distance in space, on the textures and in colour: the root of the sum of all
+    /// squares.
     pub fn distance(self, other: Self) -> f64 {
         let between = self.minus(other);
         between.dot(between).sqrt()
@@ -28,19 +30,19 @@ impl SurfacePoint {
     /// Returns the point of a triangle that has these shares of its corners.
     pub fn mix([a, b, c]: &[Self; 3], shares: [f64; 3]) -> Self {
         let [first, second, third] = shares;
-        let uv = |set: usize| a.uvs[set] * first + b.uvs[set] * second + c.uvs[set] * third;
+        let look = |at: usize| a.looks[at] * first + b.looks[at] * second + c.looks[at] * third;
         let position = a.position * first + b.position * second + c.position * third;
-        Self { position, uvs: [uv(0), uv(1)] }
+        Self { position, looks: [0, 1, 2, 3].map(look) }
     }
 
     fn minus(self, other: Self) -> Self {
-        let uvs = [self.uvs[0] - other.uvs[0], self.uvs[1] - other.uvs[1]];
-        Self { position: self.position - other.position, uvs }
+        let looks = [0, 1, 2, 3].map(|at| self.looks[at] - other.looks[at]);
+        Self { position: self.position - other.position, looks }
     }
 
     fn dot(self, other: Self) -> f64 {
-        let textures = self.uvs[0].dot(other.uvs[0]) + self.uvs[1].dot(other.uvs[1]);
-        self.position.dot(other.position) + textures
+        let looks = self.looks.iter().zip(other.looks).map(|(own, other)| own.dot(other));
+        self.position.dot(other.position) + looks.sum::<f64>()
     }
 }
 
