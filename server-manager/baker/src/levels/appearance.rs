@@ -6,8 +6,8 @@
 //! *Appearance-preserving simplification* (1998). Coordinates that only nearly agree count by their
 //! difference, as a length on the surface: so what is measured is the distance of a vertex to the
 //! coarser surface where each point has its place in space and on the textures. Colours of vertices
-//! count likewise: as far as it is to where that colour is. At a seam, the side that fits is taken. What nothing fits any more, since its whole chart is left out, is counted by
-//! the chart's size.
+//! count likewise: as far as it is to where that colour is. At a seam, the side that fits is taken.
+//! What nothing fits any more, since its whole chart is left out, is counted by the chart's size.
 //!
 //! Only vertices that are removed are measured. Between vertices, position and texture coordinates
 //! are linear on both surfaces, so that the largest slide nearly is at one; this is not proven.
