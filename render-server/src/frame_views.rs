@@ -31,7 +31,16 @@ impl ViewTransform {
             ViewProjection::Orthographic { .. } => {
                 AllowedError { length: allowed * camera.scale, ..AllowedError::NONE }
             }
-            _ => AllowedError { angle_rad: allowed, ..AllowedError::NONE },
+            ViewProjection::Perspective { .. } => {
+                AllowedError { angle_rad: allowed, ..AllowedError::NONE }
+            }
+            // Of the head and not of this channel's eye, which may be the middle one, or, near a
+            // dome's pole, nearer to it than others.
+            ViewProjection::Wall => AllowedError {
+                angle_rad: allowed,
+                eye_offset: frame.presentation.head.eye_separation_m * 0.5 * camera.scale,
+                ..AllowedError::NONE
+            },
         };
         // World to display space, the eye being the origin of both, then to the screen's axes;
         // a view is in metres, whatever the world's unit.

@@ -74,7 +74,7 @@ fn orbit(what: &str, scene: &GpuScene, distance: f64, pixels: f64) -> Result<(),
     for frame in 0..FRAMES + 2 {
         let turn = frame as f64 / FRAMES as f64 * std::f64::consts::TAU;
         let eye = DVec3::new(turn.sin(), 0.2, turn.cos()) * distance;
-        let allowed_error = AllowedError { angle_rad, length: 0.0 };
+        let allowed_error = AllowedError { angle_rad, length: 0.0, ..AllowedError::NONE };
         let view = ViewDesc { allowed_error, ..look(eye, DVec3::ZERO, SIZE) };
         frames.push(renderer.draw(gpu(), scene, &mut target, &[view])?);
     }

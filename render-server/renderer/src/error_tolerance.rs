@@ -56,13 +56,13 @@ pub(crate) struct ErrorTolerance {
 
 impl ErrorTolerance {
     pub fn new(view: &ViewDesc) -> Self {
-        let AllowedError { angle_rad, length } = view.allowed_error;
+        let AllowedError { angle_rad, length, eye_offset } = view.allowed_error;
         let eye = view.middle_eye_in_world;
         if view.is_parallel() {
             // What parallel rays show of an error is the same at all distances.
             return Self { eye, eye_offset: 0.0, angle_rad: 0.0, length };
         }
-        let eye_offset = rounded_up(view.eye_in_world.distance(eye));
+        let eye_offset = rounded_up(view.eye_in_world.distance(eye).max(eye_offset));
         Self { eye, eye_offset, angle_rad, length }
     }
 

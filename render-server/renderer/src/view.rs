@@ -59,11 +59,14 @@ pub struct AllowedError {
     pub angle_rad: f64,
     /// In units of the world: the part that does not. Of parallel rays it is all there is.
     pub length: f64,
+    /// The distance of any eye of the wall from that point, in units of the world: each view allows
+    /// no more than the eye that is farthest from it does, whichever it is for.
+    pub eye_offset: f64,
 }
 
 impl AllowedError {
     /// Only the finest level.
-    pub const NONE: Self = Self { angle_rad: 0.0, length: 0.0 };
+    pub const NONE: Self = Self { angle_rad: 0.0, length: 0.0, eye_offset: 0.0 };
 }
 
 /// Twin of `Frame` in `include/frame.wgsl`.
@@ -258,10 +261,12 @@ impl ViewDesc {
         if !finite {
             return Some("a number in it is not finite".to_owned());
         }
-        let AllowedError { angle_rad, length } = self.allowed_error;
+        let AllowedError { angle_rad, length, eye_offset } = self.allowed_error;
         let is_error = |number: f64| number.is_finite() && number >= 0.0;
-        if !is_error(angle_rad) || !is_error(length) {
-            let got = format!("{angle_rad} rad and {length} units of the world");
+        if ![angle_rad, length, eye_offset].into_iter().all(is_error) {
+            let got = format!(
+                "{angle_rad} rad and {length} units of the world, of eyes {eye_offset} off"
+            );
             return Some(format!("its allowed error is {got}, where 0 and more can be"));
         }
         let [x, y, width, height] = self.viewport;

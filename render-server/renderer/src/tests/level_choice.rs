@@ -133,7 +133,11 @@ fn linear() -> impl Strategy<Value = DMat3> {
 
 fn allowed() -> impl Strategy<Value = AllowedError> {
     let number = || prop_oneof![Just(0.0), 1e-4..0.1f64, 0.1..10.0f64];
-    (number(), number()).prop_map(|(angle_rad, length)| AllowedError { angle_rad, length })
+    (number(), number()).prop_map(|(angle_rad, length)| AllowedError {
+        angle_rad,
+        length,
+        ..AllowedError::NONE
+    })
 }
 
 proptest! {
@@ -181,7 +185,7 @@ proptest! {
         // As seen by an eye beside the one between both.
         let view = ViewDesc {
             eye_in_world: eye + aside,
-            allowed_error: AllowedError { angle_rad: angle, length: 0.0 },
+            allowed_error: AllowedError { angle_rad: angle, length: 0.0, ..AllowedError::NONE },
             ..look(eye, eye + DVec3::X, [64, 64])
         };
         let errors = ErrorTolerance::new(&view).of_item(DVec3::ZERO, &stance(linear));
@@ -197,6 +201,27 @@ proptest! {
             let distance = (linear * point).distance(view.eye_in_world);
             prop_assert!(beside.length() <= angle * distance * (1.0 + 1e-9));
         }
+    }
+
+    #[test]
+    fn eyes_of_one_wall_choose_alike_wherever_they_are(
+        of in hierarchy(), linear in linear(), eye in vector(60.0), angle in 1e-4..0.1f64,
+        aside in vector(1.0), nearer in 0.0..1.0f64,
+    ) {
+        // Near a dome's pole eyes come together, and a middle eye has no offset at all.
+        let allowed_error =
+            AllowedError { angle_rad: angle, eye_offset: aside.length(), ..AllowedError::NONE };
+        let drawn = |offset: f64| -> Vec<bool> {
+            let eye_in_world = eye + aside * offset;
+            let view = look(eye, eye + DVec3::X, [64, 64]);
+            let view = ViewDesc { eye_in_world, allowed_error, ..view };
+            let errors = ErrorTolerance::new(&view).of_item(DVec3::ZERO, &stance(linear));
+            of.meshlets.iter().map(|meshlet| errors.share_if_drawn(meshlet).is_some()).collect()
+        };
+        let one = drawn(1.0);
+        prop_assert_eq!(&one, &drawn(nearer));
+        prop_assert_eq!(&one, &drawn(0.0));
+        prop_assert_eq!(&one, &drawn(-1.0));
     }
 
     #[test]

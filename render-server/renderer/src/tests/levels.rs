@@ -24,7 +24,7 @@ fn pixels_per_radian() -> f64 {
 fn pixels(count: f64) -> AllowedError {
     let corner = DVec2::new(f64::from(SIZE[0]), f64::from(SIZE[1])) / 2.0 / pixels_per_radian();
     let angle_rad = count / (pixels_per_radian() * (1.0 + corner.length_squared()));
-    AllowedError { angle_rad, length: 0.0 }
+    AllowedError { angle_rad, length: 0.0, ..AllowedError::NONE }
 }
 
 fn hills(at: DVec2) -> f64 {
@@ -255,7 +255,7 @@ fn what_is_smaller_than_the_allowed_error_is_left_out() {
     let scene = scene(&ball, matt(0.8, 0.5, 0.2), &[at(0.0), small, around_the_eye]);
     let view = look(DVec3::ZERO, DVec3::NEG_Z, SIZE);
     let stats = |angle_rad: f64| -> DrawStats {
-        let view = allowing(AllowedError { angle_rad, length: 0.0 }, &view);
+        let view = allowing(AllowedError { angle_rad, length: 0.0, ..AllowedError::NONE }, &view);
         draw_sampled(&scene, SIZE, 1, &[view]).1
     };
     assert_eq!((stats(0.0).visible, stats(0.0).culled), (3, 0));
@@ -279,7 +279,8 @@ fn small_parts_of_a_large_mesh_are_drawn() {
         stage.node(mesh as u32, DAffine3::from_translation(DVec3::new(-20.0, 0.0, -100.0)));
         let view = look(DVec3::ZERO, DVec3::NEG_Z, SIZE);
         // Three parts of one unit are about as wide.
-        let view = allowing(AllowedError { angle_rad: 0.03, length: 0.0 }, &view);
+        let view =
+            allowing(AllowedError { angle_rad: 0.03, length: 0.0, ..AllowedError::NONE }, &view);
         draw_sampled(&stage.build(), SIZE, 1, &[view]).1.visible
     };
     assert_eq!([parts(1), parts(2), parts(40)], [0, 0, 40]);
@@ -295,7 +296,7 @@ fn plan(eye: DVec3, height: f64, length: f64) -> ViewDesc {
         DVec4::new(0.0, 0.0, 1.0, 1.0),
     );
     // An angle means nothing to parallel rays.
-    let allowed_error = AllowedError { angle_rad: 1.0, length };
+    let allowed_error = AllowedError { angle_rad: 1.0, length, ..AllowedError::NONE };
     ViewDesc { clip_from_view, allowed_error, ..look(eye, eye - DVec3::new(0.1, 1.0, 0.2), SIZE) }
 }
 

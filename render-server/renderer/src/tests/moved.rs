@@ -154,7 +154,7 @@ proptest! {
         for eye in &eyes {
             let view = look(DVec3::from(eye.map(f64::from)), DVec3::ZERO, SIZE);
             for angle_rad in [0.0, 0.01, 0.1] {
-                let allowed_error = AllowedError { angle_rad, length: 0.0 };
+                let allowed_error = AllowedError { angle_rad, length: 0.0, ..AllowedError::NONE };
                 expect_same_draws(&patched, &anew, &ViewDesc { allowed_error, ..view.clone() });
             }
         }

@@ -233,7 +233,7 @@ fn what_does_not_fit_together_is_an_error() {
     let error = renderer.draw(gpu(), &scene, &mut target, &[view.clone(), broken]).unwrap_err();
     assert!(error.to_string().contains("view 1"), "{error}");
     for wrong in [f64::NAN, f64::INFINITY, -1e-9] {
-        let allowed_error = AllowedError { angle_rad: 0.0, length: wrong };
+        let allowed_error = AllowedError { angle_rad: 0.0, length: wrong, ..AllowedError::NONE };
         let view = ViewDesc { allowed_error, ..view.clone() };
         let error = renderer.draw(gpu(), &scene, &mut target, &[view]).unwrap_err();
         assert!(error.to_string().contains("allowed error"), "{error}");
