@@ -39,7 +39,7 @@ const WARM_UP_FRAMES: u32 = 3;
 /// Samples per pixel of the wall that is compared with one sample.
 const SAMPLES: u32 = 4;
 
-/// What is measured of each scene.
+/// The measurements of each scene.
 #[derive(Debug)]
 pub(crate) struct BenchmarkOptions {
     /// Width and height of the wall, in pixels.

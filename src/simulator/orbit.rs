@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use polyptych_client::{Bounds, Camera, orbit};
 use polyptych_wall::Wall;
 
-/// Where the camera looks from at first, in radians around the vertical.
+/// The heading from which the camera looks at first, in radians around the vertical.
 pub(crate) const HEADING_RAD: f64 = 0.52;
 
 /// One turn of the camera, in seconds of scene time.

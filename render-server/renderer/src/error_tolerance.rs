@@ -110,7 +110,7 @@ fn rounded_up(distance: f64) -> f64 {
 pub(crate) struct ItemErrors {
     tolerance: ErrorTolerance,
     is_zero: bool,
-    /// As seen from the point between the eyes, in world axes.
+    /// The position relative to the point between the eyes, in world axes.
     origin: DVec3,
     linear: DMat3,
     /// No length in the primitive's space is longer in the world, times this.

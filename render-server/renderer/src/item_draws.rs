@@ -13,7 +13,7 @@ use super::scene::{GpuScene, MeshletCull, Meshlets, Stance, joined};
 /// longer be one draw.
 const CULLED_INDICES_MIN: u32 = 3 * 2048;
 
-/// What all items of a view share.
+/// The context that all items of a view share.
 #[derive(Debug)]
 pub(crate) struct ItemDraws<'a> {
     pub scene: &'a GpuScene,
@@ -23,7 +23,7 @@ pub(crate) struct ItemDraws<'a> {
     pub chosen: &'a mut Vec<u32>,
 }
 
-/// What was drawn of an item.
+/// The drawn part of an item.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DrawnItem {
     /// Within the rectangle, whichever way they face.

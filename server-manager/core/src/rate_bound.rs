@@ -148,7 +148,7 @@ mod tests {
     struct Model {
         fixed_us: f64,
         full_us: f64,
-        /// Where the time has fallen to a half of `full_us`, in pixels.
+        /// The bound at which the time has fallen to a half of `full_us`, in pixels.
         half_px: f64,
         power: f64,
     }

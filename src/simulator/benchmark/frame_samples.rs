@@ -1,4 +1,4 @@
-//! What timed frames cost, one by one and in sum.
+//! Costs of timed frames, one by one and in sum.
 
 use polyptych_client::FrameFeedback;
 use serde::Serialize;
@@ -49,7 +49,7 @@ impl FrameSamples {
 pub(super) struct FrameCosts {
     /// From the frame command to the swap command, in milliseconds.
     pub frame_ms: f64,
-    /// Where the times of all frames lie.
+    /// The spread of the times of all frames.
     pub frame_ms_spread: Spread,
     /// Drawing times of all channels together, in milliseconds.
     pub draw_ms: f64,

@@ -69,7 +69,7 @@ fn run_table(run: &RunInfo, scenes: &[SceneReport]) -> String {
     format!("<table class=\"run\">\n{}</table>\n", rows.iter().map(row).collect::<String>())
 }
 
-/// What the numbers mean.
+/// The meaning of the numbers.
 fn meaning(run: &RunInfo) -> String {
     let (poses, factor) = (run.poses, run.supersampling);
     format!(

@@ -34,7 +34,7 @@ pub(crate) struct PeerKit {
 /// The times of a renderer, over all rounds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct PeerReport {
-    /// What the kit calls it.
+    /// Its name in the kit.
     pub name: String,
     /// The median of the rounds' median frames, in milliseconds; `None` if no round succeeded.
     pub frame_ms: Option<f64>,

@@ -17,7 +17,7 @@ const BOUND_KNEE_PX: f64 = 0.25;
 /// About how many intervals a linear axis has.
 const INTERVALS: f64 = 5.0;
 
-/// How numbers become places along an axis.
+/// The scale by which numbers become places along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Scale {
     /// In proportion, from 0.

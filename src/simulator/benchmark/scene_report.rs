@@ -13,7 +13,7 @@ use super::frame_samples::FrameCosts;
 use super::peers::PeerReport;
 use super::stage::Memory;
 
-/// What was run, when and on what.
+/// The command, the date and the machine of a run.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct RunInfo {
     /// The command as it was typed.
@@ -88,9 +88,9 @@ pub(crate) struct SceneReport {
     pub error: Option<String>,
     /// Triangles of the whole scene, each instance counted.
     pub scene_triangles: u64,
-    /// What of the scene is not drawn as its file has it.
+    /// Parts of the scene that are not drawn as its file has them.
     pub notes: Vec<String>,
-    /// What it was drawn with.
+    /// The adapter that drew it.
     pub adapter: String,
     pub run: RunInfo,
     /// From full detail to the largest bound, on one channel.
@@ -157,7 +157,7 @@ impl SceneReport {
     }
 }
 
-/// What a frame costs at an error bound, and how far it is off.
+/// The costs of a frame at an error bound, and its measured error.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(super) struct BoundReport {
     /// The bound that was asked for, in pixels; 0 is full detail.
@@ -184,7 +184,7 @@ impl BoundReport {
     }
 }
 
-/// What a frame costs on a number of channels.
+/// The costs of a frame on a number of channels.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct ChannelsReport {
     pub channels: u32,
@@ -192,7 +192,7 @@ pub(super) struct ChannelsReport {
     pub frames: FrameCosts,
 }
 
-/// What a frame costs with a number of samples per pixel.
+/// The costs of a frame with a number of samples per pixel.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct SamplesReport {
     pub samples: u32,

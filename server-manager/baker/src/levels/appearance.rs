@@ -1,5 +1,5 @@
-//! How far textures and colours slide and normals turn where vertices are removed: sampled at these
-//! vertices.
+//! The distances by which textures and colours slide and the angles by which normals turn: sampled
+//! at vertices that are removed.
 //!
 //! A texture slides by the distance between a point and the one of the other surface that has the
 //! same texture coordinates: the texture deviation of J. Cohen, M. Olano, D. Manocha,

@@ -1,4 +1,4 @@
-//! What all parts of a mesh share while its levels are made.
+//! The data that all parts of a mesh share while its levels are made.
 
 use std::collections::HashMap;
 
@@ -21,9 +21,9 @@ pub(super) struct Source<'a> {
     pub scaled: Vec<[f32; 3]>,
     /// The first vertex at the position of each.
     pub welded: Vec<u32>,
-    /// Whether each vertex is at a seam: another at its position has other texture coordinates.
+    /// `true` for each vertex at a seam: another at its position has other texture coordinates.
     seams: Vec<bool>,
-    /// Whether each vertex is where surfaces meet: another surface has its position.
+    /// `true` for each vertex where surfaces meet: another surface has its position.
     borders: Vec<bool>,
 }
 

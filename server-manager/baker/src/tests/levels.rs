@@ -166,7 +166,7 @@ fn assets() -> Vec<PathBuf> {
     files
 }
 
-/// Of the mesh with the largest primitive of each file, at three errors.
+/// Takes the mesh with the largest primitive of each file, at three errors.
 #[test]
 #[cfg_attr(not(has_shared_files), ignore = "no assets and walls in ../shared")]
 fn stated_errors_hold_on_assets() {
