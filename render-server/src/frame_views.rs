@@ -20,6 +20,13 @@ pub(crate) struct ViewTransform {
     pub clip_from_view: DMat4,
     /// As [`ViewDesc::viewport`].
     pub viewport: [f64; 4],
+    /// `true` if a channel of the wall is for one of the viewer's eyes.
+    pub is_stereo_wall: bool,
+}
+
+/// Returns whether a channel of the wall is for one of the viewer's eyes.
+pub(crate) fn is_stereo(wall: &Wall) -> bool {
+    wall.channels.iter().any(|channel| *channel.eyes() != [Eye::Center])
 }
 
 impl ViewTransform {
@@ -38,7 +45,10 @@ impl ViewTransform {
             // dome's pole, nearer to it than others.
             ViewProjection::Wall => AllowedError {
                 angle_rad: allowed,
-                eye_offset: frame.presentation.head.eye_separation_m * 0.5 * camera.scale,
+                eye_offset: f64::from(u8::from(self.is_stereo_wall))
+                    * frame.presentation.head.eye_separation_m
+                    * 0.5
+                    * camera.scale,
                 ..AllowedError::NONE
             },
         };
@@ -102,6 +112,7 @@ pub(crate) fn view_transform(
 ) -> Result<ViewTransform, String> {
     let frustum = wall.view_frustum(id, view, eye_in_display).map_err(|error| error.to_string())?;
     Ok(ViewTransform {
+        is_stereo_wall: is_stereo(wall),
         eye_in_display: frustum.eye,
         view_from_display: frustum.view_from_display,
         clip_from_view: frustum.clip_from_view,

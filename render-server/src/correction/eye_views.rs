@@ -45,13 +45,13 @@ impl EyeViews {
                     let name = wall.channel(id).map_or("", |channel| &channel.name);
                     format!("channel {name}: {error}")
                 })?;
-                Ok(Self::planar(plan, eyes))
+                Ok(Self::planar(wall, plan, eyes))
             }
             None => Self::exact(wall, id, eyes),
         }
     }
 
-    fn planar(plan: ViewAtlas, eyes: &[Viewpoint]) -> Self {
+    fn planar(wall: &Wall, plan: ViewAtlas, eyes: &[Viewpoint]) -> Self {
         let triangles = (!plan.triangles.is_empty()).then(|| Arc::new(plan.triangles));
         let mut shots = Self {
             size: plan.size.to_array(),
@@ -70,6 +70,7 @@ impl EyeViews {
             shots.eyes.push(EyeAtlas { planes: planes_of, triangles: triangles.clone() });
             shots.planes.extend(planes.iter().map(|plane| {
                 let sight = ViewTransform {
+                    is_stereo_wall: frame_views::is_stereo(wall),
                     eye_in_display: plane.eye,
                     view_from_display: plane.view_from_display,
                     clip_from_view: plane.clip_from_view,
@@ -97,6 +98,7 @@ impl EyeViews {
             let rect = [slot * width, 0, width, height];
             let [x, y, w, h] = frustum.viewport;
             let sight = ViewTransform {
+                is_stereo_wall: frame_views::is_stereo(wall),
                 eye_in_display: eye,
                 view_from_display: frustum.view_from_display,
                 clip_from_view: frustum.clip_from_view,

@@ -12,7 +12,7 @@ use polyptych_wall::warp_mesh::WarpMesh;
 use polyptych_wall::{ChannelId, Viewpoint};
 
 use super::eye_views::EyeViews;
-use crate::frame_views::ViewTransform;
+use crate::frame_views::{self, ViewTransform};
 
 /// A view's pixels on one channel. It stays while the view stays where it is, whatever its camera
 /// sees.
@@ -116,6 +116,7 @@ impl OverlayMesh {
         };
         let rect = plan.plane.rect;
         let sight = ViewTransform {
+            is_stereo_wall: frame_views::is_stereo(wall),
             eye_in_display: DVec3::ZERO,
             view_from_display: DMat3::IDENTITY,
             clip_from_view: wall.overlay_matrix(channel, view, &self.part, plan.part),
