@@ -22,6 +22,7 @@ mod replay;
 mod scene;
 mod seen;
 mod server;
+pub(crate) mod shutdown_signal;
 mod simulate;
 mod status;
 mod stop;
@@ -49,7 +50,6 @@ use polyptych_wall::Wall;
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::limits::PORT_DEFAULT;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
-use rustix::process::{Signal, set_parent_process_death_signal};
 
 use crate::logging::{self, LogOptions};
 
@@ -331,48 +331,6 @@ fn cache_folder() -> anyhow::Result<PathBuf> {
     cache
         .map(|folder| folder.join("polyptych"))
         .context("neither XDG_CACHE_HOME nor HOME says where caches lie; name a folder")
-}
-
-/// Ready when the process is asked to end: Ctrl-C, SIGTERM, or the end of its parent.
-pub(crate) async fn shutdown_signal(with_parent: bool) {
-    use tokio::signal::unix::{SignalKind, signal};
-    if with_parent {
-        // A child that was stopped reads nothing: it goes on when its parent ends, and then ends.
-        let continued = set_parent_process_death_signal(Some(Signal::CONT));
-        if let Err(error) = continued {
-            tracing::debug!(%error, "a stopped child will not notice the end of its parent");
-        }
-    }
-    let terminate = async {
-        match signal(SignalKind::terminate()) {
-            Ok(mut terminate) => {
-                terminate.recv().await;
-            }
-            // Without the signal the system's own way of ending remains.
-            Err(_) => std::future::pending().await,
-        }
-    };
-    let parent = async {
-        if !with_parent {
-            return std::future::pending().await;
-        }
-        // The parent holds the other end of our standard input as long as it lives.
-        let (gone, is_gone) = tokio::sync::oneshot::channel::<()>();
-        let watch = move || {
-            let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
-            drop(gone);
-        };
-        let watcher = std::thread::Builder::new().name("parent".into()).spawn(watch);
-        match watcher {
-            Ok(_) => drop(is_gone.await),
-            Err(_) => std::future::pending().await,
-        }
-    };
-    tokio::select! {
-        _ = tokio::signal::ctrl_c() => {}
-        () = terminate => {}
-        () = parent => {}
-    }
 }
 
 /// A positive number of seconds, as an argument.

@@ -14,6 +14,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
 use super::remote::say_notes;
 use super::say;
+use super::shutdown_signal::watch_shutdown_signals;
 use crate::{logging, progress};
 
 /// How much less important than a frame a bake is, on the scale of nice(1).
@@ -197,10 +198,7 @@ fn run_map(
 }
 
 fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    let runtime = runtime.context("cannot wait for Ctrl-C")?;
-    let watch = move || {
-        runtime.block_on(super::shutdown_signal(with_parent));
+    let on_request = move || {
         cancel.store(true, Ordering::Relaxed);
         // Some steps on millions of vertices take seconds and look at nothing. Blobs appear whole
         // or not at all, so the store bears an end at any moment.
@@ -209,7 +207,6 @@ fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Re
         logging::finish();
         std::process::exit(1);
     };
-    let watcher = std::thread::Builder::new().name("interrupt".into()).spawn(watch);
-    watcher.context("cannot start a thread; does the memory limit allow one?")?;
-    Ok(())
+    let watched = watch_shutdown_signals(with_parent, on_request);
+    watched.context("cannot wait for Ctrl-C; does the memory limit allow a thread?")
 }

@@ -11,7 +11,8 @@ use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::token;
 use polyptych_tls::{Credentials, NodeIdentity};
 
-use super::{bake_files, cache_folder, load_wall, log_file_warnings, shutdown_signal};
+use super::shutdown_signal::shutdown_signal;
+use super::{bake_files, cache_folder, load_wall, log_file_warnings};
 use crate::state_lock::StateLock;
 
 /// Address space of one bake, in MiB: enough for scenes of several gigabytes, not for a bomb.
@@ -120,6 +121,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
         metrics,
     };
+    let is_asked_to_end = shutdown_signal(false)?;
     let address = listener.local_addr()?;
     let secret = options.keys.as_ref().unwrap_or(&token).display();
     let peers_need = if options.keys.is_some() { "keys" } else { "token" };
@@ -130,7 +132,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         tracing::info!(url = %format_args!("http://{address}/metrics"), "metrics are offered");
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    Ok(runtime.block_on(run_manager(listener, options, shutdown_signal(false)))?)
+    Ok(runtime.block_on(run_manager(listener, options, is_asked_to_end))?)
 }
 
 /// A wall's name as a part of a file's: names of walls may hold anything.

@@ -17,7 +17,8 @@ use polyptych_render::{
 use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use rustix::process::{Signal, getpid, kill_process};
 
-use super::{MANAGER_VARIABLE, address, cache_folder, say, shutdown_signal};
+use super::shutdown_signal::shutdown_signal;
+use super::{MANAGER_VARIABLE, address, cache_folder, say};
 use crate::simulator::local_wall::WINDOW_CLOSED;
 
 #[derive(Debug, clap::Args)]
@@ -123,8 +124,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         slow_draw: arguments.slow_draw,
         on_close: arguments.tell_closed.then_some(tell_parent as fn(&str)),
     };
-    let with_parent = arguments.with_parent;
-    match run_server(options, Box::pin(shutdown_signal(with_parent))) {
+    let is_asked_to_end = shutdown_signal(arguments.with_parent)?;
+    match run_server(options, Box::pin(is_asked_to_end)) {
         Err(error @ ServerError::DriverBusy) => {
             tracing::warn!(%error, "ending at once");
             // Nothing runs at exit then. Should it be refused, an error is as good.

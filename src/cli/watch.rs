@@ -15,7 +15,8 @@ use std::time::{Duration, Instant};
 
 use polyptych_client::WallStatus;
 
-use super::{ManagerAddress, shutdown_signal};
+use super::ManagerAddress;
+use super::shutdown_signal::watch_shutdown_signals;
 use status_poller::{Latest, StatusPoller};
 use terminal::Terminal;
 
@@ -98,13 +99,8 @@ fn line_of(latest: &Latest, json: bool) -> anyhow::Result<String> {
 
 /// Becomes true at SIGTERM, and at SIGINT where the terminal does not read Ctrl-C as a key.
 fn ended_by_signal() -> anyhow::Result<Arc<AtomicBool>> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let is_over = Arc::new(AtomicBool::new(false));
     let ended = Arc::clone(&is_over);
-    let work = move || {
-        runtime.block_on(shutdown_signal(false));
-        ended.store(true, Ordering::Relaxed);
-    };
-    std::thread::Builder::new().name("signals".into()).spawn(work)?;
+    watch_shutdown_signals(false, move || ended.store(true, Ordering::Relaxed))?;
     Ok(is_over)
 }

@@ -18,6 +18,7 @@ use polyptych_protocol::token;
 use polyptych_wall::Wall;
 use tokio_util::sync::CancellationToken;
 
+use crate::cli::shutdown_signal::watch_shutdown_signals;
 use crate::logging;
 use crate::simulator::ending::{EndRequest, Ending};
 use crate::simulator::faults::{FaultHooks, FaultProxy};
@@ -292,18 +293,17 @@ fn on_line(end: &Arc<EndRequest>) -> OnLine {
 
 /// Asks the work to end at the first Ctrl-C or SIGTERM, and ends this process at the second.
 fn end_on_interrupt(end: &Arc<EndRequest>, folder: &Path) -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (end, folder) = (Arc::clone(end), folder.to_owned());
-    let work = move || {
-        runtime.block_on(crate::cli::shutdown_signal(false));
-        end.request(Ending::Interrupted);
-        runtime.block_on(crate::cli::shutdown_signal(false));
+    let mut is_second = false;
+    let on_request = move || {
+        if !std::mem::replace(&mut is_second, true) {
+            return end.request(Ending::Interrupted);
+        }
         logging::say_failure("simulate", "interrupted again: ending at once");
         logging::finish();
         // The token is in it. Children end when their standard input does.
-        let _ = std::fs::remove_dir_all(folder);
+        let _ = std::fs::remove_dir_all(&folder);
         std::process::exit(i32::from(INTERRUPTED));
     };
-    std::thread::Builder::new().name("interrupt".into()).spawn(work)?;
-    Ok(())
+    Ok(watch_shutdown_signals(false, on_request)?)
 }

@@ -1,0 +1,90 @@
+//! Requests that this process ends.
+
+use std::future::Future;
+use std::io;
+
+use rustix::process::{Signal, set_parent_process_death_signal};
+use tokio::signal::unix::{SignalKind, signal};
+
+/// Calls `on_request` on a thread of its own whenever this process is asked to end: by Ctrl-C,
+/// SIGTERM or, `with_parent`, the end of its parent. Requests count from the moment this returns.
+pub(crate) fn watch_shutdown_signals(
+    with_parent: bool,
+    mut on_request: impl FnMut() + Send + 'static,
+) -> io::Result<()> {
+    if with_parent {
+        // A child that was stopped reads nothing: it goes on when its parent ends, and then ends.
+        let continued = set_parent_process_death_signal(Some(Signal::CONT));
+        if let Err(error) = continued {
+            tracing::debug!(%error, "a stopped child will not notice the end of its parent");
+        }
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
+    // Listeners exist before this returns: until then a signal ends the process on the spot, and
+    // whoever reads that the process is ready may send one at once.
+    let (mut interrupt, mut terminate) = {
+        let _entered = runtime.enter();
+        (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?)
+    };
+    let mut parent = with_parent.then(parent_end).transpose()?;
+    let watch = async move {
+        loop {
+            let parent_ends = async {
+                match parent.as_mut() {
+                    Some(ends) => _ = ends.await,
+                    None => std::future::pending().await,
+                }
+            };
+            let is_parent = tokio::select! {
+                _ = interrupt.recv() => false,
+                _ = terminate.recv() => false,
+                () = parent_ends => true,
+            };
+            if is_parent {
+                parent = None;
+            }
+            on_request();
+        }
+    };
+    let watcher = std::thread::Builder::new().name("signals".into());
+    watcher.spawn(move || runtime.block_on(watch)).map(drop)
+}
+
+/// Returns a future that is ready at the first request that [`watch_shutdown_signals`] reports.
+pub(crate) fn shutdown_signal(with_parent: bool) -> io::Result<impl Future<Output = ()>> {
+    let (ask, asked) = tokio::sync::oneshot::channel::<()>();
+    let mut ask = Some(ask);
+    watch_shutdown_signals(with_parent, move || drop(ask.take()))?;
+    Ok(async { _ = asked.await })
+}
+
+/// Ready when the process that holds the other end of our standard input has ended.
+fn parent_end() -> io::Result<tokio::sync::oneshot::Receiver<()>> {
+    let (gone, is_gone) = tokio::sync::oneshot::channel();
+    let watch = move || {
+        let _ = io::copy(&mut io::stdin(), &mut io::sink());
+        drop(gone);
+    };
+    std::thread::Builder::new().name("parent".into()).spawn(watch)?;
+    Ok(is_gone)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use rustix::process::{Signal, getpid, kill_process};
+
+    use super::*;
+
+    /// A listener that is not there yet when the call returns would let the signal end this test.
+    #[test]
+    fn a_signal_counts_as_soon_as_the_call_returns() {
+        let (asked, is_asked) = mpsc::sync_channel(3);
+        watch_shutdown_signals(false, move || _ = asked.send(())).expect("listeners");
+        for signal in [Signal::TERM, Signal::INT, Signal::TERM] {
+            kill_process(getpid(), signal).expect("sent");
+            is_asked.recv().expect("a call for each signal");
+        }
+    }
+}
