@@ -304,10 +304,14 @@ impl<'a> SceneWriter<'a> {
         let (vertices, rest) = blob.split_at(of.vertex_bytes() as usize);
         let indices = &rest[..of.index_bytes() as usize];
         let layout = of.layout;
+        // Those that only coarser levels have stand behind the others.
+        let largest = of.index_format.largest(indices).unwrap_or(0);
+        let vertex_count = of.vertex_count.min(largest.saturating_add(1));
+        let vertices = &vertices[..vertex_count as usize * layout.stride() as usize];
         let view = self.file.view(ViewTarget::Vertices(layout.stride()), vertices)?;
         let file = &mut self.file;
         let mut attribute = |name: &str, offset: u32, width: u32, bounds| {
-            let (component, count) = (Component::F32, of.vertex_count);
+            let (component, count) = (Component::F32, vertex_count);
             let at = AccessorDesc { view, offset, component, count, width, bounds };
             format!(r#""{name}":{}"#, file.accessor(&at))
         };

@@ -26,11 +26,11 @@ pub struct Primitive {
     pub blob: BlobHash,
     /// What each vertex holds.
     pub layout: VertexLayout,
-    /// Number of vertices.
+    /// Number of vertices. Those that only coarser levels name stand behind the others.
     pub vertex_count: u32,
     /// Number of indices of the finest level; never 0.
     pub index_count: u32,
-    /// Number of indices of all coarser levels of detail, which name the same vertices.
+    /// Number of indices of all coarser levels of detail.
     pub coarser_index_count: u32,
     /// Number of meshlets, of all levels; 0 for what is always drawn whole.
     pub meshlet_count: u32,
@@ -99,6 +99,22 @@ pub enum IndexFormat {
     U16,
     /// 4 bytes.
     U32,
+}
+
+impl IndexFormat {
+    /// Returns the largest of these indices, which are little-endian; `None` without one.
+    pub fn largest(self, bytes: &[u8]) -> Option<u32> {
+        match self {
+            Self::U16 => {
+                let words = bytes.as_chunks::<2>().0.iter();
+                words.map(|word| u16::from_le_bytes(*word).into()).max()
+            }
+            Self::U32 => {
+                let words = bytes.as_chunks::<4>().0.iter();
+                words.map(|word| u32::from_le_bytes(*word)).max()
+            }
+        }
+    }
 }
 
 /// What indices make. The baker turns strips, loops and fans into these.

@@ -1,8 +1,9 @@
-//! Levels of detail: a hierarchy of meshlets whose coarser ones name the same vertices.
+//! Levels of detail: a hierarchy of meshlets, of which coarser ones may have vertices of their own.
 //!
 //! ```text
-//! source -> hierarchy: cut into meshlets -> group neighbours -> patch: simplify -> cut again
-//!                                    deviation, appearance: measure -> error of the group
+//! source -> hierarchy: cut into meshlets -> group neighbours -> simplify -> cut again
+//!     patch: along edges, or clustering: parts grow together, where contraction says
+//!     deviation, appearance: measure -> error of the group
 //! ```
 //!
 //! The error of a coarser meshlet is an upper bound of the distance between its level and the
@@ -15,7 +16,9 @@
 
 mod appearance;
 mod chart;
+mod clustering;
 mod cone;
+mod contraction;
 mod convex_polygon;
 mod deviation;
 mod enclosing_sphere;
@@ -26,6 +29,7 @@ mod surface;
 #[cfg(test)]
 pub(super) mod tests;
 mod triangle_set;
+mod width;
 
 use std::sync::atomic::AtomicBool;
 
@@ -44,6 +48,8 @@ const TRIANGLES_MIN: usize = 32;
 /// The triangles of all levels of a surface.
 #[derive(Clone, Debug)]
 pub(super) struct Levels {
+    /// Vertices that only coarser levels have, behind those of the surface. Not all are used.
+    pub added: Vec<f32>,
     /// The triangles of the finest level, as many as were given, then those of coarser ones.
     pub indices: Vec<u32>,
     /// Those of the finest level first.
@@ -98,16 +104,17 @@ pub(super) fn build(
     if indices < TRIANGLES_MIN * 3 {
         return Ok(surfaces.iter().map(|_| None).collect());
     }
-    let source = Source::new(surfaces);
-    let hierarchy = hierarchy::build(&source, cancel)?;
+    let mut source = Source::new(surfaces);
+    let hierarchy = hierarchy::build(&mut source, cancel)?;
     let mut clusters_of = vec![Vec::new(); surfaces.len()];
     for cluster in &hierarchy.clusters {
         clusters_of[source.surface_of(cluster.indices[0]) as usize].push(cluster);
     }
-    let levels = surfaces.iter().zip(&clusters_of).map(|(surface, clusters)| {
+    let levels = surfaces.iter().enumerate().zip(&clusters_of).map(|((at, surface), clusters)| {
         let levels = levels_of(&source, surface, clusters)?;
         let normal_angle = hierarchy.normal_angle;
-        Some(Levels { facts: LevelFacts { normal_angle, ..levels.facts }, ..levels })
+        let added = source.added_to(at).to_vec();
+        Some(Levels { added, facts: LevelFacts { normal_angle, ..levels.facts }, ..levels })
     });
     Ok(levels.collect())
 }
@@ -119,6 +126,7 @@ fn levels_of(source: &Source<'_>, surface: &Surface<'_>, clusters: &[&Cluster]) 
         return None;
     }
     let mut levels = Levels {
+        added: Vec::new(),
         indices: Vec::new(),
         meshlets: Vec::with_capacity(clusters.len()),
         facts: LevelFacts::default(),

@@ -35,6 +35,7 @@ mod numbers;
 mod piece;
 mod placeholder;
 mod pose;
+mod shared_borders;
 mod source;
 mod split;
 mod tangent;
@@ -61,10 +62,11 @@ pub use error::BakeError;
 use levels::LevelFacts;
 use material::Palette;
 use notes::Notes;
+use shared_borders::SharedBorders;
 use source::GltfSource;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 6;
+const BAKER_VERSION: u32 = 7;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -266,7 +268,8 @@ impl BakeJob<'_> {
         let node::Placed { nodes, meshes, extras } = node::read(self)?;
         let extras = extras.into_list(self);
         let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, extras, ..Scene::default() };
-        let scales = bounds::scales(&scene.nodes, &scene.world_from_nodes());
+        let world = scene.world_from_nodes();
+        let scales = bounds::scales(&scene.nodes, &world);
         let json: &[document::Mesh] = &self.source.document.meshes;
         let primitives = |used: u32| {
             let used = meshes.uses.get(used as usize);
@@ -275,7 +278,8 @@ impl BakeJob<'_> {
         };
         check_expansion(&scene.nodes, polyptych_scene::draws(&scene.nodes, primitives))?;
         let mut palette = Palette::default();
-        scene.meshes = mesh::write_all(self, &mut palette, &meshes, &scales)?;
+        let borders = SharedBorders::find(self, &meshes, &scene.nodes, &world);
+        scene.meshes = mesh::write_all(self, &mut palette, (&meshes, &borders), &scales)?;
         self.check_anything_is_drawn(&scene.meshes)?;
         let mesh_of: BTreeMap<u32, u32> = scales.keys().copied().zip(0..).collect();
         renumber(&mut scene.nodes, |node| &mut node.mesh, &mesh_of);

@@ -11,6 +11,7 @@ use super::geometry::{self, Geometry, Tangents, flat_normal};
 use super::material::{Palette, VertexRequirements};
 use super::piece::{Blob, Piece};
 use super::pose::{Meshes, Pose};
+use super::shared_borders::SharedBorders;
 use super::split;
 use super::{BakeJob, check, document, tangent, topology};
 
@@ -32,6 +33,8 @@ struct PrimitiveKey {
     keeps_order: bool,
     scale: u64,
     pose: Option<u32>,
+    /// The mesh, if what is beside it decides about its levels.
+    border: Option<u32>,
 }
 
 /// A mesh whose primitives are being written.
@@ -48,20 +51,23 @@ struct Draft {
 pub(super) fn write_all(
     job: &mut BakeJob<'_>,
     palette: &mut Palette,
-    uses: &Meshes,
+    (uses, borders): (&Meshes, &SharedBorders),
     scales: &BTreeMap<u32, f64>,
 ) -> Result<Vec<Mesh>, BakeError> {
     let mut shared: BTreeMap<Vec<PrimitiveKey>, usize> = BTreeMap::new();
     let json: &[document::Mesh] = &job.source.document.meshes;
     let used = || {
-        let uses =
-            scales.iter().filter_map(|(used, scale)| Some((uses.uses.get(*used as usize)?, scale)));
-        uses.filter_map(|(used, scale)| Some((*used, json.get(used.mesh as usize)?, *scale)))
+        scales.iter().filter_map(|(number, scale)| {
+            let used = *uses.uses.get(*number as usize)?;
+            Some((*number, used, json.get(used.mesh as usize)?, *scale))
+        })
     };
-    let total = used().map(|(_, mesh, _)| mesh.primitives.len() as u64).sum();
+    let total = used().map(|(_, _, mesh, _)| mesh.primitives.len() as u64).sum();
     let mut batch = Batch { total, ..Batch::default() };
     let mut drafts = Vec::with_capacity(scales.len());
-    for (used, json, scale) in used() {
+    for (number, used, json, scale) in used() {
+        let is_shared = |position: [f32; 3]| borders.is_shared(number, position);
+        let border = borders.concern(number).then_some(number);
         let (mut keys, mut all_needs, mut materials) = (Vec::new(), Vec::new(), Vec::new());
         for (i, primitive) in json.primitives.iter().enumerate() {
             let place = format!("meshes[{}].primitives[{i}]", used.mesh);
@@ -69,7 +75,7 @@ pub(super) fn write_all(
             let is_lit = is_surface || primitive.attributes.contains_key("NORMAL");
             let (material, needs) = palette.material(job, primitive.material, is_lit, &place)?;
             let pose = uses.pose(used, primitive).map(|(index, _)| index);
-            keys.push(key(primitive, &needs, scale, pose));
+            keys.push(PrimitiveKey { border, ..key(primitive, &needs, scale, pose) });
             all_needs.push((place, needs));
             materials.push(material);
         }
@@ -82,7 +88,8 @@ pub(super) fn write_all(
                 job.step("meshes", batch.read, total)?;
                 batch.read += 1;
                 let pose = uses.pose(used, primitive).map(|(_, pose)| pose);
-                mesh.push(read(job, primitive, needs, scale, pose, place)?);
+                let pieces = read(job, primitive, needs, scale, pose, place)?;
+                mesh.push(pieces.into_iter().map(|piece| piece.with_locks(is_shared)).collect());
             }
             let number = batch.add(mesh);
             shared.insert(keys, number);
@@ -171,6 +178,7 @@ fn key(
         keeps_order: needs.keeps_order,
         scale: scale.to_bits(),
         pose,
+        border: None,
     }
 }
 
@@ -250,6 +258,7 @@ impl PieceReader {
             indices,
             keeps_order: self.keeps_order,
             scale: self.scale,
+            locked: Vec::new(),
             place: place.to_owned(),
         })
     }

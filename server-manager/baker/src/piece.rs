@@ -27,6 +27,8 @@ pub(super) struct Piece {
     pub keeps_order: bool,
     /// Metres that one unit is drawn as, at most.
     pub scale: f64,
+    /// The vertices that no level moves or leaves out, rising.
+    pub locked: Vec<u32>,
     /// The primitive in the file, for messages.
     pub place: String,
 }
@@ -46,6 +48,14 @@ impl Piece {
     /// Returns the number of elements.
     pub(super) fn element_count(&self) -> usize {
         self.indices.len() / super::topology::arity(self.topology)
+    }
+
+    /// Locks the vertices whose positions are as wanted.
+    pub(super) fn with_locks(self, is_locked: impl Fn([f32; 3]) -> bool) -> Self {
+        let rows = self.vertices.chunks_exact(self.layout.stride() as usize / 4);
+        let locked = (0..).zip(rows).filter(|(_, row)| is_locked([row[0], row[1], row[2]]));
+        let locked = locked.map(|(vertex, _)| vertex).collect();
+        Self { locked, ..self }
     }
 
     /// Makes the levels of all pieces of a mesh, and their bytes.
@@ -72,19 +82,23 @@ impl Piece {
             vertices: &self.vertices,
             indices: &self.indices,
             keeps_order: self.keeps_order,
+            locked: &self.locked,
         }
     }
 
     fn blob(mut self, levels: Option<Levels>) -> Blob {
         let fine_count = self.indices.len();
-        let vertex_count = self.surface().vertex_count();
         let mut meshlets = Vec::new();
         let mut facts = LevelFacts::default();
+        let is_plain = levels.is_none();
         if let Some(levels) = levels {
+            self.vertices.extend(levels.added);
             self.indices = levels.indices;
             meshlets = levels.meshlets;
             facts.add(&levels.facts, self.scale);
-        } else if self.topology == Topology::Triangles {
+        }
+        let vertex_count = self.surface().vertex_count();
+        if is_plain && self.topology == Topology::Triangles {
             let triangles = vec![fine_count as u64 / 3];
             facts = LevelFacts { triangles, errors: vec![0.0], normal_angle: 0.0 };
             if !self.keeps_order {

@@ -94,12 +94,5 @@ impl Geometry {
 /// The largest index of all levels in the bytes, where it points beyond the vertices.
 pub(crate) fn index_beyond(desc: &Primitive, bytes: &[u8]) -> Option<u32> {
     let indices = bytes.get(desc.vertex_bytes() as usize..desc.geometry_bytes() as usize)?;
-    let largest = if desc.index_format == IndexFormat::U32 {
-        let (words, _) = indices.as_chunks::<4>();
-        words.iter().map(|word| u32::from_le_bytes(*word)).max()
-    } else {
-        let (words, _) = indices.as_chunks::<2>();
-        words.iter().map(|word| u32::from(u16::from_le_bytes(*word))).max()
-    };
-    largest.filter(|&index| index >= desc.vertex_count)
+    desc.index_format.largest(indices).filter(|&index| index >= desc.vertex_count)
 }

@@ -7,7 +7,9 @@
 //! difference, as a length on the surface: so what is measured is the distance of a vertex to the
 //! coarser surface where each point has its place in space and on the textures. Colours of vertices
 //! count likewise: as far as it is to where that colour is. At a seam, the side that fits is taken.
-//! What nothing fits any more, since its whole chart is left out, is counted by the chart's size.
+//! What nothing fits any more, since its whole chart is left out, is counted by the chart's width.
+//! A colour that is off by a share of all that a component can be counts as a slide over as large a
+//! share of the surface's width.
 //!
 //! Only vertices that are removed are measured. Between vertices, position and texture coordinates
 //! are linear on both surfaces, so that the largest slide nearly is at one; this is not proven.
@@ -18,6 +20,7 @@ use super::chart;
 use super::patch::by_surface;
 use super::source::Source;
 use super::triangle_set::{Nearest, SurfacePoint, TriangleSet, shares_of_nearest};
+use super::width;
 
 /// The vertices of a patch, as they look.
 pub(super) struct VertexList {
@@ -55,7 +58,8 @@ impl VertexList {
             }
             if source.surfaces()[surface as usize].layout.color {
                 let color = |index: u32| source.color(vertices[index as usize]);
-                let length = color_length(&own, |index| points[index as usize].position, color);
+                // A colour that is off by all that a component can be counts as a slide over all.
+                let length = width::of_points(own.iter().map(|at| points[*at as usize].position));
                 for (index, point) in (0..).zip(&mut points) {
                     if surface_of(index) == surface {
                         let [red, green, blue, alpha] = color(index).map(|one| one * length);
@@ -90,7 +94,7 @@ impl VertexList {
             is_removed[*index as usize] = false;
         }
         let removed = (0..).zip(is_removed).filter_map(|(index, is)| is.then_some(index));
-        let charts = chart::sizes(&self.points, before);
+        let charts = chart::widths(&self.points, before);
         let mut change = Change::default();
         for index in removed {
             let slide_max = charts[index as usize];
@@ -136,25 +140,5 @@ pub(super) fn uv_length(
         texture_area += (b - a).perp_dot(c - a).abs();
     }
     let length = (area / texture_area).sqrt();
-    if length.is_finite() { length } else { 0.0 }
-}
-
-/// Returns how far it is on the surface on average to where the colour differs by 1: the lengths of
-/// all edges by the differences along them; 0 if no colour differs.
-fn color_length(
-    indices: &[u32],
-    position: impl Fn(u32) -> DVec3,
-    color: impl Fn(u32) -> [f64; 4],
-) -> f64 {
-    let (mut way, mut change) = (0.0, 0.0);
-    for [a, b, c] in indices.as_chunks::<3>().0 {
-        for (from, to) in [(*a, *b), (*b, *c), (*c, *a)] {
-            way += position(from).distance(position(to));
-            let (from, to) = (color(from), color(to));
-            let squares = from.iter().zip(to).map(|(from, to)| (to - from) * (to - from));
-            change += squares.sum::<f64>().sqrt();
-        }
-    }
-    let length = way / change;
     if length.is_finite() { length } else { 0.0 }
 }

@@ -1,15 +1,17 @@
 //! Charts: the parts of a patch on which texture coordinates and colours are continuous.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
+use super::source::Source;
 use super::triangle_set::SurfacePoint;
+use super::width;
 
-/// Returns for each point the length of the box around its chart, in units of the primitive's
-/// space: 0 for one without a triangle. Triangles are of one chart if they have a point with the
+/// Returns for each point the width of its chart, in units of the primitive's space: 0 for one
+/// without a triangle. Triangles are of one chart if they have a point with the
 /// same place in space and on the textures, and the same colour.
-pub(super) fn sizes(points: &[SurfacePoint], indices: &[u32]) -> Vec<f64> {
+pub(super) fn widths(points: &[SurfacePoint], indices: &[u32]) -> Vec<f64> {
     let mut first_at = HashMap::new();
     let bits = |point: &SurfacePoint| {
         let looks = point.looks.map(|look| look.to_array().map(f64::to_bits));
@@ -25,18 +27,66 @@ pub(super) fn sizes(points: &[SurfacePoint], indices: &[u32]) -> Vec<f64> {
             parents[chart as usize] = least;
         }
     }
-    let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let mut boxes = vec![empty; points.len()];
+    let mut charts: Vec<Vec<DVec3>> = vec![Vec::new(); points.len()];
     for &index in indices {
-        let (low, high) = &mut boxes[root(&mut parents, index) as usize];
-        let position = points[index as usize].position;
-        (*low, *high) = (low.min(position), high.max(position));
+        charts[root(&mut parents, index) as usize].push(points[index as usize].position);
     }
-    let size = |point: u32| {
-        let (low, high) = boxes[root(&mut parents, point) as usize];
-        if low.cmple(high).all() { low.distance(high) } else { 0.0 }
-    };
-    (0..points.len() as u32).map(size).collect()
+    let widths: Vec<f64> =
+        charts.into_iter().map(|chart| width::of_points(chart.into_iter())).collect();
+    let width = |point: u32| widths[root(&mut parents, point) as usize];
+    (0..points.len() as u32).map(width).collect()
+}
+
+/// The boxes around the charts of triangles, in texture coordinates.
+pub(super) struct UvBoxes {
+    /// The place of each vertex's box.
+    box_of: HashMap<u32, usize>,
+    /// The least and the greatest corner, of both sets.
+    boxes: Vec<[(DVec2, DVec2); 2]>,
+}
+
+impl UvBoxes {
+    /// The boxes of these triangles, which are three vertices of the source each.
+    pub fn new(source: &Source<'_>, triangles: &[u32]) -> Self {
+        let mut first_at = HashMap::new();
+        let mut parents: Vec<u32> = Vec::new();
+        let mut numbers = BTreeMap::new();
+        for &vertex in triangles {
+            numbers.entry(vertex).or_insert_with(|| {
+                let look = source.uvs(vertex).map(|uv| uv.to_array().map(f64::to_bits));
+                let key = (source.welded[vertex as usize], source.surface_of(vertex), look);
+                let number = parents.len() as u32;
+                parents.push(*first_at.entry(key).or_insert(number));
+                number
+            });
+        }
+        for corners in triangles.as_chunks::<3>().0 {
+            let charts = corners.map(|corner| root(&mut parents, numbers[&corner]));
+            let least = charts.into_iter().fold(u32::MAX, u32::min);
+            for chart in charts {
+                parents[chart as usize] = least;
+            }
+        }
+        let empty = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        let mut boxes = vec![[empty; 2]; parents.len()];
+        let mut box_of = HashMap::with_capacity(numbers.len());
+        for (vertex, number) in numbers {
+            let chart = root(&mut parents, number) as usize;
+            box_of.insert(vertex, chart);
+            for ((low, high), uv) in boxes[chart].iter_mut().zip(source.uvs(vertex)) {
+                (*low, *high) = (low.min(uv), high.max(uv));
+            }
+        }
+        Self { box_of, boxes }
+    }
+
+    /// Returns the nearest texture coordinates within the box of a vertex's chart: beyond it, the
+    /// texture may be that of something else.
+    pub fn clamp(&self, vertex: u32, uvs: [DVec2; 2]) -> [DVec2; 2] {
+        let boxes = self.box_of.get(&vertex).map(|at| self.boxes[*at]);
+        let Some(boxes) = boxes else { return uvs };
+        [0, 1].map(|set| uvs[set].max(boxes[set].0).min(boxes[set].1))
+    }
 }
 
 /// Gives the point that stands for all that are connected to one, and shortens the way to it.
@@ -56,15 +106,16 @@ mod tests {
 
     #[test]
     fn charts_end_at_seams_and_not_at_creases() {
-        let point = |x: f64, u: f64| SurfacePoint {
-            position: DVec3::new(x, 0.0, 0.0),
+        let point = |[x, y]: [f64; 2], u: f64| SurfacePoint {
+            position: DVec3::new(x, y, 0.0),
             looks: [DVec2::new(u, 0.0), DVec2::ZERO, DVec2::ZERO, DVec2::ZERO],
         };
         // Two triangles with corners alike, of different normals; then one beyond a seam.
-        let points = [0.0, 1.0, 2.0, 2.0, 3.0, 4.0].map(|x| point(x, x));
-        let beyond = [4.0, 5.0, 6.5].map(|x| point(x, x + 9.0));
+        let points = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0], [2.0, 0.0], [3.0, 1.0], [4.0, 0.0]];
+        let points = points.map(|at| point(at, at[0]));
+        let beyond = [[4.0, 0.0], [5.0, 0.5], [6.5, 0.0]].map(|at| point(at, at[0] + 9.0));
         let all: Vec<SurfacePoint> = points.into_iter().chain(beyond).collect();
-        let sizes = sizes(&all, &[0, 1, 2, 3, 4, 5, 6, 7, 8]);
-        assert_eq!(sizes, [4.0, 4.0, 4.0, 4.0, 4.0, 4.0, 2.5, 2.5, 2.5]);
+        let widths = widths(&all, &[0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        assert_eq!(widths, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5]);
     }
 }

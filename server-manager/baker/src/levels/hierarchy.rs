@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 use polyptych_scene::meshlet::ErrorSphere;
 use rayon::prelude::*;
 
+use super::clustering;
 use super::enclosing_sphere::{around_points, around_spheres, round_up};
 use super::patch::{Patch, Simplified, by_surface};
 use super::source::{Source, adapter};
@@ -38,6 +39,9 @@ const GROUP_MESHLETS: usize = 16;
 
 /// Triangles of a finest level that all coarser ones are measured against.
 const SMALL_TRIANGLES: usize = 4096;
+
+/// Errors that differ by less than this factor are nearly alike.
+const ALIKE: f64 = 1.3;
 
 /// Groups that a meshlet may be in which could not be simplified, before it is coarsest.
 const TRIES: u8 = 2;
@@ -72,17 +76,13 @@ pub(super) struct Hierarchy {
 }
 
 /// Makes the hierarchy of a surface.
-pub(super) fn build(source: &Source<'_>, cancel: &AtomicBool) -> Result<Hierarchy, BakeError> {
-    let mut builder = Builder {
-        source,
-        hierarchy: Hierarchy::default(),
-        groups: 0,
-        kept: vec![false; source.welded.len()],
-    };
+pub(super) fn build(source: &mut Source<'_>, cancel: &AtomicBool) -> Result<Hierarchy, BakeError> {
+    let (kept, locked) = (vec![false; source.vertex_count()], source.locked());
+    let mut builder = Builder { source, hierarchy: Hierarchy::default(), groups: 0, kept, locked };
     let mut open = Vec::new();
-    for (number, surface) in source.surfaces().iter().enumerate() {
-        let triangles = source.triangles_of(number);
-        if surface.keeps_order && !source.keeps_order() {
+    for (number, surface) in builder.source.surfaces().iter().enumerate() {
+        let triangles = builder.source.triangles_of(number);
+        if surface.keeps_order && !builder.source.keeps_order() {
             builder.keep(&triangles);
         } else {
             open.extend(builder.cut(&triangles, 0, 0.0, None));
@@ -97,17 +97,19 @@ pub(super) fn build(source: &Source<'_>, cancel: &AtomicBool) -> Result<Hierarch
     Ok(hierarchy)
 }
 
-struct Builder<'a> {
-    source: &'a Source<'a>,
+struct Builder<'a, 's> {
+    source: &'a mut Source<'s>,
     hierarchy: Hierarchy,
     /// Groups so far.
     groups: usize,
     /// `true` for each position of a coarsest meshlet, which its neighbours must go on to meet;
     /// named by the first vertex there.
     kept: Vec<bool>,
+    /// `true` for each position that stays in all levels, named likewise.
+    locked: Vec<bool>,
 }
 
-impl Builder<'_> {
+impl Builder<'_, '_> {
     /// Cuts triangles into meshlets; the finest ones bring their own spheres.
     fn cut(
         &self,
@@ -144,10 +146,13 @@ impl Builder<'_> {
             let prior = group.iter().map(|cluster| f64::from(cluster.error)).fold(0.0, f64::max);
             let is_locked = |vertex: u32| {
                 let at = self.source.welded[vertex as usize];
-                borders.contains(&at) || self.kept[at as usize]
+                borders.contains(&at) || self.kept[at as usize] || self.locked[at as usize]
             };
             let patch = Patch::new(self.source, &triangles, measured);
             let simplified = patch.simplify(is_locked, prior);
+            let clustered =
+                clustering::simplify(self.source, (&triangles, measured), is_locked, prior);
+            let simplified = best(simplified, clustered);
             let replacement = simplified.and_then(|simplified| {
                 let steps = if finest.is_some() { 0.0 } else { prior };
                 let error = (steps + simplified.error).max(prior);
@@ -158,14 +163,30 @@ impl Builder<'_> {
         let replacements: Vec<Option<Replacement>> =
             groups.par_iter().map(simplify).collect::<Result<_, BakeError>>()?;
         let is_stuck = replacements.iter().all(Option::is_none);
+        let known = self.source.vertex_count() as u32;
         let mut next = Vec::new();
         for (group, replacement) in groups.into_iter().zip(replacements) {
             match replacement {
-                Some(replacement) => next.extend(self.replace(group, &replacement)),
+                Some(mut replacement) => {
+                    self.add_vertices(&mut replacement.simplified, known);
+                    next.extend(self.replace(group, &replacement));
+                }
                 None => next.extend(self.retry(group, is_stuck)),
             }
         }
         Ok(next)
+    }
+
+    /// Adds the vertices that a replacement brings, which it numbers from `known` on.
+    fn add_vertices(&mut self, simplified: &mut Simplified, known: u32) {
+        let numbers: Vec<u32> =
+            simplified.added.iter().map(|vertex| self.source.add(vertex)).collect();
+        for index in simplified.indices.iter_mut().filter(|index| **index >= known) {
+            *index = numbers[(*index - known) as usize];
+        }
+        for stays in [&mut self.kept, &mut self.locked] {
+            stays.resize(self.source.vertex_count(), false);
+        }
     }
 
     /// Keeps a group, and gives the meshlets that replace it.
@@ -271,6 +292,19 @@ impl Builder<'_> {
         }
         borders
     }
+}
+
+/// Returns the better one of two ways to simplify: that of the smaller error, or of fewer triangles
+/// where errors are nearly alike.
+fn best(one: Option<Simplified>, two: Option<Simplified>) -> Option<Simplified> {
+    let (one, two) = match (one, two) {
+        (Some(one), Some(two)) => (one, two),
+        (one, two) => return one.or(two),
+    };
+    let is_alike = one.error.max(two.error) <= one.error.min(two.error) * ALIKE;
+    let is_first =
+        if is_alike { one.indices.len() <= two.indices.len() } else { one.error < two.error };
+    Some(if is_first { one } else { two })
 }
 
 /// The triangles that replace a group.

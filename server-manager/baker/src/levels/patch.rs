@@ -7,9 +7,11 @@ use meshopt::{SimplifyOptions, SimplifyVertex};
 
 use super::appearance::{Change, VertexList};
 use super::chart::root;
+use super::clustering::MovedVertex;
 use super::deviation::{self, Deviation};
 use super::source::{Source, adapter};
 use super::triangle_set::{Nearest, TriangleSet};
+use super::width;
 
 /// The number of triangles of a coarser level as a share of the finer one's.
 const RATIO: f64 = 0.5;
@@ -50,17 +52,34 @@ pub(super) struct Patch<'a> {
     current: Vec<u32>,
     /// The first of `vertices` at the position of each.
     welded: Vec<u32>,
+    /// The position that each vertex has in the triangles that are simplified, as `welded`.
+    places: Vec<u32>,
+    /// What of `current` stands at the position of each vertex.
+    neighbors: Vec<Neighbors>,
     looks: VertexList,
+}
+
+/// Triangles that meet at a position.
+#[derive(Clone, Copy, Debug, Default)]
+struct Neighbors {
+    /// A vertex of one of them.
+    first: Option<u32>,
+    /// They are of several surfaces.
+    is_border: bool,
+    /// They have several texture coordinates.
+    is_seam: bool,
 }
 
 /// A patch with fewer triangles.
 #[derive(Debug)]
 pub(super) struct Simplified {
-    /// Three for each triangle, as the piece numbers vertices.
+    /// Three for each triangle, as the piece numbers vertices, and behind them those of `added`.
     pub indices: Vec<u32>,
+    /// Vertices that the piece has not.
+    pub added: Vec<MovedVertex>,
     /// An upper bound of the distance between each surface before and after, in both directions.
     /// Connected parts of a surface that are removed as a whole, as windows in a wall, count by
-    /// their distance to what is left of all surfaces, and by their extent, which is how far their
+    /// their distance to what is left of all surfaces, and by their width, which is how far their
     /// outline moves. Or how far a texture slides, if that is more. Above 0, in units of the
     /// primitive's space.
     pub error: f64,
@@ -68,45 +87,121 @@ pub(super) struct Simplified {
     pub normal_angle: f64,
 }
 
+impl Simplified {
+    /// Numbers its vertices as these are: those of a list, and from `first_added` on those that it
+    /// adds.
+    pub fn give_numbers(&mut self, vertices: &[u32], first_added: u32) {
+        let number = |at: u32| {
+            let beyond = first_added + at.saturating_sub(vertices.len() as u32);
+            vertices.get(at as usize).copied().unwrap_or(beyond)
+        };
+        self.indices.iter_mut().for_each(|index| *index = number(*index));
+        for vertex in &mut self.added {
+            (vertex.from, vertex.at) = (number(vertex.from), number(vertex.at));
+        }
+    }
+}
+
 impl<'a> Patch<'a> {
     /// The patch of these triangles, which are simplified. What that changes is measured against
-    /// others of the same vertices, or more.
+    /// others.
     pub fn new(source: &'a Source<'a>, triangles: &[u32], measured: &[u32]) -> Self {
-        let current = triangles;
-        let triangles = measured;
-        let mut vertices = triangles.to_vec();
+        let mut vertices = [triangles, measured].concat();
         vertices.sort_unstable();
         vertices.dedup();
         let local = |vertex: &u32| vertices.partition_point(|known| known < vertex) as u32;
-        let indices: Vec<u32> = triangles.iter().map(local).collect();
-        let current = current.iter().map(local).collect();
+        let indices: Vec<u32> = measured.iter().map(local).collect();
+        let current = triangles.iter().map(local).collect();
         let mut first_at = HashMap::new();
         let weld = |(local, vertex): (u32, &u32)| {
             *first_at.entry(source.welded[*vertex as usize]).or_insert(local)
         };
         let welded = (0..).zip(&vertices).map(weld).collect();
         let looks = VertexList::new(source, &vertices, &indices);
-        Self { source, vertices, indices, current, welded, looks }
+        let (places, neighbors) = (Vec::clone(&welded), Vec::new());
+        let mut patch =
+            Self { source, vertices, indices, current, welded, places, neighbors, looks };
+        patch.neighbors = patch.neighbors();
+        patch
+    }
+
+    /// The patch whose vertices have moved to these positions, those of other vertices, before.
+    pub fn with_places(self, places: &HashMap<u32, u32>) -> Self {
+        let place = |vertex: &u32| {
+            let at = places.get(vertex).unwrap_or(vertex);
+            self.vertices.binary_search(at).map_or(u32::MAX, |local| self.welded[local])
+        };
+        let places = self.vertices.iter().map(place).collect();
+        Self { places, ..self }
+    }
+
+    fn neighbors(&self) -> Vec<Neighbors> {
+        let mut all = vec![Neighbors::default(); self.vertices.len()];
+        for &index in &self.current {
+            let vertex = self.vertices[index as usize];
+            let of = &mut all[self.welded[index as usize] as usize];
+            let first = *of.first.get_or_insert(vertex);
+            of.is_border |= self.source.surface_of(vertex) != self.source.surface_of(first);
+            of.is_seam |= of.is_border || self.source.uvs(vertex) != self.source.uvs(first);
+        }
+        self.welded.iter().map(|at| all[*at as usize]).collect()
+    }
+
+    /// Returns the flags of a vertex for the simplifier. Seams of textures may be given up if
+    /// nothing can be spared otherwise, borders of surfaces never.
+    fn flags(&self, index: usize, is_locked: bool, keeps_seams: bool) -> SimplifyVertex {
+        let Neighbors { is_border, is_seam, .. } = self.neighbors[index];
+        let is_protected = is_border || (keeps_seams && is_seam);
+        let protect = if is_protected { SimplifyVertex::Protect } else { SimplifyVertex::None };
+        if is_locked { protect | SimplifyVertex::Lock } else { protect }
     }
 
     /// Returns the patch with about half of its triangles, or `None` if too few can be spared.
     /// `is_locked` says of a vertex whether it must stay, and `prior` is the error that the
     /// patch's triangles have already.
     pub fn simplify(&self, is_locked: impl Fn(u32) -> bool, prior: f64) -> Option<Simplified> {
+        let triangles = self.current.len() / 3;
+        let ratio = if triangles <= FEW { RATIO_OF_FEW } else { RATIO };
+        let count = (triangles as f64 * ratio) as usize;
+        let is_worth = |after: &[u32]| self.is_worth(after);
+        let after = self.fewer(is_locked, count, None, is_worth)?;
+        self.measured(&after, prior)
+    }
+
+    /// Returns the indices of at least this number of triangles, from what changes least to what
+    /// spares most: the first that are as wanted. The simplifier goes no further than `error_max`,
+    /// in units of the primitive's space, if there is one.
+    pub fn fewer(
+        &self,
+        is_locked: impl Fn(u32) -> bool,
+        triangles: usize,
+        error_max: Option<f64>,
+        is_wanted: impl Fn(&[u32]) -> bool,
+    ) -> Option<Vec<u32>> {
         let flags = |keeps_seams: bool| -> Vec<SimplifyVertex> {
-            let vertices = self.vertices.iter();
-            vertices.map(|at| self.source.flags(*at, is_locked(*at), keeps_seams)).collect()
+            let vertices = self.vertices.iter().enumerate();
+            vertices.map(|(at, vertex)| self.flags(at, is_locked(*vertex), keeps_seams)).collect()
         };
-        // From what changes least to what spares most.
         let tries = [(true, SimplifyOptions::None), (false, SimplifyOptions::Prune)];
-        let after = tries.into_iter().find_map(|(keeps_seams, prune)| {
+        tries.into_iter().find_map(|(keeps_seams, prune)| {
             let flags = flags(keeps_seams);
-            let after = self.fewer(&flags, SimplifyOptions::Permissive | prune);
-            (self.is_worth(&after) && self.fits(&after, &flags)).then_some(after)
-        })?;
-        let (error, normal_angle) = self.change(&after, prior);
+            let options = SimplifyOptions::Permissive | prune;
+            let after = self.simplified(&flags, options, triangles, error_max);
+            (is_wanted(&after) && self.fits(&after, &flags)).then_some(after)
+        })
+    }
+
+    /// Returns fewer triangles of the patch with what they change.
+    pub fn measured(&self, after: &[u32], prior: f64) -> Option<Simplified> {
+        let (error, normal_angle) = self.change(after, prior);
         let indices = after.iter().map(|index| self.vertices[*index as usize]).collect();
-        error.is_finite().then_some(Simplified { indices, error, normal_angle })
+        let added = Vec::new();
+        error.is_finite().then_some(Simplified { indices, added, error, normal_angle })
+    }
+
+    /// Returns the triangles that it was made of.
+    pub fn current(&self) -> &[u32] {
+        &self.current
     }
 
     fn is_worth(&self, after: &[u32]) -> bool {
@@ -133,14 +228,19 @@ impl<'a> Patch<'a> {
         self.source.surface_of(self.vertices[index as usize])
     }
 
-    fn fewer(&self, flags: &[SimplifyVertex], options: SimplifyOptions) -> Vec<u32> {
+    fn simplified(
+        &self,
+        flags: &[SimplifyVertex],
+        options: SimplifyOptions,
+        triangles: usize,
+        error_max: Option<f64>,
+    ) -> Vec<u32> {
         let scaled: Vec<[f32; 3]> =
             self.vertices.iter().map(|vertex| self.source.scaled[*vertex as usize]).collect();
         let Some(positions) = adapter(&scaled) else { return Vec::new() };
         let (attributes, weights) = self.attributes();
-        let triangles = self.current.len() / 3;
-        let ratio = if triangles <= FEW { RATIO_OF_FEW } else { RATIO };
-        let triangles = triangles as f64 * ratio;
+        // The simplifier's unit is the longest side of the patch.
+        let error_max = error_max.map_or(f32::MAX, |error| (error / self.side()) as f32);
         meshopt::simplify_with_attributes_and_locks(
             &self.current,
             &positions,
@@ -148,8 +248,8 @@ impl<'a> Patch<'a> {
             &weights,
             size_of_val(weights.as_slice()),
             flags,
-            (triangles as usize).max(1) * 3,
-            f32::MAX,
+            triangles.max(1) * 3,
+            error_max,
             options,
             None,
         )
@@ -158,7 +258,7 @@ impl<'a> Patch<'a> {
     /// Gives what the simplifier keeps beside positions, and the weight of each number of a vertex.
     /// Weights are shares of the patch's longest side.
     fn attributes(&self) -> (Vec<f32>, Vec<f32>) {
-        let side = self.size().max_element();
+        let side = self.side();
         let layouts = || self.source.surfaces().iter().map(|surface| surface.layout);
         let sets = [layouts().any(|of| of.uv0), layouts().any(|of| of.uv1)];
         let has_color = layouts().any(|of| of.color);
@@ -176,6 +276,11 @@ impl<'a> Patch<'a> {
             attributes.extend(color.map(|number| number as f32));
         }
         (attributes, weights)
+    }
+
+    /// The longest side of the box around it.
+    fn side(&self) -> f64 {
+        self.size().max_element()
     }
 
     /// The sides of the box around it.
@@ -204,7 +309,8 @@ impl<'a> Patch<'a> {
                 let part = self.weld(part);
                 let near = nearest_of_corners(&points, &part, &[], &all);
                 deviation::measure(&mut deviation, &points, &part, &near, &all, negligible);
-                lost = lost.max(extent(&points, &part));
+                lost = lost
+                    .max(width::of_points(part.iter().flatten().map(|at| points[*at as usize])));
             }
             if new.is_empty() {
                 continue;
@@ -250,10 +356,15 @@ impl<'a> Patch<'a> {
                 part_of[part as usize] = least;
             }
         }
-        let kept: HashSet<u32> =
-            self.weld(after).iter().flatten().map(|corner| root(&mut part_of, *corner)).collect();
+        let mut kept = HashSet::new();
         let mut parts = Parts::default();
         let mut removed: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        let after_at: HashSet<u32> = self.weld(after).into_iter().flatten().collect();
+        for &index in before {
+            if after_at.contains(&self.places[index as usize]) {
+                kept.insert(root(&mut part_of, self.welded[index as usize]));
+            }
+        }
         for corners in before.as_chunks::<3>().0 {
             let part = root(&mut part_of, self.welded[corners[0] as usize]);
             let list = if kept.contains(&part) {
@@ -262,6 +373,10 @@ impl<'a> Patch<'a> {
                 removed.entry(part).or_default()
             };
             list.extend(corners);
+        }
+        if parts.kept.is_empty() && !after.is_empty() {
+            // What is there now must be near to something that was.
+            return Parts { kept: before.to_vec(), removed: Vec::new() };
         }
         parts.removed = removed.into_values().collect();
         parts
@@ -273,14 +388,6 @@ impl<'a> Patch<'a> {
 struct Parts {
     kept: Vec<u32>,
     removed: Vec<Vec<u32>>,
-}
-
-/// Returns the diagonal of the box around triangles.
-fn extent(points: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
-    let corners = triangles.iter().flatten().map(|corner| points[*corner as usize]);
-    let bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (low, high) = corners.fold(bounds, |(low, high), at| (low.min(at), high.max(at)));
-    (high - low).length()
 }
 
 /// Divides a list of triangles by the surfaces of their vertices.

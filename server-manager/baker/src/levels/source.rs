@@ -3,77 +3,112 @@
 use std::collections::HashMap;
 
 use glam::{DVec2, DVec3};
-use meshopt::{SimplifyVertex, VertexDataAdapter};
+use meshopt::VertexDataAdapter;
 
-use super::surface::Surface;
+use super::clustering::MovedVertex;
+use super::surface::{Surface, VertexRow, uv_places};
 
-/// The surfaces of a mesh, whose vertices are numbered one after another, with what the simplifier
-/// asks of them.
-#[derive(Debug)]
+/// The vertices of the surfaces of a mesh, which are numbered one after another, and behind them
+/// those that only coarser levels have.
+#[derive(Clone, Debug)]
 pub(super) struct Source<'a> {
     surfaces: &'a [Surface<'a>],
-    /// The first vertex of each surface.
-    firsts: Vec<u32>,
+    /// The vertices of each surface, as its blob holds them.
+    rows: Vec<Vec<f32>>,
     /// The surface of each vertex.
     surface_of: Vec<u32>,
+    /// The number of each vertex in its surface.
+    row_of: Vec<u32>,
     /// The positions times a power of two, which makes the largest coordinate about 1: exact, and
     /// far from where f32 ends.
     pub scaled: Vec<[f32; 3]>,
     /// The first vertex at the position of each.
     pub welded: Vec<u32>,
-    /// `true` for each vertex at a seam: another at its position has other texture coordinates.
-    seams: Vec<bool>,
-    /// `true` for each vertex where surfaces meet: another surface has its position.
-    borders: Vec<bool>,
 }
 
 impl<'a> Source<'a> {
     /// Looks at all surfaces of a mesh.
     pub fn new(surfaces: &'a [Surface<'a>]) -> Self {
-        let (mut firsts, mut surface_of) = (Vec::new(), Vec::new());
+        let (mut surface_of, mut row_of) = (Vec::new(), Vec::new());
         for (number, surface) in (0..).zip(surfaces) {
-            firsts.push(surface_of.len() as u32);
-            surface_of.resize(surface_of.len() + surface.vertex_count(), number);
+            row_of.extend(0..surface.vertex_count() as u32);
+            surface_of.resize(row_of.len(), number);
         }
-        let mut source = Self {
-            surfaces,
-            firsts,
-            surface_of,
-            scaled: Vec::new(),
-            welded: Vec::new(),
-            seams: Vec::new(),
-            borders: Vec::new(),
-        };
+        let rows = surfaces.iter().map(|surface| surface.vertices.to_vec()).collect();
+        let (scaled, welded) = (Vec::new(), Vec::new());
+        let mut source = Self { surfaces, rows, surface_of, row_of, scaled, welded };
         source.weld();
         source
     }
 
-    /// Finds the vertices that have one position, and what differs between them.
+    /// Finds the vertices that have one position.
     fn weld(&mut self) {
-        let vertices = 0..self.surface_of.len() as u32;
+        let vertices = 0..self.vertex_count() as u32;
         let magnitude = vertices.clone().map(|vertex| self.position(vertex).abs().max_element());
         let magnitude = magnitude.fold(0.0, f64::max);
         let factor = if magnitude > 0.0 { (-magnitude.log2().floor()).exp2() } else { 1.0 };
         let scaled = |vertex| (self.position(vertex) * factor).as_vec3().to_array();
-        let scaled: Vec<[f32; 3]> = vertices.clone().map(scaled).collect();
+        self.scaled = vertices.clone().map(scaled).collect();
         // By the positions as they are: two that only the factor made one remain two.
-        let mut first_at = HashMap::with_capacity(scaled.len());
+        let mut first_at = HashMap::with_capacity(self.scaled.len());
         let weld = |vertex| {
             // Adding zero makes -0 and 0 one.
             let position = (self.position(vertex) + DVec3::ZERO).to_array().map(f64::to_bits);
             *first_at.entry(position).or_insert(vertex)
         };
-        let welded: Vec<u32> = vertices.clone().map(weld).collect();
-        let (mut at_seam, mut at_border) = (vec![false; scaled.len()], vec![false; scaled.len()]);
-        for vertex in vertices {
-            let first = welded[vertex as usize];
-            let is_border = self.surface_of(vertex) != self.surface_of(first);
-            at_border[first as usize] |= is_border;
-            at_seam[first as usize] |= is_border || self.uvs(vertex) != self.uvs(first);
+        self.welded = vertices.map(weld).collect();
+    }
+
+    /// Returns these vertices alone, numbered in the order of the list.
+    pub fn part(&self, vertices: &[u32]) -> Self {
+        let mut part = Self {
+            surfaces: self.surfaces,
+            rows: vec![Vec::new(); self.rows.len()],
+            surface_of: vertices.iter().map(|vertex| self.surface_of(*vertex)).collect(),
+            row_of: Vec::with_capacity(vertices.len()),
+            scaled: vertices.iter().map(|vertex| self.scaled[*vertex as usize]).collect(),
+            welded: Vec::with_capacity(vertices.len()),
+        };
+        let mut first_at = HashMap::with_capacity(vertices.len());
+        for (number, vertex) in (0..).zip(vertices) {
+            let row = self.row(*vertex);
+            let rows = &mut part.rows[self.surface_of(*vertex) as usize];
+            part.row_of.push((rows.len() / row.floats.len()) as u32);
+            rows.extend_from_slice(row.floats);
+            let at = self.welded[*vertex as usize];
+            part.welded.push(*first_at.entry(at).or_insert(number));
         }
-        self.seams = welded.iter().map(|first| at_seam[*first as usize]).collect();
-        self.borders = welded.iter().map(|first| at_border[*first as usize]).collect();
-        (self.scaled, self.welded) = (scaled, welded);
+        part
+    }
+
+    /// Adds a vertex; returns its number.
+    pub fn add(&mut self, moved: &MovedVertex) -> u32 {
+        let row = self.row(moved.from);
+        let mut floats = row.floats.to_vec();
+        floats[..3].copy_from_slice(&self.row(moved.at).floats[..3]);
+        for (at, uv) in uv_places(row.layout).into_iter().zip(moved.uvs) {
+            if let Some(at) = at {
+                floats[at..at + 2].copy_from_slice(&uv.as_vec2().to_array());
+            }
+        }
+        let surface = self.surface_of(moved.from);
+        let rows = &mut self.rows[surface as usize];
+        self.row_of.push((rows.len() / floats.len()) as u32);
+        rows.extend(floats);
+        self.surface_of.push(surface);
+        self.scaled.push(self.scaled[moved.at as usize]);
+        self.welded.push(self.welded[moved.at as usize]);
+        self.vertex_count() as u32 - 1
+    }
+
+    /// Returns the number of vertices.
+    pub fn vertex_count(&self) -> usize {
+        self.surface_of.len()
+    }
+
+    /// Returns the vertices of a surface that only coarser levels have.
+    pub fn added_to(&self, surface: usize) -> &[f32] {
+        &self.rows[surface][self.surfaces[surface].vertices.len()..]
     }
 
     /// Returns the surfaces.
@@ -89,13 +124,27 @@ impl<'a> Source<'a> {
 
     /// Gives the triangles of a surface, as the mesh numbers vertices.
     pub fn triangles_of(&self, surface: usize) -> Vec<u32> {
-        let first = self.firsts[surface];
-        self.surfaces[surface].indices.iter().map(|vertex| first + vertex).collect()
+        let before = self.surfaces[..surface].iter().map(Surface::vertex_count).sum::<usize>();
+        let triangles = self.surfaces[surface].indices.iter();
+        triangles.map(|vertex| before as u32 + vertex).collect()
+    }
+
+    /// Returns for each vertex whether it stays in all levels, at the first one at its position.
+    pub fn locked(&self) -> Vec<bool> {
+        let mut locked = vec![false; self.vertex_count()];
+        let mut first = 0;
+        for surface in self.surfaces {
+            for vertex in surface.locked {
+                locked[self.welded[(first + vertex) as usize] as usize] = true;
+            }
+            first += surface.vertex_count() as u32;
+        }
+        locked
     }
 
     /// Returns the number of a vertex in its surface.
     pub fn vertex_in_surface(&self, vertex: u32) -> u32 {
-        vertex - self.firsts[self.surface_of(vertex) as usize]
+        self.row_of[vertex as usize]
     }
 
     /// Returns the surface of a vertex.
@@ -103,43 +152,33 @@ impl<'a> Source<'a> {
         self.surface_of[vertex as usize]
     }
 
-    fn locate(&self, vertex: u32) -> (&Surface<'a>, u32) {
-        let surface = &self.surfaces[self.surface_of(vertex) as usize];
-        (surface, self.vertex_in_surface(vertex))
+    fn row(&self, vertex: u32) -> VertexRow<'_> {
+        let surface = self.surface_of(vertex) as usize;
+        let layout = self.surfaces[surface].layout;
+        let stride = layout.stride() as usize / 4;
+        let first = self.row_of[vertex as usize] as usize * stride;
+        VertexRow { layout, floats: &self.rows[surface][first..first + stride] }
     }
 
     /// Returns the position of a vertex.
     pub fn position(&self, vertex: u32) -> DVec3 {
-        let (surface, vertex) = self.locate(vertex);
-        surface.position(vertex)
+        self.row(vertex).position()
     }
 
     /// Returns the normal of a vertex, of unit length.
     pub fn normal(&self, vertex: u32) -> DVec3 {
-        let (surface, vertex) = self.locate(vertex);
-        surface.normal(vertex)
+        self.row(vertex).normal()
     }
 
-    /// Returns the texture coordinates of a vertex; see [`Surface::uvs`].
+    /// Returns the texture coordinates of a vertex; see [`VertexRow::uvs`].
     pub fn uvs(&self, vertex: u32) -> [DVec2; 2] {
-        let (surface, vertex) = self.locate(vertex);
-        surface.uvs(vertex)
+        self.row(vertex).uvs()
     }
 
     /// Returns the linear RGBA of a vertex; white if it has none.
     pub fn color(&self, vertex: u32) -> [f64; 4] {
-        let (surface, vertex) = self.locate(vertex);
-        let color: Option<[f32; 4]> = surface.color(vertex).and_then(|color| color.try_into().ok());
+        let color: Option<[f32; 4]> = self.row(vertex).color().and_then(|of| of.try_into().ok());
         color.map_or([1.0; 4], |color| color.map(f64::from))
-    }
-
-    /// Returns the flags of a vertex for the simplifier. Seams of textures may be given up if
-    /// nothing can be spared otherwise, borders of surfaces never.
-    pub fn flags(&self, vertex: u32, is_locked: bool, keeps_seams: bool) -> SimplifyVertex {
-        let vertex = vertex as usize;
-        let is_protected = self.borders[vertex] || (keeps_seams && self.seams[vertex]);
-        let protect = if is_protected { SimplifyVertex::Protect } else { SimplifyVertex::None };
-        if is_locked { protect | SimplifyVertex::Lock } else { protect }
     }
 }
 

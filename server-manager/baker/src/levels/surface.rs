@@ -14,6 +14,8 @@ pub(crate) struct Surface<'a> {
     pub indices: &'a [u32],
     /// `true` if the triangles of a level are drawn in the order of `indices`.
     pub keeps_order: bool,
+    /// Vertices that stay in all levels.
+    pub locked: &'a [u32],
 }
 
 impl Surface<'_> {
@@ -22,41 +24,49 @@ impl Surface<'_> {
         self.vertices.len() / self.stride()
     }
 
-    /// Returns the position of a vertex, in the primitive's space.
-    pub fn position(&self, vertex: u32) -> DVec3 {
-        let row = self.row(vertex);
-        DVec3::new(row[0].into(), row[1].into(), row[2].into())
-    }
-
-    /// Returns the normal of a vertex, of unit length.
-    pub fn normal(&self, vertex: u32) -> DVec3 {
-        let row = self.row(vertex);
-        DVec3::new(row[3].into(), row[4].into(), row[5].into())
-    }
-
-    /// Returns the texture coordinates of a vertex, of each of two sets; zero for one that is
-    /// missing.
-    pub fn uvs(&self, vertex: u32) -> [DVec2; 2] {
-        let row = self.row(vertex);
-        let VertexLayout { uv0, uv1, .. } = self.layout;
-        let set = |is_there: bool, bytes: u32| {
-            let at = bytes as usize / 4;
-            if is_there { DVec2::new(row[at].into(), row[at + 1].into()) } else { DVec2::ZERO }
-        };
-        [set(uv0, self.layout.uv0_offset()), set(uv1, self.layout.uv1_offset())]
-    }
-
-    /// Returns the linear RGBA of a vertex, if it has one.
-    pub fn color(&self, vertex: u32) -> Option<&[f32]> {
-        let offset = self.layout.color_offset() as usize / 4;
-        self.layout.color.then(|| &self.row(vertex)[offset..offset + 4])
-    }
-
     fn stride(&self) -> usize {
         self.layout.stride() as usize / 4
     }
+}
 
-    fn row(&self, vertex: u32) -> &[f32] {
-        &self.vertices[vertex as usize * self.stride()..][..self.stride()]
+/// A vertex as its blob holds it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct VertexRow<'a> {
+    pub layout: VertexLayout,
+    /// Of `layout`.
+    pub floats: &'a [f32],
+}
+
+impl<'a> VertexRow<'a> {
+    /// Returns the position, in the primitive's space.
+    pub fn position(self) -> DVec3 {
+        DVec3::new(self.floats[0].into(), self.floats[1].into(), self.floats[2].into())
     }
+
+    /// Returns the normal, of unit length.
+    pub fn normal(self) -> DVec3 {
+        DVec3::new(self.floats[3].into(), self.floats[4].into(), self.floats[5].into())
+    }
+
+    /// Returns the texture coordinates of each of two sets; zero for one that is missing.
+    pub fn uvs(self) -> [DVec2; 2] {
+        let set = |at: Option<usize>| {
+            at.map_or(DVec2::ZERO, |at| {
+                DVec2::new(self.floats[at].into(), self.floats[at + 1].into())
+            })
+        };
+        uv_places(self.layout).map(set)
+    }
+
+    /// Returns the linear RGBA, if there is one.
+    pub fn color(self) -> Option<&'a [f32]> {
+        let offset = self.layout.color_offset() as usize / 4;
+        self.layout.color.then(|| &self.floats[offset..offset + 4])
+    }
+}
+
+/// Returns the first number of each of two sets of texture coordinates in a vertex that has them.
+pub(super) fn uv_places(layout: VertexLayout) -> [Option<usize>; 2] {
+    let first = layout.uv0.then_some(layout.uv0_offset() as usize / 4);
+    [first, layout.uv1.then_some(layout.uv1_offset() as usize / 4)]
 }

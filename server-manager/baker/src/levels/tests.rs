@@ -24,6 +24,8 @@ fn levels(shape: &Shape) -> Levels {
 
 /// Meshlets that are drawn together.
 struct Drawn {
+    /// The vertices of the shape and of its levels.
+    vertices: Vec<f32>,
     indices: Vec<u32>,
     triangles: Vec<[DVec3; 3]>,
     /// The largest error of any of them.
@@ -37,11 +39,15 @@ impl Drawn {
             levels.indices[first..first + meshlet.index_count as usize].to_vec()
         };
         let indices: Vec<u32> = meshlets.iter().flat_map(run).collect();
-        let position = |vertex: u32| shape.surface().position(vertex);
+        let vertices = [&shape.vertices[..], &levels.added].concat();
+        let position = |vertex: u32| {
+            let row = &vertices[vertex as usize * 8..][..3];
+            DVec3::new(row[0].into(), row[1].into(), row[2].into())
+        };
         let triangles = indices.as_chunks::<3>().0.iter();
         let triangles = triangles.map(|corners| corners.map(position)).collect();
         let errors = meshlets.iter().map(|meshlet| f64::from(meshlet.error));
-        Self { indices, triangles, error: errors.fold(0.0, f64::max) }
+        Self { vertices, indices, triangles, error: errors.fold(0.0, f64::max) }
     }
 
     /// Those of which the error is within a limit and that of what replaces them is not.

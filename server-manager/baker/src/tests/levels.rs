@@ -131,6 +131,49 @@ fn primitives_of_a_mesh_meet_at_every_level() {
     assert!(fewest < 10, "{fewest} of 41 points of the border are left");
 }
 
+/// Two meshes on two nodes, whose grounds meet where x is 20 in the world.
+fn tiles() -> Builder {
+    let mut builder = Builder::empty();
+    let side = 21_u32;
+    for (number, first) in [0_u32, 20].into_iter().enumerate() {
+        let at = |column: u32, row: u32| {
+            let seed = (column + first) * 7919 + row * 104_729;
+            [column as f32, row as f32, f64::from(seed % 31) as f32 / 100.0]
+        };
+        let positions: Vec<f32> = (0..side * side).flat_map(|i| at(i % side, i / side)).collect();
+        let cells = (0..20 * 20).map(|i| i / 20 * side + i % 20);
+        let corners =
+            cells.flat_map(|at| [at, at + 1, at + side, at + 1, at + side + 1, at + side]);
+        let indices = builder.indices(&corners.collect::<Vec<u32>>());
+        let positions = builder.floats("VEC3", &positions);
+        let normals = builder.floats("VEC3", &[0.0, 0.0, 1.0].repeat((side * side) as usize));
+        let attributes = json!({ "POSITION": positions, "NORMAL": normals });
+        builder.mesh(&json!({ "attributes": attributes, "indices": indices }));
+        builder.json["nodes"][number]["translation"] = json!([first, 0, 0]);
+    }
+    builder
+}
+
+#[test]
+fn tiles_of_a_ground_meet_at_every_level() {
+    let (place, _, scene) = bake_builder(&tiles());
+    let [one, two] = [0, 1].map(|at| BlobLevels::read(&place, &scene.meshes[at].primitives[0]));
+    let border = |triangles: &[[DVec3; 3]], x: f64| -> BTreeSet<[u64; 2]> {
+        let points = triangles.iter().flatten().filter(|point| point.x == x);
+        points.map(|point| [point.y.to_bits(), point.z.to_bits()]).collect()
+    };
+    let errors = [one.errors(), two.errors()].concat();
+    assert!(errors.len() > 6, "{errors:?}");
+    for limit in errors {
+        let [left, right] = [one.drawn(limit), two.drawn(limit)];
+        assert_eq!(border(&left, 20.0), border(&right, 0.0), "at {limit}");
+        assert_eq!(border(&left, 20.0).len(), 21, "at {limit}");
+    }
+    // Where nothing meets it, a border is simplified like the rest.
+    let coarsest = one.drawn(*one.errors().last().expect("an error"));
+    assert!(border(&coarsest, 0.0).len() < 10, "{}", border(&coarsest, 0.0).len());
+}
+
 #[test]
 fn blended_primitives_keep_their_order() {
     let mut builder = halves();

@@ -40,8 +40,13 @@ fn banded(width: u32) -> (Levels, Vec<bool>) {
             indices.extend([at, at + 1, below, at + 1, below + 1, below]);
         }
     }
-    let surface =
-        Surface { layout: LAYOUT, vertices: &vertices, indices: &indices, keeps_order: false };
+    let surface = Surface {
+        layout: LAYOUT,
+        vertices: &vertices,
+        indices: &indices,
+        keeps_order: false,
+        locked: &[],
+    };
     let levels = build(&[surface], &AtomicBool::new(false)).expect("not cancelled");
     (levels.into_iter().next().flatten().expect("levels"), is_red)
 }

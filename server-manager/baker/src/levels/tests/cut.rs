@@ -74,9 +74,9 @@ fn check_replacement(levels: &Levels, allowed: Allowed, name: &str) -> Vec<usize
 
 /// The edges at which triangles end: for each, by the bits of its ends, the triangles on its left
 /// minus those on its right.
-fn open_edges(shape: &Shape, indices: &[u32]) -> BTreeMap<[[u32; 3]; 2], i32> {
+fn open_edges(vertices: &[f32], indices: &[u32]) -> BTreeMap<[[u32; 3]; 2], i32> {
     let position = |vertex: u32| {
-        let row = &shape.vertices[vertex as usize * 8..][..3];
+        let row = &vertices[vertex as usize * 8..][..3];
         [0, 1, 2].map(|axis| (row[axis] + 0.0).to_bits())
     };
     let mut edges = BTreeMap::new();
@@ -97,7 +97,7 @@ fn open_edges(shape: &Shape, indices: &[u32]) -> BTreeMap<[[u32; 3]; 2], i32> {
 /// Holds that the drawn meshlets end only where the source does.
 fn check_borders(shape: &Shape, drawn: &Drawn, may_be_open: bool) {
     let ends = |indices: &[u32]| -> BTreeSet<[u32; 3]> {
-        open_edges(shape, indices).into_keys().flatten().collect()
+        open_edges(&drawn.vertices, indices).into_keys().flatten().collect()
     };
     let border = ends(&shape.indices);
     assert_eq!(border.is_empty(), !may_be_open, "{}", shape.name);

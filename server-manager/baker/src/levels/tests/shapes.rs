@@ -29,6 +29,7 @@ impl Shape {
             vertices: &self.vertices,
             indices: &self.indices,
             keeps_order: self.keeps_order,
+            locked: &[],
         }
     }
 
@@ -212,6 +213,7 @@ pub(crate) fn open() -> Vec<Shape> {
             .all([20, 20], |u, v| plane(u, v) + DVec3::new(0.0, 0.0, 0.001 + 0.05 * u * v))
             .lit(),
         crossing_sheets(),
+        bricks(),
         soup(),
     ]
 }
@@ -223,6 +225,20 @@ fn town() -> Shape {
         let low = DVec3::new(f64::from(house % 5), f64::from(house / 5), 0.0);
         let size = DVec3::new(0.5, 0.6, 0.9 + 0.8 * noise(house));
         shape = shape.cuboid(2, low, low + size);
+    }
+    shape.lit()
+}
+
+/// A wall of bricks with gaps between them: quads that share no vertex, some in front of others.
+fn bricks() -> Shape {
+    let mut shape = Shape::new("bricks");
+    for brick in 0..240 {
+        let (column, row) = (brick % 20, brick / 20);
+        let low =
+            DVec3::new(f64::from(column) + 0.5 * f64::from(row % 2), f64::from(row) * 0.5, 0.0);
+        let depth = 0.02 * noise(brick);
+        let place = move |u: f64, v: f64| low + DVec3::new(u * 0.97, v * 0.47, depth);
+        shape = shape.all([1, 1], place);
     }
     shape.lit()
 }

@@ -1,0 +1,321 @@
+//! Clusters of vertices: corners of triangles move to few places, whatever connects them.
+//!
+//! Surfaces of many small parts that do not share vertices, as walls with windows, gates and trims,
+//! hardly lose triangles along their edges. So vertices move together where [`contract`] says;
+//! triangles that lose their area vanish, and with them the gaps between the parts.
+//!
+//! Texture coordinates go on linearly to where a corner moves, so that textures stay where they
+//! are on each triangle's plane. This takes vertices that the source has not.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use glam::{DVec2, DVec3};
+
+use super::appearance::uv_length;
+use super::chart;
+use super::contraction::contract;
+use super::patch::{Patch, Simplified};
+use super::source::Source;
+
+/// Fewer parts than this are not many.
+const PARTS_MIN: usize = 3;
+
+/// Triangles that a small part has on average at most: some boxes, of which each is 12.
+const PART_TRIANGLES: usize = 32;
+
+/// The number of triangles of a coarser level as a share of the finer one's.
+const RATIO: f64 = 0.6;
+
+/// A coarser level that has more triangles than this, as a share, is not worth its memory.
+const RATIO_MAX: f64 = 0.8;
+
+/// Vertices are paired within this share of the diagonal of all, or within the error that there is
+/// already.
+const REACH_MIN: f64 = 1.0 / 32.0;
+
+/// Corners of one place share a vertex if their texture coordinates are no farther apart on the
+/// surface than this share of the way within which vertices are paired.
+const SLIDE_MAX: f64 = 0.1;
+
+/// Corners of one place share a vertex if the cosine between their normals is at least this.
+const COSINE_MIN: f64 = 0.9;
+
+/// Corners of one place share a vertex if no component of their colours differs by more.
+const COLOR_STEP: f64 = 0.05;
+
+/// The square of the sine between two edges below which a triangle has no slope of its texture.
+const SLIVER: f64 = 1e-6;
+
+/// Triangles whose corners have moved.
+#[derive(Debug, Default)]
+pub(super) struct Clustered {
+    /// Three for each triangle: vertices of the source, and behind the last those of `added`.
+    pub triangles: Vec<u32>,
+    /// Vertices that the source has not.
+    pub added: Vec<MovedVertex>,
+    /// The vertex at the place to which each vertex of the triangles has moved.
+    pub places: HashMap<u32, u32>,
+}
+
+/// A vertex in the place of another one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MovedVertex {
+    /// The vertex whose normal, tangent and colour it has.
+    pub from: u32,
+    /// The vertex in whose place it stands.
+    pub at: u32,
+    pub uvs: [DVec2; 2],
+}
+
+/// Returns the triangles of a surface of many parts with about half of their number, or `None` if
+/// too few can be spared, or it is not of many parts. `measured` is what the error is measured
+/// against; `is_locked` says of a vertex whether it must stay, and `prior` is the error that the
+/// triangles have already.
+pub(super) fn simplify(
+    source: &Source<'_>,
+    (triangles, measured): (&[u32], &[u32]),
+    is_locked: impl Fn(u32) -> bool,
+    prior: f64,
+) -> Option<Simplified> {
+    if source.keeps_order() || !is_scattered(source, triangles) {
+        return None;
+    }
+    let mut vertices = [triangles, measured].concat();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let own = |list: &[u32]| -> Vec<u32> {
+        list.iter().map(|at| vertices.partition_point(|known| known < at) as u32).collect()
+    };
+    let (triangles, measured) = (own(triangles), own(measured));
+    let part = source.part(&vertices);
+    let is_locked = |vertex: u32| vertices.get(vertex as usize).is_some_and(|at| is_locked(*at));
+    let reach = prior.max(diagonal(&part, &triangles) * REACH_MIN);
+    let target = (triangles.len() as f64 / 3.0 * RATIO) as usize;
+    let places = contract(&part, &triangles, is_locked, (target, reach));
+    let clustered = cluster(&part, &triangles, &places, reach);
+    let count = clustered.triangles.len();
+    let is_worth = count > 0 && count as f64 <= triangles.len() as f64 * RATIO_MAX;
+    if !is_worth || !keeps_locked(&part, [&triangles, &clustered.triangles], is_locked) {
+        return None;
+    }
+    let mut moved = part.clone();
+    for vertex in &clustered.added {
+        moved.add(vertex);
+    }
+    let patch = Patch::new(&moved, &clustered.triangles, &measured).with_places(&clustered.places);
+    let mut simplified = patch.measured(patch.current(), prior)?;
+    simplified.added = clustered.added;
+    simplified.give_numbers(&vertices, source.vertex_count() as u32);
+    Some(simplified)
+}
+
+/// Returns the diagonal of the box around triangles.
+fn diagonal(source: &Source<'_>, triangles: &[u32]) -> f64 {
+    let corners = triangles.iter().map(|vertex| source.position(*vertex));
+    let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = corners.fold(empty, |(low, high), at| (low.min(at), high.max(at)));
+    low.distance(high)
+}
+
+/// Returns whether the locked positions of the first triangles are positions of the second ones,
+/// which then meet the same neighbours.
+fn keeps_locked(
+    source: &Source<'_>,
+    [before, after]: [&[u32]; 2],
+    is_locked: impl Fn(u32) -> bool,
+) -> bool {
+    // Vertices that were added stand elsewhere than where they were, so never at a locked place.
+    let kept: HashSet<u32> =
+        after.iter().filter_map(|at| source.welded.get(*at as usize)).copied().collect();
+    let mut locked = before.iter().filter(|vertex| is_locked(**vertex));
+    locked.all(|vertex| kept.contains(&source.welded[*vertex as usize]))
+}
+
+/// Returns whether a surface is of many small parts that share no position, so that simplifying it
+/// along its edges cannot get far.
+fn is_scattered(source: &Source<'_>, triangles: &[u32]) -> bool {
+    let mut names: Vec<u32> = triangles.iter().map(|at| source.welded[*at as usize]).collect();
+    let corners = names.clone();
+    names.sort_unstable();
+    names.dedup();
+    let mut parents: Vec<u32> = (0..names.len() as u32).collect();
+    for corners in corners.as_chunks::<3>().0 {
+        let parts = corners.map(|name| {
+            let at = names.partition_point(|known| *known < name) as u32;
+            chart::root(&mut parents, at)
+        });
+        let least = parts.into_iter().fold(u32::MAX, u32::min);
+        for part in parts {
+            parents[part as usize] = least;
+        }
+    }
+    let parts = (0..).zip(&parents).filter(|(at, parent): &(u32, _)| at == *parent).count();
+    parts >= PARTS_MIN && triangles.len() / 3 <= parts * PART_TRIANGLES
+}
+
+/// Moves vertices from place to place. Corners share a vertex if that slides textures by less than
+/// a share of `reach`.
+fn cluster(
+    source: &Source<'_>,
+    triangles: &[u32],
+    places: &BTreeMap<u32, u32>,
+    reach: f64,
+) -> Clustered {
+    let mut corners = Corners::new(source, triangles, reach);
+    let kept = kept(source, triangles, places);
+    // Those that stay come first: others may take their vertices.
+    for triangle in &kept {
+        for vertex in triangle {
+            let place = places[&source.welded[*vertex as usize]];
+            if source.welded[*vertex as usize] == place {
+                corners.keep(*vertex, place);
+            }
+        }
+    }
+    let mut clustered = Clustered::default();
+    for triangle in &kept {
+        let moved = triangle.map(|vertex| {
+            let place = places[&source.welded[vertex as usize]];
+            corners.vertex(triangle, vertex, place, &mut clustered.added)
+        });
+        clustered.triangles.extend(moved);
+    }
+    clustered.places =
+        triangles.iter().map(|at| (*at, places[&source.welded[*at as usize]])).collect();
+    clustered
+}
+
+/// Returns the triangles that have an area in their new places, each once: of those that come to
+/// lie on each other and face the same side, the one that was largest.
+fn kept(source: &Source<'_>, triangles: &[u32], places: &BTreeMap<u32, u32>) -> Vec<[u32; 3]> {
+    let mut kept: Vec<([u32; 3], f64)> = Vec::new();
+    let mut known: HashMap<[u32; 3], usize> = HashMap::new();
+    for corners in triangles.as_chunks::<3>().0 {
+        let [a, b, c] = corners.map(|vertex| places[&source.welded[vertex as usize]]);
+        if a == b || b == c || c == a {
+            continue;
+        }
+        let least = a.min(b).min(c);
+        // From its least corner on, so that only the side it faces decides the order.
+        let key = if least == a {
+            [a, b, c]
+        } else if least == b {
+            [b, c, a]
+        } else {
+            [c, a, b]
+        };
+        let area = area_normal(source, corners).length();
+        match known.get(&key) {
+            Some(&at) if kept[at].1 < area => kept[at] = (*corners, area),
+            Some(_) => {}
+            None => {
+                known.insert(key, kept.len());
+                kept.push((*corners, area));
+            }
+        }
+    }
+    kept.into_iter().map(|(corners, _)| corners).collect()
+}
+
+/// The normal of a triangle times twice its area.
+fn area_normal(source: &Source<'_>, corners: &[u32; 3]) -> DVec3 {
+    let [a, b, c] = corners.map(|vertex| source.position(vertex));
+    (b - a).cross(c - a)
+}
+
+/// The vertices of corners that have moved.
+struct Corners<'a> {
+    source: &'a Source<'a>,
+    reach: f64,
+    /// The lengths of texture units on each surface.
+    lengths: BTreeMap<u32, [f64; 2]>,
+    charts: chart::UvBoxes,
+    /// Vertices by place and surface, with their texture coordinates.
+    known: HashMap<(u32, u32), Vec<(u32, MovedVertex)>>,
+}
+
+impl<'a> Corners<'a> {
+    fn new(source: &'a Source<'a>, triangles: &[u32], reach: f64) -> Self {
+        let surfaces = super::patch::by_surface(triangles, |vertex| source.surface_of(vertex));
+        let lengths = surfaces.iter().map(|(surface, own)| {
+            let length = |set: usize| {
+                uv_length(own, |vertex| source.position(vertex), |vertex| source.uvs(vertex)[set])
+            };
+            (*surface, [length(0), length(1)])
+        });
+        Self {
+            source,
+            reach,
+            lengths: lengths.collect(),
+            charts: chart::UvBoxes::new(source, triangles),
+            known: HashMap::new(),
+        }
+    }
+
+    /// Lets other corners use a vertex that stays.
+    fn keep(&mut self, vertex: u32, place: u32) {
+        let uvs = self.source.uvs(vertex);
+        let known = self.known.entry((place, self.source.surface_of(vertex))).or_default();
+        if known.iter().all(|(at, _)| *at != vertex) {
+            known.push((vertex, MovedVertex { from: vertex, at: place, uvs }));
+        }
+    }
+
+    /// Returns the vertex for a corner of a triangle in a place: itself, or a known one that looks
+    /// nearly alike, or one that is added.
+    fn vertex(
+        &mut self,
+        triangle: &[u32; 3],
+        corner: u32,
+        place: u32,
+        added: &mut Vec<MovedVertex>,
+    ) -> u32 {
+        let source = self.source;
+        if source.welded[corner as usize] == place {
+            return corner;
+        }
+        let surface = source.surface_of(corner);
+        let uvs = self.charts.clamp(corner, self.uvs_at(triangle, corner, place));
+        let lengths = self.lengths.get(&surface).copied().unwrap_or_default();
+        let is_alike = |other: &MovedVertex| {
+            let slide = [0, 1].map(|set| (uvs[set] - other.uvs[set]).length() * lengths[set]);
+            let slide = slide[0].max(slide[1]);
+            let cosine = source.normal(corner).dot(source.normal(other.from));
+            let colors = source.color(corner).into_iter().zip(source.color(other.from));
+            slide <= self.reach * SLIDE_MAX
+                && cosine >= COSINE_MIN
+                && colors.into_iter().all(|(one, two)| (one - two).abs() <= COLOR_STEP)
+        };
+        let known = self.known.entry((place, surface)).or_default();
+        if let Some((vertex, _)) = known.iter().find(|(_, other)| is_alike(other)) {
+            return *vertex;
+        }
+        let vertex = (source.vertex_count() + added.len()) as u32;
+        let moved = MovedVertex { from: corner, at: place, uvs };
+        known.push((vertex, moved));
+        added.push(moved);
+        vertex
+    }
+
+    /// Returns the texture coordinates of a triangle's plane in another place.
+    fn uvs_at(&self, triangle: &[u32; 3], corner: u32, place: u32) -> [DVec2; 2] {
+        let source = self.source;
+        let [a, b, c] = triangle.map(|vertex| source.position(vertex));
+        let (ab, ac) = (b - a, c - a);
+        let way = source.position(place) - source.position(corner);
+        let (bb, bc, cc) = (ab.dot(ab), ab.dot(ac), ac.dot(ac));
+        let area = bb * cc - bc * bc;
+        let own = source.uvs(corner);
+        if area <= SLIVER * bb * cc {
+            return own;
+        }
+        let (along_b, along_c) = (ab.dot(way), ac.dot(way));
+        let second = (cc * along_b - bc * along_c) / area;
+        let third = (bb * along_c - bc * along_b) / area;
+        let corners = triangle.map(|vertex| source.uvs(vertex));
+        [0, 1].map(|set| {
+            let [a, b, c] = corners.map(|uvs| uvs[set]);
+            own[set] + (b - a) * second + (c - a) * third
+        })
+    }
+}
